@@ -1,0 +1,67 @@
+"""Checks of arguments: one clear error that names the argument, its value and what it must be.
+
+A concrete value raises `ValueError` at once, before anything is compiled. A traced value (inside `jax.jit`,
+`jax.grad`, ...) cannot be looked at; it is guarded by `equinox.error_if`, whose result is what gets used.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+
+def _checked(name: str, unit: str, need: str, is_bad: Callable[[Any], Any], value: Any) -> jax.Array:
+    suffix = f" {unit}" if unit else ""
+    if isinstance(value, jax.core.Tracer):
+        return eqx.error_if(value, is_bad(value), f"Argument `{name}` must be {need}{suffix}.")
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"Argument `{name}` must be {need}, but is {value!r}.") from None
+    if np.any(is_bad(array)):
+        shown = array[is_bad(array)][0] if array.ndim else array
+        raise ValueError(f"Argument `{name}` must be {need}, but is {shown:g}{suffix}.")
+    return jnp.asarray(array)
+
+
+def positive(name: str, unit: str = "") -> Callable[[Any], jax.Array]:
+    """A field converter that demands finite numbers above zero."""
+    return lambda v: _checked(name, unit, "positive", lambda x: ~((x > 0) & (x < np.inf)), v)
+
+
+def not_negative(name: str, unit: str = "") -> Callable[[Any], jax.Array]:
+    """A field converter that demands finite numbers of zero or more."""
+    return lambda v: _checked(name, unit, "zero or positive", lambda x: ~((x >= 0) & (x < np.inf)), v)
+
+
+def finite(name: str, unit: str = "") -> Callable[[Any], jax.Array]:
+    """A field converter that demands finite numbers."""
+    return lambda v: _checked(name, unit, "finite", lambda x: ~(abs(x) < np.inf), v)
+
+
+def fraction(name: str) -> Callable[[Any], jax.Array]:
+    """A field converter that demands numbers in (0, 1]."""
+    return lambda v: _checked(name, "", "above 0 and at most 1", lambda x: ~((x > 0) & (x <= 1)), v)
+
+
+def optional(converter: Callable[[Any], jax.Array]) -> Callable[[Any], jax.Array | None]:
+    """Lets `None` pass: what is not there is not checked, and costs nothing."""
+    return lambda v: None if v is None else converter(v)
+
+
+def whole(name: str, value: Any, least: int) -> int:
+    """`value` as an `int` of at least `least`; raises `ValueError` otherwise."""
+    ok = isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least
+    if not ok:
+        raise ValueError(f"Argument `{name}` must be a whole number of {least} or more, but is {value!r}.")
+    return int(value)
+
+
+def one_of(name: str, value: Any, choices: tuple[str, ...]) -> str:
+    """`value`, which must be one of `choices`; raises `ValueError` otherwise."""
+    if value not in choices:
+        raise ValueError(f"Argument `{name}` must be one of {', '.join(choices)}, but is {value!r}.")
+    return value

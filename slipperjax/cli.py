@@ -1,0 +1,164 @@
+"""The command line: parse, call, write."""
+
+import math
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+app = typer.Typer(
+    help="Nonlinear dynamics of rocket-sled slippers.",
+    add_completion=False,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+Speed = Annotated[float, typer.Option(help="Travelling speed [m/s].")]
+Clearance = Annotated[float, typer.Option(help="Total play of slipper and rail [mm].")]
+Length = Annotated[float, typer.Option(help="Slipper length [m].")]
+Stiffness = Annotated[float, typer.Option(help="Contact stiffness [N/m^1.5].")]
+Restitution = Annotated[float, typer.Option(help="Coefficient of restitution, above 0 and at most 1.")]
+Wavelength = Annotated[list[float], typer.Option(help="Irregularity wavelength [m]; repeat for several.")]
+Amplitude = Annotated[float, typer.Option(help="Irregularity amplitude [mm].")]
+RollAmplitude = Annotated[float, typer.Option(help="Irregularity roll amplitude [degrees].")]
+Steps = Annotated[int | None, typer.Option(help="Integration steps per forcing period; default from the scene.")]
+Out = Annotated[Path, typer.Option(help="Where to write, without ending: makes OUT.nc and OUT.png.")]
+
+_UNITS = {"speed": 1.0, "clearance": 1e-3, "length": 1.0, "stiffness": 1.0, "restitution": 1.0}
+
+
+def _scene(speed, clearance, length, stiffness, restitution, wavelength, amplitude, roll_amplitude):
+    from .scene import paper_scene
+
+    return paper_scene(
+        speed,
+        clearance * 1e-3,
+        length,
+        stiffness=stiffness,
+        restitution=restitution,
+        wavelengths=tuple(wavelength),
+        amplitude=amplitude * 1e-3,
+        roll_amplitude=math.radians(roll_amplitude),
+    )
+
+
+def _write(ds: Any, draw: Any, out: Path) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        data, picture = Path(f"{out}.nc"), Path(f"{out}.png")
+        ds.to_netcdf(data, engine="h5netcdf")
+        axes = draw(ds)
+        axes.flat[0].figure.savefig(picture, dpi=300)
+    except OSError as error:
+        raise ValueError(f"Option --out must name a place that can be written, but {out}: {error}") from error
+    plt.close("all")
+    print(f"wrote {data} and {picture}")
+
+
+@app.command()
+def simulate(
+    speed: Speed = 1250.0,
+    clearance: Clearance = 1.0,
+    length: Length = 0.2,
+    periods: Annotated[int, typer.Option(help="Forcing periods to simulate.")] = 60,
+    stiffness: Stiffness = 1e8,
+    restitution: Restitution = 0.9,
+    wavelength: Wavelength = [8.0],  # noqa: B006  (typer copies it)
+    amplitude: Amplitude = 1.0,
+    roll_amplitude: RollAmplitude = 0.2,
+    steps_per_period: Steps = None,
+    saves_per_period: Annotated[int | None, typer.Option(help="Saved states per forcing period.")] = None,
+    out: Out = Path("trajectory"),
+):
+    """Simulate one case and write its trajectory."""
+    import numpy as np
+
+    from . import plots
+    from .simulate import STATUS
+    from .simulate import simulate as run
+
+    scene = _scene(speed, clearance, length, stiffness, restitution, wavelength, amplitude, roll_amplitude)
+    print(f"simulating {periods} periods of {float(scene.period) * 1e3:.4g} ms ...", file=sys.stderr)
+    ds = run(scene, periods, steps_per_period=steps_per_period, saves_per_period=saves_per_period).to_xarray()
+    _write(ds, lambda ds: plots.overview(ds), out)
+    peak = ds["contact_force"].max(["time"])
+    at = np.unravel_index(int(peak.argmax()), peak.shape)
+    print(
+        f"{ds.attrs['steps_per_period']} steps per period; highest contact force {float(peak.max()):.0f} N "
+        f"at {peak['point'].values[at[1]]}{at[0] + 1}; status: {STATUS[ds.attrs['status']]}"
+    )
+
+
+@app.command()
+def bifurcation(
+    over: Annotated[
+        tuple[str, float, float, int],
+        typer.Option(help="Parameter, first and last value, number of values; speed m/s, clearance mm, length m."),
+    ],
+    speed: Speed = 1250.0,
+    clearance: Clearance = 1.0,
+    length: Length = 0.2,
+    transient: Annotated[int, typer.Option(help="Forcing periods to pass before the section is recorded.")] = 300,
+    periods: Annotated[int, typer.Option(help="Forcing periods to record.")] = 10,
+    stiffness: Stiffness = 1e8,
+    restitution: Restitution = 0.9,
+    wavelength: Wavelength = [8.0],  # noqa: B006
+    amplitude: Amplitude = 1.0,
+    roll_amplitude: RollAmplitude = 0.2,
+    steps_per_period: Steps = None,
+    out: Out = Path("bifurcation"),
+):
+    """Draw the five bifurcation diagrams over a parameter, from Poincare sections as in the paper's Fig. 5."""
+    import time
+
+    import numpy as np
+
+    from . import plots
+    from .sweep import sweep
+
+    name, first, last, count = over
+    if name not in _UNITS:
+        raise ValueError(f"Option --over must begin with one of {', '.join(_UNITS)}, but is {name!r}.")
+    if count < 1:
+        raise ValueError(f"Option --over must end with a number of values of 1 or more, but is {count}.")
+    scene = _scene(speed, clearance, length, stiffness, restitution, wavelength, amplitude, roll_amplitude)
+    begin = time.perf_counter()
+    ds = sweep(
+        scene,
+        {name: np.linspace(first, last, count) * _UNITS[name]},
+        transient=transient,
+        periods=periods,
+        steps_per_period=steps_per_period,
+        progress=sys.stderr.isatty(),
+    )
+    seconds = time.perf_counter() - begin
+    _write(ds, lambda ds: plots.bifurcations(ds), out)
+    bad = int((ds["status"] != 0).sum())
+    print(
+        f"{count} cases, {ds.attrs['transient']} + {periods} periods, {ds.attrs['steps_per_period']} steps per "
+        f"period: {seconds:.1f} s with compiling; {bad} cases flagged"
+    )
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Entry point: exit code 0, or 2 with one line that says what is wrong."""
+    try:
+        code = app(args=arguments, standalone_mode=False)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        sys.exit(130)
+    except Exception as error:
+        usage = hasattr(error, "format_message")
+        if not usage and not isinstance(error, ValueError):
+            raise
+        text = error.format_message() if usage else str(error)  # type: ignore[union-attr]
+        print("error: " + " ".join(text.split()), file=sys.stderr)
+        sys.exit(2)
+    sys.exit(code if isinstance(code, int) else 0)

@@ -1,0 +1,224 @@
+"""Normal contact: force laws, and the memory of the rate at which each contact began.
+
+Laws follow Eq. (12) of Dang et al. 2024,
+
+    F = K d^(3/2) (1 + c g' / g'_0),       d = -g > 0,
+
+with g the gap [m], g' its rate [m/s] and g'_0 < 0 that rate at the instant at which this contact began. The
+laws of the family differ in c alone. g'_0 is a memory: one number per point that changes at touchdowns only.
+"""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .checks import fraction, not_negative, positive
+
+SLOWEST_IMPACT = 1e-9
+"""Approach rate [m/s] below which a touchdown counts as one at this rate, so that its reciprocal is finite."""
+
+
+def zero_safe_sqrt(x: Array) -> Array:
+    """Square root whose derivative at zero is zero and not infinite."""
+    return jnp.where(x > 0, jnp.sqrt(jnp.where(x > 0, x, 1.0)), 0.0)
+
+
+class AbstractContactLaw(eqx.Module):
+    """Normal force of a point from its gap, the gap's rate, and their ratio to the rate at touchdown."""
+
+    stiffness: eqx.AbstractVar[Float[Array, ""]]
+    clamp: eqx.AbstractVar[bool]
+
+    @property
+    @abc.abstractmethod
+    def has_memory(self) -> bool:
+        """Whether the force depends on the rate at touchdown."""
+
+    @abc.abstractmethod
+    def damping(self, rate: Array, rate_ratio: Array | None) -> Array | float:
+        """The damping force as a multiple of the elastic force [1].
+
+        **Arguments:** `rate`: g' [m/s]; `rate_ratio`: g' / g'_0 [1], None for a law without memory.
+        """
+
+    def force(self, gap: Array, rate: Array, rate_ratio: Array | None) -> Array:
+        """Normal force [N]; zero where the gap is open.
+
+        **Arguments:** `gap`: g [m]; `rate`: g' [m/s]; `rate_ratio`: g' / g'_0 [1] or None. One shape for all.
+        """
+        depth = jnp.maximum(-gap, 0.0)
+        # sqrt(depth) with a harmless derivative at zero; the factor `depth` makes the product zero there
+        root = jnp.sqrt(jnp.where(depth > 0, depth, 1.0))
+        force = self.stiffness * depth * root * (1 + self.damping(rate, rate_ratio))
+        return jnp.maximum(force, 0.0) if self.clamp else force
+
+    def elastic_energy(self, gap: Array) -> Array:
+        """Energy stored in the elastic part of the force [J]."""
+        depth = jnp.maximum(-gap, 0.0)
+        return 0.4 * self.stiffness * depth**2 * zero_safe_sqrt(depth)
+
+
+class _RestitutionLaw(AbstractContactLaw):
+    """The laws that tell their damping from a coefficient of restitution."""
+
+    stiffness: Float[Array, ""] = eqx.field(converter=positive("stiffness", "N/m^1.5"))
+    """Generalised stiffness K [N/m^1.5]."""
+    restitution: Float[Array, ""] = eqx.field(converter=fraction("restitution"))
+    """Coefficient of restitution c_r [1], in (0, 1]."""
+    clamp: bool = eqx.field(static=True, default=True)
+    """Whether a contact may only push: F >= 0. The paper has no such clamp."""
+
+    @property
+    def has_memory(self) -> bool:
+        return True
+
+    @property
+    @abc.abstractmethod
+    def factor(self) -> Float[Array, ""]:
+        """c of Eq. (12) [1]."""
+
+    def damping(self, rate: Array, rate_ratio: Array | None) -> Array | float:
+        del rate
+        return self.factor * rate_ratio
+
+
+class Flores(_RestitutionLaw):
+    """Flores et al. 2011, doi:10.1007/s11044-010-9237-4; the paper's law: c = 8 (1 - c_r) / (5 c_r)."""
+
+    @property
+    def factor(self):
+        return 8 * (1 - self.restitution) / (5 * self.restitution)
+
+
+class HuntCrossley(_RestitutionLaw):
+    """Hunt and Crossley 1975, doi:10.1115/1.3423596: c = 3 (1 - c_r) / 2."""
+
+    @property
+    def factor(self):
+        return 1.5 * (1 - self.restitution)
+
+
+class LankaraniNikravesh(_RestitutionLaw):
+    """Lankarani and Nikravesh 1990, doi:10.1115/1.2912617: c = 3 (1 - c_r^2) / 4."""
+
+    @property
+    def factor(self):
+        return 0.75 * (1 - self.restitution**2)
+
+
+class HertzSpring(AbstractContactLaw):
+    """F = K d^(3/2): no damping and no memory."""
+
+    stiffness: Float[Array, ""] = eqx.field(converter=positive("stiffness", "N/m^1.5"))
+    """Generalised stiffness K [N/m^1.5]."""
+
+    @property
+    def clamp(self) -> bool:
+        return False  # it cannot pull
+
+    @property
+    def has_memory(self) -> bool:
+        return False
+
+    def damping(self, rate: Array, rate_ratio: Array | None) -> Array | float:
+        return 0.0
+
+
+class ConstantDamping(AbstractContactLaw):
+    """F = K d^(3/2) (1 - chi g'), with the same chi for every impact, hence no memory."""
+
+    stiffness: Float[Array, ""] = eqx.field(converter=positive("stiffness", "N/m^1.5"))
+    """Generalised stiffness K [N/m^1.5]."""
+    hysteresis: Float[Array, ""] = eqx.field(converter=not_negative("hysteresis", "s/m"))
+    """Damping per approach rate chi [s/m]."""
+    clamp: bool = eqx.field(static=True, default=True)
+    """Whether a contact may only push: F >= 0."""
+
+    @property
+    def has_memory(self) -> bool:
+        return False
+
+    def damping(self, rate: Array, rate_ratio: Array | None) -> Array | float:
+        return -self.hysteresis * rate
+
+
+class AbstractMemory(eqx.Module):
+    """How the rate at touchdown is carried along."""
+
+    @abc.abstractmethod
+    def initial(self, gap: Array, rate: Array) -> Array:
+        """The memory at the start, from gap [m] and rate [m/s] of the points there."""
+
+    @abc.abstractmethod
+    def rate_ratio(self, memory: Array, rate: Array) -> Array:
+        """g' / g'_0 [1] of points that touch, from the memory and g' [m/s]."""
+
+
+class EventLatch(AbstractMemory):
+    """Integrates the motion alone and latches g'_0 after each step, where in the step the gap crossed zero.
+
+    The memory of a point is 1 / g'_0 [s/m], and 0 while it is open. Inside the step in which a point touches
+    down, it is still 0 and the point uses g' / g'_0 = 1, its value at touchdown. A point closed at the start and
+    approaching began there; one closed and not approaching is a spring without damping until it opens.
+
+    Needs a solver that calls `latch` (`slipperjax.RK4`, `slipperjax.Tsit5`).
+    """
+
+    def initial(self, gap: Array, rate: Array) -> Array:
+        approaching = rate < -SLOWEST_IMPACT
+        began = jnp.where(approaching, 1 / jnp.where(approaching, rate, -1.0), -jnp.finfo(rate.dtype).tiny)
+        return jnp.where(gap < 0, began, 0.0)
+
+    def rate_ratio(self, memory: Array, rate: Array) -> Array:
+        return jnp.where(memory < 0, rate * memory, 1.0)
+
+    def latch(self, memory: Array, gap: Array, rate: Array, gap1: Array, rate1: Array, step: Any) -> Array:
+        """The memory after a step of `step` seconds from (gap, rate) to (gap1, rate1).
+
+        The gap's zero is found on the cubic through both ends; the rate is interpolated there. Both stay
+        differentiable, which is what makes tangents right: the touchdown's time and place depend on the state.
+        """
+        entered = (gap >= 0) & (gap1 < 0)
+        slope, slope1 = step * rate, step * rate1
+        a = 2 * gap - 2 * gap1 + slope + slope1
+        b = -3 * gap + 3 * gap1 - 2 * slope - slope1
+        x = gap / jnp.where(entered, gap - gap1, 1.0)
+        for _ in range(3):
+            value = ((a * x + b) * x + slope) * x + gap
+            steepness = (3 * a * x + 2 * b) * x + slope
+            x = jnp.clip(x - value / jnp.where(entered & (steepness < 0), steepness, -jnp.inf), 0.0, 1.0)
+        began = jnp.minimum(rate + x * (rate1 - rate), -SLOWEST_IMPACT)
+        return jnp.where(gap1 >= 0, 0.0, jnp.where(entered, 1 / began, memory))
+
+
+class SmoothSwitch(AbstractMemory):
+    """The memory as an ordinary differential equation, so that any solver integrates it: no events.
+
+        m' = S(g / width + 1/2) [ (g' - m) / relaxation + d(g')/dt ],      g'_0 = min(m, -small)
+
+    The memory m [m/s] follows g' while the point is open and freezes while it is closed. S is a twice
+    continuously differentiable step from 0 to 1, centred on g = 0; d(g')/dt is the feed-forward without which
+    m would lag behind.
+    """
+
+    width: Float[Array, ""] = eqx.field(converter=positive("width", "m"), default=5e-5)
+    """Width of the switch about g = 0 [m]."""
+    relaxation: Float[Array, ""] = eqx.field(converter=positive("relaxation", "s"), default=1e-4)
+    """Time in which m forgets an error while the point is open [s]; short against the open time."""
+    slowest: Float[Array, ""] = eqx.field(converter=positive("slowest", "m/s"), default=1e-3)
+    """`small` [m/s]: keeps the force finite while m changes sign at the end of a contact."""
+
+    def initial(self, gap: Array, rate: Array) -> Array:
+        return rate
+
+    def rate_ratio(self, memory: Array, rate: Array) -> Array:
+        return rate / jnp.minimum(memory, -self.slowest)
+
+    def derivative(self, memory: Array, gap: Array, rate: Array, acceleration: Array) -> Array:
+        """m' [m/s^2] from gap [m], its rate [m/s] and that rate's own rate along the flow [m/s^2]."""
+        u = jnp.clip(gap / self.width + 0.5, 0.0, 1.0)
+        switch = u**3 * (10 + u * (6 * u - 15))
+        return switch * ((rate - memory) / self.relaxation + acceleration)

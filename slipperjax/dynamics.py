@@ -1,0 +1,191 @@
+"""State, equations of motion and reactions, Eqs. (13)-(14) and (A1)-(A6) of Dang et al. 2024.
+
+Time is counted in forcing periods from the start of the period `epoch`, so that the drive's phase is one number
+for a whole sweep over speeds and keeps its precision after any number of periods. Derivatives are per period.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .contact import SmoothSwitch
+from .kinematics import Contacts, Motion, RailFrame, attitude_rates, contacts, rail_frame
+from .reduction import sums
+from .scene import Scene
+
+
+class State(eqx.Module):
+    """The state of one case."""
+
+    motion: Motion
+    """The rigid slipper's ten states."""
+    memory: Float[Array, " points"] | None
+    """The contacts' memory, see `slipperjax.contact`; None where the law has none."""
+
+
+class Args(NamedTuple):
+    """What the vector field depends on beside time and state."""
+
+    scene: Scene
+    epoch: Any = 0
+    """Whole number of forcing periods that passed before time zero."""
+
+
+def phase(t: Any, epoch: Any) -> Any:
+    """Forcing periods travelled since the start."""
+    return epoch + t
+
+
+def initial_state(scene: Scene, motion: Motion, epoch: Any = 0) -> State:
+    """The state of `motion` at the start of the period `epoch`, with the memory that goes with it."""
+    motion = jax.tree.map(lambda v: jnp.asarray(v, float), motion)
+    if not scene.contact.has_memory:
+        return State(motion, None)
+    now = contacts(rail_frame(scene, phase(0.0, epoch)), motion)
+    return State(motion, scene.memory.initial(now.gap, now.rate))
+
+
+def contact_forces(scene: Scene, now: Contacts, memory: Array | None) -> Float[Array, " points"]:
+    """Normal forces [N] on the slipper, Eq. (12)."""
+    ratio = None if memory is None else scene.memory.rate_ratio(memory, now.rate)
+    return scene.contact.force(now.gap, now.rate, ratio)
+
+
+def motion_rates(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, memory: Array | None) -> Motion:
+    """Derivative of the motion [per second], from the rail and the contacts of the same instant."""
+    force = contact_forces(scene, now, memory)
+    _, n_y, n_z = frame.normal
+    f_y, f_z, t_x, t_y, t_z = sums(force * n_y, force * n_z, *(force * lever for lever in now.lever))
+    mass, (j_x, j_y, j_z) = scene.slipper.mass, scene.slipper.inertia
+    a_z = f_z / mass
+    return Motion(
+        m.v_y,
+        m.v_z,
+        *attitude_rates(m),
+        f_y / mass,
+        a_z if scene.gravity is None else a_z - scene.gravity,
+        (t_x - (j_z - j_y) * m.w_y * m.w_z) / j_x,
+        (t_y - (j_x - j_z) * m.w_z * m.w_x) / j_y,
+        (t_z - (j_y - j_x) * m.w_x * m.w_y) / j_z,
+    )
+
+
+class AbstractVectorField(eqx.Module):
+    """The right-hand side of a scene, as `diffrax.ODETerm` wants it, with what a latching solver needs beside it."""
+
+    def __call__(self, t: Any, state: State, args: Args) -> State:
+        """Derivative of the whole state [per forcing period]."""
+        rates, _ = self.evaluate(t, state, args)
+        return fill_frozen(rates, state)
+
+    def evaluate(self, t: Any, state: State, args: Args) -> tuple[State, Contacts]:
+        """The derivative and the contacts it came from. What is frozen over a step has the derivative None."""
+        frame = rail_frame(args.scene, phase(t, args.epoch))
+        now = contacts(frame, state.motion)
+        return self.from_contacts(t, frame, now, state, args), now
+
+    def from_contacts(self, t: Any, frame: RailFrame, now: Contacts, state: State, args: Args) -> State:
+        """The derivative, where rail and contacts are known."""
+        scene = args.scene
+        rates = motion_rates(scene, frame, now, state.motion, state.memory)
+        return State(jax.tree.map(lambda r: scene.period * r, rates), None)
+
+    def close_step(
+        self, before: Contacts | None, t0: Any, t1: Any, state: State, args: Args
+    ) -> tuple[State, State, Contacts | None]:
+        """Ends a step at `state`: gives the state with what changed in the step, its derivative and contacts.
+
+        `before`: the contacts at the step's start. Here nothing is latched, and nothing needs to be kept.
+        """
+        rates, _ = self.evaluate(t1, state, args)
+        return state, rates, None
+
+
+class MemorylessField(AbstractVectorField):
+    """For contact laws without memory: ten states."""
+
+
+class LatchedField(AbstractVectorField):
+    """For `EventLatch`: ten states, and a memory that changes between steps only."""
+
+    def close_step(self, before, t0, t1, state, args):
+        frame = rail_frame(args.scene, phase(t1, args.epoch))
+        now = contacts(frame, state.motion)
+        seconds = (t1 - t0) * args.scene.period
+        memory = args.scene.memory.latch(state.memory, before.gap, before.rate, now.gap, now.rate, seconds)
+        state = State(state.motion, memory)
+        return state, self.from_contacts(t1, frame, now, state, args), now
+
+
+class SmoothField(AbstractVectorField):
+    """For `SmoothSwitch`: ten states and one per point, all integrated; a plain ODE for any solver."""
+
+    def from_contacts(self, t, frame, now, state, args):
+        scene = args.scene
+        rates = super().from_contacts(t, frame, now, state, args).motion
+
+        def gap_rate(t, motion):
+            return contacts(rail_frame(scene, phase(t, args.epoch)), motion).rate
+
+        _, acceleration = jax.jvp(gap_rate, (jnp.asarray(t, float), state.motion), (jnp.ones(()), rates))
+        memory = scene.memory.derivative(state.memory, now.gap, now.rate, acceleration / scene.period)
+        return State(rates, scene.period * memory)
+
+
+def vector_field(scene: Scene) -> AbstractVectorField:
+    """The right-hand side that the scene needs, and no more."""
+    if not scene.contact.has_memory:
+        return MemorylessField()
+    return SmoothField() if isinstance(scene.memory, SmoothSwitch) else LatchedField()
+
+
+def fill_frozen(rates: State, state: State) -> State:
+    """Replaces the derivative None of what is frozen over a step by zeros."""
+    return jax.tree.map(
+        lambda r, s: jax.tree.map(jnp.zeros_like, s) if r is None else r, rates, state, is_leaf=lambda x: x is None
+    )
+
+
+class Reactions(NamedTuple):
+    """Forces at one instant."""
+
+    contact_force: Float[Array, "2 points"]
+    """Normal force at each point, front and rear [N]."""
+    gap: Float[Array, "2 points"]
+    """Gap at each point, front and rear [m]."""
+    drive_force: Float[Array, ""]
+    """Force along x that keeps the speed constant, the multiplier of Eq. (A6) [N]."""
+    node_force: Float[Array, "2 3"]
+    """Force of the slipper on the front and the rear track node, x, y, z [N]."""
+    node_moment: Float[Array, "2 3"]
+    """Moment of the slipper on the track nodes about their own places, x, y, z [N m]."""
+    acceleration: Float[Array, "5"]
+    """v_y', v_z' [m/s^2], w_x', w_y', w_z' [rad/s^2]."""
+
+
+def reactions(t: Any, state: State, args: Args) -> Reactions:
+    """Contact forces, the drive force and the loads on the track nodes, which the constraints of (13) carry."""
+    scene, m = args.scene, state.motion
+    frame = rail_frame(scene, phase(t, args.epoch))
+    now = contacts(frame, m)
+    force = contact_forces(scene, now, state.memory)
+    ends = lambda a: a.reshape(*a.shape[:-1], 2, -1)
+    on_track = ends(-force * jnp.stack(frame.normal))  # (3, 2, points)
+    r = jnp.array(rotation(m))
+    point = ends(r @ jnp.stack(frame.arm) + jnp.stack([0 * m.y, m.y, m.z])[:, None])
+    node_x = jnp.array([0.5, -0.5]) * scene.slipper.length
+    offset = scene.track.motion(phase(t, args.epoch) - jnp.stack([0.0, 1.0]) * scene.slipper.length / scene.track.wavelength).offset
+    node = jnp.stack([node_x, offset, offset])[:, :, None]
+    moment = jnp.cross(point - node, on_track, axis=0)
+    rates = motion_rates(scene, frame, now, m, state.memory)
+    return Reactions(
+        contact_force=ends(force),
+        gap=ends(now.gap),
+        drive_force=jnp.sum(on_track[0]),
+        node_force=jnp.sum(on_track, axis=-1).T,
+        node_moment=jnp.sum(moment, axis=-1).T,
+        acceleration=jnp.stack([rates.v_y, rates.v_z, rates.w_x, rates.w_y, rates.w_z]),
+    )

@@ -1,0 +1,168 @@
+"""Attitude, and the gaps and gap rates of the contact points, Eqs. (1)-(8) of Dang et al. 2024.
+
+Points at both ends stand in one axis: front A, B, ..., then rear A, B, ...
+
+The attitude is the vector part q of a unit quaternion, with q_0 = sqrt(1 - q.q): rotation matrices are
+polynomials in it and regular for every angle below 180 degrees. Euler angles of Eq. (2) are for people only.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .scene import Scene
+
+
+class Motion(eqx.Module):
+    """The ten states of a rigid slipper, each a scalar."""
+
+    y: Any = 0.0
+    """Lateral displacement of the centre, positive to the left [m]."""
+    z: Any = 0.0
+    """Vertical displacement of the centre, positive upwards [m]."""
+    q_x: Any = 0.0
+    """x of the attitude quaternion's vector part [1]."""
+    q_y: Any = 0.0
+    """y of the attitude quaternion's vector part [1]."""
+    q_z: Any = 0.0
+    """z of the attitude quaternion's vector part [1]."""
+    v_y: Any = 0.0
+    """Lateral velocity [m/s]."""
+    v_z: Any = 0.0
+    """Vertical velocity [m/s]."""
+    w_x: Any = 0.0
+    """Angular velocity about the slipper's x axis [rad/s]."""
+    w_y: Any = 0.0
+    """Angular velocity about the slipper's y axis [rad/s]."""
+    w_z: Any = 0.0
+    """Angular velocity about the slipper's z axis [rad/s]."""
+
+    @staticmethod
+    def from_euler(*, y=0.0, z=0.0, roll=0.0, pitch=0.0, yaw=0.0, v_y=0.0, v_z=0.0, w_x=0.0, w_y=0.0, w_z=0.0):
+        """A motion from positions [m], Euler angles of Eq. (2) [rad], velocities [m/s] and spins [rad/s]."""
+        q = quaternion_from_euler(roll, pitch, yaw)
+        return Motion(y, z, *q, v_y, v_z, w_x, w_y, w_z)
+
+
+def table_2_start() -> Motion:
+    """The start of Dang et al. 2024, Table 2: centred, with small velocities in all five directions."""
+    return Motion(v_y=0.5, v_z=0.5, w_x=0.2, w_y=0.3, w_z=0.4)
+
+
+def quaternion_from_euler(roll, pitch, yaw):
+    """Vector part (q_x, q_y, q_z) of the quaternion of Rz(yaw) Ry(pitch) Rx(roll), with q_0 >= 0; angles in rad."""
+    cr, sr = jnp.cos(roll / 2), jnp.sin(roll / 2)
+    cp, sp = jnp.cos(pitch / 2), jnp.sin(pitch / 2)
+    cy, sy = jnp.cos(yaw / 2), jnp.sin(yaw / 2)
+    sign = jnp.where(cr * cp * cy + sr * sp * sy < 0, -1.0, 1.0)
+    return (
+        sign * (sr * cp * cy - cr * sp * sy),
+        sign * (cr * sp * cy + sr * cp * sy),
+        sign * (cr * cp * sy - sr * sp * cy),
+    )
+
+
+def scalar_part(m: Motion):
+    """q_0 of the attitude quaternion; NaN once the vector part is longer than one."""
+    return jnp.sqrt(1 - (m.q_x * m.q_x + m.q_y * m.q_y + m.q_z * m.q_z))
+
+
+def rotation(m: Motion):
+    """The rotation matrix R_S of the attitude, as rows of scalars."""
+    x, y, z, w = m.q_x, m.q_y, m.q_z, scalar_part(m)
+    return (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+
+
+def euler_angles(m: Motion):
+    """Roll, pitch and yaw of Eq. (2) [rad]."""
+    r = rotation(m)
+    return jnp.arctan2(r[2][1], r[2][2]), jnp.arcsin(-r[2][0]), jnp.arctan2(r[1][0], r[0][0])
+
+
+def attitude_rates(m: Motion):
+    """Rates of (q_x, q_y, q_z) [1/s] from the angular velocity in the slipper's frame."""
+    w = scalar_part(m)
+    return (
+        0.5 * (w * m.w_x + m.q_y * m.w_z - m.q_z * m.w_y),
+        0.5 * (w * m.w_y + m.q_z * m.w_x - m.q_x * m.w_z),
+        0.5 * (w * m.w_z + m.q_x * m.w_y - m.q_y * m.w_x),
+    )
+
+
+class RailFrame(NamedTuple):
+    """What the contact needs of the rail at one instant; independent of the slipper's state."""
+
+    normal: tuple[Array, Array, Array]
+    """Unit normals n out of the rail head, x, y and z, each of shape (points,) [1]."""
+    position: Float[Array, " points"]
+    """n . r_T, the rail point's place along its normal, with x counted from the slipper's centre [m]."""
+    velocity: Float[Array, " points"]
+    """n . v_T, the rail point's velocity along its normal [m/s]."""
+    arm: tuple[Array, Array, Array]
+    """The slipper's points in its own frame, each of shape (points,) [m]."""
+
+
+def rail_frame(scene: Scene, phase: Any) -> RailFrame:
+    """The rail under the slipper after `phase` forcing periods, Eqs. (1), (4), (7), (10), (11)."""
+    length = scene.slipper.length
+    rear = phase - length / scene.track.wavelength
+    motion = scene.track.motion(jnp.stack([jnp.asarray(phase, length.dtype), rear]))
+    n0, t0 = scene.section.normals, scene.section.track_points
+    (n_y, n_z), (t_y, t_z) = n0.T, t0.T
+    if motion.roll is not None:
+        c, s = jnp.cos(motion.roll)[:, None], jnp.sin(motion.roll)[:, None]
+        n_y, n_z = c * n_y - s * n_z, s * n_y + c * n_z
+        t_y, t_z = c * t_y - s * t_z, s * t_y + c * t_z
+    both = jnp.zeros((2, 1))
+    n_y, n_z, t_y, t_z = n_y + both, n_z + both, t_y + both, t_z + both
+    v_y = v_z = motion.offset_rate[:, None] + both
+    if motion.roll is not None:
+        v_y, v_z = v_y - motion.roll_rate[:, None] * t_z, v_z + motion.roll_rate[:, None] * t_y
+    t_y, t_z = t_y + motion.offset[:, None], t_z + motion.offset[:, None]
+    # Eq. (4): the face runs from the front node's points to the rear node's, which tilts its normal along x
+    n_x = (n_y * (t_y[1] - t_y[0]) + n_z * (t_z[1] - t_z[0])) / length
+    # The last operation on each array is a division on purpose: XLA then computes the array once, and not again
+    # inside the loop over lanes and points that uses it.
+    norm = jnp.sqrt(1 + n_x * n_x)
+    x = jnp.array([[0.5], [-0.5]]) * length
+    position = (n_x * x + n_y * t_y + n_z * t_z) / norm
+    velocity = (n_y * v_y + n_z * v_z) / norm
+    flat = lambda a: jnp.broadcast_to(a, (2, n0.shape[0])).reshape(-1)
+    w_y, w_z = scene.section.points.T
+    return RailFrame(
+        normal=(flat(n_x / norm), flat(n_y / norm), flat(n_z / norm)),
+        position=flat(position),
+        velocity=flat(velocity) / scene.period,
+        arm=(flat(x), flat(w_y), flat(w_z)),
+    )
+
+
+class Contacts(NamedTuple):
+    """The contact points at one instant, each array of shape (points,)."""
+
+    gap: Array
+    """g, Eqs. (3), (5), (6); negative where slipper and rail penetrate [m]."""
+    rate: Array
+    """g', Eq. (8): relative velocity along the normal, without the normal's own rotation [m/s]."""
+    lever: tuple[Array, Array, Array]
+    """w x n in the slipper's frame: moment of a unit normal force, and spin's share of the gap rate [m]."""
+
+
+def contacts(frame: RailFrame, m: Motion) -> Contacts:
+    """Gaps, gap rates and levers of all points."""
+    r = rotation(m)
+    (n_x, n_y, n_z), (w_x, w_y, w_z) = frame.normal, frame.arm
+    # the normals in the slipper's frame: n_S = R^T n, so that n . (R w) = n_S . w and R^T ((R w) x n) = w x n_S
+    s_x, s_y, s_z = (r[0][j] * n_x + r[1][j] * n_y + r[2][j] * n_z for j in range(3))
+    lever = (w_y * s_z - w_z * s_y, w_z * s_x - w_x * s_z, w_x * s_y - w_y * s_x)
+    gap = n_y * m.y + n_z * m.z + w_x * s_x + w_y * s_y + w_z * s_z - frame.position
+    rate = (
+        n_y * m.v_y + n_z * m.v_z + lever[0] * m.w_x + lever[1] * m.w_y + lever[2] * m.w_z
+    ) - frame.velocity
+    return Contacts(gap, rate, lever)

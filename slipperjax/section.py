@@ -1,0 +1,87 @@
+"""The rail-head section: contact points, the flat faces they bound, face normals and the play per face."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .checks import finite, not_negative
+
+# Dang et al. 2024, Table 1: y (left) and z (up) of the points A to J in the slipper's frame, m
+_TABLE_1 = (
+    (0.03, 0.013),
+    (0.048, 0.0055),
+    (0.048, -0.0145),
+    (0.0445, -0.0249),
+    (0.029, -0.029),
+    (-0.029, -0.029),
+    (-0.0445, -0.0249),
+    (-0.048, -0.0145),
+    (-0.048, 0.0055),
+    (-0.03, 0.013),
+)
+_FACES = (("J", "A"), ("B", "C"), ("D", "E"), ("F", "G"), ("H", "I"))
+
+
+class Section(eqx.Module):
+    """A rail-head section: points, and the faces between pairs of them.
+
+    Both corners of a face use that face's normal, which points out of the rail head. Corners are named
+    clockwise as seen along +x (y to the right, z up), so that the outside lies to the left of the way round.
+    """
+
+    points: Float[Array, "points 2"] = eqx.field(converter=finite("points", "m"))
+    """y and z of the slipper's contact points in its own frame [m]."""
+    play: Float[Array, " faces"] = eqx.field(converter=not_negative("play", "m"))
+    """Gap at each face when slipper and rail are centred [m]."""
+    names: tuple[str, ...] = eqx.field(static=True, default=tuple("ABCDEFGHIJ"))
+    """Names of the points."""
+    faces: tuple[tuple[str, str], ...] = eqx.field(static=True, default=_FACES)
+    """Names of the corners of each face."""
+
+    def __check_init__(self):
+        for face, play in zip(self.faces, self.play, strict=True):
+            missing = [corner for corner in face if corner not in self.names]
+            if missing:
+                raise ValueError(f"Argument `faces` must name points, but {face} has {missing[0]!r}.")
+            del play
+        if len(self.names) != self.points.shape[0] or 2 * len(self.faces) != len(self.names):
+            raise ValueError(
+                f"Argument `points` must have two points per face and one per name, but has shape "
+                f"{self.points.shape} with {len(self.faces)} faces and {len(self.names)} names."
+            )
+
+    @property
+    def face_of_point(self) -> np.ndarray:
+        """Index of each point's face."""
+        owner = {corner: k for k, face in enumerate(self.faces) for corner in face}
+        return np.array([owner[name] for name in self.names])
+
+    @property
+    def normals(self) -> Float[Array, "points 2"]:
+        """Unit normal (y, z) at each point, out of the rail head."""
+        start = np.array([self.names.index(a) for a, _ in self.faces])
+        end = np.array([self.names.index(b) for _, b in self.faces])
+        along = self.points[end] - self.points[start]
+        normal = jnp.stack([-along[:, 1], along[:, 0]], axis=1)
+        normal = normal / jnp.linalg.norm(normal, axis=1, keepdims=True)
+        return normal[self.face_of_point]
+
+    @property
+    def track_points(self) -> Float[Array, "points 2"]:
+        """The points' partners on the rail head, in the track node's frame [m]: w_T = w_S - play n0."""
+        return self.points - self.play[self.face_of_point][:, None] * self.normals
+
+
+def paper_section(clearance: Any) -> Section:
+    """The section of Dang et al. 2024, Table 1, with a total play of `clearance` [m], half of it per face."""
+    clearance = not_negative("clearance", "m")(clearance)
+    return Section(points=_TABLE_1, play=half_play(clearance, len(_FACES)))
+
+
+def half_play(clearance: jax.Array, faces: int) -> Float[Array, " faces"]:
+    """A total play of `clearance` [m] as the play of each face [m]."""
+    return jnp.broadcast_to(clearance / 2, (faces,))

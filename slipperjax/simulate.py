@@ -1,0 +1,266 @@
+"""One scene, integrated: everything else batches this."""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .checks import whole
+from .compilation import is_traced, jit
+from .dynamics import Args, LatchedField, Reactions, State, initial_state, reactions, vector_field
+from .kinematics import Motion, euler_angles, table_2_start
+from .scene import Scene, default_steps_per_period
+from .solvers import RK4, AbstractLatchingRungeKutta
+
+STATUS = {
+    0: "finite",
+    1: "not finite: the steps are too long for this case, raise steps_per_period",
+    2: "derailed: the slipper turned by more than 90 degrees, where the contact model has no meaning",
+}
+"""Meaning of the status codes of a case."""
+
+
+def status(states: State) -> Array:
+    """Status code of a case from its states, along whatever leading axes: see `STATUS`."""
+    leaves = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(states.motion)])
+    m = states.motion
+    turned = jnp.any(m.q_x**2 + m.q_y**2 + m.q_z**2 > 0.5)  # half the angle's sine is sqrt(1/2) at 90 degrees
+    return jnp.where(jnp.all(jnp.isfinite(leaves)), jnp.where(turned, 2, 0), 1)
+
+
+def check_solver(scene: Scene, solver: diffrax.AbstractSolver | None) -> diffrax.AbstractSolver:
+    """The solver to use; raises `ValueError` where it would leave the contact's memory untouched."""
+    if solver is None:
+        return RK4()
+    if not isinstance(solver, diffrax.AbstractSolver):
+        raise ValueError(f"Argument `solver` must be a diffrax solver, but is {solver!r}.")
+    if isinstance(vector_field(scene), LatchedField) and not isinstance(solver, AbstractLatchingRungeKutta):
+        raise ValueError(
+            f"Argument `solver` must be one that latches touchdowns (RK4, Tsit5) for a scene with EventLatch, but "
+            f"is {type(solver).__name__}; any diffrax solver runs a scene with memory=SmoothSwitch()."
+        )
+    return solver
+
+
+Record = Callable[[State, Args, int], Any]
+"""What to keep of a period: from the states at both ends of all steps, the arguments, and the number of steps."""
+
+
+def integrate(
+    scene: Scene,
+    state: State,
+    *,
+    solver: diffrax.AbstractSolver,
+    steps: int,
+    periods: int,
+    record: Record | None,
+    adjoint: diffrax.AbstractAdjoint,
+    epoch: Any = 0.0,
+    recording: Any = None,
+) -> tuple[State, Any]:
+    """Integrates `periods` forcing periods from the period `epoch` on, and keeps what `record` makes of each.
+
+    One diffeqsolve per period, each over times 0..1 from its own epoch. Without `record` the states at the ends
+    of the periods are kept, and nothing is stored in between. Where `recording` (a boolean, None for true) is
+    false, `record` is not run and zeros are kept: so one compiled function serves the transient as well.
+
+    **Returns:** the last state, and what was kept with a leading axis of length `periods`.
+    """
+    terms = diffrax.ODETerm(vector_field(scene))
+    carries = isinstance(solver, AbstractLatchingRungeKutta)
+    saveat = diffrax.SaveAt(t1=record is None, steps=record is not None, solver_state=carries)
+
+    def period(carry, k):
+        state, solver_state = carry
+        args = Args(scene, k)
+        solution = diffrax.diffeqsolve(
+            terms,
+            solver,
+            t0=0.0,
+            t1=1.0,
+            dt0=1 / steps,
+            y0=state,
+            args=args,
+            saveat=saveat,
+            stepsize_controller=diffrax.ConstantStepSize(),
+            adjoint=adjoint,
+            max_steps=steps + 1,
+            throw=False,
+            solver_state=solver_state,
+        )
+        end = jax.tree.map(lambda ys: ys[steps - 1 if record else 0], solution.ys)
+        if record is None:
+            kept = end
+        else:
+            states = jax.tree.map(lambda a, ys: jnp.concatenate([a[None], ys[:steps]]), state, solution.ys)
+            make = lambda states, args: record(states, args, steps)
+            if recording is None:
+                kept = make(states, args)
+            else:
+                shapes = jax.eval_shape(make, states, args)
+                blank = lambda states, args: jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
+                kept = jax.lax.cond(recording, make, blank, states, args)
+        return (end, solution.solver_state if carries else None), kept
+
+    solver_state = solver.init(terms, 0.0, 1 / steps, state, Args(scene, epoch)) if carries else None
+    (end, _), kept = jax.lax.scan(period, (state, solver_state), epoch + jnp.arange(float(periods)))
+    return end, kept
+
+
+def period_map(
+    scene: Scene,
+    state: State,
+    *,
+    periods: int = 1,
+    steps_per_period: int | None = None,
+    solver: diffrax.AbstractSolver | None = None,
+    adjoint: diffrax.AbstractAdjoint | None = None,
+) -> State:
+    """The state `periods` forcing periods after `state`: the stroboscopic map. Pure; jit, vmap or differentiate it.
+
+    **Arguments:** as for `simulate`; `state` comes from `initial_state` or an earlier call.
+    """
+    steps = default_steps_per_period(scene) if steps_per_period is None else steps_per_period
+    return integrate(
+        scene,
+        state,
+        solver=check_solver(scene, solver),
+        steps=whole("steps_per_period", steps, 1),
+        periods=whole("periods", periods, 1),
+        record=None,
+        adjoint=diffrax.ForwardMode() if adjoint is None else adjoint,
+    )[0]
+
+
+class Trajectory(eqx.Module):
+    """A simulated motion, saved at constant intervals. Leading axis of everything: saves."""
+
+    scene: Scene
+    period: Float[Array, " saves"]
+    """Time in forcing periods [1]."""
+    state: State
+    """The saved states."""
+    steps_per_period: int = eqx.field(static=True)
+    """Integration steps per forcing period."""
+
+    @property
+    def time(self) -> Float[Array, " saves"]:
+        """Time [s]."""
+        return self.period * self.scene.period
+
+    @property
+    def status(self) -> Array:
+        """0 where all is well, else see `slipperjax.simulate.STATUS`."""
+        return status(self.state)
+
+    @property
+    def euler_angles(self) -> tuple[Array, Array, Array]:
+        """Roll, pitch and yaw of Eq. (2) [rad]."""
+        return jax.vmap(euler_angles)(self.state.motion)
+
+    @property
+    def reactions(self) -> Reactions:
+        """Contact forces, drive force, loads on the track nodes, accelerations; leading axis saves."""
+        return _reactions(self.scene, self.period, self.state)
+
+    def to_xarray(self):
+        """The trajectory as an `xarray.Dataset` with units: see `slipperjax.labels.trajectory_dataset`."""
+        from .labels import trajectory_dataset
+
+        return trajectory_dataset(self)
+
+
+@jit
+def _reactions(scene, periods, states):
+    return jax.vmap(lambda p, s: reactions(0.0, s, Args(scene, p)))(periods, states)
+
+
+def simulate(
+    scene: Scene,
+    periods: int = 60,
+    *,
+    steps_per_period: int | None = None,
+    solver: diffrax.AbstractSolver | None = None,
+    start: Motion | None = None,
+    saves_per_period: int | None = None,
+    adjoint: diffrax.AbstractAdjoint | None = None,
+) -> Trajectory:
+    """Simulates one scene.
+
+    **Arguments:**
+
+    - `scene`: the case, see `paper_scene`.
+    - `periods`: number of forcing periods, wavelength / speed each.
+    - `steps_per_period`: integration steps per forcing period; default from the duration of a typical contact,
+        see `default_steps_per_period`, rounded up to a multiple of `saves_per_period`.
+    - `solver`: a diffrax solver; default `RK4()`. With `EventLatch` memory it must be one of slipperjax's.
+    - `start`: motion at time zero; default Table 2 of Dang et al. 2024.
+    - `saves_per_period`: saved states per forcing period, a divisor of `steps_per_period`; default 50, or
+        `steps_per_period` where that is given and no multiple of 50.
+    - `adjoint`: default `diffrax.ForwardMode()`, for `jax.jvp` and `jax.jacfwd`, which suit a system with few
+        parameters; `diffrax.RecursiveCheckpointAdjoint()` for `jax.grad` and `jax.vjp`.
+
+    **Returns:** a `Trajectory`, the start included.
+
+    **Raises:** `ValueError` that names the argument which is wrong.
+    """
+    periods = whole("periods", periods, 1)
+    steps, saves = step_plan(scene, steps_per_period, saves_per_period)
+    solver = check_solver(scene, solver)
+    adjoint = diffrax.ForwardMode() if adjoint is None else adjoint
+    start = table_2_start() if start is None else check_start(start)
+    run = _simulate if is_traced((scene, start)) else _simulate_jit
+    states = run(scene, start, solver, steps, saves, periods, adjoint)
+    return Trajectory(scene, jnp.arange(periods * saves + 1) / saves, states, steps)
+
+
+def step_plan(scene: Scene, steps: int | None, saves: int | None) -> tuple[int, int]:
+    """Integration steps and saves per period from what the caller gave; the second divides the first."""
+    if saves is not None:
+        saves = whole("saves_per_period", saves, 1)
+    if steps is None:
+        saves = 50 if saves is None else saves
+        return -(-default_steps_per_period(scene) // saves) * saves, saves
+    steps = whole("steps_per_period", steps, 1)
+    if saves is None:
+        return steps, (50 if steps % 50 == 0 else steps)
+    if steps % saves:
+        raise ValueError(f"Argument `saves_per_period` must divide steps_per_period = {steps}, but is {saves}.")
+    return steps, saves
+
+
+def check_start(start: Any) -> Motion:
+    """`start` as a motion of finite numbers; raises `ValueError` otherwise."""
+    if not isinstance(start, Motion):
+        raise ValueError(f"Argument `start` must be a slipperjax.Motion, but is {start!r}.")
+    for name, value in vars(start).items():
+        if not isinstance(value, jax.core.Tracer) and not np.all(np.isfinite(value)):
+            raise ValueError(f"Argument `start` must be finite, but its {name} is {value}.")
+    return start
+
+
+def _simulate(scene, start, solver, steps, saves, periods, adjoint):
+    state = initial_state(scene, start)
+    stride = steps // saves
+    # steps in one call to the solver are wasted as storage where only the end is asked for
+    record = None if saves == 1 else _every(stride)
+    _, kept = integrate(
+        scene, state, solver=solver, steps=steps, periods=periods, record=record, adjoint=adjoint
+    )
+    if saves > 1:
+        kept = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), kept)
+    return jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), state, kept)
+
+
+@functools.cache
+def _every(stride: int) -> Record:
+    return lambda states, args, steps: jax.tree.map(lambda a: a[stride::stride], states)
+
+
+_simulate_jit = jit(_simulate, static_argnums=(2, 3, 4, 5, 6))

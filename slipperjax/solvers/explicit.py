@@ -1,0 +1,135 @@
+"""Explicit Runge-Kutta methods with the event latch built in, as diffrax solvers.
+
+The stages of a step see a frozen contact memory. After the stages, the vector field closes the step: it latches
+what touched down, and evaluates the derivative there, which the next step starts from. So a step of RK4 costs
+four evaluations and a latch, and Tsit5's error estimate comes free.
+"""
+
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from diffrax import RESULTS
+from equinox.internal import ω
+
+from ..dynamics import AbstractVectorField, State, fill_frozen
+
+
+class StateInterpolation(diffrax.ThirdOrderHermitePolynomialInterpolation):
+    """Cubic in the motion; the memory is that at the step's end, for what is latched does not blend."""
+
+    frozen: Any
+
+    def __init__(self, *, t0, t1, y0, y1, k0, k1, frozen):
+        super().__init__(t0=t0, t1=t1, y0=y0, y1=y1, k0=k0, k1=k1)
+        self.frozen = frozen
+
+    def evaluate(self, t0, t1=None, left=True):
+        value = super().evaluate(t0, t1, left)
+        if t1 is not None or self.frozen is None:
+            return value
+        return State(value.motion, self.frozen)
+
+
+def _field(terms: Any) -> AbstractVectorField:
+    while hasattr(terms, "term"):  # diffrax wraps terms to run backwards in time
+        terms = terms.term
+    field = getattr(terms, "vector_field", None)
+    if not isinstance(field, AbstractVectorField):
+        raise ValueError(
+            f"Argument `terms` must be a diffrax.ODETerm of slipperjax.vector_field(scene) for this solver, "
+            f"but is {terms!r}."
+        )
+    return field
+
+
+def _step(y: State, dt: Any, stages: list[State], weights: np.ndarray) -> State:
+    """y + dt sum(weights k), leaving alone what the stages freeze (derivative None)."""
+    used = [(float(w), k) for w, k in zip(weights, stages, strict=False) if w != 0]
+
+    def leaf(k0, y, *ks):
+        if k0 is None:
+            return y
+        total = sum(w * k for (w, _), k in zip(used, ks, strict=True))
+        return y + dt * total
+
+    trees = [k for _, k in used]
+    return jax.tree.map(leaf, trees[0], y, *trees, is_leaf=lambda x: x is None)
+
+
+class AbstractLatchingRungeKutta(diffrax.AbstractSolver):
+    """A step of an explicit tableau with frozen memory, then the latch. Subclasses give the tableau."""
+
+    term_structure: ClassVar = diffrax.AbstractTerm
+    interpolation_cls: ClassVar[Callable[..., StateInterpolation]] = StateInterpolation
+    a_lower: ClassVar[tuple[tuple[float, ...], ...]]
+    b: ClassVar[tuple[float, ...]]
+    b_error: ClassVar[tuple[float, ...] | None] = None
+    """Weights of the stages, and of the derivative at the step's end, in the error estimate."""
+
+    def init(self, terms, t0, t1, y0, args):
+        field = _field(terms)
+        rates, now = field.evaluate(t0, y0, args)
+        keep = field.close_step(now, t0, t0, y0, args)[2]  # what the field wants kept between steps, if anything
+        return rates, (None if keep is None else now._replace(lever=None))
+
+    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+        del made_jump
+        field = _field(terms)
+        dt = t1 - t0
+        rates, before = solver_state
+        stages = [rates]
+        for row in self.a_lower:
+            node = sum(row)
+            # the very t1 where it is the end: then the rail is computed there once, not once more by rounding
+            at = t1 if abs(node - 1) < 1e-12 else t0 + node * dt
+            stages.append(field.evaluate(at, _step(y0, dt, stages, np.array(row)), args)[0])
+        y1 = _step(y0, dt, stages, np.array(self.b))
+        y1, rates1, now = field.close_step(before, t0, t1, y1, args)
+        if self.b_error is None:
+            error = None
+        else:
+            scaled = _step(jax.tree.map(jnp.zeros_like, y0), dt, [*stages, rates1], np.array(self.b_error))
+            error = jax.tree.map(jnp.abs, scaled)
+        dense = dict(
+            y0=y0,
+            y1=y1,
+            k0=(dt * fill_frozen(rates, y0) ** ω).ω,
+            k1=(dt * fill_frozen(rates1, y1) ** ω).ω,
+            frozen=y1.memory if rates1.memory is None else None,
+        )
+        after = None if now is None else now._replace(lever=None)
+        return y1, error, dense, (rates1, after), RESULTS.successful
+
+    def func(self, terms, t0, y0, args):
+        return terms.vf(t0, y0, args)
+
+
+class RK4(AbstractLatchingRungeKutta):
+    """The classical fourth-order method with the event latch. No error estimate: constant steps only."""
+
+    a_lower: ClassVar = ((1 / 2,), (0.0, 1 / 2), (0.0, 0.0, 1.0))
+    b: ClassVar = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
+
+    def order(self, terms):
+        del terms
+        return 4
+
+
+class Tsit5(AbstractLatchingRungeKutta):
+    """Tsitouras' 5(4) method, doi:10.1016/j.camwa.2011.06.002, with the event latch and an error estimate."""
+
+    a_lower: ClassVar = tuple(tuple(float(a) for a in row) for row in diffrax.Tsit5.tableau.a_lower[:-1])
+    b: ClassVar = tuple(float(b) for b in diffrax.Tsit5.tableau.b_sol[:-1])
+    b_error: ClassVar = tuple(float(b) for b in diffrax.Tsit5.tableau.b_error)
+
+    def order(self, terms):
+        del terms
+        return 5
+
+    def error_order(self, terms):
+        del terms
+        return 4.0
