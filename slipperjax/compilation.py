@@ -13,6 +13,8 @@ COMPILER_OPTIONS = {
     "xla_cpu_fast_math_honor_infs": True,
     "xla_cpu_fast_math_honor_division": True,
     "xla_cpu_fast_math_honor_functions": True,
+    # Our batches are too small for one kernel to gain from several threads; chunks of the batch are what gets them.
+    "xla_cpu_multi_thread_eigen": False,
 }
 
 

@@ -145,7 +145,10 @@ def vector_field(scene: Scene) -> AbstractVectorField:
 def fill_frozen(rates: State, state: State) -> State:
     """Replaces the derivative None of what is frozen over a step by zeros."""
     return jax.tree.map(
-        lambda r, s: jax.tree.map(jnp.zeros_like, s) if r is None else r, rates, state, is_leaf=lambda x: x is None
+        lambda r, s: jax.tree.map(jnp.zeros_like, s) if r is None else r,
+        rates,
+        state,
+        is_leaf=lambda x: x is None,
     )
 
 
@@ -177,7 +180,9 @@ def reactions(t: Any, state: State, args: Args) -> Reactions:
     r = jnp.array(rotation(m))
     point = ends(r @ jnp.stack(frame.arm) + jnp.stack([0 * m.y, m.y, m.z])[:, None])
     node_x = jnp.array([0.5, -0.5]) * scene.slipper.length
-    offset = scene.track.motion(phase(t, args.epoch) - jnp.stack([0.0, 1.0]) * scene.slipper.length / scene.track.wavelength).offset
+    offset = scene.track.motion(
+        phase(t, args.epoch) - jnp.stack([0.0, 1.0]) * scene.slipper.length / scene.track.wavelength
+    ).offset
     node = jnp.stack([node_x, offset, offset])[:, :, None]
     moment = jnp.cross(point - node, on_track, axis=0)
     rates = motion_rates(scene, frame, now, m, state.memory)

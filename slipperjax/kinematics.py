@@ -127,20 +127,16 @@ def rail_frame(scene: Scene, phase: Any) -> RailFrame:
     t_y, t_z = t_y + motion.offset[:, None], t_z + motion.offset[:, None]
     # Eq. (4): the face runs from the front node's points to the rear node's, which tilts its normal along x
     n_x = (n_y * (t_y[1] - t_y[0]) + n_z * (t_z[1] - t_z[0])) / length
-    # The last operation on each array is a division on purpose: XLA then computes the array once, and not again
-    # inside the loop over lanes and points that uses it.
-    norm = jnp.sqrt(1 + n_x * n_x)
     x = jnp.array([[0.5], [-0.5]]) * length
-    position = (n_x * x + n_y * t_y + n_z * t_z) / norm
-    velocity = (n_y * v_y + n_z * v_z) / norm
+    position = n_x * x + n_y * t_y + n_z * t_z
+    velocity = n_y * v_y + n_z * v_z  # per period, which is one number for a sweep over speeds
+    # One array, and a division as the last operation on it, on purpose: XLA then computes it once and in one kernel,
+    # and not again inside the loop over lanes and points that uses it.
+    rows = jnp.stack([n_x, n_y, n_z, position, velocity]) / jnp.sqrt(1 + n_x * n_x)
+    n_x, n_y, n_z, position, velocity = rows.reshape(5, -1)
     flat = lambda a: jnp.broadcast_to(a, (2, n0.shape[0])).reshape(-1)
     w_y, w_z = scene.section.points.T
-    return RailFrame(
-        normal=(flat(n_x / norm), flat(n_y / norm), flat(n_z / norm)),
-        position=flat(position),
-        velocity=flat(velocity) / scene.period,
-        arm=(flat(x), flat(w_y), flat(w_z)),
-    )
+    return RailFrame((n_x, n_y, n_z), position, velocity / scene.period, arm=(flat(x), flat(w_y), flat(w_z)))
 
 
 class Contacts(NamedTuple):
@@ -162,7 +158,5 @@ def contacts(frame: RailFrame, m: Motion) -> Contacts:
     s_x, s_y, s_z = (r[0][j] * n_x + r[1][j] * n_y + r[2][j] * n_z for j in range(3))
     lever = (w_y * s_z - w_z * s_y, w_z * s_x - w_x * s_z, w_x * s_y - w_y * s_x)
     gap = n_y * m.y + n_z * m.z + w_x * s_x + w_y * s_y + w_z * s_z - frame.position
-    rate = (
-        n_y * m.v_y + n_z * m.v_z + lever[0] * m.w_x + lever[1] * m.w_y + lever[2] * m.w_z
-    ) - frame.velocity
+    rate = (n_y * m.v_y + n_z * m.v_z + lever[0] * m.w_x + lever[1] * m.w_y + lever[2] * m.w_z) - frame.velocity
     return Contacts(gap, rate, lever)

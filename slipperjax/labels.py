@@ -29,7 +29,10 @@ def attributes(unit: str, long_name: str) -> dict[str, str]:
 
 def scene_attributes(scene: Scene) -> dict[str, Any]:
     """The scene's parameters, as attributes of a dataset; those with several values are left to coordinates."""
-    out: dict[str, Any] = {"contact_law": type(scene.contact).__name__, "contact_memory": type(scene.memory).__name__}
+    out: dict[str, Any] = {
+        "contact_law": type(scene.contact).__name__,
+        "contact_memory": type(scene.memory).__name__,
+    }
     for name, (unit, _, _) in PARAMETERS.items():
         try:
             value = np.asarray(scene.value(name))

@@ -21,7 +21,11 @@ _SYMBOLS = {
     "pitch": "pitch [mrad]",
     "yaw": "yaw [mrad]",
 }
-_AXES = {"speed": ("speed $V$ [m/s]", 1.0), "clearance": ("clearance $C$ [mm]", 1e3), "length": ("length $L$ [m]", 1.0)}
+_AXES = {
+    "speed": ("speed $V$ [m/s]", 1.0),
+    "clearance": ("clearance $C$ [mm]", 1e3),
+    "length": ("length $L$ [m]", 1.0),
+}
 _STYLE = {"font.size": 8, "axes.labelsize": 8, "xtick.labelsize": 7, "ytick.labelsize": 7, "axes.grid": True}
 _STYLE |= {"grid.alpha": 0.25, "grid.linewidth": 0.4, "axes.linewidth": 0.6}
 

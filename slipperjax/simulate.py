@@ -250,9 +250,7 @@ def _simulate(scene, start, solver, steps, saves, periods, adjoint):
     stride = steps // saves
     # steps in one call to the solver are wasted as storage where only the end is asked for
     record = None if saves == 1 else _every(stride)
-    _, kept = integrate(
-        scene, state, solver=solver, steps=steps, periods=periods, record=record, adjoint=adjoint
-    )
+    _, kept = integrate(scene, state, solver=solver, steps=steps, periods=periods, record=record, adjoint=adjoint)
     if saves > 1:
         kept = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), kept)
     return jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), state, kept)

@@ -113,9 +113,7 @@ def check_grid(scene: Scene, grid: Mapping[str, Any]) -> dict[str, np.ndarray]:
         check = fraction("restitution") if name == "restitution" else PARAMETERS[name][2]
         values = np.atleast_1d(np.asarray(check(raw)))
         if values.ndim != 1 or values.size == 0:
-            raise ValueError(
-                f"Argument `{name}` must be a list of one or more values, but has shape {values.shape}."
-            )
+            raise ValueError(f"Argument `{name}` must be a list of one or more values, but has shape {values.shape}.")
         axes[name] = values
     return axes
 

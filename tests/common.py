@@ -1,0 +1,50 @@
+"""Scales, reference data and small helpers that several tests share."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+
+import slipperjax as sj
+
+DATA = Path(__file__).parent / "data"
+# 1 mm, 10 mrad, 1 m/s, 10 rad/s: a scaled error of one is the size of the motion
+SCALES = np.array([1e-3] * 2 + [1e-2] * 3 + [1.0] * 2 + [10.0] * 3)
+STEPS = 200
+PERIODS = 6
+
+
+def cases(name):
+    return json.loads((DATA / f"{name}.json").read_text())["cases"]
+
+
+def scene_of(case, **options):
+    waves = [w for w in (case.get("wavelength", 8), case.get("wavelength2")) if w]
+    return sj.paper_scene(
+        case["speed"],
+        case["clearance"],
+        case["length"],
+        stiffness=case.get("stiffness", 1e8),
+        restitution=case.get("restitution", 0.9),
+        wavelengths=waves,
+        roll_amplitude=math.radians(case.get("roll_amplitude_deg", 0.2)),
+        **options,
+    )
+
+
+def columns(trajectory):
+    """The ten columns of the reference data, (saves, 10)."""
+    m = trajectory.state.motion
+    return np.stack([m.y, m.z, *trajectory.euler_angles, m.v_y, m.v_z, m.w_x, m.w_y, m.w_z], axis=-1)
+
+
+def fine(scene, start=None):
+    """Six periods of 200 steps, all saved: one compilation serves many tests."""
+    return sj.simulate(scene, PERIODS, steps_per_period=STEPS, saves_per_period=STEPS, start=start)
+
+
+def scaled_errors(trajectory, case, every):
+    """Worst scaled error of each period against a reference case."""
+    got = columns(trajectory)[every::every]
+    return np.max(np.abs(got - np.array(case["states"])[: len(got)]) / SCALES, axis=1)
