@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .contact import SmoothSwitch
-from .kinematics import Contacts, Motion, RailFrame, attitude_rates, contacts, rail_frame
+from .kinematics import Contacts, Motion, RailFrame, attitude_rates, contacts, rail_frame, rotation
 from .reduction import sums
 from .scene import Scene
 

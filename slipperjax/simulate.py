@@ -62,13 +62,11 @@ def integrate(
     record: Record | None,
     adjoint: diffrax.AbstractAdjoint,
     epoch: Any = 0.0,
-    recording: Any = None,
 ) -> tuple[State, Any]:
     """Integrates `periods` forcing periods from the period `epoch` on, and keeps what `record` makes of each.
 
     One diffeqsolve per period, each over times 0..1 from its own epoch. Without `record` the states at the ends
-    of the periods are kept, and nothing is stored in between. Where `recording` (a boolean, None for true) is
-    false, `record` is not run and zeros are kept: so one compiled function serves the transient as well.
+    of the periods are kept, and nothing is stored in between.
 
     **Returns:** the last state, and what was kept with a leading axis of length `periods`.
     """
@@ -99,13 +97,7 @@ def integrate(
             kept = end
         else:
             states = jax.tree.map(lambda a, ys: jnp.concatenate([a[None], ys[:steps]]), state, solution.ys)
-            make = lambda states, args: record(states, args, steps)
-            if recording is None:
-                kept = make(states, args)
-            else:
-                shapes = jax.eval_shape(make, states, args)
-                blank = lambda states, args: jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
-                kept = jax.lax.cond(recording, make, blank, states, args)
+            kept = record(states, args, steps)
         return (end, solution.solver_state if carries else None), kept
 
     solver_state = solver.init(terms, 0.0, 1 / steps, state, Args(scene, epoch)) if carries else None

@@ -147,7 +147,7 @@ def _starts(scene, values, start):
     return jax.vmap(lambda v: initial_state(scene.replace(**v), start))(values)
 
 
-def _block(scene, values, states, epoch, recording, plan):
+def _block(scene, values, states, epoch, plan):
     """One block of periods of one chunk: the states after it, and what was recorded."""
 
     def one(values, state):
@@ -160,14 +160,13 @@ def _block(scene, values, states, epoch, recording, plan):
             record=_RECORDS[plan.record].make(plan),
             adjoint=diffrax.ForwardMode(),
             epoch=epoch,
-            recording=recording,
         )
 
     return jax.vmap(one)(values, states)
 
 
 _starts_jit = jit(_starts)
-_block_jit = jit(_block, static_argnums=5)
+_block_jit = jit(_block, static_argnums=4)
 
 
 def _run(scene, values, start, plan, transient, periods, chunk, workers, progress):
@@ -189,7 +188,8 @@ def _run(scene, values, start, plan, transient, periods, chunk, workers, progres
         for k in range(blocks):
             if stop.is_set():
                 return None
-            states, kept = _block_jit(scene, mine, states, float(k * plan.block), k >= first, plan)
+            now = plan if k >= first else plan._replace(record="strobe")  # a transient stores nothing
+            states, kept = _block_jit(scene, mine, states, float(k * plan.block), now)
             code = np.where(code == 0, np.asarray(jax.vmap(status)(states)), code)
             if k >= first:
                 records.append([np.asarray(a) for a in _RECORDS[plan.record].collect(kept)])

@@ -41,16 +41,19 @@ def crossing(q0, d0, q1, d1, v0, a0, v1, a1):
     **Returns:** the place in [0, 1] and the velocity, both NaN without an upward crossing.
     """
     crosses = (q0 < 0) & (q1 >= 0)
-    x = -q0 / jnp.where(crosses, q1 - q0, 1.0)
-    low, high = jnp.zeros_like(x), jnp.ones_like(x)
     a, b = 2 * (q0 - q1) + d0 + d1, 3 * (q1 - q0) - 2 * d0 - d1
-    for _ in range(6):  # Newton, kept between bounds that close in: 6 reach rounding for any step of use
+
+    def newton(_, bracket):  # kept between bounds that close in
+        x, low, high = bracket
         value = ((a * x + b) * x + d0) * x + q0
         low, high = jnp.where(value < 0, x, low), jnp.where(value < 0, high, x)
         slope = (3 * a * x + 2 * b) * x + d0
-        newton = x - value / jnp.where(slope > 0, slope, 1.0)
-        inside = (slope > 0) & (newton >= low) & (newton <= high)
-        x = jnp.where(inside, newton, (low + high) / 2)
+        to = x - value / jnp.where(slope > 0, slope, 1.0)
+        inside = (slope > 0) & (to >= low) & (to <= high)
+        return jnp.where(inside, to, (low + high) / 2), low, high
+
+    x = -q0 / jnp.where(crosses, q1 - q0, 1.0)
+    x, _, _ = jax.lax.fori_loop(0, 6, newton, (x, jnp.zeros_like(x), jnp.ones_like(x)))
     velocity = hermite(x, v0, a0, v1, a1)
     return jnp.where(crosses, x, jnp.nan), jnp.where(crosses, velocity, jnp.nan)
 

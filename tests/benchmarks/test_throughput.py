@@ -65,10 +65,12 @@ def test_sweep_against_scalar_cpp(peer, lanes, periods):
     ratio = statistics.median(theirs) / statistics.median(ours)
     best = min(theirs) / min(ours)
     print(
-        f"\n{lanes} speeds, {STEPS} steps per period: {statistics.median(ours):.3f} us per step (best {min(ours):.3f}); "
+        f"\n{lanes} speeds, {STEPS} steps per period: "
+        f"{statistics.median(ours):.3f} us per step (best {min(ours):.3f}); "
         f"C++ peer, one core: {statistics.median(theirs):.3f} (best {min(theirs):.3f}); "
-        f"{ratio:.1f} times faster by medians, {best:.1f} by the best; first call with compiling {first:.1f} s; "
-        f"{2 * 4 * LIMIT_NS / 1000 / 2 / (2 * min(ours)):.0%} of the limit of 4 right-hand sides on 2 cores"
+        f"{ratio:.1f} times faster by medians, {best:.1f} by the best; "
+        f"first call with compiling {first:.1f} s; "
+        f"{4 * LIMIT_NS / 1000 / 2 / min(ours):.0%} of the limit of 4 right-hand sides on 2 cores"
     )
     print(f"peak memory so far {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GiB")
     assert ratio > 0
