@@ -89,7 +89,7 @@ def simulate(
     ds = run(scene, periods, steps_per_period=steps_per_period, saves_per_period=saves_per_period).to_xarray()
     _write(ds, lambda ds: plots.overview(ds), out)
     peak = ds["contact_force"].max(["time"])
-    at = np.unravel_index(int(peak.argmax()), peak.shape)
+    at = np.unravel_index(int(np.argmax(peak.values)), peak.shape)
     print(
         f"{ds.attrs['steps_per_period']} steps per period; highest contact force {float(peak.max()):.0f} N "
         f"at {peak['point'].values[at[1]]}{at[0] + 1}; status: {STATUS[ds.attrs['status']]}"
