@@ -47,6 +47,7 @@ def test_forward_mode_is_the_derivative_of_the_map(forward):
     assert worst < 1e-5, worst
 
 
+@pytest.mark.slow
 def test_reverse_mode_agrees_with_forward_mode(forward):
     reverse = jax.jit(jax.jacrev(lambda v: end_state(v, diffrax.RecursiveCheckpointAdjoint())))(jnp.ones(7))
     np.testing.assert_allclose(reverse, forward, rtol=1e-9, atol=1e-9 * np.abs(forward).max())
@@ -60,6 +61,7 @@ class StepEndLatch(sj.EventLatch):
         return jnp.where(gap1 >= 0, 0.0, jnp.where(entered, 1 / jnp.minimum(rate1, -1e-9), memory))
 
 
+@pytest.mark.slow
 def test_a_latch_at_the_steps_end_has_wrong_tangents():
     starts = np.array([5, 6])  # the tangents with respect to the start
 

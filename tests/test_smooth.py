@@ -21,6 +21,7 @@ def bias():
     return {w: np.max(np.abs(run(sj.SmoothSwitch(width=w)) - truth) / SCALES) for w in (2e-4, 1e-4, 5e-5)}
 
 
+@pytest.mark.slow
 def test_bias_is_of_second_order_in_the_width(bias):
     # known for this scene: 1.3e-3, 3.7e-4 and 9.9e-5 at 200, 100 and 50 um
     assert bias[2e-4] < 2 * 1.3e-3
@@ -29,6 +30,7 @@ def test_bias_is_of_second_order_in_the_width(bias):
     assert np.log2(bias[2e-4] / bias[5e-5]) / 2 > 1.6
 
 
+@pytest.mark.slow
 def test_stock_implicit_solver_under_vmap_agrees_with_rk4():
     scene = sj.paper_scene(memory=sj.SmoothSwitch(width=1e-4))
 
