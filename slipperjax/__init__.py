@@ -33,6 +33,9 @@ from .simulate import period_map as period_map  # noqa: E402
 from .simulate import simulate as simulate  # noqa: E402
 from .solvers import RK4 as RK4  # noqa: E402
 from .solvers import Tsit5 as Tsit5  # noqa: E402
+from .spectra import lyapunov_spectrum as lyapunov_spectrum  # noqa: E402
+from .spectra import lyapunov_sweep as lyapunov_sweep  # noqa: E402
+from .sweep import follow as follow  # noqa: E402
 from .sweep import sweep as sweep  # noqa: E402
 from .track import AbstractTrack as AbstractTrack  # noqa: E402
 from .track import HarmonicTrack as HarmonicTrack  # noqa: E402

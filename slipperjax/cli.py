@@ -44,6 +44,17 @@ def _scene(speed, clearance, length, stiffness, restitution, wavelength, amplitu
     )
 
 
+def _axis(option: str, over: tuple[str, float, float, int]):
+    import numpy as np
+
+    name, first, last, count = over
+    if name not in _UNITS:
+        raise ValueError(f"Option {option} must begin with one of {', '.join(_UNITS)}, but is {name!r}.")
+    if count < 1:
+        raise ValueError(f"Option {option} must end with a number of values of 1 or more, but is {count}.")
+    return name, np.linspace(first, last, count) * _UNITS[name]
+
+
 def _write(ds: Any, draw: Any, out: Path) -> None:
     import matplotlib
 
@@ -118,21 +129,15 @@ def bifurcation(
     """Draw the five bifurcation diagrams over a parameter, from Poincare sections as in the paper's Fig. 5."""
     import time
 
-    import numpy as np
-
     from . import plots
     from .sweep import sweep
 
-    name, first, last, count = over
-    if name not in _UNITS:
-        raise ValueError(f"Option --over must begin with one of {', '.join(_UNITS)}, but is {name!r}.")
-    if count < 1:
-        raise ValueError(f"Option --over must end with a number of values of 1 or more, but is {count}.")
+    name, values = _axis("--over", over)
     scene = _scene(speed, clearance, length, stiffness, restitution, wavelength, amplitude, roll_amplitude)
     begin = time.perf_counter()
     ds = sweep(
         scene,
-        {name: np.linspace(first, last, count) * _UNITS[name]},
+        {name: values},
         transient=transient,
         periods=periods,
         steps_per_period=steps_per_period,
@@ -142,9 +147,101 @@ def bifurcation(
     _write(ds, lambda ds: plots.bifurcations(ds), out)
     bad = int((ds["status"] != 0).sum())
     print(
-        f"{count} cases, {ds.attrs['transient']} + {periods} periods, {ds.attrs['steps_per_period']} steps per "
+        f"{len(values)} cases, {ds.attrs['transient']} + {periods} periods, {ds.attrs['steps_per_period']} steps per "
         f"period: {seconds:.1f} s with compiling; {bad} cases flagged"
     )
+
+
+@app.command()
+def lyapunov(
+    over: Annotated[
+        tuple[str, float, float, int],
+        typer.Option(help="Parameter, first and last value, number of values; speed m/s, clearance mm, length m."),
+    ],
+    by: Annotated[
+        tuple[str, float, float, int] | None, typer.Option(help="A second parameter likewise: makes a regime map.")
+    ] = None,
+    speed: Speed = 1250.0,
+    clearance: Clearance = 1.0,
+    length: Length = 0.2,
+    count: Annotated[int, typer.Option(help="Number of exponents, the largest first.")] = 1,
+    transient: Annotated[int, typer.Option(help="Forcing periods to pass before.")] = 300,
+    periods: Annotated[int, typer.Option(help="Forcing periods to average over.")] = 500,
+    certify: Annotated[bool, typer.Option(help="Check every case by other means.")] = True,
+    stiffness: Stiffness = 1e8,
+    restitution: Restitution = 0.9,
+    wavelength: Wavelength = [8.0],  # noqa: B006
+    amplitude: Amplitude = 1.0,
+    roll_amplitude: RollAmplitude = 0.2,
+    steps_per_period: Steps = None,
+    out: Out = Path("lyapunov"),
+):
+    """Largest Lyapunov exponents over one parameter, or over two as a regime map, with certificates."""
+    import time
+
+    import numpy as np
+
+    from . import plots
+    from .spectra import lyapunov_sweep
+
+    grid = dict(_axis(option, axis) for option, axis in (("--over", over), ("--by", by)) if axis is not None)
+    if len(grid) < 1 + (by is not None):
+        raise ValueError(f"Option --by must name another parameter than --over, but is {over[0]!r} too.")
+    scene = _scene(speed, clearance, length, stiffness, restitution, wavelength, amplitude, roll_amplitude)
+    begin = time.perf_counter()
+    ds = lyapunov_sweep(
+        scene,
+        grid,
+        count=count,
+        transient=transient,
+        periods=periods,
+        certify=certify,
+        steps_per_period=steps_per_period,
+        progress=sys.stderr.isatty(),
+    )
+    seconds = time.perf_counter() - begin
+    draw = plots.exponents if by is None else plots.regime_map
+    _write(ds, lambda ds: np.array([draw(ds)]), out)
+    kinds = plots.regimes(ds)
+    shares = ", ".join(f"{int((kinds == k).sum())} {name}" for k, (name, _) in enumerate(plots.REGIMES))
+    print(f"{kinds.size} cases: {shares}; {seconds:.1f} s with compiling")
+
+
+@app.command()
+def reproduce(
+    figures: Annotated[
+        list[str] | None, typer.Argument(help="Figures: 4 to 13, basins; default all of them.")
+    ] = None,
+    quick: Annotated[bool, typer.Option(help="Coarser grids and shorter transients.")] = False,
+    out: Annotated[Path, typer.Option(help="Folder to write into.")] = Path("reproduced"),
+):
+    """Run the paper's study: its figures, and a report that answers its claims one by one."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from . import paper
+    from .claims import write_report
+    from .figures import write_figures
+
+    bars = sys.stderr.isatty()
+    runs = paper.reproduce(figures or paper.FIGURES, quick=quick, progress=bars)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"Option --out must name a folder that can be written, but {out}: {error}") from error
+    answers, seconds = {}, {}
+    # what is finished is written at once, so that an interrupt loses nothing but the run it hits
+    for done in runs:
+        answers |= done.outcome.answers
+        seconds[done.name] = done.seconds
+        write_figures(done, out)
+        report, _ = write_report(out, answers, seconds, [])
+        print(f"{done.name}: figures {', '.join(done.figures)} in {done.seconds:.1f} s", flush=True)
+    if not figures and not quick:
+        table = paper.readings(paper.FULL, {"progress": bars})
+        report, _ = write_report(out, answers, seconds, table)
+    good = sum(answer.good for answer in answers.values())
+    print(f"{good} of {len(answers)} claims reproduced, {len(answers) - good} differ: see {report}")
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -9,7 +9,7 @@ laws of the family differ in c alone. g'_0 is a memory: one number per point tha
 """
 
 import abc
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -82,6 +82,7 @@ class _RestitutionLaw(AbstractContactLaw):
 
     def damping(self, rate: Array, rate_ratio: Array | None) -> Array | float:
         del rate
+        assert rate_ratio is not None  # a law with memory is given it
         return self.factor * rate_ratio
 
 
@@ -175,23 +176,38 @@ class EventLatch(AbstractMemory):
     def rate_ratio(self, memory: Array, rate: Array) -> Array:
         return jnp.where(memory < 0, rate * memory, 1.0)
 
-    def latch(self, memory: Array, gap: Array, rate: Array, gap1: Array, rate1: Array, step: Any) -> Array:
-        """The memory after a step of `step` seconds from (gap, rate) to (gap1, rate1).
+    def latch(self, memory: Array, before: "Before", gap: Array, rate: Array, step: Any, ratio: Any) -> Array:
+        """The memory after a step of `step` seconds, `ratio` times the one before, from `before` to (`gap`, `rate`).
 
-        The gap's zero is found on the cubic through both ends; the rate is interpolated there. Both stay
-        differentiable, which is what makes tangents right: the touchdown's time and place depend on the state.
+        The gap's zero is found on the cubic through both ends. The rate there is that of the parabola through both
+        ends and the start of the step before: the chord would be of second order in the step, and set the order of
+        the whole simulation. All of it stays differentiable, which is what makes tangents right: the touchdown's
+        time and place depend on the state.
         """
-        entered = (gap >= 0) & (gap1 < 0)
-        slope, slope1 = step * rate, step * rate1
-        a = 2 * gap - 2 * gap1 + slope + slope1
-        b = -3 * gap + 3 * gap1 - 2 * slope - slope1
-        x = gap / jnp.where(entered, gap - gap1, 1.0)
+        entered = (before.gap >= 0) & (gap < 0)
+        slope, slope1 = step * before.rate, step * rate
+        a = 2 * before.gap - 2 * gap + slope + slope1
+        b = -3 * before.gap + 3 * gap - 2 * slope - slope1
+        x = before.gap / jnp.where(entered, before.gap - gap, 1.0)
         for _ in range(3):
-            value = ((a * x + b) * x + slope) * x + gap
+            value = ((a * x + b) * x + slope) * x + before.gap
             steepness = (3 * a * x + 2 * b) * x + slope
             x = jnp.clip(x - value / jnp.where(entered & (steepness < 0), steepness, -jnp.inf), 0.0, 1.0)
-        began = jnp.minimum(rate + x * (rate1 - rate), -SLOWEST_IMPACT)
-        return jnp.where(gap1 >= 0, 0.0, jnp.where(entered, 1 / began, memory))
+        rise = rate - before.rate
+        bend = (rise - ratio * (before.rate - before.earlier_rate)) / (1 + 1 / ratio)
+        began = jnp.minimum(before.rate + x * (rise + (x - 1) * bend), -SLOWEST_IMPACT)
+        return jnp.where(gap >= 0, 0.0, jnp.where(entered, 1 / began, memory))
+
+
+class Before(NamedTuple):
+    """What the latch wants of the time before a step; arrays of shape (points,)."""
+
+    gap: Array
+    """Gap at the step's start [m]."""
+    rate: Array
+    """Its rate there [m/s]."""
+    earlier_rate: Array
+    """Its rate at the start of the step before [m/s]."""
 
 
 class SmoothSwitch(AbstractMemory):

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .contact import SmoothSwitch
+from .contact import Before, SmoothSwitch
 from .kinematics import Contacts, Motion, RailFrame, attitude_rates, contacts, rail_frame, rotation
 from .reduction import sums
 from .scene import Scene
@@ -78,14 +78,12 @@ class AbstractVectorField(eqx.Module):
 
     def __call__(self, t: Any, state: State, args: Args) -> State:
         """Derivative of the whole state [per forcing period]."""
-        rates, _ = self.evaluate(t, state, args)
-        return fill_frozen(rates, state)
+        return fill_frozen(self.evaluate(t, state, args), state)
 
-    def evaluate(self, t: Any, state: State, args: Args) -> tuple[State, Contacts]:
-        """The derivative and the contacts it came from. What is frozen over a step has the derivative None."""
+    def evaluate(self, t: Any, state: State, args: Args) -> State:
+        """The derivative; that of what is frozen over a step is None."""
         frame = rail_frame(args.scene, phase(t, args.epoch))
-        now = contacts(frame, state.motion)
-        return self.from_contacts(t, frame, now, state, args), now
+        return self.from_contacts(t, frame, contacts(frame, state.motion), state, args)
 
     def from_contacts(self, t: Any, frame: RailFrame, now: Contacts, state: State, args: Args) -> State:
         """The derivative, where rail and contacts are known."""
@@ -93,15 +91,15 @@ class AbstractVectorField(eqx.Module):
         rates = motion_rates(scene, frame, now, state.motion, state.memory)
         return State(jax.tree.map(lambda r: scene.period * r, rates), None)
 
-    def close_step(
-        self, before: Contacts | None, t0: Any, t1: Any, state: State, args: Args
-    ) -> tuple[State, State, Contacts | None]:
-        """Ends a step at `state`: gives the state with what changed in the step, its derivative and contacts.
+    def open_step(self, t0: Any, dt: Any, state: State, rates: State, args: Args) -> Any:
+        """What `close_step` wants to know of the time before the first step, of length `dt`. Here nothing."""
+        return None
 
-        `before`: the contacts at the step's start. Here nothing is latched, and nothing needs to be kept.
+    def close_step(self, before: Any, t0: Any, t1: Any, state: State, args: Args) -> tuple[State, State, Any]:
+        """Ends a step at `state`: gives the state with what changed in the step, its derivative, and the next
+        step's `before`. Here nothing is latched, and nothing is kept.
         """
-        rates, _ = self.evaluate(t1, state, args)
-        return state, rates, None
+        return state, self.evaluate(t1, state, args), None
 
 
 class MemorylessField(AbstractVectorField):
@@ -111,13 +109,22 @@ class MemorylessField(AbstractVectorField):
 class LatchedField(AbstractVectorField):
     """For `EventLatch`: ten states, and a memory that changes between steps only."""
 
+    def open_step(self, t0, dt, state, rates, args):
+        now = contacts(rail_frame(args.scene, phase(t0, args.epoch)), state.motion)
+        motion = jax.tree.map(lambda m, r: m - dt * r, state.motion, rates.motion)
+        earlier = contacts(rail_frame(args.scene, phase(t0 - dt, args.epoch)), motion)
+        return Before(now.gap, now.rate, earlier.rate), jnp.asarray(dt, float)
+
     def close_step(self, before, t0, t1, state, args):
         frame = rail_frame(args.scene, phase(t1, args.epoch))
         now = contacts(frame, state.motion)
-        seconds = (t1 - t0) * args.scene.period
-        memory = args.scene.memory.latch(state.memory, before.gap, before.rate, now.gap, now.rate, seconds)
+        before, earlier_step = before
+        step = t1 - t0
+        seconds = step * args.scene.period
+        memory = args.scene.memory.latch(state.memory, before, now.gap, now.rate, seconds, step / earlier_step)
         state = State(state.motion, memory)
-        return state, self.from_contacts(t1, frame, now, state, args), now
+        after = Before(now.gap, now.rate, before.rate), step
+        return state, self.from_contacts(t1, frame, now, state, args), after
 
 
 class SmoothField(AbstractVectorField):
@@ -176,7 +183,7 @@ def reactions(t: Any, state: State, args: Args) -> Reactions:
     now = contacts(frame, m)
     force = contact_forces(scene, now, state.memory)
     ends = lambda a: a.reshape(*a.shape[:-1], 2, -1)
-    on_track = ends(-force * jnp.stack(frame.normal))  # (3, 2, points)
+    on_track = ends(-force[None] * jnp.stack(frame.normal))  # (3, 2, points)
     r = jnp.array(rotation(m))
     point = ends(r @ jnp.stack(frame.arm) + jnp.stack([0 * m.y, m.y, m.z])[:, None])
     node_x = jnp.array([0.5, -0.5]) * scene.slipper.length

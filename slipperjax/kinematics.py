@@ -114,7 +114,7 @@ def rail_frame(scene: Scene, phase: Any) -> RailFrame:
     rear = phase - length / scene.track.wavelength
     motion = scene.track.motion(jnp.stack([jnp.asarray(phase, length.dtype), rear]))
     n0, t0 = scene.section.normals, scene.section.track_points
-    (n_y, n_z), (t_y, t_z) = n0.T, t0.T
+    (n_y, n_z), (t_y, t_z) = n0.T[:, None], t0.T[:, None]  # (1, points), beside (2, 1) for the two ends
     if motion.roll is not None:
         c, s = jnp.cos(motion.roll)[:, None], jnp.sin(motion.roll)[:, None]
         n_y, n_z = c * n_y - s * n_z, s * n_y + c * n_z
@@ -126,13 +126,13 @@ def rail_frame(scene: Scene, phase: Any) -> RailFrame:
         v_y, v_z = v_y - motion.roll_rate[:, None] * t_z, v_z + motion.roll_rate[:, None] * t_y
     t_y, t_z = t_y + motion.offset[:, None], t_z + motion.offset[:, None]
     # Eq. (4): the face runs from the front node's points to the rear node's, which tilts its normal along x
-    n_x = (n_y * (t_y[1] - t_y[0]) + n_z * (t_z[1] - t_z[0])) / length
+    n_x = (n_y * (t_y[1:] - t_y[:1]) + n_z * (t_z[1:] - t_z[:1])) / length
     x = jnp.array([[0.5], [-0.5]]) * length
     position = n_x * x + n_y * t_y + n_z * t_z
     velocity = n_y * v_y + n_z * v_z  # per period, which is one number for a sweep over speeds
     # One array, and a division as the last operation on it, on purpose: XLA then computes it once and in one kernel,
     # and not again inside the loop over lanes and points that uses it.
-    rows = jnp.stack([n_x, n_y, n_z, position, velocity]) / jnp.sqrt(1 + n_x * n_x)
+    rows = jnp.stack([n_x, n_y, n_z, position, velocity]) / jnp.sqrt(1 + n_x * n_x)[None]
     n_x, n_y, n_z, position, velocity = rows.reshape(5, -1)
     flat = lambda a: jnp.broadcast_to(a, (2, n0.shape[0])).reshape(-1)
     w_y, w_z = scene.section.points.T

@@ -21,6 +21,15 @@ OUTPUTS = {
 }
 """Unit and description of the slipper's coordinates and velocities."""
 
+ACCELERATIONS = {
+    "a_y": ("m/s^2", "lateral acceleration"),
+    "a_z": ("m/s^2", "vertical acceleration"),
+    "alpha_x": ("rad/s^2", "roll acceleration, slipper frame"),
+    "alpha_y": ("rad/s^2", "pitch acceleration, slipper frame"),
+    "alpha_z": ("rad/s^2", "yaw acceleration, slipper frame"),
+}
+"""Unit and description of the accelerations."""
+
 
 def attributes(unit: str, long_name: str) -> dict[str, str]:
     """xarray attributes that name unit and quantity."""
@@ -49,7 +58,8 @@ def trajectory_dataset(trajectory: Any) -> xr.Dataset:
     """A trajectory as a dataset.
 
     Dimensions time, end (front, rear) and point (A..J); variables y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z,
-    contact_force, gap and drive_force; coordinates time [s] and period [forcing periods].
+    a_y, a_z, alpha_x, alpha_y, alpha_z, contact_force, gap and drive_force; coordinates time [s] and period
+    [forcing periods].
     """
     scene, m = trajectory.scene, trajectory.state.motion
     values = dict(zip(("roll", "pitch", "yaw"), trajectory.euler_angles, strict=True))
@@ -58,6 +68,9 @@ def trajectory_dataset(trajectory: Any) -> xr.Dataset:
         name: ("time", np.asarray(values[name] if name in values else getattr(m, name)), attributes(*label))
         for name, label in OUTPUTS.items()
     }
+    acceleration = np.asarray(reactions.acceleration)
+    for k, (name, label) in enumerate(ACCELERATIONS.items()):
+        data[name] = ("time", acceleration[:, k], attributes(*label))
     at_points = ("time", "end", "point")
     data["contact_force"] = (
         at_points,

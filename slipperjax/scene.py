@@ -166,7 +166,7 @@ def contact_duration(scene: Scene) -> Float[Array, ""]:
     return 2.94 * depth / approach
 
 
-def default_steps_per_period(scene: Scene, *, per_contact: int = 25, least: int = 50) -> int:
+def default_steps_per_period(scene: Scene, *, per_contact: int = 15, least: int = 50) -> int:
     """Steps per forcing period such that a typical impact takes `per_contact` steps, and `least` at least.
 
     Takes the most demanding case where the scene's leaves are batched. Rounded up to a multiple of 50.

@@ -43,11 +43,14 @@ class Section(eqx.Module):
     """Names of the corners of each face."""
 
     def __check_init__(self):
-        for face, play in zip(self.faces, self.play, strict=True):
+        for face in self.faces:
             missing = [corner for corner in face if corner not in self.names]
             if missing:
                 raise ValueError(f"Argument `faces` must name points, but {face} has {missing[0]!r}.")
-            del play
+        if self.play.shape[-1:] != (len(self.faces),):
+            raise ValueError(
+                f"Argument `play` must have one value per face, {len(self.faces)}, but has shape {self.play.shape}."
+            )
         if len(self.names) != self.points.shape[0] or 2 * len(self.faces) != len(self.names):
             raise ValueError(
                 f"Argument `points` must have two points per face and one per name, but has shape "

@@ -57,7 +57,7 @@ def integrate(
     state: State,
     *,
     solver: diffrax.AbstractSolver,
-    steps: int,
+    steps: Any,
     periods: int,
     record: Record | None,
     adjoint: diffrax.AbstractAdjoint,
@@ -66,7 +66,7 @@ def integrate(
     """Integrates `periods` forcing periods from the period `epoch` on, and keeps what `record` makes of each.
 
     One diffeqsolve per period, each over times 0..1 from its own epoch. Without `record` the states at the ends
-    of the periods are kept, and nothing is stored in between.
+    of the periods are kept, and nothing is stored in between; then `steps`, the number per period, may be traced.
 
     **Returns:** the last state, and what was kept with a leading axis of length `periods`.
     """
@@ -88,7 +88,7 @@ def integrate(
             saveat=saveat,
             stepsize_controller=diffrax.ConstantStepSize(),
             adjoint=adjoint,
-            max_steps=steps + 1,
+            max_steps=steps + 1 if isinstance(steps, int) else None,
             throw=False,
             solver_state=solver_state,
         )
@@ -207,8 +207,13 @@ def simulate(
     solver = check_solver(scene, solver)
     adjoint = diffrax.ForwardMode() if adjoint is None else adjoint
     start = table_2_start() if start is None else check_start(start)
-    run = _simulate if is_traced((scene, start)) else _simulate_jit
-    states = run(scene, start, solver, steps, saves, periods, adjoint)
+    if is_traced((scene, start)):
+        states = _simulate(scene, start, steps, solver, saves, periods, adjoint)
+    elif saves == 1 and isinstance(adjoint, diffrax.ForwardMode):
+        # nothing is stored between the ends of the periods, so one compiled program serves any number of steps
+        states = _strobe_jit(scene, start, float(steps), solver, saves, periods, adjoint)
+    else:
+        states = _simulate_jit(scene, start, steps, solver, saves, periods, adjoint)
     return Trajectory(scene, jnp.arange(periods * saves + 1) / saves, states, steps)
 
 
@@ -237,11 +242,9 @@ def check_start(start: Any) -> Motion:
     return start
 
 
-def _simulate(scene, start, solver, steps, saves, periods, adjoint):
+def _simulate(scene, start, steps, solver, saves, periods, adjoint):
     state = initial_state(scene, start)
-    stride = steps // saves
-    # steps in one call to the solver are wasted as storage where only the end is asked for
-    record = None if saves == 1 else _every(stride)
+    record = None if saves == 1 else _every(steps // saves)
     _, kept = integrate(scene, state, solver=solver, steps=steps, periods=periods, record=record, adjoint=adjoint)
     if saves > 1:
         kept = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), kept)
@@ -254,3 +257,4 @@ def _every(stride: int) -> Record:
 
 
 _simulate_jit = jit(_simulate, static_argnums=(2, 3, 4, 5, 6))
+_strobe_jit = jit(_simulate, static_argnums=(3, 4, 5, 6))

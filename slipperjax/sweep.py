@@ -1,11 +1,7 @@
-"""Grids of parameters as one batch, in chunks over the cores, to xarray."""
+"""Grids of parameters as one batch to xarray: each case from the same start, or each from its neighbour's end."""
 
 import functools
-import math
-import os
-import threading
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import diffrax
@@ -15,23 +11,24 @@ import numpy as np
 import xarray as xr
 from tqdm.auto import tqdm
 
-from .analysis.poincare import SECTIONS, section_crossings
-from .checks import fraction, one_of, whole
+from .batch import Grid, Workers, case_scene, join, start_states
+from .checks import one_of, whole
 from .compilation import jit
-from .dynamics import Args, initial_state, reactions
-from .kinematics import Motion, euler_angles, table_2_start
-from .labels import OUTPUTS, attributes, scene_attributes
-from .scene import PARAMETERS, Scene, contact_duration, default_steps_per_period
-from .simulate import STATUS, Record, check_solver, check_start, integrate, status, step_plan
+from .kinematics import Motion, table_2_start
+from .labels import scene_attributes
+from .records import KEEPS, Strobe, outputs
+from .scene import Scene
+from .simulate import STATUS, check_solver, check_start, integrate, status, step_plan
 
-LARGEST_CHUNK = 1024
-"""Cases in one call: enough to hide the cost of starting a kernel, few enough to stay in the cache."""
+DIRECTIONS = {"up": 1, "down": -1}
+"""Ways through a parameter's values for `follow`."""
 
 
 def sweep(
     scene: Scene,
     grid: Mapping[str, Any],
     *,
+    product: bool = True,
     record: str = "sections",
     transient: int = 200,
     periods: int = 10,
@@ -49,8 +46,11 @@ def sweep(
 
     - `scene`: the case whose parameters are varied.
     - `grid`: values by parameter name (see `PARAMETERS` for names and units); several names make a product.
+        Coordinates of the start (y, z, v_y, v_z, w_x, w_y, w_z) are allowed too, which gives pictures of basins.
+    - `product`: False reads the lists of values side by side, one case each, along the dimension `case`.
     - `record`: what to keep of the last `periods` periods. "sections": velocities at the upward zero crossings of
-        each coordinate, as in the paper's bifurcation diagrams; "strobe": the state once per forcing period;
+        each coordinate, as in the paper's bifurcation diagrams, and `strobe`, the state once per period from the
+        start on; "strobe": the state once per forcing period;
         "history": states and contact forces `saves_per_period` times per period.
     - `transient`: forcing periods to pass before; rounded up to whole blocks, see the attribute `transient`.
     - `steps_per_period`: default the most that `default_steps_per_period` wants for any case of the grid.
@@ -60,254 +60,181 @@ def sweep(
 
     **Returns:** an `xarray.Dataset` with the grid's names as first dimensions, then `crossing`, `period` or
     `time`. The variable `status` is 0 where a case went well and names what happened otherwise; a case that left
-    the finite numbers leaves the others untouched.
+    the finite numbers leaves the others untouched. A start coordinate x that is varied makes the dimension `start_x`.
 
     **Raises:** `ValueError` that names the argument which is wrong, before anything is compiled.
     """
-    axes = check_grid(scene, grid)
-    record = one_of("record", record, tuple(_RECORDS))
-    transient, periods = whole("transient", transient, 0), whole("periods", periods, 1)
-    lanes = math.prod(len(v) for v in axes.values())
-    mesh = np.meshgrid(*axes.values(), indexing="ij")
-    values = {name: m.ravel() for name, m in zip(axes, mesh, strict=True)}
-    if steps_per_period is None:
-        steps_per_period = _most_steps(scene, values)
-        saves = 50 if saves_per_period is None else whole("saves_per_period", saves_per_period, 1)
-        steps_per_period = -(-steps_per_period // saves) * saves
-    steps, saves = step_plan(scene, steps_per_period, saves_per_period)
+    cases = Grid(scene, grid, product=product)
+    plan = make_plan(scene, cases, record, transient, periods, steps_per_period, saves_per_period, solver)
     start = table_2_start() if start is None else check_start(start)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
-    workers = cores if workers is None else whole("workers", workers, 1)
-    if chunk is None:
-        chunk = min(-(-lanes // workers), LARGEST_CHUNK)
-    chunk = min(whole("chunk", chunk, 1), lanes)
-    plan = Plan(check_solver(scene, solver), steps, saves, block_length(periods), record)
-    pieces = _run(scene, values, start, plan, transient, periods, chunk, workers, progress)
-    kept = [np.concatenate([p[k] for p in pieces])[:lanes] for k in range(len(pieces[0]))]
-    codes, *kept = kept
-    shape = tuple(len(v) for v in axes.values())
-    dims = tuple(axes)
-    data, coords = _RECORDS[record].label(scene, dims, [k.reshape(*shape, *k.shape[1:]) for k in kept], transient)
-    meanings = "; ".join(f"{code}: {meaning}" for code, meaning in STATUS.items())
-    data["status"] = (dims, codes.reshape(shape), {"long_name": "status", "meaning": meanings})
-    for name, v in axes.items():
-        coords[name] = (name, v, attributes(*PARAMETERS[name][:2]))
-    attrs = {k: v for k, v in scene_attributes(scene).items() if k.split(" [")[0] not in axes}
-    attrs |= {
-        "steps_per_period": steps,
-        "transient": -(-transient // plan.block) * plan.block,
-        "periods": periods,
-        "solver": type(plan.solver).__name__,
-        "record": record,
-    }
-    return xr.Dataset(data, coords, attrs)
+    team = Workers(cases.lanes, chunk, workers)
+
+    def work(values, tick):
+        _, code, kept = run_blocks(scene, plan, values, start_states(scene, values, start), tick)
+        return [code, *kept]
+
+    found = team.run(work, cases.values, periods=plan.total, progress=progress)
+    return _dataset(scene, plan, cases, found, {}, cases.shape)
 
 
-def check_grid(scene: Scene, grid: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """The grid's axes as arrays of floats; raises `ValueError` for a wrong name, an empty axis or a bad value."""
-    if not isinstance(grid, Mapping) or not grid:
-        raise ValueError(f"Argument `grid` must name one or more parameters with their values, but is {grid!r}.")
-    axes = {}
-    for name, raw in grid.items():
-        scene.value(name)
-        check = fraction("restitution") if name == "restitution" else PARAMETERS[name][2]
-        values = np.atleast_1d(np.asarray(check(raw)))
-        if values.ndim != 1 or values.size == 0:
-            raise ValueError(f"Argument `{name}` must be a list of one or more values, but has shape {values.shape}.")
-        axes[name] = values
-    return axes
+def follow(
+    scene: Scene,
+    path: Mapping[str, Any],
+    *,
+    directions: tuple[str, ...] = ("up", "down"),
+    record: str = "sections",
+    transient: int = 30,
+    periods: int = 10,
+    steps_per_period: int | None = None,
+    saves_per_period: int | None = None,
+    solver: diffrax.AbstractSolver | None = None,
+    start: Motion | None = None,
+    progress: bool = False,
+) -> xr.Dataset:
+    """Sweeps a parameter with memory: each case starts from the state in which its neighbour ended.
 
+    So a motion is followed along its branch until that ends, which from a fixed start it need not be. Where "up"
+    and "down" disagree, attractors coexist.
 
-def block_length(periods: int) -> int:
-    """Periods in one call: progress is shown, and an interrupt heard, between calls."""
-    if periods <= 50:
-        return periods
-    return next((k for k in range(50, 9, -1) if periods % k == 0), periods)
+    **Arguments:**
 
+    - `path`: one parameter's name and values, in increasing order.
+    - `directions`: "up" begins at the first value, "down" at the last; both run as one batch.
+    - `transient`, `periods`: forcing periods at each value, before recording and recorded. The transient is
+        rounded up to whole blocks.
+    - others: as for `sweep`; `start` is that of the first value met.
 
-def _most_steps(scene: Scene, values: Mapping[str, np.ndarray]) -> int:
-    # The clearance has no part in it, and its play per face would not broadcast.
-    batched = scene.replace(**{k: v for k, v in values.items() if k != "clearance"})
-    ratio = np.asarray(batched.period / contact_duration(batched))
-    worst = int(np.argmax(ratio)) if ratio.ndim else 0
-    return default_steps_per_period(scene.replace(**{k: v[worst] for k, v in values.items()}))
+    **Returns:** as `sweep`, with `direction` as first dimension.
+
+    **Raises:** `ValueError` that names the argument which is wrong.
+    """
+    cases = Grid(scene, path)
+    ((name, values),) = cases.axes.items() if len(cases.axes) == 1 else ((None, np.zeros(2)),)
+    if name is None or np.any(np.diff(values) <= 0):
+        raise ValueError(f"Argument `path` must name one parameter with increasing values, but is {path!r}.")
+    if not directions or len(set(directions)) < len(directions):
+        raise ValueError(f"Argument `directions` must name one or more ways, each once, but is {directions!r}.")
+    ways = [DIRECTIONS[one_of("directions", d, tuple(DIRECTIONS))] for d in directions]
+    plan = make_plan(scene, cases, record, transient, periods, steps_per_period, saves_per_period, solver)
+    start = table_2_start() if start is None else check_start(start)
+    columns = np.stack([values[::way] for way in ways], axis=1)  # (values, directions)
+    states = start_states(scene, {name: jnp.asarray(columns[0])}, start)
+    pieces = []
+    with tqdm(total=plan.total * columns.size, unit="period", unit_scale=True, disable=not progress) as bar:
+        for k, column in enumerate(columns):
+            here = {name: jnp.asarray(column)}
+            tick = lambda periods: bar.update(periods * len(ways))
+            states, code, kept = run_blocks(scene, plan, here, states, tick, epoch=k * plan.total)
+            pieces.append([code, *kept])
+    # (values x directions, ...) in the order of the run -> (directions, values, ...) in the order of the values
+    found = [a.reshape(columns.shape + a.shape[1:]) for a in join(pieces)]
+    found = [np.stack([a[::way, d] for d, way in enumerate(ways)]) for a in found]
+    found = [a.reshape(-1, *a.shape[2:]) for a in found]
+    return _dataset(scene, plan, cases, found, {"direction": list(directions)}, (len(ways), len(values)))
 
 
 class Plan(NamedTuple):
-    """What one compiled call depends on beside numbers."""
+    """How a batch is run: what one compiled call depends on beside numbers, and how many calls there are."""
 
     solver: diffrax.AbstractSolver
     steps: int
     saves: int
     block: int
+    """Periods in one call: progress is shown, and an interrupt heard, between calls."""
+    silent: int
+    """Calls that record nothing."""
+    recorded: int
+    """Calls that record."""
     record: str
 
-
-def _starts(scene, values, start):
-    return jax.vmap(lambda v: initial_state(scene.replace(**v), start))(values)
-
-
-def _block(scene, values, states, epoch, plan):
-    """One block of periods of one chunk: the states after it, and what was recorded."""
-
-    def one(values, state):
-        return integrate(
-            scene.replace(**values),
-            state,
-            solver=plan.solver,
-            steps=plan.steps,
-            periods=plan.block,
-            record=_RECORDS[plan.record].make(plan),
-            adjoint=diffrax.ForwardMode(),
-            epoch=epoch,
-        )
-
-    return jax.vmap(one)(values, states)
+    @property
+    def total(self) -> int:
+        """Periods of one case."""
+        return self.block * (self.silent + self.recorded)
 
 
-_starts_jit = jit(_starts)
-_block_jit = jit(_block, static_argnums=4)
+def make_plan(scene, cases, record, transient, periods, steps_per_period, saves_per_period, solver) -> Plan:
+    """The plan of a sweep from its arguments, which are checked here."""
+    record = one_of("record", record, tuple(KEEPS))
+    transient, periods = whole("transient", transient, 0), whole("periods", periods, 1)
+    if steps_per_period is None:
+        saves = 50 if saves_per_period is None else whole("saves_per_period", saves_per_period, 1)
+        steps_per_period = -(-cases.most_steps(scene) // saves) * saves
+    steps, saves = step_plan(scene, steps_per_period, saves_per_period)
+    block = block_length(periods)
+    return Plan(check_solver(scene, solver), steps, saves, block, -(-transient // block), periods // block, record)
 
 
-def _run(scene, values, start, plan, transient, periods, chunk, workers, progress):
-    """Runs all chunks on a pool of threads; each piece is (status, kept arrays...), cases along the first axis."""
-    lanes = len(next(iter(values.values())))
-    blocks = -(-transient // plan.block) + periods // plan.block
-    first = blocks - periods // plan.block
-    stop = threading.Event()
-    bar = tqdm(total=lanes * blocks * plan.block, unit="period", unit_scale=True, disable=not progress)
-    lock = threading.Lock()
-
-    def piece(at):
-        # The last chunk is filled up with copies of its last case, so that every chunk runs the same program.
-        index = np.minimum(np.arange(at, at + chunk), lanes - 1)
-        mine = {name: jnp.asarray(v[index]) for name, v in values.items()}
-        states = _starts_jit(scene, mine, start)
-        code = np.zeros(chunk, int)
-        records = []
-        for k in range(blocks):
-            if stop.is_set():
-                return None
-            now = plan if k >= first else plan._replace(record="strobe")  # a transient stores nothing
-            states, kept = _block_jit(scene, mine, states, float(k * plan.block), now)
-            code = np.where(code == 0, np.asarray(jax.vmap(status)(states)), code)
-            if k >= first:
-                records.append([np.asarray(a) for a in _RECORDS[plan.record].collect(kept)])
-            with lock:
-                bar.update(min(chunk, lanes - at) * plan.block)
-        joined = [np.concatenate([r[i] for r in records], axis=1) for i in range(len(records[0]))]
-        return [code, *joined]
-
-    starts = range(0, lanes, chunk)
-    with bar, ThreadPoolExecutor(min(workers, len(starts))) as pool:
-        try:
-            return list(pool.map(piece, starts))
-        except BaseException:
-            stop.set()  # a chunk stops at its next block, not in the middle of one
-            raise
+def block_length(periods: int) -> int:
+    """Periods in one call."""
+    if periods <= 50:
+        return periods
+    return next((k for k in range(50, 9, -1) if periods % k == 0), periods)
 
 
-class _Sections:
-    """Velocities at upward zero crossings."""
+def run_blocks(scene, plan, values, states, tick, epoch=0):
+    """Runs a chunk of cases through its plan.
 
-    @staticmethod
-    def make(plan: Plan) -> Record:
-        return section_crossings
-
-    @staticmethod
-    def collect(kept):
-        # (lanes, periods, sections, steps) -> (lanes, hits, sections) with hits packed to the front
-        order = (0, 1, 3, 2)
-        return [np.transpose(np.asarray(a), order).reshape(a.shape[0], -1, a.shape[2]) for a in kept]
-
-    @staticmethod
-    def label(scene, dims, kept, transient):
-        time, velocity = kept
-        absent = np.isnan(velocity)
-        order = np.argsort(absent, axis=-2, kind="stable")
-        most = max(int(np.max(np.sum(~absent, axis=-2))), 1)
-        order = order[..., :most, :]
-        time, velocity = (np.take_along_axis(a, order, axis=-2) for a in (time, velocity))
-        data = {}
-        for k, (name, coordinate) in enumerate(SECTIONS.items()):
-            unit, text = OUTPUTS[name]
-            across = f"at upward zero crossings of {OUTPUTS[coordinate][1]}"
-            data[name] = ((*dims, "crossing"), velocity[..., k], attributes(unit, f"{text} {across}"))
-            data[f"{name}_period"] = (
-                (*dims, "crossing"),
-                time[..., k],
-                attributes("1", f"forcing periods passed {across}"),
-            )
-        return data, {}
+    **Returns:** the states at the end, a status code per case, and the recorded arrays (cases, samples, ...).
+    """
+    keep = KEEPS[plan.record]
+    code = np.zeros(len(next(iter(values.values()))), int)
+    records, strobes = [], []
+    for k in range(plan.silent + plan.recorded):
+        tick(0)
+        at = float(epoch + k * plan.block)
+        if k < plan.silent or isinstance(keep, Strobe):
+            # nothing is stored between the ends of periods, and one compiled program serves any number of steps
+            states, codes, ends = _pass(scene, values, states, at, float(plan.steps), plan.solver, plan.block)
+            if k >= plan.silent:
+                records.append(keep.collect(ends))
+            elif keep.strobes:
+                strobes.append(outputs(ends))
+        else:
+            program = plan._replace(silent=0, recorded=0)  # how often it is called does not make it another one
+            states, codes, kept = _keep(scene, values, states, at, program)
+            records.append(keep.collect(kept))
+        code = np.where(code == 0, np.asarray(codes), code)
+        tick(plan.block)
+    kept = [np.concatenate(parts, axis=1) for parts in zip(*records, strict=True)]
+    if strobes:
+        kept[-1] = np.concatenate([*strobes, kept[-1]], axis=1)
+    return states, code, kept
 
 
-def _outputs(state) -> list:
-    m = state.motion
-    return [m.y, m.z, *euler_angles(m), m.v_y, m.v_z, m.w_x, m.w_y, m.w_z]
+def _integrated(scene, values, states, **options):
+    one = lambda v, s: integrate(case_scene(scene, v), s, adjoint=diffrax.ForwardMode(), **options)
+    states, kept = jax.vmap(one)(values, states)
+    return states, jax.vmap(status)(states), kept
 
 
-class _Strobe:
-    """The state once per forcing period."""
-
-    @staticmethod
-    def make(plan: Plan) -> None:
-        return None
-
-    @staticmethod
-    def collect(kept):
-        return _outputs_jit(kept)
-
-    @staticmethod
-    def label(scene, dims, kept, transient):
-        data = {
-            name: ((*dims, "period"), values, attributes(*OUTPUTS[name]))
-            for name, values in zip(OUTPUTS, kept, strict=True)
-        }
-        count = kept[0].shape[-1]
-        coords: dict = {"period": ("period", np.arange(1, count + 1), attributes("1", "forcing periods recorded"))}
-        return data, coords
+@functools.partial(jit, static_argnums=(5, 6))
+def _pass(scene, values, states, epoch, steps, solver, block):
+    options = dict(epoch=epoch, steps=steps, solver=solver, periods=block, record=None)
+    return _integrated(scene, values, states, **options)
 
 
-class _History:
-    """States and contact forces at constant intervals."""
-
-    @staticmethod
-    def make(plan: Plan) -> Record:
-        return _history(plan.steps // plan.saves)
-
-    @staticmethod
-    def collect(kept):
-        return [np.asarray(a).reshape(a.shape[0], -1, *a.shape[3:]) for a in kept]
-
-    @staticmethod
-    def label(scene, dims, kept, transient):
-        *outputs, period, force = kept
-        data = {
-            name: ((*dims, "time"), values, attributes(*OUTPUTS[name]))
-            for name, values in zip(OUTPUTS, outputs, strict=True)
-        }
-        unit = attributes("N", "normal contact force on the slipper")
-        data["contact_force"] = ((*dims, "time", "end", "point"), force, unit)
-        period = period.reshape(-1, period.shape[-1])[0]
-        coords: dict = {
-            "period": ("time", period, attributes("1", "time in forcing periods")),
-            "end": ["front", "rear"],
-            "point": list(scene.section.names),
-        }
-        return data, coords
+@functools.partial(jit, static_argnums=4)
+def _keep(scene, values, states, epoch, plan):
+    record = KEEPS[plan.record].make(plan.steps // plan.saves)
+    options = dict(epoch=epoch, steps=plan.steps, solver=plan.solver, periods=plan.block, record=record)
+    return _integrated(scene, values, states, **options)
 
 
-@functools.cache
-def _history(stride: int) -> Record:
-    def record(states, args: Args, steps: int):
-        saved = jax.tree.map(lambda a: a[stride::stride], states)
-        period = jnp.arange(stride, steps + 1, stride) / steps
-        outputs = jax.vmap(_outputs)(saved)
-        force = jax.vmap(lambda t, s: reactions(t, s, args).contact_force)(period, saved)
-        return [*outputs, period + args.epoch, force]
-
-    return record
-
-
-_outputs_jit = jax.jit(_outputs)
-_RECORDS = {"sections": _Sections, "strobe": _Strobe, "history": _History}
+def _dataset(scene, plan, cases, found, first, shape) -> xr.Dataset:
+    """The labelled result; `first`: dimensions before those of the grid, with their coordinates."""
+    codes, *kept = found
+    dims = (*first, *cases.dims)
+    data, coords = KEEPS[plan.record].label(scene, dims, [a.reshape(*shape, *a.shape[1:]) for a in kept])
+    meanings = "; ".join(f"{code}: {meaning}" for code, meaning in STATUS.items())
+    data["status"] = (dims, codes.reshape(shape), {"long_name": "status", "meaning": meanings})
+    coords |= first | cases.coordinates()
+    attrs = {k: v for k, v in scene_attributes(scene).items() if k.split(" [")[0] not in cases.axes}
+    attrs |= {
+        "steps_per_period": plan.steps,
+        "transient": plan.silent * plan.block,
+        "periods": plan.recorded * plan.block,
+        "solver": type(plan.solver).__name__,
+        "record": plan.record,
+    }
+    return xr.Dataset(data, coords, attrs)

@@ -14,13 +14,19 @@ FLOORS = [
     {"dynamics"},
     {"solvers"},
     {"simulate", "analysis"},
-    {"labels"},
+    {"labels", "claims"},
+    {"batch"},
+    {"records"},
     {"sweep"},
+    {"branches"},
+    {"spectra"},
+    {"paper"},
     {"plots"},
+    {"figures"},
     {"bench"},
     {"cli"},
 ]
-UPPER = {"labels", "sweep", "plots", "bench", "cli"}
+UPPER = {"labels", "batch", "records", "sweep", "branches", "spectra", "paper", "figures", "plots", "bench", "cli"}
 HEAVY = {"xarray", "matplotlib", "tqdm", "typer", "h5netcdf"}
 
 

@@ -52,7 +52,7 @@ def test_stock_implicit_solver_under_vmap_agrees_with_rk4():
         )
         ours = sj.period_map(case, state, steps_per_period=800)
         last = jax.tree.map(lambda ys: ys[-1], solution.ys)
-        return (jnp.stack(jax.tree.leaves(s.motion)) for s in (last, ours))
+        return tuple(jnp.stack(jax.tree.leaves(s.motion)) for s in (last, ours))
 
     stock, ours = both(jnp.array([900.0, 1250.0]))
     # measured 1e-6 and less

@@ -47,17 +47,18 @@ def test_a_failing_case_is_flagged_and_leaves_the_others_untouched(strobe):
 
 def test_sections_of_a_product_grid():
     grid = {"speed": [1250.0, 1500.0], "clearance": [0.5e-3, 1e-3, 2e-3]}
-    ds = sj.sweep(sj.paper_scene(), grid, transient=4, periods=2, steps_per_period=100)
+    ds = sj.sweep(sj.paper_scene(), grid, transient=0, periods=6, steps_per_period=100, chunk=3)
     assert ds["v_y"].dims == ("speed", "clearance", "crossing")
     assert ds["v_y"].shape[:2] == (2, 3)
     assert np.all(ds["status"].values == 0)
-    # the crossings are those of a finely saved trajectory
+    # the crossings are those of a finely saved trajectory, and the strobe is its state once per period
     case = ds.sel(speed=1250.0, clearance=1e-3)
     fine = sj.simulate(sj.paper_scene(), 6, steps_per_period=100, saves_per_period=100)
-    y, v = np.asarray(fine.state.motion.y)[400:], np.asarray(fine.state.motion.v_y)[400:]
+    np.testing.assert_allclose(case["strobe"].values, columns(fine)[100::100], rtol=1e-9, atol=1e-11)
+    y, v = np.asarray(fine.state.motion.y), np.asarray(fine.state.motion.v_y)
     at = np.flatnonzero((y[:-1] < 0) & (y[1:] >= 0))
     found = case["v_y"].values[~np.isnan(case["v_y"].values)]
-    assert len(found) == len(at) >= 2
+    assert len(found) == len(at) >= 5
     low, high = np.minimum(v[at], v[at + 1]), np.maximum(v[at], v[at + 1])
     assert np.all((found > low - 1e-3) & (found < high + 1e-3))
 
@@ -71,3 +72,32 @@ def test_history_matches_simulate():
     np.testing.assert_allclose(ds["period"].values, one["period"].values[1:], atol=1e-12)
     assert one["contact_force"].dims == ("time", "end", "point")
     assert one["time"].attrs["units"] == "s"
+
+
+def test_following_a_branch_starts_each_case_where_its_neighbour_ended():
+    speeds = [1240.0, 1250.0, 1260.0]
+    ds = sj.follow(sj.paper_scene(), {"speed": speeds}, record="strobe", **OPTIONS)
+    assert ds["v_y"].dims == ("direction", "speed", "period")
+    assert ds["direction"].values.tolist() == ["up", "down"]
+    state = sj.initial_state(sj.paper_scene(speeds[2]), sj.table_2_start())
+    for k, speed in enumerate(reversed(speeds)):
+        for period in range(6):
+            state = _one_period(sj.paper_scene(speed), state)
+            if period >= 3:
+                found = float(ds["v_y"].sel(direction="down", speed=speed)[period - 3])
+                assert found == pytest.approx(float(state.motion.v_y), rel=1e-8), (k, period)  # measured 1e-12
+    first = sj.sweep(sj.paper_scene(), {"speed": speeds}, record="strobe", chunk=2, **OPTIONS)
+    np.testing.assert_allclose(ds["w_x"].values[0, 0], first["w_x"].values[0], rtol=1e-9)
+
+
+_one_period = sj.jit(lambda scene, state: sj.period_map(scene, state, steps_per_period=100))
+
+
+def test_starts_can_be_the_grid():
+    grid = {"v_y": [0.5, -0.5], "z": [0.0, 1e-4, 2e-4]}
+    ds = sj.sweep(sj.paper_scene(), grid, record="strobe", transient=0, periods=3, steps_per_period=100, chunk=2)
+    assert ds["y"].dims == ("start_v_y", "start_z", "period")
+    assert ds["start_z"].attrs["units"] == "m"
+    start = sj.Motion(v_y=-0.5, z=1e-4, v_z=0.5, w_x=0.2, w_y=0.3, w_z=0.4)
+    one = sj.simulate(sj.paper_scene(), 3, steps_per_period=100, saves_per_period=1, start=start)
+    np.testing.assert_allclose(ds["y"].values[1, 1], np.asarray(one.state.motion.y)[1:], rtol=1e-9)

@@ -79,4 +79,4 @@ def section_crossings(states: State, args: Args, steps: int) -> Crossings:
     samples = jax.vmap(sample, out_axes=1)(times, states)
     q, d, v, a = samples
     place, velocity = crossing(q[:, :-1], d[:, :-1], q[:, 1:], d[:, 1:], v[:, :-1], a[:, :-1], v[:, 1:], a[:, 1:])
-    return Crossings((jnp.arange(steps) + place) / steps + args.epoch, velocity)
+    return Crossings((jnp.arange(steps)[None] + place) / steps + args.epoch, velocity)

@@ -72,9 +72,8 @@ class AbstractLatchingRungeKutta(diffrax.AbstractSolver):
 
     def init(self, terms, t0, t1, y0, args):
         field = _field(terms)
-        rates, now = field.evaluate(t0, y0, args)
-        keep = field.close_step(now, t0, t0, y0, args)[2]  # what the field wants kept between steps, if anything
-        return rates, (None if keep is None else now._replace(lever=None))
+        rates = field.evaluate(t0, y0, args)
+        return rates, field.open_step(t0, t1 - t0, y0, rates, args)
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         del made_jump
@@ -86,9 +85,9 @@ class AbstractLatchingRungeKutta(diffrax.AbstractSolver):
             node = sum(row)
             # the very t1 where it is the end: then the rail is computed there once, not once more by rounding
             at = t1 if abs(node - 1) < 1e-12 else t0 + node * dt
-            stages.append(field.evaluate(at, _step(y0, dt, stages, np.array(row)), args)[0])
+            stages.append(field.evaluate(at, _step(y0, dt, stages, np.array(row)), args))
         y1 = _step(y0, dt, stages, np.array(self.b))
-        y1, rates1, now = field.close_step(before, t0, t1, y1, args)
+        y1, rates1, after = field.close_step(before, t0, t1, y1, args)
         if self.b_error is None:
             error = None
         else:
@@ -101,7 +100,6 @@ class AbstractLatchingRungeKutta(diffrax.AbstractSolver):
             k1=(dt * fill_frozen(rates1, y1) ** ω).ω,
             frozen=y1.memory if rates1.memory is None else None,
         )
-        after = None if now is None else now._replace(lever=None)
         return y1, error, dense, (rates1, after), RESULTS.successful
 
     def func(self, terms, t0, y0, args):

@@ -1,0 +1,359 @@
+"""What a motion has settled to, from its states once per forcing period (stroboscopic states): a motion of period n,
+a torus, chaos, or something the record cannot tell.
+
+A wrong name is worse than none: a name needs all its evidence, and what lacks some is "unresolved".
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..checks import whole
+
+KINDS = ("period", "torus", "chaotic", "unresolved")
+"""What a motion can be called: periodic, quasi-periodic, chaotic, or none of them with certainty."""
+MIN_TEST = 200
+"""Fewest periods for which tori and chaos are told apart. Near it K of a torus scatters up to 0.9, and the answer is
+"unresolved"; 500 periods are plenty."""
+REGULAR, IRREGULAR = 0.2, 0.8
+"""Bounds of the 0-1 test's K: below the first regular, above the second chaotic."""
+NEAR, APART = 0.12, 0.7
+"""Bounds of the growth of neighbours' distance, in ln: below the first on a torus; above the second in chaos, and
+above the first without its first step, in which noise grows too."""
+AHEAD = 30
+"""Periods over which neighbours are followed, at most (a fifth of the record if that is shorter)."""
+THEILER = 10
+"""States fewer than this many periods apart in time do not count as neighbours."""
+
+
+class Decay(NamedTuple):
+    """Geometric fit to the envelope of a residual; arrays over the cases, NaN where there is nothing to fit."""
+
+    rate: np.ndarray
+    """Decay rate per forcing period: the envelope goes as exp(-rate k). Negative where it grows."""
+    fall: np.ndarray
+    """ln of the ratio of first to last value of the fit."""
+    fit: np.ndarray
+    """Coefficient of determination R^2 of the fit to ln of the envelope."""
+    steadiness: np.ndarray
+    """Rate in the second half over rate in the first: 1 for a geometric decay to zero, less for a decay to something
+    else and for an algebraic one."""
+
+    @property
+    def convincing(self):
+        """Whether this is a geometric decay to zero: it halved or more, R^2 >= 0.95, and went on at the same rate."""
+        steady = (self.steadiness >= 0.85) & (self.steadiness <= 1.5)
+        return (self.fall >= math.log(2)) & (self.fit >= 0.95) & steady
+
+
+class Attractors(NamedTuple):
+    """What the motions settled to; arrays over the cases, of shape () for a single case."""
+
+    kind: np.ndarray
+    """One of `KINDS`."""
+    period: np.ndarray
+    """n for a motion of period n, 0 for everything else."""
+    residual: np.ndarray
+    """Recurrence distance at the end of the record [scales]: over `period`, or the best over all lags."""
+    decay: np.ndarray
+    """Decay rate of that recurrence residual per forcing period; NaN where nothing could be fitted."""
+    growth: np.ndarray
+    """Mean growth of ln of neighbours' distance, from one period to `AHEAD`; NaN where other evidence came first."""
+    k: np.ndarray
+    """K of the 0-1 test for what varies beside a motion of the best period: near 0 if regular, near 1 if chaotic, 0
+    if nothing does, NaN for records below `MIN_TEST`."""
+    evidence: np.ndarray
+    """What decided, in words."""
+
+
+def recurrence(strobe, *, scales=None, max_period=16) -> np.ndarray:
+    """Recurrence residuals |x_k - x_{k-n}|, in the maximum norm over scaled states.
+
+    **Arguments:** `strobe`: shape (*cases, periods, states); `scales`, shape (states,): what counts as one of each
+    state, in the states' units, by default as in `classify`; `max_period`: greatest lag n.
+
+    **Returns:** shape (*cases, max_period, periods), [scales]; entry (n - 1, k) is for lag n, NaN for k < n.
+
+    **Raises:** `ValueError` for arrays of other shapes, and scales that are not positive.
+    """
+    x, _ = _scaled(strobe, scales)
+    most = whole("max_period", max_period, 1)
+    periods = x.shape[-2]
+    out = np.full((*x.shape[:-2], most, periods), np.nan)
+    for n in range(1, min(most, periods - 1) + 1):
+        out[..., n - 1, n:] = np.abs(x[..., n:, :] - x[..., :-n, :]).max(-1)
+    return out
+
+
+def decay_rate(residual, *, windows=12, floor=0.0) -> Decay:
+    """Fits exp(-rate k) to the envelope of a residual: its maxima over `windows` windows of equal length.
+
+    The maxima make spiral decays, which swing below their envelope, as good as monotone ones.
+
+    **Arguments:** `residual`: shape (*cases, periods), not negative; leading NaN are passed over; `windows`: 6 or
+    more; `floor`: windows with maxima at or below it are left out, as rounding and integration errors would be
+    fitted there.
+
+    **Raises:** `ValueError` for settings out of range.
+    """
+    r = np.asarray(residual, dtype=float)
+    windows = whole("windows", windows, 6)
+    if r.ndim == 0:
+        raise ValueError(f"Argument `residual` must be of shape (*cases, periods), but is {r:g}.")
+    if not floor >= 0:
+        raise ValueError(f"Argument `floor` must be zero or positive, but is {floor!r}.")
+    fits = [_geometric_fit(row, windows, floor) for row in r.reshape(-1, r.shape[-1])]
+    return Decay(*np.reshape(np.array(fits, dtype=float).T, (4, *r.shape[:-1])))
+
+
+def zero_one_test(series, *, samples=100, seed=0) -> np.ndarray:
+    """K of the 0-1 test for chaos: near 0 for regular, near 1 for chaotic series.
+
+    The correlation method with the oscillation term subtracted: the median over random c in (pi/5, 4 pi/5) of the
+    correlation of n with D_c(n) = M_c(n) - (mean phi)^2 (1 - cos n c) / (1 - cos c), where M_c is the mean square
+    displacement of sum_j phi_j exp(i j c) over n <= periods / 10 steps. Gottwald and Melbourne 2009,
+    doi:10.1137/080718851. A series that does not vary has K = 0. Noise is chaotic to this test.
+
+    **Arguments:** `series`: phi, shape (*cases, periods), one scalar per forcing period and not an oversampled
+    record; `samples`: how many c; `seed`: of the random c.
+
+    **Returns:** shape (*cases,), NaN for series that are not finite.
+
+    **Raises:** `ValueError` for fewer than 40 periods and settings out of range.
+    """
+    x = np.asarray(series, dtype=float)
+    if x.ndim == 0 or x.shape[-1] < 40:
+        raise ValueError(f"Argument `series` must be of 40 periods or more, but is of shape {x.shape}.")
+    count = whole("samples", samples, 1)
+    c = np.random.default_rng(seed).uniform(math.pi / 5, 4 * math.pi / 5, count)
+    rows = [_growth_of_displacement(row, c) for row in x.reshape(-1, x.shape[-1])]
+    return np.reshape(rows, x.shape[:-1])
+
+
+def classify(strobe, *, scales=None, max_period=16, tolerance=1e-3, floor=1e-6, seed=0) -> Attractors:
+    """Names what each motion settled to.
+
+    - "period": after n periods the states recur, within `tolerance` of the attractor's extent or within `floor`, from
+      one period n to the next and over a quarter of the record. Or the residual of recurrence decays geometrically
+      to zero (`Decay.convincing`): a slow transient. n is the smallest possible.
+    - "chaotic": K of the 0-1 test above `IRREGULAR`, and neighbours move apart.
+    - "torus": K below `REGULAR`, neighbours stay near, the states fill the section evenly, their mean and spread do
+      not drift, and the residuals over all lags do not fall together.
+    - "unresolved": everything else. Records below `MIN_TEST` periods can only be periodic or unresolved.
+
+    What this cannot tell: splittings and chaotic bands narrower than the tolerance from the periodic motion they
+    surround; transients that drift by less than the tolerance in a quarter of the record from settled motions; long
+    chaotic transients from chaos. Noise, and chaos of so many dimensions that the record has no near neighbours, are
+    "unresolved".
+
+    **Arguments:** `strobe`: states once per forcing period without the transient, shape (*cases, periods, states) or
+    (periods, states), 16 periods or more; `scales`, shape (states,): what counts as one of each state, in the states'
+    units, by default the greatest magnitude over all cases and periods (1 where that is below 1e-12, so that the
+    rounding of a state that is zero by symmetry is not blown up): better give scales, such as clearance and
+    clearance times frequency; `max_period`: greatest n (at most a quarter of the record is tried); `tolerance`:
+    of the attractor's extent, the greatest peak-to-peak of a scaled state in the last quarter of the record, and
+    above the error of an integration that is accurate to 1e-4; `floor` [scales]: distances below are zero; `seed`:
+    of the 0-1 test.
+
+    **Returns:** `Attractors`; cases that are not finite are "unresolved".
+
+    **Raises:** `ValueError` for arrays of other shapes, too few periods and settings out of range.
+    """
+    x, scales = _scaled(strobe, scales)
+    most = whole("max_period", max_period, 1)
+    if x.shape[-2] < 16:
+        raise ValueError(f"Argument `strobe` must be of 16 periods or more, but is of shape {x.shape}.")
+    for name, value in (("tolerance", tolerance), ("floor", floor)):
+        if not 0 < value < 1:
+            raise ValueError(f"Argument `{name}` must be above 0 and below 1, but is {value!r}.")
+    cases = [_classify(case, most, tolerance, floor, seed) for case in x.reshape(-1, *x.shape[-2:])]
+    return Attractors(*(np.reshape(np.array(column), x.shape[:-2]) for column in zip(*cases, strict=True)))
+
+
+def _scaled(strobe, scales):
+    x = np.asarray(strobe, dtype=float)
+    if x.ndim < 2 or 0 in x.shape or x.shape[-2] < 2:
+        raise ValueError(f"Argument `strobe` must be of shape (*cases, periods, states), but is {x.shape}.")
+    if scales is None:
+        every = x.reshape(-1, x.shape[-1])
+        scales = np.max(np.abs(every), axis=0, initial=0.0, where=np.isfinite(every))
+        scales = np.where(scales < 1e-12, 1.0, scales)
+    scales = np.asarray(scales, dtype=float)
+    if scales.shape not in ((), x.shape[-1:]):
+        raise ValueError(f"Argument `scales` must be of shape {x.shape[-1:]}, but is {scales.shape}.")
+    if not np.all((scales > 0) & (scales < np.inf)):
+        raise ValueError(f"Argument `scales` must be positive, but is {scales!r}.")
+    return x / scales, scales
+
+
+def _classify(x, most, tolerance, floor, seed):
+    """One case: the entries of `Attractors`."""
+    periods = len(x)
+    if not np.isfinite(x).all():
+        bad = int(np.flatnonzero(~np.isfinite(x).all(-1))[0])
+        return "unresolved", 0, np.nan, np.nan, np.nan, np.nan, f"non-finite states from period {bad} on"
+    quarter = periods // 4
+    extent = float(np.ptp(x[-quarter:], axis=0).max())
+    lags = range(1, min(most, quarter) + 1)
+    series = recurrence(x, scales=1.0, max_period=lags[-1])
+    tail = lambda n: max(n, periods // 10)
+    at_end = {n: float(series[n - 1, -tail(n) :].max()) for n in lags}
+    best = min(lags, key=at_end.get)
+    k = np.nan
+    if periods >= MIN_TEST:
+        part = _irregular_part(x, best)
+        # below the tolerance only rounding and errors are left, whose K says nothing
+        k = float(zero_one_test(part, seed=seed)) if np.ptp(part) > max(tolerance * extent, floor) else 0.0
+    shorter = lambda n: [m for m in range(1, n) if n % m == 0]
+
+    def fit(n, lowest=floor, start=0):
+        windows = (periods - max(start, n)) // max(n, 4)
+        if windows < 6:
+            return Decay(*[np.array(np.nan)] * 4)
+        return decay_rate(series[n - 1, start:], windows=min(12, windows), floor=lowest)
+
+    def answer(kind, n, lag, evidence, decay=None, growth=np.nan):
+        return kind, n, at_end[lag], float((decay or fit(lag)).rate), growth, k, evidence
+
+    for n in lags:
+        near = max(tolerance * extent, floor)
+        if at_end[n] > near:
+            continue
+        # slow drifts, of a motion near a resonance or a bifurcation, show over many periods, and in a short record
+        # only by their onset; they must be small against what tells period n from its divisors too
+        far = n * max(2, quarter // n)
+        drift = np.abs(x[-tail(n) :] - x[-tail(n) - far : periods - far]).max()
+        split = min((at_end[m] for m in shorter(n)), default=extent)
+        if drift > max(min(near * min(1, far / 100), 3 * tolerance * split), floor):
+            continue
+        growing = fit(n, 1e-14)  # off an unstable motion, from the rounding on
+        if growing.fall < -math.log(10) and growing.fit > 0.95:
+            text = f"recurs after {n} periods, but the residual grows by {-growing.rate:.2g} per period"
+            return answer("unresolved", 0, n, text)
+        return answer(
+            "period", n, n, f"recurs after {n} periods within {at_end[n]:.1e}, of an extent of {extent:.1e}"
+        )
+
+    for n in lags:
+        for start in (0, periods // 2):  # the whole record, or its second half where the first had other transients
+            decay = fit(n, start=start)
+            # of period n and no less only if what tells it from its divisors stays
+            if decay.convincing and all(abs(fit(m, start=start).fall) < 0.3 * decay.fall for m in shorter(n)):
+                text = f"residual over {n} periods decays by {decay.rate:.2g} per period, to {at_end[n]:.1e} so far"
+                return answer("period", n, n, text, decay)
+
+    if periods < MIN_TEST:
+        text = f"no recurrence, and {periods} periods are too few to tell a torus from chaos ({MIN_TEST} needed)"
+        return answer("unresolved", 0, best, text)
+    if extent < 100 * floor:
+        text = f"no recurrence, but the extent of {extent:.1e} is near the floor of {floor:.0e}"
+        return answer("unresolved", 0, best, text)
+    first, growth, gap, mixing = _neighbours(x)
+    drift, rates = _drift(x), np.array([fit(n).rate for n in lags])
+    facts = f"K = {k:.2f}, ln growth of neighbours {first:.2f} in one period, then {growth:.2f}"
+    if k > IRREGULAR and first + growth > APART and growth > NEAR:
+        return answer("chaotic", 0, best, facts, growth=growth)
+    if k >= REGULAR or growth >= NEAR:
+        return answer("unresolved", 0, best, f"{facts}: neither regular nor chaotic", growth=growth)
+    if gap < 0.05 * extent / periods:
+        text = f"{facts}, but the states bunch: a period above {lags[-1]}, or one not reached yet"
+        return answer("unresolved", 0, best, text, growth=growth)
+    if drift > 0.01 or mixing > 3 or np.std(rates) < 0.3 * abs(np.mean(rates)):  # all residuals fall alike: a spiral
+        return answer("unresolved", 0, best, f"{facts}, but the states still drift or spiral", growth=growth)
+    text = f"{facts}, no recurrence up to {lags[-1]} periods, no decay, no drift"
+    return answer("torus", 0, best, text, growth=growth)
+
+
+def _irregular_part(x, n):
+    """A scalar for the 0-1 test: the scaled states along the direction in which they vary most, without the part of
+    period n, by which chaos in n bands, visited in turn, would look regular."""
+    y = x - x.mean(0)
+    series = y @ np.linalg.svd(y, full_matrices=False)[2][0]
+    for phase in range(n):
+        series[phase::n] -= series[phase::n].mean()
+    return series
+
+
+def _geometric_fit(row, windows, floor):
+    row = row[int(np.argmin(np.isnan(row))) :]
+    length = len(row) // windows
+    if length == 0 or not np.isfinite(row).all():
+        return [np.nan] * 4
+    envelope = row[len(row) - windows * length :].reshape(windows, length).max(1)
+    k = np.flatnonzero(envelope > floor)
+    if len(k) < 6:
+        return [np.nan] * 4
+    y = np.log(envelope[k])
+    slope, offset = np.polyfit(k, y, 1)
+    spread = np.sum((y - y.mean()) ** 2)
+    fit = 1 - np.sum((y - offset - slope * k) ** 2) / spread if spread > 0 else 0.0
+    half = len(k) // 2
+    first, second = np.polyfit(k[:half], y[:half], 1)[0], np.polyfit(k[half:], y[half:], 1)[0]
+    return [-slope / length, -slope * (k[-1] - k[0]), fit, second / first if first else np.nan]
+
+
+def _growth_of_displacement(series, c):
+    """Median over c of the correlation of n with D_c(n)."""
+    if not np.isfinite(series).all():
+        return np.nan
+    if np.ptp(series) <= 1e-12 * np.abs(series).max():
+        return 0.0
+    series = series / np.abs(series).max()
+    most = len(series) // 10
+    steps, count = np.arange(1, most + 1), len(series) - most
+    z = np.cumsum(series * np.exp(1j * np.outer(c, np.arange(len(series)))), axis=-1)
+    # sum over j < count of |z_{j+n} - z_j|^2: the squares by running sums, the products as a correlation by FFT
+    square = np.cumsum(np.abs(z) ** 2, axis=-1)
+    moved = square[:, steps + count - 1] - square[:, steps - 1]
+    size = 1 << (len(series) + count).bit_length()
+    product = np.fft.ifft(np.fft.fft(z, size) * np.conj(np.fft.fft(z[:, :count], size)))[:, steps].real
+    displacement = (moved + square[:, [count - 1]] - 2 * product) / count
+    angle = c[:, None]
+    displacement -= series.mean() ** 2 * (1 - np.cos(steps * angle)) / (1 - np.cos(angle))
+    a, b = steps - steps.mean(), displacement - displacement.mean(1, keepdims=True)
+    spread = np.sqrt(np.sum(a**2) * np.sum(b**2, axis=1))
+    return float(np.median(b @ a / np.where(spread > 0, spread, 1.0)))
+
+
+def _neighbours(x):
+    """How neighbours on the section fare, and how evenly the states fill it.
+
+    **Returns:** the mean growth of ln of the distance of nearest neighbours in one period, and from there on to
+    `AHEAD` periods (Rosenstein, Collins and De Luca 1993, doi:10.1016/0167-2789(93)90009-P); the median distance of
+    nearest neighbours; how much further states of the second half find their nearest in the first half than in
+    their own.
+    """
+    periods = len(x)
+    distance = np.zeros((periods, periods))
+    for state in x.T:  # one state at a time, to save memory
+        np.maximum(distance, np.abs(state[:, None] - state), out=distance)
+    tiny = 1e-12 * distance.max()
+    ahead, half = min(AHEAD, periods // 5), periods // 2
+    known = periods - ahead
+    place = np.arange(periods)
+    apart = np.where(np.abs(place[:, None] - place) < THEILER, np.inf, distance)
+    first, other = place[:known], np.argmin(apart[:known, :known], axis=1)
+    steps = np.arange(ahead + 1)[:, None]
+    mean = np.log(np.maximum(distance[first + steps, other + steps], tiny)).mean(1)
+    # the first step apart: the nearest neighbour was chosen for being near, and in noise is not one period on
+    growth = mean[ahead // 2 :].mean() - mean[1]
+    own = np.where(place[half:, None] == place[half:], np.inf, distance[half:, half:]).min(1)
+    mixing = np.median(distance[half:, :half].min(1)) / max(np.median(own), tiny)
+    return float(mean[1] - mean[0]), float(growth), float(np.median(apart.min(1))), float(mixing)
+
+
+def _drift(x):
+    """Greatest change of a state's mean and spread from the first to the second half, over the greatest spread.
+
+    Tapered by a Hann window, or the turns of a torus that the halves cut would count as drift.
+    """
+    half = len(x) // 2
+    weight = np.sin(np.pi * (np.arange(half) + 0.5) / half) ** 2
+    weight = weight / weight.sum()
+    means, spreads = [], []
+    for part in (x[:half], x[-half:]):
+        means.append(weight @ part)
+        spreads.append(np.sqrt(weight @ (part - means[-1]) ** 2))
+    change = np.maximum(np.abs(np.subtract(*means)), np.abs(np.subtract(*spreads)))
+    return float(change.max() / max(np.max(spreads), 1e-300))

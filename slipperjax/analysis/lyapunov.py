@@ -1,0 +1,346 @@
+"""Lyapunov spectra of any differentiable map or ODE, from its exact tangent dynamics (Benettin et al. 1980).
+
+A system is a `step(state, k)`: the state (a pytree of floats) at the end of the orthonormalisation interval number
+k. Tangents are carried through it by forward mode, and made orthonormal at its end; the logarithms of what they
+grew by are the local exponents, and their means the spectrum (doi:10.1007/BF02128236).
+
+`step` must be differentiable *as a map*. An event inside it (a touchdown, a switch) has to happen at an instant
+that depends on the state in a differentiable way: a force that jumps at the end of whichever integration step saw
+the event has a derivative which lacks the saltation term, and an exponent that is wrong however short the steps.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Complex, Float
+
+from ..checks import finite, positive, whole
+from ..compilation import is_traced, jit
+from .statistics import kaplan_yorke, standard_error
+
+Step = Callable[[Any, Any], Any]
+"""The state at the end of an interval, from the state at its start and its index, a float."""
+Scale = Callable[[Any], Any]
+"""Weights of a state's components: the norm of a tangent is the root of the sum of (weight tangent)^2."""
+
+
+class LyapunovSpectrum(eqx.Module):
+    """Exponents, and what it takes to go on. With leading axes (lanes) throughout where it comes out of a `vmap`."""
+
+    history: Float[Array, "*lanes intervals count"]
+    """Logarithm of the growth in each interval."""
+    state: Any
+    """The state at the end."""
+    tangents: Any
+    """The orthonormal tangents there: like the state, with a leading axis of length count."""
+    index: Float[Array, "*lanes"]
+    """Index of the interval that comes next."""
+    periods: Float[Array, "*lanes"]
+    """Periods in an interval [1]."""
+    period: Float[Array, "*lanes"]
+    """Length of a period [s], or in whatever unit the system's time has."""
+    reached: bool | None = eqx.field(static=True)
+    """Whether the standard error that was asked for was reached; None where none was asked for."""
+
+    @property
+    def per_period(self) -> Float[Array, "*lanes count"]:
+        """Exponents [1/period]."""
+        return jnp.mean(self.history, axis=-2) / self.periods[..., None]
+
+    @property
+    def per_second(self) -> Float[Array, "*lanes count"]:
+        """Exponents [1/s]."""
+        return self.per_period / self.period[..., None]
+
+    @property
+    def stderr(self) -> Float[np.ndarray, "*lanes count"]:
+        """Standard errors of `per_period` [1/period], see `standard_error`; not for use under a transformation."""
+        return standard_error(self.history) / np.asarray(self.periods)[..., None]
+
+    @property
+    def kaplan_yorke(self) -> Float[np.ndarray, "*lanes"]:
+        """Kaplan-Yorke dimension, see `kaplan_yorke`; not for use under a transformation."""
+        return kaplan_yorke(self.per_period)
+
+
+def weights_of(state: Any, scale: Scale | None) -> Float[Array, " size"] | None:
+    """The weights of all components in one array; None for ones."""
+    if scale is None:
+        return None
+    full = jax.tree.map(lambda s, w: jnp.broadcast_to(jnp.asarray(w, s.dtype), s.shape), state, scale(state))
+    return ravel_pytree(full)[0]
+
+
+def fixed_directions(seed: int, count: int, size: int, weights: Array | None) -> Float[Array, "count size"]:
+    """Directions that have something of everything that has a weight; the same in every run."""
+    normal = jnp.asarray(np.random.default_rng(seed).standard_normal((count, size)))
+    if weights is None:
+        return normal
+    return jnp.where(weights > 0, 1 / jnp.where(weights > 0, weights, 1.0), 0.0)[None] * normal
+
+
+def gram_schmidt(rows: Array, weights: Array | None) -> tuple[Float[Array, "count size"], Float[Array, " count"]]:
+    """Orthonormal rows, and the logarithms of the diagonal of R: Gram-Schmidt, each row projected twice.
+
+    A row of which nothing remains gives a logarithm of about -354 (in double precision, the root of the smallest
+    number) and is taken up anew in a fixed direction, orthogonal to the rows before it.
+    """
+    count, size = rows.shape
+    tiny = jnp.finfo(rows.dtype).tiny
+    dual = (lambda a: a) if weights is None else (lambda a: weights[None] ** 2 * a)
+    spare = fixed_directions(1, count, size, weights)
+    basis, logs = [], []
+    for row, other in zip(rows, spare, strict=True):
+        pair = jnp.stack([row, other])
+        if basis:
+            before = jnp.stack(basis)
+            for _ in range(2):
+                pair = pair - (dual(pair) @ before.T) @ before
+        square, anew = jnp.sum(dual(pair) * pair, axis=1)
+        dead, hopeless = square <= tiny, ~(anew > tiny)
+        length = jnp.sqrt(jnp.where(jnp.isfinite(square), jnp.maximum(square, tiny), jnp.nan))
+        again = jnp.where(hopeless, 0.0, pair[1] / jnp.sqrt(jnp.where(hopeless, 1.0, anew)))
+        basis.append(jnp.where(dead, again, pair[0] / length))
+        logs.append(jnp.log(length))
+    return jnp.stack(basis), jnp.stack(logs)
+
+
+def orthonormalise(tangents: Any, state: Any, scale: Scale | None = None) -> tuple[Any, Float[Array, " count"]]:
+    """Orthonormal tangents at `state`, and the logarithms of their lengths; NaN where `state` is not finite."""
+    flat, unravel = ravel_pytree(state)
+    rows = jax.vmap(lambda t: ravel_pytree(t)[0])(tangents)
+    rows = jnp.where(jnp.all(jnp.isfinite(flat)), rows, jnp.nan)
+    rows, logs = gram_schmidt(rows, weights_of(state, scale))
+    return jax.vmap(unravel)(rows), logs
+
+
+def first_tangents(state: Any, count: int, scale: Scale | None = None) -> Any:
+    """`count` orthonormal tangents in fixed general directions; zero in the components that have no weight."""
+    flat, unravel = ravel_pytree(state)
+    directions = fixed_directions(0, count, flat.size, weights_of(state, scale))
+    return orthonormalise(jax.vmap(unravel)(directions), state, scale)[0]
+
+
+def push_tangents(
+    step: Step,
+    state: Any,
+    tangents: Any,
+    intervals: int,
+    *,
+    index: Any = 0.0,
+    scale: Scale | None = None,
+    distance: Any = None,
+) -> tuple[Any, Any, Float[Array, "intervals count"]]:
+    """Carries orthonormal tangents through `intervals` intervals. Pure; jit or vmap it.
+
+    **Arguments:**
+
+    - `step`, `state`: the system and where it starts.
+    - `tangents`: like the state, with a leading axis of length count.
+    - `index`: index of the first interval.
+    - `scale`: gives the weights of the components at a state, like the state or broadcasting to it. A component of
+        weight zero is left out of the norm; its tangent is carried and divided along with the rest.
+    - `distance`: where given, tangents are differences to neighbours this far away instead of derivatives.
+
+    **Returns:** the state and the tangents at the end, and the logarithms of the growth in each interval.
+    """
+
+    def moved(state, tangent, k):  # what does not depend on the tangent is not batched: computed once for all
+        if distance is None:
+            return jax.jvp(lambda s: step(s, k), (state,), (tangent,))
+        end = step(state, k)
+        near = step(jax.tree.map(lambda s, t: s + distance * t, state, tangent), k)
+        return end, jax.tree.map(lambda a, b: (a - b) / distance, near, end)
+
+    def interval(carry, k):
+        state, tangents = carry
+        state, tangents = jax.vmap(moved, in_axes=(None, 0, None), out_axes=(None, 0))(state, tangents, k)
+        tangents, logs = orthonormalise(tangents, state, scale)
+        return (state, tangents), logs
+
+    (state, tangents), history = jax.lax.scan(interval, (state, tangents), index + jnp.arange(float(intervals)))
+    return state, tangents, history
+
+
+def map_spectrum(
+    step: Step,
+    state: Any,
+    intervals: int,
+    *,
+    count: int | None = None,
+    transient: int = 0,
+    align: int = 0,
+    scale: Scale | None = None,
+    index: Any = 0.0,
+    periods: Any = 1.0,
+    period: Any = 1.0,
+    until_stderr: float | None = None,
+    max_intervals: int | None = None,
+    distance: Any = None,
+) -> LyapunovSpectrum:
+    """Lyapunov spectrum of a map, or of whatever `step` integrates.
+
+    Compiled once for each `step`: a lambda made anew is compiled anew, an `equinox.Module` with other numbers in
+    its arrays is not. For many starts, `jax.jit(jax.vmap(...))` over this function.
+
+    **Arguments:**
+
+    - `step`: `step(state, k)`, the state one interval on. Neither so long that a tangent grows or shrinks by more
+        than about 1e12 relative to another, nor so short that orthonormalising costs more than stepping.
+    - `state`: a pytree of real numbers.
+    - `intervals`: number of intervals, or with `until_stderr` the number in a block.
+    - `count`: number of exponents, the largest first; default all.
+    - `transient`: intervals that the state runs before anything else; `align`: intervals after these in which the
+        tangents turn into their directions, and which are not counted either.
+    - `scale`: weights of the components, see `push_tangents`.
+    - `index`: index of the very first interval.
+    - `periods`: periods in an interval; `period`: length of a period [s].
+    - `until_stderr`: runs blocks until the standard error of the first exponent [1/period] is no more than this, or
+        `max_intervals` (default 100 blocks) have been counted. Not under a transformation.
+    - `distance`: see `push_tangents`; `two_trajectory_exponent` is the way to use it.
+
+    **Raises:** `ValueError` that names the argument which is wrong.
+    """
+    check_functions(step, scale)
+    state = check_state(state)
+    size = sum(leaf.size for leaf in jax.tree.leaves(state))
+    count = size if count is None else whole("count", count, 1)
+    if count > size:
+        raise ValueError(f"Argument `count` must be at most {size}, the size of the state, but is {count}.")
+    index, transient = unless_traced(finite("index"), index), whole("transient", transient, 0)
+    state, tangents = _compiled(_begin, (step, scale), (count, transient > 0), state, index, transient)
+    history = jnp.zeros((0, count), jnp.result_type(*jax.tree.leaves(state)))
+    periods = unless_traced(positive("periods"), periods)
+    period = unless_traced(positive("period", "s"), period)
+    result = LyapunovSpectrum(history, state, tangents, index + transient, periods, period, None)
+    return _extend(result, step, intervals, scale, distance, whole("align", align, 0), until_stderr, max_intervals)
+
+
+def extend_spectrum(
+    result: LyapunovSpectrum,
+    step: Step,
+    intervals: int,
+    *,
+    scale: Scale | None = None,
+    until_stderr: float | None = None,
+    max_intervals: int | None = None,
+    distance: Any = None,
+) -> LyapunovSpectrum:
+    """Goes on from where `result` ended: the same as one run of all the intervals, to rounding.
+
+    **Arguments:** as for `map_spectrum`, and `step`, `scale` and `distance` the same as there; `max_intervals` is
+    for all intervals together.
+    """
+    check_functions(step, scale)
+    return _extend(result, step, intervals, scale, distance, 0, until_stderr, max_intervals)
+
+
+def _extend(result, step, intervals, scale, distance, align, until_stderr, max_intervals):
+    block = whole("intervals", intervals, 1)
+    distance = None if distance is None else positive("distance")(distance)
+    functions = (step, scale)
+    end = (result.state, result.tangents, result.index)
+    if until_stderr is None:
+        *end, history = _compiled(_run, functions, (align, align + block), *end, distance)
+        if result.history.shape[0]:
+            history = jnp.concatenate([result.history, history])
+        return LyapunovSpectrum(history, *end, result.periods, result.period, None)
+    if is_traced((functions, result)):
+        raise ValueError("Argument `until_stderr` must be None under jit, vmap or grad, but is a number.")
+    goal = float(positive("until_stderr")(until_stderr))
+    limit = 100 * block if max_intervals is None else whole("max_intervals", max_intervals, 1)
+    history = np.asarray(result.history)
+    while True:
+        *end, rows = _compiled(_run, functions, (0, block), *end, distance)
+        rows = np.asarray(rows)
+        history, align = np.concatenate([history, rows[align:]]), max(align - block, 0)
+        reached = bool(standard_error(history)[0] <= goal * float(result.periods))
+        if reached or len(history) >= limit or not np.all(np.isfinite(rows)):
+            break
+    return LyapunovSpectrum(jnp.asarray(history), *end, result.periods, result.period, reached)
+
+
+def two_trajectory_exponent(
+    step: Step, state: Any, intervals: int, *, distance: Any = 1e-7, scale: Scale | None = None, **options: Any
+) -> LyapunovSpectrum:
+    """The largest exponent from two trajectories, the second brought back to `distance` after each interval.
+
+    Needs no derivative of `step`, and so certifies one that has a wrong one; to a relative error of about
+    `distance`, in the norm of `scale`, plus the rounding error over `distance`.
+
+    **Arguments:** `options`: as for `map_spectrum`, except `count`.
+    """
+    return map_spectrum(step, state, intervals, count=1, scale=scale, distance=distance, **options)
+
+
+def floquet(step: Step, state: Any, *, index: Any = 0.0) -> Complex[Array, " size"]:
+    """Eigenvalues of the Jacobian of `step` at `state`, the largest modulus first.
+
+    On a periodic orbit of the period of `step` these are its Floquet multipliers; the logarithms of their moduli
+    are the exponents per interval.
+
+    **Raises:** `ValueError` that names the argument which is wrong.
+    """
+    check_functions(step, None)
+    state = check_state(state)
+    multipliers = _compiled(_multipliers, step, (), state, unless_traced(finite("index"), index))
+    return multipliers[jnp.argsort(-jnp.abs(multipliers))]
+
+
+def _multipliers(step, static, state, index):
+    flat, unravel = ravel_pytree(state)
+    return jnp.linalg.eigvals(jax.jacfwd(lambda x: ravel_pytree(step(unravel(x), index))[0])(flat))
+
+
+def _begin(functions, static, state, index, transient):
+    (step, scale), (count, runs) = functions, static
+    if runs:  # the number of intervals is no constant: one program for all
+        state = jax.lax.fori_loop(0, transient, lambda i, s: step(s, index + i), state)
+    return state, first_tangents(state, count, scale)
+
+
+def _run(functions, static, state, tangents, index, distance):
+    (step, scale), (align, intervals) = functions, static
+    state, tangents, history = push_tangents(
+        step, state, tangents, intervals, index=index, scale=scale, distance=distance
+    )
+    return state, tangents, index + intervals, history[align:]
+
+
+def _compiled(fun: Callable, functions: Any, static: tuple, *arrays: Any) -> Any:
+    """`fun(functions, static, *arrays)`, compiled unless some outer transformation is at work."""
+    if is_traced((functions, arrays)):
+        return fun(functions, static, *arrays)
+    numbers, rest = eqx.partition(functions, lambda leaf: isinstance(leaf, jax.Array | np.ndarray))
+    leaves, structure = jax.tree.flatten(rest)
+    return _call(fun, tuple(leaves), structure, static, numbers, arrays)
+
+
+@functools.partial(jit, static_argnums=(0, 1, 2, 3))
+def _call(fun, leaves, structure, static, numbers, arrays):
+    return fun(eqx.combine(numbers, jax.tree.unflatten(structure, leaves)), static, *arrays)
+
+
+def check_functions(step: Any, scale: Any) -> None:
+    """Raises `ValueError` unless both can be called."""
+    for name, value in (("step", step), ("scale", scale)):
+        if not callable(value) and not (name == "scale" and value is None):
+            raise ValueError(f"Argument `{name}` must be a function, but is {value!r}.")
+
+
+def check_state(state: Any) -> Any:
+    """`state` as arrays of floats; raises `ValueError` unless it is a pytree of finite real numbers."""
+    if not jax.tree.leaves(state):
+        raise ValueError(f"Argument `state` must be a pytree of real numbers, but is {state!r}.")
+    return jax.tree.map(lambda leaf: unless_traced(finite("state"), leaf), state)
+
+
+def unless_traced(check: Callable[[Any], Array], value: Any) -> Array:
+    """`check(value)`; without the check where the value cannot be looked at."""
+    return jnp.asarray(value, float) if is_traced(value) else check(value)

@@ -1,0 +1,92 @@
+"""Lyapunov spectra of ordinary differential equations, by any diffrax solver."""
+
+from collections.abc import Callable
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+from jaxtyping import Array, Float
+
+from ..checks import finite, positive, whole
+from .lyapunov import LyapunovSpectrum, map_spectrum, unless_traced
+
+
+class OdeStep(eqx.Module):
+    """`step` of an ODE: one `diffrax.diffeqsolve` with constant steps over each interval. See `ode_step`."""
+
+    vector_field: Callable[[Any, Any, Any], Any]
+    solver: diffrax.AbstractSolver
+    args: Any
+    t0: Float[Array, ""]
+    duration: Float[Array, ""]
+    """Length of an interval, in the ODE's unit of time."""
+    steps: int = eqx.field(static=True)
+
+    def __call__(self, state: Any, k: Any) -> Any:
+        def field(t, y, args):
+            t_start, duration, args = args
+            return jax.tree.map(lambda r: duration * r, self.vector_field(t_start + duration * t, y, args))
+
+        solution = diffrax.diffeqsolve(
+            diffrax.ODETerm(field),
+            self.solver,
+            t0=0.0,  # from 0 to 1 in each interval, so that all have the same steps
+            t1=1.0,
+            dt0=1 / self.steps,
+            y0=state,
+            args=(self.t0 + k * self.duration, self.duration, self.args),
+            stepsize_controller=diffrax.ConstantStepSize(),
+            adjoint=diffrax.ForwardMode(),
+            max_steps=self.steps + 1,
+            throw=False,
+        )
+        return jax.tree.map(lambda ys: ys[0], solution.ys)
+
+
+def ode_step(
+    vector_field: Callable[[Any, Any, Any], Any],
+    *,
+    dt: Any,
+    steps: int,
+    solver: diffrax.AbstractSolver | None = None,
+    args: Any = None,
+    t0: Any = 0.0,
+) -> OdeStep:
+    """`step` of the ODE y' = vector_field(t, y, args): `steps` steps of `dt` per interval, the first at time `t0`.
+
+    **Arguments:** `solver`: any diffrax solver; default `diffrax.Tsit5()`.
+
+    **Raises:** `ValueError` that names the argument which is wrong.
+    """
+    if not callable(vector_field):
+        raise ValueError(f"Argument `vector_field` must be a function, but is {vector_field!r}.")
+    if solver is not None and not isinstance(solver, diffrax.AbstractSolver):
+        raise ValueError(f"Argument `solver` must be a diffrax solver, but is {solver!r}.")
+    steps = whole("steps", steps, 1)
+    duration = steps * unless_traced(positive("dt"), dt)
+    solver = diffrax.Tsit5() if solver is None else solver
+    return OdeStep(vector_field, solver, args, unless_traced(finite("t0"), t0), duration, steps)
+
+
+def ode_spectrum(
+    vector_field: Callable[[Any, Any, Any], Any],
+    state: Any,
+    intervals: int,
+    *,
+    dt: Any,
+    steps: int,
+    solver: diffrax.AbstractSolver | None = None,
+    args: Any = None,
+    t0: Any = 0.0,
+    **options: Any,
+) -> LyapunovSpectrum:
+    """Lyapunov spectrum of an ODE. `per_second` is per unit of its time.
+
+    **Arguments:** up to `t0` as for `ode_step`; `options` as for `map_spectrum`. Where `period` is given, an
+    interval has `dt * steps / period` periods, and by default one, which is the interval itself.
+    """
+    step = ode_step(vector_field, dt=dt, steps=steps, solver=solver, args=args, t0=t0)
+    period = options.pop("period", step.duration)
+    options.setdefault("periods", step.duration / unless_traced(positive("period"), period))
+    return map_spectrum(step, state, intervals, period=period, **options)

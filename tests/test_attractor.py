@@ -1,0 +1,284 @@
+"""Names of attractors that are known: maps, a driven Duffing oscillator, linear oscillators and tori."""
+
+import numpy as np
+import pytest
+
+from slipperjax.analysis.attractor import KINDS, classify, decay_rate, recurrence, zero_one_test
+
+GOLDEN = (5**0.5 - 1) / 2
+
+
+def logistic(rates, periods=500, transient=300):
+    """Shape (rates, periods, 1), and the Lyapunov exponents."""
+    r = np.asarray(rates, dtype=float)
+    x, out = np.full(r.shape, 0.4), []
+    for _ in range(transient + periods):
+        x = r * x * (1 - x)
+        out.append(x)
+    strobe = np.stack(out[transient:], -1)
+    exponent = np.log(np.maximum(abs(r[:, None] * (1 - 2 * strobe)), 1e-12)).mean(-1)
+    return strobe[..., None], exponent
+
+
+def duffing(gammas, periods=300, transient=200, steps=60):
+    """x'' + 0.3 x' - x + x^3 = gamma cos(1.2 t), once per forcing period."""
+    gamma, omega = np.asarray(gammas), 1.2
+    h = 2 * np.pi / omega / steps
+    force = np.cos(np.pi * np.arange(2 * steps + 1) / steps)  # also in the middle of the steps
+    field = lambda s, f: np.stack([s[1], f * gamma - 0.3 * s[1] + s[0] - s[0] ** 3])
+    state, out = np.stack([np.ones_like(gamma), np.zeros_like(gamma)]), []
+    for _ in range(transient + periods):
+        for i in range(steps):
+            k1 = field(state, force[2 * i])
+            k2 = field(state + h / 2 * k1, force[2 * i + 1])
+            k3 = field(state + h / 2 * k2, force[2 * i + 1])
+            k4 = field(state + h * k3, force[2 * i + 2])
+            state = state + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        out.append(state)
+    return np.moveaxis(np.array(out[transient:]), -1, 0)
+
+
+def torus(rotation, periods=500):
+    """A bent closed curve on the section, with an even rotation along it."""
+    a = 2 * np.pi * rotation * np.arange(periods) + 0.1
+    r = 1 + 0.3 * np.cos(2 * a) + 0.1 * np.sin(3 * a)
+    return np.stack([r * np.cos(a) + 0.2 * np.cos(a) ** 2, 0.5 * r * np.sin(a)], -1)
+
+
+def spiral(rate, turn, periods):
+    """A linear oscillator that approaches a forced motion of period 1."""
+    z = np.exp((-rate + 1j * turn) * np.arange(periods))
+    return np.stack([1 + 0.5 * z.real, 0.3 + 0.5 * z.imag], -1)
+
+
+def names(result):
+    return [f"{kind} {n}" if n else str(kind) for kind, n in zip(result.kind, result.period, strict=True)]
+
+
+def test_logistic_periods():
+    known = {
+        2.95: 1,
+        2.99: 1,
+        3.01: 2,
+        3.2: 2,
+        3.44: 2,
+        3.46: 4,
+        3.5: 4,
+        3.54: 4,
+        3.55: 8,
+        3.566: 16,
+        3.83: 3,
+        3.845: 6,
+    }
+    result = classify(logistic(list(known))[0])
+    assert names(result) == [f"period {n}" for n in known.values()]
+    assert np.all(result.residual < 1e-4)  # found: 3e-5 [scales], at 2.99, which still decays
+
+
+def test_logistic_chaos():
+    strobe, exponent = logistic([3.575, 3.58, 3.6, 3.65, 3.7, 3.8, 3.9, 4.0])  # the first four in 2 to 8 bands
+    assert np.all(exponent > 0.05)
+    result = classify(strobe)
+    assert names(result) == ["chaotic"] * 8
+    assert np.all(result.k > 0.9)  # found: 0.979 and more
+    assert np.all(result.growth > 1)  # found: 2.03 and more
+
+
+def test_at_period_doublings_and_above_the_greatest_period_nothing_is_claimed():
+    # the first three doublings, where transients are not geometric; 2 e-5 to both sides of them; periods 32 and 64;
+    # the end of the doublings, with chaos in so many narrow bands that it looks regular
+    doublings = np.array([3.0, 3.449490, 3.544090])
+    rates = [*doublings, *(doublings - 2e-5), *(doublings + 2e-5), 3.569, 3.5696, 3.569946, 3.57]
+    for transient in (0, 300):
+        result = classify(logistic(rates, transient=transient)[0])
+        assert names(result) == ["unresolved"] * len(rates)
+    # a little further off they settle, in 5000 periods
+    strobe, _ = logistic([2.998, 3.002, 3.448, 3.451], transient=5000)
+    assert names(classify(strobe)) == ["period 1", "period 2", "period 2", "period 4"]
+
+
+def test_chaos_by_intermittency_is_never_regular():
+    strobe, exponent = logistic([3.8282, 3.8283, 3.8284], transient=1000)
+    assert np.all(exponent > 0)
+    assert set(classify(strobe).kind) <= {"chaotic", "unresolved"}
+
+
+def test_duffing_oscillator():
+    gammas = {
+        0.20: "period 1",
+        0.28: "period 2",
+        0.29: "period 4",
+        0.37: "period 5",
+        0.50: "chaotic",
+        0.65: "period 2",
+    }
+    result = classify(duffing(list(gammas)))
+    assert names(result) == list(gammas.values())
+    chaos = list(gammas).index(0.50)
+    assert result.k[chaos] > 0.9  # found: 0.976
+    assert result.growth[chaos] > 1  # found: 4.12
+    assert "recurs after 4 periods" in str(result.evidence[2])
+
+
+@pytest.mark.parametrize("turn", [1.3, 2.9])
+def test_slow_transients_are_not_tori(turn):
+    # 100 periods are five times the decay time: settled to 1 %
+    result = classify(spiral(0.05, turn, 100))
+    assert (result.kind, result.period) == ("period", 1)
+    assert result.decay == pytest.approx(0.05, rel=0.1)  # found: 0.0493 and 0.0505
+    assert "decays" in str(result.evidence)
+    settled = classify(spiral(0.05, turn, 600))
+    assert (settled.kind, settled.period) == ("period", 1)
+    assert "recurs" in str(settled.evidence)
+    # too slow for the record to tell what is left in the end, but never tori
+    for rate in (2e-3, 5e-4, 1e-4, 2e-5):
+        assert classify(spiral(rate, turn, 300)).kind == "unresolved"
+
+
+def test_tori():
+    strobe = np.stack([torus(x) for x in (GOLDEN, 2**0.5 - 1, 0.1003, 0.0123)])
+    result = classify(strobe)
+    assert names(result) == ["torus"] * 4
+    assert np.all(abs(result.k) < 0.15)  # found: 0.107
+    assert np.all(abs(result.growth) < 0.05)  # found: 0.0096
+    # two torus frequencies beside the forcing, in ten states of very different units
+    a = 2 * np.pi * np.arange(800) * np.array([[GOLDEN], [2**0.5 / 7]])
+    waves = np.concatenate([np.cos(a), np.sin(a), np.cos(a[:1] + a[1:])])
+    units = 10.0 ** np.linspace(-6, 2, 10)
+    states = (np.random.default_rng(0).standard_normal((10, 5)) @ waves).T * units
+    assert classify(states, scales=units).kind == "torus"
+    # a locked torus of a long period, and one so near to locking that it does not get round
+    assert set(classify(np.stack([torus(34 / 55), torus(0.2501)])).kind) == {"unresolved"}
+    assert classify(torus(3 / 11)).period == 11
+
+
+def test_neimark_sacker_bifurcation():
+    # x_{k+1} = a x_k (1 - x_{k-1}): the fixed point gives birth to a torus at a = 2, which locks to 7 periods at 2.2
+    rates = {1.95: "period 1", 2.0: "unresolved", 2.05: "torus", 2.15: "torus", 2.2: "period 7", 2.27: "chaotic"}
+    a = np.array(list(rates))
+    x, y, out = np.full(6, 0.5), np.full(6, 0.51), []
+    for _ in range(2500):
+        x, y = a * x * (1 - y), x
+        out.append((x, y))
+    assert names(classify(np.moveaxis(np.array(out[2000:]), -1, 0))) == list(rates.values())
+
+
+def test_short_records_are_periodic_or_unresolved():
+    strobe = np.stack([torus(GOLDEN, 100), np.repeat(logistic([4.0], 100)[0][0], 2, axis=1)])
+    result = classify(strobe)
+    assert names(result) == ["unresolved", "unresolved"]
+    assert all("too few" in text for text in result.evidence)
+    assert np.isnan(result.k).all()
+    assert names(classify(logistic([3.5, 3.83], 40)[0])) == ["period 4", "period 3"]
+
+
+def test_shapes_and_cases_that_are_not_finite():
+    r = [[2.9, 3.2, 3.5], [3.8, 3.83, 3.9]]
+    strobe = logistic(np.ravel(r))[0].reshape(2, 3, 500, 1).copy()
+    strobe[1, 2, 40:] = np.nan
+    result = classify(strobe)
+    assert all(np.shape(x) == (2, 3) for x in result)
+    assert result.kind.tolist() == [["period"] * 3, ["chaotic", "period", "unresolved"]]
+    assert result.period.tolist() == [[1, 2, 4], [0, 3, 0]]
+    assert set(result.kind.ravel()) <= set(KINDS)
+    assert "non-finite states from period 40" in result.evidence[1, 2]
+    one = classify(strobe[0, 1], scales=strobe[..., :1, :].max((0, 1, 2), initial=0, where=strobe[..., :1, :] > 0))
+    assert one.kind.shape == ()
+    assert one.period == 2
+
+
+def test_rounding_of_a_state_that_is_zero_by_symmetry_does_not_count():
+    strobe = np.tile([1.0, 0.0], (300, 1))
+    strobe[:, 1] = 1e-17 * np.random.default_rng(0).standard_normal(300)
+    assert names(classify(strobe[None])) == ["period 1"]
+    # but its growth does: the symmetric motion is unstable
+    strobe[:, 1] = 1e-13 * np.exp(0.04 * np.arange(300)) * np.cos(np.arange(300))
+    result = classify(strobe, scales=[1.0, 1.0])
+    assert result.kind == "unresolved"
+    assert "grows" in str(result.evidence)
+    # and what is little above the floor is no chaos, whatever it does
+    strobe[:, 1] = 1e-5 * logistic([4.0], 300)[0][0, :, 0]
+    result = classify(strobe, scales=[1.0, 1.0])
+    assert result.kind == "unresolved"
+    assert "near the floor" in str(result.evidence)
+
+
+@pytest.mark.parametrize("states", [1, 4])
+def test_noise_is_not_chaos(states):
+    result = classify(np.random.default_rng(0).standard_normal((500, states)))
+    assert result.kind == "unresolved"
+    assert result.k > 0.95
+    assert abs(result.growth) < 0.1  # found: -0.004 and 0.002; -0.03 to 0.07 with other seeds
+
+
+def test_recurrence():
+    x = np.arange(6.0)[:, None] * [1.0, 4.0]
+    out = recurrence(x, scales=[1.0, 2.0], max_period=8)
+    assert out.shape == (8, 6)
+    for n in range(1, 6):
+        np.testing.assert_array_equal(out[n - 1, n:], 2.0 * n)
+    assert np.isnan(out[:, 0]).all()
+    assert np.isnan(out[5:]).all()
+
+
+def test_decay_rate():
+    k = np.arange(300.0)
+    residual = np.stack(
+        [
+            np.exp(-0.02 * k),
+            np.exp(-0.02 * k) * abs(np.cos(k)),
+            1 / (k + 50),
+            0.2 + np.exp(-0.02 * k),
+            np.exp(0.02 * k),
+        ]
+    )
+    decay = decay_rate(residual)
+    assert decay.convincing.tolist() == [True, True, False, False, False]
+    np.testing.assert_allclose(decay.rate[[0, 4]], [0.02, -0.02], rtol=1e-9)
+    assert decay.rate[1] == pytest.approx(0.02, rel=0.02)  # found: 0.02019
+    assert decay_rate(residual[:1], floor=0.01).rate[0] == pytest.approx(0.02, rel=1e-9)
+    assert np.isnan(decay_rate(np.zeros(300)).rate)
+
+
+def test_zero_one_test():
+    k = np.arange(1000)
+    noise = np.random.default_rng(0).standard_normal(1000)
+    series = np.stack(
+        [np.cos(2 * np.pi * GOLDEN * k), logistic([4.0], 1000)[0][0, :, 0], k % 4, np.ones(1000), noise]
+    )
+    result = zero_one_test(series)
+    # found: -0.009, 0.997, -0.008, 0 and 0.998
+    assert np.all(abs(result[[0, 2, 3]]) < 0.05)
+    assert np.all(result[[1, 4]] > 0.98)
+    # as the sums of the paper
+    c = np.random.default_rng(5).uniform(np.pi / 5, 4 * np.pi / 5, 1)[0]
+    phi = series[1, :100]
+    p, q = np.cumsum(phi * np.cos(c * k[:100])), np.cumsum(phi * np.sin(c * k[:100]))
+    steps = np.arange(1, 11)
+    mean = [np.mean((p[n : n + 90] - p[:90]) ** 2 + (q[n : n + 90] - q[:90]) ** 2) for n in steps]
+    damped = mean - phi.mean() ** 2 * (1 - np.cos(steps * c)) / (1 - np.cos(c))
+    expected = np.corrcoef(steps, damped)[0, 1]
+    assert zero_one_test(phi, samples=1, seed=5) == pytest.approx(expected, abs=1e-10)  # found: 4e-16
+    assert np.isnan(zero_one_test(np.full((2, 50), np.nan))).all()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda x: classify(x[:, 0]), "`strobe` must be of shape"),
+        (lambda x: classify(x[:15]), "`strobe` must be of 16 periods or more"),
+        (lambda x: classify(x, scales=[1.0, 2.0, 3.0]), "`scales` must be of shape"),
+        (lambda x: classify(x, scales=[1.0, 0.0]), "`scales` must be positive"),
+        (lambda x: classify(x, max_period=0), "`max_period` must be a whole number of 1 or more, but is 0"),
+        (lambda x: classify(x, tolerance=0.0), "`tolerance` must be above 0 and below 1, but is 0.0"),
+        (lambda x: classify(x, floor=-1.0), "`floor` must be above 0 and below 1, but is -1.0"),
+        (lambda x: decay_rate(1.0), "`residual` must be of shape"),
+        (lambda x: decay_rate(x[:, 0], windows=5), "`windows` must be a whole number of 6 or more"),
+        (lambda x: decay_rate(x[:, 0], floor=-1.0), "`floor` must be zero or positive"),
+        (lambda x: zero_one_test(x[:39, 0]), "`series` must be of 40 periods or more"),
+        (lambda x: zero_one_test(x[:, 0], samples=0), "`samples` must be a whole number of 1 or more"),
+    ],
+)
+def test_bad_input(call, message):
+    with pytest.raises(ValueError, match=message):
+        call(torus(GOLDEN, 50))

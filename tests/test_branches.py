@@ -1,0 +1,58 @@
+"""Sweeps' attractors told, grouped and followed to where they jump."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import slipperjax as sj
+from slipperjax.branches import attractors, find_jump, groups, strobe_states
+
+
+def dataset(states, dims):
+    return xr.Dataset({"strobe": ((*dims, "period", "coordinate"), states)})
+
+
+def test_groups_are_numbered_by_the_size_of_their_basins():
+    rng = np.random.default_rng(0)
+    kind = np.array([[1, 1, 0], [1, 0, 2], [1, 1, 1]])
+    centre = np.array([0.0, 0.3, 0.6])[kind]
+    states = 1e-3 * (centre[..., None, None] + 1e-3 * rng.standard_normal((3, 3, 30, 10)))
+    states[2, 2] = np.nan
+    found = groups(dataset(states, ("a", "b")))
+    assert found.tolist() == [[0, 0, 1], [0, 1, 2], [0, 0, -1]]
+
+
+OPTIONS = dict(periods=3, steps_per_period=50, chunk=2)  # one compiled program, shared with test_sweep
+
+
+def test_a_settled_case_is_period_1_from_sections_and_from_strobes():
+    grid = {"speed": [1250.0, 1500.0]}
+    sections = sj.sweep(sj.paper_scene(), grid, transient=99, **OPTIONS)
+    assert strobe_states(sections).shape == (2, 102, 10)
+    strobe = sj.sweep(sj.paper_scene(), grid, record="strobe", transient=99, **OPTIONS)
+    # both are the state at the end of a period; measured 1e-13, two programs sum in other orders
+    np.testing.assert_allclose(strobe_states(sections, 3), strobe_states(strobe), rtol=1e-8, atol=1e-12)
+    found = attractors(sections, 40)
+    assert found.period.tolist() == [1, 1], found.evidence
+
+
+def test_paths_are_checked():
+    with pytest.raises(ValueError, match="`path` must name one parameter with increasing values"):
+        find_jump(sj.paper_scene(), {"speed": [1900.0, 1800.0]})
+    with pytest.raises(ValueError, match="`direction` must be one of up, down"):
+        find_jump(sj.paper_scene(), {"speed": [1800.0, 1900.0]}, direction="left")
+    with pytest.raises(ValueError, match="`path` must name one parameter"):
+        sj.follow(sj.paper_scene(), {"speed": [1.0, 2.0], "length": [0.2]})
+
+
+def test_cases_side_by_side():
+    grid = {"speed": [1250.0, 1500.0], "length": [0.2, 0.3]}
+    options = dict(record="strobe", transient=0, **OPTIONS)
+    listed = sj.sweep(sj.paper_scene(), grid, product=False, **options)
+    assert listed["v_y"].dims == ("case", "period")
+    assert listed["length"].dims == ("case",)
+    product = sj.sweep(sj.paper_scene(), grid, **options)
+    diagonal = np.stack([product["v_y"].values[k, k] for k in range(2)])
+    np.testing.assert_array_equal(listed["v_y"].values, diagonal)
+    with pytest.raises(ValueError, match="lists of one length"):
+        sj.sweep(sj.paper_scene(), {"speed": [1.0, 2.0], "length": [0.2]}, product=False)

@@ -1,0 +1,339 @@
+"""Lyapunov spectra: systems whose exponents are known, and the machinery around them."""
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import slipperjax as sj
+from slipperjax.analysis.lyapunov import (
+    extend_spectrum,
+    first_tangents,
+    floquet,
+    gram_schmidt,
+    map_spectrum,
+    orthonormalise,
+    push_tangents,
+    two_trajectory_exponent,
+)
+from slipperjax.analysis.ode import ode_spectrum, ode_step
+from slipperjax.analysis.statistics import kaplan_yorke, standard_error
+
+LANES = 20
+
+
+def henon(state, k):
+    return {"x": 1 - 1.4 * state["x"] ** 2 + state["y"], "y": 0.3 * state["x"]}
+
+
+HENON_START = {"x": 0.1, "y": 0.1}
+
+
+class Rk4(eqx.Module):
+    """A step of several classical Runge-Kutta steps, light to compile."""
+
+    field: object
+    dt: float
+    steps: int
+
+    def __call__(self, y, k):
+        h = self.dt
+
+        def one(i, y):
+            t = (k * self.steps + i) * h
+            a = self.field(t, y)
+            b = self.field(t + h / 2, y + h / 2 * a)
+            c = self.field(t + h / 2, y + h / 2 * b)
+            d = self.field(t + h, y + h * c)
+            return y + h / 6 * (a + 2 * b + 2 * c + d)
+
+        return jax.lax.fori_loop(0, self.steps, one, y)
+
+
+def lorenz(t, y):
+    return jnp.stack([10 * (y[1] - y[0]), y[0] * (28 - y[2]) - y[1], y[0] * y[1] - 8 / 3 * y[2]])
+
+
+def rossler(t, y):
+    return jnp.stack([-y[1] - y[2], y[0] + 0.2 * y[1], 0.2 + y[2] * (y[0] - 5.7)])
+
+
+def duffing(t, y):
+    return jnp.stack([y[1], 7.5 * jnp.cos(t) - 0.05 * y[1] - y[0] ** 3])
+
+
+def spread(start, size):
+    """Starts of independent runs."""
+    return np.asarray(start) + size * np.random.default_rng(5).standard_normal((LANES, len(start)))
+
+
+def lanes(step, starts, intervals, **options):
+    """One run from each start."""
+    return sj.jit(jax.vmap(lambda s: map_spectrum(step, s, intervals, **options)))(starts)
+
+
+def pooled(values, errors):
+    """Mean over the lanes, and its standard error."""
+    return np.mean(np.asarray(values), axis=0), np.sqrt(np.mean(np.square(errors), axis=0) / len(values))
+
+
+@pytest.fixture(scope="module")
+def henon_lanes():
+    first = spread([0.1], 0.05)[:, 0]
+    return lanes(henon, {"x": first, "y": first}, 4000, align=20)
+
+
+def test_henon_map(henon_lanes):
+    exponents, error = pooled(henon_lanes.per_period, henon_lanes.stderr)
+    np.testing.assert_array_less(np.abs(exponents - [0.41922, -1.62319]), 3 * error)
+    assert error.max() < 3e-3  # measured 1.4e-3
+    np.testing.assert_allclose(np.sum(henon_lanes.per_period, axis=-1), np.log(0.3), rtol=1e-12)
+    dimension = np.asarray(henon_lanes.kaplan_yorke)
+    assert dimension.shape == (LANES,)
+    assert abs(dimension.mean() - 1.25827) < 3e-3
+
+
+def test_runs_scatter_as_their_standard_errors_say(henon_lanes):
+    scatter = np.std(henon_lanes.per_period, axis=0, ddof=1)
+    ratio = np.sqrt(np.mean(henon_lanes.stderr**2, axis=0)) / scatter
+    assert np.all((ratio > 0.6) & (ratio < 1.6)), ratio  # measured 1.15; 20 runs know their scatter to 16 %
+
+
+@pytest.fixture(scope="module")
+def lorenz_lanes():
+    return lanes(Rk4(lorenz, 0.005, 100), spread([1.0, 1.0, 20.0], 3.0), 400, transient=20, align=40, period=0.5)
+
+
+def test_lorenz(lorenz_lanes):
+    exponents, error = pooled(lorenz_lanes.per_second, lorenz_lanes.stderr / 0.5)
+    np.testing.assert_array_less(np.abs(exponents - [0.9056, 0.0, -14.5723]), 3 * error)
+    assert error.max() < 9e-3  # measured 4e-3
+    assert abs(exponents.sum() + 41 / 3) < 2e-4  # measured 6e-6
+    assert abs(np.mean(lorenz_lanes.kaplan_yorke) - 2.062) < 1e-3
+    scatter = np.std(lorenz_lanes.per_second, axis=0, ddof=1)
+    ratio = np.sqrt(np.mean(np.square(lorenz_lanes.stderr / 0.5), axis=0)) / scatter
+    assert np.all((ratio > 0.6) & (ratio < 4)), ratio  # measured 1.2, 1.9, 1.1: safe where the history cancels
+
+
+def test_rossler():
+    starts = spread([1.0, 1.0, 0.5], 0.1)
+    runs = lanes(Rk4(rossler, 0.02, 100), starts, 300, transient=50, align=50, period=2.0)
+    exponents, error = pooled(runs.per_second, runs.stderr / 2)
+    np.testing.assert_array_less(np.abs(exponents - [0.0714, 0.0, -5.3943]), 3 * error)
+    assert error[0] < 4e-3  # measured 2e-3
+    assert error.max() < 2e-2  # measured 9e-3
+
+
+def test_forced_duffing_of_ueda():
+    period = 2 * np.pi
+    runs = lanes(Rk4(duffing, period / 400, 400), spread([2.5, 0.0], 0.2), 200, transient=20, align=20, period=period)
+    exponents, error = pooled(runs.per_second, runs.stderr / period)
+    np.testing.assert_array_less(np.abs(exponents - [0.1034, -0.1534]), 3 * error)
+    assert error.max() < 4e-3  # measured 2e-3
+    np.testing.assert_allclose(np.sum(runs.per_second, axis=-1), -0.05, atol=1e-5)  # measured 2e-8
+
+
+def decay(t, y, rates):
+    return -rates * y
+
+
+def test_linear_ode_by_diffrax():
+    rates = jnp.array([1.0, 2.0, 5.0])
+    options = dict(dt=0.01, steps=100, args=rates)
+    run = ode_spectrum(decay, jnp.ones(3), 20, align=30, **options)
+    np.testing.assert_allclose(run.per_second, -rates, atol=1e-5)  # measured 9e-11
+    assert run.history.shape == (20, 3)
+    assert float(run.kaplan_yorke) == 0
+    by_period = ode_spectrum(decay, jnp.ones(3), 20, align=30, period=0.25, **options)
+    np.testing.assert_allclose(by_period.per_period, -rates / 4, atol=1e-5)  # an interval of 1 has four periods
+    np.testing.assert_allclose(by_period.per_second, -rates, atol=1e-5)
+
+
+def test_ode_step_knows_the_time():
+    step = ode_step(lambda t, y, a: jnp.cos(t) + 0 * y, dt=0.05, steps=10, solver=diffrax.Dopri5(), t0=0.3)
+    end = jax.jit(lambda y: step(step(y, 4.0), 5.0))(jnp.zeros(()))
+    np.testing.assert_allclose(end, np.sin(3.3) - np.sin(2.3), rtol=1e-9)  # measured 2e-13
+
+
+def test_resume_equals_one_run():
+    first = map_spectrum(henon, HENON_START, 10, transient=7)
+    both = extend_spectrum(first, henon, 20)
+    whole = map_spectrum(henon, HENON_START, 30, transient=7)  # few: chaos grows rounding errors
+    assert both.history.shape == (30, 2)
+    assert float(both.index) == 37
+    for got, want in zip(jax.tree.leaves(both), jax.tree.leaves(whole), strict=True):
+        np.testing.assert_allclose(got, want, rtol=1e-7)  # measured 0
+    skipped = map_spectrum(henon, HENON_START, 20, transient=7, align=10)
+    np.testing.assert_allclose(skipped.history, whole.history[10:], rtol=1e-7)
+
+
+@pytest.fixture(scope="module")
+def henon_run():
+    return map_spectrum(henon, HENON_START, 30)
+
+
+def test_the_first_exponent_needs_no_others(henon_run):
+    one = map_spectrum(henon, HENON_START, 30, count=1)
+    np.testing.assert_allclose(one.history[:, 0], henon_run.history[:, 0], atol=1e-7)  # measured 5e-11
+
+
+def test_stopping_rule():
+    options = dict(count=1, align=20, max_intervals=20000)
+    run = map_spectrum(henon, HENON_START, 1000, until_stderr=0.01, **options)
+    assert run.reached is True
+    assert run.stderr[0] <= 0.01
+    assert len(run.history) % 1000 == 980  # whole blocks, less the alignment
+    assert abs(float(run.per_period[0]) - 0.41922) < 4 * 0.01
+    more = extend_spectrum(run, henon, 1000, until_stderr=1e-9, max_intervals=len(run.history) + 1500)
+    assert more.reached is False
+    assert len(more.history) == len(run.history) + 2000
+    np.testing.assert_array_equal(more.history[: len(run.history)], run.history)
+
+
+def test_two_trajectories_agree_with_the_tangent(henon_run):
+    pair = two_trajectory_exponent(henon, HENON_START, 30)
+    np.testing.assert_allclose(pair.history[:, 0], henon_run.history[:, 0], atol=1e-5)  # measured 1.6e-6
+
+
+def test_floquet_multipliers_of_a_fixed_point():
+    x = (-0.7 + np.sqrt(0.49 + 5.6)) / 2.8
+    multipliers = floquet(henon, {"x": x, "y": 0.3 * x})
+    root = np.sqrt((1.4 * x) ** 2 + 0.3)
+    np.testing.assert_allclose(multipliers, [-1.4 * x - root, -1.4 * x + root], rtol=1e-12)
+    clockwork = floquet(lambda s, k: k * jnp.array([[0.0, -1.0], [1.0, 0.0]]) @ s, jnp.ones(2), index=0.5)
+    np.testing.assert_allclose(np.sort_complex(clockwork), [-0.5j, 0.5j], atol=1e-15)
+
+
+def test_a_lane_that_diverges_stays_nan():
+    starts = {"x": jnp.array([0.1, 9.0]), "y": jnp.array([0.1, 0.0])}
+    runs = lanes(henon, starts, 200)
+    assert np.all(np.isfinite(runs.history[0]))
+    assert np.all(np.isnan(runs.history[1, 20:]))
+    for values in (runs.per_period, runs.stderr, runs.kaplan_yorke):
+        assert np.all(np.isfinite(values[0]))
+        assert np.all(np.isnan(values[1]))
+    alone = map_spectrum(henon, {"x": 9.0, "y": 0.0}, 200, until_stderr=0.1)
+    assert alone.reached is False
+    assert len(alone.history) == 200
+
+
+def test_a_metric_that_moves_gives_the_same_exponents(henon_run):
+    scale = lambda s: {"x": 1e3 * (2 + jnp.sin(s["x"])), "y": 1e-2}
+    run = map_spectrum(henon, HENON_START, 30, scale=scale)
+    ends = [np.log(2 + np.sin(x)) for x in (HENON_START["x"], float(run.state["x"]))]
+    grown = np.sum(run.history) - np.sum(henon_run.history)
+    np.testing.assert_allclose(grown, ends[1] - ends[0], atol=1e-6)  # areas are measured in the metric of either end
+    ratio = np.abs(np.sum(run.history - henon_run.history, axis=0))
+    assert np.all(ratio < np.log(2 * 3e3 / 1e-2))  # norms too, and differ by no more than this from the plain ones
+    norms = jax.tree.map(lambda w, t: (w * np.asarray(t)) ** 2, scale(run.state), run.tangents)
+    np.testing.assert_allclose(norms["x"] + norms["y"], 1.0, rtol=1e-12)
+
+
+def with_memory(state, k):
+    """Hénon's map, and a memory of x which acts on nothing and is set anew each time."""
+    return {**henon(state, k), "memory": 1e6 * state["x"] * jnp.ones(3)}
+
+
+def test_a_component_without_weight_is_carried_along(henon_run):
+    start = HENON_START | {"memory": np.zeros(3)}
+    run = map_spectrum(with_memory, start, 30, count=2, scale=lambda s: {"x": 1.0, "y": 1.0, "memory": 0.0})
+    # other first directions, perhaps, and soon the same ones
+    np.testing.assert_allclose(run.history[20:], henon_run.history[20:], atol=1e-6)  # measured 2e-16
+    # y is 0.3 times the last x, and the memory 1e6 times it, divided by the same norms since
+    expected = np.asarray(run.tangents["y"])[:, None] / 0.3 * 1e6 * np.ones((1, 3))
+    np.testing.assert_allclose(run.tangents["memory"], expected, rtol=1e-9)
+
+
+def test_an_annihilated_direction_starts_anew():
+    forget = lambda s, k: jnp.stack([2.0 * s[0], s[1] * 3.0, 0.0 * s[2]])
+    run = map_spectrum(forget, jnp.array([0.0, 0.0, 1.0]), 50, align=40)
+    np.testing.assert_allclose(run.per_period[:2], np.log([3.0, 2.0]), atol=1e-6)
+    assert np.all(run.history[:, 2] < -30)
+    tangents = np.asarray(run.tangents)
+    np.testing.assert_allclose(tangents @ tangents.T, np.eye(3), atol=1e-14)
+    rows, logs = sj.jit(lambda r: gram_schmidt(r, None))(jnp.array([[2.0, 0.0], [0.0, 0.0]]))
+    np.testing.assert_allclose(rows @ rows.T, np.eye(2), atol=1e-15)
+    assert logs[0] == np.log(2)
+    assert -360 < logs[1] < -350
+
+
+def test_orthonormal_tangents_of_an_ill_conditioned_set():
+    state = jnp.zeros(6)
+    nearly = 1 + 1e-9 * np.asarray(sj.jit(lambda s: first_tangents(s, 4))(state))
+    tangents, logs = sj.jit(orthonormalise)(nearly, state)
+    np.testing.assert_allclose(tangents @ tangents.T, np.eye(4), atol=1e-14)
+    expected = np.log(np.abs(np.diag(np.linalg.qr(np.asarray(nearly).T)[1])))
+    np.testing.assert_allclose(logs, expected, atol=1e-5)
+
+
+def test_index_reaches_the_step():
+    grow = lambda s, k: s * jnp.exp(k)
+    _, _, history = push_tangents(grow, jnp.zeros(()), jnp.ones(1), 4, index=3.0)
+    np.testing.assert_allclose(history[:, 0], [3.0, 4.0, 5.0, 6.0])
+    run = map_spectrum(grow, 0.0, 3, transient=2, align=1, index=10.0, periods=0.5, period=4.0)
+    np.testing.assert_allclose(run.history[:, 0], [13.0, 14.0, 15.0])
+    np.testing.assert_allclose([run.per_period[0], run.per_second[0]], [28.0, 7.0])
+
+
+def test_kaplan_yorke_dimension():
+    np.testing.assert_allclose(kaplan_yorke([-14.5723, 0.9056, 0.0]), 2 + 0.9056 / 14.5723)
+    spectra = [[-1.0, -2.0], [1.0, -0.5], [1.0, -4.0], [0.0, -1.0], [0.0, 0.0], [np.nan, -1.0]]
+    np.testing.assert_allclose(kaplan_yorke(spectra), [0.0, 2.0, 1.25, 1.0, 2.0, np.nan])
+
+
+@pytest.mark.parametrize(("memory", "noise", "jump"), [(0.0, 1.0, 0.0), (0.95, 1.0, 0.0), (0.0, 1.0, 3.0)])
+def test_standard_error_of_known_processes(memory, noise, jump):
+    """White noise, slow decay, and noise under an anticorrelated difference: `jump` cancels in the sum."""
+    random = np.random.default_rng(3)
+    white = noise * random.standard_normal((200, 2400))
+    y = np.zeros_like(white)
+    for i in range(1, white.shape[1]):
+        y[:, i] = memory * y[:, i - 1] + white[:, i]
+    history = y[:, 400:] + jump * np.diff(random.standard_normal((200, 2001)))
+    true = noise / (1 - memory) / np.sqrt(2000)
+    got = standard_error(history[..., None])[:, 0]
+    assert 0.8 < np.sqrt(np.mean(got**2)) / true < 1.25  # measured 0.99, 0.99 and 1.04
+    assert np.std(got) / true < 0.35  # measured 0.17, 0.23 and 0.22
+
+
+def test_standard_error_of_little_and_of_constant():
+    assert np.all(np.isnan(standard_error(np.ones((7, 2)))))
+    assert np.all(standard_error(np.full((5, 300, 2), 0.25)) == 0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (dict(step=3), "Argument `step` must be a function, but is 3."),
+        (dict(scale=2.0), "Argument `scale` must be a function, but is 2.0."),
+        (dict(state={}), "Argument `state` must be a pytree of real numbers, but is {}."),
+        (dict(state={"x": np.nan, "y": 0.0}), "Argument `state` must be finite, but is nan."),
+        (dict(state={"x": "a", "y": 0.0}), "Argument `state` must be finite, but is 'a'."),
+        (dict(intervals=0), "Argument `intervals` must be a whole number of 1 or more, but is 0."),
+        (dict(count=3), "Argument `count` must be at most 2, the size of the state, but is 3."),
+        (dict(count=0), "Argument `count` must be a whole number of 1 or more, but is 0."),
+        (dict(transient=-1), "Argument `transient` must be a whole number of 0 or more, but is -1."),
+        (dict(align=1.5), "Argument `align` must be a whole number of 0 or more, but is 1.5."),
+        (dict(period=0.0), "Argument `period` must be positive, but is 0 s."),
+        (dict(periods=-1.0), "Argument `periods` must be positive, but is -1."),
+        (dict(distance=0.0), "Argument `distance` must be positive, but is 0."),
+        (dict(until_stderr=0.0), "Argument `until_stderr` must be positive, but is 0."),
+    ],
+)
+def test_wrong_arguments(changes, message):
+    with pytest.raises(ValueError) as error:  # noqa: PT011
+        map_spectrum(**(dict(step=henon, state=HENON_START, intervals=10) | changes))
+    assert str(error.value) == message
+
+
+def test_wrong_arguments_of_odes():
+    with pytest.raises(ValueError, match=r"Argument `vector_field` must be a function, but is 1."):
+        ode_step(1, dt=0.1, steps=3)
+    with pytest.raises(ValueError, match=r"Argument `solver` must be a diffrax solver, but is 'Tsit5'."):
+        ode_step(decay, dt=0.1, steps=3, solver="Tsit5")
+    with pytest.raises(ValueError, match=r"Argument `dt` must be positive, but is 0."):
+        ode_step(decay, dt=0.0, steps=3)
+    with pytest.raises(ValueError, match="Argument `until_stderr` must be None under jit, vmap or grad"):
+        lanes(henon, {"x": jnp.zeros(2), "y": jnp.zeros(2)}, 10, until_stderr=0.1)
