@@ -179,6 +179,8 @@ class EventLatch(AbstractMemory):
     def latch(self, memory: Array, before: "Before", gap: Array, rate: Array, step: Any, ratio: Any) -> Array:
         """The memory after a step of `step` seconds, `ratio` times the one before, from `before` to (`gap`, `rate`).
 
+        A ratio of zero says that no step came before.
+
         The gap's zero is found on the cubic through both ends. The rate there is that of the parabola through both
         ends and the start of the step before: the chord would be of second order in the step, and set the order of
         the whole simulation. All of it stays differentiable, which is what makes tangents right: the touchdown's
@@ -194,7 +196,7 @@ class EventLatch(AbstractMemory):
             steepness = (3 * a * x + 2 * b) * x + slope
             x = jnp.clip(x - value / jnp.where(entered & (steepness < 0), steepness, -jnp.inf), 0.0, 1.0)
         rise = rate - before.rate
-        bend = (rise - ratio * (before.rate - before.earlier_rate)) / (1 + 1 / ratio)
+        bend = (rise - ratio * (before.rate - before.earlier_rate)) * (ratio / (1 + ratio))
         began = jnp.minimum(before.rate + x * (rise + (x - 1) * bend), -SLOWEST_IMPACT)
         return jnp.where(gap >= 0, 0.0, jnp.where(entered, 1 / began, memory))
 

@@ -91,8 +91,8 @@ class AbstractVectorField(eqx.Module):
         rates = motion_rates(scene, frame, now, state.motion, state.memory)
         return State(jax.tree.map(lambda r: scene.period * r, rates), None)
 
-    def open_step(self, t0: Any, dt: Any, state: State, rates: State, args: Args) -> Any:
-        """What `close_step` wants to know of the time before the first step, of length `dt`. Here nothing."""
+    def open_step(self, t0: Any, state: State, args: Args) -> Any:
+        """What `close_step` wants to know of the time before the first step. Here nothing."""
         return None
 
     def close_step(self, before: Any, t0: Any, t1: Any, state: State, args: Args) -> tuple[State, State, Any]:
@@ -109,11 +109,9 @@ class MemorylessField(AbstractVectorField):
 class LatchedField(AbstractVectorField):
     """For `EventLatch`: ten states, and a memory that changes between steps only."""
 
-    def open_step(self, t0, dt, state, rates, args):
+    def open_step(self, t0, state, args):
         now = contacts(rail_frame(args.scene, phase(t0, args.epoch)), state.motion)
-        motion = jax.tree.map(lambda m, r: m - dt * r, state.motion, rates.motion)
-        earlier = contacts(rail_frame(args.scene, phase(t0 - dt, args.epoch)), motion)
-        return Before(now.gap, now.rate, earlier.rate), jnp.asarray(dt, float)
+        return Before(now.gap, now.rate, now.rate), jnp.asarray(jnp.inf)
 
     def close_step(self, before, t0, t1, state, args):
         frame = rail_frame(args.scene, phase(t1, args.epoch))

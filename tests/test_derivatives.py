@@ -47,6 +47,7 @@ def test_forward_mode_is_the_derivative_of_the_map(forward):
     assert worst < 1e-5, worst
 
 
+@pytest.mark.slow
 def test_reverse_mode_agrees_with_forward_mode(forward):
     cotangent = jnp.cos(jnp.arange(10.0))  # one combination of all ten states: their whole Jacobian takes ten
 
