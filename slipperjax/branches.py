@@ -8,13 +8,13 @@ import numpy as np
 import xarray as xr
 
 from .analysis.attractor import Attractors, classify
-from .batch import Grid, start_states
+from .batch import start_states
 from .checks import one_of, whole
 from .kinematics import Motion, table_2_start
 from .labels import OUTPUTS
 from .scene import Scene
 from .simulate import check_start
-from .sweep import DIRECTIONS, make_plan, run_blocks
+from .sweep import DIRECTIONS, make_plan, path_cases, run_blocks
 
 SCALES = np.array([1e-3, 1e-3, 1e-2, 1e-2, 1e-2, 1.0, 1.0, 10.0, 10.0, 10.0])
 """What counts as one: 1 mm, 10 mrad, 1 m/s, 10 rad/s, in the order of `labels.OUTPUTS`."""
@@ -34,9 +34,12 @@ def strobe_states(ds: xr.Dataset, last: int | None = None) -> np.ndarray:
     return states if last is None else states[..., -whole("last", last, 1) :, :]
 
 
-def attractors(ds: xr.Dataset, last: int = 200, **options: Any) -> Attractors:
-    """What each case of a sweep settled to, from its `last` strobe states: see `slipperjax.analysis.attractor`."""
-    return classify(strobe_states(ds, last), scales=SCALES, **options)
+def attractors(ds: xr.Dataset, last: int = 200, floor: float = 1e-5, **options: Any) -> Attractors:
+    """What each case of a sweep settled to, from its `last` strobe states: see `slipperjax.analysis.attractor`.
+
+    **Arguments:** `floor`: distances below it are zero, in scales of `SCALES`: by default 10 nm.
+    """
+    return classify(strobe_states(ds, last), scales=SCALES, floor=floor, **options)
 
 
 def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05) -> np.ndarray:
@@ -100,8 +103,7 @@ def find_jump(
 
     **Returns:** the first `Jump` met, or None.
     """
-    cases = Grid(scene, path)
-    ((name, values),) = cases.axes.items()
+    cases, name, values = path_cases(scene, path)
     way = DIRECTIONS[one_of("direction", direction, tuple(DIRECTIONS))]
     plan = make_plan(scene, cases, "strobe", transient, periods, steps_per_period, None, None)
     start = table_2_start() if start is None else check_start(start)

@@ -108,10 +108,7 @@ def follow(
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
-    cases = Grid(scene, path)
-    ((name, values),) = cases.axes.items() if len(cases.axes) == 1 else ((None, np.zeros(2)),)
-    if name is None or np.any(np.diff(values) <= 0):
-        raise ValueError(f"Argument `path` must name one parameter with increasing values, but is {path!r}.")
+    cases, name, values = path_cases(scene, path)
     if not directions or len(set(directions)) < len(directions):
         raise ValueError(f"Argument `directions` must name one or more ways, each once, but is {directions!r}.")
     ways = [DIRECTIONS[one_of("directions", d, tuple(DIRECTIONS))] for d in directions]
@@ -131,6 +128,15 @@ def follow(
     found = [np.stack([a[::way, d] for d, way in enumerate(ways)]) for a in found]
     found = [a.reshape(-1, *a.shape[2:]) for a in found]
     return _dataset(scene, plan, cases, found, {"direction": list(directions)}, (len(ways), len(values)))
+
+
+def path_cases(scene: Scene, path: Mapping[str, Any]) -> tuple[Grid, str, np.ndarray]:
+    """The cases along one parameter, its name and its values, which must increase."""
+    cases = Grid(scene, path)
+    name, values = next(iter(cases.axes.items()))
+    if len(cases.axes) > 1 or np.any(np.diff(values) <= 0):
+        raise ValueError(f"Argument `path` must name one parameter with increasing values, but is {path!r}.")
+    return cases, name, values
 
 
 class Plan(NamedTuple):

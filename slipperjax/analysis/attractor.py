@@ -218,8 +218,8 @@ def _classify(x, most, tolerance, floor, seed):
 
     for n in lags:
         near = max(tolerance * extent, floor)
-        if at_end[n] > near:
-            continue
+        if at_end[n] > near or any(at_end[m] < 10 * floor for m in shorter(n)):
+            continue  # near the floor the last of a decay that turns by a third each period looks like a period of 3
         # slow drifts, of a motion near a resonance or a bifurcation, show over many periods, and in a short record
         # only by their onset; they must be small against what tells period n from its divisors too
         far = n * max(2, quarter // n)
