@@ -22,7 +22,7 @@ from jaxtyping import Array, Complex, Float
 
 from ..checks import finite, positive, whole
 from ..compilation import is_traced, jit
-from .statistics import kaplan_yorke, standard_error
+from .statistics import kaplan_yorke, standard_error, weighted_mean
 
 Step = Callable[[Any, Any], Any]
 """The state at the end of an interval, from the state at its start and its index, a float."""
@@ -62,6 +62,12 @@ class LyapunovSpectrum(eqx.Module):
     def stderr(self) -> Float[np.ndarray, "*lanes count"]:
         """Standard errors of `per_period` [1/period], see `standard_error`; not for use under a transformation."""
         return standard_error(self.history) / np.asarray(self.periods)[..., None]
+
+    @property
+    def weighted(self) -> Float[np.ndarray, "*lanes count"]:
+        """Exponents [1/period] by a smoothly weighted mean: far sharper than `per_period` for regular motions, see
+        `weighted_mean`; not for use under a transformation."""
+        return weighted_mean(self.history) / np.asarray(self.periods)[..., None]
 
     @property
     def kaplan_yorke(self) -> Float[np.ndarray, "*lanes"]:

@@ -1,4 +1,4 @@
-"""Statistics of exponents: standard errors of correlated series, and the Kaplan-Yorke dimension."""
+"""Statistics of exponents: means of smooth weight, standard errors of correlated series, the Kaplan-Yorke dimension."""
 
 from typing import Any
 
@@ -20,6 +20,19 @@ def kaplan_yorke(exponents: Any) -> Float[np.ndarray, "*lanes"]:
     following = np.take_along_axis(following, whole_part, axis=-1)
     dimension = whole_part + surplus / np.where(following > 0, following, np.inf)
     return np.where(np.isnan(falling).any(axis=-1), np.nan, dimension[..., 0])
+
+
+def weighted_mean(history: Any) -> Float[np.ndarray, "*lanes count"]:
+    """Mean over the axis before the last, with the smooth weights exp(-1 / (t (1 - t))) that vanish at both ends.
+
+    For a regular motion the local exponents are a quasi-periodic series: the plain mean errs by the reciprocal of
+    its length, this one by less than any power of it (doi:10.1088/1361-6544/aa84c2). For chaos it is an ordinary
+    mean of about two thirds of the record.
+    """
+    history = np.asarray(history)
+    t = (np.arange(history.shape[-2]) + 0.5) / history.shape[-2]
+    weights = np.exp(-1 / (t * (1 - t)))
+    return np.einsum("k,...kc->...c", weights / weights.sum(), history)
 
 
 def standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:

@@ -1,0 +1,71 @@
+"""Exponents of slippers: certified in a batch, alone, resumed, and with either contact memory."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import slipperjax as sj
+from slipperjax.analysis.lyapunov import extend_spectrum
+from slipperjax.spectra import Periods, largest_multiplier, tangent_weights
+
+SPEEDS = [1100.0, 1250.0, 1500.0, 1800.0, 2100.0, 2300.0]
+STEPS = 50
+
+
+@pytest.fixture(scope="module")
+def swept():
+    options = dict(transient=300, periods=500, steps_per_period=STEPS, chunk=6)
+    return sj.lyapunov_sweep(sj.paper_scene(), {"speed": SPEEDS}, **options).isel(count=0)
+
+
+def test_periodic_motions_have_the_exponents_of_their_multipliers(swept):
+    calm = swept.sel(speed=slice(1000, 1900))
+    assert (calm["period"] == 1).all()
+    assert (calm["floquet"] < -0.03).all()
+    np.testing.assert_allclose(calm["weighted"], calm["floquet"], atol=1e-3)
+    assert calm["resolved"].all()
+
+
+def test_chaotic_motions_have_positive_exponents(swept):
+    wild = swept.sel(speed=slice(2000, 2400))
+    assert (wild["exponent"] > 5 * wild["stderr"]).all()
+    assert not (wild["kind"] == "period").any()
+    assert wild["resolved"].all()
+
+
+@pytest.mark.slow
+def test_one_scene_alone_resumed_and_until_it_is_known(swept):
+    scene = sj.paper_scene(speed=1250.0)
+    options = dict(steps_per_period=STEPS, transient=300)
+    whole = sj.lyapunov_spectrum(scene, periods=60, **options)
+    part = sj.lyapunov_spectrum(scene, periods=30, **options)
+    step = Periods(scene, jnp.asarray(float(STEPS)), sj.RK4())
+    rest = extend_spectrum(part, step, 30, scale=tangent_weights)
+    np.testing.assert_allclose(rest.history, whole.history, rtol=1e-9, atol=1e-12)
+    known = sj.lyapunov_spectrum(scene, periods=30, until_stderr=5e-3, **options)
+    assert known.reached
+    assert known.stderr[0] <= 5e-3
+    np.testing.assert_allclose(known.per_period, swept["floquet"].sel(speed=1250), atol=3 * 5e-3)
+
+
+@pytest.mark.slow
+def test_all_exponents_and_both_memories_agree():
+    """On the same periodic motion the latched and the smooth model have the same exponents, within the smooth bias."""
+    for speed in (1250.0, 1500.0):
+        latched = sj.lyapunov_spectrum(sj.paper_scene(speed=speed), 10, transient=200, periods=200, steps_per_period=200)
+        scene = sj.paper_scene(speed=speed, memory=sj.SmoothSwitch())
+        smooth = sj.lyapunov_spectrum(scene, 10, transient=200, periods=200, steps_per_period=200)
+        np.testing.assert_allclose(latched.weighted[0], smooth.weighted[0], atol=3e-3)
+
+
+def test_multipliers_of_several_periods():
+    first, second = np.diag([2.0, 0.1]), np.array([[0.0, 1.0], [0.5, 0.0]])
+    assert largest_multiplier([first, second, 9 * first], 1) == pytest.approx(np.log(2))
+    assert largest_multiplier([first, second, 9 * first], 2) == pytest.approx(np.log(np.sqrt(0.1)) / 2)
+
+
+def test_wrong_arguments_are_named():
+    with pytest.raises(ValueError, match="Argument `count` must be a whole number of 1 or more, but is 0"):
+        sj.lyapunov_sweep(sj.paper_scene(), {"speed": [1250.0]}, count=0)
+    with pytest.raises(ValueError, match="Argument `count` must be at most"):
+        sj.lyapunov_spectrum(sj.paper_scene(), 99, transient=0, periods=1)
