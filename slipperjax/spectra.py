@@ -6,7 +6,7 @@ of their Floquet multipliers.
 """
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import diffrax
@@ -25,7 +25,7 @@ from .batch import Grid, Workers, case_scene, start_states
 from .branches import SCALES
 from .checks import whole
 from .compilation import jit
-from .dynamics import State, initial_state
+from .dynamics import SmoothField, State, initial_state, vector_field
 from .kinematics import Motion, table_2_start
 from .labels import scene_attributes
 from .scene import Scene, default_steps_per_period
@@ -36,14 +36,22 @@ MOTION_WEIGHTS = Motion(*(1 / SCALES))
 """Weights of the motion in a tangent's norm: 1 mm, 10 mrad (of the quaternion), 1 m/s and 10 rad/s count as one."""
 
 
-def tangent_weights(state: State) -> State:
-    """The weights of a tangent's components: the motion in `MOTION_WEIGHTS`, closed contacts' memory in shares of
-    itself, open ones' not at all.
-    """
+def _latched_weights(state: State) -> State:
     if state.memory is None:
         return State(MOTION_WEIGHTS, None)
     closed = state.memory < -1e-9
     return State(MOTION_WEIGHTS, jnp.where(closed, -1 / jnp.where(closed, state.memory, -1.0), 0.0))
+
+
+def _smooth_weights(state: State) -> State:
+    return State(MOTION_WEIGHTS, jnp.ones(()))
+
+
+def tangent_weights(scene: Scene) -> Callable[[State], State]:
+    """Gives the weights of a tangent's components at a state: the motion in `MOTION_WEIGHTS`; of `EventLatch`, closed
+    contacts' memory in shares of itself and open ones' not at all; of `SmoothSwitch`, 1 m/s of memory as one.
+    """
+    return _smooth_weights if isinstance(vector_field(scene), SmoothField) else _latched_weights
 
 
 class Periods(eqx.Module):
@@ -112,7 +120,7 @@ def lyapunov_spectrum(
         count=count,
         transient=blocks("transient", transient, 0),
         align=blocks("align", align, 0),
-        scale=tangent_weights,
+        scale=tangent_weights(scene),
         periods=float(every),
         period=scene.period,
         until_stderr=until_stderr,
@@ -143,8 +151,8 @@ def lyapunov_sweep(
 
     **Returns:** an `xarray.Dataset` over the grid with
 
-    - `exponent` and `stderr` [1/period], with dimension `count`; `weighted`: the same exponents by a smoothly weighted
-      mean, sharper for regular motions (see `statistics.weighted_mean`); `kaplan_yorke` where count > 1; `kind` and
+    - `exponent` and `stderr` [1/period], with dimension `count`; `weighted`: the same by a smoothly weighted mean,
+      sharper for regular motions (see `statistics.weighted_mean`); `kaplan_yorke` where count > 1; `kind` and
       `period`: what the motion settled to by recurrence, see `attractor.classify`;
     - with `certify`: `half_step`, the largest exponent with steps half as long, and its standard error
       `half_step_stderr`; `two_trajectories`, an estimate without tangents, and `two_trajectories_stderr`;
@@ -191,7 +199,7 @@ AGREE = 1e-3
 
 def _measure(scene, values, states, epoch, solver, blocks, tick, steps, count, distance):
     """Local exponents (cases, periods, count) of a chunk from `states` on."""
-    tangents = _first(states, count)
+    tangents = _first(scene, states, count)
     rows = []
     for k in range(blocks + 1):
         at = float(epoch + k * BLOCK)
@@ -201,16 +209,16 @@ def _measure(scene, values, states, epoch, solver, blocks, tick, steps, count, d
     return np.concatenate(rows[1:], axis=1)
 
 
-@functools.partial(jit, static_argnums=1)
-def _first(states, count):
-    return jax.vmap(lambda s: first_tangents(s, count, tangent_weights))(states)
+@functools.partial(jit, static_argnums=2)
+def _first(scene, states, count):
+    return jax.vmap(lambda s: first_tangents(s, count, tangent_weights(scene)))(states)
 
 
 @functools.partial(jit, static_argnums=7)
 def _push(scene, values, states, tangents, epoch, steps, distance, solver):
     def one(v, state, tangents):
         step = Periods(case_scene(scene, v), steps, solver)
-        options = dict(index=epoch, scale=tangent_weights, distance=distance)
+        options = dict(index=epoch, scale=tangent_weights(scene), distance=distance)
         return push_tangents(step, state, tangents, BLOCK, **options)
 
     return jax.vmap(one)(values, states, tangents)

@@ -19,7 +19,8 @@ from slipperjax.analysis.lyapunov import (
     two_trajectory_exponent,
 )
 from slipperjax.analysis.ode import ode_spectrum, ode_step
-from slipperjax.analysis.statistics import kaplan_yorke, standard_error
+from slipperjax.analysis.statistics import kaplan_yorke, standard_error, weighted_mean
+from slipperjax.analysis.switched import switched_step
 
 LANES = 20
 
@@ -133,6 +134,29 @@ def test_forced_duffing_of_ueda():
     np.testing.assert_array_less(np.abs(exponents - [0.1034, -0.1534]), 3 * error)
     assert error.max() < 4e-3  # measured 2e-3
     np.testing.assert_allclose(np.sum(runs.per_second, axis=-1), -0.05, atol=1e-5)  # measured 2e-8
+
+
+def free(t, y):
+    return jnp.stack([y[1], jnp.cos(2.6 * t) - 0.04 * y[1] - y[0]])
+
+
+def touching(t, y):
+    return free(t, y) + jnp.stack([0 * t, jnp.maximum(-100 * y[0] - 4 * y[1], 0.0)])
+
+
+def test_impact_oscillator_whose_force_jumps():
+    """Split at the touchdown, a step has the right tangent; one that looks at the side only has not."""
+    period = 2 * np.pi / 2.6
+    options = dict(transient=400, align=20, period=period)
+    blind = lambda t, y: jnp.where(y[0] >= 0, free(t, y), touching(t, y))
+    got = []
+    for above, below in ((free, touching), (blind, blind)):
+        step = switched_step(above, below, lambda t, y: y[0], dt=period / 400, steps=400)
+        got.append(map_spectrum(step, jnp.array([0.5, 0.0]), 400, **options).weighted / period)
+    np.testing.assert_allclose(got[0], -0.2202, atol=2e-3)  # measured -0.2195 and -0.2196
+    assert got[1][0] > 0.1
+    with pytest.raises(ValueError, match="Argument `surface` must be a function, but is 3"):
+        switched_step(free, touching, 3, dt=0.1, steps=10)
 
 
 def decay(t, y, rates):
@@ -296,6 +320,12 @@ def test_standard_error_of_known_processes(memory, noise, jump):
     got = standard_error(history[..., None])[:, 0]
     assert 0.8 < np.sqrt(np.mean(got**2)) / true < 1.25  # measured 0.99, 0.99 and 1.04
     assert np.std(got) / true < 0.35  # measured 0.17, 0.23 and 0.22
+
+
+def test_weighted_mean_of_a_quasi_periodic_series():
+    history = 0.3 + np.cos(2 * np.pi * 0.618 * np.arange(300))[:, None]
+    assert abs(history.mean() - 0.3) > 1e-4
+    np.testing.assert_allclose(weighted_mean(history), 0.3, atol=1e-9)  # measured 1e-11
 
 
 def test_standard_error_of_little_and_of_constant():

@@ -1,4 +1,4 @@
-"""Statistics of exponents: means of smooth weight, standard errors of correlated series, the Kaplan-Yorke dimension."""
+"""Statistics of exponents: weighted means, standard errors of correlated series, the Kaplan-Yorke dimension."""
 
 from typing import Any
 

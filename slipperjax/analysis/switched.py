@@ -63,8 +63,9 @@ def switched_step(
     """`step` for `map_spectrum` of an ODE whose right-hand side jumps where `surface` changes its sign.
 
     Each integration step (classical Runge-Kutta) that meets the surface is split at the very instant. That instant
-    depends on the state in a differentiable way, so the tangent has its saltation term. Crossings are transversal, and a step sees one at most: grazing, sliding, and steps longer
-    than the time between two crossings are not for this.
+    depends on the state in a differentiable way, so the tangent has its saltation term. Crossings
+    must be transversal, and a step sees one at most: grazing, sliding, and steps longer than the time between two
+    crossings are not for this.
 
     **Arguments:** `above`, `below`: y' at (t, y) where surface(t, y) >= 0, and elsewhere; `dt`: integration step, in
     the system's unit of time; `steps`: steps in one interval; `t0`: time at which interval 0 starts.

@@ -53,9 +53,11 @@ def test_cost_against_the_trajectory(count):
     grid = {"speed": np.linspace(100, 2500, 241)}
     scene, steps = sj.paper_scene(), dict(steps_per_period=50)
     plain = lambda: sj.sweep(scene, grid, record="strobe", transient=0, periods=20, **steps)["y"].values
-    full = lambda: sj.lyapunov_sweep(
-        scene, grid, count=count, transient=20, periods=20, certify=False, **steps
-    )["exponent"].values
+    full = lambda: (
+        sj.lyapunov_sweep(scene, grid, count=count, transient=20, periods=20, certify=False, **steps)[
+            "exponent"
+        ].values
+    )
     trajectory = seconds(plain, 7)
     exponents = (seconds(full, 7) - trajectory) / 2  # after the transient, 20 periods to align and 20 that count
     print(
