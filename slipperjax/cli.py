@@ -213,6 +213,9 @@ def reproduce(
         list[str] | None, typer.Argument(help="Figures: 4 to 13, basins; default all of them.")
     ] = None,
     quick: Annotated[bool, typer.Option(help="Coarser grids and shorter transients.")] = False,
+    transient: Annotated[
+        int | None, typer.Option(help="Forcing periods before recording; default 600, with --quick 300.")
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder to write into.")] = Path("reproduced"),
 ):
     """Run the paper's study: its figures, and a report that answers its claims one by one."""
@@ -224,7 +227,7 @@ def reproduce(
     from .figures import write_figures
 
     bars = sys.stderr.isatty()
-    runs = paper.reproduce(figures or paper.FIGURES, quick=quick, progress=bars)
+    runs = paper.reproduce(figures or paper.FIGURES, quick=quick, transient=transient, progress=bars)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

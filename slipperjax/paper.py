@@ -13,7 +13,7 @@ import xarray as xr
 
 from .analysis.spectrum import find_line, power_spectral_density
 from .branches import attractors, find_jump, groups
-from .checks import one_of
+from .checks import one_of, whole
 from .claims import Answer, named, near, runs, section_points, show_ranges
 from .scene import paper_scene
 from .spectra import lyapunov_sweep
@@ -379,14 +379,24 @@ class Finished(NamedTuple):
     seconds: float
 
 
-def reproduce(figures: Iterable[str] = FIGURES, *, quick: bool = False, progress: bool = False) -> Iterator[Finished]:
+def reproduce(
+    figures: Iterable[str] = FIGURES,
+    *,
+    quick: bool = False,
+    transient: int | None = None,
+    progress: bool = False,
+) -> Iterator[Finished]:
     """Runs the study, and yields each run when it is done.
 
-    **Arguments:** `figures`: which of `FIGURES`; `quick`: coarser grids and shorter transients; `progress`: bars.
+    **Arguments:** `figures`: which of `FIGURES`; `quick`: coarser grids and shorter transients; `transient`: forcing
+    periods before anything is recorded, for trying whether a verdict depends on it; `progress`: bars.
 
     **Raises:** `ValueError` for a figure that is not one of them, before anything runs.
     """
-    return _runs({one_of("figures", str(f), FIGURES) for f in figures}, QUICK if quick else FULL, progress)
+    effort = QUICK if quick else FULL
+    if transient is not None:
+        effort = effort._replace(transient=whole("transient", transient, 20))
+    return _runs({one_of("figures", str(f), FIGURES) for f in figures}, effort, progress)
 
 
 def _runs(wanted, effort, progress):
