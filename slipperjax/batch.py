@@ -22,6 +22,9 @@ from .scene import PARAMETERS, Scene, contact_duration, default_steps_per_period
 LARGEST_CHUNK = 1024
 """Cases in one call: enough to hide the cost of starting a kernel, few enough to stay in the cache."""
 
+LANES = 8
+"""Batches are filled up to multiples of this: a vector register's worth, and one program for all small ones."""
+
 START = {
     "y": ("m", "lateral displacement at the start"),
     "z": ("m", "vertical displacement at the start"),
@@ -117,6 +120,11 @@ def start_states(scene: Scene, values: Mapping[str, Any], start: Motion) -> Stat
     return jax.vmap(lambda v: case_state(scene, v, start))(values)
 
 
+def filled(lanes: int) -> np.ndarray:
+    """Indices of a batch's cases, its last one repeated until their number is a multiple of `LANES`."""
+    return np.minimum(np.arange(-(-lanes // LANES) * LANES), lanes - 1)
+
+
 class Workers:
     """How a batch is cut up: cases per call, and threads. Neither changes any result."""
 
@@ -124,8 +132,8 @@ class Workers:
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
         self.workers = cores if workers is None else whole("workers", workers, 1)
         if chunk is None:
-            chunk = min(-(-lanes // self.workers), LARGEST_CHUNK)
-        self.chunk = min(whole("chunk", chunk, 1), lanes)
+            chunk = len(filled(min(-(-lanes // self.workers), LARGEST_CHUNK)))
+        self.chunk = whole("chunk", chunk, 1)
         self.lanes = lanes
 
     def run(

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from .analysis.attractor import Attractors, classify
-from .batch import start_states
+from .batch import filled, start_states
 from .checks import one_of, whole
 from .kinematics import Motion, table_2_start
 from .labels import OUTPUTS
@@ -107,17 +107,17 @@ def find_jump(
     way = DIRECTIONS[one_of("direction", direction, tuple(DIRECTIONS))]
     plan = make_plan(scene, cases, "strobe", transient, periods, steps_per_period, None, None)
     start = table_2_start() if start is None else check_start(start)
-    epoch = 0
+    epoch, lanes = 0, filled(1)
 
     def run(value, states):
         nonlocal epoch
-        here = {name: jnp.asarray([value])}
+        here = {name: jnp.full(len(lanes), value)}
         states, _, (strobe,) = run_blocks(scene, plan, here, states, lambda periods: None, epoch=epoch)
         epoch += plan.total
         return states, strobe[0].mean(axis=0) / SCALES
 
     ordered = values[::way]
-    states = start_states(scene, {name: jnp.asarray(ordered[:1])}, start)
+    states = start_states(scene, {name: jnp.full(len(lanes), ordered[0])}, start)
     states, mark = run(ordered[0], states)
     at = ordered[0]
     for value in ordered[1:]:

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from tqdm.auto import tqdm
 
-from .batch import Grid, Workers, case_scene, join, start_states
+from .batch import Grid, Workers, case_scene, filled, join, start_states
 from .checks import one_of, whole
 from .compilation import jit
 from .kinematics import Motion, table_2_start
@@ -115,14 +115,15 @@ def follow(
     plan = make_plan(scene, cases, record, transient, periods, steps_per_period, saves_per_period, solver)
     start = table_2_start() if start is None else check_start(start)
     columns = np.stack([values[::way] for way in ways], axis=1)  # (values, directions)
-    states = start_states(scene, {name: jnp.asarray(columns[0])}, start)
+    index = filled(len(ways))
+    states = start_states(scene, {name: jnp.asarray(columns[0][index])}, start)
     pieces = []
     with tqdm(total=plan.total * columns.size, unit="period", unit_scale=True, disable=not progress) as bar:
         for k, column in enumerate(columns):
-            here = {name: jnp.asarray(column)}
+            here = {name: jnp.asarray(column[index])}
             tick = lambda periods: bar.update(periods * len(ways))
             states, code, kept = run_blocks(scene, plan, here, states, tick, epoch=k * plan.total)
-            pieces.append([code, *kept])
+            pieces.append([a[: len(ways)] for a in (code, *kept)])
     # (values x directions, ...) in the order of the run -> (directions, values, ...) in the order of the values
     found = [a.reshape(columns.shape + a.shape[1:]) for a in join(pieces)]
     found = [np.stack([a[::way, d] for d, way in enumerate(ways)]) for a in found]

@@ -22,7 +22,7 @@ def test_groups_are_numbered_by_the_size_of_their_basins():
     assert found.tolist() == [[0, 0, 1], [0, 1, 2], [0, 0, -1]]
 
 
-OPTIONS = dict(periods=3, steps_per_period=50, chunk=2)  # one compiled program, shared with test_sweep
+OPTIONS = dict(periods=3, steps_per_period=50)  # one compiled program, shared with test_sweep
 
 
 def test_a_settled_case_is_period_1_from_sections_and_from_strobes():

@@ -18,7 +18,7 @@ STEPS = 50
 
 @pytest.fixture(scope="module")
 def swept():
-    options = dict(transient=300, periods=500, steps_per_period=STEPS, chunk=6)
+    options = dict(transient=300, periods=500, steps_per_period=STEPS)
     return sj.lyapunov_sweep(sj.paper_scene(), {"speed": SPEEDS}, **options).isel(count=0)
 
 

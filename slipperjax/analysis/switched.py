@@ -39,10 +39,13 @@ class SwitchedStep(eqx.Module):
         height = lambda part: self.surface(t + part * self.dt, here(part))
         start, end = self.surface(t, y), height(1.0)
         crossed = (end >= 0) != up
-        part = jnp.where(crossed, start / jnp.where(crossed, start - end, 1.0), 1.0)
-        for _ in range(NEWTON):
+
+        def closer(_, part):
             value, slope = jax.jvp(height, (part,), (jnp.ones_like(part),))
-            part = jnp.where(crossed, jnp.clip(part - value / jnp.where(slope == 0, jnp.inf, slope), 0.0, 1.0), 1.0)
+            return jnp.clip(part - value / jnp.where(slope == 0, jnp.inf, slope), 0.0, 1.0)
+
+        chord = jnp.where(crossed, start / jnp.where(crossed, start - end, 1.0), 1.0)
+        part = jnp.where(crossed, jax.lax.fori_loop(0, NEWTON, closer, chord), 1.0)
         return self._rk4(~up, t + part * self.dt, here(part), (1 - part) * self.dt)
 
     def _rk4(self, up, t, y, h):
