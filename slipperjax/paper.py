@@ -117,8 +117,8 @@ def over_speed(effort: Effort, options: dict) -> Outcome:
     mean = np.array([np.nanmean(v) if np.isfinite(v).any() else np.nan for v in ds["v_y"].values])
     high = np.flatnonzero((speeds[1:] > 1500) & (speeds[1:] < 2200))
     drop = high[np.nanargmin(np.diff(mean)[high])]
-    near = {"speed": speeds[(speeds >= 1500) & (speeds <= 2200)]}
-    jump, back = (find_jump(paper_scene(), near, direction=d, steps_per_period=STEPS) for d in ("up", "down"))
+    around = {"speed": speeds[(speeds >= 1500) & (speeds <= 2200)]}
+    jump, back = (find_jump(paper_scene(), around, direction=d, steps_per_period=STEPS) for d in ("up", "down"))
     leaning = [r for r in runs(points["w_x"] == 0, speeds) if r[1] > 1500]
     two = [r for r in runs(points["v_z"] == 2, speeds) if 700 < r[0] < 1100]
     rate = lambda name, where: np.nanmax(np.abs(ds[name].values[where]))
