@@ -9,7 +9,8 @@ import xarray as xr
 
 from . import plots
 from .analysis.spectrum import power_spectral_density
-from .paper import DUAL_LINES, Finished
+from .answers import DUAL_LINES, F1, F2
+from .paper import Finished
 
 _COLORS = {"A": "#12355b", "C": "#c1121f", "J": "#2a9d6f"}
 
@@ -83,7 +84,7 @@ def _figure_13(data: dict[str, xr.Dataset]) -> Any:
         plots.spectrum(ds["frequency"], ds[f"{name}_density"], ax, unit=ds[f"{name}_density"].units, highest=520)
         top = float(np.max(ds[f"{name}_density"]))
         for text, (m, n) in DUAL_LINES.items():
-            ax.annotate(text, (150 * m + 125 * n, top * 3), rotation=90, fontsize=4.5, ha="center", va="bottom")
+            ax.annotate(text, (F1 * m + F2 * n, top * 3), rotation=90, fontsize=4.5, ha="center", va="bottom")
         ax.set(ylim=(top * 1e-8, top * 300), title=f"${label}$", xlabel="")
     axes[-1].set_xlabel("frequency [Hz]")
     return figure

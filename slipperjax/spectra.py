@@ -30,7 +30,7 @@ from .kinematics import Motion, table_2_start
 from .labels import scene_attributes
 from .scene import Scene, default_steps_per_period
 from .simulate import check_solver, check_start, integrate
-from .sweep import Plan, run_blocks
+from .sweep import PAUSE, Plan, run_blocks
 
 MOTION_WEIGHTS = Motion(*(1 / SCALES))
 """Weights of the motion in a tangent's norm: 1 mm, 10 mrad (of the quaternion), 1 m/s and 10 rad/s count as one."""
@@ -168,10 +168,10 @@ def lyapunov_sweep(
     solver = check_solver(scene, solver)
     start = table_2_start() if start is None else check_start(start)
     count = whole("count", count, 1)
-    settling = -(-whole("transient", transient, BLOCK) // BLOCK)
+    settling = -(-whole("transient", transient, BLOCK) // PAUSE)
     counted = -(-whole("periods", periods, 1) // BLOCK)
     team = Workers(cases.lanes, chunk, workers)
-    plan = Plan(solver, steps, 1, BLOCK, 0, settling, "strobe")
+    plan = Plan(solver, steps, 1, PAUSE, PAUSE, 0, settling, "strobe")
 
     def work(values, tick):
         states, codes, (strobe,) = run_blocks(scene, plan, values, start_states(scene, values, start), tick)

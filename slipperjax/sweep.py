@@ -52,7 +52,7 @@ def sweep(
         each coordinate, as in the paper's bifurcation diagrams, and `strobe`, the state once per period from the
         start on; "strobe": the state once per forcing period;
         "history": states and contact forces `saves_per_period` times per period.
-    - `transient`: forcing periods to pass before; rounded up to whole blocks, see the attribute `transient`.
+    - `transient`: forcing periods to pass before; above ten rounded up to tens, see the attribute `transient`.
     - `steps_per_period`: default the most that `default_steps_per_period` wants for any case of the grid.
     - `solver`, `start`, `saves_per_period`: as for `simulate`.
     - `chunk`: cases per call; `workers`: threads, default one per core. Neither changes any result.
@@ -101,7 +101,7 @@ def follow(
     - `path`: one parameter's name and values, in increasing order.
     - `directions`: "up" begins at the first value, "down" at the last; both run as one batch.
     - `transient`, `periods`: forcing periods at each value, before recording and recorded. The transient is
-        rounded up to whole blocks.
+        rounded up to tens if above ten.
     - others: as for `sweep`; `start` is that of the first value met.
 
     **Returns:** as `sweep`, with `direction` as first dimension.
@@ -146,8 +146,10 @@ class Plan(NamedTuple):
     solver: diffrax.AbstractSolver
     steps: int
     saves: int
+    pause: int
+    """Periods in a call that records nothing: progress is shown, and an interrupt heard, between calls."""
     block: int
-    """Periods in one call: progress is shown, and an interrupt heard, between calls."""
+    """Periods in a call that records."""
     silent: int
     """Calls that record nothing."""
     recorded: int
@@ -157,7 +159,7 @@ class Plan(NamedTuple):
     @property
     def total(self) -> int:
         """Periods of one case."""
-        return self.block * (self.silent + self.recorded)
+        return self.pause * self.silent + self.block * self.recorded
 
 
 def make_plan(scene, cases, record, transient, periods, steps_per_period, saves_per_period, solver) -> Plan:
@@ -168,8 +170,13 @@ def make_plan(scene, cases, record, transient, periods, steps_per_period, saves_
         saves = 50 if saves_per_period is None else whole("saves_per_period", saves_per_period, 1)
         steps_per_period = -(-cases.most_steps(scene) // saves) * saves
     steps, saves = step_plan(scene, steps_per_period, saves_per_period)
-    block = block_length(periods)
-    return Plan(check_solver(scene, solver), steps, saves, block, -(-transient // block), periods // block, record)
+    block, pause = block_length(periods), max(1, min(transient, PAUSE))
+    silent = -(-transient // pause)
+    return Plan(check_solver(scene, solver), steps, saves, pause, block, silent, periods // block, record)
+
+
+PAUSE = 10
+"""Periods in one call of a transient: one length, so that one program serves them all."""
 
 
 def block_length(periods: int) -> int:
@@ -187,22 +194,26 @@ def run_blocks(scene, plan, values, states, tick, epoch=0):
     keep = KEEPS[plan.record]
     code = np.zeros(len(next(iter(values.values()))), int)
     records, strobes = [], []
+    at = float(epoch)
     for k in range(plan.silent + plan.recorded):
         tick(0)
-        at = float(epoch + k * plan.block)
+        block = plan.pause if k < plan.silent else plan.block
         if k < plan.silent or isinstance(keep, Strobe):
             # nothing is stored between the ends of periods, and one compiled program serves any number of steps
-            states, codes, ends = _pass(scene, values, states, at, float(plan.steps), plan.solver, plan.block)
+            states, codes, ends = _pass(scene, values, states, at, float(plan.steps), plan.solver, block)
             if k >= plan.silent:
                 records.append(keep.collect(ends))
             elif keep.strobes:
                 strobes.append(outputs(ends))
         else:
-            program = plan._replace(silent=0, recorded=0)  # how often it is called does not make it another one
+            program = plan._replace(
+                pause=0, silent=0, recorded=0
+            )  # how often it is called does not make it another one
             states, codes, kept = _keep(scene, values, states, at, program)
             records.append(keep.collect(kept))
         code = np.where(code == 0, np.asarray(codes), code)
-        tick(plan.block)
+        tick(block)
+        at += block
     kept = [np.concatenate(parts, axis=1) for parts in zip(*records, strict=True)]
     if strobes:
         kept[-1] = np.concatenate([*strobes, kept[-1]], axis=1)
@@ -239,7 +250,7 @@ def _dataset(scene, plan, cases, found, first, shape) -> xr.Dataset:
     attrs = {k: v for k, v in scene_attributes(scene).items() if k.split(" [")[0] not in cases.axes}
     attrs |= {
         "steps_per_period": plan.steps,
-        "transient": plan.silent * plan.block,
+        "transient": plan.silent * plan.pause,
         "periods": plan.recorded * plan.block,
         "solver": type(plan.solver).__name__,
         "record": plan.record,

@@ -22,16 +22,16 @@ def test_groups_are_numbered_by_the_size_of_their_basins():
     assert found.tolist() == [[0, 0, 1], [0, 1, 2], [0, 0, -1]]
 
 
-OPTIONS = dict(periods=3, steps_per_period=50)  # one compiled program, shared with test_sweep
+OPTIONS = dict(periods=10, steps_per_period=50)  # one compiled program, shared with test_sweep
 
 
 def test_a_settled_case_is_period_1_from_sections_and_from_strobes():
     grid = {"speed": [1250.0, 1500.0]}
     sections = sj.sweep(sj.paper_scene(), grid, transient=300, **OPTIONS)
-    assert strobe_states(sections).shape == (2, 303, 10)
+    assert strobe_states(sections).shape == (2, 310, 10)
     strobe = sj.sweep(sj.paper_scene(), grid, record="strobe", transient=300, **OPTIONS)
     # both are the state at the end of a period; measured 1e-13, two programs sum in other orders
-    np.testing.assert_allclose(strobe_states(sections, 3), strobe_states(strobe), rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(strobe_states(sections, 10), strobe_states(strobe), rtol=1e-8, atol=1e-12)
     found = attractors(sections, 40)
     assert found.period.tolist() == [1, 1], found.evidence
 

@@ -20,13 +20,27 @@ FLOORS = [
     {"sweep"},
     {"branches"},
     {"spectra"},
+    {"answers"},
     {"paper"},
     {"plots"},
     {"figures"},
     {"bench"},
     {"cli"},
 ]
-UPPER = {"labels", "batch", "records", "sweep", "branches", "spectra", "paper", "figures", "plots", "bench", "cli"}
+UPPER = {
+    "labels",
+    "batch",
+    "records",
+    "sweep",
+    "branches",
+    "spectra",
+    "answers",
+    "paper",
+    "figures",
+    "plots",
+    "bench",
+    "cli",
+}
 HEAVY = {"xarray", "matplotlib", "tqdm", "typer", "h5netcdf"}
 
 
