@@ -17,8 +17,13 @@ from jaxtyping import Array, Float
 
 from .checks import fraction, not_negative, positive
 
-SLOWEST_IMPACT = 1e-9
-"""Approach rate [m/s] below which a touchdown counts as one at this rate, so that its reciprocal is finite."""
+SLOWEST_IMPACT = 1e-3
+"""Approach rate [m/s] below which a touchdown counts as one at this rate.
+
+The damping of Eq. (12) grows as 1 / g'_0. Without a floor, a point that touches down at a micrometre per second and
+is pressed on afterwards creeps under a damping that no explicit method follows at any sensible step: the law is made
+for impacts, and this is none. MBDyn drops the damping below 1e-6 m/s.
+"""
 
 
 def zero_safe_sqrt(x: Array) -> Array:
@@ -168,9 +173,15 @@ class EventLatch(AbstractMemory):
     Needs a solver that calls `latch` (`slipperjax.RK4`, `slipperjax.Tsit5`).
     """
 
+    slowest: float = eqx.field(static=True, default=SLOWEST_IMPACT)
+    """Slower touchdowns count as ones at this rate [m/s]: see `SLOWEST_IMPACT`."""
+
+    def __check_init__(self):
+        if not 0 < self.slowest < float("inf"):
+            raise ValueError(f"Argument `slowest` must be positive, but is {self.slowest} m/s.")
+
     def initial(self, gap: Array, rate: Array) -> Array:
-        approaching = rate < -SLOWEST_IMPACT
-        began = jnp.where(approaching, 1 / jnp.where(approaching, rate, -1.0), -jnp.finfo(rate.dtype).tiny)
+        began = jnp.where(rate < 0, 1 / jnp.minimum(rate, -self.slowest), -jnp.finfo(rate.dtype).tiny)
         return jnp.where(gap < 0, began, 0.0)
 
     def rate_ratio(self, memory: Array, rate: Array) -> Array:
@@ -197,7 +208,7 @@ class EventLatch(AbstractMemory):
             x = jnp.clip(x - value / jnp.where(entered & (steepness < 0), steepness, -jnp.inf), 0.0, 1.0)
         rise = rate - before.rate
         bend = (rise - ratio * (before.rate - before.earlier_rate)) * (ratio / (1 + ratio))
-        began = jnp.minimum(before.rate + x * (rise + (x - 1) * bend), -SLOWEST_IMPACT)
+        began = jnp.minimum(before.rate + x * (rise + (x - 1) * bend), -self.slowest)
         return jnp.where(gap >= 0, 0.0, jnp.where(entered, 1 / began, memory))
 
 
