@@ -10,6 +10,7 @@ microseconds per trajectory and forcing period, compilation left out.
 
 import dataclasses
 import functools
+import itertools
 import statistics
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -22,6 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .batch import Workers
+from .checks import whole
 from .compilation import jit
 from .contact import AbstractMemory, EventLatch, SmoothSwitch
 from .dynamics import Args, initial_state, vector_field
@@ -264,7 +266,7 @@ def cost_at(points: Iterable[Point], error: float, lanes: int) -> float:
     if not reach:
         return float("inf")
     best = min(c for _, c in reach)
-    for (e0, c0), (e1, c1) in zip(known, known[1:], strict=False):
+    for (e0, c0), (e1, c1) in itertools.pairwise(known):
         if e0 <= error < e1 and c1 < c0:
             share = np.log(error / e0) / np.log(e1 / e0)
             best = min(best, float(np.exp((1 - share) * np.log(c0) + share * np.log(c1))))
@@ -279,7 +281,11 @@ def table(points: list[Point], batches: tuple[int, ...]) -> str:
         cells = ["-" if n not in p.cost else f"{p.cost[n][0]:.3g} ({p.cost[n][1]:.3g})" for n in batches]
         lines.append(f"| {p.case} | {p.method} | {p.setting} | {p.error:.1e} | {' | '.join(cells)} |")
     names = list(dict.fromkeys(p.method for p in points))
-    lines += ["", "Microseconds per trajectory and period at a scaled error of 1e-3 (median times, interpolated):", ""]
+    lines += [
+        "",
+        "Microseconds per trajectory and period at a scaled error of 1e-3 (median times, interpolated):",
+        "",
+    ]
     lines += ["| scene | " + " | ".join(f"{n}, {b} at once" for n in names for b in batches) + " |"]
     lines += ["|---" * (1 + len(names) * len(batches)) + "|"]
     for case in dict.fromkeys(p.case for p in points):
@@ -338,6 +344,7 @@ def bench(
 
     **Raises:** `ValueError` where a name is unknown.
     """
+    batch, repeats = whole("batch", batch, 1), whole("repeats", repeats, 1)
     chosen = _named("cases", all_cases(), cases, lambda c: not quick or c.name in ("nominal", "K = 1e10"))
     rows = _named("methods", METHODS, methods, lambda m: not quick or m.quick)
     batches = (batch,) if quick or batch == 1 else (batch, 1)

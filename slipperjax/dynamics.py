@@ -135,7 +135,7 @@ class SmoothField(AbstractVectorField):
     """For `SmoothSwitch`: ten states and one per point, all integrated; a plain ODE for any solver."""
 
     def from_contacts(self, t, frame, now, state, args):
-        scene = args.scene
+        scene = args.scene.settled()  # nothing to do where `integrate` did it
         rates = super().from_contacts(t, frame, now, state, args).motion
 
         def gap_rate(t, motion):

@@ -87,7 +87,9 @@ class CppPeer(AbstractPeer):
             states, seconds = [], []
             for speed in speeds[picked]:
                 arguments = [speed, *numbers.values(), case.periods, steps]
-                done = subprocess.run([str(program), *map(str, arguments)], capture_output=True, text=True, check=True)
+                done = subprocess.run(
+                    [str(program), *map(str, arguments)], capture_output=True, text=True, check=True
+                )
                 *rows, last = done.stdout.splitlines()
                 states.append([[float(x) for x in row.split()[1:11]] for row in rows])
                 seconds.append(float(re.findall(r"([\d.]+) us", last)[0]) * 1e-6 * steps * case.periods)
@@ -149,7 +151,11 @@ class NumpyModel:
         attitude = turn_z @ turn_y @ turn_x
         r = attitude @ self.arm
         w = (attitude @ s[7:])[:, None]
-        gap = n[0] * (r[0] - self.arm[0]) + n[1] * (s[0] + r[1] - rail_y.ravel()) + n[2] * (s[1] + r[2] - rail_z.ravel())
+        gap = (
+            n[0] * (r[0] - self.arm[0])
+            + n[1] * (s[0] + r[1] - rail_y.ravel())
+            + n[2] * (s[1] + r[2] - rail_z.ravel())
+        )
         v = np.stack([w[1] * r[2] - w[2] * r[1], w[2] * r[0] - w[0] * r[2], w[0] * r[1] - w[1] * r[0]])
         gap_rate = n[0] * v[0] + n[1] * (s[5] + v[1] - v_y.ravel()) + n[2] * (s[6] + v[2] - v_z.ravel())
         found = gap, gap_rate, n, r, attitude

@@ -80,6 +80,7 @@ def integrate(
 
     **Returns:** the last state, and what was kept with a leading axis of length `periods`.
     """
+    scene = scene.settled()  # once, and not in every evaluation
     terms = diffrax.ODETerm(vector_field(scene))
     carries = isinstance(solver, AbstractLatchingRungeKutta)
     saveat = diffrax.SaveAt(t1=record is None, steps=record is not None, solver_state=carries)

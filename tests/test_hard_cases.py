@@ -96,10 +96,30 @@ def by_steps():
     return out
 
 
-def test_print(by_steps):
-    for s, d in by_steps.items():
-        for n, r in d.items():
-            print(s, n, r)
+# Worst scaled error of the known periods, twice what was measured, at 1600 and at 12,800 steps per period. What is
+# known at K = 1e10 and more is two or three periods: errors grow 20- to 100-fold in one.
+LIMITS = {
+    "K1e9": (3e-6, 3e-7),  # measured 1.3e-6, 1.5e-7
+    "K1e10": (1e-3, 7e-6),  # measured 4.8e-4, 3.4e-6
+    "K1e11": (1e-1, 2e-4),  # measured 4.7e-2, 9.0e-5
+    "K1e12": (None, 3e-3),  # measured 6.6e-1 (in its third period; 1.6e-2 in the second), 1.3e-3
+    "fast": (1e-8, 2e-10),  # measured 5.0e-9, 8.5e-11
+    "short": (6e-7, 2e-8),  # measured 2.9e-7, 9.3e-9
+    "no clearance": (3e-6, 1e-7),
+    "wide": (2e-6, 3e-7),  # measured 7.6e-7, 1.3e-7
+    "c_r 0.1": (2e-6, 5e-8),  # measured 9.7e-7, 2.0e-8
+    "c_r 1.0": (7e-7, 5e-9),  # measured 3.4e-7, 2.5e-9
+    "no drive": (4e-8, 2e-10),  # measured 1.9e-8, 8.1e-11
+}
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_states_against_an_independent_code(by_steps, name):
+    for steps, limit in zip(by_steps, LIMITS[name], strict=True):
+        error = by_steps[steps][name]
+        if limit is not None:
+            assert np.nanmax(error) < limit, (steps, error)
+        assert error[0] < 2e-3  # the first period, whatever is known of the others
 
 
 def rebound(factor, stored=0.0):
@@ -127,8 +147,11 @@ def test_many_simultaneous_touchdowns_rebound_as_the_law_says():
     states, code = run(lanes, 12800)
     assert np.all(code == 0)
     expected = [rebound(flores(lane["restitution"])) for lane in lanes]
-    np.testing.assert_allclose(states[:, 1, 6], expected, rtol=1e-5)
-    np.testing.assert_allclose(states[:, :, [0, 2, 3, 4, 5, 7, 8, 9]], 0.0, atol=1e-9)
+    # after the impact and before the next one: 6 ms for the soft ones, 0.1 ms for the others
+    when = [1 if lane["stiffness"] < 1e9 else 0 for lane in lanes]
+    # measured 1.5e-6 and less
+    np.testing.assert_allclose(states[np.arange(len(lanes)), when, 6], expected, rtol=1e-5)
+    np.testing.assert_allclose(states[:, 0][:, [0, 2, 3, 4, 5, 7, 8, 9]], 0.0, atol=1e-9)
 
 
 def test_contacts_present_at_the_start():

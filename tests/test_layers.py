@@ -23,10 +23,24 @@ FLOORS = [
     {"paper"},
     {"plots"},
     {"figures"},
+    {"peers"},
     {"bench"},
     {"cli"},
 ]
-UPPER = {"labels", "batch", "records", "sweep", "branches", "spectra", "paper", "figures", "plots", "bench", "cli"}
+UPPER = {
+    "labels",
+    "batch",
+    "records",
+    "sweep",
+    "branches",
+    "spectra",
+    "paper",
+    "figures",
+    "plots",
+    "peers",
+    "bench",
+    "cli",
+}
 HEAVY = {"xarray", "matplotlib", "tqdm", "typer", "h5netcdf"}
 
 
