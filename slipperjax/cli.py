@@ -247,6 +247,39 @@ def reproduce(
     print(f"{good} of {len(answers)} claims reproduced, {len(answers) - good} differ: see {report}")
 
 
+@app.command()
+def bench(
+    quick: Annotated[bool, typer.Option(help="Two scenes, two solvers, one batch: minutes less.")] = False,
+    scene: Annotated[list[str] | None, typer.Option(help="A scene by name; repeat for several; default all.")] = None,
+    method: Annotated[
+        list[str] | None, typer.Option(help="A method by name; repeat for several; default all.")
+    ] = None,
+    batch: Annotated[int, typer.Option(help="Trajectories at once, beside one alone.")] = 241,
+    repeats: Annotated[int, typer.Option(help="Timed runs of each point.")] = 5,
+    out: Annotated[Path, typer.Option(help="Where to write, without ending: makes OUT.md and OUT.png.")] = Path(
+        "bench"
+    ),
+):
+    """Draw error against cost for every solver, and for other codes where they are at hand."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from . import bench as work
+
+    def show(point):
+        times = ", ".join(f"{best:.3g} us at {lanes}" for lanes, (best, _) in point.cost.items())
+        print(f"{point.case}: {point.method}, {point.setting}: error {point.error:.1e}, {times}", flush=True)
+
+    found = work.bench(
+        quick=quick, cases=scene or None, methods=method or None, batch=batch, repeats=repeats, report=show
+    )
+    try:
+        text, picture = work.write(*found, out)
+    except OSError as error:
+        raise ValueError(f"Option --out must name a place that can be written, but {out}: {error}") from error
+    print(f"wrote {text} and {picture}")
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: exit code 0, or 2 with one line that says what is wrong."""
     try:

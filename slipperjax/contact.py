@@ -15,10 +15,18 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .checks import fraction, not_negative, positive
+from .checks import fraction, not_negative, optional, positive
 
-SLOWEST_IMPACT = 1e-9
-"""Approach rate [m/s] below which a touchdown counts as one at this rate, so that its reciprocal is finite."""
+SLOWEST_IMPACT = 1e-3
+"""Approach rate [m/s] below which a touchdown counts as one at this rate.
+
+The damping of Eq. (12) grows as 1 / g'_0. Without a floor, a point that touches down at a micrometre per second and
+is pressed on afterwards creeps under a damping that no explicit method follows at any sensible step: the law is made
+for impacts, and this is none. MBDyn drops the damping below 1e-6 m/s.
+"""
+
+WIDTH_PER_DEPTH = 0.02
+"""Default width of the smooth switch as a share of the depth of a typical impact."""
 
 
 def zero_safe_sqrt(x: Array) -> Array:
@@ -157,6 +165,14 @@ class AbstractMemory(eqx.Module):
     def rate_ratio(self, memory: Array, rate: Array) -> Array:
         """g' / g'_0 [1] of points that touch, from the memory and g' [m/s]."""
 
+    def scaled(self, depth: Array, duration: Array, period: Array) -> "AbstractMemory":
+        """The memory with what it leaves to the scene filled in. Here nothing.
+
+        **Arguments:** depth [m] and duration [s] of a typical impact; the forcing period [s].
+        """
+        del depth, duration, period
+        return self
+
 
 class EventLatch(AbstractMemory):
     """Integrates the motion alone and latches g'_0 after each step, where in the step the gap crossed zero.
@@ -168,9 +184,15 @@ class EventLatch(AbstractMemory):
     Needs a solver that calls `latch` (`slipperjax.RK4`, `slipperjax.Tsit5`).
     """
 
+    slowest: float = eqx.field(static=True, default=SLOWEST_IMPACT)
+    """Slower touchdowns count as ones at this rate [m/s]: see `SLOWEST_IMPACT`."""
+
+    def __check_init__(self):
+        if not 0 < self.slowest < float("inf"):
+            raise ValueError(f"Argument `slowest` must be positive, but is {self.slowest} m/s.")
+
     def initial(self, gap: Array, rate: Array) -> Array:
-        approaching = rate < -SLOWEST_IMPACT
-        began = jnp.where(approaching, 1 / jnp.where(approaching, rate, -1.0), -jnp.finfo(rate.dtype).tiny)
+        began = jnp.where(rate < 0, 1 / jnp.minimum(rate, -self.slowest), -jnp.finfo(rate.dtype).tiny)
         return jnp.where(gap < 0, began, 0.0)
 
     def rate_ratio(self, memory: Array, rate: Array) -> Array:
@@ -197,7 +219,7 @@ class EventLatch(AbstractMemory):
             x = jnp.clip(x - value / jnp.where(entered & (steepness < 0), steepness, -jnp.inf), 0.0, 1.0)
         rise = rate - before.rate
         bend = (rise - ratio * (before.rate - before.earlier_rate)) * (ratio / (1 + ratio))
-        began = jnp.minimum(before.rate + x * (rise + (x - 1) * bend), -SLOWEST_IMPACT)
+        began = jnp.minimum(before.rate + x * (rise + (x - 1) * bend), -self.slowest)
         return jnp.where(gap >= 0, 0.0, jnp.where(entered, 1 / began, memory))
 
 
@@ -220,11 +242,14 @@ class SmoothSwitch(AbstractMemory):
     The memory m [m/s] follows g' while the point is open and freezes while it is closed. S is a twice
     continuously differentiable step from 0 to 1, centred on g = 0; d(g')/dt is the feed-forward without which
     m would lag behind.
+
+    What is None is scaled from the scene, case by case: see `scaled`. `tests/benchmarks/test_smooth_switch.py`
+    prints the table from which that was chosen.
     """
 
-    width: Float[Array, ""] = eqx.field(converter=positive("width", "m"), default=5e-5)
+    width: Float[Array, ""] | None = eqx.field(converter=optional(positive("width", "m")), default=None)
     """Width of the switch about g = 0 [m]."""
-    relaxation: Float[Array, ""] = eqx.field(converter=positive("relaxation", "s"), default=1e-4)
+    relaxation: Float[Array, ""] | None = eqx.field(converter=optional(positive("relaxation", "s")), default=None)
     """Time in which m forgets an error while the point is open [s]; short against the open time."""
     slowest: Float[Array, ""] = eqx.field(converter=positive("slowest", "m/s"), default=1e-3)
     """`small` [m/s]: keeps the force finite while m changes sign at the end of a contact."""
@@ -235,8 +260,28 @@ class SmoothSwitch(AbstractMemory):
     def rate_ratio(self, memory: Array, rate: Array) -> Array:
         return rate / jnp.minimum(memory, -self.slowest)
 
+    def scaled(self, depth: Array, duration: Array, period: Array) -> "SmoothSwitch":
+        """Fills in `width` and `relaxation`.
+
+        The width is a share of the depth of a typical impact, and not of the clearance, which may be zero: a point
+        opens as far as its opposite is pressed in. The relaxation is as short as the default steps allow an explicit
+        method, 0.6 of a step: a longer one forgets too little between two contacts.
+        """
+        if self.width is not None and self.relaxation is not None:
+            return self
+        width = WIDTH_PER_DEPTH * depth if self.width is None else self.width
+        relaxation = jnp.minimum(duration / 25, period / 80) if self.relaxation is None else self.relaxation
+        fields = lambda m: (m.width, m.relaxation)
+        # not by making a new one, whose checks would put a call back to Python into the compiled program
+        return eqx.tree_at(fields, self, (width, relaxation), is_leaf=lambda x: x is None)
+
     def derivative(self, memory: Array, gap: Array, rate: Array, acceleration: Array) -> Array:
-        """m' [m/s^2] from gap [m], its rate [m/s] and that rate's own rate along the flow [m/s^2]."""
+        """m' [m/s^2] from gap [m], its rate [m/s] and that rate's own rate along the flow [m/s^2].
+
+        Raises `ValueError` where width or relaxation are None still.
+        """
+        if self.width is None or self.relaxation is None:
+            raise ValueError("Arguments `width` and `relaxation` must be numbers here: call Scene.settled() before.")
         u = jnp.clip(gap / self.width + 0.5, 0.0, 1.0)
         switch = u**3 * (10 + u * (6 * u - 15))
         return switch * ((rate - memory) / self.relaxation + acceleration)

@@ -40,7 +40,13 @@ def phase(t: Any, epoch: Any) -> Any:
 
 
 def initial_state(scene: Scene, motion: Motion, epoch: Any = 0) -> State:
-    """The state of `motion` at the start of the period `epoch`, with the memory that goes with it."""
+    """The state of `motion` at the start of the period `epoch`, with the memory that goes with it.
+
+    **Raises:** `ValueError` where JAX was switched back to 32-bit numbers.
+    """
+    if not jax.config.jax_enable_x64:
+        # the phase epoch + t loses its meaning, and a penetration of micrometres beside metres its digits
+        raise ValueError("Option `jax_enable_x64` must be on, as slipperjax sets it on import, but is off.")
     motion = jax.tree.map(lambda v: jnp.asarray(v, float), motion)
     if not scene.contact.has_memory:
         return State(motion, None)
@@ -129,7 +135,7 @@ class SmoothField(AbstractVectorField):
     """For `SmoothSwitch`: ten states and one per point, all integrated; a plain ODE for any solver."""
 
     def from_contacts(self, t, frame, now, state, args):
-        scene = args.scene
+        scene = args.scene.settled()  # nothing to do where `integrate` did it
         rates = super().from_contacts(t, frame, now, state, args).motion
 
         def gap_rate(t, motion):

@@ -65,8 +65,8 @@ def quaternion_from_euler(roll, pitch, yaw):
 
 
 def scalar_part(m: Motion):
-    """q_0 of the attitude quaternion; NaN once the vector part is longer than one."""
-    return jnp.sqrt(1 - (m.q_x * m.q_x + m.q_y * m.q_y + m.q_z * m.q_z))
+    """q_0 of the attitude quaternion, zero at 180 degrees and beyond: a derailed slipper stays there, and finite."""
+    return jnp.sqrt(jnp.maximum(1 - (m.q_x * m.q_x + m.q_y * m.q_y + m.q_z * m.q_z), 1e-30))
 
 
 def rotation(m: Motion):

@@ -64,6 +64,11 @@ class Scene(eqx.Module):
             scene = _setter(self, name)(scene, value)
         return scene
 
+    def settled(self) -> "Scene":
+        """A copy whose contact memory has the numbers that it leaves to the scene, see `SmoothSwitch`."""
+        memory = self.memory.scaled(contact_depth(self), contact_duration(self), self.period)
+        return self if memory is self.memory else eqx.tree_at(lambda s: s.memory, self, memory)
+
     def value(self, name: str) -> Array:
         """The present value of a named parameter, see `PARAMETERS`."""
         _setter(self, name)
@@ -155,15 +160,22 @@ def contact_duration(scene: Scene) -> Float[Array, ""]:
     """How long a typical impact lasts [s], from Hertz's theory without damping.
 
     The approach speed is the track's peak lateral speed (0.1 m/s at least); the mass is what a corner presents,
-    translation and rotation together. Serves to choose step sizes, nothing else.
+    translation and rotation together. Serves to choose step sizes and the smooth switch, nothing else.
     """
+    return 2.94 * contact_depth(scene) / _approach(scene)
+
+
+def contact_depth(scene: Scene) -> Float[Array, ""]:
+    """How deep a typical impact goes [m]: see `contact_duration`."""
     slipper = scene.slipper
-    amplitude = getattr(scene.track, "amplitude", 0.0)
-    approach = jnp.maximum(2 * jnp.pi * jnp.abs(amplitude) * scene.speed / scene.track.wavelength, 0.1)
     reach = jnp.max(jnp.abs(scene.section.points))
     mass = 1 / (1 / slipper.mass + reach**2 / slipper.inertia[0] + slipper.length**2 / 4 / slipper.inertia[1])
-    depth = (1.25 * mass * approach**2 / scene.contact.stiffness) ** 0.4
-    return 2.94 * depth / approach
+    return (1.25 * mass * _approach(scene) ** 2 / scene.contact.stiffness) ** 0.4
+
+
+def _approach(scene: Scene) -> Float[Array, ""]:
+    amplitude = getattr(scene.track, "amplitude", 0.0)
+    return jnp.maximum(2 * jnp.pi * jnp.abs(amplitude) * scene.speed / scene.track.wavelength, 0.1)
 
 
 def default_steps_per_period(scene: Scene, *, per_contact: int = 15, least: int = 50) -> int:

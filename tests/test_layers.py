@@ -24,6 +24,7 @@ FLOORS = [
     {"paper"},
     {"plots"},
     {"figures"},
+    {"peers"},
     {"bench"},
     {"cli"},
 ]
@@ -38,6 +39,7 @@ UPPER = {
     "paper",
     "figures",
     "plots",
+    "peers",
     "bench",
     "cli",
 }

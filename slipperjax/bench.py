@@ -1,0 +1,382 @@
+"""Speed against error: every solver on easy and hard scenes, measured side by side.
+
+A method is a row of `METHODS`: a solver, how the contact remembers its touchdowns, and the settings to go through,
+which are numbers of steps or tolerances. A row more is a solver more.
+
+The error is the worst difference of a state from the reference at the ends of the periods, in units of 1 mm, 10 mrad,
+1 m/s and 10 rad/s, in the median over a batch of neighbouring cases: one case alone may be lucky. The cost is
+microseconds per trajectory and forcing period, compilation left out.
+"""
+
+import dataclasses
+import functools
+import itertools
+import statistics
+import time
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .batch import Workers
+from .checks import whole
+from .compilation import jit
+from .contact import AbstractMemory, EventLatch, SmoothSwitch
+from .dynamics import Args, initial_state, vector_field
+from .kinematics import Motion, table_2_start
+from .peers import PEERS, AbstractPeer
+from .records import outputs
+from .scene import Scene, default_steps_per_period, paper_scene
+from .simulate import integrate
+from .solvers import RK4, Tsit5
+
+SCALES = np.array([1e-3] * 2 + [1e-2] * 3 + [1.0] * 2 + [10.0] * 3)
+"""What a scaled error of one is: 1 mm, 10 mrad, 1 m/s, 10 rad/s."""
+REFERENCE_STEPS = 12_800
+"""Steps per period of the reference, RK4 with the event latch."""
+SPREAD = 0.02
+"""The batch's speeds reach from 1 - SPREAD to 1 + SPREAD times the scene's."""
+
+
+class Case(NamedTuple):
+    """A scene of the benchmark."""
+
+    name: str
+    scene: Scene
+    periods: int
+    """Forcing periods to compare over; few where neighbouring motions part quickly."""
+    start: Motion
+
+
+def _with_gravity(scene: Scene, gravity: float) -> Scene:
+    return dataclasses.replace(scene, gravity=gravity)
+
+
+def all_cases() -> list[Case]:
+    """The scenes, from easy to hard. All but the last have the same structure, and so share compiled programs."""
+    plain = lambda **options: _with_gravity(paper_scene(**options), 0.0)
+    still = dict(amplitude=0.0, roll_amplitude=0.0)
+    resting = Motion(z=-5e-4, v_z=-1e-3, w_x=1e-2, w_y=1e-2)
+    start = table_2_start()
+    return [
+        Case("nominal", plain(), 6, start),
+        Case("V = 2300 m/s", plain(speed=2300.0), 6, start),
+        Case("C = 4 mm", plain(clearance=4e-3), 6, start),
+        Case("K = 1e10", plain(stiffness=1e10), 2, start),
+        Case("K = 1e12", plain(stiffness=1e12), 2, start),
+        Case("resting", _with_gravity(paper_scene(**still), 9.81), 6, resting),
+        Case("two waves", plain(speed=1500.0, wavelengths=(10.0, 12.0)), 6, start),
+    ]
+
+
+class Method(NamedTuple):
+    """A way to integrate a scene."""
+
+    name: str
+    solver: diffrax.AbstractSolver
+    memory: AbstractMemory
+    settings: tuple[float, ...]
+    """Steps per period as multiples of the scene's default; or relative tolerances, where `adaptive`."""
+    adaptive: bool = False
+    quick: bool = False
+    """Whether it is part of the quick run."""
+
+    def setting(self, case: Case, value: float) -> float:
+        """The number that the program is given: steps per period, or the tolerance."""
+        if self.adaptive:
+            return value
+        return float(max(1, round(value * default_steps_per_period(case.scene))))
+
+    def label(self, case: Case, value: float) -> str:
+        """How a setting is named in the table."""
+        return f"rtol {value:.0e}" if self.adaptive else f"{self.setting(case, value):.0f} steps"
+
+
+FACTORS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+
+METHODS = [
+    Method("RK4, event latch", RK4(), EventLatch(), FACTORS, quick=True),
+    Method("Tsit5, event latch", Tsit5(), EventLatch(), FACTORS),
+    Method("RK4, smooth switch", RK4(), SmoothSwitch(), FACTORS, quick=True),
+    Method("diffrax Tsit5, smooth switch", diffrax.Tsit5(), SmoothSwitch(), TOLERANCES, adaptive=True),
+    Method("diffrax Kvaerno5, smooth switch", diffrax.Kvaerno5(), SmoothSwitch(), TOLERANCES[1:-1], adaptive=True),
+]
+"""The methods compared."""
+
+
+class Point(NamedTuple):
+    """One measured point."""
+
+    case: str
+    method: str
+    setting: str
+    error: float
+    """Median over the batch of the worst scaled error; infinite where a case left the finite numbers."""
+    cost: dict[int, tuple[float, float]]
+    """Best and median microseconds per trajectory and period, by the number of trajectories at once."""
+
+
+def _adaptive(scene: Scene, state: Any, solver: Any, tolerance: Any, periods: int) -> Any:
+    """As `integrate`, with steps chosen by their error estimate."""
+    terms = diffrax.ODETerm(vector_field(scene))
+
+    def period(carry, epoch):
+        state, step = carry
+        solution = diffrax.diffeqsolve(
+            terms,
+            solver,
+            t0=0.0,
+            t1=1.0,
+            dt0=step,
+            y0=state,
+            args=Args(scene, epoch),
+            # states are of the order of 1e-3 (metres, quaternion) and 1 (velocities)
+            stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=1e-3 * tolerance),
+            adjoint=diffrax.ForwardMode(),
+            max_steps=None,
+            throw=False,
+        )
+        end = jax.tree.map(lambda ys: ys[-1], solution.ys)
+        return (end, step), end
+
+    (_, _), kept = jax.lax.scan(period, (state, jnp.asarray(1e-3)), jnp.arange(float(periods)))
+    return kept
+
+
+@functools.partial(jit, static_argnums=(4, 5, 6))
+def _run(scene, speeds, start, setting, solver, adaptive, periods):
+    """States (lanes, periods) at the ends of the periods."""
+
+    def one(speed):
+        case = scene.replace(speed=speed)
+        state = initial_state(case, start)
+        if adaptive:
+            return _adaptive(case, state, solver, setting, periods)
+        options = dict(record=None, adjoint=diffrax.ForwardMode())
+        return integrate(case, state, solver=solver, steps=setting, periods=periods, **options)[1]
+
+    return jax.vmap(one)(speeds)
+
+
+def _states(case: Case, method: Method, setting: float, speeds: np.ndarray, workers: int | None) -> np.ndarray:
+    scene = dataclasses.replace(case.scene, memory=method.memory)
+    start = jax.tree.map(lambda v: jnp.asarray(v, float), case.start)
+
+    def work(values, tick):
+        kept = _run(scene, values["speed"], start, setting, method.solver, method.adaptive, case.periods)
+        return [outputs(kept)]
+
+    team = Workers(len(speeds), None, workers)
+    (states,) = team.run(work, {"speed": speeds}, periods=case.periods, progress=False)
+    return states
+
+
+def batch_speeds(case: Case, lanes: int) -> np.ndarray:
+    """Speeds [m/s] of a batch about the scene's own, which is the only one of a batch of one."""
+    return float(case.scene.speed) * (1 + (np.linspace(-SPREAD, SPREAD, lanes) if lanes > 1 else np.zeros(1)))
+
+
+def errors(states: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Worst scaled error of each case, infinite where it is not finite; states are (cases, periods, 10)."""
+    worst = np.max(np.abs(states - truth) / SCALES, axis=(1, 2))
+    return np.where(np.isfinite(worst), worst, np.inf)
+
+
+def measure(
+    case: Case,
+    methods: Iterable[Method],
+    *,
+    batches: tuple[int, ...] = (241, 1),
+    repeats: int = 5,
+    reference_steps: int = REFERENCE_STEPS,
+    peers: Iterable[AbstractPeer] = PEERS,
+    workers: int | None = None,
+    settings: slice = slice(None),
+) -> Iterator[Point]:
+    """The points of one scene, one after the other.
+
+    **Arguments:** `batches`: numbers of trajectories to time, the first of which gives the errors; `repeats`: timed
+    runs of each; `workers`: threads, as for `sweep`; `settings`: which of each method's settings.
+    """
+    speeds = batch_speeds(case, batches[0])
+    truth = _states(case, METHODS[0], float(reference_steps), speeds, workers)
+    for method in methods:
+        for value in method.settings[settings]:
+            setting = method.setting(case, value)
+            if not method.adaptive and setting > reference_steps / 2:
+                continue
+            found = errors(_states(case, method, setting, speeds, workers), truth)
+            cost = {}
+            for lanes in batches:
+                these = batch_speeds(case, lanes)
+                if lanes != batches[0]:
+                    _states(case, method, setting, these, workers)  # compiles
+                seconds = timed(lambda s=setting, t=these, m=method: _states(case, m, s, t, workers), repeats)
+                cost[lanes] = tuple(1e6 * s / lanes / case.periods for s in seconds)
+            yield Point(case.name, method.name, method.label(case, value), float(np.median(found)), cost)
+    for peer in peers:
+        for setting, states, seconds, picked in peer.runs(case, speeds):
+            found = errors(states, truth[picked])
+            best, median = (1e6 * s / case.periods for s in seconds)
+            yield Point(case.name, peer.name, setting, float(np.median(found)), {1: (best, median)})
+
+
+def timed(run: Callable[[], Any], repeats: int) -> tuple[float, float]:
+    """Best and median seconds of several runs."""
+    seconds = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        run()
+        seconds.append(time.perf_counter() - begin)
+    return min(seconds), statistics.median(seconds)
+
+
+MBDYN = {
+    "nominal": 5.9e-3,
+    "V = 2300 m/s": 6.8e-3,
+    "C = 4 mm": 4.6e-2,
+}
+"""MBDyn's error over six periods at the paper's 1000 steps per period, by scene."""
+MBDYN_MS = {"fastest settings": 24.3, "default Newton": 108.0}
+"""Its milliseconds per period on one core. Measured once, on another day, and not in the run that shows them."""
+
+
+def mbdyn_points(cases: Iterable[Case]) -> list[Point]:
+    """MBDyn's points, which are not measured here."""
+    return [
+        Point(case.name, "MBDyn (measured elsewhere)", f"1000 steps, {how}", MBDYN[case.name], {1: (1e3 * ms,) * 2})
+        for case in cases
+        if case.name in MBDYN
+        for how, ms in MBDYN_MS.items()
+    ]
+
+
+def cost_at(points: Iterable[Point], error: float, lanes: int) -> float:
+    """Microseconds per trajectory and period at which a method reaches an error, by its median times.
+
+    Between points logarithms are interpolated; infinite where no point is that accurate.
+    """
+    known = sorted((p.error, p.cost[lanes][1]) for p in points if lanes in p.cost and np.isfinite(p.error))
+    reach = [(e, c) for e, c in known if e <= error]
+    if not reach:
+        return float("inf")
+    best = min(c for _, c in reach)
+    for (e0, c0), (e1, c1) in itertools.pairwise(known):
+        if e0 <= error < e1 and c1 < c0:
+            share = np.log(error / e0) / np.log(e1 / e0)
+            best = min(best, float(np.exp((1 - share) * np.log(c0) + share * np.log(c1))))
+    return best
+
+
+def table(points: list[Point], batches: tuple[int, ...]) -> str:
+    """All points as a Markdown table, then for each scene what an error of 1e-3 costs."""
+    heads = [f"us at {n}, best (median)" for n in batches]
+    lines = [f"| scene | method | setting | error | {' | '.join(heads)} |", "|---" * (4 + len(batches)) + "|"]
+    for p in points:
+        cells = ["-" if n not in p.cost else f"{p.cost[n][0]:.3g} ({p.cost[n][1]:.3g})" for n in batches]
+        lines.append(f"| {p.case} | {p.method} | {p.setting} | {p.error:.1e} | {' | '.join(cells)} |")
+    names = list(dict.fromkeys(p.method for p in points))
+    lines += [
+        "",
+        "Microseconds per trajectory and period at a scaled error of 1e-3 (median times, interpolated):",
+        "",
+    ]
+    lines += ["| scene | " + " | ".join(f"{n}, {b} at once" for n in names for b in batches) + " |"]
+    lines += ["|---" * (1 + len(names) * len(batches)) + "|"]
+    for case in dict.fromkeys(p.case for p in points):
+        of = lambda name, case=case: [p for p in points if p.case == case and p.method == name]
+        values = [cost_at(of(n), 1e-3, b) for n in names for b in batches]
+        lines.append(f"| {case} | " + " | ".join(f"{v:.3g}" if np.isfinite(v) else "-" for v in values) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def draw(points: list[Point], batches: tuple[int, ...]) -> Any:
+    """Error against cost, one panel per scene. Full lines: the first batch; dashed: one trajectory at a time.
+
+    **Returns:** the axes, an array.
+    """
+    import matplotlib.pyplot as plt
+
+    names = list(dict.fromkeys(p.case for p in points))
+    methods = list(dict.fromkeys(p.method for p in points))
+    columns = min(4, len(names))
+    rows = -(-len(names) // columns)
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(4.2 * columns, 3.6 * rows + 0.8), squeeze=False, layout="constrained"
+    )
+    handles = {}
+    for ax, name in zip(axes.flat, names, strict=False):
+        for k, method in enumerate(methods):
+            mine = [p for p in points if p.case == name and p.method == method and np.isfinite(p.error)]
+            for lanes, style in zip(batches, ("o-", "s--", "^:"), strict=False):
+                here = [p for p in mine if lanes in p.cost and p.error > 0]
+                if here:
+                    x, y = [p.cost[lanes][1] for p in here], [p.error for p in here]
+                    (line,) = ax.plot(x, y, style, color=f"C{k}", markersize=4, linewidth=1)
+                    handles.setdefault(method, line)
+        ax.set(xscale="log", yscale="log", title=name, xlabel="µs per trajectory and period", ylabel="scaled error")
+        ax.grid(alpha=0.3)
+    for ax in axes.flat[len(names) :]:
+        ax.set_axis_off()
+    marks = ", ".join(f"{s}: {n} at once" for n, s in zip(batches, ("dots", "squares", "triangles"), strict=False))
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=3, title=marks)
+    return axes
+
+
+def bench(
+    *,
+    quick: bool = False,
+    cases: Iterable[str] | None = None,
+    methods: Iterable[str] | None = None,
+    batch: int = 241,
+    repeats: int = 5,
+    report: Callable[[Point], None] = lambda point: None,
+) -> tuple[list[Point], tuple[int, ...]]:
+    """Measures, and gives the points and the batch sizes.
+
+    **Arguments:** `quick`: two scenes, the methods marked so, and the batch alone; `cases`, `methods`: names of some
+    only; `batch`: trajectories at once, beside one alone; `report`: called with each point.
+
+    **Raises:** `ValueError` where a name is unknown.
+    """
+    batch, repeats = whole("batch", batch, 1), whole("repeats", repeats, 1)
+    chosen = _named("cases", all_cases(), cases, lambda c: not quick or c.name in ("nominal", "K = 1e10"))
+    rows = _named("methods", METHODS, methods, lambda m: not quick or m.quick)
+    batches = (batch,) if quick or batch == 1 else (batch, 1)
+    options = dict(batches=batches, repeats=2 if quick else repeats, settings=slice(0, 4) if quick else slice(None))
+    if quick:
+        options |= dict(reference_steps=3200, peers=[p for p in PEERS if p.quick])
+    points = []
+    for case in chosen:
+        for point in measure(case, rows, **options):
+            points.append(point)
+            report(point)
+    return points + mbdyn_points(chosen), (*batches, 1) if 1 not in batches else batches
+
+
+def _named(argument: str, rows: Iterable[Any], names: Iterable[str] | None, otherwise: Callable) -> list:
+    rows = list(rows)
+    if names is None:
+        return [row for row in rows if otherwise(row)]
+    known = {row.name: row for row in rows}
+    for name in names:
+        if name not in known:
+            raise ValueError(f"Argument `{argument}` must be of {'; '.join(known)}, but has {name!r}.")
+    return [known[name] for name in names]
+
+
+def write(points: list[Point], batches: tuple[int, ...], out: Path) -> tuple[Path, Path]:
+    """Writes OUT.md and OUT.png and gives their paths."""
+    import matplotlib.pyplot as plt
+
+    text, picture = Path(f"{out}.md"), Path(f"{out}.png")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    text.write_text(table(points, batches))
+    draw(points, batches).flat[0].figure.savefig(picture, dpi=150)
+    plt.close("all")
+    return text, picture

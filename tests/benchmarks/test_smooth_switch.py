@@ -1,0 +1,121 @@
+"""How far the smooth switch is from the event latch, over its width and its relaxation, and what a step size costs.
+
+    pytest -m benchmark -s tests/benchmarks/test_smooth_switch.py
+
+Laws of the family differ in the factor c of Eq. (12) alone, and so do here: each runs as Flores' law with the
+restitution that gives its c.
+"""
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import slipperjax as sj
+from slipperjax.records import outputs
+from slipperjax.simulate import integrate
+
+from ..common import SCALES
+
+pytestmark = pytest.mark.benchmark
+RESTITUTION = 0.9
+LAWS = {law.__name__: law(1e8, RESTITUTION) for law in (sj.Flores, sj.HuntCrossley, sj.LankaraniNikravesh)}
+# speed, clearance, stiffness, and the periods after which to compare: few where neighbouring motions part at once
+SCENES = {
+    "nominal": (1250.0, 1e-3, 1e8, 10),
+    "fast": (2300.0, 1e-3, 1e8, 10),
+    "wide": (1250.0, 4e-3, 1e8, 6),
+    "stiff": (1250.0, 1e-3, 1e10, 2),
+}
+WIDTHS = (2e-4, 1e-4, 5e-5, 2e-5, 1e-5, 3e-6)
+RELAXATIONS = (3e-4, 1e-4, 3e-5, 1e-5)
+STEPS = (50, 100, 200, 400, 800)
+PERIODS = 10
+LANES = 24
+FINE, FINEST = 1600, 6400
+
+
+def values(cases):
+    """Parameters of (scene, law) pairs, as lanes."""
+    rows = []
+    for scene, law in cases:
+        speed, clearance, stiffness, _ = SCENES[scene]
+        restitution = 8 / (8 + 5 * float(LAWS[law].factor))
+        rows.append(dict(speed=speed, clearance=clearance, stiffness=stiffness, restitution=restitution))
+    return {name: jnp.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def _run(scene, lanes, switch, steps):
+    def one(values, switch):
+        case = scene.replace(**values)
+        if switch is not None:
+            case = eqx.tree_at(lambda s: (s.memory.width, s.memory.relaxation), case, switch)
+        state = sj.initial_state(case, sj.table_2_start())
+        options = dict(solver=sj.RK4(), record=None, adjoint=diffrax.ForwardMode())
+        return integrate(case, state, steps=steps, periods=PERIODS, **options)[1]
+
+    return jax.vmap(one)(lanes, switch)
+
+
+_jitted = sj.jit(_run)
+SMOOTH = sj.paper_scene(memory=sj.SmoothSwitch(1e-4, 1e-4))
+
+
+def default_switch(lanes):
+    """Width and relaxation that the library chooses, by lane."""
+    auto = sj.paper_scene(memory=sj.SmoothSwitch())
+    settled = jax.vmap(lambda v: auto.replace(**v).settled().memory)(lanes)
+    return settled.width, settled.relaxation
+
+
+def smooth(cases, switch, steps):
+    """States of many cases, in chunks of one size: one compiled program."""
+    lanes, out = values(cases), []
+    for at in range(0, len(cases), LANES):
+        index = np.minimum(np.arange(at, at + LANES), len(cases) - 1)
+        pick = lambda a, index=index: a[index]
+        out.append(outputs(_jitted(SMOOTH, jax.tree.map(pick, lanes), tuple(map(pick, switch)), float(steps))))
+    return np.concatenate(out)[: len(cases)]
+
+
+@pytest.fixture(scope="module")
+def truth():
+    cases = [(scene, law) for scene in SCENES for law in LAWS]
+    states = outputs(_jitted(sj.paper_scene(), values(cases), None, float(FINEST)))
+    return dict(zip(cases, states, strict=True))
+
+
+def bias(cases, states, truth):
+    """Worst scaled difference from the event latch at the ends of each scene's periods."""
+    return [
+        np.max((np.abs(s - truth[case]) / SCALES)[: SCENES[case[0]][3]])
+        for case, s in zip(cases, states, strict=True)
+    ]
+
+
+def test_bias_over_width_and_relaxation(truth):
+    grid = [(scene, w, tau) for scene in SCENES for w in WIDTHS for tau in RELAXATIONS]
+    cases = [(scene, "Flores") for scene, _, _ in grid]
+    switch = jnp.array([w for _, w, _ in grid]), jnp.array([tau for _, _, tau in grid])
+    found = np.reshape(bias(cases, smooth(cases, switch, FINE), truth), (len(SCENES), len(WIDTHS), -1))
+    for (scene, (*_, periods)), table in zip(SCENES.items(), found, strict=True):
+        print(f"\n{scene}, {periods} periods: width [m] down, relaxation [s] across, {FINE} steps per period")
+        print(" " * 8 + " ".join(f"{tau:8.0e}" for tau in RELAXATIONS))
+        for w, row in zip(WIDTHS, table, strict=True):
+            print(f"{w:8.0e}" + " ".join(f"{b:8.1e}" for b in row))
+    assert np.isfinite(found).all()
+
+
+def test_defaults_over_scenes_laws_and_steps(truth):
+    cases = list(truth)
+    switch = default_switch(values(cases))
+    found = {n: bias(cases, smooth(cases, switch, n), truth) for n in (*STEPS, FINE)}
+    print("\ndefault width and relaxation; columns: steps per period")
+    print(" " * 44 + " ".join(f"{n:8d}" for n in found))
+    for k, (scene, law) in enumerate(cases):
+        numbers = f"{switch[0][k] * 1e6:6.1f} um {switch[1][k] * 1e6:6.1f} us"
+        print(f"{scene:8s}{law:19s}{numbers} " + " ".join(f"{found[n][k]:8.1e}" for n in found))
+    nominal = [found[FINE][k] for k, (scene, _) in enumerate(cases) if scene == "nominal"]
+    assert max(nominal) < 5e-4

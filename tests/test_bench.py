@@ -1,0 +1,87 @@
+"""Speed against error: what can be said without measuring much."""
+
+import math
+
+import numpy as np
+import pytest
+
+from slipperjax import bench
+from slipperjax.cli import main
+from slipperjax.peers import PEERS, NumpyModel, SciPyPeer
+
+from .common import SCALES, cases
+
+
+def point(method, error, cost, case="nominal", lanes=241):
+    return bench.Point(case, method, "n steps", error, {lanes: (cost / 2, cost)})
+
+
+def test_cost_at_an_error_is_interpolated_in_logarithms():
+    points = [point("a", 1e-2, 10.0), point("a", 1e-4, 40.0), point("a", math.inf, 1.0)]
+    assert bench.cost_at(points, 1e-3, 241) == pytest.approx(20.0)
+    assert bench.cost_at(points, 1e-1, 241) == pytest.approx(10.0)
+    assert bench.cost_at(points, 1e-5, 241) == math.inf
+    assert bench.cost_at(points, 1e-3, 1) == math.inf
+
+
+def test_errors_are_those_of_each_case_and_infinite_where_not_finite():
+    truth = np.zeros((3, 2, 10))
+    states = truth + SCALES * np.array([1e-3, 2e-3, 1.0])[:, None, None]
+    states[2, 1, 4] = np.nan
+    np.testing.assert_allclose(bench.errors(states, truth), [1e-3, 2e-3, np.inf])
+
+
+def test_what_is_not_measured_here_is_marked():
+    found = bench.mbdyn_points(bench.all_cases())
+    assert len(found) == 6
+    assert all("measured elsewhere" in p.method for p in found)
+
+
+def test_table_and_picture(tmp_path):
+    points = [point(m, e, c) for m in ("a", "b") for e, c in ((1e-2, 10.0), (1e-4, 40.0))]
+    text, picture = bench.write(points, (241, 1), tmp_path / "deep" / "out")
+    assert "| nominal | a | n steps | 1.0e-02 | 5 (10) | - |" in text.read_text()
+    assert "| nominal | 20 | - | 20 | - |" in text.read_text()
+    assert picture.stat().st_size > 10_000
+
+
+def test_scenes_and_methods_have_names_of_their_own():
+    for rows in (bench.all_cases(), bench.METHODS, PEERS):
+        names = [row.name for row in rows]
+        assert len(set(names)) == len(names)
+
+
+@pytest.mark.parametrize(
+    ("option", "words"), [("--scene", "nominal"), ("--method", "RK4, event latch"), ("--batch", "whole number")]
+)
+def test_wrong_input_is_one_line(option, words, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        main(["bench", option, "0"])
+    assert stopped.value.code == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+
+
+def test_scipy_lands_on_the_reference():
+    # half a period of the fastest case, which has its first touchdowns in it, is what is cheap
+    (case,) = (c for c in cases("hard_states") if c["name"] == "fast")
+    names = ("clearance", "length", "stiffness", "restitution", "amplitude", "roll_amplitude")
+    numbers = {name: case[name] for name in names} | dict(wave=8.0, wave2=0.0)
+    states = SciPyPeer("DOP853").integrate(case["speed"], numbers, 1, 1e-7)
+    assert states is not None
+    assert np.max(np.abs(states[0] - case["states"][0]) / SCALES) < 1e-5
+    model = NumpyModel(case["speed"], numbers)
+    gap = model.contacts(0.0, np.zeros(10))[0]
+    assert gap.min() > 0
+
+
+@pytest.mark.slow
+def test_a_small_run_writes_table_and_picture(tmp_path, capsys):
+    options = ["--quick", "--scene", "nominal", "--method", "RK4, event latch", "--batch", "8"]
+    with pytest.raises(SystemExit) as stopped:
+        main(["bench", *options, "--out", str(tmp_path / "b")])
+    assert stopped.value.code == 0
+    assert "50 steps: error" in capsys.readouterr().out
+    assert (tmp_path / "b.png").stat().st_size > 10_000
+    assert "MBDyn (measured elsewhere)" in (tmp_path / "b.md").read_text()
