@@ -25,7 +25,7 @@ is pressed on afterwards creeps under a damping that no explicit method follows 
 for impacts, and this is none. MBDyn drops the damping below 1e-6 m/s.
 """
 
-WIDTH_PER_DEPTH = 0.02
+WIDTH_PER_DEPTH = 0.01
 """Default width of the smooth switch as a share of the depth of a typical impact."""
 
 
