@@ -208,11 +208,13 @@ class EventLatch(AbstractMemory):
         the whole simulation. All of it stays differentiable, which is what makes tangents right: the touchdown's
         time and place depend on the state.
         """
-        entered = (before.gap >= 0) & (gap < 0)
+        # by the memory and not by the gap before, whose sign at a start in mere touch is a matter of rounding
+        entered = (memory == 0) & (gap < 0)
+        fall = before.gap - gap
         slope, slope1 = step * before.rate, step * rate
         a = 2 * before.gap - 2 * gap + slope + slope1
         b = -3 * before.gap + 3 * gap - 2 * slope - slope1
-        x = before.gap / jnp.where(entered, before.gap - gap, 1.0)
+        x = before.gap / jnp.where(entered & (fall > 0), fall, jnp.inf)
         for _ in range(3):
             value = ((a * x + b) * x + slope) * x + before.gap
             steepness = (3 * a * x + 2 * b) * x + slope
