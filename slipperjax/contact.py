@@ -268,6 +268,10 @@ class SmoothSwitch(AbstractMemory):
         The width is a share of the depth of a typical impact, and not of the clearance, which may be zero: a point
         opens as far as its opposite is pressed in. The relaxation is as short as the default steps allow an explicit
         method, 0.6 of a step: a longer one forgets too little between two contacts.
+
+        Bias, as the worst scaled difference from the event latch, RK4 at 1600 steps: 4.9e-5 after 10 periods at
+        V = 1250 m/s, C = 1 mm; 1.5e-3 after 10 at V = 2300 m/s; 1.6e-4 after 2 at K = 1e10; but 0.35 after 6 at
+        C = 4 mm, where near-grazing touchdowns magnify every error and only a width of a micrometre or two helps.
         """
         if self.width is not None and self.relaxation is not None:
             return self
