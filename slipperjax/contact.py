@@ -25,7 +25,7 @@ is pressed on afterwards creeps under a damping that no explicit method follows 
 for impacts, and this is none. MBDyn drops the damping below 1e-6 m/s.
 """
 
-WIDTH_PER_DEPTH = 0.02
+WIDTH_PER_DEPTH = 0.01
 """Default width of the smooth switch as a share of the depth of a typical impact."""
 
 
@@ -208,11 +208,13 @@ class EventLatch(AbstractMemory):
         the whole simulation. All of it stays differentiable, which is what makes tangents right: the touchdown's
         time and place depend on the state.
         """
-        entered = (before.gap >= 0) & (gap < 0)
+        # by the memory and not by the gap before, whose sign at a start in mere touch is a matter of rounding
+        entered = (memory == 0) & (gap < 0)
+        fall = before.gap - gap
         slope, slope1 = step * before.rate, step * rate
         a = 2 * before.gap - 2 * gap + slope + slope1
         b = -3 * before.gap + 3 * gap - 2 * slope - slope1
-        x = before.gap / jnp.where(entered, before.gap - gap, 1.0)
+        x = before.gap / jnp.where(entered & (fall > 0), fall, jnp.inf)
         for _ in range(3):
             value = ((a * x + b) * x + slope) * x + before.gap
             steepness = (3 * a * x + 2 * b) * x + slope
@@ -266,6 +268,10 @@ class SmoothSwitch(AbstractMemory):
         The width is a share of the depth of a typical impact, and not of the clearance, which may be zero: a point
         opens as far as its opposite is pressed in. The relaxation is as short as the default steps allow an explicit
         method, 0.6 of a step: a longer one forgets too little between two contacts.
+
+        Bias, as the worst scaled difference from the event latch, RK4 at 1600 steps: 4.9e-5 after 10 periods at
+        V = 1250 m/s, C = 1 mm; 1.5e-3 after 10 at V = 2300 m/s; 1.6e-4 after 2 at K = 1e10; but 0.35 after 6 at
+        C = 4 mm, where near-grazing touchdowns magnify every error and only a width of a micrometre or two helps.
         """
         if self.width is not None and self.relaxation is not None:
             return self

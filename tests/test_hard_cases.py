@@ -85,7 +85,7 @@ def start_energy(lanes):
 def by_steps():
     """Worst scaled error of each period and case, NaN where the reference is not known, by steps per period."""
     out = {}
-    for steps in (1600, 12800):
+    for steps in (1600, 6400):
         states, code = run(list(HARD.values()), steps)
         assert np.all(code == 0)
         table = np.full(states.shape[:2], np.nan)
@@ -96,20 +96,20 @@ def by_steps():
     return out
 
 
-# Worst scaled error of the known periods, twice what was measured, at 1600 and at 12,800 steps per period. What is
-# known at K = 1e10 and more is two or three periods: errors grow 20- to 100-fold in one.
+# Bounds of the worst scaled error over the known periods at 1600 and at 6400 steps per period, about twice what was
+# measured. At K = 1e10 and more two or three periods are known: errors grow 20- to 100-fold in each.
 LIMITS = {
-    "K1e9": (3e-6, 3e-7),  # measured 1.3e-6, 1.5e-7
-    "K1e10": (1e-3, 7e-6),  # measured 4.8e-4, 3.4e-6
-    "K1e11": (1e-1, 2e-4),  # measured 4.7e-2, 9.0e-5
-    "K1e12": (None, 3e-3),  # measured 6.6e-1 (in its third period; 1.6e-2 in the second), 1.3e-3
-    "fast": (1e-8, 2e-10),  # measured 5.0e-9, 8.5e-11
-    "short": (6e-7, 2e-8),  # measured 2.9e-7, 9.3e-9
-    "no clearance": (3e-6, 1e-7),
-    "wide": (2e-6, 3e-7),  # measured 7.6e-7, 1.3e-7
-    "c_r 0.1": (2e-6, 5e-8),  # measured 9.7e-7, 2.0e-8
-    "c_r 1.0": (7e-7, 5e-9),  # measured 3.4e-7, 2.5e-9
-    "no drive": (4e-8, 2e-10),  # measured 1.9e-8, 8.1e-11
+    "K1e9": (3e-6, 3e-7),  # measured 1.3e-6 and, at 6400, less than the limit
+    "K1e10": (1e-3, 6e-5),  # measured 4.8e-4, 2.9e-5
+    "K1e11": (1e-1, 1e-3),  # measured 4.7e-2, 5.0e-4
+    "K1e12": (None, 1.5e-2),  # measured 6.6e-1 in the third period, 1.6e-2 in the second; 7.1e-3
+    "fast": (1e-8, 1e-9),  # measured 5.0e-9, 4.5e-10
+    "short": (6e-7, 2e-8),  # measured 2.9e-7 and, at 6400, less than the limit
+    "no clearance": (2e-5, 2e-7),  # measured 1.0e-7 at 6400, but 1e-2 with touchdowns told by the gap's sign
+    "wide": (2e-6, 3e-7),  # measured 7.6e-7 and, at 6400, less than the limit
+    "c_r 0.1": (2e-6, 2e-7),  # measured 9.7e-7, 1.0e-7
+    "c_r 1.0": (7e-7, 5e-8),  # measured 3.4e-7, 2.5e-8
+    "no drive": (4e-8, 1.5e-9),  # measured 1.9e-8, 6.5e-10
 }
 
 
@@ -144,7 +144,7 @@ def test_many_simultaneous_touchdowns_rebound_as_the_law_says():
         for k in (1e8, 1e10, 1e12)
         for c in (0.1, 0.5, 1.0)
     ]
-    states, code = run(lanes, 12800)
+    states, code = run(lanes, 3200)
     assert np.all(code == 0)
     expected = [rebound(flores(lane["restitution"])) for lane in lanes]
     # after the impact and before the next one: 6 ms for the soft ones, 0.1 ms for the others
@@ -197,8 +197,8 @@ NO_DRIVE = [
 
 
 def test_without_drive_energy_is_never_gained():
-    early, code = run(NO_DRIVE, 1600)
-    late, late_code = run(NO_DRIVE, 1600, before=36)
+    early, code = run(NO_DRIVE, 1200)
+    late, late_code = run(NO_DRIVE, 1200, before=16)
     assert np.all(code == 0)
     assert np.all(late_code == 0)
     total, _ = energy(NO_DRIVE, np.concatenate([early, late], axis=1))
@@ -207,7 +207,7 @@ def test_without_drive_energy_is_never_gained():
     elastic = [k for k, lane in enumerate(NO_DRIVE) if lane.get("restitution") == 1.0]
     lossy = [k for k in range(len(NO_DRIVE)) if k not in elastic]
     np.testing.assert_allclose(total[elastic], total[0, 0], rtol=1e-6)
-    assert np.all(total[lossy, -1] < 0.2 * total[0, 0])
+    assert np.all(total[lossy, -1] < 0.9 * total[0, 0])
 
 
 def test_comes_to_rest_however_gently_the_contact_begins():
@@ -222,8 +222,8 @@ def test_comes_to_rest_however_gently_the_contact_begins():
         touching | dict(clearance=0.0, stiffness=1e12),
         touching | dict(z=-5e-4, w_x=1e-6),
     ]
-    for steps in (50, 1600):
-        states, code = run(lanes, steps, before=96)
+    for steps in (50, 1200):
+        states, code = run(lanes, steps, before=16)
         stiff = np.array([lane.get("stiffness", 0) > 1e11 for lane in lanes])
         assert np.all(code[~stiff] == 0)
         assert np.all((code[stiff] == 0) == (steps > 1000))  # refused where it is not resolved
@@ -232,7 +232,6 @@ def test_comes_to_rest_however_gently_the_contact_begins():
         begin = start_energy(lanes)
         assert np.all(total[good] < begin[good])
         assert np.all(kinetic[good] < 1e-6)
-        print(steps, code, kinetic[:, -1])
 
 
 def test_a_derailed_slipper_is_flagged():
@@ -280,5 +279,5 @@ def test_a_periodic_motion_is_the_same_after_1e5_periods():
 
 
 def test_float32_is_refused():
-    with jax.experimental.disable_x64(), pytest.raises(ValueError, match="jax_enable_x64"):
+    with jax.enable_x64(False), pytest.raises(ValueError, match="jax_enable_x64"):
         sj.initial_state(BASE, sj.table_2_start())
