@@ -116,21 +116,23 @@ def find_jump(
         epoch += plan.total
         return states, strobe[0].mean(axis=0) / SCALES
 
+    jumped = lambda new, mark: np.max(np.abs(new - mark)) > threshold
     ordered = values[::way]
     states = start_states(scene, {name: jnp.full(len(lanes), ordered[0])}, start)
     states, mark = run(ordered[0], states)
     at = ordered[0]
-    for value in ordered[1:]:
-        after, new = run(value, states)
-        if not np.max(np.abs(new - mark)) > threshold:
+    for target in ordered[1:]:
+        while at != target:
+            value = target
+            after, new = run(value, states)
+            while jumped(new, mark) and abs(value - at) > within:
+                middle = (at + value) / 2
+                halfway, tried = run(middle, states)
+                if jumped(tried, mark):
+                    value, after, new = middle, halfway, tried
+                else:  # and what looked like a jump from further away may be none from here
+                    at, states, mark = middle, halfway, tried
+            if jumped(new, mark):
+                return Jump(float(at), float(value), float(np.max(np.abs(new - mark))))
             at, states, mark = value, after, new
-            continue
-        while abs(value - at) > within:
-            middle = (at + value) / 2
-            after, tried = run(middle, states)
-            if np.max(np.abs(tried - mark)) > threshold:
-                value, new = middle, tried
-            else:
-                at, states, mark = middle, after, tried
-        return Jump(float(at), float(value), float(np.max(np.abs(new - mark))))
     return None

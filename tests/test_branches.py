@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.branches import attractors, find_jump, groups, strobe_states
+from slipperjax.branches import SCALES, attractors, find_jump, groups, strobe_states
 
 
 def dataset(states, dims):
@@ -34,6 +34,25 @@ def test_a_settled_case_is_period_1_from_sections_and_from_strobes():
     np.testing.assert_allclose(strobe_states(sections, 10), strobe_states(strobe), rtol=1e-8, atol=1e-12)
     found = attractors(sections, 40)
     assert found.period.tolist() == [1, 1], found.evidence
+
+
+@pytest.mark.parametrize(("direction", "leaves"), [("up", 1913.3), ("down", 1620.7)])
+def test_jumps_are_told_from_gradual_changes(monkeypatch, direction, leaves):
+    """On a made-up motion with two branches, whose steady growth from one speed to the next is larger than a jump."""
+
+    def run_blocks(scene, plan, here, states, tick, epoch):
+        speed = float(here["speed"][0])
+        high = speed < leaves if direction == "up" else speed < 1620.7
+        level = 0.01 * speed + (5.0 if high else 0.0)
+        return states, None, (np.full((8, 3, 10), level) * SCALES,)
+
+    monkeypatch.setattr("slipperjax.branches.run_blocks", run_blocks)
+    found = find_jump(sj.paper_scene(), {"speed": np.linspace(1500, 2200, 8)}, direction=direction, within=0.5)
+    assert min(found.before, found.after) < leaves <= max(found.before, found.after)
+    assert abs(found.before - found.after) <= 0.5
+    assert found.size == pytest.approx(5.0, abs=0.1)
+    gentle = find_jump(sj.paper_scene(), {"speed": [2000.0, 2100.0, 2200.0]}, direction="up")
+    assert gentle is None
 
 
 def test_paths_are_checked():

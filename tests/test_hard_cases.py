@@ -1,6 +1,6 @@
 """Hard cases: each finishes right, or its status says why not.
 
-All of them are lanes of one compiled program: 16 lanes, four periods per call, any number of steps. Where a state is
+All of them are lanes of few compiled programs: 16 lanes, four or ten periods per call, any number of steps. Where a state is
 compared, the truth is an independent C++ code at 102,400 steps per period (tests/data/hard_states.json) or a closed
 form.
 """
@@ -54,7 +54,7 @@ def grid(lanes):
 
 
 def run(lanes, steps, before=0):
-    """States (lanes, 4, 10) of four periods after `before`, and the lanes' status codes."""
+    """States (lanes, 4, 10) of four periods after `before` (rounded up to tens), and the lanes' status codes."""
     options = dict(product=False, record="strobe", transient=before, periods=BLOCK, chunk=LANES, workers=1)
     ds = sj.sweep(BASE, grid(lanes), steps_per_period=steps, **options)
     states = np.stack([ds[name].values for name in OUTPUTS], axis=-1)
