@@ -102,10 +102,13 @@ def motions(effort: Effort, wanted: set[str], options: dict) -> Outcome:
         found |= answers.histories(ds, data["sections"], effort.judged)
     if "speed" in parts:
         speeds = parts["speed"]["speed"].values
-        path, around = (speeds[(speeds >= a) & (speeds <= b)] for a, b in ((500, 2500), (1500, 2200)))
+        path, around = (speeds[(speeds >= a) & (speeds <= b)] for a, b in ((500, 2500), (1500, 2500)))
         common = dict(transient=effort.follow_transient, steps_per_period=STEPS, **options)
         data["speed_followed"] = follow(paper_scene(), {"speed": path}, **common)
-        jump = lambda way: find_jump(paper_scene(), {"speed": around}, direction=way, steps_per_period=STEPS)
+        # above the scatter of chaotic motions' means, and below the height of the branch that is left
+        jump = lambda way: find_jump(
+            paper_scene(), {"speed": around}, direction=way, steps_per_period=STEPS, threshold=4.0
+        )
         found |= answers.over_speed(parts["speed"], jump("up"), jump("down"), effort.judged)
     if "clearance" in parts:
         found |= answers.over_clearance(parts["clearance"], effort.judged)

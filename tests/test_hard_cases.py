@@ -1,8 +1,8 @@
 """Hard cases: each finishes right, or its status says why not.
 
-All of them are lanes of few compiled programs: 16 lanes, four or ten periods per call, any number of steps. Where a state is
-compared, the truth is an independent C++ code at 102,400 steps per period (tests/data/hard_states.json) or a closed
-form.
+All of them are lanes of few compiled programs: 16 lanes, four or ten periods per call, any number of steps. Where a
+state is compared, the truth is an independent C++ code at 102,400 steps per period (tests/data/hard_states.json) or a
+closed form.
 """
 
 import math
