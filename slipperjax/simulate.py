@@ -39,9 +39,13 @@ def status(states: State) -> Array:
     return jnp.where(jnp.all(jnp.isfinite(leaves)), jnp.where(turned, 2, 0), 1)
 
 
-def resolution(scene: Scene, steps: Any) -> Array:
-    """Status code of a case from its scene and the steps per period alone: 3 where impacts are not resolved."""
-    return jnp.where(contact_duration(scene) * steps < LEAST_PER_CONTACT * scene.period, 3, 0)
+def judged(code: Array, scene: Scene, steps: Any) -> Array:
+    """A status code from the states, with what the scene and the steps per period say: 3 for unresolved impacts.
+
+    Those come before a derailment, which too few steps can bring about.
+    """
+    unresolved = contact_duration(scene) * steps < LEAST_PER_CONTACT * scene.period
+    return jnp.where(unresolved & (code != 1), 3, code)
 
 
 def check_solver(scene: Scene, solver: diffrax.AbstractSolver | None) -> diffrax.AbstractSolver:
@@ -160,8 +164,7 @@ class Trajectory(eqx.Module):
     @property
     def status(self) -> Array:
         """0 where all is well, else see `slipperjax.simulate.STATUS`."""
-        code = status(self.state)
-        return jnp.where(code == 0, resolution(self.scene, self.steps_per_period), code)
+        return judged(status(self.state), self.scene, self.steps_per_period)
 
     @property
     def euler_angles(self) -> tuple[Array, Array, Array]:

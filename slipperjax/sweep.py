@@ -18,7 +18,7 @@ from .kinematics import Motion, table_2_start
 from .labels import scene_attributes
 from .records import KEEPS, Strobe, outputs
 from .scene import Scene
-from .simulate import STATUS, check_solver, check_start, integrate, resolution, status, step_plan
+from .simulate import STATUS, check_solver, check_start, integrate, judged, status, step_plan
 
 DIRECTIONS = {"up": 1, "down": -1}
 """Ways through a parameter's values for `follow`."""
@@ -226,7 +226,7 @@ def _integrated(scene, values, states, **options):
         end, kept = integrate(case, state, adjoint=diffrax.ForwardMode(), **options)
         # the ends of all periods where they are at hand: a slipper may derail and turn on until it looks upright
         code = status(kept if options["record"] is None else end)
-        return end, jnp.where(code == 0, resolution(case, options["steps"]), code), kept
+        return end, judged(code, case, options["steps"]), kept
 
     return jax.vmap(one)(values, states)
 

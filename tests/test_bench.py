@@ -13,7 +13,7 @@ from .common import SCALES, cases
 
 
 def point(method, error, cost, case="nominal", lanes=241):
-    return bench.Point(case, method, "n steps", error, {lanes: (cost / 2, cost)})
+    return bench.Point(case, method, "n steps", error, {lanes: (cost, 2 * cost)})
 
 
 def test_cost_at_an_error_is_interpolated_in_logarithms():
@@ -40,7 +40,7 @@ def test_what_is_not_measured_here_is_marked():
 def test_table_and_picture(tmp_path):
     points = [point(m, e, c) for m in ("a", "b") for e, c in ((1e-2, 10.0), (1e-4, 40.0))]
     text, picture = bench.write(points, (241, 1), tmp_path / "deep" / "out")
-    assert "| nominal | a | n steps | 1.0e-02 | 5 (10) | - |" in text.read_text()
+    assert "| nominal | a | n steps | 1.0e-02 | 10 (20) | - |" in text.read_text()
     assert "| nominal | 20 | - | 20 | - |" in text.read_text()
     assert picture.stat().st_size > 10_000
 
