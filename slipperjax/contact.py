@@ -237,6 +237,12 @@ class SmoothSwitch(AbstractMemory):
 
     def derivative(self, memory: Array, gap: Array, rate: Array, acceleration: Array) -> Array:
         """m' [m/s^2] from gap [m], its rate [m/s] and that rate's own rate along the flow [m/s^2]."""
+        return self._switch(gap) * ((rate - memory) / self.relaxation + acceleration)
+
+    def decay(self, gap: Array) -> Array:
+        """Derivative of m' with respect to m [1/s], the acceleration's part in it left out."""
+        return -self._switch(gap) / self.relaxation
+
+    def _switch(self, gap: Array) -> Array:
         u = jnp.clip(gap / self.width + 0.5, 0.0, 1.0)
-        switch = u**3 * (10 + u * (6 * u - 15))
-        return switch * ((rate - memory) / self.relaxation + acceleration)
+        return u**3 * (10 + u * (6 * u - 15))

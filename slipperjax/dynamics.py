@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .contact import Before, SmoothSwitch
+from .jacobian import Matrix, contact_jacobian, dense_jacobian, is_zero
 from .kinematics import Contacts, Motion, RailFrame, attitude_rates, contacts, rail_frame, rotation
 from .reduction import sums
 from .scene import Scene
@@ -91,6 +92,14 @@ class AbstractVectorField(eqx.Module):
         rates = motion_rates(scene, frame, now, state.motion, state.memory)
         return State(jax.tree.map(lambda r: scene.period * r, rates), None)
 
+    def jacobian(self, t: Any, state: State, args: Args) -> Matrix:
+        """Derivative of the motion's derivative with respect to the motion [per forcing period], memory frozen."""
+        return dense_jacobian(lambda m: self.evaluate(t, State(m, state.memory), args).motion, state.motion)
+
+    def memory_decay(self, t: Any, state: State, args: Args) -> Any:
+        """Derivative of an integrated memory's derivative with respect to itself, per point [per forcing period]."""
+        return None
+
     def open_step(self, t0: Any, state: State, args: Args) -> Any:
         """What `close_step` wants to know of the time before the first step. Here nothing."""
         return None
@@ -102,11 +111,23 @@ class AbstractVectorField(eqx.Module):
         return state, self.evaluate(t1, state, args), None
 
 
-class MemorylessField(AbstractVectorField):
+class ContactField(AbstractVectorField):
+    """The slipper's own right-hand side; its Jacobian is known in closed form."""
+
+    def jacobian(self, t, state, args):
+        scene, m = args.scene, state.motion
+        frame = rail_frame(scene, phase(t, args.epoch))
+        now = contacts(frame, m)
+        force = lambda gap, rate: contact_forces(scene, Contacts(gap, rate, now.lever), state.memory)
+        rows = contact_jacobian(scene, frame, now, m, force)
+        return [[a if is_zero(a) else scene.period * a for a in row] for row in rows]
+
+
+class MemorylessField(ContactField):
     """For contact laws without memory: ten states."""
 
 
-class LatchedField(AbstractVectorField):
+class LatchedField(ContactField):
     """For `EventLatch`: ten states, and a memory that changes between steps only."""
 
     def open_step(self, t0, state, args):
@@ -125,7 +146,7 @@ class LatchedField(AbstractVectorField):
         return state, self.from_contacts(t1, frame, now, state, args), after
 
 
-class SmoothField(AbstractVectorField):
+class SmoothField(ContactField):
     """For `SmoothSwitch`: ten states and one per point, all integrated; a plain ODE for any solver."""
 
     def from_contacts(self, t, frame, now, state, args):
@@ -138,6 +159,10 @@ class SmoothField(AbstractVectorField):
         _, acceleration = jax.jvp(gap_rate, (jnp.asarray(t, float), state.motion), (jnp.ones(()), rates))
         memory = scene.memory.derivative(state.memory, now.gap, now.rate, acceleration / scene.period)
         return State(rates, scene.period * memory)
+
+    def memory_decay(self, t, state, args):
+        now = contacts(rail_frame(args.scene, phase(t, args.epoch)), state.motion)
+        return args.scene.period * args.scene.memory.decay(now.gap)
 
 
 def vector_field(scene: Scene) -> AbstractVectorField:

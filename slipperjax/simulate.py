@@ -16,7 +16,7 @@ from .compilation import is_traced, jit
 from .dynamics import Args, LatchedField, Reactions, State, initial_state, reactions, vector_field
 from .kinematics import Motion, euler_angles, table_2_start
 from .scene import Scene, default_steps_per_period
-from .solvers import RK4, AbstractLatchingRungeKutta
+from .solvers import RK4, AbstractLatchingSolver, Latching, with_newton
 
 STATUS = {
     0: "finite",
@@ -35,17 +35,17 @@ def status(states: State) -> Array:
 
 
 def check_solver(scene: Scene, solver: diffrax.AbstractSolver | None) -> diffrax.AbstractSolver:
-    """The solver to use; raises `ValueError` where it would leave the contact's memory untouched."""
+    """The solver to use: where the scene latches touchdowns, a stock one in `Latching`.
+
+    **Raises:** `ValueError` for what is no solver, or one that cannot be latched.
+    """
     if solver is None:
         return RK4()
     if not isinstance(solver, diffrax.AbstractSolver):
         raise ValueError(f"Argument `solver` must be a diffrax solver, but is {solver!r}.")
-    if isinstance(vector_field(scene), LatchedField) and not isinstance(solver, AbstractLatchingRungeKutta):
-        raise ValueError(
-            f"Argument `solver` must be one that latches touchdowns (RK4, Tsit5) for a scene with EventLatch, but "
-            f"is {type(solver).__name__}; any diffrax solver runs a scene with memory=SmoothSwitch()."
-        )
-    return solver
+    if isinstance(solver, AbstractLatchingSolver):
+        return solver
+    return Latching(solver) if isinstance(vector_field(scene), LatchedField) else with_newton(solver)
 
 
 Record = Callable[[State, Args, int], Any]
@@ -71,7 +71,7 @@ def integrate(
     **Returns:** the last state, and what was kept with a leading axis of length `periods`.
     """
     terms = diffrax.ODETerm(vector_field(scene))
-    carries = isinstance(solver, AbstractLatchingRungeKutta)
+    carries = isinstance(solver, AbstractLatchingSolver)
     saveat = diffrax.SaveAt(t1=record is None, steps=record is not None, solver_state=carries)
 
     def period(carry, k):
@@ -191,7 +191,7 @@ def simulate(
     - `periods`: number of forcing periods, wavelength / speed each.
     - `steps_per_period`: integration steps per forcing period; default from the duration of a typical contact,
         see `default_steps_per_period`, rounded up to a multiple of `saves_per_period`.
-    - `solver`: a diffrax solver; default `RK4()`. With `EventLatch` memory it must be one of slipperjax's.
+    - `solver`: a diffrax solver; default `RK4()`. With `EventLatch` memory a stock one is put into `Latching`.
     - `start`: motion at time zero; default Table 2 of Dang et al. 2024.
     - `saves_per_period`: saved states per forcing period, a divisor of `steps_per_period`; default 50, or
         `steps_per_period` where that is given and no multiple of 50.
