@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .contact import Before, SmoothSwitch
-from .jacobian import Matrix, contact_jacobian, dense_jacobian, is_zero
+from .jacobian import Linearised, contact_linearised, dense_linearised
 from .kinematics import Contacts, Motion, RailFrame, attitude_rates, contacts, rail_frame, rotation
 from .reduction import sums
 from .scene import Scene
@@ -92,9 +92,10 @@ class AbstractVectorField(eqx.Module):
         rates = motion_rates(scene, frame, now, state.motion, state.memory)
         return State(jax.tree.map(lambda r: scene.period * r, rates), None)
 
-    def jacobian(self, t: Any, state: State, args: Args) -> Matrix:
-        """Derivative of the motion's derivative with respect to the motion [per forcing period], memory frozen."""
-        return dense_jacobian(lambda m: self.evaluate(t, State(m, state.memory), args).motion, state.motion)
+    def linearised(self, t: Any, state: State, args: Args) -> Linearised:
+        """The motion's derivative, linearised [per forcing period]; the memory is frozen."""
+        rates = lambda m: self.evaluate(t, State(m, state.memory), args).motion
+        return dense_linearised(rates, state.motion, args.scene.period)
 
     def memory_decay(self, t: Any, state: State, args: Args) -> Any:
         """Derivative of an integrated memory's derivative with respect to itself, per point [per forcing period]."""
@@ -112,15 +113,14 @@ class AbstractVectorField(eqx.Module):
 
 
 class ContactField(AbstractVectorField):
-    """The slipper's own right-hand side; its Jacobian is known in closed form."""
+    """The slipper's own right-hand side; it is linearised in closed form."""
 
-    def jacobian(self, t, state, args):
+    def linearised(self, t, state, args):
         scene, m = args.scene, state.motion
         frame = rail_frame(scene, phase(t, args.epoch))
         now = contacts(frame, m)
         force = lambda gap, rate: contact_forces(scene, Contacts(gap, rate, now.lever), state.memory)
-        rows = contact_jacobian(scene, frame, now, m, force)
-        return [[a if is_zero(a) else scene.period * a for a in row] for row in rows]
+        return contact_linearised(scene, frame, now, m, force)
 
 
 class MemorylessField(ContactField):

@@ -1,33 +1,51 @@
-"""The Jacobian of the motion's derivative in closed form, in one pass over the contact points.
+"""The linearised motion, and linear systems with its structure, for implicit solvers.
 
-With w_i = (n_y, n_z, lever) the direction of a point's force among the five coordinates, a turn d of the slipper
-(in its own frame) and v its spin there,
+The slipper is a second-order system: positions p = (y, z, attitude) follow from velocities u = (v_y, v_z, w) by
+kinematics alone. With a turn d of the slipper in its own frame in place of the quaternion's change, and B the (small)
+rotation of such a turn by the spin,
 
-    dg = w . (dy, dz, d),     dg' = w . du + v . (a x (s x d)),     dlever = a x (s x d) = s (a . d) - d (a . s),
+    dp' = B dp + du,     du' = stiffness dp + damping du,
 
-where a is the point in the slipper's frame and s the normal in it. So all that is needed are 39 sums over the
-points; ten Jacobian-vector products cost several times that.
+so a system of ten unknowns takes one of five, and its stiffness and damping are closed forms. For a point with the
+force direction s = (n_y, n_z, lever), normal n and place a in the slipper's frame, and spin w,
+
+    dg = s . dp,     dg' = s . du + w . (a x (n x d)),     dlever = a x (n x d) = n (a . d) - d (a . n),
+
+which makes 39 sums over the points; ten Jacobian-vector products cost several times that.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from .kinematics import Contacts, Motion, RailFrame, rotation, scalar_part
-from .reduction import sums
+from .reduction import sums, together
 from .scene import Scene
 
 Matrix = list[list[Any]]
-"""Rows of scalars; the number 0.0 where an entry is zero whatever the state."""
+"""Rows of scalars."""
 
 
-def contact_jacobian(
+class Linearised(NamedTuple):
+    """Derivatives of the motion's rates at a motion, with respect to it."""
+
+    stiffness: Matrix
+    """Of the rates of (v_y, v_z, w) with respect to (y, z, turn), 5 x 5."""
+    damping: Matrix
+    """Of the rates of (v_y, v_z, w) with respect to these, 5 x 5."""
+    motion: Motion
+    """Where."""
+    unit: Any
+    """The unit of time that the rates are per [s]."""
+
+
+def contact_linearised(
     scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force: Callable[[Array, Array], Array]
-) -> Matrix:
-    """Derivative of the motion's rates [per second] with respect to the motion, 10 x 10 in the order of `Motion`.
+) -> Linearised:
+    """The slipper's linearised motion [per forcing period].
 
     **Arguments:** rail and contacts of the same instant; `force(gap, rate)`: the points' normal forces [N].
     """
@@ -35,69 +53,134 @@ def contact_jacobian(
     forces, by_gap = jax.jvp(lambda g: force(g, now.rate), (now.gap,), (one,))
     _, by_rate = jax.jvp(lambda r: force(now.gap, r), (now.rate,), (one,))
     (n_x, n_y, n_z), arm, r = frame.normal, frame.arm, rotation(m)
-    s = [r[0][j] * n_x + r[1][j] * n_y + r[2][j] * n_z for j in range(3)]
-    w = [n_y, n_z, *now.lever]
+    n = [r[0][j] * n_x + r[1][j] * n_y + r[2][j] * n_z for j in range(3)]
+    s = [n_y, n_z, *now.lever]
     spin = (m.w_x, m.w_y, m.w_z)
-    lever_arm = sum(s[k] * arm[k] for k in range(3))
-    normal_spin = sum(s[k] * spin[k] for k in range(3))
+    normal_arm = sum(n[k] * arm[k] for k in range(3))
+    normal_spin = sum(n[k] * spin[k] for k in range(3))
     # how the force answers to a displacement along y and z, and to a turn about each axis
     answer = [by_gap * n_y, by_gap * n_z]
-    answer += [by_gap * w[2 + k] + by_rate * (normal_spin * arm[k] - spin[k] * lever_arm) for k in range(3)]
-    stiffness = {(0, 0): answer[0] * n_y, (0, 1): answer[0] * n_z, (1, 1): answer[1] * n_z}
-    for i in range(5):
-        for k in range(3):
-            stiffness[i, 2 + k] = answer[2 + k] * w[i]
-            if i >= 2:
-                stiffness[i, 2 + k] += forces * (s[i - 2] * arm[k] - (lever_arm if i - 2 == k else 0.0))
+    answer += [by_gap * s[2 + k] + by_rate * (normal_spin * arm[k] - spin[k] * normal_arm) for k in range(3)]
+    stiff = {(0, 0): answer[0] * n_y, (0, 1): answer[0] * n_z, (1, 1): answer[1] * n_z}
     for i in range(2, 5):
-        for k in range(2):
-            stiffness[i, k] = answer[k] * w[i]
-    damping = {(i, k): by_rate * w[i] * w[k] for i in range(5) for k in range(i, 5)}
-    total = sums(*stiffness.values(), *damping.values())
-    stiff = dict(zip(stiffness, total[: len(stiffness)], strict=True))
-    damp = dict(zip(damping, total[len(stiffness) :], strict=True))
+        stiff |= {(i, k): answer[k] * s[i] for k in range(2)}
+    for i in range(5):
+        stiff |= {(i, k): answer[k] * s[i] for k in range(2, 5)}
+    for i in range(3):
+        for k in range(3):
+            stiff[2 + i, 2 + k] += forces * (n[i] * arm[k] - (normal_arm if i == k else 0.0))
+    damp = {(i, k): by_rate * s[i] * s[k] for i in range(5) for k in range(i, 5)}
+    total = sums(*stiff.values(), *damp.values())
+    stiff = dict(zip(stiff, total[: len(stiff)], strict=True))
+    damp = dict(zip(damp, total[len(stiff) :], strict=True))
     stiff[1, 0] = stiff[0, 1]
     damp |= {(k, i): v for (i, k), v in damp.items()}
 
-    q, q_0 = (m.q_x, m.q_y, m.q_z), scalar_part(m)
-    turn = _turn_of_attitude(q, q_0)
-    j_x, j_y, j_z = (scene.slipper.inertia[k] for k in range(3))
-    inertia = (scene.slipper.mass, scene.slipper.mass, j_x, j_y, j_z)
-    rows = [[0.0] * 5 + [1.0 if k == i else 0.0 for k in range(5)] for i in range(2)]
-    rows += _attitude_rows(q, q_0, spin)
-    for i in range(5):
-        by_turn = [stiff[i, 2 + k] / inertia[i] for k in range(3)]
-        by_attitude = [sum(by_turn[k] * turn[k][j] for k in range(3)) for j in range(3)]
-        rows.append(
-            [stiff[i, 0] / inertia[i], stiff[i, 1] / inertia[i], *by_attitude]
-            + [damp[i, k] / inertia[i] for k in range(5)]
-        )
-    moments = (j_x, j_y, j_z)
+    moments = [scene.slipper.inertia[k] for k in range(3)]
+    inertia = [scene.slipper.mass, scene.slipper.mass, *moments]
+    scaled = lambda entries: [[scene.period / inertia[i] * entries[i, k] for k in range(5)] for i in range(5)]
+    stiffness, damping = scaled(stiff), scaled(damp)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3  # Euler's equation: J_i w_i' = ... - (J_k - J_j) w_j w_k
-        gyro = (moments[k] - moments[j]) / moments[i]
-        rows[7 + i][7 + j] = rows[7 + i][7 + j] - gyro * spin[k]
-        rows[7 + i][7 + k] = rows[7 + i][7 + k] - gyro * spin[j]
-    return rows
+        gyro = scene.period * (moments[k] - moments[j]) / moments[i]
+        damping[2 + i][2 + j] = damping[2 + i][2 + j] - gyro * spin[k]
+        damping[2 + i][2 + k] = damping[2 + i][2 + k] - gyro * spin[j]
+    return Linearised(stiffness, damping, m, scene.period)
 
 
-def _turn_of_attitude(q, q_0) -> Matrix:
-    """The turn in the slipper's frame per change of the quaternion's vector part: 2 (q_0 - [q]x + q q^T / q_0)."""
-    cross = _cross_matrix(q)
-    return [
-        [2 * ((q_0 if i == j else 0.0) - cross[i][j] + q[i] * q[j] / q_0) for j in range(3)] for i in range(3)
-    ]
+def dense_linearised(rates: Callable[[Motion], Motion], m: Motion, unit: Any) -> Linearised:
+    """The same by ten Jacobian-vector products, for forces of which nothing is known."""
+    turned = _attitude_by_turn(m)
+    zero = jnp.zeros(10)
+    tangents = [zero.at[k].set(1.0) for k in range(2)]
+    tangents += [jnp.stack([0.0, 0.0, *(turned[i][k] for i in range(3)), *[0.0] * 5]) for k in range(3)]
+    tangents += [zero.at[k].set(1.0) for k in range(5, 10)]
+    tree = jax.tree.structure(m)
+    column = lambda v: jax.jvp(rates, (m,), (jax.tree.unflatten(tree, list(v)),))[1]
+    columns = jax.tree.leaves(jax.vmap(column)(jnp.stack(tangents)))[5:]
+    part = lambda at: [[row[at + k] for k in range(5)] for row in columns]
+    return Linearised(part(0), part(5), m, unit)
 
 
-def _attitude_rows(q, q_0, spin) -> Matrix:
-    """Derivatives of q' = (q_0 w + q x w) / 2 with respect to the ten states."""
-    by_q, by_w = _cross_matrix(spin), _cross_matrix(q)
-    rows = []
-    for i in range(3):
-        attitude = [0.5 * (-q[j] / q_0 * spin[i] - by_q[i][j]) for j in range(3)]
-        rates = [0.5 * (q_0 if i == j else by_w[i][j]) for j in range(3)]
-        rows.append([0.0, 0.0, *attitude, 0.0, 0.0, *rates])
-    return rows
+class LinearSystem:
+    """(1 - factor J) x = right, with J the linearised motion; factored once, solved often.
+
+    No pivoting: the five unknowns' matrix is that of a mass with added damping and stiffness, and the factor short.
+    """
+
+    def __init__(self, at: Linearised, factor: Any):
+        m = at.motion
+        self.step = factor * at.unit
+        self.factor = factor
+        self.stiffness = at.stiffness
+        carried = _inverse(_unit_minus(_spin_of_turn(m), self.step))
+        by_turn = [[sum(row[2 + k] * carried[k][j] for k in range(3)) for j in range(3)] for row in at.stiffness]
+        by_place = [[*row[:2], *turn] for row, turn in zip(at.stiffness, by_turn, strict=True)]
+        both = [
+            [d + self.step * s for d, s in zip(*rows, strict=True)]
+            for rows in zip(at.damping, by_place, strict=True)
+        ]
+        matrix, inverse = _factored(_unit_minus(both, factor))
+        turn = _product(carried, _turn_by_attitude(m))
+        flat = together(*sum(matrix, []), *inverse, *sum(carried, []), *sum(turn, []))
+        square = lambda at, n: [flat[at + i * n : at + (i + 1) * n] for i in range(n)]
+        self.matrix, self.inverse, self.carried, self.turn = square(0, 5), flat[25:30], square(30, 3), square(39, 3)
+        self.attitude = _attitude_by_turn(m)
+
+    def solve(self, right: Motion) -> Motion:
+        """The solution for one right-hand side."""
+        leaves, tree = jax.tree.flatten(right)
+        turn = _times(self.turn, leaves[2:5])
+        push = _times(self.stiffness, [*leaves[:2], *turn])
+        x = [r + self.factor * p for r, p in zip(leaves[5:], push, strict=True)]
+        for i in range(5):
+            for j in range(i):
+                x[i] = x[i] - self.matrix[i][j] * x[j]
+        for i in reversed(range(5)):
+            for j in range(i + 1, 5):
+                x[i] = x[i] - self.matrix[i][j] * x[j]
+            x[i] = x[i] * self.inverse[i]
+        turn = [a + self.step * b for a, b in zip(turn, _times(self.carried, x[2:]), strict=True)]
+        place = [leaves[k] + self.step * x[k] for k in range(2)]
+        return jax.tree.unflatten(tree, together(*place, *_times(self.attitude, turn), *x))
+
+
+def _factored(a: Matrix) -> tuple[Matrix, list[Any]]:
+    """LU factors, unrolled, and the reciprocals of U's diagonal."""
+    n = len(a)
+    a = [list(row) for row in a]
+    inverse = []
+    for k in range(n):
+        inverse.append(1 / a[k][k])
+        for i in range(k + 1, n):
+            a[i][k] = a[i][k] * inverse[k]
+            for j in range(k + 1, n):
+                a[i][j] = a[i][j] - a[i][k] * a[k][j]
+    return a, inverse
+
+
+def _inverse(a: Matrix) -> Matrix:
+    """The inverse of a 3 x 3 matrix by its cofactors."""
+    nexts = [(1, 2), (2, 0), (0, 1)]
+    minor = lambda i, j: (
+        a[nexts[i][0]][nexts[j][0]] * a[nexts[i][1]][nexts[j][1]]
+        - a[nexts[i][0]][nexts[j][1]] * a[nexts[i][1]][nexts[j][0]]
+    )
+    cofactors = [[minor(i, j) for j in range(3)] for i in range(3)]
+    scale = 1 / sum(a[0][j] * cofactors[0][j] for j in range(3))
+    return [[cofactors[j][i] * scale for j in range(3)] for i in range(3)]
+
+
+def _unit_minus(a: Matrix, factor: Any) -> Matrix:
+    return [[(1.0 if i == j else 0.0) - factor * v for j, v in enumerate(row)] for i, row in enumerate(a)]
+
+
+def _times(a: Matrix, x: list[Any]) -> list[Any]:
+    return [sum(v * x[j] for j, v in enumerate(row)) for row in a]
+
+
+def _product(a: Matrix, b: Matrix) -> Matrix:
+    return [[sum(row[k] * b[k][j] for k in range(len(b))) for j in range(len(b[0]))] for row in a]
 
 
 def _cross_matrix(v) -> Matrix:
@@ -105,67 +188,23 @@ def _cross_matrix(v) -> Matrix:
     return [[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]]
 
 
-def dense_jacobian(rates: Callable[[Motion], Motion], m: Motion) -> Matrix:
-    """The same by ten Jacobian-vector products, for a right-hand side of which nothing is known."""
-    leaves, tree = jax.tree.flatten(m)
-    ones = jnp.eye(len(leaves))
-    column = lambda tangent: jax.jvp(rates, (m,), (jax.tree.unflatten(tree, list(tangent)),))[1]
-    columns = jax.vmap(column)(ones)
-    return [[leaf[j] for j in range(len(leaves))] for leaf in jax.tree.leaves(columns)]
+def _attitude_by_turn(m: Motion) -> Matrix:
+    """Change of the quaternion's vector part q per turn: (q_0 + [q]x) / 2."""
+    cross, q_0 = _cross_matrix((m.q_x, m.q_y, m.q_z)), scalar_part(m)
+    return [[0.5 * (q_0 if i == j else cross[i][j]) for j in range(3)] for i in range(3)]
 
 
-def shifted(matrix: Matrix, factor: Any) -> Matrix:
-    """1 - factor * matrix, its zeros kept."""
+def _turn_by_attitude(m: Motion) -> Matrix:
+    """The inverse of `_attitude_by_turn`: 2 (q_0 - [q]x + q q^T / q_0)."""
+    q, q_0 = (m.q_x, m.q_y, m.q_z), scalar_part(m)
+    cross = _cross_matrix(q)
     return [
-        [
-            (1.0 if i == j else 0.0) if is_zero(a) else ((1.0 if i == j else 0.0) - factor * a)
-            for j, a in enumerate(row)
-        ]
-        for i, row in enumerate(matrix)
+        [2 * ((q_0 if i == j else -cross[i][j]) + q[i] * q[j] / q_0) for j in range(3)] for i in range(3)
     ]
 
 
-def is_zero(entry: Any) -> bool:
-    """Whether an entry is zero whatever the state."""
-    return isinstance(entry, float) and entry == 0.0
-
-
-class Factors:
-    """LU factors of a small matrix of scalars, elementwise over the batch, and without pivoting.
-
-    Unrolled, because XLA solves batches of small systems one by one: 310 ns against 17 for five unknowns. Without
-    pivoting, because the matrices here are 1 - h J with J that of a damped oscillator: their leading minors are
-    positive.
-    """
-
-    def __init__(self, matrix: Matrix):
-        n = len(matrix)
-        a = [list(row) for row in matrix]
-        self.inverse = []
-        for k in range(n):
-            unit = isinstance(a[k][k], float) and a[k][k] == 1.0
-            self.inverse.append(1.0 if unit else 1 / a[k][k])
-            for i in range(k + 1, n):
-                if is_zero(a[i][k]):
-                    continue
-                a[i][k] = a[i][k] if unit else a[i][k] * self.inverse[k]
-                for j in range(k + 1, n):
-                    if not is_zero(a[k][j]):
-                        product = a[i][k] * a[k][j]
-                        a[i][j] = -product if is_zero(a[i][j]) else a[i][j] - product
-        self.lu = a
-
-    def solve(self, right: list[Any]) -> list[Any]:
-        """The solution for one right-hand side."""
-        n = len(right)
-        x = list(right)
-        for i in range(n):
-            for j in range(i):
-                if not is_zero(self.lu[i][j]):
-                    x[i] = x[i] - self.lu[i][j] * x[j]
-        for i in reversed(range(n)):
-            for j in range(i + 1, n):
-                if not is_zero(self.lu[i][j]):
-                    x[i] = x[i] - self.lu[i][j] * x[j]
-            x[i] = x[i] * self.inverse[i]
-        return x
+def _spin_of_turn(m: Motion) -> Matrix:
+    """B of the module [1/s]: q' = (q_0 w + q x w) / 2 changes with q by ([d]x w - (d . w) q / q_0) / 2, as a turn."""
+    q, q_0, w = (m.q_x, m.q_y, m.q_z), scalar_part(m), (m.w_x, m.w_y, m.w_z)
+    cross = _cross_matrix(w)
+    return [[-0.5 * (cross[i][j] + w[j] * q[i] / q_0) for j in range(3)] for i in range(3)]

@@ -6,8 +6,8 @@ section IV.7, doi:10.1007/978-3-642-05221-7, with u_i the stages and J, f_t the 
     (1 - h gamma J) u_i = h gamma f(t_0 + alpha_i h, y_0 + sum a_ij u_j) + gamma sum c_ij u_j + gamma gamma_i h^2 f_t
     y_1 = y_0 + sum m_i u_i,    error = sum e_i u_i
 
-There is no iteration, hence nothing that fails to converge. The matrix is that of the ten motions, factored once
-with its zeros left out, see `slipperjax.jacobian`; a memory that is integrated has a matrix of its own, diagonal.
+There is no iteration, hence nothing that fails to converge. The matrix is reduced to five unknowns and factored
+once, see `slipperjax.jacobian`; a memory that is integrated has a matrix of its own, diagonal.
 """
 
 from typing import Any, ClassVar
@@ -19,7 +19,7 @@ import numpy as np
 from diffrax import RESULTS
 
 from ..dynamics import State
-from ..jacobian import Factors, shifted
+from ..jacobian import LinearSystem
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
 Rows = tuple[tuple[float, ...], ...]
@@ -48,12 +48,12 @@ class AbstractRosenbrock(AbstractLatchingSolver):
         field = field_of(terms)
         h = t1 - t0
         rates, before = solver_state
-        factors = Factors(shifted(field.jacobian(t0, y0, args), h * self.gamma))
+        system = LinearSystem(field.linearised(t0, y0, args), h * self.gamma)
         decay = field.memory_decay(t0, y0, args)
         if self.slopes is None:
             drift = None
         else:
-            at = lambda t: jax.tree.leaves(field.evaluate(t, y0, args).motion)
+            at = lambda t: field.evaluate(t, y0, args).motion
             _, drift = jax.jvp(at, (jnp.asarray(t0, float),), (jnp.ones(()),))
         stages: list[State] = []
         for i, node in enumerate(self.nodes):
@@ -67,10 +67,11 @@ class AbstractRosenbrock(AbstractLatchingSolver):
             right = jax.tree.map(lambda f: h * self.gamma * f, f)
             if i:
                 right = combine(right, stages, [self.gamma * c for c in self.c[i - 1]])
-            leaves, tree = jax.tree.flatten(right.motion)
+            motion = right.motion
             if drift is not None and self.slopes[i]:
-                leaves = [v + self.gamma * self.slopes[i] * h * h * d for v, d in zip(leaves, drift, strict=True)]
-            motion = jax.tree.unflatten(tree, factors.solve(leaves))
+                weight = self.gamma * self.slopes[i] * h * h
+                motion = jax.tree.map(lambda v, d, w=weight: v + w * d, motion, drift)
+            motion = system.solve(motion)
             memory = None if right.memory is None else right.memory / (1 - h * self.gamma * decay)
             stages.append(State(motion, memory))
         y1 = combine(y0, stages, self.m)

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from diffrax import RESULTS
 
 from ..dynamics import State
-from ..jacobian import Factors, shifted
+from ..jacobian import LinearSystem
 from ..kinematics import Motion
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
@@ -101,18 +101,17 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
             lambda x, f1, f2: x + h * (f1 + bend * (f1 - f2)), y0.motion, rates.motion, earlier_rates
         )
 
-        def correction(x, known, args, memory):
-            """Newton's correction, and the motion's rates at x."""
-            at = State(x, memory)
-            f = field.evaluate(t1, at, args).motion
-            rest = jax.tree.map(lambda k, x, f: k + h * b0 * f - x, known, x, f)
-            leaves, tree = jax.tree.flatten(rest)
-            matrix = jax.lax.stop_gradient(shifted(field.jacobian(t1, at, args), h * b0))
-            return jax.tree.unflatten(tree, Factors(matrix).solve(leaves))
-
         still = lambda tree: jax.tree.map(
             lambda a: jax.lax.stop_gradient(a) if eqx.is_inexact_array(a) else a, tree
         )
+
+        def correction(x, known, args, memory):
+            """Newton's correction."""
+            at = State(x, memory)
+            f = field.evaluate(t1, at, args).motion
+            rest = jax.tree.map(lambda k, x, f: k + h * b0 * f - x, known, x, f)
+            return LinearSystem(still(field.linearised(t1, at, args)), still(h * b0)).solve(rest)
+
         fixed = still((known, args, y0.memory))
 
         def again(carry):
