@@ -117,8 +117,7 @@ class LinearSystem:
         by_turn = [[sum(row[2 + k] * carried[k][j] for k in range(3)) for j in range(3)] for row in at.stiffness]
         by_place = [[*row[:2], *turn] for row, turn in zip(at.stiffness, by_turn, strict=True)]
         both = [
-            [d + self.step * s for d, s in zip(*rows, strict=True)]
-            for rows in zip(at.damping, by_place, strict=True)
+            [d + self.step * s for d, s in zip(*rows, strict=True)] for rows in zip(at.damping, by_place, strict=True)
         ]
         matrix, inverse = _factored(_unit_minus(both, factor))
         turn = _product(carried, _turn_by_attitude(m))
@@ -198,9 +197,7 @@ def _turn_by_attitude(m: Motion) -> Matrix:
     """The inverse of `_attitude_by_turn`: 2 (q_0 - [q]x + q q^T / q_0)."""
     q, q_0 = (m.q_x, m.q_y, m.q_z), scalar_part(m)
     cross = _cross_matrix(q)
-    return [
-        [2 * ((q_0 if i == j else -cross[i][j]) + q[i] * q[j] / q_0) for j in range(3)] for i in range(3)
-    ]
+    return [[2 * ((q_0 if i == j else -cross[i][j]) + q[i] * q[j] / q_0) for j in range(3)] for i in range(3)]
 
 
 def _spin_of_turn(m: Motion) -> Matrix:

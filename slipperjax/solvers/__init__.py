@@ -1,5 +1,8 @@
 """diffrax solvers of our own, and the event latch around diffrax's."""
 
+from .adaptive import AdaptiveSteps as AdaptiveSteps
+from .choose import Choice as Choice
+from .choose import choose_solver as choose_solver
 from .explicit import RK4 as RK4
 from .explicit import AbstractLatchingRungeKutta as AbstractLatchingRungeKutta
 from .explicit import Tsit5 as Tsit5

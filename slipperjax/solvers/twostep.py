@@ -17,11 +17,8 @@ from diffrax import RESULTS
 
 from ..dynamics import State
 from ..jacobian import LinearSystem
-from ..kinematics import Motion
+from .adaptive import scaled_size
 from .latching import AbstractLatchingSolver, dense_info, field_of
-
-SCALES = Motion(1e-3, 1e-3, 5e-3, 5e-3, 5e-3, 1.0, 1.0, 10.0, 10.0, 10.0)
-"""1 mm, 10 mrad (twice a quaternion's entry), 1 m/s and 10 rad/s: the size of a slipper's motion."""
 
 
 def two_step_weights(rho_inf: Any, alpha: Any) -> tuple[Any, Any, Any, Any, Any]:
@@ -50,7 +47,7 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
     rho_inf: float = eqx.field(static=True, default=0.6)
     """Damping of infinitely stiff parts per step [1], from 0 (all) to 1 (none)."""
     tolerance: float = eqx.field(static=True, default=1e-6)
-    """Newton ends when a correction is below this part of `SCALES`; the one after it is done too."""
+    """Newton ends when a correction is below this many of `slipperjax.solvers.adaptive.SCALES`; the one after it is done too."""
     iterations: int = eqx.field(static=True, default=10)
     """Newton iterations after which a step has failed."""
 
@@ -101,9 +98,7 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
             lambda x, f1, f2: x + h * (f1 + bend * (f1 - f2)), y0.motion, rates.motion, earlier_rates
         )
 
-        still = lambda tree: jax.tree.map(
-            lambda a: jax.lax.stop_gradient(a) if eqx.is_inexact_array(a) else a, tree
-        )
+        still = lambda tree: jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_inexact_array(a) else a, tree)
 
         def correction(x, known, args, memory):
             """Newton's correction."""
@@ -121,7 +116,7 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
         def iterate(carry):
             x, _, count = carry
             dx = correction(x, *fixed)
-            return jax.tree.map(jnp.add, x, dx), _size(dx), count + 1
+            return jax.tree.map(jnp.add, x, dx), scaled_size(dx), count + 1
 
         x, size, _ = jax.lax.while_loop(again, iterate, (still(guess), jnp.asarray(jnp.inf), 0))
         # One more, which has the derivatives: those of the implicit function, as x itself has none.
@@ -134,9 +129,3 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
         )
         dense = dense_info(h, y0, y1, rates, rates1)
         return y1, error, dense, (rates1, after, (y0.motion, rates.motion, jnp.asarray(h, float))), result
-
-
-def _size(dx: Motion) -> Any:
-    """The largest entry in units of `SCALES`."""
-    scaled = jax.tree.map(lambda d, s: jnp.abs(d) / s, dx, SCALES)
-    return jnp.max(jnp.stack(jax.tree.leaves(scaled)))
