@@ -22,7 +22,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from .kinematics import Contacts, Motion, RailFrame, rotation, scalar_part
-from .reduction import sums, together
+from .reduction import sums
 from .scene import Scene
 
 Matrix = list[list[Any]]
@@ -119,11 +119,8 @@ class LinearSystem:
         both = [
             [d + self.step * s for d, s in zip(*rows, strict=True)] for rows in zip(at.damping, by_place, strict=True)
         ]
-        matrix, inverse = _factored(_unit_minus(both, factor))
-        turn = _product(carried, _turn_by_attitude(m))
-        flat = together(*sum(matrix, []), *inverse, *sum(carried, []), *sum(turn, []))
-        square = lambda at, n: [flat[at + i * n : at + (i + 1) * n] for i in range(n)]
-        self.matrix, self.inverse, self.carried, self.turn = square(0, 5), flat[25:30], square(30, 3), square(39, 3)
+        self.matrix = _factored(_unit_minus(both, factor))
+        self.carried, self.turn = carried, _product(carried, _turn_by_attitude(m))
         self.attitude = _attitude_by_turn(m)
 
     def solve(self, right: Motion) -> Motion:
@@ -135,27 +132,30 @@ class LinearSystem:
         for i in range(5):
             for j in range(i):
                 x[i] = x[i] - self.matrix[i][j] * x[j]
+            x[i] = x[i] / self.matrix[i][i]
         for i in reversed(range(5)):
             for j in range(i + 1, 5):
                 x[i] = x[i] - self.matrix[i][j] * x[j]
-            x[i] = x[i] * self.inverse[i]
         turn = [a + self.step * b for a, b in zip(turn, _times(self.carried, x[2:]), strict=True)]
         place = [leaves[k] + self.step * x[k] for k in range(2)]
-        return jax.tree.unflatten(tree, together(*place, *_times(self.attitude, turn), *x))
+        return jax.tree.unflatten(tree, [*place, *_times(self.attitude, turn), *x])
 
 
-def _factored(a: Matrix) -> tuple[Matrix, list[Any]]:
-    """LU factors, unrolled, and the reciprocals of U's diagonal."""
+def _factored(a: Matrix) -> Matrix:
+    """Factors L and U in one matrix, unrolled; U has a diagonal of ones, L's is in the matrix.
+
+    U's entries are divisions on purpose: XLA computes a division once and stores it, and anything cheaper anew in
+    each kernel that uses it, which in an elimination grows without bound.
+    """
     n = len(a)
     a = [list(row) for row in a]
-    inverse = []
     for k in range(n):
-        inverse.append(1 / a[k][k])
+        for j in range(k + 1, n):
+            a[k][j] = a[k][j] / a[k][k]
         for i in range(k + 1, n):
-            a[i][k] = a[i][k] * inverse[k]
             for j in range(k + 1, n):
                 a[i][j] = a[i][j] - a[i][k] * a[k][j]
-    return a, inverse
+    return a
 
 
 def _inverse(a: Matrix) -> Matrix:
@@ -166,8 +166,8 @@ def _inverse(a: Matrix) -> Matrix:
         - a[nexts[i][0]][nexts[j][1]] * a[nexts[i][1]][nexts[j][0]]
     )
     cofactors = [[minor(i, j) for j in range(3)] for i in range(3)]
-    scale = 1 / sum(a[0][j] * cofactors[0][j] for j in range(3))
-    return [[cofactors[j][i] * scale for j in range(3)] for i in range(3)]
+    determinant = sum(a[0][j] * cofactors[0][j] for j in range(3))
+    return [[cofactors[j][i] / determinant for j in range(3)] for i in range(3)]
 
 
 def _unit_minus(a: Matrix, factor: Any) -> Matrix:
@@ -197,11 +197,13 @@ def _turn_by_attitude(m: Motion) -> Matrix:
     """The inverse of `_attitude_by_turn`: 2 (q_0 - [q]x + q q^T / q_0)."""
     q, q_0 = (m.q_x, m.q_y, m.q_z), scalar_part(m)
     cross = _cross_matrix(q)
-    return [[2 * ((q_0 if i == j else -cross[i][j]) + q[i] * q[j] / q_0) for j in range(3)] for i in range(3)]
+    one = 1 / q_0
+    return [[2 * ((q_0 if i == j else -cross[i][j]) + one * q[i] * q[j]) for j in range(3)] for i in range(3)]
 
 
 def _spin_of_turn(m: Motion) -> Matrix:
     """B of the module [1/s]: q' = (q_0 w + q x w) / 2 changes with q by ([d]x w - (d . w) q / q_0) / 2, as a turn."""
     q, q_0, w = (m.q_x, m.q_y, m.q_z), scalar_part(m), (m.w_x, m.w_y, m.w_z)
     cross = _cross_matrix(w)
-    return [[-0.5 * (cross[i][j] + w[j] * q[i] / q_0) for j in range(3)] for i in range(3)]
+    one = 1 / q_0
+    return [[-0.5 * (cross[i][j] + w[j] * q[i] * one) for j in range(3)] for i in range(3)]

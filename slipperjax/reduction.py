@@ -25,21 +25,6 @@ def sums(*operands):
     return _sums_p.bind(*operands)
 
 
-def together(*scalars):
-    """The same scalars, computed once and stored, all in one kernel.
-
-    XLA computes a value anew in every kernel that uses it, unless it is a reduction's: an unrolled elimination of
-    five unknowns then grows with each use, in code and in time, without bound. So this is a reduction, over two
-    entries of which one is zero.
-
-    **Arguments:** arrays of shape `batch`, numbers too. **Returns:** a list of them.
-    """
-    first = jnp.arange(2) == 0
-    shape = jnp.broadcast_shapes(*(jnp.shape(x) for x in scalars))
-    spread = lambda x: jnp.where(first.reshape((1,) * len(shape) + (2,)), jnp.broadcast_to(x, shape)[..., None], 0.0)
-    return sums(*(spread(jnp.asarray(x, float)) for x in scalars))
-
-
 def _implementation(*operands):
     zeros = tuple(jnp.zeros((), x.dtype) for x in operands)
     add = lambda a, b: tuple(x + y for x, y in zip(a, b, strict=True))

@@ -23,6 +23,7 @@ from .solvers import (
     AdaptiveSteps,
     Latching,
     choose_solver,
+    estimates_error,
     with_newton,
 )
 
@@ -263,6 +264,11 @@ def simulate(
     adjoint = diffrax.ForwardMode() if adjoint is None else adjoint
     start = table_2_start() if start is None else check_start(start)
     controller = check_controller(stepsize_controller)
+    if isinstance(controller, diffrax.AbstractAdaptiveStepSizeController) and not estimates_error(solver):
+        raise ValueError(
+            f"Argument `solver` must be one with an error estimate for adaptive steps (Tsit5, ROS34PW2, Dopri8), "
+            f"but is {type(solver).__name__}."
+        )
     if controller is not None:
         steps = saves if saves > 1 else steps
     if is_traced((scene, start)):

@@ -128,6 +128,14 @@ class Latching(AbstractLatchingSolver):
         return y1, error, dense, after, result
 
 
+def estimates_error(solver: diffrax.AbstractSolver) -> bool:
+    """Whether a solver can go with adaptive steps."""
+    inner = solver.solver if isinstance(solver, Latching) else solver
+    if isinstance(inner, AbstractLatchingSolver):
+        return getattr(inner, "b_error", ()) is not None
+    return isinstance(inner, diffrax.AbstractAdaptiveSolver)
+
+
 NEWTON = 1e-9
 """Tolerance, relative and absolute, of the Newton iterations that `with_newton` puts into stock solvers."""
 

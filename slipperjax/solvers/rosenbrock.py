@@ -12,7 +12,6 @@ once, see `slipperjax.jacobian`; a memory that is integrated has a matrix of its
 
 from typing import Any, ClassVar
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -40,14 +39,12 @@ class AbstractRosenbrock(AbstractLatchingSolver):
     e: ClassVar[tuple[float, ...]]
 
     def init(self, terms, t0, t1, y0, args):
-        field = field_of(terms)
-        return field.evaluate(t0, y0, args), field.open_step(t0, y0, args)
+        return field_of(terms).open_step(t0, y0, args)
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         del made_jump
         field = field_of(terms)
         h = t1 - t0
-        rates, before = solver_state
         system = LinearSystem(field.linearised(t0, y0, args), h * self.gamma)
         decay = field.memory_decay(t0, y0, args)
         if self.slopes is None:
@@ -55,43 +52,59 @@ class AbstractRosenbrock(AbstractLatchingSolver):
         else:
             at = lambda t: field.evaluate(t, y0, args).motion
             _, drift = jax.jvp(at, (jnp.asarray(t0, float),), (jnp.ones(()),))
-        stages: list[State] = []
-        for i, node in enumerate(self.nodes):
-            row = self.a[i - 1] if i else ()
-            if any(row):
-                point = combine(y0, stages, row)
-                # the very t1 where it is the end: then the rail is computed there once
-                f = field.evaluate(t1 if node == 1 else t0 + node * h, point, args)
-            else:
-                f = rates
+
+        def stage(stages, row):
+            """One stage. A loop over them, because unrolled the program takes minutes to compile."""
+            point = combine(y0, stages, row["a"])
+            # the very t1 where it is the end: then the rail there is that of the next step's start
+            f = field.evaluate(jnp.where(row["node"] == 1, t1, t0 + row["node"] * h), point, args)
             right = jax.tree.map(lambda f: h * self.gamma * f, f)
-            if i:
-                right = combine(right, stages, [self.gamma * c for c in self.c[i - 1]])
+            right = combine(right, stages, self.gamma * row["c"])
             motion = right.motion
-            if drift is not None and self.slopes[i]:
-                weight = self.gamma * self.slopes[i] * h * h
-                motion = jax.tree.map(lambda v, d, w=weight: v + w * d, motion, drift)
-            motion = system.solve(motion)
+            if drift is not None:
+                weight = self.gamma * row["slope"] * h * h
+                motion = jax.tree.map(lambda v, d: v + weight * d, motion, drift)
             memory = None if right.memory is None else right.memory / (1 - h * self.gamma * decay)
-            stages.append(State(motion, memory))
+            new = State(system.solve(motion), memory)
+            return jax.tree.map(lambda u, v: u.at[row["index"]].set(v), stages, new), None
+
+        count = len(self.nodes)
+        frozen = decay is None
+        blank = State(y0.motion, None) if frozen else y0
+        stages = jax.tree.map(lambda y: jnp.zeros((count, *jnp.shape(y))), blank)
+        stages, _ = jax.lax.scan(stage, stages, self._rows())
         y1 = combine(y0, stages, self.m)
         error = combine(jax.tree.map(jnp.zeros_like, y0), stages, self.e)
-        y1, rates1, after = field.close_step(before, t0, t1, y1, args)
-        dense = dense_info(h, y0, y1, rates, rates1)
-        return y1, jax.tree.map(jnp.abs, error), dense, (rates1, after), RESULTS.successful
+        y1, rates1, after = field.close_step(solver_state, t0, t1, y1, args)
+        # not carried to the next step, so that XLA drops the two derivatives where nobody interpolates
+        dense = dense_info(h, y0, y1, field.evaluate(t0, y0, args), rates1)
+        return y1, jax.tree.map(jnp.abs, error), dense, after, RESULTS.successful
+
+    def _rows(self) -> dict[str, Any]:
+        """The tableau by stages, for a loop over them."""
+        count = len(self.nodes)
+        square = lambda rows: jnp.array([[*row, *[0.0] * (count - len(row))] for row in ((), *rows)])
+        return dict(
+            a=square(self.a),
+            c=square(self.c),
+            node=jnp.array(self.nodes),
+            slope=jnp.array(self.slopes or [0.0] * count),
+            index=jnp.arange(count),
+        )
 
 
-def combine(y: State, stages: list[State], weights: Any) -> State:
-    """y + sum(weights u), leaving alone what is frozen in the stages (None)."""
-    for weight, u in zip(weights, stages, strict=False):
-        if weight:
-            motion = jax.tree.map(lambda a, b, w=weight: a + w * b, y.motion, u.motion)
-            y = State(motion, y.memory if u.memory is None else y.memory + weight * u.memory)
-    return y
+def combine(y: State, stages: State, weights: Any) -> State:
+    """y + sum(weights u) over the stages u, leaving alone what is frozen in them (None)."""
+    used = [k for k in range(len(weights)) if not isinstance(weights[k], float) or weights[k]]
+    add = lambda y, u: y + sum(weights[k] * u[k] for k in used)
+    return State(
+        jax.tree.map(add, y.motion, stages.motion),
+        y.memory if stages.memory is None else add(y.memory, stages.memory),
+    )
 
 
 class Rodas3(AbstractRosenbrock):
-    """Sandu et al. 1997, doi:10.1016/S1352-2310(97)83212-8: order 3(2), L-stable, three new evaluations a step."""
+    """Sandu et al. 1997, doi:10.1016/S1352-2310(97)83212-8: order 3(2), L-stable, four stages."""
 
     gamma: ClassVar = 0.5
     a: ClassVar = ((0.0,), (2.0, 0.0), (2.0, 0.0, 1.0))

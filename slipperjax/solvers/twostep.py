@@ -47,7 +47,7 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
     rho_inf: float = eqx.field(static=True, default=0.6)
     """Damping of infinitely stiff parts per step [1], from 0 (all) to 1 (none)."""
     tolerance: float = eqx.field(static=True, default=1e-6)
-    """Newton ends when a correction is below this many of `slipperjax.solvers.adaptive.SCALES`; the one after it is done too."""
+    """Newton ends after a correction below this, in units of `slipperjax.solvers.adaptive.SCALES`, and one more."""
     iterations: int = eqx.field(static=True, default=10)
     """Newton iterations after which a step has failed."""
 
