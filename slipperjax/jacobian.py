@@ -22,7 +22,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from .kinematics import Contacts, Motion, RailFrame, rotation, scalar_part
-from .reduction import sums
+from .reduction import sums, together
 from .scene import Scene
 
 Matrix = list[list[Any]]
@@ -119,8 +119,11 @@ class LinearSystem:
         both = [
             [d + self.step * s for d, s in zip(*rows, strict=True)] for rows in zip(at.damping, by_place, strict=True)
         ]
-        self.matrix = _factored(_unit_minus(both, factor))
-        self.carried, self.turn = carried, _product(carried, _turn_by_attitude(m))
+        matrix = _factored(_unit_minus(both, factor))
+        turn = _product(carried, _turn_by_attitude(m))
+        flat = together(*(v for square in (matrix, carried, turn) for row in square for v in row))
+        cut = lambda at, n: [flat[at + i * n : at + (i + 1) * n] for i in range(n)]
+        self.matrix, self.carried, self.turn = cut(0, 5), cut(25, 3), cut(34, 3)
         self.attitude = _attitude_by_turn(m)
 
     def solve(self, right: Motion) -> Motion:
@@ -138,15 +141,11 @@ class LinearSystem:
                 x[i] = x[i] - self.matrix[i][j] * x[j]
         turn = [a + self.step * b for a, b in zip(turn, _times(self.carried, x[2:]), strict=True)]
         place = [leaves[k] + self.step * x[k] for k in range(2)]
-        return jax.tree.unflatten(tree, [*place, *_times(self.attitude, turn), *x])
+        return jax.tree.unflatten(tree, together(*place, *_times(self.attitude, turn), *x))
 
 
 def _factored(a: Matrix) -> Matrix:
-    """Factors L and U in one matrix, unrolled; U has a diagonal of ones, L's is in the matrix.
-
-    U's entries are divisions on purpose: XLA computes a division once and stores it, and anything cheaper anew in
-    each kernel that uses it, which in an elimination grows without bound.
-    """
+    """Factors L and U in one matrix, unrolled; U has a diagonal of ones, L's is in it."""
     n = len(a)
     a = [list(row) for row in a]
     for k in range(n):
