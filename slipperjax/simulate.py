@@ -271,13 +271,15 @@ def simulate(
         )
     if controller is not None:
         steps = saves if saves > 1 else steps
+    # tolerances are numbers like any other: one compiled program serves them all
+    numbers, controller = eqx.partition(controller, lambda leaf: isinstance(leaf, float))
     if is_traced((scene, start)):
-        states, taken = _simulate(scene, start, steps, solver, saves, periods, adjoint, controller)
+        states, taken = _simulate(scene, start, steps, solver, saves, periods, adjoint, controller, numbers)
     elif saves == 1 and isinstance(adjoint, diffrax.ForwardMode):
         # nothing is stored between the ends of the periods, so one compiled program serves any number of steps
-        states, taken = _strobe_jit(scene, start, float(steps), solver, saves, periods, adjoint, controller)
+        states, taken = _strobe_jit(scene, start, float(steps), solver, saves, periods, adjoint, controller, numbers)
     else:
-        states, taken = _simulate_jit(scene, start, steps, solver, saves, periods, adjoint, controller)
+        states, taken = _simulate_jit(scene, start, steps, solver, saves, periods, adjoint, controller, numbers)
     return Trajectory(scene, jnp.arange(periods * saves + 1) / saves, states, steps, taken)
 
 
@@ -306,7 +308,8 @@ def check_start(start: Any) -> Motion:
     return start
 
 
-def _simulate(scene, start, steps, solver, saves, periods, adjoint, controller):
+def _simulate(scene, start, steps, solver, saves, periods, adjoint, controller, numbers):
+    controller = eqx.combine(controller, numbers)
     state = initial_state(scene, start)
     record = None if saves == 1 else _every(steps // saves)
     options = dict(solver=solver, steps=steps, periods=periods, record=record, adjoint=adjoint, controller=controller)
@@ -321,5 +324,5 @@ def _every(stride: int) -> Record:
     return lambda states, args, steps: jax.tree.map(lambda a: a[stride::stride], states)
 
 
-_simulate_jit = jit(_simulate, static_argnums=(2, 3, 4, 5, 6))
-_strobe_jit = jit(_simulate, static_argnums=(3, 4, 5, 6))
+_simulate_jit = jit(_simulate, static_argnums=(2, 3, 4, 5, 6, 7))
+_strobe_jit = jit(_simulate, static_argnums=(3, 4, 5, 6, 7))

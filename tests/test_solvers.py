@@ -64,16 +64,16 @@ def uneven(n):
     return x + 0.1 * np.sin(2 * np.pi * x) + 0.15 / n * np.sin(np.pi * np.arange(n + 1) / 2) * (x * (1 - x) > 0)
 
 
-# Measured orders: 2.0 and 2.0; 3.0; 3.9; 2.9
+# Measured: orders 2.00, 1.99, 2.01, 3.02, 4.12, 3.01; errors at 64 steps 2.3e-4, 4.1e-4, 3.5e-4, 7.7e-7, 1.0e-9, 2.2e-6
 @pytest.mark.parametrize(
     ("solver", "times", "order", "most"),
     [
-        (sj.TwoStep(), even, 2, 2e-3),
-        (sj.TwoStep(), uneven, 2, 2e-3),
-        (sj.TwoStep(rho_inf=1.0), uneven, 2, 2e-3),
-        (sj.Rodas3(), even, 3, 1e-4),
-        (sj.Rodas4(), even, 4, 1e-5),
-        (sj.ROS34PW2(), even, 3, 1e-4),
+        (sj.TwoStep(), even, 2, 1e-3),
+        (sj.TwoStep(), uneven, 2, 1e-3),
+        (sj.TwoStep(rho_inf=1.0), uneven, 2, 1e-3),
+        (sj.Rodas3(), even, 3, 2e-6),
+        (sj.Rodas4(), even, 4, 3e-9),
+        (sj.ROS34PW2(), even, 3, 5e-6),
     ],
 )
 def test_order_on_a_closed_form(solver, times, order, most):
@@ -150,7 +150,7 @@ def error(solver, steps, case=NOMINAL, scene=None, controller=None, periods=6, a
 
 
 def test_a_stock_solver_is_latched():
-    # measured {DOPRI8_100} and {DOPRI8_400}; RK4 errs by 3.6e-4 and 2.6e-5
+    # RK4 errs by 3.6e-4 and 2.6e-5
     assert error(diffrax.Dopri8(), 100) < 1e-3
     assert error(diffrax.Dopri8(), 400) < 1e-4
 
