@@ -32,7 +32,14 @@ from .simulate import Trajectory as Trajectory  # noqa: E402
 from .simulate import period_map as period_map  # noqa: E402
 from .simulate import simulate as simulate  # noqa: E402
 from .solvers import RK4 as RK4  # noqa: E402
+from .solvers import ROS34PW2 as ROS34PW2  # noqa: E402
+from .solvers import AdaptiveSteps as AdaptiveSteps  # noqa: E402
+from .solvers import Latching as Latching  # noqa: E402
+from .solvers import Rodas3 as Rodas3  # noqa: E402
+from .solvers import Rodas4 as Rodas4  # noqa: E402
 from .solvers import Tsit5 as Tsit5  # noqa: E402
+from .solvers import TwoStep as TwoStep  # noqa: E402
+from .solvers import choose_solver as choose_solver  # noqa: E402
 from .spectra import lyapunov_spectrum as lyapunov_spectrum  # noqa: E402
 from .spectra import lyapunov_sweep as lyapunov_sweep  # noqa: E402
 from .sweep import follow as follow  # noqa: E402

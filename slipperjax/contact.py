@@ -288,6 +288,12 @@ class SmoothSwitch(AbstractMemory):
         """
         if self.width is None or self.relaxation is None:
             raise ValueError("Arguments `width` and `relaxation` must be numbers here: call Scene.settled() before.")
+        return self._switch(gap) * ((rate - memory) / self.relaxation + acceleration)
+
+    def decay(self, gap: Array) -> Array:
+        """Derivative of m' with respect to m [1/s], the acceleration's part in it left out."""
+        return -self._switch(gap) / self.relaxation
+
+    def _switch(self, gap: Array) -> Array:
         u = jnp.clip(gap / self.width + 0.5, 0.0, 1.0)
-        switch = u**3 * (10 + u * (6 * u - 15))
-        return switch * ((rate - memory) / self.relaxation + acceleration)
+        return u**3 * (10 + u * (6 * u - 15))

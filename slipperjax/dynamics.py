@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .contact import Before, SmoothSwitch
+from .jacobian import Linearised, contact_linearised, dense_linearised
 from .kinematics import Contacts, Motion, RailFrame, attitude_rates, contacts, rail_frame, rotation
 from .reduction import sums
 from .scene import Scene
@@ -97,6 +98,15 @@ class AbstractVectorField(eqx.Module):
         rates = motion_rates(scene, frame, now, state.motion, state.memory)
         return State(jax.tree.map(lambda r: scene.period * r, rates), None)
 
+    def linearised(self, t: Any, state: State, args: Args) -> Linearised:
+        """The motion's derivative, linearised [per forcing period]; the memory is frozen."""
+        rates = lambda m: self.evaluate(t, State(m, state.memory), args).motion
+        return dense_linearised(rates, state.motion, args.scene.period)
+
+    def memory_decay(self, t: Any, state: State, args: Args) -> Any:
+        """Derivative of an integrated memory's derivative with respect to itself, per point [per forcing period]."""
+        return None
+
     def open_step(self, t0: Any, state: State, args: Args) -> Any:
         """What `close_step` wants to know of the time before the first step. Here nothing."""
         return None
@@ -108,11 +118,22 @@ class AbstractVectorField(eqx.Module):
         return state, self.evaluate(t1, state, args), None
 
 
-class MemorylessField(AbstractVectorField):
+class ContactField(AbstractVectorField):
+    """The slipper's own right-hand side; it is linearised in closed form."""
+
+    def linearised(self, t, state, args):
+        scene, m = args.scene, state.motion
+        frame = rail_frame(scene, phase(t, args.epoch))
+        now = contacts(frame, m)
+        force = lambda gap, rate: contact_forces(scene, Contacts(gap, rate, now.lever), state.memory)
+        return contact_linearised(scene, frame, now, m, force)
+
+
+class MemorylessField(ContactField):
     """For contact laws without memory: ten states."""
 
 
-class LatchedField(AbstractVectorField):
+class LatchedField(ContactField):
     """For `EventLatch`: ten states, and a memory that changes between steps only."""
 
     def open_step(self, t0, state, args):
@@ -131,7 +152,7 @@ class LatchedField(AbstractVectorField):
         return state, self.from_contacts(t1, frame, now, state, args), after
 
 
-class SmoothField(AbstractVectorField):
+class SmoothField(ContactField):
     """For `SmoothSwitch`: ten states and one per point, all integrated; a plain ODE for any solver."""
 
     def from_contacts(self, t, frame, now, state, args):
@@ -144,6 +165,10 @@ class SmoothField(AbstractVectorField):
         _, acceleration = jax.jvp(gap_rate, (jnp.asarray(t, float), state.motion), (jnp.ones(()), rates))
         memory = scene.memory.derivative(state.memory, now.gap, now.rate, acceleration / scene.period)
         return State(rates, scene.period * memory)
+
+    def memory_decay(self, t, state, args):
+        now = contacts(rail_frame(args.scene, phase(t, args.epoch)), state.motion)
+        return args.scene.period * args.scene.memory.decay(now.gap)
 
 
 def vector_field(scene: Scene) -> AbstractVectorField:

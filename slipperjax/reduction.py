@@ -25,6 +25,21 @@ def sums(*operands):
     return _sums_p.bind(*operands)
 
 
+def together(*scalars):
+    """The same scalars, computed once, in one kernel, and stored.
+
+    XLA computes a value anew in every kernel that uses it, unless it comes from a reduction: an unrolled elimination
+    of five unknowns then grows with each use. So this is a reduction, over two entries of which one is zero.
+
+    **Arguments:** floating-point arrays of shape `batch`. **Returns:** a list of them.
+    """
+    first = jnp.arange(2) == 0
+    shape = jnp.broadcast_shapes(*(jnp.shape(x) for x in scalars))
+    mask = jnp.broadcast_to(first, (*shape, 2))
+    spread = lambda x: jnp.where(mask, jnp.broadcast_to(x, shape)[..., None], 0.0)
+    return sums(*(spread(jnp.asarray(x, float)) for x in scalars))
+
+
 def _implementation(*operands):
     zeros = tuple(jnp.zeros((), x.dtype) for x in operands)
     add = lambda a, b: tuple(x + y for x, y in zip(a, b, strict=True))

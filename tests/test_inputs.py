@@ -70,11 +70,19 @@ def test_errors_name_argument_value_and_need(call, words):
     assert words in str(caught.value)
 
 
-def test_stock_solvers_are_refused_where_they_would_miss_touchdowns():
+def test_solvers_that_cannot_be_latched_are_refused():
     import diffrax
 
-    with pytest.raises(ValueError, match=r"`solver` must be one that latches touchdowns.*but is Dopri5"):
-        sj.simulate(sj.paper_scene(), 1, solver=diffrax.Dopri5())
+    with pytest.raises(ValueError, match=r"`solver` must be a one-step method.*but is LeapfrogMidpoint"):
+        sj.simulate(sj.paper_scene(), 1, solver=diffrax.LeapfrogMidpoint())
+    with pytest.raises(ValueError, match=r"`stepsize_controller` must be a diffrax controller, but is 1e-05"):
+        sj.simulate(sj.paper_scene(), 1, stepsize_controller=1e-5)
+    with pytest.raises(ValueError, match=r"`solver` must be one with an error estimate for adaptive steps"):
+        sj.simulate(sj.paper_scene(), 1, stepsize_controller=sj.AdaptiveSteps())
+    with pytest.raises(ValueError, match=r"`tolerance` must be positive, but is 0"):
+        sj.AdaptiveSteps(0.0)
+    with pytest.raises(ValueError, match=r"`rho_inf` must be from 0 to 1, but is 1.5"):
+        sj.TwoStep(rho_inf=1.5)
 
 
 def test_traced_values_are_checked_at_run_time():

@@ -11,6 +11,7 @@ FLOORS = [
     {"section", "track", "contact"},
     {"scene"},
     {"kinematics"},
+    {"jacobian"},
     {"dynamics"},
     {"solvers"},
     {"simulate", "analysis"},

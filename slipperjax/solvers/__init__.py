@@ -1,5 +1,17 @@
-"""diffrax solvers of our own."""
+"""diffrax solvers of our own, and the event latch around diffrax's."""
 
+from .adaptive import AdaptiveSteps as AdaptiveSteps
+from .choose import Choice as Choice
+from .choose import choose_solver as choose_solver
 from .explicit import RK4 as RK4
 from .explicit import AbstractLatchingRungeKutta as AbstractLatchingRungeKutta
 from .explicit import Tsit5 as Tsit5
+from .latching import AbstractLatchingSolver as AbstractLatchingSolver
+from .latching import Latching as Latching
+from .latching import estimates_error as estimates_error
+from .latching import with_newton as with_newton
+from .rosenbrock import ROS34PW2 as ROS34PW2
+from .rosenbrock import AbstractRosenbrock as AbstractRosenbrock
+from .rosenbrock import Rodas3 as Rodas3
+from .rosenbrock import Rodas4 as Rodas4
+from .twostep import TwoStep as TwoStep

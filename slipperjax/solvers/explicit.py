@@ -5,7 +5,6 @@ what touched down, and evaluates the derivative there, which the next step start
 four evaluations and a latch, and Tsit5's error estimate comes free.
 """
 
-from collections.abc import Callable
 from typing import Any, ClassVar
 
 import diffrax
@@ -13,37 +12,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from diffrax import RESULTS
-from equinox.internal import ω
 
-from ..dynamics import AbstractVectorField, State, fill_frozen
-
-
-class StateInterpolation(diffrax.ThirdOrderHermitePolynomialInterpolation):
-    """Cubic in the motion; the memory is that at the step's end, for what is latched does not blend."""
-
-    frozen: Any
-
-    def __init__(self, *, t0, t1, y0, y1, k0, k1, frozen):
-        super().__init__(t0=t0, t1=t1, y0=y0, y1=y1, k0=k0, k1=k1)
-        self.frozen = frozen
-
-    def evaluate(self, t0, t1=None, left=True):
-        value = super().evaluate(t0, t1, left)
-        if t1 is not None or self.frozen is None:
-            return value
-        return State(value.motion, self.frozen)
-
-
-def _field(terms: Any) -> AbstractVectorField:
-    while hasattr(terms, "term"):  # diffrax wraps terms to run backwards in time
-        terms = terms.term
-    field = getattr(terms, "vector_field", None)
-    if not isinstance(field, AbstractVectorField):
-        raise ValueError(
-            f"Argument `terms` must be a diffrax.ODETerm of slipperjax.vector_field(scene) for this solver, "
-            f"but is {terms!r}."
-        )
-    return field
+from ..dynamics import State
+from .latching import AbstractLatchingSolver, dense_info, field_of
 
 
 def _step(y: State, dt: Any, stages: list[State], weights: np.ndarray) -> State:
@@ -60,23 +31,21 @@ def _step(y: State, dt: Any, stages: list[State], weights: np.ndarray) -> State:
     return jax.tree.map(leaf, trees[0], y, *trees, is_leaf=lambda x: x is None)
 
 
-class AbstractLatchingRungeKutta(diffrax.AbstractSolver):
+class AbstractLatchingRungeKutta(AbstractLatchingSolver):
     """A step of an explicit tableau with frozen memory, then the latch. Subclasses give the tableau."""
 
-    term_structure: ClassVar = diffrax.AbstractTerm
-    interpolation_cls: ClassVar[Callable[..., StateInterpolation]] = StateInterpolation
     a_lower: ClassVar[tuple[tuple[float, ...], ...]]
     b: ClassVar[tuple[float, ...]]
     b_error: ClassVar[tuple[float, ...] | None] = None
     """Weights of the stages, and of the derivative at the step's end, in the error estimate."""
 
     def init(self, terms, t0, t1, y0, args):
-        field = _field(terms)
+        field = field_of(terms)
         return field.evaluate(t0, y0, args), field.open_step(t0, y0, args)
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         del made_jump
-        field = _field(terms)
+        field = field_of(terms)
         dt = t1 - t0
         rates, before = solver_state
         stages = [rates]
@@ -92,17 +61,8 @@ class AbstractLatchingRungeKutta(diffrax.AbstractSolver):
         else:
             scaled = _step(jax.tree.map(jnp.zeros_like, y0), dt, [*stages, rates1], np.array(self.b_error))
             error = jax.tree.map(jnp.abs, scaled)
-        dense = dict(
-            y0=y0,
-            y1=y1,
-            k0=(dt * fill_frozen(rates, y0) ** ω).ω,
-            k1=(dt * fill_frozen(rates1, y1) ** ω).ω,
-            frozen=y1.memory if rates1.memory is None else None,
-        )
+        dense = dense_info(dt, y0, y1, rates, rates1)
         return y1, error, dense, (rates1, after), RESULTS.successful
-
-    def func(self, terms, t0, y0, args):
-        return terms.vf(t0, y0, args)
 
 
 class RK4(AbstractLatchingRungeKutta):

@@ -1,0 +1,208 @@
+"""The linearised motion, and linear systems with its structure, for implicit solvers.
+
+The slipper is a second-order system: positions p = (y, z, attitude) follow from velocities u = (v_y, v_z, w) by
+kinematics alone. With a turn d of the slipper in its own frame in place of the quaternion's change, and B the (small)
+rotation of such a turn by the spin,
+
+    dp' = B dp + du,     du' = stiffness dp + damping du,
+
+so a system of ten unknowns takes one of five, and its stiffness and damping are closed forms. For a point with the
+force direction s = (n_y, n_z, lever), normal n and place a in the slipper's frame, and spin w,
+
+    dg = s . dp,     dg' = s . du + w . (a x (n x d)),     dlever = a x (n x d) = n (a . d) - d (a . n),
+
+which makes 39 sums over the points; ten Jacobian-vector products cost several times that.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from .kinematics import Contacts, Motion, RailFrame, rotation, scalar_part
+from .reduction import sums, together
+from .scene import Scene
+
+Matrix = list[list[Any]]
+"""Rows of scalars."""
+
+
+class Linearised(NamedTuple):
+    """Derivatives of the motion's rates at a motion, with respect to it."""
+
+    stiffness: Matrix
+    """Of the rates of (v_y, v_z, w) with respect to (y, z, turn), 5 x 5."""
+    damping: Matrix
+    """Of the rates of (v_y, v_z, w) with respect to these, 5 x 5."""
+    motion: Motion
+    """Where."""
+    unit: Any
+    """The unit of time that the rates are per [s]."""
+
+
+def contact_linearised(
+    scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force: Callable[[Array, Array], Array]
+) -> Linearised:
+    """The slipper's linearised motion [per forcing period].
+
+    **Arguments:** rail and contacts of the same instant; `force(gap, rate)`: the points' normal forces [N].
+    """
+    one = jnp.ones_like(now.gap)
+    forces, by_gap = jax.jvp(lambda g: force(g, now.rate), (now.gap,), (one,))
+    _, by_rate = jax.jvp(lambda r: force(now.gap, r), (now.rate,), (one,))
+    (n_x, n_y, n_z), arm, r = frame.normal, frame.arm, rotation(m)
+    n = [r[0][j] * n_x + r[1][j] * n_y + r[2][j] * n_z for j in range(3)]
+    s = [n_y, n_z, *now.lever]
+    spin = (m.w_x, m.w_y, m.w_z)
+    normal_arm = sum(n[k] * arm[k] for k in range(3))
+    normal_spin = sum(n[k] * spin[k] for k in range(3))
+    # how the force answers to a displacement along y and z, and to a turn about each axis
+    answer = [by_gap * n_y, by_gap * n_z]
+    answer += [by_gap * s[2 + k] + by_rate * (normal_spin * arm[k] - spin[k] * normal_arm) for k in range(3)]
+    stiff = {(0, 0): answer[0] * n_y, (0, 1): answer[0] * n_z, (1, 1): answer[1] * n_z}
+    for i in range(2, 5):
+        stiff |= {(i, k): answer[k] * s[i] for k in range(2)}
+    for i in range(5):
+        stiff |= {(i, k): answer[k] * s[i] for k in range(2, 5)}
+    for i in range(3):
+        for k in range(3):
+            stiff[2 + i, 2 + k] += forces * (n[i] * arm[k] - (normal_arm if i == k else 0.0))
+    damp = {(i, k): by_rate * s[i] * s[k] for i in range(5) for k in range(i, 5)}
+    total = sums(*stiff.values(), *damp.values())
+    stiff = dict(zip(stiff, total[: len(stiff)], strict=True))
+    damp = dict(zip(damp, total[len(stiff) :], strict=True))
+    stiff[1, 0] = stiff[0, 1]
+    damp |= {(k, i): v for (i, k), v in damp.items()}
+
+    moments = [scene.slipper.inertia[k] for k in range(3)]
+    inertia = [scene.slipper.mass, scene.slipper.mass, *moments]
+    scaled = lambda entries: [[scene.period / inertia[i] * entries[i, k] for k in range(5)] for i in range(5)]
+    stiffness, damping = scaled(stiff), scaled(damp)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3  # Euler's equation: J_i w_i' = ... - (J_k - J_j) w_j w_k
+        gyro = scene.period * (moments[k] - moments[j]) / moments[i]
+        damping[2 + i][2 + j] = damping[2 + i][2 + j] - gyro * spin[k]
+        damping[2 + i][2 + k] = damping[2 + i][2 + k] - gyro * spin[j]
+    return Linearised(stiffness, damping, m, scene.period)
+
+
+def dense_linearised(rates: Callable[[Motion], Motion], m: Motion, unit: Any) -> Linearised:
+    """The same by ten Jacobian-vector products, for forces of which nothing is known."""
+    turned = _attitude_by_turn(m)
+    zero = jnp.zeros(10)
+    tangents = [zero.at[k].set(1.0) for k in range(2)]
+    tangents += [jnp.stack([0.0, 0.0, *(turned[i][k] for i in range(3)), *[0.0] * 5]) for k in range(3)]
+    tangents += [zero.at[k].set(1.0) for k in range(5, 10)]
+    tree = jax.tree.structure(m)
+    column = lambda v: jax.jvp(rates, (m,), (jax.tree.unflatten(tree, list(v)),))[1]
+    columns = jax.tree.leaves(jax.vmap(column)(jnp.stack(tangents)))[5:]
+    part = lambda at: [[row[at + k] for k in range(5)] for row in columns]
+    return Linearised(part(0), part(5), m, unit)
+
+
+class LinearSystem:
+    """(1 - factor J) x = right, with J the linearised motion; factored once, solved often.
+
+    No pivoting: the five unknowns' matrix is that of a mass with added damping and stiffness, and the factor short.
+    """
+
+    def __init__(self, at: Linearised, factor: Any):
+        m = at.motion
+        self.step = factor * at.unit
+        self.factor = factor
+        self.stiffness = at.stiffness
+        carried = _inverse(_unit_minus(_spin_of_turn(m), self.step))
+        by_turn = [[sum(row[2 + k] * carried[k][j] for k in range(3)) for j in range(3)] for row in at.stiffness]
+        by_place = [[*row[:2], *turn] for row, turn in zip(at.stiffness, by_turn, strict=True)]
+        both = [
+            [d + self.step * s for d, s in zip(*rows, strict=True)] for rows in zip(at.damping, by_place, strict=True)
+        ]
+        matrix = _factored(_unit_minus(both, factor))
+        turn = _product(carried, _turn_by_attitude(m))
+        flat = together(*(v for square in (matrix, carried, turn) for row in square for v in row))
+        cut = lambda at, n: [flat[at + i * n : at + (i + 1) * n] for i in range(n)]
+        self.matrix, self.carried, self.turn = cut(0, 5), cut(25, 3), cut(34, 3)
+        self.attitude = _attitude_by_turn(m)
+
+    def solve(self, right: Motion) -> Motion:
+        """The solution for one right-hand side."""
+        leaves, tree = jax.tree.flatten(right)
+        turn = _times(self.turn, leaves[2:5])
+        push = _times(self.stiffness, [*leaves[:2], *turn])
+        x = [r + self.factor * p for r, p in zip(leaves[5:], push, strict=True)]
+        for i in range(5):
+            for j in range(i):
+                x[i] = x[i] - self.matrix[i][j] * x[j]
+            x[i] = x[i] / self.matrix[i][i]
+        for i in reversed(range(5)):
+            for j in range(i + 1, 5):
+                x[i] = x[i] - self.matrix[i][j] * x[j]
+        turn = [a + self.step * b for a, b in zip(turn, _times(self.carried, x[2:]), strict=True)]
+        place = [leaves[k] + self.step * x[k] for k in range(2)]
+        return jax.tree.unflatten(tree, together(*place, *_times(self.attitude, turn), *x))
+
+
+def _factored(a: Matrix) -> Matrix:
+    """Factors L and U in one matrix, unrolled; U has a diagonal of ones, L's is in it."""
+    n = len(a)
+    a = [list(row) for row in a]
+    for k in range(n):
+        for j in range(k + 1, n):
+            a[k][j] = a[k][j] / a[k][k]
+        for i in range(k + 1, n):
+            for j in range(k + 1, n):
+                a[i][j] = a[i][j] - a[i][k] * a[k][j]
+    return a
+
+
+def _inverse(a: Matrix) -> Matrix:
+    """The inverse of a 3 x 3 matrix by its cofactors."""
+    nexts = [(1, 2), (2, 0), (0, 1)]
+    minor = lambda i, j: (
+        a[nexts[i][0]][nexts[j][0]] * a[nexts[i][1]][nexts[j][1]]
+        - a[nexts[i][0]][nexts[j][1]] * a[nexts[i][1]][nexts[j][0]]
+    )
+    cofactors = [[minor(i, j) for j in range(3)] for i in range(3)]
+    determinant = sum(a[0][j] * cofactors[0][j] for j in range(3))
+    return [[cofactors[j][i] / determinant for j in range(3)] for i in range(3)]
+
+
+def _unit_minus(a: Matrix, factor: Any) -> Matrix:
+    return [[(1.0 if i == j else 0.0) - factor * v for j, v in enumerate(row)] for i, row in enumerate(a)]
+
+
+def _times(a: Matrix, x: list[Any]) -> list[Any]:
+    return [sum(v * x[j] for j, v in enumerate(row)) for row in a]
+
+
+def _product(a: Matrix, b: Matrix) -> Matrix:
+    return [[sum(row[k] * b[k][j] for k in range(len(b))) for j in range(len(b[0]))] for row in a]
+
+
+def _cross_matrix(v) -> Matrix:
+    """[v]x, so that [v]x u = v x u."""
+    return [[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]]
+
+
+def _attitude_by_turn(m: Motion) -> Matrix:
+    """Change of the quaternion's vector part q per turn: (q_0 + [q]x) / 2."""
+    cross, q_0 = _cross_matrix((m.q_x, m.q_y, m.q_z)), scalar_part(m)
+    return [[0.5 * (q_0 if i == j else cross[i][j]) for j in range(3)] for i in range(3)]
+
+
+def _turn_by_attitude(m: Motion) -> Matrix:
+    """The inverse of `_attitude_by_turn`: 2 (q_0 - [q]x + q q^T / q_0)."""
+    q, q_0 = (m.q_x, m.q_y, m.q_z), scalar_part(m)
+    cross = _cross_matrix(q)
+    one = 1 / q_0
+    return [[2 * ((q_0 if i == j else -cross[i][j]) + one * q[i] * q[j]) for j in range(3)] for i in range(3)]
+
+
+def _spin_of_turn(m: Motion) -> Matrix:
+    """B of the module [1/s]: q' = (q_0 w + q x w) / 2 changes with q by ([d]x w - (d . w) q / q_0) / 2, as a turn."""
+    q, q_0, w = (m.q_x, m.q_y, m.q_z), scalar_part(m), (m.w_x, m.w_y, m.w_z)
+    cross = _cross_matrix(w)
+    one = 1 / q_0
+    return [[-0.5 * (cross[i][j] + w[j] * q[i] * one) for j in range(3)] for i in range(3)]

@@ -1,0 +1,105 @@
+"""Adaptive steps for slippers: errors measured in the motion's own size, and caution about touchdowns."""
+
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from diffrax import RESULTS
+
+from ..kinematics import Motion
+from ..scene import contact_duration
+
+SCALES = Motion(1e-3, 1e-3, 5e-3, 5e-3, 5e-3, 1.0, 1.0, 10.0, 10.0, 10.0)
+"""1 mm, 10 mrad (twice a quaternion's entry), 1 m/s and 10 rad/s: the size of a slipper's motion."""
+
+
+def scaled_size(motion: Motion) -> Any:
+    """The largest entry of a difference of motions, in units of `SCALES`."""
+    scaled = jax.tree.map(lambda d, s: jnp.abs(d) / s, motion, SCALES)
+    return jnp.max(jnp.stack(jax.tree.leaves(scaled)))
+
+
+class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
+    """Steps as long as the error allows, for any solver with an error estimate.
+
+    Two things are not left to the estimate. A flight without contact is integrated without any error, so steps
+    would grow until one leaps over an impact: no step is longer than a part of a typical contact. And a step in
+    which a point touches down has a kink inside that an estimate made for smooth motions sees only in part: its
+    error counts `touchdown` times.
+
+    The next period begins with the step that the last one wanted.
+    """
+
+    tolerance: float = 1e-5
+    """Error allowed per step, in units of `SCALES`."""
+    touchdown: float = 10.0
+    """Factor on the error of a step in which the event latch saw a touchdown [1].
+
+    Measured with Tsit5 at a tolerance of 1e-6, 10 against 1: 25 to 55 % more steps, errors 1.2 to 5 times smaller.
+    """
+    per_contact: float = 4.0
+    """The longest step is a typical contact's duration (`contact_duration`) over this."""
+    shortest: float = 1e-9
+    """A step that would have to be shorter than this has failed [forcing periods]."""
+    safety: float = eqx.field(static=True, default=0.9)
+    least_factor: float = eqx.field(static=True, default=0.2)
+    most_factor: float = eqx.field(static=True, default=5.0)
+
+    def __check_init__(self):
+        for name in ("tolerance", "touchdown", "per_contact", "shortest"):
+            value = getattr(self, name)
+            if isinstance(value, float | int) and not value > 0:
+                raise ValueError(f"Argument `{name}` must be positive, but is {value}.")
+
+    @property
+    def rtol(self):
+        """For the root finders of stock implicit solvers."""
+        return 0.0
+
+    @property
+    def atol(self):
+        return 0.1 * self.tolerance
+
+    @property
+    def norm(self):
+        return lambda motion: scaled_size(motion) if isinstance(motion, Motion) else scaled_size(motion.motion)
+
+    def wrap(self, direction):
+        del direction
+        return self
+
+    def init(self, terms, t0, t1, y0, dt0, args, func, error_order):
+        del terms, y0, func, error_order
+        longest = self._longest(args)
+        wanted = longest if dt0 is None else jnp.minimum(dt0, longest)
+        wanted = jax.lax.stop_gradient(wanted)
+        return t0 + _fitted(wanted, t1 - t0), (wanted, jnp.asarray(t1, float))
+
+    def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):
+        _, end = controller_state
+        size = scaled_size(y_error.motion) / self.tolerance
+        if y0.memory is not None:
+            touched = jnp.any((y0.memory >= 0) & (y1_candidate.memory < 0))
+            size = jnp.where(touched, self.touchdown * size, size)
+        # what is not a number is no small error
+        bad = jnp.isnan(size) | jnp.isnan(scaled_size(y1_candidate.motion))
+        size = jax.lax.stop_gradient(jnp.where(bad, jnp.inf, size))
+        keep = size <= 1
+        factor = self.safety * jnp.maximum(size, 1e-12) ** (-1 / error_order)
+        factor = jnp.clip(factor, self.least_factor, jnp.where(keep, self.most_factor, self.safety))
+        wanted = jax.lax.stop_gradient(jnp.minimum((t1 - t0) * factor, self._longest(args)))
+        at = jnp.where(keep, t1, t0)
+        underflow = wanted < self.shortest
+        result = RESULTS.where(underflow & ~keep, RESULTS.dt_min_reached, RESULTS.successful)
+        return keep, at, at + _fitted(wanted, end - at), False, (wanted, end), result
+
+    def _longest(self, args):
+        scene = args.scene
+        return jax.lax.stop_gradient(contact_duration(scene) / scene.period / self.per_contact)
+
+
+def _fitted(wanted: Any, left: Any) -> Any:
+    """The step to take where `left` is left: no tiny one at the end, which would spoil the latch's parabola."""
+    return jnp.where(left <= wanted, left, jnp.where(left < 2 * wanted, left / 2, wanted))

@@ -1,0 +1,155 @@
+"""What every solver with the event latch shares, and the latch around diffrax's own solvers.
+
+The stages of a step see a frozen contact memory. After them the vector field closes the step: it latches what
+touched down, and evaluates the derivative there.
+"""
+
+from typing import Any, ClassVar
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from equinox.internal import ω
+
+from ..dynamics import AbstractVectorField, State, fill_frozen
+
+
+class StateInterpolation(diffrax.ThirdOrderHermitePolynomialInterpolation):
+    """Cubic in the motion; the memory is that at the step's end, for what is latched does not blend."""
+
+    frozen: Any
+
+    def __init__(self, *, t0, t1, y0, y1, k0, k1, frozen):
+        super().__init__(t0=t0, t1=t1, y0=y0, y1=y1, k0=k0, k1=k1)
+        self.frozen = frozen
+
+    def evaluate(self, t0, t1=None, left=True):
+        value = super().evaluate(t0, t1, left)
+        if t1 is not None or self.frozen is None:
+            return value
+        return State(value.motion, self.frozen)
+
+
+def field_of(terms: Any) -> AbstractVectorField:
+    """The vector field inside diffrax's terms; raises `ValueError` where it is not one of a scene."""
+    while hasattr(terms, "term"):  # diffrax wraps terms to run backwards in time
+        terms = terms.term
+    field = getattr(terms, "vector_field", None)
+    if not isinstance(field, AbstractVectorField):
+        raise ValueError(
+            f"Argument `terms` must be a diffrax.ODETerm of slipperjax.vector_field(scene) for this solver, "
+            f"but is {terms!r}."
+        )
+    return field
+
+
+def dense_info(dt: Any, y0: State, y1: State, rates0: State, rates1: State) -> dict[str, Any]:
+    """What `StateInterpolation` wants of a step; `rates0`, `rates1`: derivatives at its ends."""
+    return dict(
+        y0=y0,
+        y1=y1,
+        k0=(dt * fill_frozen(rates0, y0) ** ω).ω,
+        k1=(dt * fill_frozen(rates1, y1) ** ω).ω,
+        frozen=y1.memory if rates1.memory is None else None,
+    )
+
+
+class AbstractLatchingSolver(diffrax.AbstractSolver):
+    """Solvers that end each step with the vector field's `close_step`, and so serve every scene.
+
+    Their state at the end of one solve may start the next one.
+    """
+
+    term_structure: ClassVar = diffrax.AbstractTerm
+    interpolation_cls: ClassVar = StateInterpolation
+
+    def func(self, terms, t0, y0, args):
+        return terms.vf(t0, y0, args)
+
+
+class _FrozenField(eqx.Module):
+    """The motion's derivative with frozen memory, which comes with the arguments: ten states for a stock solver."""
+
+    field: AbstractVectorField
+
+    def __call__(self, t, motion, args):
+        memory, args = args
+        return self.field.evaluate(t, State(motion, memory), args).motion
+
+
+class Latching(AbstractLatchingSolver):
+    """The event latch around one of diffrax's one-step solvers, explicit or implicit.
+
+    The inner solver sees the motion alone, with frozen memory. A method whose last stage is the next step's first
+    evaluates that once more, for the latch may have changed it.
+    """
+
+    solver: diffrax.AbstractSolver
+
+    def __init__(self, solver: diffrax.AbstractSolver):
+        """**Arguments:** `solver`: a Runge-Kutta method of diffrax, Euler or ImplicitEuler, or HalfSolver of one.
+
+        An implicit one whose root finder wants tolerances from a step size controller gets Newton's method with
+        `NEWTON` instead.
+
+        **Raises:** `ValueError` for other solvers: the latch would cut what they remember of earlier steps.
+        """
+        inner = solver.solver if isinstance(solver, diffrax.HalfSolver) else solver
+        one_step = (diffrax.AbstractERK, diffrax.AbstractDIRK, diffrax.Euler, diffrax.ImplicitEuler)
+        if not isinstance(inner, one_step):
+            raise ValueError(
+                f"Argument `solver` must be a one-step method for ordinary differential equations, which can be "
+                f"latched at touchdowns, but is {type(inner).__name__}."
+            )
+        self.solver = with_newton(solver)
+
+    def order(self, terms):
+        return self.solver.order(terms)
+
+    def error_order(self, terms):
+        return self.solver.error_order(diffrax.ODETerm(_FrozenField(field_of(terms))))
+
+    def init(self, terms, t0, t1, y0, args):
+        return field_of(terms).open_step(t0, y0, args)
+
+    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+        field = field_of(terms)
+        inner = diffrax.ODETerm(_FrozenField(field))
+        inner_args = (y0.memory, args)
+        fresh = self.solver.init(inner, t0, t1, y0.motion, inner_args)
+        motion, error, _, _, result = self.solver.step(inner, t0, t1, y0.motion, inner_args, fresh, made_jump)
+        y1, rates1, after = field.close_step(solver_state, t0, t1, State(motion, y0.memory), args)
+        if error is not None:
+            error = State(jax.tree.map(jnp.abs, error), jax.tree.map(jnp.zeros_like, y0.memory))
+        # not carried to the next step, so that XLA drops the two derivatives where nobody interpolates
+        dense = dense_info(t1 - t0, y0, y1, field.evaluate(t0, y0, args), rates1)
+        return y1, error, dense, after, result
+
+
+def estimates_error(solver: diffrax.AbstractSolver) -> bool:
+    """Whether a solver can go with adaptive steps."""
+    inner = solver.solver if isinstance(solver, Latching) else solver
+    if isinstance(inner, AbstractLatchingSolver):
+        return getattr(inner, "b_error", ()) is not None
+    return isinstance(inner, diffrax.AbstractAdaptiveSolver)
+
+
+NEWTON = 1e-9
+"""Tolerance, relative and absolute, of the Newton iterations that `with_newton` puts into stock solvers."""
+
+
+def with_newton(solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:
+    """A stock solver that works at constant steps: one with its own root finder, or Newton's method with `NEWTON`.
+
+    diffrax's default root finder takes its tolerances from an adaptive controller, and was seen to fail here.
+    """
+    if not isinstance(solver, diffrax.AbstractImplicitSolver):
+        return solver
+    finder = solver.root_finder
+    if isinstance(getattr(finder, "rtol", 0.0), float | jax.Array):
+        return solver
+    newton = optx.Newton(rtol=NEWTON, atol=NEWTON, norm=optx.max_norm)
+    at = lambda s: s.solver.root_finder if isinstance(s, diffrax.HalfSolver) else s.root_finder
+    return eqx.tree_at(at, solver, newton)

@@ -1,0 +1,196 @@
+"""Rosenbrock methods with the event latch: implicit, at the price of one Jacobian and a few solves per step.
+
+A stage solves one linear system, in the form of Hairer and Wanner, Solving Ordinary Differential Equations II,
+section IV.7, doi:10.1007/978-3-642-05221-7, with u_i the stages and J, f_t the derivatives at the step's start:
+
+    (1 - h gamma J) u_i = h gamma f(t_0 + alpha_i h, y_0 + sum a_ij u_j) + gamma sum c_ij u_j + gamma gamma_i h^2 f_t
+    y_1 = y_0 + sum m_i u_i,    error = sum e_i u_i
+
+There is no iteration, hence nothing that fails to converge. The matrix is reduced to five unknowns and factored
+once, see `slipperjax.jacobian`; a memory that is integrated has a matrix of its own, diagonal.
+"""
+
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from diffrax import RESULTS
+
+from ..dynamics import State
+from ..jacobian import LinearSystem
+from .latching import AbstractLatchingSolver, dense_info, field_of
+
+Rows = tuple[tuple[float, ...], ...]
+
+
+class AbstractRosenbrock(AbstractLatchingSolver):
+    """A step of a Rosenbrock method with frozen memory, then the latch. Subclasses give the tableau."""
+
+    gamma: ClassVar[float]
+    a: ClassVar[Rows]
+    """Rows of the stages after the first."""
+    c: ClassVar[Rows]
+    nodes: ClassVar[tuple[float, ...]]
+    """alpha_i"""
+    slopes: ClassVar[tuple[float, ...] | None]
+    """gamma_i; None where the method keeps its order without f_t."""
+    m: ClassVar[tuple[float, ...]]
+    e: ClassVar[tuple[float, ...]]
+
+    def init(self, terms, t0, t1, y0, args):
+        return field_of(terms).open_step(t0, y0, args)
+
+    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+        del made_jump
+        field = field_of(terms)
+        h = t1 - t0
+        system = LinearSystem(field.linearised(t0, y0, args), h * self.gamma)
+        decay = field.memory_decay(t0, y0, args)
+        if self.slopes is None:
+            drift = None
+        else:
+            at = lambda t: field.evaluate(t, y0, args).motion
+            _, drift = jax.jvp(at, (jnp.asarray(t0, float),), (jnp.ones(()),))
+
+        def stage(stages, row):
+            """One stage. A loop over them, because unrolled the program takes minutes to compile."""
+            point = combine(y0, stages, row["a"])
+            # the very t1 where it is the end: then the rail there is that of the next step's start
+            f = field.evaluate(jnp.where(row["node"] == 1, t1, t0 + row["node"] * h), point, args)
+            right = jax.tree.map(lambda f: h * self.gamma * f, f)
+            right = combine(right, stages, self.gamma * row["c"])
+            motion = right.motion
+            if drift is not None:
+                weight = self.gamma * row["slope"] * h * h
+                motion = jax.tree.map(lambda v, d: v + weight * d, motion, drift)
+            memory = None if right.memory is None else right.memory / (1 - h * self.gamma * decay)
+            new = State(system.solve(motion), memory)
+            return jax.tree.map(lambda u, v: u.at[row["index"]].set(v), stages, new), None
+
+        count = len(self.nodes)
+        frozen = decay is None
+        blank = State(y0.motion, None) if frozen else y0
+        stages = jax.tree.map(lambda y: jnp.zeros((count, *jnp.shape(y))), blank)
+        stages, _ = jax.lax.scan(stage, stages, self._rows())
+        y1 = combine(y0, stages, self.m)
+        error = combine(jax.tree.map(jnp.zeros_like, y0), stages, self.e)
+        y1, rates1, after = field.close_step(solver_state, t0, t1, y1, args)
+        # not carried to the next step, so that XLA drops the two derivatives where nobody interpolates
+        dense = dense_info(h, y0, y1, field.evaluate(t0, y0, args), rates1)
+        return y1, jax.tree.map(jnp.abs, error), dense, after, RESULTS.successful
+
+    def _rows(self) -> dict[str, Any]:
+        """The tableau by stages, for a loop over them."""
+        count = len(self.nodes)
+        square = lambda rows: jnp.array([[*row, *[0.0] * (count - len(row))] for row in ((), *rows)])
+        return dict(
+            a=square(self.a),
+            c=square(self.c),
+            node=jnp.array(self.nodes),
+            slope=jnp.array(self.slopes or [0.0] * count),
+            index=jnp.arange(count),
+        )
+
+
+def combine(y: State, stages: State, weights: Any) -> State:
+    """y + sum(weights u) over the stages u, leaving alone what is frozen in them (None)."""
+    used = [k for k in range(len(weights)) if not isinstance(weights[k], float) or weights[k]]
+    add = lambda y, u: y + sum(weights[k] * u[k] for k in used)
+    return State(
+        jax.tree.map(add, y.motion, stages.motion),
+        y.memory if stages.memory is None else add(y.memory, stages.memory),
+    )
+
+
+class Rodas3(AbstractRosenbrock):
+    """Sandu et al. 1997, doi:10.1016/S1352-2310(97)83212-8: order 3(2), L-stable, four stages."""
+
+    gamma: ClassVar = 0.5
+    a: ClassVar = ((0.0,), (2.0, 0.0), (2.0, 0.0, 1.0))
+    c: ClassVar = ((4.0,), (1.0, -1.0), (1.0, -1.0, -8 / 3))
+    nodes: ClassVar = (0.0, 0.0, 1.0, 1.0)
+    slopes: ClassVar = (0.5, 1.5, 0.0, 0.0)
+    m: ClassVar = (2.0, 0.0, 1.0, 1.0)
+    e: ClassVar = (0.0, 0.0, 0.0, 1.0)
+
+    def order(self, terms):
+        del terms
+        return 3
+
+
+class Rodas4(AbstractRosenbrock):
+    """RODAS of Hairer and Wanner, see the module: order 4(3), L-stable and stiffly accurate, six stages."""
+
+    gamma: ClassVar = 0.25
+    a: ClassVar = (
+        (1.544,),
+        (0.9466785280815826, 0.2557011698983284),
+        (3.314825187068521, 2.896124015972201, 0.9986419139977817),
+        (1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950),
+        (1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950, 1.0),
+    )
+    c: ClassVar = (
+        (-5.6688,),
+        (-2.430093356833875, -0.2063599157091915),
+        (-0.1073529058151375, -9.594562251023355, -20.47028614809616),
+        (7.496443313967647, -10.24680431464352, -33.99990352819905, 11.70890893206160),
+        (8.083246795921522, -7.981132988064893, -31.52159432874371, 16.31930543123136, -6.058818238834054),
+    )
+    nodes: ClassVar = (0.0, 0.386, 0.21, 0.63, 1.0, 1.0)
+    slopes: ClassVar = (0.25, -0.1043, 0.1035, -0.0362, 0.0, 0.0)
+    m: ClassVar = (*a[4], 1.0)
+    e: ClassVar = (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+    def order(self, terms):
+        del terms
+        return 4
+
+
+def _transformed(alpha: list, gamma: list, b: list, b_hat: list) -> tuple[Rows, Rows, tuple, tuple]:
+    """(a, c, m, e) of the form above from the coefficients of the k form."""
+    inverse = np.linalg.inv(np.array(gamma))
+    a, c = np.array(alpha) @ inverse, np.diag(np.diag(inverse)) - inverse
+    below = lambda x: tuple(tuple(float(v) if abs(v) > 1e-14 else 0.0 for v in x[i, :i]) for i in range(1, len(x)))
+    m, e = np.array(b) @ inverse, (np.array(b) - np.array(b_hat)) @ inverse
+    return below(a), below(c), tuple(map(float, m)), tuple(map(float, e))
+
+
+_G = 0.43586652150845900
+_B = [0.24212380706095346, -1.2232505839045147, 1.5452602553351020, _G]
+_ROS34PW2 = _transformed(
+    [
+        [0, 0, 0, 0],
+        [0.87173304301691801, 0, 0, 0],
+        [0.84457060015369423, -0.11299064236484185, 0, 0],
+        [0, 0, 1, 0],
+    ],
+    [
+        [_G, 0, 0, 0],
+        [-0.87173304301691801, _G, 0, 0],
+        [-0.90338057013044082, 0.054180672388095326, _G, 0],
+        [*_B[:2], _B[2] - 1, _G],
+    ],
+    _B,
+    [0.37810903145819369, -0.096042292212423178, 0.5, 0.21793326075422950],
+)
+
+
+class ROS34PW2(AbstractRosenbrock):
+    """Rang and Angermann 2005, doi:10.1007/s10543-005-0035-y: order 3(2), L-stable, four stages.
+
+    A W-method: it keeps its order whatever matrix stands for the Jacobian, and without f_t. So it is the one for
+    `SmoothSwitch`, where motion and memory are solved apart.
+    """
+
+    gamma: ClassVar = _G
+    a: ClassVar = _ROS34PW2[0]
+    c: ClassVar = _ROS34PW2[1]
+    nodes: ClassVar = (0.0, 0.87173304301691801, 0.84457060015369423 - 0.11299064236484185, 1.0)
+    slopes: ClassVar = None
+    m: ClassVar = _ROS34PW2[2]
+    e: ClassVar = _ROS34PW2[3]
+
+    def order(self, terms):
+        del terms
+        return 3

@@ -1,0 +1,131 @@
+"""The method of the paper, Eqs. (15)-(20) of Dang et al. 2024 (MBDyn's "ms"), with the event latch.
+
+An implicit two-step method of second order, A-stable, with |rho_inf| the factor by which each step damps what is
+infinitely stiff. The first step is Crank-Nicolson. Newton's method uses the exact Jacobian in each iteration.
+
+In Eq. (15), h is the step BEFORE where steps vary: with alpha = h_k / h_(k-1) the weights of (19) sum to
+alpha + beta, so they are consistent in that unit and no other. Here they are divided by alpha.
+"""
+
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from diffrax import RESULTS
+
+from ..dynamics import State
+from ..jacobian import LinearSystem
+from .adaptive import scaled_size
+from .latching import AbstractLatchingSolver, dense_info, field_of
+
+
+def two_step_weights(rho_inf: Any, alpha: Any) -> tuple[Any, Any, Any, Any, Any]:
+    """a_1, a_2, b_0, b_1, b_2 of Eqs. (19)-(20), the last three per present step.
+
+    **Arguments:** `rho_inf`: see `TwoStep`; `alpha`: the present step over the one before.
+    """
+    damped = (1 - abs(rho_inf)) ** 2
+    bottom = 2 * (1 + alpha) - damped
+    beta = alpha * ((2 + alpha) * damped + 2 * (1 + alpha) * (2 * abs(rho_inf) - 1)) / bottom
+    chi = alpha**2 * damped / (2 * bottom)
+    b_0 = chi / alpha + alpha / 2
+    b_1 = beta / 2 + alpha / 2 - (1 + alpha) * chi / alpha
+    b_2 = beta / 2 + chi
+    return 1 - beta, beta, b_0 / alpha, b_1 / alpha, b_2 / alpha
+
+
+class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
+    """The paper's method, with its settings as defaults.
+
+    What it remembers of the step before is of that step: a touchdown latched since then enters the derivative at
+    the present step's start only. Its error estimate is the distance from the explicit two-step predictor, which
+    makes it usable, not good, with adaptive steps.
+    """
+
+    rho_inf: float = eqx.field(static=True, default=0.6)
+    """Damping of infinitely stiff parts per step [1], from 0 (all) to 1 (none)."""
+    tolerance: float = eqx.field(static=True, default=1e-6)
+    """Newton ends after a correction below this, in units of `slipperjax.solvers.adaptive.SCALES`, and one more."""
+    iterations: int = eqx.field(static=True, default=10)
+    """Newton iterations after which a step has failed."""
+
+    def __check_init__(self):
+        if not 0 <= self.rho_inf <= 1:
+            raise ValueError(f"Argument `rho_inf` must be from 0 to 1, but is {self.rho_inf}.")
+        if not self.tolerance > 0:
+            raise ValueError(f"Argument `tolerance` must be positive, but is {self.tolerance}.")
+
+    def order(self, terms):
+        del terms
+        return 2
+
+    def error_order(self, terms):
+        del terms
+        return 3.0
+
+    def init(self, terms, t0, t1, y0, args):
+        field = field_of(terms)
+        rates = field.evaluate(t0, y0, args)
+        if rates.memory is not None:
+            raise ValueError(
+                "Argument `solver` must be another one than TwoStep for a scene with memory=SmoothSwitch(): it "
+                "integrates the motion alone. RK4 and ROS34PW2 integrate the memory too."
+            )
+        # no step came before: an endless one, so that the ratio of the steps is zero
+        return rates, field.open_step(t0, y0, args), (y0.motion, rates.motion, jnp.asarray(jnp.inf))
+
+    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+        del made_jump
+        field = field_of(terms)
+        h = t1 - t0
+        rates, before, (earlier, earlier_rates, earlier_step) = solver_state
+        first = jnp.isinf(earlier_step)
+        alpha = jnp.where(first, 1.0, h / jnp.where(first, 1.0, earlier_step))
+        crank_nicolson = (1.0, 0.0, 0.5, 0.5, 0.0)
+        weights = two_step_weights(self.rho_inf, alpha)
+        a1, a2, b0, b1, b2 = (jnp.where(first, c, w) for c, w in zip(crank_nicolson, weights, strict=True))
+        known = jax.tree.map(
+            lambda x1, x2, f1, f2: a1 * x1 + a2 * x2 + h * (b1 * f1 + b2 * f2),
+            y0.motion,
+            earlier,
+            rates.motion,
+            earlier_rates,
+        )
+        bend = jnp.where(first, 0.0, 0.5 * alpha)
+        guess = jax.tree.map(
+            lambda x, f1, f2: x + h * (f1 + bend * (f1 - f2)), y0.motion, rates.motion, earlier_rates
+        )
+
+        still = lambda tree: jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_inexact_array(a) else a, tree)
+
+        def correction(x, known, args, memory):
+            """Newton's correction."""
+            at = State(x, memory)
+            f = field.evaluate(t1, at, args).motion
+            rest = jax.tree.map(lambda k, x, f: k + h * b0 * f - x, known, x, f)
+            return LinearSystem(still(field.linearised(t1, at, args)), still(h * b0)).solve(rest)
+
+        fixed = still((known, args, y0.memory))
+
+        def again(carry):
+            _, size, count = carry
+            return (size > self.tolerance) & (count < self.iterations)
+
+        def iterate(carry):
+            x, _, count = carry
+            dx = correction(x, *fixed)
+            return jax.tree.map(jnp.add, x, dx), scaled_size(dx), count + 1
+
+        x, size, _ = jax.lax.while_loop(again, iterate, (still(guess), jnp.asarray(jnp.inf), 0))
+        # One more, which has the derivatives: those of the implicit function, as x itself has none.
+        x = jax.tree.map(jnp.add, x, correction(still(x), known, args, y0.memory))
+        # NaN must not count as convergence
+        result = RESULTS.where(size <= self.tolerance, RESULTS.successful, RESULTS.nonlinear_max_steps_reached)
+        y1, rates1, after = field.close_step(before, t0, t1, State(x, y0.memory), args)
+        error = State(
+            jax.tree.map(lambda a, b: jnp.abs(a - b) / 6, x, guess), jax.tree.map(jnp.zeros_like, y0.memory)
+        )
+        dense = dense_info(h, y0, y1, rates, rates1)
+        return y1, error, dense, (rates1, after, (y0.motion, rates.motion, jnp.asarray(h, float))), result
