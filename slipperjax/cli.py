@@ -254,7 +254,9 @@ def bench(
     method: Annotated[
         list[str] | None, typer.Option(help="A method by name; repeat for several; default all.")
     ] = None,
-    batch: Annotated[int, typer.Option(help="Trajectories at once, beside one alone.")] = 241,
+    batch: Annotated[
+        list[int] | None, typer.Option(help="Trajectories at once; repeat for several; default 241 and 1.")
+    ] = None,
     repeats: Annotated[int, typer.Option(help="Timed runs of each point.")] = 5,
     out: Annotated[Path, typer.Option(help="Where to write, without ending: makes OUT.md and OUT.png.")] = Path(
         "bench"
@@ -271,7 +273,7 @@ def bench(
         print(f"{point.case}: {point.method}, {point.setting}: error {point.error:.1e}, {times}", flush=True)
 
     found = work.bench(
-        quick=quick, cases=scene or None, methods=method or None, batch=batch, repeats=repeats, report=show
+        quick=quick, cases=scene or None, methods=method or None, batches=batch or None, repeats=repeats, report=show
     )
     try:
         text, picture = work.write(*found, out)

@@ -167,8 +167,9 @@ class SmoothField(ContactField):
         return State(rates, scene.period * memory)
 
     def memory_decay(self, t, state, args):
-        now = contacts(rail_frame(args.scene, phase(t, args.epoch)), state.motion)
-        return args.scene.period * args.scene.memory.decay(now.gap)
+        scene = args.scene.settled()
+        now = contacts(rail_frame(scene, phase(t, args.epoch)), state.motion)
+        return scene.period * scene.memory.decay(now.gap)
 
 
 def vector_field(scene: Scene) -> AbstractVectorField:

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from diffrax import RESULTS
 
+from ..contact import EventLatch
 from ..kinematics import Motion
 from ..scene import contact_duration
 
@@ -80,7 +81,7 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):
         _, end = controller_state
         size = scaled_size(y_error.motion) / self.tolerance
-        if y0.memory is not None:
+        if isinstance(args.scene.memory, EventLatch) and y0.memory is not None:
             touched = jnp.any((y0.memory >= 0) & (y1_candidate.memory < 0))
             size = jnp.where(touched, self.touchdown * size, size)
         # what is not a number is no small error
