@@ -334,8 +334,8 @@ def bench(
     """Measures, and gives the points and the batch sizes.
 
     **Arguments:** `quick`: two scenes, the methods marked so, and the batch alone; `cases`, `methods`: names of some
-    only; `batches`: numbers of trajectories to run at once, the first of which gives the errors, by default 241 and 1,
-    and 241 where quick; `repeats`: timed runs of each point; `report`: called with each point.
+    only; `batches`: numbers of trajectories to run at once, the first of which gives the errors, by default 241 and
+    1, and 241 where quick; `repeats`: timed runs of each point; `report`: called with each point.
 
     **Raises:** `ValueError` where a name is unknown.
     """

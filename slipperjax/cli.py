@@ -25,6 +25,11 @@ Amplitude = Annotated[float, typer.Option(help="Irregularity amplitude [mm].")]
 RollAmplitude = Annotated[float, typer.Option(help="Irregularity roll amplitude [degrees].")]
 Steps = Annotated[int | None, typer.Option(help="Integration steps per forcing period; default from the scene.")]
 Out = Annotated[Path, typer.Option(help="Where to write, without ending: makes OUT.nc and OUT.png.")]
+Solver = Annotated[
+    str,
+    typer.Option(help="RK4, Tsit5, Rodas3, Rodas4, ROS34PW2, TwoStep, one of diffrax's, or auto, which says why."),
+]
+Memory = Annotated[str, typer.Option(help="How contacts remember their touchdown: event or smooth.")]
 
 _UNITS = {"speed": 1.0, "clearance": 1e-3, "length": 1.0, "stiffness": 1.0, "restitution": 1.0}
 
@@ -42,6 +47,34 @@ def _scene(speed, clearance, length, stiffness, restitution, wavelength, amplitu
         amplitude=amplitude * 1e-3,
         roll_amplitude=math.radians(roll_amplitude),
     )
+
+
+def _memory(name: str):
+    from .contact import EventLatch, SmoothSwitch
+
+    known = {"event": EventLatch, "smooth": SmoothSwitch}
+    if name not in known:
+        raise ValueError(f"Option --memory must be event or smooth, but is {name!r}.")
+    return known[name]()
+
+
+def _solver(name: str, scene: Any):
+    """A solver by its name; says why where the choice is left to the scene."""
+    import diffrax
+
+    from . import solvers
+
+    if name == "auto":
+        chosen = solvers.choose_solver(scene)
+        print(f"solver {type(chosen.solver).__name__}: {chosen.reason}", file=sys.stderr)
+        return chosen.solver
+    kind = getattr(solvers, name, getattr(diffrax, name, None))
+    if not (isinstance(kind, type) and issubclass(kind, diffrax.AbstractSolver)) or name.startswith("Abstract"):
+        raise ValueError(f"Option --solver must be auto or a solver of slipperjax or diffrax, but is {name!r}.")
+    try:
+        return kind()
+    except TypeError as error:
+        raise ValueError(f"Option --solver must be a solver that needs no arguments, but is {name!r}.") from error
 
 
 def _axis(option: str, over: tuple[str, float, float, int]):
@@ -86,9 +119,13 @@ def simulate(
     roll_amplitude: RollAmplitude = 0.2,
     steps_per_period: Steps = None,
     saves_per_period: Annotated[int | None, typer.Option(help="Saved states per forcing period.")] = None,
+    solver: Solver = "RK4",
+    memory: Memory = "event",
     out: Out = Path("trajectory"),
 ):
     """Simulate one case and write its trajectory."""
+    import dataclasses
+
     import numpy as np
 
     from . import plots
@@ -96,8 +133,11 @@ def simulate(
     from .simulate import simulate as run
 
     scene = _scene(speed, clearance, length, stiffness, restitution, wavelength, amplitude, roll_amplitude)
+    scene = dataclasses.replace(scene, memory=_memory(memory))
+    options = dict(steps_per_period=steps_per_period, saves_per_period=saves_per_period)
+    method = _solver(solver, scene)
     print(f"simulating {periods} periods of {float(scene.period) * 1e3:.4g} ms ...", file=sys.stderr)
-    ds = run(scene, periods, steps_per_period=steps_per_period, saves_per_period=saves_per_period).to_xarray()
+    ds = run(scene, periods, solver=method, **options).to_xarray()
     _write(ds, lambda ds: plots.overview(ds), out)
     peak = ds["contact_force"].max(["time"])
     at = np.unravel_index(int(np.argmax(peak.values)), peak.shape)

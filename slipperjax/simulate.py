@@ -33,7 +33,8 @@ at 5 and did not at 1.3."""
 
 STATUS = {
     0: "finite",
-    1: "not finite: the steps are too long for this case, raise steps_per_period",
+    1: "not finite: the steps are too long for this case, raise steps_per_period; or the solver gave up, where it "
+    "iterates or adapts its steps: loosen its tolerance",
     2: "derailed: the slipper turned by more than 90 degrees, where the contact model has no meaning",
     3: f"unresolved: a typical impact takes less than {LEAST_PER_CONTACT} steps, raise steps_per_period",
 }

@@ -10,7 +10,8 @@ def run(arguments, capsys):
     with pytest.raises(SystemExit) as stopped:
         main(arguments)
     assert stopped.value.code == 0
-    return capsys.readouterr().out
+    found = capsys.readouterr()
+    return found.out + found.err
 
 
 def test_bifurcation_writes_data_and_picture(tmp_path, capsys):
@@ -40,9 +41,10 @@ def test_bifurcation_writes_data_and_picture(tmp_path, capsys):
 
 def test_simulate_writes_data_and_picture(tmp_path, capsys):
     out = tmp_path / "run"
-    options = ["--periods", "6", "--steps-per-period", "200", "--saves-per-period", "200"]
+    options = ["--periods", "6", "--steps-per-period", "200", "--saves-per-period", "200", "--solver", "auto"]
     text = run(["simulate", *options, "--out", str(out)], capsys)
     assert "200 steps per period" in text
+    assert "solver RK4: an impact lasts" in text
     assert "status: finite" in text
     ds = xr.open_dataset(f"{out}.nc", engine="h5netcdf")
     assert ds.sizes["time"] == 1201

@@ -98,6 +98,9 @@ def test_traced_values_are_checked_at_run_time():
         (["simulate", "--length", "0"], "`length` must be positive, but is 0 m"),
         (["simulate", "--spede", "100"], "No such option"),
         (["simulate", "--speed", "fast"], "--speed"),
+        (["simulate", "--solver", "Euler4"], "--solver must be auto or a solver of slipperjax or diffrax"),
+        (["simulate", "--solver", "AbstractERK"], "--solver must be auto or a solver"),
+        (["simulate", "--memory", "none"], "--memory must be event or smooth, but is 'none'"),
         (["bifurcation", "--over", "width", "1", "2", "3"], "--over must begin with one of speed"),
         (["bifurcation", "--over", "speed", "100", "2500", "0"], "number of values of 1 or more, but is 0"),
         (
