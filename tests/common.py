@@ -47,4 +47,5 @@ def fine(scene, start=None):
 def scaled_errors(trajectory, case, every):
     """Worst scaled error of each period against a reference case."""
     got = columns(trajectory)[every::every]
-    return np.max(np.abs(got - np.array(case["states"])[: len(got)]) / SCALES, axis=1)
+    count = min(len(got), len(case["states"]))
+    return np.max(np.abs(got[:count] - np.array(case["states"])[:count]) / SCALES, axis=1)

@@ -25,6 +25,7 @@ def test_groups_are_numbered_by_the_size_of_their_basins():
 OPTIONS = dict(periods=10, steps_per_period=50)  # one compiled program, shared with test_sweep
 
 
+@pytest.mark.slow
 def test_a_settled_case_is_period_1_from_sections_and_from_strobes():
     grid = {"speed": [1250.0, 1500.0]}
     sections = sj.sweep(sj.paper_scene(), grid, transient=300, **OPTIONS)
@@ -64,6 +65,7 @@ def test_paths_are_checked():
         sj.follow(sj.paper_scene(), {"speed": [1.0, 2.0], "length": [0.2]})
 
 
+@pytest.mark.slow
 def test_cases_side_by_side():
     grid = {"speed": [1250.0, 1500.0], "length": [0.2, 0.3]}
     options = dict(record="strobe", transient=0, **OPTIONS)

@@ -79,7 +79,8 @@ def rebound(factor):
     return brentq(lambda e: primitive(1.0) - primitive(-e), 0.0, min(1.0, (1 - 1e-12) / factor))
 
 
-LAWS = [sj.Flores, sj.HuntCrossley, sj.LankaraniNikravesh]
+OTHERS = [pytest.param(law, marks=pytest.mark.slow) for law in (sj.HuntCrossley, sj.LankaraniNikravesh)]
+LAWS = [sj.Flores, *OTHERS]
 RESTITUTIONS = np.array([0.2, 0.35, 0.5, 0.8, 0.9, 1.0])
 
 
@@ -121,6 +122,7 @@ def test_factors_of_the_laws():
     assert sj.LankaraniNikravesh(1.0, c).factor == pytest.approx(0.75 * (1 - c**2))
 
 
+@pytest.mark.slow
 def test_comes_to_rest_under_gravity_with_the_contacts_carrying_the_weight():
     scene = sj.Scene(
         speed=100.0,

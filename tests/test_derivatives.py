@@ -67,6 +67,7 @@ class StepEndLatch(sj.EventLatch):
         return jnp.where(gap >= 0, 0.0, jnp.where(entered, 1 / jnp.minimum(rate, -1e-9), memory))
 
 
+@pytest.mark.slow
 def test_a_latch_at_the_steps_end_has_wrong_tangents(forward):
     starts = np.array([5, 6])  # the tangents with respect to the start, v_y and w_x
     basis = jnp.eye(7)[starts]

@@ -196,6 +196,7 @@ NO_DRIVE = [
 ]
 
 
+@pytest.mark.slow
 def test_without_drive_energy_is_never_gained():
     early, code = run(NO_DRIVE, 1200)
     late, late_code = run(NO_DRIVE, 1200, before=16)
@@ -210,6 +211,7 @@ def test_without_drive_energy_is_never_gained():
     assert np.all(total[lossy, -1] < 0.9 * total[0, 0])
 
 
+@pytest.mark.slow
 def test_comes_to_rest_however_gently_the_contact_begins():
     touching = STILL | LEVEL | dict(gravity=9.81)
     lanes = [
@@ -260,6 +262,7 @@ def test_phase_keeps_its_precision_after_1e5_periods():
             np.testing.assert_allclose(a, b, atol=1e-15 * 2 * np.pi * epoch * scale)
 
 
+@pytest.mark.slow
 def test_a_late_start_is_an_early_start():
     lanes = [dict(speed=v) for v in np.linspace(900.0, 2400.0, LANES)]
     values = {k: jnp.asarray(v) for k, v in grid(lanes).items()}

@@ -67,6 +67,7 @@ def test_sections_of_a_product_grid():
     assert np.all((found > low - 1e-3) & (found < high + 1e-3))
 
 
+@pytest.mark.slow
 def test_history_matches_simulate():
     options = dict(transient=0, periods=2, steps_per_period=100, saves_per_period=10)
     ds = sj.sweep(sj.paper_scene(), {"length": [0.2, 0.3]}, record="history", **options)
@@ -78,6 +79,7 @@ def test_history_matches_simulate():
     assert one["time"].attrs["units"] == "s"
 
 
+@pytest.mark.slow
 def test_following_a_branch_starts_each_case_where_its_neighbour_ended():
     speeds = [1240.0, 1250.0, 1260.0]
     ds = sj.follow(sj.paper_scene(), {"speed": speeds}, record="strobe", **OPTIONS)
@@ -96,6 +98,7 @@ def test_following_a_branch_starts_each_case_where_its_neighbour_ended():
 _ten_periods = sj.jit(lambda scene, state: sj.period_map(scene, state, periods=10, steps_per_period=100))
 
 
+@pytest.mark.slow
 def test_starts_can_be_the_grid():
     grid = {"v_y": [0.5, -0.5], "z": [0.0, 1e-4, 2e-4]}
     ds = sj.sweep(sj.paper_scene(), grid, record="strobe", transient=0, periods=10, steps_per_period=100)
