@@ -13,6 +13,7 @@ import dataclasses
 import functools
 import itertools
 import statistics
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -192,42 +193,43 @@ def measure(
     workers: int | None = None,
     settings: slice = slice(None),
 ) -> Iterator[Point]:
-    """The points of one scene, one after the other.
+    """The points of one scene.
+
+    First all errors; then all costs, `repeats` times round all points: a machine whose speed changes with the
+    minutes is then the same to all of them.
 
     **Arguments:** `batches`: numbers of trajectories to time, the first of which gives the errors; `repeats`: timed
     runs of each; `workers`: threads, as for `sweep`; `settings`: which of each method's settings.
     """
     speeds = batch_speeds(case, batches[0])
     truth = _states(case, METHODS[0], float(reference_steps), speeds, workers)
+    found, runs = [], []
     for method in methods:
         for value in method.settings[settings]:
             setting = method.setting(case, value)
             if not method.adaptive and setting > reference_steps / 2:
                 continue
-            found = errors(_states(case, method, setting, speeds, workers), truth)
-            cost = {}
-            for lanes in batches:
-                these = batch_speeds(case, lanes)
-                if lanes != batches[0]:
-                    _states(case, method, setting, these, workers)  # compiles
-                seconds = timed(lambda s=setting, t=these, m=method: _states(case, m, s, t, workers), repeats)
-                cost[lanes] = tuple(1e6 * s / lanes / case.periods for s in seconds)
-            yield Point(case.name, method.name, method.label(case, value), float(np.median(found)), cost)
-    for peer in peers:
-        for setting, states, seconds, picked in peer.runs(case, speeds):
-            found = errors(states, truth[picked])
-            best, median = (1e6 * s / case.periods for s in seconds)
-            yield Point(case.name, peer.name, setting, float(np.median(found)), {1: (best, median)})
-
-
-def timed(run: Callable[[], Any], repeats: int) -> tuple[float, float]:
-    """Best and median seconds of several runs."""
-    seconds = []
+            run = functools.partial(_states, case, method, setting, workers=workers)
+            own = {lanes: functools.partial(run, speeds=batch_speeds(case, lanes)) for lanes in batches}
+            states = [run() for run in own.values()]  # compiles, too
+            found.append((method.name, method.label(case, value), np.median(errors(states[0], truth))))
+            runs.append(own)
+            print(f"{case.name}: {', '.join(found[-1][:2])}: error {found[-1][2]:.1e}", file=sys.stderr)
+    seconds = [{lanes: [] for lanes in own} for own in runs]
     for _ in range(repeats):
-        begin = time.perf_counter()
-        run()
-        seconds.append(time.perf_counter() - begin)
-    return min(seconds), statistics.median(seconds)
+        for own, mine in zip(runs, seconds, strict=True):
+            for lanes, run in own.items():
+                begin = time.perf_counter()
+                run()
+                mine[lanes].append(1e6 * (time.perf_counter() - begin) / lanes / case.periods)
+    for (name, label, error), mine in zip(found, seconds, strict=True):
+        cost = {lanes: (min(us), statistics.median(us)) for lanes, us in mine.items()}
+        yield Point(case.name, name, label, float(error), cost)
+    for peer in peers:
+        for setting, states, taken, picked in peer.runs(case, speeds):
+            error = float(np.median(errors(states, truth[picked])))
+            best, median = (1e6 * s / case.periods for s in taken)
+            yield Point(case.name, peer.name, setting, error, {1: (best, median)})
 
 
 MBDYN = {
