@@ -81,9 +81,11 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):
         _, end = controller_state
         size = scaled_size(y_error.motion) / self.tolerance
-        if isinstance(args.scene.memory, EventLatch) and y0.memory is not None:
+        if y0.memory is not None and isinstance(args.scene.memory, EventLatch):
             touched = jnp.any((y0.memory >= 0) & (y1_candidate.memory < 0))
             size = jnp.where(touched, self.touchdown * size, size)
+        elif y0.memory is not None:  # integrated: rates in m/s, as the motion's
+            size = jnp.maximum(size, jnp.max(jnp.abs(y_error.memory)) / self.tolerance)
         # what is not a number is no small error
         bad = jnp.isnan(size) | jnp.isnan(scaled_size(y1_candidate.motion))
         size = jax.lax.stop_gradient(jnp.where(bad, jnp.inf, size))
