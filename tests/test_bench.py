@@ -51,6 +51,23 @@ def test_scenes_and_methods_have_names_of_their_own():
         assert len(set(names)) == len(names)
 
 
+def test_costs_are_taken_in_rounds_over_all_points(monkeypatch):
+    calls = []
+
+    def states(case, method, setting, speeds, workers):
+        calls.append((method.name, setting, len(speeds)))
+        return np.full((len(speeds), case.periods, 10), 1 / setting) * SCALES
+
+    monkeypatch.setattr(bench, "_states", states)
+    options = dict(batches=(3, 1), repeats=2, reference_steps=800, peers=[], settings=slice(0, 2))
+    found = list(bench.measure(bench.all_cases()[0], bench.METHODS[:2], **options))
+    assert [(p.method, p.setting) for p in found] == [(n, f"{k} steps") for n in ("RK4", "Tsit5") for k in (25, 50)]
+    assert [p.error for p in found] == pytest.approx([1 / 25 - 1 / 800, 1 / 50 - 1 / 800] * 2)
+    assert all(p.cost[n][0] <= p.cost[n][1] for p in found for n in (3, 1))
+    a_round = [(n, k, lanes) for n in ("RK4", "Tsit5") for k in (25.0, 50.0) for lanes in (3, 1)]
+    assert calls == [("RK4", 800.0, 3), *a_round, *a_round, *a_round]
+
+
 @pytest.mark.parametrize(
     ("option", "words"), [("--scene", "nominal"), ("--method", "RK4"), ("--batch", "whole number")]
 )
