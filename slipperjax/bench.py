@@ -25,6 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .batch import Workers
+from .branches import SCALES
 from .checks import whole
 from .compilation import jit
 from .contact import AbstractMemory, EventLatch, SmoothSwitch
@@ -36,8 +37,6 @@ from .scene import Scene, default_steps_per_period, paper_scene
 from .simulate import integrate
 from .solvers import RK4, ROS34PW2, AdaptiveSteps, Latching, Rodas3, Rodas4, Tsit5, TwoStep, with_newton
 
-SCALES = np.array([1e-3] * 2 + [1e-2] * 3 + [1.0] * 2 + [10.0] * 3)
-"""What a scaled error of one is: 1 mm, 10 mrad, 1 m/s, 10 rad/s."""
 REFERENCE_STEPS = 12_800
 """Steps per period of the reference, RK4 with the event latch."""
 SPREAD = 0.02

@@ -289,7 +289,7 @@ def reproduce(
 
 @app.command()
 def bench(
-    quick: Annotated[bool, typer.Option(help="Two scenes, two solvers, one batch: minutes less.")] = False,
+    quick: Annotated[bool, typer.Option(help="Two scenes, three methods, one batch: minutes less.")] = False,
     scene: Annotated[list[str] | None, typer.Option(help="A scene by name; repeat for several; default all.")] = None,
     method: Annotated[
         list[str] | None, typer.Option(help="A method by name; repeat for several; default all.")

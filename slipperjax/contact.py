@@ -181,7 +181,7 @@ class EventLatch(AbstractMemory):
     down, it is still 0 and the point uses g' / g'_0 = 1, its value at touchdown. A point closed at the start and
     approaching began there; one closed and not approaching is a spring without damping until it opens.
 
-    Needs a solver that calls `latch` (`slipperjax.RK4`, `slipperjax.Tsit5`).
+    Needs a solver that ends its steps with the latch: one of `slipperjax`, or a stock one in `slipperjax.Latching`.
     """
 
     slowest: float = eqx.field(static=True, default=SLOWEST_IMPACT)

@@ -206,9 +206,8 @@ def run_blocks(scene, plan, values, states, tick, epoch=0):
             elif keep.strobes:
                 strobes.append(outputs(ends))
         else:
-            program = plan._replace(
-                pause=0, silent=0, recorded=0
-            )  # how often it is called does not make it another one
+            # how often it is called does not make it another program
+            program = plan._replace(pause=0, silent=0, recorded=0)
             states, codes, kept = _keep(scene, values, states, at, program)
             records.append(keep.collect(kept))
         code = np.where(code == 0, np.asarray(codes), code)
