@@ -5,15 +5,16 @@ which are numbers of steps or tolerances. A row more is a solver more.
 
 The error is the worst difference of a state from the reference at the ends of the periods, in units of 1 mm, 10 mrad,
 1 m/s and 10 rad/s, in the median over a batch of neighbouring cases: one case alone may be lucky. The cost is
-microseconds per trajectory and forcing period, compilation left out. Best and median of several runs are kept; the
-picture shows the best, which other programs on the machine disturb the least.
+microseconds per trajectory and forcing period, compilation left out. Each period is timed by itself, several
+times over: best and median are sums over the periods of the least and of the middle times. The picture shows the best,
+which the machine's other programs disturb the least: a period is short, and some of its repetitions pass undisturbed.
 """
 
 import dataclasses
 import functools
 import itertools
-import statistics
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -24,12 +25,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .batch import Workers
+from .batch import Workers, filled, start_states
 from .branches import SCALES
 from .checks import whole
 from .compilation import jit
 from .contact import AbstractMemory, EventLatch, SmoothSwitch
-from .dynamics import initial_state
 from .kinematics import Motion, table_2_start
 from .peers import PEERS, AbstractPeer
 from .records import outputs
@@ -99,8 +99,8 @@ class Method(NamedTuple):
 
 FACTORS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6)
-FIRST = 1000
-"""Adaptive runs begin with a step of one period over this."""
+FIRST = 200
+"""Adaptive runs begin each period with a step of one period over this."""
 
 METHODS = [
     Method("RK4", RK4(), EventLatch(), FACTORS, quick=True),
@@ -142,32 +142,51 @@ class Point(NamedTuple):
     """Best and median microseconds per trajectory and period, by the number of trajectories at once."""
 
 
-@functools.partial(jit, static_argnums=(4, 5, 6))
-def _run(scene, speeds, start, setting, solver, adaptive, periods):
-    """States (lanes, periods) at the ends of the periods."""
+@functools.partial(jit, static_argnums=(5, 6))
+def _period(scene, speeds, states, epoch, setting, solver, adaptive):
+    """The states of all lanes one period after those at `epoch`."""
 
-    def one(speed):
+    def one(speed, state):
         case = scene.replace(speed=speed)
-        state = initial_state(case, start)
-        options = dict(solver=solver, periods=periods, record=None, adjoint=diffrax.ForwardMode())
+        options = dict(solver=solver, periods=1, record=None, adjoint=diffrax.ForwardMode(), epoch=epoch)
         if adaptive:
-            return integrate(case, state, steps=FIRST, controller=AdaptiveSteps(setting), **options)[1]
-        return integrate(case, state, steps=setting, **options)[1]
+            return integrate(case, state, steps=FIRST, controller=AdaptiveSteps(setting), **options)[0]
+        return integrate(case, state, steps=setting, **options)[0]
 
-    return jax.vmap(one)(speeds)
+    return jax.vmap(one)(speeds, states)
 
 
-def _states(case: Case, method: Method, setting: float, speeds: np.ndarray, workers: int | None) -> np.ndarray:
+def run(
+    case: Case, method: Method, setting: float, speeds: np.ndarray, workers: int | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Integrates a batch, its chunks side by side and period by period together.
+
+    **Returns:** the states (lanes, periods, 10), and what each period took [s].
+    """
     scene = dataclasses.replace(case.scene, memory=method.memory)
     start = jax.tree.map(lambda v: jnp.asarray(v, float), case.start)
+    threads = Workers(len(speeds), None, workers).workers
+    team = Workers(len(speeds), len(filled(-(-len(speeds) // threads))), threads)
+    together = threading.Barrier(-(-len(speeds) // team.chunk))
+    clock: list[list[float]] = [[] for _ in range(case.periods)]
 
     def work(values, tick):
-        kept = _run(scene, values["speed"], start, setting, method.solver, method.adaptive, case.periods)
-        return [outputs(kept)]
+        states, kept = start_states(scene, values, start), []
+        try:
+            for k in range(case.periods):
+                together.wait()
+                clock[k].append(time.perf_counter())
+                states = _period(scene, values["speed"], states, float(k), setting, method.solver, method.adaptive)
+                jax.block_until_ready(states)
+                clock[k].append(time.perf_counter())
+                kept.append(outputs(states))
+        except BaseException:
+            together.abort()
+            raise
+        return [np.stack(kept, axis=1)]
 
-    team = Workers(len(speeds), None, workers)
     (states,) = team.run(work, {"speed": speeds}, periods=case.periods, progress=False)
-    return states
+    return states, np.array([max(times) - min(times) for times in clock])
 
 
 def batch_speeds(case: Case, lanes: int) -> np.ndarray:
@@ -179,6 +198,11 @@ def errors(states: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Worst scaled error of each case, infinite where it is not finite; states are (cases, periods, 10)."""
     worst = np.max(np.abs(states - truth) / SCALES, axis=(1, 2))
     return np.where(np.isfinite(worst), worst, np.inf)
+
+
+def cost_of(seconds: np.ndarray, lanes: int) -> tuple[float, float]:
+    """Best and median microseconds per trajectory and period from the periods' seconds (repeats, periods)."""
+    return tuple(float(1e6 * np.mean(of(seconds, axis=0)) / lanes) for of in (np.min, np.median))
 
 
 def measure(
@@ -201,28 +225,28 @@ def measure(
     runs of each; `workers`: threads, as for `sweep`; `settings`: which of each method's settings.
     """
     speeds = batch_speeds(case, batches[0])
-    truth = _states(case, METHODS[0], float(reference_steps), speeds, workers)
+    truth, _ = run(case, METHODS[0], float(reference_steps), speeds, workers)
     found, runs = [], []
     for method in methods:
         for value in method.settings[settings]:
             setting = method.setting(case, value)
             if not method.adaptive and setting > reference_steps / 2:
                 continue
-            run = functools.partial(_states, case, method, setting, workers=workers)
-            own = {lanes: functools.partial(run, speeds=batch_speeds(case, lanes)) for lanes in batches}
-            states = [run() for run in own.values()]  # compiles, too
+            own = {
+                lanes: functools.partial(run, case, method, setting, batch_speeds(case, lanes), workers)
+                for lanes in batches
+            }
+            states = [go()[0] for go in own.values()]  # compiles, too
             found.append((method.name, method.label(case, value), np.median(errors(states[0], truth))))
             runs.append(own)
             print(f"{case.name}: {', '.join(found[-1][:2])}: error {found[-1][2]:.1e}", file=sys.stderr)
     seconds = [{lanes: [] for lanes in own} for own in runs]
     for _ in range(repeats):
         for own, mine in zip(runs, seconds, strict=True):
-            for lanes, run in own.items():
-                begin = time.perf_counter()
-                run()
-                mine[lanes].append(1e6 * (time.perf_counter() - begin) / lanes / case.periods)
+            for lanes, go in own.items():
+                mine[lanes].append(go()[1])
     for (name, label, error), mine in zip(found, seconds, strict=True):
-        cost = {lanes: (min(us), statistics.median(us)) for lanes, us in mine.items()}
+        cost = {lanes: cost_of(np.array(taken), lanes) for lanes, taken in mine.items()}
         yield Point(case.name, name, label, float(error), cost)
     for peer in peers:
         for setting, states, taken, picked in peer.runs(case, speeds):

@@ -45,6 +45,13 @@ def test_table_and_picture(tmp_path):
     assert picture.stat().st_size > 10_000
 
 
+def test_cost_adds_up_the_least_and_the_middle_times_of_the_periods():
+    seconds = np.array([[1.0, 9.0], [5.0, 3.0], [2.0, 4.0]])  # three repeats of two periods
+    best, median = bench.cost_of(seconds, lanes=2)
+    assert best == pytest.approx(1e6 * (1 + 3) / 2 / 2)
+    assert median == pytest.approx(1e6 * (2 + 4) / 2 / 2)
+
+
 def test_scenes_and_methods_have_names_of_their_own():
     for rows in (bench.all_cases(), bench.METHODS, PEERS):
         names = [row.name for row in rows]
@@ -56,14 +63,14 @@ def test_costs_are_taken_in_rounds_over_all_points(monkeypatch):
 
     def states(case, method, setting, speeds, workers):
         calls.append((method.name, setting, len(speeds)))
-        return np.full((len(speeds), case.periods, 10), 1 / setting) * SCALES
+        return np.full((len(speeds), case.periods, 10), 1 / setting) * SCALES, np.full(case.periods, 1e-3)
 
-    monkeypatch.setattr(bench, "_states", states)
+    monkeypatch.setattr(bench, "run", states)
     options = dict(batches=(3, 1), repeats=2, reference_steps=800, peers=[], settings=slice(0, 2))
     found = list(bench.measure(bench.all_cases()[0], bench.METHODS[:2], **options))
     assert [(p.method, p.setting) for p in found] == [(n, f"{k} steps") for n in ("RK4", "Tsit5") for k in (25, 50)]
     assert [p.error for p in found] == pytest.approx([1 / 25 - 1 / 800, 1 / 50 - 1 / 800] * 2)
-    assert all(p.cost[n][0] <= p.cost[n][1] for p in found for n in (3, 1))
+    assert all(p.cost[n] == pytest.approx((1e3 / n,) * 2) for p in found for n in (3, 1))
     a_round = [(n, k, lanes) for n in ("RK4", "Tsit5") for k in (25.0, 50.0) for lanes in (3, 1)]
     assert calls == [("RK4", 800.0, 3), *a_round, *a_round, *a_round]
 
