@@ -6,8 +6,8 @@ which are numbers of steps or tolerances. A row more is a solver more.
 The error is the worst difference of a state from the reference at the ends of the periods, in units of 1 mm, 10 mrad,
 1 m/s and 10 rad/s, in the median over a batch of neighbouring cases: one case alone may be lucky. The cost is
 microseconds per trajectory and forcing period, compilation left out. Each period is timed by itself, several
-times over: best and median are sums over the periods of the least and of the middle times. The picture shows the best,
-which the machine's other programs disturb the least: a period is short, and some of its repetitions pass undisturbed.
+times over: best and median are sums over the periods of the least and of the middle times. The picture shows the
+best, which the machine's other programs disturb the least: a period is short, and some repetitions pass undisturbed.
 """
 
 import dataclasses
