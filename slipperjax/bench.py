@@ -12,12 +12,10 @@ best, which the machine's other programs disturb the least: a period is short, a
 
 import dataclasses
 import functools
-import itertools
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import diffrax
@@ -36,6 +34,7 @@ from .records import outputs
 from .scene import Scene, default_steps_per_period, paper_scene
 from .simulate import integrate
 from .solvers import RK4, ROS34PW2, AdaptiveSteps, Latching, Rodas3, Rodas4, Tsit5, TwoStep, with_newton
+from .work_precision import Point, mbdyn_points
 
 REFERENCE_STEPS = 12_800
 """Steps per period of the reference, RK4 with the event latch."""
@@ -128,18 +127,6 @@ METHODS = [
 ]
 """The methods compared, with the event latch unless named smooth. diffrax's KenCarp methods want the sum of a stiff
 and a mild part, which contact is not."""
-
-
-class Point(NamedTuple):
-    """One measured point."""
-
-    case: str
-    method: str
-    setting: str
-    error: float
-    """Median over the batch of the worst scaled error; infinite where a case left the finite numbers."""
-    cost: dict[int, tuple[float, float]]
-    """Best and median microseconds per trajectory and period, by the number of trajectories at once."""
 
 
 @functools.partial(jit, static_argnums=(5, 6))
@@ -255,98 +242,6 @@ def measure(
             yield Point(case.name, peer.name, setting, error, {1: (best, median)})
 
 
-MBDYN = {
-    "nominal": 5.9e-3,
-    "V = 2300 m/s": 6.8e-3,
-    "C = 4 mm": 4.6e-2,
-}
-"""MBDyn's error over six periods at the paper's 1000 steps per period, by scene."""
-MBDYN_MS = {"fastest settings": 24.3, "default Newton": 108.0}
-"""Its milliseconds per period on one core. Measured once, on another day, and not in the run that shows them."""
-
-
-def mbdyn_points(cases: Iterable[Case]) -> list[Point]:
-    """MBDyn's points, which are not measured here."""
-    return [
-        Point(case.name, "MBDyn (measured elsewhere)", f"1000 steps, {how}", MBDYN[case.name], {1: (1e3 * ms,) * 2})
-        for case in cases
-        if case.name in MBDYN
-        for how, ms in MBDYN_MS.items()
-    ]
-
-
-def cost_at(points: Iterable[Point], error: float, lanes: int) -> float:
-    """Microseconds per trajectory and period at which a method reaches an error, by its best times.
-
-    Between points logarithms are interpolated; infinite where no point is that accurate.
-    """
-    known = sorted((p.error, p.cost[lanes][0]) for p in points if lanes in p.cost and np.isfinite(p.error))
-    reach = [(e, c) for e, c in known if e <= error]
-    if not reach:
-        return float("inf")
-    best = min(c for _, c in reach)
-    for (e0, c0), (e1, c1) in itertools.pairwise(known):
-        if e0 <= error < e1 and c1 < c0:
-            share = np.log(error / e0) / np.log(e1 / e0)
-            best = min(best, float(np.exp((1 - share) * np.log(c0) + share * np.log(c1))))
-    return best
-
-
-def table(points: list[Point], batches: tuple[int, ...]) -> str:
-    """All points as a Markdown table, then for each scene what an error of 1e-3 costs."""
-    heads = [f"us at {n}, best (median)" for n in batches]
-    lines = [f"| scene | method | setting | error | {' | '.join(heads)} |", "|---" * (4 + len(batches)) + "|"]
-    for p in points:
-        cells = ["-" if n not in p.cost else f"{p.cost[n][0]:.3g} ({p.cost[n][1]:.3g})" for n in batches]
-        lines.append(f"| {p.case} | {p.method} | {p.setting} | {p.error:.1e} | {' | '.join(cells)} |")
-    names = list(dict.fromkeys(p.method for p in points))
-    lines += [
-        "",
-        "Microseconds per trajectory and period at a scaled error of 1e-3 (best times, interpolated):",
-        "",
-    ]
-    lines += ["| scene | " + " | ".join(f"{n}, {b} at once" for n in names for b in batches) + " |"]
-    lines += ["|---" * (1 + len(names) * len(batches)) + "|"]
-    for case in dict.fromkeys(p.case for p in points):
-        of = lambda name, case=case: [p for p in points if p.case == case and p.method == name]
-        values = [cost_at(of(n), 1e-3, b) for n in names for b in batches]
-        lines.append(f"| {case} | " + " | ".join(f"{v:.3g}" if np.isfinite(v) else "-" for v in values) + " |")
-    return "\n".join(lines) + "\n"
-
-
-def draw(points: list[Point], batches: tuple[int, ...]) -> Any:
-    """Error against cost, one panel per scene. Full lines: the first batch; dashed: one trajectory at a time.
-
-    **Returns:** the axes, an array.
-    """
-    import matplotlib.pyplot as plt
-
-    names = list(dict.fromkeys(p.case for p in points))
-    methods = list(dict.fromkeys(p.method for p in points))
-    columns = min(4, len(names))
-    rows = -(-len(names) // columns)
-    figure, axes = plt.subplots(
-        rows, columns, figsize=(4.2 * columns, 3.6 * rows + 0.8), squeeze=False, layout="constrained"
-    )
-    handles = {}
-    for ax, name in zip(axes.flat, names, strict=False):
-        for k, method in enumerate(methods):
-            mine = [p for p in points if p.case == name and p.method == method and np.isfinite(p.error)]
-            for lanes, style in zip(batches, ("o-", "s--", "^:"), strict=False):
-                here = [p for p in mine if lanes in p.cost and p.error > 0]
-                if here:
-                    x, y = [p.cost[lanes][0] for p in here], [p.error for p in here]
-                    (line,) = ax.plot(x, y, style, color=f"C{k}", markersize=4, linewidth=1)
-                    handles.setdefault(method, line)
-        ax.set(xscale="log", yscale="log", title=name, xlabel="µs per trajectory and period", ylabel="scaled error")
-        ax.grid(alpha=0.3)
-    for ax in axes.flat[len(names) :]:
-        ax.set_axis_off()
-    marks = ", ".join(f"{s}: {n} at once" for n, s in zip(batches, ("dots", "squares", "triangles"), strict=False))
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=3, title=marks)
-    return axes
-
-
 def bench(
     *,
     quick: bool = False,
@@ -388,15 +283,3 @@ def _named(argument: str, rows: Iterable[Any], names: Iterable[str] | None, othe
         if name not in known:
             raise ValueError(f"Argument `{argument}` must be of {'; '.join(known)}, but has {name!r}.")
     return [known[name] for name in names]
-
-
-def write(points: list[Point], batches: tuple[int, ...], out: Path) -> tuple[Path, Path]:
-    """Writes OUT.md and OUT.png and gives their paths."""
-    import matplotlib.pyplot as plt
-
-    text, picture = Path(f"{out}.md"), Path(f"{out}.png")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    text.write_text(table(points, batches))
-    draw(points, batches).flat[0].figure.savefig(picture, dpi=150)
-    plt.close("all")
-    return text, picture

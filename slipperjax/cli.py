@@ -2,6 +2,7 @@
 
 import math
 import sys
+import tempfile
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -49,6 +50,16 @@ def _scene(speed, clearance, length, stiffness, restitution, wavelength, amplitu
     )
 
 
+def _folder(folder: Path, out: Path) -> None:
+    """Makes the folder to write into, before anything long is begun."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise ValueError(f"Option --out must name a place that can be written, but {out}: {error}") from error
+
+
 def _memory(name: str):
     from .contact import EventLatch, SmoothSwitch
 
@@ -94,14 +105,10 @@ def _write(ds: Any, draw: Any, out: Path) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        data, picture = Path(f"{out}.nc"), Path(f"{out}.png")
-        ds.to_netcdf(data, engine="h5netcdf")
-        axes = draw(ds)
-        axes.flat[0].figure.savefig(picture, dpi=300)
-    except OSError as error:
-        raise ValueError(f"Option --out must name a place that can be written, but {out}: {error}") from error
+    data, picture = Path(f"{out}.nc"), Path(f"{out}.png")
+    ds.to_netcdf(data, engine="h5netcdf")
+    axes = draw(ds)
+    axes.flat[0].figure.savefig(picture, dpi=300)
     plt.close("all")
     print(f"wrote {data} and {picture}")
 
@@ -133,6 +140,7 @@ def simulate(
     from .simulate import simulate as run
 
     scene = _scene(speed, clearance, length, stiffness, restitution, wavelength, amplitude, roll_amplitude)
+    _folder(out.parent, out)
     scene = dataclasses.replace(scene, memory=_memory(memory))
     options = dict(steps_per_period=steps_per_period, saves_per_period=saves_per_period)
     method = _solver(solver, scene)
@@ -174,6 +182,7 @@ def bifurcation(
 
     name, values = _axis("--over", over)
     scene = _scene(speed, clearance, length, stiffness, restitution, wavelength, amplitude, roll_amplitude)
+    _folder(out.parent, out)
     begin = time.perf_counter()
     ds = sweep(
         scene,
@@ -228,6 +237,7 @@ def lyapunov(
     if len(grid) < 1 + (by is not None):
         raise ValueError(f"Option --by must name another parameter than --over, but is {over[0]!r} too.")
     scene = _scene(speed, clearance, length, stiffness, restitution, wavelength, amplitude, roll_amplitude)
+    _folder(out.parent, out)
     begin = time.perf_counter()
     ds = lyapunov_sweep(
         scene,
@@ -268,10 +278,7 @@ def reproduce(
 
     bars = sys.stderr.isatty()
     runs = paper.reproduce(figures or paper.FIGURES, quick=quick, transient=transient, progress=bars)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ValueError(f"Option --out must name a folder that can be written, but {out}: {error}") from error
+    _folder(out, out)
     answers, seconds = {}, {}
     # what is finished is written at once, so that an interrupt loses nothing but the run it hits
     for done in runs:
@@ -307,18 +314,17 @@ def bench(
 
     matplotlib.use("Agg")
     from . import bench as work
+    from .work_precision import write
 
     def show(point):
         times = ", ".join(f"{best:.3g} us at {lanes}" for lanes, (best, _) in point.cost.items())
         print(f"{point.case}: {point.method}, {point.setting}: error {point.error:.1e}, {times}", flush=True)
 
+    _folder(out.parent, out)
     found = work.bench(
         quick=quick, cases=scene or None, methods=method or None, batches=batch or None, repeats=repeats, report=show
     )
-    try:
-        text, picture = work.write(*found, out)
-    except OSError as error:
-        raise ValueError(f"Option --out must name a place that can be written, but {out}: {error}") from error
+    text, picture = write(*found, out)
     print(f"wrote {text} and {picture}")
 
 

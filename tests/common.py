@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+from scipy.optimize import brentq
 
 import slipperjax as sj
 
@@ -49,3 +50,14 @@ def scaled_errors(trajectory, case, every):
     got = columns(trajectory)[every::every]
     count = min(len(got), len(case["states"]))
     return np.max(np.abs(got[:count] - np.array(case["states"])[:count]) / SCALES, axis=1)
+
+
+def rebound(factor, stored=0.0):
+    """Rebound over approach speed e of F = K d^1.5 (1 + c v/v0), from a depth that stores `stored` times m v0^2 / 2.
+
+    m v dv = -K d^1.5 (1 + c v/v0) dd gives: integral of u / (1 + c u) from -e to 1 is -stored / 2.
+    """
+    if factor == 0:
+        return math.sqrt(1 + stored)
+    primitive = lambda u: u / factor - np.log1p(factor * u) / factor**2
+    return brentq(lambda e: primitive(1.0) - primitive(-e) + stored / 2, 0.0, min(9.0, (1 - 1e-12) / factor))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from slipperjax import bench
+from slipperjax import bench, work_precision
 from slipperjax.cli import main
 from slipperjax.peers import PEERS, NumpyModel, SciPyPeer
 
@@ -13,15 +13,15 @@ from .common import SCALES, cases
 
 
 def point(method, error, cost, case="nominal", lanes=241):
-    return bench.Point(case, method, "n steps", error, {lanes: (cost, 2 * cost)})
+    return work_precision.Point(case, method, "n steps", error, {lanes: (cost, 2 * cost)})
 
 
 def test_cost_at_an_error_is_interpolated_in_logarithms():
     points = [point("a", 1e-2, 10.0), point("a", 1e-4, 40.0), point("a", math.inf, 1.0)]
-    assert bench.cost_at(points, 1e-3, 241) == pytest.approx(20.0)
-    assert bench.cost_at(points, 1e-1, 241) == pytest.approx(10.0)
-    assert bench.cost_at(points, 1e-5, 241) == math.inf
-    assert bench.cost_at(points, 1e-3, 1) == math.inf
+    assert work_precision.cost_at(points, 1e-3, 241) == pytest.approx(20.0)
+    assert work_precision.cost_at(points, 1e-1, 241) == pytest.approx(10.0)
+    assert work_precision.cost_at(points, 1e-5, 241) == math.inf
+    assert work_precision.cost_at(points, 1e-3, 1) == math.inf
 
 
 def test_errors_are_those_of_each_case_and_infinite_where_not_finite():
@@ -32,14 +32,14 @@ def test_errors_are_those_of_each_case_and_infinite_where_not_finite():
 
 
 def test_what_is_not_measured_here_is_marked():
-    found = bench.mbdyn_points(bench.all_cases())
+    found = work_precision.mbdyn_points(bench.all_cases())
     assert len(found) == 6
     assert all("measured elsewhere" in p.method for p in found)
 
 
 def test_table_and_picture(tmp_path):
     points = [point(m, e, c) for m in ("a", "b") for e, c in ((1e-2, 10.0), (1e-4, 40.0))]
-    text, picture = bench.write(points, (241, 1), tmp_path / "deep" / "out")
+    text, picture = work_precision.write(points, (241, 1), tmp_path / "deep" / "out")
     assert "| nominal | a | n steps | 1.0e-02 | 10 (20) | - |" in text.read_text()
     assert "| nominal | 20 | - | 20 | - |" in text.read_text()
     assert picture.stat().st_size > 10_000

@@ -4,13 +4,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 
 import slipperjax as sj
 from slipperjax.dynamics import Args, contact_forces
 from slipperjax.kinematics import contacts, rail_frame
 
-from .common import STEPS, columns, fine
+from .common import STEPS, columns, fine, rebound
 
 
 def test_free_flight_keeps_momentum_and_energy():
@@ -66,17 +65,6 @@ def test_work_of_the_drive_is_stored_or_dissipated():
     residual = drive - loss - (np.asarray(stored) - stored[0])
     assert loss[-1] > 0.5 * abs(drive).max() > 1.0  # joules: the balance is between terms of size
     assert np.abs(residual).max() < 2e-3 * abs(drive).max()  # measured: see the message of a failure
-
-
-def rebound(factor):
-    """Rebound over approach speed of F = K d^1.5 (1 + c v/v0), whose motion equation separates.
-
-    m v dv = -K d^1.5 (1 + c v/v0) dd gives integral of u / (1 + c u) from -e to 1 = 0.
-    """
-    if factor == 0:
-        return 1.0
-    primitive = lambda u: u / factor - np.log1p(factor * u) / factor**2
-    return brentq(lambda e: primitive(1.0) - primitive(-e), 0.0, min(1.0, (1 - 1e-12) / factor))
 
 
 OTHERS = [pytest.param(law, marks=pytest.mark.slow) for law in (sj.HuntCrossley, sj.LankaraniNikravesh)]

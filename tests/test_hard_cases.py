@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 
 import slipperjax as sj
 from slipperjax.batch import start_states
@@ -20,7 +19,7 @@ from slipperjax.kinematics import contacts, rail_frame
 from slipperjax.labels import OUTPUTS
 from slipperjax.sweep import _pass
 
-from .common import SCALES, cases
+from .common import SCALES, cases, rebound
 
 LANES, BLOCK = 16, 4
 VALUES = dict(
@@ -120,17 +119,6 @@ def test_states_against_an_independent_code(by_steps, name):
         if limit is not None:
             assert np.nanmax(error) < limit, (steps, error)
         assert error[0] < 2e-3  # the first period, whatever is known of the others
-
-
-def rebound(factor, stored=0.0):
-    """Rebound over approach speed e of F = K d^1.5 (1 + c v/v0), from a depth that stores `stored` times m v0^2 / 2.
-
-    m v dv = -K d^1.5 (1 + c v/v0) dd gives: integral of u / (1 + c u) from -e to 1 is -stored / 2.
-    """
-    if factor == 0:
-        return math.sqrt(1 + stored)
-    primitive = lambda u: u / factor - np.log1p(factor * u) / factor**2
-    return brentq(lambda e: primitive(1.0) - primitive(-e) + stored / 2, 0.0, min(9.0, (1 - 1e-12) / factor))
 
 
 def flores(c_r):

@@ -25,7 +25,7 @@ FLOORS = [
     {"paper"},
     {"plots"},
     {"figures"},
-    {"peers"},
+    {"peers", "work_precision"},
     {"bench"},
     {"cli"},
 ]
@@ -41,6 +41,7 @@ UPPER = {
     "figures",
     "plots",
     "peers",
+    "work_precision",
     "bench",
     "cli",
 }

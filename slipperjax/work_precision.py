@@ -1,0 +1,124 @@
+"""Work-precision: points of error against cost as a table and as a picture."""
+
+import itertools
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class Point(NamedTuple):
+    """One measured point."""
+
+    case: str
+    method: str
+    setting: str
+    error: float
+    """Median over the batch of the worst scaled error; infinite where a case left the finite numbers."""
+    cost: dict[int, tuple[float, float]]
+    """Best and median microseconds per trajectory and period, by the number of trajectories at once."""
+
+
+MBDYN = {
+    "nominal": 5.9e-3,
+    "V = 2300 m/s": 6.8e-3,
+    "C = 4 mm": 4.6e-2,
+}
+"""MBDyn's error over six periods at the paper's 1000 steps per period, by scene."""
+MBDYN_MS = {"fastest settings": 24.3, "default Newton": 108.0}
+"""Its milliseconds per period on one core. Measured once, on another day, and not in the run that shows them."""
+
+
+def mbdyn_points(cases: Iterable[Case]) -> list[Point]:
+    """MBDyn's points, which are not measured here."""
+    return [
+        Point(case.name, "MBDyn (measured elsewhere)", f"1000 steps, {how}", MBDYN[case.name], {1: (1e3 * ms,) * 2})
+        for case in cases
+        if case.name in MBDYN
+        for how, ms in MBDYN_MS.items()
+    ]
+
+
+def cost_at(points: Iterable[Point], error: float, lanes: int) -> float:
+    """Microseconds per trajectory and period at which a method reaches an error, by its best times.
+
+    Between points logarithms are interpolated; infinite where no point is that accurate.
+    """
+    known = sorted((p.error, p.cost[lanes][0]) for p in points if lanes in p.cost and np.isfinite(p.error))
+    reach = [(e, c) for e, c in known if e <= error]
+    if not reach:
+        return float("inf")
+    best = min(c for _, c in reach)
+    for (e0, c0), (e1, c1) in itertools.pairwise(known):
+        if e0 <= error < e1 and c1 < c0:
+            share = np.log(error / e0) / np.log(e1 / e0)
+            best = min(best, float(np.exp((1 - share) * np.log(c0) + share * np.log(c1))))
+    return best
+
+
+def table(points: list[Point], batches: tuple[int, ...]) -> str:
+    """All points as a Markdown table, then for each scene what an error of 1e-3 costs."""
+    heads = [f"us at {n}, best (median)" for n in batches]
+    lines = [f"| scene | method | setting | error | {' | '.join(heads)} |", "|---" * (4 + len(batches)) + "|"]
+    for p in points:
+        cells = ["-" if n not in p.cost else f"{p.cost[n][0]:.3g} ({p.cost[n][1]:.3g})" for n in batches]
+        lines.append(f"| {p.case} | {p.method} | {p.setting} | {p.error:.1e} | {' | '.join(cells)} |")
+    names = list(dict.fromkeys(p.method for p in points))
+    lines += [
+        "",
+        "Microseconds per trajectory and period at a scaled error of 1e-3 (best times, interpolated):",
+        "",
+    ]
+    lines += ["| scene | " + " | ".join(f"{n}, {b} at once" for n in names for b in batches) + " |"]
+    lines += ["|---" * (1 + len(names) * len(batches)) + "|"]
+    for case in dict.fromkeys(p.case for p in points):
+        of = lambda name, case=case: [p for p in points if p.case == case and p.method == name]
+        values = [cost_at(of(n), 1e-3, b) for n in names for b in batches]
+        lines.append(f"| {case} | " + " | ".join(f"{v:.3g}" if np.isfinite(v) else "-" for v in values) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def draw(points: list[Point], batches: tuple[int, ...]) -> Any:
+    """Error against cost, one panel per scene. Full lines: the first batch; dashed: one trajectory at a time.
+
+    **Returns:** the axes, an array.
+    """
+    import matplotlib.pyplot as plt
+
+    names = list(dict.fromkeys(p.case for p in points))
+    methods = list(dict.fromkeys(p.method for p in points))
+    columns = min(4, len(names))
+    rows = -(-len(names) // columns)
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(4.2 * columns, 3.6 * rows + 0.8), squeeze=False, layout="constrained"
+    )
+    handles = {}
+    for ax, name in zip(axes.flat, names, strict=False):
+        for k, method in enumerate(methods):
+            mine = [p for p in points if p.case == name and p.method == method and np.isfinite(p.error)]
+            for lanes, style in zip(batches, ("o-", "s--", "^:"), strict=False):
+                here = [p for p in mine if lanes in p.cost and p.error > 0]
+                if here:
+                    x, y = [p.cost[lanes][0] for p in here], [p.error for p in here]
+                    (line,) = ax.plot(x, y, style, color=f"C{k}", markersize=4, linewidth=1)
+                    handles.setdefault(method, line)
+        ax.set(xscale="log", yscale="log", title=name, xlabel="µs per trajectory and period", ylabel="scaled error")
+        ax.grid(alpha=0.3)
+    for ax in axes.flat[len(names) :]:
+        ax.set_axis_off()
+    marks = ", ".join(f"{s}: {n} at once" for n, s in zip(batches, ("dots", "squares", "triangles"), strict=False))
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=3, title=marks)
+    return axes
+
+
+def write(points: list[Point], batches: tuple[int, ...], out: Path) -> tuple[Path, Path]:
+    """Writes OUT.md and OUT.png and gives their paths."""
+    import matplotlib.pyplot as plt
+
+    text, picture = Path(f"{out}.md"), Path(f"{out}.png")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    text.write_text(table(points, batches))
+    draw(points, batches).flat[0].figure.savefig(picture, dpi=150)
+    plt.close("all")
+    return text, picture
