@@ -271,7 +271,7 @@ def bench(
         for point in measure(case, rows, **options):
             points.append(point)
             report(point)
-    return points + mbdyn_points(chosen), (*batches, 1) if 1 not in batches else batches
+    return points + mbdyn_points(case.name for case in chosen), (*batches, 1) if 1 not in batches else batches
 
 
 def _named(argument: str, rows: Iterable[Any], names: Iterable[str] | None, otherwise: Callable) -> list:

@@ -30,12 +30,12 @@ MBDYN_MS = {"fastest settings": 24.3, "default Newton": 108.0}
 """Its milliseconds per period on one core. Measured once, on another day, and not in the run that shows them."""
 
 
-def mbdyn_points(cases: Iterable[Case]) -> list[Point]:
-    """MBDyn's points, which are not measured here."""
+def mbdyn_points(scenes: Iterable[str]) -> list[Point]:
+    """MBDyn's points for scenes by name, which are not measured here."""
     return [
-        Point(case.name, "MBDyn (measured elsewhere)", f"1000 steps, {how}", MBDYN[case.name], {1: (1e3 * ms,) * 2})
-        for case in cases
-        if case.name in MBDYN
+        Point(scene, "MBDyn (measured elsewhere)", f"1000 steps, {how}", MBDYN[scene], {1: (1e3 * ms,) * 2})
+        for scene in scenes
+        if scene in MBDYN
         for how, ms in MBDYN_MS.items()
     ]
 

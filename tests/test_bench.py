@@ -32,7 +32,7 @@ def test_errors_are_those_of_each_case_and_infinite_where_not_finite():
 
 
 def test_what_is_not_measured_here_is_marked():
-    found = work_precision.mbdyn_points(bench.all_cases())
+    found = work_precision.mbdyn_points(case.name for case in bench.all_cases())
     assert len(found) == 6
     assert all("measured elsewhere" in p.method for p in found)
 
