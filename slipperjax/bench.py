@@ -137,7 +137,9 @@ def _period(scene, speeds, states, epoch, setting, solver, adaptive):
         case = scene.replace(speed=speed)
         options = dict(solver=solver, periods=1, record=None, adjoint=diffrax.ForwardMode(), epoch=epoch)
         if adaptive:
-            return integrate(case, state, steps=FIRST, controller=AdaptiveSteps(setting), **options)[0]
+            # rtol, atol and norm are properties of it, and no arguments
+            controller = AdaptiveSteps(setting)  # pyright: ignore[reportCallIssue]
+            return integrate(case, state, steps=FIRST, controller=controller, **options)[0]
         return integrate(case, state, steps=setting, **options)[0]
 
     return jax.vmap(one)(speeds, states)
@@ -189,7 +191,8 @@ def errors(states: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
 def cost_of(seconds: np.ndarray, lanes: int) -> tuple[float, float]:
     """Best and median microseconds per trajectory and period from the periods' seconds (repeats, periods)."""
-    return tuple(float(1e6 * np.mean(of(seconds, axis=0)) / lanes) for of in (np.min, np.median))
+    of = lambda pick: float(1e6 * np.mean(pick(seconds, axis=0)) / lanes)
+    return of(np.min), of(np.median)
 
 
 def measure(

@@ -236,6 +236,12 @@ class Before(NamedTuple):
     """Its rate at the start of the step before [m/s]."""
 
 
+def _settled(value: Array | None) -> Array:
+    if value is None:
+        raise ValueError("Arguments `width` and `relaxation` must be numbers here: call Scene.settled() before.")
+    return value
+
+
 class SmoothSwitch(AbstractMemory):
     """The memory as an ordinary differential equation, so that any solver integrates it: no events.
 
@@ -286,14 +292,12 @@ class SmoothSwitch(AbstractMemory):
 
         Raises `ValueError` where width or relaxation are None still.
         """
-        if self.width is None or self.relaxation is None:
-            raise ValueError("Arguments `width` and `relaxation` must be numbers here: call Scene.settled() before.")
-        return self._switch(gap) * ((rate - memory) / self.relaxation + acceleration)
+        return self._switch(gap) * ((rate - memory) / _settled(self.relaxation) + acceleration)
 
     def decay(self, gap: Array) -> Array:
         """Derivative of m' with respect to m [1/s], the acceleration's part in it left out."""
-        return -self._switch(gap) / self.relaxation
+        return -self._switch(gap) / _settled(self.relaxation)
 
     def _switch(self, gap: Array) -> Array:
-        u = jnp.clip(gap / self.width + 0.5, 0.0, 1.0)
+        u = jnp.clip(gap / _settled(self.width) + 0.5, 0.0, 1.0)
         return u**3 * (10 + u * (6 * u - 15))

@@ -133,8 +133,8 @@ class NumpyModel:
         p = self.numbers
         times = np.array([t, t - p["length"] / self.speed])
         waves = [2 * math.pi * self.speed / w for w in (p["wave"], p["wave2"]) if w > 0]
-        shape = sum(np.sin(w * times) for w in waves)
-        rate = sum(w * np.cos(w * times) for w in waves)
+        shape = np.sum([np.sin(w * times) for w in waves], axis=0)
+        rate = np.sum([w * np.cos(w * times) for w in waves], axis=0)
         c, d = np.cos(p["roll_amplitude"] * shape)[:, None], np.sin(p["roll_amplitude"] * shape)[:, None]
         n_y, n_z = c * self.n_y - d * self.n_z, d * self.n_y + c * self.n_z
         rail_y, rail_z = c * self.t_y - d * self.t_z, d * self.t_y + c * self.t_z

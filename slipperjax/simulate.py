@@ -158,7 +158,7 @@ def integrate_counted(
         else:
             states = jax.tree.map(lambda a, ys: jnp.concatenate([a[None], ys[:steps]]), state, solution.ys)
             kept = record(states, args, steps)
-        wanted = solution.controller_state[0] if remembers else None
+        wanted = None if solution.controller_state is None else solution.controller_state[0]
         return (end, solution.solver_state if carries else None, wanted), (kept, solution.stats["num_steps"])
 
     solver_state = solver.init(terms, 0.0, 1 / steps, state, Args(scene, epoch)) if carries else None

@@ -199,7 +199,7 @@ def _classify(x, most, tolerance, floor, seed):
     series = recurrence(x, scales=1.0, max_period=lags[-1])
     tail = lambda n: max(n, periods // 10)
     at_end = {n: float(series[n - 1, -tail(n) :].max()) for n in lags}
-    best = min(lags, key=at_end.get)
+    best = min(lags, key=lambda n: at_end[n])
     k = np.nan
     if periods >= MIN_TEST:
         part = _irregular_part(x, best)

@@ -251,25 +251,27 @@ def _extend(result, step, intervals, scale, distance, align, until_stderr, max_i
     block = whole("intervals", intervals, 1)
     distance = None if distance is None else positive("distance")(distance)
     functions = (step, scale)
-    end = (result.state, result.tangents, result.index)
+    state, tangents, index = result.state, result.tangents, result.index
     if until_stderr is None:
-        *end, history = _compiled(_run, functions, (align, align + block), *end, distance)
+        state, tangents, index, history = _compiled(
+            _run, functions, (align, align + block), state, tangents, index, distance
+        )
         if result.history.shape[0]:
             history = jnp.concatenate([result.history, history])
-        return LyapunovSpectrum(history, *end, result.periods, result.period, None)
+        return LyapunovSpectrum(history, state, tangents, index, result.periods, result.period, None)
     if is_traced((functions, result)):
         raise ValueError("Argument `until_stderr` must be None under jit, vmap or grad, but is a number.")
     goal = float(positive("until_stderr")(until_stderr))
     limit = 100 * block if max_intervals is None else whole("max_intervals", max_intervals, 1)
     history = np.asarray(result.history)
     while True:
-        *end, rows = _compiled(_run, functions, (0, block), *end, distance)
+        state, tangents, index, rows = _compiled(_run, functions, (0, block), state, tangents, index, distance)
         rows = np.asarray(rows)
         history, align = np.concatenate([history, rows[align:]]), max(align - block, 0)
         reached = bool(standard_error(history)[0] <= goal * float(result.periods))
         if reached or len(history) >= limit or not np.all(np.isfinite(rows)):
             break
-    return LyapunovSpectrum(jnp.asarray(history), *end, result.periods, result.period, reached)
+    return LyapunovSpectrum(jnp.asarray(history), state, tangents, index, result.periods, result.period, reached)
 
 
 def two_trajectory_exponent(
