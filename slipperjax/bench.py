@@ -154,6 +154,7 @@ def run(
     """
     scene = dataclasses.replace(case.scene, memory=method.memory)
     start = jax.tree.map(lambda v: jnp.asarray(v, float), case.start)
+    # no more chunks than threads, for they wait for each other
     threads = Workers(len(speeds), None, workers).workers
     team = Workers(len(speeds), len(filled(-(-len(speeds) // threads))), threads)
     together = threading.Barrier(-(-len(speeds) // team.chunk))

@@ -337,7 +337,7 @@ def main(arguments: list[str] | None = None) -> None:
         sys.exit(130)
     except Exception as error:
         usage = hasattr(error, "format_message")
-        if not usage and not isinstance(error, ValueError):
+        if not usage and not isinstance(error, ValueError | OSError):
             raise
         text = error.format_message() if usage else str(error)  # type: ignore[union-attr]
         print("error: " + " ".join(text.split()), file=sys.stderr)

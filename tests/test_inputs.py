@@ -121,3 +121,17 @@ def test_command_line_errors_are_one_line_and_code_2(arguments, words, capsys):
     assert stopped.value.code == 2
     assert error.count("\n") == 0
     assert words in error
+
+
+def test_a_file_that_cannot_be_written_is_one_line_and_code_2(tmp_path, capsys, monkeypatch):
+    def write(**options):
+        (tmp_path / "run.nc").mkdir()
+        (tmp_path / "run.nc").write_text("")
+
+    monkeypatch.setattr("slipperjax.cli.app", write)
+    with pytest.raises(SystemExit) as stopped:
+        main([])
+    error = capsys.readouterr().err.strip()
+    assert stopped.value.code == 2
+    assert error.count("\n") == 0
+    assert "run.nc" in error
