@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from .contact import Before, SmoothSwitch
 from .jacobian import Linearised, contact_linearised, dense_linearised
-from .kinematics import Contacts, Motion, RailFrame, attitude_rates, contacts, rail_frame, rotation
+from .kinematics import Contacts, Motion, Points, RailFrame, attitude_rates, contacts, rail_frame, rotation
 from .reduction import sums
 from .scene import Scene
 
@@ -33,6 +33,12 @@ class Args(NamedTuple):
     scene: Scene
     epoch: Any = 0
     """Whole number of forcing periods that passed before time zero."""
+    points: Points | None = None
+    """The scene's contact points, where somebody computed them for the whole run; see `contact_points`."""
+
+    def frame(self, t: Any) -> RailFrame:
+        """The rail under the slipper at time `t`."""
+        return rail_frame(self.scene, phase(t, self.epoch), self.points)
 
 
 def phase(t: Any, epoch: Any) -> Any:
@@ -66,17 +72,18 @@ def motion_rates(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, memor
     force = contact_forces(scene, now, memory)
     _, n_y, n_z = frame.normal
     f_y, f_z, t_x, t_y, t_z = sums(force * n_y, force * n_z, *(force * lever for lever in now.lever))
-    mass, (j_x, j_y, j_z) = scene.slipper.mass, scene.slipper.inertia
-    a_z = f_z / mass
+    per_mass, (j_x, j_y, j_z) = 1 / scene.slipper.mass, scene.slipper.inertia
+    per_x, per_y, per_z = 1 / j_x, 1 / j_y, 1 / j_z
+    a_z = f_z * per_mass
     return Motion(
         m.v_y,
         m.v_z,
         *attitude_rates(m),
-        f_y / mass,
+        f_y * per_mass,
         a_z if scene.gravity is None else a_z - scene.gravity,
-        (t_x - (j_z - j_y) * m.w_y * m.w_z) / j_x,
-        (t_y - (j_x - j_z) * m.w_z * m.w_x) / j_y,
-        (t_z - (j_y - j_x) * m.w_x * m.w_y) / j_z,
+        (t_x - (j_z - j_y) * m.w_y * m.w_z) * per_x,
+        (t_y - (j_x - j_z) * m.w_z * m.w_x) * per_y,
+        (t_z - (j_y - j_x) * m.w_x * m.w_y) * per_z,
     )
 
 
@@ -87,9 +94,9 @@ class AbstractVectorField(eqx.Module):
         """Derivative of the whole state [per forcing period]."""
         return fill_frozen(self.evaluate(t, state, args), state)
 
-    def evaluate(self, t: Any, state: State, args: Args) -> State:
-        """The derivative; that of what is frozen over a step is None."""
-        frame = rail_frame(args.scene, phase(t, args.epoch))
+    def evaluate(self, t: Any, state: State, args: Args, frame: RailFrame | None = None) -> State:
+        """The derivative; that of what is frozen over a step is None. `frame`: `args.frame(t)`, if it is at hand."""
+        frame = args.frame(t) if frame is None else frame
         return self.from_contacts(t, frame, contacts(frame, state.motion), state, args)
 
     def from_contacts(self, t: Any, frame: RailFrame, now: Contacts, state: State, args: Args) -> State:
@@ -111,11 +118,13 @@ class AbstractVectorField(eqx.Module):
         """What `close_step` wants to know of the time before the first step. Here nothing."""
         return None
 
-    def close_step(self, before: Any, t0: Any, t1: Any, state: State, args: Args) -> tuple[State, State, Any]:
+    def close_step(
+        self, before: Any, t0: Any, t1: Any, state: State, args: Args, frame: RailFrame | None = None
+    ) -> tuple[State, State, Any]:
         """Ends a step at `state`: gives the state with what changed in the step, its derivative, and the next
-        step's `before`. Here nothing is latched, and nothing is kept.
+        step's `before`. Here nothing is latched, and nothing is kept. `frame`: `args.frame(t1)`, if it is at hand.
         """
-        return state, self.evaluate(t1, state, args), None
+        return state, self.evaluate(t1, state, args, frame), None
 
 
 class ContactField(AbstractVectorField):
@@ -123,7 +132,7 @@ class ContactField(AbstractVectorField):
 
     def linearised(self, t, state, args):
         scene, m = args.scene, state.motion
-        frame = rail_frame(scene, phase(t, args.epoch))
+        frame = args.frame(t)
         now = contacts(frame, m)
         force = lambda gap, rate: contact_forces(scene, Contacts(gap, rate, now.lever), state.memory)
         return contact_linearised(scene, frame, now, m, force)
@@ -137,11 +146,11 @@ class LatchedField(ContactField):
     """For `EventLatch`: ten states, and a memory that changes between steps only."""
 
     def open_step(self, t0, state, args):
-        now = contacts(rail_frame(args.scene, phase(t0, args.epoch)), state.motion)
+        now = contacts(args.frame(t0), state.motion)
         return Before(now.gap, now.rate, now.rate), jnp.asarray(jnp.inf)
 
-    def close_step(self, before, t0, t1, state, args):
-        frame = rail_frame(args.scene, phase(t1, args.epoch))
+    def close_step(self, before, t0, t1, state, args, frame=None):
+        frame = args.frame(t1) if frame is None else frame
         now = contacts(frame, state.motion)
         before, earlier_step = before
         step = t1 - t0
@@ -160,7 +169,7 @@ class SmoothField(ContactField):
         rates = super().from_contacts(t, frame, now, state, args).motion
 
         def gap_rate(t, motion):
-            return contacts(rail_frame(scene, phase(t, args.epoch)), motion).rate
+            return contacts(args.frame(t), motion).rate
 
         _, acceleration = jax.jvp(gap_rate, (jnp.asarray(t, float), state.motion), (jnp.ones(()), rates))
         memory = scene.memory.derivative(state.memory, now.gap, now.rate, acceleration / scene.period)
@@ -168,7 +177,7 @@ class SmoothField(ContactField):
 
     def memory_decay(self, t, state, args):
         scene = args.scene.settled()
-        now = contacts(rail_frame(scene, phase(t, args.epoch)), state.motion)
+        now = contacts(args.frame(t), state.motion)
         return scene.period * scene.memory.decay(now.gap)
 
 
@@ -209,7 +218,7 @@ class Reactions(NamedTuple):
 def reactions(t: Any, state: State, args: Args) -> Reactions:
     """Contact forces, the drive force and the loads on the track nodes, which the constraints of (13) carry."""
     scene, m = args.scene, state.motion
-    frame = rail_frame(scene, phase(t, args.epoch))
+    frame = args.frame(t)
     now = contacts(frame, m)
     force = contact_forces(scene, now, state.memory)
     ends = lambda a: a.reshape(*a.shape[:-1], 2, -1)

@@ -10,8 +10,10 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
+from .reduction import together
 from .scene import Scene
 
 
@@ -95,26 +97,50 @@ def attitude_rates(m: Motion):
     )
 
 
+class Points(NamedTuple):
+    """The contact points of both ends, as far as they stay the same during a run."""
+
+    normal: Float[Array, "2 points"]
+    """y and z of the faces' unit normals on a straight rail [1]."""
+    track: Float[Array, "2 points"]
+    """y and z of the points' partners on the rail head, in the track node's frame [m]."""
+    arm: tuple[Array, Array, Array]
+    """x, y and z of the slipper's points in its own frame, front ones first, each of shape (2 points,) [m]."""
+
+
+def contact_points(scene: Scene) -> Points:
+    """The scene's contact points; computed once for a whole run, for it costs as much as a rail frame."""
+    section = scene.section
+    count = section.points.shape[0]
+    y, z = jnp.tile(section.points, (2, 1)).T
+    # a constant array: an index computed inside the loop over lanes and points would keep it from being vectorised
+    x = scene.slipper.length * np.repeat([0.5, -0.5], count)
+    return Points(section.normals.T, section.track_points.T, (x, y, z))
+
+
 class RailFrame(NamedTuple):
     """What the contact needs of the rail at one instant; independent of the slipper's state."""
 
     normal: tuple[Array, Array, Array]
-    """Unit normals n out of the rail head, x, y and z, each of shape (points,) [1]."""
-    position: Float[Array, " points"]
+    """Unit normals n out of the rail head, x, y and z, each of shape (2 points,) [1]."""
+    position: Float[Array, " 2*points"]
     """n . r_T, the rail point's place along its normal, with x counted from the slipper's centre [m]."""
-    velocity: Float[Array, " points"]
+    velocity: Float[Array, " 2*points"]
     """n . v_T, the rail point's velocity along its normal [m/s]."""
     arm: tuple[Array, Array, Array]
-    """The slipper's points in its own frame, each of shape (points,) [m]."""
+    """The slipper's points in its own frame, each of shape (2 points,) [m]."""
 
 
-def rail_frame(scene: Scene, phase: Any) -> RailFrame:
-    """The rail under the slipper after `phase` forcing periods, Eqs. (1), (4), (7), (10), (11)."""
+def rail_frame(scene: Scene, phase: Any, points: Points | None = None) -> RailFrame:
+    """The rail under the slipper after `phase` forcing periods, Eqs. (1), (4), (7), (10), (11).
+
+    **Arguments:** `points`: of the scene, where they are at hand already.
+    """
+    points = contact_points(scene) if points is None else points
     length = scene.slipper.length
     rear = phase - length / scene.track.wavelength
     motion = scene.track.motion(jnp.stack([jnp.asarray(phase, length.dtype), rear]))
-    n0, t0 = scene.section.normals, scene.section.track_points
-    (n_y, n_z), (t_y, t_z) = n0.T[:, None], t0.T[:, None]  # (1, points), beside (2, 1) for the two ends
+    (n_y, n_z), (t_y, t_z) = points.normal[:, None], points.track[:, None]  # (1, points), beside (2, 1) for the ends
     if motion.roll is not None:
         c, s = jnp.cos(motion.roll)[:, None], jnp.sin(motion.roll)[:, None]
         n_y, n_z = c * n_y - s * n_z, s * n_y + c * n_z
@@ -134,9 +160,7 @@ def rail_frame(scene: Scene, phase: Any) -> RailFrame:
     # and not again inside the loop over lanes and points that uses it.
     rows = jnp.stack([n_x, n_y, n_z, position, velocity]) / jnp.sqrt(1 + n_x * n_x)[None]
     n_x, n_y, n_z, position, velocity = rows.reshape(5, -1)
-    flat = lambda a: jnp.broadcast_to(a, (2, n0.shape[0])).reshape(-1)
-    w_y, w_z = scene.section.points.T
-    return RailFrame((n_x, n_y, n_z), position, velocity / scene.period, arm=(flat(x), flat(w_y), flat(w_z)))
+    return RailFrame((n_x, n_y, n_z), position, velocity * (1 / scene.period), points.arm)
 
 
 class Contacts(NamedTuple):
@@ -152,7 +176,9 @@ class Contacts(NamedTuple):
 
 def contacts(frame: RailFrame, m: Motion) -> Contacts:
     """Gaps, gap rates and levers of all points."""
-    r = rotation(m)
+    # computed once for all points: XLA does not take it out of the loop over them
+    flat = together(*(entry for row in rotation(m) for entry in row))
+    r = flat[:3], flat[3:6], flat[6:]
     (n_x, n_y, n_z), (w_x, w_y, w_z) = frame.normal, frame.arm
     # the normals in the slipper's frame: n_S = R^T n, so that n . (R w) = n_S . w and R^T ((R w) x n) = w x n_S
     s_x, s_y, s_z = (r[0][j] * n_x + r[1][j] * n_y + r[2][j] * n_z for j in range(3))

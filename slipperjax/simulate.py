@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 from .checks import whole
 from .compilation import is_traced, jit
 from .dynamics import Args, LatchedField, Reactions, State, initial_state, reactions, vector_field
-from .kinematics import Motion, euler_angles, table_2_start
+from .kinematics import Motion, contact_points, euler_angles, table_2_start
 from .scene import Scene, contact_duration, default_steps_per_period
 from .solvers import (
     RK4,
@@ -117,7 +117,8 @@ def integrate_counted(
     **Returns:** the last state, what was kept with a leading axis of length `periods`, and the number of steps
     tried in each period.
     """
-    scene = scene.settled()  # once, and not in every evaluation
+    scene = scene.settled()
+    points = contact_points(scene)  # once, and not in every evaluation
     terms = diffrax.ODETerm(vector_field(scene))
     carries = isinstance(solver, AbstractLatchingSolver)
     remembers = isinstance(controller, AdaptiveSteps)
@@ -132,7 +133,7 @@ def integrate_counted(
 
     def period(carry, k):
         state, solver_state, wanted = carry
-        args = Args(scene, k)
+        args = Args(scene, k, points)
         solution = diffrax.diffeqsolve(
             terms,
             solver,
@@ -161,7 +162,7 @@ def integrate_counted(
         wanted = None if solution.controller_state is None else solution.controller_state[0]
         return (end, solution.solver_state if carries else None, wanted), (kept, solution.stats["num_steps"])
 
-    solver_state = solver.init(terms, 0.0, 1 / steps, state, Args(scene, epoch)) if carries else None
+    solver_state = solver.init(terms, 0.0, 1 / steps, state, Args(scene, epoch, points)) if carries else None
     wanted = jnp.asarray(1 / steps, float) if remembers else None
     start = state, solver_state, wanted
     (end, _, _), (kept, taken) = jax.lax.scan(period, start, epoch + jnp.arange(float(periods)))

@@ -24,7 +24,7 @@ SPIN = np.array([0.4, -0.3, 0.2])
 class ClosedForm(AbstractVectorField):
     """y = sin t, forced and with damping; z = 1 / (2 - t), of z'' = 2 z^3; a constant spin."""
 
-    def evaluate(self, t, state, args):
+    def evaluate(self, t, state, args, frame=None):
         m = state.motion
         a_y = -9 * m.y - 0.5 * m.v_y + 8 * jnp.sin(t) + 0.5 * jnp.cos(t)
         zero = 0 * m.y

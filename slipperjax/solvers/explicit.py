@@ -14,6 +14,7 @@ import numpy as np
 from diffrax import RESULTS
 
 from ..dynamics import State
+from ..reduction import together
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
 
@@ -28,7 +29,14 @@ def _step(y: State, dt: Any, stages: list[State], weights: np.ndarray) -> State:
         return y + dt * total
 
     trees = [k for _, k in used]
-    return jax.tree.map(leaf, trees[0], y, *trees, is_leaf=lambda x: x is None)
+    new = jax.tree.map(leaf, trees[0], y, *trees, is_leaf=lambda x: x is None)
+    return _stored(new)
+
+
+def _stored(state: State) -> State:
+    """The same, its motion computed in one kernel, and not once more in each that uses it."""
+    scalars, shape = jax.tree.flatten(state.motion)
+    return State(jax.tree.unflatten(shape, together(*scalars)), state.memory)
 
 
 class AbstractLatchingRungeKutta(AbstractLatchingSolver):
@@ -49,13 +57,16 @@ class AbstractLatchingRungeKutta(AbstractLatchingSolver):
         dt = t1 - t0
         rates, before = solver_state
         stages = [rates]
+        frames = {1.0: args.frame(t1)}  # one for each instant: XLA would compute it once more in every stage
         for row in self.a_lower:
-            node = sum(row)
-            # the very t1 where it is the end: then the rail is computed there once, not once more by rounding
-            at = t1 if abs(node - 1) < 1e-12 else t0 + node * dt
-            stages.append(field.evaluate(at, _step(y0, dt, stages, np.array(row)), args))
+            node = 1.0 if abs(sum(row) - 1) < 1e-12 else sum(row)
+            at = t0 + node * dt
+            if node not in frames:
+                frames[node] = args.frame(at)
+            stages.append(field.evaluate(at, _step(y0, dt, stages, np.array(row)), args, frames[node]))
         y1 = _step(y0, dt, stages, np.array(self.b))
-        y1, rates1, after = field.close_step(before, t0, t1, y1, args)
+        y1, rates1, after = field.close_step(before, t0, t1, y1, args, frames[1.0])
+        rates1 = _stored(rates1)
         if self.b_error is None:
             error = None
         else:
