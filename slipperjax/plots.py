@@ -156,7 +156,8 @@ def exponents(ds: xr.Dataset, ax: Any = None) -> Any:
 
     **Arguments:** `ds`: from `lyapunov_sweep` over one parameter.
     """
-    ax = plt.gca() if ax is None else ax
+    if ax is None:
+        _, ax = plt.subplots(figsize=(3.5, 2.4), layout="constrained")
     (over,) = ds["kind"].dims
     label, scale = _AXES.get(str(over), (f"{over} [{ds[over].attrs.get('units', '1')}]", 1.0))
     x, y, kinds = ds[over].values * scale, ds["exponent"].isel(count=0).values, regimes(ds)
@@ -174,7 +175,8 @@ def exponents(ds: xr.Dataset, ax: Any = None) -> Any:
 
 def regime_map(ds: xr.Dataset, ax: Any = None) -> Any:
     """The largest Lyapunov exponent over two parameters: red chaotic, blue regular; crosses where unresolved."""
-    ax = plt.gca() if ax is None else ax
+    if ax is None:
+        _, ax = plt.subplots(figsize=(3.5, 3.0), layout="constrained")
     over_y, over_x = (str(d) for d in ds["kind"].dims)
     (x_label, x_scale), (y_label, y_scale) = (_AXES.get(d, (d, 1.0)) for d in (over_x, over_y))
     values = ds["exponent"].isel(count=0).transpose(over_y, over_x).values

@@ -7,6 +7,7 @@ mode and batching all give one-pass reductions or plain broadcasts again.
 """
 
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
@@ -33,11 +34,13 @@ def together(*scalars):
 
     **Arguments:** floating-point arrays of shape `batch`. **Returns:** a list of them.
     """
-    first = jnp.arange(2) == 0
     shape = jnp.broadcast_shapes(*(jnp.shape(x) for x in scalars))
-    mask = jnp.broadcast_to(first, (*shape, 2))
-    spread = lambda x: jnp.where(mask, jnp.broadcast_to(x, shape)[..., None], 0.0)
-    return sums(*(spread(jnp.asarray(x, float)) for x in scalars))
+    wide = (*shape, 2)
+    first = jnp.broadcast_to(np.array([True, False]), wide)
+    nothing = jnp.zeros(wide)
+    # plain lax operations, for this is called so often that tracing it is felt
+    spread = lambda x: lax.broadcast_in_dim(jnp.broadcast_to(jnp.asarray(x, float), shape), wide, range(len(shape)))
+    return sums(*(lax.select(first, spread(x), nothing) for x in scalars))
 
 
 def _implementation(*operands):
