@@ -12,7 +12,10 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.analysis.lyapunov import map_spectrum
+from slipperjax.analysis.lyapunov import first_tangents, map_spectrum, push_tangents
+from slipperjax.batch import start_states
+from slipperjax.compilation import jit
+from slipperjax.spectra import Periods, tangent_weights
 
 from ..test_lyapunov import Rk4, lorenz
 
@@ -50,21 +53,33 @@ def test_lorenz_beside_lyapax():
 
 @pytest.mark.parametrize("count", [1, 10])
 def test_cost_against_the_trajectory(count):
-    grid = {"speed": np.linspace(100, 2500, 241)}
-    scene, steps = sj.paper_scene(), dict(steps_per_period=50)
-    plain = lambda: sj.sweep(scene, grid, record="strobe", transient=0, periods=20, **steps)
-    full = lambda: sj.lyapunov_sweep(scene, grid, count=count, transient=20, periods=20, certify=False, **steps)
-    taken = {plain: [], full: []}
-    for _ in range(12):  # in turns; the first is compiling
-        for run, times in taken.items():
+    """One period at a time, one core: runs of milliseconds, some of which a busy machine leaves alone."""
+    scene, speeds = sj.paper_scene(), jnp.linspace(100.0, 2500.0, 121)
+    weights = tangent_weights(scene)
+    states = start_states(scene, {"speed": speeds}, sj.table_2_start())
+    tangents = jax.vmap(lambda s: first_tangents(s, count, weights))(states)
+    period = lambda v, steps: Periods(scene.replace(speed=v), steps, sj.RK4())
+
+    @jit
+    def plain(states, steps):
+        return jax.vmap(lambda v, s: period(v, steps)(s, 0.0))(speeds, states)
+
+    @jit
+    def full(states, tangents, steps):
+        push = lambda v, s, t: push_tangents(period(v, steps), s, t, 1, scale=weights)
+        return jax.vmap(push)(speeds, states, tangents)
+
+    runs = {"plain": lambda: plain(states, 50.0), "full": lambda: full(states, tangents, 50.0)}
+    taken = {name: [] for name in runs}
+    for _ in range(101):  # in turns; the first is compiling
+        for name, run in runs.items():
             begin = time.perf_counter()
-            run()
-            times.append(time.perf_counter() - begin)
+            jax.block_until_ready(run())
+            taken[name].append(time.perf_counter() - begin)
     for name, of in (("best", min), ("median", statistics.median)):
-        trajectory, whole = (of(times[1:]) for times in taken.values())
-        exponents = (whole - trajectory) / 2  # after the transient, 20 periods to align and 20 that count
+        one, many = (of(taken[name][1:]) for name in runs)
         print(
-            f"\n241 speeds, {count} exponents, {name} of 11: {exponents / trajectory:.1f} times the trajectory "
-            f"({exponents / 20 / 241 * 1e3:.3f} ms per case and period); "
-            f"200 + 500 periods: {trajectory * 10 + exponents * 25:.0f} s"
+            f"\n{count} exponents, 121 cases, 50 steps, {name} of 100: {many / one:.1f} times the trajectory "
+            f"({many / 121 * 1e6:.0f} us per case and period); "
+            f"241 speeds, 200 + 500 periods on two cores: {200 * one + 520 * many:.0f} s"
         )
