@@ -12,6 +12,7 @@ import abc
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -215,7 +216,10 @@ class EventLatch(AbstractMemory):
         a = 2 * before.gap - 2 * gap + slope + slope1
         b = -3 * before.gap + 3 * gap - 2 * slope - slope1
         x = before.gap / jnp.where(entered & (fall > 0), fall, jnp.inf)
-        for _ in range(3):
+        for k in range(3):
+            if k == 1:
+                # what two of Newton's steps make of a fixed x has the zero's own derivatives up to the third
+                x = jax.lax.stop_gradient(x)
             value = ((a * x + b) * x + slope) * x + before.gap
             steepness = (3 * a * x + 2 * b) * x + slope
             x = jnp.clip(x - value / jnp.where(entered & (steepness < 0), steepness, -jnp.inf), 0.0, 1.0)
