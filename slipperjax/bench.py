@@ -210,7 +210,7 @@ def measure(
     """The points of one scene.
 
     First all errors; then all costs, `repeats` times round all points: a machine whose speed changes with the
-    minutes is then the same to all of them.
+    minutes is then the same to all of them. An interrupt after the first round ends the rounds.
 
     **Arguments:** `batches`: numbers of trajectories to time, the first of which gives the errors; `repeats`: timed
     runs of each; `workers`: threads, as for `sweep`; `settings`: which of each method's settings.
@@ -232,10 +232,16 @@ def measure(
             runs.append(own)
             print(f"{case.name}: {', '.join(found[-1][:2])}: error {found[-1][2]:.1e}", file=sys.stderr)
     seconds = [{lanes: [] for lanes in own} for own in runs]
-    for _ in range(repeats):
-        for own, mine in zip(runs, seconds, strict=True):
-            for lanes, go in own.items():
-                mine[lanes].append(go()[1])
+    for k in range(repeats):
+        try:
+            for own, mine in zip(runs, seconds, strict=True):
+                for lanes, go in own.items():
+                    mine[lanes].append(go()[1])
+        except KeyboardInterrupt:
+            if k == 0:
+                raise
+            break  # an interrupt ends the rounds, and what was timed before it counts
+        print(f"{case.name}: timed round {k + 1} of {repeats}", file=sys.stderr)
     for (name, label, error), mine in zip(found, seconds, strict=True):
         cost = {lanes: cost_of(np.array(taken), lanes) for lanes, taken in mine.items()}
         yield Point(case.name, name, label, float(error), cost)

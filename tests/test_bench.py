@@ -109,3 +109,19 @@ def test_a_small_run_writes_table_and_picture(tmp_path, capsys):
     assert "50 steps: error" in capsys.readouterr().out
     assert (tmp_path / "b.png").stat().st_size > 10_000
     assert "MBDyn (measured elsewhere)" in (tmp_path / "b.md").read_text()
+
+
+def test_an_interrupt_keeps_the_rounds_that_were_timed(monkeypatch):
+    calls = []
+
+    def run(case, method, setting, speeds, workers):
+        calls.append(setting)
+        if len(calls) == 5:  # the reference, the errors, and two rounds came before
+            raise KeyboardInterrupt
+        return np.zeros((len(speeds), 2, 10)), np.array([1.0, 2.0])
+
+    monkeypatch.setattr(bench, "run", run)
+    options = dict(batches=(8,), repeats=9, peers=[], settings=slice(0, 1))
+    (point,) = bench.measure(bench.all_cases()[0], bench.METHODS[:1], **options)
+    assert len(calls) == 5
+    assert point.cost[8] == bench.cost_of(np.array([[1.0, 2.0], [1.0, 2.0]]), 8)
