@@ -60,7 +60,7 @@ class AbstractLatchingRungeKutta(AbstractLatchingSolver):
         frames = {1.0: args.frame(t1)}  # one for each instant: XLA would compute it once more in every stage
         for row in self.a_lower:
             node = 1.0 if abs(sum(row) - 1) < 1e-12 else sum(row)
-            at = t0 + node * dt
+            at = t1 if node == 1 else t0 + node * dt  # the very end, and not one more instant by rounding
             if node not in frames:
                 frames[node] = args.frame(at)
             stages.append(field.evaluate(at, _step(y0, dt, stages, np.array(row)), args, frames[node]))
