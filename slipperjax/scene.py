@@ -165,6 +165,12 @@ def contact_duration(scene: Scene) -> Float[Array, ""]:
     return 2.94 * contact_depth(scene) / _approach(scene)
 
 
+@jax.jit  # one small program, where each of the operations would be one
+def impacts_per_period(scene: Scene) -> Float[Array, ""]:
+    """How many typical impacts, one after the other, would fill a forcing period [1]: see `contact_duration`."""
+    return scene.period / contact_duration(scene)
+
+
 def contact_depth(scene: Scene) -> Float[Array, ""]:
     """How deep a typical impact goes [m]: see `contact_duration`."""
     slipper = scene.slipper
@@ -183,7 +189,7 @@ def default_steps_per_period(scene: Scene, *, per_contact: int = 15, least: int 
 
     Takes the most demanding case where the scene's leaves are batched. Rounded up to a multiple of 50.
     """
-    ratio = jnp.max(scene.period / contact_duration(scene))
+    ratio = jnp.max(impacts_per_period(scene))
     if isinstance(ratio, jax.core.Tracer):
         raise ValueError("Argument `steps_per_period` must be given where the scene is traced (jit, grad, vmap).")
     steps = max(least, per_contact * float(ratio))

@@ -1,5 +1,6 @@
 """The rail-head section: contact points, the flat faces they bound, face normals and the play per face."""
 
+import functools
 from typing import Any
 
 import equinox as eqx
@@ -85,6 +86,7 @@ def paper_section(clearance: Any) -> Section:
     return Section(points=_TABLE_1, play=half_play(clearance, len(_FACES)))
 
 
+@functools.partial(jax.jit, static_argnums=1)
 def half_play(clearance: jax.Array, faces: int) -> Float[Array, " faces"]:
     """A total play of `clearance` [m] as the play of each face [m]."""
     return jnp.broadcast_to(clearance / 2, (faces,))

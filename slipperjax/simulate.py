@@ -217,12 +217,12 @@ class Trajectory(eqx.Module):
     @property
     def status(self) -> Array:
         """0 where all is well, else see `slipperjax.simulate.STATUS`."""
-        return judged(status(self.state), self.scene, self.steps_per_period)
+        return _judged(self.state, self.scene, self.steps_per_period)
 
     @property
     def euler_angles(self) -> tuple[Array, Array, Array]:
         """Roll, pitch and yaw of Eq. (2) [rad]."""
-        return jax.vmap(euler_angles)(self.state.motion)
+        return _euler_angles(self.state.motion)
 
     @property
     def reactions(self) -> Reactions:
@@ -234,6 +234,10 @@ class Trajectory(eqx.Module):
         from .labels import trajectory_dataset
 
         return trajectory_dataset(self)
+
+
+_euler_angles = jax.jit(jax.vmap(euler_angles))
+_judged = jax.jit(lambda states, scene, steps: judged(status(states), scene, steps))
 
 
 @jit

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import diffrax
 
 from ..contact import SmoothSwitch
-from ..scene import Scene, contact_duration, default_steps_per_period
+from ..scene import Scene, default_steps_per_period, impacts_per_period
 from .explicit import RK4
 from .rosenbrock import ROS34PW2
 
@@ -32,7 +32,7 @@ def choose_solver(scene: Scene) -> Choice:
     """
     steps = default_steps_per_period(scene)
     period = float(scene.period)
-    impact = f"an impact lasts {float(contact_duration(scene)) / period:.3g} of a period, {steps} steps resolve it"
+    impact = f"an impact lasts {1 / float(impacts_per_period(scene)):.3g} of a period, {steps} steps resolve it"
     if scene.contact.has_memory and isinstance(scene.memory, SmoothSwitch):
         relaxation = scene.settled().memory.relaxation
         stretch = period / steps / float(relaxation)
