@@ -260,14 +260,14 @@ def bench(
     batches: Iterable[int] | None = None,
     repeats: int = 5,
     report: Callable[[Point], None] = lambda point: None,
-) -> tuple[list[Point], tuple[int, ...]]:
-    """Measures, and gives the points and the batch sizes.
+) -> Iterator[tuple[list[Point], tuple[int, ...]]]:
+    """Measures, and yields the points so far and the batch sizes whenever a scene is done.
 
     **Arguments:** `quick`: two scenes, the methods marked so, and the batch alone; `cases`, `methods`: names of some
     only; `batches`: numbers of trajectories to run at once, the first of which gives the errors, by default 241 and
     1, and 241 where quick; `repeats`: timed runs of each point; `report`: called with each point.
 
-    **Raises:** `ValueError` where a name is unknown.
+    **Raises:** `ValueError` where a name is unknown, before anything is measured.
     """
     repeats = whole("repeats", repeats, 1)
     batches = tuple(whole("batches", n, 1) for n in batches or ((241,) if quick else (241, 1)))
@@ -281,7 +281,8 @@ def bench(
         for point in measure(case, rows, **options):
             points.append(point)
             report(point)
-    return points + mbdyn_points(case.name for case in chosen), (*batches, 1) if 1 not in batches else batches
+        points += mbdyn_points([case.name])
+        yield points, batches if 1 in batches else (*batches, 1)
 
 
 def _named(argument: str, rows: Iterable[Any], names: Iterable[str] | None, otherwise: Callable) -> list:

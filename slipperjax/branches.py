@@ -80,6 +80,31 @@ class Jump(NamedTuple):
     """How far the mean strobe state moved [scales of `SCALES`]."""
 
 
+def before_jump(
+    ds: xr.Dataset, direction: str = "up", *, threshold: float = 0.3, last: int = 10, lead: int = 3
+) -> tuple[dict[str, np.ndarray], Motion] | None:
+    """Where a followed motion stood shortly before its first jump: path and start for `find_jump`.
+
+    **Arguments:** `ds`: of `follow`; `threshold`: as for `find_jump`; `last`: periods at each value whose mean state
+    counts; `lead`: how many values before the last one on the branch the path begins.
+
+    **Returns:** the path, which ends at the first value beyond the jump, and the motion at its beginning; None where
+    nothing jumped.
+    """
+    one = ds.sel(direction=direction)
+    (name,) = one["status"].dims
+    way = DIRECTIONS[direction]
+    values, states = one[name].values[::way], strobe_states(one)[::way]
+    marks = states[:, -last:].mean(axis=1) / SCALES
+    jumped = np.max(np.abs(np.diff(marks, axis=0)), axis=1) > threshold
+    if not np.any(jumped):
+        return None
+    at = int(np.argmax(jumped))
+    begin = max(at - lead, 0)
+    start = Motion.from_euler(**dict(zip(OUTPUTS, states[begin, -1], strict=True)))
+    return {name: np.sort(values[begin : at + 2])}, start
+
+
 def find_jump(
     scene: Scene,
     path: dict[str, Sequence[float]],
@@ -99,7 +124,8 @@ def find_jump(
     until it is no longer than `within` [the parameter's unit]. The motion has left its branch only where it does so
     within `transient` + `periods` periods at one value: near the end of a branch it leaves slowly.
 
-    **Arguments:** `path`: one parameter's name and its values in increasing order; others as for `follow`.
+    **Arguments:** `path`: one parameter's name and its values in increasing order; others as for `follow`, whose
+    result `before_jump` shortens the path to what matters.
 
     **Returns:** the first `Jump` met, or None.
     """

@@ -321,11 +321,11 @@ def bench(
         print(f"{point.case}: {point.method}, {point.setting}: error {point.error:.1e}, {times}", flush=True)
 
     _folder(out.parent, out)
-    found = work.bench(
-        quick=quick, cases=scene or None, methods=method or None, batches=batch or None, repeats=repeats, report=show
-    )
-    text, picture = write(*found, out)
-    print(f"wrote {text} and {picture}")
+    names = dict(cases=scene or None, methods=method or None, batches=batch or None)
+    # written anew after each scene, so that an interrupt loses nothing but the scene it hits
+    for found in work.bench(quick=quick, repeats=repeats, report=show, **names):
+        text, picture = write(*found, out)
+        print(f"wrote {text} and {picture}")
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -36,6 +36,7 @@ class Args(NamedTuple):
     points: Points | None = None
     """The scene's contact points, where somebody computed them for the whole run; see `contact_points`."""
 
+    @jax.jit
     def frame(self, t: Any) -> RailFrame:
         """The rail under the slipper at time `t`."""
         return rail_frame(self.scene, phase(t, self.epoch), self.points)
@@ -94,6 +95,7 @@ class AbstractVectorField(eqx.Module):
         """Derivative of the whole state [per forcing period]."""
         return fill_frozen(self.evaluate(t, state, args), state)
 
+    @jax.jit  # within programs: traced once for all stages of all steps, which halves the tracing
     def evaluate(self, t: Any, state: State, args: Args, frame: RailFrame | None = None) -> State:
         """The derivative; that of what is frozen over a step is None. `frame`: `args.frame(t)`, if it is at hand."""
         frame = args.frame(t) if frame is None else frame

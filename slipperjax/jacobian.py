@@ -121,9 +121,7 @@ class LinearSystem:
         ]
         matrix = _factored(_unit_minus(both, factor))
         turn = _product(carried, _turn_by_attitude(m))
-        flat = together(*(v for square in (matrix, carried, turn) for row in square for v in row))
-        cut = lambda at, n: [flat[at + i * n : at + (i + 1) * n] for i in range(n)]
-        self.matrix, self.carried, self.turn = cut(0, 5), cut(25, 3), cut(34, 3)
+        self.matrix, self.carried, self.turn = together((matrix, carried, turn))
         self.attitude = _attitude_by_turn(m)
 
     def solve(self, right: Motion) -> Motion:
@@ -141,7 +139,7 @@ class LinearSystem:
                 x[i] = x[i] - self.matrix[i][j] * x[j]
         turn = [a + self.step * b for a, b in zip(turn, _times(self.carried, x[2:]), strict=True)]
         place = [leaves[k] + self.step * x[k] for k in range(2)]
-        return jax.tree.unflatten(tree, together(*place, *_times(self.attitude, turn), *x))
+        return together(jax.tree.unflatten(tree, [*place, *_times(self.attitude, turn), *x]))
 
 
 def _factored(a: Matrix) -> Matrix:

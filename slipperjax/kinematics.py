@@ -177,8 +177,7 @@ class Contacts(NamedTuple):
 def contacts(frame: RailFrame, m: Motion) -> Contacts:
     """Gaps, gap rates and levers of all points."""
     # computed once for all points: XLA does not take it out of the loop over them
-    flat = together(*(entry for row in rotation(m) for entry in row))
-    r = flat[:3], flat[3:6], flat[6:]
+    r = together(rotation(m))
     (n_x, n_y, n_z), (w_x, w_y, w_z) = frame.normal, frame.arm
     # the normals in the slipper's frame: n_S = R^T n, so that n . (R w) = n_S . w and R^T ((R w) x n) = w x n_S
     s_x, s_y, s_z = (r[0][j] * n_x + r[1][j] * n_y + r[2][j] * n_z for j in range(3))

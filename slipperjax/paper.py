@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from . import answers
-from .branches import attractors, find_jump, groups
+from .branches import Jump, attractors, before_jump, find_jump, groups
 from .checks import one_of, whole
 from .claims import Answer, named, runs, section_points, show_ranges
 from .scene import paper_scene
@@ -102,19 +102,27 @@ def motions(effort: Effort, wanted: set[str], options: dict) -> Outcome:
         found |= answers.histories(ds, data["sections"], effort.judged)
     if "speed" in parts:
         speeds = parts["speed"]["speed"].values
-        path, around = (speeds[(speeds >= a) & (speeds <= b)] for a, b in ((500, 2500), (1500, 2500)))
         common = dict(transient=effort.follow_transient, steps_per_period=STEPS, **options)
-        data["speed_followed"] = follow(paper_scene(), {"speed": path}, **common)
-        # above the scatter of chaotic motions' means, and below the height of the branch that is left
-        jump = lambda way: find_jump(
-            paper_scene(), {"speed": around}, direction=way, steps_per_period=STEPS, threshold=4.0
-        )
-        found |= answers.over_speed(parts["speed"], jump("up"), jump("down"), effort.judged)
+        followed = follow(paper_scene(), {"speed": speeds[speeds >= 500]}, **common)
+        data["speed_followed"] = followed
+        jumps = [_jump(followed.sel(speed=slice(1500, None)), way) for way in ("up", "down")]
+        found |= answers.over_speed(parts["speed"], *jumps, effort.judged)
     if "clearance" in parts:
         found |= answers.over_clearance(parts["clearance"], effort.judged)
     if "length" in parts:
         found |= answers.over_length(parts["length"], effort.judged)
     return Outcome(data, found)
+
+
+def _jump(followed: xr.Dataset, direction: str) -> Jump | None:
+    """Where the followed motion leaves the branch on which it leans."""
+    # above the scatter of chaotic motions' means, and below the height of that branch
+    options = dict(direction=direction, threshold=4.0)
+    found = before_jump(followed, **options)
+    if found is None:
+        return None
+    path, start = found
+    return find_jump(paper_scene(), path, start=start, steps_per_period=STEPS, **options)
 
 
 def exponents(effort: Effort, wanted: set[str], options: dict) -> Outcome:

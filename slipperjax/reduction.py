@@ -6,6 +6,7 @@ that is far too slow, although it is linear; here it is as a linear primitive, s
 mode and batching all give one-pass reductions or plain broadcasts again.
 """
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -26,21 +27,22 @@ def sums(*operands):
     return _sums_p.bind(*operands)
 
 
-def together(*scalars):
-    """The same scalars, computed once, in one kernel, and stored.
+def together(tree):
+    """The same numbers, computed once, in one kernel, and stored.
 
     XLA computes a value anew in every kernel that uses it, unless it comes from a reduction: an unrolled elimination
     of five unknowns then grows with each use. So this is a reduction, over two entries of which one is zero.
 
-    **Arguments:** floating-point arrays of shape `batch`. **Returns:** a list of them.
+    **Arguments:** a pytree of floating-point arrays that broadcast to one shape. **Returns:** the same of that shape.
     """
+    scalars, structure = jax.tree.flatten(tree)
     shape = jnp.broadcast_shapes(*(jnp.shape(x) for x in scalars))
     wide = (*shape, 2)
     first = jnp.broadcast_to(np.array([True, False]), wide)
     nothing = jnp.zeros(wide)
     # plain lax operations, for this is called so often that tracing it is felt
     spread = lambda x: lax.broadcast_in_dim(jnp.broadcast_to(jnp.asarray(x, float), shape), wide, range(len(shape)))
-    return sums(*(lax.select(first, spread(x), nothing) for x in scalars))
+    return jax.tree.unflatten(structure, sums(*(lax.select(first, spread(x), nothing) for x in scalars)))
 
 
 def _implementation(*operands):

@@ -35,8 +35,7 @@ def _step(y: State, dt: Any, stages: list[State], weights: np.ndarray) -> State:
 
 def _stored(state: State) -> State:
     """The same, its motion computed in one kernel, and not once more in each that uses it."""
-    scalars, shape = jax.tree.flatten(state.motion)
-    return State(jax.tree.unflatten(shape, together(*scalars)), state.memory)
+    return State(together(state.motion), state.memory)
 
 
 class AbstractLatchingRungeKutta(AbstractLatchingSolver):
@@ -51,6 +50,7 @@ class AbstractLatchingRungeKutta(AbstractLatchingSolver):
         field = field_of(terms)
         return field.evaluate(t0, y0, args), field.open_step(t0, y0, args)
 
+    @jax.jit  # diffrax traces it more than once
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         del made_jump
         field = field_of(terms)

@@ -41,6 +41,7 @@ class AbstractRosenbrock(AbstractLatchingSolver):
     def init(self, terms, t0, t1, y0, args):
         return field_of(terms).open_step(t0, y0, args)
 
+    @jax.jit  # diffrax traces it more than once
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         del made_jump
         field = field_of(terms)

@@ -76,6 +76,7 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
         # no step came before: an endless one, so that the ratio of the steps is zero
         return rates, field.open_step(t0, y0, args), (y0.motion, rates.motion, jnp.asarray(jnp.inf))
 
+    @jax.jit  # diffrax traces it more than once
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         del made_jump
         field = field_of(terms)
