@@ -19,6 +19,7 @@ from .labels import scene_attributes
 from .records import KEEPS, Strobe, outputs
 from .scene import Scene
 from .simulate import STATUS, check_solver, check_start, integrate, judged, status, step_plan
+from .solvers import solver_name
 
 DIRECTIONS = {"up": 1, "down": -1}
 """Ways through a parameter's values for `follow`."""
@@ -256,7 +257,7 @@ def _dataset(scene, plan, cases, found, first, shape) -> xr.Dataset:
         "steps_per_period": plan.steps,
         "transient": plan.silent * plan.pause,
         "periods": plan.recorded * plan.block,
-        "solver": type(plan.solver).__name__,
+        "solver": solver_name(plan.solver),
         "record": plan.record,
     }
     return xr.Dataset(data, coords, attrs)

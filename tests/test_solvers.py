@@ -13,6 +13,7 @@ import slipperjax as sj
 from slipperjax.dynamics import AbstractVectorField
 from slipperjax.jacobian import LinearSystem, dense_linearised
 from slipperjax.kinematics import attitude_rates
+from slipperjax.solvers import solver_name
 from slipperjax.solvers.twostep import two_step_weights
 
 from .common import cases, scaled_errors, scene_of
@@ -266,3 +267,8 @@ def test_auto_says_why():
     relaxed = sj.choose_solver(sj.paper_scene(memory=sj.SmoothSwitch(width=1e-4, relaxation=1e-6)))
     assert isinstance(relaxed.solver, sj.ROS34PW2)
     assert "implicit" in relaxed.reason
+
+
+def test_results_name_the_solver_inside_a_wrapper():
+    assert solver_name(sj.RK4()) == "RK4"
+    assert solver_name(sj.Latching(diffrax.HalfSolver(diffrax.Dopri8()))) == "Latching(HalfSolver(Dopri8))"

@@ -136,6 +136,13 @@ def estimates_error(solver: diffrax.AbstractSolver) -> bool:
     return isinstance(inner, diffrax.AbstractAdaptiveSolver)
 
 
+def solver_name(solver: diffrax.AbstractSolver) -> str:
+    """How a solver is named in results: its class, and in brackets that of the solver inside it."""
+    inner = getattr(solver, "solver", None)
+    own = type(solver).__name__
+    return f"{own}({solver_name(inner)})" if isinstance(inner, diffrax.AbstractSolver) else own
+
+
 NEWTON = 1e-9
 """Tolerance, relative and absolute, of the Newton iterations that `with_newton` puts into stock solvers."""
 
