@@ -42,7 +42,7 @@ def _figure_4(data: dict[str, xr.Dataset]) -> Any:
         row[0].set(xlim=(0, 12), xlabel="time [forcing periods]", ylabel=r"$\alpha_X$ [krad/s$^2$]")
         row[0].set_title(f"V = {speed:.0f} m/s", fontsize=8, loc="left")
         found = power_spectral_density(case["alpha_x"].values, 50 * speed / 8)
-        plots.spectrum(found.frequency / (speed / 8), found.density, row[1], unit="(rad/s$^2$)$^2$/Hz", highest=4)
+        plots.spectrum(found.frequency / (speed / 8), found.density, row[1], unit="(rad/s^2)^2/Hz", highest=4)
         top = float(np.max(found.density))
         row[1].set(xlabel="frequency / $f$", ylim=(top * 1e-10, top * 10))  # below is rounding
         plots.phase_portrait(case, "roll", "w_x", row[2])
@@ -72,7 +72,7 @@ def _figure_12(data: dict[str, xr.Dataset]) -> Any:
         ax.set(xlim=(0, 12), ylabel="contact force [kN]")
         ax.set_title(f"L = {float(case['length']):.1f} m", fontsize=8, loc="left")
         ax.set_ylim(top=1.3 * float(case["contact_force"].sel(end="rear", point=list(_COLORS)).max()) / 1e3)
-        ax.legend(fontsize=6, ncols=3, loc="upper center")
+        ax.legend(fontsize=6, ncols=3, loc="upper center", handlelength=1.0, columnspacing=1.0)
     axes[-1].set_xlabel("time [forcing periods]")
     return figure
 

@@ -1,5 +1,6 @@
 """Figures. Every function takes `ax=None` and returns the Axes."""
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -38,7 +39,7 @@ def bifurcation(ds: xr.Dataset, section: str, ax: Any = None, **style: Any) -> A
     """
     ax = plt.gca() if ax is None else ax
     (over,) = (d for d in ds[section].dims if d != "crossing")
-    label, scale = _AXES.get(str(over), (f"{over} [{ds[over].attrs['units']}]", 1.0))
+    label, scale = _AXES.get(str(over), (f"{over} [{typeset(ds[over].attrs['units'])}]", 1.0))
     values = ds[section].transpose(over, "crossing").values
     x = np.broadcast_to(ds[over].values[:, None] * scale, values.shape)
     style = {"ms": 1.6, "mew": 0, "color": "#12355b", "rasterized": True} | style
@@ -128,15 +129,20 @@ def phase_portrait(ds: xr.Dataset, coordinate: str, velocity: str, ax: Any = Non
     return ax
 
 
+def typeset(unit: str) -> str:
+    """A unit of a dataset, as in m/s^2, with its exponents raised."""
+    return re.sub(r"\^(-?[\d.]+)", r"$^{\1}$", unit)
+
+
 def spectrum(frequency: Any, density: Any, ax: Any = None, *, unit: str = "", highest: float | None = None) -> Any:
-    """A power spectral density over frequency [Hz], logarithmic."""
+    """A power spectral density over frequency [Hz], logarithmic; `unit`: of the density, as datasets write it."""
     ax = plt.gca() if ax is None else ax
     shown = np.asarray(frequency) > 0
     if highest is not None:
         shown &= np.asarray(frequency) <= highest
     ax.semilogy(np.asarray(frequency)[shown], np.asarray(density)[shown], lw=0.6, color="#12355b")
     ax.set_xlabel("frequency [Hz]")
-    ax.set_ylabel(f"PSD [{unit}]" if unit else "PSD")
+    ax.set_ylabel(f"PSD [{typeset(unit)}]" if unit else "PSD")
     return ax
 
 
@@ -159,7 +165,7 @@ def exponents(ds: xr.Dataset, ax: Any = None) -> Any:
     if ax is None:
         _, ax = plt.subplots(figsize=(3.5, 2.4), layout="constrained")
     (over,) = ds["kind"].dims
-    label, scale = _AXES.get(str(over), (f"{over} [{ds[over].attrs.get('units', '1')}]", 1.0))
+    label, scale = _AXES.get(str(over), (f"{over} [{typeset(ds[over].attrs.get('units', '1'))}]", 1.0))
     x, y, kinds = ds[over].values * scale, ds["exponent"].isel(count=0).values, regimes(ds)
     ax.axhline(0, lw=0.5, color="black")
     ax.plot(x, y, lw=0.3, color="#a0a0a0", zorder=1)
