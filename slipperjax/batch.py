@@ -17,7 +17,7 @@ from .compilation import jit
 from .dynamics import State, initial_state
 from .kinematics import Motion
 from .labels import attributes
-from .scene import PARAMETERS, Scene, default_steps_per_period, impacts_per_period
+from .scene import PARAMETERS, Scene, default_steps_per_period
 
 LARGEST_CHUNK = 1024
 """Cases in one call: enough to hide the cost of starting a kernel, few enough to stay in the cache."""
@@ -90,9 +90,7 @@ class Grid:
         """The most steps per period that `default_steps_per_period` wants for any case."""
         # The clearance and the start have no part in it, and the play per face would not broadcast.
         values = {k: v for k, v in self.values.items() if k != "clearance" and k not in START}
-        ratio = np.asarray(impacts_per_period(scene.replace(**values)))
-        worst = int(np.argmax(ratio)) if ratio.ndim else 0
-        return default_steps_per_period(scene.replace(**{k: v[worst] for k, v in values.items()}))
+        return default_steps_per_period(scene.replace(**values))
 
 
 def _check_of(scene: Scene, name: str) -> Callable:

@@ -69,6 +69,11 @@ def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05) -> np.ndarra
     return np.array([rank[int(k)] for k in found]).reshape(marks.shape[:-1])
 
 
+def _distance(new: np.ndarray, mark: np.ndarray) -> np.ndarray:
+    """How far two mean strobe states are apart [scales of `SCALES`]."""
+    return np.max(np.abs(new - mark), axis=-1)
+
+
 class Jump(NamedTuple):
     """Where a followed motion left its branch."""
 
@@ -91,12 +96,12 @@ def before_jump(
     **Returns:** the path, which ends at the first value beyond the jump, and the motion at its beginning; None where
     nothing jumped.
     """
+    way = DIRECTIONS[one_of("direction", direction, tuple(DIRECTIONS))]
     one = ds.sel(direction=direction)
     (name,) = one["status"].dims
-    way = DIRECTIONS[direction]
     values, states = one[name].values[::way], strobe_states(one)[::way]
     marks = states[:, -last:].mean(axis=1) / SCALES
-    jumped = np.max(np.abs(np.diff(marks, axis=0)), axis=1) > threshold
+    jumped = _distance(marks[1:], marks[:-1]) > threshold
     if not np.any(jumped):
         return None
     at = int(np.argmax(jumped))
@@ -142,7 +147,7 @@ def find_jump(
         epoch += plan.total
         return states, strobe[0].mean(axis=0) / SCALES
 
-    jumped = lambda new, mark: np.max(np.abs(new - mark)) > threshold
+    jumped = lambda new, mark: _distance(new, mark) > threshold
     ordered = values[::way]
     states = start_states(scene, {name: jnp.full(len(lanes), ordered[0])}, start)
     states, mark = run(ordered[0], states)
@@ -159,6 +164,6 @@ def find_jump(
                 else:  # and what looked like a jump from further away may be none from here
                     at, states, mark = middle, halfway, tried
             if jumped(new, mark):
-                return Jump(float(at), float(value), float(np.max(np.abs(new - mark))))
+                return Jump(float(at), float(value), float(_distance(new, mark)))
             at, states, mark = value, after, new
     return None

@@ -77,7 +77,7 @@ def _solver(name: str, scene: Any):
 
     if name == "auto":
         chosen = solvers.choose_solver(scene)
-        print(f"solver {type(chosen.solver).__name__}: {chosen.reason}", file=sys.stderr)
+        print(f"solver {solvers.solver_name(chosen.solver)}: {chosen.reason}", file=sys.stderr)
         return chosen.solver
     kind = getattr(solvers, name, getattr(diffrax, name, None))
     if not (isinstance(kind, type) and issubclass(kind, diffrax.AbstractSolver)) or name.startswith("Abstract"):
