@@ -98,7 +98,7 @@ def before_jump(
     """
     way = DIRECTIONS[one_of("direction", direction, tuple(DIRECTIONS))]
     one = ds.sel(direction=direction)
-    (name,) = one["status"].dims
+    name = str(one["status"].dims[0])
     values, states = one[name].values[::way], strobe_states(one)[::way]
     marks = states[:, -last:].mean(axis=1) / SCALES
     jumped = _distance(marks[1:], marks[:-1]) > threshold

@@ -100,9 +100,9 @@ def attitude_rates(m: Motion):
 class Points(NamedTuple):
     """The contact points of both ends, as far as they stay the same during a run."""
 
-    normal: Float[Array, "2 points"]
+    normal: Float[Array, "2 2*points"]
     """y and z of the faces' unit normals on a straight rail [1]."""
-    track: Float[Array, "2 points"]
+    track: Float[Array, "2 2*points"]
     """y and z of the points' partners on the rail head, in the track node's frame [m]."""
     arm: tuple[Array, Array, Array]
     """x, y and z of the slipper's points in its own frame, front ones first, each of shape (2 points,) [m]."""
@@ -115,7 +115,8 @@ def contact_points(scene: Scene) -> Points:
     y, z = jnp.tile(section.points, (2, 1)).T
     # a constant array: an index computed inside the loop over lanes and points would keep it from being vectorised
     x = scene.slipper.length * np.repeat([0.5, -0.5], count)
-    return Points(section.normals.T, section.track_points.T, (x, y, z))
+    both = lambda a: jnp.tile(a, (2, 1)).T
+    return Points(both(section.normals), both(section.track_points), (x, y, z))
 
 
 class RailFrame(NamedTuple):
@@ -138,29 +139,42 @@ def rail_frame(scene: Scene, phase: Any, points: Points | None = None) -> RailFr
     """
     points = contact_points(scene) if points is None else points
     length = scene.slipper.length
-    rear = phase - length / scene.track.wavelength
-    motion = scene.track.motion(jnp.stack([jnp.asarray(phase, length.dtype), rear]))
-    (n_y, n_z), (t_y, t_z) = points.normal[:, None], points.track[:, None]  # (1, points), beside (2, 1) for the ends
-    if motion.roll is not None:
-        c, s = jnp.cos(motion.roll)[:, None], jnp.sin(motion.roll)[:, None]
-        n_y, n_z = c * n_y - s * n_z, s * n_y + c * n_z
-        t_y, t_z = c * t_y - s * t_z, s * t_y + c * t_z
-    both = jnp.zeros((2, 1))
-    n_y, n_z, t_y, t_z = n_y + both, n_z + both, t_y + both, t_z + both
-    v_y = v_z = motion.offset_rate[:, None] + both
-    if motion.roll is not None:
-        v_y, v_z = v_y - motion.roll_rate[:, None] * t_z, v_z + motion.roll_rate[:, None] * t_y
-    t_y, t_z = t_y + motion.offset[:, None], t_z + motion.offset[:, None]
+    front, rear = (_node(scene, points, at) for at in (phase, phase - length / scene.track.wavelength))
     # Eq. (4): the face runs from the front node's points to the rear node's, which tilts its normal along x
-    n_x = (n_y * (t_y[1:] - t_y[:1]) + n_z * (t_z[1:] - t_z[:1])) / length
-    x = jnp.array([[0.5], [-0.5]]) * length
-    position = n_x * x + n_y * t_y + n_z * t_z
+    along_y, along_z = rear.y - front.y, rear.z - front.z
+    is_front = np.repeat([True, False], len(scene.section.names))
+    n_y, n_z, t_y, t_z, v_y, v_z = (jnp.where(is_front, f, r) for f, r in zip(front, rear, strict=True))
+    n_x = (n_y * along_y + n_z * along_z) / length
+    position = n_x * points.arm[0] + n_y * t_y + n_z * t_z
     velocity = n_y * v_y + n_z * v_z  # per period, which is one number for a sweep over speeds
-    # One array, and a division as the last operation on it, on purpose: XLA then computes it once and in one kernel,
-    # and not again inside the loop over lanes and points that uses it.
-    rows = jnp.stack([n_x, n_y, n_z, position, velocity]) / jnp.sqrt(1 + n_x * n_x)[None]
-    n_x, n_y, n_z, position, velocity = rows.reshape(5, -1)
+    per_norm = 1 / jnp.sqrt(1 + n_x * n_x)
+    # computed once and in one kernel, and not again inside the loop over lanes and points that uses it
+    n_x, n_y, n_z, position, velocity = together([v * per_norm for v in (n_x, n_y, n_z, position, velocity)])
     return RailFrame((n_x, n_y, n_z), position, velocity * (1 / scene.period), points.arm)
+
+
+class _Node(NamedTuple):
+    """Normals and partners of all points as if they stood at one track node, each of shape (2 points,)."""
+
+    n_y: Array
+    n_z: Array
+    y: Array
+    z: Array
+    v_y: Array
+    v_z: Array
+
+
+def _node(scene: Scene, points: Points, phase: Any) -> _Node:
+    """The section at the track node that travelled `phase` forcing periods, Eqs. (7), (10), (11)."""
+    motion = together(scene.track.motion(jnp.asarray(phase, float)))
+    (n_y, n_z), (y, z) = points.normal, points.track
+    v_y = v_z = motion.offset_rate
+    if motion.roll is not None:
+        c, s = together((jnp.cos(motion.roll), jnp.sin(motion.roll)))
+        n_y, n_z = c * n_y - s * n_z, s * n_y + c * n_z
+        y, z = c * y - s * z, s * y + c * z
+        v_y, v_z = v_y - motion.roll_rate * z, v_z + motion.roll_rate * y
+    return _Node(n_y, n_z, y + motion.offset, z + motion.offset, v_y, v_z)
 
 
 class Contacts(NamedTuple):

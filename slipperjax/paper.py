@@ -45,10 +45,10 @@ QUICK = Effort(
     speeds=49, clearances=50, lengths=41, transient=300, follow_transient=10, basin=12, judged=200, counted=100
 )
 
-STEPS = 100
-"""Steps per forcing period at 500 m/s and more: errors of 2e-4 over six periods."""
-STEPS_SLOW = 200
-"""The same for sweeps that begin at 100 m/s."""
+SLOW = 500.0
+"""Speed [m/s] below which an impact is so short a part of a period that more steps are needed."""
+STEPS, STEPS_SLOW = 100, 200
+"""Steps per forcing period from `SLOW` on, with errors of 2e-4 over six periods, and below."""
 
 
 class Outcome(NamedTuple):
@@ -81,11 +81,25 @@ def _joined(run: Callable, effort: Effort, names: list[str], **options: Any) -> 
     """Runs some of the lists of `cases` as one, and gives the results by name, along what varies in each."""
     lists = [cases(effort)[name] for name in names]
     grid = {key: np.concatenate([part[key] for part in lists]) for key in lists[0]}
-    steps = STEPS_SLOW if "speed" in names else STEPS
-    ds = run(paper_scene(), grid, product=False, transient=effort.transient, steps_per_period=steps, **options)
+    slow = grid["speed"] < SLOW
+    done = []
+    for chosen, steps in ((slow, STEPS_SLOW), (~slow, STEPS)):
+        if np.any(chosen):
+            some = {key: values[chosen] for key, values in grid.items()}
+            options |= dict(product=False, transient=effort.transient, steps_per_period=steps)
+            done.append(_numbered(run(paper_scene(), some, **options), np.flatnonzero(chosen)))
+    ds = xr.concat(done, "case", join="outer").sortby("case").drop_vars(["case", "crossing"], errors="ignore")
     ends = np.cumsum([len(part["speed"]) for part in lists])
     parts = {n: ds.isel(case=slice(b - len(p["speed"]), b)) for n, p, b in zip(names, lists, ends, strict=True)}
-    return {name: part if name == "histories" else part.swap_dims(case=name) for name, part in parts.items()}
+    return {name: part if name == "histories" else part.swap_dims({"case": name}) for name, part in parts.items()}
+
+
+def _numbered(ds: xr.Dataset, at: np.ndarray) -> xr.Dataset:
+    """The cases with their places `at` in a longer list, as a part to be joined with others."""
+    steps = xr.DataArray(np.full(len(at), ds.attrs.pop("steps_per_period")), dims="case")
+    ds = ds.assign_coords(case=at, steps_per_period=steps.assign_attrs(units="1", long_name="steps per period"))
+    # the most crossings of any case are not the same in all parts
+    return ds.assign_coords(crossing=np.arange(ds.sizes["crossing"])) if "crossing" in ds.dims else ds
 
 
 def motions(effort: Effort, wanted: set[str], options: dict) -> Outcome:
@@ -103,10 +117,10 @@ def motions(effort: Effort, wanted: set[str], options: dict) -> Outcome:
     if "speed" in parts:
         speeds = parts["speed"]["speed"].values
         common = dict(transient=effort.follow_transient, steps_per_period=STEPS, **options)
-        followed = follow(paper_scene(), {"speed": speeds[speeds >= 500]}, **common)
+        followed = follow(paper_scene(), {"speed": speeds[speeds >= SLOW]}, **common)
         data["speed_followed"] = followed
-        jumps = [_jump(followed.sel(speed=slice(1500, None)), way) for way in ("up", "down")]
-        found |= answers.over_speed(parts["speed"], *jumps, effort.judged)
+        fast = followed.sel(speed=slice(1500, None))
+        found |= answers.over_speed(parts["speed"], _jump(fast, "up"), _jump(fast, "down"), effort.judged)
     if "clearance" in parts:
         found |= answers.over_clearance(parts["clearance"], effort.judged)
     if "length" in parts:

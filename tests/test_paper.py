@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from slipperjax import paper
 from slipperjax.claims import CLAIMS, Answer, rows, runs, section_points, write_report
@@ -39,6 +40,27 @@ def test_unknown_figures_are_refused_at_once():
         ValueError, match="`figures` must be one of 4, 7, 12, 5, 8, 10, 6, 9, 11, 13, basins, but is '3'"
     ):
         paper.reproduce(["3"])
+
+
+def test_lists_run_as_one_with_more_steps_for_slow_cases():
+    def run(scene, grid, product, transient, steps_per_period):
+        crossings = 2 if steps_per_period == paper.STEPS else 3
+        data = {"v_y": (("case", "crossing"), np.repeat(grid["speed"][:, None], crossings, axis=1))}
+        coords = {name: ("case", values) for name, values in grid.items()}
+        return xr.Dataset(data, coords, {"steps_per_period": steps_per_period})
+
+    parts = paper._joined(run, paper.QUICK, ["histories", "speed", "length"])
+    for name, expected in paper.cases(paper.QUICK).items():
+        if name != "clearance":
+            ds = parts[name]
+            for key, values in expected.items():
+                np.testing.assert_array_equal(ds[key].values, values)
+            np.testing.assert_array_equal(ds["v_y"].values[:, 0], expected["speed"])
+            slow = expected["speed"] < 500
+            np.testing.assert_array_equal(ds["steps_per_period"].values, np.where(slow, 200, 100))
+            assert np.all(np.isnan(ds["v_y"].values[:, 2]) == ~slow)
+    assert parts["speed"]["v_y"].dims == ("speed", "crossing")
+    assert parts["histories"]["v_y"].dims == ("case", "crossing")
 
 
 @pytest.mark.slow
