@@ -179,7 +179,7 @@ def exponents_over_speed(ds: xr.Dataset) -> dict[str, Answer]:
     speeds, positive = ds["speed"].values, _positive(ds)
     step = max(speeds[1] - speeds[0], 10.0)
     calm = [r for r in runs(~positive, speeds) if r[1] < 850]
-    window = any(r[0] - step <= 485 <= r[1] + step for r in calm)
+    window = any(near(r[0], 480, step) and near(r[1], 490, step) for r in calm)
     low, high = (float(np.mean(positive[part])) for part in (speeds < 850, speeds > 1810))
     return {
         "N8 window": Answer(f"not above zero: {show_ranges(calm)} m/s", window, _share(ds)),

@@ -123,11 +123,16 @@ def filled(lanes: int) -> np.ndarray:
 
 
 class Workers:
-    """How a batch is cut up: cases per call, and threads. Neither changes any result."""
+    """How a batch is cut up: cases per call, and threads. Neither changes any result.
 
-    def __init__(self, lanes: int, chunk: int | None, workers: int | None):
+    **Arguments:** `alone`: whether calls must not run side by side, whatever `workers` says.
+    """
+
+    def __init__(self, lanes: int, chunk: int | None, workers: int | None, *, alone: bool = False):
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
         self.workers = cores if workers is None else whole("workers", workers, 1)
+        if alone:
+            self.workers = 1
         if chunk is None:
             chunk = len(filled(min(-(-lanes // self.workers), LARGEST_CHUNK)))
         self.chunk = whole("chunk", chunk, 1)

@@ -33,7 +33,18 @@ from .peers import PEERS, AbstractPeer
 from .records import outputs
 from .scene import Scene, default_steps_per_period, paper_scene
 from .simulate import integrate
-from .solvers import RK4, ROS34PW2, AdaptiveSteps, Latching, Rodas3, Rodas4, Tsit5, TwoStep, with_newton
+from .solvers import (
+    RK4,
+    ROS34PW2,
+    AdaptiveSteps,
+    Latching,
+    Rodas3,
+    Rodas4,
+    Tsit5,
+    TwoStep,
+    calls_lapack,
+    with_newton,
+)
 from .work_precision import Point, mbdyn_points
 
 REFERENCE_STEPS = 12_800
@@ -148,14 +159,15 @@ def _period(scene, speeds, states, epoch, setting, solver, adaptive):
 def run(
     case: Case, method: Method, setting: float, speeds: np.ndarray, workers: int | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Integrates a batch, its chunks side by side and period by period together.
+    """Integrates a batch, its chunks side by side and period by period together; as one chunk, on one thread, where
+    `calls_lapack` says so.
 
     **Returns:** the states (lanes, periods, 10), and what each period took [s].
     """
     scene = dataclasses.replace(case.scene, memory=method.memory)
     start = jax.tree.map(lambda v: jnp.asarray(v, float), case.start)
     # no more chunks than threads, for they wait for each other
-    threads = Workers(len(speeds), None, workers).workers
+    threads = Workers(len(speeds), None, workers, alone=calls_lapack(method.solver)).workers
     team = Workers(len(speeds), len(filled(-(-len(speeds) // threads))), threads)
     together = threading.Barrier(-(-len(speeds) // team.chunk))
     clock: list[list[float]] = [[] for _ in range(case.periods)]

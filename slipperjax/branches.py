@@ -93,8 +93,8 @@ def before_jump(
     **Arguments:** `ds`: of `follow`; `threshold`: as for `find_jump`; `last`: periods at each value whose mean state
     counts; `lead`: how many values before the last one on the branch the path begins.
 
-    **Returns:** the path, which ends at the first value beyond the jump, and the motion at its beginning; None where
-    nothing jumped.
+    **Returns:** the path, which goes on to the last value, for a motion that is given more time may jump later; and
+    the motion at its beginning. None where nothing jumped.
     """
     way = DIRECTIONS[one_of("direction", direction, tuple(DIRECTIONS))]
     one = ds.sel(direction=direction)
@@ -107,7 +107,7 @@ def before_jump(
     at = int(np.argmax(jumped))
     begin = max(at - lead, 0)
     start = Motion.from_euler(**dict(zip(OUTPUTS, states[begin, -1], strict=True)))
-    return {name: np.sort(values[begin : at + 2])}, start
+    return {name: np.sort(values[begin:])}, start
 
 
 def find_jump(
@@ -130,7 +130,7 @@ def find_jump(
     within `transient` + `periods` periods at one value: near the end of a branch it leaves slowly.
 
     **Arguments:** `path`: one parameter's name and its values in increasing order; others as for `follow`, whose
-    result `before_jump` shortens the path to what matters.
+    result tells `before_jump` where to begin.
 
     **Returns:** the first `Jump` met, or None.
     """

@@ -30,6 +30,7 @@ from .kinematics import Motion, table_2_start
 from .labels import scene_attributes
 from .scene import Scene, default_steps_per_period
 from .simulate import check_solver, check_start, integrate
+from .solvers import calls_lapack
 from .sweep import PAUSE, Plan, run_blocks
 
 MOTION_WEIGHTS = Motion(*(1 / SCALES))
@@ -170,7 +171,7 @@ def lyapunov_sweep(
     count = whole("count", count, 1)
     settling = -(-whole("transient", transient, BLOCK) // PAUSE)
     counted = -(-whole("periods", periods, 1) // BLOCK)
-    team = Workers(cases.lanes, chunk, workers)
+    team = Workers(cases.lanes, chunk, workers, alone=calls_lapack(solver))
     plan = Plan(solver, steps, 1, PAUSE, PAUSE, 0, settling, "strobe")
 
     def work(values, tick):

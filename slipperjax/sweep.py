@@ -19,7 +19,7 @@ from .labels import scene_attributes
 from .records import KEEPS, Strobe, outputs
 from .scene import Scene
 from .simulate import STATUS, check_solver, check_start, integrate, judged, status, step_plan
-from .solvers import solver_name
+from .solvers import calls_lapack, solver_name
 
 DIRECTIONS = {"up": 1, "down": -1}
 """Ways through a parameter's values for `follow`."""
@@ -56,7 +56,8 @@ def sweep(
     - `transient`: forcing periods to pass before; above ten rounded up to tens, see the attribute `transient`.
     - `steps_per_period`: default the most that `default_steps_per_period` wants for any case of the grid.
     - `solver`, `start`, `saves_per_period`: as for `simulate`.
-    - `chunk`: cases per call; `workers`: threads, default one per core. Neither changes any result.
+    - `chunk`: cases per call; `workers`: threads, default one per core, and never more than one
+        where `solver` is one of diffrax's implicit ones, see `solvers.calls_lapack`. Neither changes any result.
     - `progress`: show a progress bar.
 
     **Returns:** an `xarray.Dataset` with the grid's names as first dimensions, then `crossing`, `period` or
@@ -68,7 +69,7 @@ def sweep(
     cases = Grid(scene, grid, product=product)
     plan = make_plan(scene, cases, record, transient, periods, steps_per_period, saves_per_period, solver)
     start = table_2_start() if start is None else check_start(start)
-    team = Workers(cases.lanes, chunk, workers)
+    team = Workers(cases.lanes, chunk, workers, alone=calls_lapack(plan.solver))
 
     def work(values, tick):
         _, code, kept = run_blocks(scene, plan, values, start_states(scene, values, start), tick)

@@ -56,8 +56,11 @@ def test_jumps_are_told_from_gradual_changes(monkeypatch, direction, leaves):
     assert gentle is None
 
 
-@pytest.mark.parametrize(("direction", "leaves", "begin"), [("up", 1950.0, 1600.0), ("down", 1650.0, 2000.0)])
-def test_the_path_to_a_jump_is_cut_to_its_end(direction, leaves, begin):
+@pytest.mark.parametrize(
+    ("direction", "leaves", "begin", "first", "last"),
+    [("up", 1950.0, 1600.0, 1600.0, 2200.0), ("down", 1650.0, 2000.0, 1500.0, 2000.0)],
+)
+def test_the_path_to_a_jump_begins_shortly_before_it(direction, leaves, begin, first, last):
     speeds = np.linspace(1500, 2200, 8)
     level = np.where(speeds < leaves, 5.0, 0.0) + 1e-3 * (speeds - 1500)
     states = np.zeros((1, 8, 30, 10))
@@ -65,7 +68,7 @@ def test_the_path_to_a_jump_is_cut_to_its_end(direction, leaves, begin):
     ds = dataset(states, ("direction", "speed")).assign_coords(direction=[direction], speed=speeds)
     ds["status"] = (("direction", "speed"), np.zeros((1, 8), int))
     path, start = before_jump(ds, direction)
-    assert path["speed"].tolist() == [1600.0, 1700.0, 1800.0, 1900.0, 2000.0]
+    np.testing.assert_array_equal(path["speed"], speeds[(first <= speeds) & (speeds <= last)])
     assert float(start.v_y) == level[speeds == begin]
     assert before_jump(ds, direction, threshold=6.0) is None
 

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.batch import Workers
 from slipperjax.dynamics import AbstractVectorField
 from slipperjax.jacobian import LinearSystem, dense_linearised
 from slipperjax.kinematics import attitude_rates
-from slipperjax.solvers import solver_name
+from slipperjax.solvers import calls_lapack, solver_name
 from slipperjax.solvers.twostep import two_step_weights
 
 from .common import cases, scaled_errors, scene_of
@@ -272,3 +273,11 @@ def test_auto_says_why():
 def test_results_name_the_solver_inside_a_wrapper():
     assert solver_name(sj.RK4()) == "RK4"
     assert solver_name(sj.Latching(diffrax.HalfSolver(diffrax.Dopri8()))) == "Latching(HalfSolver(Dopri8))"
+
+
+def test_implicit_solvers_of_diffrax_run_on_one_thread():
+    for solver in (diffrax.Kvaerno5(), sj.Latching(diffrax.Kvaerno3()), diffrax.HalfSolver(diffrax.ImplicitEuler())):
+        assert calls_lapack(solver)
+    for solver in (sj.RK4(), sj.Latching(diffrax.Dopri8()), sj.Rodas4(), sj.TwoStep()):
+        assert not calls_lapack(solver)
+    assert Workers(241, None, 2, alone=True).workers == 1

@@ -143,6 +143,18 @@ def solver_name(solver: diffrax.AbstractSolver) -> str:
     return f"{own}({solver_name(inner)})" if isinstance(inner, diffrax.AbstractSolver) else own
 
 
+def calls_lapack(solver: diffrax.AbstractSolver) -> bool:
+    """Whether a solver's linear systems go to LAPACK, as those of diffrax's implicit methods do.
+
+    Programs that do so must run one at a time: jaxlib cuts a batch of systems up among the threads of a pool, and
+    waits for them in one of those threads. As many batches at once as there are threads wait for each other for ever.
+    """
+    inner = getattr(solver, "solver", None)
+    if isinstance(inner, diffrax.AbstractSolver):
+        return calls_lapack(inner)
+    return isinstance(solver, diffrax.AbstractImplicitSolver)
+
+
 NEWTON = 1e-9
 """Tolerance, relative and absolute, of the Newton iterations that `with_newton` puts into stock solvers."""
 
