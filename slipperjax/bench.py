@@ -49,6 +49,8 @@ from .work_precision import Point, mbdyn_points
 
 REFERENCE_STEPS = 12_800
 """Steps per period of the reference, RK4 with the event latch."""
+ENOUGH = 10.0
+"""Seconds of one point's timed runs after which it is not repeated: what lasts so long is slow beyond any doubt."""
 SPREAD = 0.02
 """The batch's speeds reach from 1 - SPREAD to 1 + SPREAD times the scene's."""
 
@@ -225,7 +227,8 @@ def measure(
     minutes is then the same to all of them. An interrupt after the first round ends the rounds.
 
     **Arguments:** `batches`: numbers of trajectories to time, the first of which gives the errors; `repeats`: timed
-    runs of each; `workers`: threads, as for `sweep`; `settings`: which of each method's settings.
+    runs of each, fewer where they take longer than `ENOUGH`; `workers`: threads, as for `sweep`; `settings`: which
+    of each method's settings.
     """
     speeds = batch_speeds(case, batches[0])
     truth, _ = run(case, METHODS[0], float(reference_steps), speeds, workers)
@@ -248,7 +251,8 @@ def measure(
         try:
             for own, mine in zip(runs, seconds, strict=True):
                 for lanes, go in own.items():
-                    mine[lanes].append(go()[1])
+                    if np.sum(mine[lanes]) < ENOUGH:
+                        mine[lanes].append(go()[1])
         except KeyboardInterrupt:
             if k == 0:
                 raise

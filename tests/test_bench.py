@@ -125,3 +125,17 @@ def test_an_interrupt_keeps_the_rounds_that_were_timed(monkeypatch):
     (point,) = bench.measure(bench.all_cases()[0], bench.METHODS[:1], **options)
     assert len(calls) == 5
     assert point.cost[8] == bench.cost_of(np.array([[1.0, 2.0], [1.0, 2.0]]), 8)
+
+
+def test_what_takes_long_is_repeated_less_often(monkeypatch):
+    taken = []
+
+    def run(case, method, setting, speeds, workers):
+        taken.append(setting)
+        return np.zeros((len(speeds), 2, 10)), np.full(2, setting / 10)  # 5 s and 10 s in all
+
+    monkeypatch.setattr(bench, "run", run)
+    options = dict(batches=(8,), repeats=4, peers=[], settings=slice(0, 2))
+    points = list(bench.measure(bench.all_cases()[0], bench.METHODS[:1], **options))
+    assert taken == [12_800.0, 25.0, 50.0, 25.0, 50.0, 25.0]
+    assert [p.cost[8][0] for p in points] == pytest.approx([1e6 * k / 10 / 8 for k in (25, 50)])
