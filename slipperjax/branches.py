@@ -74,6 +74,10 @@ def _distance(new: np.ndarray, mark: np.ndarray) -> np.ndarray:
     return np.max(np.abs(new - mark), axis=-1)
 
 
+PATIENCE = 5
+"""How often a motion that still moves is held once more at a parameter's value."""
+
+
 class Jump(NamedTuple):
     """Where a followed motion left its branch."""
 
@@ -83,31 +87,6 @@ class Jump(NamedTuple):
     """The first value beyond it."""
     size: float
     """How far the mean strobe state moved [scales of `SCALES`]."""
-
-
-def before_jump(
-    ds: xr.Dataset, direction: str = "up", *, threshold: float = 0.3, last: int = 10, lead: int = 3
-) -> tuple[dict[str, np.ndarray], Motion] | None:
-    """Where a followed motion stood shortly before its first jump: path and start for `find_jump`.
-
-    **Arguments:** `ds`: of `follow`; `threshold`: as for `find_jump`; `last`: periods at each value whose mean state
-    counts; `lead`: how many values before the last one on the branch the path begins.
-
-    **Returns:** the path, which goes on to the last value, for a motion that is given more time may jump later; and
-    the motion at its beginning. None where nothing jumped.
-    """
-    way = DIRECTIONS[one_of("direction", direction, tuple(DIRECTIONS))]
-    one = ds.sel(direction=direction)
-    name = str(one["status"].dims[0])
-    values, states = one[name].values[::way], strobe_states(one)[::way]
-    marks = states[:, -last:].mean(axis=1) / SCALES
-    jumped = _distance(marks[1:], marks[:-1]) > threshold
-    if not np.any(jumped):
-        return None
-    at = int(np.argmax(jumped))
-    begin = max(at - lead, 0)
-    start = Motion.from_euler(**dict(zip(OUTPUTS, states[begin, -1], strict=True)))
-    return {name: np.sort(values[begin:])}, start
 
 
 def find_jump(
@@ -126,11 +105,11 @@ def find_jump(
 
     Each case starts from the state in which the one before ended. A jump is a mean strobe state that moves by more
     than `threshold` (scales `SCALES`) between neighbours; then the step is halved from the last state on the branch,
-    until it is no longer than `within` [the parameter's unit]. The motion has left its branch only where it does so
-    within `transient` + `periods` periods at one value: near the end of a branch it leaves slowly.
+    until it is no longer than `within` [the parameter's unit]. Near the end of a branch a motion leaves it slowly: it
+    is held at each value until its mean strobe state moves by less than a tenth of `threshold` from one `transient`
+    and `periods` to the next, at most `PATIENCE` times.
 
-    **Arguments:** `path`: one parameter's name and its values in increasing order; others as for `follow`, whose
-    result tells `before_jump` where to begin.
+    **Arguments:** `path`: one parameter's name and its values in increasing order; others as for `follow`.
 
     **Returns:** the first `Jump` met, or None.
     """
@@ -147,18 +126,27 @@ def find_jump(
         epoch += plan.total
         return states, strobe[0].mean(axis=0) / SCALES
 
+    def hold(value, states):
+        states, mark = run(value, states)
+        for _ in range(PATIENCE):
+            earlier = mark
+            states, mark = run(value, states)
+            if _distance(mark, earlier) < threshold / 10:
+                break
+        return states, mark
+
     jumped = lambda new, mark: _distance(new, mark) > threshold
     ordered = values[::way]
     states = start_states(scene, {name: jnp.full(len(lanes), ordered[0])}, start)
-    states, mark = run(ordered[0], states)
+    states, mark = hold(ordered[0], states)
     at = ordered[0]
     for target in ordered[1:]:
         while at != target:
             value = target
-            after, new = run(value, states)
+            after, new = hold(value, states)
             while jumped(new, mark) and abs(value - at) > within:
                 middle = (at + value) / 2
-                halfway, tried = run(middle, states)
+                halfway, tried = hold(middle, states)
                 if jumped(tried, mark):
                     value, after, new = middle, halfway, tried
                 else:  # and what looked like a jump from further away may be none from here

@@ -4,15 +4,17 @@
 programs are compiled.
 """
 
+import functools
 import time
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from . import answers
-from .branches import Jump, attractors, before_jump, find_jump, groups
+from .branches import Jump, attractors, find_jump, groups
 from .checks import one_of, whole
 from .claims import Answer, named, runs, section_points, show_ranges
 from .scene import paper_scene
@@ -119,8 +121,9 @@ def motions(effort: Effort, wanted: set[str], options: dict) -> Outcome:
         common = dict(transient=effort.follow_transient, steps_per_period=STEPS, **options)
         followed = follow(paper_scene(), {"speed": speeds[speeds >= SLOW]}, **common)
         data["speed_followed"] = followed
-        fast = followed.sel(speed=slice(1500, None))
-        found |= answers.over_speed(parts["speed"], _jump(fast, "up"), _jump(fast, "down"), effort.judged)
+        with ThreadPoolExecutor() as pool:
+            up, down = pool.map(functools.partial(_jump, speeds[speeds >= 1500]), ("up", "down"))
+        found |= answers.over_speed(parts["speed"], up, down, effort.judged)
     if "clearance" in parts:
         found |= answers.over_clearance(parts["clearance"], effort.judged)
     if "length" in parts:
@@ -128,15 +131,10 @@ def motions(effort: Effort, wanted: set[str], options: dict) -> Outcome:
     return Outcome(data, found)
 
 
-def _jump(followed: xr.Dataset, direction: str) -> Jump | None:
-    """Where the followed motion leaves the branch on which it leans."""
+def _jump(speeds: np.ndarray, direction: str) -> Jump | None:
+    """Where a followed motion leaves the branch on which it leans, or returns to it."""
     # above the scatter of chaotic motions' means, and below the height of that branch
-    options = dict(direction=direction, threshold=4.0)
-    found = before_jump(followed, **options)
-    if found is None:
-        return None
-    path, start = found
-    return find_jump(paper_scene(), path, start=start, steps_per_period=STEPS, **options)
+    return find_jump(paper_scene(), {"speed": speeds}, direction=direction, threshold=4.0, steps_per_period=STEPS)
 
 
 def exponents(effort: Effort, wanted: set[str], options: dict) -> Outcome:

@@ -23,6 +23,7 @@ from .solvers import (
     AdaptiveSteps,
     Latching,
     choose_solver,
+    differentiable,
     estimates_error,
     with_newton,
 )
@@ -117,7 +118,7 @@ def integrate_counted(
     **Returns:** the last state, what was kept with a leading axis of length `periods`, and the number of steps
     tried in each period.
     """
-    scene = scene.settled()
+    scene, solver = scene.settled(), differentiable(solver, adjoint)
     points = contact_points(scene)  # once, and not in every evaluation
     terms = diffrax.ODETerm(vector_field(scene))
     carries = isinstance(solver, AbstractLatchingSolver)

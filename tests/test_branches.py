@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.branches import SCALES, attractors, before_jump, find_jump, groups, strobe_states
+from slipperjax.branches import SCALES, attractors, find_jump, groups, strobe_states
 
 
 def dataset(states, dims):
@@ -54,23 +54,6 @@ def test_jumps_are_told_from_gradual_changes(monkeypatch, direction, leaves):
     assert found.size == pytest.approx(5.0, abs=0.1)
     gentle = find_jump(sj.paper_scene(), {"speed": [2000.0, 2100.0, 2200.0]}, direction="up")
     assert gentle is None
-
-
-@pytest.mark.parametrize(
-    ("direction", "leaves", "begin", "first", "last"),
-    [("up", 1950.0, 1600.0, 1600.0, 2200.0), ("down", 1650.0, 2000.0, 1500.0, 2000.0)],
-)
-def test_the_path_to_a_jump_begins_shortly_before_it(direction, leaves, begin, first, last):
-    speeds = np.linspace(1500, 2200, 8)
-    level = np.where(speeds < leaves, 5.0, 0.0) + 1e-3 * (speeds - 1500)
-    states = np.zeros((1, 8, 30, 10))
-    states[..., 5] = level[None, :, None]  # v_y, whose scale is 1 m/s
-    ds = dataset(states, ("direction", "speed")).assign_coords(direction=[direction], speed=speeds)
-    ds["status"] = (("direction", "speed"), np.zeros((1, 8), int))
-    path, start = before_jump(ds, direction)
-    np.testing.assert_array_equal(path["speed"], speeds[(first <= speeds) & (speeds <= last)])
-    assert float(start.v_y) == level[speeds == begin]
-    assert before_jump(ds, direction, threshold=6.0) is None
 
 
 def test_paths_are_checked():

@@ -9,6 +9,7 @@ from .explicit import Tsit5 as Tsit5
 from .latching import AbstractLatchingSolver as AbstractLatchingSolver
 from .latching import Latching as Latching
 from .latching import calls_lapack as calls_lapack
+from .latching import differentiable as differentiable
 from .latching import estimates_error as estimates_error
 from .latching import solver_name as solver_name
 from .latching import with_newton as with_newton

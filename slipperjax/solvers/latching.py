@@ -143,6 +143,20 @@ def solver_name(solver: diffrax.AbstractSolver) -> str:
     return f"{own}({solver_name(inner)})" if isinstance(inner, diffrax.AbstractSolver) else own
 
 
+def differentiable(solver: diffrax.AbstractSolver, adjoint: diffrax.AbstractAdjoint) -> diffrax.AbstractSolver:
+    """A solver whose loop over its stages can be differentiated as `adjoint` wants it.
+
+    diffrax does that for its own Runge-Kutta methods; here it is done for those inside a wrapper, too.
+    """
+    inner = getattr(solver, "solver", None)
+    if isinstance(inner, diffrax.AbstractSolver):
+        return eqx.tree_at(lambda s: s.solver, solver, differentiable(inner, adjoint))
+    kinds = {diffrax.ForwardMode: "lax", diffrax.DirectAdjoint: "bounded"}
+    if isinstance(solver, diffrax.AbstractRungeKutta) and solver.scan_kind is None and type(adjoint) in kinds:
+        return eqx.tree_at(lambda s: s.scan_kind, solver, kinds[type(adjoint)], is_leaf=lambda x: x is None)
+    return solver
+
+
 def calls_lapack(solver: diffrax.AbstractSolver) -> bool:
     """Whether a solver's linear systems go to LAPACK, as those of diffrax's implicit methods do.
 
