@@ -79,8 +79,12 @@ def table(points: list[Point], batches: tuple[int, ...]) -> str:
     return "\n".join(lines) + "\n"
 
 
+LINES = {"full": "-", "dashed": "--", "dotted": ":"}
+"""Line styles of the batches, by what they are called."""
+
+
 def draw(points: list[Point], batches: tuple[int, ...]) -> Any:
-    """Error against cost, one panel per scene. Full lines: the first batch; dashed: one trajectory at a time.
+    """Error against cost, one panel per scene; lines are full for the first batch, dashed for the second.
 
     **Returns:** the axes, an array.
     """
@@ -97,17 +101,18 @@ def draw(points: list[Point], batches: tuple[int, ...]) -> Any:
     for ax, name in zip(axes.flat, names, strict=False):
         for k, method in enumerate(methods):
             mine = [p for p in points if p.case == name and p.method == method and np.isfinite(p.error)]
-            for lanes, style in zip(batches, ("o-", "s--", "^:"), strict=False):
+            marker = "osD"[k // 10 % 3]  # there are ten colours
+            for lanes, style in zip(batches, LINES.values(), strict=False):
                 here = [p for p in mine if lanes in p.cost and p.error > 0]
                 if here:
                     x, y = [p.cost[lanes][0] for p in here], [p.error for p in here]
-                    (line,) = ax.plot(x, y, style, color=f"C{k}", markersize=4, linewidth=1)
+                    (line,) = ax.plot(x, y, style + marker, color=f"C{k % 10}", markersize=4, linewidth=1)
                     handles.setdefault(method, line)
         ax.set(xscale="log", yscale="log", title=name, xlabel="µs per trajectory and period", ylabel="scaled error")
         ax.grid(alpha=0.3)
     for ax in axes.flat[len(names) :]:
         ax.set_axis_off()
-    marks = ", ".join(f"{s}: {n} at once" for n, s in zip(batches, ("dots", "squares", "triangles"), strict=False))
+    marks = ", ".join(f"{line}: {n} at once" for n, line in zip(batches, LINES, strict=False))
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=3, title=marks)
     return axes
 

@@ -139,3 +139,17 @@ def test_what_takes_long_is_repeated_less_often(monkeypatch):
     points = list(bench.measure(bench.all_cases()[0], bench.METHODS[:1], **options))
     assert taken == [12_800.0, 25.0, 50.0, 25.0, 50.0, 25.0]
     assert [p.cost[8][0] for p in points] == pytest.approx([1e6 * k / 10 / 8 for k in (25, 50)])
+
+
+def test_methods_that_call_lapack_run_a_sixteenth_of_the_cases(monkeypatch):
+    def run(case, method, setting, speeds, workers):
+        return np.tile(speeds[:, None, None], (1, 2, 10)) * SCALES, np.full(2, 0.8)
+
+    monkeypatch.setattr(bench, "run", run)
+    methods = [m for m in bench.METHODS if m.name in ("RK4", "smooth: diffrax Kvaerno3")]
+    options = dict(batches=(241, 1), repeats=1, peers=[], settings=slice(0, 1))
+    own, stock = bench.measure(bench.all_cases()[0], methods, **options)
+    assert own.error == stock.error == 0  # of the same cases
+    assert own.cost[241][0] == pytest.approx(0.8e6 / 241)
+    assert stock.cost[241][0] == pytest.approx(0.8e6 / 16)
+    assert own.cost[1] == stock.cost[1]
