@@ -58,24 +58,26 @@ def cost_at(points: Iterable[Point], error: float, lanes: int) -> float:
 
 
 def table(points: list[Point], batches: tuple[int, ...]) -> str:
-    """All points as a Markdown table, then for each scene what an error of 1e-3 costs."""
+    """All points as a Markdown table, then what an error of 1e-3 costs."""
     heads = [f"us at {n}, best (median)" for n in batches]
     lines = [f"| scene | method | setting | error | {' | '.join(heads)} |", "|---" * (4 + len(batches)) + "|"]
     for p in points:
         cells = ["-" if n not in p.cost else f"{p.cost[n][0]:.3g} ({p.cost[n][1]:.3g})" for n in batches]
         lines.append(f"| {p.case} | {p.method} | {p.setting} | {p.error:.1e} | {' | '.join(cells)} |")
-    names = list(dict.fromkeys(p.method for p in points))
+    cases = list(dict.fromkeys(p.case for p in points))
+    heads = [f"{case}, {n} at once" for case in cases for n in batches]
     lines += [
         "",
         "Microseconds per trajectory and period at a scaled error of 1e-3 (best times, interpolated):",
         "",
+        f"| method | {' | '.join(heads)} |",
+        "|---" * (1 + len(heads)) + "|",
     ]
-    lines += ["| scene | " + " | ".join(f"{n}, {b} at once" for n in names for b in batches) + " |"]
-    lines += ["|---" * (1 + len(names) * len(batches)) + "|"]
-    for case in dict.fromkeys(p.case for p in points):
-        of = lambda name, case=case: [p for p in points if p.case == case and p.method == name]
-        values = [cost_at(of(n), 1e-3, b) for n in names for b in batches]
-        lines.append(f"| {case} | " + " | ".join(f"{v:.3g}" if np.isfinite(v) else "-" for v in values) + " |")
+    for name in dict.fromkeys(p.method for p in points):
+        values = [
+            cost_at([p for p in points if (p.case, p.method) == (c, name)], 1e-3, n) for c in cases for n in batches
+        ]
+        lines.append(f"| {name} | " + " | ".join(f"{v:.3g}" if np.isfinite(v) else "-" for v in values) + " |")
     return "\n".join(lines) + "\n"
 
 
@@ -95,7 +97,12 @@ def draw(points: list[Point], batches: tuple[int, ...]) -> Any:
     columns = min(4, len(names))
     rows = -(-len(names) // columns)
     figure, axes = plt.subplots(
-        rows, columns, figsize=(4.2 * columns, 3.6 * rows + 0.8), squeeze=False, layout="constrained"
+        # wide enough for the legend, too
+        rows,
+        columns,
+        figsize=(max(4.2 * columns, 10), 3.6 * rows + 2.4),
+        squeeze=False,
+        layout="constrained",
     )
     handles = {}
     for ax, name in zip(axes.flat, names, strict=False):

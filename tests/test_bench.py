@@ -41,7 +41,8 @@ def test_table_and_picture(tmp_path):
     points = [point(m, e, c) for m in ("a", "b") for e, c in ((1e-2, 10.0), (1e-4, 40.0))]
     text, picture = work_precision.write(points, (241, 1), tmp_path / "deep" / "out")
     assert "| nominal | a | n steps | 1.0e-02 | 10 (20) | - |" in text.read_text()
-    assert "| nominal | 20 | - | 20 | - |" in text.read_text()
+    assert "| method | nominal, 241 at once | nominal, 1 at once |" in text.read_text()
+    assert "| b | 20 | - |" in text.read_text()
     assert picture.stat().st_size > 10_000
 
 
