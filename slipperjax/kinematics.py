@@ -111,12 +111,10 @@ class Points(NamedTuple):
 def contact_points(scene: Scene) -> Points:
     """The scene's contact points; computed once for a whole run, for it costs as much as a rail frame."""
     section = scene.section
-    count = section.points.shape[0]
-    y, z = jnp.tile(section.points, (2, 1)).T
-    # a constant array: an index computed inside the loop over lanes and points would keep it from being vectorised
-    x = scene.slipper.length * np.repeat([0.5, -0.5], count)
     both = lambda a: jnp.tile(a, (2, 1)).T
-    return Points(both(section.normals), both(section.track_points), (x, y, z))
+    # a constant array: an index computed inside the loop over lanes and points would keep it from being vectorised
+    x = scene.slipper.length * np.repeat([0.5, -0.5], section.points.shape[0])
+    return Points(both(section.normals), both(section.track_points), (x, *both(section.points)))
 
 
 class RailFrame(NamedTuple):

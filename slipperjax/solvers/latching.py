@@ -136,11 +136,17 @@ def estimates_error(solver: diffrax.AbstractSolver) -> bool:
     return isinstance(inner, diffrax.AbstractAdaptiveSolver)
 
 
+def _inside(solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver | None:
+    """The solver inside a wrapper, None where there is none."""
+    inner = getattr(solver, "solver", None)
+    return inner if isinstance(inner, diffrax.AbstractSolver) else None
+
+
 def solver_name(solver: diffrax.AbstractSolver) -> str:
     """How a solver is named in results: its class, and in brackets that of the solver inside it."""
-    inner = getattr(solver, "solver", None)
+    inner = _inside(solver)
     own = type(solver).__name__
-    return f"{own}({solver_name(inner)})" if isinstance(inner, diffrax.AbstractSolver) else own
+    return own if inner is None else f"{own}({solver_name(inner)})"
 
 
 def differentiable(solver: diffrax.AbstractSolver, adjoint: diffrax.AbstractAdjoint) -> diffrax.AbstractSolver:
@@ -148,8 +154,8 @@ def differentiable(solver: diffrax.AbstractSolver, adjoint: diffrax.AbstractAdjo
 
     diffrax does that for its own Runge-Kutta methods; here it is done for those inside a wrapper, too.
     """
-    inner = getattr(solver, "solver", None)
-    if isinstance(inner, diffrax.AbstractSolver):
+    inner = _inside(solver)
+    if inner is not None:
         return eqx.tree_at(lambda s: s.solver, solver, differentiable(inner, adjoint))
     kinds = {diffrax.ForwardMode: "lax", diffrax.DirectAdjoint: "bounded"}
     if isinstance(solver, diffrax.AbstractRungeKutta) and solver.scan_kind is None and type(adjoint) in kinds:
@@ -163,10 +169,8 @@ def calls_lapack(solver: diffrax.AbstractSolver) -> bool:
     Programs that do so must run one at a time: jaxlib cuts a batch of systems up among the threads of a pool, and
     waits for them in one of those threads. As many batches at once as there are threads wait for each other for ever.
     """
-    inner = getattr(solver, "solver", None)
-    if isinstance(inner, diffrax.AbstractSolver):
-        return calls_lapack(inner)
-    return isinstance(solver, diffrax.AbstractImplicitSolver)
+    inner = _inside(solver)
+    return isinstance(solver, diffrax.AbstractImplicitSolver) if inner is None else calls_lapack(inner)
 
 
 NEWTON = 1e-9
