@@ -1,1 +1,30 @@
-"""What one does with trajectories."""
+"""System-independent analysis: Lyapunov spectra, Floquet multipliers, attractors, power spectra, statistics."""
+
+from .attractor import Attractors as Attractors
+from .attractor import classify as classify
+from .attractor import decay_rate as decay_rate
+from .attractor import recurrence as recurrence
+from .attractor import zero_one_test as zero_one_test
+from .floquet import floquet as floquet
+from .floquet import jacobians as jacobians
+from .floquet import largest_exponent as largest_exponent
+from .floquet import multipliers as multipliers
+from .lyapunov import LyapunovSpectrum as LyapunovSpectrum
+from .lyapunov import extend_spectrum as extend_spectrum
+from .lyapunov import first_tangents as first_tangents
+from .lyapunov import map_spectrum as map_spectrum
+from .lyapunov import push_tangents as push_tangents
+from .lyapunov import two_trajectory_exponent as two_trajectory_exponent
+from .ode import ode_spectrum as ode_spectrum
+from .ode import ode_step as ode_step
+from .psd import find_line as find_line
+from .psd import name_lines as name_lines
+from .psd import power_spectral_density as power_spectral_density
+from .psd import spectral_lines as spectral_lines
+from .regime import REGIMES as REGIMES
+from .regime import is_chaotic as is_chaotic
+from .regime import regime as regime
+from .statistics import kaplan_yorke as kaplan_yorke
+from .statistics import standard_error as standard_error
+from .statistics import weighted_mean as weighted_mean
+from .switched import switched_step as switched_step

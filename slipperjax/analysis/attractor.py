@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..checks import whole
+from ..tools import whole
 
 KINDS = ("period", "torus", "chaotic", "unresolved")
 """What a motion can be called: periodic, quasi-periodic, chaotic, or none of them with certainty."""

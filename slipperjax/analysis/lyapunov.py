@@ -9,7 +9,6 @@ that depends on the state in a differentiable way: a force that jumps at the end
 the event has a derivative which lacks the saltation term, and an exponent that is wrong however short the steps.
 """
 
-import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -18,10 +17,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Float
 
-from ..checks import finite, positive, whole
-from ..compilation import is_traced, jit
+from ..tools import call_compiled, finite, is_traced, positive, unless_traced, whole
 from .statistics import kaplan_yorke, standard_error, weighted_mean
 
 Step = Callable[[Any, Any], Any]
@@ -47,6 +45,8 @@ class LyapunovSpectrum(eqx.Module):
     """Length of a period [s], or in whatever unit the system's time has."""
     reached: bool | None = eqx.field(static=True)
     """Whether the standard error that was asked for was reached; None where none was asked for."""
+    status: Any = None
+    """What the system says of the state at the end; None where nobody judged it."""
 
     @property
     def per_period(self) -> Float[Array, "*lanes count"]:
@@ -220,7 +220,7 @@ def map_spectrum(
     if count > size:
         raise ValueError(f"Argument `count` must be at most {size}, the size of the state, but is {count}.")
     index, transient = unless_traced(finite("index"), index), whole("transient", transient, 0)
-    state, tangents = _compiled(_begin, (step, scale), (count, transient > 0), state, index, transient)
+    state, tangents = call_compiled(_begin, (step, scale), (count, transient > 0), state, index, transient)
     history = jnp.zeros((0, count), jnp.result_type(*jax.tree.leaves(state)))
     periods = unless_traced(positive("periods"), periods)
     period = unless_traced(positive("period", "s"), period)
@@ -253,7 +253,7 @@ def _extend(result, step, intervals, scale, distance, align, until_stderr, max_i
     functions = (step, scale)
     state, tangents, index = result.state, result.tangents, result.index
     if until_stderr is None:
-        state, tangents, index, history = _compiled(
+        state, tangents, index, history = call_compiled(
             _run, functions, (align, align + block), state, tangents, index, distance
         )
         if result.history.shape[0]:
@@ -265,7 +265,7 @@ def _extend(result, step, intervals, scale, distance, align, until_stderr, max_i
     limit = 100 * block if max_intervals is None else whole("max_intervals", max_intervals, 1)
     history = np.asarray(result.history)
     while True:
-        state, tangents, index, rows = _compiled(_run, functions, (0, block), state, tangents, index, distance)
+        state, tangents, index, rows = call_compiled(_run, functions, (0, block), state, tangents, index, distance)
         rows = np.asarray(rows)
         history, align = np.concatenate([history, rows[align:]]), max(align - block, 0)
         reached = bool(standard_error(history)[0] <= goal * float(result.periods))
@@ -287,25 +287,6 @@ def two_trajectory_exponent(
     return map_spectrum(step, state, intervals, count=1, scale=scale, distance=distance, **options)
 
 
-def floquet(step: Step, state: Any, *, index: Any = 0.0) -> Complex[Array, " size"]:
-    """Eigenvalues of the Jacobian of `step` at `state`, the largest modulus first.
-
-    On a periodic orbit of the period of `step` these are its Floquet multipliers; the logarithms of their moduli
-    are the exponents per interval.
-
-    **Raises:** `ValueError` that names the argument which is wrong.
-    """
-    check_functions(step, None)
-    state = check_state(state)
-    multipliers = _compiled(_multipliers, step, (), state, unless_traced(finite("index"), index))
-    return multipliers[jnp.argsort(-jnp.abs(multipliers))]
-
-
-def _multipliers(step, static, state, index):
-    flat, unravel = ravel_pytree(state)
-    return jnp.linalg.eigvals(jax.jacfwd(lambda x: ravel_pytree(step(unravel(x), index))[0])(flat))
-
-
 def _begin(functions, static, state, index, transient):
     (step, scale), (count, runs) = functions, static
     if runs:  # the number of intervals is no constant: one program for all
@@ -321,20 +302,6 @@ def _run(functions, static, state, tangents, index, distance):
     return state, tangents, index + intervals, history[align:]
 
 
-def _compiled(fun: Callable, functions: Any, static: tuple, *arrays: Any) -> Any:
-    """`fun(functions, static, *arrays)`, compiled unless some outer transformation is at work."""
-    if is_traced((functions, arrays)):
-        return fun(functions, static, *arrays)
-    numbers, rest = eqx.partition(functions, lambda leaf: isinstance(leaf, jax.Array | np.ndarray))
-    leaves, structure = jax.tree.flatten(rest)
-    return _call(fun, tuple(leaves), structure, static, numbers, arrays)
-
-
-@functools.partial(jit, static_argnums=(0, 1, 2, 3))
-def _call(fun, leaves, structure, static, numbers, arrays):
-    return fun(eqx.combine(numbers, jax.tree.unflatten(structure, leaves)), static, *arrays)
-
-
 def check_functions(step: Any, scale: Any) -> None:
     """Raises `ValueError` unless both can be called."""
     for name, value in (("step", step), ("scale", scale)):
@@ -347,8 +314,3 @@ def check_state(state: Any) -> Any:
     if not jax.tree.leaves(state):
         raise ValueError(f"Argument `state` must be a pytree of real numbers, but is {state!r}.")
     return jax.tree.map(lambda leaf: unless_traced(finite("state"), leaf), state)
-
-
-def unless_traced(check: Callable[[Any], Array], value: Any) -> Array:
-    """`check(value)`; without the check where the value cannot be looked at."""
-    return jnp.asarray(value, float) if is_traced(value) else check(value)

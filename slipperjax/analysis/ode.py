@@ -8,8 +8,8 @@ import equinox as eqx
 import jax
 from jaxtyping import Array, Float
 
-from ..checks import finite, positive, whole
-from .lyapunov import LyapunovSpectrum, map_spectrum, unless_traced
+from ..tools import finite, positive, unless_traced, whole
+from .lyapunov import LyapunovSpectrum, map_spectrum
 
 
 class OdeStep(eqx.Module):

@@ -8,8 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..checks import finite, positive, whole
-from .lyapunov import unless_traced
+from ..tools import finite, positive, unless_traced, whole
 
 Field = Callable[[Any, Any], Any]
 """y' at (t, y)."""

@@ -1,39 +1,12 @@
-"""Names, units and descriptions of outputs, and results as labelled xarray datasets."""
+"""Results of one case as labelled xarray datasets, and the scene as their attributes."""
 
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
-from .scene import PARAMETERS, Scene
-
-OUTPUTS = {
-    "y": ("m", "lateral displacement"),
-    "z": ("m", "vertical displacement"),
-    "roll": ("rad", "roll angle"),
-    "pitch": ("rad", "pitch angle"),
-    "yaw": ("rad", "yaw angle"),
-    "v_y": ("m/s", "lateral velocity"),
-    "v_z": ("m/s", "vertical velocity"),
-    "w_x": ("rad/s", "roll rate, slipper frame"),
-    "w_y": ("rad/s", "pitch rate, slipper frame"),
-    "w_z": ("rad/s", "yaw rate, slipper frame"),
-}
-"""Unit and description of the slipper's coordinates and velocities."""
-
-ACCELERATIONS = {
-    "a_y": ("m/s^2", "lateral acceleration"),
-    "a_z": ("m/s^2", "vertical acceleration"),
-    "alpha_x": ("rad/s^2", "roll acceleration, slipper frame"),
-    "alpha_y": ("rad/s^2", "pitch acceleration, slipper frame"),
-    "alpha_z": ("rad/s^2", "yaw acceleration, slipper frame"),
-}
-"""Unit and description of the accelerations."""
-
-
-def attributes(unit: str, long_name: str) -> dict[str, str]:
-    """xarray attributes that name unit and quantity."""
-    return {"units": unit, "long_name": long_name}
+from ..model import ACCELERATIONS, COORDINATES, PARAMETERS, REACTIONS, Quantity, Scene
+from .recorders import coordinates
+from .status import MEANINGS
 
 
 def scene_attributes(scene: Scene) -> dict[str, Any]:
@@ -42,55 +15,44 @@ def scene_attributes(scene: Scene) -> dict[str, Any]:
         "contact_law": type(scene.contact).__name__,
         "contact_memory": type(scene.memory).__name__,
     }
-    for name, (unit, _, _) in PARAMETERS.items():
-        try:
-            value = np.asarray(scene.value(name))
-        except (ValueError, AttributeError):
-            continue
-        if value.ndim == 0:
-            out[name if unit == "1" else f"{name} [{unit}]"] = float(value)
+    for name, q in PARAMETERS.items():
+        value = q.of(scene)
+        if value is not None and np.ndim(value) == 0:
+            out[name if q.unit == "1" else f"{name} [{q.unit}]"] = float(value)
     wavelengths = np.atleast_1d(getattr(scene.track, "wavelengths", scene.track.wavelength))
     out["wavelengths [m]"] = wavelengths.astype(float)
     return out
 
 
-def trajectory_dataset(trajectory: Any) -> xr.Dataset:
-    """A trajectory as a dataset.
+def trajectory_dataset(trajectory: Any) -> Any:
+    """A `Trajectory` as an `xarray.Dataset`.
 
     Dimensions time, end (front, rear) and point (A..J); variables y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z,
     a_y, a_z, alpha_x, alpha_y, alpha_z, contact_force, gap and drive_force; coordinates time [s] and period
     [forcing periods].
     """
-    scene, m = trajectory.scene, trajectory.state.motion
-    values = dict(zip(("roll", "pitch", "yaw"), trajectory.euler_angles, strict=True))
+    import xarray as xr  # here, because importing it takes longer than a small simulation
+
     reactions = trajectory.reactions
-    data: dict[str, Any] = {
-        name: ("time", np.asarray(values[name] if name in values else getattr(m, name)), attributes(*label))
-        for name, label in OUTPUTS.items()
-    }
-    acceleration = np.asarray(reactions.acceleration)
-    for k, (name, label) in enumerate(ACCELERATIONS.items()):
-        data[name] = ("time", acceleration[:, k], attributes(*label))
+    data: dict[str, Any] = {}
+    for quantities, values in (
+        (COORDINATES, coordinates(trajectory.state)),
+        (ACCELERATIONS, np.asarray(reactions.acceleration)),
+    ):
+        for k, (name, q) in enumerate(quantities.items()):
+            data[name] = ("time", values[:, k], q.attributes)
     at_points = ("time", "end", "point")
-    data["contact_force"] = (
-        at_points,
-        np.asarray(reactions.contact_force),
-        attributes("N", "normal contact force on the slipper"),
-    )
-    data["gap"] = (at_points, np.asarray(reactions.gap), attributes("m", "gap, negative where penetrating"))
-    data["drive_force"] = (
-        "time",
-        np.asarray(reactions.drive_force),
-        attributes("N", "force along x that keeps the speed constant"),
-    )
+    for name, dims in (("contact_force", at_points), ("gap", at_points), ("drive_force", ("time",))):
+        data[name] = (dims, np.asarray(getattr(reactions, name)), REACTIONS[name].attributes)
     coords = {
-        "time": ("time", np.asarray(trajectory.time), attributes("s", "time")),
-        "period": ("time", np.asarray(trajectory.period), attributes("1", "time in forcing periods")),
+        "time": ("time", np.asarray(trajectory.time), Quantity("time", "s", "time").attributes),
+        "period": ("time", np.asarray(trajectory.period), Quantity("", "1", "time in forcing periods").attributes),
         "end": ["front", "rear"],
-        "point": list(scene.section.names),
+        "point": list(trajectory.scene.section.names),
     }
-    attrs = scene_attributes(scene) | {
+    attrs = scene_attributes(trajectory.scene) | {
         "steps_per_period": trajectory.steps_per_period,
         "status": int(trajectory.status),
+        "status_meanings": MEANINGS,
     }
     return xr.Dataset(data, coords, attrs)

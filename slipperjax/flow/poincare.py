@@ -5,21 +5,16 @@ on cubics through the ends of each integration step, which use the accelerations
 the solution, and not the chord between saved samples.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..dynamics import Args, State, vector_field
-from ..kinematics import euler_angles
-
-SECTIONS = {"v_y": "y", "v_z": "z", "w_x": "roll", "w_y": "pitch", "w_z": "yaw"}
-"""Velocity shown by each section, and the coordinate whose upward zero crossing makes it."""
-
+from ..model import Args, State, euler_angles, vector_field
 
 class Crossings(NamedTuple):
-    """One entry per section (in the order of `SECTIONS`) and integration step; NaN where nothing crossed."""
+    """One entry per section (in the order of `slipperjax.model.SECTIONS`) and integration step; NaN where nothing crossed."""
 
     time: Float[Array, "5 steps"]
     """Instant of the crossing [forcing periods]."""
@@ -58,17 +53,17 @@ def crossing(q0, d0, q1, d1, v0, a0, v1, a1):
     return jnp.where(crosses, x, jnp.nan), jnp.where(crosses, velocity, jnp.nan)
 
 
-def section_crossings(states: State, args: Args, steps: int) -> Crossings:
+def section_crossings(states: State, args: Args, steps: Any) -> Crossings:
     """Crossings of all five sections in one period.
 
-    **Arguments:** `states`: the states at both ends of every step, leading axis steps + 1; `args`: scene and epoch;
-    `steps`: integration steps per period.
+    **Arguments:** `states`: the states at both ends of every step, leading axis `most` + 1, of which the first
+    `steps` + 1 count; `args`: scene and epoch; `steps`: integration steps per period, may be traced.
     """
     field = vector_field(args.scene)
-    times = jnp.arange(steps + 1) / steps
+    places = jnp.arange(states.motion.y.shape[0])
 
-    def sample(t, state):
-        m, rate = state.motion, field(t, state, args).motion
+    def sample(place, state):
+        m, rate = state.motion, field(place / steps, state, args).motion
         angles, angle_rates = jax.jvp(euler_angles, (m,), (rate,))
         coordinate = jnp.stack([m.y, m.z, *angles])
         slope = jnp.stack([rate.y, rate.z, *angle_rates])
@@ -76,7 +71,8 @@ def section_crossings(states: State, args: Args, steps: int) -> Crossings:
         acceleration = jnp.stack([rate.v_y, rate.v_z, rate.w_x, rate.w_y, rate.w_z])
         return coordinate, slope / steps, velocity, acceleration / steps
 
-    samples = jax.vmap(sample, out_axes=1)(times, states)
-    q, d, v, a = samples
+    q, d, v, a = jax.vmap(sample, out_axes=1)(places, states)
     place, velocity = crossing(q[:, :-1], d[:, :-1], q[:, 1:], d[:, 1:], v[:, :-1], a[:, :-1], v[:, 1:], a[:, 1:])
-    return Crossings((jnp.arange(steps)[None] + place) / steps + args.epoch, velocity)
+    taken = (places[:-1] < steps)[None]
+    time = (places[:-1][None] + place) / steps + args.epoch
+    return Crossings(jnp.where(taken, time, jnp.nan), jnp.where(taken, velocity, jnp.nan))

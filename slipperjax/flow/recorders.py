@@ -1,80 +1,222 @@
-"""What a sweep keeps of its periods, and how that is labelled."""
+"""What is kept of the forcing periods: inside the compiled program, on the host, and as labelled arrays."""
 
 import abc
-import functools
-from typing import Any, ClassVar
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from .analysis.poincare import SECTIONS, section_crossings
-from .dynamics import Args, reactions
-from .kinematics import euler_angles
-from .labels import ACCELERATIONS, OUTPUTS, attributes
-from .scene import Scene
-from .simulate import Record
+from ..model import ACCELERATIONS, COORDINATES, REACTIONS, SECTIONS, Args, Quantity, Scene, State, euler_angles, reactions
+from .poincare import Crossings, section_crossings
 
 Labelled = tuple[dict[str, Any], dict[str, Any]]
+"""Data variables and coordinates of a dataset, as xarray takes them."""
 
 
-class AbstractKeep(abc.ABC):
-    """One way to keep a period."""
+class AbstractRecorder(abc.ABC):
+    """One way to keep periods. Subclasses are frozen dataclasses: equal ones share a compiled program."""
 
-    strobes: ClassVar[bool] = False
-    """Whether the last of the collected arrays is `outputs` once per period, and wanted of the transient too."""
+    inside: ClassVar[bool] = True
+    """Whether states inside periods are needed; otherwise the state at the end of each period is kept."""
+
+    def __call__(self, states: State, args: Args, steps: Any) -> Any:
+        """What is kept of one period, inside the compiled program.
+
+        **Arguments:** `states`: at both ends of every step, leading axis `most` + 1, of which the first `steps` + 1
+        count; `args`: scene and epoch; `steps`: integration steps per period, an `int` or traced.
+        """
+        raise NotImplementedError(f"{type(self).__name__} keeps ends of periods only.")
 
     @abc.abstractmethod
-    def make(self, stride: int) -> Record | None:
-        """What runs inside the compiled program; `stride`: integration steps between saves."""
+    def collect(self, kept: Any) -> Any:
+        """The compiled program's result as a record: arrays (cases, samples, ...), samples in the order of time."""
 
     @abc.abstractmethod
-    def collect(self, kept: Any) -> list[np.ndarray]:
-        """The compiled program's result as arrays (cases, samples, ...), samples in the order of time."""
-
-    @abc.abstractmethod
-    def label(self, scene: Scene, dims: tuple[str, ...], kept: list[np.ndarray]) -> Labelled:
-        """Data variables and coordinates of a dataset, from arrays (*grid, samples, ...)."""
+    def label(self, scene: Scene, dims: tuple[str, ...], record: Any) -> Labelled:
+        """Data variables and coordinates of a dataset, from a record of arrays (*grid, samples, ...)."""
 
 
-class Sections(AbstractKeep):
-    """Velocities at upward zero crossings, and the state once per period, from which an attractor is told."""
+class StrobeRecord(NamedTuple):
+    """The state once per forcing period."""
 
-    strobes = True
+    strobe: Float[np.ndarray, "*cases periods 10"]
+    """In the order of `slipperjax.model.COORDINATES`."""
 
-    def make(self, stride):
-        return _sections
 
-    def collect(self, kept):
-        # (lanes, periods, sections, steps) -> (lanes, hits, sections), and only as many hits as some case has:
-        # nearly all of the steps have none
+@dataclass(frozen=True)
+class Strobe(AbstractRecorder):
+    """The state at the end of each forcing period. Nothing is stored inside periods."""
+
+    inside: ClassVar[bool] = False
+
+    def collect(self, kept: State) -> StrobeRecord:
+        return StrobeRecord(coordinates(kept))
+
+    def label(self, scene: Scene, dims: tuple[str, ...], record: StrobeRecord) -> Labelled:
+        data = {
+            name: ((*dims, "period"), record.strobe[..., k], q.attributes)
+            for k, (name, q) in enumerate(COORDINATES.items())
+        }
+        return data, {"period": _period_numbers(record.strobe.shape[-2], "recorded")}
+
+
+class SectionRecord(NamedTuple):
+    """Poincare sections by upward zero crossings, and the state once per forcing period."""
+
+    time: Float[np.ndarray, "*cases crossings 5"]
+    """Instants of the crossings [forcing periods], NaN where a case has fewer."""
+    velocity: Float[np.ndarray, "*cases crossings 5"]
+    """Velocities there [m/s], [rad/s], in the order of `slipperjax.model.SECTIONS`."""
+    strobe: Float[np.ndarray, "*cases periods 10"]
+
+
+@dataclass(frozen=True)
+class Sections(AbstractRecorder):
+    """Velocities at upward zero crossings, and the state once per period, from which an attractor is classified."""
+
+    def __call__(self, states: State, args: Args, steps: Any) -> tuple[Crossings, State]:
+        last = jax.tree.map(lambda a: a[steps if isinstance(steps, int) else jnp.asarray(steps, int)], states)
+        return section_crossings(states, args, steps), last
+
+    def collect(self, kept: tuple[Crossings, State]) -> SectionRecord:
+        # (lanes, periods, sections, steps) -> (lanes, crossings, sections), cut to the most crossings of any case
         crossings, ends = kept
         time, velocity = (np.asarray(a) for a in crossings)
-        lanes, _, sections, _ = velocity.shape
-        flat = lambda a: np.moveaxis(a, 2, 1).reshape(lanes, sections, -1)
-        packed = _pack(flat(time), flat(velocity))
-        return [*(np.moveaxis(a, -1, 1) for a in packed), outputs(ends)]
+        flat = lambda a: np.moveaxis(a, 2, 1).reshape(a.shape[0], a.shape[2], -1)
+        time, velocity = (np.moveaxis(a, -1, 1) for a in _packed(flat(time), flat(velocity)))
+        return SectionRecord(time, velocity, coordinates(ends))
 
-    def label(self, scene, dims, kept):
-        *crossings, strobe = kept
-        time, velocity = _pack(*(np.moveaxis(a, -1, -2) for a in crossings))
+    def label(self, scene: Scene, dims: tuple[str, ...], record: SectionRecord) -> Labelled:
+        time, velocity = _packed(*(np.moveaxis(a, -1, -2) for a in (record.time, record.velocity)))
         data = {}
         for k, (name, coordinate) in enumerate(SECTIONS.items()):
-            unit, text = OUTPUTS[name]
-            across = f"at upward zero crossings of {OUTPUTS[coordinate][1]}"
-            data[name] = ((*dims, "crossing"), velocity[..., k, :], attributes(unit, f"{text} {across}"))
-            data[f"{name}_period"] = (
-                (*dims, "crossing"),
-                time[..., k, :],
-                attributes("1", f"forcing periods passed {across}"),
-            )
-        text = "; ".join(f"{name} [{unit}]" for name, (unit, _) in OUTPUTS.items())
-        data["strobe"] = ((*dims, "period", "coordinate"), strobe, {"long_name": f"state once per period: {text}"})
-        coords = {"coordinate": list(OUTPUTS), "period": _periods(strobe.shape[-2], "since the start")}
+            q, across = COORDINATES[name], f"at upward zero crossings of {COORDINATES[coordinate].long_name}"
+            data[name] = ((*dims, "crossing"), velocity[..., k, :], _attributes(q.unit, f"{q.long_name} {across}"))
+            text = f"forcing periods passed {across}"
+            data[f"{name}_period"] = ((*dims, "crossing"), time[..., k, :], _attributes("1", text))
+        text = "; ".join(f"{name} [{q.unit}]" for name, q in COORDINATES.items())
+        long_name = {"long_name": f"state once per period: {text}"}
+        data["strobe"] = ((*dims, "period", "coordinate"), record.strobe, long_name)
+        coords = {
+            "coordinate": list(COORDINATES),
+            "period": _period_numbers(record.strobe.shape[-2], "since the start"),
+        }
         return data, coords
 
 
-def _pack(time, velocity):
+class HistoryRecord(NamedTuple):
+    """States, accelerations and contact forces at constant intervals."""
+
+    states: Float[np.ndarray, "*cases samples 10"]
+    """In the order of `slipperjax.model.COORDINATES`."""
+    period: Float[np.ndarray, "*cases samples"]
+    """Time [forcing periods]."""
+    acceleration: Float[np.ndarray, "*cases samples 5"]
+    """In the order of `slipperjax.model.ACCELERATIONS`."""
+    contact_force: Float[np.ndarray, "*cases samples 2 points"]
+    """Normal forces at the front and the rear points [N]."""
+
+
+@dataclass(frozen=True)
+class History(AbstractRecorder):
+    """States, accelerations and contact forces `saves` times per period."""
+
+    saves: int
+
+    def __call__(self, states: State, args: Args, steps: Any) -> HistoryRecord:
+        saved = samples(states, self.saves, steps)
+        period = jnp.arange(1, self.saves + 1) / self.saves
+        now = jax.vmap(lambda t, s: reactions(t, s, args))(period, saved)
+        return HistoryRecord(stacked(saved), period + args.epoch, now.acceleration, now.contact_force)
+
+    def collect(self, kept: HistoryRecord) -> HistoryRecord:
+        return HistoryRecord(*(np.asarray(a).reshape(a.shape[0], -1, *a.shape[3:]) for a in kept))
+
+    def label(self, scene: Scene, dims: tuple[str, ...], record: HistoryRecord) -> Labelled:
+        data: dict[str, Any] = {}
+        for quantities, values in ((COORDINATES, record.states), (ACCELERATIONS, record.acceleration)):
+            for k, (name, q) in enumerate(quantities.items()):
+                data[name] = ((*dims, "time"), values[..., k], q.attributes)
+        at_points = (*dims, "time", "end", "point")
+        data["contact_force"] = (at_points, record.contact_force, REACTIONS["contact_force"].attributes)
+        period = record.period.reshape(-1, record.period.shape[-1])[0]
+        coords: dict[str, Any] = {
+            "period": ("time", period, _attributes("1", "time in forcing periods")),
+            "end": ["front", "rear"],
+            "point": list(scene.section.names),
+        }
+        return data, coords
+
+
+@dataclass(frozen=True)
+class Samples(AbstractRecorder):
+    """The states `saves` times per period, as they are: for `simulate`."""
+
+    saves: int
+
+    def __call__(self, states: State, args: Args, steps: Any) -> State:
+        return samples(states, self.saves, steps)
+
+    def collect(self, kept: State) -> State:
+        return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), kept)
+
+    def label(self, scene: Scene, dims: tuple[str, ...], record: State) -> Labelled:
+        raise NotImplementedError("Trajectories are labelled by slipperjax.flow.datasets.")
+
+
+RECORDERS = ("sections", "strobe", "history")
+"""The ways to keep periods, by the name that `sweep(..., record=...)` knows them by."""
+
+
+def recorder_named(name: str, saves: int) -> AbstractRecorder:
+    """The recorder of `RECORDERS` with this name; `saves`: per period, for a history."""
+    return {"sections": Sections(), "strobe": Strobe(), "history": History(saves)}[name]
+
+
+def samples(states: State, saves: int, steps: Any) -> State:
+    """The states at the ends of `saves` equal parts of a period, from those at both ends of every step."""
+    if isinstance(steps, int):
+        stride = steps // saves
+        return jax.tree.map(lambda a: a[stride : steps + 1 : stride], states)
+    at = jnp.round(jnp.arange(1, saves + 1) * (steps / saves)).astype(int)
+    return jax.tree.map(lambda a: a[at], states)
+
+
+def stacked(state: State) -> Float[Array, "*batch 10"]:
+    """The ten coordinates and velocities of a state (*batch), in the order of `slipperjax.model.COORDINATES`."""
+    m = state.motion
+    return jnp.stack([m.y, m.z, *euler_angles(m), m.v_y, m.v_z, m.w_x, m.w_y, m.w_z], axis=-1)
+
+
+_stacked = jax.jit(stacked)
+
+
+def coordinates(states: State) -> Float[np.ndarray, "*batch 10"]:
+    """`stacked` as a NumPy array."""
+    return np.asarray(_stacked(states))
+
+
+def joined_in_time(records: Sequence[Any]) -> Any:
+    """Records of successive stretches as one."""
+    return type(records[0])(*(np.concatenate(parts, axis=1) for parts in zip(*records, strict=True)))
+
+
+def joined_cases(records: Sequence[Any]) -> Any:
+    """Records of several chunks of cases as one; fewer samples are filled up with NaN."""
+
+    def one(*parts: np.ndarray) -> np.ndarray:
+        most = max(p.shape[1] for p in parts)
+        widths = [[(0, 0), (0, most - p.shape[1]), *[(0, 0)] * (p.ndim - 2)] for p in parts]
+        return np.concatenate([np.pad(p, w, constant_values=np.nan) for p, w in zip(parts, widths, strict=True)])
+
+    return type(records[0])(*(one(*parts) for parts in zip(*records, strict=True)))
+
+
+def _packed(time: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
     """Crossings moved to the front of the last axis, which is cut to the most that any case has."""
     absent = np.isnan(velocity)
     most = max(int(np.max(np.sum(~absent, axis=-1))), 1)
@@ -82,83 +224,9 @@ def _pack(time, velocity):
     return [np.take_along_axis(a, order, axis=-1) for a in (time, velocity)]
 
 
-def _sections(states, args: Args, steps: int):
-    return section_crossings(states, args, steps), jax.tree.map(lambda a: a[-1], states)
+def _attributes(unit: str, long_name: str) -> dict[str, str]:
+    return Quantity("", unit, long_name).attributes
 
 
-def _periods(count: int, since: str):
-    return "period", np.arange(1, count + 1), attributes("1", f"forcing periods {since}")
-
-
-class Strobe(AbstractKeep):
-    """The state once per forcing period."""
-
-    def make(self, stride):
-        return None
-
-    def collect(self, kept):
-        return [outputs(kept)]
-
-    def label(self, scene, dims, kept):
-        (strobe,) = kept
-        data = {
-            name: ((*dims, "period"), strobe[..., k], attributes(*OUTPUTS[name])) for k, name in enumerate(OUTPUTS)
-        }
-        return data, {"period": _periods(strobe.shape[-2], "recorded")}
-
-
-class History(AbstractKeep):
-    """States, accelerations and contact forces at constant intervals."""
-
-    def make(self, stride):
-        return _history(stride)
-
-    def collect(self, kept):
-        return [np.asarray(a).reshape(a.shape[0], -1, *a.shape[3:]) for a in kept]
-
-    def label(self, scene, dims, kept):
-        *series, period, acceleration, force = kept
-        data = {
-            name: ((*dims, "time"), values, attributes(*OUTPUTS[name]))
-            for name, values in zip(OUTPUTS, series, strict=True)
-        }
-        for k, (name, label) in enumerate(ACCELERATIONS.items()):
-            data[name] = ((*dims, "time"), acceleration[..., k], attributes(*label))
-        unit = attributes("N", "normal contact force on the slipper")
-        data["contact_force"] = ((*dims, "time", "end", "point"), force, unit)
-        period = period.reshape(-1, period.shape[-1])[0]
-        coords: dict = {
-            "period": ("time", period, attributes("1", "time in forcing periods")),
-            "end": ["front", "rear"],
-            "point": list(scene.section.names),
-        }
-        return data, coords
-
-
-KEEPS: dict[str, AbstractKeep] = {"sections": Sections(), "strobe": Strobe(), "history": History()}
-"""The ways to keep a period, by the name that `sweep(..., record=...)` knows them by."""
-
-
-def _outputs(state) -> list:
-    m = state.motion
-    return [m.y, m.z, *euler_angles(m), m.v_y, m.v_z, m.w_x, m.w_y, m.w_z]
-
-
-_stacked = jax.jit(lambda state: jnp.stack(_outputs(state), axis=-1))
-
-
-def outputs(states: Any) -> np.ndarray:
-    """The ten coordinates and velocities of `OUTPUTS`, from states (*batch), as an array (*batch, 10)."""
-    return np.asarray(_stacked(states))
-
-
-@functools.cache
-def _history(stride: int) -> Record:
-    def record(states, args: Args, steps: int):
-        saved = jax.tree.map(lambda a: a[stride::stride], states)
-        period = jnp.arange(stride, steps + 1, stride) / steps
-        series = jax.vmap(_outputs)(saved)
-        now = jax.vmap(lambda t, s: reactions(t, s, args))(period, saved)
-        return [*series, period + args.epoch, now.acceleration, now.contact_force]
-
-    return record
+def _period_numbers(count: int, since: str) -> tuple:
+    return "period", np.arange(1, count + 1), _attributes("1", f"forcing periods {since}")

@@ -1,29 +1,12 @@
 """The rail-head section: contact points, the flat faces they bound, face normals and the play per face."""
 
-import functools
-from typing import Any
-
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .checks import finite, not_negative
+from ..tools import finite, not_negative
 
-# Dang et al. 2024, Table 1: y (left) and z (up) of the points A to J in the slipper's frame, m
-_TABLE_1 = (
-    (0.03, 0.013),
-    (0.048, 0.0055),
-    (0.048, -0.0145),
-    (0.0445, -0.0249),
-    (0.029, -0.029),
-    (-0.029, -0.029),
-    (-0.0445, -0.0249),
-    (-0.048, -0.0145),
-    (-0.048, 0.0055),
-    (-0.03, 0.013),
-)
 _FACES = (("J", "A"), ("B", "C"), ("D", "E"), ("F", "G"), ("H", "I"))
 
 
@@ -78,15 +61,3 @@ class Section(eqx.Module):
     def track_points(self) -> Float[Array, "points 2"]:
         """The points' partners on the rail head, in the track node's frame [m]: w_T = w_S - play n0."""
         return self.points - self.play[self.face_of_point][:, None] * self.normals
-
-
-def paper_section(clearance: Any) -> Section:
-    """The section of Dang et al. 2024, Table 1, with a total play of `clearance` [m], half of it per face."""
-    clearance = not_negative("clearance", "m")(clearance)
-    return Section(points=_TABLE_1, play=half_play(clearance, len(_FACES)))
-
-
-@functools.partial(jax.jit, static_argnums=1)
-def half_play(clearance: jax.Array, faces: int) -> Float[Array, " faces"]:
-    """A total play of `clearance` [m] as the play of each face [m]."""
-    return jnp.broadcast_to(clearance / 2, (faces,))

@@ -11,11 +11,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..tools import sums
 from .contact import Before, SmoothSwitch
-from .jacobian import Linearised, contact_linearised, dense_linearised
 from .kinematics import Contacts, Motion, Points, RailFrame, attitude_rates, contacts, rail_frame, rotation
-from .reduction import sums
+from .linearised import Linearised, contact_linearised, dense_linearised
 from .scene import Scene
+from .step_size import settle_memory
 
 
 class State(eqx.Module):
@@ -24,7 +25,7 @@ class State(eqx.Module):
     motion: Motion
     """The rigid slipper's ten states."""
     memory: Float[Array, " points"] | None
-    """The contacts' memory, see `slipperjax.contact`; None where the law has none."""
+    """The contacts' memory, see `slipperjax.model.contact`; None where the law has none."""
 
 
 class Args(NamedTuple):
@@ -167,7 +168,7 @@ class SmoothField(ContactField):
     """For `SmoothSwitch`: ten states and one per point, all integrated; a plain ODE for any solver."""
 
     def from_contacts(self, t, frame, now, state, args):
-        scene = args.scene.settled()  # nothing to do where `integrate` did it
+        scene = settle_memory(args.scene)  # nothing to do where the period map did it
         rates = super().from_contacts(t, frame, now, state, args).motion
 
         def gap_rate(t, motion):
@@ -178,7 +179,7 @@ class SmoothField(ContactField):
         return State(rates, scene.period * memory)
 
     def memory_decay(self, t, state, args):
-        scene = args.scene.settled()
+        scene = settle_memory(args.scene)
         now = contacts(args.frame(t), state.motion)
         return scene.period * scene.memory.decay(now.gap)
 
@@ -228,10 +229,9 @@ def reactions(t: Any, state: State, args: Args) -> Reactions:
     r = jnp.array(rotation(m))
     point = ends(r @ jnp.stack(frame.arm) + jnp.stack([0 * m.y, m.y, m.z])[:, None])
     node_x = jnp.array([0.5, -0.5]) * scene.slipper.length
-    offset = scene.track.motion(
-        phase(t, args.epoch) - jnp.stack([0.0, 1.0]) * scene.slipper.length / scene.track.wavelength
-    ).offset
-    node = jnp.stack([node_x, offset, offset])[:, :, None]
+    distance = phase(t, args.epoch) * scene.track.wavelength - jnp.stack([0.0, 1.0]) * scene.slipper.length
+    rail = scene.track.irregularity(distance)
+    node = jnp.stack([node_x, rail.lateral, rail.vertical])[:, :, None]
     moment = jnp.cross(point - node, on_track, axis=0)
     rates = motion_rates(scene, frame, now, m, state.memory)
     return Reactions(

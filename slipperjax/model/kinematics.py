@@ -9,11 +9,13 @@ polynomials in it and regular for every angle below 180 degrees. Euler angles of
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .reduction import together
+from ..tools import materialise
+from .quantities import COORDINATES
 from .scene import Scene
 
 
@@ -48,9 +50,21 @@ class Motion(eqx.Module):
         return Motion(y, z, *q, v_y, v_z, w_x, w_y, w_z)
 
 
-def table_2_start() -> Motion:
-    """The start of Dang et al. 2024, Table 2: centred, with small velocities in all five directions."""
-    return Motion(v_y=0.5, v_z=0.5, w_x=0.2, w_y=0.3, w_z=0.4)
+def _motion_scales() -> Motion:
+    scale = {name: q.scale for name, q in COORDINATES.items()}
+    # a small turn by an angle changes the quaternion's vector part by half of it
+    attitude = [scale[angle] / 2 for angle in ("roll", "pitch", "yaw")]
+    return Motion(scale["y"], scale["z"], *attitude, *(scale[v] for v in ("v_y", "v_z", "w_x", "w_y", "w_z")))
+
+
+MOTION_SCALES = _motion_scales()
+"""Scales of the ten states, those of `COORDINATES`: 1 mm, 10 mrad as 5e-3 of the quaternion, 1 m/s, 10 rad/s."""
+
+
+def scaled_size(motion: Motion) -> Float[Array, ""]:
+    """The largest entry of a difference of two motions, in multiples of `MOTION_SCALES` [1]."""
+    scaled = jax.tree.map(lambda d, s: jnp.abs(d) / s, motion, MOTION_SCALES)
+    return jnp.max(jnp.stack(jax.tree.leaves(scaled)))
 
 
 def quaternion_from_euler(roll, pitch, yaw):
@@ -98,7 +112,7 @@ def attitude_rates(m: Motion):
 
 
 class Points(NamedTuple):
-    """The contact points of both ends, as far as they stay the same during a run."""
+    """What stays the same of the contact points of both ends during a run."""
 
     normal: Float[Array, "2 2*points"]
     """y and z of the faces' unit normals on a straight rail [1]."""
@@ -109,10 +123,10 @@ class Points(NamedTuple):
 
 
 def contact_points(scene: Scene) -> Points:
-    """The scene's contact points; computed once for a whole run, for it costs as much as a rail frame."""
+    """The scene's contact points; computed once for a whole run, as it costs as much as a rail frame."""
     section = scene.section
     both = lambda a: jnp.tile(a, (2, 1)).T
-    # a constant array: an index computed inside the loop over lanes and points would keep it from being vectorised
+    # A constant array: an index computed inside the loop over lanes and points would prevent vectorisation.
     x = scene.slipper.length * np.repeat([0.5, -0.5], section.points.shape[0])
     return Points(both(section.normals), both(section.track_points), (x, *both(section.points)))
 
@@ -137,18 +151,19 @@ def rail_frame(scene: Scene, phase: Any, points: Points | None = None) -> RailFr
     """
     points = contact_points(scene) if points is None else points
     length = scene.slipper.length
-    front, rear = (_node(scene, points, at) for at in (phase, phase - length / scene.track.wavelength))
+    distance = jnp.asarray(phase, float) * scene.track.wavelength
+    front, rear = (_node(scene, points, at) for at in (distance, distance - length))
     # Eq. (4): the face runs from the front node's points to the rear node's, which tilts its normal along x
     along_y, along_z = rear.y - front.y, rear.z - front.z
     is_front = np.repeat([True, False], len(scene.section.names))
     n_y, n_z, t_y, t_z, v_y, v_z = (jnp.where(is_front, f, r) for f, r in zip(front, rear, strict=True))
     n_x = (n_y * along_y + n_z * along_z) / length
     position = n_x * points.arm[0] + n_y * t_y + n_z * t_z
-    velocity = n_y * v_y + n_z * v_z  # per period, which is one number for a sweep over speeds
+    slope = n_y * v_y + n_z * v_z  # per metre of travel, the same number for all speeds of a sweep
     per_norm = 1 / jnp.sqrt(1 + n_x * n_x)
-    # computed once and in one kernel, and not again inside the loop over lanes and points that uses it
-    n_x, n_y, n_z, position, velocity = together([v * per_norm for v in (n_x, n_y, n_z, position, velocity)])
-    return RailFrame((n_x, n_y, n_z), position, velocity * (1 / scene.period), points.arm)
+    # stored, so that the loop over lanes and points does not compute it again
+    n_x, n_y, n_z, position, slope = materialise([v * per_norm for v in (n_x, n_y, n_z, position, slope)])
+    return RailFrame((n_x, n_y, n_z), position, slope * scene.speed, points.arm)
 
 
 class _Node(NamedTuple):
@@ -159,20 +174,21 @@ class _Node(NamedTuple):
     y: Array
     z: Array
     v_y: Array
+    """Velocity of the partners over the travelling speed [1]."""
     v_z: Array
 
 
-def _node(scene: Scene, points: Points, phase: Any) -> _Node:
-    """The section at the track node that travelled `phase` forcing periods, Eqs. (7), (10), (11)."""
-    motion = together(scene.track.motion(jnp.asarray(phase, float)))
+def _node(scene: Scene, points: Points, distance: Array) -> _Node:
+    """The section at the track node that travelled `distance` [m], Eqs. (7), (10), (11)."""
+    rail, slope = materialise(scene.track.motion(distance))
     (n_y, n_z), (y, z) = points.normal, points.track
-    v_y = v_z = motion.offset_rate
-    if motion.roll is not None:
-        c, s = together((jnp.cos(motion.roll), jnp.sin(motion.roll)))
+    v_y, v_z = slope.lateral, slope.vertical
+    if rail.roll is not None:
+        c, s = materialise((jnp.cos(rail.roll), jnp.sin(rail.roll)))
         n_y, n_z = c * n_y - s * n_z, s * n_y + c * n_z
         y, z = c * y - s * z, s * y + c * z
-        v_y, v_z = v_y - motion.roll_rate * z, v_z + motion.roll_rate * y
-    return _Node(n_y, n_z, y + motion.offset, z + motion.offset, v_y, v_z)
+        v_y, v_z = v_y - slope.roll * z, v_z + slope.roll * y
+    return _Node(n_y, n_z, y + rail.lateral, z + rail.vertical, v_y, v_z)
 
 
 class Contacts(NamedTuple):
@@ -188,8 +204,8 @@ class Contacts(NamedTuple):
 
 def contacts(frame: RailFrame, m: Motion) -> Contacts:
     """Gaps, gap rates and levers of all points."""
-    # computed once for all points: XLA does not take it out of the loop over them
-    r = together(rotation(m))
+    # stored, as XLA does not move it out of the loop over the points
+    r = materialise(rotation(m))
     (n_x, n_y, n_z), (w_x, w_y, w_z) = frame.normal, frame.arm
     # the normals in the slipper's frame: n_S = R^T n, so that n . (R w) = n_S . w and R^T ((R w) x n) = w x n_S
     s_x, s_y, s_z = (r[0][j] * n_x + r[1][j] * n_y + r[2][j] * n_z for j in range(3))

@@ -21,8 +21,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from ..tools import materialise, sums
 from .kinematics import Contacts, Motion, RailFrame, rotation, scalar_part
-from .reduction import sums, together
 from .scene import Scene
 
 Matrix = list[list[Any]]
@@ -121,7 +121,7 @@ class LinearSystem:
         ]
         matrix = _factored(_unit_minus(both, factor))
         turn = _product(carried, _turn_by_attitude(m))
-        self.matrix, self.carried, self.turn = together((matrix, carried, turn))
+        self.matrix, self.carried, self.turn = materialise((matrix, carried, turn))
         self.attitude = _attitude_by_turn(m)
 
     def solve(self, right: Motion) -> Motion:
@@ -139,7 +139,7 @@ class LinearSystem:
                 x[i] = x[i] - self.matrix[i][j] * x[j]
         turn = [a + self.step * b for a, b in zip(turn, _times(self.carried, x[2:]), strict=True)]
         place = [leaves[k] + self.step * x[k] for k in range(2)]
-        return together(jax.tree.unflatten(tree, [*place, *_times(self.attitude, turn), *x]))
+        return materialise(jax.tree.unflatten(tree, [*place, *_times(self.attitude, turn), *x]))
 
 
 def _factored(a: Matrix) -> Matrix:

@@ -2,7 +2,10 @@
 
 from .adaptive import AdaptiveSteps as AdaptiveSteps
 from .choose import Choice as Choice
+from .choose import check_error_estimate as check_error_estimate
 from .choose import choose_solver as choose_solver
+from .choose import resolve_controller as resolve_controller
+from .choose import resolve_solver as resolve_solver
 from .explicit import RK4 as RK4
 from .explicit import AbstractLatchingRungeKutta as AbstractLatchingRungeKutta
 from .explicit import Tsit5 as Tsit5
@@ -18,3 +21,4 @@ from .rosenbrock import AbstractRosenbrock as AbstractRosenbrock
 from .rosenbrock import Rodas3 as Rodas3
 from .rosenbrock import Rodas4 as Rodas4
 from .twostep import TwoStep as TwoStep
+from .twostep import two_step_weights as two_step_weights

@@ -1,4 +1,4 @@
-"""Adaptive steps for slippers: errors measured in the motion's own size, and caution about touchdowns."""
+"""Adaptive steps for slippers: errors in multiples of the motion's scales, and extra caution at touchdowns."""
 
 from typing import Any
 
@@ -8,33 +8,21 @@ import jax
 import jax.numpy as jnp
 from diffrax import RESULTS
 
-from ..contact import EventLatch
-from ..kinematics import Motion
-from ..scene import contact_duration
-
-SCALES = Motion(1e-3, 1e-3, 5e-3, 5e-3, 5e-3, 1.0, 1.0, 10.0, 10.0, 10.0)
-"""1 mm, 10 mrad (twice a quaternion's entry), 1 m/s and 10 rad/s: the size of a slipper's motion."""
-
-
-def scaled_size(motion: Motion) -> Any:
-    """The largest entry of a difference of motions, in units of `SCALES`."""
-    scaled = jax.tree.map(lambda d, s: jnp.abs(d) / s, motion, SCALES)
-    return jnp.max(jnp.stack(jax.tree.leaves(scaled)))
-
+from ..model import EventLatch, Motion, contact_duration, scaled_size
 
 class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     """Steps as long as the error allows, for any solver with an error estimate.
 
-    Two things are not left to the estimate. A flight without contact is integrated without any error, so steps
-    would grow until one leaps over an impact: no step is longer than a part of a typical contact. And a step in
-    which a point touches down has a kink inside that an estimate made for smooth motions sees only in part: its
-    error counts `touchdown` times.
+    Two rules are added to the estimate. A flight without contact is integrated without error, so steps would grow
+    until one leaps over an impact: no step is longer than a part of a typical contact. And a touchdown is a kink
+    inside a step, which estimates for smooth motions see only in part: the error of that step counts `touchdown`
+    times.
 
     The next period begins with the step that the last one wanted.
     """
 
     tolerance: float = 1e-5
-    """Error allowed per step, in units of `SCALES`."""
+    """Error allowed per step, in multiples of `slipperjax.model.MOTION_SCALES`."""
     touchdown: float = 10.0
     """Factor on the error of a step in which the event latch saw a touchdown [1].
 
@@ -87,7 +75,7 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
             size = jnp.where(touched, self.touchdown * size, size)
         elif y0.memory is not None:  # integrated: rates in m/s, as the motion's
             size = jnp.maximum(size, jnp.max(jnp.abs(y_error.memory)) / self.tolerance)
-        # what is not a number is no small error
+        # Reject steps with NaN.
         bad = jnp.isnan(size) | jnp.isnan(scaled_size(y1_candidate.motion))
         size = jax.lax.stop_gradient(jnp.where(bad, jnp.inf, size))
         keep = size <= 1

@@ -1,12 +1,22 @@
-"""Which solver a scene needs."""
+"""Which solver a scene needs, and checks of the solver that a user asks for."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import diffrax
+import jax
+import jax.numpy as jnp
 
-from ..contact import SmoothSwitch
-from ..scene import Scene, default_steps_per_period, impacts_per_period
+from ..model import (
+    LatchedField,
+    Scene,
+    SmoothSwitch,
+    default_steps_per_period,
+    impacts_per_period,
+    settle_memory,
+    vector_field,
+)
 from .explicit import RK4
+from .latching import AbstractLatchingSolver, Latching, estimates_error, with_newton
 from .rosenbrock import ROS34PW2
 
 STABLE = 2.5
@@ -34,9 +44,46 @@ def choose_solver(scene: Scene) -> Choice:
     period = float(scene.period)
     impact = f"an impact lasts {1 / float(impacts_per_period(scene)):.3g} of a period, {steps} steps resolve it"
     if scene.contact.has_memory and isinstance(scene.memory, SmoothSwitch):
-        relaxation = scene.settled().memory.relaxation
+        relaxation = settle_memory(scene).memory.relaxation
         stretch = period / steps / float(relaxation)
         if stretch > STABLE:
             return Choice(ROS34PW2(), f"{impact}, but the memory relaxes {stretch:.3g} times per step: implicit")
         return Choice(RK4(), f"{impact}, and the memory relaxes {stretch:.3g} times per step: explicit")
     return Choice(RK4(), f"{impact}, and the contact memory changes at touchdowns only: explicit")
+
+
+def resolve_solver(scene: Scene, solver: diffrax.AbstractSolver | str | None) -> diffrax.AbstractSolver:
+    """The solver to use for a scene: None is `RK4()`; a stock one is put into `Latching` where touchdowns are latched.
+
+    **Raises:** `ValueError` for what is no solver, or one that cannot be latched.
+    """
+    if solver is None:
+        return RK4()
+    if isinstance(solver, str) and solver == "auto":
+        return choose_solver(scene).solver
+    if not isinstance(solver, diffrax.AbstractSolver):
+        raise ValueError(f"Argument `solver` must be a diffrax solver, but is {solver!r}.")
+    if isinstance(solver, AbstractLatchingSolver):
+        return solver
+    return Latching(solver) if isinstance(vector_field(scene), LatchedField) else with_newton(solver)
+
+
+def resolve_controller(controller: Any) -> diffrax.AbstractStepSizeController | None:
+    """The step size controller, None for constant steps; its numbers become arrays, so that they share a program.
+
+    **Raises:** `ValueError` for what is no controller.
+    """
+    if controller is None or isinstance(controller, diffrax.ConstantStepSize):
+        return None
+    if not isinstance(controller, diffrax.AbstractStepSizeController):
+        raise ValueError(f"Argument `stepsize_controller` must be a diffrax controller, but is {controller!r}.")
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf) if isinstance(leaf, float) else leaf, controller)
+
+
+def check_error_estimate(solver: diffrax.AbstractSolver, controller: Any) -> None:
+    """Raises `ValueError` where an adaptive controller meets a solver without an error estimate."""
+    if isinstance(controller, diffrax.AbstractAdaptiveStepSizeController) and not estimates_error(solver):
+        raise ValueError(
+            f"Argument `solver` must be one with an error estimate for adaptive steps (Tsit5, ROS34PW2, Dopri8), "
+            f"but is {type(solver).__name__}."
+        )

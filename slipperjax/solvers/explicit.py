@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from diffrax import RESULTS
 
-from ..dynamics import State
-from ..reduction import together
+from ..model import State
+from ..tools import materialise
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
 
@@ -35,7 +35,7 @@ def _step(y: State, dt: Any, stages: list[State], weights: np.ndarray) -> State:
 
 def _stored(state: State) -> State:
     """The same, its motion computed in one kernel, and not once more in each that uses it."""
-    return State(together(state.motion), state.memory)
+    return State(materialise(state.motion), state.memory)
 
 
 class AbstractLatchingRungeKutta(AbstractLatchingSolver):

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import optimistix as optx
 from equinox.internal import ω
 
-from ..dynamics import AbstractVectorField, State, fill_frozen
+from ..model import AbstractVectorField, State, fill_frozen
 
 
 class StateInterpolation(diffrax.ThirdOrderHermitePolynomialInterpolation):

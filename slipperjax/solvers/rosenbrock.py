@@ -7,7 +7,7 @@ section IV.7, doi:10.1007/978-3-642-05221-7, with u_i the stages and J, f_t the 
     y_1 = y_0 + sum m_i u_i,    error = sum e_i u_i
 
 There is no iteration, hence nothing that fails to converge. The matrix is reduced to five unknowns and factored
-once, see `slipperjax.jacobian`; a memory that is integrated has a matrix of its own, diagonal.
+once, see `slipperjax.model.linearised`; a memory that is integrated has a matrix of its own, diagonal.
 """
 
 from typing import Any, ClassVar
@@ -17,8 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from diffrax import RESULTS
 
-from ..dynamics import State
-from ..jacobian import LinearSystem
+from ..model import LinearSystem, State
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
 Rows = tuple[tuple[float, ...], ...]

@@ -15,9 +15,7 @@ import jax
 import jax.numpy as jnp
 from diffrax import RESULTS
 
-from ..dynamics import State
-from ..jacobian import LinearSystem
-from .adaptive import scaled_size
+from ..model import LinearSystem, State, scaled_size
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
 
@@ -47,7 +45,7 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
     rho_inf: float = eqx.field(static=True, default=0.6)
     """Damping of infinitely stiff parts per step [1], from 0 (all) to 1 (none)."""
     tolerance: float = eqx.field(static=True, default=1e-6)
-    """Newton ends after a correction below this, in units of `slipperjax.solvers.adaptive.SCALES`, and one more."""
+    """Newton ends after a correction below this, in multiples of `slipperjax.model.MOTION_SCALES`, and one more."""
     iterations: int = eqx.field(static=True, default=10)
     """Newton iterations after which a step has failed."""
 

@@ -1,132 +1,39 @@
-"""Lyapunov spectra of slippers: of one scene, or of a whole grid as one batch with a certificate for each case.
+"""Lyapunov exponents of a whole grid as one batch, with a certificate for each case."""
 
-The tangent carries how the place and the instant of each touchdown depend on the state, because the latch is
-interpolated and differentiable; so the contact's memory has its saltation, and periodic motions get the exponents
-of their Floquet multipliers.
-"""
-
-import functools
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import diffrax
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float
+from jaxtyping import Float, Int
 
-from .analysis.attractor import classify
-from .analysis.lyapunov import LyapunovSpectrum, first_tangents, map_spectrum, push_tangents
-from .analysis.statistics import kaplan_yorke, standard_error, weighted_mean
-from .batch import Grid, Workers, case_scene, start_states
-from .branches import SCALES
-from .checks import whole
-from .compilation import jit
-from .dynamics import SmoothField, State, initial_state, vector_field
-from .kinematics import Motion, table_2_start
-from .labels import scene_attributes
-from .scene import Scene, default_steps_per_period
-from .simulate import check_solver, check_start, integrate
-from .solvers import calls_lapack
-from .sweep import PAUSE, Plan, run_blocks
+from ..analysis import REGIMES, classify, kaplan_yorke, largest_exponent, regime, standard_error, weighted_mean
+from ..flow import (
+    Status,
+    advance_tangents,
+    batch_jacobians,
+    check_start,
+    first_problem,
+    initial_states,
+    initial_tangents,
+    scene_attributes,
+)
+from ..model import COORDINATE_SCALES, Motion, Scene, State, table_2_start
+from ..solvers import solver_name
+from ..tools import Batched, whole
+from .cases import Cases, without_axes
+from .executors import in_order, run_chunk, run_chunks
+from .plan import OnProgress, Plan, make_plan, strobe_plan
+from .sweep import case_variables
 
-MOTION_WEIGHTS = Motion(*(1 / SCALES))
-"""Weights of the motion in a tangent's norm: 1 mm, 10 mrad (of the quaternion), 1 m/s and 10 rad/s count as one."""
-
-
-def _latched_weights(state: State) -> State:
-    if state.memory is None:
-        return State(MOTION_WEIGHTS, None)
-    closed = state.memory < -1e-9
-    return State(MOTION_WEIGHTS, jnp.where(closed, -1 / jnp.where(closed, state.memory, -1.0), 0.0))
-
-
-def _smooth_weights(state: State) -> State:
-    return State(MOTION_WEIGHTS, jnp.ones(()))
-
-
-def tangent_weights(scene: Scene) -> Callable[[State], State]:
-    """Gives the weights of a tangent's components at a state: the motion in `MOTION_WEIGHTS`; of `EventLatch`, closed
-    contacts' memory in shares of itself and open ones' not at all; of `SmoothSwitch`, 1 m/s of memory as one.
-    """
-    return _smooth_weights if isinstance(vector_field(scene), SmoothField) else _latched_weights
-
-
-class Periods(eqx.Module):
-    """The map over some whole forcing periods, as `slipperjax.analysis.lyapunov` wants it."""
-
-    scene: Scene
-    steps: Any
-    """Integration steps per period; an array, so that one compiled program serves all."""
-    solver: diffrax.AbstractSolver = eqx.field(static=True)
-    count: int = eqx.field(static=True, default=1)
-    """Periods in one application."""
-
-    def __call__(self, state: State, k: Any) -> State:
-        return integrate(
-            self.scene,
-            state,
-            solver=self.solver,
-            steps=self.steps,
-            periods=self.count,
-            record=None,
-            adjoint=diffrax.ForwardMode(),
-            epoch=k * self.count,
-        )[0]
-
-
-def lyapunov_spectrum(
-    scene: Scene,
-    count: int = 1,
-    *,
-    transient: int = 200,
-    periods: int = 500,
-    align: int = 20,
-    orthonormalise_every: int = 1,
-    steps_per_period: int | None = None,
-    solver: diffrax.AbstractSolver | None = None,
-    start: Motion | None = None,
-    until_stderr: float | None = None,
-    max_periods: int | None = None,
-) -> LyapunovSpectrum:
-    """Lyapunov exponents of one scene by Benettin's method (doi:10.1007/BF02128236), with exact tangents.
-
-    **Arguments:**
-
-    - `count`: number of exponents, the largest first; one costs one tangent.
-    - `transient`: forcing periods before anything is counted; `align`: those after it in which the tangents turn
-        into their directions; `periods`: those that count, or with `until_stderr` the number in a block.
-    - `orthonormalise_every`: forcing periods between orthonormalisations.
-    - `steps_per_period`, `solver`, `start`: as for `simulate`.
-    - `until_stderr`: goes on until the largest exponent's standard error [1/period] is no more than this, or until
-        `max_periods` were counted.
-
-    **Returns:** a `LyapunovSpectrum`: `.per_period`, `.per_second`, `.stderr`, `.history`, `.kaplan_yorke`. To go on
-    from it, `slipperjax.analysis.lyapunov.extend_spectrum` with the step `Periods(scene, ...)`.
-
-    **Raises:** `ValueError` that names the argument which is wrong.
-    """
-    every = whole("orthonormalise_every", orthonormalise_every, 1)
-    steps = default_steps_per_period(scene) if steps_per_period is None else steps_per_period
-    steps = whole("steps_per_period", steps, 1)
-    start = table_2_start() if start is None else check_start(start)
-    blocks = lambda name, value, least: -(-whole(name, value, least) // every)
-    return map_spectrum(
-        Periods(scene, jnp.asarray(float(steps)), check_solver(scene, solver), every),
-        initial_state(scene, start),
-        blocks("periods", periods, 1),
-        count=count,
-        transient=blocks("transient", transient, 0),
-        align=blocks("align", align, 0),
-        scale=tangent_weights(scene),
-        periods=float(every),
-        period=scene.period,
-        until_stderr=until_stderr,
-        max_intervals=None if max_periods is None else blocks("max_periods", max_periods, 1),
-    )
+BLOCK = 20
+"""Forcing periods in one call; the first such block turns the tangents into their directions and is not counted."""
+LONGEST = 16
+"""Longest period of a motion whose Floquet multipliers are computed."""
+AGREE = 1e-3
+"""Differences between exponents [1/period] that are accepted whatever the standard errors."""
 
 
 def lyapunov_sweep(
@@ -154,104 +61,113 @@ def lyapunov_sweep(
 
     - `exponent` and `stderr` [1/period], with dimension `count`; `weighted`: the same by a smoothly weighted mean,
       sharper for regular motions (see `statistics.weighted_mean`); `kaplan_yorke` where count > 1; `kind` and
-      `period`: what the motion settled to by recurrence, see `attractor.classify`;
+      `period`: what the motion settled to by recurrence, see `attractor.classify`; `regime`: see `analysis.regime`;
+      `status` and `steps_per_period`: as `sweep` gives them;
     - with `certify`: `half_step`, the largest exponent with steps half as long, and its standard error
       `half_step_stderr`; `two_trajectories`, an estimate without tangents, and `two_trajectories_stderr`;
       `floquet`, ln |largest multiplier| per period, of periodic motions; `resolved`: whether all that applies agrees.
 
-    A case is `resolved` where the two other estimates lie within three standard errors of their difference or 1e-3,
-    and where the weighted exponent of a periodic motion is that of its multiplier within 1e-3.
+    A case is `resolved` where its status is 0, the two other estimates lie within three standard errors of their
+    difference or 1e-3, and the weighted exponent of a periodic motion is that of its multiplier within 1e-3.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
-    cases = Grid(scene, grid, product=product)
-    steps = cases.most_steps(scene) if steps_per_period is None else whole("steps_per_period", steps_per_period, 1)
-    solver = check_solver(scene, solver)
     start = table_2_start() if start is None else check_start(start)
-    count = whole("count", count, 1)
-    settling = -(-whole("transient", transient, BLOCK) // PAUSE)
-    counted = -(-whole("periods", periods, 1) // BLOCK)
-    team = Workers(cases.lanes, chunk, workers, alone=calls_lapack(solver))
-    plan = Plan(solver, steps, 1, PAUSE, PAUSE, 0, settling, "strobe")
+    cases = Cases(scene, grid, start, product=product)
+    options: dict[str, Any] = dict(steps_per_period=steps_per_period, solver=solver)
+    plan = make_plan(scene, cases, record="strobe", transient=0, periods=1, **options)
+    plan = strobe_plan(plan, whole("transient", transient, BLOCK))
+    count, counted = whole("count", count, 1), -(-whole("periods", periods, 1) // BLOCK)
+    chunks, workers = plan.chunks(chunk, workers)
 
-    def work(values, tick):
-        states, codes, (strobe,) = run_blocks(scene, plan, values, start_states(scene, values, start), tick)
-        measure = functools.partial(_measure, scene, values, states, plan.total, solver, counted, tick)
-        found = [codes, strobe, measure(steps, count, None)]
+    def work(chunk, on_progress):
+        scenes, starts = cases.take(chunk.index)
+        settled = run_chunk(plan, scenes, initial_states(scenes, starts), chunk.steps, on_progress)
+        measure = _Measure(plan, scenes, settled.state, counted, on_progress)
+        plain = measure(chunk.steps, count)
+        checks = None
         if certify:
-            found += [measure(2 * steps, 1, None), measure(steps, 1, jnp.asarray(1e-7))]
-            jacobians = _jacobians(scene, values, states, float(plan.total), float(steps), solver)
-            found.append(np.asarray(jacobians))
-        return found
+            half, pair = measure(2 * chunk.steps, 1), measure(chunk.steps, 1, 1e-7)
+            matrices = measure.jacobians(chunk.steps)
+            checks = _Checks(half.history, half.status, pair.history, pair.status, matrices)
+        status = first_problem(settled.status, plain.status)
+        return _Exponents(status, settled.record.strobe, plain.history, checks)
 
     measured = BLOCK * (counted + 1) * (3 if certify else 1)
-    found = team.run(work, cases.values, periods=plan.total + measured, progress=progress)
-    attrs = scene_attributes(scene) | {"steps_per_period": steps, "transient": plan.total, "periods": counted * BLOCK}
-    return _dataset(cases, found, attrs)
+    runs = run_chunks(chunks, workers, work, periods=plan.periods + measured, progress=progress)
+    joined = lambda *parts: in_order(chunks, np.concatenate(parts))
+    checks = [run.checks for run in runs]
+    found = _Exponents(
+        *(joined(*parts) for parts in zip(*(run[:3] for run in runs), strict=True)),
+        checks=_Checks(*(joined(*parts) for parts in zip(*checks, strict=True))) if certify else None,
+    )
+    attrs = {"transient": plan.periods, "periods": counted * BLOCK, "solver": solver_name(plan.solver)}
+    return _dataset(cases, plan, found, without_axes(scene_attributes(scene), cases) | attrs)
 
 
-BLOCK = 20
-"""Forcing periods in one call; the first such block turns the tangents into their directions and is not counted."""
-LONGEST = 16
-"""Longest period of a motion whose Floquet multipliers are computed."""
-AGREE = 1e-3
-"""Differences between exponents [1/period] that are put up with whatever the standard errors."""
+class _Checks(NamedTuple):
+    """What certifies the cases of a chunk."""
+
+    half_step: Float[np.ndarray, "cases periods 1"]
+    half_step_status: Int[np.ndarray, " cases"]
+    two_trajectories: Float[np.ndarray, "cases periods 1"]
+    two_trajectories_status: Int[np.ndarray, " cases"]
+    jacobians: Float[np.ndarray, "cases periods size size"]
 
 
-def _measure(scene, values, states, epoch, solver, blocks, tick, steps, count, distance):
-    """Local exponents (cases, periods, count) of a chunk from `states` on."""
-    tangents = _first(scene, states, count)
-    rows = []
-    for k in range(blocks + 1):
-        at = float(epoch + k * BLOCK)
-        states, tangents, history = _push(scene, values, states, tangents, at, float(steps), distance, solver)
-        rows.append(np.asarray(history))
-        tick(BLOCK)
-    return np.concatenate(rows[1:], axis=1)
+class _Exponents(NamedTuple):
+    """What was found of the cases of a chunk."""
+
+    status: Int[np.ndarray, " cases"]
+    strobe: Float[np.ndarray, "cases periods 10"]
+    history: Float[np.ndarray, "cases periods count"]
+    checks: _Checks | None
 
 
-@functools.partial(jit, static_argnums=2)
-def _first(scene, states, count):
-    return jax.vmap(lambda s: first_tangents(s, count, tangent_weights(scene)))(states)
+class _Local(NamedTuple):
+    """Local exponents of a chunk."""
+
+    history: Float[np.ndarray, "cases periods count"]
+    status: Int[np.ndarray, " cases"]
 
 
-@functools.partial(jit, static_argnums=7)
-def _push(scene, values, states, tangents, epoch, steps, distance, solver):
-    def one(v, state, tangents):
-        step = Periods(case_scene(scene, v), steps, solver)
-        options = dict(index=epoch, scale=tangent_weights(scene), distance=distance)
-        return push_tangents(step, state, tangents, BLOCK, **options)
+class _Measure(NamedTuple):
+    """Measures exponents of a chunk from the states to which it settled."""
 
-    return jax.vmap(one)(values, states, tangents)
+    plan: Plan
+    scenes: Batched[Scene]
+    states: State
+    blocks: int
+    on_progress: OnProgress
 
+    def __call__(self, steps: int, count: int, distance: float | None = None) -> _Local:
+        """Local exponents with `steps` per period; by differences to neighbours at `distance` if that is given."""
+        states, tangents = self.states, initial_tangents(self.scenes, self.states, count)
+        away = None if distance is None else jnp.asarray(distance)
+        rows, status = [], np.zeros(len(states.motion.y), int)
+        for k in range(self.blocks + 1):
+            at = float(self.plan.periods + k * BLOCK)
+            states, tangents, history, codes = advance_tangents(
+                self.scenes, states, tangents, at, float(steps), away, solver=self.plan.solver, periods=BLOCK
+            )
+            rows.append(np.asarray(history))
+            status = first_problem(status, codes)
+            self.on_progress(BLOCK)
+        return _Local(np.concatenate(rows[1:], axis=1), status)
 
-@functools.partial(jit, static_argnums=5)
-def _jacobians(scene, values, states, epoch, steps, solver) -> Float[Array, "cases periods size size"]:
-    """Jacobians of `LONGEST` successive period maps."""
-
-    def one(v, state):
-        step = Periods(case_scene(scene, v), steps, solver)
-        unravel = ravel_pytree(state)[1]
-
-        def period(x, k):
-            flow = lambda x: ravel_pytree(step(unravel(x), k))[0]
-            x, columns = jax.vmap(lambda t: jax.jvp(flow, (x,), (t,)), out_axes=(None, 1))(jnp.eye(x.size))
-            return x, columns
-
-        return jax.lax.scan(period, ravel_pytree(state)[0], epoch + jnp.arange(float(LONGEST)))[1]
-
-    return jax.vmap(one)(values, states)
-
-
-def largest_multiplier(jacobians: Any, period: int) -> float:
-    """ln |largest Floquet multiplier| per forcing period of a motion of `period` periods, from its Jacobians."""
-    product = functools.reduce(lambda total, j: j @ total, np.asarray(jacobians)[:period])
-    return float(np.log(np.max(np.abs(np.linalg.eigvals(product)))) / period)
+    def jacobians(self, steps: int) -> np.ndarray:
+        """Jacobians of the first `LONGEST` periods."""
+        options: dict[str, Any] = dict(solver=self.plan.solver, periods=LONGEST)
+        return np.asarray(
+            batch_jacobians(self.scenes, self.states, float(self.plan.periods), float(steps), **options)
+        )
 
 
-def _dataset(cases, found, attrs) -> xr.Dataset:
-    codes, strobe, history, *checks = found
-    settled = classify(strobe[:, -200:], scales=SCALES)
+def _dataset(cases: Cases, plan: Plan, found: _Exponents, attrs: dict[str, Any]) -> xr.Dataset:
+    good = found.status == Status.FINITE
+    strobe = np.where(good[:, None, None], found.strobe[:, -200:], np.nan)
+    settled = classify(strobe, scales=COORDINATE_SCALES)
+    history = found.history
     exponent, error, weighted = history.mean(axis=1), standard_error(history), weighted_mean(history)
     flat: dict[str, Any] = {
         "exponent": (exponent, "1/period", "Lyapunov exponents"),
@@ -259,21 +175,20 @@ def _dataset(cases, found, attrs) -> xr.Dataset:
         "weighted": (weighted, "1/period", "Lyapunov exponents by a smoothly weighted mean"),
         "kind": (settled.kind, "", "what the motion settled to, by recurrence"),
         "period": (settled.period, "1", "forcing periods of a periodic motion, 0 for others"),
-        "status": (codes, "", "0 where all is well"),
     }
     if exponent.shape[1] > 1:
         flat["kaplan_yorke"] = (kaplan_yorke(exponent), "1", "Kaplan-Yorke dimension")
-    if checks:
-        half, pair, jacobians = checks
-        periodic = (settled.period > 0) & (codes == 0)
-        floquet = np.array(
-            [
-                largest_multiplier(j, n) if p else np.nan
-                for j, n, p in zip(jacobians, settled.period, periodic, strict=True)
-            ]
-        )
-        others = {"half_step": ("with half the step", half), "two_trajectories": ("from two trajectories", pair)}
-        agree = codes == 0
+    if found.checks is not None:
+        checks = found.checks
+        periodic = (settled.period > 0) & good
+        floquet = np.full(len(good), np.nan)
+        for k in np.flatnonzero(periodic):
+            floquet[k] = largest_exponent(checks.jacobians[k], settled.period[k])
+        agree = good & (checks.half_step_status == Status.FINITE) & (checks.two_trajectories_status == Status.FINITE)
+        others = {
+            "half_step": ("with half the step", checks.half_step),
+            "two_trajectories": ("from two trajectories", checks.two_trajectories),
+        }
         for name, (text, rows) in others.items():
             value, its_error = rows.mean(axis=1)[:, 0], standard_error(rows)[:, 0]
             flat[name] = (value, "1/period", f"largest exponent {text}")
@@ -283,9 +198,13 @@ def _dataset(cases, found, attrs) -> xr.Dataset:
         agree &= ~periodic | (np.abs(floquet - weighted[:, 0]) <= AGREE)
         flat["floquet"] = (floquet, "1/period", "ln of the largest Floquet multiplier's modulus")
         flat["resolved"] = (agree, "", "whether the other estimates agree")
-    ds = xr.Dataset(coords=cases.coordinates())
+    trusted = flat["resolved"][0] if "resolved" in flat else good
+    names = np.array(REGIMES)[regime(exponent[:, 0], error[:, 0], settled.kind, trusted)]
+    flat["regime"] = (names, "", "periodic, regular (neither periodic nor chaotic), chaotic or unresolved")
+    ds = xr.Dataset(coords=cases.coordinates(), attrs=attrs)
     for name, (values, unit, text) in flat.items():
         dims = (*cases.dims, "count") if values.ndim > 1 else cases.dims
-        shape = cases.shape + values.shape[1:]
-        ds[name] = (dims, values.reshape(shape), {"units": unit, "long_name": text} if unit else {"long_name": text})
-    return ds.assign_attrs({k: v for k, v in attrs.items() if k.split(" [")[0] not in cases.axes})
+        label = {"units": unit, "long_name": text} if unit else {"long_name": text}
+        ds[name] = (dims, values.reshape(cases.shape + values.shape[1:]), label)
+    by_case = case_variables(cases.dims, found.status.reshape(cases.shape), plan.steps.reshape(cases.shape))
+    return ds.assign(by_case)

@@ -1,97 +1,53 @@
-"""Attractors over a parameter: what each case settles to, where a followed motion jumps, and what shares a basin."""
+"""Where a followed motion jumps from its branch."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
-import xarray as xr
 
-from .analysis.attractor import Attractors, classify
-from .batch import filled, start_states
-from .checks import one_of, whole
-from .kinematics import Motion, table_2_start
-from .labels import OUTPUTS
-from .scene import Scene
-from .simulate import check_start
-from .sweep import DIRECTIONS, make_plan, path_cases, run_blocks
-
-SCALES = np.array([1e-3, 1e-3, 1e-2, 1e-2, 1e-2, 1.0, 1.0, 10.0, 10.0, 10.0])
-"""What counts as one: 1 mm, 10 mrad, 1 m/s, 10 rad/s, in the order of `labels.OUTPUTS`."""
-
-
-def strobe_states(ds: xr.Dataset, last: int | None = None) -> np.ndarray:
-    """States once per forcing period, (*cases, periods, 10), of the `last` periods of a sweep's result.
-
-    **Arguments:** `ds`: of `sweep` or `follow` with record "sections" or "strobe".
-    """
-    if "strobe" in ds:
-        states = ds["strobe"].values
-    elif "period" in ds["y"].dims:
-        states = np.stack([ds[name].values for name in OUTPUTS], axis=-1)
-    else:
-        raise ValueError("Argument `ds` must come from a sweep that recorded sections or strobe, but did not.")
-    return states if last is None else states[..., -whole("last", last, 1) :, :]
-
-
-def attractors(ds: xr.Dataset, last: int = 200, floor: float = 1e-5, **options: Any) -> Attractors:
-    """What each case of a sweep settled to, from its `last` strobe states: see `slipperjax.analysis.attractor`.
-
-    **Arguments:** `floor`: distances below it are zero, in scales of `SCALES`: by default 10 nm.
-    """
-    return classify(strobe_states(ds, last), scales=SCALES, floor=floor, **options)
-
-
-def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05) -> np.ndarray:
-    """Numbers the attractors that a grid of starts leads to: 0, 1, ... by falling size of their basins.
-
-    Two cases share a group where mean and spread of their last strobe states agree within `tolerance` (scales
-    `SCALES`). For periodic attractors, which this tells apart reliably; a chaotic one may fall into several groups.
-
-    **Returns:** whole numbers of the shape of the grid; -1 for cases that are not finite.
-    """
-    states = strobe_states(ds, last) / SCALES
-    marks = np.concatenate([states.mean(axis=-2), states.std(axis=-2)], axis=-1)
-    flat = marks.reshape(-1, marks.shape[-1])
-    found = np.full(len(flat), -1)
-    centres: list[np.ndarray] = []
-    for k, mark in enumerate(flat):
-        if not np.all(np.isfinite(mark)):
-            continue
-        near = [np.max(np.abs(mark - c)) for c in centres]
-        if near and min(near) < tolerance:
-            found[k] = int(np.argmin(near))
-        else:
-            found[k] = len(centres)
-            centres.append(mark)
-    order = np.argsort([-np.sum(found == k) for k in range(len(centres))], kind="stable")
-    rank = {int(old): new for new, old in enumerate(order)} | {-1: -1}
-    return np.array([rank[int(k)] for k in found]).reshape(marks.shape[:-1])
-
-
-def _distance(new: np.ndarray, mark: np.ndarray) -> np.ndarray:
-    """How far two mean strobe states are apart [scales of `SCALES`]."""
-    return np.max(np.abs(new - mark), axis=-1)
-
+from ..flow import Status, check_start, initial_states
+from ..model import COORDINATE_SCALES, Motion, Scene, State, table_2_start
+from ..tools import one_of
+from .cases import Cases, filled, path_cases
+from .executors import run_chunk
+from .follow import DIRECTIONS
+from .plan import make_plan
 
 PATIENCE = 5
 """How often a motion that still moves is held once more at a parameter's value."""
 
 
 class Jump(NamedTuple):
-    """Where a followed motion left its branch."""
+    """Where a followed motion left its branch, or why the search ended without a jump."""
 
+    found: bool
+    """Whether a jump was met."""
     before: float
     """The last value on the branch [the parameter's unit]."""
     after: float
-    """The first value beyond it."""
+    """The first value beyond it; the last value tried where no jump was found."""
     size: float
-    """How far the mean strobe state moved [scales of `SCALES`]."""
+    """How far the mean strobe state moved, in multiples of `slipperjax.model.COORDINATE_SCALES`; NaN without a jump."""
+    status: Status
+    """`FINITE`, or what ended the search at `after`."""
+
+
+class _Held(NamedTuple):
+    """A motion held at a parameter's value."""
+
+    state: State
+    mark: np.ndarray
+    """Its mean strobe state, in multiples of `COORDINATE_SCALES`."""
+    status: Status
+
+
+def _distance(new: _Held, old: _Held) -> float:
+    return float(np.max(np.abs(new.mark - old.mark)))
 
 
 def find_jump(
     scene: Scene,
-    path: dict[str, Sequence[float]],
+    path: Mapping[str, Any],
     *,
     direction: str = "up",
     within: float = 1.0,
@@ -100,58 +56,66 @@ def find_jump(
     steps_per_period: int | None = None,
     start: Motion | None = None,
     threshold: float = 0.3,
-) -> Jump | None:
+) -> Jump:
     """Follows a motion along a parameter until it jumps, and bisects for where.
 
     Each case starts from the state in which the one before ended. A jump is a mean strobe state that moves by more
-    than `threshold` (scales `SCALES`) between neighbours; then the step is halved from the last state on the branch,
-    until it is no longer than `within` [the parameter's unit]. Near the end of a branch a motion leaves it slowly: it
-    is held at each value until its mean strobe state moves by less than a tenth of `threshold` from one `transient`
-    and `periods` to the next, at most `PATIENCE` times.
+    than `threshold` (in multiples of `slipperjax.model.COORDINATE_SCALES`) between neighbours; then the step is halved
+    from the last state on the branch, until it is no longer than `within` [the parameter's unit]. Near the end of a
+    branch a motion leaves it slowly: it is held at each value until its mean strobe state moves by less than a tenth
+    of `threshold` from one `transient` and `periods` to the next, at most `PATIENCE` times.
 
     **Arguments:** `path`: one parameter's name and its values in increasing order; others as for `follow`.
 
-    **Returns:** the first `Jump` met, or None.
+    **Returns:** the first `Jump` met, or one with `found` False. The search ends at a value whose motion gets a status
+    other than `FINITE`, because nothing can be followed from there.
+
+    **Raises:** `ValueError` that names the argument which is wrong.
     """
-    cases, name, values = path_cases(scene, path)
-    way = DIRECTIONS[one_of("direction", direction, tuple(DIRECTIONS))]
-    plan = make_plan(scene, cases, "strobe", transient, periods, steps_per_period, None, None)
     start = table_2_start() if start is None else check_start(start)
-    epoch, lanes = 0, filled(1)
+    _, name, values = path_cases(scene, path, start)
+    way = DIRECTIONS[one_of("direction", direction, tuple(DIRECTIONS))]
+    options: dict[str, Any] = dict(record="strobe", transient=transient, periods=periods)
+    lanes, epoch = filled(np.zeros(1, int), 1), 0
 
-    def run(value, states):
+    def run(value: float, state: State | None) -> _Held:
         nonlocal epoch
-        here = {name: jnp.full(len(lanes), value)}
-        states, _, (strobe,) = run_blocks(scene, plan, here, states, lambda periods: None, epoch=epoch)
-        epoch += plan.total
-        return states, strobe[0].mean(axis=0) / SCALES
+        cases = Cases(scene, {name: [value]}, start)
+        plan = make_plan(scene, cases, steps_per_period=steps_per_period, **options)
+        scenes, starts = cases.take(lanes)
+        state = initial_states(scenes, starts) if state is None else state
+        done = run_chunk(plan, scenes, state, plan.most_steps, lambda periods: None, epoch=epoch)
+        epoch += plan.periods
+        mark = done.record.strobe[0].mean(axis=0) / COORDINATE_SCALES
+        return _Held(done.state, mark, Status(int(done.status[0])))
 
-    def hold(value, states):
-        states, mark = run(value, states)
+    def hold(value: float, state: State | None) -> _Held:
+        held = run(value, state)
         for _ in range(PATIENCE):
-            earlier = mark
-            states, mark = run(value, states)
-            if _distance(mark, earlier) < threshold / 10:
+            earlier, held = held, run(value, held.state)
+            # a NaN compares False, and must end the search and not pass for a motion that rests
+            if held.status != Status.FINITE or _distance(held, earlier) < threshold / 10:
                 break
-        return states, mark
+        return held
 
-    jumped = lambda new, mark: _distance(new, mark) > threshold
+    jumped = lambda new, old: _distance(new, old) > threshold
     ordered = values[::way]
-    states = start_states(scene, {name: jnp.full(len(lanes), ordered[0])}, start)
-    states, mark = hold(ordered[0], states)
-    at = ordered[0]
-    for target in ordered[1:]:
+    at, on_branch = float(ordered[0]), hold(float(ordered[0]), None)
+    if on_branch.status != Status.FINITE:
+        return Jump(False, at, at, float("nan"), on_branch.status)
+    for target in map(float, ordered[1:]):
         while at != target:
-            value = target
-            after, new = hold(value, states)
-            while jumped(new, mark) and abs(value - at) > within:
+            value, new = target, hold(target, on_branch.state)
+            while new.status == Status.FINITE and jumped(new, on_branch) and abs(value - at) > within:
                 middle = (at + value) / 2
-                halfway, tried = hold(middle, states)
-                if jumped(tried, mark):
-                    value, after, new = middle, halfway, tried
+                halfway = hold(middle, on_branch.state)
+                if halfway.status != Status.FINITE or jumped(halfway, on_branch):
+                    value, new = middle, halfway
                 else:  # and what looked like a jump from further away may be none from here
-                    at, states, mark = middle, halfway, tried
-            if jumped(new, mark):
-                return Jump(float(at), float(value), float(_distance(new, mark)))
-            at, states, mark = value, after, new
-    return None
+                    at, on_branch = middle, halfway
+            if new.status != Status.FINITE:
+                return Jump(False, at, value, float("nan"), new.status)
+            if jumped(new, on_branch):
+                return Jump(True, at, value, _distance(new, on_branch), Status.FINITE)
+            at, on_branch = value, new
+    return Jump(False, at, at, float("nan"), Status.FINITE)

@@ -1,28 +1,79 @@
-"""Compiler options for the hot path."""
+"""Compiling: `jax.jit` with the compiler options of the hot path, at the top level and inside other transformations."""
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
 import jax
+import numpy as np
+from jax.extend.core import get_opaque_trace_state
 
-COMPILER_OPTIONS = {
-    # Lets LLVM reassociate the sum over the contact points, which vectorises it. The rest keeps the meaning of NaN,
-    # infinity, division and square root.
+_TOP_LEVEL = get_opaque_trace_state()
+_CPU_OPTIONS = {
+    # Lets LLVM reassociate the sum over the contact points, which vectorises it. The other four keep the meaning of
+    # NaN, infinity, division and square root.
     "xla_cpu_enable_fast_math": True,
     "xla_cpu_fast_math_honor_nans": True,
     "xla_cpu_fast_math_honor_infs": True,
     "xla_cpu_fast_math_honor_division": True,
     "xla_cpu_fast_math_honor_functions": True,
-    # Our batches are too small for one kernel to gain from several threads; chunks of the batch are what gets them.
+    # Our batches are too small for one kernel to gain from several threads; chunks of the batch use the cores instead.
     "xla_cpu_multi_thread_eigen": False,
 }
+COMPILER_OPTIONS: dict[str, dict[str, bool | int | str]] = {"cpu": _CPU_OPTIONS}
+"""XLA options by backend; a backend that is not listed gets XLA's defaults."""
+
+
+def compiler_options(backend: str | None = None) -> dict[str, bool | int | str]:
+    """The XLA options for a backend, by default the one that JAX uses now."""
+    return COMPILER_OPTIONS.get(jax.default_backend() if backend is None else backend, {})
 
 
 def jit(fun: Callable, **kwargs: Any) -> Callable:
-    """`jax.jit` with the compiler options that make simulations fast; for the outermost function only."""
-    return jax.jit(fun, compiler_options=COMPILER_OPTIONS, **kwargs)
+    """`jax.jit` with `compiler_options` of the backend in use.
+
+    JAX accepts compiler options for the outermost program only. Inside another transformation (jit, grad, vmap, ...)
+    this is a plain `jax.jit`.
+
+    **Arguments:** `fun`, `kwargs`: as for `jax.jit`.
+    """
+    inner = jax.jit(fun, **kwargs)
+
+    @functools.cache
+    def outermost(backend: str) -> Callable:
+        return jax.jit(fun, compiler_options=compiler_options(backend), **kwargs)
+
+    @functools.wraps(fun)
+    def call(*args: Any, **options: Any) -> Any:
+        at_top_level = get_opaque_trace_state() == _TOP_LEVEL
+        chosen = outermost(jax.default_backend()) if at_top_level else inner
+        return chosen(*args, **options)
+
+    return call
 
 
 def is_traced(tree: Any) -> bool:
     """Whether any leaf is a tracer, that is, whether some outer transformation is at work."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
+
+
+def call_compiled(fun: Callable, functions: Any, static: tuple, *arrays: Any) -> Any:
+    """`fun(functions, static, *arrays)`, compiled unless a transformation is at work.
+
+    **Arguments:** `functions`: a pytree of callables, such as `equinox.Module`s, whose array leaves become arguments
+    of the compiled program; other numbers in them then share one program. `static`: hashable; a new value compiles
+    anew. `arrays`: pytrees of arrays.
+    """
+    if is_traced((functions, arrays)):
+        return fun(functions, static, *arrays)
+    numbers, rest = eqx.partition(functions, lambda leaf: isinstance(leaf, jax.Array | np.ndarray))
+    leaves, structure = jax.tree.flatten(rest)
+    return _call(fun, tuple(leaves), structure, static, numbers, arrays)
+
+
+def _call_uncompiled(fun, leaves, structure, static, numbers, arrays):
+    return fun(eqx.combine(numbers, jax.tree.unflatten(structure, leaves)), static, *arrays)
+
+
+_call = jit(_call_uncompiled, static_argnums=(0, 1, 2, 3))

@@ -1,9 +1,9 @@
-"""Several sums over one axis in one pass.
+"""Sums over one axis fused into one pass, and values stored so that XLA does not recompute them.
 
 XLA on a CPU computes five sums of products of one force by computing that force five times, once inside each
 sum. One reduction of five operands computes it once. JAX gives that reduction no transpose and a derivative
-that is far too slow, although it is linear; here it is as a linear primitive, so that forward mode, reverse
-mode and batching all give one-pass reductions or plain broadcasts again.
+that is far too slow. Here the reduction is a linear primitive, so that forward mode, reverse mode and batching all
+give one-pass reductions or plain broadcasts again.
 """
 
 import jax
@@ -27,11 +27,11 @@ def sums(*operands):
     return _sums_p.bind(*operands)
 
 
-def together(tree):
-    """The same numbers, computed once, in one kernel, and stored.
+def materialise(tree):
+    """The same numbers, computed in one kernel and stored.
 
-    XLA computes a value anew in every kernel that uses it, unless it comes from a reduction: an unrolled elimination
-    of five unknowns then grows with each use. So this is a reduction, over two entries of which one is zero.
+    XLA recomputes an elementwise value in every kernel that uses it, which multiplies the work of an unrolled
+    elimination, but never recomputes a reduction. So this is a reduction over two entries, one of which is zero.
 
     **Arguments:** a pytree of floating-point arrays that broadcast to one shape. **Returns:** the same of that shape.
     """
@@ -40,7 +40,7 @@ def together(tree):
     wide = (*shape, 2)
     first = jnp.broadcast_to(np.array([True, False]), wide)
     nothing = jnp.zeros(wide)
-    # plain lax operations, for this is called so often that tracing it is felt
+    # Plain lax operations keep tracing short: this is called very often.
     spread = lambda x: lax.broadcast_in_dim(jnp.broadcast_to(jnp.asarray(x, float), shape), wide, range(len(shape)))
     return jax.tree.unflatten(structure, sums(*(lax.select(first, spread(x), nothing) for x in scalars)))
 

@@ -1,7 +1,7 @@
 """Checks of arguments: one clear error that names the argument, its value and what it must be.
 
 A concrete value raises `ValueError` at once, before anything is compiled. A traced value (inside `jax.jit`,
-`jax.grad`, ...) cannot be looked at; it is guarded by `equinox.error_if`, whose result is what gets used.
+`jax.grad`, ...) cannot be inspected; `equinox.error_if` guards it at run time.
 """
 
 from collections.abc import Callable
@@ -11,6 +11,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from .compile import is_traced
 
 
 def _checked(name: str, unit: str, need: str, is_bad: Callable[[Any], Any], value: Any) -> jax.Array:
@@ -42,14 +44,19 @@ def finite(name: str, unit: str = "") -> Callable[[Any], jax.Array]:
     return lambda v: _checked(name, unit, "finite", lambda x: ~(abs(x) < np.inf), v)
 
 
-def fraction(name: str) -> Callable[[Any], jax.Array]:
+def fraction(name: str, unit: str = "") -> Callable[[Any], jax.Array]:
     """A field converter that demands numbers in (0, 1]."""
-    return lambda v: _checked(name, "", "above 0 and at most 1", lambda x: ~((x > 0) & (x <= 1)), v)
+    return lambda v: _checked(name, unit, "above 0 and at most 1", lambda x: ~((x > 0) & (x <= 1)), v)
 
 
 def optional(converter: Callable[[Any], jax.Array]) -> Callable[[Any], jax.Array | None]:
-    """Lets `None` pass: what is not there is not checked, and costs nothing."""
+    """Lets `None` pass unchecked."""
     return lambda v: None if v is None else converter(v)
+
+
+def unless_traced(check: Callable[[Any], jax.Array], value: Any) -> jax.Array:
+    """`check(value)`; a traced value is converted without the check."""
+    return jnp.asarray(value, float) if is_traced(value) else check(value)
 
 
 def whole(name: str, value: Any, least: int) -> int:

@@ -1,39 +1,11 @@
-"""Track irregularity: where the rail is at a given place, Eqs. (9)-(11) and (24)-(26) of Dang et al. 2024."""
-
-import abc
-from typing import Any, NamedTuple
+"""Harmonic and straight tracks, Eqs. (10)-(11) and (24)-(26) of Dang et al. 2024."""
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .checks import finite, optional, positive
-
-
-class TrackMotion(NamedTuple):
-    """Place of the rail's axis at some phases, and its rates per forcing period."""
-
-    offset: Any
-    """Lateral and vertical displacement, which are the same [m]."""
-    offset_rate: Any
-    """The same per forcing period [m]."""
-    roll: Any
-    """Roll angle [rad], or None where the track does not roll."""
-    roll_rate: Any
-    """The same per forcing period [rad], or None."""
-
-
-class AbstractTrack(eqx.Module):
-    """A track whose irregularity is a function of the place alone."""
-
-    @property
-    @abc.abstractmethod
-    def wavelength(self) -> Float[Array, ""]:
-        """The length that defines the forcing period [m]: period = wavelength / speed."""
-
-    @abc.abstractmethod
-    def motion(self, phase: Float[Array, "*s"]) -> TrackMotion:
-        """Where the rail is after `phase` forcing periods of travel."""
+from ...tools import finite, optional, positive
+from .abstract import AbstractTrack, Irregularity
 
 
 class HarmonicTrack(AbstractTrack):
@@ -62,20 +34,18 @@ class HarmonicTrack(AbstractTrack):
     def wavelength(self) -> Float[Array, ""]:
         return self.wavelengths[0]
 
-    def motion(self, phase: Float[Array, "*s"]) -> TrackMotion:
-        shape = rate = jnp.zeros_like(phase)
+    def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
+        shape = jnp.zeros_like(distance)
         for k in range(self.wavelengths.shape[0]):
-            # The first ratio is one, and said so: then the phase stays a plain number for a whole sweep.
-            ratio = self.wavelengths[0] / self.wavelengths[k] if k else 1.0
-            cycles = phase * ratio
-            angle = 2 * jnp.pi * (cycles - jnp.floor(cycles))  # keeps its precision after any number of periods
-            shape = shape + jnp.sin(angle)
-            rate = rate + 2 * jnp.pi * ratio * jnp.cos(angle)
-        if self.roll_amplitude is None:
-            roll = roll_rate = None
-        else:
-            roll, roll_rate = self.roll_amplitude * shape, self.roll_amplitude * rate
-        return TrackMotion(self.amplitude * shape, self.amplitude * rate, roll, roll_rate)
+            cycles = distance / self.wavelengths[k]
+            # whole cycles are taken off before the sine, which keeps its precision after any number of periods
+            shape = shape + jnp.sin(2 * jnp.pi * (cycles - jnp.floor(cycles)))
+        offset = self.amplitude * shape
+        return Irregularity(offset, offset, None if self.roll_amplitude is None else self.roll_amplitude * shape)
+
+    def approach_speed(self, speed: Float[Array, ""]) -> Float[Array, ""]:
+        """Peak lateral speed of the first wavelength [m/s]; the others are not counted."""
+        return 2 * jnp.pi * jnp.abs(self.amplitude) * speed / self.wavelength
 
 
 class StraightTrack(AbstractTrack):
@@ -88,6 +58,9 @@ class StraightTrack(AbstractTrack):
     def wavelength(self) -> Float[Array, ""]:
         return self.reference_length
 
-    def motion(self, phase: Float[Array, "*s"]) -> TrackMotion:
-        zero = jnp.zeros_like(phase)
-        return TrackMotion(zero, zero, None, None)
+    def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
+        zero = jnp.zeros_like(distance)
+        return Irregularity(zero, zero, None)
+
+    def approach_speed(self, speed: Float[Array, ""]) -> Float[Array, ""]:
+        return 0.0 * speed

@@ -1,0 +1,34 @@
+"""One case through time: the period map, trajectories, recorders, statuses and datasets."""
+
+from .datasets import scene_attributes as scene_attributes
+from .datasets import trajectory_dataset as trajectory_dataset
+from .period_map import Passage as Passage
+from .period_map import PeriodMap as PeriodMap
+from .period_map import TangentPassage as TangentPassage
+from .period_map import advance as advance
+from .period_map import advance_tangents as advance_tangents
+from .period_map import batch_jacobians as batch_jacobians
+from .period_map import initial_states as initial_states
+from .recorders import RECORDERS as RECORDERS
+from .recorders import AbstractRecorder as AbstractRecorder
+from .recorders import History as History
+from .recorders import SectionRecord as SectionRecord
+from .recorders import Sections as Sections
+from .recorders import Strobe as Strobe
+from .recorders import StrobeRecord as StrobeRecord
+from .recorders import coordinates as coordinates
+from .recorders import joined_cases as joined_cases
+from .recorders import joined_in_time as joined_in_time
+from .recorders import recorder_named as recorder_named
+from .simulate import Trajectory as Trajectory
+from .simulate import check_start as check_start
+from .simulate import period_map as period_map
+from .simulate import simulate as simulate
+from .simulate import step_plan as step_plan
+from .status import MEANINGS as MEANINGS
+from .status import Status as Status
+from .status import first_problem as first_problem
+from .status import status_of as status_of
+from .status import with_resolution as with_resolution
+from .tangents import initial_tangents as initial_tangents
+from .tangents import tangent_weights as tangent_weights

@@ -1,0 +1,79 @@
+"""The system of Dang et al. 2024, doi:10.1115/1.4065629: its section, scene and start."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from ..tools import not_negative
+from .contact import AbstractMemory, EventLatch, Flores
+from .cross_section import Section
+from .kinematics import Motion
+from .quantities import half_play
+from .scene import Scene, Slipper
+from .tracks import HarmonicTrack
+
+# Table 1: y (left) and z (up) of the points A to J in the slipper's frame [m]
+_TABLE_1 = (
+    (0.03, 0.013),
+    (0.048, 0.0055),
+    (0.048, -0.0145),
+    (0.0445, -0.0249),
+    (0.029, -0.029),
+    (-0.029, -0.029),
+    (-0.0445, -0.0249),
+    (-0.048, -0.0145),
+    (-0.048, 0.0055),
+    (-0.03, 0.013),
+)
+
+
+def paper_section(clearance: Any) -> Section:
+    """The section of Table 1 with a total play of `clearance` [m], half of it per face.
+
+    **Raises:** `ValueError` for a negative clearance.
+    """
+    return Section(points=_TABLE_1, play=half_play(not_negative("clearance", "m")(clearance), 5))
+
+
+def paper_scene(
+    speed: Any = 1250.0,
+    clearance: Any = 1e-3,
+    length: Any = 0.2,
+    *,
+    stiffness: Any = 1e8,
+    restitution: Any = 0.9,
+    wavelengths: Sequence[float] = (8.0,),
+    amplitude: Any = 1e-3,
+    roll_amplitude: Any = math.radians(0.2),
+    clamp: bool = True,
+    memory: AbstractMemory | None = None,
+) -> Scene:
+    """The system of Dang et al. 2024, Tables 1 to 3.
+
+    **Arguments:**
+
+    - `speed`: travelling speed V [m/s].
+    - `clearance`: total play C of slipper and rail [m]; each face has half of it.
+    - `length`: slipper length L_S [m].
+    - `stiffness`: contact stiffness K [N/m^1.5]. `restitution`: coefficient c_r [1].
+    - `wavelengths`: one or more wavelengths L_X of the irregularity [m].
+    - `amplitude`, `roll_amplitude`: amplitudes of the irregularity [m] and [rad].
+    - `clamp`: whether a contact may only push. `memory`: how it remembers its touchdown, default `EventLatch()`.
+
+    **Returns:** a `Scene`.
+
+    **Raises:** `ValueError` that names the argument which is out of range.
+    """
+    return Scene(
+        speed=speed,
+        slipper=Slipper(mass=14.0, inertia=(0.051, 0.060, 0.086), length=length),
+        section=paper_section(clearance),
+        track=HarmonicTrack(wavelengths, amplitude, roll_amplitude),
+        contact=Flores(stiffness, restitution, clamp),
+        memory=EventLatch() if memory is None else memory,
+    )
+
+
+def table_2_start() -> Motion:
+    """The start of Table 2: centred, with small velocities in all five directions."""
+    return Motion(v_y=0.5, v_z=0.5, w_x=0.2, w_y=0.3, w_z=0.4)

@@ -1,0 +1,206 @@
+"""The registry of quantities: name, unit, symbol, scale, display unit and check of everything that has a name.
+
+Parameters of a scene, coordinates of a start, outputs and sections are looked up here by checks, datasets, plots, the
+command line and the solvers.
+"""
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..tools import finite, fraction, not_negative, positive
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A named physical quantity."""
+
+    name: str
+    unit: str
+    """SI unit, "1" for pure numbers."""
+    long_name: str
+    """Description in a few words, for datasets and help texts."""
+    symbol: str = ""
+    """LaTeX symbol for axis labels; empty where the name itself is the label."""
+    scale: float = 1.0
+    """Typical size [unit]: differences of states are compared in multiples of it."""
+    shown_unit: str = ""
+    """Unit in pictures and on the command line; empty for the SI unit."""
+    per_shown: float = 1.0
+    """SI units in one display unit."""
+
+    @property
+    def display_unit(self) -> str:
+        """Unit in pictures and on the command line."""
+        return self.shown_unit or self.unit
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        """xarray attributes: unit and description."""
+        return {"units": self.unit, "long_name": self.long_name}
+
+    def shown(self, value: Any) -> Any:
+        """A value in SI units [unit] converted to the display unit."""
+        return value / self.per_shown
+
+    def from_shown(self, value: Any) -> Any:
+        """A value in the display unit converted to SI units [unit]."""
+        return value * self.per_shown
+
+
+@dataclass(frozen=True)
+class Parameter(Quantity):
+    """A number of a scene, with the place where it stands in a `Scene`."""
+
+    get: Callable[[Any], Any] = lambda scene: None
+    """The value in a scene."""
+    check: Callable[[str, str], Callable[[Any], jax.Array]] = finite
+    """Makes the check of values from name and unit, see `slipperjax.tools.validate`."""
+    put: Callable[[Any, Array], Any] | None = None
+    """A copy of a scene with another value; None where `get` names the very leaf to replace."""
+
+    def checked(self, value: Any) -> jax.Array:
+        """`value` [unit] as an array; raises `ValueError` where it is out of range."""
+        return self.check(self.name, self.unit)(value)
+
+    def of(self, scene: Any) -> Any:
+        """The value in a scene; None where the scene has no such part."""
+        try:
+            return self.get(scene)
+        except AttributeError:
+            return None
+
+    def replaced(self, scene: Any, value: Any) -> Any:
+        """A copy of `scene` with another value, unchecked; `value` may have leading axes of cases.
+
+        **Raises:** `ValueError` where the scene has no such part.
+        """
+        if self.of(scene) is None:
+            raise ValueError(f"Argument `{self.name}` cannot be set: the scene has no {self.long_name}.")
+        value = jnp.asarray(value, float)
+        return eqx.tree_at(self.get, scene, value) if self.put is None else self.put(scene, value)
+
+
+@functools.partial(jax.jit, static_argnums=1)
+def half_play(clearance: jax.Array, faces: int) -> Float[Array, "*cases faces"]:
+    """A total play of `clearance` [m], shape (*cases,), as the play of each face [m]."""
+    return jnp.broadcast_to(clearance[..., None] / 2, (*clearance.shape, faces))
+
+
+def _put_clearance(scene: Any, value: Array) -> Any:
+    return eqx.tree_at(lambda s: s.section.play, scene, half_play(value, len(scene.section.faces)))
+
+
+def _named(*quantities: Any) -> dict[str, Any]:
+    return {q.name: q for q in quantities}
+
+
+_MM = dict(shown_unit="mm", per_shown=1e-3)
+_MRAD = dict(shown_unit="mrad", per_shown=1e-3)
+
+PARAMETERS: dict[str, Parameter] = _named(
+    Parameter("speed", "m/s", "travelling speed", "V", get=lambda s: s.speed, check=positive),
+    Parameter(
+        "clearance",
+        "m",
+        "total play of slipper and rail",
+        "C",
+        **_MM,
+        get=lambda s: 2 * jnp.mean(s.section.play),
+        check=not_negative,
+        put=_put_clearance,
+    ),
+    Parameter("length", "m", "slipper length", "L", get=lambda s: s.slipper.length, check=positive),
+    Parameter("mass", "kg", "slipper mass", "m", get=lambda s: s.slipper.mass, check=positive),
+    Parameter("stiffness", "N/m^1.5", "contact stiffness", "K", get=lambda s: s.contact.stiffness, check=positive),
+    Parameter(
+        "restitution", "1", "coefficient of restitution", "c_r", get=lambda s: s.contact.restitution, check=fraction
+    ),
+    Parameter(
+        "amplitude", "m", "irregularity amplitude", "A", **_MM, get=lambda s: s.track.amplitude, check=not_negative
+    ),
+    Parameter(
+        "roll_amplitude",
+        "rad",
+        "irregularity roll amplitude",
+        "A_R",
+        shown_unit="degrees",
+        per_shown=np.pi / 180,
+        get=lambda s: s.track.roll_amplitude,
+        check=not_negative,
+    ),
+    Parameter("gravity", "m/s^2", "gravitational acceleration", "g", get=lambda s: s.gravity, check=not_negative),
+)
+"""The numbers of a scene that `Scene.replace`, `sweep` and the design tools know by name."""
+
+COORDINATES: dict[str, Quantity] = _named(
+    Quantity("y", "m", "lateral displacement", "y", 1e-3, **_MM),
+    Quantity("z", "m", "vertical displacement", "z", 1e-3, **_MM),
+    Quantity("roll", "rad", "roll angle", "", 1e-2, **_MRAD),
+    Quantity("pitch", "rad", "pitch angle", "", 1e-2, **_MRAD),
+    Quantity("yaw", "rad", "yaw angle", "", 1e-2, **_MRAD),
+    Quantity("v_y", "m/s", "lateral velocity", "V_Y"),
+    Quantity("v_z", "m/s", "vertical velocity", "V_Z"),
+    Quantity("w_x", "rad/s", "roll rate, slipper frame", r"\omega_X", 10.0),
+    Quantity("w_y", "rad/s", "pitch rate, slipper frame", r"\omega_Y", 10.0),
+    Quantity("w_z", "rad/s", "yaw rate, slipper frame", r"\omega_Z", 10.0),
+)
+"""The slipper's coordinates and velocities, in the order of every array with ten columns."""
+
+COORDINATE_SCALES = np.array([q.scale for q in COORDINATES.values()])
+"""Scales of `COORDINATES`: 1 mm, 10 mrad, 1 m/s and 10 rad/s. Scaled errors and distances are in multiples of them."""
+
+ACCELERATIONS: dict[str, Quantity] = _named(
+    Quantity("a_y", "m/s^2", "lateral acceleration", "A_Y"),
+    Quantity("a_z", "m/s^2", "vertical acceleration", "A_Z"),
+    Quantity("alpha_x", "rad/s^2", "roll acceleration, slipper frame", r"\alpha_X"),
+    Quantity("alpha_y", "rad/s^2", "pitch acceleration, slipper frame", r"\alpha_Y"),
+    Quantity("alpha_z", "rad/s^2", "yaw acceleration, slipper frame", r"\alpha_Z"),
+)
+"""The slipper's accelerations."""
+
+REACTIONS: dict[str, Quantity] = _named(
+    Quantity("contact_force", "N", "normal contact force on the slipper", "F", shown_unit="kN", per_shown=1e3),
+    Quantity("gap", "m", "gap, negative where penetrating", "g", **_MM),
+    Quantity("drive_force", "N", "force along x that keeps the speed constant", "F_X"),
+)
+"""Forces and gaps."""
+
+STARTS: dict[str, Parameter] = _named(
+    *(
+        Parameter(name, q.unit, f"{q.long_name.split(',')[0]} at the start", q.symbol, q.scale, check=finite)
+        for name, q in COORDINATES.items()
+        if name not in ("roll", "pitch", "yaw")
+    )
+)
+"""The coordinates of the start that a grid may vary beside `PARAMETERS`, for basins of attraction."""
+
+SECTIONS = {"v_y": "y", "v_z": "z", "w_x": "roll", "w_y": "pitch", "w_z": "yaw"}
+"""Poincare sections by name: the velocity that each shows, and the coordinate whose upward zero crossing makes it."""
+
+
+def quantity(name: str) -> Quantity:
+    """A quantity by the name that it has in datasets, where a start's coordinate x is `start_x`.
+
+    **Raises:** `KeyError` for an unknown name.
+    """
+    if name.startswith("start_"):
+        return STARTS[name.removeprefix("start_")]
+    for known in (PARAMETERS, COORDINATES, ACCELERATIONS, REACTIONS):
+        if name in known:
+            return known[name]
+    raise KeyError(name)
+
+
+def parameter(name: str) -> Parameter:
+    """A scene's parameter by name; raises `ValueError` for an unknown one."""
+    if name not in PARAMETERS:
+        raise ValueError(f"Argument `{name}` is no parameter; the names are {', '.join(PARAMETERS)}.")
+    return PARAMETERS[name]

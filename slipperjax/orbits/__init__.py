@@ -1,0 +1,3 @@
+"""Long-time behaviour of one slipper: Lyapunov exponents."""
+
+from .exponents import lyapunov_spectrum as lyapunov_spectrum

@@ -1,0 +1,71 @@
+"""Lyapunov spectra of one slipper.
+
+The tangent carries how the place and the instant of each touchdown depend on the state, because the latch is
+interpolated and differentiable; so the contact's memory has its saltation, and periodic motions get the exponents
+of their Floquet multipliers.
+"""
+
+import dataclasses
+
+import diffrax
+import jax.numpy as jnp
+
+from ..analysis import LyapunovSpectrum, map_spectrum
+from ..flow import PeriodMap, check_start, status_of, tangent_weights, with_resolution
+from ..model import Motion, Scene, default_steps_per_period, initial_state, table_2_start
+from ..solvers import resolve_solver
+from ..tools import whole
+
+
+def lyapunov_spectrum(
+    scene: Scene,
+    count: int = 1,
+    *,
+    transient: int = 200,
+    periods: int = 500,
+    align: int = 20,
+    orthonormalise_every: int = 1,
+    steps_per_period: int | None = None,
+    solver: diffrax.AbstractSolver | None = None,
+    start: Motion | None = None,
+    until_stderr: float | None = None,
+    max_periods: int | None = None,
+) -> LyapunovSpectrum:
+    """Lyapunov exponents of one scene by Benettin's method (doi:10.1007/BF02128236), with exact tangents.
+
+    **Arguments:**
+
+    - `count`: number of exponents, the largest first; one costs one tangent.
+    - `transient`: forcing periods before anything is counted; `align`: those after it in which the tangents turn
+        into their directions; `periods`: those that count, or with `until_stderr` the number in a block.
+    - `orthonormalise_every`: forcing periods between orthonormalisations.
+    - `steps_per_period`, `solver`, `start`: as for `simulate`.
+    - `until_stderr`: goes on until the largest exponent's standard error [1/period] is no more than this, or until
+        `max_periods` were counted.
+
+    **Returns:** a `LyapunovSpectrum`: `.per_period`, `.per_second`, `.stderr`, `.history`, `.kaplan_yorke`, and
+    `.status`, a `slipperjax.flow.Status` code of the state at the end. To go on from it,
+    `slipperjax.analysis.extend_spectrum` with the step `slipperjax.flow.PeriodMap(scene, ...)`.
+
+    **Raises:** `ValueError` that names the argument which is wrong.
+    """
+    every = whole("orthonormalise_every", orthonormalise_every, 1)
+    steps = default_steps_per_period(scene) if steps_per_period is None else steps_per_period
+    steps = whole("steps_per_period", steps, 1)
+    start = table_2_start() if start is None else check_start(start)
+    blocks = lambda name, value, least: -(-whole(name, value, least) // every)
+    number = jnp.asarray(float(steps))  # an array, so that one compiled program serves all
+    found = map_spectrum(
+        PeriodMap(scene, number, resolve_solver(scene, solver), periods=every),
+        initial_state(scene, start),
+        blocks("periods", periods, 1),
+        count=count,
+        transient=blocks("transient", transient, 0),
+        align=blocks("align", align, 0),
+        scale=tangent_weights(scene),
+        periods=float(every),
+        period=scene.period,
+        until_stderr=until_stderr,
+        max_intervals=None if max_periods is None else blocks("max_periods", max_periods, 1),
+    )
+    return dataclasses.replace(found, status=with_resolution(status_of(found.state), scene, steps))

@@ -1,0 +1,76 @@
+"""What the cases of a sweep settle to, and which starts share a basin of attraction."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float, Int
+
+from ..analysis import Attractors, classify
+from ..flow import Status
+from ..model import COORDINATE_SCALES, COORDINATES
+from ..tools import whole
+
+
+def strobe_states(ds: xr.Dataset, last: int | None = None) -> Float[np.ndarray, "*cases periods 10"]:
+    """States once per forcing period, of the `last` periods of a sweep's result.
+
+    Cases with a status other than 0 are NaN throughout: nothing is concluded from them.
+
+    **Arguments:** `ds`: of `sweep` or `follow` with record "sections" or "strobe".
+
+    **Raises:** `ValueError` for other datasets.
+    """
+    if "strobe" in ds:
+        states = ds["strobe"].values
+    elif "period" in ds["y"].dims:
+        states = np.stack([ds[name].values for name in COORDINATES], axis=-1)
+    else:
+        raise ValueError("Argument `ds` must come from a sweep that recorded sections or strobe, but did not.")
+    if "status" in ds:
+        states = np.where(ds["status"].values[..., None, None] == Status.FINITE, states, np.nan)
+    return states if last is None else states[..., -whole("last", last, 1) :, :]
+
+
+def attractors(ds: xr.Dataset, last: int = 200, floor: float = 1e-5, **options: Any) -> Attractors:
+    """What each case of a sweep settled to, from its `last` strobe states: see `slipperjax.analysis.attractor`.
+
+    Cases with a status other than 0 are "unresolved", and the evidence names the status.
+
+    **Arguments:** `floor`: distances below it are zero, in multiples of `slipperjax.model.COORDINATE_SCALES`: by
+    default 10 nm.
+    """
+    found = classify(strobe_states(ds, last), scales=COORDINATE_SCALES, floor=floor, **options)
+    if "status" not in ds:
+        return found
+    evidence = np.asarray(found.evidence, dtype=object)
+    for place in np.argwhere(ds["status"].values != Status.FINITE):
+        evidence[tuple(place)] = f"status {Status(int(ds['status'].values[tuple(place)]))}"
+    return found._replace(evidence=evidence.astype(str))
+
+
+def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05) -> Int[np.ndarray, "*cases"]:
+    """Numbers the attractors that a grid of starts leads to: 0, 1, ... by falling size of their basins.
+
+    Two cases share a group where mean and spread of their last strobe states agree within `tolerance`, in multiples of
+    `slipperjax.model.COORDINATE_SCALES`. Reliable for periodic attractors; a chaotic one may fall into several groups.
+
+    **Returns:** whole numbers of the shape of the grid; -1 for cases with a status other than 0.
+    """
+    states = strobe_states(ds, last) / COORDINATE_SCALES
+    marks = np.concatenate([states.mean(axis=-2), states.std(axis=-2)], axis=-1)
+    flat = marks.reshape(-1, marks.shape[-1])
+    found = np.full(len(flat), -1)
+    centres: list[np.ndarray] = []
+    for k, mark in enumerate(flat):
+        if not np.all(np.isfinite(mark)):
+            continue
+        near = [np.max(np.abs(mark - c)) for c in centres]
+        if near and min(near) < tolerance:
+            found[k] = int(np.argmin(near))
+        else:
+            found[k] = len(centres)
+            centres.append(mark)
+    order = np.argsort([-np.sum(found == k) for k in range(len(centres))], kind="stable")
+    rank = {int(old): new for new, old in enumerate(order)} | {-1: -1}
+    return np.array([rank[int(k)] for k in found]).reshape(marks.shape[:-1])

@@ -1,0 +1,104 @@
+"""Running chunks of cases: one chunk through its calls, and all chunks on threads with progress."""
+
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from jaxtyping import Int
+from tqdm.auto import tqdm
+
+from ..flow import SectionRecord, Sections, advance, coordinates, first_problem, joined_in_time
+from ..model import Scene, State
+from ..tools import Batched
+from .plan import Chunk, OnProgress, Plan
+
+Result = TypeVar("Result")
+
+
+class ChunkRun(NamedTuple):
+    """A chunk of cases after its run."""
+
+    state: State
+    """The states at the end, with a leading axis of lanes."""
+    status: Int[np.ndarray, " lanes"]
+    """`slipperjax.flow.Status` codes."""
+    record: Any
+    """What the plan's recorder collected, arrays (lanes, samples, ...)."""
+
+
+def run_chunk(
+    plan: Plan, scenes: Batched[Scene], states: State, steps: int, on_progress: OnProgress, epoch: int = 0
+) -> ChunkRun:
+    """Runs a chunk of cases through its plan, from the forcing period `epoch` on, with `steps` per period."""
+    recorder, at, status = plan.recorder, float(epoch), np.zeros(len(states.motion.y), int)
+    strobes, records = [], []
+    options: dict[str, Any] = dict(solver=plan.solver)
+    for _ in range(plan.transient.count):
+        on_progress(0)
+        states, ends, codes, _ = advance(scenes, states, at, float(steps), periods=plan.transient.length, **options)
+        status = first_problem(status, codes)
+        if isinstance(recorder, Sections):
+            strobes.append(coordinates(ends))
+        on_progress(plan.transient.length)
+        at += plan.transient.length
+    options |= dict(recorder=recorder, most_steps=plan.most_steps if recorder.inside else None)
+    for _ in range(plan.recorded.count):
+        on_progress(0)
+        states, kept, codes, _ = advance(scenes, states, at, float(steps), periods=plan.recorded.length, **options)
+        status = first_problem(status, codes)
+        records.append(recorder.collect(kept))
+        on_progress(plan.recorded.length)
+        at += plan.recorded.length
+    record = joined_in_time(records)
+    if isinstance(record, SectionRecord):
+        record = record._replace(strobe=np.concatenate([*strobes, record.strobe], axis=1))
+    return ChunkRun(states, status, record)
+
+
+def run_chunks(
+    chunks: Sequence[Chunk],
+    workers: int,
+    work: Callable[[Chunk, OnProgress], Result],
+    *,
+    periods: int,
+    progress: bool,
+) -> list[Result]:
+    """Calls `work(chunk, on_progress)` for each chunk on `workers` threads, and gives the results in order.
+
+    `on_progress(n)` shows n forcing periods as done; it raises where another chunk failed or the user interrupted, so
+    that a chunk stops at its next call. `periods`: how many one case takes in all.
+    """
+    stop, lock = threading.Event(), threading.Lock()
+    total = sum(chunk.cases for chunk in chunks) * periods
+    bar = tqdm(total=total, unit="period", unit_scale=True, disable=not progress)
+
+    def one(chunk: Chunk) -> Result:
+        def on_progress(periods: int) -> None:
+            if stop.is_set():
+                raise _Stopped
+            with lock:
+                bar.update(chunk.cases * periods)
+
+        return work(chunk, on_progress)
+
+    with bar, ThreadPoolExecutor(workers) as pool:
+        try:
+            return list(pool.map(one, chunks))
+        except BaseException:
+            stop.set()
+            raise
+
+
+class _Stopped(Exception):
+    """Ends a chunk's thread after another one failed or the user interrupted."""
+
+
+def in_order(chunks: Sequence[Chunk], joined: Any) -> Any:
+    """Arrays of all chunks, joined one after the other with the lanes that fill them, in the order of the cases."""
+    lanes = np.cumsum([0, *(len(chunk.index) for chunk in chunks)])
+    rows = np.concatenate([at + np.arange(chunk.cases) for at, chunk in zip(lanes, chunks, strict=False)])
+    order = np.argsort(np.concatenate([chunk.index[: chunk.cases] for chunk in chunks]))
+    return joined[rows[order]]
+

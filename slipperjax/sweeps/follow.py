@@ -1,0 +1,94 @@
+"""A parameter followed with memory: each case from the state in which its neighbour ended."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import diffrax
+import numpy as np
+import xarray as xr
+from tqdm.auto import tqdm
+
+from ..flow import check_start, initial_states, joined_cases
+from ..model import Motion, Scene, table_2_start
+from ..tools import one_of
+from .cases import filled, path_cases
+from .executors import ChunkRun, run_chunk
+from .plan import make_plan
+from .sweep import sweep_dataset
+
+DIRECTIONS = {"up": 1, "down": -1}
+"""Ways through a parameter's values."""
+
+
+def follow(
+    scene: Scene,
+    path: Mapping[str, Any],
+    *,
+    directions: tuple[str, ...] = ("up", "down"),
+    record: str = "sections",
+    transient: int = 30,
+    periods: int = 10,
+    steps_per_period: int | None = None,
+    saves_per_period: int | None = None,
+    solver: diffrax.AbstractSolver | None = None,
+    start: Motion | None = None,
+    progress: bool = False,
+) -> xr.Dataset:
+    """Sweeps a parameter with memory: each case starts from the state in which its neighbour ended.
+
+    So a motion is followed along its branch until that ends, which from a fixed start it need not be. Where "up"
+    and "down" disagree, attractors coexist.
+
+    **Arguments:**
+
+    - `path`: one parameter's name and values, in increasing order.
+    - `directions`: "up" begins at the first value, "down" at the last; both run as one batch.
+    - `transient`, `periods`: forcing periods at each value, before recording and recorded. The transient is
+        rounded up to tens if above ten.
+    - others: as for `sweep`; `start` is that of the first value met. Values that are visited together take the more
+        demanding one's steps.
+
+    **Returns:** as `sweep`, with `direction` as first dimension.
+
+    **Raises:** `ValueError` that names the argument which is wrong.
+    """
+    start = table_2_start() if start is None else check_start(start)
+    cases, _, values = path_cases(scene, path, start)
+    if not directions or len(set(directions)) < len(directions):
+        raise ValueError(f"Argument `directions` must name one or more ways, each once, but is {directions!r}.")
+    ways = [DIRECTIONS[one_of("directions", d, tuple(DIRECTIONS))] for d in directions]
+    plan = make_plan(
+        scene,
+        cases,
+        record=record,
+        transient=transient,
+        periods=periods,
+        steps_per_period=steps_per_period,
+        saves_per_period=saves_per_period,
+        solver=solver,
+    )
+    places = np.arange(len(values))
+    columns = np.stack([places[::way] for way in ways], axis=1)  # (values, directions)
+    states, runs, steps = None, [], []
+    with tqdm(total=plan.periods * columns.size, unit="period", unit_scale=True, disable=not progress) as bar:
+        for k, column in enumerate(columns):
+            scenes, starts = cases.take(filled(column, len(column)))
+            states = initial_states(scenes, starts) if states is None else states
+            most = int(plan.steps[column].max())
+            on_progress = lambda periods: bar.update(periods * len(ways))
+            run = run_chunk(plan, scenes, states, most, on_progress, epoch=k * plan.periods)
+            states = run.state
+            runs.append(run)
+            steps.append(np.full(len(ways), most))
+
+    def ordered(a):
+        # (values x lanes, ...) in the order of the run -> (directions x values, ...) in the order of the values
+        a = a.reshape(len(columns), -1, *a.shape[1:])
+        return np.concatenate([a[::way, d] for d, way in enumerate(ways)])
+
+    record_of_all = joined_cases([run.record for run in runs])
+    record_of_all = type(record_of_all)(*(ordered(a) for a in record_of_all))
+    status = ordered(np.concatenate([run.status for run in runs]))
+    found = ChunkRun(runs[-1].state, status, record_of_all)
+    taken = ordered(np.concatenate(steps))
+    return sweep_dataset(scene, plan, cases, found, taken, {"direction": list(directions)})

@@ -1,0 +1,157 @@
+"""How cases are run: which compiled program, with how many steps, in which chunks. One way for all sweeps."""
+
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import diffrax
+import numpy as np
+from jaxtyping import Int
+
+from ..flow import RECORDERS, AbstractRecorder, Strobe, recorder_named, step_plan
+from ..model import Scene
+from ..solvers import calls_lapack, resolve_solver
+from ..tools import one_of, whole
+from .cases import Cases, filled
+
+LARGEST_CHUNK = 1024
+"""Cases in one call: enough to amortise the start of kernels, few enough to stay in the cache."""
+START_OF_STEP = 20
+"""Cost of starting a step's kernels, in lanes: 8 us against 0.4 us per lane, measured at 8 to 1024 lanes."""
+PAUSE = 10
+"""Periods in one call of a transient: one length, so that one program serves them all."""
+
+
+class Calls(NamedTuple):
+    """A stretch of a run as calls of one compiled program."""
+
+    length: int
+    """Forcing periods in one call. Progress and Ctrl-C are polled between calls."""
+    count: int
+
+    @property
+    def periods(self) -> int:
+        """Forcing periods in all."""
+        return self.length * self.count
+
+
+class Chunk(NamedTuple):
+    """Cases that run as one batch."""
+
+    index: Int[np.ndarray, " lanes"]
+    """Places of the cases in the list of all; the last is repeated to fill the batch."""
+    cases: int
+    """How many of them count."""
+    steps: int
+    """Integration steps per forcing period, the same for all."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How a list of cases is run."""
+
+    solver: diffrax.AbstractSolver
+    recorder: AbstractRecorder
+    steps: Int[np.ndarray, " cases"]
+    """Integration steps per forcing period of each case."""
+    transient: Calls
+    """What passes before anything is recorded."""
+    recorded: Calls
+
+    @property
+    def most_steps(self) -> int:
+        """The most steps of any case: one program serves all up to it."""
+        return int(self.steps.max())
+
+    @property
+    def periods(self) -> int:
+        """Forcing periods of one case."""
+        return self.transient.periods + self.recorded.periods
+
+    def chunks(self, chunk: int | None, workers: int | None) -> tuple[list[Chunk], int]:
+        """The chunks, the dearest first, and the number of threads to run them on. Neither changes any result.
+
+        **Arguments:** `chunk`: cases per call, rounded up to a multiple of `slipperjax.sweeps.cases.LANES`; by default
+        what makes the run shortest. `workers`: threads, by default one per core.
+        """
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
+        workers = cores if workers is None else whole("workers", workers, 1)
+        if calls_lapack(self.solver):
+            workers = 1
+        counts, sizes = np.unique(self.steps, return_counts=True)
+        if chunk is None:
+            chunk = _best_chunk(counts, sizes, workers)
+        chunk = len(filled(np.zeros(1, int), whole("chunk", chunk, 1)))
+        found = []
+        for steps in counts[::-1]:
+            members = np.flatnonzero(self.steps == steps)
+            for at in range(0, len(members), chunk):
+                some = members[at : at + chunk]
+                found.append(Chunk(filled(some, chunk), len(some), int(steps)))
+        return found, min(workers, len(found))
+
+
+def _best_chunk(counts: np.ndarray, sizes: np.ndarray, workers: int) -> int:
+    """The chunk size with which groups of `sizes` cases of `counts` steps are done soonest."""
+    candidates = {min(-(-int(n) // (workers * k)), LARGEST_CHUNK) for n in sizes for k in (1, 2, 3, 4)}
+
+    def duration(chunk):
+        lanes = len(filled(np.zeros(1, int), chunk))
+        costs = counts * (START_OF_STEP + lanes)
+        total = float(np.sum(-(-sizes // lanes) * costs))
+        # two threads share the caches, so that the longest chunk bounds a run that is not divided evenly
+        return max(total / workers, float(costs.max())), lanes
+
+    return min(candidates, key=duration)
+
+
+def make_plan(
+    scene: Scene,
+    cases: Cases,
+    *,
+    record: str,
+    transient: int,
+    periods: int,
+    steps_per_period: int | None = None,
+    saves_per_period: int | None = None,
+    solver: diffrax.AbstractSolver | str | None = None,
+) -> Plan:
+    """The plan of a run from a user's arguments, see `slipperjax.sweep`.
+
+    **Raises:** `ValueError` that names the argument which is wrong.
+    """
+    record = one_of("record", record, RECORDERS)
+    transient, periods = whole("transient", transient, 0), whole("periods", periods, 1)
+    if steps_per_period is None:
+        saves = 50 if saves_per_period is None else whole("saves_per_period", saves_per_period, 1)
+        steps = -(-cases.default_steps() // saves) * saves
+    else:
+        fixed, saves = step_plan(scene, steps_per_period, saves_per_period)
+        steps = np.full(cases.count, fixed)
+    pause = max(1, min(transient, PAUSE))
+    block = _call_length(periods)
+    return Plan(
+        resolve_solver(scene, solver),
+        recorder_named(record, saves),
+        steps,
+        Calls(pause, -(-transient // pause)),
+        Calls(block, periods // block),
+    )
+
+
+def strobe_plan(plan: Plan, periods: int) -> Plan:
+    """The same with nothing but strobes for at least `periods`, in calls of `PAUSE`."""
+    return Plan(plan.solver, Strobe(), plan.steps, Calls(1, 0), Calls(PAUSE, math.ceil(periods / PAUSE)))
+
+
+def _call_length(periods: int) -> int:
+    """Forcing periods in one call of a stretch that is recorded: a divisor of `periods`, 50 at most if it has one."""
+    if periods <= 50:
+        return periods
+    return next((k for k in range(50, 9, -1) if periods % k == 0), periods)
+
+
+OnProgress = Callable[[int], Any]
+"""Called with a number of forcing periods that are done; raises where the run is to stop."""

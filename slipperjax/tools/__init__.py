@@ -1,0 +1,17 @@
+"""Tools that know neither slippers nor dynamics: compiling, batching, fused sums, checks of arguments."""
+
+from .batching import Batched as Batched
+from .compile import call_compiled as call_compiled
+from .compile import compiler_options as compiler_options
+from .compile import is_traced as is_traced
+from .compile import jit as jit
+from .fused import materialise as materialise
+from .fused import sums as sums
+from .validate import finite as finite
+from .validate import fraction as fraction
+from .validate import not_negative as not_negative
+from .validate import one_of as one_of
+from .validate import optional as optional
+from .validate import positive as positive
+from .validate import unless_traced as unless_traced
+from .validate import whole as whole
