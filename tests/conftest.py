@@ -1,5 +1,19 @@
-"""Broadcasting between ranks must be spelt out: what is silent there is mostly a mistake."""
+"""Shapes and types of the package's annotations are enforced; broadcasting between ranks must be spelt out."""
 
 import jax
+from jaxtyping import install_import_hook
 
+from . import shapes  # noqa: F401  (the hook finds it by its name)
+
+# what broadcasts silently is mostly a mistake
 jax.config.update("jax_numpy_rank_promotion", "raise")
+
+with install_import_hook("slipperjax", "tests.shapes.typechecked"):
+    import slipperjax
+    import slipperjax.analysis
+    import slipperjax.flow
+    import slipperjax.model
+    import slipperjax.orbits
+    import slipperjax.solvers
+    import slipperjax.sweeps
+    import slipperjax.tools  # noqa: F401

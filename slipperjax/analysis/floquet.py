@@ -9,7 +9,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Complex, Float
 
-from ..tools import call_compiled, finite, unless_traced, whole
+from ..tools import call_compiled, finite, is_traced, unless_traced, whole
 from .lyapunov import Step, check_functions, check_state
 
 
@@ -28,11 +28,14 @@ def jacobians(step: Step, state: Any, intervals: int, *, index: Any = 0.0) -> Fl
     return jax.lax.scan(interval, flat, index + jnp.arange(float(intervals)))[1]
 
 
-def multipliers(matrices: Float[Array | np.ndarray, "intervals size size"]) -> Complex[np.ndarray, " size"]:
+def multipliers(
+    matrices: Float[Array | np.ndarray, "intervals size size"],
+) -> Complex[Array | np.ndarray, " size"]:
     """Eigenvalues of the product of successive Jacobians, the largest modulus first."""
-    product = functools.reduce(lambda total, matrix: matrix @ total, np.asarray(matrices))
-    found = np.linalg.eigvals(product).astype(complex)
-    return found[np.argsort(-np.abs(found), kind="stable")]
+    xp = jnp if is_traced(matrices) else np
+    product = functools.reduce(lambda total, matrix: matrix @ total, xp.asarray(matrices))
+    found = xp.linalg.eigvals(product).astype(complex)
+    return found[xp.argsort(-xp.abs(found))]
 
 
 def largest_exponent(matrices: Any, period: int) -> float:
@@ -43,7 +46,7 @@ def largest_exponent(matrices: Any, period: int) -> float:
     return float(np.log(np.abs(multipliers(np.asarray(matrices)[:period])[0])) / period)
 
 
-def floquet(step: Step, state: Any, *, index: Any = 0.0, intervals: int = 1) -> Complex[np.ndarray, " size"]:
+def floquet(step: Step, state: Any, *, index: Any = 0.0, intervals: int = 1) -> Complex[Array | np.ndarray, " size"]:
     """Floquet multipliers of a motion that recurs after `intervals` intervals of `step`, the largest modulus first.
 
     The logarithms of their moduli over `intervals` are the exponents per interval.

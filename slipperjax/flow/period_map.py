@@ -109,16 +109,16 @@ class PeriodMap(eqx.Module):
             throw=False,
             solver_state=carried,
         )
+        assert solution.ys is not None  # it is asked for
         end = jax.tree.map(lambda ys: ys[-1], solution.ys["end"])
         if self.controller is not None or not isinstance(solver, AbstractLatchingRungeKutta):
             failed = solution.result != diffrax.RESULTS.successful
             end = State(jax.tree.map(lambda v: jnp.where(failed, jnp.nan, v), end.motion), end.memory)
+        record = end
         if recorder.inside:
             record = recorder(self._filled(state, solution.ys["all"]), args, self.steps)
-        else:
-            record = end
         carried = solution.solver_state if carried is not None else None
-        wanted = solution.controller_state[0] if wanted is not None else None
+        wanted = None if solution.controller_state is None else solution.controller_state[0]
         return (end, carried, wanted), (record, status_of(end), solution.stats["num_steps"])
 
     def _room(self) -> int | None:
@@ -184,10 +184,12 @@ def advance(
     most_steps: int | None = None,
     controller: diffrax.AbstractStepSizeController | None = None,
 ) -> Passage:
-    """Runs a batch over some forcing periods, all cases with the same number of `steps`: see `PeriodMap.run`.
+    """Runs a batch over some forcing periods, all cases with the same number of steps: see `PeriodMap.run`.
 
-    `states` and the result have a leading axis of cases.
+    **Arguments:** `states`: with a leading axis of cases, as the result; `steps`: per period, at most `most_steps`
+    where the recorder needs states inside periods; None for exactly `most_steps`, which saves copies of them.
     """
+    steps = most_steps if steps is None else steps
 
     def one(scene, state):
         period_map = PeriodMap(scene, steps, solver, controller, most_steps=most_steps)

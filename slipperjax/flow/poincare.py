@@ -13,8 +13,9 @@ from jaxtyping import Array, Float
 
 from ..model import Args, State, euler_angles, vector_field
 
+
 class Crossings(NamedTuple):
-    """One entry per section (in the order of `slipperjax.model.SECTIONS`) and integration step; NaN where nothing crossed."""
+    """One entry per section, in the order of `slipperjax.model.SECTIONS`, and step; NaN where nothing crossed."""
 
     time: Float[Array, "5 steps"]
     """Instant of the crossing [forcing periods]."""

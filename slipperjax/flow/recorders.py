@@ -10,7 +10,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..model import ACCELERATIONS, COORDINATES, REACTIONS, SECTIONS, Args, Quantity, Scene, State, euler_angles, reactions
+from ..model import (
+    ACCELERATIONS,
+    COORDINATES,
+    REACTIONS,
+    SECTIONS,
+    Args,
+    Quantity,
+    Scene,
+    State,
+    euler_angles,
+    reactions,
+)
 from .poincare import Crossings, section_crossings
 
 Labelled = tuple[dict[str, Any], dict[str, Any]]

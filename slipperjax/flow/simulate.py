@@ -42,13 +42,17 @@ def period_map(
     **Arguments:** as for `simulate`; `state` comes from `initial_state` or an earlier call.
     """
     steps = default_steps_per_period(scene) if steps_per_period is None else steps_per_period
-    return PeriodMap(
-        scene,
-        whole("steps_per_period", steps, 1),
-        resolve_solver(scene, solver),
-        resolve_controller(stepsize_controller),
-        diffrax.ForwardMode() if adjoint is None else adjoint,
-    ).run(state, periods=whole("periods", periods, 1)).state
+    return (
+        PeriodMap(
+            scene,
+            whole("steps_per_period", steps, 1),
+            resolve_solver(scene, solver),
+            resolve_controller(stepsize_controller),
+            diffrax.ForwardMode() if adjoint is None else adjoint,
+        )
+        .run(state, periods=whole("periods", periods, 1))
+        .state
+    )
 
 
 class Trajectory(eqx.Module):

@@ -5,12 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools import finite, not_negative
+from ..tools import ShapeChecked, finite, not_negative
 
 _FACES = (("J", "A"), ("B", "C"), ("D", "E"), ("F", "G"), ("H", "I"))
 
 
-class Section(eqx.Module):
+class Section(ShapeChecked):
     """A rail-head section: points, and the faces between pairs of them.
 
     Both corners of a face use that face's normal, which points out of the rail head. Corners are named

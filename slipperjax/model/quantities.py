@@ -155,7 +155,7 @@ COORDINATES: dict[str, Quantity] = _named(
 """The slipper's coordinates and velocities, in the order of every array with ten columns."""
 
 COORDINATE_SCALES = np.array([q.scale for q in COORDINATES.values()])
-"""Scales of `COORDINATES`: 1 mm, 10 mrad, 1 m/s and 10 rad/s. Scaled errors and distances are in multiples of them."""
+"""Scales of `COORDINATES`: 1 mm, 10 mrad, 1 m/s and 10 rad/s. Scaled errors and distances are multiples of them."""
 
 ACCELERATIONS: dict[str, Quantity] = _named(
     Quantity("a_y", "m/s^2", "lateral acceleration", "A_Y"),
@@ -175,7 +175,16 @@ REACTIONS: dict[str, Quantity] = _named(
 
 STARTS: dict[str, Parameter] = _named(
     *(
-        Parameter(name, q.unit, f"{q.long_name.split(',')[0]} at the start", q.symbol, q.scale, check=finite)
+        Parameter(
+            name,
+            q.unit,
+            f"{q.long_name.split(',')[0]} at the start",
+            q.symbol,
+            q.scale,
+            q.shown_unit,
+            q.per_shown,
+            check=finite,
+        )
         for name, q in COORDINATES.items()
         if name not in ("roll", "pitch", "yaw")
     )

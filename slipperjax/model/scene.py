@@ -5,14 +5,14 @@ from typing import Any
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from ..tools import not_negative, optional, positive
+from ..tools import ShapeChecked, not_negative, optional, positive
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch
 from .cross_section import Section
 from .quantities import parameter
 from .tracks import AbstractTrack
 
 
-class Slipper(eqx.Module):
+class Slipper(ShapeChecked):
     """A rigid slipper."""
 
     mass: Float[Array, ""] = eqx.field(converter=positive("mass", "kg"))
@@ -22,12 +22,8 @@ class Slipper(eqx.Module):
     length: Float[Array, ""] = eqx.field(converter=positive("length", "m"))
     """Distance between the front and the rear section [m]."""
 
-    def __check_init__(self):
-        if self.inertia.shape[-1:] != (3,):
-            raise ValueError(f"Argument `inertia` must have 3 entries, but has shape {self.inertia.shape}.")
 
-
-class Scene(eqx.Module):
+class Scene(ShapeChecked):
     """Everything that defines one case. Parts set to None are omitted; they add no state and no operations."""
 
     speed: Float[Array, ""] = eqx.field(converter=positive("speed", "m/s"))

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from .scene import Scene
 
@@ -64,10 +64,10 @@ def default_steps_per_period(scene: Scene) -> int:
     return int(steps_from_impacts(np.asarray(ratio)))
 
 
-def steps_from_impacts(impacts: Any) -> np.ndarray:
+def steps_from_impacts(impacts: Any) -> Int[np.ndarray, "*cases"]:
     """Steps per forcing period from `impacts_per_period`, as `default_steps_per_period` gives them."""
     steps = np.maximum(PER_CONTACT * np.asarray(impacts), LEAST_STEPS)
     # Units of 50 up to 300 steps, of 100 up to 600, and so on: the cases of a sweep then share a few step counts.
     octave = np.maximum(np.ceil(np.log2(steps / (6 * LEAST_STEPS))), 0)
     unit = LEAST_STEPS * 2**octave
-    return (unit * np.ceil(steps / unit)).astype(int)
+    return np.asarray(unit * np.ceil(steps / unit), int)

@@ -10,6 +10,7 @@ from diffrax import RESULTS
 
 from ..model import EventLatch, Motion, contact_duration, scaled_size
 
+
 class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     """Steps as long as the error allows, for any solver with an error estimate.
 

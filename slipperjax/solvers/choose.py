@@ -53,7 +53,7 @@ def choose_solver(scene: Scene) -> Choice:
 
 
 def resolve_solver(scene: Scene, solver: diffrax.AbstractSolver | str | None) -> diffrax.AbstractSolver:
-    """The solver to use for a scene: None is `RK4()`; a stock one is put into `Latching` where touchdowns are latched.
+    """The solver to use: None is `RK4()`; a stock one is put into `Latching` where the scene latches touchdowns.
 
     **Raises:** `ValueError` for what is no solver, or one that cannot be latched.
     """

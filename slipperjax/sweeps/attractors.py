@@ -52,8 +52,8 @@ def attractors(ds: xr.Dataset, last: int = 200, floor: float = 1e-5, **options: 
 def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05) -> Int[np.ndarray, "*cases"]:
     """Numbers the attractors that a grid of starts leads to: 0, 1, ... by falling size of their basins.
 
-    Two cases share a group where mean and spread of their last strobe states agree within `tolerance`, in multiples of
-    `slipperjax.model.COORDINATE_SCALES`. Reliable for periodic attractors; a chaotic one may fall into several groups.
+    Two cases share a group where mean and spread of their last strobe states agree within `tolerance`, in multiples
+    of `slipperjax.model.COORDINATE_SCALES`. Reliable for periodic attractors; a chaotic one may make several groups.
 
     **Returns:** whole numbers of the shape of the grid; -1 for cases with a status other than 0.
     """

@@ -43,10 +43,14 @@ def run_chunk(
             strobes.append(coordinates(ends))
         on_progress(plan.transient.length)
         at += plan.transient.length
-    options |= dict(recorder=recorder, most_steps=plan.most_steps if recorder.inside else None)
+    number: float | None = float(steps)
+    if recorder.inside:
+        options["most_steps"] = plan.most_steps
+        number = None if np.all(plan.steps == steps) else number
     for _ in range(plan.recorded.count):
         on_progress(0)
-        states, kept, codes, _ = advance(scenes, states, at, float(steps), periods=plan.recorded.length, **options)
+        options |= dict(recorder=recorder, periods=plan.recorded.length)
+        states, kept, codes, _ = advance(scenes, states, at, number, **options)
         status = first_problem(status, codes)
         records.append(recorder.collect(kept))
         on_progress(plan.recorded.length)
@@ -101,4 +105,3 @@ def in_order(chunks: Sequence[Chunk], joined: Any) -> Any:
     rows = np.concatenate([at + np.arange(chunk.cases) for at, chunk in zip(lanes, chunks, strict=False)])
     order = np.argsort(np.concatenate([chunk.index[: chunk.cases] for chunk in chunks]))
     return joined[rows[order]]
-

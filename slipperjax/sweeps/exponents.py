@@ -1,6 +1,6 @@
 """Lyapunov exponents of a whole grid as one batch, with a certificate for each case."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import diffrax
@@ -45,7 +45,7 @@ def lyapunov_sweep(
     transient: int = 300,
     periods: int = 500,
     certify: bool = True,
-    steps_per_period: int | None = None,
+    steps_per_period: int | Sequence[int] | np.ndarray | None = None,
     solver: diffrax.AbstractSolver | None = None,
     start: Motion | None = None,
     chunk: int | None = None,

@@ -27,7 +27,7 @@ class Jump(NamedTuple):
     after: float
     """The first value beyond it; the last value tried where no jump was found."""
     size: float
-    """How far the mean strobe state moved, in multiples of `slipperjax.model.COORDINATE_SCALES`; NaN without a jump."""
+    """How far the mean strobe state moved, in multiples of `COORDINATE_SCALES`; NaN without a jump."""
     status: Status
     """`FINITE`, or what ended the search at `after`."""
 
@@ -60,15 +60,15 @@ def find_jump(
     """Follows a motion along a parameter until it jumps, and bisects for where.
 
     Each case starts from the state in which the one before ended. A jump is a mean strobe state that moves by more
-    than `threshold` (in multiples of `slipperjax.model.COORDINATE_SCALES`) between neighbours; then the step is halved
-    from the last state on the branch, until it is no longer than `within` [the parameter's unit]. Near the end of a
-    branch a motion leaves it slowly: it is held at each value until its mean strobe state moves by less than a tenth
-    of `threshold` from one `transient` and `periods` to the next, at most `PATIENCE` times.
+    than `threshold` (in multiples of `slipperjax.model.COORDINATE_SCALES`) between neighbours; then the step is
+    halved from the last state on the branch, until it is no longer than `within` [the parameter's unit]. Near the end
+    of a branch a motion leaves it slowly: it is held at each value until its mean strobe state moves by less than a
+    tenth of `threshold` from one `transient` and `periods` to the next, at most `PATIENCE` times.
 
     **Arguments:** `path`: one parameter's name and its values in increasing order; others as for `follow`.
 
-    **Returns:** the first `Jump` met, or one with `found` False. The search ends at a value whose motion gets a status
-    other than `FINITE`, because nothing can be followed from there.
+    **Returns:** the first `Jump` met, or one with `found` False. The search ends at a value whose motion gets a
+    status other than `FINITE`, because nothing can be followed from there.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """

@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -73,8 +73,8 @@ class Plan:
     def chunks(self, chunk: int | None, workers: int | None) -> tuple[list[Chunk], int]:
         """The chunks, the dearest first, and the number of threads to run them on. Neither changes any result.
 
-        **Arguments:** `chunk`: cases per call, rounded up to a multiple of `slipperjax.sweeps.cases.LANES`; by default
-        what makes the run shortest. `workers`: threads, by default one per core.
+        **Arguments:** `chunk`: cases per call, rounded up to a multiple of `slipperjax.sweeps.cases.LANES`; by
+        default what makes the run shortest. `workers`: threads, by default one per core.
         """
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
         workers = cores if workers is None else whole("workers", workers, 1)
@@ -83,7 +83,7 @@ class Plan:
         counts, sizes = np.unique(self.steps, return_counts=True)
         if chunk is None:
             chunk = _best_chunk(counts, sizes, workers)
-        chunk = len(filled(np.zeros(1, int), whole("chunk", chunk, 1)))
+        chunk = _filled_count(whole("chunk", chunk, 1))
         found = []
         for steps in counts[::-1]:
             members = np.flatnonzero(self.steps == steps)
@@ -95,16 +95,19 @@ class Plan:
 
 def _best_chunk(counts: np.ndarray, sizes: np.ndarray, workers: int) -> int:
     """The chunk size with which groups of `sizes` cases of `counts` steps are done soonest."""
-    candidates = {min(-(-int(n) // (workers * k)), LARGEST_CHUNK) for n in sizes for k in (1, 2, 3, 4)}
+    shares = {min(-(-int(n) // (workers * k)), LARGEST_CHUNK) for n in sizes for k in (1, 2, 3, 4)}
 
-    def duration(chunk):
-        lanes = len(filled(np.zeros(1, int), chunk))
+    def duration(lanes):
         costs = counts * (START_OF_STEP + lanes)
         total = float(np.sum(-(-sizes // lanes) * costs))
         # two threads share the caches, so that the longest chunk bounds a run that is not divided evenly
         return max(total / workers, float(costs.max())), lanes
 
-    return min(candidates, key=duration)
+    return min((_filled_count(share) for share in shares), key=duration)
+
+
+def _filled_count(count: int) -> int:
+    return len(filled(np.zeros(1, int), count))
 
 
 def make_plan(
@@ -114,7 +117,7 @@ def make_plan(
     record: str,
     transient: int,
     periods: int,
-    steps_per_period: int | None = None,
+    steps_per_period: int | Sequence[int] | np.ndarray | None = None,
     saves_per_period: int | None = None,
     solver: diffrax.AbstractSolver | str | None = None,
 ) -> Plan:
@@ -127,6 +130,8 @@ def make_plan(
     if steps_per_period is None:
         saves = 50 if saves_per_period is None else whole("saves_per_period", saves_per_period, 1)
         steps = -(-cases.default_steps() // saves) * saves
+    elif np.ndim(steps_per_period):
+        steps, saves = _steps_of_cases(cases, steps_per_period, saves_per_period)
     else:
         fixed, saves = step_plan(scene, steps_per_period, saves_per_period)
         steps = np.full(cases.count, fixed)
@@ -139,6 +144,24 @@ def make_plan(
         Calls(pause, -(-transient // pause)),
         Calls(block, periods // block),
     )
+
+
+def _steps_of_cases(cases: Cases, given: Any, saves: int | None) -> tuple[np.ndarray, int]:
+    """Steps per period of each case from an array of them, and saves per period, which divide them all."""
+    given = np.asarray(given)
+    if given.shape != cases.shape:
+        raise ValueError(
+            f"Argument `steps_per_period` must be one number or one for each case, {cases.shape}, "
+            f"but has shape {given.shape}."
+        )
+    steps = np.array([whole("steps_per_period", n, 1) for n in given.ravel()])
+    if saves is None:
+        return steps, (50 if np.all(steps % 50 == 0) else int(np.gcd.reduce(steps)))
+    saves = whole("saves_per_period", saves, 1)
+    if np.any(steps % saves):
+        worst = steps[steps % saves != 0][0]
+        raise ValueError(f"Argument `saves_per_period` must divide steps_per_period = {worst}, but is {saves}.")
+    return steps, saves
 
 
 def strobe_plan(plan: Plan, periods: int) -> Plan:

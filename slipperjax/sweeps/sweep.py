@@ -1,6 +1,6 @@
 """Grids of parameters as one batch to xarray: each case from the same start."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import diffrax
@@ -23,7 +23,7 @@ def sweep(
     record: str = "sections",
     transient: int = 200,
     periods: int = 10,
-    steps_per_period: int | None = None,
+    steps_per_period: int | Sequence[int] | np.ndarray | None = None,
     saves_per_period: int | None = None,
     solver: diffrax.AbstractSolver | None = None,
     start: Motion | None = None,
@@ -44,18 +44,18 @@ def sweep(
         start on; "strobe": the state once per forcing period; "history": states and contact forces
         `saves_per_period` times per period.
     - `transient`: forcing periods to pass before; above ten rounded up to tens, see the attribute `transient`.
-    - `steps_per_period`: the same for all cases; default what `default_steps_per_period` gives for each. Cases that
-        need the same number run together.
+    - `steps_per_period`: one number for all cases, or an array of the grid's shape with one for each; default what
+        `default_steps_per_period` gives for each. Cases with the same number run together.
     - `solver`, `start`, `saves_per_period`: as for `simulate`.
     - `chunk`: cases per call, rounded up to a multiple of 8; `workers`: threads, default one per core, and never
-        more than one where `solver` is one of diffrax's implicit ones, see `solvers.calls_lapack`. Neither changes any
-        result.
+        more than one where `solver` is one of diffrax's implicit ones, see `solvers.calls_lapack`. Neither changes
+        any result.
     - `progress`: show a progress bar.
 
     **Returns:** an `xarray.Dataset` with the grid's names as first dimensions, then `crossing`, `period` or
     `time`. For each case, `status` is 0 where nothing is wrong and tells what happened otherwise, and
-    `steps_per_period` how many steps it took. A case that left the finite numbers leaves the others untouched. A start
-    coordinate x that is varied makes the dimension `start_x`.
+    `steps_per_period` how many steps it took. A case that left the finite numbers leaves the others untouched. A
+    start coordinate x that is varied makes the dimension `start_x`.
 
     **Raises:** `ValueError` that names the argument which is wrong, before anything is compiled.
     """
@@ -85,7 +85,12 @@ def sweep(
 
 
 def sweep_dataset(
-    scene: Scene, plan: Plan, cases: Cases, found: ChunkRun, steps: np.ndarray, first: Mapping[str, list] | None = None
+    scene: Scene,
+    plan: Plan,
+    cases: Cases,
+    found: ChunkRun,
+    steps: np.ndarray,
+    first: Mapping[str, list] | None = None,
 ) -> xr.Dataset:
     """The labelled result of a run.
 

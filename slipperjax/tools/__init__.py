@@ -7,6 +7,7 @@ from .compile import is_traced as is_traced
 from .compile import jit as jit
 from .fused import materialise as materialise
 from .fused import sums as sums
+from .validate import ShapeChecked as ShapeChecked
 from .validate import finite as finite
 from .validate import fraction as fraction
 from .validate import not_negative as not_negative

@@ -1,4 +1,4 @@
-"""Compiling: `jax.jit` with the compiler options of the hot path, at the top level and inside other transformations."""
+"""Compiling: `jax.jit` with compiler options, at the top level and inside other transformations."""
 
 import functools
 from collections.abc import Callable
@@ -18,14 +18,14 @@ _CPU_OPTIONS = {
     "xla_cpu_fast_math_honor_infs": True,
     "xla_cpu_fast_math_honor_division": True,
     "xla_cpu_fast_math_honor_functions": True,
-    # Our batches are too small for one kernel to gain from several threads; chunks of the batch use the cores instead.
+    # Batches are too small for one kernel to gain from several threads; chunks of the batch use the cores instead.
     "xla_cpu_multi_thread_eigen": False,
 }
-COMPILER_OPTIONS: dict[str, dict[str, bool | int | str]] = {"cpu": _CPU_OPTIONS}
+COMPILER_OPTIONS: dict[str, dict[str, Any]] = {"cpu": _CPU_OPTIONS}
 """XLA options by backend; a backend that is not listed gets XLA's defaults."""
 
 
-def compiler_options(backend: str | None = None) -> dict[str, bool | int | str]:
+def compiler_options(backend: str | None = None) -> dict[str, Any]:
     """The XLA options for a backend, by default the one that JAX uses now."""
     return COMPILER_OPTIONS.get(jax.default_backend() if backend is None else backend, {})
 

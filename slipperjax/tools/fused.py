@@ -36,13 +36,16 @@ def materialise(tree):
     **Arguments:** a pytree of floating-point arrays that broadcast to one shape. **Returns:** the same of that shape.
     """
     scalars, structure = jax.tree.flatten(tree)
-    shape = jnp.broadcast_shapes(*(jnp.shape(x) for x in scalars))
+    once = {id(x): x for x in scalars}  # what stands in the tree twice is computed once
+    shape = jnp.broadcast_shapes(*(jnp.shape(x) for x in once.values()))
     wide = (*shape, 2)
     first = jnp.broadcast_to(np.array([True, False]), wide)
     nothing = jnp.zeros(wide)
     # Plain lax operations keep tracing short: this is called very often.
     spread = lambda x: lax.broadcast_in_dim(jnp.broadcast_to(jnp.asarray(x, float), shape), wide, range(len(shape)))
-    return jax.tree.unflatten(structure, sums(*(lax.select(first, spread(x), nothing) for x in scalars)))
+    stored = sums(*(lax.select(first, spread(x), nothing) for x in once.values()))
+    found = dict(zip(once, stored, strict=True))
+    return jax.tree.unflatten(structure, [found[id(x)] for x in scalars])
 
 
 def _implementation(*operands):

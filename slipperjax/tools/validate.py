@@ -4,6 +4,8 @@ A concrete value raises `ValueError` at once, before anything is compiled. A tra
 `jax.grad`, ...) cannot be inspected; `equinox.error_if` guards it at run time.
 """
 
+import dataclasses
+import typing
 from collections.abc import Callable
 from typing import Any
 
@@ -57,6 +59,20 @@ def optional(converter: Callable[[Any], jax.Array]) -> Callable[[Any], jax.Array
 def unless_traced(check: Callable[[Any], jax.Array], value: Any) -> jax.Array:
     """`check(value)`; a traced value is converted without the check."""
     return jnp.asarray(value, float) if is_traced(value) else check(value)
+
+
+class ShapeChecked(eqx.Module):
+    """A module whose array fields must have the shapes of their jaxtyping annotations when it is made."""
+
+    def __check_init__(self):
+        for field in dataclasses.fields(self):
+            shapes = [a for a in (field.type, *typing.get_args(field.type)) if hasattr(a, "dim_str")]
+            value = getattr(self, field.name)
+            if shapes and value is not None and not any(isinstance(value, shape) for shape in shapes):
+                raise ValueError(
+                    f"Argument `{field.name}` must be of shape ({shapes[0].dim_str.replace(' ', ', ')}), "  # pyright: ignore
+                    f"but has shape {jnp.shape(value)}."
+                )
 
 
 def whole(name: str, value: Any, least: int) -> int:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.analysis.floquet import floquet
 from slipperjax.analysis.lyapunov import (
     extend_spectrum,
     first_tangents,
-    floquet,
     gram_schmidt,
     map_spectrum,
     orthonormalise,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from slipperjax.analysis.spectrum import (
+from slipperjax.analysis.psd import (
     Lines,
     Spectrum,
     combination,

@@ -12,12 +12,11 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.analysis.lyapunov import first_tangents, map_spectrum, push_tangents
-from slipperjax.batch import start_states
-from slipperjax.compilation import jit
-from slipperjax.spectra import Periods, tangent_weights
+from slipperjax.analysis import map_spectrum
+from slipperjax.flow import advance, advance_tangents, initial_states, initial_tangents
+from slipperjax.sweeps import Cases
 
-from ..test_lyapunov import Rk4, lorenz
+from ..analysis.test_lyapunov import Rk4, lorenz
 
 pytestmark = pytest.mark.benchmark
 TRUE = np.array([0.9056, 0.0, -14.5723])
@@ -54,22 +53,15 @@ def test_lorenz_beside_lyapax():
 @pytest.mark.parametrize("count", [1, 10])
 def test_cost_against_the_trajectory(count):
     """One period at a time, one core: runs of milliseconds, some of which a busy machine leaves alone."""
-    scene, speeds = sj.paper_scene(), jnp.linspace(100.0, 2500.0, 121)
-    weights = tangent_weights(scene)
-    states = start_states(scene, {"speed": speeds}, sj.table_2_start())
-    tangents = jax.vmap(lambda s: first_tangents(s, count, weights))(states)
-    period = lambda v, steps: Periods(scene.replace(speed=v), steps, sj.RK4())
-
-    @jit
-    def plain(states, steps):
-        return jax.vmap(lambda v, s: period(v, steps)(s, 0.0))(speeds, states)
-
-    @jit
-    def full(states, tangents, steps):
-        push = lambda v, s, t: push_tangents(period(v, steps), s, t, 1, scale=weights)
-        return jax.vmap(push)(speeds, states, tangents)
-
-    runs = {"plain": lambda: plain(states, 50.0), "full": lambda: full(states, tangents, 50.0)}
+    cases = Cases(sj.paper_scene(), {"speed": np.linspace(100.0, 2500.0, 121)}, sj.table_2_start())
+    scenes, starts = cases.take(np.arange(121))
+    states = initial_states(scenes, starts)
+    tangents = initial_tangents(scenes, states, count)
+    options = dict(solver=sj.RK4(), periods=1)
+    runs = {
+        "plain": lambda: advance(scenes, states, 0.0, 50.0, **options).state,
+        "full": lambda: advance_tangents(scenes, states, tangents, 0.0, 50.0, **options).history,
+    }
     taken = {name: [] for name in runs}
     for _ in range(101):  # in turns; the first is compiling
         for name, run in runs.items():

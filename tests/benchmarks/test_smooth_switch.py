@@ -6,7 +6,6 @@ Laws of the family differ in the factor c of Eq. (12) alone, and so do here: eac
 restitution that gives its c.
 """
 
-import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -14,8 +13,8 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.records import outputs
-from slipperjax.simulate import integrate
+from slipperjax.flow import PeriodMap, coordinates
+from slipperjax.model import settle_memory
 
 from ..common import SCALES
 
@@ -53,8 +52,7 @@ def _run(scene, lanes, switch, steps):
         if switch is not None:
             case = eqx.tree_at(lambda s: (s.memory.width, s.memory.relaxation), case, switch)
         state = sj.initial_state(case, sj.table_2_start())
-        options = dict(solver=sj.RK4(), record=None, adjoint=diffrax.ForwardMode())
-        return integrate(case, state, steps=steps, periods=PERIODS, **options)[1]
+        return PeriodMap(case, steps).run(state, periods=PERIODS).record
 
     return jax.vmap(one)(lanes, switch)
 
@@ -66,7 +64,7 @@ SMOOTH = sj.paper_scene(memory=sj.SmoothSwitch(1e-4, 1e-4))
 def default_switch(lanes):
     """Width and relaxation that the library chooses, by lane."""
     auto = sj.paper_scene(memory=sj.SmoothSwitch())
-    settled = jax.vmap(lambda v: auto.replace(**v).settled().memory)(lanes)
+    settled = jax.vmap(lambda v: settle_memory(auto.replace(**v)).memory)(lanes)
     return settled.width, settled.relaxation
 
 
@@ -76,14 +74,14 @@ def smooth(cases, switch, steps):
     for at in range(0, len(cases), LANES):
         index = np.minimum(np.arange(at, at + LANES), len(cases) - 1)
         pick = lambda a, index=index: a[index]
-        out.append(outputs(_jitted(SMOOTH, jax.tree.map(pick, lanes), tuple(map(pick, switch)), float(steps))))
+        out.append(coordinates(_jitted(SMOOTH, jax.tree.map(pick, lanes), tuple(map(pick, switch)), float(steps))))
     return np.concatenate(out)[: len(cases)]
 
 
 @pytest.fixture(scope="module")
 def truth():
     cases = [(scene, law) for scene in SCENES for law in LAWS]
-    states = outputs(_jitted(sj.paper_scene(), values(cases), None, float(FINEST)))
+    states = coordinates(_jitted(sj.paper_scene(), values(cases), None, float(FINEST)))
     return dict(zip(cases, states, strict=True))
 
 

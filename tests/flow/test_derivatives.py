@@ -8,7 +8,7 @@ import pytest
 
 import slipperjax as sj
 
-from .common import SCALES
+from ..common import SCALES
 
 NAMES = ("clearance", "length", "speed", "stiffness", "restitution", "v_y", "w_x")
 VALUES = np.array([1e-3, 0.2, 1250.0, 1e8, 0.9, 0.5, 0.2])

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from slipperjax.analysis.poincare import crossing, hermite
+from slipperjax.flow.poincare import crossing, hermite
 
 
 def test_hermite_is_exact_for_cubics():

@@ -5,7 +5,7 @@ import pytest
 
 import slipperjax as sj
 
-from .common import PERIODS, STEPS, cases, fine, scaled_errors, scene_of
+from ..common import PERIODS, STEPS, cases, fine, scaled_errors, scene_of
 
 REFERENCE = cases("reference_states")
 SOFT = [c for c in REFERENCE if c["stiffness"] < 1e9]

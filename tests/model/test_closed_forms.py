@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.dynamics import Args, contact_forces
-from slipperjax.kinematics import contacts, rail_frame
+from slipperjax.model import Args, contact_forces, contacts, rail_frame
 
-from .common import STEPS, columns, fine, rebound
+from ..common import STEPS, columns, fine, rebound
 
 
 def test_free_flight_keeps_momentum_and_energy():

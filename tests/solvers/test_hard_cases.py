@@ -13,13 +13,11 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.batch import start_states
-from slipperjax.dynamics import phase
-from slipperjax.kinematics import contacts, rail_frame
-from slipperjax.labels import OUTPUTS
-from slipperjax.sweep import _pass
+from slipperjax.flow import advance, initial_states
+from slipperjax.model import COORDINATES, contacts, phase, rail_frame
+from slipperjax.sweeps import Cases
 
-from .common import SCALES, cases, rebound
+from ..common import SCALES, cases, rebound
 
 LANES, BLOCK = 16, 4
 VALUES = dict(
@@ -56,7 +54,7 @@ def run(lanes, steps, before=0):
     """States (lanes, 4, 10) of four periods after `before` (rounded up to tens), and the lanes' status codes."""
     options = dict(product=False, record="strobe", transient=before, periods=BLOCK, chunk=LANES, workers=1)
     ds = sj.sweep(BASE, grid(lanes), steps_per_period=steps, **options)
-    states = np.stack([ds[name].values for name in OUTPUTS], axis=-1)
+    states = np.stack([ds[name].values for name in COORDINATES], axis=-1)
     return states[: len(lanes)], ds["status"].values[: len(lanes)]
 
 
@@ -65,7 +63,7 @@ def energy(lanes, states):
 
     def one(values, s):
         scene = BASE.replace(**values)
-        motion = sj.Motion.from_euler(**dict(zip(OUTPUTS, s, strict=True)))
+        motion = sj.Motion.from_euler(**dict(zip(COORDINATES, s, strict=True)))
         gap = contacts(rail_frame(scene, 0.0), motion).gap
         return jnp.sum(scene.contact.elastic_energy(gap)) + MASS * scene.gravity * motion.z
 
@@ -76,7 +74,7 @@ def energy(lanes, states):
 
 
 def start_energy(lanes):
-    start = np.array([[lane.get(n, VALUES.get(n, 0.0)) for n in OUTPUTS] for lane in lanes])
+    start = np.array([[lane.get(n, VALUES.get(n, 0.0)) for n in COORDINATES] for lane in lanes])
     return energy(lanes, start[:, None])[0]
 
 
@@ -248,7 +246,7 @@ def test_phase_keeps_its_precision_after_1e5_periods():
     track = sj.HarmonicTrack((10.0, 12.0), 1e-3, math.radians(0.2))
     t = jnp.linspace(0.0, 1.0, 97)
     for epoch in (6e4, 6e5):  # multiples of 6: both waves are where they began
-        now, then = track.motion(phase(t, 0.0)), track.motion(phase(t, epoch))
+        now, then = (jax.tree.leaves(track.motion(10.0 * phase(t, start))) for start in (0.0, epoch))
         for a, b in zip(now, then, strict=True):
             scale = float(jnp.max(jnp.abs(a)))
             np.testing.assert_allclose(a, b, atol=1e-15 * 2 * np.pi * epoch * scale)
@@ -257,9 +255,9 @@ def test_phase_keeps_its_precision_after_1e5_periods():
 @pytest.mark.slow
 def test_a_late_start_is_an_early_start():
     lanes = [dict(speed=v) for v in np.linspace(900.0, 2400.0, LANES)]
-    values = {k: jnp.asarray(v) for k, v in grid(lanes).items()}
-    states = start_states(BASE, values, sj.table_2_start())
-    late, early = (_pass(BASE, values, states, epoch, 400.0, sj.RK4(), BLOCK)[0] for epoch in (1e5, 0.0))
+    scenes, starts = Cases(BASE, grid(lanes), sj.table_2_start(), product=False).take(np.arange(LANES))
+    states, options = initial_states(scenes, starts), dict(solver=sj.RK4(), periods=BLOCK)
+    late, early = (advance(scenes, states, epoch, 400.0, **options).state for epoch in (1e5, 0.0))
     for a, b in zip(jax.tree.leaves(late.motion), jax.tree.leaves(early.motion), strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-7)
 

@@ -8,7 +8,7 @@ import pytest
 
 import slipperjax as sj
 
-from .common import SCALES, columns
+from ..common import SCALES, columns
 
 
 @pytest.fixture(scope="module")

@@ -10,14 +10,11 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.batch import Workers
-from slipperjax.dynamics import AbstractVectorField
-from slipperjax.jacobian import LinearSystem, dense_linearised
-from slipperjax.kinematics import attitude_rates
-from slipperjax.solvers import calls_lapack, solver_name
-from slipperjax.solvers.twostep import two_step_weights
+from slipperjax.model import AbstractVectorField, LinearSystem, attitude_rates, dense_linearised
+from slipperjax.solvers import calls_lapack, solver_name, two_step_weights
+from slipperjax.sweeps import Cases, make_plan
 
-from .common import cases, scaled_errors, scene_of
+from ..common import cases, scaled_errors, scene_of
 
 SLOW = sj.paper_scene(speed=8.0)  # a forcing period of one second
 SPIN = np.array([0.4, -0.3, 0.2])
@@ -280,4 +277,8 @@ def test_implicit_solvers_of_diffrax_run_on_one_thread():
         assert calls_lapack(solver)
     for solver in (sj.RK4(), sj.Latching(diffrax.Dopri8()), sj.Rodas4(), sj.TwoStep()):
         assert not calls_lapack(solver)
-    assert Workers(241, None, 2, alone=True).workers == 1
+    scene = sj.paper_scene()
+    cases = Cases(scene, {"speed": np.linspace(1000, 1100, 41)}, sj.table_2_start())
+    for solver, threads in ((diffrax.Kvaerno5(), 1), (sj.RK4(), 2)):
+        plan = make_plan(scene, cases, record="strobe", transient=0, periods=1, solver=solver)
+        assert plan.chunks(chunk=8, workers=2)[1] == threads

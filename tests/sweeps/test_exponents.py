@@ -7,10 +7,9 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import slipperjax as sj
-from slipperjax.analysis.lyapunov import extend_spectrum
-from slipperjax.analysis.ode import ode_spectrum, ode_step
-from slipperjax.dynamics import Args
-from slipperjax.spectra import Periods, largest_multiplier, tangent_weights
+from slipperjax.analysis import extend_spectrum, largest_exponent, ode_spectrum, ode_step
+from slipperjax.flow import PeriodMap, tangent_weights
+from slipperjax.model import Args
 
 SPEEDS = [1100.0, 1250.0, 1500.0, 1800.0, 2100.0, 2300.0]
 STEPS = 50
@@ -28,6 +27,24 @@ def test_periodic_motions_contract_and_chaotic_ones_part():
     assert (calm["weighted"] < -0.03).all()
     assert (wild["exponent"] > 5 * wild["stderr"]).all()
     assert not (wild["kind"] == "period").any()
+
+
+def test_certificates_of_a_short_run():
+    """A periodic motion agrees with its multiplier, and every case says what it is and how it went."""
+    grid = {"speed": [1250.0, 1e-3]}
+    found = sj.lyapunov_sweep(sj.paper_scene(), grid, transient=200, periods=60, steps_per_period=STEPS)
+    good, bad = found.isel(speed=0), found.isel(speed=1)
+    assert bool(good["resolved"])
+    assert str(good["regime"].values) == "periodic"
+    assert int(good["status"]) == 0
+    # measured: floquet -0.0465, half the step -0.0479, two trajectories equal to the tangent within 1e-6
+    np.testing.assert_allclose(good["weighted"], good["floquet"], atol=1e-3)
+    np.testing.assert_allclose(good["two_trajectories"], good["exponent"][0], atol=1e-5)
+    np.testing.assert_allclose(good["half_step"], good["exponent"][0], atol=1e-3)
+    assert int(bad["status"]) == 1  # hours in 50 steps: thrown out of the finite numbers
+    assert not bool(bad["resolved"])
+    assert str(bad["regime"].values) == "unresolved"
+    assert str(bad["kind"].values) == "unresolved"
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +65,7 @@ def test_one_scene_alone_resumed_and_until_it_is_known(certified):
     options = dict(steps_per_period=STEPS, transient=300)
     whole = sj.lyapunov_spectrum(scene, periods=60, **options)
     part = sj.lyapunov_spectrum(scene, periods=30, **options)
-    step = Periods(scene, jnp.asarray(float(STEPS)), sj.RK4())
+    step = PeriodMap(scene, jnp.asarray(float(STEPS)))
     rest = extend_spectrum(part, step, 30, scale=tangent_weights(scene))
     np.testing.assert_allclose(rest.history, whole.history, rtol=1e-9, atol=1e-12)
     known = sj.lyapunov_spectrum(scene, periods=30, until_stderr=5e-3, **options)
@@ -90,8 +107,8 @@ def test_sum_of_the_smooth_models_exponents_is_its_mean_divergence():
 
 def test_multipliers_of_several_periods():
     first, second = np.diag([2.0, 0.1]), np.array([[0.0, 1.0], [0.5, 0.0]])
-    assert largest_multiplier([first, second, 9 * first], 1) == pytest.approx(np.log(2))
-    assert largest_multiplier([first, second, 9 * first], 2) == pytest.approx(np.log(np.sqrt(0.1)) / 2)
+    assert largest_exponent([first, second, 9 * first], 1) == pytest.approx(np.log(2))
+    assert largest_exponent([first, second, 9 * first], 2) == pytest.approx(np.log(np.sqrt(0.1)) / 2)
 
 
 def test_wrong_arguments_are_named():

@@ -5,7 +5,10 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.branches import SCALES, attractors, find_jump, groups, strobe_states
+from slipperjax.flow import Status, StrobeRecord
+from slipperjax.sweeps import ChunkRun, attractors, find_jump, groups, strobe_states
+
+from ..common import SCALES
 
 
 def dataset(states, dims):
@@ -20,6 +23,11 @@ def test_groups_are_numbered_by_the_size_of_their_basins():
     states[2, 2] = np.nan
     found = groups(dataset(states, ("a", "b")))
     assert found.tolist() == [[0, 0, 1], [0, 1, 2], [0, 0, -1]]
+    derailed = dataset(states, ("a", "b")).assign(status=(("a", "b"), np.where(kind == 2, int(Status.DERAILED), 0)))
+    assert groups(derailed).tolist() == [[0, 0, 1], [0, 1, -1], [0, 0, -1]]
+    named = attractors(derailed)
+    assert named.kind[1, 2] == "unresolved"
+    assert "derailed" in str(named.evidence[1, 2])
 
 
 OPTIONS = dict(periods=10, steps_per_period=50)  # one compiled program, shared with test_sweep
@@ -41,19 +49,35 @@ def test_a_settled_case_is_period_1_from_sections_and_from_strobes():
 def test_jumps_are_told_from_gradual_changes(monkeypatch, direction, leaves):
     """On a made-up motion with two branches, whose steady growth from one speed to the next is larger than a jump."""
 
-    def run_blocks(scene, plan, here, states, tick, epoch):
-        speed = float(here["speed"][0])
+    def run_chunk(plan, scenes, states, steps, on_progress, epoch):
+        speed = float(scenes.varied.speed[0])
         high = speed < leaves if direction == "up" else speed < 1620.7
         level = 0.01 * speed + (5.0 if high else 0.0)
-        return states, None, (np.full((8, 3, 10), level) * SCALES,)
+        return ChunkRun(states, np.zeros(8, int), StrobeRecord(np.full((8, 3, 10), level) * SCALES))
 
-    monkeypatch.setattr("slipperjax.branches.run_blocks", run_blocks)
+    monkeypatch.setattr("slipperjax.sweeps.jumps.run_chunk", run_chunk)
     found = find_jump(sj.paper_scene(), {"speed": np.linspace(1500, 2200, 8)}, direction=direction, within=0.5)
     assert min(found.before, found.after) < leaves <= max(found.before, found.after)
     assert abs(found.before - found.after) <= 0.5
     assert found.size == pytest.approx(5.0, abs=0.1)
     gentle = find_jump(sj.paper_scene(), {"speed": [2000.0, 2100.0, 2200.0]}, direction="up")
-    assert gentle is None
+    assert not gentle.found
+    assert gentle.status == Status.FINITE
+
+
+def test_a_motion_that_breaks_down_is_no_calm_one(monkeypatch):
+    """The search ends where the motion does, and says why."""
+
+    def run_chunk(plan, scenes, states, steps, on_progress, epoch):
+        lost = float(scenes.varied.speed[0]) > 1750
+        strobe = np.full((8, 3, 10), np.nan if lost else 0.0)
+        return ChunkRun(states, np.full(8, int(Status.NOT_FINITE) if lost else 0), StrobeRecord(strobe))
+
+    monkeypatch.setattr("slipperjax.sweeps.jumps.run_chunk", run_chunk)
+    found = find_jump(sj.paper_scene(), {"speed": [1500.0, 1700.0, 1800.0, 1900.0]})
+    assert not found.found
+    assert found.status == Status.NOT_FINITE
+    assert (found.before, found.after) == (1700.0, 1800.0)
 
 
 def test_paths_are_checked():

@@ -5,7 +5,7 @@ import pytest
 
 import slipperjax as sj
 
-from .common import columns
+from ..common import columns
 
 SPEEDS = np.array([900.0, 1100.0, 1250.0, 1500.0, 2000.0, 1000.0, 800.0, 1300.0, 1400.0, 1700.0])
 OPTIONS = dict(transient=10, periods=10, steps_per_period=100)
@@ -67,7 +67,6 @@ def test_sections_of_a_product_grid():
     assert np.all((found > low - 1e-3) & (found < high + 1e-3))
 
 
-@pytest.mark.slow
 def test_history_matches_simulate():
     options = dict(transient=0, periods=2, steps_per_period=100, saves_per_period=10)
     ds = sj.sweep(sj.paper_scene(), {"length": [0.2, 0.3]}, record="history", **options)
@@ -79,23 +78,24 @@ def test_history_matches_simulate():
     assert one["time"].attrs["units"] == "s"
 
 
-@pytest.mark.slow
 def test_following_a_branch_starts_each_case_where_its_neighbour_ended():
     speeds = [1240.0, 1250.0, 1260.0]
-    ds = sj.follow(sj.paper_scene(), {"speed": speeds}, record="strobe", **OPTIONS)
+    options = dict(transient=10, periods=10)
+    ds = sj.follow(sj.paper_scene(), {"speed": speeds}, record="strobe", **options)
     assert ds["v_y"].dims == ("direction", "speed", "period")
     assert ds["direction"].values.tolist() == ["up", "down"]
-    state = sj.initial_state(sj.paper_scene(speeds[2]), sj.table_2_start())
-    for speed in reversed(speeds):
-        for _ in range(2):  # the transient, and what is recorded
-            state = _ten_periods(sj.paper_scene(speed), state)
-        found = float(ds["v_y"].sel(direction="down", speed=speed)[-1])
-        assert found == pytest.approx(float(state.motion.v_y), rel=1e-8), speed  # measured 1e-12
-    first = sj.sweep(sj.paper_scene(), {"speed": speeds}, record="strobe", **OPTIONS)
-    np.testing.assert_allclose(ds["w_x"].values[0, 0], first["w_x"].values[0], rtol=1e-9)
+    assert ds["steps_per_period"].values.tolist() == [[50] * 3] * 2
+    assert np.all(ds["status"].values == 0)
+    for direction, order in (("up", speeds), ("down", speeds[::-1])):
+        state = sj.initial_state(sj.paper_scene(order[0]), sj.table_2_start())
+        for speed in order:
+            for _ in range(2):  # the transient, and what is recorded
+                state = _ten_periods(sj.paper_scene(speed), state)
+            found = float(ds["v_y"].sel(direction=direction, speed=speed)[-1])
+            assert found == pytest.approx(float(state.motion.v_y), rel=1e-8), speed  # measured 1e-12
 
 
-_ten_periods = sj.jit(lambda scene, state: sj.period_map(scene, state, periods=10, steps_per_period=100))
+_ten_periods = sj.jit(lambda scene, state: sj.period_map(scene, state, periods=10, steps_per_period=50))
 
 
 @pytest.mark.slow
@@ -107,3 +107,19 @@ def test_starts_can_be_the_grid():
     start = sj.Motion(v_y=-0.5, z=1e-4, v_z=0.5, w_x=0.2, w_y=0.3, w_z=0.4)
     y = columns(fine(start=start))[100:1001:100, 0]
     np.testing.assert_allclose(ds["y"].values[1, 1], y, rtol=1e-9, atol=1e-12)
+
+
+def test_cases_of_several_step_counts_are_those_of_each_alone():
+    """Chunks of 50 and of 250 steps share one program, and change nothing of each other."""
+    speeds = [100.0, 1250.0, 110.0]
+    ds = sj.sweep(sj.paper_scene(), {"speed": speeds}, transient=0, periods=3)
+    assert ds["steps_per_period"].values.tolist() == [250, 50, 250]
+    for k, speed in enumerate(speeds):
+        one = sj.simulate(sj.paper_scene(speed), 3, saves_per_period=1)
+        assert one.steps_per_period == ds["steps_per_period"].values[k]
+        np.testing.assert_allclose(ds["strobe"].values[k], columns(one)[1:], rtol=1e-9, atol=1e-11)
+    # the same crossings as with a program of the very number of steps
+    own = sj.sweep(sj.paper_scene(), {"speed": speeds[1:2]}, transient=0, periods=3, steps_per_period=50)
+    found, expected = (d["v_y"].sel(speed=1250.0).values for d in (ds, own))
+    np.testing.assert_allclose(found[np.isfinite(found)], expected[np.isfinite(expected)], rtol=1e-9)
+    assert np.isfinite(expected).sum() == 2

@@ -9,18 +9,20 @@ laws of the family differ in c alone. g'_0 is a memory, see `slipperjax.model.co
 """
 
 import abc
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...tools import fraction, not_negative, positive
+from ...tools import ShapeChecked, fraction, not_negative, positive
+
 
 def zero_safe_sqrt(x: Array) -> Array:
     """Square root whose derivative at zero is zero and not infinite."""
     return jnp.where(x > 0, jnp.sqrt(jnp.where(x > 0, x, 1.0)), 0.0)
 
 
-class AbstractContactLaw(eqx.Module):
+class AbstractContactLaw(ShapeChecked):
     """Normal force of a point from its gap, the gap's rate, and their ratio to the rate at touchdown."""
 
     stiffness: eqx.AbstractVar[Float[Array, ""]]

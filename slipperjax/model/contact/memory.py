@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...tools import optional, positive
+from ...tools import ShapeChecked, optional, positive
 
 SLOWEST_IMPACT = 1e-3
 """Approach rate [m/s] below which a touchdown counts as one at this rate.
@@ -25,7 +25,7 @@ WIDTH_PER_DEPTH = 0.01
 """Default width of the smooth switch as a share of the depth of a typical impact."""
 
 
-class AbstractMemory(eqx.Module):
+class AbstractMemory(ShapeChecked):
     """How the rate at touchdown is carried along."""
 
     @abc.abstractmethod

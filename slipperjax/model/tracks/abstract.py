@@ -3,10 +3,11 @@
 import abc
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
+
+from ...tools import ShapeChecked
 
 SAMPLES = 512
 """Places per wavelength at which `AbstractTrack.approach_speed` looks for the steepest slope."""
@@ -23,7 +24,7 @@ class Irregularity(NamedTuple):
     """About x [rad]; slope [rad/m]. None where the track does not roll, which omits its operations."""
 
 
-class AbstractTrack(eqx.Module):
+class AbstractTrack(ShapeChecked):
     """A track whose irregularity is a function of distance alone. Subclasses define the two abstract members."""
 
     @property

@@ -1,0 +1,59 @@
+"""Tracks as functions of distance, and what they say of the speed at which the rail approaches."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import slipperjax as sj
+from slipperjax.model import AbstractTrack, Irregularity, impacts_per_period
+
+
+class SineTrack(AbstractTrack):
+    """A user's own track: lateral and vertical irregularity differ, and it does not roll."""
+
+    amplitude: float = 1e-3
+
+    @property
+    def wavelength(self):
+        return jnp.asarray(8.0)
+
+    def irregularity(self, distance):
+        angle = 2 * jnp.pi * distance / self.wavelength
+        return Irregularity(self.amplitude * jnp.sin(angle), 0.5 * self.amplitude * jnp.cos(angle), None)
+
+
+def scene_with(track):
+    plain = sj.paper_scene()
+    return sj.Scene(plain.speed, plain.slipper, plain.section, track, plain.contact)
+
+
+def test_harmonic_irregularity_and_its_slope():
+    track = sj.HarmonicTrack((8.0, 12.0), 1e-3, 2e-3)
+    distance = jnp.asarray([0.3, 2.0, 805.7])
+    here, slope = track.motion(distance)
+    shape = np.sin(2 * np.pi * distance / 8) + np.sin(2 * np.pi * distance / 12)
+    rate = 2 * np.pi * (np.cos(2 * np.pi * distance / 8) / 8 + np.cos(2 * np.pi * distance / 12) / 12)
+    np.testing.assert_allclose(here.lateral, 1e-3 * shape, atol=1e-15)
+    np.testing.assert_allclose(here.roll, 2e-3 * shape, atol=1e-15)
+    np.testing.assert_allclose(slope.vertical, 1e-3 * rate, atol=1e-15)
+
+
+def test_an_own_track_gets_the_steps_of_its_slope():
+    """And not those of a slowest approach: a sine is a sine, whichever class it is of."""
+    ours, theirs = scene_with(SineTrack()), scene_with(sj.HarmonicTrack((8.0,), 1e-3))
+    for scene in (ours, theirs):
+        assert float(scene.track.approach_speed(scene.speed)) == pytest.approx(2 * np.pi * 1e-3 * 1250 / 8, rel=1e-9)
+    assert float(impacts_per_period(ours)) == pytest.approx(float(impacts_per_period(theirs)), rel=1e-9)
+    stiff = [s.replace(stiffness=1e11) for s in (ours, theirs)]
+    assert sj.default_steps_per_period(stiff[0]) == sj.default_steps_per_period(stiff[1]) > 200
+
+
+def test_lateral_and_vertical_are_separate():
+    scene = scene_with(SineTrack())
+    start = sj.Motion(z=5e-4)
+    found = sj.simulate(scene, 1, steps_per_period=50, saves_per_period=1, start=start)
+    node = found.reactions
+    assert np.all(np.isfinite(node.node_moment))
+    here, _ = scene.track.motion(jnp.asarray(2.0))
+    assert float(here.lateral) == pytest.approx(1e-3)
+    assert abs(float(here.vertical)) < 1e-15

@@ -1,0 +1,68 @@
+"""Plans: each case's own steps, in chunks that change no result."""
+
+import diffrax
+import numpy as np
+import pytest
+
+import slipperjax as sj
+from slipperjax.sweeps import Cases, make_plan
+from slipperjax.sweeps.plan import _best_chunk
+
+
+def plan_of(grid, **options):
+    scene = sj.paper_scene()
+    options = dict(record="strobe", transient=25, periods=100) | options
+    return make_plan(scene, Cases(scene, grid, sj.table_2_start()), **options)
+
+
+def test_each_case_gets_the_steps_that_it_needs_alone():
+    speeds = np.linspace(100, 2500, 25)
+    plan = plan_of({"speed": speeds})
+    alone = [sj.default_steps_per_period(sj.paper_scene(speed=v)) for v in speeds]
+    assert plan.steps.tolist() == alone
+    assert plan.most_steps == 250
+    assert len(set(alone)) <= 5
+    assert plan_of({"speed": speeds}, steps_per_period=70).steps.tolist() == [70] * 25
+    assert plan_of({"v_y": [0.5, -0.5]}).steps.tolist() == [50, 50]
+
+
+def test_step_counts_are_few_over_many_orders_of_stiffness():
+    steps = plan_of({"stiffness": np.geomspace(1e7, 1e13, 241)}).steps
+    assert steps.min() == 50
+    assert steps.max() > 3000
+    assert len(set(steps)) < 24
+    assert np.all(np.diff(steps) >= 0)
+    assert np.all(steps % 50 == 0)
+
+
+def test_saves_divide_every_cases_steps():
+    plan = plan_of({"speed": [100.0, 1250.0]}, record="history", saves_per_period=30)
+    assert plan.steps.tolist() == [270, 60]
+
+
+@pytest.mark.parametrize(("chunk", "workers"), [(None, None), (None, 1), (5, 2), (64, 3)])
+def test_chunks_hold_every_case_once_with_its_own_steps(chunk, workers):
+    plan = plan_of({"speed": np.linspace(100, 2500, 53)})
+    chunks, threads = plan.chunks(chunk, workers)
+    members = np.concatenate([c.index[: c.cases] for c in chunks])
+    assert sorted(members) == list(range(53))
+    assert len({len(c.index) for c in chunks}) == 1  # one compiled program
+    assert len(chunks[0].index) % 8 == 0
+    for c in chunks:
+        assert np.all(plan.steps[c.index] == c.steps)
+    assert [c.steps for c in chunks] == sorted((c.steps for c in chunks), reverse=True)
+    assert threads == min(len(chunks), threads)
+
+
+def test_chunks_follow_the_cost_model():
+    assert _best_chunk(np.array([50]), np.array([241]), 2) == 128  # half each, filled up
+    many = _best_chunk(np.array([50, 100, 150, 200, 250]), np.array([176, 43, 13, 6, 3]), 2)
+    assert 8 <= many <= 48  # no group of a few cases fills a large chunk
+
+
+def test_calls_make_up_the_run():
+    plan = plan_of({"speed": [1250.0]})
+    assert plan.transient == (10, 3)  # rounded up to tens
+    assert plan.recorded == (50, 2)
+    assert plan.periods == 130
+    assert plan_of({"speed": [1250.0]}, solver=diffrax.Kvaerno3()).chunks(8, 2)[1] == 1

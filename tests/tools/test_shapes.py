@@ -1,0 +1,46 @@
+"""The annotations' shapes are enforced: of fields always, of functions in these tests."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxtyping import TypeCheckError
+
+import slipperjax as sj
+from slipperjax.analysis import floquet, largest_exponent, multipliers
+from slipperjax.tools import Batched
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: sj.paper_scene(speed=[900.0, 1000.0]), r"`speed` must be of shape \(\), but has shape \(2,\)"),
+        (lambda: sj.HarmonicTrack((8.0,), np.ones(3)), r"`amplitude` must be of shape \(\), but has shape \(3,\)"),
+        (lambda: sj.Slipper(14.0, (1.0, 2.0), 0.2), r"`inertia` must be of shape \(3\), but has shape \(2,\)"),
+        (lambda: sj.Section(np.ones((10, 3)), np.ones(5)), r"`points` must be of shape \(points, 2\), but has shape"),
+        (lambda: sj.SmoothSwitch(width=np.ones(2)), r"`width` must be of shape \(\), but has shape \(2,\)"),
+    ],
+)
+def test_fields_have_the_shapes_they_declare(make, words):
+    with pytest.raises(ValueError, match=words):
+        make()
+
+
+def test_scenes_are_made_one_by_one_under_vmap():
+    periods = jax.vmap(lambda v: sj.paper_scene(speed=v).period)(jnp.array([900.0, 1000.0]))
+    np.testing.assert_allclose(periods, [8 / 900, 8 / 1000])
+
+
+def test_a_wrong_shape_put_in_by_hand_is_found():
+    scene = sj.paper_scene()
+    with pytest.raises(TypeCheckError):
+        multipliers(np.eye(3))  # one Jacobian and not a sequence of them
+    with pytest.raises(TypeCheckError):
+        scene.track.approach_speed(jnp.ones(2))
+    batched = scene.replace(speed=np.array([900.0, 1000.0]))
+    with pytest.raises(TypeCheckError):
+        sj.contact_duration(batched)  # one case per function: a batch goes through Batched.map
+    each = Batched.of(batched, scene).map(sj.contact_duration)
+    assert each.shape == (2,)
+    assert floquet(lambda s, k: 0.5 * s, jnp.ones(2)).tolist() == [0.5, 0.5]
+    assert largest_exponent([0.5 * np.eye(2)] * 2, 2) == pytest.approx(np.log(0.5))

@@ -1,0 +1,61 @@
+"""Compiling inside transformations, batches that share what does not differ, and stored values."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from slipperjax.tools import Batched, call_compiled, compiler_options, jit, materialise
+
+
+def test_jit_takes_compiler_options_at_the_top_and_nests_everywhere():
+    cube = jit(lambda x, n: x**n, static_argnums=1)
+    assert cube(2.0, 3) == 8.0
+    assert jax.jit(lambda x: cube(x, 3))(2.0) == 8.0
+    assert jax.grad(lambda x: cube(x, 3))(2.0) == 12.0
+    assert jax.jit(jax.grad(lambda x: cube(x, 3)))(2.0) == 12.0
+    np.testing.assert_array_equal(jax.vmap(lambda x: cube(x, 2))(jnp.arange(3.0)), [0, 1, 4])
+    assert jax.jit(lambda: cube(jnp.asarray(2.0), 3))() == 8.0  # numbers that are known inside another program
+    assert jax.hessian(lambda x: cube(x, 3))(2.0) == 12.0
+
+
+def test_options_are_those_of_the_backend():
+    assert compiler_options("cpu")["xla_cpu_enable_fast_math"] is True
+    assert compiler_options("gpu") == {}
+
+
+def test_a_batch_shares_what_does_not_differ():
+    case = {"a": np.asarray(1.0), "b": np.asarray([2.0, 3.0])}
+    batch = Batched.of({"a": np.arange(3.0), "b": case["b"]}, case)
+    assert batch.varied["b"] is None
+    assert batch.shared["a"] is None
+    shapes = []
+
+    def one(tree, x):
+        shapes.append(tree["b"].shape)
+        return tree["a"] * tree["b"].sum() + x
+
+    np.testing.assert_array_equal(batch.map(one, jnp.ones(3)), [1, 6, 11])
+    assert shapes == [(2,)]
+    np.testing.assert_array_equal(batch.take(np.array([2, 2, 0])).varied["a"], [2, 2, 0])
+
+
+def test_calls_compile_once_for_other_numbers():
+    traced = []
+
+    def scaled(functions, static, x):
+        traced.append(static)
+        return functions(x) * static[0]
+
+    for factor in (2.0, 3.0):
+        power = jax.tree_util.Partial(jnp.multiply, jnp.asarray(factor))
+        assert call_compiled(scaled, power, (10.0,), jnp.asarray(1.0)) == 10 * factor
+    assert traced == [(10.0,)]
+    assert jax.grad(lambda x: call_compiled(scaled, jnp.sin, (2.0,), x))(0.0) == 2.0
+
+
+def test_stored_values_are_the_same_values():
+    x = jnp.arange(3.0)
+    tree = materialise({"a": x, "b": x, "c": jnp.asarray(2.0)})
+    np.testing.assert_array_equal(tree["a"], x)
+    assert tree["b"] is tree["a"]  # stored once
+    np.testing.assert_array_equal(tree["c"], [2.0, 2.0, 2.0])
