@@ -8,12 +8,20 @@ from . import shapes  # noqa: F401  (the hook finds it by its name)
 # what broadcasts silently is mostly a mistake
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
-with install_import_hook("slipperjax", "tests.shapes.typechecked"):
-    import slipperjax
-    import slipperjax.analysis
-    import slipperjax.flow
-    import slipperjax.model
-    import slipperjax.orbits
-    import slipperjax.solvers
-    import slipperjax.sweeps
-    import slipperjax.tools  # noqa: F401
+
+def pytest_configure(config):
+    if config.getoption("markexpr") == "benchmark":
+        return  # checks cost time, which benchmarks measure
+    with install_import_hook("slipperjax", "tests.shapes.typechecked"):
+        import slipperjax
+        import slipperjax.analysis
+        import slipperjax.bench
+        import slipperjax.cli
+        import slipperjax.flow
+        import slipperjax.model
+        import slipperjax.orbits
+        import slipperjax.plots
+        import slipperjax.solvers
+        import slipperjax.studies.dang2024
+        import slipperjax.sweeps
+        import slipperjax.tools  # noqa: F401

@@ -18,6 +18,9 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.sweeps import strobe_states
+
+from ..common import SCALES
 
 pytestmark = pytest.mark.benchmark
 STEPS = 50
@@ -35,12 +38,15 @@ def peer(tmp_path_factory):
         check=True,
     )
 
-    def microseconds_per_step(speed, periods=100):
+    def run(speed, periods=100):
+        """Microseconds per step, and the states (periods, 10)."""
         arguments = [speed, 1e-3, 0.2, 1e8, 0.9, 1e-3, math.radians(0.2), 8, 0, periods, STEPS]
         out = subprocess.run([str(program), *map(str, arguments)], capture_output=True, text=True, check=True).stdout
-        return float(re.findall(r"([\d.]+) us per step", out)[-1])
+        *rows, last = out.splitlines()
+        states = [[float(x) for x in row.split()[1:11]] for row in rows]
+        return float(re.findall(r"([\d.]+) us per step", last)[-1]), np.array(states)
 
-    return microseconds_per_step
+    return run
 
 
 # short runs, so that on a busy machine some of them pass undisturbed
@@ -56,11 +62,11 @@ def test_sweep_against_scalar_cpp(peer, lanes, periods):
         steps_per_period=STEPS,
     )
     begin = time.perf_counter()
-    run()
+    found = run()
     first = time.perf_counter() - begin
     ours, theirs = [], []
     for k in range(REPEATS):
-        theirs.append(peer(float(speeds[(k * lanes) // REPEATS])))
+        theirs.append(peer(float(speeds[(k * lanes) // REPEATS]))[0])
         begin = time.perf_counter()
         run()
         ours.append((time.perf_counter() - begin) / (lanes * periods * STEPS) * 1e6)
@@ -75,4 +81,11 @@ def test_sweep_against_scalar_cpp(peer, lanes, periods):
         f"{4 * LIMIT_NS / 1000 / 2 / min(ours):.0%} of the limit of 4 right-hand sides on 2 cores"
     )
     print(f"peak memory so far {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GiB")
-    assert ratio > 0
+    # The same model and method: after a period the states differ by both programs' errors at 50 steps. Above 750 m/s,
+    # where 50 steps resolve an impact; measured: 1.2e-4 in the median.
+    picked = np.linspace(int(0.3 * lanes), lanes - 1, 15).astype(int)
+    ours_end = strobe_states(found)[picked, 0]
+    theirs_end = np.array([peer(float(speeds[k]), 1)[1][0] for k in picked])
+    difference = np.max(np.abs(ours_end - theirs_end) / SCALES, axis=1)
+    print(f"states after a period differ by {np.median(difference):.1e} in the median, {difference.max():.1e} at most")
+    assert np.median(difference) < 1e-2
