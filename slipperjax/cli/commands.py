@@ -1,12 +1,32 @@
-"""The command line: parse, call, write."""
+"""The commands. Each imports what it needs when it is called, so that help is quick."""
 
-import math
 import sys
-import tempfile
+import time
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+
+from .options import (
+    Amplitude,
+    By,
+    Clearance,
+    Length,
+    Memory,
+    Out,
+    Over,
+    Restitution,
+    RollAmplitude,
+    Solver,
+    Speed,
+    Steps,
+    Stiffness,
+    Wavelength,
+    make_folder,
+    make_grid,
+    make_scene,
+    make_solver,
+)
 
 app = typer.Typer(
     help="Nonlinear dynamics of rocket-sled slippers.",
@@ -15,102 +35,6 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-
-Speed = Annotated[float, typer.Option(help="Travelling speed [m/s].")]
-Clearance = Annotated[float, typer.Option(help="Total play of slipper and rail [mm].")]
-Length = Annotated[float, typer.Option(help="Slipper length [m].")]
-Stiffness = Annotated[float, typer.Option(help="Contact stiffness [N/m^1.5].")]
-Restitution = Annotated[float, typer.Option(help="Coefficient of restitution, above 0 and at most 1.")]
-Wavelength = Annotated[list[float], typer.Option(help="Irregularity wavelength [m]; repeat for several.")]
-Amplitude = Annotated[float, typer.Option(help="Irregularity amplitude [mm].")]
-RollAmplitude = Annotated[float, typer.Option(help="Irregularity roll amplitude [degrees].")]
-Steps = Annotated[int | None, typer.Option(help="Integration steps per forcing period; default from the scene.")]
-Out = Annotated[Path, typer.Option(help="Where to write, without ending: makes OUT.nc and OUT.png.")]
-Solver = Annotated[
-    str,
-    typer.Option(help="RK4, Tsit5, Rodas3, Rodas4, ROS34PW2, TwoStep, one of diffrax's, or auto, which says why."),
-]
-Memory = Annotated[str, typer.Option(help="How contacts remember their touchdown: event or smooth.")]
-
-_UNITS = {"speed": 1.0, "clearance": 1e-3, "length": 1.0, "stiffness": 1.0, "restitution": 1.0}
-
-
-def _scene(speed, clearance, length, stiffness, restitution, wavelength, amplitude, roll_amplitude):
-    from .scene import paper_scene
-
-    return paper_scene(
-        speed,
-        clearance * 1e-3,
-        length,
-        stiffness=stiffness,
-        restitution=restitution,
-        wavelengths=tuple(wavelength),
-        amplitude=amplitude * 1e-3,
-        roll_amplitude=math.radians(roll_amplitude),
-    )
-
-
-def _folder(folder: Path, out: Path) -> None:
-    """Makes the folder to write into, before anything long is begun."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise ValueError(f"Option --out must name a place that can be written, but {out}: {error}") from error
-
-
-def _memory(name: str):
-    from .contact import EventLatch, SmoothSwitch
-
-    known = {"event": EventLatch, "smooth": SmoothSwitch}
-    if name not in known:
-        raise ValueError(f"Option --memory must be event or smooth, but is {name!r}.")
-    return known[name]()
-
-
-def _solver(name: str, scene: Any):
-    """A solver by its name; says why where the choice is left to the scene."""
-    import diffrax
-
-    from . import solvers
-
-    if name == "auto":
-        chosen = solvers.choose_solver(scene)
-        print(f"solver {solvers.solver_name(chosen.solver)}: {chosen.reason}", file=sys.stderr)
-        return chosen.solver
-    kind = getattr(solvers, name, getattr(diffrax, name, None))
-    if not (isinstance(kind, type) and issubclass(kind, diffrax.AbstractSolver)) or name.startswith("Abstract"):
-        raise ValueError(f"Option --solver must be auto or a solver of slipperjax or diffrax, but is {name!r}.")
-    try:
-        return kind()
-    except TypeError as error:
-        raise ValueError(f"Option --solver must be a solver that needs no arguments, but is {name!r}.") from error
-
-
-def _axis(option: str, over: tuple[str, float, float, int]):
-    import numpy as np
-
-    name, first, last, count = over
-    if name not in _UNITS:
-        raise ValueError(f"Option {option} must begin with one of {', '.join(_UNITS)}, but is {name!r}.")
-    if count < 1:
-        raise ValueError(f"Option {option} must end with a number of values of 1 or more, but is {count}.")
-    return name, np.linspace(first, last, count) * _UNITS[name]
-
-
-def _write(ds: Any, draw: Any, out: Path) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    data, picture = Path(f"{out}.nc"), Path(f"{out}.png")
-    ds.to_netcdf(data, engine="h5netcdf")
-    axes = draw(ds)
-    axes.flat[0].figure.savefig(picture, dpi=300)
-    plt.close("all")
-    print(f"wrote {data} and {picture}")
 
 
 @app.command()
@@ -131,36 +55,44 @@ def simulate(
     out: Out = Path("trajectory"),
 ):
     """Simulate one case and write its trajectory."""
-    import dataclasses
-
     import numpy as np
 
-    from . import plots
-    from .simulate import STATUS
-    from .simulate import simulate as run
+    from ..flow import Status, step_plan
+    from ..flow import simulate as run
+    from ..plots import overview
+    from ..tools import whole
 
-    scene = _scene(speed, clearance, length, stiffness, restitution, wavelength, amplitude, roll_amplitude)
-    _folder(out.parent, out)
-    scene = dataclasses.replace(scene, memory=_memory(memory))
+    scene = make_scene(
+        speed=speed,
+        clearance=clearance,
+        length=length,
+        stiffness=stiffness,
+        restitution=restitution,
+        wavelength=wavelength,
+        amplitude=amplitude,
+        roll_amplitude=roll_amplitude,
+        memory=memory,
+    )
+    make_folder(out.parent, out)
+    method = make_solver(solver, scene)
     options = dict(steps_per_period=steps_per_period, saves_per_period=saves_per_period)
-    method = _solver(solver, scene)
+    # checked here, too, so that an error is the only line
+    whole("periods", periods, 1)
+    step_plan(scene, steps_per_period, saves_per_period)
     print(f"simulating {periods} periods of {float(scene.period) * 1e3:.4g} ms ...", file=sys.stderr)
     ds = run(scene, periods, solver=method, **options).to_xarray()
-    _write(ds, lambda ds: plots.overview(ds), out)
-    peak = ds["contact_force"].max(["time"])
-    at = np.unravel_index(int(np.argmax(peak.values)), peak.shape)
-    print(
-        f"{ds.attrs['steps_per_period']} steps per period; highest contact force {float(peak.max()):.0f} N "
-        f"at {peak['point'].values[at[1]]}{at[0] + 1}; status: {STATUS[ds.attrs['status']]}"
-    )
+    _write(ds, overview, out)
+    status, force = Status(ds.attrs["status"]), ""
+    if status == Status.FINITE:
+        peak = ds["contact_force"].max("time")
+        end, point = np.unravel_index(int(np.argmax(peak.values)), peak.shape)
+        force = f"highest contact force {float(peak.max()):.0f} N at {peak['point'].values[point]}{end + 1}; "
+    print(f"{ds.attrs['steps_per_period']} steps per period; {force}status: {status}")
 
 
 @app.command()
 def bifurcation(
-    over: Annotated[
-        tuple[str, float, float, int],
-        typer.Option(help="Parameter, first and last value, number of values; speed m/s, clearance mm, length m."),
-    ],
+    over: Over,
     speed: Speed = 1250.0,
     clearance: Clearance = 1.0,
     length: Length = 0.2,
@@ -175,41 +107,43 @@ def bifurcation(
     out: Out = Path("bifurcation"),
 ):
     """Draw the five bifurcation diagrams over a parameter, from Poincare sections as in the paper's Fig. 5."""
-    import time
+    from ..plots import bifurcations
+    from ..sweeps import sweep
 
-    from . import plots
-    from .sweep import sweep
-
-    name, values = _axis("--over", over)
-    scene = _scene(speed, clearance, length, stiffness, restitution, wavelength, amplitude, roll_amplitude)
-    _folder(out.parent, out)
+    grid = make_grid(over)
+    scene = make_scene(
+        speed=speed,
+        clearance=clearance,
+        length=length,
+        stiffness=stiffness,
+        restitution=restitution,
+        wavelength=wavelength,
+        amplitude=amplitude,
+        roll_amplitude=roll_amplitude,
+    )
+    make_folder(out.parent, out)
     begin = time.perf_counter()
     ds = sweep(
         scene,
-        {name: values},
+        grid,
         transient=transient,
         periods=periods,
         steps_per_period=steps_per_period,
         progress=sys.stderr.isatty(),
     )
     seconds = time.perf_counter() - begin
-    _write(ds, lambda ds: plots.bifurcations(ds), out)
-    bad = int((ds["status"] != 0).sum())
+    _write(ds, bifurcations, out)
+    flagged, meanings = _flagged(ds)
     print(
-        f"{len(values)} cases, {ds.attrs['transient']} + {periods} periods, {ds.attrs['steps_per_period']} steps per "
-        f"period: {seconds:.1f} s with compiling; {bad} cases flagged"
+        f"{ds['status'].size} cases, {ds.attrs['transient']} + {periods} periods, {_steps(ds)} steps per period: "
+        f"{seconds:.1f} s with compiling; {flagged} cases flagged{meanings}"
     )
 
 
 @app.command()
 def lyapunov(
-    over: Annotated[
-        tuple[str, float, float, int],
-        typer.Option(help="Parameter, first and last value, number of values; speed m/s, clearance mm, length m."),
-    ],
-    by: Annotated[
-        tuple[str, float, float, int] | None, typer.Option(help="A second parameter likewise: makes a regime map.")
-    ] = None,
+    over: Over,
+    by: By = None,
     speed: Speed = 1250.0,
     clearance: Clearance = 1.0,
     length: Length = 0.2,
@@ -226,18 +160,22 @@ def lyapunov(
     out: Out = Path("lyapunov"),
 ):
     """Largest Lyapunov exponents over one parameter, or over two as a regime map, with certificates."""
-    import time
+    from ..analysis import REGIMES
+    from ..plots import exponents, regime_map
+    from ..sweeps import lyapunov_sweep
 
-    import numpy as np
-
-    from . import plots
-    from .spectra import lyapunov_sweep
-
-    grid = dict(_axis(option, axis) for option, axis in (("--over", over), ("--by", by)) if axis is not None)
-    if len(grid) < 1 + (by is not None):
-        raise ValueError(f"Option --by must name another parameter than --over, but is {over[0]!r} too.")
-    scene = _scene(speed, clearance, length, stiffness, restitution, wavelength, amplitude, roll_amplitude)
-    _folder(out.parent, out)
+    grid = make_grid(over, by)
+    scene = make_scene(
+        speed=speed,
+        clearance=clearance,
+        length=length,
+        stiffness=stiffness,
+        restitution=restitution,
+        wavelength=wavelength,
+        amplitude=amplitude,
+        roll_amplitude=roll_amplitude,
+    )
+    make_folder(out.parent, out)
     begin = time.perf_counter()
     ds = lyapunov_sweep(
         scene,
@@ -250,11 +188,13 @@ def lyapunov(
         progress=sys.stderr.isatty(),
     )
     seconds = time.perf_counter() - begin
-    draw = plots.exponents if by is None else plots.regime_map
-    _write(ds, lambda ds: np.array([draw(ds)]), out)
-    kinds = plots.regimes(ds)
-    shares = ", ".join(f"{int((kinds == k).sum())} {name}" for k, (name, _) in enumerate(plots.REGIMES))
-    print(f"{kinds.size} cases: {shares}; {seconds:.1f} s with compiling")
+    _write(ds, exponents if by is None else regime_map, out)
+    shares = ", ".join(f"{int((ds['regime'] == name).sum())} {name}" for name in REGIMES)
+    flagged, meanings = _flagged(ds)
+    print(
+        f"{ds['regime'].size} cases: {shares}; {_steps(ds)} steps per period, {seconds:.1f} s with compiling; "
+        f"{flagged} cases flagged{meanings}"
+    )
 
 
 @app.command()
@@ -271,16 +211,15 @@ def reproduce(
     """Run the paper's study: its figures, and a report that answers its claims one by one."""
     import matplotlib
 
-    matplotlib.use("Agg")
-    from . import paper
-    from .claims import write_report
-    from .figures import write_figures
+    from ..studies.dang2024 import FIGURES, FULL, readings, write_figures, write_report
+    from ..studies.dang2024 import reproduce as run
 
+    matplotlib.use("Agg")
     bars = sys.stderr.isatty()
-    runs = paper.reproduce(figures or paper.FIGURES, quick=quick, transient=transient, progress=bars)
-    _folder(out, out)
+    runs = run(figures or FIGURES, quick=quick, transient=transient, progress=bars)
+    make_folder(out, out)
     answers, seconds = {}, {}
-    # what is finished is written at once, so that an interrupt loses nothing but the run it hits
+    # what is finished is written at once, so that an interrupt loses only the run that it stops
     for done in runs:
         answers |= done.outcome.answers
         seconds[done.name] = done.seconds
@@ -288,7 +227,7 @@ def reproduce(
         report, _ = write_report(out, answers, seconds, [])
         print(f"{done.name}: figures {', '.join(done.figures)} in {done.seconds:.1f} s", flush=True)
     if not figures and not quick:
-        table = paper.readings(paper.FULL, {"progress": bars})
+        table = readings(FULL, {"progress": bars})
         report, _ = write_report(out, answers, seconds, table)
     good = sum(answer.good for answer in answers.values())
     print(f"{good} of {len(answers)} claims reproduced, {len(answers) - good} differ: see {report}")
@@ -305,41 +244,57 @@ def bench(
         list[int] | None, typer.Option(help="Trajectories at once; repeat for several; default 241 and 1.")
     ] = None,
     repeats: Annotated[int, typer.Option(help="Timed runs of each point.")] = 5,
-    out: Annotated[Path, typer.Option(help="Where to write, without ending: makes OUT.md and OUT.png.")] = Path(
-        "bench"
-    ),
+    out: Annotated[
+        Path, typer.Option(help="Where to write, without ending: makes OUT.md, OUT.png and OUT_all.png.")
+    ] = Path("bench"),
 ):
-    """Draw error against cost for every solver, and for other codes where they are at hand."""
+    """Draw error against cost for every solver, and for other codes where they are installed."""
     import matplotlib
 
-    matplotlib.use("Agg")
-    from . import bench as work
-    from .work_precision import write
+    from ..bench import bench as run
+    from ..bench import write
 
     def show(point):
         times = ", ".join(f"{best:.3g} us at {lanes}" for lanes, (best, _) in point.cost.items())
         print(f"{point.case}: {point.method}, {point.setting}: error {point.error:.1e}, {times}", flush=True)
 
-    _folder(out.parent, out)
+    matplotlib.use("Agg")
+    make_folder(out.parent, out)
     names = dict(cases=scene or None, methods=method or None, batches=batch or None)
-    # written anew after each scene, so that an interrupt loses nothing but the scene it hits
-    for found in work.bench(quick=quick, repeats=repeats, report=show, **names):
-        text, picture = write(*found, out)
-        print(f"wrote {text} and {picture}")
+    # written anew after each scene, so that an interrupt loses only the scene that it stops
+    for found in run(quick=quick, repeats=repeats, report=show, **names):
+        print(f"wrote {' and '.join(map(str, write(*found, out)))}")
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Entry point: exit code 0, or 2 with one line that says what is wrong."""
-    try:
-        code = app(args=arguments, standalone_mode=False)
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        sys.exit(130)
-    except Exception as error:
-        usage = hasattr(error, "format_message")
-        if not usage and not isinstance(error, ValueError | OSError):
-            raise
-        text = error.format_message() if usage else str(error)  # type: ignore[union-attr]
-        print("error: " + " ".join(text.split()), file=sys.stderr)
-        sys.exit(2)
-    sys.exit(code if isinstance(code, int) else 0)
+def _write(ds: Any, draw: Any, out: Path) -> None:
+    """Writes a dataset as OUT.nc and what `draw` makes of it as OUT.png."""
+    import matplotlib
+    import numpy as np
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    data, picture = Path(f"{out}.nc"), Path(f"{out}.png")
+    ds.to_netcdf(data, engine="h5netcdf")
+    figure = np.ravel(draw(ds))[0].figure
+    figure.savefig(picture, dpi=300)
+    plt.close(figure)
+    print(f"wrote {data} and {picture}")
+
+
+def _steps(ds: Any) -> str:
+    """Steps per period of all cases of a sweep: one number, or the least to the most."""
+    least, most = int(ds["steps_per_period"].min()), int(ds["steps_per_period"].max())
+    return f"{least}" if least == most else f"{least} to {most}"
+
+
+def _flagged(ds: Any) -> tuple[int, str]:
+    """How many cases of a sweep have a status other than 0, and in brackets what their statuses mean."""
+    import numpy as np
+
+    from ..flow import Status
+
+    codes, counts = np.unique(ds["status"].values, return_counts=True)
+    found = {Status(int(c)): int(n) for c, n in zip(codes, counts, strict=True) if c != Status.FINITE}
+    meanings = " and ".join(f"{n} {status}" for status, n in found.items())
+    return sum(found.values()), f" ({meanings})" if found else ""

@@ -30,5 +30,8 @@ from .status import Status as Status
 from .status import first_problem as first_problem
 from .status import status_of as status_of
 from .status import with_resolution as with_resolution
+from .stepping import AbstractStepping as AbstractStepping
+from .stepping import ConstantSteps as ConstantSteps
+from .stepping import ControlledSteps as ControlledSteps
 from .tangents import initial_tangents as initial_tangents
 from .tangents import tangent_weights as tangent_weights

@@ -21,10 +21,11 @@ from ..model import (
     table_2_start,
 )
 from ..solvers import check_error_estimate, resolve_controller, resolve_solver
-from ..tools import jit, whole
+from ..tools import is_traced, jit, whole
 from .period_map import PeriodMap, run_compiled
 from .recorders import Samples, Strobe
 from .status import status_of, with_resolution
+from .stepping import ConstantSteps, ControlledSteps
 
 
 def period_map(
@@ -42,17 +43,14 @@ def period_map(
     **Arguments:** as for `simulate`; `state` comes from `initial_state` or an earlier call.
     """
     steps = default_steps_per_period(scene) if steps_per_period is None else steps_per_period
-    return (
-        PeriodMap(
-            scene,
-            whole("steps_per_period", steps, 1),
-            resolve_solver(scene, solver),
-            resolve_controller(stepsize_controller),
-            diffrax.ForwardMode() if adjoint is None else adjoint,
-        )
-        .run(state, periods=whole("periods", periods, 1))
-        .state
-    )
+    steps, periods = whole("steps_per_period", steps, 1), whole("periods", periods, 1)
+    solver, controller = resolve_solver(scene, solver), resolve_controller(stepsize_controller)
+    stepping = ConstantSteps(steps) if controller is None else _controlled(steps, controller, adjoint)
+    return PeriodMap(scene, stepping, solver).run(state, periods=periods).state
+
+
+def _controlled(samples: int, controller: Any, adjoint: diffrax.AbstractAdjoint | None) -> ControlledSteps:
+    return ControlledSteps(samples, controller, diffrax.ForwardMode() if adjoint is None else adjoint)
 
 
 class Trajectory(eqx.Module):
@@ -131,8 +129,8 @@ def simulate(
     - `start`: motion at time zero; default Table 2 of Dang et al. 2024.
     - `saves_per_period`: saved states per forcing period, a divisor of `steps_per_period`; default 50, or
         `steps_per_period` where that is given and no multiple of 50.
-    - `adjoint`: default `diffrax.ForwardMode()`, for `jax.jvp` and `jax.jacfwd`, which suit a system with few
-        parameters; `diffrax.RecursiveCheckpointAdjoint()` for `jax.grad` and `jax.vjp`.
+    - `adjoint`: for a step size controller only, as constant steps can be differentiated in both modes: default
+        `diffrax.ForwardMode()`, for `jax.jvp` and `jax.jacfwd`; `diffrax.RecursiveCheckpointAdjoint()` for `jax.grad`.
 
     **Returns:** a `Trajectory`, the start included.
 
@@ -141,19 +139,18 @@ def simulate(
     periods = whole("periods", periods, 1)
     steps, saves = step_plan(scene, steps_per_period, saves_per_period)
     solver = resolve_solver(scene, solver)
-    adjoint = diffrax.ForwardMode() if adjoint is None else adjoint
     start = table_2_start() if start is None else check_start(start)
     controller = resolve_controller(stepsize_controller)
     check_error_estimate(solver, controller)
     if controller is not None:
         steps = saves if saves > 1 else steps
-    # In forward mode the number of steps is an array: without saves inside periods one program serves any number.
-    forward = isinstance(adjoint, diffrax.ForwardMode)
-    number = jnp.asarray(float(steps)) if forward else steps
-    most = steps if saves > 1 else None
-    period_map = PeriodMap(scene, number, solver, controller, adjoint, most_steps=most)
+        stepping = _controlled(steps, controller, adjoint)
+    elif saves == 1 and not is_traced((scene, start)):
+        stepping = ConstantSteps(steps=jnp.asarray(float(steps)))  # one program serves any number of steps
+    else:
+        stepping = ConstantSteps(steps)
     recorder = Strobe() if saves == 1 else Samples(saves)
-    first, passage = run_compiled(period_map, start, periods, recorder)
+    first, passage = run_compiled(PeriodMap(scene, stepping, solver), start, periods, recorder)
     kept = passage.record if saves == 1 else recorder.collect(passage.record)
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, kept)
     return Trajectory(scene, jnp.arange(periods * saves + 1) / saves, states, steps, passage.steps_taken)

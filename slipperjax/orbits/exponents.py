@@ -11,7 +11,7 @@ import diffrax
 import jax.numpy as jnp
 
 from ..analysis import LyapunovSpectrum, map_spectrum
-from ..flow import PeriodMap, check_start, status_of, tangent_weights, with_resolution
+from ..flow import ConstantSteps, PeriodMap, check_start, status_of, tangent_weights, with_resolution
 from ..model import Motion, Scene, default_steps_per_period, initial_state, table_2_start
 from ..solvers import resolve_solver
 from ..tools import whole
@@ -54,9 +54,9 @@ def lyapunov_spectrum(
     steps = whole("steps_per_period", steps, 1)
     start = table_2_start() if start is None else check_start(start)
     blocks = lambda name, value, least: -(-whole(name, value, least) // every)
-    number = jnp.asarray(float(steps))  # an array, so that one compiled program serves all
+    stepping = ConstantSteps(steps=jnp.asarray(float(steps)))  # an array: one compiled program serves every number
     found = map_spectrum(
-        PeriodMap(scene, number, resolve_solver(scene, solver), periods=every),
+        PeriodMap(scene, stepping, resolve_solver(scene, solver), periods=every),
         initial_state(scene, start),
         blocks("periods", periods, 1),
         count=count,

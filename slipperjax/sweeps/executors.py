@@ -5,11 +5,12 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple, TypeVar
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 from tqdm.auto import tqdm
 
-from ..flow import SectionRecord, Sections, advance, coordinates, first_problem, joined_in_time
+from ..flow import ConstantSteps, SectionRecord, Sections, advance, coordinates, first_problem, joined_in_time
 from ..model import Scene, State
 from ..tools import Batched
 from .plan import Chunk, OnProgress, Plan
@@ -35,22 +36,23 @@ def run_chunk(
     recorder, at, status = plan.recorder, float(epoch), np.zeros(len(states.motion.y), int)
     strobes, records = [], []
     options: dict[str, Any] = dict(solver=plan.solver)
+    number = jnp.asarray(float(steps))  # an array, so that one compiled program serves every number of steps
+    stepping = ConstantSteps(steps=number)
     for _ in range(plan.transient.count):
         on_progress(0)
-        states, ends, codes, _ = advance(scenes, states, at, float(steps), periods=plan.transient.length, **options)
+        states, ends, codes, _ = advance(scenes, states, at, stepping, periods=plan.transient.length, **options)
         status = first_problem(status, codes)
         if isinstance(recorder, Sections):
             strobes.append(coordinates(ends))
         on_progress(plan.transient.length)
         at += plan.transient.length
-    number: float | None = float(steps)
     if recorder.inside:
-        options["most_steps"] = plan.most_steps
-        number = None if np.all(plan.steps == steps) else number
+        alike = bool(np.all(plan.steps == steps))
+        stepping = ConstantSteps(steps) if alike else ConstantSteps(plan.most_steps, number)
     for _ in range(plan.recorded.count):
         on_progress(0)
         options |= dict(recorder=recorder, periods=plan.recorded.length)
-        states, kept, codes, _ = advance(scenes, states, at, number, **options)
+        states, kept, codes, _ = advance(scenes, states, at, stepping, **options)
         status = first_problem(status, codes)
         records.append(recorder.collect(kept))
         on_progress(plan.recorded.length)

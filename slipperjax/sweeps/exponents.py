@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 
 from ..analysis import REGIMES, classify, kaplan_yorke, largest_exponent, regime, standard_error, weighted_mean
 from ..flow import (
+    ConstantSteps,
     Status,
     advance_tangents,
     batch_jacobians,
@@ -148,7 +149,7 @@ class _Measure(NamedTuple):
         for k in range(self.blocks + 1):
             at = float(self.plan.periods + k * BLOCK)
             states, tangents, history, codes = advance_tangents(
-                self.scenes, states, tangents, at, float(steps), away, solver=self.plan.solver, periods=BLOCK
+                self.scenes, states, tangents, at, _constant(steps), away, solver=self.plan.solver, periods=BLOCK
             )
             rows.append(np.asarray(history))
             status = first_problem(status, codes)
@@ -159,8 +160,13 @@ class _Measure(NamedTuple):
         """Jacobians of the first `LONGEST` periods."""
         options: dict[str, Any] = dict(solver=self.plan.solver, periods=LONGEST)
         return np.asarray(
-            batch_jacobians(self.scenes, self.states, float(self.plan.periods), float(steps), **options)
+            batch_jacobians(self.scenes, self.states, float(self.plan.periods), _constant(steps), **options)
         )
+
+
+def _constant(steps: int) -> ConstantSteps:
+    """So many steps as an array: one compiled program serves every number."""
+    return ConstantSteps(steps=jnp.asarray(float(steps)))
 
 
 def _dataset(cases: Cases, plan: Plan, found: _Exponents, attrs: dict[str, Any]) -> xr.Dataset:

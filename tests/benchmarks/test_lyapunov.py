@@ -13,7 +13,7 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.analysis import map_spectrum
-from slipperjax.flow import advance, advance_tangents, initial_states, initial_tangents
+from slipperjax.flow import ConstantSteps, advance, advance_tangents, initial_states, initial_tangents
 from slipperjax.sweeps import Cases
 
 from ..analysis.test_lyapunov import Rk4, lorenz
@@ -57,10 +57,10 @@ def test_cost_against_the_trajectory(count):
     scenes, starts = cases.take(np.arange(121))
     states = initial_states(scenes, starts)
     tangents = initial_tangents(scenes, states, count)
-    options = dict(solver=sj.RK4(), periods=1)
+    options, steps = dict(solver=sj.RK4(), periods=1), ConstantSteps(steps=jnp.asarray(50.0))
     runs = {
-        "plain": lambda: advance(scenes, states, 0.0, 50.0, **options).state,
-        "full": lambda: advance_tangents(scenes, states, tangents, 0.0, 50.0, **options).history,
+        "plain": lambda: advance(scenes, states, 0.0, steps, **options).state,
+        "full": lambda: advance_tangents(scenes, states, tangents, 0.0, steps, **options).history,
     }
     taken = {name: [] for name in runs}
     for _ in range(101):  # in turns; the first is compiling

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow import PeriodMap, coordinates
+from slipperjax.flow import ConstantSteps, PeriodMap, coordinates
 from slipperjax.model import settle_memory
 
 from ..common import SCALES
@@ -52,7 +52,7 @@ def _run(scene, lanes, switch, steps):
         if switch is not None:
             case = eqx.tree_at(lambda s: (s.memory.width, s.memory.relaxation), case, switch)
         state = sj.initial_state(case, sj.table_2_start())
-        return PeriodMap(case, steps).run(state, periods=PERIODS).record
+        return PeriodMap(case, ConstantSteps(steps=steps)).run(state, periods=PERIODS).record
 
     return jax.vmap(one)(lanes, switch)
 
@@ -74,14 +74,14 @@ def smooth(cases, switch, steps):
     for at in range(0, len(cases), LANES):
         index = np.minimum(np.arange(at, at + LANES), len(cases) - 1)
         pick = lambda a, index=index: a[index]
-        out.append(coordinates(_jitted(SMOOTH, jax.tree.map(pick, lanes), tuple(map(pick, switch)), float(steps))))
+        out.append(coordinates(_jitted(SMOOTH, jax.tree.map(pick, lanes), tuple(map(pick, switch)), jnp.asarray(float(steps)))))
     return np.concatenate(out)[: len(cases)]
 
 
 @pytest.fixture(scope="module")
 def truth():
     cases = [(scene, law) for scene in SCENES for law in LAWS]
-    states = coordinates(_jitted(sj.paper_scene(), values(cases), None, float(FINEST)))
+    states = coordinates(_jitted(sj.paper_scene(), values(cases), None, jnp.asarray(float(FINEST))))
     return dict(zip(cases, states, strict=True))
 
 

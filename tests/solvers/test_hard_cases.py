@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow import advance, initial_states
+from slipperjax.flow import ConstantSteps, advance, initial_states
 from slipperjax.model import COORDINATES, contacts, phase, rail_frame
 from slipperjax.sweeps import Cases
 
@@ -257,7 +257,7 @@ def test_a_late_start_is_an_early_start():
     lanes = [dict(speed=v) for v in np.linspace(900.0, 2400.0, LANES)]
     scenes, starts = Cases(BASE, grid(lanes), sj.table_2_start(), product=False).take(np.arange(LANES))
     states, options = initial_states(scenes, starts), dict(solver=sj.RK4(), periods=BLOCK)
-    late, early = (advance(scenes, states, epoch, 400.0, **options).state for epoch in (1e5, 0.0))
+    late, early = (advance(scenes, states, epoch, ConstantSteps(400), **options).state for epoch in (1e5, 0.0))
     for a, b in zip(jax.tree.leaves(late.motion), jax.tree.leaves(early.motion), strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-7)
 

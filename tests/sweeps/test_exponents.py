@@ -8,7 +8,7 @@ from jax.flatten_util import ravel_pytree
 
 import slipperjax as sj
 from slipperjax.analysis import extend_spectrum, largest_exponent, ode_spectrum, ode_step
-from slipperjax.flow import PeriodMap, tangent_weights
+from slipperjax.flow import ConstantSteps, PeriodMap, tangent_weights
 from slipperjax.model import Args
 
 SPEEDS = [1100.0, 1250.0, 1500.0, 1800.0, 2100.0, 2300.0]
@@ -65,7 +65,7 @@ def test_one_scene_alone_resumed_and_until_it_is_known(certified):
     options = dict(steps_per_period=STEPS, transient=300)
     whole = sj.lyapunov_spectrum(scene, periods=60, **options)
     part = sj.lyapunov_spectrum(scene, periods=30, **options)
-    step = PeriodMap(scene, jnp.asarray(float(STEPS)))
+    step = PeriodMap(scene, ConstantSteps(steps=jnp.asarray(float(STEPS))))
     rest = extend_spectrum(part, step, 30, scale=tangent_weights(scene))
     np.testing.assert_allclose(rest.history, whole.history, rtol=1e-9, atol=1e-12)
     known = sj.lyapunov_spectrum(scene, periods=30, until_stderr=5e-3, **options)

@@ -1,0 +1,29 @@
+"""The command line: parse, call, write."""
+
+import sys
+
+from .commands import app as app
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C."""
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Entry point: exit code 0, 2 with one line that says what is wrong, or 130 after an interrupt.
+
+    **Arguments:** `arguments`: of the command line; default those of the process.
+    """
+    try:
+        code = app(args=arguments, standalone_mode=False)
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    except Exception as error:
+        usage = hasattr(error, "format_message")
+        if not usage and not isinstance(error, ValueError | OSError):
+            raise
+        text = error.format_message() if usage else str(error)  # type: ignore[union-attr]
+        print("error: " + " ".join(text.split()), file=sys.stderr)
+        sys.exit(2)
+    if code == INTERRUPTED:  # typer returns this for an interrupt during a command
+        print("interrupted", file=sys.stderr)
+    sys.exit(code if isinstance(code, int) else 0)

@@ -1,0 +1,201 @@
+"""How one forcing period is integrated: by constant steps, or by a step size controller."""
+
+import abc
+from typing import Any, NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, PyTree
+
+from ..model import Args, State
+from ..solvers import AbstractLatchingRungeKutta, AbstractLatchingSolver, AdaptiveSteps, differentiable
+from ..tools import whole
+
+MOST_ADAPTIVE_STEPS = 1_000_000
+"""Adaptive steps per forcing period after which a case has failed."""
+
+
+class Period(NamedTuple):
+    """One integrated forcing period."""
+
+    end: State
+    inside: State | None
+    """The states at both ends of all steps, leading axis `most` + 1; None where they were not asked for."""
+    taken: Any
+    """Steps tried."""
+    failed: Bool[Array, ""]
+    """Whether solver or controller gave up."""
+    carried: PyTree
+    """What the next period starts with beside the state."""
+
+
+class AbstractStepping(eqx.Module):
+    """One way to step through a forcing period, over times 0 to 1."""
+
+    @property
+    @abc.abstractmethod
+    def number(self) -> Any:
+        """Steps per forcing period, or states per period where steps are adaptive."""
+
+    @abc.abstractmethod
+    def prepared(self, solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:
+        """The solver in a form that can be differentiated with this stepping."""
+
+    @abc.abstractmethod
+    def first(self, terms: diffrax.AbstractTerm, solver: diffrax.AbstractSolver, state: State, args: Args) -> PyTree:
+        """What the first period starts with beside the state."""
+
+    @abc.abstractmethod
+    def period(
+        self,
+        terms: diffrax.AbstractTerm,
+        solver: diffrax.AbstractSolver,
+        state: State,
+        carried: PyTree,
+        args: Args,
+        inside: bool,
+    ) -> Period:
+        """Integrates one period; `inside`: whether the states at all steps are wanted."""
+
+    @property
+    def most_inside(self) -> int:
+        """Greatest `number` that there is room for where states inside periods are wanted."""
+        raise ValueError("Argument `most` must be given for a recorder of states inside periods.")
+
+
+class ConstantSteps(AbstractStepping):
+    """A number of equal steps.
+
+    With `most` alone the number is part of the program, which can be differentiated in both modes. With `steps`, an
+    array, one compiled program serves every number, up to `most` if that is given; forward mode only.
+    """
+
+    most: int | None = eqx.field(static=True, default=None)
+    """Steps per period, or the greatest number of them where `steps` is given."""
+    steps: Float[Array, ""] | None = None
+    """Steps per period as an array."""
+
+    def __check_init__(self):
+        if self.steps is None:
+            whole("steps_per_period", self.most, 1)
+
+    @property
+    def number(self) -> Any:
+        return self.most if self.steps is None else self.steps
+
+    @property
+    def most_inside(self) -> int:
+        return super().most_inside if self.most is None else self.most
+
+    def prepared(self, solver):
+        kind = diffrax.DirectAdjoint() if self.steps is None else diffrax.ForwardMode()
+        return differentiable(solver, kind)
+
+    def first(self, terms, solver, state, args):
+        # a stock solver that integrates the memory begins each period anew
+        return self._init(terms, solver, state, args) if isinstance(solver, AbstractLatchingSolver) else None
+
+    def _init(self, terms, solver, state, args):
+        return solver.init(terms, 0.0, 1 / self.number, state, args)
+
+    def period(self, terms, solver, state, carried, args, inside):
+        begins = carried is None
+        solver_state = self._init(terms, solver, state, args) if begins else carried
+        may_fail = not isinstance(solver, AbstractLatchingRungeKutta)
+
+        def step(carry, k):
+            state, solver_state, failed = carry
+            ends = k / self.number, (k + 1) / self.number
+            state, _, _, solver_state, result = solver.step(terms, *ends, state, args, solver_state, False)
+            return state, solver_state, failed | (may_fail and result != diffrax.RESULTS.successful)
+
+        carry = state, solver_state, jnp.zeros((), bool)
+        if self.steps is None:
+            assert self.most is not None
+            # checkpointed: reverse mode keeps the state of each step and computes its stages once more
+            one = jax.checkpoint(lambda carry, k: ((after := step(carry, k)), after[0] if inside else None))
+            carry, states = jax.lax.scan(one, carry, jnp.arange(float(self.most)))
+        else:
+            carry, states = self._counted(step, carry, inside)
+        end, solver_state, failed = carry
+        if inside:
+            states = jax.tree.map(lambda a, rest: jnp.concatenate([a[None], rest]), state, states)
+        return Period(end, states, self.number, failed, None if begins else solver_state)
+
+    def _counted(self, step, carry, inside):
+        """A loop over a number of steps that is not known to the program; entries beyond the last repeat the start."""
+        if not inside:
+            return jax.lax.fori_loop(0, self.steps.astype(int), lambda k, c: step(c, k * 1.0), carry), None
+
+        def one(k, both):
+            carry, states = both
+            carry = step(carry, k * 1.0)
+            return carry, jax.tree.map(lambda room, a: room.at[k].set(a), states, carry[0])
+
+        room = jax.tree.map(lambda a: jnp.broadcast_to(a[None], (self.most_inside, *a.shape)), carry[0])
+        return jax.lax.fori_loop(0, self.steps.astype(int), one, (carry, room))
+
+
+class ControlledSteps(AbstractStepping):
+    """Steps of a step size controller; states inside a period are interpolated at equal intervals."""
+
+    samples: int = eqx.field(static=True)
+    """States per period that a recorder gets; the first step is one period over this."""
+    controller: diffrax.AbstractStepSizeController
+    adjoint: diffrax.AbstractAdjoint = eqx.field(static=True, default=diffrax.ForwardMode())
+
+    @property
+    def number(self) -> Any:
+        return self.samples
+
+    @property
+    def most_inside(self) -> int:
+        return self.samples
+
+    def prepared(self, solver):
+        return differentiable(solver, self.adjoint)
+
+    def first(self, terms, solver, state, args):
+        carries = isinstance(solver, AbstractLatchingSolver)
+        wanted = jnp.asarray(1 / self.samples, float) if isinstance(self.controller, AdaptiveSteps) else None
+        return solver.init(terms, 0.0, 1 / self.samples, state, args) if carries else None, wanted
+
+    def period(self, terms, solver, state, carried, args, inside):
+        solver_state, wanted = carried
+        subs = {"end": diffrax.SubSaveAt(t1=True)}
+        if inside:
+            subs["inside"] = diffrax.SubSaveAt(ts=jnp.arange(1, self.samples + 1) / self.samples)
+        solution = diffrax.diffeqsolve(
+            terms,
+            solver,
+            t0=0.0,
+            t1=1.0,
+            dt0=1 / self.samples if wanted is None else wanted,
+            y0=state,
+            args=args,
+            saveat=diffrax.SaveAt(subs=subs, solver_state=solver_state is not None, controller_state=wanted is not None),
+            stepsize_controller=self.controller,
+            adjoint=self.adjoint,
+            max_steps=MOST_ADAPTIVE_STEPS,
+            throw=False,
+            solver_state=solver_state,
+        )
+        assert solution.ys is not None  # it is asked for
+        end = jax.tree.map(lambda ys: ys[-1], solution.ys["end"])
+        states = None
+        if inside:
+            join = lambda a, ys: jnp.concatenate([a[None], ys[: self.samples]])
+            states = jax.tree.map(join, state, solution.ys["inside"])
+        failed = solution.result != diffrax.RESULTS.successful
+        carried = (
+            None if solver_state is None else solution.solver_state,
+            None if wanted is None else solution.controller_state[0],
+        )
+        return Period(end, states, solution.stats["num_steps"], failed, carried)
+
+
+def as_stepping(stepping: Any) -> AbstractStepping:
+    """A stepping as it is, and a whole number as so many constant steps."""
+    return stepping if isinstance(stepping, AbstractStepping) else ConstantSteps(whole("steps_per_period", stepping, 1))

@@ -1,0 +1,17 @@
+"""Pictures of datasets: trajectories, bifurcation diagrams, Lyapunov exponents and regime maps."""
+
+from .bifurcations import bifurcation as bifurcation
+from .bifurcations import bifurcations as bifurcations
+from .regimes import exponents as exponents
+from .regimes import regime_map as regime_map
+from .style import COLORS as COLORS
+from .style import REGIME_COLORS as REGIME_COLORS
+from .style import STYLE as STYLE
+from .style import axis_label as axis_label
+from .style import shown as shown
+from .style import typeset as typeset
+from .trajectories import contact_forces as contact_forces
+from .trajectories import history as history
+from .trajectories import overview as overview
+from .trajectories import phase_portrait as phase_portrait
+from .trajectories import spectrum as spectrum

@@ -1,0 +1,104 @@
+"""Style, colours, and axis labels with display units from the registry of quantities."""
+
+import re
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import xarray as xr
+from matplotlib.lines import Line2D
+
+from ..analysis import REGIMES
+from ..flow import Status
+from ..model import PARAMETERS, REACTIONS, quantity
+
+STYLE = {
+    "font.size": 8,
+    "axes.labelsize": 8,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "axes.grid": True,
+    "grid.alpha": 0.25,
+    "grid.linewidth": 0.4,
+    "axes.linewidth": 0.6,
+}
+"""Matplotlib settings of all figures made here; column width is 3.5 inches, page width 7.2."""
+
+COLORS = {"blue": "#12355b", "red": "#c1121f", "green": "#2a9d6f", "orange": "#e07a1f", "grey": "#a0a0a0"}
+"""Colours of lines and dots."""
+
+REGIME_COLORS = dict(zip(REGIMES, (COLORS[name] for name in ("blue", "green", "red", "grey")), strict=True))
+"""Colours of periodic, regular, chaotic and unresolved cases."""
+
+FLAGGED_LABEL = "status not 0"
+"""Legend entry of cases that are left out because of their status."""
+
+
+def typeset(unit: str) -> str:
+    """A unit of a dataset, as in m/s^2, with its exponents raised."""
+    return re.sub(r"\^(-?[\d.]+)", r"$^{\1}$", unit)
+
+
+def axis_label(name: str) -> str:
+    """The axis label of a quantity: name or symbol, and display unit in brackets; a pure number has no brackets.
+
+    **Arguments:** `name`: as in datasets, for instance clearance, start_v_y, w_x or contact_force. A name that is not
+    in the registry of quantities is its own label.
+    """
+    try:
+        q = quantity(name)
+    except KeyError:
+        return name.replace("_", " ")
+    symbol = f"${q.symbol}$" if q.symbol else ""
+    if name in PARAMETERS or name in REACTIONS:
+        text = f"{name.replace('_', ' ')} {symbol}"
+    elif name.startswith("start_"):
+        text = f"start {symbol or q.name}"
+    else:
+        text = symbol or name.replace("_", " ")
+    unit = "" if q.display_unit == "1" else f" [{typeset(q.display_unit)}]"
+    return text.strip() + unit
+
+
+def shown(ds: xr.Dataset, name: str) -> np.ndarray:
+    """The values of a variable or coordinate in the display unit of its quantity, as its axis label names it."""
+    values = ds[name].values
+    try:
+        return quantity(name).shown(values)
+    except KeyError:
+        return values
+
+
+def new_axes(width: float = 3.5, height: float = 2.4) -> Any:
+    """The Axes of a new figure of `width` and `height` [inches]."""
+    with plt.rc_context(STYLE):
+        return plt.subplots(figsize=(width, height), layout="constrained")[1]
+
+
+def swept(array: xr.DataArray, *inner: str, count: int = 1) -> tuple[str, ...]:
+    """The dimensions over which an array was swept: all but `inner`.
+
+    **Raises:** `ValueError` where they are not `count`.
+    """
+    dims = tuple(str(d) for d in array.dims if d not in inner)
+    if len(dims) != count:
+        raise ValueError(f"Argument `ds` must be swept over {count} parameter(s), but is over {dims}.")
+    return dims
+
+
+def flagged(ds: xr.Dataset, *dims: str) -> np.ndarray:
+    """Whether each case has a status other than 0, shape as `dims`; nowhere where the dataset has no status."""
+    if "status" not in ds:
+        return np.zeros([ds.sizes[d] for d in dims], bool)
+    return ds["status"].transpose(*dims).values != Status.FINITE
+
+
+def cross(x: Any = (), y: Any = (), **style: Any) -> Line2D:
+    """Small grey crosses, for cases without results; without `x` and `y` they are an entry of a legend."""
+    return Line2D(x, y, **{"ls": "", "marker": "x", "ms": 3, "mew": 0.7, "color": COLORS["grey"]} | style)
+
+
+def mark_cases(ax: Any, x: np.ndarray, color: str = COLORS["grey"], height: float = 0.04) -> None:
+    """Crosses near the bottom of the axes at `x` [display unit], `height` in fractions of the axes."""
+    if len(x):
+        ax.add_line(cross(x, np.full(len(x), height), color=color, transform=ax.get_xaxis_transform()))
