@@ -22,6 +22,7 @@ from .psd import name_lines as name_lines
 from .psd import power_spectral_density as power_spectral_density
 from .psd import spectral_lines as spectral_lines
 from .regime import REGIMES as REGIMES
+from .regime import SURE as SURE
 from .regime import is_chaotic as is_chaotic
 from .regime import regime as regime
 from .statistics import kaplan_yorke as kaplan_yorke

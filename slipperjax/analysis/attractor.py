@@ -1,7 +1,7 @@
-"""What a motion has settled to, from its states once per forcing period (stroboscopic states): a motion of period n,
-a torus, chaos, or something the record cannot tell.
+"""Classification of attractors from states once per forcing period (stroboscopic states): a motion of period n, a
+torus, chaos, or unresolved.
 
-A wrong name is worse than none: a name needs all its evidence, and what lacks some is "unresolved".
+A motion is assigned to a class only if it meets all criteria of that class; otherwise it is "unresolved".
 """
 
 import math
@@ -12,17 +12,17 @@ import numpy as np
 from ..tools import whole
 
 KINDS = ("period", "torus", "chaotic", "unresolved")
-"""What a motion can be called: periodic, quasi-periodic, chaotic, or none of them with certainty."""
+"""Classes of motions: periodic, quasi-periodic, chaotic, or none of them with certainty."""
 MIN_TEST = 200
-"""Fewest periods for which tori and chaos are told apart. Near it K of a torus scatters up to 0.9, and the answer is
-"unresolved"; 500 periods are plenty."""
+"""Least number of periods for distinguishing tori from chaos. Near it, K of a torus scatters up to 0.9, and the
+result is "unresolved"; 500 periods are enough."""
 REGULAR, IRREGULAR = 0.2, 0.8
 """Bounds of the 0-1 test's K: below the first regular, above the second chaotic."""
 NEAR, APART = 0.12, 0.7
-"""Bounds of the growth of neighbours' distance, in ln: below the first on a torus; above the second in chaos, and
-above the first without its first step, in which noise grows too."""
+"""Bounds of the growth of ln of the distance of neighbours. After the first period it is below `NEAR` on a torus and
+above `NEAR` in chaos; including the first period, in which noise grows too, it is above `APART` in chaos."""
 AHEAD = 30
-"""Periods over which neighbours are followed, at most (a fifth of the record if that is shorter)."""
+"""Greatest number of periods over which neighbours are followed (a fifth of the record if that is shorter)."""
 THEILER = 10
 """States fewer than this many periods apart in time do not count as neighbours."""
 
@@ -37,41 +37,41 @@ class Decay(NamedTuple):
     fit: np.ndarray
     """Coefficient of determination R^2 of the fit to ln of the envelope."""
     steadiness: np.ndarray
-    """Rate in the second half over rate in the first: 1 for a geometric decay to zero, less for a decay to something
-    else and for an algebraic one."""
+    """Rate in the second half over rate in the first: 1 for a geometric decay to zero, less for algebraic decays and
+    for decays to other limits."""
 
     @property
     def convincing(self):
-        """Whether this is a geometric decay to zero: it halved or more, R^2 >= 0.95, and went on at the same rate."""
+        """Whether this is a geometric decay to zero: by half or more, with R^2 >= 0.95 and a steady rate."""
         steady = (self.steadiness >= 0.85) & (self.steadiness <= 1.5)
         return (self.fall >= math.log(2)) & (self.fit >= 0.95) & steady
 
 
 class Attractors(NamedTuple):
-    """What the motions settled to; arrays over the cases, of shape () for a single case."""
+    """Attractors of motions; arrays over the cases, of shape () for a single case."""
 
     kind: np.ndarray
     """One of `KINDS`."""
     period: np.ndarray
-    """n for a motion of period n, 0 for everything else."""
+    """n for a motion of period n, 0 for all other motions."""
     residual: np.ndarray
     """Recurrence distance at the end of the record [scales]: over `period`, or the best over all lags."""
     decay: np.ndarray
     """Decay rate of that recurrence residual per forcing period; NaN where nothing could be fitted."""
     growth: np.ndarray
-    """Mean growth of ln of neighbours' distance, from one period to `AHEAD`; NaN where other evidence came first."""
+    """Mean growth of ln of neighbours' distance, from one period to `AHEAD`; NaN if an earlier criterion decided."""
     k: np.ndarray
-    """K of the 0-1 test for what varies beside a motion of the best period: near 0 if regular, near 1 if chaotic, 0
-    if nothing does, NaN for records below `MIN_TEST`."""
+    """K of the 0-1 test for the motion without its part of the best period: near 0 if regular, near 1 if chaotic, 0
+    if nothing remains, NaN for records below `MIN_TEST`."""
     evidence: np.ndarray
-    """What decided, in words."""
+    """The deciding criterion, in words."""
 
 
 def recurrence(strobe, *, scales=None, max_period=16) -> np.ndarray:
     """Recurrence residuals |x_k - x_{k-n}|, in the maximum norm over scaled states.
 
-    **Arguments:** `strobe`: shape (*cases, periods, states); `scales`, shape (states,): what counts as one of each
-    state, in the states' units, by default as in `classify`; `max_period`: greatest lag n.
+    **Arguments:** `strobe`: shape (*cases, periods, states); `scales`, shape (states,): divisors of the
+    states, in their units, by default as in `classify`; `max_period`: greatest lag n.
 
     **Returns:** shape (*cases, max_period, periods), [scales]; entry (n - 1, k) is for lag n, NaN for k < n.
 
@@ -89,11 +89,11 @@ def recurrence(strobe, *, scales=None, max_period=16) -> np.ndarray:
 def decay_rate(residual, *, windows=12, floor=0.0) -> Decay:
     """Fits exp(-rate k) to the envelope of a residual: its maxima over `windows` windows of equal length.
 
-    The maxima make spiral decays, which swing below their envelope, as good as monotone ones.
+    With maxima, spiral decays, which oscillate below their envelope, are fitted as well as monotone ones.
 
-    **Arguments:** `residual`: shape (*cases, periods), not negative; leading NaN are passed over; `windows`: 6 or
-    more; `floor`: windows with maxima at or below it are left out, as rounding and integration errors would be
-    fitted there.
+    **Arguments:** `residual`: shape (*cases, periods), not negative; leading NaN are skipped; `windows`: 6 or
+    more; `floor`: windows with maxima at or below it are omitted, because rounding and integration errors dominate
+    there.
 
     **Raises:** `ValueError` for settings out of range.
     """
@@ -113,10 +113,10 @@ def zero_one_test(series, *, samples=100, seed=0) -> np.ndarray:
     The correlation method with the oscillation term subtracted: the median over random c in (pi/5, 4 pi/5) of the
     correlation of n with D_c(n) = M_c(n) - (mean phi)^2 (1 - cos n c) / (1 - cos c), where M_c is the mean square
     displacement of sum_j phi_j exp(i j c) over n <= periods / 10 steps. Gottwald and Melbourne 2009,
-    doi:10.1137/080718851. A series that does not vary has K = 0. Noise is chaotic to this test.
+    doi:10.1137/080718851. A constant series has K = 0. Noise has K near 1.
 
     **Arguments:** `series`: phi, shape (*cases, periods), one scalar per forcing period and not an oversampled
-    record; `samples`: how many c; `seed`: of the random c.
+    record; `samples`: number of values of c; `seed`: of the random c.
 
     **Returns:** shape (*cases,), NaN for series that are not finite.
 
@@ -132,29 +132,29 @@ def zero_one_test(series, *, samples=100, seed=0) -> np.ndarray:
 
 
 def classify(strobe, *, scales=None, max_period=16, tolerance=1e-3, floor=1e-6, seed=0) -> Attractors:
-    """Names what each motion settled to.
+    """Classifies the attractor of each motion.
 
     - "period": after n periods the states recur, within `tolerance` of the attractor's extent or within `floor`, from
-      one period n to the next and over a quarter of the record. Or the residual of recurrence decays geometrically
-      to zero (`Decay.convincing`): a slow transient. n is the smallest possible.
-    - "chaotic": K of the 0-1 test above `IRREGULAR`, and neighbours move apart.
-    - "torus": K below `REGULAR`, neighbours stay near, the states fill the section evenly, their mean and spread do
-      not drift, and the residuals over all lags do not fall together.
+      one period n to the next and over a quarter of the record; or the residual of recurrence decays geometrically
+      to zero (`Decay.convincing`), in a slow transient. n is the smallest possible.
+    - "chaotic": K of the 0-1 test above `IRREGULAR`, and neighbours diverge.
+    - "torus": K below `REGULAR`, neighbours stay close, the states fill the section evenly, their mean and spread do
+      not drift, and the residuals over all lags do not decay together.
     - "unresolved": everything else. Records below `MIN_TEST` periods can only be periodic or unresolved.
 
-    What this cannot tell: splittings and chaotic bands narrower than the tolerance from the periodic motion they
-    surround; transients that drift by less than the tolerance in a quarter of the record from settled motions; long
-    chaotic transients from chaos. Noise, and chaos of so many dimensions that the record has no near neighbours, are
+    These are not distinguished: splittings and chaotic bands narrower than the tolerance from periodic motions;
+    transients that drift by less than the tolerance in a quarter of the record from settled motions; long chaotic
+    transients from chaos. Noise, and chaos of so many dimensions that the record has no near neighbours, are
     "unresolved".
 
-    **Arguments:** `strobe`: states once per forcing period without the transient, shape (*cases, periods, states) or
-    (periods, states), 16 periods or more; `scales`, shape (states,): what counts as one of each state, in the states'
-    units, by default the greatest magnitude over all cases and periods (1 where that is below 1e-12, so that the
-    rounding of a state that is zero by symmetry is not blown up): better give scales, such as clearance and
-    clearance times frequency; `max_period`: greatest n (at most a quarter of the record is tried); `tolerance`:
-    of the attractor's extent, the greatest peak-to-peak of a scaled state in the last quarter of the record, and
-    above the error of an integration that is accurate to 1e-4; `floor` [scales]: distances below are zero; `seed`:
-    of the 0-1 test.
+    **Arguments:** `strobe`: states once per forcing period without the transient, shape (*cases, periods, states)
+    or (periods, states), 16 periods or more; `scales`, shape (states,): divisors of the states, in their units.
+    The default is the greatest magnitude over all cases and periods (1 where that is below 1e-12, so that
+    rounding errors of a state that is zero by symmetry are not amplified); explicit scales are better, such as
+    clearance and clearance times frequency. `max_period`: greatest n (at most a quarter of the record is tried);
+    `tolerance`: as a fraction of the attractor's extent, which is the greatest peak-to-peak value of a scaled
+    state in the last quarter of the record, and above the error of an integration that is accurate to 1e-4;
+    `floor` [scales]: smaller distances count as zero; `seed`: of the 0-1 test.
 
     **Returns:** `Attractors`; cases that are not finite are "unresolved".
 
@@ -203,7 +203,7 @@ def _classify(x, most, tolerance, floor, seed):
     k = np.nan
     if periods >= MIN_TEST:
         part = _irregular_part(x, best)
-        # below the tolerance only rounding and errors are left, whose K says nothing
+        # below the tolerance only rounding and integration errors remain, whose K is meaningless
         k = float(zero_one_test(part, seed=seed)) if np.ptp(part) > max(tolerance * extent, floor) else 0.0
     shorter = lambda n: [m for m in range(1, n) if n % m == 0]
 
@@ -219,15 +219,15 @@ def _classify(x, most, tolerance, floor, seed):
     for n in lags:
         near = max(tolerance * extent, floor)
         if at_end[n] > near or any(at_end[m] < 10 * floor for m in shorter(n)):
-            continue  # near the floor the last of a decay that turns by a third each period looks like a period of 3
-        # slow drifts, of a motion near a resonance or a bifurcation, show over many periods, and in a short record
-        # only by their onset; they must be small against what tells period n from its divisors too
+            continue  # near the floor, a decay that rotates by a third of a turn per period looks like period 3
+        # Slow drifts near a resonance or a bifurcation are visible over many periods only, and in a short record only
+        # at their onset; they must also be small against the difference of period n from its divisors.
         far = n * max(2, quarter // n)
         drift = np.abs(x[-tail(n) :] - x[-tail(n) - far : periods - far]).max()
         split = min((at_end[m] for m in shorter(n)), default=extent)
         if drift > max(min(near * min(1, far / 100), 3 * tolerance * split), floor):
             continue
-        growing = fit(n, 1e-14)  # off an unstable motion, from the rounding on
+        growing = fit(n, 1e-14)  # departure from an unstable motion, from rounding errors on
         if growing.fall < -math.log(10) and growing.fit > 0.95:
             text = f"recurs after {n} periods, but the residual grows by {-growing.rate:.2g} per period"
             return answer("unresolved", 0, n, text)
@@ -238,7 +238,7 @@ def _classify(x, most, tolerance, floor, seed):
     for n in lags:
         for start in (0, periods // 2):  # the whole record, or its second half where the first had other transients
             decay = fit(n, start=start)
-            # of period n and no less only if what tells it from its divisors stays
+            # of period n, and not of a divisor of n, only if the residuals over the divisors do not decay
             if decay.convincing and all(abs(fit(m, start=start).fall) < 0.3 * decay.fall for m in shorter(n)):
                 text = f"residual over {n} periods decays by {decay.rate:.2g} per period, to {at_end[n]:.1e} so far"
                 return answer("period", n, n, text, decay)
@@ -259,15 +259,15 @@ def _classify(x, most, tolerance, floor, seed):
     if gap < 0.05 * extent / periods:
         text = f"{facts}, but the states bunch: a period above {lags[-1]}, or one not reached yet"
         return answer("unresolved", 0, best, text, growth=growth)
-    if drift > 0.01 or mixing > 3 or np.std(rates) < 0.3 * abs(np.mean(rates)):  # all residuals fall alike: a spiral
+    if drift > 0.01 or mixing > 3 or np.std(rates) < 0.3 * abs(np.mean(rates)):  # equal decays: a spiral
         return answer("unresolved", 0, best, f"{facts}, but the states still drift or spiral", growth=growth)
     text = f"{facts}, no recurrence up to {lags[-1]} periods, no decay, no drift"
     return answer("torus", 0, best, text, growth=growth)
 
 
 def _irregular_part(x, n):
-    """A scalar for the 0-1 test: the scaled states along the direction in which they vary most, without the part of
-    period n, by which chaos in n bands, visited in turn, would look regular."""
+    """A scalar series for the 0-1 test: the scaled states along the direction in which they vary most, without the
+    part of period n, which would make chaos in n bands, visited in turn, look regular."""
     y = x - x.mean(0)
     series = y @ np.linalg.svd(y, full_matrices=False)[2][0]
     for phase in range(n):
@@ -317,12 +317,12 @@ def _growth_of_displacement(series, c):
 
 
 def _neighbours(x):
-    """How neighbours on the section fare, and how evenly the states fill it.
+    """Divergence of neighbours on the section, and how evenly the states fill it.
 
     **Returns:** the mean growth of ln of the distance of nearest neighbours in one period, and from there on to
     `AHEAD` periods (Rosenstein, Collins and De Luca 1993, doi:10.1016/0167-2789(93)90009-P); the median distance of
-    nearest neighbours; how much further states of the second half find their nearest in the first half than in
-    their own.
+    nearest neighbours; the median distance of states of the second half to their nearest state in the first half,
+    over that to their nearest state in the second half.
     """
     periods = len(x)
     distance = np.zeros((periods, periods))
@@ -336,7 +336,7 @@ def _neighbours(x):
     first, other = place[:known], np.argmin(apart[:known, :known], axis=1)
     steps = np.arange(ahead + 1)[:, None]
     mean = np.log(np.maximum(distance[first + steps, other + steps], tiny)).mean(1)
-    # the first step apart: the nearest neighbour was chosen for being near, and in noise is not one period on
+    # without the first period, in which the distance to the nearest neighbour, a minimum, grows in noise too
     growth = mean[ahead // 2 :].mean() - mean[1]
     own = np.where(place[half:, None] == place[half:], np.inf, distance[half:, half:]).min(1)
     mixing = np.median(distance[half:, :half].min(1)) / max(np.median(own), tiny)
@@ -346,7 +346,7 @@ def _neighbours(x):
 def _drift(x):
     """Greatest change of a state's mean and spread from the first to the second half, over the greatest spread.
 
-    Tapered by a Hann window, or the turns of a torus that the halves cut would count as drift.
+    Weighted by a Hann window, so that incomplete turns of a torus in either half do not count as drift.
     """
     half = len(x) // 2
     weight = np.sin(np.pi * (np.arange(half) + 0.5) / half) ** 2

@@ -16,8 +16,8 @@ from .lyapunov import Step, check_functions, check_state
 def jacobians(step: Step, state: Any, intervals: int, *, index: Any = 0.0) -> Float[Array, "intervals size size"]:
     """Jacobians of `intervals` successive applications of `step`, along the motion from `state`. Pure.
 
-    **Arguments:** `step(state, k)`: the state one interval on, differentiable in forward mode; `state`: a pytree of
-    floats with `size` numbers in all; `index`: index of the first interval.
+    **Arguments:** `step(state, k)`: the state one interval later, differentiable in forward mode; `state`: a pytree
+    of floats with `size` values in all; `index`: index of the first interval.
     """
     flat, unravel = ravel_pytree(state)
 
@@ -49,7 +49,7 @@ def largest_exponent(matrices: Any, period: int) -> float:
 def floquet(step: Step, state: Any, *, index: Any = 0.0, intervals: int = 1) -> Complex[Array | np.ndarray, " size"]:
     """Floquet multipliers of a motion that recurs after `intervals` intervals of `step`, the largest modulus first.
 
-    The logarithms of their moduli over `intervals` are the exponents per interval.
+    The logarithms of their moduli, divided by `intervals`, are the exponents per interval.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """

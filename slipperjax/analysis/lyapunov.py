@@ -1,12 +1,12 @@
 """Lyapunov spectra of any differentiable map or ODE, from its exact tangent dynamics (Benettin et al. 1980).
 
-A system is a `step(state, k)`: the state (a pytree of floats) at the end of the orthonormalisation interval number
-k. Tangents are carried through it by forward mode, and made orthonormal at its end; the logarithms of what they
-grew by are the local exponents, and their means the spectrum (doi:10.1007/BF02128236).
+A system is a function `step(state, k)`, which advances the state (a pytree of floats) over the orthonormalisation
+interval number k. Tangents are propagated by forward mode and orthonormalised at the end of each interval; the
+logarithms of their growth are the local exponents, and the means of these are the spectrum (doi:10.1007/BF02128236).
 
-`step` must be differentiable *as a map*. An event inside it (a touchdown, a switch) has to happen at an instant
-that depends on the state in a differentiable way: a force that jumps at the end of whichever integration step saw
-the event has a derivative which lacks the saltation term, and an exponent that is wrong however short the steps.
+`step` must be differentiable *as a map*: the instant of an event inside it (a touchdown, a switch) must depend on the
+state in a differentiable way. If the force jumps at the end of the integration step that contains the event, the
+derivative lacks the saltation term, and the exponents are wrong however short the steps.
 """
 
 from collections.abc import Callable
@@ -29,24 +29,24 @@ Scale = Callable[[Any], Any]
 
 
 class LyapunovSpectrum(eqx.Module):
-    """Exponents, and what it takes to go on. With leading axes (lanes) throughout where it comes out of a `vmap`."""
+    """Exponents, and the data to continue from. All arrays have leading axes (lanes) if made under `vmap`."""
 
     history: Float[Array, "*lanes intervals count"]
-    """Logarithm of the growth in each interval."""
+    """Logarithm of the growth in each interval [1]."""
     state: Any
     """The state at the end."""
     tangents: Any
     """The orthonormal tangents there: like the state, with a leading axis of length count."""
     index: Float[Array, "*lanes"]
-    """Index of the interval that comes next."""
+    """Index of the next interval."""
     periods: Float[Array, "*lanes"]
     """Periods in an interval [1]."""
     period: Float[Array, "*lanes"]
-    """Length of a period [s], or in whatever unit the system's time has."""
+    """Length of a period [s], or in the unit of the system's time."""
     reached: bool | None = eqx.field(static=True)
-    """Whether the standard error that was asked for was reached; None where none was asked for."""
+    """Whether the requested standard error was reached; None where none was requested."""
     status: Any = None
-    """What the system says of the state at the end; None where nobody judged it."""
+    """Status code of the state at the end, such as `slipperjax.flow.Status`; None where it was not checked."""
 
     @property
     def per_period(self) -> Float[Array, "*lanes count"]:
@@ -65,7 +65,7 @@ class LyapunovSpectrum(eqx.Module):
 
     @property
     def weighted(self) -> Float[np.ndarray, "*lanes count"]:
-        """Exponents [1/period] by a smoothly weighted mean: far sharper than `per_period` for regular motions, see
+        """Exponents [1/period] by a smoothly weighted mean, more accurate than `per_period` for regular motions, see
         `weighted_mean`; not for use under a transformation."""
         return weighted_mean(self.history) / np.asarray(self.periods)[..., None]
 
@@ -76,7 +76,7 @@ class LyapunovSpectrum(eqx.Module):
 
 
 def weights_of(state: Any, scale: Scale | None) -> Float[Array, " size"] | None:
-    """The weights of all components in one array; None for ones."""
+    """The weights of all components in one array; None if all are one."""
     if scale is None:
         return None
     full = jax.tree.map(lambda s, w: jnp.broadcast_to(jnp.asarray(w, s.dtype), s.shape), state, scale(state))
@@ -84,7 +84,7 @@ def weights_of(state: Any, scale: Scale | None) -> Float[Array, " size"] | None:
 
 
 def fixed_directions(seed: int, count: int, size: int, weights: Array | None) -> Float[Array, "count size"]:
-    """Directions that have something of everything that has a weight; the same in every run."""
+    """Random directions, the same in every run; their parts in components of weight zero are zero."""
     normal = jnp.asarray(np.random.default_rng(seed).standard_normal((count, size)))
     if weights is None:
         return normal
@@ -94,8 +94,8 @@ def fixed_directions(seed: int, count: int, size: int, weights: Array | None) ->
 def gram_schmidt(rows: Array, weights: Array | None) -> tuple[Float[Array, "count size"], Float[Array, " count"]]:
     """Orthonormal rows, and the logarithms of the diagonal of R: Gram-Schmidt, each row projected twice.
 
-    A row of which nothing remains gives a logarithm of about -354 (in double precision, the root of the smallest
-    number) and is taken up anew in a fixed direction, orthogonal to the rows before it.
+    A row that vanishes gives a logarithm of about -354 (of the root of the smallest number in double precision) and
+    is replaced by a fixed direction, made orthogonal to the rows before it.
     """
     count, size = rows.shape
     tiny = jnp.finfo(rows.dtype).tiny
@@ -127,7 +127,7 @@ def orthonormalise(tangents: Any, state: Any, scale: Scale | None = None) -> tup
 
 
 def first_tangents(state: Any, count: int, scale: Scale | None = None) -> Any:
-    """`count` orthonormal tangents in fixed general directions; zero in the components that have no weight."""
+    """`count` orthonormal tangents in fixed general directions; zero in the components of weight zero."""
     flat, unravel = ravel_pytree(state)
     directions = fixed_directions(0, count, flat.size, weights_of(state, scale))
     return orthonormalise(jax.vmap(unravel)(directions), state, scale)[0]
@@ -143,21 +143,21 @@ def push_tangents(
     scale: Scale | None = None,
     distance: Any = None,
 ) -> tuple[Any, Any, Float[Array, "intervals count"]]:
-    """Carries orthonormal tangents through `intervals` intervals. Pure; jit or vmap it.
+    """Propagates orthonormal tangents through `intervals` intervals. Pure; may be used under jit and vmap.
 
     **Arguments:**
 
-    - `step`, `state`: the system and where it starts.
+    - `step`, `state`: the system and its initial state.
     - `tangents`: like the state, with a leading axis of length count.
     - `index`: index of the first interval.
     - `scale`: gives the weights of the components at a state, like the state or broadcasting to it. A component of
-        weight zero is left out of the norm; its tangent is carried and divided along with the rest.
-    - `distance`: where given, tangents are differences to neighbours this far away instead of derivatives.
+        weight zero is omitted from the norm; its tangent is propagated and divided by the norms of the rest.
+    - `distance`: if given, tangents are difference quotients to neighbours at this distance instead of derivatives.
 
     **Returns:** the state and the tangents at the end, and the logarithms of the growth in each interval.
     """
 
-    def moved(state, tangent, k):  # what does not depend on the tangent is not batched: computed once for all
+    def moved(state, tangent, k):  # unbatched outputs, independent of the tangent, are computed once for all
         if distance is None:
             return jax.jvp(lambda s: step(s, k), (state,), (tangent,))
         end = step(state, k)
@@ -190,26 +190,29 @@ def map_spectrum(
     max_intervals: int | None = None,
     distance: Any = None,
 ) -> LyapunovSpectrum:
-    """Lyapunov spectrum of a map, or of whatever `step` integrates.
+    """Lyapunov spectrum of a map, or of a flow that `step` integrates.
 
-    Compiled once for each `step`: a lambda made anew is compiled anew, an `equinox.Module` with other numbers in
-    its arrays is not. For many starts, `jax.jit(jax.vmap(...))` over this function.
+    Compiled once for each `step`: a new lambda is compiled again, an `equinox.Module` with other values in its arrays
+    is not. For many starts, `jax.jit(jax.vmap(...))` over this function.
 
     **Arguments:**
 
-    - `step`: `step(state, k)`, the state one interval on. Neither so long that a tangent grows or shrinks by more
-        than about 1e12 relative to another, nor so short that orthonormalising costs more than stepping.
+    - `step`: `step(state, k)`, the state one interval later. The interval should be so short that no tangent grows
+        or shrinks by more than about 1e12 relative to another, and so long that orthonormalising costs less than the
+        steps.
     - `state`: a pytree of real numbers.
     - `intervals`: number of intervals, or with `until_stderr` the number in a block.
     - `count`: number of exponents, the largest first; default all.
-    - `transient`: intervals that the state runs before anything else; `align`: intervals after these in which the
-        tangents turn into their directions, and which are not counted either.
+    - `transient`: intervals before the tangents start; `align`: intervals after these in which the tangents align
+        with their directions. Neither are counted.
     - `scale`: weights of the components, see `push_tangents`.
-    - `index`: index of the very first interval.
+    - `index`: index of the first interval.
     - `periods`: periods in an interval; `period`: length of a period [s].
     - `until_stderr`: runs blocks until the standard error of the first exponent [1/period] is no more than this, or
         `max_intervals` (default 100 blocks) have been counted. Not under a transformation.
-    - `distance`: see `push_tangents`; `two_trajectory_exponent` is the way to use it.
+    - `distance`: see `push_tangents`; use `two_trajectory_exponent` instead.
+
+    **Returns:** a `LyapunovSpectrum`.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
@@ -238,10 +241,12 @@ def extend_spectrum(
     max_intervals: int | None = None,
     distance: Any = None,
 ) -> LyapunovSpectrum:
-    """Goes on from where `result` ended: the same as one run of all the intervals, to rounding.
+    """Continues from the end of `result`; equal to one run of all intervals, up to rounding.
 
-    **Arguments:** as for `map_spectrum`, and `step`, `scale` and `distance` the same as there; `max_intervals` is
-    for all intervals together.
+    **Arguments:** as for `map_spectrum`, and `step`, `scale` and `distance` the same as there; `max_intervals`
+    counts the intervals of `result`, too.
+
+    **Returns:** a `LyapunovSpectrum` of all intervals.
     """
     check_functions(step, scale)
     return _extend(result, step, intervals, scale, distance, 0, until_stderr, max_intervals)
@@ -277,10 +282,10 @@ def _extend(result, step, intervals, scale, distance, align, until_stderr, max_i
 def two_trajectory_exponent(
     step: Step, state: Any, intervals: int, *, distance: Any = 1e-7, scale: Scale | None = None, **options: Any
 ) -> LyapunovSpectrum:
-    """The largest exponent from two trajectories, the second brought back to `distance` after each interval.
+    """The largest exponent from two trajectories, the second rescaled to `distance` after each interval.
 
-    Needs no derivative of `step`, and so certifies one that has a wrong one; to a relative error of about
-    `distance`, in the norm of `scale`, plus the rounding error over `distance`.
+    Needs no derivative of `step`, and is therefore correct even if the derivative of `step` is wrong. The relative
+    error is about `distance`, in the norm of `scale`, plus the rounding error over `distance`.
 
     **Arguments:** `options`: as for `map_spectrum`, except `count`.
     """
@@ -289,7 +294,7 @@ def two_trajectory_exponent(
 
 def _begin(functions, static, state, index, transient):
     (step, scale), (count, runs) = functions, static
-    if runs:  # the number of intervals is no constant: one program for all
+    if runs:  # one program for all numbers of intervals, which is an argument
         state = jax.lax.fori_loop(0, transient, lambda i, s: step(s, index + i), state)
     return state, first_tangents(state, count, scale)
 
@@ -303,7 +308,7 @@ def _run(functions, static, state, tangents, index, distance):
 
 
 def check_functions(step: Any, scale: Any) -> None:
-    """Raises `ValueError` unless both can be called."""
+    """Raises `ValueError` unless both are callable; `scale` may be None."""
     for name, value in (("step", step), ("scale", scale)):
         if not callable(value) and not (name == "scale" and value is None):
             raise ValueError(f"Argument `{name}` must be a function, but is {value!r}.")

@@ -81,10 +81,10 @@ def ode_spectrum(
     t0: Any = 0.0,
     **options: Any,
 ) -> LyapunovSpectrum:
-    """Lyapunov spectrum of an ODE. `per_second` is per unit of its time.
+    """Lyapunov spectrum of an ODE. Its `per_second` is per unit of the ODE's time.
 
-    **Arguments:** up to `t0` as for `ode_step`; `options` as for `map_spectrum`. Where `period` is given, an
-    interval has `dt * steps / period` periods, and by default one, which is the interval itself.
+    **Arguments:** up to `t0` as for `ode_step`; `options` as for `map_spectrum`. If `period` is given, an
+    interval has `dt * steps / period` periods; by default a period is one interval.
     """
     step = ode_step(vector_field, dt=dt, steps=steps, solver=solver, args=args, t0=t0)
     period = options.pop("period", step.duration)

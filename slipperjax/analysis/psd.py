@@ -1,5 +1,5 @@
-"""Power spectral density, and the lines in it: where they are, how strong, and which combinations of the forcing
-frequencies they stand for.
+"""Power spectral density, and its lines: their frequencies, their power, and the combinations of the forcing
+frequencies that match them.
 
 A motion forced at f1 and f2 that is not chaotic has lines at m f1 + n f2 only; lines at fractions of a forcing
 frequency are sub-harmonics, which come with period doubling; a chaotic motion raises the floor between the lines.
@@ -17,12 +17,12 @@ THRESHOLD = 15.0
 """Least height of a line above the local floor [dB]. Each bin of white noise exceeds its median by 15 dB with a
 chance of 2^-31.6 (3e-10): its periodogram is exponentially distributed."""
 DYNAMIC_RANGE = 120.0
-"""Densities this far below the greatest [dB] count as floor: the rounding of a periodic signal is periodic too, and
-has lines of its own."""
+"""Densities this far below the maximum [dB] count as floor, because the rounding errors of a periodic signal are
+periodic, too, and have lines."""
 DIP = 6.0
 """Least fall of the density on both sides of a line before it rises higher again [dB]."""
 MAX_DENOMINATOR = 8
-"""Greatest denominator of the sub-harmonics that get a name."""
+"""Greatest denominator of named sub-harmonics."""
 
 
 class Spectrum(NamedTuple):
@@ -31,7 +31,7 @@ class Spectrum(NamedTuple):
     frequency: np.ndarray
     """Frequencies [Hz], shape (bins,), from 0 to half the sampling rate."""
     density: np.ndarray
-    """Density [unit^2/Hz], shape (*cases, bins): the axis of the samples became the last."""
+    """Density [unit^2/Hz], shape (*cases, bins); the axis of the samples becomes the last."""
 
 
 class Lines(NamedTuple):
@@ -44,11 +44,11 @@ class Lines(NamedTuple):
     prominence: np.ndarray
     """Height of the peak above the local floor [dB]."""
     resolution: float
-    """Distance of the spectrum's bins [Hz]."""
+    """Width of the spectrum's bins [Hz]."""
 
 
 class Line(NamedTuple):
-    """What a spectrum has at one frequency."""
+    """The spectrum at one frequency."""
 
     frequency: float
     """Refined frequency of the peak, or of the strongest bin where there is no peak [Hz]."""
@@ -57,7 +57,7 @@ class Line(NamedTuple):
     prominence: float
     """Height above the local floor [dB], whether or not there is a line."""
     present: bool
-    """Whether there is a line: a peak that stands out of its surroundings."""
+    """Whether there is a line, as defined by `spectral_lines`."""
 
 
 def power_spectral_density(signal, sampling_rate, *, axis=-1, window="hann", detrend="constant") -> Spectrum:
@@ -65,12 +65,12 @@ def power_spectral_density(signal, sampling_rate, *, axis=-1, window="hann", det
 
     With w the window and x the detrended signal, the density at f_k is 2 |sum_j w_j x_j exp(-2 pi i j k / N)|^2 /
     (sampling_rate sum_j w_j^2), without the 2 at zero and at the Nyquist frequency (`scipy.signal.periodogram`,
-    scaling "density"). So the sum of the density times the distance of the bins is sum (w x)^2 / sum w^2, the
+    scaling "density"). So the sum of the density times the width of the bins is sum (w x)^2 / sum w^2, the
     mean square of the windowed signal: exactly the variance for `window="boxcar"`.
 
-    **Arguments:** `signal`: real samples [unit] along `axis`, 8 or more; `sampling_rate` [Hz]; `window`: what
-    `scipy.signal.get_window` takes, periodic form; "hann" keeps weak lines visible beside strong ones, "boxcar" is
-    for records of whole periods; `detrend`: "constant" (subtract the mean), "linear" or `False`.
+    **Arguments:** `signal`: real samples [unit] along `axis`, 8 or more; `sampling_rate` [Hz]; `window`: an
+    argument of `scipy.signal.get_window`, in periodic form; "hann" keeps weak lines visible beside strong ones,
+    "boxcar" is for records of whole periods; `detrend`: "constant" (subtract the mean), "linear" or `False`.
 
     **Raises:** `ValueError` for too few or non-finite samples, a bad rate or window.
     """
@@ -94,10 +94,11 @@ def spectral_lines(spectrum: Spectrum, *, threshold=THRESHOLD, lobe=2, span=65, 
     """The lines of one spectrum.
 
     A line is a local maximum of the density that falls by `DIP` on both sides and stands `threshold` above the local
-    floor, the running median over `span` bins. So lines must be some 4 `lobe` bins apart or more. Frequencies are
-    refined by a parabola through the logarithms of the three highest bins (within 0.02 bins for a Hann window), the
-    power is the sum over the main lobe, which holds more than 99.9 % of a line's power for a Hann window. The floor's
-    share of it is not taken off. Lines within `lobe` bins of the ends cannot be told from a trend, and are left out.
+    floor, the running median over `span` bins. Lines must therefore be about 4 `lobe` bins apart or more. Frequencies
+    are refined by a parabola through the logarithms of the three highest bins (within 0.02 bins for a Hann window).
+    The power is the sum over the main lobe, which holds more than 99.9 % of a line's power for a Hann window; the
+    floor's contribution to it is not subtracted. Lines within `lobe` bins of the ends cannot be distinguished from a
+    trend, and are omitted.
 
     **Arguments:** `spectrum` with a density of shape (bins,); `threshold` and `dynamic_range` [dB]; `lobe`: half the
     width of the window's main lobe [bins], 2 for "hann", 1 for "boxcar", 4 for "blackmanharris"; `span` [bins].
@@ -123,8 +124,8 @@ def find_line(
 ) -> Line:
     """Whether a spectrum shows a line at one frequency, and how strong it is.
 
-    **Arguments:** `frequency` [Hz]; `tolerance`: how far off the line may be [Hz], by default one bin; the others as
-    `spectral_lines` has them, which also says what makes a line.
+    **Arguments:** `frequency` [Hz]; `tolerance`: greatest distance of the line from it [Hz], by default one bin; the
+    others as for `spectral_lines`, which also defines a line.
 
     **Raises:** `ValueError` for a frequency outside the spectrum, and as `spectral_lines`.
     """
@@ -133,7 +134,7 @@ def find_line(
     frequency = _positive("frequency", frequency)
     if frequency > last:
         raise ValueError(f"Argument `frequency` must be at most {last:g} Hz, but is {frequency:g} Hz.")
-    # half a bin more: a line that is off by the tolerance may have its peak in the next bin
+    # half a bin more, because a line at the limit of the tolerance may have its peak in the next bin
     within = (step if tolerance is None else _positive("tolerance", tolerance)) + step / 2
     near = peaks[abs(spectrum.frequency[peaks] - frequency) <= within]
     if near.size:
@@ -155,10 +156,10 @@ def combination(m: int, n: int) -> str:
 
 
 def name_lines(lines: Lines, f1, f2=None, max_order=6, tolerance=None) -> list[str | None]:
-    """The name of every line: the combination of the forcing frequencies that it stands for.
+    """The name of every line: the combination of the forcing frequencies that matches it.
 
-    With two frequencies, the m f1 + n f2 of the least order |m| + |n| within `tolerance` ("f1", "2f2-f1"); of two of
-    one order the nearer. With one frequency, harmonics and sub-harmonics by the least denominator up to
+    With two frequencies, the m f1 + n f2 of the least order |m| + |n| within `tolerance` ("f1", "2f2-f1"), and of
+    equal orders the nearest. With one frequency, harmonics and sub-harmonics by the least denominator up to
     `MAX_DENOMINATOR` ("f", "2f", "f/3", "2f/3"), up to `max_order` f.
 
     **Arguments:** `lines`: what `spectral_lines` returns; `f1`, `f2` [Hz]; `max_order`: greatest |m| + |n|, or

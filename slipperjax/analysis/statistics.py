@@ -9,8 +9,9 @@ from jaxtyping import Float
 def kaplan_yorke(exponents: Any) -> Float[np.ndarray, "*lanes"]:
     """Kaplan-Yorke dimension of spectra along the last axis, in any order and unit (doi:10.1007/BFb0064319).
 
-    0 where all exponents are negative; count, a lower bound, where even the sum of all is positive. An exponent
-    that is zero in truth counts as what was measured: a limit cycle of an ODE has 1 or 0 for +1e-9 or -1e-9.
+    0 where all exponents are negative; the number of exponents, a lower bound, where their sum is positive. An
+    exponent whose exact value is zero is used as measured: the dimension of a limit cycle of an ODE is 1 for a
+    measured +1e-9, and 0 for -1e-9.
     """
     falling = -np.sort(-np.asarray(exponents), axis=-1)
     sums = np.cumsum(falling, axis=-1)
@@ -25,9 +26,11 @@ def kaplan_yorke(exponents: Any) -> Float[np.ndarray, "*lanes"]:
 def weighted_mean(history: Any) -> Float[np.ndarray, "*lanes count"]:
     """Mean over the axis before the last, with the smooth weights exp(-1 / (t (1 - t))) that vanish at both ends.
 
-    For a regular motion the local exponents are a quasi-periodic series: the plain mean errs by the reciprocal of
-    its length, this one by less than any power of it (doi:10.1088/1361-6544/aa84c2). For chaos it is an ordinary
-    mean of about two thirds of the record.
+    For a regular motion the local exponents are a quasi-periodic series: the error of the plain mean falls as the
+    reciprocal of its length, the error of this one faster than any power of it (doi:10.1088/1361-6544/aa84c2). For
+    chaos it is as accurate as a plain mean over about half of the record.
+
+    **Arguments:** `history`: shape (*lanes, intervals, count).
     """
     history = np.asarray(history)
     t = (np.arange(history.shape[-2]) + 0.5) / history.shape[-2]
@@ -36,13 +39,16 @@ def weighted_mean(history: Any) -> Float[np.ndarray, "*lanes count"]:
 
 
 def standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
-    """Standard error of the mean over the axis before the last, with autocorrelation allowed for.
+    """Standard error of the mean over the axis before the last, with autocorrelation taken into account.
 
-    Means over 100 to 199 blocks, for dependence of any length and kind (doi:10.1063/1.457480), and from these the
-    spectral density at frequency zero of an autoregression, of the order that Akaike's criterion picks, for what
-    the blocks still have of it. Local exponents are mostly anticorrelated, as what depends on the place alone
-    cancels from one interval to the next: block means by themselves would exaggerate. For an exponent that has
-    nothing else, like the zero of a flow, the result is too large by a factor of about two. NaN below 8 intervals.
+    Means over 100 to 199 blocks remove most of the correlation, of any length and kind (doi:10.1063/1.457480). An
+    autoregression of these means, of the order that minimises Akaike's criterion, accounts for the remaining
+    correlation by its spectral density at frequency zero. Local exponents are mostly anticorrelated, because parts
+    that depend on the position alone cancel from one interval to the next; block means alone would overestimate the
+    error. For an exponent with such parts only, like the zero exponent of a flow, the result is too large by a factor
+    of about two. NaN below 8 intervals.
+
+    **Arguments:** `history`: shape (*lanes, intervals, count).
     """
     history = np.asarray(history)
     if history.shape[-2] < 8:

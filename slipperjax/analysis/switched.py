@@ -1,4 +1,4 @@
-"""Systems whose vector field switches where a surface is crossed, as maps with the right derivative."""
+"""Systems whose vector field switches where a surface is crossed, as maps with the correct derivative."""
 
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +13,7 @@ from ..tools import finite, positive, unless_traced, whole
 Field = Callable[[Any, Any], Any]
 """y' at (t, y)."""
 NEWTON = 5
-"""Newton iterations for the instant of a crossing; from the chord, quadratic, so also the derivative is exact."""
+"""Newton iterations for the instant of a crossing from the chord; converged, so that the derivative is exact too."""
 
 
 class SwitchedStep(eqx.Module):
@@ -64,10 +64,10 @@ def switched_step(
 ) -> SwitchedStep:
     """`step` for `map_spectrum` of an ODE whose right-hand side jumps where `surface` changes its sign.
 
-    Each integration step (classical Runge-Kutta) that meets the surface is split at the very instant. That instant
-    depends on the state in a differentiable way, so the tangent has its saltation term. Crossings
-    must be transversal, and a step sees one at most: grazing, sliding, and steps longer than the time between two
-    crossings are not for this.
+    Each integration step (classical Runge-Kutta) that crosses the surface is split at the instant of the crossing.
+    That instant depends on the state in a differentiable way, so tangents include the saltation term. Crossings must
+    be transversal, at most one per step; grazing, sliding, and steps longer than the time between two crossings are
+    not supported.
 
     **Arguments:** `above`, `below`: y' at (t, y) where surface(t, y) >= 0, and elsewhere; `dt`: integration step, in
     the system's unit of time; `steps`: steps in one interval; `t0`: time at which interval 0 starts.

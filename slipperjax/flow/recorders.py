@@ -221,10 +221,14 @@ def joined_cases(records: Sequence[Any]) -> Any:
 
     def one(*parts: np.ndarray) -> np.ndarray:
         most = max(p.shape[1] for p in parts)
-        widths = [[(0, 0), (0, most - p.shape[1]), *[(0, 0)] * (p.ndim - 2)] for p in parts]
-        return np.concatenate([np.pad(p, w, constant_values=np.nan) for p, w in zip(parts, widths, strict=True)])
+        return np.concatenate([p if p.shape[1] == most else _lengthened(p, most) for p in parts])
 
     return type(records[0])(*(one(*parts) for parts in zip(*records, strict=True)))
+
+
+def _lengthened(part: np.ndarray, samples: int) -> np.ndarray:
+    widths = [(0, 0), (0, samples - part.shape[1]), *[(0, 0)] * (part.ndim - 2)]
+    return np.pad(part, widths, constant_values=np.nan)
 
 
 def _packed(time: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:

@@ -1,4 +1,4 @@
-"""What is there: scene, section, track, contact law, and the equations of motion that they make."""
+"""The physical model: scene, section, track, contact law, and the equations of motion."""
 
 from .contact import AbstractContactLaw as AbstractContactLaw
 from .contact import AbstractMemory as AbstractMemory

@@ -13,8 +13,9 @@ _FACES = (("J", "A"), ("B", "C"), ("D", "E"), ("F", "G"), ("H", "I"))
 class Section(ShapeChecked):
     """A rail-head section: points, and the faces between pairs of them.
 
-    Both corners of a face use that face's normal, which points out of the rail head. Corners are named
-    clockwise as seen along +x (y to the right, z up), so that the outside lies to the left of the way round.
+    Both corners of a face use that face's normal, which points out of the rail head. The two corners of a face are
+    named clockwise in the view with y to the right and z up, so that the normal points to the left of the direction
+    from the first to the second.
     """
 
     points: Float[Array, "points 2"] = eqx.field(converter=finite("points", "m"))
@@ -43,13 +44,13 @@ class Section(ShapeChecked):
 
     @property
     def face_of_point(self) -> np.ndarray:
-        """Index of each point's face."""
+        """Index of each point's face, shape (points,)."""
         owner = {corner: k for k, face in enumerate(self.faces) for corner in face}
         return np.array([owner[name] for name in self.names])
 
     @property
     def normals(self) -> Float[Array, "points 2"]:
-        """Unit normal (y, z) at each point, out of the rail head."""
+        """Unit normal (y, z) at each point, out of the rail head [1]."""
         start = np.array([self.names.index(a) for a, _ in self.faces])
         end = np.array([self.names.index(b) for _, b in self.faces])
         along = self.points[end] - self.points[start]
@@ -59,5 +60,5 @@ class Section(ShapeChecked):
 
     @property
     def track_points(self) -> Float[Array, "points 2"]:
-        """The points' partners on the rail head, in the track node's frame [m]: w_T = w_S - play n0."""
+        """The matching points on the rail head, in the track node's frame [m]: w_T = w_S - play n0."""
         return self.points - self.play[self.face_of_point][:, None] * self.normals

@@ -58,11 +58,11 @@ def paper_scene(
     - `stiffness`: contact stiffness K [N/m^1.5]. `restitution`: coefficient c_r [1].
     - `wavelengths`: one or more wavelengths L_X of the irregularity [m].
     - `amplitude`, `roll_amplitude`: amplitudes of the irregularity [m] and [rad].
-    - `clamp`: whether a contact may only push. `memory`: how it remembers its touchdown, default `EventLatch()`.
+    - `clamp`: whether forces are limited to F >= 0. `memory`: model of the contact memory, default `EventLatch()`.
 
     **Returns:** a `Scene`.
 
-    **Raises:** `ValueError` that names the argument which is out of range.
+    **Raises:** `ValueError` that names the argument out of range.
     """
     return Scene(
         speed=speed,
@@ -75,5 +75,5 @@ def paper_scene(
 
 
 def table_2_start() -> Motion:
-    """The start of Table 2: centred, with small velocities in all five directions."""
+    """The start of Table 2: centred, velocities of 0.5 m/s along y and z, spins of 0.2, 0.3 and 0.4 rad/s."""
     return Motion(v_y=0.5, v_z=0.5, w_x=0.2, w_y=0.3, w_z=0.4)

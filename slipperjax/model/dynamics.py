@@ -1,7 +1,7 @@
 """State, equations of motion and reactions, Eqs. (13)-(14) and (A1)-(A6) of Dang et al. 2024.
 
-Time is counted in forcing periods from the start of the period `epoch`, so that the drive's phase is one number
-for a whole sweep over speeds and keeps its precision after any number of periods. Derivatives are per period.
+Time is counted in forcing periods from the start of the period `epoch`, so that the phase of the forcing is the same
+number for all speeds of a sweep and keeps its precision after any number of periods. Derivatives are per period.
 """
 
 from typing import Any, NamedTuple
@@ -23,38 +23,38 @@ class State(eqx.Module):
     """The state of one case."""
 
     motion: Motion
-    """The rigid slipper's ten states."""
+    """The ten states of the rigid slipper, in SI units."""
     memory: Float[Array, " points"] | None
-    """The contacts' memory, see `slipperjax.model.contact`; None where the law has none."""
+    """Memory of each contact point, with the unit of `slipperjax.model.contact`; None for laws without memory."""
 
 
 class Args(NamedTuple):
-    """What the vector field depends on beside time and state."""
+    """Arguments of the vector field besides time and state."""
 
     scene: Scene
     epoch: Any = 0
     """Whole number of forcing periods that passed before time zero."""
     points: Points | None = None
-    """The scene's contact points, where somebody computed them for the whole run; see `contact_points`."""
+    """Contact points of the scene, see `contact_points`; with None they are computed in each evaluation."""
 
     @jax.jit
     def frame(self, t: Any) -> RailFrame:
-        """The rail under the slipper at time `t`."""
+        """The rail under the slipper at time `t` [forcing periods]."""
         return rail_frame(self.scene, phase(t, self.epoch), self.points)
 
 
 def phase(t: Any, epoch: Any) -> Any:
-    """Forcing periods travelled since the start."""
+    """Forcing periods travelled since the start [1], the phase of the forcing."""
     return epoch + t
 
 
 def initial_state(scene: Scene, motion: Motion, epoch: Any = 0) -> State:
-    """The state of `motion` at the start of the period `epoch`, with the memory that goes with it.
+    """The state of `motion` at the start of the period `epoch`, with the matching contact memory.
 
-    **Raises:** `ValueError` where JAX was switched back to 32-bit numbers.
+    **Raises:** `ValueError` if JAX runs with 32-bit numbers.
     """
     if not jax.config.jax_enable_x64:
-        # the phase epoch + t loses its meaning, and a penetration of micrometres beside metres its digits
+        # 32 bits are too few for the phase epoch + t, and for penetrations of micrometres beside metres
         raise ValueError("Option `jax_enable_x64` must be on, as slipperjax sets it on import, but is off.")
     motion = jax.tree.map(lambda v: jnp.asarray(v, float), motion)
     if not scene.contact.has_memory:
@@ -64,13 +64,13 @@ def initial_state(scene: Scene, motion: Motion, epoch: Any = 0) -> State:
 
 
 def contact_forces(scene: Scene, now: Contacts, memory: Array | None) -> Float[Array, " points"]:
-    """Normal forces [N] on the slipper, Eq. (12)."""
+    """Normal forces [N] on the slipper, Eq. (12); `memory`: shape (points,), or None."""
     ratio = None if memory is None else scene.memory.rate_ratio(memory, now.rate)
     return scene.contact.force(now.gap, now.rate, ratio)
 
 
 def motion_rates(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, memory: Array | None) -> Motion:
-    """Derivative of the motion [per second], from the rail and the contacts of the same instant."""
+    """Derivative of the motion [per second], from the rail and the contacts at the same instant."""
     force = contact_forces(scene, now, memory)
     _, n_y, n_z = frame.normal
     f_y, f_z, t_x, t_y, t_z = sums(force * n_y, force * n_z, *(force * lever for lever in now.lever))
@@ -90,20 +90,23 @@ def motion_rates(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, memor
 
 
 class AbstractVectorField(eqx.Module):
-    """The right-hand side of a scene, as `diffrax.ODETerm` wants it, with what a latching solver needs beside it."""
+    """The right-hand side of a scene for `diffrax.ODETerm`, with the methods that latching solvers call."""
 
     def __call__(self, t: Any, state: State, args: Args) -> State:
         """Derivative of the whole state [per forcing period]."""
         return fill_frozen(self.evaluate(t, state, args), state)
 
-    @jax.jit  # within programs: traced once for all stages of all steps, which halves the tracing
+    @jax.jit  # traced once for all stages of all steps, which halves the tracing
     def evaluate(self, t: Any, state: State, args: Args, frame: RailFrame | None = None) -> State:
-        """The derivative; that of what is frozen over a step is None. `frame`: `args.frame(t)`, if it is at hand."""
+        """The derivative [per forcing period], with None for parts that are frozen over a step.
+
+        **Arguments:** `frame`: `args.frame(t)`, if already computed.
+        """
         frame = args.frame(t) if frame is None else frame
         return self.from_contacts(t, frame, contacts(frame, state.motion), state, args)
 
     def from_contacts(self, t: Any, frame: RailFrame, now: Contacts, state: State, args: Args) -> State:
-        """The derivative, where rail and contacts are known."""
+        """The derivative [per forcing period] from known rail and contacts."""
         scene = args.scene
         rates = motion_rates(scene, frame, now, state.motion, state.memory)
         return State(jax.tree.map(lambda r: scene.period * r, rates), None)
@@ -114,24 +117,27 @@ class AbstractVectorField(eqx.Module):
         return dense_linearised(rates, state.motion, args.scene.period)
 
     def memory_decay(self, t: Any, state: State, args: Args) -> Any:
-        """Derivative of an integrated memory's derivative with respect to itself, per point [per forcing period]."""
+        """Derivative of an integrated memory's rate with respect to the memory [per forcing period], per point."""
         return None
 
     def open_step(self, t0: Any, state: State, args: Args) -> Any:
-        """What `close_step` wants to know of the time before the first step. Here nothing."""
+        """`before` of the first step, for `close_step`. Here None."""
         return None
 
     def close_step(
         self, before: Any, t0: Any, t1: Any, state: State, args: Args, frame: RailFrame | None = None
     ) -> tuple[State, State, Any]:
-        """Ends a step at `state`: gives the state with what changed in the step, its derivative, and the next
-        step's `before`. Here nothing is latched, and nothing is kept. `frame`: `args.frame(t1)`, if it is at hand.
+        """Ends a step at `state`. Here nothing is latched.
+
+        **Arguments:** `before`: of the previous step or `open_step`; `frame`: `args.frame(t1)`, if already computed.
+
+        **Returns:** the state with latched memory, its derivative, and `before` of the next step.
         """
         return state, self.evaluate(t1, state, args, frame), None
 
 
 class ContactField(AbstractVectorField):
-    """The slipper's own right-hand side; it is linearised in closed form."""
+    """The right-hand side of a scene, linearised in closed form."""
 
     def linearised(self, t, state, args):
         scene, m = args.scene, state.motion
@@ -165,10 +171,10 @@ class LatchedField(ContactField):
 
 
 class SmoothField(ContactField):
-    """For `SmoothSwitch`: ten states and one per point, all integrated; a plain ODE for any solver."""
+    """For `SmoothSwitch`: ten states and one per contact point, all integrated; a plain ODE for any solver."""
 
     def from_contacts(self, t, frame, now, state, args):
-        scene = settle_memory(args.scene)  # nothing to do where the period map did it
+        scene = settle_memory(args.scene)  # no effect where the period map has already done it
         rates = super().from_contacts(t, frame, now, state, args).motion
 
         def gap_rate(t, motion):
@@ -185,14 +191,14 @@ class SmoothField(ContactField):
 
 
 def vector_field(scene: Scene) -> AbstractVectorField:
-    """The right-hand side that the scene needs, and no more."""
+    """The right-hand side for a scene, chosen by its contact law and memory."""
     if not scene.contact.has_memory:
         return MemorylessField()
     return SmoothField() if isinstance(scene.memory, SmoothSwitch) else LatchedField()
 
 
 def fill_frozen(rates: State, state: State) -> State:
-    """Replaces the derivative None of what is frozen over a step by zeros."""
+    """Replaces derivatives of None, which mark parts frozen over a step, by zeros."""
     return jax.tree.map(
         lambda r, s: jax.tree.map(jnp.zeros_like, s) if r is None else r,
         rates,
@@ -213,13 +219,13 @@ class Reactions(NamedTuple):
     node_force: Float[Array, "2 3"]
     """Force of the slipper on the front and the rear track node, x, y, z [N]."""
     node_moment: Float[Array, "2 3"]
-    """Moment of the slipper on the track nodes about their own places, x, y, z [N m]."""
+    """Moment of the slipper on the front and the rear track node, about the node, x, y, z [N m]."""
     acceleration: Float[Array, "5"]
     """v_y', v_z' [m/s^2], w_x', w_y', w_z' [rad/s^2]."""
 
 
 def reactions(t: Any, state: State, args: Args) -> Reactions:
-    """Contact forces, the drive force and the loads on the track nodes, which the constraints of (13) carry."""
+    """Contact forces, and the constraint reactions of Eq. (13): the drive force and the loads on the track nodes."""
     scene, m = args.scene, state.motion
     frame = args.frame(t)
     now = contacts(frame, m)

@@ -1,9 +1,10 @@
 """Attitude, and the gaps and gap rates of the contact points, Eqs. (1)-(8) of Dang et al. 2024.
 
-Points at both ends stand in one axis: front A, B, ..., then rear A, B, ...
+The points of both ends share one axis: front A, B, ..., then rear A, B, ...
 
 The attitude is the vector part q of a unit quaternion, with q_0 = sqrt(1 - q.q): rotation matrices are
-polynomials in it and regular for every angle below 180 degrees. Euler angles of Eq. (2) are for people only.
+polynomials in it and regular for every angle below 180 degrees. Euler angles of Eq. (2) are used for input and output
+only.
 """
 
 from typing import Any, NamedTuple
@@ -52,7 +53,7 @@ class Motion(eqx.Module):
 
 def _motion_scales() -> Motion:
     scale = {name: q.scale for name, q in COORDINATES.items()}
-    # a small turn by an angle changes the quaternion's vector part by half of it
+    # a small rotation changes the quaternion's vector part by half its angle
     attitude = [scale[angle] / 2 for angle in ("roll", "pitch", "yaw")]
     return Motion(scale["y"], scale["z"], *attitude, *(scale[v] for v in ("v_y", "v_z", "w_x", "w_y", "w_z")))
 
@@ -62,7 +63,7 @@ MOTION_SCALES = _motion_scales()
 
 
 def scaled_size(motion: Motion) -> Float[Array, ""]:
-    """The largest entry of a difference of two motions, in multiples of `MOTION_SCALES` [1]."""
+    """The largest magnitude in a difference of two motions, in multiples of `MOTION_SCALES` [1]."""
     scaled = jax.tree.map(lambda d, s: jnp.abs(d) / s, motion, MOTION_SCALES)
     return jnp.max(jnp.stack(jax.tree.leaves(scaled)))
 
@@ -81,7 +82,7 @@ def quaternion_from_euler(roll, pitch, yaw):
 
 
 def scalar_part(m: Motion):
-    """q_0 of the attitude quaternion, zero at 180 degrees and beyond: a derailed slipper stays there, and finite."""
+    """q_0 of the attitude quaternion [1]; about zero from 180 degrees on, so that derailed states stay finite."""
     return jnp.sqrt(jnp.maximum(1 - (m.q_x * m.q_x + m.q_y * m.q_y + m.q_z * m.q_z), 1e-30))
 
 
@@ -112,18 +113,18 @@ def attitude_rates(m: Motion):
 
 
 class Points(NamedTuple):
-    """What stays the same of the contact points of both ends during a run."""
+    """Data of the contact points of both ends that are constant during a run."""
 
     normal: Float[Array, "2 2*points"]
     """y and z of the faces' unit normals on a straight rail [1]."""
     track: Float[Array, "2 2*points"]
-    """y and z of the points' partners on the rail head, in the track node's frame [m]."""
+    """y and z of the matching points on the rail head, in the track node's frame [m]."""
     arm: tuple[Array, Array, Array]
     """x, y and z of the slipper's points in its own frame, front ones first, each of shape (2 points,) [m]."""
 
 
 def contact_points(scene: Scene) -> Points:
-    """The scene's contact points; computed once for a whole run, as it costs as much as a rail frame."""
+    """The scene's contact points, computed once per run because they cost as much as a rail frame."""
     section = scene.section
     both = lambda a: jnp.tile(a, (2, 1)).T
     # A constant array: an index computed inside the loop over lanes and points would prevent vectorisation.
@@ -132,12 +133,12 @@ def contact_points(scene: Scene) -> Points:
 
 
 class RailFrame(NamedTuple):
-    """What the contact needs of the rail at one instant; independent of the slipper's state."""
+    """Geometry and velocity of the rail at one instant; independent of the slipper's state."""
 
     normal: tuple[Array, Array, Array]
     """Unit normals n out of the rail head, x, y and z, each of shape (2 points,) [1]."""
     position: Float[Array, " 2*points"]
-    """n . r_T, the rail point's place along its normal, with x counted from the slipper's centre [m]."""
+    """n . r_T, the rail point's position along its normal, with x counted from the slipper's centre [m]."""
     velocity: Float[Array, " 2*points"]
     """n . v_T, the rail point's velocity along its normal [m/s]."""
     arm: tuple[Array, Array, Array]
@@ -147,7 +148,7 @@ class RailFrame(NamedTuple):
 def rail_frame(scene: Scene, phase: Any, points: Points | None = None) -> RailFrame:
     """The rail under the slipper after `phase` forcing periods, Eqs. (1), (4), (7), (10), (11).
 
-    **Arguments:** `points`: of the scene, where they are at hand already.
+    **Arguments:** `points`: `contact_points(scene)`, if already computed.
     """
     points = contact_points(scene) if points is None else points
     length = scene.slipper.length
@@ -159,7 +160,7 @@ def rail_frame(scene: Scene, phase: Any, points: Points | None = None) -> RailFr
     n_y, n_z, t_y, t_z, v_y, v_z = (jnp.where(is_front, f, r) for f, r in zip(front, rear, strict=True))
     n_x = (n_y * along_y + n_z * along_z) / length
     position = n_x * points.arm[0] + n_y * t_y + n_z * t_z
-    slope = n_y * v_y + n_z * v_z  # per metre of travel, the same number for all speeds of a sweep
+    slope = n_y * v_y + n_z * v_z  # per metre of travel, hence equal for all speeds of a sweep
     per_norm = 1 / jnp.sqrt(1 + n_x * n_x)
     # stored, so that the loop over lanes and points does not compute it again
     n_x, n_y, n_z, position, slope = materialise([v * per_norm for v in (n_x, n_y, n_z, position, slope)])
@@ -167,14 +168,14 @@ def rail_frame(scene: Scene, phase: Any, points: Points | None = None) -> RailFr
 
 
 class _Node(NamedTuple):
-    """Normals and partners of all points as if they stood at one track node, each of shape (2 points,)."""
+    """Normals and rail points of all points as if they were at one track node, each of shape (2 points,)."""
 
     n_y: Array
     n_z: Array
     y: Array
     z: Array
     v_y: Array
-    """Velocity of the partners over the travelling speed [1]."""
+    """Velocity of the rail points over the travelling speed [1]."""
     v_z: Array
 
 
@@ -199,11 +200,11 @@ class Contacts(NamedTuple):
     rate: Array
     """g', Eq. (8): relative velocity along the normal, without the normal's own rotation [m/s]."""
     lever: tuple[Array, Array, Array]
-    """w x n in the slipper's frame: moment of a unit normal force, and spin's share of the gap rate [m]."""
+    """w x n in the slipper's frame: moment of a unit normal force, and derivative of the gap rate by the spin [m]."""
 
 
 def contacts(frame: RailFrame, m: Motion) -> Contacts:
-    """Gaps, gap rates and levers of all points."""
+    """Gaps, gap rates and levers of all points, at both ends."""
     # stored, as XLA does not move it out of the loop over the points
     r = materialise(rotation(m))
     (n_x, n_y, n_z), (w_x, w_y, w_z) = frame.normal, frame.arm

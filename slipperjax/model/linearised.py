@@ -1,17 +1,17 @@
 """The linearised motion, and linear systems with its structure, for implicit solvers.
 
 The slipper is a second-order system: positions p = (y, z, attitude) follow from velocities u = (v_y, v_z, w) by
-kinematics alone. With a turn d of the slipper in its own frame in place of the quaternion's change, and B the (small)
-rotation of such a turn by the spin,
+kinematics alone. With d a small rotation of the slipper in its own frame, in place of the change of the quaternion,
+and B the (small) rotation of d by the spin,
 
     dp' = B dp + du,     du' = stiffness dp + damping du,
 
-so a system of ten unknowns takes one of five, and its stiffness and damping are closed forms. For a point with the
-force direction s = (n_y, n_z, lever), normal n and place a in the slipper's frame, and spin w,
+so a linear system of ten unknowns reduces to one of five, with stiffness and damping in closed form. For a point with
+the force direction s = (n_y, n_z, lever), normal n and position a in the slipper's frame, and spin w,
 
     dg = s . dp,     dg' = s . du + w . (a x (n x d)),     dlever = a x (n x d) = n (a . d) - d (a . n),
 
-which makes 39 sums over the points; ten Jacobian-vector products cost several times that.
+These are 39 sums over the points; ten Jacobian-vector products cost several times as much.
 """
 
 from collections.abc import Callable
@@ -30,16 +30,16 @@ Matrix = list[list[Any]]
 
 
 class Linearised(NamedTuple):
-    """Derivatives of the motion's rates at a motion, with respect to it."""
+    """Derivatives of the rates of a motion with respect to the motion, in SI units per `unit` of time."""
 
     stiffness: Matrix
-    """Of the rates of (v_y, v_z, w) with respect to (y, z, turn), 5 x 5."""
+    """Derivatives of the rates of (v_y, v_z, w) with respect to (y, z, rotation), 5 x 5."""
     damping: Matrix
-    """Of the rates of (v_y, v_z, w) with respect to these, 5 x 5."""
+    """Derivatives of the rates of (v_y, v_z, w) with respect to (v_y, v_z, w), 5 x 5."""
     motion: Motion
-    """Where."""
+    """The motion at which the derivatives are taken."""
     unit: Any
-    """The unit of time that the rates are per [s]."""
+    """The unit of time of the rates [s]."""
 
 
 def contact_linearised(
@@ -47,7 +47,8 @@ def contact_linearised(
 ) -> Linearised:
     """The slipper's linearised motion [per forcing period].
 
-    **Arguments:** rail and contacts of the same instant; `force(gap, rate)`: the points' normal forces [N].
+    **Arguments:** `frame`, `now`: rail and contacts at the same instant; `m`: the motion there; `force(gap, rate)`:
+    normal forces [N] from gaps [m] and gap rates [m/s], all of shape (2 points,).
     """
     one = jnp.ones_like(now.gap)
     forces, by_gap = jax.jvp(lambda g: force(g, now.rate), (now.gap,), (one,))
@@ -58,7 +59,7 @@ def contact_linearised(
     spin = (m.w_x, m.w_y, m.w_z)
     normal_arm = sum(n[k] * arm[k] for k in range(3))
     normal_spin = sum(n[k] * spin[k] for k in range(3))
-    # how the force answers to a displacement along y and z, and to a turn about each axis
+    # change of the force per displacement along y and z, and per rotation about each axis
     answer = [by_gap * n_y, by_gap * n_z]
     answer += [by_gap * s[2 + k] + by_rate * (normal_spin * arm[k] - spin[k] * normal_arm) for k in range(3)]
     stiff = {(0, 0): answer[0] * n_y, (0, 1): answer[0] * n_z, (1, 1): answer[1] * n_z}
@@ -89,7 +90,10 @@ def contact_linearised(
 
 
 def dense_linearised(rates: Callable[[Motion], Motion], m: Motion, unit: Any) -> Linearised:
-    """The same by ten Jacobian-vector products, for forces of which nothing is known."""
+    """The linearised motion by ten Jacobian-vector products, for any forces.
+
+    **Arguments:** `rates(m)`: derivative of the motion per `unit`; `m`: the motion; `unit`: unit of time [s].
+    """
     turned = _attitude_by_turn(m)
     zero = jnp.zeros(10)
     tangents = [zero.at[k].set(1.0) for k in range(2)]
@@ -103,9 +107,9 @@ def dense_linearised(rates: Callable[[Motion], Motion], m: Motion, unit: Any) ->
 
 
 class LinearSystem:
-    """(1 - factor J) x = right, with J the linearised motion; factored once, solved often.
+    """(1 - factor J) x = right, with J the linearised motion; factored once for many right-hand sides.
 
-    No pivoting: the five unknowns' matrix is that of a mass with added damping and stiffness, and the factor short.
+    There is no pivoting: the 5 x 5 matrix is a mass matrix with damping and stiffness added, and `factor` is small.
     """
 
     def __init__(self, at: Linearised, factor: Any):
@@ -125,7 +129,7 @@ class LinearSystem:
         self.attitude = _attitude_by_turn(m)
 
     def solve(self, right: Motion) -> Motion:
-        """The solution for one right-hand side."""
+        """The solution x, a `Motion`, for one right-hand side."""
         leaves, tree = jax.tree.flatten(right)
         turn = _times(self.turn, leaves[2:5])
         push = _times(self.stiffness, [*leaves[:2], *turn])
@@ -143,7 +147,7 @@ class LinearSystem:
 
 
 def _factored(a: Matrix) -> Matrix:
-    """Factors L and U in one matrix, unrolled; U has a diagonal of ones, L's is in it."""
+    """LU factors in one matrix, unrolled; its diagonal is that of L, the diagonal of U is all ones."""
     n = len(a)
     a = [list(row) for row in a]
     for k in range(n):
@@ -185,7 +189,7 @@ def _cross_matrix(v) -> Matrix:
 
 
 def _attitude_by_turn(m: Motion) -> Matrix:
-    """Change of the quaternion's vector part q per turn: (q_0 + [q]x) / 2."""
+    """Derivative of the quaternion's vector part q with respect to a rotation: (q_0 + [q]x) / 2."""
     cross, q_0 = _cross_matrix((m.q_x, m.q_y, m.q_z)), scalar_part(m)
     return [[0.5 * (q_0 if i == j else cross[i][j]) for j in range(3)] for i in range(3)]
 
@@ -199,7 +203,10 @@ def _turn_by_attitude(m: Motion) -> Matrix:
 
 
 def _spin_of_turn(m: Motion) -> Matrix:
-    """B of the module [1/s]: q' = (q_0 w + q x w) / 2 changes with q by ([d]x w - (d . w) q / q_0) / 2, as a turn."""
+    """B of the module's docstring [1/s], from q' = (q_0 w + q x w) / 2.
+
+    The change of q' with q, expressed as a rotation, is ([d]x w - (d . w) q / q_0) / 2.
+    """
     q, q_0, w = (m.q_x, m.q_y, m.q_z), scalar_part(m), (m.w_x, m.w_y, m.w_z)
     cross = _cross_matrix(w)
     one = 1 / q_0

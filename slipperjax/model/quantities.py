@@ -1,7 +1,7 @@
-"""The registry of quantities: name, unit, symbol, scale, display unit and check of everything that has a name.
+"""The registry of quantities: name, unit, symbol, scale, display unit and check of each named quantity.
 
-Parameters of a scene, coordinates of a start, outputs and sections are looked up here by checks, datasets, plots, the
-command line and the solvers.
+Checks, datasets, plots, the command line and the solvers look up parameters of a scene, coordinates of a start,
+outputs and sections here.
 """
 
 import functools
@@ -30,7 +30,7 @@ class Quantity:
     symbol: str = ""
     """LaTeX symbol for axis labels; empty where the name itself is the label."""
     scale: float = 1.0
-    """Typical size [unit]: differences of states are compared in multiples of it."""
+    """Typical size [unit]; differences of states are measured in multiples of it."""
     shown_unit: str = ""
     """Unit in pictures and on the command line; empty for the SI unit."""
     per_shown: float = 1.0
@@ -57,45 +57,48 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Parameter(Quantity):
-    """A number of a scene, with the place where it stands in a `Scene`."""
+    """A scalar parameter, with its place in a `Scene`."""
 
-    get: Callable[[Any], Any] = lambda scene: None
-    """The value in a scene."""
+    where: Callable[[Any], Any] = lambda scene: None
+    """The leaf of a scene that holds it."""
     check: Callable[[str, str], Callable[[Any], jax.Array]] = finite
     """Makes the check of values from name and unit, see `slipperjax.tools.validate`."""
-    put: Callable[[Any, Array], Any] | None = None
-    """A copy of a scene with another value; None where `get` names the very leaf to replace."""
+    read: Callable[[Any], Any] = lambda leaf: leaf
+    """The value [unit] from the leaf."""
+    write: Callable[[Array, Any], Array] = lambda value, leaf: value
+    """The leaf from the value, of shape (*cases,), and the leaf before."""
 
     def checked(self, value: Any) -> jax.Array:
         """`value` [unit] as an array; raises `ValueError` where it is out of range."""
         return self.check(self.name, self.unit)(value)
 
-    def of(self, scene: Any) -> Any:
-        """The value in a scene; None where the scene has no such part."""
+    def leaf(self, scene: Any) -> Any:
+        """The leaf in a scene; None where the scene has no such part."""
         try:
-            return self.get(scene)
+            return self.where(scene)
         except AttributeError:
             return None
+
+    def of(self, scene: Any) -> Any:
+        """The value in a scene [unit]; None where the scene has no such part."""
+        leaf = self.leaf(scene)
+        return None if leaf is None else self.read(leaf)
 
     def replaced(self, scene: Any, value: Any) -> Any:
         """A copy of `scene` with another value, unchecked; `value` may have leading axes of cases.
 
         **Raises:** `ValueError` where the scene has no such part.
         """
-        if self.of(scene) is None:
+        leaf = self.leaf(scene)
+        if leaf is None:
             raise ValueError(f"Argument `{self.name}` cannot be set: the scene has no {self.long_name}.")
-        value = jnp.asarray(value, float)
-        return eqx.tree_at(self.get, scene, value) if self.put is None else self.put(scene, value)
+        return eqx.tree_at(self.where, scene, self.write(jnp.asarray(value, float), leaf))
 
 
 @functools.partial(jax.jit, static_argnums=1)
 def half_play(clearance: jax.Array, faces: int) -> Float[Array, "*cases faces"]:
     """A total play of `clearance` [m], shape (*cases,), as the play of each face [m]."""
     return jnp.broadcast_to(clearance[..., None] / 2, (*clearance.shape, faces))
-
-
-def _put_clearance(scene: Any, value: Array) -> Any:
-    return eqx.tree_at(lambda s: s.section.play, scene, half_play(value, len(scene.section.faces)))
 
 
 def _named(*quantities: Any) -> dict[str, Any]:
@@ -106,25 +109,26 @@ _MM = dict(shown_unit="mm", per_shown=1e-3)
 _MRAD = dict(shown_unit="mrad", per_shown=1e-3)
 
 PARAMETERS: dict[str, Parameter] = _named(
-    Parameter("speed", "m/s", "travelling speed", "V", get=lambda s: s.speed, check=positive),
+    Parameter("speed", "m/s", "travelling speed", "V", where=lambda s: s.speed, check=positive),
     Parameter(
         "clearance",
         "m",
         "total play of slipper and rail",
         "C",
         **_MM,
-        get=lambda s: 2 * jnp.mean(s.section.play),
+        where=lambda s: s.section.play,
         check=not_negative,
-        put=_put_clearance,
+        read=lambda play: 2 * (jnp.mean(play) if isinstance(play, jax.core.Tracer) else np.mean(play)),
+        write=lambda clearance, play: half_play(clearance, play.shape[-1]),
     ),
-    Parameter("length", "m", "slipper length", "L", get=lambda s: s.slipper.length, check=positive),
-    Parameter("mass", "kg", "slipper mass", "m", get=lambda s: s.slipper.mass, check=positive),
-    Parameter("stiffness", "N/m^1.5", "contact stiffness", "K", get=lambda s: s.contact.stiffness, check=positive),
+    Parameter("length", "m", "slipper length", "L", where=lambda s: s.slipper.length, check=positive),
+    Parameter("mass", "kg", "slipper mass", "m", where=lambda s: s.slipper.mass, check=positive),
+    Parameter("stiffness", "N/m^1.5", "contact stiffness", "K", where=lambda s: s.contact.stiffness, check=positive),
     Parameter(
-        "restitution", "1", "coefficient of restitution", "c_r", get=lambda s: s.contact.restitution, check=fraction
+        "restitution", "1", "coefficient of restitution", "c_r", where=lambda s: s.contact.restitution, check=fraction
     ),
     Parameter(
-        "amplitude", "m", "irregularity amplitude", "A", **_MM, get=lambda s: s.track.amplitude, check=not_negative
+        "amplitude", "m", "irregularity amplitude", "A", **_MM, where=lambda s: s.track.amplitude, check=not_negative
     ),
     Parameter(
         "roll_amplitude",
@@ -133,12 +137,12 @@ PARAMETERS: dict[str, Parameter] = _named(
         "A_R",
         shown_unit="degrees",
         per_shown=np.pi / 180,
-        get=lambda s: s.track.roll_amplitude,
+        where=lambda s: s.track.roll_amplitude,
         check=not_negative,
     ),
-    Parameter("gravity", "m/s^2", "gravitational acceleration", "g", get=lambda s: s.gravity, check=not_negative),
+    Parameter("gravity", "m/s^2", "gravitational acceleration", "g", where=lambda s: s.gravity, check=not_negative),
 )
-"""The numbers of a scene that `Scene.replace`, `sweep` and the design tools know by name."""
+"""The parameters of a scene by name, for `Scene.replace`, `sweep` and the design tools."""
 
 COORDINATES: dict[str, Quantity] = _named(
     Quantity("y", "m", "lateral displacement", "y", 1e-3, **_MM),
@@ -189,14 +193,14 @@ STARTS: dict[str, Parameter] = _named(
         if name not in ("roll", "pitch", "yaw")
     )
 )
-"""The coordinates of the start that a grid may vary beside `PARAMETERS`, for basins of attraction."""
+"""The coordinates of the start that a grid may vary besides `PARAMETERS`, for basins of attraction."""
 
 SECTIONS = {"v_y": "y", "v_z": "z", "w_x": "roll", "w_y": "pitch", "w_z": "yaw"}
-"""Poincare sections by name: the velocity that each shows, and the coordinate whose upward zero crossing makes it."""
+"""Poincare sections: the recorded velocity by name, and the coordinate whose upward zero crossing is the section."""
 
 
 def quantity(name: str) -> Quantity:
-    """A quantity by the name that it has in datasets, where a start's coordinate x is `start_x`.
+    """A quantity by its name in datasets, where a start's coordinate x is `start_x`.
 
     **Raises:** `KeyError` for an unknown name.
     """

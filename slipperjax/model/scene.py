@@ -1,8 +1,9 @@
-"""The scene: slipper, section, track, contact and speed. Plain pytrees in SI units, checked when made."""
+"""The scene: slipper, section, track, contact and speed. Plain pytrees in SI units, checked on construction."""
 
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..tools import ShapeChecked, not_negative, optional, positive
@@ -33,7 +34,7 @@ class Scene(ShapeChecked):
     track: AbstractTrack
     contact: AbstractContactLaw
     memory: AbstractMemory = EventLatch()
-    """How the contact's memory is carried, if its law has one."""
+    """Model of the contact memory, for laws that have one."""
     gravity: Float[Array, ""] | None = eqx.field(converter=optional(not_negative("gravity", "m/s^2")), default=None)
     """Gravitational acceleration along -z [m/s^2]."""
 
@@ -50,9 +51,9 @@ class Scene(ShapeChecked):
     def replace(self, **values: Any) -> "Scene":
         """A copy with other values of named parameters; see `PARAMETERS` for the names and units.
 
-        Values are not checked, so that this can stand in a batched function; they may have leading axes of cases.
+        Values are not checked, so that this works inside batched functions; they may have leading axes of cases.
 
-        **Raises:** `ValueError` for a name that is no parameter, or that this scene has no part for.
+        **Raises:** `ValueError` for an unknown name, or if the scene has no such part.
         """
         scene = self
         for name, value in values.items():
@@ -60,11 +61,11 @@ class Scene(ShapeChecked):
         return scene
 
     def value(self, name: str) -> Array:
-        """The present value of a named parameter, see `PARAMETERS`.
+        """The value of a named parameter; see `PARAMETERS` for the names and units.
 
-        **Raises:** `ValueError` for a name that is no parameter, or that this scene has no part for.
+        **Raises:** `ValueError` for an unknown name, or if the scene has no such part.
         """
         found = parameter(name).of(self)
         if found is None:
             raise ValueError(f"Argument `{name}` cannot be set: the scene has no {parameter(name).long_name}.")
-        return found
+        return jnp.asarray(found)

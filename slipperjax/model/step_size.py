@@ -1,4 +1,4 @@
-"""How long a typical impact lasts and how deep it goes, and what follows: step sizes and the smooth switch."""
+"""Duration and depth of a typical impact, from which step sizes and the smooth switch are chosen."""
 
 from typing import Any
 
@@ -11,30 +11,31 @@ from jaxtyping import Array, Float, Int
 from .scene import Scene
 
 SLOWEST_APPROACH = 0.1
-"""Least approach speed that a typical impact is taken to have [m/s]."""
+"""Lower bound on the approach speed of a typical impact [m/s]."""
 PER_CONTACT = 15
-"""Steps that a typical impact takes by default."""
+"""Default number of steps per typical impact."""
 LEAST_STEPS = 50
-"""Least steps per forcing period by default, and the smallest unit to which they are rounded up."""
+"""Lower bound on the default steps per forcing period, and the smallest unit to which they are rounded up."""
 
 
 def contact_duration(scene: Scene) -> Float[Array, ""]:
-    """How long a typical impact lasts [s], from Hertz's theory without damping.
+    """Duration of a typical impact [s], from Hertz's theory without damping.
 
-    The approach speed is the track's, see `AbstractTrack.approach_speed` (0.1 m/s at least); the mass is what a
-    corner presents, translation and rotation together. Serves to choose step sizes and the smooth switch only.
+    The approach speed is the track's, see `AbstractTrack.approach_speed` (0.1 m/s at least); the mass is the
+    effective mass at a corner, from translation and rotation. It is used to choose step sizes and the smooth switch,
+    and to check that steps resolve impacts.
     """
     return 2.94 * contact_depth(scene) / _approach(scene)
 
 
 @jax.jit  # one small program instead of one for each operation
 def impacts_per_period(scene: Scene) -> Float[Array, ""]:
-    """How many typical impacts, one after the other, would fill a forcing period [1]: see `contact_duration`."""
+    """The forcing period over the duration of a typical impact [1], see `contact_duration`."""
     return scene.period / contact_duration(scene)
 
 
 def contact_depth(scene: Scene) -> Float[Array, ""]:
-    """How deep a typical impact goes [m]: see `contact_duration`."""
+    """Depth of a typical impact [m], see `contact_duration`."""
     slipper = scene.slipper
     reach = jnp.max(jnp.abs(scene.section.points))
     mass = 1 / (1 / slipper.mass + reach**2 / slipper.inertia[0] + slipper.length**2 / 4 / slipper.inertia[1])
@@ -46,17 +47,17 @@ def _approach(scene: Scene) -> Float[Array, ""]:
 
 
 def settle_memory(scene: Scene) -> Scene:
-    """A copy whose contact memory has the settings that it leaves to the scene, see `SmoothSwitch`."""
+    """A copy with settings of None in the contact memory replaced by values for the scene, see `SmoothSwitch`."""
     memory = scene.memory.scaled(contact_depth(scene), contact_duration(scene), scene.period)
     return scene if memory is scene.memory else eqx.tree_at(lambda s: s.memory, scene, memory)
 
 
 def default_steps_per_period(scene: Scene) -> int:
-    """Steps per forcing period such that a typical impact takes `PER_CONTACT` steps, and `LEAST_STEPS` at least.
+    """Steps per forcing period such that a typical impact takes `PER_CONTACT` steps; at least `LEAST_STEPS`.
 
     Rounded up: to a multiple of 50 up to 300 steps, of 100 up to 600, of 200 up to 1200, and so on.
 
-    **Raises:** `ValueError` for a traced scene, whose numbers are not known.
+    **Raises:** `ValueError` for a traced scene, whose values are unknown.
     """
     ratio = impacts_per_period(scene)
     if isinstance(ratio, jax.core.Tracer):
@@ -65,7 +66,7 @@ def default_steps_per_period(scene: Scene) -> int:
 
 
 def steps_from_impacts(impacts: Any) -> Int[np.ndarray, "*cases"]:
-    """Steps per forcing period from `impacts_per_period`, as `default_steps_per_period` gives them."""
+    """Steps per forcing period as in `default_steps_per_period`, from `impacts_per_period` of shape (*cases,)."""
     steps = np.maximum(PER_CONTACT * np.asarray(impacts), LEAST_STEPS)
     # Units of 50 up to 300 steps, of 100 up to 600, and so on: the cases of a sweep then share a few step counts.
     octave = np.maximum(np.ceil(np.log2(steps / (6 * LEAST_STEPS))), 0)

@@ -1,4 +1,4 @@
-"""diffrax solvers of our own, and the event latch around diffrax's."""
+"""diffrax solvers with the event latch built in, and the latch as a wrapper of diffrax's own solvers."""
 
 from .adaptive import AdaptiveSteps as AdaptiveSteps
 from .choose import Choice as Choice

@@ -1,4 +1,4 @@
-"""Adaptive steps for slippers: errors in multiples of the motion's scales, and extra caution at touchdowns."""
+"""Adaptive steps for slippers: errors in multiples of the motion's scales, with a larger weight at touchdowns."""
 
 from typing import Any
 
@@ -14,25 +14,25 @@ from ..model import EventLatch, Motion, contact_duration, scaled_size
 class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     """Steps as long as the error allows, for any solver with an error estimate.
 
-    Two rules are added to the estimate. A flight without contact is integrated without error, so steps would grow
-    until one leaps over an impact: no step is longer than a part of a typical contact. And a touchdown is a kink
-    inside a step, which estimates for smooth motions see only in part: the error of that step counts `touchdown`
-    times.
+    Two rules are added to the estimate. Flight without contact is integrated without error, so steps would grow until
+    one skips an impact; therefore no step is longer than a part of a typical contact. A touchdown is a kink inside a
+    step, for which estimates for smooth motions are too small; therefore the error of that step is multiplied by
+    `touchdown`.
 
-    The next period begins with the step that the last one wanted.
+    Each period starts with the step length proposed at the end of the previous one.
     """
 
     tolerance: float = 1e-5
     """Error allowed per step, in multiples of `slipperjax.model.MOTION_SCALES`."""
     touchdown: float = 10.0
-    """Factor on the error of a step in which the event latch saw a touchdown [1].
+    """Factor on the error of a step in which the event latch found a touchdown [1].
 
     Measured with Tsit5 at a tolerance of 1e-6, 10 against 1: 25 to 55 % more steps, errors 1.2 to 5 times smaller.
     """
     per_contact: float = 4.0
-    """The longest step is a typical contact's duration (`contact_duration`) over this."""
+    """The longest step is a typical contact's duration (`contact_duration`) over this [1]."""
     shortest: float = 1e-9
-    """A step that would have to be shorter than this has failed [forcing periods]."""
+    """The integration fails if a step would have to be shorter than this [forcing periods]."""
     safety: float = eqx.field(static=True, default=0.9)
     least_factor: float = eqx.field(static=True, default=0.2)
     most_factor: float = eqx.field(static=True, default=5.0)
@@ -45,7 +45,7 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
 
     @property
     def rtol(self):
-        """For the root finders of stock implicit solvers."""
+        """Relative tolerance [1] of the root finders of diffrax's implicit solvers."""
         return 0.0
 
     @property
@@ -68,13 +68,13 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         return t0 + _fitted(wanted, t1 - t0), (wanted, jnp.asarray(t1, float))
 
     def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):
-        assert y_error is not None  # diffrax lets no other solver come here
+        assert y_error is not None  # diffrax rejects solvers without an error estimate
         _, end = controller_state
         size = scaled_size(y_error.motion) / self.tolerance
         if y0.memory is not None and isinstance(args.scene.memory, EventLatch):
             touched = jnp.any((y0.memory >= 0) & (y1_candidate.memory < 0))
             size = jnp.where(touched, self.touchdown * size, size)
-        elif y0.memory is not None:  # integrated: rates in m/s, as the motion's
+        elif y0.memory is not None:  # an integrated memory: rates in m/s, with the motion's scale of 1 m/s
             size = jnp.maximum(size, jnp.max(jnp.abs(y_error.memory)) / self.tolerance)
         # Reject steps with NaN.
         bad = jnp.isnan(size) | jnp.isnan(scaled_size(y1_candidate.motion))
@@ -94,5 +94,5 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
 
 
 def _fitted(wanted: Any, left: Any) -> Any:
-    """The step to take where `left` is left: no tiny one at the end, which would spoil the latch's parabola."""
+    """The next step with `left` remaining; avoids a tiny last step, which would spoil the latch's parabola."""
     return jnp.where(left <= wanted, left, jnp.where(left < 2 * wanted, left / 2, wanted))

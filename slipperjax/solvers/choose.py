@@ -1,4 +1,4 @@
-"""Which solver a scene needs, and checks of the solver that a user asks for."""
+"""Choice of a solver for a scene, and checks of a requested solver."""
 
 from typing import Any, NamedTuple
 
@@ -20,25 +20,25 @@ from .latching import AbstractLatchingSolver, Latching, estimates_error, with_ne
 from .rosenbrock import ROS34PW2
 
 STABLE = 2.5
-"""Step times decay rate up to which RK4 is stable, a little below its 2.79."""
+"""Greatest product of step and decay rate for RK4, a little below its stability limit of 2.79."""
 
 
 class Choice(NamedTuple):
-    """A solver, and why."""
+    """A solver, and the reason for it."""
 
     solver: diffrax.AbstractSolver
     reason: str
 
 
 def choose_solver(scene: Scene) -> Choice:
-    """What `solver="auto"` takes, and the reason.
+    """The solver for `solver="auto"`, and the reason.
 
-    Steps must resolve each impact, whatever the solver: with `default_steps_per_period` an explicit method is then
-    stable as well, and cheapest. Only a memory that relaxes within a step of that length makes a scene stiff.
+    Steps must resolve each impact with any solver. At `default_steps_per_period` explicit methods are then stable,
+    too, and cheapest; only a memory that relaxes within a step of that length makes a scene stiff.
 
-    **Arguments:** `scene`: one case; its numbers must be known (no `jit` around this).
+    **Arguments:** `scene`: one case, not traced.
 
-    **Raises:** `ValueError` where they are not.
+    **Raises:** `ValueError` for a traced scene.
     """
     steps = default_steps_per_period(scene)
     period = float(scene.period)
@@ -53,9 +53,9 @@ def choose_solver(scene: Scene) -> Choice:
 
 
 def resolve_solver(scene: Scene, solver: diffrax.AbstractSolver | str | None) -> diffrax.AbstractSolver:
-    """The solver to use: None is `RK4()`; a stock one is put into `Latching` where the scene latches touchdowns.
+    """The solver to use: None is `RK4()`; one of diffrax is wrapped in `Latching` if the scene latches touchdowns.
 
-    **Raises:** `ValueError` for what is no solver, or one that cannot be latched.
+    **Raises:** `ValueError` for an object that is not a solver, or a solver that cannot be latched.
     """
     if solver is None:
         return RK4()
@@ -69,9 +69,9 @@ def resolve_solver(scene: Scene, solver: diffrax.AbstractSolver | str | None) ->
 
 
 def resolve_controller(controller: Any) -> diffrax.AbstractStepSizeController | None:
-    """The step size controller, None for constant steps; its numbers become arrays, so that they share a program.
+    """The step size controller, None for constant steps; floats become arrays: new values need no compilation.
 
-    **Raises:** `ValueError` for what is no controller.
+    **Raises:** `ValueError` for an object that is not a controller.
     """
     if controller is None or isinstance(controller, diffrax.ConstantStepSize):
         return None
@@ -81,7 +81,7 @@ def resolve_controller(controller: Any) -> diffrax.AbstractStepSizeController | 
 
 
 def check_error_estimate(solver: diffrax.AbstractSolver, controller: Any) -> None:
-    """Raises `ValueError` where an adaptive controller meets a solver without an error estimate."""
+    """Raises `ValueError` for an adaptive controller with a solver that has no error estimate."""
     if isinstance(controller, diffrax.AbstractAdaptiveStepSizeController) and not estimates_error(solver):
         raise ValueError(
             f"Argument `solver` must be one with an error estimate for adaptive steps (Tsit5, ROS34PW2, Dopri8), "

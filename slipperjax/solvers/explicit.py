@@ -1,8 +1,8 @@
 """Explicit Runge-Kutta methods with the event latch built in, as diffrax solvers.
 
-The stages of a step see a frozen contact memory. After the stages, the vector field closes the step: it latches
-what touched down, and evaluates the derivative there, which the next step starts from. So a step of RK4 costs
-four evaluations and a latch, and Tsit5's error estimate comes free.
+The contact memory is frozen during the stages of a step. After the stages, the vector field closes the step: it
+latches touchdowns, and evaluates the derivative at the end, from which the next step starts. So a step of RK4 costs
+four evaluations and a latch, and Tsit5's error estimate costs no further evaluation.
 """
 
 from typing import Any, ClassVar
@@ -19,7 +19,7 @@ from .latching import AbstractLatchingSolver, dense_info, field_of
 
 
 def _step(y: State, dt: Any, stages: list[State], weights: np.ndarray) -> State:
-    """y + dt sum(weights k), leaving alone what the stages freeze (derivative None)."""
+    """y + dt sum(weights k), with parts of derivative None unchanged, which are frozen."""
     used = [(float(w), k) for w, k in zip(weights, stages, strict=False) if w != 0]
 
     def leaf(k0, y, *ks):
@@ -34,12 +34,12 @@ def _step(y: State, dt: Any, stages: list[State], weights: np.ndarray) -> State:
 
 
 def _stored(state: State) -> State:
-    """The same, its motion computed in one kernel, and not once more in each that uses it."""
+    """The same state, with its motion computed in one kernel instead of again in each kernel that uses it."""
     return State(materialise(state.motion), state.memory)
 
 
 class AbstractLatchingRungeKutta(AbstractLatchingSolver):
-    """A step of an explicit tableau with frozen memory, then the latch. Subclasses give the tableau."""
+    """A step of an explicit tableau with frozen memory, then the latch. Subclasses define the tableau."""
 
     a_lower: ClassVar[tuple[tuple[float, ...], ...]]
     b: ClassVar[tuple[float, ...]]
@@ -57,10 +57,10 @@ class AbstractLatchingRungeKutta(AbstractLatchingSolver):
         dt = t1 - t0
         rates, before = solver_state
         stages = [rates]
-        frames = {1.0: args.frame(t1)}  # one for each instant: XLA would compute it once more in every stage
+        frames = {1.0: args.frame(t1)}  # one per instant, which XLA would recompute in every stage
         for row in self.a_lower:
             node = 1.0 if abs(sum(row) - 1) < 1e-12 else sum(row)
-            at = t1 if node == 1 else t0 + node * dt  # the very end, and not one more instant by rounding
+            at = t1 if node == 1 else t0 + node * dt  # exactly t1, so that rounding adds no further instant
             if node not in frames:
                 frames[node] = args.frame(at)
             stages.append(field.evaluate(at, _step(y0, dt, stages, np.array(row)), args, frames[node]))

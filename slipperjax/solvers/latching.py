@@ -1,7 +1,7 @@
-"""What every solver with the event latch shares, and the latch around diffrax's own solvers.
+"""The base class of solvers with the event latch, and the latch as a wrapper of diffrax's own solvers.
 
-The stages of a step see a frozen contact memory. After them the vector field closes the step: it latches what
-touched down, and evaluates the derivative there.
+The contact memory is frozen during the stages of a step. After them the vector field closes the step: it latches
+touchdowns, and evaluates the derivative at the end.
 """
 
 from typing import Any, ClassVar
@@ -17,7 +17,7 @@ from ..model import AbstractVectorField, State, fill_frozen
 
 
 class StateInterpolation(diffrax.ThirdOrderHermitePolynomialInterpolation):
-    """Cubic in the motion; the memory is that at the step's end, for what is latched does not blend."""
+    """Cubic in the motion; a latched memory is constant during a step, with its value at the step's end."""
 
     frozen: Any
 
@@ -33,7 +33,7 @@ class StateInterpolation(diffrax.ThirdOrderHermitePolynomialInterpolation):
 
 
 def field_of(terms: Any) -> AbstractVectorField:
-    """The vector field inside diffrax's terms; raises `ValueError` where it is not one of a scene."""
+    """The vector field inside diffrax's terms; raises `ValueError` if it is not a scene's."""
     while hasattr(terms, "term"):  # diffrax wraps terms to run backwards in time
         terms = terms.term
     field = getattr(terms, "vector_field", None)
@@ -46,7 +46,7 @@ def field_of(terms: Any) -> AbstractVectorField:
 
 
 def dense_info(dt: Any, y0: State, y1: State, rates0: State, rates1: State) -> dict[str, Any]:
-    """What `StateInterpolation` wants of a step; `rates0`, `rates1`: derivatives at its ends."""
+    """Data of a step for `StateInterpolation`; `rates0`, `rates1`: derivatives at its ends [per forcing period]."""
     return dict(
         y0=y0,
         y1=y1,
@@ -57,9 +57,9 @@ def dense_info(dt: Any, y0: State, y1: State, rates0: State, rates1: State) -> d
 
 
 class AbstractLatchingSolver(diffrax.AbstractSolver):
-    """Solvers that end each step with the vector field's `close_step`, and so serve every scene.
+    """Solvers that end each step with the vector field's `close_step`, and so work for every scene.
 
-    Their state at the end of one solve may start the next one.
+    Their solver state at the end of one solve may be used to start the next one.
     """
 
     term_structure: ClassVar = diffrax.AbstractTerm
@@ -70,7 +70,7 @@ class AbstractLatchingSolver(diffrax.AbstractSolver):
 
 
 class _FrozenField(eqx.Module):
-    """The motion's derivative with frozen memory, which comes with the arguments: ten states for a stock solver."""
+    """The motion's derivative with frozen memory, passed in the arguments: ten states for diffrax's solvers."""
 
     field: AbstractVectorField
 
@@ -80,10 +80,10 @@ class _FrozenField(eqx.Module):
 
 
 class Latching(AbstractLatchingSolver):
-    """The event latch around one of diffrax's one-step solvers, explicit or implicit.
+    """Adds the event latch to one of diffrax's one-step solvers, explicit or implicit.
 
-    The inner solver sees the motion alone, with frozen memory. A method whose last stage is the next step's first
-    evaluates that once more, for the latch may have changed it.
+    The inner solver integrates the motion alone, with frozen memory. A method whose last stage is the next step's
+    first evaluates that stage again, because the latch may have changed it.
     """
 
     solver: diffrax.AbstractSolver
@@ -91,10 +91,10 @@ class Latching(AbstractLatchingSolver):
     def __init__(self, solver: diffrax.AbstractSolver):
         """**Arguments:** `solver`: a Runge-Kutta method of diffrax, Euler or ImplicitEuler, or HalfSolver of one.
 
-        An implicit one whose root finder wants tolerances from a step size controller gets Newton's method with
-        `NEWTON` instead.
+        In an implicit one, a root finder that takes its tolerances from a step size controller is replaced by
+        Newton's method with the tolerance `NEWTON`.
 
-        **Raises:** `ValueError` for other solvers: the latch would cut what they remember of earlier steps.
+        **Raises:** `ValueError` for other solvers, because the latch would invalidate their data of earlier steps.
         """
         inner = solver.solver if isinstance(solver, diffrax.HalfSolver) else solver
         one_step = (diffrax.AbstractERK, diffrax.AbstractDIRK, diffrax.Euler, diffrax.ImplicitEuler)
@@ -123,13 +123,13 @@ class Latching(AbstractLatchingSolver):
         y1, rates1, after = field.close_step(solver_state, t0, t1, State(motion, y0.memory), args)
         if error is not None:
             error = State(jax.tree.map(jnp.abs, error), jax.tree.map(jnp.zeros_like, y0.memory))
-        # not carried to the next step, so that XLA drops the two derivatives where nobody interpolates
+        # not carried to the next step, so that XLA drops the two derivatives if the interpolation is not used
         dense = dense_info(t1 - t0, y0, y1, field.evaluate(t0, y0, args), rates1)
         return y1, error, dense, after, result
 
 
 def estimates_error(solver: diffrax.AbstractSolver) -> bool:
-    """Whether a solver can go with adaptive steps."""
+    """Whether a solver has an error estimate, as adaptive steps require."""
     inner = solver.solver if isinstance(solver, Latching) else solver
     if isinstance(inner, AbstractLatchingSolver):
         return getattr(inner, "b_error", ()) is not None
@@ -150,9 +150,9 @@ def solver_name(solver: diffrax.AbstractSolver) -> str:
 
 
 def differentiable(solver: diffrax.AbstractSolver, adjoint: diffrax.AbstractAdjoint) -> diffrax.AbstractSolver:
-    """A solver whose loop over its stages can be differentiated as `adjoint` wants it.
+    """A solver whose loop over its stages can be differentiated as `adjoint` requires.
 
-    diffrax does that for its own Runge-Kutta methods; here it is done for those inside a wrapper, too.
+    diffrax does this for its own Runge-Kutta methods; here it is done for those inside a wrapper, too.
     """
     inner = _inside(solver)
     if inner is not None:
@@ -166,21 +166,21 @@ def differentiable(solver: diffrax.AbstractSolver, adjoint: diffrax.AbstractAdjo
 def calls_lapack(solver: diffrax.AbstractSolver) -> bool:
     """Whether a solver's linear systems go to LAPACK, as those of diffrax's implicit methods do.
 
-    Programs that do so must run one at a time: jaxlib cuts a batch of systems up among the threads of a pool, and
-    waits for them in one of those threads. As many batches at once as there are threads wait for each other for ever.
+    Such programs must run one at a time: jaxlib splits a batch of systems among the threads of a pool, and waits for
+    them in one of those threads, so that as many simultaneous batches as there are threads cause a deadlock.
     """
     inner = _inside(solver)
     return isinstance(solver, diffrax.AbstractImplicitSolver) if inner is None else calls_lapack(inner)
 
 
 NEWTON = 1e-9
-"""Tolerance, relative and absolute, of the Newton iterations that `with_newton` puts into stock solvers."""
+"""Tolerance, relative and absolute, of the Newton iterations that `with_newton` sets in diffrax's solvers."""
 
 
 def with_newton(solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:
-    """A stock solver that works at constant steps: one with its own root finder, or Newton's method with `NEWTON`.
+    """A diffrax solver for constant steps: its root finder has its own tolerances, or is Newton's with `NEWTON`.
 
-    diffrax's default root finder takes its tolerances from an adaptive controller, and was seen to fail here.
+    diffrax's default root finder takes its tolerances from an adaptive controller, and was found to fail without one.
     """
     if not isinstance(solver, diffrax.AbstractImplicitSolver):
         return solver

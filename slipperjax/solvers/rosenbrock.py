@@ -1,4 +1,4 @@
-"""Rosenbrock methods with the event latch: implicit, at the price of one Jacobian and a few solves per step.
+"""Rosenbrock methods with the event latch: implicit, at the cost of one Jacobian and a few solves per step.
 
 A stage solves one linear system, in the form of Hairer and Wanner, Solving Ordinary Differential Equations II,
 section IV.7, doi:10.1007/978-3-642-05221-7, with u_i the stages and J, f_t the derivatives at the step's start:
@@ -6,8 +6,8 @@ section IV.7, doi:10.1007/978-3-642-05221-7, with u_i the stages and J, f_t the 
     (1 - h gamma J) u_i = h gamma f(t_0 + alpha_i h, y_0 + sum a_ij u_j) + gamma sum c_ij u_j + gamma gamma_i h^2 f_t
     y_1 = y_0 + sum m_i u_i,    error = sum e_i u_i
 
-There is no iteration, hence nothing that fails to converge. The matrix is reduced to five unknowns and factored
-once, see `slipperjax.model.linearised`; a memory that is integrated has a matrix of its own, diagonal.
+There is no iteration, hence no failure of convergence. The matrix is reduced to five unknowns and factored once, see
+`slipperjax.model.linearised`; an integrated memory has a separate, diagonal matrix.
 """
 
 from typing import Any, ClassVar
@@ -24,7 +24,7 @@ Rows = tuple[tuple[float, ...], ...]
 
 
 class AbstractRosenbrock(AbstractLatchingSolver):
-    """A step of a Rosenbrock method with frozen memory, then the latch. Subclasses give the tableau."""
+    """A step of a Rosenbrock method with frozen memory, then the latch. Subclasses define the tableau."""
 
     gamma: ClassVar[float]
     a: ClassVar[Rows]
@@ -54,9 +54,9 @@ class AbstractRosenbrock(AbstractLatchingSolver):
             _, drift = jax.jvp(at, (jnp.asarray(t0, float),), (jnp.ones(()),))
 
         def stage(stages, row):
-            """One stage. A loop over them, because unrolled the program takes minutes to compile."""
+            """One stage, the body of a loop, because unrolled stages take minutes to compile."""
             point = combine(y0, stages, row["a"])
-            # the very t1 where it is the end: then the rail there is that of the next step's start
+            # exactly t1 at the end, so that the rail there equals that at the next step's start
             f = field.evaluate(jnp.where(row["node"] == 1, t1, t0 + row["node"] * h), point, args)
             right = jax.tree.map(lambda f: h * self.gamma * f, f)
             right = combine(right, stages, self.gamma * row["c"])
@@ -76,7 +76,7 @@ class AbstractRosenbrock(AbstractLatchingSolver):
         y1 = combine(y0, stages, self.m)
         error = combine(jax.tree.map(jnp.zeros_like, y0), stages, self.e)
         y1, rates1, after = field.close_step(solver_state, t0, t1, y1, args)
-        # not carried to the next step, so that XLA drops the two derivatives where nobody interpolates
+        # not carried to the next step, so that XLA drops the two derivatives if the interpolation is not used
         dense = dense_info(h, y0, y1, field.evaluate(t0, y0, args), rates1)
         return y1, jax.tree.map(jnp.abs, error), dense, after, RESULTS.successful
 
@@ -94,7 +94,7 @@ class AbstractRosenbrock(AbstractLatchingSolver):
 
 
 def combine(y: State, stages: State, weights: Any) -> State:
-    """y + sum(weights u) over the stages u, leaving alone what is frozen in them (None)."""
+    """y + sum(weights u) over the stages u; parts that are None in the stages are frozen and unchanged."""
     used = [k for k in range(len(weights)) if not isinstance(weights[k], float) or weights[k]]
     add = lambda y, u: y + sum(weights[k] * u[k] for k in used)
     return State(
@@ -179,8 +179,8 @@ _ROS34PW2 = _transformed(
 class ROS34PW2(AbstractRosenbrock):
     """Rang and Angermann 2005, doi:10.1007/s10543-005-0035-y: order 3(2), L-stable, four stages.
 
-    A W-method: it keeps its order whatever matrix stands for the Jacobian, and without f_t. So it is the one for
-    `SmoothSwitch`, where motion and memory are solved apart.
+    A W-method: its order holds with any matrix in place of the Jacobian, and without f_t. It is therefore used for
+    `SmoothSwitch`, where motion and memory are solved separately.
     """
 
     gamma: ClassVar = _G

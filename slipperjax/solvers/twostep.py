@@ -1,10 +1,10 @@
 """The method of the paper, Eqs. (15)-(20) of Dang et al. 2024 (MBDyn's "ms"), with the event latch.
 
-An implicit two-step method of second order, A-stable, with |rho_inf| the factor by which each step damps what is
-infinitely stiff. The first step is Crank-Nicolson. Newton's method uses the exact Jacobian in each iteration.
+An implicit two-step method of second order, A-stable; each step multiplies infinitely stiff components by |rho_inf|.
+The first step is Crank-Nicolson. Newton's method uses the exact Jacobian in each iteration.
 
-In Eq. (15), h is the step BEFORE where steps vary: with alpha = h_k / h_(k-1) the weights of (19) sum to
-alpha + beta, so they are consistent in that unit and no other. Here they are divided by alpha.
+With variable steps, h in Eq. (15) is the PREVIOUS step: with alpha = h_k / h_(k-1) the weights of (19) sum to
+alpha + beta, so they are consistent in that unit only. Here they are divided by alpha.
 """
 
 from typing import Any
@@ -22,7 +22,7 @@ from .latching import AbstractLatchingSolver, dense_info, field_of
 def two_step_weights(rho_inf: Any, alpha: Any) -> tuple[Any, Any, Any, Any, Any]:
     """a_1, a_2, b_0, b_1, b_2 of Eqs. (19)-(20), the last three per present step.
 
-    **Arguments:** `rho_inf`: see `TwoStep`; `alpha`: the present step over the one before.
+    **Arguments:** `rho_inf`: see `TwoStep`; `alpha`: the present step over the previous one.
     """
     damped = (1 - abs(rho_inf)) ** 2
     bottom = 2 * (1 + alpha) - damped
@@ -37,15 +37,15 @@ def two_step_weights(rho_inf: Any, alpha: Any) -> tuple[Any, Any, Any, Any, Any]
 class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
     """The paper's method, with its settings as defaults.
 
-    What it remembers of the step before is of that step: a touchdown latched since then enters the derivative at
-    the present step's start only. Its error estimate is the distance from the explicit two-step predictor, which
-    makes it usable, not good, with adaptive steps.
+    The latch does not change the derivative stored from the previous step: a touchdown changes the derivative at the
+    present step's start only. The error estimate is the distance from the explicit two-step predictor, so that
+    adaptive steps are possible, but not efficient.
     """
 
     rho_inf: float = eqx.field(static=True, default=0.6)
-    """Damping of infinitely stiff parts per step [1], from 0 (all) to 1 (none)."""
+    """Factor of infinitely stiff components per step [1], from 0 (full damping) to 1 (none)."""
     tolerance: float = eqx.field(static=True, default=1e-6)
-    """Newton ends after a correction below this, in multiples of `slipperjax.model.MOTION_SCALES`, and one more."""
+    """Newton ends one iteration after a correction below this, in multiples of `slipperjax.model.MOTION_SCALES`."""
     iterations: int = eqx.field(static=True, default=10)
     """Newton iterations after which a step has failed."""
 
@@ -71,7 +71,7 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
                 "Argument `solver` must be another one than TwoStep for a scene with memory=SmoothSwitch(): it "
                 "integrates the motion alone. RK4 and ROS34PW2 integrate the memory too."
             )
-        # no step came before: an endless one, so that the ratio of the steps is zero
+        # an infinite previous step marks the first step
         return rates, field.open_step(t0, y0, args), (y0.motion, rates.motion, jnp.asarray(jnp.inf))
 
     @jax.jit  # diffrax traces it more than once
@@ -100,7 +100,7 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
         still = lambda tree: jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_inexact_array(a) else a, tree)
 
         def correction(x, known, args, memory):
-            """Newton's correction."""
+            """Newton's correction at x."""
             at = State(x, memory)
             f = field.evaluate(t1, at, args).motion
             rest = jax.tree.map(lambda k, x, f: k + h * b0 * f - x, known, x, f)
@@ -118,9 +118,9 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
             return jax.tree.map(jnp.add, x, dx), scaled_size(dx), count + 1
 
         x, size, _ = jax.lax.while_loop(again, iterate, (still(guess), jnp.asarray(jnp.inf), 0))
-        # One more, which has the derivatives: those of the implicit function, as x itself has none.
+        # One more iteration adds the derivatives of the implicit function, because x itself has none.
         x = jax.tree.map(jnp.add, x, correction(still(x), known, args, y0.memory))
-        # NaN must not count as convergence
+        # written so that NaN does not count as convergence
         result = RESULTS.where(size <= self.tolerance, RESULTS.successful, RESULTS.nonlinear_max_steps_reached)
         y1, rates1, after = field.close_step(before, t0, t1, State(x, y0.memory), args)
         error = State(

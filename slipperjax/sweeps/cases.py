@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
@@ -78,10 +77,8 @@ class Cases:
         }
 
     def take(self, index: np.ndarray) -> tuple[Batched[Scene], Motion]:
-        """The scenes and starts at some places, as arrays for a compiled program."""
-        starts = jax.tree.map(lambda v: jnp.asarray(v[index]), self.starts)
-        scenes = self.scenes.take(index)
-        return Batched(jax.tree.map(jnp.asarray, scenes.varied), scenes.shared), starts
+        """The scenes and starts at some places, for a compiled program."""
+        return self.scenes.take(index), jax.tree.map(lambda v: v[index], self.starts)
 
     def default_steps(self) -> Int[np.ndarray, " cases"]:
         """Steps per period that each case needs, see `slipperjax.default_steps_per_period`."""

@@ -154,7 +154,7 @@ def _steps_of_cases(cases: Cases, given: Any, saves: int | None) -> tuple[np.nda
             f"Argument `steps_per_period` must be one number or one for each case, {cases.shape}, "
             f"but has shape {given.shape}."
         )
-    steps = np.array([whole("steps_per_period", n, 1) for n in given.ravel()])
+    steps = np.array([whole("steps_per_period", n, 1) for n in given.ravel().tolist()])
     if saves is None:
         return steps, (50 if np.all(steps % 50 == 0) else int(np.gcd.reduce(steps)))
     saves = whole("saves_per_period", saves, 1)

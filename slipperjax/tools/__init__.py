@@ -1,4 +1,4 @@
-"""Tools that know neither slippers nor dynamics: compiling, batching, fused sums, checks of arguments."""
+"""General tools, independent of slippers and dynamics: compiling, batching, fused sums, checks of arguments."""
 
 from .batching import Batched as Batched
 from .compile import call_compiled as call_compiled

@@ -1,4 +1,4 @@
-"""Many pytrees of one structure as one: what differs between them has a leading axis, the rest is shared."""
+"""Batches of pytrees of one structure: leaves that differ have a leading axis, all others are shared."""
 
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
@@ -13,26 +13,26 @@ Tree = TypeVar("Tree")
 class Batched(eqx.Module, Generic[Tree]):
     """A batch of pytrees of one structure, such as the scenes of a sweep.
 
-    Sharing what does not differ is more than a saving of memory: a number that is the same for all lanes is computed
-    once per batch inside a compiled program, and not once per lane.
+    Sharing saves memory and time: values that depend on shared leaves alone are computed once per batch inside a
+    compiled program, not once per lane.
     """
 
     varied: Tree
-    """The leaves that differ, with a leading axis of cases; None in the place of the others."""
+    """The leaves that differ, with a leading axis of cases; None in place of shared leaves."""
     shared: Tree
-    """The leaves that all cases share; None in the place of the others."""
+    """The leaves that all cases share; None in place of varied leaves."""
 
     @classmethod
     def of(cls, tree: Tree, like: Tree) -> "Batched[Tree]":
-        """A batch from a tree in which some leaves have one axis more than those of `like`, a single case."""
+        """Makes a batch; the leaves of `tree` with one axis more than those of `like`, a single case, vary."""
         more = jax.tree.map(lambda a, b: np.ndim(a) > np.ndim(b), tree, like)
         return cls(*eqx.partition(tree, more))
 
     def map(self, fun: Callable, *batches: Any) -> Any:
-        """`fun(tree, *one of each batch)` for all cases, by `jax.vmap`; `batches` have a leading axis of cases."""
+        """Applies `fun(tree, *batches)` to each case by `jax.vmap`; `batches` have a leading axis of cases."""
         one = lambda varied, batches: fun(eqx.combine(varied, self.shared), *batches)
         return jax.vmap(one)(self.varied, batches)
 
     def take(self, index: np.ndarray) -> "Batched[Tree]":
-        """The cases at some places."""
+        """The cases at `index`, an array of integers of shape (cases,)."""
         return Batched(jax.tree.map(lambda leaf: leaf[index], self.varied), self.shared)

@@ -11,7 +11,7 @@ from jax.extend.core import get_opaque_trace_state
 
 _TOP_LEVEL = get_opaque_trace_state()
 _CPU_OPTIONS = {
-    # Lets LLVM reassociate the sum over the contact points, which vectorises it. The other four keep the meaning of
+    # Lets LLVM reassociate the sum over the contact points, which vectorises it. The other four options preserve
     # NaN, infinity, division and square root.
     "xla_cpu_enable_fast_math": True,
     "xla_cpu_fast_math_honor_nans": True,
@@ -54,16 +54,16 @@ def jit(fun: Callable, **kwargs: Any) -> Callable:
 
 
 def is_traced(tree: Any) -> bool:
-    """Whether any leaf is a tracer, that is, whether some outer transformation is at work."""
+    """Whether any leaf is a tracer, that is, whether the call is inside a JAX transformation."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def call_compiled(fun: Callable, functions: Any, static: tuple, *arrays: Any) -> Any:
-    """`fun(functions, static, *arrays)`, compiled unless a transformation is at work.
+    """`fun(functions, static, *arrays)`, compiled unless it is called inside a transformation.
 
     **Arguments:** `functions`: a pytree of callables, such as `equinox.Module`s, whose array leaves become arguments
-    of the compiled program; other numbers in them then share one program. `static`: hashable; a new value compiles
-    anew. `arrays`: pytrees of arrays.
+    of the compiled program, so that new values need no compilation. `static`: hashable; a new value is compiled
+    again. `arrays`: pytrees of arrays.
     """
     if is_traced((functions, arrays)):
         return fun(functions, static, *arrays)

@@ -1,9 +1,9 @@
 """Sums over one axis fused into one pass, and values stored so that XLA does not recompute them.
 
 XLA on a CPU computes five sums of products of one force by computing that force five times, once inside each
-sum. One reduction of five operands computes it once. JAX gives that reduction no transpose and a derivative
-that is far too slow. Here the reduction is a linear primitive, so that forward mode, reverse mode and batching all
-give one-pass reductions or plain broadcasts again.
+sum. One reduction of five operands computes it once. JAX defines no transpose of that reduction, and its derivative
+is far too slow. Here the reduction is a linear primitive, so that its derivatives in forward mode and reverse mode
+and its batched version are one-pass reductions or broadcasts, too.
 """
 
 import jax
@@ -22,21 +22,22 @@ def sums(*operands):
 
     **Arguments:** arrays of shape `(*batch, n)` and of one floating-point type.
 
-    **Returns:** a list with an array of shape `batch` for each.
+    **Returns:** a list with one array of shape `batch` per operand.
     """
     return _sums_p.bind(*operands)
 
 
 def materialise(tree):
-    """The same numbers, computed in one kernel and stored.
+    """The same values, computed in one kernel and stored.
 
     XLA recomputes an elementwise value in every kernel that uses it, which multiplies the work of an unrolled
     elimination, but never recomputes a reduction. So this is a reduction over two entries, one of which is zero.
 
-    **Arguments:** a pytree of floating-point arrays that broadcast to one shape. **Returns:** the same of that shape.
+    **Arguments:** a pytree of floating-point arrays that broadcast to one shape. **Returns:** the same values,
+    broadcast to that shape.
     """
     scalars, structure = jax.tree.flatten(tree)
-    once = {id(x): x for x in scalars}  # what stands in the tree twice is computed once
+    once = {id(x): x for x in scalars}  # leaves that occur twice are computed once
     shape = jnp.broadcast_shapes(*(jnp.shape(x) for x in once.values()))
     wide = (*shape, 2)
     first = jnp.broadcast_to(np.array([True, False]), wide)

@@ -32,27 +32,27 @@ def _checked(name: str, unit: str, need: str, is_bad: Callable[[Any], Any], valu
 
 
 def positive(name: str, unit: str = "") -> Callable[[Any], jax.Array]:
-    """A field converter that demands finite numbers above zero."""
+    """A field converter to an array of any shape, which requires finite numbers > 0 [`unit`]."""
     return lambda v: _checked(name, unit, "positive", lambda x: ~((x > 0) & (x < np.inf)), v)
 
 
 def not_negative(name: str, unit: str = "") -> Callable[[Any], jax.Array]:
-    """A field converter that demands finite numbers of zero or more."""
+    """A field converter to an array of any shape, which requires finite numbers >= 0 [`unit`]."""
     return lambda v: _checked(name, unit, "zero or positive", lambda x: ~((x >= 0) & (x < np.inf)), v)
 
 
 def finite(name: str, unit: str = "") -> Callable[[Any], jax.Array]:
-    """A field converter that demands finite numbers."""
+    """A field converter to an array of any shape, which requires finite numbers [`unit`]."""
     return lambda v: _checked(name, unit, "finite", lambda x: ~(abs(x) < np.inf), v)
 
 
 def fraction(name: str, unit: str = "") -> Callable[[Any], jax.Array]:
-    """A field converter that demands numbers in (0, 1]."""
+    """A field converter to an array of any shape, which requires numbers in (0, 1] [`unit`]."""
     return lambda v: _checked(name, unit, "above 0 and at most 1", lambda x: ~((x > 0) & (x <= 1)), v)
 
 
 def optional(converter: Callable[[Any], jax.Array]) -> Callable[[Any], jax.Array | None]:
-    """Lets `None` pass unchecked."""
+    """A converter that also accepts `None`, unchecked."""
     return lambda v: None if v is None else converter(v)
 
 
@@ -62,7 +62,7 @@ def unless_traced(check: Callable[[Any], jax.Array], value: Any) -> jax.Array:
 
 
 class ShapeChecked(eqx.Module):
-    """A module whose array fields must have the shapes of their jaxtyping annotations when it is made."""
+    """A module that checks on construction that its array fields have the shapes of their annotations."""
 
     def __check_init__(self):
         for field in dataclasses.fields(self):

@@ -1,4 +1,4 @@
-"""Names of attractors that are known: maps, a driven Duffing oscillator, linear oscillators and tori."""
+"""Classification of known attractors: maps, a driven Duffing oscillator, linear oscillators and tori."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def duffing(gammas, periods=300, transient=200, steps=60):
 
 
 def torus(rotation, periods=500):
-    """A bent closed curve on the section, with an even rotation along it."""
+    """A closed curve on the section, with a constant rotation along it."""
     a = 2 * np.pi * rotation * np.arange(periods) + 0.1
     r = 1 + 0.3 * np.cos(2 * a) + 0.1 * np.sin(3 * a)
     return np.stack([r * np.cos(a) + 0.2 * np.cos(a) ** 2, 0.5 * r * np.sin(a)], -1)
@@ -85,14 +85,14 @@ def test_logistic_chaos():
 
 
 def test_at_period_doublings_and_above_the_greatest_period_nothing_is_claimed():
-    # the first three doublings, where transients are not geometric; 2 e-5 to both sides of them; periods 32 and 64;
-    # the end of the doublings, with chaos in so many narrow bands that it looks regular
+    # the first three doublings, where transients are not geometric; 2e-5 to both sides of them; periods 32 and 64;
+    # the end of the cascade, where chaos in many narrow bands looks regular
     doublings = np.array([3.0, 3.449490, 3.544090])
     rates = [*doublings, *(doublings - 2e-5), *(doublings + 2e-5), 3.569, 3.5696, 3.569946, 3.57]
     for transient in (0, 300):
         result = classify(logistic(rates, transient=transient)[0])
         assert names(result) == ["unresolved"] * len(rates)
-    # a little further off they settle, in 5000 periods
+    # slightly away from the doublings, motions settle within 5000 periods
     strobe, _ = logistic([2.998, 3.002, 3.448, 3.451], transient=5000)
     assert names(classify(strobe)) == ["period 1", "period 2", "period 2", "period 4"]
 
@@ -130,7 +130,7 @@ def test_slow_transients_are_not_tori(turn):
     settled = classify(spiral(0.05, turn, 600))
     assert (settled.kind, settled.period) == ("period", 1)
     assert "recurs" in str(settled.evidence)
-    # too slow for the record to tell what is left in the end, but never tori
+    # too slow for the record to show the final motion, but never a torus
     for rate in (2e-3, 5e-4, 1e-4, 2e-5):
         assert classify(spiral(rate, turn, 300)).kind == "unresolved"
 
@@ -147,13 +147,13 @@ def test_tori():
     units = 10.0 ** np.linspace(-6, 2, 10)
     states = (np.random.default_rng(0).standard_normal((10, 5)) @ waves).T * units
     assert classify(states, scales=units).kind == "torus"
-    # a locked torus of a long period, and one so near to locking that it does not get round
+    # a locked torus of a long period, and one so close to locking that it does not complete a turn
     assert set(classify(np.stack([torus(34 / 55), torus(0.2501)])).kind) == {"unresolved"}
     assert classify(torus(3 / 11)).period == 11
 
 
 def test_neimark_sacker_bifurcation():
-    # x_{k+1} = a x_k (1 - x_{k-1}): the fixed point gives birth to a torus at a = 2, which locks to 7 periods at 2.2
+    # x_{k+1} = a x_k (1 - x_{k-1}): a torus bifurcates from the fixed point at a = 2, and locks to 7 periods at 2.2
     rates = {1.95: "period 1", 2.0: "unresolved", 2.05: "torus", 2.15: "torus", 2.2: "period 7", 2.27: "chaotic"}
     a = np.array(list(rates))
     x, y, out = np.full(6, 0.5), np.full(6, 0.51), []
@@ -191,12 +191,12 @@ def test_rounding_of_a_state_that_is_zero_by_symmetry_does_not_count():
     strobe = np.tile([1.0, 0.0], (300, 1))
     strobe[:, 1] = 1e-17 * np.random.default_rng(0).standard_normal(300)
     assert names(classify(strobe[None])) == ["period 1"]
-    # but its growth does: the symmetric motion is unstable
+    # but its growth counts: the symmetric motion is unstable
     strobe[:, 1] = 1e-13 * np.exp(0.04 * np.arange(300)) * np.cos(np.arange(300))
     result = classify(strobe, scales=[1.0, 1.0])
     assert result.kind == "unresolved"
     assert "grows" in str(result.evidence)
-    # and what is little above the floor is no chaos, whatever it does
+    # a motion just above the floor is never classified as chaotic
     strobe[:, 1] = 1e-5 * logistic([4.0], 300)[0][0, :, 0]
     result = classify(strobe, scales=[1.0, 1.0])
     assert result.kind == "unresolved"
@@ -250,7 +250,7 @@ def test_zero_one_test():
     # found: -0.009, 0.997, -0.008, 0 and 0.998
     assert np.all(abs(result[[0, 2, 3]]) < 0.05)
     assert np.all(result[[1, 4]] > 0.98)
-    # as the sums of the paper
+    # equal to the sums as written by Gottwald and Melbourne
     c = np.random.default_rng(5).uniform(np.pi / 5, 4 * np.pi / 5, 1)[0]
     phi = series[1, :100]
     p, q = np.cumsum(phi * np.cos(c * k[:100])), np.cumsum(phi * np.sin(c * k[:100]))

@@ -1,4 +1,4 @@
-"""Lyapunov spectra: systems whose exponents are known, and the machinery around them."""
+"""Lyapunov spectra of systems with known exponents, and the functions from which they are computed."""
 
 import diffrax
 import equinox as eqx
@@ -33,7 +33,7 @@ HENON_START = {"x": 0.1, "y": 0.1}
 
 
 class Rk4(eqx.Module):
-    """A step of several classical Runge-Kutta steps, light to compile."""
+    """A step of several classical Runge-Kutta steps, fast to compile."""
 
     field: object
     dt: float
@@ -99,7 +99,7 @@ def test_henon_map(henon_lanes):
 def test_runs_scatter_as_their_standard_errors_say(henon_lanes):
     scatter = np.std(henon_lanes.per_period, axis=0, ddof=1)
     ratio = np.sqrt(np.mean(henon_lanes.stderr**2, axis=0)) / scatter
-    assert np.all((ratio > 0.6) & (ratio < 1.6)), ratio  # measured 1.15; 20 runs know their scatter to 16 %
+    assert np.all((ratio > 0.6) & (ratio < 1.6)), ratio  # measured 1.15; 20 runs determine the scatter to 16 %
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +115,7 @@ def test_lorenz(lorenz_lanes):
     assert abs(np.mean(lorenz_lanes.kaplan_yorke) - 2.062) < 1e-3
     scatter = np.std(lorenz_lanes.per_second, axis=0, ddof=1)
     ratio = np.sqrt(np.mean(np.square(lorenz_lanes.stderr / 0.5), axis=0)) / scatter
-    assert np.all((ratio > 0.6) & (ratio < 4)), ratio  # measured 1.2, 1.9, 1.1: safe where the history cancels
+    assert np.all((ratio > 0.6) & (ratio < 4)), ratio  # measured 1.2, 1.9, 1.1: too large where the history cancels
 
 
 def test_rossler():
@@ -145,7 +145,7 @@ def touching(t, y):
 
 
 def test_impact_oscillator_whose_force_jumps():
-    """Split at the touchdown, a step has the right tangent; one that looks at the side only has not."""
+    """A step that is split at the touchdown has the correct tangent; one that only tests the side has not."""
     period = 2 * np.pi / 2.6
     options = dict(transient=100, align=20, period=period)
     split = switched_step(free, touching, lambda t, y: y[0], dt=period / 200, steps=200)
@@ -183,7 +183,7 @@ def test_ode_step_knows_the_time():
 def test_resume_equals_one_run():
     first = map_spectrum(henon, HENON_START, 10, transient=7)
     both = extend_spectrum(first, henon, 20)
-    whole = map_spectrum(henon, HENON_START, 30, transient=7)  # few: chaos grows rounding errors
+    whole = map_spectrum(henon, HENON_START, 30, transient=7)  # few, as chaos amplifies rounding errors
     assert both.history.shape == (30, 2)
     assert float(both.index) == 37
     for got, want in zip(jax.tree.leaves(both), jax.tree.leaves(whole), strict=True):
@@ -247,24 +247,24 @@ def test_a_metric_that_moves_gives_the_same_exponents(henon_run):
     run = map_spectrum(henon, HENON_START, 30, scale=scale)
     ends = [np.log(2 + np.sin(x)) for x in (HENON_START["x"], float(run.state["x"]))]
     grown = np.sum(run.history) - np.sum(henon_run.history)
-    np.testing.assert_allclose(grown, ends[1] - ends[0], atol=1e-6)  # areas are measured in the metric of either end
+    np.testing.assert_allclose(grown, ends[1] - ends[0], atol=1e-6)  # each end has its own metric for areas
     ratio = np.abs(np.sum(run.history - henon_run.history, axis=0))
-    assert np.all(ratio < np.log(2 * 3e3 / 1e-2))  # norms too, and differ by no more than this from the plain ones
+    assert np.all(ratio < np.log(2 * 3e3 / 1e-2))  # bound on the ratio of weighted and plain norms
     norms = jax.tree.map(lambda w, t: (w * np.asarray(t)) ** 2, scale(run.state), run.tangents)
     np.testing.assert_allclose(norms["x"] + norms["y"], 1.0, rtol=1e-12)
 
 
 def with_memory(state, k):
-    """Hénon's map, and a memory of x which acts on nothing and is set anew each time."""
+    """Hénon's map with a memory of x, which has no effect on x or y and is replaced in each step."""
     return {**henon(state, k), "memory": 1e6 * state["x"] * jnp.ones(3)}
 
 
 def test_a_component_without_weight_is_carried_along(henon_run):
     start = HENON_START | {"memory": np.zeros(3)}
     run = map_spectrum(with_memory, start, 30, count=2, scale=lambda s: {"x": 1.0, "y": 1.0, "memory": 0.0})
-    # other first directions, perhaps, and soon the same ones
+    # the first directions may differ, but soon converge
     np.testing.assert_allclose(run.history[20:], henon_run.history[20:], atol=1e-6)  # measured 2e-16
-    # y is 0.3 times the last x, and the memory 1e6 times it, divided by the same norms since
+    # y is 0.3 times the previous x, and the memory 1e6 times it; both were divided by the same norms
     expected = np.asarray(run.tangents["y"])[:, None] / 0.3 * 1e6 * np.ones((1, 3))
     np.testing.assert_allclose(run.tangents["memory"], expected, rtol=1e-9)
 
@@ -308,7 +308,7 @@ def test_kaplan_yorke_dimension():
 
 @pytest.mark.parametrize(("memory", "noise", "jump"), [(0.0, 1.0, 0.0), (0.95, 1.0, 0.0), (0.0, 1.0, 3.0)])
 def test_standard_error_of_known_processes(memory, noise, jump):
-    """White noise, slow decay, and noise under an anticorrelated difference: `jump` cancels in the sum."""
+    """White noise, noise with a long memory, and noise plus differences of size `jump`, which cancel in the sum."""
     random = np.random.default_rng(3)
     white = noise * random.standard_normal((200, 2400))
     y = np.zeros_like(white)

@@ -1,4 +1,4 @@
-"""Spectra and lines of signals that are known."""
+"""Spectra and lines of known signals."""
 
 import numpy as np
 import pytest
@@ -70,11 +70,11 @@ def test_frequencies_looked_for_one_by_one():
         if line.present:
             assert line.power == pytest.approx(AMPLITUDES[name] ** 2 / 2, rel=2e-2)  # found: 4.0e-3
         else:
-            assert line.power < 1e-8  # found: 1.8e-9, the noise's
+            assert line.power < 1e-8  # found: 1.8e-9, from the noise
     # on the skirt of the strongest line the density is high, but there is no line
     skirt = find_line(spectrum, F1 + 5 * RATE / COUNT)
     assert not skirt.present
-    # with room for it the search finds f1 next door
+    # with a wide tolerance the search finds f1 nearby
     assert find_line(spectrum, F1 + 4.0, tolerance=5.0).frequency == pytest.approx(F1, abs=0.01)
 
 
@@ -85,7 +85,7 @@ def test_noise_has_no_lines():
         spectrum = Spectrum(frequency, density)
         assert spectral_lines(spectrum).frequency.size == 0
         assert not find_line(spectrum, F1).present
-        # found: peaks up to 12.5 dB; the threshold of 15 dB is what keeps them out
+        # found: peaks up to 12.5 dB, which the threshold of 15 dB excludes
         assert spectral_lines(spectrum, threshold=8.0).frequency.size > 0
 
 

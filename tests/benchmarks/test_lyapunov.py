@@ -1,4 +1,4 @@
-"""Lyapunov exponents: cost against the plain trajectory, and Lorenz side by side with lyapax (extra `peers`).
+"""Lyapunov exponents: cost relative to the plain trajectory, and Lorenz compared with lyapax (extra `peers`).
 
 pytest -m benchmark -s tests/benchmarks/test_lyapunov.py
 """
@@ -52,7 +52,7 @@ def test_lorenz_beside_lyapax():
 
 @pytest.mark.parametrize("count", [1, 10])
 def test_cost_against_the_trajectory(count):
-    """One period at a time, one core: runs of milliseconds, some of which a busy machine leaves alone."""
+    """One period at a time on one core: some of such short runs are undisturbed even under other load."""
     cases = Cases(sj.paper_scene(), {"speed": np.linspace(100.0, 2500.0, 121)}, sj.table_2_start())
     scenes, starts = cases.take(np.arange(121))
     states = initial_states(scenes, starts)
@@ -63,7 +63,7 @@ def test_cost_against_the_trajectory(count):
         "full": lambda: advance_tangents(scenes, states, tangents, 0.0, steps, **options).history,
     }
     taken = {name: [] for name in runs}
-    for _ in range(101):  # in turns; the first is compiling
+    for _ in range(101):  # alternating; the first run compiles
         for name, run in runs.items():
             begin = time.perf_counter()
             jax.block_until_ready(run())

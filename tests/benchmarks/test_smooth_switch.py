@@ -1,9 +1,8 @@
-"""How far the smooth switch is from the event latch, over its width and its relaxation, and what a step size costs.
+"""Differences of the smooth switch from the event latch, by width, relaxation and step size.
 
     pytest -m benchmark -s tests/benchmarks/test_smooth_switch.py
 
-Laws of the family differ in the factor c of Eq. (12) alone, and so do here: each runs as Flores' law with the
-restitution that gives its c.
+The laws differ in the factor c of Eq. (12) alone, so each runs as Flores' law with the restitution that gives its c.
 """
 
 import equinox as eqx
@@ -21,7 +20,7 @@ from ..common import SCALES
 pytestmark = pytest.mark.benchmark
 RESTITUTION = 0.9
 LAWS = {law.__name__: law(1e8, RESTITUTION) for law in (sj.Flores, sj.HuntCrossley, sj.LankaraniNikravesh)}
-# speed, clearance, stiffness, and the periods after which to compare: few where neighbouring motions part at once
+# speed, clearance, stiffness, and the periods after which to compare: few where neighbouring motions diverge quickly
 SCENES = {
     "nominal": (1250.0, 1e-3, 1e8, 10),
     "fast": (2300.0, 1e-3, 1e8, 10),
@@ -74,7 +73,11 @@ def smooth(cases, switch, steps):
     for at in range(0, len(cases), LANES):
         index = np.minimum(np.arange(at, at + LANES), len(cases) - 1)
         pick = lambda a, index=index: a[index]
-        out.append(coordinates(_jitted(SMOOTH, jax.tree.map(pick, lanes), tuple(map(pick, switch)), jnp.asarray(float(steps)))))
+        out.append(
+            coordinates(
+                _jitted(SMOOTH, jax.tree.map(pick, lanes), tuple(map(pick, switch)), jnp.asarray(float(steps)))
+            )
+        )
     return np.concatenate(out)[: len(cases)]
 
 

@@ -1,4 +1,4 @@
-"""Speed side by side with a scalar C++ program of the same model and method (peer.cpp), in one run.
+"""Speed compared with a scalar C++ program of the same model and method (peer.cpp), in one run.
 
     pytest -m benchmark -s tests/benchmarks
 
@@ -49,7 +49,7 @@ def peer(tmp_path_factory):
     return run
 
 
-# short runs, so that on a busy machine some of them pass undisturbed
+# short runs, some of which are undisturbed even under other load
 @pytest.mark.parametrize(("lanes", "periods"), [(241, 4), (2048, 1)])
 def test_sweep_against_scalar_cpp(peer, lanes, periods):
     speeds = np.linspace(100, 2500, lanes)
@@ -81,11 +81,13 @@ def test_sweep_against_scalar_cpp(peer, lanes, periods):
         f"{4 * LIMIT_NS / 1000 / 2 / min(ours):.0%} of the limit of 4 right-hand sides on 2 cores"
     )
     print(f"peak memory so far {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GiB")
-    # The same model and method: after a period the states differ by both programs' errors at 50 steps. Above 750 m/s,
-    # where 50 steps resolve an impact; measured: 1.2e-4 in the median.
+    # After a period the states differ by the errors of both programs at 50 steps. Only speeds above 750 m/s are
+    # compared, at which 50 steps resolve an impact; measured 1.2e-4 in the median.
     picked = np.linspace(int(0.3 * lanes), lanes - 1, 15).astype(int)
     ours_end = strobe_states(found)[picked, 0]
     theirs_end = np.array([peer(float(speeds[k]), 1)[1][0] for k in picked])
     difference = np.max(np.abs(ours_end - theirs_end) / SCALES, axis=1)
-    print(f"states after a period differ by {np.median(difference):.1e} in the median, {difference.max():.1e} at most")
+    print(
+        f"states after a period differ by {np.median(difference):.1e} in the median, {difference.max():.1e} at most"
+    )
     assert np.median(difference) < 1e-2

@@ -41,7 +41,7 @@ def test_forward_mode_is_the_derivative_of_the_map(forward):
 
     central = (4 * differences(1e-6) - differences(2e-6)) / 3
     size = np.abs(central).max(axis=0)
-    assert np.all(size > 1e-2)  # none of the parameters is without effect
+    assert np.all(size > 1e-2)  # every parameter has an effect
     assert np.all(np.isfinite(forward))
     worst = np.max(np.abs(forward - central) / size)
     assert worst < 1e-5, worst
@@ -49,7 +49,7 @@ def test_forward_mode_is_the_derivative_of_the_map(forward):
 
 @pytest.mark.slow
 def test_reverse_mode_agrees_with_forward_mode(forward):
-    cotangent = jnp.cos(jnp.arange(10.0))  # one combination of all ten states: their whole Jacobian takes ten
+    cotangent = jnp.cos(jnp.arange(10.0))  # one combination of the states, as their Jacobian would need ten passes
 
     def combination(values):
         return cotangent @ end_state(values, diffrax.RecursiveCheckpointAdjoint())
@@ -60,7 +60,7 @@ def test_reverse_mode_agrees_with_forward_mode(forward):
 
 
 class StepEndLatch(sj.EventLatch):
-    """What one must not do: the rate at the end of the step in which a point touched down."""
+    """Wrong on purpose: latches the rate at the end of the step in which a point touched down."""
 
     def latch(self, memory, before, gap, rate, step, ratio):
         entered = (before.gap >= 0) & (gap < 0)

@@ -1,4 +1,4 @@
-"""Section crossings of motions that are known."""
+"""Section crossings of known motions."""
 
 import jax.numpy as jnp
 import numpy as np

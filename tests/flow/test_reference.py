@@ -51,7 +51,7 @@ def test_order_is_two_or_better(by_steps):
 
 def test_stiff_contact():
     (case,) = (c for c in REFERENCE if c["stiffness"] > 1e9)
-    # compared over two periods; six are one compiled program with those above
+    # two periods are compared; runs of six share the compiled program of the tests above
     trajectory = sj.simulate(scene_of(case), 6, steps_per_period=3200, saves_per_period=1)
     assert scaled_errors(trajectory, case, 1).max() < 2e-3  # measured 3.3e-5
 

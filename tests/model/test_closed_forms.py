@@ -1,4 +1,4 @@
-"""Motions whose answer is known without integrating: flight, impact, rest, energy, symmetry."""
+"""Motions with solutions in closed form: flight, impact, rest, energy, symmetry."""
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +19,7 @@ def test_free_flight_keeps_momentum_and_energy():
     np.testing.assert_allclose(m.y, 0.3 * time, atol=1e-14)
     np.testing.assert_allclose(m.z, -0.7 * time, atol=1e-14)
     spin = np.stack([m.w_x, m.w_y, m.w_z]) * np.array([[0.051], [0.060], [0.086]])
-    magnitude = np.linalg.norm(spin, axis=0)  # of the angular momentum; the spin itself moves (no principal axis)
+    magnitude = np.linalg.norm(spin, axis=0)  # of the angular momentum; the spin varies, as its axis is not principal
     np.testing.assert_allclose(magnitude, magnitude[0], rtol=1e-12)
     assert np.ptp(m.w_x) > 0.01
 
@@ -31,7 +31,7 @@ def test_mirror_symmetry():
     mirrored = {k: -v if k in odd else v for k, v in values.items()}
     a, b = (columns(fine(scene, sj.Motion.from_euler(**v))) for v in (values, mirrored))
     sign = np.array([-1, 1, -1, 1, -1, -1, 1, -1, 1, -1])
-    assert np.ptp(a[:, 5]) > 0.1  # it does hit the rail
+    assert np.ptp(a[:, 5]) > 0.1  # the slipper hits the rail
     np.testing.assert_allclose(a, b * sign, atol=1e-12)
 
 
@@ -52,7 +52,7 @@ def test_work_of_the_drive_is_stored_or_dissipated():
         inertia = scene.slipper.inertia
         kinetic = 0.5 * (14.0 * (m.v_y**2 + m.v_z**2) + inertia @ jnp.stack([m.w_x, m.w_y, m.w_z]) ** 2)
         stored = kinetic + jnp.sum(scene.contact.elastic_energy(now.gap))
-        # Eq. (8) leaves the normal's own rotation out of the gap's rate; what that does is work of the track, too
+        # Eq. (8) omits the normal's rotation from the gap rate; its power is work of the track, too
         work = jnp.sum(force * frame.velocity) - jnp.sum(elastic * (turning / scene.period - now.rate))
         dissipated = -jnp.sum((force - elastic) * now.rate)
         return stored, work, dissipated
@@ -62,8 +62,8 @@ def test_work_of_the_drive_is_stored_or_dissipated():
     trapezoid = lambda p: np.concatenate([[0], np.cumsum((p[1:] + p[:-1]) / 2)]) * step
     drive, loss = trapezoid(np.asarray(work)), trapezoid(np.asarray(dissipated))
     residual = drive - loss - (np.asarray(stored) - stored[0])
-    assert loss[-1] > 0.5 * abs(drive).max() > 1.0  # joules: the balance is between terms of size
-    assert np.abs(residual).max() < 2e-3 * abs(drive).max()  # measured: see the message of a failure
+    assert loss[-1] > 0.5 * abs(drive).max() > 1.0  # [J]: the terms of the balance are large
+    assert np.abs(residual).max() < 2e-3 * abs(drive).max()  # a failure prints the measured value
 
 
 OTHERS = [pytest.param(law, marks=pytest.mark.slow) for law in (sj.HuntCrossley, sj.LankaraniNikravesh)]
@@ -73,7 +73,7 @@ RESTITUTIONS = np.array([0.2, 0.35, 0.5, 0.8, 0.9, 1.0])
 
 @pytest.mark.parametrize("law", LAWS)
 def test_impact_on_one_face_follows_the_laws_theory(law):
-    # straight down onto the top face: its four corners share the load, nothing turns
+    # a vertical impact on the top face: its four corners share the load, and nothing rotates
     base = sj.Scene(
         speed=100.0,
         slipper=sj.Slipper(mass=14.0, inertia=(0.051, 0.060, 0.086), length=0.2),
@@ -98,7 +98,7 @@ def test_impact_on_one_face_follows_the_laws_theory(law):
     expected = (2.5 * mass * approach**2 * share / stiffness) ** 0.4
     np.testing.assert_allclose(
         depth, expected, rtol=1e-4
-    )  # measured 5e-6 and less; the deepest save is not the deepest
+    )  # measured 5e-6 and less; the greatest depth lies between two saves
     np.testing.assert_allclose(speed, [rebound(c) for c in factor], rtol=1e-5)
 
 

@@ -24,7 +24,7 @@ def rotations(roll, pitch, yaw):
 
 
 def plain(t, angles, m, memory, speed, clearance, length):
-    """Accelerations (5), contact forces (20) and the residual of (13) with these reactions, point by point."""
+    """Accelerations, shape (5,), contact forces [N], shape (20,), and their total, shape (3,), point by point."""
     amplitude, roll_amplitude, wave = 1e-3, np.radians(0.2), 8.0
     mass, inertia, stiffness = 14.0, np.array([0.051, 0.060, 0.086]), 1e8
     factor = 8 * 0.1 / (5 * 0.9)
@@ -93,7 +93,7 @@ def test_compiled_right_hand_side_is_the_papers(seed):
     # measured: 2e-13 of the largest entry and less
     np.testing.assert_allclose(got.contact_force.ravel(), forces, rtol=1e-12, atol=1e-12 * forces.max())
     np.testing.assert_allclose(got.acceleration, acceleration, rtol=1e-12, atol=1e-12 * np.abs(acceleration).max())
-    # the DAE's residual, Eq. (13) with (A4)-(A6): what the constraints carry balances what the contacts do
+    # the DAE's residual, Eq. (13) with (A4)-(A6): constraint reactions balance contact forces
     np.testing.assert_allclose(got.drive_force, -total[0], atol=1e-12 * forces.max())
     np.testing.assert_allclose(jnp.sum(got.node_force, 0), -total, atol=1e-12 * forces.max())
     derivative = sj.jit(sj.vector_field(scene))(t, state, Args(scene)).motion

@@ -1,4 +1,4 @@
-"""One registry: every name has its unit, check and place."""
+"""The registry of quantities: every name has a unit, a check and a place in the scene."""
 
 import jax
 import numpy as np
@@ -40,7 +40,7 @@ def test_values_may_have_an_axis_of_cases():
 
 def test_scales_of_states_stand_in_one_place():
     np.testing.assert_array_equal(COORDINATE_SCALES, SCALES)
-    # a turn of 10 mrad about each axis counts as one, in Euler angles and in the quaternion
+    # a rotation of 10 mrad has the scaled size 1, in Euler angles and in the quaternion
     turned = sj.Motion.from_euler(roll=1e-2)
     assert float(scaled_size(turned)) == pytest.approx(1.0, rel=1e-4)
     assert jax.tree.leaves(MOTION_SCALES)[2:5] == [5e-3] * 3

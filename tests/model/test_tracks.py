@@ -1,4 +1,4 @@
-"""Tracks as functions of distance, and what they say of the speed at which the rail approaches."""
+"""Tracks as functions of distance, and the speeds at which the rail approaches the slipper."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -9,7 +9,7 @@ from slipperjax.model import AbstractTrack, Irregularity, impacts_per_period
 
 
 class SineTrack(AbstractTrack):
-    """A user's own track: lateral and vertical irregularity differ, and it does not roll."""
+    """A user-defined track without roll, whose lateral and vertical irregularities differ."""
 
     amplitude: float = 1e-3
 
@@ -39,7 +39,7 @@ def test_harmonic_irregularity_and_its_slope():
 
 
 def test_an_own_track_gets_the_steps_of_its_slope():
-    """And not those of a slowest approach: a sine is a sine, whichever class it is of."""
+    """Steps follow from the slope, not from `SLOWEST_APPROACH`: equal sines of two classes get equal steps."""
     ours, theirs = scene_with(SineTrack()), scene_with(sj.HarmonicTrack((8.0,), 1e-3))
     for scene in (ours, theirs):
         assert float(scene.track.approach_speed(scene.speed)) == pytest.approx(2 * np.pi * 1e-3 * 1250 / 8, rel=1e-9)

@@ -1,8 +1,8 @@
-"""Hard cases: each finishes right, or its status says why not.
+"""Hard cases: each ends with a correct state, or with a status that gives the reason.
 
-All of them are lanes of few compiled programs: 16 lanes, four or ten periods per call, any number of steps. Where a
-state is compared, the truth is an independent C++ code at 102,400 steps per period (tests/data/hard_states.json) or a
-closed form.
+All of them are lanes of few compiled programs: 16 lanes, four or ten periods per call, any number of steps. States
+are compared with those of an independent C++ code at 102,400 steps per period (tests/data/hard_states.json), or with
+a closed form.
 """
 
 import math
@@ -59,7 +59,7 @@ def run(lanes, steps, before=0):
 
 
 def energy(lanes, states):
-    """Energy [J] of undriven lanes: kinetic, elastic, and of height; and the kinetic part alone."""
+    """Total energy [J] of undriven lanes, which is kinetic, elastic and potential, and its kinetic part."""
 
     def one(values, s):
         scene = BASE.replace(**values)
@@ -102,7 +102,7 @@ LIMITS = {
     "K1e12": (None, 1.5e-2),  # measured 6.6e-1 in the third period, 1.6e-2 in the second; 7.1e-3
     "fast": (1e-8, 1e-9),  # measured 5.0e-9, 4.5e-10
     "short": (6e-7, 2e-8),  # measured 2.9e-7 and, at 6400, less than the limit
-    "no clearance": (2e-5, 2e-7),  # measured 1.0e-7 at 6400, but 1e-2 with touchdowns told by the gap's sign
+    "no clearance": (2e-5, 2e-7),  # measured 1.0e-7 at 6400, but 1e-2 with touchdowns detected by the gap's sign
     "wide": (2e-6, 3e-7),  # measured 7.6e-7 and, at 6400, less than the limit
     "c_r 0.1": (2e-6, 2e-7),  # measured 9.7e-7, 1.0e-7
     "c_r 1.0": (7e-7, 5e-8),  # measured 3.4e-7, 2.5e-8
@@ -116,7 +116,7 @@ def test_states_against_an_independent_code(by_steps, name):
         error = by_steps[steps][name]
         if limit is not None:
             assert np.nanmax(error) < limit, (steps, error)
-        assert error[0] < 2e-3  # the first period, whatever is known of the others
+        assert error[0] < 2e-3  # the first period is known in all cases
 
 
 def flores(c_r):
@@ -124,7 +124,7 @@ def flores(c_r):
 
 
 def test_many_simultaneous_touchdowns_rebound_as_the_law_says():
-    # straight down onto the top face from 0.1 mm: its four corners touch at one instant and share the load
+    # a vertical impact on the top face from 0.1 mm: its four corners touch at one instant and share the load
     lanes = [
         STILL | LEVEL | dict(clearance=1e-2, z=-4.9e-3, v_z=-1.0, stiffness=k, restitution=c)
         for k in (1e8, 1e10, 1e12)
@@ -141,7 +141,7 @@ def test_many_simultaneous_touchdowns_rebound_as_the_law_says():
 
 
 def test_contacts_present_at_the_start():
-    # the top face 50 um deep at time zero: an approaching contact began there, a parting one is a spring
+    # the top face starts 50 um deep: an opening contact has no damping, a closing one has g'_0 from its rate there
     deep, v = 5e-5, 0.5
     lanes = [
         STILL | LEVEL | dict(clearance=1e-2, z=-5e-3 - deep, v_z=sign * v, restitution=c)
@@ -157,7 +157,7 @@ def test_contacts_present_at_the_start():
 
 
 def test_grazing_touchdowns_are_continuous():
-    # tossed up so that the flight's top is just short of the undersides, at them, and just beyond
+    # upward throws whose apex is just short of contact with the undersides, at it, and just beyond
     normal = np.asarray(BASE.section.normals)[3, 1]  # of D, downwards
     speed = math.sqrt(2 * 9.81 * 5e-4 / abs(normal))
     lanes = [STILL | LEVEL | dict(gravity=9.81, v_z=speed * (1 + e)) for e in (-1e-6, 0.0, 1e-9, 1e-6)]
@@ -214,20 +214,20 @@ def test_comes_to_rest_however_gently_the_contact_begins():
         states, code = run(lanes, steps, before=16)
         stiff = np.array([lane.get("stiffness", 0) > 1e11 for lane in lanes])
         assert np.all(code[~stiff] == 0)
-        assert np.all((code[stiff] == 0) == (steps > 1000))  # refused where it is not resolved
+        assert np.all((code[stiff] == 0) == (steps > 1000))  # rejected if impacts are not resolved
         good = code == 0
         total, kinetic = energy(lanes, states)
         begin = start_energy(lanes)
         assert np.all(total[good] < begin[good])
-        # the damping of a contact that begins so slowly is too stiff for 50 steps where restitution is 0.1: there
-        # it creeps on with 1 mm/s, the rate of `slowest`; measured 6.1e-6 J, at 1200 steps 3.4e-8 J, others 5e-28 J
+        # At a restitution of 0.1 the damping of such slow contacts is too stiff for 50 steps: the slipper keeps
+        # moving at 1 mm/s, the rate `slowest`; measured 6.1e-6 J, at 1200 steps 3.4e-8 J, others 5e-28 J.
         damped = np.array([lane.get("restitution", 0.9) < 0.2 for lane in lanes])
         assert np.all(kinetic[good & ~damped] < 1e-20)
         assert np.all(kinetic[damped] < (1e-5 if steps < 1000 else 1e-7))
 
 
 def test_a_derailed_slipper_is_flagged():
-    # a play of a metre lets it spin; at 300 rad/s it turns by 110 degrees in a period, at 30 by 44 degrees in four
+    # with a play of 1 m it turns by 110 degrees in a period at 300 rad/s, and by 44 degrees in four at 30 rad/s
     lanes = [STILL | LEVEL | dict(clearance=1.0, w_x=w) for w in (30.0, 300.0, -300.0, 2000.0)]
     states, code = run(lanes, 400)
     assert code.tolist() == [0, 2, 2, 2]
@@ -245,7 +245,7 @@ def test_too_few_steps_are_flagged_and_not_believed():
 def test_phase_keeps_its_precision_after_1e5_periods():
     track = sj.HarmonicTrack((10.0, 12.0), 1e-3, math.radians(0.2))
     t = jnp.linspace(0.0, 1.0, 97)
-    for epoch in (6e4, 6e5):  # multiples of 6: both waves are where they began
+    for epoch in (6e4, 6e5):  # multiples of 6, at which both waves have their initial phase
         now, then = (jax.tree.leaves(track.motion(10.0 * phase(t, start))) for start in (0.0, epoch))
         for a, b in zip(now, then, strict=True):
             scale = float(jnp.max(jnp.abs(a)))

@@ -1,4 +1,4 @@
-"""Our implicit solvers where the solution is known in closed form, and on scenes against RK4 and MBDyn."""
+"""Implicit solvers against solutions in closed form, and on scenes against reference states and MBDyn."""
 
 import functools
 import itertools
@@ -21,7 +21,7 @@ SPIN = np.array([0.4, -0.3, 0.2])
 
 
 class ClosedForm(AbstractVectorField):
-    """y = sin t, forced and with damping; z = 1 / (2 - t), of z'' = 2 z^3; a constant spin."""
+    """y = sin t, forced and damped; z = 1 / (2 - t), which solves z'' = 2 z^3; a constant spin."""
 
     def evaluate(self, t, state, args, frame=None):
         m = state.motion
@@ -58,7 +58,7 @@ def even(n):
 
 
 def uneven(n):
-    """Steps that grow and shrink by up to 1.6 from one to the next; as smooth a grid at every n."""
+    """Steps whose ratio to the previous step is up to 1.6 or down to its inverse; equally smooth for every n."""
     x = even(n)
     return x + 0.1 * np.sin(2 * np.pi * x) + 0.15 / n * np.sin(np.pi * np.arange(n + 1) / 2) * (x * (1 - x) > 0)
 
@@ -92,7 +92,7 @@ def test_two_step_weights(rho_inf, alpha):
     assert np.isclose(-a2 / alpha + b0 + b1 + b2, 1)
     assert np.isclose(a2 / alpha**2 + 2 * b0 - 2 * b2 / alpha, 1)
     radius = lambda z: np.abs(np.roots([1 - z * b0, -(a1 + z * b1), -(a2 + z * b2)])).max()
-    # the paper's claim, Eq. (18): both roots go to rho_inf; they meet, hence the square root of rounding
+    # Eq. (18): both roots tend to rho_inf; the error of a double root is the square root of rounding errors
     assert np.isclose(radius(1e12j), rho_inf, atol=1e-4)
     assert np.isclose(radius(-1e12), rho_inf, atol=1e-4)
     if alpha == 1.0:
@@ -128,7 +128,7 @@ def test_linearised_contact_and_its_system():
 
     (ours, dense), rest = compare(motion, right)
     np.testing.assert_allclose(ours, dense, atol=1e-12 * np.abs(dense).max())  # measured 2.4e-16
-    # the unknowns are 260 and more: measured 5e-13
+    # the unknowns reach 260 and more; measured 5e-13
     assert max(np.abs(leaf) for leaf in jax.tree.leaves(rest)) < 1e-10
 
 
@@ -137,7 +137,7 @@ MBDYN = next(c for c in cases("mbdyn_states") if c["name"] == "A")
 
 
 def error(solver, steps, case=NOMINAL, scene=None, controller=None, periods=6, against=None):
-    """Worst scaled error over the first periods of a case; one compilation for every number of steps."""
+    """Worst scaled error over the first periods of a case; one compilation serves all numbers of steps."""
     trajectory = sj.simulate(
         scene_of(case) if scene is None else scene,
         periods,
@@ -151,7 +151,7 @@ def error(solver, steps, case=NOMINAL, scene=None, controller=None, periods=6, a
 
 @pytest.mark.slow
 def test_a_stock_solver_is_latched():
-    # RK4 errs by 1.3e-4 and 7.2e-6
+    # the errors of RK4 are 1.3e-4 and 7.2e-6
     errors = [error(diffrax.Dopri8(), steps) for steps in (100, 400)]
     print("latched Dopri8 at 100 and 400 steps", errors)
     assert errors[0] < 1e-3
@@ -178,7 +178,7 @@ def test_the_papers_method_lands_as_near_mbdyn_as_the_latch_allows():
     print(f"two-step, 1000 steps per period: {own:.2e} from the converged states, {near:.2e} from MBDyn")
     assert own < 5e-4  # measured 2.7e-4: a twentieth of MBDyn's error, whose latch is of first order
     assert near < 1.1 * 5.9e-3  # measured 6.2e-3, and MBDyn itself is 5.9e-3 from the converged states
-    assert error(sj.TwoStep(), 500) / own > 3  # second order: measured
+    assert error(sj.TwoStep(), 500) / own > 3  # second order
 
 
 @pytest.mark.slow
@@ -201,13 +201,13 @@ def test_adaptive_steps():
     assert np.all(np.diff(errors) < 0)
     assert errors[-1] < 3e-3
     assert steps[-1] < 500
-    # fewer on the nominal one: an impact lasts six times as long
+    # fewer steps in the nominal case, in which an impact lasts six times as long
     assert run(NOMINAL, 1e-6)[1] < 0.7 * steps[-1]
 
 
 @pytest.mark.slow
 def test_adaptive_steps_heed_an_integrated_memory():
-    """Which relaxes faster than the motion moves: with the motion's error alone a stock solver was off by 4."""
+    """The memory changes faster than the motion: with the motion's error alone, the scaled error was 4."""
     scene = scene_of(NOMINAL, memory=sj.SmoothSwitch())
     errors = [
         error(diffrax.Tsit5(), 100, scene=scene, controller=sj.AdaptiveSteps(tolerance), periods=3)

@@ -1,4 +1,4 @@
-"""The annotations' shapes are enforced: of fields always, of functions in these tests."""
+"""Shapes in annotations are enforced: always for fields, and in the tests also for functions."""
 
 import jax
 import jax.numpy as jnp
@@ -34,12 +34,12 @@ def test_scenes_are_made_one_by_one_under_vmap():
 def test_a_wrong_shape_put_in_by_hand_is_found():
     scene = sj.paper_scene()
     with pytest.raises(TypeCheckError):
-        multipliers(np.eye(3))  # one Jacobian and not a sequence of them
+        multipliers(np.eye(3))  # one Jacobian instead of a sequence
     with pytest.raises(TypeCheckError):
         scene.track.approach_speed(jnp.ones(2))
     batched = scene.replace(speed=np.array([900.0, 1000.0]))
     with pytest.raises(TypeCheckError):
-        sj.contact_duration(batched)  # one case per function: a batch goes through Batched.map
+        sj.contact_duration(batched)  # functions take one case, batches need Batched.map
     each = Batched.of(batched, scene).map(sj.contact_duration)
     assert each.shape == (2,)
     assert floquet(lambda s, k: 0.5 * s, jnp.ones(2)).tolist() == [0.5, 0.5]

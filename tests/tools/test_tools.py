@@ -1,4 +1,4 @@
-"""Compiling inside transformations, batches that share what does not differ, and stored values."""
+"""Compiling inside transformations, batches with shared leaves, and stored values."""
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ def test_jit_takes_compiler_options_at_the_top_and_nests_everywhere():
     assert jax.grad(lambda x: cube(x, 3))(2.0) == 12.0
     assert jax.jit(jax.grad(lambda x: cube(x, 3)))(2.0) == 12.0
     np.testing.assert_array_equal(jax.vmap(lambda x: cube(x, 2))(jnp.arange(3.0)), [0, 1, 4])
-    assert jax.jit(lambda: cube(jnp.asarray(2.0), 3))() == 8.0  # numbers that are known inside another program
+    assert jax.jit(lambda: cube(jnp.asarray(2.0), 3))() == 8.0  # constants inside another program
     assert jax.hessian(lambda x: cube(x, 3))(2.0) == 12.0
 
 

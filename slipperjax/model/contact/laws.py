@@ -4,8 +4,8 @@ Laws follow Eq. (12) of Dang et al. 2024,
 
     F = K d^(3/2) (1 + c g' / g'_0),       d = -g > 0,
 
-with g the gap [m], g' its rate [m/s] and g'_0 < 0 that rate at the instant at which this contact began. The
-laws of the family differ in c alone. g'_0 is a memory, see `slipperjax.model.contact.memory`.
+with g the gap [m], g' its rate [m/s] and g'_0 < 0 that rate at touchdown, when the contact began. The laws of the
+family differ in c alone. g'_0 is a memory of the contact, see `slipperjax.model.contact.memory`.
 """
 
 import abc
@@ -18,12 +18,12 @@ from ...tools import ShapeChecked, fraction, not_negative, positive
 
 
 def zero_safe_sqrt(x: Array) -> Array:
-    """Square root whose derivative at zero is zero and not infinite."""
+    """Square root, with a derivative of zero instead of infinity at zero."""
     return jnp.where(x > 0, jnp.sqrt(jnp.where(x > 0, x, 1.0)), 0.0)
 
 
 class AbstractContactLaw(ShapeChecked):
-    """Normal force of a point from its gap, the gap's rate, and their ratio to the rate at touchdown."""
+    """Normal force of a point from its gap, the gap's rate, and the ratio of that rate to the rate at touchdown."""
 
     stiffness: eqx.AbstractVar[Float[Array, ""]]
     clamp: eqx.AbstractVar[bool]
@@ -43,29 +43,29 @@ class AbstractContactLaw(ShapeChecked):
     def force(self, gap: Array, rate: Array, rate_ratio: Array | None) -> Array:
         """Normal force [N]; zero where the gap is open.
 
-        **Arguments:** `gap`: g [m]; `rate`: g' [m/s]; `rate_ratio`: g' / g'_0 [1] or None. One shape for all.
+        **Arguments:** `gap`: g [m]; `rate`: g' [m/s]; `rate_ratio`: g' / g'_0 [1] or None. All have the same shape.
         """
         depth = jnp.maximum(-gap, 0.0)
-        # sqrt(depth) with a harmless derivative at zero; the factor `depth` makes the product zero there
+        # sqrt(depth) with a finite derivative at zero; the factor `depth` makes the product zero there
         root = jnp.sqrt(jnp.where(depth > 0, depth, 1.0))
         force = self.stiffness * depth * root * (1 + self.damping(rate, rate_ratio))
         return jnp.maximum(force, 0.0) if self.clamp else force
 
     def elastic_energy(self, gap: Array) -> Array:
-        """Energy stored in the elastic part of the force [J]."""
+        """Energy stored in the elastic part of the force [J], in the shape of `gap` [m]."""
         depth = jnp.maximum(-gap, 0.0)
         return 0.4 * self.stiffness * depth**2 * zero_safe_sqrt(depth)
 
 
 class _RestitutionLaw(AbstractContactLaw):
-    """The laws that tell their damping from a coefficient of restitution."""
+    """Laws whose damping follows from a coefficient of restitution."""
 
     stiffness: Float[Array, ""] = eqx.field(converter=positive("stiffness", "N/m^1.5"))
     """Generalised stiffness K [N/m^1.5]."""
     restitution: Float[Array, ""] = eqx.field(converter=fraction("restitution"))
     """Coefficient of restitution c_r [1], in (0, 1]."""
     clamp: bool = eqx.field(static=True, default=True)
-    """Whether a contact may only push: F >= 0. The paper has no such clamp."""
+    """Whether the force is limited to F >= 0. The paper has no such limit."""
 
     @property
     def has_memory(self) -> bool:
@@ -78,7 +78,7 @@ class _RestitutionLaw(AbstractContactLaw):
 
     def damping(self, rate: Array, rate_ratio: Array | None) -> Array | float:
         del rate
-        assert rate_ratio is not None  # a law with memory is given it
+        assert rate_ratio is not None  # callers pass it to laws with memory
         return self.factor * rate_ratio
 
 
@@ -114,7 +114,7 @@ class HertzSpring(AbstractContactLaw):
 
     @property
     def clamp(self) -> bool:
-        return False  # it cannot pull
+        return False  # the force is never negative
 
     @property
     def has_memory(self) -> bool:
@@ -132,7 +132,7 @@ class ConstantDamping(AbstractContactLaw):
     hysteresis: Float[Array, ""] = eqx.field(converter=not_negative("hysteresis", "s/m"))
     """Damping per approach rate chi [s/m]."""
     clamp: bool = eqx.field(static=True, default=True)
-    """Whether a contact may only push: F >= 0."""
+    """Whether the force is limited to F >= 0."""
 
     @property
     def has_memory(self) -> bool:

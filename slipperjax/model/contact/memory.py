@@ -1,7 +1,7 @@
-"""The contact's memory: the rate at which each contact began, g'_0 of Eq. (12) of Dang et al. 2024.
+"""Contact memory: the gap rate g'_0 at which each contact began, Eq. (12) of Dang et al. 2024.
 
-One number per point that changes at touchdowns only. It is latched between steps (`EventLatch`) or integrated as an
-ordinary differential equation (`SmoothSwitch`).
+It is one number per point and changes at touchdowns only. It is latched between steps (`EventLatch`) or integrated as
+an ordinary differential equation (`SmoothSwitch`).
 """
 
 import abc
@@ -15,29 +15,29 @@ from jaxtyping import Array, Float
 from ...tools import ShapeChecked, optional, positive
 
 SLOWEST_IMPACT = 1e-3
-"""Approach rate [m/s] below which a touchdown counts as one at this rate.
+"""Least approach rate at touchdown [m/s]; slower touchdowns are treated as touchdowns at this rate.
 
 The damping of Eq. (12) grows as 1 / g'_0. Without a floor, a point that touches down at a micrometre per second and
-is then pressed on has a damping too stiff for any explicit method. MBDyn drops the damping below 1e-6 m/s.
+is then pressed in has a damping too stiff for any explicit method. MBDyn drops the damping below 1e-6 m/s.
 """
 
 WIDTH_PER_DEPTH = 0.01
-"""Default width of the smooth switch as a share of the depth of a typical impact."""
+"""Default width of the smooth switch as a fraction of the depth of a typical impact."""
 
 
 class AbstractMemory(ShapeChecked):
-    """How the rate at touchdown is carried along."""
+    """A model of the contact memory, which keeps the gap rate at touchdown."""
 
     @abc.abstractmethod
     def initial(self, gap: Array, rate: Array) -> Array:
-        """The memory at the start, from gap [m] and rate [m/s] of the points there."""
+        """The memory at the start, from gap [m] and gap rate [m/s] of the points there, all of shape (points,)."""
 
     @abc.abstractmethod
     def rate_ratio(self, memory: Array, rate: Array) -> Array:
-        """g' / g'_0 [1] of points that touch, from the memory and g' [m/s]."""
+        """g' / g'_0 [1] of points in contact, from the memory and g' [m/s], all of shape (points,)."""
 
     def scaled(self, depth: Array, duration: Array, period: Array) -> "AbstractMemory":
-        """The memory with settings of None chosen for the scene. Here there are none.
+        """A copy with settings of None replaced by values for the scene. Here unchanged.
 
         **Arguments:** depth [m] and duration [s] of a typical impact; the forcing period [s].
         """
@@ -46,17 +46,19 @@ class AbstractMemory(ShapeChecked):
 
 
 class EventLatch(AbstractMemory):
-    """Integrates the motion alone and latches g'_0 after each step, where in the step the gap crossed zero.
+    """Integrates the motion alone and, after each step, latches g'_0 at the instant at which the gap crossed zero.
 
-    The memory of a point is 1 / g'_0 [s/m], and 0 while it is open. Inside the step in which a point touches
-    down, it is still 0 and the point uses g' / g'_0 = 1, its value at touchdown. A point closed at the start and
-    approaching began there; one closed and not approaching is a spring without damping until it opens.
+    The memory of a point is 1 / g'_0 [s/m], and 0 while the point is open. During the step in which a point touches
+    down, its memory is still 0 and it uses g' / g'_0 = 1, the value at touchdown. A point that is closed and
+    approaching at the start takes its rate there as g'_0; one that is closed and not approaching has no damping until
+    it opens.
 
-    Needs a solver that ends its steps with the latch: one of `slipperjax`, or a stock one in `slipperjax.Latching`.
+    Needs a solver that applies the latch after each step: one of `slipperjax`, or one of diffrax in
+    `slipperjax.Latching`.
     """
 
     slowest: float = eqx.field(static=True, default=SLOWEST_IMPACT)
-    """Slower touchdowns count as ones at this rate [m/s]: see `SLOWEST_IMPACT`."""
+    """Least approach rate at touchdown [m/s], see `SLOWEST_IMPACT`."""
 
     def __check_init__(self):
         if not 0 < self.slowest < float("inf"):
@@ -70,16 +72,17 @@ class EventLatch(AbstractMemory):
         return jnp.where(memory < 0, rate * memory, 1.0)
 
     def latch(self, memory: Array, before: "Before", gap: Array, rate: Array, step: Any, ratio: Any) -> Array:
-        """The memory after a step of `step` seconds, `ratio` times the one before, from `before` to (`gap`, `rate`).
+        """The memory after a step [s/m], shape (points,).
 
-        A ratio of zero says that no step came before.
+        The zero of the gap is found on the cubic through both ends of the step. The rate there is taken from the
+        parabola through both ends and the start of the previous step; a linear interpolation would limit the whole
+        simulation to second order. All of this is differentiable, so that tangents include the dependence of the
+        touchdown's time and place on the state.
 
-        The gap's zero is found on the cubic through both ends. The rate there is that of the parabola through both
-        ends and the start of the step before: the chord would be of second order in the step, and set the order of
-        the whole simulation. All of it stays differentiable, which is what makes tangents right: the touchdown's
-        time and place depend on the state.
+        **Arguments:** `memory` [s/m] and `before`: at the step's start; `gap` [m] and `rate` [m/s]: at its end;
+        `step`: its length [s]; `ratio`: its length over that of the previous step [1], 0 if there was none.
         """
-        # Tested by the memory: at a start in mere touch the sign of the gap before is a matter of rounding.
+        # Tested by the memory: where a run starts at a gap of zero, the sign of the previous gap is a rounding error.
         entered = (memory == 0) & (gap < 0)
         fall = before.gap - gap
         slope, slope1 = step * before.rate, step * rate
@@ -88,7 +91,7 @@ class EventLatch(AbstractMemory):
         x = before.gap / jnp.where(entered & (fall > 0), fall, jnp.inf)
         for k in range(3):
             if k == 1:
-                # Two Newton steps from a constant x reproduce the zero's derivatives up to the third.
+                # Two Newton steps from a constant x give the derivatives of the root up to third order.
                 x = jax.lax.stop_gradient(x)
             value = ((a * x + b) * x + slope) * x + before.gap
             steepness = (3 * a * x + 2 * b) * x + slope
@@ -100,14 +103,14 @@ class EventLatch(AbstractMemory):
 
 
 class Before(NamedTuple):
-    """What the latch needs to know of the time before a step; arrays of shape (points,)."""
+    """Gaps and gap rates before a step, for the latch; arrays of shape (points,)."""
 
     gap: Array
     """Gap at the step's start [m]."""
     rate: Array
-    """Its rate there [m/s]."""
+    """Gap rate at the step's start [m/s]."""
     earlier_rate: Array
-    """Its rate at the start of the step before [m/s]."""
+    """Gap rate at the start of the previous step [m/s]."""
 
 
 def _settled(value: Array | None) -> Array:
@@ -122,17 +125,17 @@ class SmoothSwitch(AbstractMemory):
         m' = S(g / width + 1/2) [ (g' - m) / relaxation + d(g')/dt ],      g'_0 = min(m, -small)
 
     The memory m [m/s] follows g' while the point is open and freezes while it is closed. S is a twice
-    continuously differentiable step from 0 to 1, centred on g = 0; d(g')/dt is the feed-forward without which
-    m would lag behind.
+    continuously differentiable step from 0 to 1, centred on g = 0; d(g')/dt is a feed-forward term, without which
+    m would lag behind g'.
 
     Settings of None are scaled from the scene, case by case: see `scaled`. `tests/benchmarks/test_smooth_switch.py`
-    prints the table from which that was chosen.
+    prints the table from which the scaling was chosen.
     """
 
     width: Float[Array, ""] | None = eqx.field(converter=optional(positive("width", "m")), default=None)
     """Width of the switch about g = 0 [m]."""
     relaxation: Float[Array, ""] | None = eqx.field(converter=optional(positive("relaxation", "s")), default=None)
-    """Time in which m forgets an error while the point is open [s]; short against the open time."""
+    """Decay time of errors in m while the point is open [s]; short compared with the time for which it is open."""
     slowest: Float[Array, ""] = eqx.field(converter=positive("slowest", "m/s"), default=1e-3)
     """`small` [m/s]: keeps the force finite while m changes sign at the end of a contact."""
 
@@ -145,9 +148,10 @@ class SmoothSwitch(AbstractMemory):
     def scaled(self, depth: Array, duration: Array, period: Array) -> "SmoothSwitch":
         """Fills in `width` and `relaxation`.
 
-        The width is a share of the depth of a typical impact, and not of the clearance, which may be zero: a point
-        opens as far as its opposite is pressed in. The relaxation is as short as the default steps allow an explicit
-        method, 0.6 of a step: a longer one forgets too little between two contacts.
+        The width is a fraction of the depth of a typical impact. It is not scaled by the clearance, because at zero
+        clearance a point opens only as far as the opposite one is pressed in. The relaxation is the shortest that
+        explicit methods allow at the default steps, 0.6 of a step; with a longer one, errors persist from one contact
+        to the next.
 
         Bias, as the worst scaled difference from the event latch, RK4 at 1600 steps: 4.9e-5 after 10 periods at
         V = 1250 m/s, C = 1 mm; 1.5e-3 after 10 at V = 2300 m/s; 1.6e-4 after 2 at K = 1e10; but 0.35 after 6 at
@@ -158,18 +162,18 @@ class SmoothSwitch(AbstractMemory):
         width = WIDTH_PER_DEPTH * depth if self.width is None else self.width
         relaxation = jnp.minimum(duration / 25, period / 80) if self.relaxation is None else self.relaxation
         fields = lambda m: (m.width, m.relaxation)
-        # A new SmoothSwitch would run its checks, which put a callback to Python into the compiled program.
+        # The constructor's checks would put a Python callback into the compiled program.
         return eqx.tree_at(fields, self, (width, relaxation), is_leaf=lambda x: x is None)
 
     def derivative(self, memory: Array, gap: Array, rate: Array, acceleration: Array) -> Array:
-        """m' [m/s^2] from gap [m], its rate [m/s] and that rate's own rate along the flow [m/s^2].
+        """m' [m/s^2] from gap g [m], g' [m/s] and d(g')/dt along the flow [m/s^2], all of shape (points,).
 
-        Raises `ValueError` where width or relaxation are None still.
+        **Raises:** `ValueError` if width or relaxation is None.
         """
         return self._switch(gap) * ((rate - memory) / _settled(self.relaxation) + acceleration)
 
     def decay(self, gap: Array) -> Array:
-        """Derivative of m' with respect to m [1/s], the acceleration's part in it left out."""
+        """Derivative of m' with respect to m at a constant acceleration [1/s], shape (points,)."""
         return -self._switch(gap) / _settled(self.relaxation)
 
     def _switch(self, gap: Array) -> Array:

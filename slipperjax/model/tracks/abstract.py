@@ -1,4 +1,4 @@
-"""What a track is: its irregularity as functions of distance, Eq. (9) of Dang et al. 2024."""
+"""The interface of tracks: irregularity as functions of distance, Eq. (9) of Dang et al. 2024."""
 
 import abc
 from typing import Any, NamedTuple
@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from ...tools import ShapeChecked
 
 SAMPLES = 512
-"""Places per wavelength at which `AbstractTrack.approach_speed` looks for the steepest slope."""
+"""Points per wavelength at which `AbstractTrack.approach_speed` samples the slope."""
 
 
 class Irregularity(NamedTuple):
@@ -41,9 +41,9 @@ class AbstractTrack(ShapeChecked):
         return jax.jvp(self.irregularity, (distance,), (jnp.ones_like(distance),))
 
     def approach_speed(self, speed: Float[Array, ""]) -> Float[Array, ""]:
-        """Typical speed at which the rail comes towards the slipper [m/s], from which step sizes are chosen.
+        """Typical speed at which the rail approaches the slipper [m/s], used to choose step sizes.
 
-        Here the steepest lateral or vertical slope over the first wavelength, times the travelling `speed` [m/s].
+        By default the steepest lateral or vertical slope in the first wavelength times the travelling `speed` [m/s].
         """
         _, slope = self.motion(self.wavelength * jnp.arange(SAMPLES) / SAMPLES)
         steepest = lambda s: jnp.max(jnp.abs(s))

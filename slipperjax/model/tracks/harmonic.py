@@ -9,7 +9,7 @@ from .abstract import AbstractTrack, Irregularity
 
 
 class HarmonicTrack(AbstractTrack):
-    """The sum of equal sines of one or more wavelengths, in lateral, vertical and roll direction alike.
+    """A sum of sines of one or more wavelengths with equal amplitudes, in phase laterally, vertically and in roll.
 
     Dang et al. 2024, Eq. (10) for one wavelength and Eq. (25) for two.
     """
@@ -38,13 +38,13 @@ class HarmonicTrack(AbstractTrack):
         shape = jnp.zeros_like(distance)
         for k in range(self.wavelengths.shape[0]):
             cycles = distance / self.wavelengths[k]
-            # whole cycles are taken off before the sine, which keeps its precision after any number of periods
+            # whole cycles are subtracted before the sine, which keeps its precision after any number of periods
             shape = shape + jnp.sin(2 * jnp.pi * (cycles - jnp.floor(cycles)))
         offset = self.amplitude * shape
         return Irregularity(offset, offset, None if self.roll_amplitude is None else self.roll_amplitude * shape)
 
     def approach_speed(self, speed: Float[Array, ""]) -> Float[Array, ""]:
-        """Peak lateral speed of the first wavelength [m/s]; the others are not counted."""
+        """Peak lateral speed of the rail from the first wavelength alone [m/s]."""
         return 2 * jnp.pi * jnp.abs(self.amplitude) * speed / self.wavelength
 
 
