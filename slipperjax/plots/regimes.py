@@ -6,11 +6,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
+from ..analysis import SURE
 from .style import COLORS, REGIME_COLORS, STYLE, axis_label, cross, flagged, mark_cases, new_axes, shown, swept
 
 EXPONENT_LABEL = "largest exponent [1/period]"
-ERROR_BAR = 3.0
-"""Half-lengths of error bars in standard errors."""
 
 
 def exponents(ds: xr.Dataset, ax: Any = None) -> Any:
@@ -36,7 +35,7 @@ def exponents(ds: xr.Dataset, ax: Any = None) -> Any:
     for name, color in REGIME_COLORS.items():
         at = (names == name) & np.isfinite(y)
         bars = dict(fmt=".", ms=3, mew=0, lw=0.6, color=color, label=name)
-        handles.append(ax.errorbar(x[at], y[at], ERROR_BAR * error[at], **bars))
+        handles.append(ax.errorbar(x[at], y[at], SURE * error[at], **bars))
     absent = ~np.isfinite(y)
     mark_cases(ax, x[absent])
     handles += [cross(label="no exponent")] * bool(absent.any())
