@@ -1,6 +1,6 @@
 """Other codes that integrate the same model, for comparison: a scalar C++ program, and SciPy on plain NumPy.
 
-Neither shares code with the rest of the package.
+They share no code with the rest of the package.
 """
 
 import abc
@@ -14,12 +14,11 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from .kinematics import table_2_start
-from .track import HarmonicTrack
+from ..model import HarmonicTrack, table_2_start
+from .methods import Case
 
 Run = tuple[str, np.ndarray, tuple[float, float], np.ndarray]
 """Setting, states (cases, periods, 10), best and median seconds per trajectory, and which of the speeds they are."""
@@ -33,15 +32,16 @@ class AbstractPeer(abc.ABC):
     """Whether it is part of the quick run."""
 
     @abc.abstractmethod
-    def runs(self, case: Any, speeds: np.ndarray) -> Iterator[Run]:
+    def runs(self, case: Case, speeds: np.ndarray) -> Iterator[Run]:
         """Runs a scene of the benchmark at some of the speeds [m/s]; nothing where it cannot."""
 
 
-def _numbers(case: Any) -> dict[str, float] | None:
+def _numbers(case: Case) -> dict[str, float] | None:
     """The scene as plain numbers; None where these codes lack something that it has."""
     scene = case.scene
     track = scene.track
-    other_start = any(float(a) != b for a, b in zip(vars(case.start).values(), vars(table_2_start()).values()))  # noqa: B905
+    starts = zip(vars(case.start).values(), vars(table_2_start()).values(), strict=True)
+    other_start = any(float(a) != float(b) for a, b in starts)
     if not isinstance(track, HarmonicTrack) or len(track.wavelengths) > 2 or other_start:
         return None
     if scene.gravity is not None and float(scene.gravity) != 0:
@@ -58,42 +58,41 @@ class CppPeer(AbstractPeer):
     quick = True
     steps = (50, 100, 200, 400, 800, 1600, 3200)
 
-    def __init__(self):
-        self._program: Path | None = None
-
-    def program(self) -> Path | None:
-        """The compiled program; None, and one line that says why, where it cannot be made."""
-        source = Path(__file__).parents[1] / "tests" / "benchmarks" / "peer.cpp"
-        if self._program is not None:
-            return self._program
+    def program(self, folder: Path) -> Path | None:
+        """The program, compiled into a folder; None, and one line that says why, where it cannot be made."""
+        source = Path(__file__).parents[2] / "tests" / "benchmarks" / "peer.cpp"
         if shutil.which("g++") is None:
             print("C++ peer left out: g++ is not installed", file=sys.stderr)
-        elif not source.exists():
+            return None
+        if not source.exists():
             print("C++ peer left out: its source is in the source tree only", file=sys.stderr)
-        else:
-            self._folder = tempfile.TemporaryDirectory()
-            self._program = Path(self._folder.name) / "peer"
-            command = ["g++", "-O3", "-march=native", str(source), "-o", str(self._program)]
-            subprocess.run(command, check=True)
-        return self._program
+            return None
+        program = folder / "peer"
+        subprocess.run(["g++", "-O3", "-march=native", str(source), "-o", str(program)], check=True)
+        return program
 
     def runs(self, case, speeds):
-        numbers, program = _numbers(case), self.program() if _numbers(case) else None
-        if numbers is None or program is None:
+        numbers = _numbers(case)
+        if numbers is None:
             return
         picked = np.unique(np.linspace(0, len(speeds) - 1, min(15, len(speeds))).round().astype(int))
         least = min(self.steps) if numbers["stiffness"] < 1e9 else 200
-        for steps in (n for n in self.steps if n >= least):
-            states, seconds = [], []
-            for speed in speeds[picked]:
-                arguments = [speed, *numbers.values(), case.periods, steps]
-                done = subprocess.run(
-                    [str(program), *map(str, arguments)], capture_output=True, text=True, check=True
-                )
-                *rows, last = done.stdout.splitlines()
-                states.append([[float(x) for x in row.split()[1:11]] for row in rows])
-                seconds.append(float(re.findall(r"([\d.]+) us", last)[0]) * 1e-6 * steps * case.periods)
-            yield f"{steps} steps", np.array(states), (min(seconds), statistics.median(seconds)), picked
+        with tempfile.TemporaryDirectory() as folder:
+            program = self.program(Path(folder))
+            if program is None:
+                return
+            for steps in (n for n in self.steps if n >= least):
+                arguments = [[speed, *numbers.values(), case.periods, steps] for speed in speeds[picked]]
+                states, seconds = zip(*(self._one(program, some) for some in arguments), strict=True)
+                yield f"{steps} steps", np.array(states), (min(seconds), statistics.median(seconds)), picked
+
+    def _one(self, program: Path, arguments: list) -> tuple[list[list[float]], float]:
+        """The states after each period, and the seconds of one trajectory."""
+        command = [str(program), *map(str, arguments)]
+        *rows, last = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+        periods, steps = arguments[-2:]
+        seconds = float(re.findall(r"([\d.]+) us", last)[0]) * 1e-6 * steps * periods
+        return [[float(x) for x in row.split()[1:11]] for row in rows], seconds
 
 
 _Y = np.array([0.03, 0.048, 0.048, 0.0445, 0.029, -0.029, -0.0445, -0.048, -0.048, -0.03])

@@ -1,4 +1,4 @@
-"""Work-precision: points of error against cost as a table and as a picture."""
+"""Points of error against cost, as a table and as pictures."""
 
 import itertools
 from collections.abc import Iterable
@@ -26,14 +26,15 @@ MBDYN = {
     "C = 4 mm": 4.6e-2,
 }
 """MBDyn's error over six periods at the paper's 1000 steps per period, by scene."""
+MBDYN_NAME = "MBDyn (measured elsewhere)"
 MBDYN_MS = {"fastest settings": 24.3, "default Newton": 108.0}
-"""Its milliseconds per period on one core. Measured once, on another day, and not in the run that shows them."""
+"""Its milliseconds per period on one core. Measured once, and not in the run that shows them."""
 
 
 def mbdyn_points(scenes: Iterable[str]) -> list[Point]:
-    """MBDyn's points for scenes by name, which are not measured here."""
+    """MBDyn's points for scenes by name. They are quoted, not measured by the benchmark."""
     return [
-        Point(scene, "MBDyn (measured elsewhere)", f"1000 steps, {how}", MBDYN[scene], {1: (1e3 * ms,) * 2})
+        Point(scene, MBDYN_NAME, f"1000 steps, {how}", MBDYN[scene], {1: (1e3 * ms,) * 2})
         for scene in scenes
         if scene in MBDYN
         for how, ms in MBDYN_MS.items()
@@ -81,12 +82,129 @@ def table(points: list[Point], batches: tuple[int, ...]) -> str:
     return "\n".join(lines) + "\n"
 
 
+SHOWN = {
+    "RK4": ("RK4", "#12355b"),
+    "Tsit5": ("Tsit5", "#2a9d6f"),
+    "Rodas4": ("Rodas4", "#8338ec"),
+    "smooth: RK4": ("RK4, smooth switch", "#4f86c6"),
+    "diffrax Kvaerno5": ("diffrax Kvaerno5,\nlatched", "#e07a1f"),
+    "smooth: diffrax Kvaerno5, adaptive": ("diffrax Kvaerno5,\nsmooth switch,\nadaptive", "#c1121f"),
+}
+"""Methods in the picture for reading, with their labels and colours."""
+OTHERS = {
+    "C++ scalar, RK4, event latch": ("C++, one core", "#606060"),
+    MBDYN_NAME: ("MBDyn,\nmeasured elsewhere", "black"),
+}
+"""Other codes in it, drawn as points: they run one trajectory at a time."""
+
+
+def draw(points: list[Point], batches: tuple[int, ...], scene: str = "nominal") -> Any:
+    """Error against cost on one scene: a few methods, labelled at their lines. See `draw_all` for everything.
+
+    **Arguments:** `batches`: the first is drawn; `scene`: by name, the first measured one where it has no points.
+    Where none of `SHOWN` was measured, the methods that were are drawn instead.
+
+    **Returns:** the Axes.
+    """
+    import matplotlib.pyplot as plt
+
+    measured = list(dict.fromkeys(p.case for p in points))
+    scene = scene if scene in measured or not measured else measured[0]
+    mine = [p for p in points if p.case == scene]
+    names = list(dict.fromkeys(p.method for p in mine))
+    shown = {name: look for name, look in SHOWN.items() if name in names}
+    if not shown:
+        shown = {name: (name, f"C{k % 10}") for k, name in enumerate(n for n in names if n not in OTHERS)}
+    _, ax = plt.subplots(figsize=(7.2, 4.8), layout="constrained")
+    ax.set(xscale="log", yscale="log", xlabel="µs per trajectory and forcing period")
+    ax.set_ylabel("error in units of 1 mm, 10 mrad, 1 m/s, 10 rad/s")
+    ax.set_title(f"{scene}: {batches[0]} trajectories at once, other codes one by one", fontsize=9, loc="left")
+    ax.grid(alpha=0.25, linewidth=0.4)
+    drawn = []
+    for name, (label, color) in (shown | OTHERS).items():
+        lanes, style = (1, "D") if name in OTHERS else (batches[0], "o-")
+        x, y = _curve([p for p in mine if p.method == name], lanes)
+        if len(x):
+            ax.plot(x, y, style, color=color, markersize=4, linewidth=1.4)
+            drawn.append((label, color, np.stack([x, y], axis=1), name not in OTHERS))
+    ax.margins(0.08)
+    _label(ax, drawn)
+    return ax
+
+
+def _curve(points: Iterable[Point], lanes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Cost and error of the points that can be drawn on logarithmic axes."""
+    found = [(p.cost[lanes][0], p.error) for p in points if lanes in p.cost and 0 < p.error < np.inf]
+    cost, error = np.array(found).reshape(-1, 2).T
+    return cost, error
+
+
+def _label(ax: Any, drawn: list[tuple[str, str, np.ndarray, bool]]) -> None:
+    """Writes each label beside a point of its curve, where it covers as little as possible.
+
+    **Arguments:** `drawn`: label, colour, points (n, 2) in data coordinates, and whether they are joined by a line.
+    """
+    figure = ax.figure
+    figure.draw_without_rendering()  # settles the layout
+    frame = ax.get_window_extent()
+    curves = [ax.transData.transform(at) for _, _, at, _ in drawn]
+    joined = [_dense(at) if lines else at for at, (*_, lines) in zip(curves, drawn, strict=True)]
+    ink, boxes = np.concatenate([np.empty((0, 2)), *joined]), []
+    for (text, color, data, _), curve in zip(drawn, curves, strict=True):
+        found = ax.annotate(text, data[0], (0, 0), textcoords="offset points", color=color, fontsize=8)
+        found.set_in_layout(False)
+        size = found.get_window_extent()
+        best = None
+        for at in range(len(data)):
+            for ha, va, x, y in _OFFSETS:
+                left = curve[at][0] + x * figure.dpi / 72 - {"left": 0, "center": 0.5, "right": 1}[ha] * size.width
+                low = curve[at][1] + y * figure.dpi / 72 - {"bottom": 0, "center": 0.5, "top": 1}[va] * size.height
+                box = np.array([left, low, left + size.width, low + size.height])
+                cost = np.sum(_inside(ink, box)) + 1000 * sum(_overlap(box, other) for other in boxes)
+                outside = left < frame.x0 or box[2] > frame.x1 or low < frame.y0 or box[3] > frame.y1
+                cost += 1000 * outside
+                if best is None or cost < best[0]:
+                    best = cost, at, (ha, va, x, y), box
+        assert best is not None
+        _, at, (ha, va, x, y), box = best
+        found.xy = tuple(data[at])
+        found.set(position=(x, y), ha=ha, va=va)
+        boxes.append(box)
+
+
+_OFFSETS = (
+    ("left", "center", 7, 0),
+    ("right", "center", -7, 0),
+    ("left", "bottom", 5, 4),
+    ("right", "top", -5, -4),
+    ("center", "bottom", 0, 6),
+    ("center", "top", 0, -6),
+)
+"""Alignment of a label and its distance from its point [typographic points], the preferred ones first."""
+
+
+def _dense(at: np.ndarray) -> np.ndarray:
+    """Points (n, 2) on a polygon of straight lines."""
+    where = np.linspace(0, len(at) - 1, 40 * len(at))
+    return np.stack([np.interp(where, np.arange(len(at)), column) for column in at.T], axis=1)
+
+
+def _inside(at: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """Which points lie in a box, or within its margin of two pixels."""
+    return np.all((at > box[:2] - 2) & (at < box[2:] + 2), axis=1)
+
+
+def _overlap(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether two boxes (left, low, right, high) overlap."""
+    return bool(np.all(a[:2] < b[2:]) and np.all(b[:2] < a[2:]))
+
+
 LINES = {"full": "-", "dashed": "--", "dotted": ":"}
-"""Line styles of the batches, by what they are called."""
+"""Line styles of the batches in `draw_all`, by what they are called."""
 
 
-def draw(points: list[Point], batches: tuple[int, ...]) -> Any:
-    """Error against cost, one panel per scene; lines are full for the first batch, dashed for the second.
+def draw_all(points: list[Point], batches: tuple[int, ...]) -> Any:
+    """Error against cost of every method, one panel per scene; full lines for the first batch, dashed for the next.
 
     **Returns:** the axes, an array.
     """
@@ -94,25 +212,18 @@ def draw(points: list[Point], batches: tuple[int, ...]) -> Any:
 
     names = list(dict.fromkeys(p.case for p in points))
     methods = list(dict.fromkeys(p.method for p in points))
-    columns = min(4, len(names))
-    rows = -(-len(names) // columns)
-    figure, axes = plt.subplots(
-        # wide enough for the legend, too
-        rows,
-        columns,
-        figsize=(max(4.2 * columns, 10), 3.6 * rows + 2.4),
-        squeeze=False,
-        layout="constrained",
-    )
+    columns = max(1, min(4, len(names)))
+    rows = max(1, -(-len(names) // columns))
+    size = (max(4.2 * columns, 10), 3.6 * rows + 2.4)  # wide enough for the legend, too
+    figure, axes = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
     handles = {}
     for ax, name in zip(axes.flat, names, strict=False):
         for k, method in enumerate(methods):
-            mine = [p for p in points if p.case == name and p.method == method and np.isfinite(p.error)]
+            mine = [p for p in points if p.case == name and p.method == method]
             marker = "osD"[k // 10 % 3]  # there are ten colours
             for lanes, style in zip(batches, LINES.values(), strict=False):
-                here = [p for p in mine if lanes in p.cost and p.error > 0]
-                if here:
-                    x, y = [p.cost[lanes][0] for p in here], [p.error for p in here]
+                x, y = _curve(mine, lanes)
+                if len(x):
                     (line,) = ax.plot(x, y, style + marker, color=f"C{k % 10}", markersize=4, linewidth=1)
                     handles.setdefault(method, line)
         ax.set(xscale="log", yscale="log", title=name, xlabel="µs per trajectory and period", ylabel="scaled error")
@@ -124,13 +235,15 @@ def draw(points: list[Point], batches: tuple[int, ...]) -> Any:
     return axes
 
 
-def write(points: list[Point], batches: tuple[int, ...], out: Path) -> tuple[Path, Path]:
-    """Writes OUT.md and OUT.png and gives their paths."""
+def write(points: list[Point], batches: tuple[int, ...], out: Path) -> tuple[Path, Path, Path]:
+    """Writes OUT.md, OUT.png of `draw` and OUT_all.png of `draw_all`, and gives their paths."""
     import matplotlib.pyplot as plt
 
-    text, picture = Path(f"{out}.md"), Path(f"{out}.png")
+    text, picture, everything = Path(f"{out}.md"), Path(f"{out}.png"), Path(f"{out}_all.png")
     out.parent.mkdir(parents=True, exist_ok=True)
     text.write_text(table(points, batches))
-    draw(points, batches).flat[0].figure.savefig(picture, dpi=150)
-    plt.close("all")
-    return text, picture
+    for axes, path in ((draw(points, batches), picture), (draw_all(points, batches), everything)):
+        figure = np.ravel(axes)[0].figure
+        figure.savefig(path, dpi=150)
+        plt.close(figure)
+    return text, picture, everything

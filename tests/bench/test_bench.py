@@ -1,62 +1,171 @@
-"""Speed against error: what can be said without measuring much."""
+"""Error against cost: the arithmetic on made points, the rounds of a measurement, and small real runs."""
 
+import itertools
 import math
+import shutil
 
+import matplotlib.image
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from slipperjax import bench, work_precision
-from slipperjax.cli import main
-from slipperjax.peers import PEERS, NumpyModel, SciPyPeer
+from slipperjax import paper_scene, table_2_start
+from slipperjax.bench import (
+    METHODS,
+    PEERS,
+    Case,
+    CppPeer,
+    NumpyModel,
+    Point,
+    SciPyPeer,
+    all_cases,
+    bench,
+    cost_at,
+    cost_of,
+    draw,
+    draw_all,
+    errors,
+    mbdyn_points,
+    write,
+)
+from slipperjax.bench import measure as measuring
+from slipperjax.sweeps import sweep
 
-from .common import SCALES, cases
+from ..common import SCALES, cases
 
 
 def point(method, error, cost, case="nominal", lanes=241):
-    return work_precision.Point(case, method, "n steps", error, {lanes: (cost, 2 * cost)})
+    return Point(case, method, "n steps", error, {lanes: (cost, 2 * cost)})
+
+
+def method_named(name):
+    return next(m for m in METHODS if m.name == name)
 
 
 def test_cost_at_an_error_is_interpolated_in_logarithms():
     points = [point("a", 1e-2, 10.0), point("a", 1e-4, 40.0), point("a", math.inf, 1.0)]
-    assert work_precision.cost_at(points, 1e-3, 241) == pytest.approx(20.0)
-    assert work_precision.cost_at(points, 1e-1, 241) == pytest.approx(10.0)
-    assert work_precision.cost_at(points, 1e-5, 241) == math.inf
-    assert work_precision.cost_at(points, 1e-3, 1) == math.inf
+    assert cost_at(points, 1e-3, 241) == pytest.approx(20.0)
+    assert cost_at(points, 1e-1, 241) == pytest.approx(10.0)
+    assert cost_at(points, 1e-5, 241) == math.inf
+    assert cost_at(points, 1e-3, 1) == math.inf
 
 
 def test_errors_are_those_of_each_case_and_infinite_where_not_finite():
     truth = np.zeros((3, 2, 10))
     states = truth + SCALES * np.array([1e-3, 2e-3, 1.0])[:, None, None]
     states[2, 1, 4] = np.nan
-    np.testing.assert_allclose(bench.errors(states, truth), [1e-3, 2e-3, np.inf])
+    np.testing.assert_allclose(errors(states, truth), [1e-3, 2e-3, np.inf])
 
 
-def test_what_is_not_measured_here_is_marked():
-    found = work_precision.mbdyn_points(case.name for case in bench.all_cases())
+def test_quoted_figures_are_marked():
+    found = mbdyn_points(case.name for case in all_cases())
     assert len(found) == 6
     assert all("measured elsewhere" in p.method for p in found)
 
 
-def test_table_and_picture(tmp_path):
-    points = [point(m, e, c) for m in ("a", "b") for e, c in ((1e-2, 10.0), (1e-4, 40.0))]
-    text, picture = work_precision.write(points, (241, 1), tmp_path / "deep" / "out")
-    assert "| nominal | a | n steps | 1.0e-02 | 10 (20) | - |" in text.read_text()
-    assert "| method | nominal, 241 at once | nominal, 1 at once |" in text.read_text()
-    assert "| b | 20 | - |" in text.read_text()
-    assert picture.stat().st_size > 10_000
-
-
 def test_cost_adds_up_the_least_and_the_middle_times_of_the_periods():
     seconds = np.array([[1.0, 9.0], [5.0, 3.0], [2.0, 4.0]])  # three repeats of two periods
-    best, median = bench.cost_of(seconds, lanes=2)
+    best, median = cost_of(seconds, lanes=2)
     assert best == pytest.approx(1e6 * (1 + 3) / 2 / 2)
     assert median == pytest.approx(1e6 * (2 + 4) / 2 / 2)
 
 
 def test_scenes_and_methods_have_names_of_their_own():
-    for rows in (bench.all_cases(), bench.METHODS, PEERS):
+    for rows in (all_cases(), METHODS, PEERS):
         names = [row.name for row in rows]
         assert len(set(names)) == len(names)
+
+
+def test_wrong_names_and_numbers_are_refused_before_anything_is_measured():
+    for options, words in (
+        (dict(cases=["0"]), "`cases` must be of nominal; V = 2300 m/s"),
+        (dict(methods=["RK4", "0"]), "`methods` must be of RK4; Tsit5"),
+        (dict(batches=[0]), "`batches` must be a whole number of 1 or more"),
+        (dict(repeats=0), "`repeats` must be a whole number of 1 or more"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            bench(**options)
+
+
+# --- table and pictures ---------------------------------------------------------------------------------------------
+
+
+def made_points():
+    """Points as a real run gives them: all methods on two scenes, other codes, and one error that is not finite."""
+    points = []
+    for case, factor in (("nominal", 1.0), ("K = 1e10", 3.0)):
+        for k, method in enumerate(METHODS):
+            for setting in range(3):
+                error, cost = factor * 1e-2 / 8**setting, (10 + 20 * k) * 2.0**setting
+                costs = {241: (cost, 2 * cost), 1: (30 * cost, 40 * cost)}
+                points.append(Point(case, method.name, f"{setting} steps", error, costs))
+        points.append(point("RK4", math.inf, 1.0, case))
+        points += [point("C++ scalar, RK4, event latch", e, c, case, 1) for e, c in ((3e-3, 70.0), (5e-4, 140.0))]
+        points += mbdyn_points([case])
+    return points
+
+
+def test_table_has_every_point_and_what_an_error_of_a_thousandth_costs(tmp_path):
+    points = [point(m, e, c) for m in ("a", "b") for e, c in ((1e-2, 10.0), (1e-4, 40.0))]
+    text, picture, everything = write(points, (241, 1), tmp_path / "deep" / "out")
+    assert [p.name for p in (text, picture, everything)] == ["out.md", "out.png", "out_all.png"]
+    assert "| nominal | a | n steps | 1.0e-02 | 10 (20) | - |" in text.read_text()
+    assert "| method | nominal, 241 at once | nominal, 1 at once |" in text.read_text()
+    assert "| b | 20 | - |" in text.read_text()
+    assert matplotlib.image.imread(picture).shape == (720, 1080, 4)
+    assert matplotlib.image.imread(everything).shape == (900, 1500, 4)
+    assert not plt.get_fignums()
+
+
+def test_picture_has_few_lines_each_labelled_where_it_is_free():
+    ax = draw(made_points(), (241, 1))
+    labels = ["RK4", "Tsit5", "Rodas4", "RK4, smooth switch", "diffrax Kvaerno5, latched"]
+    labels += ["diffrax Kvaerno5, smooth switch, adaptive", "C++, one core", "MBDyn, measured elsewhere"]
+    assert [" ".join(text.get_text().split()) for text in ax.texts] == labels
+    assert [text.get_color() for text in ax.texts] == [line.get_color() for line in ax.lines]
+    assert ax.get_legend() is None
+    rk4, cpp = ax.lines[0], ax.lines[6]
+    np.testing.assert_allclose(rk4.get_xdata(), [10, 20, 40])  # of the first batch, without the infinite error
+    np.testing.assert_allclose(rk4.get_ydata(), [1e-2, 1e-2 / 8, 1e-2 / 64])
+    np.testing.assert_allclose(cpp.get_xdata(), [70, 140])
+    assert cpp.get_linestyle() == "None"
+    ax.figure.draw_without_rendering()
+    boxes = [text.get_window_extent() for text in ax.texts]
+    assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))
+    frame = ax.get_window_extent()
+    assert all(frame.contains(*corner) for box in boxes for corner in (box.min, box.max))
+    plt.close(ax.figure)
+
+
+def test_labels_stay_inside_the_picture():
+    points = [point("diffrax Kvaerno5", 1e-3, 1e5), point("diffrax Kvaerno5", 1e-2, 1e2)]  # the first is at the right
+    ax = draw(points, (241,))
+    ax.figure.draw_without_rendering()
+    box, frame = ax.texts[0].get_window_extent(), ax.get_window_extent()
+    assert all(frame.contains(*corner) for corner in (box.min, box.max))
+    plt.close(ax.figure)
+
+
+def test_picture_takes_what_was_measured():
+    points = [point("Rodas3", 1e-2, 10.0, "resting"), point("Rodas3", 1e-3, 20.0, "resting")]
+    ax = draw(points, (241,))
+    assert ax.get_title("left").startswith("resting: 241")
+    assert [text.get_text() for text in ax.texts] == ["Rodas3"]
+    plt.close(ax.figure)
+
+
+def test_the_other_picture_has_every_scene_and_method():
+    axes = draw_all(made_points(), (241, 1))
+    assert [ax.get_title() for ax in axes.flat] == ["nominal", "K = 1e10"]
+    (legend,) = axes.flat[0].figure.legends
+    named = [text.get_text() for text in legend.get_texts()]
+    assert named == [m.name for m in METHODS] + ["C++ scalar, RK4, event latch", "MBDyn (measured elsewhere)"]
+    assert legend.get_title().get_text() == "full: 241 at once, dashed: 1 at once"
+    assert len(axes.flat[1].lines) == 2 * len(METHODS) + 1  # two batches, and C++ alone; MBDyn has no such scene
+    plt.close(axes.flat[0].figure)
+
+
+# --- a measurement --------------------------------------------------------------------------------------------------
 
 
 def test_costs_are_taken_in_rounds_over_all_points(monkeypatch):
@@ -66,50 +175,14 @@ def test_costs_are_taken_in_rounds_over_all_points(monkeypatch):
         calls.append((method.name, setting, len(speeds)))
         return np.full((len(speeds), case.periods, 10), 1 / setting) * SCALES, np.full(case.periods, 1e-3)
 
-    monkeypatch.setattr(bench, "run", states)
+    monkeypatch.setattr(measuring, "run", states)
     options = dict(batches=(3, 1), repeats=2, reference_steps=800, peers=[], settings=slice(0, 2))
-    found = list(bench.measure(bench.all_cases()[0], bench.METHODS[:2], **options))
+    found = list(measuring.measure(all_cases()[0], METHODS[:2], **options))
     assert [(p.method, p.setting) for p in found] == [(n, f"{k} steps") for n in ("RK4", "Tsit5") for k in (25, 50)]
     assert [p.error for p in found] == pytest.approx([1 / 25 - 1 / 800, 1 / 50 - 1 / 800] * 2)
     assert all(p.cost[n] == pytest.approx((1e3 / n,) * 2) for p in found for n in (3, 1))
     a_round = [(n, k, lanes) for n in ("RK4", "Tsit5") for k in (25.0, 50.0) for lanes in (3, 1)]
     assert calls == [("RK4", 800.0, 3), *a_round, *a_round, *a_round]
-
-
-@pytest.mark.parametrize(
-    ("option", "words"), [("--scene", "nominal"), ("--method", "RK4"), ("--batch", "whole number")]
-)
-def test_wrong_input_is_one_line(option, words, capsys):
-    with pytest.raises(SystemExit) as stopped:
-        main(["bench", option, "0"])
-    assert stopped.value.code == 2
-    error = capsys.readouterr().err
-    assert words in error
-    assert error.count("\n") == 1
-
-
-def test_scipy_lands_on_the_reference():
-    # half a period of the fastest case, which has its first touchdowns in it, is what is cheap
-    (case,) = (c for c in cases("hard_states") if c["name"] == "fast")
-    names = ("clearance", "length", "stiffness", "restitution", "amplitude", "roll_amplitude")
-    numbers = {name: case[name] for name in names} | dict(wave=8.0, wave2=0.0)
-    states = SciPyPeer("DOP853").integrate(case["speed"], numbers, 1, 1e-7)
-    assert states is not None
-    assert np.max(np.abs(states[0] - case["states"][0]) / SCALES) < 1e-5
-    model = NumpyModel(case["speed"], numbers)
-    gap = model.contacts(0.0, np.zeros(10))[0]
-    assert gap.min() > 0
-
-
-@pytest.mark.slow
-def test_a_small_run_writes_table_and_picture(tmp_path, capsys):
-    options = ["--quick", "--scene", "nominal", "--method", "RK4", "--batch", "8"]
-    with pytest.raises(SystemExit) as stopped:
-        main(["bench", *options, "--out", str(tmp_path / "b")])
-    assert stopped.value.code == 0
-    assert "50 steps: error" in capsys.readouterr().out
-    assert (tmp_path / "b.png").stat().st_size > 10_000
-    assert "MBDyn (measured elsewhere)" in (tmp_path / "b.md").read_text()
 
 
 def test_an_interrupt_keeps_the_rounds_that_were_timed(monkeypatch):
@@ -121,23 +194,23 @@ def test_an_interrupt_keeps_the_rounds_that_were_timed(monkeypatch):
             raise KeyboardInterrupt
         return np.zeros((len(speeds), 2, 10)), np.array([1.0, 2.0])
 
-    monkeypatch.setattr(bench, "run", run)
+    monkeypatch.setattr(measuring, "run", run)
     options = dict(batches=(8,), repeats=9, peers=[], settings=slice(0, 1))
-    (point,) = bench.measure(bench.all_cases()[0], bench.METHODS[:1], **options)
+    (found,) = measuring.measure(all_cases()[0], METHODS[:1], **options)
     assert len(calls) == 5
-    assert point.cost[8] == bench.cost_of(np.array([[1.0, 2.0], [1.0, 2.0]]), 8)
+    assert found.cost[8] == cost_of(np.array([[1.0, 2.0], [1.0, 2.0]]), 8)
 
 
-def test_what_takes_long_is_repeated_less_often(monkeypatch):
+def test_slow_points_are_repeated_less_often(monkeypatch):
     taken = []
 
     def run(case, method, setting, speeds, workers):
         taken.append(setting)
         return np.zeros((len(speeds), 2, 10)), np.full(2, setting / 10)  # 5 s and 10 s in all
 
-    monkeypatch.setattr(bench, "run", run)
+    monkeypatch.setattr(measuring, "run", run)
     options = dict(batches=(8,), repeats=4, peers=[], settings=slice(0, 2))
-    points = list(bench.measure(bench.all_cases()[0], bench.METHODS[:1], **options))
+    points = list(measuring.measure(all_cases()[0], METHODS[:1], **options))
     assert taken == [12_800.0, 25.0, 50.0, 25.0, 50.0, 25.0]
     assert [p.cost[8][0] for p in points] == pytest.approx([1e6 * k / 10 / 8 for k in (25, 50)])
 
@@ -146,11 +219,101 @@ def test_methods_that_call_lapack_run_a_sixteenth_of_the_cases(monkeypatch):
     def run(case, method, setting, speeds, workers):
         return np.tile(speeds[:, None, None], (1, 2, 10)) * SCALES, np.full(2, 0.8)
 
-    monkeypatch.setattr(bench, "run", run)
-    methods = [m for m in bench.METHODS if m.name in ("RK4", "smooth: diffrax Kvaerno3")]
+    monkeypatch.setattr(measuring, "run", run)
+    methods = [m for m in METHODS if m.name in ("RK4", "smooth: diffrax Kvaerno3")]
     options = dict(batches=(241, 1), repeats=1, peers=[], settings=slice(0, 1))
-    own, stock = bench.measure(bench.all_cases()[0], methods, **options)
+    own, stock = measuring.measure(all_cases()[0], methods, **options)
     assert own.error == stock.error == 0  # of the same cases
     assert own.cost[241][0] == pytest.approx(0.8e6 / 241)
     assert stock.cost[241][0] == pytest.approx(0.8e6 / 16)
     assert own.cost[1] == stock.cost[1]
+
+
+def test_chunks_fill_the_threads_and_lapack_gets_one_thread(monkeypatch):
+    sizes = []
+
+    class Done:
+        def __init__(self, state):
+            self.state = state
+
+    def advance(scenes, states, epoch, stepping, *, solver, periods):
+        sizes.append(len(states.motion.y))
+        return Done(states)
+
+    monkeypatch.setattr(measuring, "advance", advance)
+    case = all_cases()[0]._replace(periods=2)
+    speeds = np.linspace(1200.0, 1300.0, 20)
+    for name, expected in (("RK4", [8, 8, 8] * 2), ("diffrax Kvaerno5", [24] * 2)):
+        sizes.clear()
+        states, seconds = measuring.run(case, method_named(name), 50.0, speeds, 3)
+        assert sizes == expected
+        assert states.shape == (20, 2, 10)
+        assert seconds.shape == (2,)
+
+
+def test_a_run_is_the_sweep_of_the_same_speeds():
+    case = Case("short", paper_scene(), 2, table_2_start())
+    speeds = np.linspace(1200.0, 1300.0, 9)
+    states, seconds = measuring.run(case, method_named("RK4"), 60.0, speeds, 2)
+    options = dict(record="strobe", transient=0, periods=2, steps_per_period=60)
+    ds = sweep(paper_scene(), {"speed": speeds}, **options)
+    for k, name in enumerate(("y", "z", "roll", "pitch", "yaw", "v_y", "v_z", "w_x", "w_y", "w_z")):
+        np.testing.assert_allclose(states[..., k], ds[name].values, atol=1e-9 * SCALES[k])
+    assert np.all(seconds > 0)
+
+
+@pytest.mark.slow
+def test_adaptive_methods_hold_their_tolerance():
+    case = all_cases()[0]
+    speeds = measuring.batch_speeds(case, 8)
+    truth, _ = measuring.run(case, METHODS[0], 3200.0, speeds, None)
+    method = method_named("Tsit5, adaptive")
+    found = [np.median(errors(measuring.run(case, method, t, speeds, None)[0], truth)) for t in (1e-4, 1e-6)]
+    assert found[0] < 5e-3  # measured: 1.5e-3
+    assert found[1] < 2e-4  # measured: 5e-5
+
+
+@pytest.mark.slow
+def test_a_small_run_gives_its_points():
+    ((points, batches),) = bench(quick=True, cases=["nominal"], methods=["RK4"], batches=[8])
+    assert batches == (8, 1)
+    own = [p for p in points if p.method == "RK4"]
+    assert [p.setting for p in own] == ["25 steps", "50 steps", "100 steps", "200 steps"]
+    assert 5e-4 < own[1].error < 5e-3  # measured: 1.3e-3
+    assert own[3].error < 1e-4  # measured: 4e-5
+    assert any("MBDyn" in p.method for p in points)
+
+
+# --- other codes ----------------------------------------------------------------------------------------------------
+
+
+def test_scipy_lands_on_the_reference():
+    # only the first period of the fastest case, which has its first touchdowns in it: this is slow
+    (case,) = (c for c in cases("hard_states") if c["name"] == "fast")
+    names = ("clearance", "length", "stiffness", "restitution", "amplitude", "roll_amplitude")
+    numbers = {name: case[name] for name in names} | dict(wave=8.0, wave2=0.0)
+    states = SciPyPeer("DOP853").integrate(case["speed"], numbers, 1, 1e-7)
+    assert states is not None
+    assert np.max(np.abs(states[0] - case["states"][0]) / SCALES) < 1e-5
+    model = NumpyModel(case["speed"], numbers)
+    gap = model.contacts(0.0, np.zeros(10))[0]
+    assert gap.min() > 0
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="needs g++")
+def test_cpp_program_is_built_from_the_source_tree_and_converges():
+    peer = CppPeer()
+    peer.steps = (200, 800, 3200)
+    runs = list(peer.runs(all_cases()[0], np.array([1240.0, 1250.0, 1260.0])))
+    assert [setting for setting, *_ in runs] == ["200 steps", "800 steps", "3200 steps"]
+    assert all(list(picked) == [0, 1, 2] and taken[0] > 0 for _, _, taken, picked in runs)
+    truth = runs[-1][1]
+    coarse, middle = (np.median(errors(states, truth)) for _, states, *_ in runs[:2])
+    assert middle < 2e-5  # measured: 4.8e-6
+    assert coarse > 4 * middle
+
+
+def test_other_codes_leave_out_scenes_that_they_cannot_run():
+    (resting,) = (case for case in all_cases() if case.name == "resting")  # has gravity and another start
+    for peer in PEERS:
+        assert list(peer.runs(resting, np.array([1250.0]))) == []

@@ -1,4 +1,4 @@
-"""The paper's claims as data, and what turns runs into answers."""
+"""The claims as data, and the runs that answer them."""
 
 import json
 
@@ -6,20 +6,35 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from slipperjax import paper
-from slipperjax.claims import CLAIMS, Answer, rows, runs, section_points, write_report
+from slipperjax import paper_scene, table_2_start
+from slipperjax.flow import Status
+from slipperjax.model import COORDINATES
+from slipperjax.studies.dang2024 import CLAIMS, FIGURES, QUICK, Answer, readings, reproduce, runs, write_report
+from slipperjax.studies.dang2024.claims import near, rows, section_points
+from slipperjax.studies.dang2024.claims import runs as runs_of
+from slipperjax.sweeps import Cases, Jump, make_plan, sweep
+
+from . import made
 
 
 def test_runs_of_true():
     values = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
-    assert runs([True, True, False, False, True], values) == [(1.0, 2.0), (5.0, 5.0)]
-    assert runs([False] * 5, values) == []
+    assert runs_of([True, True, False, False, True], values) == [(1.0, 2.0), (5.0, 5.0)]
+    assert runs_of([False] * 5, values) == []
 
 
 def test_section_points_are_counted():
     nan = np.nan
     values = np.array([[1.0, 1.0, 1.001, nan], [1.0, 3.0, 1.0, 3.0], [nan] * 4, [0.0, 1.0, 2.0, 4.0]])
     assert section_points(values).tolist() == [1, 2, 0, 4]
+    assert section_points(np.full((2, 3), nan)).tolist() == [0, 0]
+
+
+def test_a_place_is_near_within_a_step():
+    assert near(830.0, 820, 10.0)
+    assert not near(831.0, 820, 10.0)
+    assert not near(None, 820, 10.0)
+    assert not near(np.nan, 820, 10.0)
 
 
 def test_report_has_every_answer_with_its_verdict(tmp_path):
@@ -39,18 +54,25 @@ def test_unknown_figures_are_refused_at_once():
     with pytest.raises(
         ValueError, match="`figures` must be one of 4, 7, 12, 5, 8, 10, 6, 9, 11, 13, basins, but is '3'"
     ):
-        paper.reproduce(["3"])
+        reproduce(["3"])
+    with pytest.raises(ValueError, match="`transient` must be a whole number of 20 or more, but is 3"):
+        reproduce(["5"], transient=3)
 
 
 def test_lists_run_as_one_with_more_steps_for_slow_cases():
-    def run(scene, grid, product, transient, steps_per_period):
-        crossings = 2 if steps_per_period == paper.STEPS else 3
-        data = {"v_y": (("case", "crossing"), np.repeat(grid["speed"][:, None], crossings, axis=1))}
-        coords = {name: ("case", values) for name, values in grid.items()}
-        return xr.Dataset(data, coords, {"steps_per_period": steps_per_period})
+    calls = []
 
-    parts = paper._joined(run, paper.QUICK, ["histories", "speed", "length"])
-    for name, expected in paper.cases(paper.QUICK).items():
+    def run(scene, grid, product, transient, steps_per_period):
+        calls.append((product, transient))
+        data = {
+            "v_y": (("case", "crossing"), np.repeat(grid["speed"][:, None], 3, axis=1)),
+            "steps_per_period": ("case", steps_per_period),
+        }
+        return xr.Dataset(data, {name: ("case", values) for name, values in grid.items()})
+
+    parts = runs._joined(run, QUICK, ["histories", "speed", "length"])
+    assert calls == [(False, QUICK.transient)]
+    for name, expected in runs.cases(QUICK).items():
         if name != "clearance":
             ds = parts[name]
             for key, values in expected.items():
@@ -58,17 +80,131 @@ def test_lists_run_as_one_with_more_steps_for_slow_cases():
             np.testing.assert_array_equal(ds["v_y"].values[:, 0], expected["speed"])
             slow = expected["speed"] < 500
             np.testing.assert_array_equal(ds["steps_per_period"].values, np.where(slow, 200, 100))
-            assert np.all(np.isnan(ds["v_y"].values[:, 2]) == ~slow)
     assert parts["speed"]["v_y"].dims == ("speed", "crossing")
     assert parts["histories"]["v_y"].dims == ("case", "crossing")
+
+
+def test_each_figure_is_made_by_one_run_of_what_it_needs(monkeypatch):
+    asked = []
+
+    def joined(run, effort, names, **options):
+        asked.append((run.__name__, names))
+        known = {"speed": made.speeds_as_claimed, "clearance": made.clearances_as_claimed}
+        known |= {"length": made.lengths_as_claimed, "histories": lambda: made.singles()[1]}
+        if run.__name__ == "lyapunov_sweep":
+            return {name: made.exponents(name, known[name]()[name].values, True) for name in names}
+        return {name: known[name]() for name in names}
+
+    monkeypatch.setattr(runs, "_joined", joined)
+
+    def sweep(*arguments, **options):
+        return made.singles()[0]
+
+    monkeypatch.setattr(runs, "sweep", sweep)
+    monkeypatch.setattr(runs, "follow", lambda *a, **k: made.speeds_as_claimed())
+    monkeypatch.setattr(runs, "find_jump", lambda *a, **k: Jump(False, 0.0, 2500.0, np.nan, Status.NOT_FINITE))
+    monkeypatch.setattr(runs.verdicts, "attractors", made.attractors_once)
+    done = list(reproduce(["8", "9", "5", "12"], quick=True))
+    assert [(d.name, d.figures) for d in done] == [("motions", ("12", "5", "8")), ("exponents", ("9",))]
+    assert asked == [("sweep", ["histories", "speed", "clearance"]), ("lyapunov_sweep", ["clearance"])]
+    answers = done[0].outcome.answers | done[1].outcome.answers
+    assert set(answers) <= set(CLAIMS)
+    assert {key.split()[0] for key in answers} == {f"N{k}" for k in (1, 2, 3, 4, 5, 6, 7, 9, 10, 11, 14, 15)}
+    assert "followed upwards: search ended at 2500 m/s (not finite" in answers["N4 jump"].why
+    assert set(done[0].outcome.data) == {"sections", "histories", "speed", "speed_followed", "clearance"}
+    assert all(any(f in figures for figures, _ in runs.RUNS.values()) for f in FIGURES)
+
+
+def test_readings_leave_out_flagged_cases(monkeypatch):
+    asked = []
+
+    def fake(scene, grid, **options):
+        asked.append((scene.contact.clamp, options["steps_per_period"], grid["clearance"][0]))
+        if options.get("record") == "history":
+            history, _ = made.singles()
+            return history.isel(case=[5, 6]).assign(status=("case", [0, 2]))
+        at = np.arange(len(grid["speed"]))
+        slow, fast = grid["speed"] < 1100, grid["speed"] > 1500
+        kinds = np.where(slow & (grid["speed"] >= 820), 3, 1).astype(object)
+        wide = grid["clearance"] >= 2.59e-3 * (grid["clearance"][0] / 1e-3)
+        kinds[wide] = "chaotic"
+        points = {"v_y": np.where(slow & (grid["speed"] >= 820), 3, 1)}
+        ds = made.diagram(
+            "place", at, kinds, points, {"v_y": np.where(fast & (grid["speed"] > 1850), 0.0, 10.0)}, "case"
+        )
+        ds["status"][np.flatnonzero(wide)[0]] = 1
+        ds["status"][np.flatnonzero(grid["speed"] == 1000)[0]] = 1
+        return ds
+
+    monkeypatch.setattr(runs, "sweep", fake)
+    monkeypatch.setattr(runs, "attractors", made.attractors_once)
+    table = readings(QUICK, {})
+    assert [row["reading"] for row in table] == list(runs.CONVENTIONS)
+    first = table[0]
+    assert first["N1 900 m/s"] == "period-3"
+    assert first["N4 three points in V_Y (820..980 m/s)"] == "820..980, 1020..1060"
+    assert first["N4 drop (1810 m/s)"] == "1840..1860"
+    assert first["N11 not periodic from (2.575 mm)"] == "2.65"
+    assert first["N14 L = 0.1 m (1977, 8807, 5447 N)"] == "1977, 8807, 5447"
+    assert first["N14 L = 0.4 m (4256, 12824, 20365 N)"] == "flagged"
+    assert first["cases flagged"] == "2 of 38"
+    assert [(clamp, steps, round(c * 1e3)) for clamp, steps, c in asked[::2]] == [
+        (True, 100, 1),
+        (True, 100, 2),
+        (False, 100, 1),
+        (False, 100, 2),
+    ]
+
+
+# --- steps per period, one number for each case ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("steps", "saves", "words"),
+    [
+        ([100], None, r"`steps_per_period` must be one number or one for each case, \(2,\), but has shape \(1,\)"),
+        ([[100, 50]], None, r"but has shape \(1, 2\)"),
+        ([100, 0], None, "`steps_per_period` must be a whole number of 1 or more, but is 0"),
+        ([100.0, 50.5], None, "`steps_per_period` must be a whole number of 1 or more"),
+        ([100, 90], 50, "`saves_per_period` must divide steps_per_period = 90, but is 50"),
+    ],
+)
+def test_wrong_steps_of_cases_are_refused(steps, saves, words):
+    with pytest.raises(ValueError, match=words):
+        sweep(paper_scene(), {"speed": [400.0, 1250.0]}, steps_per_period=steps, saves_per_period=saves)
+
+
+def test_steps_of_cases_may_stand_in_a_list_or_in_the_grid():
+    options = dict(record="history", transient=0, periods=1)
+    plan = lambda grid, steps: make_plan(
+        paper_scene(), Cases(paper_scene(), grid, table_2_start()), steps_per_period=steps, **options
+    )
+    found = plan({"speed": [400.0, 1250.0]}, [200, 100])
+    assert found.steps.tolist() == [200, 100]
+    assert found.recorder.saves == 50
+    assert plan({"speed": [400.0, 1250.0]}, np.array([60, 90])).recorder.saves == 30
+    grid = {"speed": [400.0, 1250.0], "length": [0.1, 0.2, 0.3]}
+    assert plan(grid, np.arange(1, 7).reshape(2, 3)).steps.tolist() == [1, 2, 3, 4, 5, 6]
+
+
+def test_cases_with_steps_of_their_own_run_as_they_do_alone():
+    options = dict(record="strobe", transient=0, periods=2)  # one compiled program for all
+    speeds, steps = [400.0, 1250.0, 450.0], [80, 50, 80]
+    together = sweep(paper_scene(), {"speed": speeds}, steps_per_period=steps, **options)
+    assert together["steps_per_period"].values.tolist() == steps
+    for k in (0, 1):
+        alone = sweep(paper_scene(), {"speed": speeds[k : k + 1]}, steps_per_period=steps[k], **options)
+        for name in COORDINATES:
+            np.testing.assert_allclose(together[name].values[k], alone[name].values[0], rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.slow
 def test_quick_study_answers_every_claim(tmp_path):
     answers = {}
-    for done in paper.reproduce(quick=True):
+    for done in reproduce(quick=True):
         answers |= done.outcome.answers
     assert set(answers) == set(CLAIMS)
-    # what an independent code and MBDyn agree on; the rest is for the report
+    assert not any("flagged" in answer.ours for answer in answers.values())
+    # an independent code and MBDyn agree on these; the others are for the report
     for key in ("N2 motion", "N2 section", "N9 narrow", "N10 period-1", "N12 constant", "N16 A_Z top"):
         assert answers[key].good, (key, answers[key])

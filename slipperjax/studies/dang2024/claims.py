@@ -1,4 +1,4 @@
-"""What Dang et al. 2024 report, claim by claim, as data; and the report that sets our answers beside it."""
+"""The claims of Dang et al. 2024 as data, and the report that compares them with the answers found here."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 CLAIMS: dict[str, tuple[str, str, str]] = {
-    # key: where, what is said, the paper's value
+    # key: figure, claim, the paper's value
     "N1 motion": ("Fig. 4a", "900 m/s: roll acceleration repeats every 3/f", "period-3"),
     "N1 lines": ("Fig. 4a", "900 m/s: energy at f and 2f/3", "lines at f and 2f/3"),
     "N1 section": ("Fig. 4a", "900 m/s: roll section", "2 points"),
@@ -52,35 +52,38 @@ CLAIMS: dict[str, tuple[str, str, str]] = {
     "N16 alpha_X": ("Fig. 13", "alpha_X: combinations of f1 and f2", "among the 13 lines named"),
     "N16 alpha_Y": ("Fig. 13", "alpha_Y: multiples and combinations of f1 and f2", "the 13 lines named"),
 }
-"""The paper's claims. `N` counts them by where they stand; a claim of several parts has several keys."""
+"""The paper's claims by key: figure, claim and the paper's value. A claim with several parts has several keys."""
 
 REPRODUCED, DIFFERS = "reproduced", "differs"
 
 
 class Answer(NamedTuple):
-    """Our value for a claim."""
+    """The value found here for a claim."""
 
     ours: str
     good: bool
-    """Whether it is the paper's, within one step of the grid for places on an axis, 5 % for forces."""
+    """Whether it agrees with the paper: within one step of the grid for places on an axis, 5 % for forces."""
     why: str = ""
-    """Evidence for why, where it differs; or how it was decided."""
+    """Evidence: why it differs, or how it was decided."""
 
 
 def runs(mask: Iterable[bool], values: np.ndarray) -> list[tuple[float, float]]:
-    """First and last value of every unbroken run of True in `mask`."""
+    """First and last of the `values` in each unbroken run of True in `mask`."""
     padded = np.concatenate([[False], np.asarray(list(mask), bool), [False]])
     edges = np.flatnonzero(padded[1:] != padded[:-1])
     return [(float(values[a]), float(values[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def section_points(values: np.ndarray, tolerance: float = 0.01) -> np.ndarray:
-    """How many distinct points each case has on a section: values (cases, crossings), NaN where there is none.
+    """Number of distinct points of each case on a section, 0 where all its values are NaN.
 
     Points count as one where no gap between them exceeds `tolerance` of the whole diagram's extent.
+
+    **Arguments:** `values`: (cases, crossings), NaN where a case has fewer crossings.
     """
     ordered = np.sort(values, axis=-1)
-    extent = np.nanpercentile(values, 99) - np.nanpercentile(values, 1)
+    present = values[np.isfinite(values)]
+    extent = np.percentile(present, 99) - np.percentile(present, 1) if present.size else 0.0
     return np.sum(np.diff(ordered, axis=-1) > tolerance * extent, axis=-1) + np.isfinite(ordered[..., 0])
 
 
@@ -91,12 +94,12 @@ def show_ranges(ranges: list[tuple[float, float]], scale: float = 1.0, digits: i
 
 
 def near(ours: float | None, paper: float, step: float) -> bool:
-    """Whether our place on an axis is the paper's within a step of the grid."""
-    return ours is not None and abs(ours - paper) <= step * 1.001
+    """Whether a place on an axis is the paper's within a step of the grid; False for None and NaN."""
+    return ours is not None and bool(abs(ours - paper) <= step * 1.001)
 
 
 def named(kinds: Any, k: int) -> str:
-    """What the case number k settled to."""
+    """What case number k settled to, from `Attractors`."""
     period = int(kinds.period[k])
     return f"period-{period}" if period else str(kinds.kind[k])
 

@@ -1,4 +1,4 @@
-"""The paper's figures, laid out as there, from the runs of `slipperjax.paper`."""
+"""The paper's figures in the paper's layout, from the runs of `reproduce`."""
 
 from pathlib import Path
 from typing import Any
@@ -7,16 +7,17 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
-from . import plots
-from .analysis.spectrum import power_spectral_density
-from .answers import DUAL_LINES, F1, F2
-from .paper import Finished
+from ...analysis import power_spectral_density
+from ...flow import Status
+from ...plots import STYLE, bifurcations, exponents, phase_portrait, spectrum
+from .runs import Finished
+from .verdicts import DUAL_LINES, F1, F2
 
 _COLORS = {"A": "#12355b", "C": "#c1121f", "J": "#2a9d6f"}
 
 
 def write_figures(done: Finished, out: Path) -> list[Path]:
-    """Draws a run's figures, and writes them and the run's data into the folder `out`."""
+    """Draws a run's figures, and writes them and the run's data into the folder `out`; gives the paths."""
     written = []
     for name, ds in done.outcome.data.items():
         path = out / f"{name}.nc"
@@ -24,7 +25,7 @@ def write_figures(done: Finished, out: Path) -> list[Path]:
         written.append(path)
     for figure in done.figures:
         path = out / (f"fig{figure}.png" if figure.isdigit() else f"{figure}.png")
-        with plt.rc_context(plots.STYLE):
+        with plt.rc_context(STYLE):
             drawn = _DRAW[figure](done.outcome.data)
         drawn.savefig(path, dpi=200)
         plt.close(drawn)
@@ -38,26 +39,39 @@ def _figure_4(data: dict[str, xr.Dataset]) -> Any:
         case = data["histories"].isel(case=k)
         speed = float(case["speed"])
         time = case["period"].values - case["period"].values[0]
+        row[0].set_title(f"V = {speed:.0f} m/s", fontsize=8, loc="left")
+        if _flagged(case, row):
+            continue
         row[0].plot(time, case["alpha_x"].values / 1e3, lw=0.5, color=_COLORS["A"])
         row[0].set(xlim=(0, 12), xlabel="time [forcing periods]", ylabel=r"$\alpha_X$ [krad/s$^2$]")
-        row[0].set_title(f"V = {speed:.0f} m/s", fontsize=8, loc="left")
         found = power_spectral_density(case["alpha_x"].values, 50 * speed / 8)
-        plots.spectrum(found.frequency / (speed / 8), found.density, row[1], unit="(rad/s^2)^2/Hz", highest=4)
+        spectrum(found.frequency / (speed / 8), found.density, row[1], unit="(rad/s^2)^2/Hz", highest=4)
         top = float(np.max(found.density))
-        row[1].set(xlabel="frequency / $f$", ylim=(top * 1e-10, top * 10))  # below is rounding
-        plots.phase_portrait(case, "roll", "w_x", row[2])
+        row[1].set(xlabel="frequency / $f$", ylim=(top * 1e-10, top * 10))  # what is below this is rounding
+        phase_portrait(case, "roll", "w_x", row[2])
     return figure
+
+
+def _flagged(case: xr.Dataset, axes: Any) -> bool:
+    """Whether a case is flagged, which is then written into its panels."""
+    status = Status(int(case["status"]))
+    for ax in axes:
+        if status != Status.FINITE:
+            ax.text(0.5, 0.5, f"flagged: {status.name}", transform=ax.transAxes, ha="center", va="center")
+    return status != Status.FINITE
 
 
 def _figure_7(data: dict[str, xr.Dataset]) -> Any:
     figure, axes = plt.subplots(2, 3, figsize=(7.2, 4.2), layout="constrained")
     for k, row in zip((3, 4), axes, strict=True):
         case = data["histories"].isel(case=k)
+        row[0].set_title(f"C = {float(case['clearance']) * 1e3:.0f} mm", fontsize=8, loc="left")
+        if _flagged(case, row):
+            continue
         row[0].plot(case["y"].values * 1e3, case["z"].values * 1e3, lw=0.35, color=_COLORS["A"])
         row[0].set(xlabel="$y$ [mm]", ylabel="$z$ [mm]")
-        row[0].set_title(f"C = {float(case['clearance']) * 1e3:.0f} mm", fontsize=8, loc="left")
-        plots.phase_portrait(case, "y", "v_y", row[1])
-        plots.phase_portrait(case, "z", "v_z", row[2])
+        phase_portrait(case, "y", "v_y", row[1])
+        phase_portrait(case, "z", "v_z", row[2])
     return figure
 
 
@@ -65,12 +79,14 @@ def _figure_12(data: dict[str, xr.Dataset]) -> Any:
     figure, axes = plt.subplots(2, 1, figsize=(3.5, 4.2), sharex=True, layout="constrained")
     for k, ax in zip((5, 6), axes, strict=True):
         case = data["histories"].isel(case=k)
+        ax.set_title(f"L = {float(case['length']):.1f} m", fontsize=8, loc="left")
+        if _flagged(case, [ax]):
+            continue
         time = case["period"].values - case["period"].values[0]
         for point, color in _COLORS.items():
             force = case["contact_force"].sel(end="rear", point=point).values
             ax.plot(time, force / 1e3, lw=0.6, color=color, label=f"{point}2: peak {force.max():.0f} N")
         ax.set(xlim=(0, 12), ylabel="contact force [kN]")
-        ax.set_title(f"L = {float(case['length']):.1f} m", fontsize=8, loc="left")
         ax.set_ylim(top=1.3 * float(case["contact_force"].sel(end="rear", point=list(_COLORS)).max()) / 1e3)
         ax.legend(fontsize=6, ncols=3, loc="upper center", handlelength=1.0, columnspacing=1.0)
     axes[-1].set_xlabel("time [forcing periods]")
@@ -80,8 +96,10 @@ def _figure_12(data: dict[str, xr.Dataset]) -> Any:
 def _figure_13(data: dict[str, xr.Dataset]) -> Any:
     ds = data["dual"]
     figure, axes = plt.subplots(3, 1, figsize=(3.5, 5.4), sharex=True, layout="constrained")
+    if _flagged(ds.isel(speed=0), axes):
+        return figure
     for ax, name, label in zip(axes, ("a_z", "alpha_x", "alpha_y"), ("A_Z", r"\alpha_X", r"\alpha_Y"), strict=True):
-        plots.spectrum(ds["frequency"], ds[f"{name}_density"], ax, unit=ds[f"{name}_density"].units, highest=520)
+        spectrum(ds["frequency"], ds[f"{name}_density"], ax, unit=ds[f"{name}_density"].units, highest=520)
         top = float(np.max(ds[f"{name}_density"]))
         for text, (m, n) in DUAL_LINES.items():
             ax.annotate(text, (F1 * m + F2 * n, top * 3), rotation=90, fontsize=4.5, ha="center", va="bottom")
@@ -93,10 +111,12 @@ def _figure_13(data: dict[str, xr.Dataset]) -> Any:
 def _basins(data: dict[str, xr.Dataset]) -> Any:
     ds = data["basins"]
     figure, ax = plt.subplots(figsize=(3.5, 3.1), layout="constrained")
-    shown = np.minimum(ds["attractor"].values.T, 7)
+    found = ds["attractor"].values.T
+    shown = np.ma.masked_where(found < 0, np.minimum(found, 7))  # flagged cases stay white
     mesh = ax.pcolormesh(ds["start_v_y"], ds["start_v_z"], shown, cmap="tab10", vmin=-0.5, vmax=9.5)
-    bar = figure.colorbar(mesh, ax=ax, ticks=range(int(shown.max()) + 1), label="attractor, by falling basin")
-    bar.ax.set_ylim(-0.5, shown.max() + 0.5)
+    most = int(np.clip(found.max(), 0, 7))
+    bar = figure.colorbar(mesh, ax=ax, ticks=range(most + 1), label="attractor, by falling basin")
+    bar.ax.set_ylim(-0.5, most + 0.5)
     ax.set(xlabel="start $V_Y$ [m/s]", ylabel="start $V_Z$ [m/s]")
     return figure
 
@@ -104,7 +124,7 @@ def _basins(data: dict[str, xr.Dataset]) -> Any:
 def _exponents(name: str) -> Any:
     def draw(data: dict[str, xr.Dataset]) -> Any:
         figure, ax = plt.subplots(figsize=(3.5, 2.4), layout="constrained")
-        plots.exponents(data[name], ax)
+        exponents(data[name], ax)
         return figure
 
     return draw
@@ -112,13 +132,13 @@ def _exponents(name: str) -> Any:
 
 _DRAW = {
     "4": _figure_4,
-    "5": lambda data: plots.bifurcations(data["speed"], followed=data["speed_followed"])[0].figure,
+    "5": lambda data: bifurcations(data["speed"], followed=data["speed_followed"])[0].figure,
     "6": _exponents("speed_exponents"),
     "7": _figure_7,
-    "8": lambda data: plots.bifurcations(data["clearance"])[0].figure,
+    "8": lambda data: bifurcations(data["clearance"])[0].figure,
     "9": _exponents("clearance_exponents"),
     "11": _exponents("length_exponents"),
-    "10": lambda data: plots.bifurcations(data["length"])[0].figure,
+    "10": lambda data: bifurcations(data["length"])[0].figure,
     "12": _figure_12,
     "13": _figure_13,
     "basins": _basins,

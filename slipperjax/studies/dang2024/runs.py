@@ -1,7 +1,7 @@
 """The study of Dang et al. 2024 as runs: few large batches, from which its figures and answers are made.
 
-`reproduce` runs what the figures that are asked for need. Whatever is swept is one list of cases, so that few
-programs are compiled.
+`reproduce` runs what the requested figures need. All sweeps of a run are one list of cases, so that few programs are
+compiled.
 """
 
 import functools
@@ -13,13 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from . import answers
-from .branches import Jump, attractors, find_jump, groups
-from .checks import one_of, whole
-from .claims import Answer, named, runs, section_points, show_ranges
-from .scene import paper_scene
-from .spectra import lyapunov_sweep
-from .sweep import follow, sweep
+from ...flow import Status
+from ...model import paper_scene
+from ...sweeps import Jump, attractors, find_jump, follow, groups, lyapunov_sweep, sweep
+from ...tools import one_of, whole
+from . import verdicts
+from .claims import Answer, named, runs, show_ranges
 
 
 class Effort(NamedTuple):
@@ -54,7 +53,7 @@ STEPS, STEPS_SLOW = 100, 200
 
 
 class Outcome(NamedTuple):
-    """What one figure's run gave."""
+    """The result of a run."""
 
     data: dict[str, xr.Dataset]
     """Datasets by name, for the figure and for a file."""
@@ -79,29 +78,20 @@ def cases(effort: Effort) -> dict[str, dict[str, np.ndarray]]:
     }
 
 
+def steps_of(speeds: np.ndarray) -> np.ndarray:
+    """Integration steps per forcing period of cases with these speeds [m/s]."""
+    return np.where(speeds < SLOW, STEPS_SLOW, STEPS)
+
+
 def _joined(run: Callable, effort: Effort, names: list[str], **options: Any) -> dict[str, xr.Dataset]:
     """Runs some of the lists of `cases` as one, and gives the results by name, along what varies in each."""
     lists = [cases(effort)[name] for name in names]
     grid = {key: np.concatenate([part[key] for part in lists]) for key in lists[0]}
-    slow = grid["speed"] < SLOW
-    done = []
-    for chosen, steps in ((slow, STEPS_SLOW), (~slow, STEPS)):
-        if np.any(chosen):
-            some = {key: values[chosen] for key, values in grid.items()}
-            options |= dict(product=False, transient=effort.transient, steps_per_period=steps)
-            done.append(_numbered(run(paper_scene(), some, **options), np.flatnonzero(chosen)))
-    ds = xr.concat(done, "case", join="outer").sortby("case").drop_vars(["case", "crossing"], errors="ignore")
+    options |= dict(product=False, transient=effort.transient, steps_per_period=steps_of(grid["speed"]))
+    ds = run(paper_scene(), grid, **options)
     ends = np.cumsum([len(part["speed"]) for part in lists])
     parts = {n: ds.isel(case=slice(b - len(p["speed"]), b)) for n, p, b in zip(names, lists, ends, strict=True)}
     return {name: part if name == "histories" else part.swap_dims({"case": name}) for name, part in parts.items()}
-
-
-def _numbered(ds: xr.Dataset, at: np.ndarray) -> xr.Dataset:
-    """The cases with their places `at` in a longer list, as a part to be joined with others."""
-    steps = xr.DataArray(np.full(len(at), ds.attrs.pop("steps_per_period")), dims="case")
-    ds = ds.assign_coords(case=at, steps_per_period=steps.assign_attrs(units="1", long_name="steps per period"))
-    # the most crossings of any case are not the same in all parts
-    return ds.assign_coords(crossing=np.arange(ds.sizes["crossing"])) if "crossing" in ds.dims else ds
 
 
 def motions(effort: Effort, wanted: set[str], options: dict) -> Outcome:
@@ -115,7 +105,7 @@ def motions(effort: Effort, wanted: set[str], options: dict) -> Outcome:
         grid = cases(effort)["histories"]
         ds = sweep(paper_scene(), grid, product=False, steps_per_period=STEPS, **common, **options)
         data["histories"] = ds
-        found |= answers.histories(ds, data["sections"], effort.judged)
+        found |= verdicts.histories(ds, data["sections"], effort.judged)
     if "speed" in parts:
         speeds = parts["speed"]["speed"].values
         common = dict(transient=effort.follow_transient, steps_per_period=STEPS, **options)
@@ -123,17 +113,17 @@ def motions(effort: Effort, wanted: set[str], options: dict) -> Outcome:
         data["speed_followed"] = followed
         with ThreadPoolExecutor() as pool:
             up, down = pool.map(functools.partial(_jump, speeds[speeds >= 1500]), ("up", "down"))
-        found |= answers.over_speed(parts["speed"], up, down, effort.judged)
+        found |= verdicts.over_speed(parts["speed"], up, down, effort.judged)
     if "clearance" in parts:
-        found |= answers.over_clearance(parts["clearance"], effort.judged)
+        found |= verdicts.over_clearance(parts["clearance"], effort.judged)
     if "length" in parts:
-        found |= answers.over_length(parts["length"], effort.judged)
+        found |= verdicts.over_length(parts["length"], effort.judged)
     return Outcome(data, found)
 
 
-def _jump(speeds: np.ndarray, direction: str) -> Jump | None:
+def _jump(speeds: np.ndarray, direction: str) -> Jump:
     """Where a followed motion leaves the branch on which it leans, or returns to it."""
-    # above the scatter of chaotic motions' means, and below the height of that branch
+    # The threshold is above the scatter of the chaotic motions' means, and below the height of that branch.
     return find_jump(paper_scene(), {"speed": speeds}, direction=direction, threshold=4.0, steps_per_period=STEPS)
 
 
@@ -144,30 +134,30 @@ def exponents(effort: Effort, wanted: set[str], options: dict) -> Outcome:
     parts = _joined(lyapunov_sweep, effort, names, periods=effort.counted, **options)
     found = {}
     if "speed" in parts:
-        found |= answers.exponents_over_speed(parts["speed"])
+        found |= verdicts.exponents_over_speed(parts["speed"])
     if "clearance" in parts:
-        found |= answers.exponents_over_clearance(parts["clearance"])
+        found |= verdicts.exponents_over_clearance(parts["clearance"])
     if "length" in parts:
-        found |= answers.exponents_over_length(parts["length"])
+        found |= verdicts.exponents_over_length(parts["length"])
     return Outcome({f"{name}_exponents": part for name, part in parts.items()}, found)
 
 
 def dual_frequency(effort: Effort, wanted: set[str], options: dict) -> Outcome:
     """Fig. 13: spectra under two wavelengths."""
     scene = paper_scene(speed=1500.0, wavelengths=(10.0, 12.0))
-    # 180 periods of f1 are 150 of f2: both lines, and all their combinations, fall on a bin of the spectrum
+    # 180 periods of f1 are 150 of f2, so that both lines and all their combinations fall on a bin of the spectrum.
     common = dict(record="history", saves_per_period=50, steps_per_period=STEPS, periods=180)
     ds = sweep(scene, {"speed": [1500.0]}, transient=effort.transient, **common, **options)
-    ds, found = answers.dual_frequency(ds)
+    ds, found = verdicts.dual_frequency(ds)
     return Outcome({"dual": ds}, found)
 
 
 def basins(effort: Effort, wanted: set[str], options: dict) -> Outcome:
-    """Not in the paper: which attractor each start reaches at 1860 m/s, where the paper's and ours part."""
+    """Not in the paper: which attractor each start reaches at 1860 m/s, where this motion differs from its."""
     side = np.linspace(-1.5, 1.5, effort.basin)
     common = dict(transient=150, periods=20, record="strobe", steps_per_period=50)
     ds = sweep(paper_scene(1860.0), {"v_y": side, "v_z": side}, **common, **options)
-    label = {"long_name": "attractor, by falling size of its basin"}
+    label = {"long_name": "attractor, by falling size of its basin; -1 for flagged cases"}
     ds["attractor"] = (("start_v_y", "start_v_z"), groups(ds), label)
     return Outcome({"basins": ds}, {})
 
@@ -182,7 +172,7 @@ CONVENTIONS = {
 
 
 def readings(effort: Effort, options: dict) -> list[dict[str, str]]:
-    """The claims that differ, under each of `CONVENTIONS`: rows of a table."""
+    """The claims that differ, under each of `CONVENTIONS`: rows of a table, without flagged cases."""
     table = []
     slow, fast = np.arange(760.0, 1061.0, 20.0), np.arange(1780.0, 1981.0, 20.0)
     wide = np.arange(2.4e-3, 2.81e-3, 0.05e-3)
@@ -195,24 +185,27 @@ def readings(effort: Effort, options: dict) -> list[dict[str, str]]:
         grid = dict(speed=speeds, clearance=clearances * (2 if per_face else 1), length=lengths)
         ds = sweep(scene, grid, **common)
         last = {k: v[-2:] for k, v in grid.items()}
-        peak = sweep(scene, last, record="history", saves_per_period=50, periods=60, **common)["contact_force"]
+        history = sweep(scene, last, record="history", saves_per_period=50, periods=60, **common)
         kinds = attractors(ds)
         parts = np.split(np.arange(len(speeds)), np.cumsum([len(slow), len(fast), len(wide)]))
-        points = section_points(ds["v_y"].values[parts[0]])
-        mean = np.nanmean(ds["v_y"].values[parts[1]], axis=-1)
-        drop = int(np.nanargmin(np.diff(mean)))
-        wild = wide[kinds.kind[parts[2]] != "period"] * 1e3
+        good = verdicts.good_cases(ds)
+        points = verdicts.case_points(ds.isel(case=parts[0]), "v_y")
+        drop = verdicts.greatest_drop(fast, verdicts.case_means(ds.isel(case=parts[1]), "v_y"))
+        wild = wide[(kinds.kind[parts[2]] != "period") & good[parts[2]]] * 1e3
         at_900 = int(np.argmin(abs(slow - 900)))
         row = {
             "reading": name,
             "N1 900 m/s": named(kinds, at_900),
             "N4 three points in V_Y (820..980 m/s)": show_ranges(runs(points == 3, slow)),
-            "N4 drop (1810 m/s)": f"{fast[drop]:.0f}..{fast[drop + 1]:.0f}",
+            "N4 drop (1810 m/s)": "none" if drop is None else f"{drop[0]:.0f}..{drop[1]:.0f}",
             "N11 not periodic from (2.575 mm)": f"{wild[0]:.4g}" if wild.size else "not up to 2.8",
         }
         for k, (length, stated) in enumerate(((0.1, "1977, 8807, 5447"), (0.4, "4256, 12824, 20365"))):
-            ours = [float(peak.isel(case=k).max("time").sel(end="rear", point=p)) for p in "ACJ"]
-            row[f"N14 L = {length} m ({stated} N)"] = ", ".join(f"{v:.0f}" for v in ours)
+            case = history.isel(case=k)
+            peaks = case["contact_force"].max("time").sel(end="rear", point=list("ACJ")).values
+            text = ", ".join(f"{v:.0f}" for v in peaks) if case["status"] == Status.FINITE else "flagged"
+            row[f"N14 L = {length} m ({stated} N)"] = text
+        row["cases flagged"] = f"{np.sum(~good)} of {good.size}"
         table.append(row)
     return table
 
@@ -229,11 +222,11 @@ FIGURES = tuple(f for figures, _ in RUNS.values() for f in figures)
 
 
 class Finished(NamedTuple):
-    """One run that is done."""
+    """A finished run."""
 
     name: str
     figures: tuple[str, ...]
-    """Those that were asked for."""
+    """The requested ones."""
     outcome: Outcome
     seconds: float
 

@@ -1,0 +1,198 @@
+"""Error against cost: every method on every scene, measured side by side.
+
+The error is the worst difference of a state from the reference at the ends of the periods, in units of 1 mm, 10 mrad,
+1 m/s and 10 rad/s, in the median over a batch of neighbouring cases, because a single case may be accurate by chance.
+The cost is microseconds per trajectory and forcing period without compiling. Each period is timed by itself, several
+times over: best and median are sums over the periods of the least and of the middle times. The pictures show the
+best, which other programs on the machine disturb the least.
+"""
+
+import dataclasses
+import functools
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..flow import ConstantSteps, ControlledSteps, advance, coordinates, initial_states
+from ..model import COORDINATE_SCALES
+from ..solvers import AdaptiveSteps
+from ..sweeps import Cases, make_plan
+from ..tools import whole
+from .methods import METHODS, Case, Method, all_cases
+from .peers import PEERS, AbstractPeer
+from .work_precision import Point, mbdyn_points
+
+REFERENCE_STEPS = 12_800
+"""Steps per period of the reference, RK4 with the event latch."""
+ENOUGH = 10.0
+"""Seconds of one point's timed runs after which it is not repeated."""
+SPREAD = 0.02
+"""The batch's speeds reach from 1 - SPREAD to 1 + SPREAD times the scene's."""
+FIRST = 200
+"""Adaptive runs begin each period with a step of one period over this."""
+
+
+def run(
+    case: Case, method: Method, setting: float, speeds: np.ndarray, workers: int | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Integrates a batch period by period, its chunks side by side; in one chunk where `calls_lapack`.
+
+    **Returns:** the states (lanes, periods, 10), and what each period took [s].
+    """
+    scene = dataclasses.replace(case.scene, memory=method.memory)
+    cases = Cases(scene, {"speed": speeds}, case.start, product=False)
+    plan = make_plan(
+        scene, cases, record="strobe", transient=0, periods=case.periods, steps_per_period=1, solver=method.solver
+    )  # for its chunks and threads
+    chunks, threads = plan.chunks(None, workers)
+    if method.adaptive:
+        # rtol, atol and norm are properties of it, and no arguments
+        controller = AdaptiveSteps(jnp.asarray(setting))  # pyright: ignore[reportCallIssue]
+        stepping = ControlledSteps(FIRST, controller)
+    else:
+        stepping = ConstantSteps(steps=jnp.asarray(setting))  # an array: one program serves every number
+    batches = [cases.take(chunk.index) for chunk in chunks]
+    states = [initial_states(*batch) for batch in batches]
+
+    def one_period(batch, state, epoch):
+        done = advance(batch[0], state, epoch, stepping, solver=plan.solver, periods=1)
+        return jax.block_until_ready(done.state)
+
+    kept, seconds = [], []
+    with ThreadPoolExecutor(threads) as pool:
+        side_by_side = pool.map if threads > 1 else map
+        for k in range(case.periods):
+            begin = time.perf_counter()
+            states = list(side_by_side(functools.partial(one_period, epoch=float(k)), batches, states))
+            seconds.append(time.perf_counter() - begin)
+            ends = [coordinates(s)[: c.cases] for s, c in zip(states, chunks, strict=True)]
+            kept.append(np.concatenate(ends))
+    return np.stack(kept, axis=1), np.array(seconds)
+
+
+def batch_speeds(case: Case, lanes: int) -> np.ndarray:
+    """Speeds [m/s] of a batch about the scene's own, which is the only one of a batch of one."""
+    return float(case.scene.speed) * (1 + (np.linspace(-SPREAD, SPREAD, lanes) if lanes > 1 else np.zeros(1)))
+
+
+def errors(states: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Worst scaled error of each case, infinite where it is not finite; states are (cases, periods, 10)."""
+    worst = np.max(np.abs(states - truth) / COORDINATE_SCALES, axis=(1, 2))
+    return np.where(np.isfinite(worst), worst, np.inf)
+
+
+def cost_of(seconds: np.ndarray, lanes: int) -> tuple[float, float]:
+    """Best and median microseconds per trajectory and period from the periods' seconds (repeats, periods)."""
+    of = lambda pick: float(1e6 * np.mean(pick(seconds, axis=0)) / lanes)
+    return of(np.min), of(np.median)
+
+
+def measure(
+    case: Case,
+    methods: Iterable[Method],
+    *,
+    batches: tuple[int, ...] = (241, 1),
+    repeats: int = 5,
+    reference_steps: int = REFERENCE_STEPS,
+    peers: Iterable[AbstractPeer] = PEERS,
+    workers: int | None = None,
+    settings: slice = slice(None),
+) -> Iterator[Point]:
+    """The points of one scene.
+
+    All errors come first. Then all costs are measured `repeats` times in rounds over all points, so that slow changes
+    of the machine's speed affect all points alike. An interrupt after the first round ends the rounds.
+
+    **Arguments:** `batches`: numbers of trajectories to time, the first of which gives the errors; `repeats`: timed
+    runs of each, fewer where they take longer than `ENOUGH`; `workers`: threads, as for `sweep`; `settings`: which
+    of each method's settings.
+    """
+    speeds = batch_speeds(case, batches[0])
+    truth, _ = run(case, METHODS[0], float(reference_steps), speeds, workers)
+    found, runs = [], []
+    for method in methods:
+        for value in method.settings[settings]:
+            setting = method.setting(case, value)
+            if not method.adaptive and setting > reference_steps / 2:
+                continue
+            some = {lanes: batch_speeds(case, lanes)[:: method.stride] for lanes in batches}
+            own = {n: functools.partial(run, case, method, setting, some[n], workers) for n in batches}
+            states = [go()[0] for go in own.values()]  # compiles, too
+            error = np.median(errors(states[0], truth[:: method.stride]))
+            found.append((method.name, method.label(case, value), error, {n: len(some[n]) for n in batches}))
+            runs.append(own)
+            print(f"{case.name}: {', '.join(found[-1][:2])}: error {found[-1][2]:.1e}", file=sys.stderr)
+    seconds = [{lanes: [] for lanes in own} for own in runs]
+    for k in range(repeats):
+        try:
+            for own, mine in zip(runs, seconds, strict=True):
+                for lanes, go in own.items():
+                    if np.sum(mine[lanes]) < ENOUGH:
+                        mine[lanes].append(go()[1])
+        except KeyboardInterrupt:
+            if k == 0:
+                raise
+            break  # what was timed until then counts
+        print(f"{case.name}: timed round {k + 1} of {repeats}", file=sys.stderr)
+    for (name, label, error, run_lanes), mine in zip(found, seconds, strict=True):
+        cost = {lanes: cost_of(np.array(taken), run_lanes[lanes]) for lanes, taken in mine.items()}
+        yield Point(case.name, name, label, float(error), cost)
+    for peer in peers:
+        for setting, states, taken, picked in peer.runs(case, speeds):
+            error = float(np.median(errors(states, truth[picked])))
+            best, median = (1e6 * s / case.periods for s in taken)
+            yield Point(case.name, peer.name, setting, error, {1: (best, median)})
+
+
+def bench(
+    *,
+    quick: bool = False,
+    cases: Iterable[str] | None = None,
+    methods: Iterable[str] | None = None,
+    batches: Iterable[int] | None = None,
+    repeats: int = 5,
+    report: Callable[[Point], None] = lambda point: None,
+) -> Iterator[tuple[list[Point], tuple[int, ...]]]:
+    """Measures, and yields the points so far and the batch sizes whenever a scene is done.
+
+    **Arguments:** `quick`: two scenes, the methods marked so, and the batch alone; `cases`, `methods`: names of some
+    only; `batches`: numbers of trajectories to run at once, the first of which gives the errors, by default 241 and
+    1, and 241 where quick; `repeats`: timed runs of each point; `report`: called with each point.
+
+    **Raises:** `ValueError` where a name is unknown, before anything is measured.
+    """
+    repeats = whole("repeats", repeats, 1)
+    batches = tuple(whole("batches", n, 1) for n in batches or ((241,) if quick else (241, 1)))
+    chosen = _named("cases", all_cases(), cases, lambda c: not quick or c.name in ("nominal", "K = 1e10"))
+    rows = _named("methods", METHODS, methods, lambda m: not quick or m.quick)
+    options: dict[str, Any] = dict(batches=batches, repeats=2 if quick else repeats)
+    if quick:
+        options |= dict(settings=slice(0, 4), reference_steps=3200, peers=[p for p in PEERS if p.quick])
+    return _scenes(chosen, rows, options, report)
+
+
+def _scenes(cases, methods, options, report):
+    points, batches = [], options["batches"]
+    for case in cases:
+        for point in measure(case, methods, **options):
+            points.append(point)
+            report(point)
+        points += mbdyn_points([case.name])
+        yield points, batches if 1 in batches else (*batches, 1)
+
+
+def _named(argument: str, rows: Iterable[Any], names: Iterable[str] | None, otherwise: Callable) -> list:
+    rows = list(rows)
+    if names is None:
+        return [row for row in rows if otherwise(row)]
+    known = {row.name: row for row in rows}
+    for name in names:
+        if name not in known:
+            raise ValueError(f"Argument `{argument}` must be of {'; '.join(known)}, but has {name!r}.")
+    return [known[name] for name in names]

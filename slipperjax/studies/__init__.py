@@ -1,0 +1,1 @@
+"""Studies: published work reproduced, one package each."""

@@ -1,0 +1,109 @@
+"""The paper's figures from made data: what each panel shows, and what becomes of flagged cases."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import xarray as xr
+
+from slipperjax.studies.dang2024 import figures, verdicts, write_figures
+from slipperjax.studies.dang2024.runs import Finished, Outcome
+
+from . import made
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    yield
+    assert not plt.get_fignums()
+
+
+@pytest.fixture
+def drawn():
+    """Draws a figure, and closes it at the end."""
+    made_figures = []
+
+    def draw(name, data):
+        made_figures.append(figures._DRAW[name](data))
+        return made_figures[-1]
+
+    yield draw
+    for figure in made_figures:
+        plt.close(figure)
+
+
+def texts(ax):
+    return [text.get_text() for text in ax.texts]
+
+
+def test_figures_and_data_are_written(tmp_path):
+    ds, _ = verdicts.dual_frequency(made.two_waves())
+    done = Finished("dual frequency", ("13",), Outcome({"dual": ds}, {}), 1.0)
+    assert write_figures(done, tmp_path) == [tmp_path / "dual.nc", tmp_path / "fig13.png"]
+    with xr.open_dataset(tmp_path / "dual.nc", engine="h5netcdf") as stored:
+        np.testing.assert_array_equal(stored["a_z_density"].values, ds["a_z_density"].values)
+    assert plt.imread(tmp_path / "fig13.png").shape == (1080, 700, 4)
+
+
+def test_single_cases(drawn):
+    history, sections = made.singles()
+    figure = drawn("4", {"histories": history, "sections": sections})
+    assert [ax.get_title("left") for ax in figure.axes[::3]] == ["V = 900 m/s", "V = 1500 m/s", "V = 2300 m/s"]
+    shown = figure.axes[4].lines[0]  # the spectrum at 1500 m/s has its lines at f, 2f and 3f
+    x, y = shown.get_xdata(), shown.get_ydata()
+    assert [
+        round(float(x[(x > k - 0.5) & (x < k + 0.5)][np.argmax(y[(x > k - 0.5) & (x < k + 0.5)])]), 2)
+        for k in (1, 2, 3)
+    ] == [1, 2, 3]
+    assert len(drawn("7", {"histories": history}).axes) == 6
+    labels = [
+        text.get_text() for ax in drawn("12", {"histories": history}).axes for text in ax.get_legend().get_texts()
+    ]
+    assert labels[:3] == ["A2: peak 1977 N", "C2: peak 8807 N", "J2: peak 5447 N"]
+
+
+def test_flagged_cases_are_named_in_their_panels(drawn):
+    history, sections = made.singles()
+    for k in (2, 3, 6):
+        history["status"][k] = 1
+        history["alpha_x"][k] = np.nan
+    data = {"histories": history, "sections": sections}
+    four, seven, twelve = (drawn(name, data).axes for name in ("4", "7", "12"))
+    lost = ["flagged: NOT_FINITE"]
+    assert [texts(ax) == lost for ax in four] == [False] * 6 + [True] * 3
+    assert [texts(ax) == lost for ax in seven] == [True] * 3 + [False] * 3
+    assert [texts(ax) == lost for ax in twelve] == [False, True]
+    assert four[6].get_title("left") == "V = 2300 m/s"
+    dual = made.two_waves()
+    dual["status"][0] = 2
+    ds, _ = verdicts.dual_frequency(dual)
+    assert [texts(ax) for ax in drawn("13", {"dual": ds}).axes] == [["flagged: DERAILED"]] * 3
+
+
+def test_lines_are_named_in_figure_13(drawn):
+    ds, _ = verdicts.dual_frequency(made.two_waves())
+    axes = drawn("13", {"dual": ds}).axes
+    assert all(texts(ax) == list(verdicts.DUAL_LINES) for ax in axes)
+    assert axes[0].texts[0].get_position()[0] == 150
+
+
+def test_basins_leave_flagged_starts_white(drawn):
+    found = np.array([[0, 1, -1], [2, 9, 0]])
+    starts = {"start_v_y": [0.0, 1.0], "start_v_z": [0.0, 1.0, 2.0]}
+    ds = xr.Dataset({"attractor": (("start_v_y", "start_v_z"), found)}, starts)
+    ax, bar = drawn("basins", {"basins": ds}).axes
+    shown = ax.collections[0].get_array()
+    assert shown.mask.tolist() == [[False, False], [False, False], [True, False]]
+    assert shown.max() == 7  # further ones share a colour
+    assert bar.get_ylim() == (-0.5, 7.5)
+    lost = ds.assign(attractor=ds["attractor"] * 0 - 1)
+    assert drawn("basins", {"basins": lost}).axes[0].collections[0].get_array().mask.all()
+
+
+def test_diagrams_and_exponents_are_over_their_parameter(drawn):
+    ds = made.clearances_as_claimed()
+    assert len(drawn("8", {"clearance": ds}).axes) == 5
+    found = made.exponents("length", np.linspace(0.1, 0.5, 9), np.arange(9) < 2)
+    found["regime"] = ("length", np.where(np.arange(9) < 2, "chaotic", "periodic"))
+    ax = drawn("11", {"length_exponents": found}).axes[0]
+    assert "length" in ax.get_xlabel()
+    np.testing.assert_allclose(ax.get_xlim(), (0.1, 0.5), atol=0.03)
