@@ -33,6 +33,7 @@ from .model import paper_section as paper_section  # noqa: E402
 from .model import reactions as reactions  # noqa: E402
 from .model import table_2_start as table_2_start  # noqa: E402
 from .model import vector_field as vector_field  # noqa: E402
+from .orbits import lyapunov_spectrum as lyapunov_spectrum  # noqa: E402
 from .solvers import RK4 as RK4  # noqa: E402
 from .solvers import ROS34PW2 as ROS34PW2  # noqa: E402
 from .solvers import AdaptiveSteps as AdaptiveSteps  # noqa: E402
@@ -42,7 +43,6 @@ from .solvers import Rodas4 as Rodas4  # noqa: E402
 from .solvers import Tsit5 as Tsit5  # noqa: E402
 from .solvers import TwoStep as TwoStep  # noqa: E402
 from .solvers import choose_solver as choose_solver  # noqa: E402
-from .orbits import lyapunov_spectrum as lyapunov_spectrum  # noqa: E402
 from .sweeps import follow as follow  # noqa: E402
 from .sweeps import lyapunov_sweep as lyapunov_sweep  # noqa: E402
 from .sweeps import sweep as sweep  # noqa: E402

@@ -22,6 +22,7 @@ from .status import Status, status_of, with_resolution
 from .stepping import AbstractStepping, as_stepping
 from .tangents import tangent_weights
 
+
 class Passage(NamedTuple):
     """What a run over some forcing periods gives."""
 

@@ -38,7 +38,8 @@ class AbstractRecorder(abc.ABC):
         """What is kept of one period, inside the compiled program.
 
         **Arguments:** `states`: at both ends of every step, leading axis `most` + 1, of which the first `steps` + 1
-        count (the others repeat the start); `args`: scene and epoch; `steps`: integration steps per period, an `int` or traced.
+        count (the others repeat the start); `args`: scene and epoch; `steps`: integration steps per period, an `int`
+        or traced.
         """
         raise NotImplementedError(f"{type(self).__name__} keeps ends of periods only.")
 

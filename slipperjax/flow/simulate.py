@@ -130,7 +130,8 @@ def simulate(
     - `saves_per_period`: saved states per forcing period, a divisor of `steps_per_period`; default 50, or
         `steps_per_period` where that is given and no multiple of 50.
     - `adjoint`: for a step size controller only, as constant steps can be differentiated in both modes: default
-        `diffrax.ForwardMode()`, for `jax.jvp` and `jax.jacfwd`; `diffrax.RecursiveCheckpointAdjoint()` for `jax.grad`.
+        `diffrax.ForwardMode()`, for `jax.jvp` and `jax.jacfwd`; `diffrax.RecursiveCheckpointAdjoint()` for
+        `jax.grad`.
 
     **Returns:** a `Trajectory`, the start included.
 

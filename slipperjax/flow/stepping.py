@@ -125,9 +125,10 @@ class ConstantSteps(AbstractStepping):
         return Period(end, states, self.number, failed, None if begins else solver_state)
 
     def _counted(self, step, carry, inside):
-        """A loop over a number of steps that is not known to the program; entries beyond the last repeat the start."""
+        """A loop over a number of steps that the program does not know; entries beyond the last repeat the start."""
+        steps = jnp.asarray(self.steps).astype(int)
         if not inside:
-            return jax.lax.fori_loop(0, self.steps.astype(int), lambda k, c: step(c, k * 1.0), carry), None
+            return jax.lax.fori_loop(0, steps, lambda k, c: step(c, k * 1.0), carry), None
 
         def one(k, both):
             carry, states = both
@@ -135,7 +136,7 @@ class ConstantSteps(AbstractStepping):
             return carry, jax.tree.map(lambda room, a: room.at[k].set(a), states, carry[0])
 
         room = jax.tree.map(lambda a: jnp.broadcast_to(a[None], (self.most_inside, *a.shape)), carry[0])
-        return jax.lax.fori_loop(0, self.steps.astype(int), one, (carry, room))
+        return jax.lax.fori_loop(0, steps, one, (carry, room))
 
 
 class ControlledSteps(AbstractStepping):
@@ -175,7 +176,9 @@ class ControlledSteps(AbstractStepping):
             dt0=1 / self.samples if wanted is None else wanted,
             y0=state,
             args=args,
-            saveat=diffrax.SaveAt(subs=subs, solver_state=solver_state is not None, controller_state=wanted is not None),
+            saveat=diffrax.SaveAt(
+                subs=subs, solver_state=solver_state is not None, controller_state=wanted is not None
+            ),
             stepsize_controller=self.controller,
             adjoint=self.adjoint,
             max_steps=MOST_ADAPTIVE_STEPS,
@@ -189,13 +192,11 @@ class ControlledSteps(AbstractStepping):
             join = lambda a, ys: jnp.concatenate([a[None], ys[: self.samples]])
             states = jax.tree.map(join, state, solution.ys["inside"])
         failed = solution.result != diffrax.RESULTS.successful
-        carried = (
-            None if solver_state is None else solution.solver_state,
-            None if wanted is None else solution.controller_state[0],
-        )
+        wanted = None if solution.controller_state is None else solution.controller_state[0]
+        carried = None if solver_state is None else solution.solver_state, wanted
         return Period(end, states, solution.stats["num_steps"], failed, carried)
 
 
 def as_stepping(stepping: Any) -> AbstractStepping:
     """A stepping as it is, and a whole number as so many constant steps."""
-    return stepping if isinstance(stepping, AbstractStepping) else ConstantSteps(whole("steps_per_period", stepping, 1))
+    return stepping if isinstance(stepping, AbstractStepping) else ConstantSteps(stepping)

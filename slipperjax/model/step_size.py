@@ -62,7 +62,7 @@ def default_steps_per_period(scene: Scene) -> int:
     # without its tangent, a number that is differentiated is a plain number
     ratio = impacts_per_period(jax.lax.stop_gradient(scene))
     if isinstance(ratio, jax.core.Tracer):
-        raise ValueError("Argument `steps_per_period` must be given where the scene's numbers are traced (jit, vmap).")
+        raise ValueError("Argument `steps_per_period` must be given where the scene is traced (jit, vmap).")
     return int(steps_from_impacts(np.asarray(ratio)))
 
 
