@@ -101,9 +101,21 @@ class _Stopped(Exception):
     """Ends a chunk's thread after another one failed or the user interrupted."""
 
 
-def in_order(chunks: Sequence[Chunk], joined: Any) -> Any:
-    """Arrays of all chunks, joined one after the other with the lanes that fill them, in the order of the cases."""
-    lanes = np.cumsum([0, *(len(chunk.index) for chunk in chunks)])
-    rows = np.concatenate([at + np.arange(chunk.cases) for at, chunk in zip(lanes, chunks, strict=False)])
-    order = np.argsort(np.concatenate([chunk.index[: chunk.cases] for chunk in chunks]))
-    return joined[rows[order]]
+def in_order(chunks: Sequence[Chunk], parts: Sequence[np.ndarray]) -> np.ndarray:
+    """The chunks' arrays (lanes, ...) as one in the order of the cases, without the lanes that fill up chunks.
+
+    Where the chunks differ in their number of samples, the second axis, fewer are filled up with NaN.
+    """
+    cases = sum(chunk.cases for chunk in chunks)
+    samples = {part.shape[1:2] for part in parts}
+    shape = (cases, *max(samples), *parts[0].shape[2:])
+    found = np.empty(shape, parts[0].dtype) if len(samples) == 1 else np.full(shape, np.nan)
+    for chunk, part in zip(chunks, parts, strict=True):
+        within = tuple(slice(n) for n in part.shape[1:2])
+        found[chunk.index[: chunk.cases], *within] = part[: chunk.cases]
+    return found
+
+
+def records_in_order(chunks: Sequence[Chunk], records: Sequence[Any]) -> Any:
+    """The chunks' records as one, each of its arrays by `in_order`."""
+    return type(records[0])(*(in_order(chunks, parts) for parts in zip(*records, strict=True)))

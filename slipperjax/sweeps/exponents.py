@@ -96,7 +96,7 @@ def lyapunov_sweep(
 
     measured = BLOCK * (counted + 1) * (3 if certify else 1)
     runs = run_chunks(chunks, workers, work, periods=plan.periods + measured, progress=progress)
-    joined = lambda *parts: in_order(chunks, np.concatenate(parts))
+    joined = lambda *parts: in_order(chunks, parts)
     checks = [run.checks for run in runs]
     found = _Exponents(
         *(joined(*parts) for parts in zip(*(run[:3] for run in runs), strict=True)),

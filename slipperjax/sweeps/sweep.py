@@ -7,11 +7,11 @@ import diffrax
 import numpy as np
 import xarray as xr
 
-from ..flow import MEANINGS, check_start, initial_states, joined_cases, scene_attributes
+from ..flow import MEANINGS, check_start, initial_states, scene_attributes
 from ..model import Motion, Scene, table_2_start
 from ..solvers import solver_name
 from .cases import Cases, without_axes
-from .executors import ChunkRun, in_order, run_chunk, run_chunks
+from .executors import ChunkRun, in_order, records_in_order, run_chunk, run_chunks
 from .plan import Plan, make_plan
 
 
@@ -78,9 +78,8 @@ def sweep(
         return run_chunk(plan, scenes, initial_states(scenes, starts), chunk.steps, on_progress)
 
     runs = run_chunks(chunks, workers, work, periods=plan.periods, progress=progress)
-    record = joined_cases([run.record for run in runs])
-    record = type(record)(*(in_order(chunks, a) for a in record))
-    status = in_order(chunks, np.concatenate([run.status for run in runs]))
+    record = records_in_order(chunks, [run.record for run in runs])
+    status = in_order(chunks, [run.status for run in runs])
     return sweep_dataset(scene, plan, cases, ChunkRun(runs[0].state, status, record), plan.steps)
 
 
