@@ -89,10 +89,19 @@ class PeriodMap(eqx.Module):
         return Passage(end, record, with_resolution(code, scene, self.stepping.number), taken)
 
 
+def map_compiled(period_map: PeriodMap, state: State) -> State:
+    """`period_map(state)`, compiled once for all numbers of a scene."""
+    return call_compiled(_map, period_map, (), state)
+
+
+def _map(period_map: PeriodMap, static: tuple, state: State) -> State:
+    return period_map(state)
+
+
 def run_compiled(
     period_map: PeriodMap, start: Motion, periods: int, recorder: AbstractRecorder
 ) -> tuple[State, Passage]:
-    """The state at time zero of one case, and its run from there; compiled unless a transformation is at work."""
+    """The state at time zero of one case, and its run from there, compiled."""
     return call_compiled(_run, period_map, (periods, recorder), start)
 
 

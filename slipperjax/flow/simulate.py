@@ -22,7 +22,7 @@ from ..model import (
 )
 from ..solvers import check_error_estimate, resolve_controller, resolve_solver
 from ..tools import is_traced, jit, whole
-from .period_map import PeriodMap, run_compiled
+from .period_map import PeriodMap, map_compiled, run_compiled
 from .recorders import Samples, Strobe
 from .status import status_of, with_resolution
 from .stepping import ConstantSteps, ControlledSteps
@@ -46,7 +46,7 @@ def period_map(
     steps, periods = whole("steps_per_period", steps, 1), whole("periods", periods, 1)
     solver, controller = resolve_solver(scene, solver), resolve_controller(stepsize_controller)
     stepping = ConstantSteps(steps) if controller is None else _controlled(steps, controller, adjoint)
-    return PeriodMap(scene, stepping, solver).run(state, periods=periods).state
+    return map_compiled(PeriodMap(scene, stepping, solver, periods), state)
 
 
 def _controlled(samples: int, controller: Any, adjoint: diffrax.AbstractAdjoint | None) -> ControlledSteps:

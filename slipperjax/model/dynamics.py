@@ -56,7 +56,11 @@ def initial_state(scene: Scene, motion: Motion, epoch: Any = 0) -> State:
     if not jax.config.jax_enable_x64:
         # 32 bits are too few for the phase epoch + t, and for penetrations of micrometres beside metres
         raise ValueError("Option `jax_enable_x64` must be on, as slipperjax sets it on import, but is off.")
-    motion = jax.tree.map(lambda v: jnp.asarray(v, float), motion)
+    return _initial_state(scene, jax.tree.map(lambda v: jnp.asarray(v, float), motion), epoch)
+
+
+@jax.jit  # compiled once for all calls from Python; inside programs it is a part of them
+def _initial_state(scene: Scene, motion: Motion, epoch: Any) -> State:
     if not scene.contact.has_memory:
         return State(motion, None)
     now = contacts(rail_frame(scene, phase(0.0, epoch)), motion)
@@ -224,6 +228,7 @@ class Reactions(NamedTuple):
     """v_y', v_z' [m/s^2], w_x', w_y', w_z' [rad/s^2]."""
 
 
+@jax.jit
 def reactions(t: Any, state: State, args: Args) -> Reactions:
     """Contact forces, and the constraint reactions of Eq. (13): the drive force and the loads on the track nodes."""
     scene, m = args.scene, state.motion

@@ -12,9 +12,24 @@ import jax.numpy as jnp
 
 from ..analysis import LyapunovSpectrum, map_spectrum
 from ..flow import ConstantSteps, PeriodMap, check_start, status_of, tangent_weights, with_resolution
-from ..model import Motion, Scene, default_steps_per_period, initial_state, table_2_start
+from ..model import Motion, Scene, SmoothField, default_steps_per_period, initial_state, table_2_start, vector_field
 from ..solvers import resolve_solver
 from ..tools import whole
+
+
+def check_count(scene: Scene, count: int) -> int:
+    """The number of exponents asked for, at most as many as the scene's motion has dimensions.
+
+    Ten, and the memory of each point where that is integrated. A latched memory adds none: it follows from the motion
+    at the touchdown.
+
+    **Raises:** `ValueError` for more.
+    """
+    integrated = isinstance(vector_field(scene), SmoothField)
+    size = 10 + (scene.points if integrated else 0)
+    if whole("count", count, 1) > size:
+        raise ValueError(f"Argument `count` must be at most {size}, the dimension of the motion, but is {count}.")
+    return int(count)
 
 
 def lyapunov_spectrum(
@@ -54,6 +69,7 @@ def lyapunov_spectrum(
     steps = whole("steps_per_period", steps, 1)
     start = table_2_start() if start is None else check_start(start)
     blocks = lambda name, value, least: -(-whole(name, value, least) // every)
+    count = check_count(scene, count)
     stepping = ConstantSteps(steps=jnp.asarray(float(steps)))  # an array: one compiled program serves every number
     found = map_spectrum(
         PeriodMap(scene, stepping, resolve_solver(scene, solver), periods=every),

@@ -22,6 +22,7 @@ from ..flow import (
     scene_attributes,
 )
 from ..model import COORDINATE_SCALES, Motion, Scene, State, table_2_start
+from ..orbits import check_count
 from ..solvers import solver_name
 from ..tools import Batched, whole
 from .cases import Cases, without_axes
@@ -78,7 +79,7 @@ def lyapunov_sweep(
     options: dict[str, Any] = dict(steps_per_period=steps_per_period, solver=solver)
     plan = make_plan(scene, cases, record="strobe", transient=0, periods=1, **options)
     plan = strobe_plan(plan, whole("transient", transient, BLOCK))
-    count, counted = whole("count", count, 1), -(-whole("periods", periods, 1) // BLOCK)
+    count, counted = check_count(scene, count), -(-whole("periods", periods, 1) // BLOCK)
     chunks, workers = plan.chunks(chunk, workers)
 
     def work(chunk, on_progress):

@@ -100,7 +100,7 @@ def _best_chunk(counts: np.ndarray, sizes: np.ndarray, workers: int) -> int:
     def duration(lanes):
         costs = counts * (START_OF_STEP + lanes)
         total = float(np.sum(-(-sizes // lanes) * costs))
-        # two threads share the caches, so that the longest chunk bounds a run that is not divided evenly
+        # a run is not over before its longest chunk
         return max(total / workers, float(costs.max())), lanes
 
     return min((_filled_count(share) for share in shares), key=duration)

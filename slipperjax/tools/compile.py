@@ -59,14 +59,12 @@ def is_traced(tree: Any) -> bool:
 
 
 def call_compiled(fun: Callable, functions: Any, static: tuple, *arrays: Any) -> Any:
-    """`fun(functions, static, *arrays)`, compiled unless it is called inside a transformation.
+    """`fun(functions, static, *arrays)`, compiled; inside another transformation it is a part of that program.
 
     **Arguments:** `functions`: a pytree of callables, such as `equinox.Module`s, whose array leaves become arguments
     of the compiled program, so that new values need no compilation. `static`: hashable; a new value is compiled
     again. `arrays`: pytrees of arrays.
     """
-    if is_traced((functions, arrays)):
-        return fun(functions, static, *arrays)
     numbers, rest = eqx.partition(functions, lambda leaf: isinstance(leaf, jax.Array | np.ndarray))
     leaves, structure = jax.tree.flatten(rest)
     return _call(fun, tuple(leaves), structure, static, numbers, arrays)

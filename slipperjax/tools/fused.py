@@ -51,8 +51,12 @@ def materialise(tree):
 
 def _implementation(*operands):
     zeros = tuple(jnp.zeros((), x.dtype) for x in operands)
-    add = lambda a, b: tuple(x + y for x, y in zip(a, b, strict=True))
-    return list(lax.reduce(operands, zeros, add, (operands[0].ndim - 1,)))
+    return list(lax.reduce(operands, zeros, _add, (operands[0].ndim - 1,)))
+
+
+def _add(a, b):
+    # named, because JAX keeps the compiled reduction of eager calls by this function
+    return tuple(x + y for x, y in zip(a, b, strict=True))
 
 
 def _jvp(primals, tangents):

@@ -116,3 +116,11 @@ def test_wrong_arguments_are_named():
         sj.lyapunov_sweep(sj.paper_scene(), {"speed": [1250.0]}, count=0)
     with pytest.raises(ValueError, match="Argument `count` must be at most"):
         sj.lyapunov_spectrum(sj.paper_scene(), 99, transient=0, periods=1)
+    for count in (11, 99):
+        with pytest.raises(
+            ValueError, match=f"`count` must be at most 10, the dimension of the motion, but is {count}"
+        ):
+            sj.lyapunov_sweep(sj.paper_scene(), {"speed": [1250.0]}, count=count)
+    smooth = sj.paper_scene(memory=sj.SmoothSwitch())
+    with pytest.raises(ValueError, match="`count` must be at most 30"):
+        sj.lyapunov_spectrum(smooth, 31)

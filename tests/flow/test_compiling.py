@@ -1,0 +1,50 @@
+"""Calls from Python compile once: the next ones with other numbers only run."""
+
+import jax
+import pytest
+
+import slipperjax as sj
+
+START = sj.table_2_start()
+
+
+def state_of(speed):
+    return sj.initial_state(sj.paper_scene(speed), START)
+
+
+def forces(speed):
+    return sj.reactions(0.1, state_of(speed), sj.Args(sj.paper_scene(speed))).contact_force
+
+
+def mapped(speed):
+    return sj.period_map(sj.paper_scene(speed), state_of(speed), steps_per_period=20).motion.v_y
+
+
+def slope(speed):
+    scene, state = sj.paper_scene(speed), state_of(speed)
+    end = lambda c: sj.period_map(scene.replace(clearance=c), state, steps_per_period=20).motion.v_y
+    return jax.jacfwd(end)(1e-3)
+
+
+def simulated(speed):
+    return sj.simulate(sj.paper_scene(speed), 2, steps_per_period=20, saves_per_period=1).status
+
+
+@pytest.mark.parametrize("call", [state_of, forces, mapped, slope, simulated], ids=lambda f: f.__name__)
+def test_the_second_call_compiles_nothing(call):
+    compiled = []
+
+    def listen(event, seconds, **_):
+        if event == "/jax/core/compile/backend_compile_duration":
+            compiled.append(seconds)
+
+    call(900.0)
+    call(1000.0)  # small programs for numbers that are arrays from here on
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        jax.block_until_ready(call(1250.0))
+        assert not compiled
+        jax.block_until_ready(jax.jit(lambda x: x + len(compiled) + 1.25)(1.0))  # what is listened to does happen
+        assert compiled
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listen)
