@@ -54,7 +54,7 @@ def run(
     if method.adaptive:
         # rtol, atol and norm are properties of it, and no arguments
         controller = AdaptiveSteps(jnp.asarray(setting))  # pyright: ignore[reportCallIssue]
-        stepping = ControlledSteps(FIRST, controller)
+        stepping = ControlledSteps(1, FIRST, controller)
     else:
         stepping = ConstantSteps(steps=jnp.asarray(setting))  # an array: one program serves every number
     batches = [cases.take(chunk.index) for chunk in chunks]
@@ -156,22 +156,23 @@ def bench(
     cases: Iterable[str] | None = None,
     methods: Iterable[str] | None = None,
     batches: Iterable[int] | None = None,
-    repeats: int = 5,
+    repeats: int | None = None,
     report: Callable[[Point], None] = lambda point: None,
 ) -> Iterator[tuple[list[Point], tuple[int, ...]]]:
     """Measures, and yields the points so far and the batch sizes whenever a scene is done.
 
     **Arguments:** `quick`: two scenes, the methods marked so, and the batch alone; `cases`, `methods`: names of some
     only; `batches`: numbers of trajectories to run at once, the first of which gives the errors, by default 241 and
-    1, and 241 where quick; `repeats`: timed runs of each point; `report`: called with each point.
+    1, and 241 where quick; `repeats`: timed runs of each point, by default 5, and 2 where
+    quick; `report`: called with each point.
 
     **Raises:** `ValueError` where a name is unknown, before anything is measured.
     """
-    repeats = whole("repeats", repeats, 1)
+    repeats = (2 if quick else 5) if repeats is None else whole("repeats", repeats, 1)
     batches = tuple(whole("batches", n, 1) for n in batches or ((241,) if quick else (241, 1)))
     chosen = _named("cases", all_cases(), cases, lambda c: not quick or c.name in ("nominal", "K = 1e10"))
     rows = _named("methods", METHODS, methods, lambda m: not quick or m.quick)
-    options: dict[str, Any] = dict(batches=batches, repeats=2 if quick else repeats)
+    options: dict[str, Any] = dict(batches=batches, repeats=repeats)
     if quick:
         options |= dict(settings=slice(0, 4), reference_steps=3200, peers=[p for p in PEERS if p.quick])
     return _scenes(chosen, rows, options, report)

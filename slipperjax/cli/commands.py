@@ -243,7 +243,7 @@ def bench(
     batch: Annotated[
         list[int] | None, typer.Option(help="Trajectories at once; repeat for several; default 241 and 1.")
     ] = None,
-    repeats: Annotated[int, typer.Option(help="Timed runs of each point.")] = 5,
+    repeats: Annotated[int | None, typer.Option(help="Timed runs of each point; default 5, with --quick 2.")] = None,
     out: Annotated[
         Path, typer.Option(help="Where to write, without ending: makes OUT.md, OUT.png and OUT_all.png.")
     ] = Path("bench"),

@@ -12,6 +12,7 @@ from .period_map import initial_states as initial_states
 from .recorders import RECORDERS as RECORDERS
 from .recorders import AbstractRecorder as AbstractRecorder
 from .recorders import History as History
+from .recorders import HistoryRecord as HistoryRecord
 from .recorders import SectionRecord as SectionRecord
 from .recorders import Sections as Sections
 from .recorders import Strobe as Strobe

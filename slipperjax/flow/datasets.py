@@ -53,6 +53,6 @@ def trajectory_dataset(trajectory: Any) -> Any:
     attrs = scene_attributes(trajectory.scene) | {
         "steps_per_period": trajectory.steps_per_period,
         "status": int(trajectory.status),
-        "status_meanings": MEANINGS,
+        "status_meaning": MEANINGS,
     }
     return xr.Dataset(data, coords, attrs)

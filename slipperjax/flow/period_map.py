@@ -76,9 +76,10 @@ class PeriodMap(eqx.Module):
             state, carried = carry
             args = Args(scene, epoch, points)
             done = self.stepping.period(terms, solver, state, carried, args, recorder.inside)
-            lost = jax.tree.map(lambda v: jnp.where(done.failed, jnp.nan, v), done.end.motion)
-            end = State(lost, done.end.memory)
-            record = recorder(done.inside, args, self.stepping.number) if recorder.inside else end
+            end = _lost_where(done.failed, done.end)
+            record = end
+            if recorder.inside:
+                record = recorder(_lost_where(done.failed, done.inside), args, self.stepping.number)
             return (end, done.carried), (record, status_of(end), jnp.asarray(done.taken, int))
 
         count = self.periods if periods is None else periods
@@ -86,7 +87,13 @@ class PeriodMap(eqx.Module):
         epochs = epoch + jnp.arange(float(count))
         (end, _), (record, codes, taken) = jax.lax.scan(period, (state, first), epochs)
         code = codes[jnp.argmax(codes != int(Status.FINITE))]
-        return Passage(end, record, with_resolution(code, scene, self.stepping.number), taken)
+        return Passage(end, record, with_resolution(code, scene, jnp.min(taken)), taken)
+
+
+def _lost_where(failed: Any, state: State) -> State:
+    """The state or states with a motion of NaN where solver or controller gave up."""
+    lost = jax.tree.map(lambda v: jnp.where(failed, jnp.nan, v), state.motion)
+    return eqx.tree_at(lambda s: s.motion, state, lost)
 
 
 def map_compiled(period_map: PeriodMap, state: State) -> State:
@@ -147,7 +154,7 @@ class TangentPassage(NamedTuple):
     history: Float[Array, "cases periods count"]
     """Logarithm of the tangents' growth in each period."""
     status: Int[Array, " cases"]
-    """`Status` code of the state at the end."""
+    """`Status` code of the state at the end; what happens between is not looked at."""
 
 
 @functools.partial(jit, static_argnames=("solver", "periods"))

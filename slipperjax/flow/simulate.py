@@ -45,25 +45,28 @@ def period_map(
     steps = default_steps_per_period(scene) if steps_per_period is None else steps_per_period
     steps, periods = whole("steps_per_period", steps, 1), whole("periods", periods, 1)
     solver, controller = resolve_solver(scene, solver), resolve_controller(stepsize_controller)
-    stepping = ConstantSteps(steps) if controller is None else _controlled(steps, controller, adjoint)
+    check_error_estimate(solver, controller)
+    stepping = ConstantSteps(steps) if controller is None else _controlled(1, steps, controller, adjoint)
     return map_compiled(PeriodMap(scene, stepping, solver, periods), state)
 
 
-def _controlled(samples: int, controller: Any, adjoint: diffrax.AbstractAdjoint | None) -> ControlledSteps:
-    return ControlledSteps(samples, controller, diffrax.ForwardMode() if adjoint is None else adjoint)
+def _controlled(
+    samples: int, first_steps: int, controller: Any, adjoint: diffrax.AbstractAdjoint | None
+) -> ControlledSteps:
+    return ControlledSteps(samples, first_steps, controller, diffrax.ForwardMode() if adjoint is None else adjoint)
 
 
 class Trajectory(eqx.Module):
-    """A simulated motion, saved at constant intervals. Leading axis of everything: saves."""
+    """A simulated motion, saved at constant intervals."""
 
     scene: Scene
     period: Float[Array, " saves"]
     """Time in forcing periods [1]."""
     state: State
-    """The saved states."""
+    """The saved states, with a leading axis of saves."""
     steps_per_period: int = eqx.field(static=True)
     """Integration steps per forcing period; with adaptive steps, the number of states they were interpolated at."""
-    steps_taken: Int[Array, " periods"] | None = None
+    steps_taken: Int[Array, " periods"]
     """Steps tried in each forcing period, those included that an adaptive controller rejected."""
 
     @property
@@ -74,7 +77,7 @@ class Trajectory(eqx.Module):
     @property
     def status(self) -> Array:
         """0 where nothing is wrong, else see `slipperjax.flow.Status`."""
-        return _judged(self.state, self.scene, self.steps_per_period)
+        return _judged(self.state, self.scene, jnp.min(self.steps_taken))
 
     @property
     def euler_angles(self) -> tuple[Array, Array, Array]:
@@ -144,8 +147,8 @@ def simulate(
     controller = resolve_controller(stepsize_controller)
     check_error_estimate(solver, controller)
     if controller is not None:
+        stepping = _controlled(saves, steps, controller, adjoint)
         steps = saves if saves > 1 else steps
-        stepping = _controlled(steps, controller, adjoint)
     elif saves == 1 and not is_traced((scene, start)):
         stepping = ConstantSteps(steps=jnp.asarray(float(steps)))  # one program serves any number of steps
     else:

@@ -53,7 +53,7 @@ MEANINGS = "; ".join(f"{int(s)}: {s}" for s in Status)
 
 
 def status_of(states: State) -> Int[Array, ""]:
-    """`Status` code of a case from its states, along whatever leading axes: `FINITE`, `NOT_FINITE` or `DERAILED`."""
+    """`Status` code of a case from its states, over any leading axes: `FINITE`, `NOT_FINITE` or `DERAILED`."""
     leaves = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(states.motion)])
     m = states.motion
     turned = jnp.any(m.q_x**2 + m.q_y**2 + m.q_z**2 > 0.5)  # half the angle's sine is sqrt(1/2) at 90 degrees
@@ -71,5 +71,10 @@ def with_resolution(code: Array, scene: Scene, steps: Any) -> Int[Array, ""]:
 
 
 def first_problem(earlier: Any, later: Any) -> np.ndarray:
-    """Codes of two successive stretches of a run as one: the first that is not `FINITE`."""
-    return np.where(np.asarray(earlier) == Status.FINITE, later, earlier)
+    """Codes of two successive stretches of a run as one: the first that is not `FINITE`.
+
+    `NOT_FINITE` comes before `UNRESOLVED`, as within a stretch.
+    """
+    earlier, later = np.asarray(earlier), np.asarray(later)
+    lost = (earlier == Status.UNRESOLVED) & (later == Status.NOT_FINITE)
+    return np.where((earlier == Status.FINITE) | lost, later, earlier)

@@ -61,7 +61,7 @@ class AbstractStepping(eqx.Module):
 
     @property
     def most_inside(self) -> int:
-        """Greatest `number` that there is room for where states inside periods are wanted."""
+        """Largest number of steps per period whose states can be stored."""
         raise ValueError("Argument `most` must be given for a recorder of states inside periods.")
 
 
@@ -143,7 +143,9 @@ class ControlledSteps(AbstractStepping):
     """Steps of a step size controller; states inside a period are interpolated at equal intervals."""
 
     samples: int = eqx.field(static=True)
-    """States per period that a recorder gets; the first step is one period over this."""
+    """States per period that a recorder gets."""
+    first_steps: int = eqx.field(static=True)
+    """The first step is one period over this."""
     controller: diffrax.AbstractStepSizeController
     adjoint: diffrax.AbstractAdjoint = eqx.field(static=True, default=diffrax.ForwardMode())
 
@@ -160,8 +162,8 @@ class ControlledSteps(AbstractStepping):
 
     def first(self, terms, solver, state, args):
         carries = isinstance(solver, AbstractLatchingSolver)
-        wanted = jnp.asarray(1 / self.samples, float) if isinstance(self.controller, AdaptiveSteps) else None
-        return solver.init(terms, 0.0, 1 / self.samples, state, args) if carries else None, wanted
+        wanted = jnp.asarray(1 / self.first_steps, float) if isinstance(self.controller, AdaptiveSteps) else None
+        return solver.init(terms, 0.0, 1 / self.first_steps, state, args) if carries else None, wanted
 
     def period(self, terms, solver, state, carried, args, inside):
         solver_state, wanted = carried
@@ -173,7 +175,7 @@ class ControlledSteps(AbstractStepping):
             solver,
             t0=0.0,
             t1=1.0,
-            dt0=1 / self.samples if wanted is None else wanted,
+            dt0=1 / self.first_steps if wanted is None else wanted,
             y0=state,
             args=args,
             saveat=diffrax.SaveAt(

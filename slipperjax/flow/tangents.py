@@ -31,7 +31,7 @@ def _latched_weights(state: State) -> State:
 
 
 def _smooth_weights(state: State) -> State:
-    return State(MOTION_WEIGHTS, jnp.ones(()))
+    return State(MOTION_WEIGHTS, jnp.ones_like(state.memory))
 
 
 @functools.partial(jit, static_argnames="count")

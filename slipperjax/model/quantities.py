@@ -142,7 +142,7 @@ PARAMETERS: dict[str, Parameter] = _named(
     ),
     Parameter("gravity", "m/s^2", "gravitational acceleration", "g", where=lambda s: s.gravity, check=not_negative),
 )
-"""The parameters of a scene by name, for `Scene.replace`, `sweep` and the design tools."""
+"""The parameters of a scene by name, for `Scene.replace` and `sweep`."""
 
 COORDINATES: dict[str, Quantity] = _named(
     Quantity("y", "m", "lateral displacement", "y", 1e-3, **_MM),

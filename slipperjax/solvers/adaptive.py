@@ -68,7 +68,7 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         return t0 + _fitted(wanted, t1 - t0), (wanted, jnp.asarray(t1, float))
 
     def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):
-        assert y_error is not None  # diffrax rejects solvers without an error estimate
+        assert y_error is not None  # see `check_error_estimate`
         _, end = controller_state
         size = scaled_size(y_error.motion) / self.tolerance
         if y0.memory is not None and isinstance(args.scene.memory, EventLatch):

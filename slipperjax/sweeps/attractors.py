@@ -11,6 +11,9 @@ from ..flow import Status
 from ..model import COORDINATE_SCALES, COORDINATES
 from ..tools import whole
 
+FLOOR = 1e-5
+"""Distances below it are zero when motions are classified, in multiples of `COORDINATE_SCALES`: 10 nm."""
+
 
 def strobe_states(ds: xr.Dataset, last: int | None = None) -> Float[np.ndarray, "*cases periods 10"]:
     """States once per forcing period, of the `last` periods of a sweep's result.
@@ -32,7 +35,7 @@ def strobe_states(ds: xr.Dataset, last: int | None = None) -> Float[np.ndarray, 
     return states if last is None else states[..., -whole("last", last, 1) :, :]
 
 
-def attractors(ds: xr.Dataset, last: int = 200, floor: float = 1e-5, **options: Any) -> Attractors:
+def attractors(ds: xr.Dataset, last: int = 200, floor: float = FLOOR, **options: Any) -> Attractors:
     """What each case of a sweep settled to, from its `last` strobe states: see `slipperjax.analysis.attractor`.
 
     Cases with a status other than 0 are "unresolved", and the evidence names the status.

@@ -112,11 +112,11 @@ def filled(index: np.ndarray, least: int) -> np.ndarray:
 def path_cases(scene: Scene, path: Mapping[str, Any], start: Motion) -> tuple[Cases, str, np.ndarray]:
     """The cases along one parameter, its name and its values, which must increase.
 
-    **Raises:** `ValueError` for several parameters, or values that do not increase.
+    **Raises:** `ValueError` for several parameters, a coordinate of the start, or values that do not increase.
     """
     cases = Cases(scene, path, start)
     name, values = next(iter(cases.axes.items()))
-    if len(cases.axes) > 1 or np.any(np.diff(values) <= 0):
+    if len(cases.axes) > 1 or name in STARTS or np.any(np.diff(values) <= 0):
         raise ValueError(f"Argument `path` must name one parameter with increasing values, but is {path!r}.")
     return cases, name, values
 

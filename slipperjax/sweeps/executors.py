@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any, NamedTuple, TypeVar
 
 import jax.numpy as jnp
@@ -10,7 +10,16 @@ import numpy as np
 from jaxtyping import Int
 from tqdm.auto import tqdm
 
-from ..flow import ConstantSteps, SectionRecord, Sections, advance, coordinates, first_problem, joined_in_time
+from ..flow import (
+    ConstantSteps,
+    HistoryRecord,
+    SectionRecord,
+    Sections,
+    advance,
+    coordinates,
+    first_problem,
+    joined_in_time,
+)
 from ..model import Scene, State
 from ..tools import Batched
 from .plan import Chunk, OnProgress, Plan
@@ -32,7 +41,10 @@ class ChunkRun(NamedTuple):
 def run_chunk(
     plan: Plan, scenes: Batched[Scene], states: State, steps: int, on_progress: OnProgress, epoch: int = 0
 ) -> ChunkRun:
-    """Runs a chunk of cases through its plan, from the forcing period `epoch` on, with `steps` per period."""
+    """Runs a chunk of cases through its plan, from the forcing period `epoch` on, with `steps` per period.
+
+    Times in the record count from there.
+    """
     recorder, at, status = plan.recorder, float(epoch), np.zeros(len(states.motion.y), int)
     strobes, records = [], []
     options: dict[str, Any] = dict(solver=plan.solver)
@@ -48,7 +60,7 @@ def run_chunk(
         at += plan.transient.length
     if recorder.inside:
         alike = bool(np.all(plan.steps == steps))
-        stepping = ConstantSteps(steps) if alike else ConstantSteps(plan.most_steps, number)
+        stepping = ConstantSteps(steps) if alike else ConstantSteps(plan.room(steps), number)
     for _ in range(plan.recorded.count):
         on_progress(0)
         options |= dict(recorder=recorder, periods=plan.recorded.length)
@@ -59,7 +71,9 @@ def run_chunk(
         at += plan.recorded.length
     record = joined_in_time(records)
     if isinstance(record, SectionRecord):
-        record = record._replace(strobe=np.concatenate([*strobes, record.strobe], axis=1))
+        record = record._replace(strobe=np.concatenate([*strobes, record.strobe], axis=1), time=record.time - epoch)
+    elif isinstance(record, HistoryRecord):
+        record = record._replace(period=record.period - epoch)
     return ChunkRun(states, status, record)
 
 
@@ -87,14 +101,24 @@ def run_chunks(
             with lock:
                 bar.update(chunk.cases * periods)
 
-        return work(chunk, on_progress)
-
-    with bar, ThreadPoolExecutor(workers) as pool:
         try:
-            return list(pool.map(one, chunks))
+            return work(chunk, on_progress)
         except BaseException:
             stop.set()
             raise
+
+    with bar, ThreadPoolExecutor(workers) as pool:
+        futures = [pool.submit(one, chunk) for chunk in chunks]
+        try:
+            wait(futures)
+        except BaseException:  # Ctrl-C
+            stop.set()
+            raise
+    failures = [error for future in futures if (error := future.exception()) is not None]
+    for error in failures:
+        if not isinstance(error, _Stopped):
+            raise error
+    return [future.result() for future in futures]
 
 
 class _Stopped(Exception):

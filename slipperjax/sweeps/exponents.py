@@ -25,6 +25,7 @@ from ..model import COORDINATE_SCALES, Motion, Scene, State, table_2_start
 from ..orbits import check_count
 from ..solvers import solver_name
 from ..tools import Batched, whole
+from .attractors import FLOOR
 from .cases import Cases, without_axes
 from .executors import in_order, run_chunk, run_chunks
 from .plan import OnProgress, Plan, make_plan, strobe_plan
@@ -57,14 +58,15 @@ def lyapunov_sweep(
     """Lyapunov exponents for every case of a grid, as one batch, each with its certificate.
 
     **Arguments:** `count`, `periods`: as for `lyapunov_spectrum`; `certify`: whether each case is checked, which
-    costs about twice as much again; others as for `sweep`. Periods are rounded up to whole blocks of `BLOCK`.
+    costs about twice as much again; `transient`: `BLOCK` periods at least; others as for `sweep`. Periods are rounded
+    up to whole blocks of `BLOCK`, after each of which the status is looked at.
 
     **Returns:** an `xarray.Dataset` over the grid with
 
     - `exponent` and `stderr` [1/period], with dimension `count`; `weighted`: the same by a smoothly weighted mean,
-      sharper for regular motions (see `statistics.weighted_mean`); `kaplan_yorke` where count > 1; `kind` and
-      `period`: what the motion settled to by recurrence, see `attractor.classify`; `regime`: see `analysis.regime`;
-      `status` and `steps_per_period`: as `sweep` gives them;
+      sharper for regular motions (see `slipperjax.analysis.weighted_mean`); `kaplan_yorke` where count > 1; `kind`
+      and `period`: what the motion settled to by recurrence, see `slipperjax.analysis.classify`; `regime`: see
+      `slipperjax.analysis.regime`; `status` and `steps_per_period`: as `sweep` gives them;
     - with `certify`: `half_step`, the largest exponent with steps half as long, and its standard error
       `half_step_stderr`; `two_trajectories`, an estimate without tangents, and `two_trajectories_stderr`;
       `floquet`, ln |largest multiplier| per period, of periodic motions; `resolved`: whether all that applies agrees.
@@ -173,7 +175,7 @@ def _constant(steps: int) -> ConstantSteps:
 def _dataset(cases: Cases, plan: Plan, found: _Exponents, attrs: dict[str, Any]) -> xr.Dataset:
     good = found.status == Status.FINITE
     strobe = np.where(good[:, None, None], found.strobe[:, -200:], np.nan)
-    settled = classify(strobe, scales=COORDINATE_SCALES)
+    settled = classify(strobe, scales=COORDINATE_SCALES, floor=FLOOR)
     history = found.history
     exponent, error, weighted = history.mean(axis=1), standard_error(history), weighted_mean(history)
     flat: dict[str, Any] = {

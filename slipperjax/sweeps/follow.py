@@ -12,9 +12,9 @@ from ..flow import check_start, initial_states, joined_cases
 from ..model import Motion, Scene, table_2_start
 from ..tools import one_of
 from .cases import filled, path_cases
-from .executors import ChunkRun, run_chunk
+from .executors import run_chunk
 from .plan import make_plan
-from .sweep import sweep_dataset
+from .sweep import CaseRuns, sweep_dataset
 
 DIRECTIONS = {"up": 1, "down": -1}
 """Ways through a parameter's values."""
@@ -45,8 +45,8 @@ def follow(
     - `directions`: "up" begins at the first value, "down" at the last; both run as one batch.
     - `transient`, `periods`: forcing periods at each value, before recording and recorded. The transient is
         rounded up to tens if above ten.
-    - others: as for `sweep`; `start` is that of the first value met. Values that are visited together take the more
-        demanding one's steps.
+    - others: as for `sweep`; `start` is that of the first value met. Values that are visited together take the larger
+        of their step counts.
 
     **Returns:** as `sweep`, with `direction` as first dimension.
 
@@ -88,7 +88,7 @@ def follow(
 
     record_of_all = joined_cases([run.record for run in runs])
     record_of_all = type(record_of_all)(*(ordered(a) for a in record_of_all))
-    status = ordered(np.concatenate([run.status for run in runs]))
-    found = ChunkRun(runs[-1].state, status, record_of_all)
-    taken = ordered(np.concatenate(steps))
-    return sweep_dataset(scene, plan, cases, found, taken, {"direction": list(directions)})
+    found = CaseRuns(
+        ordered(np.concatenate([run.status for run in runs])), ordered(np.concatenate(steps)), record_of_all
+    )
+    return sweep_dataset(scene, plan, cases, found, {"direction": list(directions)})

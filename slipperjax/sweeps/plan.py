@@ -62,8 +62,18 @@ class Plan:
 
     @property
     def most_steps(self) -> int:
-        """The most steps of any case: one program serves all up to it."""
+        """The most steps of any case."""
         return int(self.steps.max())
+
+    def room(self, steps: int) -> int:
+        """Number of steps that a recording program has room for, so that it serves `steps` and other numbers.
+
+        At most 8 times `steps`: one program serves all cases of a sweep unless their steps differ more than that.
+        """
+        most = self.most_steps
+        while most // 8 >= steps:
+            most //= 8
+        return most
 
     @property
     def periods(self) -> int:
@@ -71,7 +81,7 @@ class Plan:
         return self.transient.periods + self.recorded.periods
 
     def chunks(self, chunk: int | None, workers: int | None) -> tuple[list[Chunk], int]:
-        """The chunks, the dearest first, and the number of threads to run them on. Neither changes any result.
+        """The chunks, the most expensive first, and the number of threads to run them on. Neither changes any result.
 
         **Arguments:** `chunk`: cases per call, rounded up to a multiple of `slipperjax.sweeps.cases.LANES`; by
         default what makes the run shortest. `workers`: threads, by default one per core.

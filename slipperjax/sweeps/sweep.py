@@ -1,17 +1,18 @@
 """Grids of parameters as one batch to xarray: each case from the same start."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import diffrax
 import numpy as np
 import xarray as xr
+from jaxtyping import Int
 
 from ..flow import MEANINGS, check_start, initial_states, scene_attributes
 from ..model import Motion, Scene, table_2_start
 from ..solvers import solver_name
 from .cases import Cases, without_axes
-from .executors import ChunkRun, in_order, records_in_order, run_chunk, run_chunks
+from .executors import in_order, records_in_order, run_chunk, run_chunks
 from .plan import Plan, make_plan
 
 
@@ -80,28 +81,30 @@ def sweep(
     runs = run_chunks(chunks, workers, work, periods=plan.periods, progress=progress)
     record = records_in_order(chunks, [run.record for run in runs])
     status = in_order(chunks, [run.status for run in runs])
-    return sweep_dataset(scene, plan, cases, ChunkRun(runs[0].state, status, record), plan.steps)
+    return sweep_dataset(scene, plan, cases, CaseRuns(status, plan.steps, record))
+
+
+class CaseRuns(NamedTuple):
+    """All cases after their runs, with a leading axis of cases."""
+
+    status: Int[np.ndarray, " cases"]
+    """`slipperjax.flow.Status` codes."""
+    steps: Int[np.ndarray, " cases"]
+    """Integration steps per forcing period."""
+    record: Any
+    """What the plan's recorder collected."""
 
 
 def sweep_dataset(
-    scene: Scene,
-    plan: Plan,
-    cases: Cases,
-    found: ChunkRun,
-    steps: np.ndarray,
-    first: Mapping[str, list] | None = None,
+    scene: Scene, plan: Plan, cases: Cases, found: CaseRuns, first: Mapping[str, list] | None = None
 ) -> xr.Dataset:
-    """The labelled result of a run.
-
-    **Arguments:** `found`, `steps`: with a leading axis of all cases; `first`: dimensions before those of the grid,
-    with their coordinates.
-    """
+    """The labelled result of a run; `first`: dimensions before those of the grid, with their coordinates."""
     first = {} if first is None else first
     dims = (*first, *cases.dims)
     shape = (*(len(values) for values in first.values()), *cases.shape)
     record = type(found.record)(*(a.reshape(*shape, *a.shape[1:]) for a in found.record))
     data, coords = plan.recorder.label(scene, dims, record)
-    data |= case_variables(dims, found.status.reshape(shape), steps.reshape(shape))
+    data |= case_variables(dims, found.status.reshape(shape), found.steps.reshape(shape))
     attrs = without_axes(scene_attributes(scene), cases) | {
         "transient": plan.transient.periods,
         "periods": plan.recorded.periods,

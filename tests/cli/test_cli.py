@@ -342,7 +342,7 @@ def test_bench_writes_after_each_scene(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr("slipperjax.bench.bench", bench)
     out = tmp_path / "deep" / "costs"
     text = run(["bench", "--quick", "--batch", "8", "--method", "RK4", "--out", str(out)], capsys)
-    assert asked == [dict(quick=True, repeats=5, cases=None, methods=["RK4"], batches=[8])]
+    assert asked == [dict(quick=True, repeats=None, cases=None, methods=["RK4"], batches=[8])]
     assert "nominal: RK4, 400 steps: error 1.0e-03, 4 us at 8" in text
     assert text.count(f"wrote {out}.md and {out}.png") == 2
     assert "| K = 1e10 |" in (tmp_path / "deep" / "costs.md").read_text()

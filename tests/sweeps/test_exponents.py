@@ -1,15 +1,10 @@
-"""Exponents of slippers: certified in a batch, alone, resumed, and with either contact memory."""
+"""Exponents of slippers over a grid, each with its certificate."""
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.flatten_util import ravel_pytree
 
 import slipperjax as sj
-from slipperjax.analysis import extend_spectrum, largest_exponent, ode_spectrum, ode_step
-from slipperjax.flow import ConstantSteps, PeriodMap, tangent_weights
-from slipperjax.model import Args
+from slipperjax.analysis import largest_exponent
 
 SPEEDS = [1100.0, 1250.0, 1500.0, 1800.0, 2100.0, 2300.0]
 STEPS = 50
@@ -57,52 +52,6 @@ def test_periodic_motions_have_the_exponents_of_their_multipliers(certified):
     calm = certified.sel(speed=slice(1000, 1900))
     np.testing.assert_allclose(calm["weighted"], calm["floquet"], atol=1e-3)
     assert certified["resolved"].all()
-
-
-@pytest.mark.slow
-def test_one_scene_alone_resumed_and_until_it_is_known(certified):
-    scene = sj.paper_scene(speed=1250.0)
-    options = dict(steps_per_period=STEPS, transient=300)
-    whole = sj.lyapunov_spectrum(scene, periods=60, **options)
-    part = sj.lyapunov_spectrum(scene, periods=30, **options)
-    step = PeriodMap(scene, ConstantSteps(steps=jnp.asarray(float(STEPS))))
-    rest = extend_spectrum(part, step, 30, scale=tangent_weights(scene))
-    np.testing.assert_allclose(rest.history, whole.history, rtol=1e-9, atol=1e-12)
-    known = sj.lyapunov_spectrum(scene, periods=30, until_stderr=5e-3, **options)
-    assert known.reached
-    assert known.stderr[0] <= 5e-3
-    np.testing.assert_allclose(known.per_period, certified["floquet"].sel(speed=1250), atol=3 * 5e-3)
-
-
-@pytest.mark.slow
-def test_all_exponents_and_both_memories_agree():
-    """On the same periodic motion both models have the same exponents, within the smooth one's bias."""
-    for speed in (1250.0, 1500.0):
-        latched = sj.lyapunov_spectrum(
-            sj.paper_scene(speed=speed), 10, transient=200, periods=200, steps_per_period=200
-        )
-        scene = sj.paper_scene(speed=speed, memory=sj.SmoothSwitch())
-        smooth = sj.lyapunov_spectrum(scene, 10, transient=200, periods=200, steps_per_period=200)
-        np.testing.assert_allclose(latched.weighted[0], smooth.weighted[0], atol=3e-3)
-
-
-@pytest.mark.slow
-def test_sum_of_the_smooth_models_exponents_is_its_mean_divergence():
-    """All 30, orthonormalised 20 times per period, as the open contacts' memory decays by up to e^60 in one."""
-    scene = sj.paper_scene(speed=1250.0, memory=sj.SmoothSwitch())
-    field, args = sj.vector_field(scene), Args(scene)
-    start = sj.initial_state(scene, sj.table_2_start())
-    common = dict(dt=1 / 400, steps=20, args=args, period=1.0)
-    run = ode_spectrum(field, start, 200, scale=tangent_weights(scene), **common)
-
-    def with_divergence(t, y, args):
-        flat, unravel = ravel_pytree(y[0])
-        jacobian = jax.jacfwd(lambda x: ravel_pytree(field(t, unravel(x), args))[0])(flat)
-        return field(t, y[0], args), jnp.trace(jacobian)
-
-    step = ode_step(with_divergence, dt=1 / 400, steps=400, args=args)
-    end = jax.jit(lambda y: jax.lax.fori_loop(0, 10, lambda k, y: step(y, 1.0 * k), y))((start, jnp.zeros(())))
-    np.testing.assert_allclose(np.sum(run.per_period), end[1] / 10, rtol=1e-4)
 
 
 def test_multipliers_of_several_periods():

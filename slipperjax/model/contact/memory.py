@@ -122,7 +122,7 @@ def _settled(value: Array | None) -> Array:
 class SmoothSwitch(AbstractMemory):
     """The memory as an ordinary differential equation, so that any solver integrates it: no events.
 
-        m' = S(g / width + 1/2) [ (g' - m) / relaxation + d(g')/dt ],      g'_0 = min(m, -small)
+        m' = S(g / width + 1/2) [ (g' - m) / relaxation + d(g')/dt ],      g'_0 = min(m, -slowest)
 
     The memory m [m/s] follows g' while the point is open and freezes while it is closed. S is a twice
     continuously differentiable step from 0 to 1, centred on g = 0; d(g')/dt is a feed-forward term, without which
@@ -137,7 +137,7 @@ class SmoothSwitch(AbstractMemory):
     relaxation: Float[Array, ""] | None = eqx.field(converter=optional(positive("relaxation", "s")), default=None)
     """Decay time of errors in m while the point is open [s]; short compared with the time for which it is open."""
     slowest: Float[Array, ""] = eqx.field(converter=positive("slowest", "m/s"), default=1e-3)
-    """`small` [m/s]: keeps the force finite while m changes sign at the end of a contact."""
+    """Slowest approach rate [m/s]: keeps the force finite while m changes sign at the end of a contact."""
 
     def initial(self, gap: Array, rate: Array) -> Array:
         return rate

@@ -1,7 +1,7 @@
 """From the study's runs to answers: what each claim of Dang et al. 2024 comes to in the data.
 
 "Points" are those of a Poincare section, the velocity at upward zero crossings of a coordinate. Cases with a status
-other than 0 are flagged: they count neither as periodic nor as chaotic, neither as calm nor as crossing nothing.
+other than 0 are flagged: they support no claim.
 """
 
 import functools

@@ -1,0 +1,50 @@
+"""What went wrong is said, and stays said."""
+
+import numpy as np
+import pytest
+
+import slipperjax as sj
+from slipperjax.flow import Status, first_problem
+from slipperjax.sweeps import find_jump
+
+
+def test_every_status_has_a_meaning_and_what_to_do():
+    assert [int(s) for s in Status] == [0, 1, 2, 3]
+    assert str(Status.FINITE) == "finite"
+    for status in list(Status)[1:]:
+        assert status.meaning
+        assert status.remedy
+        assert str(Status(int(status))) == f"{status.meaning}; {status.remedy}"
+
+
+def test_the_first_problem_stays_but_lost_numbers_come_before_coarse_steps():
+    earlier = np.array([0, 0, 1, 2, 3, 3])
+    later = np.array([0, 2, 3, 1, 1, 2])
+    assert first_problem(earlier, later).tolist() == [0, 2, 1, 2, 1, 3]
+
+
+@pytest.mark.parametrize("saves", [1, 50])
+def test_a_solver_that_gives_up_is_seen_in_its_last_period_too(saves):
+    stubborn = sj.TwoStep(tolerance=1e-15, iterations=1)
+    options = dict(steps_per_period=50, saves_per_period=saves)
+    found = sj.simulate(sj.paper_scene(), 1, solver=stubborn, **options)
+    assert int(found.status) == Status.NOT_FINITE
+    assert np.isnan(found.state.motion.v_y[-1])
+
+
+def test_adaptive_runs_are_judged_by_their_steps():
+    options = dict(solver=sj.Tsit5(), stepsize_controller=sj.AdaptiveSteps())
+    found = sj.simulate(sj.paper_scene(), 1, saves_per_period=5, **options)
+    assert int(found.status) == Status.FINITE
+    assert int(found.steps_taken[0]) > 20
+    scene = sj.paper_scene()
+    with pytest.raises(ValueError, match="`solver` must be one with an error estimate"):
+        sj.period_map(scene, sj.initial_state(scene, sj.table_2_start()), stepsize_controller=sj.AdaptiveSteps())
+
+
+def test_paths_and_bounds_of_jumps_are_checked():
+    with pytest.raises(ValueError, match="`path` must name one parameter"):
+        sj.follow(sj.paper_scene(), {"v_y": [0.1, 0.2]})
+    for wrong in (dict(within=0.0), dict(threshold=-1.0)):
+        with pytest.raises(ValueError, match="must be positive"):
+            find_jump(sj.paper_scene(), {"speed": [1000.0, 1100.0]}, **wrong)

@@ -1,0 +1,71 @@
+"""Exponents of one slipper: resumed, until they are known, and with either contact memory."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.flatten_util import ravel_pytree
+
+import slipperjax as sj
+from slipperjax.analysis import extend_spectrum, ode_spectrum, ode_step
+from slipperjax.flow import ConstantSteps, PeriodMap, Status, tangent_weights
+from slipperjax.model import Args
+
+STEPS = 50
+
+
+def test_a_periodic_motion_contracts_and_a_lost_one_says_so():
+    found = sj.lyapunov_spectrum(sj.paper_scene(), 2, transient=200, periods=40, steps_per_period=STEPS)
+    assert found.status == Status.FINITE
+    # the leading pair of multipliers is complex: measured -0.0462 and -0.0468 by the weighted mean, -0.0465 by both
+    np.testing.assert_allclose(found.weighted, -0.0465, atol=3e-3)
+    np.testing.assert_allclose(found.per_second, found.per_period / 6.4e-3)
+    lost = sj.lyapunov_spectrum(sj.paper_scene(speed=1e-3), 2, transient=200, periods=40, steps_per_period=STEPS)
+    assert lost.status == Status.NOT_FINITE
+    assert np.all(np.isnan(lost.per_period))
+
+
+@pytest.mark.slow
+def test_one_scene_alone_resumed_and_until_it_is_known():
+    scene = sj.paper_scene(speed=1250.0)
+    options = dict(steps_per_period=STEPS, transient=300)
+    whole = sj.lyapunov_spectrum(scene, periods=60, **options)
+    part = sj.lyapunov_spectrum(scene, periods=30, **options)
+    step = PeriodMap(scene, ConstantSteps(steps=jnp.asarray(float(STEPS))))
+    rest = extend_spectrum(part, step, 30, scale=tangent_weights(scene))
+    np.testing.assert_allclose(rest.history, whole.history, rtol=1e-9, atol=1e-12)
+    known = sj.lyapunov_spectrum(scene, periods=30, until_stderr=5e-3, **options)
+    assert known.reached
+    assert known.stderr[0] <= 5e-3
+    np.testing.assert_allclose(known.per_period, -0.0465, atol=3 * 5e-3)
+
+
+@pytest.mark.slow
+def test_all_exponents_and_both_memories_agree():
+    """On the same periodic motion both models have the same exponents, within the smooth one's bias."""
+    for speed in (1250.0, 1500.0):
+        latched = sj.lyapunov_spectrum(
+            sj.paper_scene(speed=speed), 10, transient=200, periods=200, steps_per_period=200
+        )
+        scene = sj.paper_scene(speed=speed, memory=sj.SmoothSwitch())
+        smooth = sj.lyapunov_spectrum(scene, 10, transient=200, periods=200, steps_per_period=200)
+        np.testing.assert_allclose(latched.weighted[0], smooth.weighted[0], atol=3e-3)
+
+
+@pytest.mark.slow
+def test_sum_of_the_smooth_models_exponents_is_its_mean_divergence():
+    """All 30, orthonormalised 20 times per period, as the open contacts' memory decays by up to e^60 in one."""
+    scene = sj.paper_scene(speed=1250.0, memory=sj.SmoothSwitch())
+    field, args = sj.vector_field(scene), Args(scene)
+    start = sj.initial_state(scene, sj.table_2_start())
+    common = dict(dt=1 / 400, steps=20, args=args, period=1.0)
+    run = ode_spectrum(field, start, 200, scale=tangent_weights(scene), **common)
+
+    def with_divergence(t, y, args):
+        flat, unravel = ravel_pytree(y[0])
+        jacobian = jax.jacfwd(lambda x: ravel_pytree(field(t, unravel(x), args))[0])(flat)
+        return field(t, y[0], args), jnp.trace(jacobian)
+
+    step = ode_step(with_divergence, dt=1 / 400, steps=400, args=args)
+    end = jax.jit(lambda y: jax.lax.fori_loop(0, 10, lambda k, y: step(y, 1.0 * k), y))((start, jnp.zeros(())))
+    np.testing.assert_allclose(np.sum(run.per_period), end[1] / 10, rtol=1e-4)
