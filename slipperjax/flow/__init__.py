@@ -18,7 +18,6 @@ from .recorders import Sections as Sections
 from .recorders import Strobe as Strobe
 from .recorders import StrobeRecord as StrobeRecord
 from .recorders import coordinates as coordinates
-from .recorders import joined_cases as joined_cases
 from .recorders import joined_in_time as joined_in_time
 from .recorders import recorder_named as recorder_named
 from .simulate import Trajectory as Trajectory

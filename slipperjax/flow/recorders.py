@@ -217,21 +217,6 @@ def joined_in_time(records: Sequence[Any]) -> Any:
     return type(records[0])(*(np.concatenate(parts, axis=1) for parts in zip(*records, strict=True)))
 
 
-def joined_cases(records: Sequence[Any]) -> Any:
-    """Records of several chunks of cases as one; fewer samples are filled up with NaN."""
-
-    def one(*parts: np.ndarray) -> np.ndarray:
-        most = max(p.shape[1] for p in parts)
-        return np.concatenate([p if p.shape[1] == most else _lengthened(p, most) for p in parts])
-
-    return type(records[0])(*(one(*parts) for parts in zip(*records, strict=True)))
-
-
-def _lengthened(part: np.ndarray, samples: int) -> np.ndarray:
-    widths = [(0, 0), (0, samples - part.shape[1]), *[(0, 0)] * (part.ndim - 2)]
-    return np.pad(part, widths, constant_values=np.nan)
-
-
 def _packed(time: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
     """Crossings moved to the front of the last axis, which is cut to the most that any case has."""
     absent = np.isnan(velocity)

@@ -8,12 +8,12 @@ import numpy as np
 import xarray as xr
 from tqdm.auto import tqdm
 
-from ..flow import check_start, initial_states, joined_cases
+from ..flow import check_start, initial_states
 from ..model import Motion, Scene, table_2_start
 from ..tools import one_of
 from .cases import filled, path_cases
-from .executors import run_chunk
-from .plan import make_plan
+from .executors import in_order, records_in_order, run_chunk
+from .plan import Chunk, make_plan
 from .sweep import CaseRuns, sweep_dataset
 
 DIRECTIONS = {"up": 1, "down": -1}
@@ -69,26 +69,18 @@ def follow(
     )
     places = np.arange(len(values))
     columns = np.stack([places[::way] for way in ways], axis=1)  # (values, directions)
-    states, runs, steps = None, [], []
+    states, runs, chunks = None, [], []
     with tqdm(total=plan.periods * columns.size, unit="period", unit_scale=True, disable=not progress) as bar:
         for k, column in enumerate(columns):
             scenes, starts = cases.take(filled(column, len(column)))
             states = initial_states(scenes, starts) if states is None else states
             most = int(plan.steps[column].max())
             on_progress = lambda periods: bar.update(periods * len(ways))
-            run = run_chunk(plan, scenes, states, most, on_progress, epoch=k * plan.periods)
-            states = run.state
-            runs.append(run)
-            steps.append(np.full(len(ways), most))
-
-    def ordered(a):
-        # (values x lanes, ...) in the order of the run -> (directions x values, ...) in the order of the values
-        a = a.reshape(len(columns), -1, *a.shape[1:])
-        return np.concatenate([a[::way, d] for d, way in enumerate(ways)])
-
-    record_of_all = joined_cases([run.record for run in runs])
-    record_of_all = type(record_of_all)(*(ordered(a) for a in record_of_all))
-    found = CaseRuns(
-        ordered(np.concatenate([run.status for run in runs])), ordered(np.concatenate(steps)), record_of_all
-    )
+            runs.append(run_chunk(plan, scenes, states, most, on_progress, epoch=k * plan.periods))
+            states = runs[-1].state
+            # where these cases stand in the list of all directions and values
+            chunks.append(Chunk(column + len(values) * np.arange(len(ways)), len(ways), most))
+    steps = in_order(chunks, [np.full(len(ways), chunk.steps) for chunk in chunks])
+    status = in_order(chunks, [run.status for run in runs])
+    found = CaseRuns(status, steps, records_in_order(chunks, [run.record for run in runs]))
     return sweep_dataset(scene, plan, cases, found, {"direction": list(directions)})
