@@ -1,5 +1,6 @@
 """Results of one case as labelled xarray datasets, and the scene as their attributes."""
 
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -9,14 +10,18 @@ from .recorders import coordinates
 from .status import MEANINGS
 
 
-def scene_attributes(scene: Scene) -> dict[str, Any]:
-    """The scene's parameters, as attributes of a dataset; those with several values are left to coordinates."""
+def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, Any]:
+    """The scene's parameters, as attributes of a dataset.
+
+    **Arguments:** `without`: names of parameters to leave out, which a dataset has as coordinates. Those with several
+    values are left out, too.
+    """
     out: dict[str, Any] = {
         "contact_law": type(scene.contact).__name__,
         "contact_memory": type(scene.memory).__name__,
     }
     for name, q in PARAMETERS.items():
-        value = q.of(scene)
+        value = None if name in without else q.of(scene)
         if value is not None and np.ndim(value) == 0:
             out[name if q.unit == "1" else f"{name} [{q.unit}]"] = float(value)
     wavelengths = np.atleast_1d(getattr(scene.track, "wavelengths", scene.track.wavelength))

@@ -114,8 +114,12 @@ class ConstantSteps(AbstractStepping):
         carry = state, solver_state, jnp.zeros((), bool)
         if self.steps is None:
             assert self.most is not None
-            # checkpointed: reverse mode keeps the state of each step and computes its stages once more
-            one = jax.checkpoint(lambda carry, k: ((after := step(carry, k)), after[0] if inside else None))
+
+            @jax.checkpoint  # reverse mode keeps the state of each step and computes its stages once more
+            def one(carry, k):
+                carry = step(carry, k)
+                return carry, carry[0] if inside else None
+
             carry, states = jax.lax.scan(one, carry, jnp.arange(float(self.most)))
         else:
             carry, states = self._counted(step, carry, inside)

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
-from ..model import PARAMETERS, STARTS, Motion, Parameter, Scene, impacts_per_period, quantity, steps_from_impacts
+from ..model import STARTS, Motion, Parameter, Scene, impacts_per_period, quantity, steps_from_impacts
 from ..model import parameter as parameter_named
 from ..tools import Batched
 
@@ -119,11 +119,3 @@ def path_cases(scene: Scene, path: Mapping[str, Any], start: Motion) -> tuple[Ca
     if len(cases.axes) > 1 or name in STARTS or np.any(np.diff(values) <= 0):
         raise ValueError(f"Argument `path` must name one parameter with increasing values, but is {path!r}.")
     return cases, name, values
-
-
-def without_axes(attributes: Mapping[str, Any], cases: Cases) -> dict[str, Any]:
-    """The attributes of a scene that its grid does not vary."""
-    return {k: v for k, v in attributes.items() if k.split(" [")[0] not in cases.axes or k not in _PARAMETER_LABELS}
-
-
-_PARAMETER_LABELS = {name if q.unit == "1" else f"{name} [{q.unit}]" for name, q in PARAMETERS.items()}

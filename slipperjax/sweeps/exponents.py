@@ -26,7 +26,7 @@ from ..orbits import check_count
 from ..solvers import solver_name
 from ..tools import Batched, whole
 from .attractors import FLOOR
-from .cases import Cases, without_axes
+from .cases import Cases
 from .executors import in_order, run_chunk, run_chunks
 from .plan import OnProgress, Plan, make_plan, strobe_plan
 from .sweep import case_variables
@@ -106,7 +106,7 @@ def lyapunov_sweep(
         checks=_Checks(*(joined(*parts) for parts in zip(*checks, strict=True))) if certify else None,
     )
     attrs = {"transient": plan.periods, "periods": counted * BLOCK, "solver": solver_name(plan.solver)}
-    return _dataset(cases, plan, found, without_axes(scene_attributes(scene), cases) | attrs)
+    return _dataset(cases, plan, found, scene_attributes(scene, without=cases.axes) | attrs)
 
 
 class _Checks(NamedTuple):

@@ -11,7 +11,7 @@ from jaxtyping import Int
 from ..flow import MEANINGS, check_start, initial_states, scene_attributes
 from ..model import Motion, Scene, table_2_start
 from ..solvers import solver_name
-from .cases import Cases, without_axes
+from .cases import Cases
 from .executors import in_order, records_in_order, run_chunk, run_chunks
 from .plan import Plan, make_plan
 
@@ -105,7 +105,7 @@ def sweep_dataset(
     record = type(found.record)(*(a.reshape(*shape, *a.shape[1:]) for a in found.record))
     data, coords = plan.recorder.label(scene, dims, record)
     data |= case_variables(dims, found.status.reshape(shape), found.steps.reshape(shape))
-    attrs = without_axes(scene_attributes(scene), cases) | {
+    attrs = scene_attributes(scene, without=cases.axes) | {
         "transient": plan.transient.periods,
         "periods": plan.recorded.periods,
         "solver": solver_name(plan.solver),
