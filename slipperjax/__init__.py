@@ -46,4 +46,5 @@ from .solvers import choose_solver as choose_solver  # noqa: E402
 from .sweeps import follow as follow  # noqa: E402
 from .sweeps import lyapunov_sweep as lyapunov_sweep  # noqa: E402
 from .sweeps import sweep as sweep  # noqa: E402
+from .tools import ImplausibleWarning as ImplausibleWarning  # noqa: E402
 from .tools import jit as jit  # noqa: E402

@@ -28,6 +28,9 @@ from .options import (
     make_solver,
 )
 
+LOST = 1
+"""Exit code where no case stayed finite."""
+
 app = typer.Typer(
     help="Nonlinear dynamics of rocket-sled slippers.",
     add_completion=False,
@@ -52,11 +55,12 @@ def simulate(
     saves_per_period: Annotated[int | None, typer.Option(help="Saved states per forcing period.")] = None,
     solver: Solver = "RK4",
     memory: Memory = "event",
+    probe: Annotated[
+        int, typer.Option(help="Periods that are repeated with half the step, for the error; or 0.")
+    ] = 4,
     out: Out = Path("trajectory"),
 ):
     """Simulate one case and write its trajectory."""
-    import numpy as np
-
     from ..flow import Status, step_plan
     from ..flow import simulate as run
     from ..plots import overview
@@ -78,16 +82,25 @@ def simulate(
     options = dict(steps_per_period=steps_per_period, saves_per_period=saves_per_period)
     # checked here, too, so that an error is the only line
     whole("periods", periods, 1)
+    whole("probe", probe, 0)
     step_plan(scene, steps_per_period, saves_per_period)
     print(f"simulating {periods} periods of {float(scene.period) * 1e3:.4g} ms ...", file=sys.stderr)
-    ds = run(scene, periods, solver=method, **options).to_xarray()
+    found = run(scene, periods, solver=method, probe=probe, **options)
+    ds = found.to_xarray()
     _write(ds, overview, out)
-    status, force = Status(ds.attrs["status"]), ""
-    if status == Status.FINITE:
-        peak = ds["contact_force"].max("time")
-        end, point = np.unravel_index(int(np.argmax(peak.values)), peak.shape)
-        force = f"highest contact force {float(peak.max()):.0f} N at {peak['point'].values[point]}{end + 1}; "
-    print(f"{ds.attrs['steps_per_period']} steps per period; {force}status: {status}")
+    status, parts = Status(int(found.status)), [f"{ds.attrs['steps_per_period']} steps per period"]
+    if status != Status.NOT_FINITE:
+        peak = found.peak
+        where = f"{ds['point'].values[int(peak.point)]}{int(peak.end) + 1}"
+        if float(peak.force) > 0:
+            parts.append(
+                f"highest contact force {float(peak.force):.0f} N at {where}, period {float(peak.period):.3f}"
+            )
+        if found.probe is not None:
+            parts.append(_error(found.probe))
+    print("; ".join([*parts, f"status: {status}"]))
+    if status == Status.NOT_FINITE:
+        raise typer.Exit(LOST)
 
 
 @app.command()
@@ -138,6 +151,7 @@ def bifurcation(
         f"{ds['status'].size} cases, {ds.attrs['transient']} + {periods} periods, {_steps(ds)} steps per period: "
         f"{seconds:.1f} s with compiling; {flagged} cases flagged{meanings}"
     )
+    _exit_if_lost(ds)
 
 
 @app.command()
@@ -195,6 +209,7 @@ def lyapunov(
         f"{ds['regime'].size} cases: {shares}; {_steps(ds)} steps per period, {seconds:.1f} s with compiling; "
         f"{flagged} cases flagged{meanings}"
     )
+    _exit_if_lost(ds)
 
 
 @app.command()
@@ -286,6 +301,25 @@ def _steps(ds: Any) -> str:
     """Steps per period of all cases of a sweep: one number, or the least to the most."""
     least, most = int(ds["steps_per_period"].min()), int(ds["steps_per_period"].max())
     return f"{least}" if least == most else f"{least} to {most}"
+
+
+def _error(probe: Any) -> str:
+    """What half the step changes, in words."""
+    import numpy as np
+
+    most, of_force = float(np.max(probe.error)), probe.peak_error[np.isfinite(probe.peak_error)]
+    if not np.isfinite(most):
+        return "half the step does not stay finite"
+    force = f" and its highest force by {float(np.max(of_force)):.1e} of it" if len(of_force) else ""
+    return f"half the step changes a period by {most:.1e} (unit: 1 mm, 10 mrad, 1 m/s, 10 rad/s){force}"
+
+
+def _exit_if_lost(ds: Any) -> None:
+    """Ends with exit code `LOST` where no case of a sweep stayed finite."""
+    from ..flow import Status
+
+    if bool((ds["status"] == Status.NOT_FINITE).all()):
+        raise typer.Exit(LOST)
 
 
 def _flagged(ds: Any) -> tuple[int, str]:

@@ -2,6 +2,9 @@
 
 from .datasets import scene_attributes as scene_attributes
 from .datasets import trajectory_dataset as trajectory_dataset
+from .loads import Loads as Loads
+from .loads import contact_loads as contact_loads
+from .loads import over_periods as over_periods
 from .period_map import Passage as Passage
 from .period_map import PeriodMap as PeriodMap
 from .period_map import TangentPassage as TangentPassage
@@ -9,6 +12,8 @@ from .period_map import advance as advance
 from .period_map import advance_tangents as advance_tangents
 from .period_map import batch_jacobians as batch_jacobians
 from .period_map import initial_states as initial_states
+from .period_map import judged_by_loads as judged_by_loads
+from .probe import Probe as Probe
 from .recorders import RECORDERS as RECORDERS
 from .recorders import AbstractRecorder as AbstractRecorder
 from .recorders import History as History
@@ -20,15 +25,20 @@ from .recorders import StrobeRecord as StrobeRecord
 from .recorders import coordinates as coordinates
 from .recorders import joined_in_time as joined_in_time
 from .recorders import recorder_named as recorder_named
+from .simulate import Peak as Peak
 from .simulate import Trajectory as Trajectory
 from .simulate import check_start as check_start
+from .simulate import default_steps as default_steps
 from .simulate import period_map as period_map
 from .simulate import simulate as simulate
 from .simulate import step_plan as step_plan
+from .simulate import steps_of_program as steps_of_program
 from .status import MEANINGS as MEANINGS
 from .status import Status as Status
 from .status import first_problem as first_problem
+from .status import most_stretch as most_stretch
 from .status import status_of as status_of
+from .status import with_loads as with_loads
 from .status import with_resolution as with_resolution
 from .stepping import AbstractStepping as AbstractStepping
 from .stepping import ConstantSteps as ConstantSteps

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..model import ACCELERATIONS, COORDINATES, PARAMETERS, REACTIONS, Quantity, Scene
-from .recorders import coordinates
+from .recorders import coordinates, load_variables
 from .status import MEANINGS
 
 
@@ -33,7 +33,8 @@ def trajectory_dataset(trajectory: Any) -> Any:
     """A `Trajectory` as an `xarray.Dataset`.
 
     Dimensions time, end (front, rear) and point (A..J); variables y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z,
-    a_y, a_z, alpha_x, alpha_y, alpha_z, contact_force, gap and drive_force; coordinates time [s] and period
+    a_y, a_z, alpha_x, alpha_y, alpha_z, contact_force, gap and drive_force, and over all steps of the run, by end and
+    point, peak_force, peak_period, impulse, contact_fraction and penetration; coordinates time [s] and period
     [forcing periods].
     """
     import xarray as xr  # here, because importing it takes longer than a small simulation
@@ -56,8 +57,13 @@ def trajectory_dataset(trajectory: Any) -> Any:
         "point": list(trajectory.scene.section.names),
     }
     attrs = scene_attributes(trajectory.scene) | {
-        "steps_per_period": trajectory.steps_per_period,
+        "steps_per_period": int(trajectory.steps_per_period),
         "status": int(trajectory.status),
         "status_meaning": MEANINGS,
     }
+    if trajectory.loads is not None:
+        data |= load_variables((), trajectory.loads)
+    if trajectory.probe is not None:
+        attrs["probe_error [scales]"] = float(np.max(trajectory.probe.error))
+        attrs["probe_peak_error"] = float(np.max(trajectory.probe.peak_error))
     return xr.Dataset(data, coords, attrs)

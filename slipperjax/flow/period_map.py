@@ -14,11 +14,22 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ..analysis import jacobians, push_tangents
-from ..model import Args, Motion, Scene, State, contact_points, initial_state, settle_memory, vector_field
+from ..model import (
+    Args,
+    Motion,
+    Scene,
+    State,
+    contact_points,
+    settle_memory,
+    state_and_penetration,
+    vector_field,
+    warn_if_outside,
+)
 from ..solvers import RK4
 from ..tools import Batched, call_compiled, jit
+from .loads import Loads, over_periods
 from .recorders import AbstractRecorder, Strobe
-from .status import Status, status_of, with_resolution
+from .status import Status, status_of, with_loads, with_resolution
 from .stepping import AbstractStepping, as_stepping
 from .tangents import tangent_weights
 
@@ -61,11 +72,16 @@ class PeriodMap(eqx.Module):
         *,
         periods: int | None = None,
         recorder: AbstractRecorder | None = None,
+        used: Any = None,
     ) -> Passage:
         """Integrates some forcing periods, by default one application's, and keeps what `recorder` makes of each.
 
-        **Arguments:** `state`: at the start of the forcing period number `epoch`. **Returns:** a `Passage` with
-        scalar status. Where solver or controller gave up, the motion is NaN from there on.
+        **Arguments:** `state`: at the start of the forcing period number `epoch`; `used`: how many of `periods`
+        are integrated, which may be traced, so that one program serves several numbers: what the result holds for
+        the others counts for nothing.
+
+        **Returns:** a `Passage` with scalar status. Where solver or controller gave up, the motion is NaN from there
+        on.
         """
         recorder = Strobe() if recorder is None else recorder
         scene, solver = settle_memory(self.scene), self.stepping.prepared(self.solver)
@@ -82,10 +98,17 @@ class PeriodMap(eqx.Module):
                 record = recorder(_lost_where(done.failed, done.inside), args, self.stepping.number)
             return (end, done.carried), (record, status_of(end), jnp.asarray(done.taken, int))
 
+        def period_if_used(carry, epoch_now):
+            kept = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(period, carry, epoch_now)[1])
+            return jax.lax.cond(epoch_now < epoch + used, period, lambda c, _: (c, kept), carry, epoch_now)
+
         count = self.periods if periods is None else periods
         first = self.stepping.first(terms, solver, state, Args(scene, epoch, points))
         epochs = epoch + jnp.arange(float(count))
-        (end, _), (record, codes, taken) = jax.lax.scan(period, (state, first), epochs)
+        one = period if used is None else period_if_used
+        (end, _), (record, codes, taken) = jax.lax.scan(one, (state, first), epochs)
+        if used is not None:
+            taken = jnp.where(jnp.arange(count) < used, taken, jnp.max(taken))
         code = codes[jnp.argmax(codes != int(Status.FINITE))]
         return Passage(end, record, with_resolution(code, scene, jnp.min(taken)), taken)
 
@@ -106,22 +129,35 @@ def _map(period_map: PeriodMap, static: tuple, state: State) -> State:
 
 
 def run_compiled(
-    period_map: PeriodMap, start: Motion, periods: int, recorder: AbstractRecorder
-) -> tuple[State, Passage]:
-    """The state at time zero of one case, and its run from there, compiled."""
-    return call_compiled(_run, period_map, (periods, recorder), start)
+    period_map: PeriodMap,
+    state: State,
+    periods: int,
+    recorder: AbstractRecorder,
+    epoch: Any = 0.0,
+    used: Any = None,
+) -> Passage:
+    """`period_map.run` of one case, compiled; see there."""
+    return call_compiled(_run, period_map, (periods, recorder), state, epoch, used)
 
 
-def _run(period_map: PeriodMap, static: tuple, start: Motion) -> tuple[State, Passage]:
+def _run(period_map: PeriodMap, static: tuple, state: State, epoch: Any, used: Any) -> Passage:
     periods, recorder = static
-    state = initial_state(period_map.scene, start)
-    return state, period_map.run(state, periods=periods, recorder=recorder)
+    return period_map.run(state, epoch, periods=periods, recorder=recorder, used=used)
+
+
+def initial_states(scenes: Batched[Scene], starts: Motion) -> State:
+    """The states at time zero of a batch; `starts` has a leading axis of cases.
+
+    Gives an `ImplausibleWarning` where slippers begin far outside their play.
+    """
+    states, outside = _initial_states(scenes, starts)
+    warn_if_outside(outside)
+    return states
 
 
 @jit
-def initial_states(scenes: Batched[Scene], starts: Motion) -> State:
-    """The states at time zero of a batch; `starts` has a leading axis of cases."""
-    return scenes.map(initial_state, starts)
+def _initial_states(scenes: Batched[Scene], starts: Motion) -> tuple[State, Float[Array, " cases"]]:
+    return scenes.map(state_and_penetration, starts)
 
 
 @functools.partial(jit, static_argnames=("solver", "periods", "recorder"))
@@ -144,6 +180,12 @@ def advance(
         return PeriodMap(scene, stepping, solver).run(state, epoch, periods=periods, recorder=recorder)
 
     return scenes.map(one, states)
+
+
+@jit
+def judged_by_loads(scenes: Batched[Scene], codes: Any, loads: Loads, stretch: Any) -> Int[Array, " cases"]:
+    """Codes of a batch after `with_loads`, from the loads of each period, arrays (cases, periods, ...)."""
+    return scenes.map(lambda scene, code, kept: with_loads(code, over_periods(kept), scene, stretch), codes, loads)
 
 
 class TangentPassage(NamedTuple):

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 from ..model import (
     ACCELERATIONS,
     COORDINATES,
+    LOADS,
     REACTIONS,
     SECTIONS,
     Args,
@@ -22,6 +23,7 @@ from ..model import (
     euler_angles,
     reactions,
 )
+from .loads import Loads, contact_loads, over_periods
 from .poincare import Crossings, section_crossings
 
 Labelled = tuple[dict[str, Any], dict[str, Any]]
@@ -84,23 +86,25 @@ class SectionRecord(NamedTuple):
     velocity: Float[np.ndarray, "*cases crossings 5"]
     """Velocities there [m/s], [rad/s], in the order of `slipperjax.model.SECTIONS`."""
     strobe: Float[np.ndarray, "*cases periods 10"]
+    loads: Loads
+    """Contact loads of each period, arrays (*cases, periods, ...)."""
 
 
 @dataclass(frozen=True)
 class Sections(AbstractRecorder):
-    """Velocities at upward zero crossings, and the state once per period, from which an attractor is classified."""
+    """Velocities at upward zero crossings, contact loads, and the state once per period to classify attractors by."""
 
-    def __call__(self, states: State, args: Args, steps: Any) -> tuple[Crossings, State]:
+    def __call__(self, states: State, args: Args, steps: Any) -> tuple[Crossings, State, Loads]:
         last = jax.tree.map(lambda a: a[steps if isinstance(steps, int) else jnp.asarray(steps, int)], states)
-        return section_crossings(states, args, steps), last
+        return section_crossings(states, args, steps), last, contact_loads(states, args, steps)
 
-    def collect(self, kept: tuple[Crossings, State]) -> SectionRecord:
+    def collect(self, kept: tuple[Crossings, State, Loads]) -> SectionRecord:
         # (lanes, periods, sections, steps) -> (lanes, crossings, sections), cut to the most crossings of any case
-        crossings, ends = kept
+        crossings, ends, loads = kept
         time, velocity = (np.asarray(a) for a in crossings)
         flat = lambda a: np.moveaxis(a, 2, 1).reshape(a.shape[0], a.shape[2], -1)
         time, velocity = (np.moveaxis(a, -1, 1) for a in _packed(flat(time), flat(velocity)))
-        return SectionRecord(time, velocity, coordinates(ends))
+        return SectionRecord(time, velocity, coordinates(ends), _on_host(loads))
 
     def label(self, scene: Scene, dims: tuple[str, ...], record: SectionRecord) -> Labelled:
         time, velocity = _packed(*(np.moveaxis(a, -1, -2) for a in (record.time, record.velocity)))
@@ -117,7 +121,7 @@ class Sections(AbstractRecorder):
             "coordinate": list(COORDINATES),
             "period": _period_numbers(record.strobe.shape[-2], "since the start"),
         }
-        return data, coords
+        return data | load_variables(dims, record.loads), coords | _places(scene)
 
 
 class HistoryRecord(NamedTuple):
@@ -131,11 +135,13 @@ class HistoryRecord(NamedTuple):
     """In the order of `slipperjax.model.ACCELERATIONS`."""
     contact_force: Float[np.ndarray, "*cases samples 2 points"]
     """Normal forces at the front and the rear points [N]."""
+    loads: Loads
+    """Contact loads of each period, arrays (*cases, periods, ...)."""
 
 
 @dataclass(frozen=True)
 class History(AbstractRecorder):
-    """States, accelerations and contact forces `saves` times per period."""
+    """States, accelerations and contact forces `saves` times per period, and loads."""
 
     saves: int
 
@@ -143,10 +149,13 @@ class History(AbstractRecorder):
         saved = samples(states, self.saves, steps)
         period = jnp.arange(1, self.saves + 1) / self.saves
         now = jax.vmap(lambda t, s: reactions(t, s, args))(period, saved)
-        return HistoryRecord(stacked(saved), period + args.epoch, now.acceleration, now.contact_force)
+        loads = contact_loads(states, args, steps)
+        return HistoryRecord(stacked(saved), period + args.epoch, now.acceleration, now.contact_force, loads)
 
     def collect(self, kept: HistoryRecord) -> HistoryRecord:
-        return HistoryRecord(*(np.asarray(a).reshape(a.shape[0], -1, *a.shape[3:]) for a in kept))
+        in_time = lambda a: np.asarray(a).reshape(a.shape[0], -1, *a.shape[3:])
+        loads = _on_host(kept.loads)
+        return HistoryRecord(*map(in_time, kept[:4]), loads)  # pyright: ignore[reportCallIssue]
 
     def label(self, scene: Scene, dims: tuple[str, ...], record: HistoryRecord) -> Labelled:
         data: dict[str, Any] = {}
@@ -158,25 +167,25 @@ class History(AbstractRecorder):
         period = record.period.reshape(-1, record.period.shape[-1])[0]
         coords: dict[str, Any] = {
             "period": ("time", period, _attributes("1", "time in forcing periods")),
-            "end": ["front", "rear"],
-            "point": list(scene.section.names),
         }
-        return data, coords
+        return data | load_variables(dims, record.loads), coords | _places(scene)
 
 
 @dataclass(frozen=True)
 class Samples(AbstractRecorder):
-    """The states `saves` times per period, as they are: for `simulate`."""
+    """The states `saves` times per period, as they are, and loads if wanted: for `simulate`."""
 
     saves: int
+    loads: bool = True
 
-    def __call__(self, states: State, args: Args, steps: Any) -> State:
-        return samples(states, self.saves, steps)
+    def __call__(self, states: State, args: Args, steps: Any) -> tuple[State, Loads | None]:
+        return samples(states, self.saves, steps), (contact_loads(states, args, steps) if self.loads else None)
 
-    def collect(self, kept: State) -> State:
-        return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), kept)
+    def collect(self, kept: tuple[State, Loads | None]) -> tuple[State, Loads | None]:
+        saved, loads = kept
+        return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), saved), loads
 
-    def label(self, scene: Scene, dims: tuple[str, ...], record: State) -> Labelled:
+    def label(self, scene: Scene, dims: tuple[str, ...], record: Any) -> Labelled:
         raise NotImplementedError("Trajectories are labelled by slipperjax.flow.datasets.")
 
 
@@ -214,7 +223,26 @@ def coordinates(states: State) -> Float[np.ndarray, "*batch 10"]:
 
 def joined_in_time(records: Sequence[Any]) -> Any:
     """Records of successive stretches as one."""
-    return type(records[0])(*(np.concatenate(parts, axis=1) for parts in zip(*records, strict=True)))
+    return jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *records)
+
+
+def load_variables(dims: tuple[str, ...], loads: Loads) -> dict[str, Any]:
+    """Data variables of loads over all their periods, from arrays (*dims, periods, ...)."""
+    total = _over_periods(loads, len(dims))
+    return {
+        name: ((*dims, "end", "point"), np.asarray(getattr(total, name)), q.attributes) for name, q in LOADS.items()
+    }
+
+
+_over_periods = jax.jit(over_periods, static_argnums=1)
+
+
+def _places(scene: Scene) -> dict[str, Any]:
+    return {"end": ["front", "rear"], "point": list(scene.section.names)}
+
+
+def _on_host(tree: Any) -> Any:
+    return jax.tree.map(np.asarray, tree)
 
 
 def _packed(time: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:

@@ -1,6 +1,6 @@
 """One scene, simulated: trajectories and the plain period map."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import diffrax
 import equinox as eqx
@@ -15,17 +15,23 @@ from ..model import (
     Reactions,
     Scene,
     State,
-    default_steps_per_period,
     euler_angles,
+    initial_state,
     reactions,
     table_2_start,
+    traced_steps_per_period,
 )
 from ..solvers import check_error_estimate, resolve_controller, resolve_solver
 from ..tools import is_traced, jit, whole
-from .period_map import PeriodMap, map_compiled, run_compiled
-from .recorders import Samples, Strobe
-from .status import status_of, with_resolution
-from .stepping import ConstantSteps, ControlledSteps
+from .loads import Loads, over_periods
+from .period_map import Passage, PeriodMap, map_compiled, run_compiled
+from .probe import Probe, check_probe, probed
+from .recorders import AbstractRecorder, Samples, Strobe
+from .status import INACCURATE, Status, most_stretch, status_of, with_loads, with_resolution
+from .stepping import ConstantSteps, ControlledSteps, UnknownSteps
+
+MOST_UNKNOWN = 1600
+"""Greatest default number of steps per period where the scene's values are traced."""
 
 
 def period_map(
@@ -42,18 +48,45 @@ def period_map(
 
     **Arguments:** as for `simulate`; `state` comes from `initial_state` or an earlier call.
     """
-    steps = default_steps_per_period(scene) if steps_per_period is None else steps_per_period
-    steps, periods = whole("steps_per_period", steps, 1), whole("periods", periods, 1)
+    steps, periods = default_steps(scene, steps_per_period), whole("periods", periods, 1)
     solver, controller = resolve_solver(scene, solver), resolve_controller(stepsize_controller)
     check_error_estimate(solver, controller)
-    stepping = ConstantSteps(steps) if controller is None else _controlled(1, steps, controller, adjoint)
+    stepping = steps_of_program(steps) if controller is None else _controlled(1, steps, controller, adjoint)
     return map_compiled(PeriodMap(scene, stepping, solver, periods), state)
 
 
+def default_steps(scene: Scene, steps: int | None) -> Any:
+    """Steps per period from what the caller gave; a traced number where that is nothing and the scene is traced."""
+    if steps is not None:
+        return whole("steps_per_period", steps, 1)
+    needed = traced_steps_per_period(scene)  # a plain number where the scene is merely differentiated
+    return jnp.minimum(needed, MOST_UNKNOWN) if is_traced(needed) else int(needed)
+
+
+def steps_of_program(steps: Any) -> ConstantSteps:
+    """Constant steps that can be differentiated in both modes, of a number that may be traced."""
+    return UnknownSteps(MOST_UNKNOWN, steps) if is_traced(steps) else ConstantSteps(steps)
+
+
 def _controlled(
-    samples: int, first_steps: int, controller: Any, adjoint: diffrax.AbstractAdjoint | None
+    samples: int, first_steps: Any, controller: Any, adjoint: diffrax.AbstractAdjoint | None
 ) -> ControlledSteps:
+    if is_traced(first_steps):
+        raise ValueError("Argument `steps_per_period` must be given for adaptive steps where the scene is traced.")
     return ControlledSteps(samples, first_steps, controller, diffrax.ForwardMode() if adjoint is None else adjoint)
+
+
+class Peak(NamedTuple):
+    """The highest contact force of a run."""
+
+    force: Any
+    """Normal force [N]."""
+    period: Any
+    """When [forcing periods]; NaN without contact."""
+    end: Any
+    """0 at the front, 1 at the rear."""
+    point: Any
+    """Index of the point in `Section.names`."""
 
 
 class Trajectory(eqx.Module):
@@ -64,10 +97,16 @@ class Trajectory(eqx.Module):
     """Time in forcing periods [1]."""
     state: State
     """The saved states, with a leading axis of saves."""
-    steps_per_period: int = eqx.field(static=True)
+    steps_per_period: Any
     """Integration steps per forcing period; with adaptive steps, the number of states they were interpolated at."""
     steps_taken: Int[Array, " periods"]
     """Steps tried in each forcing period, those included that an adaptive controller rejected."""
+    status: Int[Array, ""]
+    """0 where nothing is wrong, else see `slipperjax.flow.Status`."""
+    loads: Loads | None
+    """Contact loads of each forcing period, over every step, arrays (periods, ...); None where switched off."""
+    probe: Probe | None = None
+    """What half the step changes in some periods; None where it was not asked for."""
 
     @property
     def time(self) -> Float[Array, " saves"]:
@@ -75,9 +114,11 @@ class Trajectory(eqx.Module):
         return self.period * self.scene.period
 
     @property
-    def status(self) -> Array:
-        """0 where nothing is wrong, else see `slipperjax.flow.Status`."""
-        return _judged(self.state, self.scene, jnp.min(self.steps_taken))
+    def peak(self) -> Peak:
+        """The highest contact force over every step, when and where. **Raises:** `ValueError` without loads."""
+        if self.loads is None:
+            raise ValueError("Argument `loads` must be True in `simulate` for peak forces, but is False.")
+        return _peak(self.loads)
 
     @property
     def euler_angles(self) -> tuple[Array, Array, Array]:
@@ -97,12 +138,26 @@ class Trajectory(eqx.Module):
 
 
 _euler_angles = jax.jit(jax.vmap(euler_angles))
-_judged = jax.jit(lambda states, scene, steps: with_resolution(status_of(states), scene, steps))
 
 
 @jit
 def _reactions(scene, periods, states):
     return jax.vmap(lambda p, s: reactions(0.0, s, Args(scene, p)))(periods, states)
+
+
+@jax.jit
+def _peak(loads: Loads) -> Peak:
+    force, when = over_periods(loads)[:2]
+    at = jnp.argmax(jax.lax.stop_gradient(force))
+    end, point = jnp.unravel_index(at, force.shape)
+    return Peak(jnp.max(force), when[end, point], end, point)
+
+
+@jax.jit
+def _judged(code, states, scene, steps, loads, stretch):
+    code = jnp.where(code == int(Status.FINITE), status_of(states), code)  # between the ends of periods, too
+    code = with_resolution(code, scene, steps)
+    return code if loads is None else with_loads(code, over_periods(loads), scene, stretch)
 
 
 def simulate(
@@ -115,6 +170,8 @@ def simulate(
     start: Motion | None = None,
     saves_per_period: int | None = None,
     adjoint: diffrax.AbstractAdjoint | None = None,
+    loads: bool = True,
+    probe: int = 0,
 ) -> Trajectory:
     """Simulates one scene.
 
@@ -123,18 +180,22 @@ def simulate(
     - `scene`: the case, see `paper_scene`.
     - `periods`: number of forcing periods, wavelength / speed each.
     - `steps_per_period`: integration steps per forcing period; default from the duration of a typical contact,
-        see `default_steps_per_period`, rounded up to a multiple of `saves_per_period`.
+        see `default_steps_per_period`, rounded up to a multiple of `saves_per_period`. Where the scene's values are
+        traced (jit, vmap), the default is at most `MOST_UNKNOWN`, and a given number is faster.
     - `solver`: a diffrax solver; default `RK4()`. With `EventLatch` memory a stock one is put into `Latching`.
         "auto" takes what `choose_solver` chooses for the scene.
     - `stepsize_controller`: default constant steps. `AdaptiveSteps(tolerance)`, or one of diffrax's, goes with
-        solvers that estimate their error; then `steps_per_period` is the first guess, and saved states between
-        the ends of periods are interpolated, to third order.
+        solvers that estimate their error; then `steps_per_period` is the first guess, and states between the ends
+        of periods are interpolated at as many instants, to third order.
     - `start`: motion at time zero; default Table 2 of Dang et al. 2024.
     - `saves_per_period`: saved states per forcing period, a divisor of `steps_per_period`; default 50, or
         `steps_per_period` where that is given and no multiple of 50.
     - `adjoint`: for a step size controller only, as constant steps can be differentiated in both modes: default
         `diffrax.ForwardMode()`, for `jax.jvp` and `jax.jacfwd`; `diffrax.RecursiveCheckpointAdjoint()` for
         `jax.grad`.
+    - `loads`: whether peak forces, impulses, time in contact and penetration are looked for over every step.
+    - `probe`: in how many periods the error is measured by half the step (a tenth of the tolerance where steps are
+        adaptive), see `Probe`; 0 for none. Not under a transformation.
 
     **Returns:** a `Trajectory`, the start included.
 
@@ -146,27 +207,67 @@ def simulate(
     start = table_2_start() if start is None else check_start(start)
     controller = resolve_controller(stepsize_controller)
     check_error_estimate(solver, controller)
+    probe = check_probe(probe, scene, start)
+    recorder = Samples(saves, loads) if saves > 1 or loads else Strobe()
+    first, traced = initial_state(scene, start), is_traced((scene, start))
     if controller is not None:
-        stepping = _controlled(saves, steps, controller, adjoint)
-        steps = saves if saves > 1 else steps
-    elif saves == 1 and not is_traced((scene, start)):
-        stepping = ConstantSteps(steps=jnp.asarray(float(steps)))  # one program serves any number of steps
+        stepping = _controlled(steps if loads else saves, steps, controller, adjoint)
+    elif traced:
+        stepping = steps_of_program(steps)
     else:
-        stepping = ConstantSteps(steps)
-    recorder = Strobe() if saves == 1 else Samples(saves)
-    first, passage = run_compiled(PeriodMap(scene, stepping, solver), start, periods, recorder)
-    kept = passage.record if saves == 1 else recorder.collect(passage.record)
+        room = _next_power(steps * (2 if probe else 1)) if recorder.inside else None
+        stepping = ConstantSteps(room, jnp.asarray(float(steps)))  # an array: one program serves many numbers
+    run = PeriodMap(scene, stepping, solver)
+    passage = run_compiled(run, first, periods, recorder) if traced else _run_eagerly(run, first, periods, recorder)
+    kept, found = recorder.collect(passage.record) if isinstance(recorder, Samples) else (passage.record, None)
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, kept)
-    return Trajectory(scene, jnp.arange(periods * saves + 1) / saves, states, steps, passage.steps_taken)
+    stretch = most_stretch(solver, controller)
+    status = _judged(passage.status, states, scene, jnp.min(passage.steps_taken), found, stretch)
+    times = jnp.arange(periods * saves + 1) / saves
+    taken = passage.steps_taken
+    shown = steps if controller is None or loads or saves == 1 else saves
+    trajectory = Trajectory(scene, times, states, shown, taken, status, found)
+    if not probe:
+        return trajectory
+    one = lambda stepping, state, epoch: _run_eagerly(
+        PeriodMap(scene, stepping, solver), state, 1, recorder, epoch, periods
+    )
+    measured = probed(stepping, trajectory.state, saves, probe, one)
+    bad = ~(jnp.max(measured.error) <= INACCURATE) & (status == int(Status.FINITE))
+    status = jnp.where(bad, int(Status.INACCURATE), status)
+    return eqx.tree_at(lambda t: (t.status, t.probe), trajectory, (status, measured), is_leaf=lambda x: x is None)
 
 
-def step_plan(scene: Scene, steps: int | None, saves: int | None) -> tuple[int, int]:
+def _run_eagerly(
+    run: PeriodMap,
+    state: State,
+    periods: int,
+    recorder: AbstractRecorder,
+    epoch: float = 0.0,
+    like: int | None = None,
+) -> Passage:
+    """A run with a program that serves other numbers of periods, too; that of a run of `like` periods if given."""
+    size = _next_power(periods if like is None else like)
+    found = run_compiled(run, state, size, recorder, jnp.asarray(epoch), jnp.asarray(float(periods)))
+    # on the host, where a slice of another length needs no compilation
+    cut = lambda tree: jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[:periods]), tree)
+    return Passage(found.state, cut(found.record), found.status, cut(found.steps_taken))
+
+
+def _next_power(count: int) -> int:
+    """The smallest of 50, 100, 200, 400, ... that is not below; below 50 a power of two."""
+    if count <= 32:
+        return 1 << (count - 1).bit_length()
+    return 50 * (1 << max(-(-count // 50) - 1, 0).bit_length())
+
+
+def step_plan(scene: Scene, steps: int | None, saves: int | None) -> tuple[Any, int]:
     """Integration steps and saves per period from what the caller gave; the second divides the first."""
     if saves is not None:
         saves = whole("saves_per_period", saves, 1)
     if steps is None:
         saves = 50 if saves is None else saves
-        return -(-default_steps_per_period(scene) // saves) * saves, saves
+        return -(-default_steps(scene, None) // saves) * saves, saves
     steps = whole("steps_per_period", steps, 1)
     if saves is None:
         return steps, (50 if steps % 50 == 0 else steps)

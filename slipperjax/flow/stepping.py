@@ -64,6 +64,10 @@ class AbstractStepping(eqx.Module):
         """Largest number of steps per period whose states can be stored."""
         raise ValueError("Argument `most` must be given for a recorder of states inside periods.")
 
+    @abc.abstractmethod
+    def finer(self) -> "AbstractStepping":
+        """A stepping whose error is a fraction of this one's, to measure the error by."""
+
 
 class ConstantSteps(AbstractStepping):
     """A number of equal steps.
@@ -128,8 +132,14 @@ class ConstantSteps(AbstractStepping):
             states = jax.tree.map(lambda a, rest: jnp.concatenate([a[None], rest]), state, states)
         return Period(end, states, self.number, failed, None if begins else solver_state)
 
+    def finer(self):
+        if self.steps is None:
+            assert self.most is not None
+            return ConstantSteps(2 * self.most)
+        return type(self)(self.most, 2 * self.steps)
+
     def _counted(self, step, carry, inside):
-        """A loop over a number of steps that the program does not know; entries beyond the last repeat the start."""
+        """A loop over a number of steps that the program does not know; entries beyond the last count for nothing."""
         steps = jnp.asarray(self.steps).astype(int)
         if not inside:
             return jax.lax.fori_loop(0, steps, lambda k, c: step(c, k * 1.0), carry), None
@@ -141,6 +151,25 @@ class ConstantSteps(AbstractStepping):
 
         room = jax.tree.map(lambda a: jnp.broadcast_to(a[None], (self.most_inside, *a.shape)), carry[0])
         return jax.lax.fori_loop(0, steps, one, (carry, room))
+
+
+class UnknownSteps(ConstantSteps):
+    """A number of equal steps that is not known while the program is made, at most `most`.
+
+    For scenes whose values are traced. It can be differentiated in both modes, for which all `most` steps are
+    visited and those beyond the last are skipped; under `jax.vmap` nothing is saved by skipping.
+    """
+
+    def prepared(self, solver):
+        return differentiable(solver, diffrax.DirectAdjoint())
+
+    def _counted(self, step, carry, inside):
+        @jax.checkpoint
+        def one(carry, k):
+            carry = jax.lax.cond(k < self.steps, lambda c: step(c, k), lambda c: c, carry)
+            return carry, carry[0] if inside else None
+
+        return jax.lax.scan(one, carry, jnp.arange(float(self.most)))
 
 
 class ControlledSteps(AbstractStepping):
@@ -163,6 +192,19 @@ class ControlledSteps(AbstractStepping):
 
     def prepared(self, solver):
         return differentiable(solver, self.adjoint)
+
+    def finer(self):
+        """With a tenth of the tolerances.
+
+        **Raises:** `ValueError` for a controller without tolerances.
+        """
+        fields = [name for name in ("tolerance", "rtol", "atol") if name in vars(self.controller)]
+        if not fields:
+            raise ValueError(
+                f"Argument `probe` must be 0 with {type(self.controller).__name__}, which has no tolerance."
+            )
+        at = lambda s: [getattr(s.controller, name) for name in fields]
+        return eqx.tree_at(at, self, [v / 10 for v in at(self)])
 
     def first(self, terms, solver, state, args):
         carries = isinstance(solver, AbstractLatchingSolver)

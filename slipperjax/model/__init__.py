@@ -25,7 +25,9 @@ from .dynamics import fill_frozen as fill_frozen
 from .dynamics import initial_state as initial_state
 from .dynamics import phase as phase
 from .dynamics import reactions as reactions
+from .dynamics import state_and_penetration as state_and_penetration
 from .dynamics import vector_field as vector_field
+from .dynamics import warn_if_outside as warn_if_outside
 from .kinematics import MOTION_SCALES as MOTION_SCALES
 from .kinematics import Contacts as Contacts
 from .kinematics import Motion as Motion
@@ -42,6 +44,7 @@ from .linearised import dense_linearised as dense_linearised
 from .quantities import ACCELERATIONS as ACCELERATIONS
 from .quantities import COORDINATE_SCALES as COORDINATE_SCALES
 from .quantities import COORDINATES as COORDINATES
+from .quantities import LOADS as LOADS
 from .quantities import PARAMETERS as PARAMETERS
 from .quantities import REACTIONS as REACTIONS
 from .quantities import SECTIONS as SECTIONS
@@ -55,8 +58,10 @@ from .scene import Slipper as Slipper
 from .step_size import contact_duration as contact_duration
 from .step_size import default_steps_per_period as default_steps_per_period
 from .step_size import impacts_per_period as impacts_per_period
+from .step_size import rounded_steps as rounded_steps
 from .step_size import settle_memory as settle_memory
-from .step_size import steps_from_impacts as steps_from_impacts
+from .step_size import steps_needed as steps_needed
+from .step_size import traced_steps_per_period as traced_steps_per_period
 from .tracks import AbstractTrack as AbstractTrack
 from .tracks import HarmonicTrack as HarmonicTrack
 from .tracks import Irregularity as Irregularity

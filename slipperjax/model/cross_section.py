@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools import ShapeChecked, finite, not_negative
+from ..tools import ShapeChecked, finite, is_traced, not_negative, warn_unless_within
 
 _FACES = (("J", "A"), ("B", "C"), ("D", "E"), ("F", "G"), ("H", "I"))
 
@@ -40,6 +40,24 @@ class Section(ShapeChecked):
             raise ValueError(
                 f"Argument `points` must have two points per face and one per name, but has shape "
                 f"{self.points.shape} with {len(self.faces)} faces and {len(self.names)} names."
+            )
+
+        if not is_traced(self.points) and self.points.shape[1:] == (2,):
+            self._check_points()
+
+    def _check_points(self):
+        points = np.asarray(self.points)
+        warn_unless_within("points", np.max(np.abs(points)), 2e-3, 2.0, "m")
+        start, end = (np.array([points[self.names.index(face[k])] for face in self.faces]) for k in (0, 1))
+        # the area around the centre that the faces span, positive where their normals point away from it
+        (along_y, along_z), (y, z) = (end - start).T, ((start + end) / 2 - points.mean(axis=0)).T
+        area = float(np.sum(along_y * z - along_z * y))
+        if np.any((along_y == 0) & (along_z == 0)):
+            raise ValueError("Argument `points` must have two different corners for each face, but two are equal.")
+        if area < -1e-6 * float(np.ptp(points)) ** 2:
+            raise ValueError(
+                f"Argument `points` must be in an order in which the faces' normals point out of the rail head "
+                f"(each face's corners clockwise, y to the right, z up), but they point inwards around {-area:g} m^2."
             )
 
     @property

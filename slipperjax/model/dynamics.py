@@ -9,14 +9,15 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools import sums
+from ..tools import is_traced, sums, warn
 from .contact import Before, SmoothSwitch
 from .kinematics import Contacts, Motion, Points, RailFrame, attitude_rates, contacts, rail_frame, rotation
 from .linearised import Linearised, contact_linearised, dense_linearised
 from .scene import Scene
-from .step_size import settle_memory
+from .step_size import contact_depth, settle_memory
 
 
 class State(eqx.Module):
@@ -51,20 +52,42 @@ def phase(t: Any, epoch: Any) -> Any:
 def initial_state(scene: Scene, motion: Motion, epoch: Any = 0) -> State:
     """The state of `motion` at the start of the period `epoch`, with the matching contact memory.
 
+    Gives an `ImplausibleWarning` where the slipper begins far outside its play.
+
     **Raises:** `ValueError` if JAX runs with 32-bit numbers.
     """
     if not jax.config.jax_enable_x64:
         # 32 bits are too few for the phase epoch + t, and for penetrations of micrometres beside metres
         raise ValueError("Option `jax_enable_x64` must be on, as slipperjax sets it on import, but is off.")
-    return _initial_state(scene, jax.tree.map(lambda v: jnp.asarray(v, float), motion), epoch)
+    state, outside = state_and_penetration(scene, jax.tree.map(lambda v: jnp.asarray(v, float), motion), epoch)
+    warn_if_outside(outside)
+    return state
 
 
 @jax.jit  # compiled once for all calls from Python; inside programs it is a part of them
-def _initial_state(scene: Scene, motion: Motion, epoch: Any) -> State:
-    if not scene.contact.has_memory:
-        return State(motion, None)
+def state_and_penetration(scene: Scene, motion: Motion, epoch: Any = 0) -> tuple[State, Float[Array, ""]]:
+    """The state of a motion, and its greatest penetration in multiples of that of a typical impact [1]."""
     now = contacts(rail_frame(scene, phase(0.0, epoch)), motion)
-    return State(motion, scene.memory.initial(now.gap, now.rate))
+    outside = -jnp.min(now.gap) / contact_depth(scene)
+    memory = scene.memory.initial(now.gap, now.rate) if scene.contact.has_memory else None
+    return State(motion, memory), outside
+
+
+DEEPEST_START = 3.0
+"""Penetration at the start, in multiples of a typical impact's, above which it is taken for an oversight."""
+
+
+def warn_if_outside(penetration: Any) -> None:
+    """Gives an `ImplausibleWarning` for starts outside the play, from `state_and_penetration`, of shape (*cases,)."""
+    if is_traced(penetration):
+        return
+    deep = np.atleast_1d(np.asarray(penetration)) > DEEPEST_START
+    if np.any(deep):
+        which = "The start lies" if deep.size == 1 else f"{np.sum(deep)} of {deep.size} starts lie"
+        warn(
+            f"{which} outside the play of slipper and rail: a point penetrates {np.max(np.asarray(penetration)):.3g} "
+            f"times as deep as in a typical impact; plausible are {DEEPEST_START:g} times at most."
+        )
 
 
 def contact_forces(scene: Scene, now: Contacts, memory: Array | None) -> Float[Array, " points"]:

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools import finite, fraction, not_negative, positive
+from ..tools import finite, fraction, not_negative, positive, warn_unless_within
 
 
 @dataclass(frozen=True)
@@ -67,10 +67,18 @@ class Parameter(Quantity):
     """The value [unit] from the leaf."""
     write: Callable[[Array, Any], Array] = lambda value, leaf: value
     """The leaf from the value, of shape (*cases,), and the leaf before."""
+    plausible: tuple[float, float] = (-np.inf, np.inf)
+    """Values outside this range [unit] are allowed, with a warning that the unit may be wrong."""
 
     def checked(self, value: Any) -> jax.Array:
-        """`value` [unit] as an array; raises `ValueError` where it is out of range."""
-        return self.check(self.name, self.unit)(value)
+        """`value` [unit] as an array; raises `ValueError` where it is out of range, warns where it is implausible."""
+        found = self.check(self.name, self.unit)(value)
+        self.warn_unless_plausible(found)
+        return found
+
+    def warn_unless_plausible(self, value: Any) -> None:
+        """Gives an `ImplausibleWarning` where `value` [unit], one or more, lies outside `plausible`."""
+        warn_unless_within(self.name, value, *self.plausible, self.unit)
 
     def leaf(self, scene: Any) -> Any:
         """The leaf in a scene; None where the scene has no such part."""
@@ -109,7 +117,7 @@ _MM = dict(shown_unit="mm", per_shown=1e-3)
 _MRAD = dict(shown_unit="mrad", per_shown=1e-3)
 
 PARAMETERS: dict[str, Parameter] = _named(
-    Parameter("speed", "m/s", "travelling speed", "V", where=lambda s: s.speed, check=positive),
+    Parameter("speed", "m/s", "travelling speed", "V", where=lambda s: s.speed, check=positive, plausible=(1, 1e4)),
     Parameter(
         "clearance",
         "m",
@@ -121,14 +129,33 @@ PARAMETERS: dict[str, Parameter] = _named(
         read=lambda play: 2 * (jnp.mean(play) if isinstance(play, jax.core.Tracer) else np.mean(play)),
         write=lambda clearance, play: half_play(clearance, play.shape[-1]),
     ),
-    Parameter("length", "m", "slipper length", "L", where=lambda s: s.slipper.length, check=positive),
-    Parameter("mass", "kg", "slipper mass", "m", where=lambda s: s.slipper.mass, check=positive),
-    Parameter("stiffness", "N/m^1.5", "contact stiffness", "K", where=lambda s: s.contact.stiffness, check=positive),
+    Parameter(
+        "length", "m", "slipper length", "L", where=lambda s: s.slipper.length, check=positive, plausible=(0.005, 20)
+    ),
+    Parameter(
+        "mass", "kg", "slipper mass", "m", where=lambda s: s.slipper.mass, check=positive, plausible=(1e-3, 1e5)
+    ),
+    Parameter(
+        "stiffness",
+        "N/m^1.5",
+        "contact stiffness",
+        "K",
+        where=lambda s: s.contact.stiffness,
+        check=positive,
+        plausible=(1e4, 1e14),
+    ),
     Parameter(
         "restitution", "1", "coefficient of restitution", "c_r", where=lambda s: s.contact.restitution, check=fraction
     ),
     Parameter(
-        "amplitude", "m", "irregularity amplitude", "A", **_MM, where=lambda s: s.track.amplitude, check=not_negative
+        "amplitude",
+        "m",
+        "irregularity amplitude",
+        "A",
+        **_MM,
+        where=lambda s: s.track.amplitude,
+        check=not_negative,
+        plausible=(0, 0.1),
     ),
     Parameter(
         "roll_amplitude",
@@ -139,8 +166,17 @@ PARAMETERS: dict[str, Parameter] = _named(
         per_shown=np.pi / 180,
         where=lambda s: s.track.roll_amplitude,
         check=not_negative,
+        plausible=(0, 0.2),
     ),
-    Parameter("gravity", "m/s^2", "gravitational acceleration", "g", where=lambda s: s.gravity, check=not_negative),
+    Parameter(
+        "gravity",
+        "m/s^2",
+        "gravitational acceleration",
+        "g",
+        where=lambda s: s.gravity,
+        check=not_negative,
+        plausible=(0, 1e3),
+    ),
 )
 """The parameters of a scene by name, for `Scene.replace` and `sweep`."""
 
@@ -177,6 +213,20 @@ REACTIONS: dict[str, Quantity] = _named(
 )
 """Forces and gaps."""
 
+LOADS: dict[str, Quantity] = _named(
+    Quantity("peak_force", "N", "highest normal contact force", r"F_{\mathrm{max}}", shown_unit="kN", per_shown=1e3),
+    Quantity("peak_period", "1", "forcing periods passed at the highest contact force"),
+    Quantity("impulse", "N s", "integral of the normal contact force over time", r"\int F\,dt"),
+    Quantity("contact_fraction", "1", "share of the time in contact"),
+    Quantity(
+        "penetration", "m", "greatest penetration, negative where the gap stays open", r"d_{\mathrm{max}}", **_MM
+    ),
+)
+"""Loads of contact points, over every integration step of a run."""
+
+_FARTHEST = {"m": 0.02, "m/s": 100.0, "rad/s": 1e3}
+"""Greatest plausible magnitudes at the start, by unit."""
+
 STARTS: dict[str, Parameter] = _named(
     *(
         Parameter(
@@ -188,6 +238,7 @@ STARTS: dict[str, Parameter] = _named(
             q.shown_unit,
             q.per_shown,
             check=finite,
+            plausible=(-_FARTHEST[q.unit], _FARTHEST[q.unit]),
         )
         for name, q in COORDINATES.items()
         if name not in ("roll", "pitch", "yaw")
@@ -206,7 +257,7 @@ def quantity(name: str) -> Quantity:
     """
     if name.startswith("start_"):
         return STARTS[name.removeprefix("start_")]
-    for known in (PARAMETERS, COORDINATES, ACCELERATIONS, REACTIONS):
+    for known in (PARAMETERS, COORDINATES, ACCELERATIONS, REACTIONS, LOADS):
         if name in known:
             return known[name]
     raise KeyError(name)

@@ -1,15 +1,17 @@
 """The scene: slipper, section, track, contact and speed. Plain pytrees in SI units, checked on construction."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools import ShapeChecked, not_negative, optional, positive
+from ..tools import ShapeChecked, is_traced, not_negative, optional, positive, unless_traced, warn_unless_within
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch
 from .cross_section import Section
-from .quantities import parameter
+from .quantities import PARAMETERS, parameter
 from .tracks import AbstractTrack
 
 
@@ -38,6 +40,22 @@ class Scene(ShapeChecked):
     gravity: Float[Array, ""] | None = eqx.field(converter=optional(not_negative("gravity", "m/s^2")), default=None)
     """Gravitational acceleration along -z [m/s^2]."""
 
+    def __check_init__(self):
+        self.warn_unless_plausible(PARAMETERS)
+
+    def warn_unless_plausible(self, names: Iterable[str]) -> None:
+        """Gives an `ImplausibleWarning` where a parameter of `names` is far from what is usual. Traced ones are let
+        through."""
+        for name in names:
+            known = PARAMETERS[name]
+            if not is_traced(known.leaf(self)):
+                known.warn_unless_plausible(known.of(self))
+        if "clearance" in names and not is_traced(self.section):
+            points, clearance = np.asarray(self.section.points), 2 * np.max(self.section.play)
+            smallest = float(np.min(np.ptp(points, axis=0)))
+            # with more play than half its head on each side, the slipper can leave the rail
+            warn_unless_within("clearance", clearance, 0, smallest, "m")
+
     @property
     def period(self) -> Float[Array, ""]:
         """The forcing period [s]: the time to travel the track's (first) wavelength."""
@@ -51,13 +69,16 @@ class Scene(ShapeChecked):
     def replace(self, **values: Any) -> "Scene":
         """A copy with other values of named parameters; see `PARAMETERS` for the names and units.
 
-        Values are not checked, so that this works inside batched functions; they may have leading axes of cases.
+        Values may have leading axes of cases. Traced ones are not checked, so that this works inside batched
+        functions.
 
-        **Raises:** `ValueError` for an unknown name, or if the scene has no such part.
+        **Raises:** `ValueError` for an unknown name, a value that is out of range, or if the scene has no such part.
         """
         scene = self
         for name, value in values.items():
-            scene = parameter(name).replaced(scene, value)
+            known = parameter(name)
+            scene = known.replaced(scene, unless_traced(known.check(known.name, known.unit), value))
+        scene.warn_unless_plausible(values)
         return scene
 
     def value(self, name: str) -> Array:

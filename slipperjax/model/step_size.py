@@ -6,14 +6,24 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
+from ..tools import is_traced
 from .scene import Scene
 
 SLOWEST_APPROACH = 0.1
 """Lower bound on the approach speed of a typical impact [m/s]."""
 PER_CONTACT = 15
 """Default number of steps per typical impact."""
+DAMPED = 2.0
+"""Damping force over elastic force at a typical touchdown, above which steps are shortened in proportion [1].
+
+The damping of a slow touchdown that is then pressed in decays several times faster than that of a typical impact.
+With 200 random scenes of restitutions from 0.2 on, this lowers the worst error of a first period where no
+touchdown is slower than a tenth of the approach speed from 0.46 to 0.09.
+"""
+MOST_STEPS = 1_000_000
+"""Steps per forcing period above which a default is refused."""
 LEAST_STEPS = 50
 """Lower bound on the default steps per forcing period, and the smallest unit to which they are rounded up."""
 
@@ -52,24 +62,48 @@ def settle_memory(scene: Scene) -> Scene:
     return scene if memory is scene.memory else eqx.tree_at(lambda s: s.memory, scene, memory)
 
 
-def default_steps_per_period(scene: Scene) -> int:
-    """Steps per forcing period such that a typical impact takes `PER_CONTACT` steps; at least `LEAST_STEPS`.
+def steps_needed(scene: Scene) -> Float[Array, ""]:
+    """Steps per forcing period such that a typical impact takes `PER_CONTACT` steps, more where it is damped [1]."""
+    damping = jnp.asarray(scene.contact.damping(-_approach(scene), jnp.ones(())))
+    return PER_CONTACT * impacts_per_period(scene) * jnp.maximum(damping / DAMPED, 1.0)
 
+
+_steps_needed = jax.jit(steps_needed)
+
+
+def default_steps_per_period(scene: Scene) -> int:
+    """Steps per forcing period such that a typical impact takes `PER_CONTACT` steps, and at least `LEAST_STEPS`.
+
+    More where the damping force at a touchdown exceeds `DAMPED` times the elastic one, for restitutions below 0.44.
     Rounded up: to a multiple of 50 up to 300 steps, of 100 up to 600, of 200 up to 1200, and so on.
 
     **Raises:** `ValueError` for a traced scene, whose values are unknown.
     """
     # without its tangent, a number that is differentiated is a plain number
-    ratio = impacts_per_period(jax.lax.stop_gradient(scene))
-    if isinstance(ratio, jax.core.Tracer):
+    needed = _steps_needed(jax.lax.stop_gradient(scene))
+    if isinstance(needed, jax.core.Tracer):
         raise ValueError("Argument `steps_per_period` must be given where the scene is traced (jit, vmap).")
-    return int(steps_from_impacts(np.asarray(ratio)))
+    return int(rounded_steps(np.asarray(needed)))
 
 
-def steps_from_impacts(impacts: Any) -> Int[np.ndarray, "*cases"]:
-    """Steps per forcing period as in `default_steps_per_period`, from `impacts_per_period` of shape (*cases,)."""
-    steps = np.maximum(PER_CONTACT * np.asarray(impacts), LEAST_STEPS)
+def traced_steps_per_period(scene: Scene) -> Any:
+    """`default_steps_per_period` as an array, traced where the scene's values are unknown."""
+    return rounded_steps(_steps_needed(jax.lax.stop_gradient(scene))) * 1.0
+
+
+def rounded_steps(needed: Any) -> Any:
+    """Steps per forcing period as in `default_steps_per_period`, from `steps_needed` of shape (*cases,).
+
+    **Raises:** `ValueError` above `MOST_STEPS`.
+    """
+    xp = jnp if is_traced(needed) else np
+    if not is_traced(needed) and np.max(needed) > MOST_STEPS:
+        raise ValueError(
+            f"Argument `steps_per_period` must be given: the default would be {np.max(needed):.1e}, because impacts are "
+            "that short beside the forcing period. Are speed, stiffness and amplitude in SI units?"
+        )
+    steps = xp.maximum(xp.asarray(needed), LEAST_STEPS)
     # Units of 50 up to 300 steps, of 100 up to 600, and so on: the cases of a sweep then share a few step counts.
-    octave = np.maximum(np.ceil(np.log2(steps / (6 * LEAST_STEPS))), 0)
+    octave = xp.maximum(xp.ceil(xp.log2(steps / (6 * LEAST_STEPS))), 0)
     unit = LEAST_STEPS * 2**octave
-    return np.asarray(unit * np.ceil(steps / unit), int)
+    return xp.asarray(unit * xp.ceil(steps / unit), int)

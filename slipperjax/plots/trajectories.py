@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from ..flow import Status
+from ..model import quantity
 from .style import COLORS, STYLE, axis_label, new_axes, shown, typeset
 
 TIME_LABEL = "time [forcing periods]"
@@ -33,15 +34,22 @@ def history(ds: xr.Dataset, name: str, ax: Any = None) -> Any:
 def contact_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4) -> Any:
     """The contact forces [kN] of the points with the highest peaks over time.
 
+    A dot marks the highest force of each over every integration step, which the saved states may miss.
+
     **Arguments:** `ds`, `ax`: as for `history`; `most`: number of points.
 
     **Returns:** the Axes. Points are named by their letter and 1 at the front or 2 at the rear.
     """
     ax = new_axes() if ax is None else ax
-    peaks = ds["contact_force"].max("time").stack(at=("end", "point"))
+    peaks = (ds["peak_force"] if "peak_force" in ds else ds["contact_force"].max("time")).stack(at=("end", "point"))
     for end, point in peaks.sortby(peaks, ascending=False)["at"].values[:most]:
-        force = shown(ds.sel(end=end, point=point), "contact_force")
-        ax.plot(ds["period"].values, force, lw=0.7, label=f"{point}{1 if end == 'front' else 2}")
+        here = ds.sel(end=end, point=point)
+        (line,) = ax.plot(
+            ds["period"].values, shown(here, "contact_force"), lw=0.7, label=f"{point}{1 if end == 'front' else 2}"
+        )
+        if "peak_force" in ds:
+            peak = quantity("peak_force").shown(here["peak_force"])
+            ax.plot(here["peak_period"], peak, "o", ms=2.5, mew=0, color=line.get_color())
     ax.set(xlabel=TIME_LABEL, ylabel=axis_label("contact_force"))
     ax.legend(fontsize=6, ncols=4, loc="upper right")
     return ax

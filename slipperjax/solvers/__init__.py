@@ -14,6 +14,7 @@ from .latching import Latching as Latching
 from .latching import calls_lapack as calls_lapack
 from .latching import differentiable as differentiable
 from .latching import estimates_error as estimates_error
+from .latching import is_explicit as is_explicit
 from .latching import solver_name as solver_name
 from .latching import with_newton as with_newton
 from .rosenbrock import ROS34PW2 as ROS34PW2

@@ -163,6 +163,14 @@ def differentiable(solver: diffrax.AbstractSolver, adjoint: diffrax.AbstractAdjo
     return solver
 
 
+def is_explicit(solver: diffrax.AbstractSolver) -> bool:
+    """Whether a solver's steps are bounded by stability: Runge-Kutta methods without linear or nonlinear systems."""
+    inner = _inside(solver)
+    if inner is not None:
+        return is_explicit(inner)
+    return isinstance(solver, diffrax.AbstractERK | diffrax.Euler) or getattr(solver, "a_lower", None) is not None
+
+
 def calls_lapack(solver: diffrax.AbstractSolver) -> bool:
     """Whether a solver's linear systems go to LAPACK, as those of diffrax's implicit methods do.
 

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
-from ..model import STARTS, Motion, Parameter, Scene, impacts_per_period, quantity, steps_from_impacts
+from ..model import STARTS, Motion, Parameter, Scene, quantity, rounded_steps, steps_needed
 from ..model import parameter as parameter_named
 from ..tools import Batched
 
@@ -83,12 +83,12 @@ class Cases:
     def default_steps(self) -> Int[np.ndarray, " cases"]:
         """Steps per period that each case needs, see `slipperjax.default_steps_per_period`."""
         index = filled(np.arange(self.count), self.count)
-        return steps_from_impacts(_impacts(*self.take(index)))[: self.count]
+        return rounded_steps(np.asarray(_steps_needed(*self.take(index))))[: self.count]
 
 
 @jax.jit
-def _impacts(scenes: Batched[Scene], starts: Motion) -> jax.Array:
-    return scenes.map(lambda scene, start: impacts_per_period(scene), starts)
+def _steps_needed(scenes: Batched[Scene], starts: Motion) -> jax.Array:
+    return scenes.map(lambda scene, start: steps_needed(scene), starts)
 
 
 def _values(scene: Scene, name: str, raw: Any) -> np.ndarray:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any, NamedTuple, TypeVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
@@ -19,6 +20,8 @@ from ..flow import (
     coordinates,
     first_problem,
     joined_in_time,
+    judged_by_loads,
+    most_stretch,
 )
 from ..model import Scene, State
 from ..tools import Batched
@@ -74,6 +77,9 @@ def run_chunk(
         record = record._replace(strobe=np.concatenate([*strobes, record.strobe], axis=1), time=record.time - epoch)
     elif isinstance(record, HistoryRecord):
         record = record._replace(period=record.period - epoch)
+    if isinstance(record, SectionRecord | HistoryRecord):
+        of_loads = judged_by_loads(scenes, jnp.asarray(status), record.loads, most_stretch(plan.solver))
+        status = np.asarray(of_loads)
     return ChunkRun(states, status, record)
 
 
@@ -142,4 +148,4 @@ def in_order(chunks: Sequence[Chunk], parts: Sequence[np.ndarray]) -> np.ndarray
 
 def records_in_order(chunks: Sequence[Chunk], records: Sequence[Any]) -> Any:
     """The chunks' records as one, each of its arrays by `in_order`."""
-    return type(records[0])(*(in_order(chunks, parts) for parts in zip(*records, strict=True)))
+    return jax.tree.map(lambda *parts: in_order(chunks, parts), *records)

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import diffrax
+import jax
 import numpy as np
 import xarray as xr
 from jaxtyping import Int
@@ -102,7 +103,7 @@ def sweep_dataset(
     first = {} if first is None else first
     dims = (*first, *cases.dims)
     shape = (*(len(values) for values in first.values()), *cases.shape)
-    record = type(found.record)(*(a.reshape(*shape, *a.shape[1:]) for a in found.record))
+    record = jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), found.record)
     data, coords = plan.recorder.label(scene, dims, record)
     data |= case_variables(dims, found.status.reshape(shape), found.steps.reshape(shape))
     attrs = scene_attributes(scene, without=cases.axes) | {

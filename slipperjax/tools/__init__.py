@@ -7,6 +7,7 @@ from .compile import is_traced as is_traced
 from .compile import jit as jit
 from .fused import materialise as materialise
 from .fused import sums as sums
+from .validate import ImplausibleWarning as ImplausibleWarning
 from .validate import ShapeChecked as ShapeChecked
 from .validate import finite as finite
 from .validate import fraction as fraction
@@ -15,4 +16,6 @@ from .validate import one_of as one_of
 from .validate import optional as optional
 from .validate import positive as positive
 from .validate import unless_traced as unless_traced
+from .validate import warn as warn
+from .validate import warn_unless_within as warn_unless_within
 from .validate import whole as whole

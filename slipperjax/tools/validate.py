@@ -5,7 +5,9 @@ A concrete value raises `ValueError` at once, before anything is compiled. A tra
 """
 
 import dataclasses
+import sys
 import typing
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -54,6 +56,34 @@ def fraction(name: str, unit: str = "") -> Callable[[Any], jax.Array]:
 def optional(converter: Callable[[Any], jax.Array]) -> Callable[[Any], jax.Array | None]:
     """A converter that also accepts `None`, unchecked."""
     return lambda v: None if v is None else converter(v)
+
+
+class ImplausibleWarning(UserWarning):
+    """A value is allowed, but so far from what is usual that its unit may be wrong."""
+
+
+def warn_unless_within(name: str, value: Any, low: float, high: float, unit: str) -> None:
+    """Warns where a value, or the farthest of several, lies outside a plausible range, unless it is traced."""
+    if value is None or is_traced(value):
+        return
+    array = np.atleast_1d(np.asarray(value, float))
+    outside = array[~((array >= low) & (array <= high))]
+    if outside.size:
+        farthest = outside[np.argmax(np.abs(outside))]
+        warn(
+            f"Argument `{name}` is {farthest:g} {unit}; plausible are {low:g} to {high:g} {unit}. Is the unit right?"
+        )
+
+
+def warn(text: str) -> None:
+    """Gives an `ImplausibleWarning`, which points at the line outside the package that asked."""
+    depth, frame = 2, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] in _OWN:
+        depth, frame = depth + 1, frame.f_back
+    warnings.warn(text, ImplausibleWarning, stacklevel=depth)
+
+
+_OWN = (__name__.split(".")[0], "equinox", "jax")
 
 
 def unless_traced(check: Callable[[Any], jax.Array], value: Any) -> jax.Array:

@@ -186,11 +186,16 @@ def test_simulate_writes_its_trajectory(tmp_path, capsys):
     assert ds.sizes["time"] == 1201
     assert ds.attrs["clearance [m]"] == pytest.approx(1.5e-3)
     scene = sj.paper_scene(clearance=1.5e-3)
-    same(ds, sj.simulate(scene, 6, steps_per_period=200, saves_per_period=200).to_xarray())
-    peaks = ds["contact_force"].max("time")
-    end, point = np.argwhere(peaks.values == peaks.values.max())[0]
+    same(ds, sj.simulate(scene, 6, steps_per_period=200, saves_per_period=200, probe=4).to_xarray())
+    peak = ds["peak_force"].values
+    end, point = np.argwhere(peak == peak.max())[0]
+    when = float(ds["peak_period"].values[end, point])
     name = f"{'ABCDEFGHIJ'[point]}{end + 1}"
-    assert f"200 steps per period; highest contact force {float(peaks.max()):.0f} N at {name}; status: finite" in text
+    assert (
+        f"200 steps per period; highest contact force {peak.max():.0f} N at {name}, period {when:.3f}; half" in text
+    )
+    assert " of it; status: finite\n" in text
+    assert ds.attrs["probe_error [scales]"] < 1e-3
     assert share(picture(out, 7.2, 8.2), COLORS["blue"]) > 1e-3
 
 
@@ -363,7 +368,9 @@ def test_an_interrupt_is_one_line(monkeypatch, tmp_path, capsys):
 def test_a_bad_trajectory_is_reported_without_its_force(tmp_path, capsys):
     out = tmp_path / "run"
     options = ["--stiffness", "1e13", "--periods", "6", "--steps-per-period", "200", "--saves-per-period", "200"]
-    text = run(["simulate", *options, "--out", str(out)], capsys)
-    assert f"\n200 steps per period; status: {Status(dataset(out).attrs['status'])}\n" in text
-    assert dataset(out).attrs["status"] in (Status.NOT_FINITE, Status.UNRESOLVED)
+    with pytest.raises(SystemExit) as ended:
+        main(["simulate", *options, "--out", str(out)])
+    assert ended.value.code == 1
+    assert f"\n200 steps per period; status: {Status.NOT_FINITE}\n" in capsys.readouterr().out
+    assert dataset(out).attrs["status"] == Status.NOT_FINITE
     assert share(picture(out, 7.2, 8.2), COLORS["red"]) > 1e-4  # of the title

@@ -11,6 +11,7 @@ from slipperjax.model import Args, contact_forces, contacts, rail_frame
 from ..common import STEPS, columns, fine, rebound
 
 
+@pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # on purpose
 def test_free_flight_keeps_momentum_and_energy():
     scene = sj.paper_scene(clearance=0.5)
     start = sj.Motion.from_euler(v_y=0.3, v_z=-0.7, w_x=9.0, w_y=4.0, w_z=-6.0, roll=0.1)

@@ -14,6 +14,7 @@ from slipperjax.model import Args
 STEPS = 50
 
 
+@pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # on purpose
 def test_a_periodic_motion_contracts_and_a_lost_one_says_so():
     found = sj.lyapunov_spectrum(sj.paper_scene(), 2, transient=200, periods=40, steps_per_period=STEPS)
     assert found.status == Status.FINITE

@@ -226,6 +226,7 @@ def test_comes_to_rest_however_gently_the_contact_begins():
         assert np.all(kinetic[damped] < (1e-5 if steps < 1000 else 1e-7))
 
 
+@pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # on purpose
 def test_a_derailed_slipper_is_flagged():
     # with a play of 1 m it turns by 110 degrees in a period at 300 rad/s, and by 44 degrees in four at 30 rad/s
     lanes = [STILL | LEVEL | dict(clearance=1.0, w_x=w) for w in (30.0, 300.0, -300.0, 2000.0)]

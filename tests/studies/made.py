@@ -136,6 +136,7 @@ def singles():
     data = {
         "alpha_x": (("case", "time"), np.array(alpha) + noise),
         "contact_force": (("case", "time", "end", "point"), force),
+        "peak_force": (("case", "end", "point"), force.max(axis=1)),
         "status": ("case", np.zeros(7, int)),
     }
     for name in ("y", "z", "roll", "v_y", "v_z", "w_x"):

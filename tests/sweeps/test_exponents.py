@@ -24,6 +24,7 @@ def test_periodic_motions_contract_and_chaotic_ones_part():
     assert not (wild["kind"] == "period").any()
 
 
+@pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # on purpose
 def test_certificates_of_a_short_run():
     """A periodic motion agrees with its multiplier, and every case says what it is and how it went."""
     grid = {"speed": [1250.0, 1e-3]}

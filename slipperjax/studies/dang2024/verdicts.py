@@ -78,7 +78,7 @@ def histories(history: xr.Dataset, sections: xr.Dataset, judged: int) -> dict[st
     kinds = attractors(sections, judged)
     speeds = sections["speed"].values
     roll = case_points(sections, "w_x")
-    peak = history["contact_force"].max("time")
+    peak = history["peak_force"]
     force = lambda point, k: float(peak.sel(case=k, end="rear", point=point))
 
     @functools.cache

@@ -1,0 +1,153 @@
+"""Contact loads of a forcing period: peak forces and their instants, impulses, time in contact, penetration.
+
+Looked for over every integration step and inside it, on cubics through both ends of the step with their slopes along
+the motion: fourth order in the step, like the solution, where the highest of a few saved samples misses the peak.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..model import Args, Contacts, State, contact_forces, contacts, vector_field
+from .poincare import hermite
+
+
+class Loads(NamedTuple):
+    """Loads of each contact point, front and rear, in one forcing period or in a stretch of them."""
+
+    peak_force: Float[Array, "*cases 2 points"]
+    """Highest normal force [N]."""
+    peak_period: Float[Array, "*cases 2 points"]
+    """Its instant [forcing periods]; NaN where the force is zero throughout."""
+    impulse: Float[Array, "*cases 2 points"]
+    """Integral of the normal force over time [N s]."""
+    contact_fraction: Float[Array, "*cases 2 points"]
+    """Share of the time in which the gap is negative [1]."""
+    penetration: Float[Array, "*cases 2 points"]
+    """Greatest penetration [m]; negative where the gap stays open, then the smallest gap."""
+    stretch: Float[Array, "*cases"]
+    """Greatest product of step length and rate of the contacts, of their oscillation or their damping [1]. Explicit
+    methods of fourth order are unstable above 2.8."""
+
+
+def contact_loads(states: State, args: Args, steps: Any) -> Loads:
+    """Loads of one period.
+
+    **Arguments:** `states`: the states at both ends of every step, leading axis `most` + 1, of which the first
+    `steps` + 1 count; `args`: scene and epoch; `steps`: integration steps per period, may be traced.
+    """
+    places = jnp.arange(states.motion.y.shape[0])
+    now = jax.vmap(lambda place, state: _sample(place / steps, state, args))(places, states)
+    step = 1 / steps
+    before, after = (jax.tree.map(lambda a, at=at: a[at], now) for at in (slice(None, -1), slice(1, None)))
+    taken = (places[:-1] < steps)[:, None]
+    count = lambda a: jnp.where(taken, a, 0.0)
+
+    values = [jnp.stack([f, -g]) for f, g in ((n.force, n.gap) for n in (before, after))]
+    slopes = [jnp.stack([step * f, -step * g]) for f, g in ((n.force_rate, n.gap_rate) for n in (before, after))]
+    place, most = _highest(values[0], slopes[0], values[1], slopes[1])
+    peak, depth = jnp.where(taken, most, -jnp.inf)
+    highest = jnp.max(peak, axis=0)
+    # the first step that attains the maximum, by a minimum: the derivative of an argmax is far too slow to compile
+    at = jnp.where(
+        (peak == highest[None]) & (highest > 0)[None], (places[:-1, None] + place[0]) / steps + args.epoch, jnp.inf
+    )
+    at = jnp.min(at, axis=0)
+    seconds = step * args.scene.period
+    (f0, d0), (df0, dd0), (f1, d1), (df1, dd1) = values[0], slopes[0], values[1], slopes[1]
+    area = (f0 + f1) / 2 + (df0 - df1) / 12
+    ends = lambda a: a.reshape(2, -1)
+    return Loads(
+        ends(highest),
+        ends(jnp.where(jnp.isfinite(at), at, jnp.nan)),
+        ends(seconds * jnp.sum(count(area), axis=0)),
+        ends(step * jnp.sum(count(_share_closed(-d0, -dd0, -d1, -dd1)), axis=0)),
+        ends(jnp.max(depth, axis=0)),
+        step * jnp.max(jnp.where(places <= steps, now.fastest, 0.0)),
+    )
+
+
+def over_periods(loads: Loads, axis: int = 0) -> Loads:
+    """Loads of a stretch of periods from those of each, along the axis of periods. Contact fractions are means."""
+    highest = jnp.max(loads.peak_force, axis, keepdims=True)
+    when = jnp.where(loads.peak_force == highest, loads.peak_period, jnp.inf)
+    when = jnp.min(jnp.where(jnp.isnan(when), jnp.inf, when), axis)
+    return Loads(
+        highest.squeeze(axis),
+        jnp.where(jnp.isfinite(when), when, jnp.nan),
+        jnp.sum(loads.impulse, axis),
+        jnp.mean(loads.contact_fraction, axis),
+        jnp.max(loads.penetration, axis),
+        jnp.max(loads.stretch, axis),
+    )
+
+
+class _Sample(NamedTuple):
+    """Forces and gaps at one instant, with their derivatives along the motion [per forcing period]."""
+
+    force: Array
+    force_rate: Array
+    gap: Array
+    gap_rate: Array
+    fastest: Array
+    """Rate of the contacts [per forcing period], see `Loads.stretch`."""
+
+
+def _sample(t: Array, state: State, args: Args) -> _Sample:
+    scene = args.scene
+    rates = vector_field(scene).evaluate(t, state, args).motion
+
+    def at(t, motion):
+        now = contacts(args.frame(t), motion)
+        return (contact_forces(scene, now, state.memory), now.gap), now
+
+    (force, gap), (force_rate, gap_rate), now = jax.jvp(
+        at, (t, state.motion), (jnp.ones_like(t), rates), has_aux=True
+    )
+    fastest = scene.period * _contact_rate(now, state.memory, args)
+    # stored, so that XLA does not compute a sample again wherever it is used
+    return _Sample(force, force_rate, gap, gap_rate, fastest)
+
+
+def _contact_rate(now: Contacts, memory: Any, args: Args) -> Array:
+    """The greatest rate of the contacts [1/s]: the sum of their decay rates, or the frequency of their springs.
+
+    For one point of effective mass m these are (dF/dg')/m and sqrt((dF/dg)/m); the sum over the points bounds the
+    greatest rate of all together.
+    """
+    scene, zero = args.scene, jnp.zeros_like(now.gap)
+    force = lambda gap, rate: contact_forces(scene, Contacts(gap, rate, now.lever), memory)
+    spring = jax.jvp(force, (now.gap, now.rate), (-jnp.ones_like(zero), zero))[1]
+    damper = jax.jvp(force, (now.gap, now.rate), (zero, -jnp.ones_like(zero)))[1]
+    turn = sum(lever**2 / j for lever, j in zip(now.lever, scene.slipper.inertia, strict=True))
+    per_mass = jax.lax.stop_gradient(1 / scene.slipper.mass + turn)
+    decay = jnp.sum(jnp.maximum(jax.lax.stop_gradient(damper), 0) * per_mass)
+    square = jnp.sum(jnp.maximum(jax.lax.stop_gradient(spring), 0) * per_mass)
+    return jnp.maximum(decay, jnp.sqrt(square))
+
+
+def _highest(f0: Array, d0: Array, f1: Array, d1: Array) -> tuple[Array, Array]:
+    """Place in [0, 1] and value of the highest point of a cubic with the values f and slopes d at its ends."""
+    a, b = 2 * (f0 - f1) + d0 + d1, 3 * (f1 - f0) - 2 * d0 - d1
+    inside = (d0 > 0) & (d1 < 0)
+    # zero of the slope 3 a x^2 + 2 b x + d0; real, as the slope changes its sign
+    root = jnp.sqrt(jnp.where(inside, b * b - 3 * a * d0, 1.0))
+    x = jnp.where(inside, d0 / jnp.where(inside, root - b, 1.0), jnp.where(f1 > f0, 1.0, 0.0))
+    return x, jnp.where(inside, hermite(x, f0, d0, f1, d1), jnp.maximum(f0, f1))
+
+
+def _share_closed(g0: Array, d0: Array, g1: Array, d1: Array) -> Array:
+    """Share of a step in which a gap is negative [1]."""
+    changes = (g0 < 0) != (g1 < 0)
+    x = g0 / jnp.where(changes, g0 - g1, 1.0)
+    a, b = 2 * (g0 - g1) + d0 + d1, 3 * (g1 - g0) - 2 * d0 - d1
+    for _ in range(2):
+        slope = (3 * a * x + 2 * b) * x + d0
+        towards = changes & (slope * (g1 - g0) > 0)
+        x = jnp.clip(
+            x - jnp.where(towards, hermite(x, g0, d0, g1, d1) / jnp.where(towards, slope, 1.0), 0.0), 0.0, 1.0
+        )
+    within = jnp.where(g0 < 0, x, 1 - x)
+    return jnp.where(changes, within, jnp.where(g0 < 0, 1.0, 0.0))
