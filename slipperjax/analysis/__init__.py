@@ -26,6 +26,7 @@ from .regime import SURE as SURE
 from .regime import is_chaotic as is_chaotic
 from .regime import regime as regime
 from .statistics import kaplan_yorke as kaplan_yorke
+from .statistics import pooled_standard_error as pooled_standard_error
 from .statistics import standard_error as standard_error
 from .statistics import weighted_mean as weighted_mean
 from .switched import switched_step as switched_step

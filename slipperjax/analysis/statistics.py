@@ -73,3 +73,21 @@ def standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
         best = np.argmin(np.stack(criteria), axis=0)[None]
         density = np.take_along_axis(np.stack(densities), best, axis=0)[0]
     return np.sqrt(np.where(covariance[0] == 0, 0.0, density) / n)
+
+
+def pooled_standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
+    """Standard error of the mean over several independent motions on one attractor.
+
+    The larger of two estimates. One is that of `standard_error` within the motions. The other is the scatter of the
+    means of their halves about the mean of all, which sees correlations that are as long as a motion's record: with
+    500 forcing periods of a chaotic slipper these can double the error of the first.
+
+    **Arguments:** `history`: local exponents, shape (*lanes, motions, intervals, count).
+    """
+    history = np.asarray(history)
+    motions, intervals = history.shape[-3], history.shape[-2]
+    within = np.sqrt(np.mean(standard_error(history) ** 2, axis=-2) / motions)
+    half = intervals // 2
+    halves = np.stack([history[..., :half, :].mean(axis=-2), history[..., half:, :].mean(axis=-2)], axis=-2)
+    halves = halves.reshape(*history.shape[:-3], 2 * motions, history.shape[-1])
+    return np.maximum(within, halves.std(axis=-2, ddof=1) / np.sqrt(2 * motions))

@@ -18,6 +18,7 @@ from .recorders import RECORDERS as RECORDERS
 from .recorders import AbstractRecorder as AbstractRecorder
 from .recorders import History as History
 from .recorders import HistoryRecord as HistoryRecord
+from .recorders import OnlyLoads as OnlyLoads
 from .recorders import SectionRecord as SectionRecord
 from .recorders import Sections as Sections
 from .recorders import Strobe as Strobe

@@ -28,7 +28,7 @@ from ..model import (
 from ..solvers import RK4
 from ..tools import Batched, call_compiled, jit
 from .loads import Loads, over_periods
-from .recorders import AbstractRecorder, Strobe
+from .recorders import AbstractRecorder, Strobe, stacked
 from .status import Status, status_of, with_loads, with_resolution
 from .stepping import AbstractStepping, as_stepping
 from .tangents import tangent_weights
@@ -195,6 +195,8 @@ class TangentPassage(NamedTuple):
     tangents: State
     history: Float[Array, "cases periods count"]
     """Logarithm of the tangents' growth in each period."""
+    strobe: Float[Array, "cases periods 10"]
+    """The state at the end of each period, in the order of `slipperjax.model.COORDINATES`."""
     status: Int[Array, " cases"]
     """`Status` code of the state at the end; what happens between is not looked at."""
 
@@ -215,9 +217,16 @@ def advance_tangents(
 
     def one(scene, state, tangents):
         step = PeriodMap(scene, stepping, solver)
-        options = dict(index=epoch, scale=tangent_weights(scene), distance=distance)
-        state, tangents, history = push_tangents(step, state, tangents, periods, **options)
-        return TangentPassage(state, tangents, history, with_resolution(status_of(state), scene, stepping.number))
+        options = dict(scale=tangent_weights(scene), distance=distance)
+
+        def period(carry, epoch):
+            *carry, history = push_tangents(step, *carry, 1, index=epoch, **options)
+            return carry, (history[0], stacked(carry[0]))
+
+        (state, tangents), kept = jax.lax.scan(period, [state, tangents], epoch + jnp.arange(float(periods)))
+        code = with_resolution(status_of(state), scene, stepping.number)
+        history, strobe = kept
+        return TangentPassage(state, tangents, history, strobe, code)  # pyright: ignore[reportCallIssue]
 
     return scenes.map(one, states, tangents)
 

@@ -189,6 +189,20 @@ class Samples(AbstractRecorder):
         raise NotImplementedError("Trajectories are labelled by slipperjax.flow.datasets.")
 
 
+@dataclass(frozen=True)
+class OnlyLoads(AbstractRecorder):
+    """Nothing but loads: for a look at whether a run can be trusted."""
+
+    def __call__(self, states: State, args: Args, steps: Any) -> Loads:
+        return contact_loads(states, args, steps)
+
+    def collect(self, kept: Loads) -> Loads:
+        return _on_host(kept)
+
+    def label(self, scene: Scene, dims: tuple[str, ...], record: Loads) -> Labelled:
+        return load_variables(dims, record), _places(scene)
+
+
 RECORDERS = ("sections", "strobe", "history")
 """The ways to keep periods, by the name that `sweep(..., record=...)` knows them by."""
 

@@ -99,8 +99,8 @@ def rounded_steps(needed: Any) -> Any:
     xp = jnp if is_traced(needed) else np
     if not is_traced(needed) and np.max(needed) > MOST_STEPS:
         raise ValueError(
-            f"Argument `steps_per_period` must be given: the default would be {np.max(needed):.1e}, because impacts are "
-            "that short beside the forcing period. Are speed, stiffness and amplitude in SI units?"
+            f"Argument `steps_per_period` must be given: the default would be {np.max(needed):.1e}, because impacts "
+            "are that short beside the forcing period. Are speed, stiffness and amplitude in SI units?"
         )
     steps = xp.maximum(xp.asarray(needed), LEAST_STEPS)
     # Units of 50 up to 300 steps, of 100 up to 600, and so on: the cases of a sweep then share a few step counts.

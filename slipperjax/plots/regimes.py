@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
-from ..analysis import SURE
+from ..analysis import REGIMES, SURE
 from .style import COLORS, REGIME_COLORS, STYLE, axis_label, cross, flagged, mark_cases, new_axes, shown, swept
 
 EXPONENT_LABEL = "largest exponent [1/period]"
@@ -34,6 +34,8 @@ def exponents(ds: xr.Dataset, ax: Any = None) -> Any:
     handles = []
     for name, color in REGIME_COLORS.items():
         at = (names == name) & np.isfinite(y)
+        if name not in REGIMES[:4] and not at.any():
+            continue  # rare
         bars = dict(fmt=".", ms=3, mew=0, lw=0.6, color=color, label=name)
         handles.append(ax.errorbar(x[at], y[at], SURE * error[at], **bars))
     absent = ~np.isfinite(y)

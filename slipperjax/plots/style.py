@@ -27,8 +27,8 @@ STYLE = {
 COLORS = {"blue": "#12355b", "red": "#c1121f", "green": "#2a9d6f", "orange": "#e07a1f", "grey": "#a0a0a0"}
 """Colours of lines and dots."""
 
-REGIME_COLORS = dict(zip(REGIMES, (COLORS[name] for name in ("blue", "green", "red", "grey")), strict=True))
-"""Colours of periodic, regular, chaotic and unresolved cases."""
+REGIME_COLORS = dict(zip(REGIMES, (COLORS[name] for name in ("blue", "green", "red", "grey", "orange")), strict=True))
+"""Colours of periodic, regular, chaotic, unresolved and transiently chaotic cases."""
 
 FLAGGED_LABEL = "status not 0"
 """Legend entry of cases that are left out because of their status."""

@@ -4,39 +4,39 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import diffrax
-import jax.numpy as jnp
+import jax
 import numpy as np
 import xarray as xr
 from jaxtyping import Float, Int
 
-from ..analysis import REGIMES, classify, kaplan_yorke, largest_exponent, regime, standard_error, weighted_mean
-from ..flow import (
-    ConstantSteps,
-    Status,
-    advance_tangents,
-    batch_jacobians,
-    check_start,
-    first_problem,
-    initial_states,
-    initial_tangents,
-    scene_attributes,
+from ..analysis import (
+    REGIMES,
+    classify,
+    is_chaotic,
+    kaplan_yorke,
+    largest_exponent,
+    pooled_standard_error,
+    regime,
+    standard_error,
+    weighted_mean,
 )
+from ..flow import Status, check_start, first_problem, initial_states, scene_attributes
 from ..model import COORDINATE_SCALES, Motion, Scene, State, table_2_start
 from ..orbits import check_count
 from ..solvers import solver_name
-from ..tools import Batched, whole
+from ..tools import whole
 from .attractors import FLOOR
 from .cases import Cases
-from .executors import in_order, run_chunk, run_chunks
-from .plan import OnProgress, Plan, make_plan, strobe_plan
+from .executors import records_in_order, run_chunk, run_chunks
+from .measure import BLOCK, Measure
+from .plan import Plan, make_plan, strobe_plan
 from .sweep import case_variables
+from .votes import HOLD, MOTIONS, Votes, take_votes
 
-BLOCK = 20
-"""Forcing periods in one call; the first such block turns the tangents into their directions and is not counted."""
-LONGEST = 16
-"""Longest period of a motion whose Floquet multipliers are computed."""
 AGREE = 1e-3
 """Differences between exponents [1/period] that are accepted whatever the standard errors."""
+STEADY = 1e-2
+"""Differences between the halves of a record [1/period] that are accepted whatever the standard errors."""
 
 
 def lyapunov_sweep(
@@ -58,21 +58,30 @@ def lyapunov_sweep(
     """Lyapunov exponents for every case of a grid, as one batch, each with its certificate.
 
     **Arguments:** `count`, `periods`: as for `lyapunov_spectrum`; `certify`: whether each case is checked, which
-    costs about twice as much again; `transient`: `BLOCK` periods at least; others as for `sweep`. Periods are rounded
-    up to whole blocks of `BLOCK`, after each of which the status is looked at.
+    costs about twice as much again, and six times as much for chaotic cases; `transient`: `BLOCK` periods at least;
+    others as for `sweep`. Periods are rounded up to whole blocks of `BLOCK`, after each of which the status is looked
+    at.
 
     **Returns:** an `xarray.Dataset` over the grid with
 
-    - `exponent` and `stderr` [1/period], with dimension `count`; `weighted`: the same by a smoothly weighted mean,
-      sharper for regular motions (see `slipperjax.analysis.weighted_mean`); `kaplan_yorke` where count > 1; `kind`
-      and `period`: what the motion settled to by recurrence, see `slipperjax.analysis.classify`; `regime`: see
-      `slipperjax.analysis.regime`; `status` and `steps_per_period`: as `sweep` gives them;
+    - `exponent` and `stderr` [1/period], with dimension `count`; `weighted_exponent`: the same by a smoothly weighted
+      mean, sharper for regular motions (see `slipperjax.analysis.weighted_mean`); `kaplan_yorke` where count > 1;
+      `kind` and `period`: what the motion is by recurrence in the last `LAST` counted periods, see
+      `slipperjax.analysis.classify`; `regime`: see `slipperjax.analysis.regime`; `status` and `steps_per_period`: as
+      `sweep` gives them;
     - with `certify`: `half_step`, the largest exponent with steps half as long, and its standard error
       `half_step_stderr`; `two_trajectories`, an estimate without tangents, and `two_trajectories_stderr`;
-      `floquet`, ln |largest multiplier| per period, of periodic motions; `resolved`: whether all that applies agrees.
+      `floquet`, ln |largest multiplier| per period, of periodic motions; `resolved`: whether all that applies agrees;
+      `escapes`, how many of `MOTIONS` motions of a chaotic case became periodic within `HOLD` periods more, and
+      `chaotic_for`, the forcing periods for which none did.
 
     A case is `resolved` where its status is 0, the two other estimates lie within three standard errors of their
-    difference or 1e-3, and the weighted exponent of a periodic motion is that of its multiplier within 1e-3.
+    difference or 1e-3, the exponents of both halves of the record within three of theirs or 1e-2, and the weighted
+    exponent of a periodic motion is that of its multiplier within 1e-3.
+
+    The exponents of a certified chaotic case, and their standard errors, are those of its `MOTIONS` longer motions,
+    see `slipperjax.analysis.pooled_standard_error`. Where some became periodic, it is "transient chaos", with the
+    exponents of the chaotic stretch.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
@@ -82,35 +91,39 @@ def lyapunov_sweep(
     plan = make_plan(scene, cases, record="strobe", transient=0, periods=1, **options)
     plan = strobe_plan(plan, whole("transient", transient, BLOCK))
     count, counted = check_count(scene, count), -(-whole("periods", periods, 1) // BLOCK)
+    asked = workers
     chunks, workers = plan.chunks(chunk, workers)
 
     def work(chunk, on_progress):
         scenes, starts = cases.take(chunk.index)
         settled = run_chunk(plan, scenes, initial_states(scenes, starts), chunk.steps, on_progress)
-        measure = _Measure(plan, scenes, settled.state, counted, on_progress)
+        measure = Measure(plan, scenes, settled.state, float(plan.periods), counted, on_progress)
         plain = measure(chunk.steps, count)
+        status = first_problem(first_problem(settled.status, plain.status), measure.look(chunk.steps, plain.state))
         checks = None
         if certify:
             half, pair = measure(2 * chunk.steps, 1), measure(chunk.steps, 1, 1e-7)
-            matrices = measure.jacobians(chunk.steps)
+            matrices = measure.jacobians(chunk.steps, plain.state)
             checks = _Checks(half.history, half.status, pair.history, pair.status, matrices)
-        status = first_problem(settled.status, plain.status)
-        return _Exponents(status, settled.record.strobe, plain.history, checks)
+        return _Exponents(status, plain.strobe, plain.history, jax.tree.map(np.asarray, plain.state), checks)
 
     measured = BLOCK * (counted + 1) * (3 if certify else 1)
     runs = run_chunks(chunks, workers, work, periods=plan.periods + measured, progress=progress)
-    joined = lambda *parts: in_order(chunks, parts)
-    checks = [run.checks for run in runs]
-    found = _Exponents(
-        *(joined(*parts) for parts in zip(*(run[:3] for run in runs), strict=True)),
-        checks=_Checks(*(joined(*parts) for parts in zip(*checks, strict=True))) if certify else None,
-    )
+    found, votes = records_in_order(chunks, runs), None
+    if certify:
+        exponent, error = found.history.mean(axis=1)[:, 0], standard_error(found.history)[:, 0]
+        chosen = np.flatnonzero(is_chaotic(exponent, error) & (found.status == Status.FINITE))
+        if len(chosen):
+            states = jax.tree.map(lambda a: a[chosen], found.state)
+            epoch = plan.periods + BLOCK * (counted + 1)
+            run = (counted, count, chunk, asked, progress)
+            votes = _Voted(chosen, take_votes(plan, cases, chosen, states, epoch, *run))
     attrs = {"transient": plan.periods, "periods": counted * BLOCK, "solver": solver_name(plan.solver)}
-    return _dataset(cases, plan, found, scene_attributes(scene, without=cases.axes) | attrs)
+    return _dataset(cases, plan, found, votes, scene_attributes(scene, without=cases.axes) | attrs)
 
 
 class _Checks(NamedTuple):
-    """What certifies the cases of a chunk."""
+    """What certifies the cases."""
 
     half_step: Float[np.ndarray, "cases periods 1"]
     half_step_status: Int[np.ndarray, " cases"]
@@ -120,96 +133,57 @@ class _Checks(NamedTuple):
 
 
 class _Exponents(NamedTuple):
-    """What was found of the cases of a chunk."""
+    """What was found of the cases."""
 
     status: Int[np.ndarray, " cases"]
-    strobe: Float[np.ndarray, "cases periods 10"]
+    strobe: Float[np.ndarray, "cases last 10"]
     history: Float[np.ndarray, "cases periods count"]
+    state: State
     checks: _Checks | None
 
 
-class _Local(NamedTuple):
-    """Local exponents of a chunk."""
+class _Voted(NamedTuple):
+    """Cases with longer motions, and what these showed."""
 
-    history: Float[np.ndarray, "cases periods count"]
-    status: Int[np.ndarray, " cases"]
-
-
-class _Measure(NamedTuple):
-    """Measures exponents of a chunk from the states to which it settled."""
-
-    plan: Plan
-    scenes: Batched[Scene]
-    states: State
-    blocks: int
-    on_progress: OnProgress
-
-    def __call__(self, steps: int, count: int, distance: float | None = None) -> _Local:
-        """Local exponents with `steps` per period; by differences to neighbours at `distance` if that is given."""
-        states, tangents = self.states, initial_tangents(self.scenes, self.states, count)
-        away = None if distance is None else jnp.asarray(distance)
-        rows, status = [], np.zeros(len(states.motion.y), int)
-        for k in range(self.blocks + 1):
-            at = float(self.plan.periods + k * BLOCK)
-            states, tangents, history, codes = advance_tangents(
-                self.scenes, states, tangents, at, _constant(steps), away, solver=self.plan.solver, periods=BLOCK
-            )
-            rows.append(np.asarray(history))
-            status = first_problem(status, codes)
-            self.on_progress(BLOCK)
-        return _Local(np.concatenate(rows[1:], axis=1), status)
-
-    def jacobians(self, steps: int) -> np.ndarray:
-        """Jacobians of the first `LONGEST` periods."""
-        options: dict[str, Any] = dict(solver=self.plan.solver, periods=LONGEST)
-        return np.asarray(
-            batch_jacobians(self.scenes, self.states, float(self.plan.periods), _constant(steps), **options)
-        )
+    chosen: Int[np.ndarray, " cases"]
+    votes: Votes
 
 
-def _constant(steps: int) -> ConstantSteps:
-    """So many steps as an array: one compiled program serves every number."""
-    return ConstantSteps(steps=jnp.asarray(float(steps)))
+Variables = dict[str, tuple[np.ndarray, str, str]]
+"""Values, unit and description by name."""
 
 
-def _dataset(cases: Cases, plan: Plan, found: _Exponents, attrs: dict[str, Any]) -> xr.Dataset:
+def _dataset(cases: Cases, plan: Plan, found: _Exponents, voted: _Voted | None, attrs: dict[str, Any]) -> xr.Dataset:
     good = found.status == Status.FINITE
-    strobe = np.where(good[:, None, None], found.strobe[:, -200:], np.nan)
-    settled = classify(strobe, scales=COORDINATE_SCALES, floor=FLOOR)
-    history = found.history
-    exponent, error, weighted = history.mean(axis=1), standard_error(history), weighted_mean(history)
-    flat: dict[str, Any] = {
+    settled = classify(np.where(good[:, None, None], found.strobe, np.nan), scales=COORDINATE_SCALES, floor=FLOOR)
+    exponent, error = found.history.mean(axis=1), standard_error(found.history)
+    flat: Variables = {
+        "weighted_exponent": (
+            weighted_mean(found.history),
+            "1/period",
+            "Lyapunov exponents by a smoothly weighted mean",
+        ),
+        "kind": (settled.kind, "", "what the motion is by recurrence"),
+        "period": (settled.period, "1", "forcing periods of a periodic motion, 0 for others"),
+    }
+    trusted, escapes = good, np.zeros(len(good), int)
+    if found.checks is not None:
+        if voted is not None:
+            escapes[voted.chosen] = voted.votes.escapes
+            lasting = voted.votes.escapes == 0
+            of_motions = voted.votes.history[lasting]
+            exponent[voted.chosen[lasting]] = of_motions.mean(axis=(1, 2))
+            error[voted.chosen[lasting]] = pooled_standard_error(of_motions)
+        checked, trusted = _certified(found, found.checks, voted, exponent[:, 0], error[:, 0], settled.period)
+        flat |= checked | _lasting(plan, found, voted, escapes)
+    flat |= {
         "exponent": (exponent, "1/period", "Lyapunov exponents"),
         "stderr": (error, "1/period", "standard error of the exponents"),
-        "weighted": (weighted, "1/period", "Lyapunov exponents by a smoothly weighted mean"),
-        "kind": (settled.kind, "", "what the motion settled to, by recurrence"),
-        "period": (settled.period, "1", "forcing periods of a periodic motion, 0 for others"),
     }
     if exponent.shape[1] > 1:
         flat["kaplan_yorke"] = (kaplan_yorke(exponent), "1", "Kaplan-Yorke dimension")
-    if found.checks is not None:
-        checks = found.checks
-        periodic = (settled.period > 0) & good
-        floquet = np.full(len(good), np.nan)
-        for k in np.flatnonzero(periodic):
-            floquet[k] = largest_exponent(checks.jacobians[k], settled.period[k])
-        agree = good & (checks.half_step_status == Status.FINITE) & (checks.two_trajectories_status == Status.FINITE)
-        others = {
-            "half_step": ("with half the step", checks.half_step),
-            "two_trajectories": ("from two trajectories", checks.two_trajectories),
-        }
-        for name, (text, rows) in others.items():
-            value, its_error = rows.mean(axis=1)[:, 0], standard_error(rows)[:, 0]
-            flat[name] = (value, "1/period", f"largest exponent {text}")
-            flat[f"{name}_stderr"] = (its_error, "1/period", f"standard error of the largest exponent {text}")
-            bound = np.maximum(3 * np.hypot(error[:, 0], its_error), AGREE)
-            agree &= np.abs(value - exponent[:, 0]) <= bound
-        agree &= ~periodic | (np.abs(floquet - weighted[:, 0]) <= AGREE)
-        flat["floquet"] = (floquet, "1/period", "ln of the largest Floquet multiplier's modulus")
-        flat["resolved"] = (agree, "", "whether the other estimates agree")
-    trusted = flat["resolved"][0] if "resolved" in flat else good
-    names = np.array(REGIMES)[regime(exponent[:, 0], error[:, 0], settled.kind, trusted)]
-    flat["regime"] = (names, "", "periodic, regular (neither periodic nor chaotic), chaotic or unresolved")
+    names = np.array(REGIMES)[regime(exponent[:, 0], error[:, 0], settled.kind, trusted, escapes)]
+    flat["regime"] = (names, "", "periodic, regular (neither periodic nor chaotic), chaotic, transient or unresolved")
     ds = xr.Dataset(coords=cases.coordinates(), attrs=attrs)
     for name, (values, unit, text) in flat.items():
         dims = (*cases.dims, "count") if values.ndim > 1 else cases.dims
@@ -217,3 +191,58 @@ def _dataset(cases: Cases, plan: Plan, found: _Exponents, attrs: dict[str, Any])
         ds[name] = (dims, values.reshape(cases.shape + values.shape[1:]), label)
     by_case = case_variables(cases.dims, found.status.reshape(cases.shape), plan.steps.reshape(cases.shape))
     return ds.assign(by_case)
+
+
+def _certified(
+    found: _Exponents,
+    checks: _Checks,
+    voted: _Voted | None,
+    exponent: np.ndarray,
+    error: np.ndarray,
+    period: np.ndarray,
+) -> tuple[Variables, np.ndarray]:
+    """The other estimates, and whether they agree with the largest exponents and their standard errors."""
+    good = found.status == Status.FINITE
+    agree = good & (checks.half_step_status == Status.FINITE) & (checks.two_trajectories_status == Status.FINITE)
+    flat: Variables = {}
+    # of one record, where the error of several is known, and so that of one
+    of_one = np.zeros_like(error)
+    if voted is not None:
+        agree[voted.chosen] &= voted.votes.status == Status.FINITE
+        of_one[voted.chosen] = np.sqrt(MOTIONS) * error[voted.chosen] * (voted.votes.escapes == 0)
+    others = {
+        "half_step": ("with half the step", checks.half_step),
+        "two_trajectories": ("from two trajectories", checks.two_trajectories),
+    }
+    for name, (text, rows) in others.items():
+        value, its_error = rows.mean(axis=1)[:, 0], np.maximum(standard_error(rows)[:, 0], of_one)
+        flat[name] = (value, "1/period", f"largest exponent {text}")
+        flat[f"{name}_stderr"] = (its_error, "1/period", f"standard error of the largest exponent {text}")
+        agree &= np.abs(value - exponent) <= np.maximum(3 * np.hypot(error, its_error), AGREE)
+    rows = found.history[..., 0]
+    half = rows.shape[1] // 2
+    first, second = rows[:, :half].mean(axis=1), rows[:, half:].mean(axis=1)
+    # each half has twice the variance of the whole
+    its_error = np.maximum(standard_error(found.history)[:, 0], of_one)
+    agree &= np.abs(first - second) <= np.maximum(3 * 2 * its_error, STEADY)
+    floquet = np.full(len(good), np.nan)
+    periodic = (period > 0) & good
+    for k in np.flatnonzero(periodic):
+        floquet[k] = largest_exponent(checks.jacobians[k], period[k])
+    agree &= ~periodic | (np.abs(floquet - weighted_mean(found.history)[:, 0]) <= AGREE)
+    flat["floquet"] = (floquet, "1/period", "ln of the largest Floquet multiplier's modulus")
+    flat["resolved"] = (agree, "", "whether the other estimates agree")
+    return flat, agree
+
+
+def _lasting(plan: Plan, found: _Exponents, voted: _Voted | None, escapes: np.ndarray) -> Variables:
+    """How long chaos was seen to last."""
+    periods = np.zeros(len(escapes), int)
+    if voted is not None:
+        seen = plan.periods + found.history.shape[1] + BLOCK
+        longer = HOLD + found.history.shape[1] + BLOCK
+        periods[voted.chosen] = np.where(escapes[voted.chosen] == 0, seen + longer, seen)
+    return {
+        "escapes": (escapes, "1", f"motions of {MOTIONS} that became periodic within {HOLD} more forcing periods"),
+        "chaotic_for": (periods, "1", "forcing periods for which chaos lasted at least, 0 for other motions"),
+    }

@@ -19,7 +19,7 @@ def test_periodic_motions_contract_and_chaotic_ones_part():
     found = swept(periods=300, certify=False)
     calm, wild = found.sel(speed=slice(1000, 1900)), found.sel(speed=slice(2000, 2400))
     assert (calm["period"] == 1).all()
-    assert (calm["weighted"] < -0.03).all()
+    assert (calm["weighted_exponent"] < -0.03).all()
     assert (wild["exponent"] > 5 * wild["stderr"]).all()
     assert not (wild["kind"] == "period").any()
 
@@ -34,7 +34,7 @@ def test_certificates_of_a_short_run():
     assert str(good["regime"].values) == "periodic"
     assert int(good["status"]) == 0
     # measured: floquet -0.0465, half the step -0.0479, two trajectories equal to the tangent within 1e-6
-    np.testing.assert_allclose(good["weighted"], good["floquet"], atol=1e-3)
+    np.testing.assert_allclose(good["weighted_exponent"], good["floquet"], atol=1e-3)
     np.testing.assert_allclose(good["two_trajectories"], good["exponent"][0], atol=1e-5)
     np.testing.assert_allclose(good["half_step"], good["exponent"][0], atol=1e-3)
     assert int(bad["status"]) == 1  # hours in 50 steps: thrown out of the finite numbers
@@ -51,7 +51,7 @@ def certified():
 @pytest.mark.slow
 def test_periodic_motions_have_the_exponents_of_their_multipliers(certified):
     calm = certified.sel(speed=slice(1000, 1900))
-    np.testing.assert_allclose(calm["weighted"], calm["floquet"], atol=1e-3)
+    np.testing.assert_allclose(calm["weighted_exponent"], calm["floquet"], atol=1e-3)
     assert certified["resolved"].all()
 
 

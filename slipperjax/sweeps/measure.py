@@ -1,0 +1,91 @@
+"""Local exponents of a chunk of cases, from the states to which it settled."""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..flow import (
+    ConstantSteps,
+    OnlyLoads,
+    advance,
+    advance_tangents,
+    batch_jacobians,
+    first_problem,
+    initial_tangents,
+    judged_by_loads,
+    most_stretch,
+)
+from ..model import Scene, State
+from ..tools import Batched
+from .plan import PAUSE, OnProgress, Plan
+
+BLOCK = 20
+"""Forcing periods in one call; the first such block turns the tangents into their directions and is not counted."""
+LONGEST = 16
+"""Longest period of a motion whose Floquet multipliers are computed."""
+LAST = 200
+"""Forcing periods at the end of a record from which a motion is classified."""
+
+
+class Local(NamedTuple):
+    """Local exponents of a chunk."""
+
+    history: Float[np.ndarray, "cases periods count"]
+    status: Int[np.ndarray, " cases"]
+    strobe: Float[np.ndarray, "cases last 10"]
+    """States once per period in the last `LAST` counted periods, or in all if they are fewer."""
+    state: State
+    """The states at the end."""
+
+
+class Measure(NamedTuple):
+    """Measures exponents of a chunk from its states at the start of the period `epoch`."""
+
+    plan: Plan
+    scenes: Batched[Scene]
+    states: State
+    epoch: float
+    blocks: int
+    """Blocks of `BLOCK` periods that count."""
+    on_progress: OnProgress
+
+    @property
+    def periods(self) -> int:
+        """Forcing periods of one measurement, those in which tangents turn into their directions included."""
+        return BLOCK * (self.blocks + 1)
+
+    def __call__(self, steps: int, count: int, distance: float | None = None) -> Local:
+        """Local exponents with `steps` per period; by differences to neighbours at `distance` if that is given."""
+        states, tangents = self.states, initial_tangents(self.scenes, self.states, count)
+        away = None if distance is None else jnp.asarray(distance)
+        rows, strobes, status = [], [], np.zeros(len(states.motion.y), int)
+        for k in range(self.blocks + 1):
+            at = self.epoch + k * BLOCK
+            states, tangents, history, strobe, codes = advance_tangents(
+                self.scenes, states, tangents, at, _constant(steps), away, solver=self.plan.solver, periods=BLOCK
+            )
+            rows.append(np.asarray(history))
+            strobes = [*strobes, np.asarray(strobe)][-LAST // BLOCK :] if k else []
+            status = first_problem(status, codes)
+            self.on_progress(BLOCK)
+        return Local(np.concatenate(rows[1:], axis=1), status, np.concatenate(strobes, axis=1), states)
+
+    def jacobians(self, steps: int, states: State) -> np.ndarray:
+        """Jacobians of the first `LONGEST` periods after a measurement that ended in `states`."""
+        options: dict[str, Any] = dict(solver=self.plan.solver, periods=LONGEST)
+        at = self.epoch + self.periods
+        return np.asarray(batch_jacobians(self.scenes, states, at, _constant(steps), **options))
+
+    def look(self, steps: int, states: State) -> Int[np.ndarray, " cases"]:
+        """What the contact loads of some periods from `states` on show to be wrong, as `Status` codes."""
+        stepping = ConstantSteps(self.plan.room(steps), jnp.asarray(float(steps)))
+        options: dict[str, Any] = dict(solver=self.plan.solver, periods=PAUSE, recorder=OnlyLoads())
+        seen = advance(self.scenes, states, self.epoch + self.periods, stepping, **options)
+        return np.asarray(judged_by_loads(self.scenes, seen.status, seen.record, most_stretch(self.plan.solver)))
+
+
+def _constant(steps: int) -> ConstantSteps:
+    """So many steps as an array: one compiled program serves every number."""
+    return ConstantSteps(steps=jnp.asarray(float(steps)))

@@ -1,0 +1,91 @@
+"""Whether chaos lasts: several longer motions from a chaotic one, which may become periodic, and their exponents.
+
+A chaotic transient cannot be told from chaos by what happens while it lasts, whatever is measured. Therefore some
+motions are begun beside its last state. They forget each other within tens of periods, so each is one more trial of
+how long the transient may last; and because their records are independent, the scatter of their exponents shows
+correlations that are longer than a record.
+"""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..analysis import classify
+from ..flow import Status, first_problem
+from ..model import COORDINATE_SCALES, State
+from .attractors import FLOOR
+from .cases import Cases
+from .executors import in_order, run_chunk, run_chunks
+from .measure import LAST, Measure
+from .plan import PAUSE, Plan, strobe_plan
+
+MOTIONS = 4
+"""Motions for each case."""
+HOLD = 2000
+"""Forcing periods for which they run before their exponents are measured."""
+APART = 1e-6
+"""Differences of their lateral velocities at the start [m/s]."""
+
+
+class Votes(NamedTuple):
+    """What several longer motions of some cases showed."""
+
+    history: Float[np.ndarray, "cases motions periods count"]
+    """Their local exponents."""
+    escapes: Int[np.ndarray, " cases"]
+    """How many became periodic."""
+    status: Int[np.ndarray, " cases"]
+    """`Status` code of the first motion that went wrong."""
+
+
+def take_votes(
+    plan: Plan,
+    cases: Cases,
+    chosen: Int[np.ndarray, " cases"],
+    states: State,
+    epoch: int,
+    blocks: int,
+    count: int,
+    chunk: int | None,
+    workers: int | None,
+    progress: bool,
+) -> Votes:
+    """Runs `MOTIONS` motions of each chosen case, for `HOLD` periods and a measurement.
+
+    **Arguments:** `plan`, `cases`: of the sweep; `chosen`: places of the cases; `states`: theirs at the start of the
+    period `epoch`; `blocks`, `count`: of the measurement, see `Measure`; others as for `lyapunov_sweep`.
+    """
+    of_lane = np.repeat(np.arange(len(chosen)), MOTIONS)
+    apart = APART * np.tile(np.arange(MOTIONS), len(chosen))
+    plan = dataclasses.replace(strobe_plan(plan, HOLD), steps=plan.steps[chosen][of_lane])
+    plan = dataclasses.replace(
+        plan,
+        transient=plan.recorded._replace(count=(HOLD - LAST) // PAUSE),
+        recorded=plan.recorded._replace(count=LAST // PAUSE),
+    )
+    chunks, workers = plan.chunks(chunk, workers)
+
+    def work(part: Any, on_progress: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        lanes = of_lane[part.index]
+        scenes, _ = cases.take(chosen[lanes])
+        begin = jax.tree.map(lambda a: a[lanes], states)
+        begin = eqx.tree_at(lambda s: s.motion.v_y, begin, begin.motion.v_y + apart[part.index])
+        held = run_chunk(plan, scenes, begin, part.steps, on_progress, epoch=epoch)
+        measure = Measure(plan, scenes, held.state, float(epoch + plan.periods), blocks, on_progress)
+        found = measure(part.steps, count)
+        return held.record.strobe, found.history, first_problem(held.status, found.status)
+
+    each = plan.periods + Measure(plan, cases.scenes, states, 0.0, blocks, print).periods
+    runs = run_chunks(chunks, workers, work, periods=each, progress=progress)
+    strobe, history, status = (in_order(chunks, parts) for parts in zip(*runs, strict=True))
+    kinds = classify(
+        np.where((status == Status.FINITE)[:, None, None], strobe, np.nan), scales=COORDINATE_SCALES, floor=FLOOR
+    )
+    by_case = lambda a: a.reshape(len(chosen), MOTIONS, *a.shape[1:])
+    codes = by_case(status)
+    worst = np.take_along_axis(codes, np.argmax(codes != Status.FINITE, axis=1)[:, None], axis=1)[:, 0]
+    return Votes(by_case(history), np.sum(by_case(kinds.kind) == "period", axis=1), worst)
