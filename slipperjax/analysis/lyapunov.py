@@ -223,7 +223,9 @@ def map_spectrum(
     if count > size:
         raise ValueError(f"Argument `count` must be at most {size}, the size of the state, but is {count}.")
     index, transient = unless_traced(finite("index"), index), whole("transient", transient, 0)
-    state, tangents = call_compiled(_begin, (step, scale), (count, transient > 0), state, index, transient)
+    # a number of intervals that is an argument serves one program for all; in reverse mode it must be part of it
+    fixed = transient if is_traced((step, state)) else None
+    state, tangents = call_compiled(_begin, (step, scale), (count, transient > 0, fixed), state, index, transient)
     history = jnp.zeros((0, count), jnp.result_type(*jax.tree.leaves(state)))
     periods = unless_traced(positive("periods"), periods)
     period = unless_traced(positive("period", "s"), period)
@@ -293,9 +295,10 @@ def two_trajectory_exponent(
 
 
 def _begin(functions, static, state, index, transient):
-    (step, scale), (count, runs) = functions, static
-    if runs:  # one program for all numbers of intervals, which is an argument
-        state = jax.lax.fori_loop(0, transient, lambda i, s: step(s, index + i), state)
+    (step, scale), (count, runs, fixed) = functions, static
+    if runs:
+        most = transient if fixed is None else fixed
+        state = jax.lax.fori_loop(0, most, lambda i, s: step(s, index + i), state)
     return state, first_tangents(state, count, scale)
 
 

@@ -13,12 +13,12 @@ WIDE = 0.01
 [1/period]."""
 REGIMES = ("periodic", "regular", "chaotic", "unresolved", "transient chaos")
 """Names of the regimes, in the order of the indices from `regime`. "regular" is neither chaotic nor periodic;
-"transient chaos" is chaotic for long, and periodic in the end."""
+"transient chaos" is chaotic for long, and regular in the end."""
 
 
 def is_chaotic(exponent: Any, stderr: Any) -> np.ndarray:
     """Whether a largest Lyapunov exponent [1/period] exceeds both `SURE` standard errors and `LEAST`."""
-    return np.asarray(exponent) > np.maximum(SURE * np.asarray(stderr), LEAST)
+    return np.asarray(np.asarray(exponent) > np.maximum(SURE * np.asarray(stderr), LEAST))
 
 
 def regime(exponent: Any, stderr: Any, kind: Any, trusted: Any, escapes: Any = 0) -> np.ndarray:
@@ -29,7 +29,7 @@ def regime(exponent: Any, stderr: Any, kind: Any, trusted: Any, escapes: Any = 0
 
     **Arguments:** `exponent`, `stderr`: the largest exponent and its standard error [1/period]; `kind`: of
     `Attractors`; `trusted`: whether status and certificates are good; `escapes`: how many of several longer motions
-    became periodic in the end. All have the same shape.
+    became regular in the end. All have the same shape.
     """
     exponent, stderr, kind = np.asarray(exponent), np.asarray(stderr), np.asarray(kind)
     chaotic, periodic = is_chaotic(exponent, stderr), kind == "period"

@@ -39,6 +39,7 @@ from .status import Status as Status
 from .status import first_problem as first_problem
 from .status import most_stretch as most_stretch
 from .status import status_of as status_of
+from .status import with_growth as with_growth
 from .status import with_loads as with_loads
 from .status import with_resolution as with_resolution
 from .stepping import AbstractStepping as AbstractStepping

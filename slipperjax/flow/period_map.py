@@ -29,7 +29,7 @@ from ..solvers import RK4
 from ..tools import Batched, call_compiled, jit
 from .loads import Loads, over_periods
 from .recorders import AbstractRecorder, Strobe, stacked
-from .status import Status, status_of, with_loads, with_resolution
+from .status import Status, status_of, with_growth, with_loads, with_resolution
 from .stepping import AbstractStepping, as_stepping
 from .tangents import tangent_weights
 
@@ -220,13 +220,14 @@ def advance_tangents(
         options = dict(scale=tangent_weights(scene), distance=distance)
 
         def period(carry, epoch):
-            *carry, history = push_tangents(step, *carry, 1, index=epoch, **options)
-            return carry, (history[0], stacked(carry[0]))
+            state, tangents = carry
+            state, tangents, logs = push_tangents(step, state, tangents, 1, index=epoch, **options)
+            return (state, tangents), (logs[0], stacked(state))
 
-        (state, tangents), kept = jax.lax.scan(period, [state, tangents], epoch + jnp.arange(float(periods)))
-        code = with_resolution(status_of(state), scene, stepping.number)
-        history, strobe = kept
-        return TangentPassage(state, tangents, history, strobe, code)  # pyright: ignore[reportCallIssue]
+        epochs = epoch + jnp.arange(float(periods))
+        (state, tangents), (history, strobe) = jax.lax.scan(period, (state, tangents), epochs)
+        code = with_growth(with_resolution(status_of(state), scene, stepping.number), history)
+        return TangentPassage(state, tangents, history, strobe, code)
 
     return scenes.map(one, states, tangents)
 

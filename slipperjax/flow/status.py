@@ -19,6 +19,9 @@ at 5 and did not at 1.3."""
 STRETCHED = 5.0
 """Step length times the contacts' rate (`Loads.stretch`) above which an explicit method is not trusted. Of 200 random
 scenes one in 58 with 2.5 to 5 had an error above 0.1 after a period, and 6 of 16 above 5."""
+FASTEST_GROWTH = 30.0
+"""Logarithm of a tangent's growth in a period above which steps are too long for a contact's damping. At 100 m/s,
+where chaos is strongest, about 10 is the greatest."""
 PRESSED = 0.5
 """Penetration over the section's smaller extent above which the contact law has no meaning."""
 INACCURATE = 0.1
@@ -110,6 +113,15 @@ def with_loads(code: Any, loads: Loads, scene: Scene, most_stretch: Any = jnp.in
     code = at(jnp.max(loads.penetration) > PRESSED * extent, code, Status.PRESSED_IN)
     # before the two of above, which too long steps can bring about
     return jnp.where((loads.stretch > most_stretch) & (code != int(Status.NOT_FINITE)), int(Status.UNRESOLVED), code)
+
+
+def with_growth(code: Any, history: Any) -> Int[Array, ""]:
+    """A code, or `UNRESOLVED` where a tangent grew faster in some period than any motion's can.
+
+    **Arguments:** `history`: logarithms of the growth per period, of shape (periods, count).
+    """
+    absurd = jnp.max(jnp.where(jnp.isfinite(history), history, -jnp.inf)) > FASTEST_GROWTH
+    return jnp.where(absurd & (code != int(Status.NOT_FINITE)), int(Status.UNRESOLVED), code)
 
 
 def most_stretch(solver: diffrax.AbstractSolver, controller: Any = None) -> float:

@@ -62,9 +62,9 @@ MOTION_SCALES = _motion_scales()
 """Scales of the ten states, those of `COORDINATES`: 1 mm, 10 mrad as 5e-3 of the quaternion, 1 m/s, 10 rad/s."""
 
 
-def scaled_size(motion: Motion) -> Float[Array, ""]:
-    """The largest magnitude in a difference of two motions, in multiples of `MOTION_SCALES` [1]."""
-    scaled = jax.tree.map(lambda d, s: jnp.abs(d) / s, motion, MOTION_SCALES)
+def scaled_size(motion: Motion, scales: Motion = MOTION_SCALES) -> Float[Array, ""]:
+    """The largest magnitude in a difference of two motions, in multiples of `scales` [1]."""
+    scaled = jax.tree.map(lambda d, s: jnp.abs(d) / s, motion, scales)
     return jnp.max(jnp.stack(jax.tree.leaves(scaled)))
 
 

@@ -19,8 +19,8 @@ DAMPED = 2.0
 """Damping force over elastic force at a typical touchdown, above which steps are shortened in proportion [1].
 
 The damping of a slow touchdown that is then pressed in decays several times faster than that of a typical impact.
-With 200 random scenes of restitutions from 0.2 on, this lowers the worst error of a first period where no
-touchdown is slower than a tenth of the approach speed from 0.46 to 0.09.
+Of 200 random scenes with restitutions of 0.2 to 1, 4 % had an error above 0.1 after the first period without this,
+and 1.5 % have with it, two of the three with a status that says so.
 """
 MOST_STEPS = 1_000_000
 """Steps per forcing period above which a default is refused."""

@@ -11,10 +11,20 @@ import diffrax
 import jax.numpy as jnp
 
 from ..analysis import LyapunovSpectrum, map_spectrum
-from ..flow import ConstantSteps, PeriodMap, check_start, status_of, tangent_weights, with_resolution
-from ..model import Motion, Scene, SmoothField, default_steps_per_period, initial_state, table_2_start, vector_field
+from ..flow import (
+    ConstantSteps,
+    PeriodMap,
+    check_start,
+    default_steps,
+    status_of,
+    steps_of_program,
+    tangent_weights,
+    with_growth,
+    with_resolution,
+)
+from ..model import Motion, Scene, SmoothField, initial_state, table_2_start, vector_field
 from ..solvers import resolve_solver
-from ..tools import whole
+from ..tools import is_traced, whole
 
 
 def check_count(scene: Scene, count: int) -> int:
@@ -59,18 +69,22 @@ def lyapunov_spectrum(
         `max_periods` were counted.
 
     **Returns:** a `LyapunovSpectrum`: `.per_period`, `.per_second`, `.stderr`, `.history`, `.kaplan_yorke`, and
-    `.status`, a `slipperjax.flow.Status` code of the state at the end. To go on from it,
+    `.status`, a `slipperjax.flow.Status` code of the state at the end and of the tangents' growth. To go on from it,
     `slipperjax.analysis.extend_spectrum` with the step `slipperjax.flow.PeriodMap(scene, ...)`.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
     every = whole("orthonormalise_every", orthonormalise_every, 1)
-    steps = default_steps_per_period(scene) if steps_per_period is None else steps_per_period
-    steps = whole("steps_per_period", steps, 1)
+    steps = default_steps(scene, steps_per_period)
     start = table_2_start() if start is None else check_start(start)
     blocks = lambda name, value, least: -(-whole(name, value, least) // every)
     count = check_count(scene, count)
-    stepping = ConstantSteps(steps=jnp.asarray(float(steps)))  # an array: one compiled program serves every number
+    if is_traced((scene, start)):
+        stepping = steps_of_program(steps)  # for both modes of differentiation
+    else:
+        stepping = ConstantSteps(
+            steps=jnp.asarray(float(steps))
+        )  # an array: one compiled program serves every number
     found = map_spectrum(
         PeriodMap(scene, stepping, resolve_solver(scene, solver), periods=every),
         initial_state(scene, start),
@@ -84,4 +98,5 @@ def lyapunov_spectrum(
         until_stderr=until_stderr,
         max_intervals=None if max_periods is None else blocks("max_periods", max_periods, 1),
     )
-    return dataclasses.replace(found, status=with_resolution(status_of(found.state), scene, steps))
+    code = with_growth(with_resolution(status_of(found.state), scene, steps), found.history / every)
+    return dataclasses.replace(found, status=code)

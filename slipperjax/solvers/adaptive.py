@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from diffrax import RESULTS
 
-from ..model import EventLatch, Motion, contact_duration, scaled_size
+from ..model import MOTION_SCALES, EventLatch, Motion, contact_duration, scaled_size
 
 
 class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
@@ -23,7 +23,7 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     """
 
     tolerance: float = 1e-5
-    """Error allowed per step, in multiples of `slipperjax.model.MOTION_SCALES`."""
+    """Error allowed per step, in multiples of `scales`."""
     touchdown: float = 10.0
     """Factor on the error of a step in which the event latch found a touchdown [1].
 
@@ -33,6 +33,9 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     """The longest step is a typical contact's duration (`contact_duration`) over this [1]."""
     shortest: float = 1e-9
     """The integration fails if a step would have to be shorter than this [forcing periods]."""
+    scales: Motion = MOTION_SCALES
+    """Sizes of the motion [m], [1], [m/s] and [rad/s], those of its attitude being half an angle's. The default is
+    for a clearance of a millimetre; another system has others."""
     safety: float = eqx.field(static=True, default=0.9)
     least_factor: float = eqx.field(static=True, default=0.2)
     most_factor: float = eqx.field(static=True, default=5.0)
@@ -54,7 +57,7 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
 
     @property
     def norm(self):
-        return lambda motion: scaled_size(motion) if isinstance(motion, Motion) else scaled_size(motion.motion)
+        return lambda error: scaled_size(error if isinstance(error, Motion) else error.motion, self.scales)
 
     def wrap(self, direction):
         del direction
@@ -70,12 +73,12 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):
         assert y_error is not None  # see `check_error_estimate`
         _, end = controller_state
-        size = scaled_size(y_error.motion) / self.tolerance
+        size = scaled_size(y_error.motion, self.scales) / self.tolerance
         if y0.memory is not None and isinstance(args.scene.memory, EventLatch):
             touched = jnp.any((y0.memory >= 0) & (y1_candidate.memory < 0))
             size = jnp.where(touched, self.touchdown * size, size)
-        elif y0.memory is not None:  # an integrated memory: rates in m/s, with the motion's scale of 1 m/s
-            size = jnp.maximum(size, jnp.max(jnp.abs(y_error.memory)) / self.tolerance)
+        elif y0.memory is not None:  # an integrated memory: rates, with the scale of the vertical velocity
+            size = jnp.maximum(size, jnp.max(jnp.abs(y_error.memory)) / self.scales.v_z / self.tolerance)
         # Reject steps with NaN.
         bad = jnp.isnan(size) | jnp.isnan(scaled_size(y1_candidate.motion))
         size = jax.lax.stop_gradient(jnp.where(bad, jnp.inf, size))

@@ -56,13 +56,14 @@ def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05) -> Int[np.nd
     """Numbers the attractors that a grid of starts leads to: 0, 1, ... by falling size of their basins.
 
     Two cases share a group where mean and spread of their last strobe states agree within `tolerance`, in multiples
-    of `slipperjax.model.COORDINATE_SCALES`. Reliable for periodic attractors; a chaotic one may make several groups.
+    of `slipperjax.model.COORDINATE_SCALES`. Of a motion that recurs after n periods, within a tenth of `tolerance`,
+    whole multiples of n are taken, so that motions on one orbit share a group whatever their phase. Reliable for
+    periodic attractors; a chaotic one may make several groups.
 
     **Returns:** whole numbers of the shape of the grid; -1 for cases with a status other than 0.
     """
     states = strobe_states(ds, last) / COORDINATE_SCALES
-    marks = np.concatenate([states.mean(axis=-2), states.std(axis=-2)], axis=-1)
-    flat = marks.reshape(-1, marks.shape[-1])
+    flat = np.array([_mark(case, tolerance / 10) for case in states.reshape(-1, *states.shape[-2:])])
     found = np.full(len(flat), -1)
     centres: list[np.ndarray] = []
     for k, mark in enumerate(flat):
@@ -76,4 +77,13 @@ def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05) -> Int[np.nd
             centres.append(mark)
     order = np.argsort([-np.sum(found == k) for k in range(len(centres))], kind="stable")
     rank = {int(old): new for new, old in enumerate(order)} | {-1: -1}
-    return np.array([rank[int(k)] for k in found]).reshape(marks.shape[:-1])
+    return np.array([rank[int(k)] for k in found]).reshape(states.shape[:-2])
+
+
+def _mark(states: np.ndarray, near: float) -> np.ndarray:
+    """Mean and spread of scaled states (periods, 10), over whole recurrences if the motion is periodic."""
+    periods = len(states)
+    recurs = (n for n in range(1, periods // 2 + 1) if np.max(np.abs(states[n:] - states[:-n])) < near)
+    n = next(recurs, periods)
+    used = states[periods - n * (periods // n) :]
+    return np.concatenate([used.mean(axis=0), used.std(axis=0)])

@@ -103,9 +103,18 @@ def _values(scene: Scene, name: str, raw: Any) -> np.ndarray:
     return values
 
 
+def batch_size(count: int) -> int:
+    """The smallest of 8, 16, 24, 32, 40, 48, 56, 64, 80, 96, 112, 128, 160, ... that is not below `count`.
+
+    Few sizes, four in an octave, so that sweeps of other numbers of cases meet programs that are compiled already.
+    """
+    unit = LANES * max(1, 1 << max((max(count, 1) - 1).bit_length() - 6, 0))
+    return -(-max(count, 1) // unit) * unit
+
+
 def filled(index: np.ndarray, least: int) -> np.ndarray:
-    """Indices of cases, the last one repeated until there are `least` and a multiple of `LANES`."""
-    count = -(-max(least, len(index)) // LANES) * LANES
+    """Indices of cases, the last one repeated until there are `least`, and as many as `batch_size` gives."""
+    count = batch_size(max(least, len(index)))
     return index[np.minimum(np.arange(count), len(index) - 1)]
 
 

@@ -72,7 +72,7 @@ def lyapunov_sweep(
     - with `certify`: `half_step`, the largest exponent with steps half as long, and its standard error
       `half_step_stderr`; `two_trajectories`, an estimate without tangents, and `two_trajectories_stderr`;
       `floquet`, ln |largest multiplier| per period, of periodic motions; `resolved`: whether all that applies agrees;
-      `escapes`, how many of `MOTIONS` motions of a chaotic case became periodic within `HOLD` periods more, and
+      `escapes`, how many of `MOTIONS` motions of a chaotic case became regular within `HOLD` periods more, and
       `chaotic_for`, the forcing periods for which none did.
 
     A case is `resolved` where its status is 0, the two other estimates lie within three standard errors of their
@@ -80,7 +80,7 @@ def lyapunov_sweep(
     exponent of a periodic motion is that of its multiplier within 1e-3.
 
     The exponents of a certified chaotic case, and their standard errors, are those of its `MOTIONS` longer motions,
-    see `slipperjax.analysis.pooled_standard_error`. Where some became periodic, it is "transient chaos", with the
+    see `slipperjax.analysis.pooled_standard_error`. Where some became regular, it is "transient chaos", with the
     exponents of the chaotic stretch.
 
     **Raises:** `ValueError` that names the argument which is wrong.
@@ -243,6 +243,6 @@ def _lasting(plan: Plan, found: _Exponents, voted: _Voted | None, escapes: np.nd
         longer = HOLD + found.history.shape[1] + BLOCK
         periods[voted.chosen] = np.where(escapes[voted.chosen] == 0, seen + longer, seen)
     return {
-        "escapes": (escapes, "1", f"motions of {MOTIONS} that became periodic within {HOLD} more forcing periods"),
+        "escapes": (escapes, "1", f"motions of {MOTIONS} that became regular within {HOLD} more forcing periods"),
         "chaotic_for": (periods, "1", "forcing periods for which chaos lasted at least, 0 for other motions"),
     }

@@ -14,7 +14,7 @@ from ..flow import RECORDERS, AbstractRecorder, Strobe, recorder_named, step_pla
 from ..model import Scene
 from ..solvers import calls_lapack, resolve_solver
 from ..tools import one_of, whole
-from .cases import Cases, filled
+from .cases import Cases, batch_size, filled
 
 LARGEST_CHUNK = 1024
 """Cases in one call: enough to amortise the start of kernels, few enough to stay in the cache."""
@@ -83,7 +83,7 @@ class Plan:
     def chunks(self, chunk: int | None, workers: int | None) -> tuple[list[Chunk], int]:
         """The chunks, the most expensive first, and the number of threads to run them on. Neither changes any result.
 
-        **Arguments:** `chunk`: cases per call, rounded up to a multiple of `slipperjax.sweeps.cases.LANES`; by
+        **Arguments:** `chunk`: cases per call, rounded up as by `slipperjax.sweeps.cases.batch_size`; by
         default what makes the run shortest. `workers`: threads, by default one per core.
         """
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
@@ -93,7 +93,7 @@ class Plan:
         counts, sizes = np.unique(self.steps, return_counts=True)
         if chunk is None:
             chunk = _best_chunk(counts, sizes, workers)
-        chunk = _filled_count(whole("chunk", chunk, 1))
+        chunk = batch_size(whole("chunk", chunk, 1))
         found = []
         for steps in counts[::-1]:
             members = np.flatnonzero(self.steps == steps)
@@ -105,7 +105,7 @@ class Plan:
 
 def _best_chunk(counts: np.ndarray, sizes: np.ndarray, workers: int) -> int:
     """The chunk size with which groups of `sizes` cases of `counts` steps are done soonest."""
-    shares = {min(-(-int(n) // (workers * k)), LARGEST_CHUNK) for n in sizes for k in (1, 2, 3, 4)}
+    shares = {min(-(-int(n) // (workers * k)), LARGEST_CHUNK) for n in sizes for k in range(1, 7)}
 
     def duration(lanes):
         costs = counts * (START_OF_STEP + lanes)
@@ -113,11 +113,7 @@ def _best_chunk(counts: np.ndarray, sizes: np.ndarray, workers: int) -> int:
         # a run is not over before its longest chunk
         return max(total / workers, float(costs.max())), lanes
 
-    return min((_filled_count(share) for share in shares), key=duration)
-
-
-def _filled_count(count: int) -> int:
-    return len(filled(np.zeros(1, int), count))
+    return min((batch_size(share) for share in shares), key=duration)
 
 
 def make_plan(
@@ -145,7 +141,7 @@ def make_plan(
     else:
         fixed, saves = step_plan(scene, steps_per_period, saves_per_period)
         steps = np.full(cases.count, fixed)
-    pause = max(1, min(transient, PAUSE))
+    pause = PAUSE if transient >= PAUSE else _call_length(max(transient, 1))
     block = _call_length(periods)
     return Plan(
         resolve_solver(scene, solver),
@@ -180,10 +176,8 @@ def strobe_plan(plan: Plan, periods: int) -> Plan:
 
 
 def _call_length(periods: int) -> int:
-    """Forcing periods in one call of a stretch that is recorded: a divisor of `periods`, 50 at most if it has one."""
-    if periods <= 50:
-        return periods
-    return next((k for k in range(50, 9, -1) if periods % k == 0), periods)
+    """Forcing periods in one call of a stretch: 10, 5, 2 or 1, so that few programs serve all lengths."""
+    return math.gcd(periods, PAUSE)
 
 
 OnProgress = Callable[[int], Any]

@@ -49,9 +49,9 @@ def sweep(
     - `steps_per_period`: one number for all cases, or an array of the grid's shape with one for each; default what
         `default_steps_per_period` gives for each. Cases with the same number run together.
     - `solver`, `start`, `saves_per_period`: as for `simulate`.
-    - `chunk`: cases per call, rounded up to a multiple of 8; `workers`: threads, default one per core, and never
-        more than one where `solver` is one of diffrax's implicit ones, see `solvers.calls_lapack`. Neither changes
-        any result.
+    - `chunk`: cases per call, rounded up to 8, 16, 24, 32, 40, 48, 56, 64, 80, ...; `workers`: threads, default one
+        per core, and never more than one where `solver` is one of diffrax's implicit ones, see
+        `solvers.calls_lapack`. Neither changes any result.
     - `progress`: show a progress bar.
 
     **Returns:** an `xarray.Dataset` with the grid's names as first dimensions, then `crossing`, `period` or

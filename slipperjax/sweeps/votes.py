@@ -1,4 +1,4 @@
-"""Whether chaos lasts: several longer motions from a chaotic one, which may become periodic, and their exponents.
+"""Whether chaos lasts: several longer motions from a chaotic one, which may become regular, and their exponents.
 
 A chaotic transient cannot be told from chaos by what happens while it lasts, whatever is measured. Therefore some
 motions are begun beside its last state. They forget each other within tens of periods, so each is one more trial of
@@ -27,6 +27,8 @@ MOTIONS = 4
 """Motions for each case."""
 HOLD = 2000
 """Forcing periods for which they run before their exponents are measured."""
+CALM = 0.01
+"""Exponents of the second half of a motion's record [1/period] that are no longer those of chaos."""
 APART = 1e-6
 """Differences of their lateral velocities at the start [m/s]."""
 
@@ -37,7 +39,7 @@ class Votes(NamedTuple):
     history: Float[np.ndarray, "cases motions periods count"]
     """Their local exponents."""
     escapes: Int[np.ndarray, " cases"]
-    """How many became periodic."""
+    """How many became regular: periodic, or without a positive exponent."""
     status: Int[np.ndarray, " cases"]
     """`Status` code of the first motion that went wrong."""
 
@@ -88,4 +90,7 @@ def take_votes(
     by_case = lambda a: a.reshape(len(chosen), MOTIONS, *a.shape[1:])
     codes = by_case(status)
     worst = np.take_along_axis(codes, np.argmax(codes != Status.FINITE, axis=1)[:, None], axis=1)[:, 0]
-    return Votes(by_case(history), np.sum(by_case(kinds.kind) == "period", axis=1), worst)
+    # a motion may escape while it is measured, and what it escapes to may be a torus
+    later = history[:, history.shape[1] // 2 :, 0].mean(axis=1)
+    calm = (kinds.kind == "period") | (later <= CALM)
+    return Votes(by_case(history), np.sum(by_case(calm), axis=1), worst)

@@ -30,6 +30,17 @@ def test_groups_are_numbered_by_the_size_of_their_basins():
     assert "derailed" in str(named.evidence[1, 2])
 
 
+def test_motions_on_one_orbit_share_a_group_whatever_their_phase():
+    """Seven orbits of period 3, each met in its three phases, and one of period 1."""
+    rng = np.random.default_rng(0)
+    orbits = rng.uniform(-1, 1, (7, 3, 10))
+    lanes = [np.tile(np.roll(orbit, phase, axis=0), (10, 1)) for orbit in orbits for phase in range(3)]
+    lanes.append(np.tile(rng.uniform(-1, 1, 10), (30, 1)))
+    found = groups(dataset(1e-3 * np.array(lanes), ("a",)))
+    assert [len(set(found[3 * k : 3 * k + 3])) for k in range(7)] == [1] * 7
+    assert sorted(set(found.tolist())) == list(range(8))
+
+
 OPTIONS = dict(periods=10, steps_per_period=50)  # one compiled program, shared with test_sweep
 
 

@@ -1,0 +1,43 @@
+"""Names of regimes, and standard errors of several motions."""
+
+import numpy as np
+import pytest
+
+from slipperjax.analysis import REGIMES, pooled_standard_error, regime, standard_error
+
+
+@pytest.mark.parametrize(
+    ("exponent", "stderr", "kind", "trusted", "escapes", "name"),
+    [
+        (0.30, 0.02, "chaotic", True, 0, "chaotic"),
+        (0.30, 0.02, "unresolved", True, 0, "chaotic"),
+        (0.30, 0.02, "chaotic", True, 1, "transient chaos"),
+        (0.30, 0.02, "chaotic", False, 0, "unresolved"),
+        (-0.05, 0.002, "period", True, 0, "periodic"),
+        (0.000, 0.001, "torus", True, 0, "regular"),
+        (0.50, 0.21, "unresolved", True, 0, "unresolved"),  # neither positive nor known to be zero
+        (-0.053, 0.007, "chaotic", True, 0, "unresolved"),  # exponent and recurrence contradict each other
+        (0.30, 0.02, "period", True, 0, "unresolved"),
+        (np.nan, 0.02, "chaotic", True, 0, "unresolved"),
+    ],
+)
+def test_a_name_needs_an_exponent_that_is_known_and_agrees(exponent, stderr, kind, trusted, escapes, name):
+    assert REGIMES[int(regime(exponent, stderr, kind, trusted, escapes))] == name
+
+
+def test_several_motions_show_correlations_as_long_as_a_record():
+    """An autoregression that forgets within 300 of 500 intervals: its exact standard error is known."""
+    rng = np.random.default_rng(0)
+    memory, trials, motions, intervals = np.exp(-1 / 300), 300, 4, 500
+    x = rng.standard_normal((trials, motions)) / np.sqrt(1 - memory**2)
+    rows = []
+    for _ in range(intervals):
+        rows.append(x)
+        x = memory * x + rng.standard_normal(x.shape)
+    history = np.stack(rows, axis=-1)[..., None]
+    scatter = history.mean(axis=(1, 2, 3)).std()
+    stated = np.sqrt(np.mean(pooled_standard_error(history) ** 2))
+    alone = np.sqrt(np.mean(standard_error(history) ** 2) / motions)
+    # measured: 1.0 of several motions, 1.6 of each alone
+    assert 0.8 < scatter / stated < 1.25
+    assert scatter / alone > 1.25
