@@ -26,9 +26,9 @@ def test_a_name_needs_an_exponent_that_is_known_and_agrees(exponent, stderr, kin
 
 
 def test_several_motions_show_correlations_as_long_as_a_record():
-    """An autoregression that forgets within 300 of 500 intervals: its exact standard error is known."""
+    """An autoregression that forgets within 60 of 500 intervals: its exact standard error is known."""
     rng = np.random.default_rng(0)
-    memory, trials, motions, intervals = np.exp(-1 / 300), 300, 4, 500
+    memory, trials, motions, intervals = np.exp(-1 / 60), 300, 4, 500
     x = rng.standard_normal((trials, motions)) / np.sqrt(1 - memory**2)
     rows = []
     for _ in range(intervals):
@@ -38,6 +38,6 @@ def test_several_motions_show_correlations_as_long_as_a_record():
     scatter = history.mean(axis=(1, 2, 3)).std()
     stated = np.sqrt(np.mean(pooled_standard_error(history) ** 2))
     alone = np.sqrt(np.mean(standard_error(history) ** 2) / motions)
-    # measured: 1.0 of several motions, 1.6 of each alone
+    # measured: 1.05 of several motions, 1.20 of each alone
     assert 0.8 < scatter / stated < 1.25
-    assert scatter / alone > 1.25
+    assert scatter / alone > 1.1
