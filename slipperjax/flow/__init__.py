@@ -45,5 +45,6 @@ from .status import with_resolution as with_resolution
 from .stepping import AbstractStepping as AbstractStepping
 from .stepping import ConstantSteps as ConstantSteps
 from .stepping import ControlledSteps as ControlledSteps
+from .stepping import room_for as room_for
 from .tangents import initial_tangents as initial_tangents
 from .tangents import tangent_weights as tangent_weights

@@ -170,14 +170,18 @@ def advance(
     solver: diffrax.AbstractSolver,
     periods: int,
     recorder: AbstractRecorder | None = None,
+    used: Any = None,
 ) -> Passage:
     """Runs a batch over some forcing periods, all cases with the same stepping: see `PeriodMap.run`.
+
+    Where only `used` of the periods are integrated, what the result holds for the others is to be cut off.
 
     `states` and the result have a leading axis of cases.
     """
 
     def one(scene, state):
-        return PeriodMap(scene, stepping, solver).run(state, epoch, periods=periods, recorder=recorder)
+        options = dict(periods=periods, recorder=recorder, used=used)
+        return PeriodMap(scene, stepping, solver).run(state, epoch, **options)
 
     return scenes.map(one, states)
 

@@ -28,7 +28,7 @@ from .period_map import Passage, PeriodMap, map_compiled, run_compiled
 from .probe import Probe, check_probe, probed
 from .recorders import AbstractRecorder, Samples, Strobe
 from .status import INACCURATE, Status, most_stretch, status_of, with_loads, with_resolution
-from .stepping import ConstantSteps, ControlledSteps, UnknownSteps
+from .stepping import ConstantSteps, ControlledSteps, UnknownSteps, room_for
 
 MOST_UNKNOWN = 1600
 """Greatest default number of steps per period where the scene's values are traced."""
@@ -215,7 +215,7 @@ def simulate(
     elif traced:
         stepping = steps_of_program(steps)
     else:
-        room = _next_power(steps * (2 if probe else 1)) if recorder.inside else None
+        room = room_for(steps * (2 if probe else 1)) if recorder.inside else None
         stepping = ConstantSteps(room, jnp.asarray(float(steps)))  # an array: one program serves many numbers
     run = PeriodMap(scene, stepping, solver)
     passage = run_compiled(run, first, periods, recorder) if traced else _run_eagerly(run, first, periods, recorder)
@@ -247,18 +247,11 @@ def _run_eagerly(
     like: int | None = None,
 ) -> Passage:
     """A run with a program that serves other numbers of periods, too; that of a run of `like` periods if given."""
-    size = _next_power(periods if like is None else like)
+    size = room_for(periods if like is None else like)
     found = run_compiled(run, state, size, recorder, jnp.asarray(epoch), jnp.asarray(float(periods)))
     # on the host, where a slice of another length needs no compilation
     cut = lambda tree: jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[:periods]), tree)
     return Passage(found.state, cut(found.record), found.status, cut(found.steps_taken))
-
-
-def _next_power(count: int) -> int:
-    """The smallest of 50, 100, 200, 400, ... that is not below; below 50 a power of two."""
-    if count <= 32:
-        return 1 << (count - 1).bit_length()
-    return 50 * (1 << max(-(-count // 50) - 1, 0).bit_length())
 
 
 def step_plan(scene: Scene, steps: int | None, saves: int | None) -> tuple[Any, int]:

@@ -248,3 +248,10 @@ class ControlledSteps(AbstractStepping):
 def as_stepping(stepping: Any) -> AbstractStepping:
     """A stepping as it is, and a whole number as so many constant steps."""
     return stepping if isinstance(stepping, AbstractStepping) else ConstantSteps(stepping)
+
+
+def room_for(count: int) -> int:
+    """The smallest of 1, 2, 4, 8, 16, 32, 50, 100, 200, 400, ... that is not below: few sizes, so few programs."""
+    if count <= 32:
+        return 1 << (count - 1).bit_length()
+    return 50 * (1 << max(-(-count // 50) - 1, 0).bit_length())

@@ -14,6 +14,7 @@ from tqdm.auto import tqdm
 from ..flow import (
     ConstantSteps,
     HistoryRecord,
+    Passage,
     SectionRecord,
     Sections,
     advance,
@@ -25,7 +26,7 @@ from ..flow import (
 )
 from ..model import Scene, State
 from ..tools import Batched
-from .plan import Chunk, OnProgress, Plan
+from .plan import Calls, Chunk, OnProgress, Plan
 
 Result = TypeVar("Result")
 
@@ -55,7 +56,7 @@ def run_chunk(
     stepping = ConstantSteps(steps=number)
     for _ in range(plan.transient.count):
         on_progress(0)
-        states, ends, codes, _ = advance(scenes, states, at, stepping, periods=plan.transient.length, **options)
+        states, ends, codes, _ = _advance(plan.transient, scenes, states, at, stepping, **options)
         status = first_problem(status, codes)
         if isinstance(recorder, Sections):
             strobes.append(coordinates(ends))
@@ -66,8 +67,8 @@ def run_chunk(
         stepping = ConstantSteps(steps) if alike else ConstantSteps(plan.room(steps), number)
     for _ in range(plan.recorded.count):
         on_progress(0)
-        options |= dict(recorder=recorder, periods=plan.recorded.length)
-        states, kept, codes, _ = advance(scenes, states, at, stepping, **options)
+        options |= dict(recorder=recorder)
+        states, kept, codes, _ = _advance(plan.recorded, scenes, states, at, stepping, **options)
         status = first_problem(status, codes)
         records.append(recorder.collect(kept))
         on_progress(plan.recorded.length)
@@ -81,6 +82,14 @@ def run_chunk(
         of_loads = judged_by_loads(scenes, jnp.asarray(status), record.loads, most_stretch(plan.solver))
         status = np.asarray(of_loads)
     return ChunkRun(states, status, record)
+
+
+def _advance(calls: Calls, *arguments: Any, **options: Any) -> Passage:
+    """`advance` over the periods of one of the calls, by a program that serves other numbers of them, too."""
+    used = jnp.asarray(float(calls.length))
+    end, record, status, taken = advance(*arguments, periods=calls.room, used=used, **options)
+    cut = lambda tree: jax.tree.map(lambda a: np.asarray(a)[:, : calls.length], tree)
+    return Passage(end, cut(record), status, cut(taken))
 
 
 def run_chunks(

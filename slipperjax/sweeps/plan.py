@@ -10,7 +10,7 @@ import diffrax
 import numpy as np
 from jaxtyping import Int
 
-from ..flow import RECORDERS, AbstractRecorder, Strobe, recorder_named, step_plan
+from ..flow import RECORDERS, AbstractRecorder, Strobe, recorder_named, room_for, step_plan
 from ..model import Scene
 from ..solvers import calls_lapack, resolve_solver
 from ..tools import one_of, whole
@@ -35,6 +35,11 @@ class Calls(NamedTuple):
     def periods(self) -> int:
         """Forcing periods in all."""
         return self.length * self.count
+
+    @property
+    def room(self) -> int:
+        """Forcing periods that the program has room for, `PAUSE` or those of `slipperjax.flow.room_for`."""
+        return PAUSE if self.length == PAUSE else room_for(self.length)
 
 
 class Chunk(NamedTuple):
@@ -141,7 +146,7 @@ def make_plan(
     else:
         fixed, saves = step_plan(scene, steps_per_period, saves_per_period)
         steps = np.full(cases.count, fixed)
-    pause = PAUSE if transient >= PAUSE else _call_length(max(transient, 1))
+    pause = max(1, min(transient, PAUSE))
     block = _call_length(periods)
     return Plan(
         resolve_solver(scene, solver),
@@ -176,8 +181,10 @@ def strobe_plan(plan: Plan, periods: int) -> Plan:
 
 
 def _call_length(periods: int) -> int:
-    """Forcing periods in one call of a stretch: 10, 5, 2 or 1, so that few programs serve all lengths."""
-    return math.gcd(periods, PAUSE)
+    """Forcing periods in one call of a stretch that is recorded: a divisor of `periods`, 50 at most if it has one."""
+    if periods <= 50:
+        return periods
+    return next((k for k in range(50, 9, -1) if periods % k == 0), periods)
 
 
 OnProgress = Callable[[int], Any]

@@ -280,7 +280,8 @@ def test_two_parameters_make_a_regime_map(monkeypatch, tmp_path, capsys):
     assert grid["roll_amplitude"] == pytest.approx(np.radians([0.1, 0.2]))
     wanted = dict(count=2, transient=300, periods=40, certify=True, steps_per_period=None)
     assert {name: options[name] for name in wanted} == wanted
-    assert "4 cases: 1 periodic, 0 regular, 2 chaotic, 1 unresolved; 50 to 250 steps per period, " in text
+    shares = "1 periodic, 0 regular, 2 chaotic, 1 unresolved, 0 transient chaos"
+    assert f"4 cases: {shares}; 50 to 250 steps per period, " in text
     assert "1 cases flagged (1 not finite: " in text
     xr.testing.assert_identical(dataset(out), made([0, 0, 0, 1]))
     pixels = picture(out, 3.5, 3.0)

@@ -6,7 +6,7 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.sweeps import Cases, make_plan
-from slipperjax.sweeps.plan import _best_chunk
+from slipperjax.sweeps.plan import Calls, _best_chunk
 
 
 def plan_of(grid, **options):
@@ -63,7 +63,7 @@ def test_chunks_follow_the_cost_model():
 def test_calls_make_up_the_run():
     plan = plan_of({"speed": [1250.0]})
     assert plan.transient == (10, 3)  # rounded up to tens
-    assert plan.recorded == (10, 10)
-    assert plan_of({"speed": [1250.0]}, transient=4, periods=15).recorded == (5, 3)
+    assert plan.recorded == (50, 2)
+    assert [Calls(n, 1).room for n in (1, 3, 7, 10, 11, 40, 120)] == [1, 4, 8, 10, 16, 50, 200]
     assert plan.periods == 130
     assert plan_of({"speed": [1250.0]}, solver=diffrax.Kvaerno3()).chunks(8, 2)[1] == 1
