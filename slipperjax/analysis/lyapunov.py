@@ -19,7 +19,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from ..tools import call_compiled, finite, is_traced, positive, unless_traced, whole
+from ..tools import call_compiled, finite, is_traced, number, positive, unless_traced, whole
 from .statistics import kaplan_yorke, standard_error, weighted_mean
 
 Step = Callable[[Any, Any], Any]
@@ -268,7 +268,7 @@ def _extend(result, step, intervals, scale, distance, align, until_stderr, max_i
         return LyapunovSpectrum(history, state, tangents, index, result.periods, result.period, None)
     if is_traced((functions, result)):
         raise ValueError("Argument `until_stderr` must be None under jit, vmap or grad, but is a number.")
-    goal = float(positive("until_stderr")(until_stderr))
+    goal = number(positive, "until_stderr", until_stderr)
     limit = 100 * block if max_intervals is None else whole("max_intervals", max_intervals, 1)
     history = np.asarray(result.history)
     while True:

@@ -75,7 +75,9 @@ def make_solver(name: str, scene: Any) -> Any:
     if not (isinstance(kind, type) and issubclass(kind, diffrax.AbstractSolver)) or name.startswith("Abstract"):
         raise ValueError(f"Option --solver must be auto or a solver of slipperjax or diffrax, but is {name!r}.")
     try:
-        return kind()
+        found = kind()
+        solvers.resolve_solver(scene, found)  # raises where it cannot be latched
+        return found
     except TypeError as error:
         raise ValueError(f"Option --solver must be a solver that needs no arguments, but is {name!r}.") from error
 
@@ -96,6 +98,8 @@ def make_grid(over: GridAxis, by: GridAxis | None = None) -> dict[str, Any]:
             raise ValueError(f"Option {option} must begin with one of {', '.join(PARAMETERS)}, but is {name!r}.")
         if count < 1:
             raise ValueError(f"Option {option} must end with a number of values of 1 or more, but is {count}.")
+        if not np.all(np.isfinite((first, last))):
+            PARAMETERS[name].checked(PARAMETERS[name].from_shown(first if not np.isfinite(first) else last))
         if name in grid:
             raise ValueError(f"Option --by must name another parameter than --over, but is {name!r} too.")
         grid[name] = PARAMETERS[name].from_shown(np.linspace(first, last, count))
@@ -107,6 +111,8 @@ def make_folder(folder: Path, out: Path) -> None:
 
     **Raises:** `ValueError` where it cannot be made or written to.
     """
+    if out == Path(""):
+        raise ValueError("Option --out must name a file or folder, but is empty.")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

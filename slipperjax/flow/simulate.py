@@ -15,6 +15,8 @@ from ..model import (
     Reactions,
     Scene,
     State,
+    check_motion,
+    check_scene,
     euler_angles,
     initial_state,
     reactions,
@@ -22,7 +24,7 @@ from ..model import (
     traced_steps_per_period,
 )
 from ..solvers import check_error_estimate, resolve_controller, resolve_solver
-from ..tools import is_traced, jit, whole
+from ..tools import instance, is_traced, jit, whole, yes_or_no
 from .loads import Loads, over_periods
 from .period_map import Passage, PeriodMap, map_compiled, run_compiled
 from .probe import Probe, check_probe, probed
@@ -48,6 +50,8 @@ def period_map(
 
     **Arguments:** as for `simulate`; `state` comes from `initial_state` or an earlier call.
     """
+    check_scene(scene)
+    instance("state", state, State, "a slipperjax.State")
     steps, periods = default_steps(scene, steps_per_period), whole("periods", periods, 1)
     solver, controller = resolve_solver(scene, solver), resolve_controller(stepsize_controller)
     check_error_estimate(solver, controller)
@@ -73,7 +77,9 @@ def _controlled(
 ) -> ControlledSteps:
     if is_traced(first_steps):
         raise ValueError("Argument `steps_per_period` must be given for adaptive steps where the scene is traced.")
-    return ControlledSteps(samples, first_steps, controller, diffrax.ForwardMode() if adjoint is None else adjoint)
+    adjoint = diffrax.ForwardMode() if adjoint is None else adjoint
+    instance("adjoint", adjoint, diffrax.AbstractAdjoint, "a diffrax adjoint")
+    return ControlledSteps(samples, first_steps, controller, adjoint)
 
 
 class Peak(NamedTuple):
@@ -201,7 +207,8 @@ def simulate(
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
-    periods = whole("periods", periods, 1)
+    check_scene(scene)
+    periods, loads = whole("periods", periods, 1), yes_or_no("loads", loads)
     steps, saves = step_plan(scene, steps_per_period, saves_per_period)
     solver = resolve_solver(scene, solver)
     start = table_2_start() if start is None else check_start(start)
@@ -271,9 +278,4 @@ def step_plan(scene: Scene, steps: int | None, saves: int | None) -> tuple[Any, 
 
 def check_start(start: Any) -> Motion:
     """`start` as a motion of finite numbers; raises `ValueError` otherwise."""
-    if not isinstance(start, Motion):
-        raise ValueError(f"Argument `start` must be a slipperjax.Motion, but is {start!r}.")
-    for name, value in vars(start).items():
-        if not isinstance(value, jax.core.Tracer) and not np.all(np.isfinite(value)):
-            raise ValueError(f"Argument `start` must be finite, but its {name} is {value}.")
-    return start
+    return check_motion("start", start)

@@ -33,6 +33,7 @@ from .kinematics import Contacts as Contacts
 from .kinematics import Motion as Motion
 from .kinematics import RailFrame as RailFrame
 from .kinematics import attitude_rates as attitude_rates
+from .kinematics import check_motion as check_motion
 from .kinematics import contact_points as contact_points
 from .kinematics import contacts as contacts
 from .kinematics import euler_angles as euler_angles
@@ -55,6 +56,7 @@ from .quantities import parameter as parameter
 from .quantities import quantity as quantity
 from .scene import Scene as Scene
 from .scene import Slipper as Slipper
+from .scene import check_scene as check_scene
 from .step_size import contact_duration as contact_duration
 from .step_size import default_steps_per_period as default_steps_per_period
 from .step_size import impacts_per_period as impacts_per_period

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools import ShapeChecked, finite, is_traced, not_negative, warn_unless_within
+from ..tools import ShapeChecked, brief, finite, is_traced, not_negative, warn_unless_within
 
 _FACES = (("J", "A"), ("B", "C"), ("D", "E"), ("F", "G"), ("H", "I"))
 
@@ -28,6 +28,13 @@ class Section(ShapeChecked):
     """Names of the corners of each face."""
 
     def __check_init__(self):
+        names, faces = self.names, self.faces
+        if not isinstance(names, tuple) or len(set(names)) < len(names):
+            raise ValueError(f"Argument `names` must be a tuple of different names, but is {brief(names)}.")
+        pairs = isinstance(faces, tuple) and all(isinstance(face, tuple) and len(face) == 2 for face in faces)
+        corners = [corner for face in faces for corner in face] if pairs else []
+        if not pairs or len(set(corners)) < len(corners):
+            raise ValueError(f"Argument `faces` must be a tuple of pairs of different points, but is {brief(faces)}.")
         for face in self.faces:
             missing = [corner for corner in face if corner not in self.names]
             if missing:
@@ -36,7 +43,7 @@ class Section(ShapeChecked):
             raise ValueError(
                 f"Argument `play` must have one value per face, {len(self.faces)}, but has shape {self.play.shape}."
             )
-        if len(self.names) != self.points.shape[0] or 2 * len(self.faces) != len(self.names):
+        if self.points.shape[:1] != (len(self.names),) or 2 * len(self.faces) != len(self.names):
             raise ValueError(
                 f"Argument `points` must have two points per face and one per name, but has shape "
                 f"{self.points.shape} with {len(self.faces)} faces and {len(self.names)} names."

@@ -32,7 +32,10 @@ def paper_section(clearance: Any) -> Section:
 
     **Raises:** `ValueError` for a negative clearance.
     """
-    return Section(points=_TABLE_1, play=half_play(not_negative("clearance", "m")(clearance), 5))
+    clearance = not_negative("clearance", "m")(clearance)
+    if clearance.ndim:
+        raise ValueError(f"Argument `clearance` must be of shape (), but has shape {clearance.shape}.")
+    return Section(points=_TABLE_1, play=half_play(clearance, 5))
 
 
 def paper_scene(

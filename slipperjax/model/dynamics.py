@@ -14,9 +14,19 @@ from jaxtyping import Array, Float
 
 from ..tools import is_traced, sums, warn
 from .contact import Before, SmoothSwitch
-from .kinematics import Contacts, Motion, Points, RailFrame, attitude_rates, contacts, rail_frame, rotation
+from .kinematics import (
+    Contacts,
+    Motion,
+    Points,
+    RailFrame,
+    attitude_rates,
+    check_motion,
+    contacts,
+    rail_frame,
+    rotation,
+)
 from .linearised import Linearised, contact_linearised, dense_linearised
-from .scene import Scene
+from .scene import Scene, check_scene
 from .step_size import contact_depth, settle_memory
 
 
@@ -54,11 +64,13 @@ def initial_state(scene: Scene, motion: Motion, epoch: Any = 0) -> State:
 
     Gives an `ImplausibleWarning` where the slipper begins far outside its play.
 
-    **Raises:** `ValueError` if JAX runs with 32-bit numbers.
+    **Raises:** `ValueError` if JAX runs with 32-bit numbers, or for coordinates that are not finite numbers.
     """
     if not jax.config.jax_enable_x64:
         # 32 bits are too few for the phase epoch + t, and for penetrations of micrometres beside metres
         raise ValueError("Option `jax_enable_x64` must be on, as slipperjax sets it on import, but is off.")
+    check_scene(scene)
+    motion = check_motion("motion", motion)
     state, outside = state_and_penetration(scene, jax.tree.map(lambda v: jnp.asarray(v, float), motion), epoch)
     warn_if_outside(outside)
     return state

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools import materialise
+from ..tools import brief, instance, is_traced, materialise
 from .quantities import COORDINATES
 from .scene import Scene
 
@@ -47,8 +47,27 @@ class Motion(eqx.Module):
     @staticmethod
     def from_euler(*, y=0.0, z=0.0, roll=0.0, pitch=0.0, yaw=0.0, v_y=0.0, v_z=0.0, w_x=0.0, w_y=0.0, w_z=0.0):
         """A motion from positions [m], Euler angles of Eq. (2) [rad], velocities [m/s] and spins [rad/s]."""
+        for name, angle in (("roll", roll), ("pitch", pitch), ("yaw", yaw)):
+            if not is_traced(angle) and not _is_real(angle):
+                raise ValueError(f"Argument `{name}` must be a real number [rad], but is {brief(angle)}.")
         q = quaternion_from_euler(roll, pitch, yaw)
         return Motion(y, z, *q, v_y, v_z, w_x, w_y, w_z)
+
+
+def _is_real(value: Any) -> bool:
+    """Whether a value is one real number, or an array of them."""
+    return value is not None and np.asarray(value).dtype.kind in "fiu"
+
+
+def check_motion(name: str, motion: Any) -> Motion:
+    """`motion`, whose coordinates must be finite numbers or traced; raises `ValueError` otherwise."""
+    instance(name, motion, Motion, "a slipperjax.Motion")
+    for coordinate, value in vars(motion).items():
+        if is_traced(value):
+            continue
+        if not (_is_real(value) or isinstance(value, bool)) or np.ndim(value) or not np.isfinite(value):
+            raise ValueError(f"Argument `{name}` must be finite, but its {coordinate} is {brief(value)}.")
+    return motion
 
 
 def _motion_scales() -> Motion:

@@ -166,7 +166,7 @@ PARAMETERS: dict[str, Parameter] = _named(
         per_shown=np.pi / 180,
         where=lambda s: s.track.roll_amplitude,
         check=not_negative,
-        plausible=(0, 0.2),
+        plausible=(0, 0.1),
     ),
     Parameter(
         "gravity",
@@ -265,6 +265,6 @@ def quantity(name: str) -> Quantity:
 
 def parameter(name: str) -> Parameter:
     """A scene's parameter by name; raises `ValueError` for an unknown one."""
-    if name not in PARAMETERS:
+    if not isinstance(name, str) or name not in PARAMETERS:
         raise ValueError(f"Argument `{name}` is no parameter; the names are {', '.join(PARAMETERS)}.")
     return PARAMETERS[name]

@@ -8,7 +8,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools import ShapeChecked, is_traced, not_negative, optional, positive, unless_traced, warn_unless_within
+from ..tools import (
+    ShapeChecked,
+    brief,
+    instance,
+    is_traced,
+    not_negative,
+    optional,
+    positive,
+    unless_traced,
+    warn_unless_within,
+)
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch
 from .cross_section import Section
 from .quantities import PARAMETERS, parameter
@@ -24,6 +34,9 @@ class Slipper(ShapeChecked):
     """Principal moments of inertia about x, y and z of the slipper's frame [kg m^2]."""
     length: Float[Array, ""] = eqx.field(converter=positive("length", "m"))
     """Distance between the front and the rear section [m]."""
+
+    def __check_init__(self):
+        warn_unless_within("inertia", self.inertia, 1e-9, 1e4, "kg m^2")
 
 
 class Scene(ShapeChecked):
@@ -41,6 +54,15 @@ class Scene(ShapeChecked):
     """Gravitational acceleration along -z [m/s^2]."""
 
     def __check_init__(self):
+        parts = {
+            "slipper": (Slipper, "a slipperjax.Slipper"),
+            "section": (Section, "a slipperjax.Section"),
+            "track": (AbstractTrack, "a track such as slipperjax.HarmonicTrack(...)"),
+            "contact": (AbstractContactLaw, "a contact law such as slipperjax.Flores(...)"),
+            "memory": (AbstractMemory, "slipperjax.EventLatch() or slipperjax.SmoothSwitch()"),
+        }
+        for name, (kind, text) in parts.items():
+            instance(name, getattr(self, name), kind, text)
         self.warn_unless_plausible(PARAMETERS)
 
     def warn_unless_plausible(self, names: Iterable[str]) -> None:
@@ -77,6 +99,8 @@ class Scene(ShapeChecked):
         scene = self
         for name, value in values.items():
             known = parameter(name)
+            if np.size(value) == 0:
+                raise ValueError(f"Argument `{name}` must be one or more values, but is {brief(value)}.")
             scene = known.replaced(scene, unless_traced(known.check(known.name, known.unit), value))
         scene.warn_unless_plausible(values)
         return scene
@@ -90,3 +114,8 @@ class Scene(ShapeChecked):
         if found is None:
             raise ValueError(f"Argument `{name}` cannot be set: the scene has no {parameter(name).long_name}.")
         return jnp.asarray(found)
+
+
+def check_scene(scene: Any) -> Scene:
+    """`scene`; raises `ValueError` where it is none."""
+    return instance("scene", scene, Scene, "a slipperjax.Scene")

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools import is_traced
-from .scene import Scene
+from .scene import Scene, check_scene
 
 SLOWEST_APPROACH = 0.1
 """Lower bound on the approach speed of a typical impact [m/s]."""
@@ -22,7 +22,7 @@ The damping of a slow touchdown that is then pressed in decays several times fas
 Of 200 random scenes with restitutions of 0.2 to 1, 4 % had an error above 0.1 after the first period without this,
 and 1.5 % have with it, two of the three with a status that says so.
 """
-MOST_STEPS = 1_000_000
+MOST_STEPS = 100_000
 """Steps per forcing period above which a default is refused."""
 LEAST_STEPS = 50
 """Lower bound on the default steps per forcing period, and the smallest unit to which they are rounded up."""
@@ -79,6 +79,7 @@ def default_steps_per_period(scene: Scene) -> int:
 
     **Raises:** `ValueError` for a traced scene, whose values are unknown.
     """
+    check_scene(scene)
     # without its tangent, a number that is differentiated is a plain number
     needed = _steps_needed(jax.lax.stop_gradient(scene))
     if isinstance(needed, jax.core.Tracer):

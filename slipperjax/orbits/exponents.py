@@ -22,7 +22,7 @@ from ..flow import (
     with_growth,
     with_resolution,
 )
-from ..model import Motion, Scene, SmoothField, initial_state, table_2_start, vector_field
+from ..model import Motion, Scene, SmoothField, check_scene, initial_state, table_2_start, vector_field
 from ..solvers import resolve_solver
 from ..tools import is_traced, whole
 
@@ -74,7 +74,11 @@ def lyapunov_spectrum(
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
+    check_scene(scene)
     every = whole("orthonormalise_every", orthonormalise_every, 1)
+    if max_periods is not None and until_stderr is None:
+        whole("max_periods", max_periods, 1)
+        raise ValueError("Argument `max_periods` must be None without `until_stderr`, which it bounds.")
     steps = default_steps(scene, steps_per_period)
     start = table_2_start() if start is None else check_start(start)
     blocks = lambda name, value, least: -(-whole(name, value, least) // every)

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from diffrax import RESULTS
 
 from ..model import MOTION_SCALES, EventLatch, Motion, contact_duration, scaled_size
+from ..tools import instance, is_traced, number, positive
 
 
 class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
@@ -41,10 +42,11 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     most_factor: float = eqx.field(static=True, default=5.0)
 
     def __check_init__(self):
-        for name in ("tolerance", "touchdown", "per_contact", "shortest"):
-            value = getattr(self, name)
-            if isinstance(value, float | int) and not value > 0:
-                raise ValueError(f"Argument `{name}` must be positive, but is {value}.")
+        names = "tolerance", "touchdown", "per_contact", "shortest", "safety", "least_factor", "most_factor"
+        for name in names:
+            if not is_traced(getattr(self, name)):
+                number(positive, name, getattr(self, name))
+        instance("scales", self.scales, Motion, "a slipperjax.Motion of sizes")
 
     @property
     def rtol(self):

@@ -10,6 +10,7 @@ from ..model import (
     LatchedField,
     Scene,
     SmoothSwitch,
+    check_scene,
     default_steps_per_period,
     impacts_per_period,
     settle_memory,
@@ -40,7 +41,7 @@ def choose_solver(scene: Scene) -> Choice:
 
     **Raises:** `ValueError` for a traced scene.
     """
-    steps = default_steps_per_period(scene)
+    steps = default_steps_per_period(check_scene(scene))
     period = float(scene.period)
     impact = f"an impact lasts {1 / float(impacts_per_period(scene)):.3g} of a period, {steps} steps resolve it"
     if scene.contact.has_memory and isinstance(scene.memory, SmoothSwitch):

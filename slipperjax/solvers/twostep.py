@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from diffrax import RESULTS
 
 from ..model import LinearSystem, State, scaled_size
+from ..tools import brief, number, positive, whole
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
 
@@ -50,10 +51,10 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
     """Newton iterations after which a step has failed."""
 
     def __check_init__(self):
-        if not 0 <= self.rho_inf <= 1:
-            raise ValueError(f"Argument `rho_inf` must be from 0 to 1, but is {self.rho_inf}.")
-        if not self.tolerance > 0:
-            raise ValueError(f"Argument `tolerance` must be positive, but is {self.tolerance}.")
+        if not isinstance(self.rho_inf, float | int) or not 0 <= self.rho_inf <= 1:
+            raise ValueError(f"Argument `rho_inf` must be from 0 to 1, but is {brief(self.rho_inf)}.")
+        number(positive, "tolerance", self.tolerance)
+        whole("iterations", self.iterations, 1)
 
     def order(self, terms):
         del terms

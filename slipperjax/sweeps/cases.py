@@ -8,9 +8,9 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
-from ..model import STARTS, Motion, Parameter, Scene, quantity, rounded_steps, steps_needed
+from ..model import STARTS, Motion, Parameter, Scene, check_scene, quantity, rounded_steps, steps_needed
 from ..model import parameter as parameter_named
-from ..tools import Batched
+from ..tools import Batched, yes_or_no
 
 LANES = 8
 """Batches are filled up to multiples of this, a vector register's worth: results then depend on no batch size."""
@@ -40,9 +40,11 @@ class Cases:
         **Raises:** `ValueError` for a wrong name, an empty axis, a bad value, or lists of several lengths side by
         side.
         """
+        check_scene(scene)
         if not isinstance(grid, Mapping) or not grid:
             raise ValueError(f"Argument `grid` must name one or more parameters with their values, but is {grid!r}.")
         self.axes = {name: _values(scene, name, raw) for name, raw in grid.items()}
+        product = yes_or_no("product", product)
         lengths = tuple(len(v) for v in self.axes.values())
         if product:
             mesh = np.meshgrid(*self.axes.values(), indexing="ij")
@@ -123,6 +125,8 @@ def path_cases(scene: Scene, path: Mapping[str, Any], start: Motion) -> tuple[Ca
 
     **Raises:** `ValueError` for several parameters, a coordinate of the start, or values that do not increase.
     """
+    if not isinstance(path, Mapping) or len(path) != 1:
+        raise ValueError(f"Argument `path` must name one parameter with increasing values, but is {path!r}.")
     cases = Cases(scene, path, start)
     name, values = next(iter(cases.axes.items()))
     if len(cases.axes) > 1 or name in STARTS or np.any(np.diff(values) <= 0):

@@ -54,7 +54,8 @@ def follow(
     """
     start = table_2_start() if start is None else check_start(start)
     cases, _, values = path_cases(scene, path, start)
-    if not directions or len(set(directions)) < len(directions):
+    several = isinstance(directions, tuple | list) and len(directions) > 0
+    if not several or any(directions.count(d) > 1 for d in directions):
         raise ValueError(f"Argument `directions` must name one or more ways, each once, but is {directions!r}.")
     ways = [DIRECTIONS[one_of("directions", d, tuple(DIRECTIONS))] for d in directions]
     plan = make_plan(

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..flow import Status, check_start, initial_states
 from ..model import COORDINATE_SCALES, Motion, Scene, State, table_2_start
-from ..tools import one_of, positive
+from ..tools import number, one_of, positive
 from .cases import Cases, filled, path_cases
 from .executors import run_chunk
 from .follow import DIRECTIONS
@@ -75,7 +75,7 @@ def find_jump(
     start = table_2_start() if start is None else check_start(start)
     _, name, values = path_cases(scene, path, start)
     way = DIRECTIONS[one_of("direction", direction, tuple(DIRECTIONS))]
-    within, threshold = float(positive("within")(within)), float(positive("threshold")(threshold))
+    within, threshold = number(positive, "within", within), number(positive, "threshold", threshold)
     options: dict[str, Any] = dict(record="strobe", transient=transient, periods=periods)
     lanes, epoch = filled(np.zeros(1, int), 1), 0
 

@@ -19,14 +19,23 @@ import numpy as np
 from .compile import is_traced
 
 
+def brief(value: Any) -> str:
+    """`repr` of a value on one line, cut where it is long."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
 def _checked(name: str, unit: str, need: str, is_bad: Callable[[Any], Any], value: Any) -> jax.Array:
     suffix = f" {unit}" if unit else ""
     if isinstance(value, jax.core.Tracer):
         return eqx.error_if(value, is_bad(value), f"Argument `{name}` must be {need}{suffix}.")
     try:
+        # NumPy makes numbers of None, bools and some texts, which is not what was meant
+        if value is None or (np.size(value) and np.asarray(value).dtype.kind not in "fiu"):
+            raise TypeError
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
-        raise ValueError(f"Argument `{name}` must be {need}, but is {value!r}.") from None
+        raise ValueError(f"Argument `{name}` must be {need}, but is {brief(value)}.") from None
     if np.any(is_bad(array)):
         shown = array[is_bad(array)][0] if array.ndim else array
         raise ValueError(f"Argument `{name}` must be {need}, but is {shown:g}{suffix}.")
@@ -56,6 +65,28 @@ def fraction(name: str, unit: str = "") -> Callable[[Any], jax.Array]:
 def optional(converter: Callable[[Any], jax.Array]) -> Callable[[Any], jax.Array | None]:
     """A converter that also accepts `None`, unchecked."""
     return lambda v: None if v is None else converter(v)
+
+
+def number(check: Callable[[str, str], Callable[[Any], jax.Array]], name: str, value: Any, unit: str = "") -> float:
+    """A single number that passes `check`, such as `positive`; raises `ValueError` otherwise."""
+    found = check(name, unit)(value)
+    if found.ndim:
+        raise ValueError(f"Argument `{name}` must be one number, but is {brief(value)}.")
+    return float(np.asarray(value, float))  # and not of `found`, which inside jit is traced
+
+
+def yes_or_no(name: str, value: Any) -> bool:
+    """`value`, which must be True or False; raises `ValueError` otherwise."""
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"Argument `{name}` must be True or False, but is {brief(value)}.")
+    return bool(value)
+
+
+def instance(name: str, value: Any, kind: type, text: str) -> Any:
+    """`value`, which must be of a class, called `text` in the `ValueError` otherwise."""
+    if not isinstance(value, kind):
+        raise ValueError(f"Argument `{name}` must be {text}, but is {brief(value)}.")
+    return value
 
 
 class ImplausibleWarning(UserWarning):
@@ -115,6 +146,6 @@ def whole(name: str, value: Any, least: int) -> int:
 
 def one_of(name: str, value: Any, choices: tuple[str, ...]) -> str:
     """`value`, which must be one of `choices`; raises `ValueError` otherwise."""
-    if value not in choices:
-        raise ValueError(f"Argument `{name}` must be one of {', '.join(choices)}, but is {value!r}.")
+    if not isinstance(value, str) or value not in choices:
+        raise ValueError(f"Argument `{name}` must be one of {', '.join(choices)}, but is {brief(value)}.")
     return value

@@ -14,7 +14,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...tools import ShapeChecked, fraction, not_negative, positive
+from ...tools import ShapeChecked, fraction, not_negative, positive, yes_or_no
 
 
 def zero_safe_sqrt(x: Array) -> Array:
@@ -39,6 +39,9 @@ class AbstractContactLaw(ShapeChecked):
 
         **Arguments:** `rate`: g' [m/s]; `rate_ratio`: g' / g'_0 [1], None for a law without memory.
         """
+
+    def __check_init__(self):
+        yes_or_no("clamp", self.clamp)
 
     def force(self, gap: Array, rate: Array, rate_ratio: Array | None) -> Array:
         """Normal force [N]; zero where the gap is open.

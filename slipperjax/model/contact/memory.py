@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...tools import ShapeChecked, optional, positive
+from ...tools import ShapeChecked, number, optional, positive, warn_unless_within
 
 SLOWEST_IMPACT = 1e-3
 """Least approach rate at touchdown [m/s]; slower touchdowns are treated as touchdowns at this rate.
@@ -20,6 +20,9 @@ SLOWEST_IMPACT = 1e-3
 The damping of Eq. (12) grows as 1 / g'_0. Without a floor, a point that touches down at a micrometre per second and
 is then pressed in has a damping too stiff for any explicit method. MBDyn drops the damping below 1e-6 m/s.
 """
+
+FASTEST_FLOOR = 1.0
+"""Greatest plausible `slowest` [m/s], about the approach speed of a typical impact."""
 
 WIDTH_PER_DEPTH = 0.01
 """Default width of the smooth switch as a fraction of the depth of a typical impact."""
@@ -61,8 +64,7 @@ class EventLatch(AbstractMemory):
     """Least approach rate at touchdown [m/s], see `SLOWEST_IMPACT`."""
 
     def __check_init__(self):
-        if not 0 < self.slowest < float("inf"):
-            raise ValueError(f"Argument `slowest` must be positive, but is {self.slowest} m/s.")
+        warn_unless_within("slowest", number(positive, "slowest", self.slowest, "m/s"), 0, FASTEST_FLOOR, "m/s")
 
     def initial(self, gap: Array, rate: Array) -> Array:
         began = jnp.where(rate < 0, 1 / jnp.minimum(rate, -self.slowest), -jnp.finfo(rate.dtype).tiny)
@@ -138,6 +140,11 @@ class SmoothSwitch(AbstractMemory):
     """Decay time of errors in m while the point is open [s]; short compared with the time for which it is open."""
     slowest: Float[Array, ""] = eqx.field(converter=positive("slowest", "m/s"), default=1e-3)
     """Slowest approach rate [m/s]: keeps the force finite while m changes sign at the end of a contact."""
+
+    def __check_init__(self):
+        warn_unless_within("width", self.width, 0, 1e-2, "m")
+        warn_unless_within("relaxation", self.relaxation, 0, 1e-2, "s")
+        warn_unless_within("slowest", self.slowest, 0, FASTEST_FLOOR, "m/s")
 
     def initial(self, gap: Array, rate: Array) -> Array:
         return rate

@@ -4,8 +4,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...tools import finite, optional, positive
+from ...tools import finite, optional, positive, warn_unless_within
 from .abstract import AbstractTrack, Irregularity
+
+PLAUSIBLE_LENGTHS = 0.02, 2000.0
+"""Wavelengths beyond these [m] are allowed with a warning."""
 
 
 class HarmonicTrack(AbstractTrack):
@@ -29,6 +32,7 @@ class HarmonicTrack(AbstractTrack):
                 f"Argument `wavelengths` must be a sequence of one or more lengths, but has shape "
                 f"{self.wavelengths.shape}."
             )
+        warn_unless_within("wavelengths", self.wavelengths, *PLAUSIBLE_LENGTHS, "m")
 
     @property
     def wavelength(self) -> Float[Array, ""]:
@@ -53,6 +57,9 @@ class StraightTrack(AbstractTrack):
 
     reference_length: Float[Array, ""] = eqx.field(converter=positive("reference_length", "m"), default=8.0)
     """Length of travel that counts as one period [m]."""
+
+    def __check_init__(self):
+        warn_unless_within("reference_length", self.reference_length, *PLAUSIBLE_LENGTHS, "m")
 
     @property
     def wavelength(self) -> Float[Array, ""]:
