@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..model import Args, Contacts, State, contact_forces, contacts, vector_field
+from ..tools import materialise
 from .poincare import hermite
 
 
@@ -108,7 +109,7 @@ def _sample(t: Array, state: State, args: Args) -> _Sample:
     )
     fastest = scene.period * _contact_rate(now, state.memory, args)
     # stored, so that XLA does not compute a sample again wherever it is used
-    return _Sample(force, force_rate, gap, gap_rate, fastest)
+    return _Sample(*materialise((force, force_rate, gap, gap_rate)), fastest)
 
 
 def _contact_rate(now: Contacts, memory: Any, args: Args) -> Array:
