@@ -109,7 +109,7 @@ def _sample(t: Array, state: State, args: Args) -> _Sample:
     )
     fastest = scene.period * _contact_rate(now, state.memory, args)
     # stored, so that XLA does not compute a sample again wherever it is used
-    return _Sample(*materialise((force, force_rate, gap, gap_rate)), fastest)
+    return _Sample(*materialise((force, force_rate, gap, gap_rate)), fastest)  # pyright: ignore[reportCallIssue]
 
 
 def _contact_rate(now: Contacts, memory: Any, args: Args) -> Array:

@@ -86,19 +86,22 @@ class SectionRecord(NamedTuple):
     velocity: Float[np.ndarray, "*cases crossings 5"]
     """Velocities there [m/s], [rad/s], in the order of `slipperjax.model.SECTIONS`."""
     strobe: Float[np.ndarray, "*cases periods 10"]
-    loads: Loads
-    """Contact loads of each period, arrays (*cases, periods, ...)."""
+    loads: Loads | None
+    """Contact loads of each period, arrays (*cases, periods, ...); None where switched off."""
 
 
 @dataclass(frozen=True)
 class Sections(AbstractRecorder):
     """Velocities at upward zero crossings, contact loads, and the state once per period to classify attractors by."""
 
-    def __call__(self, states: State, args: Args, steps: Any) -> tuple[Crossings, State, Loads]:
-        last = jax.tree.map(lambda a: a[steps if isinstance(steps, int) else jnp.asarray(steps, int)], states)
-        return section_crossings(states, args, steps), last, contact_loads(states, args, steps)
+    loads: bool = True
 
-    def collect(self, kept: tuple[Crossings, State, Loads]) -> SectionRecord:
+    def __call__(self, states: State, args: Args, steps: Any) -> tuple[Crossings, State, Loads | None]:
+        last = jax.tree.map(lambda a: a[steps if isinstance(steps, int) else jnp.asarray(steps, int)], states)
+        loads = contact_loads(states, args, steps) if self.loads else None
+        return section_crossings(states, args, steps), last, loads
+
+    def collect(self, kept: tuple[Crossings, State, Loads | None]) -> SectionRecord:
         # (lanes, periods, sections, steps) -> (lanes, crossings, sections), cut to the most crossings of any case
         crossings, ends, loads = kept
         time, velocity = (np.asarray(a) for a in crossings)
@@ -121,7 +124,7 @@ class Sections(AbstractRecorder):
             "coordinate": list(COORDINATES),
             "period": _period_numbers(record.strobe.shape[-2], "since the start"),
         }
-        return data | load_variables(dims, record.loads), coords | _places(scene)
+        return _with_loads(scene, dims, record.loads, data, coords)
 
 
 class HistoryRecord(NamedTuple):
@@ -135,8 +138,8 @@ class HistoryRecord(NamedTuple):
     """In the order of `slipperjax.model.ACCELERATIONS`."""
     contact_force: Float[np.ndarray, "*cases samples 2 points"]
     """Normal forces at the front and the rear points [N]."""
-    loads: Loads
-    """Contact loads of each period, arrays (*cases, periods, ...)."""
+    loads: Loads | None
+    """Contact loads of each period, arrays (*cases, periods, ...); None where switched off."""
 
 
 @dataclass(frozen=True)
@@ -144,12 +147,13 @@ class History(AbstractRecorder):
     """States, accelerations and contact forces `saves` times per period, and loads."""
 
     saves: int
+    loads: bool = True
 
     def __call__(self, states: State, args: Args, steps: Any) -> HistoryRecord:
         saved = samples(states, self.saves, steps)
         period = jnp.arange(1, self.saves + 1) / self.saves
         now = jax.vmap(lambda t, s: reactions(t, s, args))(period, saved)
-        loads = contact_loads(states, args, steps)
+        loads = contact_loads(states, args, steps) if self.loads else None
         return HistoryRecord(stacked(saved), period + args.epoch, now.acceleration, now.contact_force, loads)
 
     def collect(self, kept: HistoryRecord) -> HistoryRecord:
@@ -168,7 +172,7 @@ class History(AbstractRecorder):
         coords: dict[str, Any] = {
             "period": ("time", period, _attributes("1", "time in forcing periods")),
         }
-        return data | load_variables(dims, record.loads), coords | _places(scene)
+        return _with_loads(scene, dims, record.loads, data, coords | _places(scene))
 
 
 @dataclass(frozen=True)
@@ -207,9 +211,9 @@ RECORDERS = ("sections", "strobe", "history")
 """The ways to keep periods, by the name that `sweep(..., record=...)` knows them by."""
 
 
-def recorder_named(name: str, saves: int) -> AbstractRecorder:
-    """The recorder of `RECORDERS` with this name; `saves`: per period, for a history."""
-    return {"sections": Sections(), "strobe": Strobe(), "history": History(saves)}[name]
+def recorder_named(name: str, saves: int, loads: bool = True) -> AbstractRecorder:
+    """The recorder of `RECORDERS` with this name; `saves`: per period, for a history; `loads`: with contact loads."""
+    return {"sections": Sections(loads), "strobe": Strobe(), "history": History(saves, loads)}[name]
 
 
 def samples(states: State, saves: int, steps: Any) -> State:
@@ -249,6 +253,13 @@ def load_variables(dims: tuple[str, ...], loads: Loads) -> dict[str, Any]:
 
 
 _over_periods = jax.jit(over_periods, static_argnums=1)
+
+
+def _with_loads(
+    scene: Scene, dims: tuple[str, ...], loads: Loads | None, data: dict[str, Any], coords: dict[str, Any]
+) -> Labelled:
+    """Data variables and coordinates with those of loads, if there are any."""
+    return (data, coords) if loads is None else (data | load_variables(dims, loads), coords | _places(scene))
 
 
 def _places(scene: Scene) -> dict[str, Any]:

@@ -78,7 +78,7 @@ def run_chunk(
         record = record._replace(strobe=np.concatenate([*strobes, record.strobe], axis=1), time=record.time - epoch)
     elif isinstance(record, HistoryRecord):
         record = record._replace(period=record.period - epoch)
-    if isinstance(record, SectionRecord | HistoryRecord):
+    if isinstance(record, SectionRecord | HistoryRecord) and record.loads is not None:
         of_loads = judged_by_loads(scenes, jnp.asarray(status), record.loads, most_stretch(plan.solver))
         status = np.asarray(of_loads)
     return ChunkRun(states, status, record)

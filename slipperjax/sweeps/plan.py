@@ -13,7 +13,7 @@ from jaxtyping import Int
 from ..flow import RECORDERS, AbstractRecorder, Strobe, recorder_named, room_for, step_plan
 from ..model import Scene
 from ..solvers import calls_lapack, resolve_solver
-from ..tools import one_of, whole
+from ..tools import one_of, whole, yes_or_no
 from .cases import Cases, batch_size, filled
 
 LARGEST_CHUNK = 1024
@@ -131,6 +131,7 @@ def make_plan(
     steps_per_period: int | Sequence[int] | np.ndarray | None = None,
     saves_per_period: int | None = None,
     solver: diffrax.AbstractSolver | str | None = None,
+    loads: bool = True,
 ) -> Plan:
     """The plan of a run from a user's arguments, see `slipperjax.sweep`.
 
@@ -150,7 +151,7 @@ def make_plan(
     block = _call_length(periods)
     return Plan(
         resolve_solver(scene, solver),
-        recorder_named(record, saves),
+        recorder_named(record, saves, yes_or_no("loads", loads)),
         steps,
         Calls(pause, -(-transient // pause)),
         Calls(block, periods // block),

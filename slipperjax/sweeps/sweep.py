@@ -29,6 +29,7 @@ def sweep(
     saves_per_period: int | None = None,
     solver: diffrax.AbstractSolver | None = None,
     start: Motion | None = None,
+    loads: bool = True,
     chunk: int | None = None,
     workers: int | None = None,
     progress: bool = False,
@@ -49,6 +50,8 @@ def sweep(
     - `steps_per_period`: one number for all cases, or an array of the grid's shape with one for each; default what
         `default_steps_per_period` gives for each. Cases with the same number run together.
     - `solver`, `start`, `saves_per_period`: as for `simulate`.
+    - `loads`: whether sections and histories come with peak forces, impulses, times in contact and penetrations of
+        the recorded periods, from which some statuses follow. Such a period costs about three without.
     - `chunk`: cases per call, rounded up to 8, 16, 24, 32, 40, 48, 56, 64, 80, ...; `workers`: threads, default one
         per core, and never more than one where `solver` is one of diffrax's implicit ones, see
         `solvers.calls_lapack`. Neither changes any result.
@@ -72,6 +75,7 @@ def sweep(
         steps_per_period=steps_per_period,
         saves_per_period=saves_per_period,
         solver=solver,
+        loads=loads,
     )
     chunks, workers = plan.chunks(chunk, workers)
 

@@ -92,6 +92,16 @@ def test_loads_can_be_switched_off():
         _ = found.peak
 
 
+@pytest.mark.parametrize("record", ["sections", "history"])
+def test_loads_of_sweeps_can_be_switched_off(record):
+    grid, options = {"speed": [1250.0]}, dict(transient=0, periods=1, steps_per_period=50, record=record)
+    with_loads = sj.sweep(sj.paper_scene(), grid, **options)
+    without = sj.sweep(sj.paper_scene(), grid, loads=False, **options)
+    names = {"peak_force", "peak_period", "impulse", "contact_fraction", "penetration"}
+    assert set(with_loads) - set(without) == names
+    np.testing.assert_allclose(without["v_y"], with_loads["v_y"], rtol=1e-12)
+
+
 @pytest.mark.parametrize("name", ["speed", "clearance", "length", "stiffness", "restitution"])
 def test_gradients_of_the_peak_force_in_both_modes(name):
     def peak(value):
