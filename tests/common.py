@@ -1,9 +1,11 @@
 """Scales, reference data and small helpers that several tests share."""
 
+import contextlib
 import json
 import math
 from pathlib import Path
 
+import jax
 import numpy as np
 from scipy.optimize import brentq
 
@@ -61,3 +63,19 @@ def rebound(factor, stored=0.0):
         return math.sqrt(1 + stored)
     primitive = lambda u: u / factor - np.log1p(factor * u) / factor**2
     return brentq(lambda e: primitive(1.0) - primitive(-e) + stored / 2, 0.0, min(9.0, (1 - 1e-12) / factor))
+
+
+@contextlib.contextmanager
+def compilations():
+    """A list to which the seconds of every compilation in the block are added."""
+    seconds = []
+
+    def listen(event, duration, **_):
+        if event == "/jax/core/compile/backend_compile_duration":
+            seconds.append(duration)
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        yield seconds
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listen)

@@ -79,16 +79,15 @@ def default_steps_per_period(scene: Scene) -> int:
 
     **Raises:** `ValueError` for a traced scene, whose values are unknown.
     """
-    check_scene(scene)
-    # without its tangent, a number that is differentiated is a plain number
-    needed = _steps_needed(jax.lax.stop_gradient(scene))
-    if isinstance(needed, jax.core.Tracer):
+    found = traced_steps_per_period(check_scene(scene))
+    if is_traced(found):
         raise ValueError("Argument `steps_per_period` must be given where the scene is traced (jit, vmap).")
-    return int(rounded_steps(np.asarray(needed)))
+    return int(found)
 
 
 def traced_steps_per_period(scene: Scene) -> Any:
     """`default_steps_per_period` as an array, traced where the scene's values are unknown."""
+    # without its tangent, a number that is differentiated is a plain number
     return rounded_steps(_steps_needed(jax.lax.stop_gradient(scene))) * 1.0
 
 

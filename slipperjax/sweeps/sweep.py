@@ -51,7 +51,7 @@ def sweep(
         `default_steps_per_period` gives for each. Cases with the same number run together.
     - `solver`, `start`, `saves_per_period`: as for `simulate`.
     - `loads`: whether sections and histories come with peak forces, impulses, times in contact and penetrations of
-        the recorded periods, from which some statuses follow. Such a period costs about three without.
+        the recorded periods, from which some statuses follow.
     - `chunk`: cases per call, rounded up to 8, 16, 24, 32, 40, 48, 56, 64, 80, ...; `workers`: threads, default one
         per core, and never more than one where `solver` is one of diffrax's implicit ones, see
         `solvers.calls_lapack`. Neither changes any result.

@@ -5,6 +5,8 @@ import pytest
 
 import slipperjax as sj
 
+from ..common import compilations
+
 START = sj.table_2_start()
 
 
@@ -32,19 +34,10 @@ def simulated(speed):
 
 @pytest.mark.parametrize("call", [state_of, forces, mapped, slope, simulated], ids=lambda f: f.__name__)
 def test_the_second_call_compiles_nothing(call):
-    compiled = []
-
-    def listen(event, seconds, **_):
-        if event == "/jax/core/compile/backend_compile_duration":
-            compiled.append(seconds)
-
     call(900.0)
     call(1000.0)  # small programs for numbers that are arrays from here on
-    jax.monitoring.register_event_duration_secs_listener(listen)
-    try:
+    with compilations() as compiled:
         jax.block_until_ready(call(1250.0))
         assert not compiled
         jax.block_until_ready(jax.jit(lambda x: x + len(compiled) + 1.25)(1.0))  # what is listened to does happen
         assert compiled
-    finally:
-        jax.monitoring.unregister_event_duration_listener(listen)

@@ -9,6 +9,8 @@ import pytest
 import slipperjax as sj
 from slipperjax.flow import Status, over_periods
 
+from ..common import compilations
+
 PERIODS = 3
 
 
@@ -132,24 +134,16 @@ def test_an_error_probe_tells_good_steps_from_bad_solvers():
         jax.jit(lambda v: sj.simulate(sj.paper_scene(v), 1, probe=1).peak.force)(1250.0)
 
 
-def test_probes_and_other_numbers_of_steps_and_periods_compile_nothing_more():
-    compiled = []
-
-    def listen(event, seconds, **_):
-        if event == "/jax/core/compile/backend_compile_duration":
-            compiled.append(seconds)
-
-    run = lambda speed, periods, steps: sj.simulate(
-        sj.paper_scene(speed), periods, steps_per_period=steps, probe=2
+def test_other_speeds_and_numbers_of_steps_compile_nothing_more():
+    run = lambda speed, steps: sj.simulate(
+        sj.paper_scene(speed), 12, steps_per_period=steps, probe=2
     ).status.block_until_ready()
-    run(1250.0, 12, 50)
-    run(1251.0, 12, 50)
-    jax.monitoring.register_event_duration_secs_listener(listen)
-    try:
-        run(1300.0, 12, 50)
-        assert not compiled
-    finally:
-        jax.monitoring.unregister_event_duration_listener(listen)
+    run(1250.0, 150)
+    run(1251.0, 150)
+    with compilations() as compiled:
+        run(1300.0, 150)
+        run(1300.0, 200)
+    assert not compiled
 
 
 def test_touching_is_needed_and_deep_penetration_is_flagged():
