@@ -1,13 +1,22 @@
 """Nonlinear dynamics of rocket-sled slippers: batched, differentiable and fast."""
 
+import importlib as _importlib
+import importlib.metadata as _metadata
+from typing import Any as _Any
+
 import jax as _jax
 
 _jax.config.update("jax_enable_x64", True)
 
+from .flow import Status as Status  # noqa: E402
 from .flow import Trajectory as Trajectory  # noqa: E402
+from .flow import load_scene as load_scene  # noqa: E402
+from .flow import load_start as load_start  # noqa: E402
 from .flow import period_map as period_map  # noqa: E402
 from .flow import simulate as simulate  # noqa: E402
 from .model import PARAMETERS as PARAMETERS  # noqa: E402
+from .model import AbstractContactLaw as AbstractContactLaw  # noqa: E402
+from .model import AbstractMemory as AbstractMemory  # noqa: E402
 from .model import AbstractTrack as AbstractTrack  # noqa: E402
 from .model import Args as Args  # noqa: E402
 from .model import ConstantDamping as ConstantDamping  # noqa: E402
@@ -16,6 +25,7 @@ from .model import Flores as Flores  # noqa: E402
 from .model import HarmonicTrack as HarmonicTrack  # noqa: E402
 from .model import HertzSpring as HertzSpring  # noqa: E402
 from .model import HuntCrossley as HuntCrossley  # noqa: E402
+from .model import Irregularity as Irregularity  # noqa: E402
 from .model import LankaraniNikravesh as LankaraniNikravesh  # noqa: E402
 from .model import Motion as Motion  # noqa: E402
 from .model import Reactions as Reactions  # noqa: E402
@@ -45,6 +55,22 @@ from .solvers import TwoStep as TwoStep  # noqa: E402
 from .solvers import choose_solver as choose_solver  # noqa: E402
 from .sweeps import follow as follow  # noqa: E402
 from .sweeps import lyapunov_sweep as lyapunov_sweep  # noqa: E402
+from .sweeps import repeat as repeat  # noqa: E402
 from .sweeps import sweep as sweep  # noqa: E402
 from .tools import ImplausibleWarning as ImplausibleWarning  # noqa: E402
 from .tools import jit as jit  # noqa: E402
+
+_ROOMS = ("analysis", "bench", "cli", "flow", "model", "orbits", "plots", "solvers", "studies", "sweeps", "tools")
+
+
+def __getattr__(name: str) -> _Any:
+    # rooms that nothing above needs, such as `slipperjax.plots` with matplotlib, are imported at their first use
+    if name in _ROOMS:
+        return _importlib.import_module(f".{name}", __name__)
+    if name == "__version__":
+        return _metadata.version("slipperjax")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_ROOMS, "__version__"})

@@ -19,7 +19,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from ..tools import call_compiled, finite, is_traced, number, positive, unless_traced, whole
+from ..tools import call_compiled, finite, is_traced, number, positive, shown_number, unless_traced, whole
 from .statistics import kaplan_yorke, standard_error, weighted_mean
 
 Step = Callable[[Any, Any], Any]
@@ -47,6 +47,17 @@ class LyapunovSpectrum(eqx.Module):
     """Whether the requested standard error was reached; None where none was requested."""
     status: Any = None
     """Status code of the state at the end, such as `slipperjax.flow.Status`; None where it was not checked."""
+
+    def __repr__(self) -> str:
+        if is_traced(self.history) or np.ndim(self.history) != 2:
+            return f"LyapunovSpectrum(history={shown_number(self.history)})"
+        pairs = zip(np.asarray(self.per_period), self.stderr, strict=True)
+        total = self.history.shape[0] * float(self.periods)
+        status = "" if self.status is None else f", status {shown_number(self.status)}"
+        return (
+            f"LyapunovSpectrum({', '.join(f'{e:.5g} +- {s:.2g}' for e, s in pairs)} [1/period],\n"
+            f"  over {total:g} periods of {float(self.period):.5g} s{status})"
+        )
 
     @property
     def per_period(self) -> Float[Array, "*lanes count"]:

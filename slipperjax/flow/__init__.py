@@ -1,5 +1,6 @@
 """One case through time: the period map, trajectories, recorders, statuses and datasets."""
 
+from .datasets import open_result as open_result
 from .datasets import scene_attributes as scene_attributes
 from .datasets import trajectory_dataset as trajectory_dataset
 from .loads import Loads as Loads
@@ -14,6 +15,11 @@ from .period_map import batch_jacobians as batch_jacobians
 from .period_map import initial_states as initial_states
 from .period_map import judged_by_loads as judged_by_loads
 from .probe import Probe as Probe
+from .provenance import load_call as load_call
+from .provenance import load_scene as load_scene
+from .provenance import load_start as load_start
+from .provenance import run_attributes as run_attributes
+from .provenance import start_from_json as start_from_json
 from .recorders import RECORDERS as RECORDERS
 from .recorders import AbstractRecorder as AbstractRecorder
 from .recorders import History as History
@@ -28,8 +34,8 @@ from .recorders import joined_in_time as joined_in_time
 from .recorders import recorder_named as recorder_named
 from .simulate import Peak as Peak
 from .simulate import Trajectory as Trajectory
-from .simulate import check_start as check_start
 from .simulate import default_steps as default_steps
+from .simulate import first_of as first_of
 from .simulate import period_map as period_map
 from .simulate import simulate as simulate
 from .simulate import step_plan as step_plan

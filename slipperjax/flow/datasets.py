@@ -1,11 +1,14 @@
 """Results of one case as labelled xarray datasets, and the scene as their attributes."""
 
+import json
 from collections.abc import Collection
 from typing import Any
 
+import jax
 import numpy as np
 
 from ..model import ACCELERATIONS, COORDINATES, PARAMETERS, REACTIONS, Quantity, Scene
+from .provenance import run_attributes
 from .recorders import coordinates, load_variables
 from .status import MEANINGS
 
@@ -27,6 +30,23 @@ def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, A
     wavelengths = np.atleast_1d(getattr(scene.track, "wavelengths", scene.track.wavelength))
     out["wavelengths [m]"] = wavelengths.astype(float)
     return out
+
+
+def open_result(path: Any) -> Any:
+    """A result's netCDF file, opened.
+
+    **Raises:** `ValueError` for a file that is none; `OSError` where it cannot be read.
+    """
+    import xarray as xr
+
+    if not path.is_file():
+        raise FileNotFoundError(f"No such file: {path}")
+    try:
+        return xr.load_dataset(path, engine="h5netcdf")
+    except (OSError, ValueError) as error:
+        raise ValueError(
+            f"{path}: must be a TOML file or a netCDF file of slipperjax, but is neither: {error}"
+        ) from None
 
 
 def trajectory_dataset(trajectory: Any) -> Any:
@@ -56,11 +76,17 @@ def trajectory_dataset(trajectory: Any) -> Any:
         "end": ["front", "rear"],
         "point": list(trajectory.scene.section.names),
     }
-    attrs = scene_attributes(trajectory.scene) | {
-        "steps_per_period": int(trajectory.steps_per_period),
-        "status": int(trajectory.status),
-        "status_meaning": MEANINGS,
-    }
+    start = jax.tree.map(lambda a: np.asarray(a)[0], trajectory.state)
+    call = {"function": "simulate", **json.loads(trajectory.call)}
+    attrs = (
+        scene_attributes(trajectory.scene)
+        | run_attributes(trajectory.scene, start, call)
+        | {
+            "steps_per_period": int(trajectory.steps_per_period),
+            "status": int(trajectory.status),
+            "status_meaning": MEANINGS,
+        }
+    )
     if trajectory.loads is not None:
         data |= load_variables((), trajectory.loads)
     if trajectory.probe is not None:

@@ -145,7 +145,7 @@ def _run(period_map: PeriodMap, static: tuple, state: State, epoch: Any, used: A
     return period_map.run(state, epoch, periods=periods, recorder=recorder, used=used)
 
 
-def initial_states(scenes: Batched[Scene], starts: Motion) -> State:
+def initial_states(scenes: Batched[Scene], starts: Motion | State) -> State:
     """The states at time zero of a batch; `starts` has a leading axis of cases.
 
     Gives an `ImplausibleWarning` where slippers begin far outside their play.
@@ -156,7 +156,7 @@ def initial_states(scenes: Batched[Scene], starts: Motion) -> State:
 
 
 @jit
-def _initial_states(scenes: Batched[Scene], starts: Motion) -> tuple[State, Float[Array, " cases"]]:
+def _initial_states(scenes: Batched[Scene], starts: Motion | State) -> tuple[State, Float[Array, " cases"]]:
     return scenes.map(state_and_penetration, starts)
 
 

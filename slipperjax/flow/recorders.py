@@ -128,7 +128,7 @@ class Sections(AbstractRecorder):
 
 
 class HistoryRecord(NamedTuple):
-    """States, accelerations and contact forces at constant intervals."""
+    """States, accelerations, contact forces, gaps and drive force at constant intervals."""
 
     states: Float[np.ndarray, "*cases samples 10"]
     """In the order of `slipperjax.model.COORDINATES`."""
@@ -138,13 +138,17 @@ class HistoryRecord(NamedTuple):
     """In the order of `slipperjax.model.ACCELERATIONS`."""
     contact_force: Float[np.ndarray, "*cases samples 2 points"]
     """Normal forces at the front and the rear points [N]."""
+    gap: Float[np.ndarray, "*cases samples 2 points"]
+    """Gaps there, negative where penetrating [m]."""
+    drive_force: Float[np.ndarray, "*cases samples"]
+    """Force along x that keeps the speed constant [N]."""
     loads: Loads | None
     """Contact loads of each period, arrays (*cases, periods, ...); None where switched off."""
 
 
 @dataclass(frozen=True)
 class History(AbstractRecorder):
-    """States, accelerations and contact forces `saves` times per period, and loads."""
+    """States, accelerations, contact forces, gaps and drive force `saves` times per period, and loads."""
 
     saves: int
     loads: bool = True
@@ -154,20 +158,22 @@ class History(AbstractRecorder):
         period = jnp.arange(1, self.saves + 1) / self.saves
         now = jax.vmap(lambda t, s: reactions(t, s, args))(period, saved)
         loads = contact_loads(states, args, steps) if self.loads else None
-        return HistoryRecord(stacked(saved), period + args.epoch, now.acceleration, now.contact_force, loads)
+        forces = now.contact_force, now.gap, now.drive_force
+        return HistoryRecord(stacked(saved), period + args.epoch, now.acceleration, *forces, loads)
 
     def collect(self, kept: HistoryRecord) -> HistoryRecord:
         in_time = lambda a: np.asarray(a).reshape(a.shape[0], -1, *a.shape[3:])
         loads = _on_host(kept.loads)
-        return HistoryRecord(*map(in_time, kept[:4]), loads)  # pyright: ignore[reportCallIssue]
+        return HistoryRecord(*map(in_time, kept[:-1]), loads)  # pyright: ignore[reportCallIssue]
 
     def label(self, scene: Scene, dims: tuple[str, ...], record: HistoryRecord) -> Labelled:
         data: dict[str, Any] = {}
         for quantities, values in ((COORDINATES, record.states), (ACCELERATIONS, record.acceleration)):
             for k, (name, q) in enumerate(quantities.items()):
                 data[name] = ((*dims, "time"), values[..., k], q.attributes)
-        at_points = (*dims, "time", "end", "point")
-        data["contact_force"] = (at_points, record.contact_force, REACTIONS["contact_force"].attributes)
+        at_points = ("end", "point")
+        for name, inner in (("contact_force", at_points), ("gap", at_points), ("drive_force", ())):
+            data[name] = ((*dims, "time", *inner), getattr(record, name), REACTIONS[name].attributes)
         period = record.period.reshape(-1, record.period.shape[-1])[0]
         coords: dict[str, Any] = {
             "period": ("time", period, _attributes("1", "time in forcing periods")),

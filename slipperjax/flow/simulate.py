@@ -1,5 +1,6 @@
 """One scene, simulated: trajectories and the plain period map."""
 
+import json
 from typing import Any, NamedTuple
 
 import diffrax
@@ -15,16 +16,17 @@ from ..model import (
     Reactions,
     Scene,
     State,
-    check_motion,
     check_scene,
+    check_start,
     euler_angles,
     initial_state,
+    quantity,
     reactions,
     table_2_start,
     traced_steps_per_period,
 )
 from ..solvers import check_error_estimate, resolve_controller, resolve_solver
-from ..tools import instance, is_traced, jit, whole, yes_or_no
+from ..tools import describe, instance, is_traced, jit, shown_number, whole, yes_or_no
 from .loads import Loads, over_periods
 from .period_map import Passage, PeriodMap, map_compiled, run_compiled
 from .probe import Probe, check_probe, probed
@@ -94,6 +96,13 @@ class Peak(NamedTuple):
     point: Any
     """Index of the point in `Section.names`."""
 
+    def text(self, scene: Scene) -> str:
+        """In words: how high, where and when."""
+        if not float(self.force) > 0:
+            return "no contact"
+        where = f"{scene.section.names[int(self.point)]}{int(self.end) + 1}"
+        return f"highest contact force {float(self.force):.0f} N at {where}, period {float(self.period):.3f}"
+
 
 class Trajectory(eqx.Module):
     """A simulated motion, saved at constant intervals."""
@@ -111,13 +120,36 @@ class Trajectory(eqx.Module):
     """0 where nothing is wrong, else see `slipperjax.flow.Status`."""
     loads: Loads | None
     """Contact loads of each forcing period, over every step, arrays (periods, ...); None where switched off."""
+    call: str = eqx.field(static=True, default="{}")
+    """The arguments of `simulate` besides scene and start, as JSON, for datasets and files."""
     probe: Probe | None = None
     """What half the step changes in some periods; None where it was not asked for."""
+
+    def __repr__(self) -> str:
+        if is_traced(self.state) or np.ndim(self.status):
+            return f"Trajectory(saves={shown_number(self.period)}, state={jax.typeof(self.state.motion.y)})"
+        status = Status(int(self.status))
+        of_case = {name: quantity(name) for name in ("speed", "clearance", "length")}
+        values = [f"{name} {q.shown(float(q.of(self.scene))):.5g} {q.display_unit}" for name, q in of_case.items()]
+        lines = [
+            f"Trajectory({', '.join(values)},",
+            f"  {float(self.period[-1]):g} periods of {float(self.scene.period):.5g} s, {len(self.period)} saves, "
+            f"{shown_number(self.steps_per_period)} steps per period, status {int(status)}: {status}",
+        ]
+        if self.loads is not None and status != Status.NOT_FINITE:
+            lines[-1] += ","
+            lines.append(f"  {self.peak.text(self.scene)}")
+        return "\n".join(lines) + ")"
 
     @property
     def time(self) -> Float[Array, " saves"]:
         """Time [s]."""
         return self.period * self.scene.period
+
+    @property
+    def end(self) -> State:
+        """The state at the end, with which another run can start."""
+        return jax.tree.map(lambda a: a[-1], self.state)
 
     @property
     def peak(self) -> Peak:
@@ -173,7 +205,7 @@ def simulate(
     steps_per_period: int | None = None,
     solver: diffrax.AbstractSolver | str | None = None,
     stepsize_controller: diffrax.AbstractStepSizeController | None = None,
-    start: Motion | None = None,
+    start: Motion | State | Trajectory | None = None,
     saves_per_period: int | None = None,
     adjoint: diffrax.AbstractAdjoint | None = None,
     loads: bool = True,
@@ -188,12 +220,13 @@ def simulate(
     - `steps_per_period`: integration steps per forcing period; default from the duration of a typical contact,
         see `default_steps_per_period`, rounded up to a multiple of `saves_per_period`. Where the scene's values are
         traced (jit, vmap), the default is at most `MOST_UNKNOWN`, and a given number is faster.
-    - `solver`: a diffrax solver; default `RK4()`. With `EventLatch` memory a stock one is put into `Latching`.
-        "auto" takes what `choose_solver` chooses for the scene.
+    - `solver`: a diffrax solver, or the name of one as in "Rodas4"; default `RK4()`. With `EventLatch` memory a stock
+        one is put into `Latching`. "auto" takes what `choose_solver` chooses for the scene.
     - `stepsize_controller`: default constant steps. `AdaptiveSteps(tolerance)`, or one of diffrax's, goes with
         solvers that estimate their error; then `steps_per_period` is the first guess, and states between the ends
         of periods are interpolated at as many instants, to third order.
-    - `start`: motion at time zero; default Table 2 of Dang et al. 2024.
+    - `start`: motion or state at time zero, or a `Trajectory`, from whose end it goes on; default Table 2 of Dang et
+        al. 2024. The time begins at zero again.
     - `saves_per_period`: saved states per forcing period, a divisor of `steps_per_period`; default 50, or
         `steps_per_period` where that is given and no multiple of 50.
     - `adjoint`: for a step size controller only, as constant steps can be differentiated in both modes: default
@@ -211,7 +244,7 @@ def simulate(
     periods, loads = whole("periods", periods, 1), yes_or_no("loads", loads)
     steps, saves = step_plan(scene, steps_per_period, saves_per_period)
     solver = resolve_solver(scene, solver)
-    start = table_2_start() if start is None else check_start(start)
+    start = first_of(start)
     controller = resolve_controller(stepsize_controller)
     check_error_estimate(solver, controller)
     probe = check_probe(probe, scene, start)
@@ -233,7 +266,17 @@ def simulate(
     times = jnp.arange(periods * saves + 1) / saves
     taken = passage.steps_taken
     shown = steps if controller is None or loads or saves == 1 else saves
-    trajectory = Trajectory(scene, times, states, shown, taken, status, found)
+    asked = dict(
+        periods=periods,
+        steps_per_period=steps,
+        saves_per_period=saves,
+        solver=solver,
+        stepsize_controller=controller,
+        loads=loads,
+        probe=probe,
+    )
+    call = json.dumps({name: describe(value) for name, value in asked.items()})
+    trajectory = Trajectory(scene, times, states, shown, taken, status, found, call)
     if not probe:
         return trajectory
     one = lambda stepping, state, epoch: _run_eagerly(
@@ -276,6 +319,11 @@ def step_plan(scene: Scene, steps: int | None, saves: int | None) -> tuple[Any, 
     return steps, saves
 
 
-def check_start(start: Any) -> Motion:
-    """`start` as a motion of finite numbers; raises `ValueError` otherwise."""
-    return check_motion("start", start)
+def first_of(start: Any) -> Motion | State:
+    """What a run starts with: None is Table 2's start, a `Trajectory` goes on from its end.
+
+    **Raises:** `ValueError` for what is no start, or has a number that is not finite.
+    """
+    if start is None:
+        return table_2_start()
+    return check_start("start", start.end if isinstance(start, Trajectory) else start)

@@ -20,6 +20,7 @@ from .dynamics import LatchedField as LatchedField
 from .dynamics import Reactions as Reactions
 from .dynamics import SmoothField as SmoothField
 from .dynamics import State as State
+from .dynamics import check_start as check_start
 from .dynamics import contact_forces as contact_forces
 from .dynamics import fill_frozen as fill_frozen
 from .dynamics import initial_state as initial_state
@@ -33,7 +34,6 @@ from .kinematics import Contacts as Contacts
 from .kinematics import Motion as Motion
 from .kinematics import RailFrame as RailFrame
 from .kinematics import attitude_rates as attitude_rates
-from .kinematics import check_motion as check_motion
 from .kinematics import contact_points as contact_points
 from .kinematics import contacts as contacts
 from .kinematics import euler_angles as euler_angles
@@ -42,6 +42,7 @@ from .kinematics import scaled_size as scaled_size
 from .linearised import Linearised as Linearised
 from .linearised import LinearSystem as LinearSystem
 from .linearised import dense_linearised as dense_linearised
+from .paths import parameter as parameter
 from .quantities import ACCELERATIONS as ACCELERATIONS
 from .quantities import COORDINATE_SCALES as COORDINATE_SCALES
 from .quantities import COORDINATES as COORDINATES
@@ -52,11 +53,17 @@ from .quantities import SECTIONS as SECTIONS
 from .quantities import STARTS as STARTS
 from .quantities import Parameter as Parameter
 from .quantities import Quantity as Quantity
-from .quantities import parameter as parameter
 from .quantities import quantity as quantity
 from .scene import Scene as Scene
 from .scene import Slipper as Slipper
 from .scene import check_scene as check_scene
+from .scene_file import PARTS as PARTS
+from .scene_file import SceneFile as SceneFile
+from .scene_file import motion_from as motion_from
+from .scene_file import scene_from_json as scene_from_json
+from .scene_file import scene_from_toml as scene_from_toml
+from .scene_file import scene_to_json as scene_to_json
+from .scene_file import scene_to_toml as scene_to_toml
 from .step_size import contact_duration as contact_duration
 from .step_size import default_steps_per_period as default_steps_per_period
 from .step_size import impacts_per_period as impacts_per_period

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools import ShapeChecked, brief, finite, is_traced, not_negative, warn_unless_within
+from ..tools import ShapeChecked, brief, finite, is_traced, not_negative, shown_number, warn_unless_within
 
 _FACES = (("J", "A"), ("B", "C"), ("D", "E"), ("F", "G"), ("H", "I"))
 
@@ -26,6 +26,13 @@ class Section(ShapeChecked):
     """Names of the points."""
     faces: tuple[tuple[str, str], ...] = eqx.field(static=True, default=_FACES)
     """Names of the corners of each face."""
+
+    def __repr__(self) -> str:
+        names, faces = " ".join(self.names), " ".join(map("-".join, self.faces))
+        play = shown_number(self.play)
+        if not is_traced(self.play) and np.ptp(np.asarray(self.play)) == 0:
+            play = shown_number(np.ravel(self.play)[0])
+        return f"Section(points={names}, faces={faces}, play={play} m)"
 
     def __check_init__(self):
         names, faces = self.names, self.faces

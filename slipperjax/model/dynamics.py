@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools import is_traced, sums, warn
+from ..tools import brief, is_traced, shown_number, sums, warn
 from .contact import Before, SmoothSwitch
 from .kinematics import (
     Contacts,
@@ -38,6 +38,9 @@ class State(eqx.Module):
     memory: Float[Array, " points"] | None
     """Memory of each contact point, with the unit of `slipperjax.model.contact`; None for laws without memory."""
 
+    def __repr__(self) -> str:
+        return f"State({self.motion!r}, memory={shown_number(self.memory)})"
+
 
 class Args(NamedTuple):
     """Arguments of the vector field besides time and state."""
@@ -59,8 +62,11 @@ def phase(t: Any, epoch: Any) -> Any:
     return epoch + t
 
 
-def initial_state(scene: Scene, motion: Motion, epoch: Any = 0) -> State:
-    """The state of `motion` at the start of the period `epoch`, with the matching contact memory.
+def initial_state(scene: Scene, start: Motion | State, epoch: Any = 0) -> State:
+    """The state of `start` at the start of the period `epoch`, with the matching contact memory.
+
+    A `State`, such as a run ended with, keeps its memory, which must be of the scene's kind; contacts of a `Motion`
+    that are closed begin here.
 
     Gives an `ImplausibleWarning` where the slipper begins far outside its play.
 
@@ -70,18 +76,37 @@ def initial_state(scene: Scene, motion: Motion, epoch: Any = 0) -> State:
         # 32 bits are too few for the phase epoch + t, and for penetrations of micrometres beside metres
         raise ValueError("Option `jax_enable_x64` must be on, as slipperjax sets it on import, but is off.")
     check_scene(scene)
-    motion = check_motion("motion", motion)
-    state, outside = state_and_penetration(scene, jax.tree.map(lambda v: jnp.asarray(v, float), motion), epoch)
+    start = check_start("start", start)
+    if isinstance(start, State) and start.memory is not None and np.shape(start.memory) != (scene.points,):
+        raise ValueError(
+            f"Argument `start` must have a memory of shape ({scene.points},), one for each point, but it "
+            f"has shape {np.shape(start.memory)}."
+        )
+    state, outside = state_and_penetration(scene, jax.tree.map(lambda v: jnp.asarray(v, float), start), epoch)
     warn_if_outside(outside)
     return state
 
 
+def check_start(name: str, start: Any) -> Motion | State:
+    """`start`, a motion or a state whose numbers must be finite or traced; raises `ValueError` otherwise."""
+    motion = start.motion if isinstance(start, State) else start
+    if not isinstance(motion, Motion):
+        kinds = "a slipperjax.Motion, a slipperjax.State or a slipperjax.Trajectory"
+        raise ValueError(f"Argument `{name}` must be {kinds}, but is {brief(start)}.")
+    check_motion(name, motion)
+    return start
+
+
 @jax.jit  # compiled once for all calls from Python; inside programs it is a part of them
-def state_and_penetration(scene: Scene, motion: Motion, epoch: Any = 0) -> tuple[State, Float[Array, ""]]:
-    """The state of a motion, and its greatest penetration in multiples of that of a typical impact [1]."""
+def state_and_penetration(scene: Scene, start: Motion | State, epoch: Any = 0) -> tuple[State, Float[Array, ""]]:
+    """The state of a start, and its greatest penetration in multiples of that of a typical impact [1]."""
+    motion, memory = (start.motion, start.memory) if isinstance(start, State) else (start, None)
     now = contacts(rail_frame(scene, phase(0.0, epoch)), motion)
     outside = -jnp.min(now.gap) / contact_depth(scene)
-    memory = scene.memory.initial(now.gap, now.rate) if scene.contact.has_memory else None
+    if not scene.contact.has_memory:
+        memory = None
+    elif memory is None:
+        memory = scene.memory.initial(now.gap, now.rate)
     return State(motion, memory), outside
 
 

@@ -81,32 +81,45 @@ class Parameter(Quantity):
         warn_unless_within(self.name, value, *self.plausible, self.unit)
 
     def leaf(self, scene: Any) -> Any:
-        """The leaf in a scene; None where the scene has no such part."""
+        """The leaf in a scene; None where the scene has no such part, or does without it."""
         try:
             return self.where(scene)
         except AttributeError:
             return None
 
     def of(self, scene: Any) -> Any:
-        """The value in a scene [unit]; None where the scene has no such part."""
+        """The value in a scene [unit]; None where the scene has no such part, or does without it."""
         leaf = self.leaf(scene)
         return None if leaf is None else self.read(leaf)
+
+    def check_exists(self, scene: Any) -> None:
+        """Raises `ValueError` where a scene has no such part; a part that is None can be set."""
+        try:
+            self.where(scene)
+        except AttributeError:
+            raise ValueError(f"Argument `{self.name}` cannot be set: the scene has no {self.long_name}.") from None
 
     def replaced(self, scene: Any, value: Any) -> Any:
         """A copy of `scene` with another value, unchecked; `value` may have leading axes of cases.
 
         **Raises:** `ValueError` where the scene has no such part.
         """
-        leaf = self.leaf(scene)
-        if leaf is None:
-            raise ValueError(f"Argument `{self.name}` cannot be set: the scene has no {self.long_name}.")
-        return eqx.tree_at(self.where, scene, self.write(jnp.asarray(value, float), leaf))
+        self.check_exists(scene)
+        written = self.write(jnp.asarray(value, float), self.where(scene))
+        return eqx.tree_at(self.where, scene, written, is_leaf=lambda x: x is None)
 
 
 @functools.partial(jax.jit, static_argnums=1)
 def half_play(clearance: jax.Array, faces: int) -> Float[Array, "*cases faces"]:
     """A total play of `clearance` [m], shape (*cases,), as the play of each face [m]."""
     return jnp.broadcast_to(clearance[..., None] / 2, (*clearance.shape, faces))
+
+
+def with_entry(array: Any, value: Any, index: tuple[int, ...]) -> jax.Array:
+    """A copy of `array` with another entry; `value`, of shape (*cases,), and the array may have leading axes."""
+    shape = np.shape(array)[np.ndim(array) - len(index) :]
+    cases = jnp.broadcast_shapes(np.shape(value), np.shape(array)[: np.ndim(array) - len(index)])
+    return jnp.broadcast_to(array, (*cases, *shape)).at[(..., *index)].set(value)
 
 
 def _named(*quantities: Any) -> dict[str, Any]:
@@ -134,6 +147,20 @@ PARAMETERS: dict[str, Parameter] = _named(
     ),
     Parameter(
         "mass", "kg", "slipper mass", "m", where=lambda s: s.slipper.mass, check=positive, plausible=(1e-3, 1e5)
+    ),
+    *(
+        Parameter(
+            f"inertia_{axis}",
+            "kg m^2",
+            f"moment of inertia about {axis}",
+            f"J_{axis}",
+            where=lambda s: s.slipper.inertia,
+            check=positive,
+            read=lambda inertia, k=k: inertia[..., k],
+            write=lambda value, inertia, k=k: with_entry(inertia, value, (k,)),
+            plausible=(1e-9, 1e4),
+        )
+        for k, axis in enumerate("xyz")
     ),
     Parameter(
         "stiffness",
@@ -261,10 +288,3 @@ def quantity(name: str) -> Quantity:
         if name in known:
             return known[name]
     raise KeyError(name)
-
-
-def parameter(name: str) -> Parameter:
-    """A scene's parameter by name; raises `ValueError` for an unknown one."""
-    if not isinstance(name, str) or name not in PARAMETERS:
-        raise ValueError(f"Argument `{name}` is no parameter; the names are {', '.join(PARAMETERS)}.")
-    return PARAMETERS[name]

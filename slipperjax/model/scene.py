@@ -16,12 +16,14 @@ from ..tools import (
     not_negative,
     optional,
     positive,
+    shown_number,
     unless_traced,
     warn_unless_within,
 )
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch
 from .cross_section import Section
-from .quantities import PARAMETERS, parameter
+from .paths import parameter
+from .quantities import PARAMETERS, Parameter
 from .tracks import AbstractTrack
 
 
@@ -63,16 +65,21 @@ class Scene(ShapeChecked):
         }
         for name, (kind, text) in parts.items():
             instance(name, getattr(self, name), kind, text)
-        self.warn_unless_plausible(PARAMETERS)
+        self.warn_unless_plausible(PARAMETERS.values())
 
-    def warn_unless_plausible(self, names: Iterable[str]) -> None:
-        """Gives an `ImplausibleWarning` where a parameter of `names` is far from what is usual. Traced ones are let
-        through."""
-        for name in names:
-            known = PARAMETERS[name]
+    def __repr__(self) -> str:
+        head = [f"speed={shown_number(self.speed)} m/s"]
+        if self.gravity is not None:
+            head.append(f"gravity={shown_number(self.gravity)} m/s^2")
+        parts = (self.slipper, self.section, self.track, self.contact, self.memory)
+        return "\n  ".join([f"Scene({', '.join(head)},", *(f"{part!r}," for part in parts)])[:-1] + ")"
+
+    def warn_unless_plausible(self, parameters: Iterable[Parameter]) -> None:
+        """Gives an `ImplausibleWarning` where a parameter is far from what is usual. Traced ones are let through."""
+        for known in parameters:
             if not is_traced(known.leaf(self)):
                 known.warn_unless_plausible(known.of(self))
-        if "clearance" in names and not is_traced(self.section):
+        if any(known.name == "clearance" for known in parameters) and not is_traced(self.section):
             points, clearance = np.asarray(self.section.points), 2 * np.max(self.section.play)
             smallest = float(np.min(np.ptp(points, axis=0)))
             # with more play than half its head on each side, the slipper can leave the rail
@@ -91,18 +98,20 @@ class Scene(ShapeChecked):
     def replace(self, **values: Any) -> "Scene":
         """A copy with other values of named parameters; see `PARAMETERS` for the names and units.
 
+        Other numbers are named by their path, as in `replace(**{"section.play.2": 4e-4})`, see `parameter`. A part
+        that is None, such as gravity, is added.
+
         Values may have leading axes of cases. Traced ones are not checked, so that this works inside batched
         functions.
 
         **Raises:** `ValueError` for an unknown name, a value that is out of range, or if the scene has no such part.
         """
-        scene = self
-        for name, value in values.items():
-            known = parameter(name)
+        scene, known = self, [parameter(name, self) for name in values]
+        for one, value in zip(known, values.values(), strict=True):
             if np.size(value) == 0:
-                raise ValueError(f"Argument `{name}` must be one or more values, but is {brief(value)}.")
-            scene = known.replaced(scene, unless_traced(known.check(known.name, known.unit), value))
-        scene.warn_unless_plausible(values)
+                raise ValueError(f"Argument `{one.name}` must be one or more values, but is {brief(value)}.")
+            scene = one.replaced(scene, unless_traced(one.check(one.name, one.unit), value))
+        scene.warn_unless_plausible(known)
         return scene
 
     def value(self, name: str) -> Array:
@@ -110,9 +119,11 @@ class Scene(ShapeChecked):
 
         **Raises:** `ValueError` for an unknown name, or if the scene has no such part.
         """
-        found = parameter(name).of(self)
+        known = parameter(name, self)
+        known.check_exists(self)
+        found = known.of(self)
         if found is None:
-            raise ValueError(f"Argument `{name}` cannot be set: the scene has no {parameter(name).long_name}.")
+            raise ValueError(f"Argument `{name}` has no value: the scene has no {known.long_name}.")
         return jnp.asarray(found)
 
 

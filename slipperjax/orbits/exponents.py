@@ -14,15 +14,16 @@ from ..analysis import LyapunovSpectrum, map_spectrum
 from ..flow import (
     ConstantSteps,
     PeriodMap,
-    check_start,
+    Trajectory,
     default_steps,
+    first_of,
     status_of,
     steps_of_program,
     tangent_weights,
     with_growth,
     with_resolution,
 )
-from ..model import Motion, Scene, SmoothField, check_scene, initial_state, table_2_start, vector_field
+from ..model import Motion, Scene, SmoothField, State, check_scene, initial_state, vector_field
 from ..solvers import resolve_solver
 from ..tools import is_traced, whole
 
@@ -51,8 +52,8 @@ def lyapunov_spectrum(
     align: int = 20,
     orthonormalise_every: int = 1,
     steps_per_period: int | None = None,
-    solver: diffrax.AbstractSolver | None = None,
-    start: Motion | None = None,
+    solver: diffrax.AbstractSolver | str | None = None,
+    start: Motion | State | Trajectory | None = None,
     until_stderr: float | None = None,
     max_periods: int | None = None,
 ) -> LyapunovSpectrum:
@@ -80,15 +81,13 @@ def lyapunov_spectrum(
         whole("max_periods", max_periods, 1)
         raise ValueError("Argument `max_periods` must be None without `until_stderr`, which it bounds.")
     steps = default_steps(scene, steps_per_period)
-    start = table_2_start() if start is None else check_start(start)
+    start = first_of(start)
     blocks = lambda name, value, least: -(-whole(name, value, least) // every)
     count = check_count(scene, count)
     if is_traced((scene, start)):
         stepping = steps_of_program(steps)  # for both modes of differentiation
     else:
-        stepping = ConstantSteps(
-            steps=jnp.asarray(float(steps))
-        )  # an array: one compiled program serves every number
+        stepping = ConstantSteps(steps=jnp.asarray(float(steps)))  # an array: one program serves every number
     found = map_spectrum(
         PeriodMap(scene, stepping, resolve_solver(scene, solver), periods=every),
         initial_state(scene, start),

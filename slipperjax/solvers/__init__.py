@@ -6,6 +6,7 @@ from .choose import check_error_estimate as check_error_estimate
 from .choose import choose_solver as choose_solver
 from .choose import resolve_controller as resolve_controller
 from .choose import resolve_solver as resolve_solver
+from .choose import solver_named as solver_named
 from .explicit import RK4 as RK4
 from .explicit import AbstractLatchingRungeKutta as AbstractLatchingRungeKutta
 from .explicit import Tsit5 as Tsit5

@@ -16,10 +16,14 @@ from ..model import (
     settle_memory,
     vector_field,
 )
-from .explicit import RK4
+from ..tools import brief
+from .explicit import RK4, Tsit5
 from .latching import AbstractLatchingSolver, Latching, estimates_error, with_newton
-from .rosenbrock import ROS34PW2
+from .rosenbrock import ROS34PW2, Rodas3, Rodas4
+from .twostep import TwoStep
 
+OWN = {kind.__name__: kind for kind in (RK4, Tsit5, Rodas3, Rodas4, ROS34PW2, TwoStep)}
+"""The solvers of this package by name."""
 STABLE = 2.5
 """Greatest product of step and decay rate for RK4, a little below its stability limit of 2.79."""
 
@@ -53,17 +57,42 @@ def choose_solver(scene: Scene) -> Choice:
     return Choice(RK4(), f"{impact}, and the contact memory changes at touchdowns only: explicit")
 
 
+def solver_named(name: str) -> diffrax.AbstractSolver:
+    """A solver by its name: of slipperjax, or else of diffrax; diffrax.Tsit5 is diffrax's where both have one.
+
+    **Raises:** `ValueError` for a name that is no solver's, or one that needs arguments.
+    """
+    package, _, plain = name.rpartition(".")
+    kind = OWN.get(name) if not package else None
+    kind = getattr(diffrax, plain, None) if kind is None and package in ("", "diffrax") else kind
+    if not (isinstance(kind, type) and issubclass(kind, diffrax.AbstractSolver)) or plain.startswith("Abstract"):
+        raise ValueError(
+            f"Argument `solver` must be auto, one of {', '.join(OWN)}, or a solver of diffrax such as Kvaerno5, but "
+            f"is {brief(name)}."
+        )
+    try:
+        return kind()
+    except TypeError:
+        raise ValueError(
+            f"Argument `solver` must be a solver that needs no arguments, but is {brief(name)}."
+        ) from None
+
+
 def resolve_solver(scene: Scene, solver: diffrax.AbstractSolver | str | None) -> diffrax.AbstractSolver:
     """The solver to use: None is `RK4()`; one of diffrax is wrapped in `Latching` if the scene latches touchdowns.
+
+    A text is "auto", see `choose_solver`, or a name, see `solver_named`.
 
     **Raises:** `ValueError` for an object that is not a solver, or a solver that cannot be latched.
     """
     if solver is None:
         return RK4()
-    if isinstance(solver, str) and solver == "auto":
-        return choose_solver(scene).solver
+    if isinstance(solver, str):
+        solver = choose_solver(scene).solver if solver == "auto" else solver_named(solver)
+    if isinstance(solver, type):
+        raise ValueError(f"Argument `solver` must be a solver, as in {solver.__name__}(), but is the class.")
     if not isinstance(solver, diffrax.AbstractSolver):
-        raise ValueError(f"Argument `solver` must be a diffrax solver, but is {solver!r}.")
+        raise ValueError(f"Argument `solver` must be a diffrax solver or the name of one, but is {brief(solver)}.")
     if isinstance(solver, AbstractLatchingSolver):
         return solver
     return Latching(solver) if isinstance(vector_field(scene), LatchedField) else with_newton(solver)

@@ -14,4 +14,5 @@ from .jumps import find_jump as find_jump
 from .plan import Chunk as Chunk
 from .plan import Plan as Plan
 from .plan import make_plan as make_plan
+from .repeat import repeat as repeat
 from .sweep import sweep as sweep

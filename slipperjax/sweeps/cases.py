@@ -6,9 +6,9 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
-from ..model import STARTS, Motion, Parameter, Scene, check_scene, quantity, rounded_steps, steps_needed
+from ..model import STARTS, Motion, Parameter, Scene, State, check_scene, rounded_steps, steps_needed
 from ..model import parameter as parameter_named
 from ..tools import Batched, yes_or_no
 
@@ -19,9 +19,13 @@ LANES = 8
 class Cases:
     """The flat list of cases that a grid makes: a batch of scenes, and a start for each."""
 
+    scene: Scene
+    """The case whose parameters are varied."""
     scenes: Batched[Scene]
-    starts: Motion
-    """The motions at time zero, with a leading axis of cases."""
+    start: Motion | State
+    """The motion or state at time zero, where the grid does not vary it."""
+    starts: Motion | State
+    """Those of the cases, with a leading axis."""
     axes: dict[str, np.ndarray]
     """The grid's values by name, in SI units."""
     dims: tuple[str, ...]
@@ -29,18 +33,18 @@ class Cases:
     shape: tuple[int, ...]
     """Lengths of `dims`."""
 
-    def __init__(self, scene: Scene, grid: Mapping[str, Any], start: Motion, *, product: bool = True):
+    def __init__(self, scene: Scene, grid: Mapping[str, Any], start: Motion | State, *, product: bool = True):
         """**Arguments:**
 
         - `scene`: the case whose parameters are varied.
         - `grid`: values by name, of `slipperjax.model.PARAMETERS` or `STARTS`, in SI units.
-        - `start`: the motion at time zero, where the grid does not vary it.
+        - `start`: the motion or state at time zero, where the grid does not vary it.
         - `product`: whether every combination is a case, or the lists are read side by side.
 
         **Raises:** `ValueError` for a wrong name, an empty axis, a bad value, or lists of several lengths side by
         side.
         """
-        check_scene(scene)
+        self.scene = check_scene(scene)
         if not isinstance(grid, Mapping) or not grid:
             raise ValueError(f"Argument `grid` must name one or more parameters with their values, but is {grid!r}.")
         self.axes = {name: _values(scene, name, raw) for name, raw in grid.items()}
@@ -55,10 +59,16 @@ class Cases:
                 raise ValueError(f"Argument `grid` must have lists of one length, but they have {lengths}.")
             flat, self.dims, self.shape = self.axes, ("case",), lengths[:1]
         varied = {name: values for name, values in flat.items() if name not in STARTS}
-        scenes = Batched.of(scene.replace(**varied), scene)
+        single = scene.replace(**{name: values[0] for name, values in varied.items()})  # parts that were None are set
+        scenes = Batched.of(scene.replace(**varied), single)
         self.scenes = Batched(jax.tree.map(np.asarray, scenes.varied), scenes.shared)
-        of_start = {name: flat.get(name, value) for name, value in vars(start).items()}
+        self.start = start
+        motion = start.motion if isinstance(start, State) else start
+        of_start = vars(motion) | {name: values for name, values in flat.items() if name in STARTS}
         self.starts = Motion(**{k: np.broadcast_to(np.asarray(v, float), self.count) for k, v in of_start.items()})
+        if isinstance(start, State) and start.memory is not None:
+            memory = np.asarray(start.memory, float)
+            self.starts = State(self.starts, np.broadcast_to(memory, (self.count, *memory.shape)))
 
     @property
     def count(self) -> int:
@@ -72,15 +82,19 @@ class Cases:
 
     def coordinates(self) -> dict[str, Any]:
         """The axes as coordinates of a dataset."""
-        labels = {name: self.label(name) for name in self.axes}
-        return {
-            label: (label if label in self.dims else "case", self.axes[name], quantity(label).attributes)
-            for name, label in labels.items()
-        }
+        found = {}
+        for name, values in self.axes.items():
+            label, known = self.label(name), STARTS[name] if name in STARTS else parameter_named(name, self.scene)
+            found[label] = (label if label in self.dims else "case", values, known.attributes)
+        return found
 
-    def take(self, index: np.ndarray) -> tuple[Batched[Scene], Motion]:
+    def take(self, index: np.ndarray) -> tuple[Batched[Scene], Motion | State]:
         """The scenes and starts at some places, for a compiled program."""
         return self.scenes.take(index), jax.tree.map(lambda v: v[index], self.starts)
+
+    def forcing_periods(self) -> Float[np.ndarray, " cases"]:
+        """The forcing period of each case [s]."""
+        return np.asarray(_forcing_periods(*self.take(np.arange(self.count))))
 
     def default_steps(self) -> Int[np.ndarray, " cases"]:
         """Steps per period that each case needs, see `slipperjax.default_steps_per_period`."""
@@ -89,16 +103,21 @@ class Cases:
 
 
 @jax.jit
-def _steps_needed(scenes: Batched[Scene], starts: Motion) -> jax.Array:
+def _steps_needed(scenes: Batched[Scene], starts: Motion | State) -> jax.Array:
     return scenes.map(lambda scene, start: steps_needed(scene), starts)
+
+
+@jax.jit
+def _forcing_periods(scenes: Batched[Scene], starts: Motion | State) -> jax.Array:
+    return scenes.map(lambda scene, start: scene.period, starts)
 
 
 def _values(scene: Scene, name: str, raw: Any) -> np.ndarray:
     if name in STARTS:
         known: Parameter = STARTS[name]
     else:
-        scene.value(name)  # raises where the name is unknown, or the scene has no such part
-        known = parameter_named(name)
+        known = parameter_named(name, scene)
+        known.check_exists(scene)
     values = np.atleast_1d(np.asarray(known.checked(raw)))
     if values.ndim != 1 or values.size == 0:
         raise ValueError(f"Argument `{name}` must be a list of one or more values, but has shape {values.shape}.")
@@ -120,7 +139,7 @@ def filled(index: np.ndarray, least: int) -> np.ndarray:
     return index[np.minimum(np.arange(count), len(index) - 1)]
 
 
-def path_cases(scene: Scene, path: Mapping[str, Any], start: Motion) -> tuple[Cases, str, np.ndarray]:
+def path_cases(scene: Scene, path: Mapping[str, Any], start: Motion | State) -> tuple[Cases, str, np.ndarray]:
     """The cases along one parameter, its name and its values, which must increase.
 
     **Raises:** `ValueError` for several parameters, a coordinate of the start, or values that do not increase.

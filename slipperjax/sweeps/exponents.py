@@ -20,17 +20,16 @@ from ..analysis import (
     standard_error,
     weighted_mean,
 )
-from ..flow import Status, check_start, first_problem, initial_states, scene_attributes
-from ..model import COORDINATE_SCALES, Motion, Scene, State, table_2_start
+from ..flow import Status, Trajectory, first_of, first_problem, initial_states
+from ..model import COORDINATE_SCALES, Motion, Scene, State
 from ..orbits import check_count
-from ..solvers import solver_name
 from ..tools import whole
 from .attractors import FLOOR
 from .cases import Cases
 from .executors import records_in_order, run_chunk, run_chunks
 from .measure import BLOCK, Measure
 from .plan import Plan, make_plan, strobe_plan
-from .sweep import case_variables
+from .sweep import case_attributes, case_variables
 from .votes import HOLD, MOTIONS, Votes, take_votes
 
 AGREE = 1e-3
@@ -49,8 +48,8 @@ def lyapunov_sweep(
     periods: int = 500,
     certify: bool = True,
     steps_per_period: int | Sequence[int] | np.ndarray | None = None,
-    solver: diffrax.AbstractSolver | None = None,
-    start: Motion | None = None,
+    solver: diffrax.AbstractSolver | str | None = None,
+    start: Motion | State | Trajectory | None = None,
     chunk: int | None = None,
     workers: int | None = None,
     progress: bool = False,
@@ -85,7 +84,7 @@ def lyapunov_sweep(
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
-    start = table_2_start() if start is None else check_start(start)
+    start = first_of(start)
     cases = Cases(scene, grid, start, product=product)
     options: dict[str, Any] = dict(steps_per_period=steps_per_period, solver=solver)
     plan = make_plan(scene, cases, record="strobe", transient=0, periods=1, **options)
@@ -118,8 +117,16 @@ def lyapunov_sweep(
             epoch = plan.periods + BLOCK * (counted + 1)
             run = (counted, count, chunk, asked, progress)
             votes = _Voted(chosen, take_votes(plan, cases, chosen, states, epoch, *run))
-    attrs = {"transient": plan.periods, "periods": counted * BLOCK, "solver": solver_name(plan.solver)}
-    return _dataset(cases, plan, found, votes, scene_attributes(scene, without=cases.axes) | attrs)
+    call = dict(
+        function="lyapunov_sweep",
+        count=count,
+        product=product,
+        transient=transient,
+        periods=periods,
+        certify=certify,
+    )
+    attrs = case_attributes(plan, cases, call) | {"transient": plan.periods, "periods": counted * BLOCK}
+    return _dataset(cases, plan, found, votes, attrs)
 
 
 class _Checks(NamedTuple):

@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 from tqdm.auto import tqdm
 
-from ..flow import check_start, initial_states
-from ..model import Motion, Scene, table_2_start
+from ..flow import Trajectory, first_of, initial_states
+from ..model import Motion, Scene, State
 from ..tools import one_of
 from .cases import filled, path_cases
 from .executors import in_order, records_in_order, run_chunk
@@ -30,8 +30,8 @@ def follow(
     periods: int = 10,
     steps_per_period: int | None = None,
     saves_per_period: int | None = None,
-    solver: diffrax.AbstractSolver | None = None,
-    start: Motion | None = None,
+    solver: diffrax.AbstractSolver | str | None = None,
+    start: Motion | State | Trajectory | None = None,
     progress: bool = False,
 ) -> xr.Dataset:
     """Sweeps a parameter with memory: each case starts from the state in which its neighbour ended.
@@ -52,7 +52,7 @@ def follow(
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
-    start = table_2_start() if start is None else check_start(start)
+    start = first_of(start)
     cases, _, values = path_cases(scene, path, start)
     several = isinstance(directions, tuple | list) and len(directions) > 0
     if not several or any(directions.count(d) > 1 for d in directions):
@@ -84,4 +84,14 @@ def follow(
     steps = in_order(chunks, [np.full(len(ways), chunk.steps) for chunk in chunks])
     status = in_order(chunks, [run.status for run in runs])
     found = CaseRuns(status, steps, records_in_order(chunks, [run.record for run in runs]))
-    return sweep_dataset(scene, plan, cases, found, {"direction": list(directions)})
+    call = dict(
+        function="follow",
+        values=len(values),
+        directions=list(directions),
+        record=record,
+        transient=transient,
+        periods=periods,
+        steps_per_period=steps_per_period,
+        saves_per_period=saves_per_period,
+    )
+    return sweep_dataset(plan, cases, found, call, {"direction": list(directions)})

@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..flow import Status, check_start, initial_states
-from ..model import COORDINATE_SCALES, Motion, Scene, State, table_2_start
+from ..flow import Status, Trajectory, first_of, initial_states
+from ..model import COORDINATE_SCALES, Motion, Scene, State
 from ..tools import number, one_of, positive
 from .cases import Cases, filled, path_cases
 from .executors import run_chunk
@@ -54,7 +54,7 @@ def find_jump(
     transient: int = 60,
     periods: int = 10,
     steps_per_period: int | None = None,
-    start: Motion | None = None,
+    start: Motion | State | Trajectory | None = None,
     threshold: float = 0.3,
 ) -> Jump:
     """Follows a motion along a parameter until it jumps, and bisects for where.
@@ -72,7 +72,7 @@ def find_jump(
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
-    start = table_2_start() if start is None else check_start(start)
+    start = first_of(start)
     _, name, values = path_cases(scene, path, start)
     way = DIRECTIONS[one_of("direction", direction, tuple(DIRECTIONS))]
     within, threshold = number(positive, "within", within), number(positive, "threshold", threshold)

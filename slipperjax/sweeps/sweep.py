@@ -9,8 +9,8 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Int
 
-from ..flow import MEANINGS, check_start, initial_states, scene_attributes
-from ..model import Motion, Scene, table_2_start
+from ..flow import MEANINGS, History, Trajectory, first_of, initial_states, run_attributes, scene_attributes
+from ..model import Motion, Scene, State
 from ..solvers import solver_name
 from .cases import Cases
 from .executors import in_order, records_in_order, run_chunk, run_chunks
@@ -27,8 +27,8 @@ def sweep(
     periods: int = 10,
     steps_per_period: int | Sequence[int] | np.ndarray | None = None,
     saves_per_period: int | None = None,
-    solver: diffrax.AbstractSolver | None = None,
-    start: Motion | None = None,
+    solver: diffrax.AbstractSolver | str | None = None,
+    start: Motion | State | Trajectory | None = None,
     loads: bool = True,
     chunk: int | None = None,
     workers: int | None = None,
@@ -64,7 +64,7 @@ def sweep(
 
     **Raises:** `ValueError` that names the argument which is wrong, before anything is compiled.
     """
-    start = table_2_start() if start is None else check_start(start)
+    start = first_of(start)
     cases = Cases(scene, grid, start, product=product)
     plan = make_plan(
         scene,
@@ -77,6 +77,7 @@ def sweep(
         solver=solver,
         loads=loads,
     )
+    record_name = record
     chunks, workers = plan.chunks(chunk, workers)
 
     def work(chunk, on_progress):
@@ -86,7 +87,16 @@ def sweep(
     runs = run_chunks(chunks, workers, work, periods=plan.periods, progress=progress)
     record = records_in_order(chunks, [run.record for run in runs])
     status = in_order(chunks, [run.status for run in runs])
-    return sweep_dataset(scene, plan, cases, CaseRuns(status, plan.steps, record))
+    call = dict(
+        function="sweep",
+        product=product,
+        record=record_name,
+        transient=transient,
+        periods=periods,
+        saves_per_period=saves_per_period,
+        loads=loads,
+    )
+    return sweep_dataset(plan, cases, CaseRuns(status, plan.steps, record), call)
 
 
 class CaseRuns(NamedTuple):
@@ -101,22 +111,35 @@ class CaseRuns(NamedTuple):
 
 
 def sweep_dataset(
-    scene: Scene, plan: Plan, cases: Cases, found: CaseRuns, first: Mapping[str, list] | None = None
+    plan: Plan, cases: Cases, found: CaseRuns, call: Mapping[str, Any], first: Mapping[str, list] | None = None
 ) -> xr.Dataset:
-    """The labelled result of a run; `first`: dimensions before those of the grid, with their coordinates."""
+    """The labelled result of a run.
+
+    **Arguments:** `call`: the function and its arguments, see `run_attributes`; `first`: dimensions before those of
+    the grid, with their coordinates.
+    """
     first = {} if first is None else first
     dims = (*first, *cases.dims)
     shape = (*(len(values) for values in first.values()), *cases.shape)
     record = jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), found.record)
-    data, coords = plan.recorder.label(scene, dims, record)
+    data, coords = plan.recorder.label(cases.scene, dims, record)
     data |= case_variables(dims, found.status.reshape(shape), found.steps.reshape(shape))
-    attrs = scene_attributes(scene, without=cases.axes) | {
+    if isinstance(plan.recorder, History):
+        seconds = cases.forcing_periods().reshape(*cases.shape, 1) * coords["period"][1]
+        coords["seconds"] = ((*cases.dims, "time"), seconds, {"units": "s", "long_name": "time"})
+    attrs = case_attributes(plan, cases, call) | {"record": type(plan.recorder).__name__.lower()}
+    return xr.Dataset(data, {**coords, **first, **cases.coordinates()}, attrs)
+
+
+def case_attributes(plan: Plan, cases: Cases, call: Mapping[str, Any]) -> dict[str, Any]:
+    """Attributes that every dataset of cases has: the scene's parameters, and all that is needed to run it again."""
+    found = scene_attributes(cases.scene, without=cases.axes)
+    found |= run_attributes(cases.scene, cases.start, {**call, "solver": plan.solver}, map(cases.label, cases.axes))
+    return found | {
         "transient": plan.transient.periods,
         "periods": plan.recorded.periods,
         "solver": solver_name(plan.solver),
-        "record": type(plan.recorder).__name__.lower(),
     }
-    return xr.Dataset(data, {**coords, **first, **cases.coordinates()}, attrs)
 
 
 def case_variables(dims: tuple[str, ...], status: np.ndarray, steps: np.ndarray) -> dict[str, Any]:

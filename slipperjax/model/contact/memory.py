@@ -60,7 +60,7 @@ class EventLatch(AbstractMemory):
     `slipperjax.Latching`.
     """
 
-    slowest: float = eqx.field(static=True, default=SLOWEST_IMPACT)
+    slowest: float = eqx.field(static=True, default=SLOWEST_IMPACT, metadata={"unit": "m/s"})
     """Least approach rate at touchdown [m/s], see `SLOWEST_IMPACT`."""
 
     def __check_init__(self):

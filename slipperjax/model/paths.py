@@ -1,0 +1,79 @@
+"""Every number of a scene as a named parameter: by its name in the registry, or by its path in the scene.
+
+A path names fields, and places in arrays: slipper.inertia.1 is the moment of inertia about y, section.play.2 the play
+of the third face, section.points.D.1 the height z of point D.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..tools import brief, finite, unit_of
+from .quantities import PARAMETERS, Parameter, with_entry
+
+
+def parameter(name: Any, scene: Any = None) -> Parameter:
+    """A scene's parameter by name or path.
+
+    **Arguments:** `scene`: where a path leads; without it paths are unknown.
+
+    **Raises:** `ValueError` for an unknown name, or a path that leads to no number.
+    """
+    if isinstance(name, str) and name in PARAMETERS:
+        return PARAMETERS[name]
+    if isinstance(name, str) and "." in name and scene is not None:
+        return _at_path(name, scene)
+    raise ValueError(
+        f"Argument `{name}` is no parameter; the names are {', '.join(PARAMETERS)}, and paths such as "
+        f"section.play.2 or slipper.inertia.1."
+    )
+
+
+def _at_path(path: str, scene: Any) -> Parameter:
+    """The parameter at a path: fields of modules, then indices into an array, the first by name for points."""
+    words, part, fields = path.split("."), scene, []
+    owner, field = None, ""
+    while words and hasattr(type(part), "__dataclass_fields__"):
+        owner, field = part, words.pop(0)
+        known = [name for name, f in part.__dataclass_fields__.items() if not f.metadata.get("static", False)]
+        if field not in known:
+            raise ValueError(
+                f"Argument `{path}` leads to no number: {type(part).__name__} has {', '.join(known)}, "
+                f"but not {brief(field)}."
+            )
+        fields.append(field)
+        part = getattr(part, field)
+    shape = np.shape(part) if part is not None else ()
+    if hasattr(type(part), "__dataclass_fields__") or len(words) != len(shape):
+        raise ValueError(
+            f"Argument `{path}` leads to no number: {'.'.join(fields)} is "
+            f"{type(part).__name__ if part is None or not shape else f'an array of shape {shape}'}."
+        )
+    index = tuple(_place(path, word, size, owner) for word, size in zip(words, shape, strict=True))
+    unit = unit_of(type(owner), field)
+    known = {f.name: f for f in type(owner).__dataclass_fields__.values()}[field].metadata.get("converter")
+    need = finite if known is None else lambda name, unit: replace(known, name=name, unit=unit, optional=False)
+
+    def where(scene: Any) -> Any:
+        for name in fields:
+            scene = getattr(scene, name)
+        return scene
+
+    more = (
+        dict(read=lambda leaf: leaf[(..., *index)], write=lambda value, leaf: with_entry(leaf, value, index))
+        if index
+        else {}
+    )
+    return Parameter(path, unit or "1", path.replace(".", " "), where=where, check=need, **more)
+
+
+def _place(path: str, word: str, size: int, owner: Any) -> int:
+    """An index into an array, as a number or, for points of a section, as a name."""
+    names = getattr(owner, "names", ())
+    if word in names:
+        return names.index(word)
+    if word.isdecimal() and int(word) < size:
+        return int(word)
+    choices = f"a number of 0 to {size - 1}" + (f" or one of {', '.join(names)}" if len(names) == size else "")
+    raise ValueError(f"Argument `{path}` must have {choices} in place of {word!r}.")

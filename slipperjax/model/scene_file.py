@@ -1,0 +1,320 @@
+"""Scenes as TOML text with units, and as plain data: complete, exact, and read without running code.
+
+    speed = "1250 m/s"
+
+    [slipper]
+    mass = "14 kg"
+    inertia = { values = [0.051, 0.060, 0.086], unit = "kg m^2" }
+    length = "200 mm"
+
+With `base = "paper"` everything that a file leaves out is that of `slipperjax.paper_scene()`.
+"""
+
+import functools
+import json
+import re
+import tomllib
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from ..tools import TYPE, brief, build, check_fields, describe, known_type, type_name, unit_of
+from .contact import AbstractContactLaw, AbstractMemory
+from .cross_section import Section
+from .dang2024 import paper_scene
+from .kinematics import Motion
+from .quantities import COORDINATES, half_play
+from .scene import Scene, Slipper
+from .tracks import AbstractTrack
+
+PARTS: dict[str, type] = {
+    "slipper": Slipper,
+    "section": Section,
+    "track": AbstractTrack,
+    "contact": AbstractContactLaw,
+    "memory": AbstractMemory,
+}
+"""The tables of a scene's file, and the classes of what they describe."""
+SINGLE = (Slipper, Section)
+"""Classes without alternatives, whose tables need no type."""
+NUMBERS = ("speed", "gravity")
+"""Numbers of the scene itself."""
+BASES = {"paper": paper_scene}
+"""Scenes that a file may be based on."""
+
+
+class SceneFile(NamedTuple):
+    """What a scene's file holds."""
+
+    scene: Scene
+    start: Motion | None
+    """The motion at time zero; None where the file has none."""
+
+
+def scene_to_json(scene: Scene) -> str:
+    """A scene as JSON, exact to the last bit; see `scene_from_json`."""
+    return json.dumps(describe(scene))
+
+
+def scene_from_json(text: str) -> Scene:
+    """The scene of `scene_to_json`.
+
+    **Raises:** `ValueError` for a text that describes none, or a class that is not defined in this process.
+    """
+    try:
+        description = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"Argument `scene` must be JSON of a scene, but is {brief(text)}: {error}.") from None
+    return build(description, (Scene, *PARTS.values()), "scene")
+
+
+def motion_from(values: Mapping[str, Any]) -> Motion:
+    """A motion from its fields, or from coordinates with Euler angles, see `Motion.from_euler`."""
+    angles = {"roll", "pitch", "yaw"} & set(values)
+    return Motion.from_euler(**values) if angles else Motion(**values)
+
+
+def scene_to_toml(scene: Scene, start: Motion | None = None) -> str:
+    """A scene, and a start if given, as TOML text in SI units, exact to the last bit."""
+    description = describe(scene)
+    lines = [
+        _line(name, _shown(description[name], unit_of(Scene, name)))
+        for name in NUMBERS
+        if description[name] is not None
+    ]
+    for name in PARTS:
+        part, table = getattr(scene, name), description[name]
+        lines += ["", f"[{name}]"]
+        for field, value in table.items():
+            if value is not None and not (field == TYPE and type(part) in SINGLE):
+                lines.append(_line(field, value if field == TYPE else _shown(value, unit_of(type(part), field))))
+    if start is not None:
+        lines += ["", "[start]"]
+        lines += [_line(k, _shown(v, _START_UNITS[k])) for k, v in describe(start).items() if k != TYPE and v != 0]
+    return "\n".join(lines) + "\n"
+
+
+_START_UNITS = {name: q.unit for name, q in COORDINATES.items()} | dict.fromkeys(("q_x", "q_y", "q_z"), "")
+
+
+def _line(name: str, value: Any) -> str:
+    return f"{name} = {value if isinstance(value, _Written) else _written(value)}"
+
+
+class _Written(str):
+    """TOML text of a value."""
+
+
+def _written(value: Any) -> str:
+    """A value as TOML; JSON writes texts, numbers, booleans and lists alike."""
+    if isinstance(value, dict):
+        raise ValueError(f"Argument `scene` must have no parts within parts in TOML, but has {brief(value)}.")
+    return json.dumps(value)
+
+
+def _shown(value: Any, unit: str) -> Any:
+    """A value with its unit: a text for a number, an inline table for an array."""
+    if not unit:
+        return value
+    if isinstance(value, list):
+        return _Written(f"{{ unit = {json.dumps(unit)}, values = {json.dumps(value)} }}")
+    return f"{value!r} {unit}"
+
+
+def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
+    """The scene of a TOML text, and its start.
+
+    Quantities have units, as in "1250 m/s"; `values` with one `unit` make an array. The table `section` takes
+    `clearance` in place of the `play` of each face; `start` takes y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z.
+
+    **Arguments:** `file`: its name, for errors.
+
+    **Raises:** `ValueError` with file and line for a syntax error, an unknown name, a value without a unit or with
+    one of another kind, or a value out of range.
+    """
+    try:
+        tables = tomllib.loads(text.removeprefix("\ufeff"))
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{file}: {error}.") from None
+    return _Reader(text, file, tables).read()
+
+
+class _Reader:
+    """One file: its text, and its tables. Errors name the line."""
+
+    def __init__(self, text: str, file: str, tables: dict[str, Any]):
+        self.lines, self.file, self.tables = text.splitlines(), file, tables
+
+    def read(self) -> SceneFile:
+        known = ("base", *NUMBERS, *PARTS, "start")
+        for name in self.tables:
+            if name not in known:
+                raise self.error("", name, f"`{name}` is none of {', '.join(known)}.")
+        base = self.base()
+        values = {name: self.quantity("", name, unit_of(Scene, name)) for name in NUMBERS if name in self.tables}
+        parts = {name: self.part(name, base.get(name)) for name in PARTS if name in self.tables or name in base}
+        missing = [
+            name
+            for name in ("speed", "slipper", "section", "track", "contact")
+            if name not in {**base, **values, **parts}
+        ]
+        if missing:
+            raise ValueError(f'{self.file}: `{missing[0]}` is missing; or write base = "paper" at the top.')
+        rest = {name: base[name] for name in NUMBERS if name in base and name not in values}
+        try:
+            scene = Scene(**(rest | values | parts))
+        except ValueError as error:
+            raise self.placed("", error) from None
+        return SceneFile(scene, self.start() if "start" in self.tables else None)
+
+    def base(self) -> dict[str, Any]:
+        """The description of the scene that the file is based on, empty without one."""
+        name = self.tables.get("base")
+        if name is None:
+            return {}
+        if not isinstance(name, str) or name not in BASES:
+            raise self.error("", "base", f"`base` must be one of {', '.join(BASES)}, but is {brief(name)}.")
+        return describe(BASES[name]())
+
+    def part(self, name: str, inherited: dict[str, Any] | None) -> Any:
+        """One part of the scene, from its table and what it inherits."""
+        kind, table = PARTS[name], dict(self.table(name))
+        try:
+            if kind not in SINGLE:
+                named = table.pop(TYPE, (inherited or {}).get(TYPE))
+                if named is None:
+                    raise ValueError(f"`{TYPE}` is missing.")
+                kind = known_type(str(named), (kind,), name)
+            elif TYPE in table:
+                raise ValueError(f"`{TYPE}` must not be given: there is one kind of {name}.")
+            fields = {f for f in kind.__dataclass_fields__}
+            given = {k: self.value(name, k, unit_of(kind, k) or ("m" if k == "clearance" else "")) for k in table}
+            values = {k: v for k, v in (inherited or {}).items() if k in fields} | given
+            if kind is Section and "clearance" in given:
+                if "play" in table:
+                    raise ValueError("`clearance` and `play` must not both be given.")
+                play = half_play(values.pop("clearance"), len(values.get("faces", Section.faces)))
+                values["play"] = play
+            check_fields({TYPE: type_name(kind), **values}, kind, name)
+            return kind(**{k: _tuples(v) for k, v in values.items()})
+        except _PlacedError:
+            raise
+        except ValueError as error:
+            raise self.placed(name, error) from None
+
+    def start(self) -> Motion:
+        """The motion at time zero."""
+        table = self.table("start")
+        for name in table:
+            if name not in _START_UNITS:
+                raise self.error("start", name, f"`{name}` is none of {', '.join(_START_UNITS)}.")
+        try:
+            return motion_from({name: self.value("start", name, _START_UNITS[name]) for name in table})
+        except _PlacedError:
+            raise
+        except (ValueError, TypeError) as error:
+            raise self.placed("start", error) from None
+
+    def table(self, name: str) -> Mapping[str, Any]:
+        found = self.tables.get(name, {})
+        if not isinstance(found, dict):
+            raise self.error("", name, f"`{name}` must be a table, [{name}], but is {brief(found)}.")
+        return found
+
+    def value(self, table: str, name: str, unit: str) -> Any:
+        return self.quantity(table, name, unit) if unit else self.table(table)[name]
+
+    def quantity(self, table: str, name: str, unit: str) -> Any:
+        """A number, or nested lists of numbers, in the SI unit `unit`."""
+        raw = (self.table(table) if table else self.tables)[name]
+        try:
+            if isinstance(raw, dict):
+                if set(raw) != {"values", "unit"}:
+                    raise ValueError(
+                        f"`{name}` must have `values` and `unit`, but has {', '.join(raw) or 'nothing'}."
+                    )
+                return _each(raw["values"], lambda v: in_si(name, _number(name, v), str(raw["unit"]), unit))
+            return _each(raw, lambda v: parsed(name, v, unit))
+        except ValueError as error:
+            raise self.error(table, name, str(error)) from None
+
+    def error(self, table: str, name: str, text: str) -> "_PlacedError":
+        line = self.line_of(table, name)
+        return _PlacedError(f"{self.file}{'' if line is None else f', line {line}'}: {text}")
+
+    def placed(self, table: str, error: Exception) -> "_PlacedError":
+        """An error with the line of the name that it mentions, or of the table."""
+        named = re.findall(r"`(?:\w+\.)*(\w+)`", str(error))
+        given = [name for name in named if name in (self.table(table) if table else self.tables)]
+        return self.error(table, given[0] if given else "", str(error))
+
+    def line_of(self, table: str, name: str) -> int | None:
+        """The line where a name gets its value, or else where its table begins."""
+        now, header = "", None
+        for number, line in enumerate(self.lines, 1):
+            found = re.match(r"\s*\[\s*([\w.\"']+)\s*\]", line)
+            if found:
+                now = found.group(1).strip("\"'")
+                header = number if now == table else header
+                if name == now and not table:
+                    return number
+            path = f"{now}.{name}" if now == table and table else name
+            key = re.match(r"\s*([\w.\"']+)\s*=", line)
+            if key:
+                full = ".".join(filter(None, [now, key.group(1).replace('"', "").replace("'", "")]))
+                if full == ".".join(filter(None, [table, name])) or full == path:
+                    return number
+        return header
+
+
+class _PlacedError(ValueError):
+    """An error that names its file and line."""
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
+
+
+def _each(value: Any, convert: Any) -> Any:
+    return [_each(v, convert) for v in value] if isinstance(value, list) else convert(value)
+
+
+def _number(name: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f"`{name}` must be a number, but is {brief(value)}.")
+    return float(value)
+
+
+def parsed(name: str, value: Any, unit: str) -> float:
+    """A text such as "1.5 mm" in the SI unit `unit`; raises `ValueError` for other texts, and for bare numbers."""
+    words = (
+        re.fullmatch(r"\s*([-+]?[\d_.]+(?:[eE][-+]?\d+)?)\s*(\S.*?)\s*", value) if isinstance(value, str) else None
+    )
+    try:
+        number = float(words.group(1)) if words else None
+    except ValueError:
+        number = None
+    if words is None or number is None:
+        raise ValueError(f'`{name}` must be a number with a unit, as in "1.5 {unit}", but is {brief(value)}.')
+    return in_si(name, number, words.group(2), unit)
+
+
+def in_si(name: str, number: float, unit: str, si: str) -> float:
+    """A number in a unit, converted to the SI unit `si`; raises `ValueError` for a unit of another kind."""
+    return number if unit == si else number * _factor(name, unit, si)
+
+
+@functools.cache
+def _factor(name: str, unit: str, si: str) -> float:
+    import pint  # here, because only files with other units need it
+
+    try:
+        return float(_units().Quantity(1.0, unit).to(si).magnitude)
+    except (pint.PintError, ValueError, TypeError, AssertionError) as error:
+        raise ValueError(f"`{name}` must be in a unit like {si}, but is in {brief(unit)}: {error}") from None
+
+
+@functools.cache
+def _units() -> Any:
+    import pint
+
+    return pint.UnitRegistry()

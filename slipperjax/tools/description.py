@@ -1,0 +1,129 @@
+"""Modules as plain data, such as JSON and TOML hold, and back: without running code that a file names."""
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+import optimistix
+
+from .validate import brief
+
+TYPE = "type"
+"""Key of a description that holds the name of the class."""
+OPAQUE = "opaque"
+"""Key that stands in place of a value which plain data cannot hold, such as a function."""
+
+NORMS = {f"optimistix.{f.__name__}": f for f in (optimistix.max_norm, optimistix.rms_norm, optimistix.two_norm)}
+"""Functions that solvers of diffrax hold, by the names that descriptions give them."""
+
+
+def type_name(kind: type) -> str:
+    """The name of a class in descriptions; those of other packages begin with the package, as in diffrax.Tsit5."""
+    package = kind.__module__.split(".")[0]
+    return (
+        kind.__name__ if package == __name__.split(".")[0] or package == "__main__" else f"{package}.{kind.__name__}"
+    )
+
+
+def subclasses(base: type) -> Iterator[type]:
+    """All subclasses of a class that were defined in this process, those of users included."""
+    for kind in base.__subclasses__():
+        yield kind
+        yield from subclasses(kind)
+
+
+def describe(value: Any) -> Any:
+    """A module as nested dicts of plain values, which `build` turns into an equal module.
+
+    Arrays become lists of numbers; 64-bit numbers come back to the last bit. A module that holds what is no plain
+    value, such as a function, but equals the one that is made without arguments, is described by its name alone.
+    """
+    if isinstance(value, eqx.Module):
+        kind = type(value)
+        fields = {f.name: describe(getattr(value, f.name)) for f in dataclasses.fields(value) if f.init}
+        if any(_opaque(part) for part in fields.values()) and _is_default(value):
+            fields = {}
+        return {TYPE: type_name(kind), **fields}
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, jax.core.Tracer):
+        return {OPAQUE: "a traced value"}
+    if isinstance(value, jax.Array | np.ndarray | np.generic):
+        return np.asarray(value).tolist()
+    if isinstance(value, tuple | list):
+        return [describe(part) for part in value]
+    if isinstance(value, dict):
+        return {name: describe(part) for name, part in value.items()}
+    name = next((name for name, norm in NORMS.items() if norm is value), None)
+    return {OPAQUE: brief(value)} if name is None else name
+
+
+def _opaque(description: Any) -> bool:
+    if isinstance(description, dict):
+        return OPAQUE in description or any(_opaque(part) for part in description.values())
+    return isinstance(description, list) and any(_opaque(part) for part in description)
+
+
+def _is_default(module: eqx.Module) -> bool:
+    try:
+        return bool(eqx.tree_equal(module, type(module)()))
+    except TypeError:
+        return False
+
+
+def build(description: Any, bases: tuple[type, ...], where: str = "") -> Any:
+    """The module of a description.
+
+    **Arguments:** `bases`: classes; those that descriptions name must be subclasses of them, defined in this process.
+    `where`: what the description is of, for errors.
+
+    **Raises:** `ValueError` for an unknown class, fields that it does not have, or values that it refuses.
+    """
+    if isinstance(description, Mapping):
+        if OPAQUE in description:
+            raise ValueError(f"Argument `{where}` cannot be rebuilt: it was {description[OPAQUE]}.")
+        if TYPE not in description:
+            raise ValueError(
+                f"Argument `{where}` must have a `{TYPE}`, but has {', '.join(description) or 'nothing'}."
+            )
+        kind = known_type(str(description[TYPE]), bases, where)
+        check_fields(description, kind, where)
+        inner = lambda name: f"{where}.{name}" if where else name
+        return kind(**{k: build(v, bases, inner(k)) for k, v in description.items() if k != TYPE})
+    if isinstance(description, list):
+        return tuple(build(part, bases, where) for part in description)
+    return NORMS.get(description, description) if isinstance(description, str) else description
+
+
+def known_type(name: str, bases: tuple[type, ...], where: str) -> type:
+    """The class of a name in descriptions: the one defined last.
+
+    **Raises:** `ValueError` where no concrete subclass of `bases` has it.
+    """
+    found = {type_name(k): k for base in bases for k in (base, *subclasses(base)) if _is_concrete(k)}
+    if name not in found:
+        own = ", ".join(sorted(k for k in found if "." not in k))
+        raise ValueError(
+            f"Argument `{where}.{TYPE}` must be one of {own}, but is {name!r}. A class of your own must be imported "
+            f"before."
+        )
+    return found[name]
+
+
+def _is_concrete(kind: type) -> bool:
+    return not kind.__name__.startswith(("Abstract", "_")) and not getattr(kind, "__abstractmethods__", None)
+
+
+def check_fields(description: Mapping[str, Any], kind: type, where: str) -> None:
+    """Raises `ValueError` where a class lacks fields that a description has, or needs others."""
+    fields = {f.name: f for f in dataclasses.fields(kind) if f.init}
+    for name in description:
+        if name != TYPE and name not in fields:
+            raise ValueError(f"Argument `{where}` must have only {', '.join(fields)}, but has `{name}`.")
+    for name, field in fields.items():
+        needed = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        if needed and name not in description and len(description) > 1:
+            raise ValueError(f"Argument `{where}` must have `{name}`, but has only {', '.join(description)}.")
