@@ -6,55 +6,58 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+import typer.core
 
-from .options import (
-    Amplitude,
-    By,
-    Clearance,
-    Length,
-    Memory,
-    Out,
-    Over,
-    Restitution,
-    RollAmplitude,
-    Solver,
-    Speed,
-    Steps,
-    Stiffness,
-    Wavelength,
-    make_folder,
-    make_grid,
-    make_scene,
-    make_solver,
-)
+from .options import By, Case, Log, Out, Over, Steps, make_folder, make_grid, takes_case
 
 LOST = 1
 """Exit code where no case stayed finite."""
 
+
+class _Once(typer.core.TyperCommand):
+    """A command that refuses an option which is given twice and can have one value only."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        _, _, given = self.make_parser(ctx).parse_args(list(args))
+        for option in given:
+            if given.count(option) > 1 and not option.multiple:
+                raise typer.BadParameter(f"Option {option.opts[0]} must be given once, but is given more often.")
+        return super().parse_args(ctx, args)
+
+
 app = typer.Typer(
     help="Nonlinear dynamics of rocket-sled slippers.",
-    add_completion=False,
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
 
 
-@app.command()
+def _version(wanted: bool) -> None:
+    if wanted:
+        from ..flow import versions
+
+        of = dict(versions())
+        print(f"slipperjax {of.pop('slipperjax')} ({', '.join(f'{name} {version}' for name, version in of.items())})")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print versions and exit.")
+    ] = False,
+):
+    """Nonlinear dynamics of rocket-sled slippers."""
+
+
+@app.command(cls=_Once)
+@takes_case
 def simulate(
-    speed: Speed = 1250.0,
-    clearance: Clearance = 1.0,
-    length: Length = 0.2,
+    case: Case,
     periods: Annotated[int, typer.Option(help="Forcing periods to simulate.")] = 60,
-    stiffness: Stiffness = 1e8,
-    restitution: Restitution = 0.9,
-    wavelength: Wavelength = [8.0],  # noqa: B006  (typer copies it)
-    amplitude: Amplitude = 1.0,
-    roll_amplitude: RollAmplitude = 0.2,
     steps_per_period: Steps = None,
     saves_per_period: Annotated[int | None, typer.Option(help="Saved states per forcing period.")] = None,
-    solver: Solver = "RK4",
-    memory: Memory = "event",
     probe: Annotated[
         int, typer.Option(help="Periods that are repeated with half the step, for the error; or 0.")
     ] = 4,
@@ -66,36 +69,21 @@ def simulate(
     from ..plots import overview
     from ..tools import whole
 
-    scene = make_scene(
-        speed=speed,
-        clearance=clearance,
-        length=length,
-        stiffness=stiffness,
-        restitution=restitution,
-        wavelength=wavelength,
-        amplitude=amplitude,
-        roll_amplitude=roll_amplitude,
-        memory=memory,
-    )
+    scene = case.scene
     make_folder(out.parent, out)
-    method = make_solver(solver, scene)
     options = dict(steps_per_period=steps_per_period, saves_per_period=saves_per_period)
     # checked here, too, so that an error is the only line
     whole("periods", periods, 1)
     whole("probe", probe, 0)
     step_plan(scene, steps_per_period, saves_per_period)
     print(f"simulating {periods} periods of {float(scene.period) * 1e3:.4g} ms ...", file=sys.stderr)
-    found = run(scene, periods, solver=method, probe=probe, **options)
+    found = run(scene, periods, start=case.start, solver=case.solver, probe=probe, **options)
     ds = found.to_xarray()
     _write(ds, overview, out)
     status, parts = Status(int(found.status)), [f"{ds.attrs['steps_per_period']} steps per period"]
     if status != Status.NOT_FINITE:
-        peak = found.peak
-        where = f"{ds['point'].values[int(peak.point)]}{int(peak.end) + 1}"
-        if float(peak.force) > 0:
-            parts.append(
-                f"highest contact force {float(peak.force):.0f} N at {where}, period {float(peak.period):.3f}"
-            )
+        if float(found.peak.force) > 0:
+            parts.append(found.peak.text(scene))
         if found.probe is not None:
             parts.append(_error(found.probe))
     print("; ".join([*parts, f"status: {status}"]))
@@ -103,19 +91,14 @@ def simulate(
         raise typer.Exit(LOST)
 
 
-@app.command()
+@app.command(cls=_Once)
+@takes_case
 def bifurcation(
+    case: Case,
     over: Over,
-    speed: Speed = 1250.0,
-    clearance: Clearance = 1.0,
-    length: Length = 0.2,
+    log: Log = None,
     transient: Annotated[int, typer.Option(help="Forcing periods to pass before the section is recorded.")] = 300,
     periods: Annotated[int, typer.Option(help="Forcing periods to record.")] = 10,
-    stiffness: Stiffness = 1e8,
-    restitution: Restitution = 0.9,
-    wavelength: Wavelength = [8.0],  # noqa: B006
-    amplitude: Amplitude = 1.0,
-    roll_amplitude: RollAmplitude = 0.2,
     steps_per_period: Steps = None,
     out: Out = Path("bifurcation"),
 ):
@@ -123,25 +106,17 @@ def bifurcation(
     from ..plots import bifurcations
     from ..sweeps import sweep
 
-    grid = make_grid(over)
-    scene = make_scene(
-        speed=speed,
-        clearance=clearance,
-        length=length,
-        stiffness=stiffness,
-        restitution=restitution,
-        wavelength=wavelength,
-        amplitude=amplitude,
-        roll_amplitude=roll_amplitude,
-    )
+    grid = make_grid(over, log=log)
     make_folder(out.parent, out)
     begin = time.perf_counter()
     ds = sweep(
-        scene,
+        case.scene,
         grid,
         transient=transient,
         periods=periods,
         steps_per_period=steps_per_period,
+        solver=case.solver,
+        start=case.start,
         progress=sys.stderr.isatty(),
     )
     seconds = time.perf_counter() - begin
@@ -154,22 +129,17 @@ def bifurcation(
     _exit_if_lost(ds)
 
 
-@app.command()
+@app.command(cls=_Once)
+@takes_case
 def lyapunov(
+    case: Case,
     over: Over,
     by: By = None,
-    speed: Speed = 1250.0,
-    clearance: Clearance = 1.0,
-    length: Length = 0.2,
+    log: Log = None,
     count: Annotated[int, typer.Option(help="Number of exponents, the largest first.")] = 1,
     transient: Annotated[int, typer.Option(help="Forcing periods to pass before.")] = 300,
     periods: Annotated[int, typer.Option(help="Forcing periods to average over.")] = 500,
     certify: Annotated[bool, typer.Option(help="Check every case by other means.")] = True,
-    stiffness: Stiffness = 1e8,
-    restitution: Restitution = 0.9,
-    wavelength: Wavelength = [8.0],  # noqa: B006
-    amplitude: Amplitude = 1.0,
-    roll_amplitude: RollAmplitude = 0.2,
     steps_per_period: Steps = None,
     out: Out = Path("lyapunov"),
 ):
@@ -178,27 +148,19 @@ def lyapunov(
     from ..plots import exponents, regime_map
     from ..sweeps import lyapunov_sweep
 
-    grid = make_grid(over, by)
-    scene = make_scene(
-        speed=speed,
-        clearance=clearance,
-        length=length,
-        stiffness=stiffness,
-        restitution=restitution,
-        wavelength=wavelength,
-        amplitude=amplitude,
-        roll_amplitude=roll_amplitude,
-    )
+    grid = make_grid(over, by, log)
     make_folder(out.parent, out)
     begin = time.perf_counter()
     ds = lyapunov_sweep(
-        scene,
+        case.scene,
         grid,
         count=count,
         transient=transient,
         periods=periods,
         certify=certify,
         steps_per_period=steps_per_period,
+        solver=case.solver,
+        start=case.start,
         progress=sys.stderr.isatty(),
     )
     seconds = time.perf_counter() - begin
@@ -212,7 +174,7 @@ def lyapunov(
     _exit_if_lost(ds)
 
 
-@app.command()
+@app.command(cls=_Once)
 def reproduce(
     figures: Annotated[
         list[str] | None, typer.Argument(help="Figures: 4 to 13, basins; default all of them.")
@@ -248,7 +210,7 @@ def reproduce(
     print(f"{good} of {len(answers)} claims reproduced, {len(answers) - good} differ: see {report}")
 
 
-@app.command()
+@app.command(cls=_Once)
 def bench(
     quick: Annotated[bool, typer.Option(help="Two scenes, three methods, one batch: minutes less.")] = False,
     scene: Annotated[list[str] | None, typer.Option(help="A scene by name; repeat for several; default all.")] = None,

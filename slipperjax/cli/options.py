@@ -1,9 +1,13 @@
 """Options of the command line: their types and help, and what they stand for in the package."""
 
+import dataclasses
+import functools
+import inspect
 import sys
 import tempfile
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
@@ -21,69 +25,177 @@ def _help(name: str, more: str = "") -> str:
 
 _NAMES = ", ".join(f"{name} [{q.display_unit}]" for name, q in PARAMETERS.items())
 
-Speed = Annotated[float, typer.Option(help=_help("speed"))]
-Clearance = Annotated[float, typer.Option(help=_help("clearance"))]
-Length = Annotated[float, typer.Option(help=_help("length"))]
-Stiffness = Annotated[float, typer.Option(help=_help("stiffness"))]
-Restitution = Annotated[float, typer.Option(help=_help("restitution", ", above 0 and at most 1"))]
-Wavelength = Annotated[list[float], typer.Option(help="Irregularity wavelength [m]; repeat for several.")]
-Amplitude = Annotated[float, typer.Option(help=_help("amplitude"))]
-RollAmplitude = Annotated[float, typer.Option(help=_help("roll_amplitude"))]
+PAPER: dict[str, Any] = {
+    "speed": 1250.0,
+    "clearance": 1.0,
+    "length": 0.2,
+    "mass": 14.0,
+    "gravity": "none",
+    "stiffness": 1e8,
+    "restitution": 0.9,
+    "amplitude": 1.0,
+    "roll_amplitude": 0.2,
+    "wavelength": 8.0,
+    "memory": "event",
+}
+"""Values of the paper's scene in display units, for help texts."""
+
+
+def _default(name: str) -> str:
+    value = PAPER[name]
+    return f"{value if isinstance(value, str) else format(value, 'g')}, or the scene file's"
+
+
 Steps = Annotated[int | None, typer.Option(help="Integration steps per forcing period; default from the scene.")]
 Out = Annotated[Path, typer.Option(help="Where to write, without ending: makes OUT.nc and OUT.png.")]
+Over = Annotated[
+    GridAxis,
+    typer.Option(
+        help=f"Parameter, first and last value, number of values. Parameters: {_NAMES}, and paths in SI units "
+        f"such as section.play.2."
+    ),
+]
+By = Annotated[GridAxis | None, typer.Option(help="A second parameter likewise: makes a regime map.")]
+Log = Annotated[
+    list[str] | None, typer.Option(help="A parameter of --over or --by with logarithmic spacing; repeat for both.")
+]
 Solver = Annotated[
     str,
     typer.Option(help="RK4, Tsit5, Rodas3, Rodas4, ROS34PW2, TwoStep, one of diffrax's, or auto, which says why."),
 ]
-Memory = Annotated[str, typer.Option(help="How contacts remember their touchdown: event or smooth.")]
-Over = Annotated[
-    GridAxis, typer.Option(help=f"Parameter, first and last value, number of values. Parameters: {_NAMES}.")
-]
-By = Annotated[GridAxis | None, typer.Option(help="A second parameter likewise: makes a regime map.")]
 
 
-def make_scene(*, memory: str = "event", wavelength: list[float], **values: float) -> Any:
-    """The paper's scene with the values of options.
+class Case(NamedTuple):
+    """What the options of `takes_case` make."""
 
-    **Arguments:** `memory`: of `--memory`; `wavelength`: [m]; `values`: parameters by name, in display units.
+    scene: Any
+    start: Any
+    """A motion, or None for Table 2's."""
+    solver: Any
+
+
+def _number(name: str, more: str = "") -> Any:
+    return Annotated[float | None, typer.Option(help=_help(name, more), show_default=_default(name))]
+
+
+CASE_OPTIONS: dict[str, Any] = {
+    "scene": Annotated[
+        Path | None,
+        typer.Option(help="A TOML file of a scene, or a result's netCDF file.", show_default=False),
+    ],
+    "speed": _number("speed"),
+    "clearance": _number("clearance"),
+    "length": _number("length"),
+    "mass": _number("mass"),
+    "gravity": _number("gravity"),
+    "stiffness": _number("stiffness"),
+    "restitution": _number("restitution", ", above 0 and at most 1"),
+    "wavelength": Annotated[
+        list[float] | None,
+        typer.Option(help="Irregularity wavelength [m]; repeat for several.", show_default=_default("wavelength")),
+    ],
+    "amplitude": _number("amplitude"),
+    "roll_amplitude": _number("roll_amplitude"),
+    "set": Annotated[
+        list[str] | None,
+        typer.Option(help="Any other number of the scene, as in 'section.play.2=0.4 mm'; without a unit in SI."),
+    ],
+    "memory": Annotated[
+        str | None,
+        typer.Option(help="How contacts remember their touchdown: event or smooth.", show_default=_default("memory")),
+    ],
+    "solver": Solver,
+}
+"""Options that describe the case; each overrides what the scene's file says."""
+DEFAULTS = dict.fromkeys(CASE_OPTIONS) | {"solver": "RK4"}
+
+
+def takes_case(command: Callable[..., Any]) -> Callable[..., Any]:
+    """A command with the options of `CASE_OPTIONS` besides its own, which gets what they make as `case`."""
+
+    @functools.wraps(command)
+    def call(**options: Any) -> Any:
+        of_case = {name: options.pop(name) for name in CASE_OPTIONS}
+        return command(case=make_case(**of_case), **options)
+
+    kind = inspect.Parameter.KEYWORD_ONLY
+    own = [p.replace(kind=kind) for name, p in inspect.signature(command).parameters.items() if name != "case"]
+    more = [inspect.Parameter(name, kind, default=DEFAULTS[name], annotation=a) for name, a in CASE_OPTIONS.items()]
+    call.__signature__ = inspect.Signature([*own, *more])  # type: ignore[attr-defined]  # which typer reads
+    call.__annotations__ = {p.name: p.annotation for p in (*own, *more)}
+    return call
+
+
+def make_case(*, scene: Path | None, solver: str, **values: Any) -> Case:
+    """The case that options describe.
 
     **Raises:** `ValueError` that names the argument or option which is wrong.
     """
-    from ..model import EventLatch, SmoothSwitch, paper_scene
+    from ..flow import load_scene, load_start
 
+    start = None
+    if scene is not None:
+        base, start = load_scene(scene), load_start(scene)
+    found = make_scene(None if scene is None else base, **values)
+    return Case(found, start, make_solver(solver, found))
+
+
+def make_scene(
+    base: Any = None, *, memory: str | None = None, wavelength: Any = None, set: Any = None, **values: float | None
+) -> Any:
+    """A scene with the values of options.
+
+    **Arguments:** `base`: the scene without them, default the paper's; `memory`: of `--memory`; `wavelength`: [m];
+    `set`: texts such as section.play.2=0.4 mm; `values`: parameters by name, in display units, None for those of
+    the base.
+
+    **Raises:** `ValueError` that names the argument or option which is wrong.
+    """
+    from ..model import EventLatch, HarmonicTrack, SmoothSwitch, paper_scene
+
+    scene = paper_scene() if base is None else base
     memories = {"event": EventLatch, "smooth": SmoothSwitch}
-    if memory not in memories:
-        raise ValueError(f"Option --memory must be event or smooth, but is {memory!r}.")
-    in_si = {name: PARAMETERS[name].from_shown(value) for name, value in values.items()}
-    return paper_scene(wavelengths=tuple(wavelength), memory=memories[memory](), **in_si)
+    if memory is not None:
+        if memory not in memories:
+            raise ValueError(f"Option --memory must be event or smooth, but is {memory!r}.")
+        scene = dataclasses.replace(scene, memory=memories[memory]())
+    if wavelength:
+        if not isinstance(scene.track, HarmonicTrack):
+            raise ValueError(f"Option --wavelength needs a HarmonicTrack, but the track is {scene.track!r}.")
+        scene = dataclasses.replace(scene, track=dataclasses.replace(scene.track, wavelengths=tuple(wavelength)))
+    in_si = {name: PARAMETERS[name].from_shown(value) for name, value in values.items() if value is not None}
+    return scene.replace(**in_si, **dict(_assigned(scene, text) for text in set or ()))
+
+
+def _assigned(scene: Any, text: str) -> tuple[str, float]:
+    """A parameter's name or path, and its value in SI units, of one `--set`."""
+    from ..model import parameter, parsed
+
+    name, equals, value = (part.strip() for part in text.partition("="))
+    if not equals:
+        raise ValueError(f"Option --set must be a name and a value, as in mass=15, but is {text!r}.")
+    try:
+        return name, float(value)
+    except ValueError:
+        return name, parsed(name, value, parameter(name, scene).unit)
 
 
 def make_solver(name: str, scene: Any) -> Any:
     """A solver by its name; for "auto" the scene's, with the reason on standard error.
 
-    **Raises:** `ValueError` for a name that is no solver's.
+    **Raises:** `ValueError` for a name that is no solver's, or a solver that does not suit the scene.
     """
-    import diffrax
-
     import slipperjax.solvers as solvers
 
     if name == "auto":
         chosen = solvers.choose_solver(scene)
         print(f"solver {solvers.solver_name(chosen.solver)}: {chosen.reason}", file=sys.stderr)
         return chosen.solver
-    kind = getattr(solvers, name, getattr(diffrax, name, None))
-    if not (isinstance(kind, type) and issubclass(kind, diffrax.AbstractSolver)) or name.startswith("Abstract"):
-        raise ValueError(f"Option --solver must be auto or a solver of slipperjax or diffrax, but is {name!r}.")
-    try:
-        found = kind()
-        solvers.resolve_solver(scene, found)  # raises where it cannot be latched
-        return found
-    except TypeError as error:
-        raise ValueError(f"Option --solver must be a solver that needs no arguments, but is {name!r}.") from error
+    return solvers.resolve_solver(scene, solvers.solver_named(name))
 
 
-def make_grid(over: GridAxis, by: GridAxis | None = None) -> dict[str, Any]:
-    """Values in SI units by parameter name, from `--over` and `--by`.
+def make_grid(over: GridAxis, by: GridAxis | None = None, log: Sequence[str] | None = None) -> dict[str, Any]:
+    """Values in SI units by parameter name, from `--over` and `--by`; those named by `log` in equal ratios.
 
     **Raises:** `ValueError` that names the option which is wrong.
     """
@@ -94,15 +206,26 @@ def make_grid(over: GridAxis, by: GridAxis | None = None) -> dict[str, Any]:
         if axis is None:
             continue
         name, first, last, count = axis
-        if name not in PARAMETERS:
-            raise ValueError(f"Option {option} must begin with one of {', '.join(PARAMETERS)}, but is {name!r}.")
+        known = PARAMETERS.get(name)
+        if known is None and "." not in name:
+            raise ValueError(
+                f"Option {option} must begin with one of {', '.join(PARAMETERS)} or a path such as section.play.2, "
+                f"but is {name!r}."
+            )
         if count < 1:
             raise ValueError(f"Option {option} must end with a number of values of 1 or more, but is {count}.")
-        if not np.all(np.isfinite((first, last))):
-            PARAMETERS[name].checked(PARAMETERS[name].from_shown(first if not np.isfinite(first) else last))
+        if known is not None and not np.all(np.isfinite((first, last))):
+            known.checked(known.from_shown(first if not np.isfinite(first) else last))
         if name in grid:
             raise ValueError(f"Option --by must name another parameter than --over, but is {name!r} too.")
-        grid[name] = PARAMETERS[name].from_shown(np.linspace(first, last, count))
+        if name in (log or ()) and not min(first, last) > 0:
+            raise ValueError(f"Option --log {name} needs values above zero, but {option} has {min(first, last):g}.")
+        space = np.geomspace if name in (log or ()) else np.linspace
+        values = space(first, last, count)
+        grid[name] = values if known is None else known.from_shown(values)
+    for name in log or ():
+        if name not in grid:
+            raise ValueError(f"Option --log must name a parameter of --over or --by, but is {name!r}.")
     return grid
 
 

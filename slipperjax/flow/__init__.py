@@ -20,6 +20,7 @@ from .provenance import load_scene as load_scene
 from .provenance import load_start as load_start
 from .provenance import run_attributes as run_attributes
 from .provenance import start_from_json as start_from_json
+from .provenance import versions as versions
 from .recorders import RECORDERS as RECORDERS
 from .recorders import AbstractRecorder as AbstractRecorder
 from .recorders import History as History

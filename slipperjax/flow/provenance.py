@@ -174,7 +174,7 @@ def _varied(ds: Any, chosen: Mapping[str, float], wanted: Callable[[str], bool])
         if not np.any(hits):
             nearest = found[name].ravel()[np.argmin(np.abs(found[name].ravel() - chosen[name]))]
             raise ValueError(
-                f"Argument `{name}` must be a value of the dataset, but is {chosen[name]:g}; nearest is {nearest:.10g}."
+                f"Argument `{name}` must be one of the result's, but is {chosen[name]:g}; nearest is {nearest:.10g}."
             )
     beside = [name for name in names if ds.coords[name].dims == ("case",)]  # lists that were read side by side
     if beside:

@@ -60,6 +60,7 @@ from .scene import check_scene as check_scene
 from .scene_file import PARTS as PARTS
 from .scene_file import SceneFile as SceneFile
 from .scene_file import motion_from as motion_from
+from .scene_file import parsed as parsed
 from .scene_file import scene_from_json as scene_from_json
 from .scene_file import scene_from_toml as scene_from_toml
 from .scene_file import scene_to_json as scene_to_json
