@@ -3,6 +3,9 @@
 from .datasets import open_result as open_result
 from .datasets import scene_attributes as scene_attributes
 from .datasets import trajectory_dataset as trajectory_dataset
+from .load import load_call as load_call
+from .load import load_scene as load_scene
+from .load import load_start as load_start
 from .loads import Loads as Loads
 from .loads import contact_loads as contact_loads
 from .loads import over_periods as over_periods
@@ -15,9 +18,6 @@ from .period_map import batch_jacobians as batch_jacobians
 from .period_map import initial_states as initial_states
 from .period_map import judged_by_loads as judged_by_loads
 from .probe import Probe as Probe
-from .provenance import load_call as load_call
-from .provenance import load_scene as load_scene
-from .provenance import load_start as load_start
 from .provenance import run_attributes as run_attributes
 from .provenance import start_from_json as start_from_json
 from .provenance import versions as versions

@@ -64,7 +64,7 @@ from .scene_file import parsed as parsed
 from .scene_file import scene_from_json as scene_from_json
 from .scene_file import scene_from_toml as scene_from_toml
 from .scene_file import scene_to_json as scene_to_json
-from .scene_file import scene_to_toml as scene_to_toml
+from .scene_text import scene_to_toml as scene_to_toml
 from .step_size import contact_duration as contact_duration
 from .step_size import default_steps_per_period as default_steps_per_period
 from .step_size import impacts_per_period as impacts_per_period

@@ -1,6 +1,7 @@
 """The scene: slipper, section, track, contact and speed. Plain pytrees in SI units, checked on construction."""
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -19,11 +20,13 @@ from ..tools import (
     shown_number,
     unless_traced,
     warn_unless_within,
+    write_whole,
 )
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch
 from .cross_section import Section
 from .paths import parameter
 from .quantities import PARAMETERS, Parameter
+from .scene_text import scene_to_toml
 from .tracks import AbstractTrack
 
 
@@ -113,6 +116,18 @@ class Scene(ShapeChecked):
             scene = one.replaced(scene, unless_traced(one.check(one.name, one.unit), value))
         scene.warn_unless_plausible(known)
         return scene
+
+    def to_toml(self, file: Any = None, *, start: Any = None) -> str:
+        """The scene as TOML text, exact to the last bit, which `slipperjax.load_scene` reads.
+
+        **Arguments:** `file`: where to write it, too; default nowhere. `start`: a motion to add.
+
+        **Raises:** `ValueError` for a part that plain text cannot hold; `OSError` where the file cannot be written.
+        """
+        text = scene_to_toml(self, start)
+        if file is not None:
+            write_whole(Path(file), text.encode())
+        return text
 
     def value(self, name: str) -> Array:
         """The value of a named parameter; see `PARAMETERS` for the names and units.

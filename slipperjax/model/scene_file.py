@@ -22,22 +22,17 @@ from .contact import AbstractContactLaw, AbstractMemory
 from .cross_section import Section
 from .dang2024 import paper_scene
 from .kinematics import Motion
-from .quantities import COORDINATES, half_play
+from .quantities import half_play
 from .scene import Scene, Slipper
+from .scene_text import NUMBERS, START_UNITS, TABLES
 from .tracks import AbstractTrack
 
-PARTS: dict[str, type] = {
-    "slipper": Slipper,
-    "section": Section,
-    "track": AbstractTrack,
-    "contact": AbstractContactLaw,
-    "memory": AbstractMemory,
-}
+PARTS: dict[str, type] = dict(
+    zip(TABLES, (Slipper, Section, AbstractTrack, AbstractContactLaw, AbstractMemory), strict=True)
+)
 """The tables of a scene's file, and the classes of what they describe."""
 SINGLE = (Slipper, Section)
 """Classes without alternatives, whose tables need no type."""
-NUMBERS = ("speed", "gravity")
-"""Numbers of the scene itself."""
 BASES = {"paper": paper_scene}
 """Scenes that a file may be based on."""
 
@@ -71,53 +66,6 @@ def motion_from(values: Mapping[str, Any]) -> Motion:
     """A motion from its fields, or from coordinates with Euler angles, see `Motion.from_euler`."""
     angles = {"roll", "pitch", "yaw"} & set(values)
     return Motion.from_euler(**values) if angles else Motion(**values)
-
-
-def scene_to_toml(scene: Scene, start: Motion | None = None) -> str:
-    """A scene, and a start if given, as TOML text in SI units, exact to the last bit."""
-    description = describe(scene)
-    lines = [
-        _line(name, _shown(description[name], unit_of(Scene, name)))
-        for name in NUMBERS
-        if description[name] is not None
-    ]
-    for name in PARTS:
-        part, table = getattr(scene, name), description[name]
-        lines += ["", f"[{name}]"]
-        for field, value in table.items():
-            if value is not None and not (field == TYPE and type(part) in SINGLE):
-                lines.append(_line(field, value if field == TYPE else _shown(value, unit_of(type(part), field))))
-    if start is not None:
-        lines += ["", "[start]"]
-        lines += [_line(k, _shown(v, _START_UNITS[k])) for k, v in describe(start).items() if k != TYPE and v != 0]
-    return "\n".join(lines) + "\n"
-
-
-_START_UNITS = {name: q.unit for name, q in COORDINATES.items()} | dict.fromkeys(("q_x", "q_y", "q_z"), "")
-
-
-def _line(name: str, value: Any) -> str:
-    return f"{name} = {value if isinstance(value, _Written) else _written(value)}"
-
-
-class _Written(str):
-    """TOML text of a value."""
-
-
-def _written(value: Any) -> str:
-    """A value as TOML; JSON writes texts, numbers, booleans and lists alike."""
-    if isinstance(value, dict):
-        raise ValueError(f"Argument `scene` must have no parts within parts in TOML, but has {brief(value)}.")
-    return json.dumps(value)
-
-
-def _shown(value: Any, unit: str) -> Any:
-    """A value with its unit: a text for a number, an inline table for an array."""
-    if not unit:
-        return value
-    if isinstance(value, list):
-        return _Written(f"{{ unit = {json.dumps(unit)}, values = {json.dumps(value)} }}")
-    return f"{value!r} {unit}"
 
 
 def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
@@ -205,10 +153,10 @@ class _Reader:
         """The motion at time zero."""
         table = self.table("start")
         for name in table:
-            if name not in _START_UNITS:
-                raise self.error("start", name, f"`{name}` is none of {', '.join(_START_UNITS)}.")
+            if name not in START_UNITS:
+                raise self.error("start", name, f"`{name}` is none of {', '.join(START_UNITS)}.")
         try:
-            return motion_from({name: self.value("start", name, _START_UNITS[name]) for name in table})
+            return motion_from({name: self.value("start", name, START_UNITS[name]) for name in table})
         except _PlacedError:
             raise
         except (ValueError, TypeError) as error:

@@ -1,0 +1,146 @@
+"""Scenes, starts and calls from files: TOML of scenes, and netCDF of results."""
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import diffrax
+import lineax
+import numpy as np
+import optimistix
+
+from ..model import Motion, Scene, SceneFile, State, scene_from_json, scene_from_toml
+from ..tools import brief, build
+from .datasets import open_result
+from .provenance import start_from_json
+
+SAME = 1e-9
+"""Relative difference up to which a value asked for is one of a dataset's."""
+
+
+def load_scene(source: Any, **chosen: float) -> Scene:
+    """The scene of a TOML file, of a result's netCDF file, or of a dataset; exactly as it was.
+
+    **Arguments:** `source`: a path or an `xarray.Dataset`. `chosen`: for a result of many cases, the values of what
+    was varied, by name [SI units], unless the dataset is of one case already, as by `ds.isel(speed=3)`.
+
+    **Raises:** `ValueError` where the source holds no scene, or several and none is chosen; `OSError` for a file that
+    cannot be read.
+    """
+    if _is_toml(source):
+        return _chosen_none(_read_toml(source), chosen).scene
+    ds = _dataset(source)
+    scene = scene_from_json(_attribute(ds, "scene"))
+    values = _varied(ds, chosen, lambda name: not _of_start(name))
+    return scene.replace(**values) if values else scene
+
+
+def load_start(source: Any, **chosen: float) -> Motion | State | None:
+    """The start of a TOML file, a netCDF file or a dataset; None where a TOML file has none.
+
+    **Arguments:** and **Raises:** as for `load_scene`.
+    """
+    if _is_toml(source):
+        return _chosen_none(_read_toml(source), chosen).start
+    ds = _dataset(source)
+    start = start_from_json(_attribute(ds, "start"))
+    values = {name.removeprefix("start_"): v for name, v in _varied(ds, chosen, _of_start).items()}
+    if isinstance(start, State):
+        return State(Motion(**(vars(start.motion) | values)), start.memory)
+    return Motion(**(vars(start) | values))
+
+
+def load_call(source: Any) -> dict[str, Any]:
+    """The function that made a result, as `function`, and its arguments besides scene, grid and start.
+
+    **Raises:** `ValueError` where a solver or controller cannot be rebuilt.
+    """
+    call = json.loads(_attribute(_dataset(source), "call"))
+    kinds = (
+        diffrax.AbstractSolver,
+        diffrax.AbstractStepSizeController,
+        diffrax.AbstractAdjoint,
+        optimistix.AbstractRootFinder,
+        lineax.AbstractLinearSolver,
+        Motion,
+    )
+    return {name: build(value, kinds, name) for name, value in call.items()}
+
+
+def _is_toml(source: Any) -> bool:
+    return isinstance(source, str | os.PathLike) and Path(source).suffix.lower() == ".toml"
+
+
+def _read_toml(source: Any) -> SceneFile:
+    try:
+        text = Path(source).read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{source}: must be UTF-8 text, but is not: {error}.") from None
+    return scene_from_toml(text, str(source))
+
+
+def _chosen_none(found: SceneFile, chosen: Mapping[str, Any]) -> SceneFile:
+    if chosen:
+        raise ValueError(f"Argument `{next(iter(chosen))}` must not be given for a TOML file, which has one scene.")
+    return found
+
+
+def _dataset(source: Any) -> Any:
+    """A dataset as it is, or that of a file."""
+    if isinstance(source, str | os.PathLike):
+        return open_result(Path(source))
+    if not hasattr(source, "attrs") or not hasattr(source, "coords"):
+        raise ValueError(
+            f"Argument `source` must be a TOML or netCDF file, or a dataset of slipperjax, but is {brief(source)}."
+        )
+    return source
+
+
+def _attribute(ds: Any, name: str) -> str:
+    if name not in ds.attrs:
+        raise ValueError(
+            f"Argument `source` must be a result of slipperjax, but has no attribute `{name}`. Single variables and "
+            f"results of calculations have none."
+        )
+    return ds.attrs[name]
+
+
+def _of_start(name: str) -> bool:
+    return name.startswith("start_")
+
+
+def _varied(ds: Any, chosen: Mapping[str, float], wanted: Callable[[str], bool]) -> dict[str, float]:
+    """The wanted values of what was varied, for one case: chosen, or the dataset's own where it is of one case."""
+    names = json.loads(_attribute(ds, "varied"))
+    unknown = [name for name in chosen if name not in names]
+    if unknown:
+        raise ValueError(f"Argument `{unknown[0]}` must be one of what was varied, {', '.join(names) or 'nothing'}.")
+    lost = [name for name in names if name not in ds.coords]
+    if lost:
+        raise ValueError(
+            f"Argument `source` must have the coordinate `{lost[0]}`, which was varied; without it the scene is "
+            f"unknown."
+        )
+    found = {name: np.asarray(ds.coords[name].values, float) for name in names}
+    fits = {name: np.abs(found[name] - value) <= SAME * abs(value) for name, value in chosen.items()}
+    for name, hits in fits.items():
+        if not np.any(hits):
+            nearest = found[name].ravel()[np.argmin(np.abs(found[name].ravel() - chosen[name]))]
+            raise ValueError(
+                f"Argument `{name}` must be one of the result's, but is {chosen[name]:g}; nearest is {nearest:.10g}."
+            )
+    beside = [name for name in names if ds.coords[name].dims == ("case",)]  # lists that were read side by side
+    if beside:
+        keep = np.logical_and.reduce([fits[name] for name in beside if name in fits] or [np.ones(1, bool)])
+        found |= {name: found[name][np.broadcast_to(keep, found[name].shape)] for name in beside}
+    found |= {name: found[name][hits] for name, hits in fits.items() if name not in beside and found[name].ndim}
+    found = {name: values for name, values in found.items() if wanted(name)}
+    several = [name for name, values in found.items() if values.size != 1]
+    if several:
+        raise ValueError(
+            f"Argument `{several[0]}` must be given, as the result has {found[several[0]].size} values of it; or "
+            f"select a case, as by ds.isel({several[0]}=0)."
+        )
+    return {name: float(values.ravel()[0]) for name, values in found.items()}

@@ -1,0 +1,162 @@
+"""Scene files: units are needed and converted, errors name file and line, and a scene comes back to the last bit."""
+
+import math
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import slipperjax as sj
+from slipperjax.model import scene_from_json, scene_from_toml, scene_to_json, scene_to_toml
+from slipperjax.tools import finite, positive
+
+
+class Bump(sj.AbstractTrack):
+    """A user's own track."""
+
+    pitch: jnp.ndarray = eqx.field(converter=positive("pitch", "m"))
+    heights: jnp.ndarray = eqx.field(converter=finite("heights", "m"))
+
+    @property
+    def wavelength(self):
+        return self.pitch
+
+    def irregularity(self, distance):
+        bump = self.heights[0] * jnp.sin(2 * jnp.pi * distance / self.pitch)
+        return sj.Irregularity(bump, self.heights[1] * bump, None)
+
+
+def scenes():
+    scene = sj.paper_scene(1234.5, 0.1 + 0.2e-3, 0.3, wavelengths=(8.0, 3.3))
+    tracks = sj.StraightTrack(7.7), Bump(5.0, (1e-3, 0.3))
+    contacts = (
+        sj.HuntCrossley(1e9, 1 / 3, clamp=False),
+        sj.HertzSpring(1e7),
+        sj.ConstantDamping(1e8, 0.1),
+    )
+    yield from (scene, scene.replace(gravity=9.81, **{"section.play.2": 1e-4 / 3}))
+    for track in tracks:
+        yield eqx.tree_at(lambda s: s.track, scene, track)
+    for contact in contacts:
+        yield eqx.tree_at(lambda s: s.contact, scene, contact)
+    for memory in (sj.SmoothSwitch(), sj.SmoothSwitch(1e-6, relaxation=1e-7), sj.EventLatch(2e-3)):
+        yield eqx.tree_at(lambda s: s.memory, scene, memory)
+
+
+@pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")
+def test_scenes_come_back_to_the_last_bit_from_toml_and_json():
+    count = 0
+    for scene in scenes():
+        assert eqx.tree_equal(scene_from_toml(scene_to_toml(scene)).scene, scene)
+        assert eqx.tree_equal(scene_from_json(scene_to_json(scene)), scene)
+        assert not eqx.tree_equal(scene_from_json(scene_to_json(scene)), scene.replace(speed=1234.6))
+        count += 1
+    assert count == 10
+
+
+def test_starts_come_back_too():
+    start = sj.Motion.from_euler(y=1e-4 / 3, roll=1e-3, v_z=-0.7)
+    found = scene_from_toml(sj.paper_scene().to_toml(start=start)).start
+    assert eqx.tree_equal(found, eqx.tree_at(lambda m: m, start, start))
+    assert scene_from_toml(sj.paper_scene().to_toml()).start is None
+
+
+FILE = """
+base = "paper"       # everything else is the paper's
+speed = "4500 km/h"
+
+[slipper]
+mass = "15000 g"
+inertia = { values = [51, 60, 86], unit = "g m^2" }
+length = "20 cm"
+
+[section]
+clearance = "1.5 mm"
+
+[track]
+wavelengths = ["800 cm"]
+roll_amplitude = "0.2 degrees"
+
+[contact]
+type = "HuntCrossley"
+
+[start]
+v_y = "50 cm/s"
+pitch = "1 mrad"
+"""
+
+
+def test_units_are_converted_and_the_rest_is_the_base_s():
+    found = scene_from_toml(FILE)
+    scene = found.scene
+    np.testing.assert_allclose(scene.speed, 1250.0, rtol=1e-15)
+    np.testing.assert_allclose(scene.slipper.mass, 15.0, rtol=1e-15)
+    np.testing.assert_allclose(scene.slipper.inertia, (0.051, 0.060, 0.086), rtol=1e-15)
+    np.testing.assert_allclose(scene.slipper.length, 0.2, rtol=1e-15)
+    np.testing.assert_allclose(scene.section.play, [0.75e-3] * 5, rtol=1e-15)
+    np.testing.assert_allclose(scene.track.wavelengths, [8.0], rtol=1e-15)
+    np.testing.assert_allclose(scene.track.roll_amplitude, math.radians(0.2), rtol=1e-15)
+    assert type(scene.contact) is sj.HuntCrossley
+    assert float(scene.contact.stiffness) == 1e8
+    assert eqx.tree_equal(scene.section.points, sj.paper_section(1e-3).points)
+    np.testing.assert_allclose(found.start.v_y, 0.5, rtol=1e-15)
+    np.testing.assert_allclose(found.start.q_y, math.sin(0.5e-3), rtol=1e-12)
+
+
+BASE = 'base = "paper"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('speed = "1250 m/s"', "scene.toml: `slipper` is missing"),
+        (BASE + "speed = 1250", 'line 2: `speed` must be a number with a unit, as in "1.5 m/s", but is 1250'),
+        (BASE + 'speed = "1250"', "line 2: `speed` must be a number with a unit"),
+        (BASE + 'speed = "nan m/s"', "line 2: `speed` must be a number with a unit"),
+        (BASE + 'speed = "12 kg"', "line 2: `speed` must be in a unit like m/s, but is in 'kg'"),
+        (BASE + 'speed = "1 furlongs/fortnigh"', "line 2: `speed` must be in a unit like m/s"),
+        (BASE + "\n\nspeed = '-12 m/s'", "line 4: Argument `speed` must be positive, but is -12 m/s"),
+        (BASE + '[contact]\nstiffness = "1e8 N/m"', "line 3: `stiffness` must be in a unit like N/m^1.5"),
+        (BASE + "[contact]\nrestitution = 1.5", "line 3: Argument `restitution` must be above 0 and at most 1"),
+        (BASE + '[contact]\ntype = "Foo"', "line 3: Argument `contact.type` must be one of ConstantDamping, Flores"),
+        (BASE + '[contact]\ntype = "os.system"', "line 3: Argument `contact.type` must be one of"),
+        (BASE + '[contact]\ntype = "AbstractContactLaw"', "must be one of"),
+        (BASE + '[slipper]\nmas = "3 kg"', "line 3: Argument `slipper` must have only mass, inertia, length"),
+        (BASE + 'slipper.mass = "3"', "line 2: `mass` must be a number with a unit"),
+        (BASE + "slipper = 3", "line 2: `slipper` must be a table"),
+        (BASE + '[slipper]\ntype = "Slipper"', "`type` must not be given"),
+        (BASE + '[section]\npoints = { values = [[1, 2]], unit = "mm" }', "line 3: Argument `points` must have two"),
+        (BASE + '[section]\npoints = { value = [[1, 2]], unit = "mm" }', "must have `values` and `unit`"),
+        (
+            BASE + '[section]\nclearance = "1 mm"\nplay = { values = [1, 1, 1, 1, 1], unit = "mm" }',
+            "`clearance` and `play` must not both be given",
+        ),
+        (BASE + '[start]\nv_y = "foo"', "line 3: `v_y` must be a number with a unit"),
+        (BASE + '[start]\nvy = "1 m/s"', "line 3: `vy` is none of y, z, roll"),
+        (BASE + "[strat]\n", "line 2: `strat` is none of base, speed"),
+        ('base = "mine"', "line 1: `base` must be one of paper, but is 'mine'"),
+        ('speed = "3 m/s', "Unterminated string"),
+        (BASE + 'speed = "1 m/s"\nspeed = "2 m/s"', "Cannot overwrite a value"),
+    ],
+)
+def test_errors_name_file_and_line(text, words):
+    with pytest.raises(ValueError, match="scene.toml") as caught:
+        scene_from_toml(text, "scene.toml")
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_are_written_and_read(tmp_path):
+    scene, start = sj.paper_scene(900.0), sj.Motion(v_y=0.1)
+    text = scene.to_toml(tmp_path / "a.toml", start=start)
+    assert (tmp_path / "a.toml").read_text() == text
+    assert eqx.tree_equal(sj.load_scene(tmp_path / "a.toml"), scene)
+    assert eqx.tree_equal(sj.load_start(str(tmp_path / "a.toml")), start)
+    (tmp_path / "bom.toml").write_text("\ufeff" + text, encoding="utf-8")
+    assert eqx.tree_equal(sj.load_scene(tmp_path / "bom.toml"), scene)
+    (tmp_path / "bad.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ValueError, match=r"bad\.toml: must be UTF-8 text"):
+        sj.load_scene(tmp_path / "bad.toml")
+    with pytest.raises(OSError, match=r"none\.toml"):
+        sj.load_scene(tmp_path / "none.toml")
