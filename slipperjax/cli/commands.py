@@ -7,6 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
+from .files import Outputs
+from .interrupts import on_thread
 from .options import (
     Amplitude,
     By,
@@ -26,6 +28,7 @@ from .options import (
     make_grid,
     make_scene,
     make_solver,
+    without,
 )
 
 LOST = 1
@@ -77,7 +80,7 @@ def simulate(
         roll_amplitude=roll_amplitude,
         memory=memory,
     )
-    make_folder(out.parent, out)
+    files = Outputs(out, ".nc", ".png")
     method = make_solver(solver, scene)
     options = dict(steps_per_period=steps_per_period, saves_per_period=saves_per_period)
     # checked here, too, so that an error is the only line
@@ -85,9 +88,9 @@ def simulate(
     whole("probe", probe, 0)
     step_plan(scene, steps_per_period, saves_per_period)
     print(f"simulating {periods} periods of {float(scene.period) * 1e3:.4g} ms ...", file=sys.stderr)
-    found = run(scene, periods, solver=method, probe=probe, **options)
+    found = on_thread(lambda: run(scene, periods, solver=method, probe=probe, **options))
     ds = found.to_xarray()
-    _write(ds, overview, out)
+    files.write(ds, overview)
     status, parts = Status(int(found.status)), [f"{ds.attrs['steps_per_period']} steps per period"]
     if status != Status.NOT_FINITE:
         peak = found.peak
@@ -134,18 +137,19 @@ def bifurcation(
         amplitude=amplitude,
         roll_amplitude=roll_amplitude,
     )
-    make_folder(out.parent, out)
+    files = Outputs(out, ".nc", ".png")
     begin = time.perf_counter()
-    ds = sweep(
-        scene,
-        grid,
-        transient=transient,
-        periods=periods,
-        steps_per_period=steps_per_period,
-        progress=sys.stderr.isatty(),
-    )
+    with files.keeping(bifurcations):
+        ds = sweep(
+            scene,
+            grid,
+            transient=transient,
+            periods=periods,
+            steps_per_period=steps_per_period,
+            progress=True,
+        )
     seconds = time.perf_counter() - begin
-    _write(ds, bifurcations, out)
+    files.write(ds, bifurcations)
     flagged, meanings = _flagged(ds)
     print(
         f"{ds['status'].size} cases, {ds.attrs['transient']} + {periods} periods, {_steps(ds)} steps per period: "
@@ -189,20 +193,22 @@ def lyapunov(
         amplitude=amplitude,
         roll_amplitude=roll_amplitude,
     )
-    make_folder(out.parent, out)
+    files = Outputs(out, ".nc", ".png")
+    draw = exponents if by is None else regime_map
     begin = time.perf_counter()
-    ds = lyapunov_sweep(
-        scene,
-        grid,
-        count=count,
-        transient=transient,
-        periods=periods,
-        certify=certify,
-        steps_per_period=steps_per_period,
-        progress=sys.stderr.isatty(),
-    )
+    with files.keeping(draw):
+        ds = lyapunov_sweep(
+            scene,
+            grid,
+            count=count,
+            transient=transient,
+            periods=periods,
+            certify=certify,
+            steps_per_period=steps_per_period,
+            progress=True,
+        )
     seconds = time.perf_counter() - begin
-    _write(ds, exponents if by is None else regime_map, out)
+    files.write(ds, draw)
     shares = ", ".join(f"{int((ds['regime'] == name).sum())} {name}" for name in REGIMES)
     flagged, meanings = _flagged(ds)
     print(
@@ -260,7 +266,8 @@ def bench(
     ] = None,
     repeats: Annotated[int | None, typer.Option(help="Timed runs of each point; default 5, with --quick 2.")] = None,
     out: Annotated[
-        Path, typer.Option(help="Where to write, without ending: makes OUT.md, OUT.png and OUT_all.png.")
+        Path,
+        typer.Option(help="Where to write: makes OUT.md, OUT.png and OUT_all.png.", callback=without(".md", ".png")),
     ] = Path("bench"),
 ):
     """Draw error against cost for every solver, and for other codes where they are installed."""
@@ -279,22 +286,6 @@ def bench(
     # written anew after each scene, so that an interrupt loses only the scene that it stops
     for found in run(quick=quick, repeats=repeats, report=show, **names):
         print(f"wrote {' and '.join(map(str, write(*found, out)))}")
-
-
-def _write(ds: Any, draw: Any, out: Path) -> None:
-    """Writes a dataset as OUT.nc and what `draw` makes of it as OUT.png."""
-    import matplotlib
-    import numpy as np
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    data, picture = Path(f"{out}.nc"), Path(f"{out}.png")
-    ds.to_netcdf(data, engine="h5netcdf")
-    figure = np.ravel(draw(ds))[0].figure
-    figure.savefig(picture, dpi=300)
-    plt.close(figure)
-    print(f"wrote {data} and {picture}")
 
 
 def _steps(ds: Any) -> str:

@@ -1,7 +1,9 @@
 """Options of the command line: their types and help, and what they stand for in the package."""
 
+import math
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,6 +21,11 @@ def _help(name: str, more: str = "") -> str:
     return f"{q.long_name[0].upper()}{q.long_name[1:]}{more or f' [{q.display_unit}]'}."
 
 
+def without(*endings: str) -> Callable[[Path], Path]:
+    """A callback of an option: the path without an ending that the command adds itself."""
+    return lambda path: path.with_suffix("") if path.suffix.lower() in endings else path
+
+
 _NAMES = ", ".join(f"{name} [{q.display_unit}]" for name, q in PARAMETERS.items())
 
 Speed = Annotated[float, typer.Option(help=_help("speed"))]
@@ -30,7 +37,10 @@ Wavelength = Annotated[list[float], typer.Option(help="Irregularity wavelength [
 Amplitude = Annotated[float, typer.Option(help=_help("amplitude"))]
 RollAmplitude = Annotated[float, typer.Option(help=_help("roll_amplitude"))]
 Steps = Annotated[int | None, typer.Option(help="Integration steps per forcing period; default from the scene.")]
-Out = Annotated[Path, typer.Option(help="Where to write, without ending: makes OUT.nc and OUT.png.")]
+Out = Annotated[
+    Path,
+    typer.Option(help="Where to write: makes OUT.nc and OUT.png.", callback=without(".nc", ".png")),
+]
 Solver = Annotated[
     str,
     typer.Option(help="RK4, Tsit5, Rodas3, Rodas4, ROS34PW2, TwoStep, one of diffrax's, or auto, which says why."),
@@ -89,6 +99,8 @@ def make_grid(over: GridAxis, by: GridAxis | None = None) -> dict[str, Any]:
     """
     import numpy as np
 
+    from ..sweeps import refuse_cases
+
     grid = {}
     for option, axis in (("--over", over), ("--by", by)):
         if axis is None:
@@ -102,6 +114,7 @@ def make_grid(over: GridAxis, by: GridAxis | None = None) -> dict[str, Any]:
             PARAMETERS[name].checked(PARAMETERS[name].from_shown(first if not np.isfinite(first) else last))
         if name in grid:
             raise ValueError(f"Option --by must name another parameter than --over, but is {name!r} too.")
+        refuse_cases(count * math.prod(map(len, grid.values())))  # before the values take the memory
         grid[name] = PARAMETERS[name].from_shown(np.linspace(first, last, count))
     return grid
 

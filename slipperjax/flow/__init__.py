@@ -15,6 +15,7 @@ from .period_map import initial_states as initial_states
 from .period_map import judged_by_loads as judged_by_loads
 from .probe import Probe as Probe
 from .recorders import RECORDERS as RECORDERS
+from .recorders import STROBE_VALUES as STROBE_VALUES
 from .recorders import AbstractRecorder as AbstractRecorder
 from .recorders import History as History
 from .recorders import HistoryRecord as HistoryRecord

@@ -1,12 +1,20 @@
-"""General tools, independent of slippers and dynamics: compiling, batching, fused sums, checks of arguments."""
+"""General tools, independent of slippers and dynamics: compiling, batching, sums, checks of arguments, files."""
 
 from .batching import Batched as Batched
 from .compile import call_compiled as call_compiled
 from .compile import compiler_options as compiler_options
 from .compile import is_traced as is_traced
 from .compile import jit as jit
+from .files import NotWritten as NotWritten
+from .files import listed as listed
+from .files import said as said
+from .files import write_each as write_each
+from .files import write_whole as write_whole
 from .fused import materialise as materialise
 from .fused import sums as sums
+from .limits import cores as cores
+from .limits import refuse_impossible as refuse_impossible
+from .limits import shown_time as shown_time
 from .validate import ImplausibleWarning as ImplausibleWarning
 from .validate import ShapeChecked as ShapeChecked
 from .validate import brief as brief
