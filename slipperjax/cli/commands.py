@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from .files import Outputs
+from ..tools import listed
+from .files import PARTIAL, Outputs
 from .interrupts import on_thread
 from .options import (
     Amplitude,
@@ -236,20 +237,25 @@ def reproduce(
     from ..studies.dang2024 import reproduce as run
 
     matplotlib.use("Agg")
-    bars = sys.stderr.isatty()
-    runs = run(figures or FIGURES, quick=quick, transient=transient, progress=bars)
+    runs = run(figures or FIGURES, quick=quick, transient=transient, progress=True)
     make_folder(out, out)
-    answers, seconds = {}, {}
-    # what is finished is written at once, so that an interrupt loses only the run that it stops
+    answers, seconds, partial = {}, {}, ()
+    # what is finished is written at once; the report gets its name when all of it is
     for done in runs:
-        answers |= done.outcome.answers
-        seconds[done.name] = done.seconds
-        write_figures(done, out)
-        report, _ = write_report(out, answers, seconds, [])
-        print(f"{done.name}: figures {', '.join(done.figures)} in {done.seconds:.1f} s", flush=True)
-    if not figures and not quick:
-        table = readings(FULL, {"progress": bars})
-        report, _ = write_report(out, answers, seconds, table)
+        try:
+            names = [str(path) for path in write_figures(done, out)]
+        finally:  # where the disk is full, the report may still find room
+            answers |= done.outcome.answers
+            seconds[done.name] = done.seconds
+            partial = write_report(out, answers, seconds, [], f"claims{PARTIAL}")
+        if done.figures:
+            print(f"{done.name}: figures {', '.join(done.figures)} in {done.seconds:.1f} s", flush=True)
+        else:
+            print(f"{done.name}: interrupted after {done.seconds:.1f} s; wrote {listed(names)}", flush=True)
+    table = readings(FULL, {"progress": True}) if not figures and not quick else []
+    report, _ = write_report(out, answers, seconds, table)
+    for path in partial:
+        path.unlink(missing_ok=True)
     good = sum(answer.good for answer in answers.values())
     print(f"{good} of {len(answers)} claims reproduced, {len(answers) - good} differ: see {report}")
 
@@ -281,11 +287,17 @@ def bench(
         print(f"{point.case}: {point.method}, {point.setting}: error {point.error:.1e}, {times}", flush=True)
 
     matplotlib.use("Agg")
-    make_folder(out.parent, out)
+    Outputs(out, ".md", ".png", "_all.png")
     names = dict(cases=scene or None, methods=method or None, batches=batch or None)
-    # written anew after each scene, so that an interrupt loses only the scene that it stops
+    # written after each scene; the files get their names when all scenes are done
+    found, partial = None, ()
     for found in run(quick=quick, repeats=repeats, report=show, **names):
-        print(f"wrote {' and '.join(map(str, write(*found, out)))}")
+        partial = write(*found, out.with_name(out.name + PARTIAL))
+        print(f"wrote {listed([str(path) for path in partial])}", flush=True)
+    if found is not None:
+        print(f"wrote {listed([str(path) for path in write(*found, out)])}")
+    for path in partial:
+        path.unlink(missing_ok=True)
 
 
 def _steps(ds: Any) -> str:

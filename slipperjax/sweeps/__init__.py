@@ -6,6 +6,7 @@ from .attractors import strobe_states as strobe_states
 from .cases import Cases as Cases
 from .executors import ChunkRun as ChunkRun
 from .executors import Runs as Runs
+from .executors import on_threads as on_threads
 from .executors import run_chunk as run_chunk
 from .executors import run_chunks as run_chunks
 from .exponents import lyapunov_sweep as lyapunov_sweep
@@ -15,6 +16,7 @@ from .jumps import Jump as Jump
 from .jumps import find_jump as find_jump
 from .limits import refuse_cases as refuse_cases
 from .plan import Chunk as Chunk
+from .plan import OnProgress as OnProgress
 from .plan import Plan as Plan
 from .plan import make_plan as make_plan
 from .sweep import sweep as sweep

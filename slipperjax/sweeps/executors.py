@@ -194,6 +194,25 @@ def _gathered(chunks: Sequence[Chunk], found: list[Any], interrupted: bool) -> R
     return Runs(results, finished, cases, interrupted)
 
 
+def on_threads(calls: Sequence[Callable[[OnProgress], Any]]) -> list[Any]:
+    """Calls each function on a thread of its own, and gives the results in order.
+
+    **Arguments:** `calls`: called with an `on_progress`, which they call now and then and which raises after Ctrl-C.
+    """
+    stop = threading.Event()
+
+    def on_progress(periods: float) -> None:
+        if stop.is_set():
+            raise _Stopped
+
+    pool = ThreadPoolExecutor(len(calls))
+    try:
+        return [future.result() for future in [pool.submit(call, on_progress) for call in calls]]
+    finally:
+        stop.set()
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
 class _Stopped(Exception):
     """Ends a chunk's thread after another one failed or the user interrupted."""
 

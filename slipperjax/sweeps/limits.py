@@ -4,7 +4,7 @@ from ..tools import cores, refuse_impossible
 
 SECONDS_PER_STEP = 4e-7
 """Time of a step of one case in a batch, on one core: measured 0.38 us, see the page on speed."""
-LEAST_BYTES = 1000
+LEAST_BYTES = 1000.0
 """Memory that a case takes at least: its scene, start, status and labels."""
 
 
@@ -17,7 +17,7 @@ def refuse_cases(count: int) -> None:
     refuse_impossible(f"{count} cases", LEAST_BYTES * count, 50 * SECONDS_PER_STEP * count / cores())
 
 
-def refuse_run(cases: int, periods: float, values: float, steps: float) -> None:
+def refuse_run(cases: int, periods: float, values: int, steps: float) -> None:
     """Refuses a run whose result does not fit into memory or that takes more than a year; see `refuse_impossible`.
 
     **Arguments:** `periods`: of one case, also for what takes as long; `values`: numbers that are kept of one case;
@@ -25,6 +25,6 @@ def refuse_run(cases: int, periods: float, values: float, steps: float) -> None:
 
     **Raises:** `ValueError` that names memory and time.
     """
-    needed = 2 * 8 * values * cases + LEAST_BYTES * cases  # twice while it is put together and written
+    needed = 2 * 8.0 * values * cases + LEAST_BYTES * cases  # twice while it is put together and written
     seconds = SECONDS_PER_STEP * steps * periods / cores()
     refuse_impossible(f"{cases} cases of {periods:.3g} forcing periods", needed, seconds)

@@ -66,7 +66,7 @@ class Chunk(NamedTuple):
     @property
     def cost(self) -> float:
         """What a forcing period costs, in steps of one lane."""
-        return self.steps * (START_OF_STEP + len(self.index))
+        return float(self.steps * (START_OF_STEP + len(self.index)))
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class Plan:
         return RECORDED if self.recorder.inside else 1.0
 
     @property
-    def values(self) -> float:
+    def values(self) -> int:
         """How many numbers are kept of one case, about."""
         passed = STROBE_VALUES * self.transient.periods if isinstance(self.recorder, Sections) else 0
         return passed + self.recorder.values * self.recorded.periods

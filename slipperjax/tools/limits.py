@@ -40,7 +40,7 @@ def refuse_impossible(what: str, needed: float, seconds: float) -> None:
     room = available_memory()
     costs = f"{what} need about {shown_bytes(needed)} of memory and {shown_time(seconds)}"
     if room is not None and needed > room:
-        raise ValueError(f"{costs}, but {shown_bytes(room)} of memory are available.")
+        raise ValueError(f"{costs}, but {shown_bytes(float(room))} of memory are available.")
     if seconds > LONGEST:
         raise ValueError(f"{costs}, which is more than a year.")
     if seconds > LONG:
