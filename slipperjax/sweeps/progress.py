@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TextIO
 import jax
 from tqdm.auto import tqdm
 
-from ..tools import shown_time
+from ..tools import TRACING, shown_time
 
 LATEST = 30.0
 """Seconds after which a line is printed in any case where there is no bar."""
@@ -24,24 +24,31 @@ class _Call:
     def __init__(self, begin: float):
         self.begin = begin
         self.compiling = False
-        """Whether its program is being made now."""
+        """Whether it is the first of its program, which is made before, and lasts longer than the call itself."""
         self.compiled = False
-        """Whether it was made in this call."""
+        """Whether anything was made in it."""
 
 
 _CALLS: dict[int, _Call] = {}
 """The calls that are under way, by thread."""
 
 
-def _hear(event: str, seconds: float, **_: Any) -> None:
-    """Told by JAX, on the thread that compiles, that a stage of it is over: tracing is the first, XLA the last."""
+def _hear_begin(event: str, **_: Any) -> None:
+    """Told, on the thread that compiles, that the making of a program begins."""
+    call = _CALLS.get(threading.get_ident())
+    if call is not None and event == TRACING:
+        call.compiling = call.compiled = True
+
+
+def _hear_stage(event: str, seconds: float, **_: Any) -> None:
+    """Told by JAX, on the thread that compiles, that a stage of making some program, large or small, is over."""
     call = _CALLS.get(threading.get_ident())
     if call is not None and event.startswith("/jax/core/compile/"):
-        call.compiling = not event.endswith("backend_compile_duration")
         call.compiled = True
 
 
-jax.monitoring.register_event_duration_secs_listener(_hear)
+jax.monitoring.register_event_listener(_hear_begin)
+jax.monitoring.register_event_duration_secs_listener(_hear_stage)
 
 
 class Later(NamedTuple):

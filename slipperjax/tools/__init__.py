@@ -1,6 +1,7 @@
 """General tools, independent of slippers and dynamics: compiling, batching, sums, checks of arguments, files."""
 
 from .batching import Batched as Batched
+from .compile import TRACING as TRACING
 from .compile import call_compiled as call_compiled
 from .compile import compiler_options as compiler_options
 from .compile import is_traced as is_traced
