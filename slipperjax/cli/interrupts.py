@@ -42,9 +42,15 @@ class Signals:
         raise KeyboardInterrupt
 
     def _unraisable(self, event: Any) -> None:
-        """An interrupt that fell into a callback, from which nothing can be raised, is delivered once more."""
-        if isinstance(event.exc_value, KeyboardInterrupt):
-            os.kill(os.getpid(), signal.SIGINT if self.code is None else self.code - 128)
+        """An interrupt that fell into a callback, from which nothing can be raised, is delivered once more.
+
+        JAX has such a callback in the garbage collector.
+        """
+        if isinstance(event.exc_value, KeyboardInterrupt) and self.code is not None:
+            # from another thread and later, for here nothing can be raised either
+            again = threading.Timer(0.05, os.kill, (os.getpid(), self.code - 128))
+            again.daemon = True
+            again.start()
         else:
             self._hook(event)
 
