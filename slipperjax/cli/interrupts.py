@@ -8,6 +8,8 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
+from ..sweeps import ASKED
+
 Result = TypeVar("Result")
 
 ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
@@ -36,9 +38,11 @@ class Signals:
             signal.signal(number, handler)
         if self._before:
             sys.unraisablehook = self._hook
+        ASKED.clear()
 
     def _interrupt(self, number: int, frame: Any) -> None:
         self.code = 128 + number
+        ASKED.set()  # in case the exception is lost
         raise KeyboardInterrupt
 
     def _unraisable(self, event: Any) -> None:

@@ -26,7 +26,7 @@ from ..flow import (
 )
 from ..model import Scene, State
 from ..tools import Batched
-from .interrupted import Interrupted, blank
+from .interrupted import ASKED, Interrupted, blank
 from .plan import Calls, Chunk, OnProgress, Plan
 from .progress import Later, Tally, display
 
@@ -160,6 +160,8 @@ def run_chunks(
         futures += [pool.submit(one, chunk) for chunk in chunks]
         with display(tally, progress) as shown:
             while wait(futures, TICK).not_done:
+                if ASKED.is_set():
+                    raise KeyboardInterrupt
                 shown.show()
     except KeyboardInterrupt:
         interrupted = True

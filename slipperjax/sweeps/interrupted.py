@@ -1,10 +1,18 @@
 """What is left of a run that was interrupted."""
 
+import threading
+
 import jax
 import numpy as np
 import xarray as xr
 
 from ..flow import Status
+
+ASKED = threading.Event()
+"""Set by programs that catch signals themselves: all runs end as by Ctrl-C, within a quarter of a second.
+
+An exception that a signal's handler raises is lost where it meets a callback, such as JAX's in the garbage collector.
+"""
 
 
 class Interrupted(KeyboardInterrupt):

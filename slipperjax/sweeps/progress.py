@@ -21,12 +21,12 @@ SOONEST = 5.0
 class _Call:
     """A call of a compiled program that is under way on a thread."""
 
-    def __init__(self, begin: float):
-        self.begin = begin
+    def __init__(self, tally: "Tally", begin: float, disturbed: bool):
+        self.tally, self.begin = tally, begin
         self.compiling = False
         """Whether it is the first of its program, which is made before, and lasts longer than the call itself."""
-        self.compiled = False
-        """Whether anything was made in it."""
+        self.disturbed = disturbed
+        """Whether anything was made in it or beside it. Other threads wait for a program that they need, too."""
 
 
 _CALLS: dict[int, _Call] = {}
@@ -37,14 +37,15 @@ def _hear_begin(event: str, **_: Any) -> None:
     """Told, on the thread that compiles, that the making of a program begins."""
     call = _CALLS.get(threading.get_ident())
     if call is not None and event == TRACING:
-        call.compiling = call.compiled = True
+        call.compiling = True
+        call.tally.disturb()
 
 
 def _hear_stage(event: str, seconds: float, **_: Any) -> None:
     """Told by JAX, on the thread that compiles, that a stage of making some program, large or small, is over."""
     call = _CALLS.get(threading.get_ident())
     if call is not None and event.startswith("/jax/core/compile/"):
-        call.compiled = True
+        call.disturbed = True
 
 
 jax.monitoring.register_event_listener(_hear_begin)
@@ -92,14 +93,24 @@ class Tally:
     def _next(self) -> None:
         me = threading.get_ident()
         with self._lock:
-            self._calls[me] = _CALLS[me] = _Call(self._clock())
+            self._calls.pop(me, None)
+            self._calls[me] = _CALLS[me] = _Call(self, self._clock(), self._compiling())
+
+    def _compiling(self) -> bool:
+        return any(call.compiling for call in self._calls.values())
+
+    def disturb(self) -> None:
+        """A program is being made: the calls that are under way tell nothing about the time that is left."""
+        with self._lock:
+            for call in self._calls.values():
+                call.disturbed = True
 
     def add(self, work: float) -> None:
         """A call that did this much ended on this thread; 0: one begins."""
         now = self._clock()
         with self._lock:
             call = self._calls[threading.get_ident()]
-            if work and not call.compiled:
+            if work and not call.disturbed:
                 self._busy += now - call.begin
                 self._rated += work
             self.done += work
@@ -126,9 +137,8 @@ class Tally:
     def state(self) -> str:
         """What the threads do: "starting", "compiling" or "computing"."""
         with self._lock:
-            calls = list(self._calls.values())
-        if calls and all(call.compiling for call in calls):
-            return "compiling"
+            if self._compiling():
+                return "compiling"
         return "computing" if self.done else "starting"
 
     def text(self) -> str:

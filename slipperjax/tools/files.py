@@ -62,20 +62,20 @@ def write_each(contents: Mapping[Path, Callable[[], Content]]) -> dict[Path, boo
             done[path] = write_whole(path, content)
         except OSError as error:
             reason = error.strerror or str(error)
-            failures.append(f"cannot write {path}: {reason}{_kept_elsewhere(path, content)}")
+            failures.append(f"cannot write {path}: {reason} ({_kept_elsewhere(path, content)})")
     if failures:
         raise NotWritten("; ".join([*failures, *([said(done)] if done else [])]))
     return done
 
 
 def _kept_elsewhere(path: Path, content: Content) -> str:
-    """Writes a file to the folder for temporary files, and says so; nothing where that is impossible, too."""
+    """Writes a file to the folder for temporary files, and says so or that it is lost."""
     elsewhere = Path(tempfile.gettempdir()) / f"slipperjax_{os.getpid()}_{path.name}"
     try:
         write_whole(elsewhere, content)
     except OSError:
-        return ""
-    return f", but {elsewhere}"
+        return "and nowhere else: it is lost"
+    return f"it is kept as {elsewhere}"
 
 
 def said(done: Mapping[Path, bool]) -> str:

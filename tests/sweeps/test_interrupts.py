@@ -67,6 +67,22 @@ def test_finished_chunks_are_kept_and_others_are_blank(interrupt_after):
     assert begun == [0, 3, 6]  # none is begun after it
 
 
+def test_runs_can_be_asked_to_end():
+    def work(chunk, on_progress):
+        if chunk.index[0] >= 3:
+            executors.ASKED.set()  # as from a signal's handler whose exception is lost
+            while True:
+                time.sleep(0.01)
+                on_progress(1)
+        return Found(np.zeros(3, int), chunk.index * 1.5, chunk.index + 1)
+
+    try:
+        _, runs = run(work)
+    finally:
+        executors.ASKED.clear()
+    assert (runs.finished, runs.interrupted) == (3, True)
+
+
 def test_nothing_is_kept_where_nothing_was_finished(interrupt_after):
     interrupt_after(0)
     with pytest.raises(sj.Interrupted, match="before any of 12 cases was finished") as stop:

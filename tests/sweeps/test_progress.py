@@ -1,6 +1,7 @@
 """What is shown of a run while one waits for it."""
 
 import io
+from concurrent.futures import ThreadPoolExecutor
 
 import jax
 import jax.numpy as jnp
@@ -61,6 +62,31 @@ def test_compiling_is_told_from_computing():
     assert run.state == "computing"
     program(jnp.ones(5))
     assert states == ["compiling"]
+    run.end()
+
+
+def test_calls_beside_a_compilation_do_not_count_for_the_estimate():
+    """Other threads wait for the program, too."""
+    clock = Clock()
+    run = tally(clock)
+    beside = ThreadPoolExecutor(1)
+    beside.submit(run.begin).result()
+    run.begin()
+    sj.jit(lambda x: x - 0.5)(jnp.ones(5))
+    assert run.state == "compiling"
+    clock.now = 100.0
+    beside.submit(run.add, 1.0).result()  # under way before
+    clock.now = 110.0
+    beside.submit(run.add, 1.0).result()  # begun meanwhile
+    assert run.duration(1.0) is None
+    run.add(1.0)
+    beside.submit(run.add, 0.0).result()
+    assert run.state == "computing"
+    clock.now = 112.0
+    beside.submit(run.add, 1.0).result()
+    assert run.duration(1.0) == pytest.approx(1.0)
+    beside.submit(run.end).result()
+    beside.shutdown()
     run.end()
 
 

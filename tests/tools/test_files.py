@@ -74,7 +74,7 @@ def test_what_cannot_be_written_goes_elsewhere_and_the_rest_to_its_place(full_di
         write_each(contents)
     (kept,) = elsewhere.iterdir()
     assert str(failed.value) == (
-        f"cannot write {folder / 'a.nc'}: No space left on device, but {kept}; wrote {tmp_path / 'a.png'}"
+        f"cannot write {folder / 'a.nc'}: No space left on device (it is kept as {kept}); wrote {tmp_path / 'a.png'}"
     )
     assert kept.read_bytes() == b"new"
     assert (folder / "a.nc").read_bytes() == b"old"
