@@ -53,6 +53,7 @@ from .solvers import Rodas4 as Rodas4  # noqa: E402
 from .solvers import Tsit5 as Tsit5  # noqa: E402
 from .solvers import TwoStep as TwoStep  # noqa: E402
 from .solvers import choose_solver as choose_solver  # noqa: E402
+from .sweeps import Interrupted as Interrupted  # noqa: E402
 from .sweeps import follow as follow  # noqa: E402
 from .sweeps import lyapunov_sweep as lyapunov_sweep  # noqa: E402
 from .sweeps import repeat as repeat  # noqa: E402

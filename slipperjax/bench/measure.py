@@ -107,7 +107,8 @@ def measure(
     """The points of one scene.
 
     All errors come first. Then all costs are measured `repeats` times in rounds over all points, so that slow changes
-    of the machine's speed affect all points alike. An interrupt after the first round ends the rounds.
+    of the machine's speed affect all points alike. After an interrupt the points are given that were timed once at
+    least, and it is raised again.
 
     **Arguments:** `batches`: numbers of trajectories to time, the first of which gives the errors; `repeats`: timed
     runs of each, fewer where they take longer than `ENOUGH`; `workers`: threads, as for `sweep`; `settings`: which
@@ -128,21 +129,23 @@ def measure(
             found.append((method.name, method.label(case, value), error, {n: len(some[n]) for n in batches}))
             runs.append(own)
             print(f"{case.name}: {', '.join(found[-1][:2])}: error {found[-1][2]:.1e}", file=sys.stderr)
-    seconds = [{lanes: [] for lanes in own} for own in runs]
+    seconds, stop = [{lanes: [] for lanes in own} for own in runs], None
     for k in range(repeats):
         try:
             for own, mine in zip(runs, seconds, strict=True):
                 for lanes, go in own.items():
                     if np.sum(mine[lanes]) < ENOUGH:
                         mine[lanes].append(go()[1])
-        except KeyboardInterrupt:
-            if k == 0:
-                raise
+        except KeyboardInterrupt as error:
+            stop = error
             break  # what was timed until then counts
         print(f"{case.name}: timed round {k + 1} of {repeats}", file=sys.stderr)
     for (name, label, error, run_lanes), mine in zip(found, seconds, strict=True):
-        cost = {lanes: cost_of(np.array(taken), run_lanes[lanes]) for lanes, taken in mine.items()}
-        yield Point(case.name, name, label, float(error), cost)
+        cost = {lanes: cost_of(np.array(taken), run_lanes[lanes]) for lanes, taken in mine.items() if taken}
+        if cost:
+            yield Point(case.name, name, label, float(error), cost)
+    if stop is not None:
+        raise stop
     for peer in peers:
         for setting, states, taken, picked in peer.runs(case, speeds):
             error = float(np.median(errors(states, truth[picked])))
@@ -159,7 +162,7 @@ def bench(
     repeats: int | None = None,
     report: Callable[[Point], None] = lambda point: None,
 ) -> Iterator[tuple[list[Point], tuple[int, ...]]]:
-    """Measures, and yields the points so far and the batch sizes whenever a scene is done.
+    """Measures, and yields the points so far and the batch sizes whenever a scene is done, and after an interrupt.
 
     **Arguments:** `quick`: two scenes, the methods marked so, and the batch alone; `cases`, `methods`: names of some
     only; `batches`: numbers of trajectories to run at once, the first of which gives the errors, by default 241 and
@@ -180,12 +183,18 @@ def bench(
 
 def _scenes(cases, methods, options, report):
     points, batches = [], options["batches"]
+    shown = batches if 1 in batches else (*batches, 1)
     for case in cases:
-        for point in measure(case, methods, **options):
-            points.append(point)
-            report(point)
+        try:
+            for point in measure(case, methods, **options):
+                points.append(point)
+                report(point)
+        except KeyboardInterrupt:
+            if points:
+                yield points, shown
+            raise
         points += mbdyn_points([case.name])
-        yield points, batches if 1 in batches else (*batches, 1)
+        yield points, shown
 
 
 def _named(argument: str, rows: Iterable[Any], names: Iterable[str] | None, otherwise: Callable) -> list:

@@ -7,6 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..plots import png
+from ..tools import write_each
+
 
 class Point(NamedTuple):
     """One measured point."""
@@ -237,13 +240,8 @@ def draw_all(points: list[Point], batches: tuple[int, ...]) -> Any:
 
 def write(points: list[Point], batches: tuple[int, ...], out: Path) -> tuple[Path, Path, Path]:
     """Writes OUT.md, OUT.png of `draw` and OUT_all.png of `draw_all`, and gives their paths."""
-    import matplotlib.pyplot as plt
-
     text, picture, everything = Path(f"{out}.md"), Path(f"{out}.png"), Path(f"{out}_all.png")
     out.parent.mkdir(parents=True, exist_ok=True)
-    text.write_text(table(points, batches))
-    for axes, path in ((draw(points, batches), picture), (draw_all(points, batches), everything)):
-        figure = np.ravel(axes)[0].figure
-        figure.savefig(path, dpi=150)
-        plt.close(figure)
+    drawn = lambda drawing: lambda: png(np.ravel(drawing(points, batches))[0].figure, 150)
+    write_each({text: table(points, batches).encode, picture: drawn(draw), everything: drawn(draw_all)})
     return text, picture, everything

@@ -4,6 +4,7 @@ import sys
 import warnings
 
 from .commands import app as app
+from .interrupts import Signals, ignore_signals, leave
 
 
 def _one_line(message, category, filename, lineno, file=None, line=None) -> None:
@@ -13,26 +14,43 @@ def _one_line(message, category, filename, lineno, file=None, line=None) -> None
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
+WRONG = 2
+"""Exit code after an error."""
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Entry point: exit code 0, 1 where nothing finite came out, 2 with one line that says what is wrong, or 130
-    after an interrupt.
+    """Entry point: exit code 0, 1 where nothing finite came out, 2 with one line that says what is wrong, or after an
+    interrupt 130 (Ctrl-C), 143 (`kill`) or 129 (a terminal that was closed).
 
-    **Arguments:** `arguments`: of the command line; default those of the process.
+    **Arguments:** `arguments`: of the command line; default those of the process, which an interrupt then ends
+    without waiting for its threads.
     """
     warnings.showwarning = _one_line
+    with Signals() as signals:
+        try:
+            code = _called(arguments, signals)
+        except KeyboardInterrupt:
+            code = INTERRUPTED
+        if signals.code is not None or code == INTERRUPTED:  # typer returns this for an interrupt during a command
+            if signals.code is not None:
+                ignore_signals()
+                code = signals.code
+            print("interrupted", file=sys.stderr)
+            if arguments is None:
+                leave(code)
+    sys.exit(code)
+
+
+def _called(arguments: list[str] | None, signals: Signals) -> int:
+    """The exit code of a command; says what is wrong with it."""
     try:
         code = app(args=arguments, standalone_mode=False)
-    except KeyboardInterrupt:
-        code = INTERRUPTED
+        return code if isinstance(code, int) else 0
     except Exception as error:
         usage = hasattr(error, "format_message")
-        if not usage and not isinstance(error, ValueError | OSError):
+        # what an interrupt breaks on its way is no error of its own
+        if not usage and not isinstance(error, ValueError | OSError) and signals.code is None:
             raise
         text = error.format_message() if usage else str(error)  # type: ignore[union-attr]
         print("error: " + " ".join(text.split()), file=sys.stderr)
-        sys.exit(2)
-    if code == INTERRUPTED:  # typer returns this for an interrupt during a command
-        print("interrupted", file=sys.stderr)
-    sys.exit(code if isinstance(code, int) else 0)
+        return WRONG

@@ -8,7 +8,10 @@ from typing import Annotated, Any
 import typer
 import typer.core
 
-from .options import By, Case, Log, Out, Over, Steps, make_folder, make_grid, takes_case
+from ..tools import listed
+from .files import PARTIAL, Outputs
+from .interrupts import on_thread
+from .options import By, Case, Log, Out, Over, Steps, make_folder, make_grid, takes_case, without
 
 LOST = 1
 """Exit code where no case stayed finite."""
@@ -70,16 +73,16 @@ def simulate(
     from ..tools import whole
 
     scene = case.scene
-    make_folder(out.parent, out)
+    files = Outputs(out, ".nc", ".png")
     options = dict(steps_per_period=steps_per_period, saves_per_period=saves_per_period)
     # checked here, too, so that an error is the only line
     whole("periods", periods, 1)
     whole("probe", probe, 0)
     step_plan(scene, steps_per_period, saves_per_period)
     print(f"simulating {periods} periods of {float(scene.period) * 1e3:.4g} ms ...", file=sys.stderr)
-    found = run(scene, periods, start=case.start, solver=case.solver, probe=probe, **options)
+    found = on_thread(lambda: run(scene, periods, start=case.start, solver=case.solver, probe=probe, **options))
     ds = found.to_xarray()
-    _write(ds, overview, out)
+    files.write(ds, overview)
     status, parts = Status(int(found.status)), [f"{ds.attrs['steps_per_period']} steps per period"]
     if status != Status.NOT_FINITE:
         if float(found.peak.force) > 0:
@@ -107,20 +110,21 @@ def bifurcation(
     from ..sweeps import sweep
 
     grid = make_grid(over, log=log)
-    make_folder(out.parent, out)
+    files = Outputs(out, ".nc", ".png")
     begin = time.perf_counter()
-    ds = sweep(
-        case.scene,
-        grid,
-        transient=transient,
-        periods=periods,
-        steps_per_period=steps_per_period,
-        solver=case.solver,
-        start=case.start,
-        progress=sys.stderr.isatty(),
-    )
+    with files.keeping(bifurcations):
+        ds = sweep(
+            case.scene,
+            grid,
+            transient=transient,
+            periods=periods,
+            steps_per_period=steps_per_period,
+            solver=case.solver,
+            start=case.start,
+            progress=True,
+        )
     seconds = time.perf_counter() - begin
-    _write(ds, bifurcations, out)
+    files.write(ds, bifurcations)
     flagged, meanings = _flagged(ds)
     print(
         f"{ds['status'].size} cases, {ds.attrs['transient']} + {periods} periods, {_steps(ds)} steps per period: "
@@ -149,22 +153,24 @@ def lyapunov(
     from ..sweeps import lyapunov_sweep
 
     grid = make_grid(over, by, log)
-    make_folder(out.parent, out)
+    files = Outputs(out, ".nc", ".png")
+    draw = exponents if by is None else regime_map
     begin = time.perf_counter()
-    ds = lyapunov_sweep(
-        case.scene,
-        grid,
-        count=count,
-        transient=transient,
-        periods=periods,
-        certify=certify,
-        steps_per_period=steps_per_period,
-        solver=case.solver,
-        start=case.start,
-        progress=sys.stderr.isatty(),
-    )
+    with files.keeping(draw):
+        ds = lyapunov_sweep(
+            case.scene,
+            grid,
+            count=count,
+            transient=transient,
+            periods=periods,
+            certify=certify,
+            steps_per_period=steps_per_period,
+            solver=case.solver,
+            start=case.start,
+            progress=True,
+        )
     seconds = time.perf_counter() - begin
-    _write(ds, exponents if by is None else regime_map, out)
+    files.write(ds, draw)
     shares = ", ".join(f"{int((ds['regime'] == name).sum())} {name}" for name in REGIMES)
     flagged, meanings = _flagged(ds)
     print(
@@ -192,20 +198,25 @@ def reproduce(
     from ..studies.dang2024 import reproduce as run
 
     matplotlib.use("Agg")
-    bars = sys.stderr.isatty()
-    runs = run(figures or FIGURES, quick=quick, transient=transient, progress=bars)
+    runs = run(figures or FIGURES, quick=quick, transient=transient, progress=True)
     make_folder(out, out)
-    answers, seconds = {}, {}
-    # what is finished is written at once, so that an interrupt loses only the run that it stops
+    answers, seconds, partial = {}, {}, ()
+    # what is finished is written at once; the report gets its name when all of it is
     for done in runs:
-        answers |= done.outcome.answers
-        seconds[done.name] = done.seconds
-        write_figures(done, out)
-        report, _ = write_report(out, answers, seconds, [])
-        print(f"{done.name}: figures {', '.join(done.figures)} in {done.seconds:.1f} s", flush=True)
-    if not figures and not quick:
-        table = readings(FULL, {"progress": bars})
-        report, _ = write_report(out, answers, seconds, table)
+        try:
+            names = [str(path) for path in write_figures(done, out)]
+        finally:  # where the disk is full, the report may still find room
+            answers |= done.outcome.answers
+            seconds[done.name] = done.seconds
+            partial = write_report(out, answers, seconds, [], f"claims{PARTIAL}")
+        if done.figures:
+            print(f"{done.name}: figures {', '.join(done.figures)} in {done.seconds:.1f} s", flush=True)
+        else:
+            print(f"{done.name}: interrupted after {done.seconds:.1f} s; wrote {listed(names)}", flush=True)
+    table = readings(FULL, {"progress": True}) if not figures and not quick else []
+    report, _ = write_report(out, answers, seconds, table)
+    for path in partial:
+        path.unlink(missing_ok=True)
     good = sum(answer.good for answer in answers.values())
     print(f"{good} of {len(answers)} claims reproduced, {len(answers) - good} differ: see {report}")
 
@@ -222,7 +233,8 @@ def bench(
     ] = None,
     repeats: Annotated[int | None, typer.Option(help="Timed runs of each point; default 5, with --quick 2.")] = None,
     out: Annotated[
-        Path, typer.Option(help="Where to write, without ending: makes OUT.md, OUT.png and OUT_all.png.")
+        Path,
+        typer.Option(help="Where to write: makes OUT.md, OUT.png and OUT_all.png.", callback=without(".md", ".png")),
     ] = Path("bench"),
 ):
     """Draw error against cost for every solver, and for other codes where they are installed."""
@@ -236,27 +248,17 @@ def bench(
         print(f"{point.case}: {point.method}, {point.setting}: error {point.error:.1e}, {times}", flush=True)
 
     matplotlib.use("Agg")
-    make_folder(out.parent, out)
+    Outputs(out, ".md", ".png", "_all.png")
     names = dict(cases=scene or None, methods=method or None, batches=batch or None)
-    # written anew after each scene, so that an interrupt loses only the scene that it stops
+    # written after each scene; the files get their names when all scenes are done
+    found, partial = None, ()
     for found in run(quick=quick, repeats=repeats, report=show, **names):
-        print(f"wrote {' and '.join(map(str, write(*found, out)))}")
-
-
-def _write(ds: Any, draw: Any, out: Path) -> None:
-    """Writes a dataset as OUT.nc and what `draw` makes of it as OUT.png."""
-    import matplotlib
-    import numpy as np
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    data, picture = Path(f"{out}.nc"), Path(f"{out}.png")
-    ds.to_netcdf(data, engine="h5netcdf")
-    figure = np.ravel(draw(ds))[0].figure
-    figure.savefig(picture, dpi=300)
-    plt.close(figure)
-    print(f"wrote {data} and {picture}")
+        partial = write(*found, out.with_name(out.name + PARTIAL))
+        print(f"wrote {listed([str(path) for path in partial])}", flush=True)
+    if found is not None:
+        print(f"wrote {listed([str(path) for path in write(*found, out)])}")
+    for path in partial:
+        path.unlink(missing_ok=True)
 
 
 def _steps(ds: Any) -> str:

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import inspect
+import math
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -21,6 +22,11 @@ def _help(name: str, more: str = "") -> str:
     """The help text of a parameter's option: what it is, and its display unit."""
     q = PARAMETERS[name]
     return f"{q.long_name[0].upper()}{q.long_name[1:]}{more or f' [{q.display_unit}]'}."
+
+
+def without(*endings: str) -> Callable[[Path], Path]:
+    """A callback of an option: the path without an ending that the command adds itself."""
+    return lambda path: path.with_suffix("") if path.suffix.lower() in endings else path
 
 
 _NAMES = ", ".join(f"{name} [{q.display_unit}]" for name, q in PARAMETERS.items())
@@ -47,7 +53,10 @@ def _default(name: str) -> str:
 
 
 Steps = Annotated[int | None, typer.Option(help="Integration steps per forcing period; default from the scene.")]
-Out = Annotated[Path, typer.Option(help="Where to write, without ending: makes OUT.nc and OUT.png.")]
+Out = Annotated[
+    Path,
+    typer.Option(help="Where to write: makes OUT.nc and OUT.png.", callback=without(".nc", ".png")),
+]
 Over = Annotated[
     GridAxis,
     typer.Option(
@@ -201,6 +210,8 @@ def make_grid(over: GridAxis, by: GridAxis | None = None, log: Sequence[str] | N
     """
     import numpy as np
 
+    from ..sweeps import refuse_cases
+
     grid = {}
     for option, axis in (("--over", over), ("--by", by)):
         if axis is None:
@@ -220,6 +231,7 @@ def make_grid(over: GridAxis, by: GridAxis | None = None, log: Sequence[str] | N
             raise ValueError(f"Option --by must name another parameter than --over, but is {name!r} too.")
         if name in (log or ()) and not min(first, last) > 0:
             raise ValueError(f"Option --log {name} needs values above zero, but {option} has {min(first, last):g}.")
+        refuse_cases(count * math.prod(map(len, grid.values())))  # before the values take the memory
         space = np.geomspace if name in (log or ()) else np.linspace
         values = space(first, last, count)
         grid[name] = values if known is None else known.from_shown(values)

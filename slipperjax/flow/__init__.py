@@ -22,6 +22,7 @@ from .provenance import run_attributes as run_attributes
 from .provenance import start_from_json as start_from_json
 from .provenance import versions as versions
 from .recorders import RECORDERS as RECORDERS
+from .recorders import STROBE_VALUES as STROBE_VALUES
 from .recorders import AbstractRecorder as AbstractRecorder
 from .recorders import History as History
 from .recorders import HistoryRecord as HistoryRecord

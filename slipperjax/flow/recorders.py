@@ -30,6 +30,12 @@ Labelled = tuple[dict[str, Any], dict[str, Any]]
 """Data variables and coordinates of a dataset, as xarray takes them."""
 
 
+STROBE_VALUES = 10
+"""Numbers of a state once per period."""
+LOAD_VALUES = 100
+"""Numbers of a period's contact loads: five of each of twenty points."""
+
+
 class AbstractRecorder(abc.ABC):
     """One way to keep periods. Subclasses are frozen dataclasses: equal ones share a compiled program."""
 
@@ -44,6 +50,11 @@ class AbstractRecorder(abc.ABC):
         or traced.
         """
         raise NotImplementedError(f"{type(self).__name__} keeps ends of periods only.")
+
+    @property
+    @abc.abstractmethod
+    def values(self) -> int:
+        """How many numbers are kept of one period, about."""
 
     @abc.abstractmethod
     def collect(self, kept: Any) -> Any:
@@ -66,6 +77,10 @@ class Strobe(AbstractRecorder):
     """The state at the end of each forcing period. Nothing is stored inside periods."""
 
     inside: ClassVar[bool] = False
+
+    @property
+    def values(self) -> int:
+        return STROBE_VALUES
 
     def collect(self, kept: State) -> StrobeRecord:
         return StrobeRecord(coordinates(kept))
@@ -100,6 +115,10 @@ class Sections(AbstractRecorder):
         last = jax.tree.map(lambda a: a[steps if isinstance(steps, int) else jnp.asarray(steps, int)], states)
         loads = contact_loads(states, args, steps) if self.loads else None
         return section_crossings(states, args, steps), last, loads
+
+    @property
+    def values(self) -> int:
+        return 3 * STROBE_VALUES + self.loads * LOAD_VALUES  # two crossings of each section
 
     def collect(self, kept: tuple[Crossings, State, Loads | None]) -> SectionRecord:
         # (lanes, periods, sections, steps) -> (lanes, crossings, sections), cut to the most crossings of any case
@@ -161,6 +180,10 @@ class History(AbstractRecorder):
         forces = now.contact_force, now.gap, now.drive_force
         return HistoryRecord(stacked(saved), period + args.epoch, now.acceleration, *forces, loads)
 
+    @property
+    def values(self) -> int:
+        return 36 * self.saves + self.loads * LOAD_VALUES
+
     def collect(self, kept: HistoryRecord) -> HistoryRecord:
         in_time = lambda a: np.asarray(a).reshape(a.shape[0], -1, *a.shape[3:])
         loads = _on_host(kept.loads)
@@ -174,7 +197,8 @@ class History(AbstractRecorder):
         at_points = ("end", "point")
         for name, inner in (("contact_force", at_points), ("gap", at_points), ("drive_force", ())):
             data[name] = ((*dims, "time", *inner), getattr(record, name), REACTIONS[name].attributes)
-        period = record.period.reshape(-1, record.period.shape[-1])[0]
+        # the same for all cases, but NaN for those that were not run
+        period = np.fmin.reduce(record.period.reshape(-1, record.period.shape[-1]))
         coords: dict[str, Any] = {
             "period": ("time", period, _attributes("1", "time in forcing periods")),
         }
@@ -191,6 +215,10 @@ class Samples(AbstractRecorder):
     def __call__(self, states: State, args: Args, steps: Any) -> tuple[State, Loads | None]:
         return samples(states, self.saves, steps), (contact_loads(states, args, steps) if self.loads else None)
 
+    @property
+    def values(self) -> int:
+        return 100 * self.saves + self.loads * LOAD_VALUES  # with the forces that follow from them
+
     def collect(self, kept: tuple[State, Loads | None]) -> tuple[State, Loads | None]:
         saved, loads = kept
         return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), saved), loads
@@ -205,6 +233,10 @@ class OnlyLoads(AbstractRecorder):
 
     def __call__(self, states: State, args: Args, steps: Any) -> Loads:
         return contact_loads(states, args, steps)
+
+    @property
+    def values(self) -> int:
+        return LOAD_VALUES
 
     def collect(self, kept: Loads) -> Loads:
         return _on_host(kept)

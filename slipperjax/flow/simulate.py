@@ -26,7 +26,7 @@ from ..model import (
     traced_steps_per_period,
 )
 from ..solvers import check_error_estimate, resolve_controller, resolve_solver
-from ..tools import describe, instance, is_traced, jit, shown_number, whole, yes_or_no
+from ..tools import describe, instance, is_traced, jit, refuse_impossible, shown_number, whole, yes_or_no
 from .loads import Loads, over_periods
 from .period_map import Passage, PeriodMap, map_compiled, run_compiled
 from .probe import Probe, check_probe, probed
@@ -36,6 +36,8 @@ from .stepping import ConstantSteps, ControlledSteps, UnknownSteps, room_for
 
 MOST_UNKNOWN = 1600
 """Greatest default number of steps per period where the scene's values are traced."""
+SECONDS_PER_STEP = 8e-6
+"""Time of a step of one case alone: most of it starts the step's kernels."""
 
 
 def period_map(
@@ -238,7 +240,7 @@ def simulate(
 
     **Returns:** a `Trajectory`, the start included.
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the argument which is wrong, or memory and time of an impossible run.
     """
     check_scene(scene)
     periods, loads = whole("periods", periods, 1), yes_or_no("loads", loads)
@@ -249,6 +251,9 @@ def simulate(
     check_error_estimate(solver, controller)
     probe = check_probe(probe, scene, start)
     recorder = Samples(saves, loads) if saves > 1 or loads else Strobe()
+    if not is_traced(steps):
+        needed, seconds = 8.0 * recorder.values * periods, SECONDS_PER_STEP * steps * periods
+        refuse_impossible(f"{periods} forcing periods of {steps} steps", needed, seconds)
     first, traced = initial_state(scene, start), is_traced((scene, start))
     if controller is not None:
         stepping = _controlled(steps if loads else saves, steps, controller, adjoint)

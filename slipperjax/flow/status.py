@@ -68,6 +68,11 @@ class Status(enum.IntEnum):
         "10 rad/s)",
         "raise steps_per_period, or take a solver of higher order",
     )
+    NOT_RUN = (
+        7,
+        "not run: the sweep was interrupted before this case was finished",
+        "run this case again",
+    )
 
     def __new__(cls, code: int, meaning: str, remedy: str):
         member = int.__new__(cls, code)

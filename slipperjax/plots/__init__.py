@@ -2,6 +2,7 @@
 
 from .bifurcations import bifurcation as bifurcation
 from .bifurcations import bifurcations as bifurcations
+from .files import png as png
 from .regimes import exponents as exponents
 from .regimes import regime_map as regime_map
 from .style import COLORS as COLORS

@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 from ..model import STARTS, Motion, Parameter, Scene, State, check_scene, rounded_steps, steps_needed
 from ..model import parameter as parameter_named
 from ..tools import Batched, yes_or_no
+from .limits import refuse_cases
 
 LANES = 8
 """Batches are filled up to multiples of this, a vector register's worth: results then depend on no batch size."""
@@ -50,6 +51,7 @@ class Cases:
         self.axes = {name: _values(scene, name, raw) for name, raw in grid.items()}
         product = yes_or_no("product", product)
         lengths = tuple(len(v) for v in self.axes.values())
+        refuse_cases(math.prod(lengths) if product else lengths[0])
         if product:
             mesh = np.meshgrid(*self.axes.values(), indexing="ij")
             flat = {name: m.ravel() for name, m in zip(self.axes, mesh, strict=True)}

@@ -2,14 +2,14 @@
 
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
-from typing import Any, NamedTuple, TypeVar
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import xarray as xr
 from jaxtyping import Int
-from tqdm.auto import tqdm
 
 from ..flow import (
     ConstantSteps,
@@ -26,9 +26,12 @@ from ..flow import (
 )
 from ..model import Scene, State
 from ..tools import Batched
+from .interrupted import ASKED, Interrupted, blank
 from .plan import Calls, Chunk, OnProgress, Plan
+from .progress import Later, Tally, display
 
-Result = TypeVar("Result")
+TICK = 0.25
+"""Seconds between two looks at how far a run is."""
 
 
 class ChunkRun(NamedTuple):
@@ -71,7 +74,7 @@ def run_chunk(
         states, kept, codes, _ = _advance(plan.recorded, scenes, states, at, stepping, **options)
         status = first_problem(status, codes)
         records.append(recorder.collect(kept))
-        on_progress(plan.recorded.length)
+        on_progress(plan.weight * plan.recorded.length)
         at += plan.recorded.length
     record = joined_in_time(records)
     if isinstance(record, SectionRecord):
@@ -92,48 +95,124 @@ def _advance(calls: Calls, *arguments: Any, **options: Any) -> Passage:
     return Passage(end, cut(record), status, cut(taken))
 
 
+class Runs(NamedTuple):
+    """The chunks of a run after it, or after an interrupt."""
+
+    results: list[Any]
+    """One for each chunk, of those that were not finished by `blank`."""
+    finished: int
+    """Number of finished cases."""
+    cases: int
+    """Number of all."""
+    interrupted: bool
+
+    def checked(self, ds: xr.Dataset) -> xr.Dataset:
+        """The dataset made of the results; raises `Interrupted` with it where the run was interrupted."""
+        if self.interrupted:
+            raise Interrupted(ds, self.finished, self.cases)
+        return ds
+
+
 def run_chunks(
     chunks: Sequence[Chunk],
     workers: int,
-    work: Callable[[Chunk, OnProgress], Result],
+    work: Callable[[Chunk, OnProgress], Any],
     *,
-    periods: int,
+    periods: float,
     progress: bool,
-) -> list[Result]:
-    """Calls `work(chunk, on_progress)` for each chunk on `workers` threads, and gives the results in order.
+    name: str = "",
+    later: Later | None = None,
+) -> Runs:
+    """Calls `work(chunk, on_progress)` for each chunk on `workers` threads, the first chunks first.
 
-    `on_progress(n)` shows n forcing periods as done; it raises where another chunk failed or the user interrupted, so
-    that a chunk stops at its next call. `periods`: how many one case takes in all.
+    After Ctrl-C what is finished is returned at once; a thread that is inside a call ends after it.
+
+    **Arguments:** `work`: gives a named tuple of arrays with a leading axis of lanes and a field `status`; it calls
+    `on_progress(n)` when work is done that takes as long as n forcing periods of the chunk without a record. That
+    raises where another chunk failed or the user interrupted, so that a chunk stops at its next call. `periods`: how
+    many such one case takes in all. `progress`, `name`, `later`: whether progress is shown, and see `Tally`.
+
+    **Raises:** `Interrupted` where no chunk was finished before an interrupt.
     """
-    stop, lock = threading.Event(), threading.Lock()
-    total = sum(chunk.cases for chunk in chunks) * periods
-    bar = tqdm(total=total, unit="period", unit_scale=True, disable=not progress)
+    stop, interrupted = threading.Event(), False
+    cases = sum(chunk.cases for chunk in chunks)
+    total = sum(chunk.cost for chunk in chunks) * periods
+    tally = Tally(total, cases, workers, name=name, later=later)
 
-    def one(chunk: Chunk) -> Result:
-        def on_progress(periods: int) -> None:
+    def one(chunk: Chunk) -> Any:
+        def on_progress(periods: float) -> None:
             if stop.is_set():
                 raise _Stopped
-            with lock:
-                bar.update(chunk.cases * periods)
+            tally.add(chunk.cost * periods)
 
+        tally.begin()
         try:
-            return work(chunk, on_progress)
+            found = work(chunk, on_progress)
+            tally.end(chunk.cases)
+            return found
         except BaseException:
             stop.set()
+            tally.end()
             raise
 
-    with bar, ThreadPoolExecutor(workers) as pool:
-        futures = [pool.submit(one, chunk) for chunk in chunks]
-        try:
-            wait(futures)
-        except BaseException:  # Ctrl-C
-            stop.set()
-            raise
-    failures = [error for future in futures if (error := future.exception()) is not None]
-    for error in failures:
-        if not isinstance(error, _Stopped):
+    pool, futures = ThreadPoolExecutor(workers), []
+    try:
+        futures += [pool.submit(one, chunk) for chunk in chunks]
+        with display(tally, progress) as shown:
+            while wait(futures, TICK).not_done:
+                if ASKED.is_set():
+                    raise KeyboardInterrupt
+                shown.show()
+    except KeyboardInterrupt:
+        interrupted = True
+    finally:
+        stop.set()
+        # not joined: after Ctrl-C their calls may last for a long time
+        pool.shutdown(wait=False, cancel_futures=True)
+    ended = [future for future in futures if future.done() and not future.cancelled()]
+    if not interrupted:
+        _raise_first(ended)
+    return _gathered(chunks, [f.result() if f in ended and not f.exception() else None for f in futures], interrupted)
+
+
+def _raise_first(futures: Sequence[Future]) -> None:
+    """Raises what made the run stop, if anything did."""
+    for future in futures:
+        error = future.exception()
+        if error is not None and not isinstance(error, _Stopped):
             raise error
-    return [future.result() for future in futures]
+
+
+def _gathered(chunks: Sequence[Chunk], found: list[Any], interrupted: bool) -> Runs:
+    """The results of a run, in which those that are None are blank."""
+    cases = sum(chunk.cases for chunk in chunks)
+    like = next((result for result in found if result is not None), None)
+    if like is None:
+        raise Interrupted(None, 0, cases)
+    parts = zip(chunks, found, strict=False)
+    finished = sum(chunk.cases for chunk, result in parts if result is not None)
+    found += [None] * (len(chunks) - len(found))
+    results = [blank(like, len(c.index)) if r is None else r for c, r in zip(chunks, found, strict=True)]
+    return Runs(results, finished, cases, interrupted)
+
+
+def on_threads(calls: Sequence[Callable[[OnProgress], Any]]) -> list[Any]:
+    """Calls each function on a thread of its own, and gives the results in order.
+
+    **Arguments:** `calls`: called with an `on_progress`, which they call now and then and which raises after Ctrl-C.
+    """
+    stop = threading.Event()
+
+    def on_progress(periods: float) -> None:
+        if stop.is_set():
+            raise _Stopped
+
+    pool = ThreadPoolExecutor(len(calls))
+    try:
+        return [future.result() for future in [pool.submit(call, on_progress) for call in calls]]
+    finally:
+        stop.set()
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 class _Stopped(Exception):

@@ -1,6 +1,6 @@
 """Lyapunov exponents of a whole grid as one batch, with a certificate for each case."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import diffrax
@@ -27,10 +27,13 @@ from ..tools import whole
 from .attractors import FLOOR
 from .cases import Cases
 from .executors import records_in_order, run_chunk, run_chunks
-from .measure import BLOCK, Measure
-from .plan import Plan, make_plan, strobe_plan
+from .interrupted import Interrupted
+from .limits import refuse_run
+from .measure import BLOCK, JACOBIAN, LONGEST, LOOK, PAIR, Measure, measured_periods, tangents_cost
+from .plan import PAUSE, Chunk, Plan, make_plan, strobe_plan
+from .progress import Later
 from .sweep import case_attributes, case_variables
-from .votes import HOLD, MOTIONS, Votes, take_votes
+from .votes import HOLD, MOTIONS, Votes, take_votes, work_of_votes
 
 AGREE = 1e-3
 """Differences between exponents [1/period] that are accepted whatever the standard errors."""
@@ -82,7 +85,8 @@ def lyapunov_sweep(
     see `slipperjax.analysis.pooled_standard_error`. Where some became regular, it is "transient chaos", with the
     exponents of the chaotic stretch.
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C. Chaotic cases whose
+    longer motions were not finished then have the exponents that were measured, and `Status.NOT_RUN`.
     """
     start = first_of(start)
     cases = Cases(scene, grid, start, product=product)
@@ -90,13 +94,17 @@ def lyapunov_sweep(
     plan = make_plan(scene, cases, record="strobe", transient=0, periods=1, **options)
     plan = strobe_plan(plan, whole("transient", transient, BLOCK))
     count, counted = check_count(scene, count), -(-whole("periods", periods, 1) // BLOCK)
+    work_of_case = plan.work + _work(counted, count, certify)
+    refuse_run(
+        cases.count, work_of_case, plan.values + measured_periods(counted) * (count + 2), float(plan.steps.sum())
+    )
     asked = workers
     chunks, workers = plan.chunks(chunk, workers)
 
     def work(chunk, on_progress):
         scenes, starts = cases.take(chunk.index)
         settled = run_chunk(plan, scenes, initial_states(scenes, starts), chunk.steps, on_progress)
-        measure = Measure(plan, scenes, settled.state, float(plan.periods), counted, on_progress)
+        measure = Measure(plan, scenes, settled.state, float(plan.periods), counted, chunk.steps, on_progress)
         plain = measure(chunk.steps, count)
         status = first_problem(first_problem(settled.status, plain.status), measure.look(chunk.steps, plain.state))
         checks = None
@@ -106,17 +114,27 @@ def lyapunov_sweep(
             checks = _Checks(half.history, half.status, pair.history, pair.status, matrices)
         return _Exponents(status, plain.strobe, plain.history, jax.tree.map(np.asarray, plain.state), checks)
 
-    measured = BLOCK * (counted + 1) * (3 if certify else 1)
-    runs = run_chunks(chunks, workers, work, periods=plan.periods + measured, progress=progress)
-    found, votes = records_in_order(chunks, runs), None
-    if certify:
+    runs = run_chunks(
+        chunks,
+        workers,
+        work,
+        periods=work_of_case,
+        progress=progress,
+        name="exponents",
+        later=_later(chunks, counted, count) if certify else None,
+    )
+    found, votes = records_in_order(chunks, runs.results), None
+    if certify and not runs.interrupted:
         exponent, error = found.history.mean(axis=1)[:, 0], standard_error(found.history)[:, 0]
         chosen = np.flatnonzero(is_chaotic(exponent, error) & (found.status == Status.FINITE))
         if len(chosen):
             states = jax.tree.map(lambda a: a[chosen], found.state)
-            epoch = plan.periods + BLOCK * (counted + 1)
+            epoch = plan.periods + measured_periods(counted)
             run = (counted, count, chunk, asked, progress)
-            votes = _Voted(chosen, take_votes(plan, cases, chosen, states, epoch, *run))
+            votes, unfinished = _votes(chosen, lambda: take_votes(plan, cases, chosen, states, epoch, *run))
+            if unfinished is not None:
+                found.status[unfinished] = Status.NOT_RUN
+                runs = runs._replace(finished=runs.finished - len(unfinished), interrupted=True)
     call = dict(
         function="lyapunov_sweep",
         count=count,
@@ -126,7 +144,32 @@ def lyapunov_sweep(
         certify=certify,
     )
     attrs = case_attributes(plan, cases, call) | {"transient": plan.periods, "periods": counted * BLOCK}
-    return _dataset(cases, plan, found, votes, attrs)
+    ds = _dataset(cases, plan, found, votes, attrs)
+    return runs.checked(ds)
+
+
+def _work(blocks: int, count: int, certify: bool) -> float:
+    """What the measurements of one case cost, in plain forcing periods."""
+    plain, checks = tangents_cost(count), 2 * tangents_cost(1) + PAIR if certify else 0.0
+    jacobians = JACOBIAN * LONGEST if certify else 0.0
+    return (plain + checks) * measured_periods(blocks) + LOOK * PAUSE + jacobians
+
+
+def _later(chunks: Sequence[Chunk], blocks: int, count: int) -> Later:
+    """The longer motions, which every case may need."""
+    return Later(sum(chunk.cost for chunk in chunks) * work_of_votes(blocks, count), "for chaotic cases")
+
+
+def _votes(chosen: np.ndarray, take: Callable) -> tuple["_Voted | None", np.ndarray | None]:
+    """The votes of the chosen cases, and which cases have none because of an interrupt; None without one."""
+    try:
+        votes, interrupted = take()
+    except Interrupted:
+        return None, chosen
+    if not interrupted:
+        return _Voted(chosen, votes), None
+    done = votes.status != Status.NOT_RUN
+    return _Voted(chosen[done], jax.tree.map(lambda a: a[done], votes)), chosen[~done]
 
 
 class _Checks(NamedTuple):

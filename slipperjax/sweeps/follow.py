@@ -6,14 +6,13 @@ from typing import Any
 import diffrax
 import numpy as np
 import xarray as xr
-from tqdm.auto import tqdm
 
 from ..flow import Trajectory, first_of, initial_states
 from ..model import Motion, Scene, State
 from ..tools import one_of
 from .cases import filled, path_cases
-from .executors import in_order, records_in_order, run_chunk
-from .plan import Chunk, make_plan
+from .executors import ChunkRun, in_order, records_in_order, run_chunk, run_chunks
+from .plan import Chunk, OnProgress, make_plan
 from .sweep import CaseRuns, sweep_dataset
 
 DIRECTIONS = {"up": 1, "down": -1}
@@ -50,7 +49,7 @@ def follow(
 
     **Returns:** as `sweep`, with `direction` as first dimension.
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
     """
     start = first_of(start)
     cases, _, values = path_cases(scene, path, start)
@@ -70,20 +69,25 @@ def follow(
     )
     places = np.arange(len(values))
     columns = np.stack([places[::way] for way in ways], axis=1)  # (values, directions)
-    states, runs, chunks = None, [], []
-    with tqdm(total=plan.periods * columns.size, unit="period", unit_scale=True, disable=not progress) as bar:
-        for k, column in enumerate(columns):
-            scenes, starts = cases.take(filled(column, len(column)))
-            states = initial_states(scenes, starts) if states is None else states
-            most = int(plan.steps[column].max())
-            on_progress = lambda periods: bar.update(periods * len(ways))
-            runs.append(run_chunk(plan, scenes, states, most, on_progress, epoch=k * plan.periods))
-            states = runs[-1].state
-            # where these cases stand in the list of all directions and values
-            chunks.append(Chunk(column + len(values) * np.arange(len(ways)), len(ways), most))
+    # where the cases at each value stand in the list of all directions and values
+    index = [column + len(values) * np.arange(len(ways)) for column in columns]
+    chunks = [Chunk(at, len(ways), int(plan.steps[c].max())) for at, c in zip(index, columns, strict=True)]
+    states: State | None = None
+    passed = 0
+
+    def work(chunk: Chunk, on_progress: OnProgress) -> ChunkRun:
+        nonlocal states, passed
+        scenes, starts = cases.take(filled(columns[passed], len(ways)))
+        begin = initial_states(scenes, starts) if states is None else states
+        found = run_chunk(plan, scenes, begin, chunk.steps, on_progress, epoch=passed * plan.periods)
+        states, passed = found.state, passed + 1
+        return found
+
+    # one worker: each begins where the one before ended
+    runs = run_chunks(chunks, 1, work, periods=plan.work, progress=progress)
     steps = in_order(chunks, [np.full(len(ways), chunk.steps) for chunk in chunks])
-    status = in_order(chunks, [run.status for run in runs])
-    found = CaseRuns(status, steps, records_in_order(chunks, [run.record for run in runs]))
+    status = in_order(chunks, [run.status for run in runs.results])
+    found = CaseRuns(status, steps, records_in_order(chunks, [run.record for run in runs.results]))
     call = dict(
         function="follow",
         values=len(values),
@@ -94,4 +98,4 @@ def follow(
         steps_per_period=steps_per_period,
         saves_per_period=saves_per_period,
     )
-    return sweep_dataset(plan, cases, found, call, {"direction": list(directions)})
+    return runs.checked(sweep_dataset(plan, cases, found, call, {"direction": list(directions)}))

@@ -11,7 +11,7 @@ from ..tools import number, one_of, positive
 from .cases import Cases, filled, path_cases
 from .executors import run_chunk
 from .follow import DIRECTIONS
-from .plan import make_plan
+from .plan import OnProgress, make_plan
 
 PATIENCE = 5
 """How often a motion that still moves is held once more at a parameter's value."""
@@ -56,6 +56,7 @@ def find_jump(
     steps_per_period: int | None = None,
     start: Motion | State | Trajectory | None = None,
     threshold: float = 0.3,
+    on_progress: OnProgress = lambda periods: None,
 ) -> Jump:
     """Follows a motion along a parameter until it jumps, and bisects for where.
 
@@ -65,7 +66,9 @@ def find_jump(
     of a branch a motion leaves it slowly: it is held at each value until its mean strobe state moves by less than a
     tenth of `threshold` from one `transient` and `periods` to the next, at most `PATIENCE` times.
 
-    **Arguments:** `path`: one parameter's name and its values in increasing order; others as for `follow`.
+    **Arguments:** `path`: one parameter's name and its values in increasing order; `on_progress`: called with the
+    number of forcing periods after each call, and with 0 before it; what it raises ends the search; others as for
+    `follow`.
 
     **Returns:** the first `Jump` met, or one with `found` False. The search ends at a value whose motion gets a
     status other than `FINITE`, because nothing can be followed from there.
@@ -85,7 +88,7 @@ def find_jump(
         plan = make_plan(scene, cases, steps_per_period=steps_per_period, **options)
         scenes, starts = cases.take(lanes)
         state = initial_states(scenes, starts) if state is None else state
-        done = run_chunk(plan, scenes, state, plan.most_steps, lambda periods: None, epoch=epoch)
+        done = run_chunk(plan, scenes, state, plan.most_steps, on_progress, epoch=epoch)
         epoch += plan.periods
         mark = done.record.strobe[0].mean(axis=0) / COORDINATE_SCALES
         return _Held(done.state, mark, Status(int(done.status[0])))

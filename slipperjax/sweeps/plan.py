@@ -1,7 +1,6 @@
 """How cases are run: which compiled program, with how many steps, in which chunks. One way for all sweeps."""
 
 import math
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -10,11 +9,21 @@ import diffrax
 import numpy as np
 from jaxtyping import Int
 
-from ..flow import RECORDERS, AbstractRecorder, Strobe, recorder_named, room_for, step_plan
+from ..flow import (
+    RECORDERS,
+    STROBE_VALUES,
+    AbstractRecorder,
+    Sections,
+    Strobe,
+    recorder_named,
+    room_for,
+    step_plan,
+)
 from ..model import Scene
 from ..solvers import calls_lapack, resolve_solver
-from ..tools import one_of, whole, yes_or_no
+from ..tools import cores, one_of, whole, yes_or_no
 from .cases import Cases, batch_size, filled
+from .limits import refuse_run
 
 LARGEST_CHUNK = 1024
 """Cases in one call: enough to amortise the start of kernels, few enough to stay in the cache."""
@@ -22,6 +31,8 @@ START_OF_STEP = 20
 """Cost of starting a step's kernels, in lanes: 8 us against 0.4 us per lane, measured at 8 to 1024 lanes."""
 PAUSE = 10
 """Periods in one call of a transient: one length, so that one program serves them all."""
+RECORDED = 3.0
+"""What a period costs whose inside is recorded, in plain ones: measured 2.8 (sections) and 3.2 (history)."""
 
 
 class Calls(NamedTuple):
@@ -51,6 +62,11 @@ class Chunk(NamedTuple):
     """How many of them count."""
     steps: int
     """Integration steps per forcing period, the same for all."""
+
+    @property
+    def cost(self) -> float:
+        """What a forcing period costs, in steps of one lane."""
+        return float(self.steps * (START_OF_STEP + len(self.index)))
 
 
 @dataclass(frozen=True)
@@ -85,14 +101,29 @@ class Plan:
         """Forcing periods of one case."""
         return self.transient.periods + self.recorded.periods
 
+    @property
+    def weight(self) -> float:
+        """What a recorded period costs, in plain ones."""
+        return RECORDED if self.recorder.inside else 1.0
+
+    @property
+    def values(self) -> int:
+        """How many numbers are kept of one case, about."""
+        passed = STROBE_VALUES * self.transient.periods if isinstance(self.recorder, Sections) else 0
+        return passed + self.recorder.values * self.recorded.periods
+
+    @property
+    def work(self) -> float:
+        """What one case costs, in plain forcing periods."""
+        return self.transient.periods + self.weight * self.recorded.periods
+
     def chunks(self, chunk: int | None, workers: int | None) -> tuple[list[Chunk], int]:
         """The chunks, the most expensive first, and the number of threads to run them on. Neither changes any result.
 
         **Arguments:** `chunk`: cases per call, rounded up as by `slipperjax.sweeps.cases.batch_size`; by
         default what makes the run shortest. `workers`: threads, by default one per core.
         """
-        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
-        workers = cores if workers is None else whole("workers", workers, 1)
+        workers = cores() if workers is None else whole("workers", workers, 1)
         if calls_lapack(self.solver):
             workers = 1
         counts, sizes = np.unique(self.steps, return_counts=True)
@@ -135,7 +166,7 @@ def make_plan(
 ) -> Plan:
     """The plan of a run from a user's arguments, see `slipperjax.sweep`.
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the argument which is wrong, or memory and time of an impossible run.
     """
     record = one_of("record", record, RECORDERS)
     transient, periods = whole("transient", transient, 0), whole("periods", periods, 1)
@@ -149,13 +180,15 @@ def make_plan(
         steps = np.full(cases.count, fixed)
     pause = max(1, min(transient, PAUSE))
     block = _call_length(periods)
-    return Plan(
+    plan = Plan(
         resolve_solver(scene, solver),
         recorder_named(record, saves, yes_or_no("loads", loads)),
         steps,
         Calls(pause, -(-transient // pause)),
         Calls(block, periods // block),
     )
+    refuse_run(cases.count, plan.work, plan.values, float(steps.sum()))
+    return plan
 
 
 def _steps_of_cases(cases: Cases, given: Any, saves: int | None) -> tuple[np.ndarray, int]:
@@ -188,5 +221,5 @@ def _call_length(periods: int) -> int:
     return next((k for k in range(50, 9, -1) if periods % k == 0), periods)
 
 
-OnProgress = Callable[[int], Any]
-"""Called with a number of forcing periods that are done; raises where the run is to stop."""
+OnProgress = Callable[[float], Any]
+"""Called when work is done that takes as long as a number of forcing periods; raises where the run is to stop."""

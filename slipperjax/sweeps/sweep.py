@@ -55,14 +55,15 @@ def sweep(
     - `chunk`: cases per call, rounded up to 8, 16, 24, 32, 40, 48, 56, 64, 80, ...; `workers`: threads, default one
         per core, and never more than one where `solver` is one of diffrax's implicit ones, see
         `solvers.calls_lapack`. Neither changes any result.
-    - `progress`: show a progress bar.
+    - `progress`: show how far it is and how long it will take, as a bar, or a line now and then in files and pipes.
 
     **Returns:** an `xarray.Dataset` with the grid's names as first dimensions, then `crossing`, `period` or
     `time`. For each case, `status` is 0 where nothing is wrong and tells what happened otherwise, and
     `steps_per_period` how many steps it took. A case that left the finite numbers leaves the others untouched. A
     start coordinate x that is varied makes the dimension `start_x`.
 
-    **Raises:** `ValueError` that names the argument which is wrong, before anything is compiled.
+    **Raises:** `ValueError`, before anything is compiled, that names the argument which is wrong, or memory and time
+    where the run is impossible; `Interrupted`, which has the finished cases, after Ctrl-C.
     """
     start = first_of(start)
     cases = Cases(scene, grid, start, product=product)
@@ -84,9 +85,9 @@ def sweep(
         scenes, starts = cases.take(chunk.index)
         return run_chunk(plan, scenes, initial_states(scenes, starts), chunk.steps, on_progress)
 
-    runs = run_chunks(chunks, workers, work, periods=plan.periods, progress=progress)
-    record = records_in_order(chunks, [run.record for run in runs])
-    status = in_order(chunks, [run.status for run in runs])
+    runs = run_chunks(chunks, workers, work, periods=plan.work, progress=progress)
+    record = records_in_order(chunks, [run.record for run in runs.results])
+    status = in_order(chunks, [run.status for run in runs.results])
     call = dict(
         function="sweep",
         product=product,
@@ -96,7 +97,7 @@ def sweep(
         saves_per_period=saves_per_period,
         loads=loads,
     )
-    return sweep_dataset(plan, cases, CaseRuns(status, plan.steps, record), call)
+    return runs.checked(sweep_dataset(plan, cases, CaseRuns(status, plan.steps, record), call))
 
 
 class CaseRuns(NamedTuple):

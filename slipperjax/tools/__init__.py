@@ -1,6 +1,7 @@
-"""General tools, independent of slippers and dynamics: compiling, batching, fused sums, checks of arguments."""
+"""General tools, independent of slippers and dynamics: compiling, batching, sums, checks of arguments, files."""
 
 from .batching import Batched as Batched
+from .compile import TRACING as TRACING
 from .compile import call_compiled as call_compiled
 from .compile import compiler_options as compiler_options
 from .compile import is_traced as is_traced
@@ -11,8 +12,16 @@ from .description import check_fields as check_fields
 from .description import describe as describe
 from .description import known_type as known_type
 from .description import type_name as type_name
+from .files import NotWritten as NotWritten
+from .files import listed as listed
+from .files import said as said
+from .files import write_each as write_each
+from .files import write_whole as write_whole
 from .fused import materialise as materialise
 from .fused import sums as sums
+from .limits import cores as cores
+from .limits import refuse_impossible as refuse_impossible
+from .limits import shown_time as shown_time
 from .modules import ShapeChecked as ShapeChecked
 from .modules import shown_module as shown_module
 from .modules import shown_number as shown_number

@@ -24,6 +24,9 @@ _CPU_OPTIONS = {
 COMPILER_OPTIONS: dict[str, dict[str, Any]] = {"cpu": _CPU_OPTIONS}
 """XLA options by backend; a backend that is not listed gets XLA's defaults."""
 
+TRACING = "/slipperjax/tracing"
+"""Event of `jax.monitoring` when the making of a program begins, for those who show what is waited for."""
+
 
 def compiler_options(backend: str | None = None) -> dict[str, Any]:
     """The XLA options for a backend, by default the one that JAX uses now."""
@@ -40,9 +43,14 @@ def jit(fun: Callable, **kwargs: Any) -> Callable:
     """
     inner = jax.jit(fun, **kwargs)
 
+    @functools.wraps(fun)
+    def announced(*args: Any, **options: Any) -> Any:
+        jax.monitoring.record_event(TRACING)  # this body runs only when a program is made
+        return fun(*args, **options)
+
     @functools.cache
     def outermost(backend: str) -> Callable:
-        return jax.jit(fun, compiler_options=compiler_options(backend), **kwargs)
+        return jax.jit(announced, compiler_options=compiler_options(backend), **kwargs)
 
     @functools.wraps(fun)
     def call(*args: Any, **options: Any) -> Any:

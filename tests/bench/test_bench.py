@@ -196,9 +196,26 @@ def test_an_interrupt_keeps_the_rounds_that_were_timed(monkeypatch):
 
     monkeypatch.setattr(measuring, "run", run)
     options = dict(batches=(8,), repeats=9, peers=[], settings=slice(0, 1))
-    (found,) = measuring.measure(all_cases()[0], METHODS[:1], **options)
+    points = measuring.measure(all_cases()[0], METHODS[:1], **options)
+    found = next(points)
+    with pytest.raises(KeyboardInterrupt):
+        next(points)
     assert len(calls) == 5
     assert found.cost[8] == cost_of(np.array([[1.0, 2.0], [1.0, 2.0]]), 8)
+
+
+def test_an_interrupted_scene_is_given_before_the_interrupt_is_raised(monkeypatch):
+    def measure(case, methods, **options):
+        yield Point(case.name, "RK4", "50 steps", 1e-3, {8: (1.0, 1.0)})
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(measuring, "measure", measure)
+    found = measuring.bench(quick=True, batches=[8])
+    points, batches = next(found)
+    assert [p.case for p in points] == ["nominal"]
+    assert batches == (8, 1)
+    with pytest.raises(KeyboardInterrupt):
+        next(found)
 
 
 def test_slow_points_are_repeated_less_often(monkeypatch):

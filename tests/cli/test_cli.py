@@ -204,7 +204,7 @@ def test_bifurcation_writes_sections_in_a_new_folder(tmp_path, capsys):
     options = ["--transient", "2", "--periods", "2", "--steps-per-period", "50", "--out", str(out)]
     text = run(["bifurcation", "--over", "clearance", "0.5", "1.5", "3", *options], capsys)
     assert "3 cases, 2 + 2 periods, 50 steps per period: " in text
-    assert text.strip().endswith("0 cases flagged")
+    assert "; 0 cases flagged\n" in text
     ds = dataset(out)
     assert ds["clearance"].values == pytest.approx([0.5e-3, 1e-3, 1.5e-3])
     assert ds["clearance"].attrs["units"] == "m"
@@ -227,7 +227,7 @@ def test_lyapunov_writes_exponents_and_counts_regimes(tmp_path, capsys):
     found = dict(zip(names, counts, strict=True))
     shares = ", ".join(f"{found.get(name, 0)} {name}" for name in REGIME_COLORS)
     assert f"2 cases: {shares}; 50 steps per period, " in text
-    assert text.strip().endswith("0 cases flagged")
+    assert "; 0 cases flagged\n" in text
     pixels = picture(out, 3.5, 2.4)
     assert all(share(pixels, REGIME_COLORS[name]) > 0 for name in found)
 
@@ -305,22 +305,24 @@ def test_reproduce_writes_each_run_when_it_is_done(monkeypatch, tmp_path, capsys
         asked.append((tuple(figures), options["quick"], options["transient"]))
         return iter(done)
 
-    def write_report(out, answers, seconds, table):
-        reports.append((dict(answers), dict(seconds), table))
+    def write_report(out, answers, seconds, table, name="claims"):
+        reports.append((dict(answers), dict(seconds), table, name))
         return out / "report.md", out / "report.json"
 
     room = "slipperjax.studies.dang2024"
     monkeypatch.setattr(f"{room}.reproduce", reproduce)
     monkeypatch.setattr(f"{room}.write_report", write_report)
-    monkeypatch.setattr(f"{room}.write_figures", lambda done, out: drawn.append((done.name, out)))
+    monkeypatch.setattr(f"{room}.write_figures", lambda done, out: drawn.append((done.name, out)) or [])
     monkeypatch.setattr(f"{room}.readings", lambda effort, options: "table")
     out = tmp_path / "study"
     text = run(["reproduce", "5", "8", "--transient", "100", "--out", str(out)], capsys)
     assert asked == [(("5", "8"), False, 100)]
     assert out.is_dir()
     assert drawn == [("speed", out), ("length", out)]
-    assert [sorted(found) for found, _, _ in reports] == [["A1"], ["A1", "A2"]]
-    assert reports[-1][1:] == ({"speed": 1.5, "length": 2.5}, [])
+    both = ["A1", "A2"]
+    named = [(["A1"], "claims_partial"), (both, "claims_partial"), (both, "claims")]
+    assert [(sorted(found), name) for found, _, _, name in reports] == named
+    assert reports[-1][1:3] == ({"speed": 1.5, "length": 2.5}, [])
     assert "speed: figures 5 in 1.5 s" in text
     assert f"1 of 2 claims reproduced, 1 differ: see {out / 'report.md'}" in text
     run(["reproduce", "--out", str(out)], capsys)  # all figures: with the readings of the whole study
@@ -342,7 +344,8 @@ def test_bench_writes_after_each_scene(monkeypatch, tmp_path, capsys):
         for point in points:
             report(point)
         yield points[:2], (8,)
-        assert "| nominal |" in (tmp_path / "deep" / "costs.md").read_text()
+        assert "| nominal |" in (tmp_path / "deep" / "costs_partial.md").read_text()
+        assert not (tmp_path / "deep" / "costs.md").exists()
         yield points, (8,)
 
     monkeypatch.setattr("slipperjax.bench.bench", bench)
@@ -350,7 +353,9 @@ def test_bench_writes_after_each_scene(monkeypatch, tmp_path, capsys):
     text = run(["bench", "--quick", "--batch", "8", "--method", "RK4", "--out", str(out)], capsys)
     assert asked == [dict(quick=True, repeats=None, cases=None, methods=["RK4"], batches=[8])]
     assert "nominal: RK4, 400 steps: error 1.0e-03, 4 us at 8" in text
-    assert text.count(f"wrote {out}.md and {out}.png") == 2
+    assert text.count(f"wrote {out}_partial.md, {out}_partial.png and {out}_partial_all.png\n") == 2
+    assert f"wrote {out}.md, {out}.png and {out}_all.png\n" in text
+    assert sorted(p.name for p in out.parent.iterdir()) == ["costs.md", "costs.png", "costs_all.png"]
     assert "| K = 1e10 |" in (tmp_path / "deep" / "costs.md").read_text()
     assert matplotlib.image.imread(f"{out}.png").ndim == 3
 

@@ -141,7 +141,7 @@ BASE = 'base = "paper"\n'
     ],
 )
 def test_errors_name_file_and_line(text, words):
-    with pytest.raises(ValueError, match="scene.toml") as caught:
+    with pytest.raises(ValueError, match=r"scene\.toml") as caught:
         scene_from_toml(text, "scene.toml")
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)

@@ -5,6 +5,8 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.analysis import largest_exponent
+from slipperjax.flow import Status
+from slipperjax.sweeps.votes import MOTIONS, Votes
 
 SPEEDS = [1100.0, 1250.0, 1500.0, 1800.0, 2100.0, 2300.0]
 STEPS = 50
@@ -74,3 +76,24 @@ def test_wrong_arguments_are_named():
     smooth = sj.paper_scene(memory=sj.SmoothSwitch())
     with pytest.raises(ValueError, match="`count` must be at most 30"):
         sj.lyapunov_spectrum(smooth, 31)
+
+
+@pytest.mark.parametrize("finished", [0, 1])
+def test_an_interrupt_during_the_longer_motions_keeps_what_was_measured(monkeypatch, finished):
+    def take_votes(plan, cases, chosen, states, epoch, blocks, count, *rest):
+        if not finished:
+            raise sj.Interrupted(None, 0, 8)
+        history = np.full((len(chosen), MOTIONS, 40, count), 0.5)
+        return Votes(history, np.zeros(len(chosen), int), np.array([0, int(Status.NOT_RUN)])), True
+
+    monkeypatch.setattr("slipperjax.sweeps.exponents.take_votes", take_votes)
+    grid = {"speed": [2100.0, 1250.0, 2100.0]}
+    with pytest.raises(sj.Interrupted) as stop:
+        sj.lyapunov_sweep(sj.paper_scene(), grid, transient=200, periods=60, steps_per_period=STEPS)
+    found = stop.value.dataset
+    assert (stop.value.finished, stop.value.cases) == (1 + finished, 3)
+    assert found["status"].values.tolist() == [0 if finished else 7, 0, 7]
+    assert np.all(np.isfinite(found["exponent"]))
+    assert (float(found["exponent"][0, 0]) == 0.5) == bool(finished)
+    assert str(found["regime"].values[2]) == "unresolved"
+    assert not bool(found["resolved"].values[2])

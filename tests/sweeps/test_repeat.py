@@ -79,7 +79,7 @@ def test_selections_are_rebuilt_or_refused(tmp_path):
         (lambda: sj.load_scene(3), "must be a TOML or netCDF file"),
         (lambda: sj.load_scene(__file__), "must be a TOML file or a netCDF file"),
     ):
-        with pytest.raises(ValueError, match="source|speed|length|must be") as caught:
+        with pytest.raises(ValueError, match=r"must|no attribute") as caught:
             wrong()
         assert words in str(caught.value), str(caught.value)
 

@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...tools import write_each
+
 CLAIMS: dict[str, tuple[str, str, str]] = {
     # key: figure, claim, the paper's value
     "N1 motion": ("Fig. 4a", "900 m/s: roll acceleration repeats every 3/f", "period-3"),
@@ -122,9 +124,13 @@ def rows(answers: Mapping[str, Answer]) -> list[dict[str, str]]:
 
 
 def write_report(
-    out: Path, answers: Mapping[str, Answer], seconds: Mapping[str, float], conventions: list[dict[str, Any]]
+    out: Path,
+    answers: Mapping[str, Answer],
+    seconds: Mapping[str, float],
+    conventions: list[dict[str, Any]],
+    name: str = "claims",
 ) -> tuple[Path, Path]:
-    """Writes `claims.md` and `claims.json` into the folder `out`.
+    """Writes `claims.md` and `claims.json` into the folder `out`, or files of another `name`.
 
     **Arguments:** `seconds`: time of each run; `conventions`: one row per reading of what the paper leaves open.
     """
@@ -146,10 +152,10 @@ def write_report(
             *_table(conventions),
         ]
     text += ["", "## Time", "", *_table([{"run": k, "seconds": f"{v:.1f}"} for k, v in seconds.items()]), ""]
-    markdown, data = out / "claims.md", out / "claims.json"
-    markdown.write_text("\n".join(text))
+    markdown, data = out / f"{name}.md", out / f"{name}.json"
     content = {"claims": table, "conventions": conventions, "seconds": dict(seconds)}
-    data.write_text(json.dumps(content, indent=1, ensure_ascii=False))
+    as_json = json.dumps(content, indent=1, ensure_ascii=False)
+    write_each({markdown: "\n".join(text).encode, data: as_json.encode})
     return markdown, data
 
 

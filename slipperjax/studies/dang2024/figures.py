@@ -1,5 +1,6 @@
 """The paper's figures in the paper's layout, from the runs of `reproduce`."""
 
+import functools
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,8 @@ import xarray as xr
 
 from ...analysis import power_spectral_density
 from ...flow import Status
-from ...plots import STYLE, bifurcations, exponents, phase_portrait, spectrum
+from ...plots import STYLE, bifurcations, exponents, phase_portrait, png, spectrum
+from ...tools import write_each
 from .runs import Finished
 from .verdicts import DUAL_LINES, F1, F2
 
@@ -18,19 +20,19 @@ _COLORS = {"A": "#12355b", "C": "#c1121f", "J": "#2a9d6f"}
 
 def write_figures(done: Finished, out: Path) -> list[Path]:
     """Draws a run's figures, and writes them and the run's data into the folder `out`; gives the paths."""
-    written = []
+    contents: dict[Path, Any] = {}
     for name, ds in done.outcome.data.items():
-        path = out / f"{name}.nc"
-        ds.to_netcdf(path, engine="h5netcdf")
-        written.append(path)
+        contents[out / f"{name}.nc"] = functools.partial(ds.to_netcdf, engine="h5netcdf")
     for figure in done.figures:
         path = out / (f"fig{figure}.png" if figure.isdigit() else f"{figure}.png")
-        with plt.rc_context(STYLE):
-            drawn = _DRAW[figure](done.outcome.data)
-        drawn.savefig(path, dpi=200)
-        plt.close(drawn)
-        written.append(path)
-    return written
+        contents[path] = functools.partial(_picture, figure, done.outcome.data)
+    return list(write_each(contents))
+
+
+def _picture(figure: str, data: dict[str, xr.Dataset]) -> bytes:
+    with plt.rc_context(STYLE):
+        drawn = _DRAW[figure](data)
+    return png(drawn, 200)
 
 
 def _figure_4(data: dict[str, xr.Dataset]) -> Any:

@@ -7,7 +7,6 @@ compiled.
 import functools
 import time
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +14,18 @@ import xarray as xr
 
 from ...flow import Status
 from ...model import paper_scene
-from ...sweeps import Jump, attractors, find_jump, follow, groups, lyapunov_sweep, sweep
+from ...sweeps import (
+    Interrupted,
+    Jump,
+    OnProgress,
+    attractors,
+    find_jump,
+    follow,
+    groups,
+    lyapunov_sweep,
+    on_threads,
+    sweep,
+)
 from ...tools import one_of, whole
 from . import verdicts
 from .claims import Answer, named, runs, show_ranges
@@ -52,12 +62,16 @@ STEPS, STEPS_SLOW = 100, 200
 """Steps per forcing period from `SLOW` on, with errors of 2e-4 over six periods, and below."""
 
 
+Data = dict[str, xr.Dataset]
+"""Datasets by name, for the figures and for files. A run adds each as soon as it is finished."""
+Answers = dict[str, Answer]
+
+
 class Outcome(NamedTuple):
     """The result of a run."""
 
-    data: dict[str, xr.Dataset]
-    """Datasets by name, for the figure and for a file."""
-    answers: dict[str, Answer]
+    data: Data
+    answers: Answers
 
 
 def cases(effort: Effort) -> dict[str, dict[str, np.ndarray]]:
@@ -94,13 +108,13 @@ def _joined(run: Callable, effort: Effort, names: list[str], **options: Any) -> 
     return {name: part if name == "histories" else part.swap_dims({"case": name}) for name, part in parts.items()}
 
 
-def motions(effort: Effort, wanted: set[str], options: dict) -> Outcome:
+def motions(effort: Effort, wanted: set[str], options: dict, data: Data) -> Answers:
     """Figs. 4, 5, 7, 8, 10 and 12: single cases, and diagrams over speed, clearance and length, as one batch."""
     made = {"histories": {"4", "7", "12"}, "speed": {"5"}, "clearance": {"8"}, "length": {"10"}}
     parts = _joined(sweep, effort, [name for name, figures in made.items() if figures & wanted], **options)
-    data, found = dict(parts), {}
+    data |= {"sections" if name == "histories" else name: part for name, part in parts.items()}
+    found = {}
     if "histories" in parts:
-        data["sections"] = data.pop("histories")
         common = dict(record="history", saves_per_period=50, transient=effort.transient, periods=60)
         grid = cases(effort)["histories"]
         ds = sweep(paper_scene(), grid, product=False, steps_per_period=STEPS, **common, **options)
@@ -111,27 +125,28 @@ def motions(effort: Effort, wanted: set[str], options: dict) -> Outcome:
         common = dict(transient=effort.follow_transient, steps_per_period=STEPS, **options)
         followed = follow(paper_scene(), {"speed": speeds[speeds >= SLOW]}, **common)
         data["speed_followed"] = followed
-        with ThreadPoolExecutor() as pool:
-            up, down = pool.map(functools.partial(_jump, speeds[speeds >= 1500]), ("up", "down"))
+        up, down = on_threads([functools.partial(_jump, speeds[speeds >= 1500], way) for way in ("up", "down")])
         found |= verdicts.over_speed(parts["speed"], up, down, effort.judged)
     if "clearance" in parts:
         found |= verdicts.over_clearance(parts["clearance"], effort.judged)
     if "length" in parts:
         found |= verdicts.over_length(parts["length"], effort.judged)
-    return Outcome(data, found)
+    return found
 
 
-def _jump(speeds: np.ndarray, direction: str) -> Jump:
+def _jump(speeds: np.ndarray, direction: str, on_progress: OnProgress) -> Jump:
     """Where a followed motion leaves the branch on which it leans, or returns to it."""
     # The threshold is above the scatter of the chaotic motions' means, and below the height of that branch.
-    return find_jump(paper_scene(), {"speed": speeds}, direction=direction, threshold=4.0, steps_per_period=STEPS)
+    options: dict = dict(threshold=4.0, steps_per_period=STEPS, on_progress=on_progress)
+    return find_jump(paper_scene(), {"speed": speeds}, direction=direction, **options)
 
 
-def exponents(effort: Effort, wanted: set[str], options: dict) -> Outcome:
+def exponents(effort: Effort, wanted: set[str], options: dict, data: Data) -> Answers:
     """Figs. 6, 9 and 11: largest Lyapunov exponents over speed, clearance and length, with certificates."""
     made = {"speed": "6", "clearance": "9", "length": "11"}
     names = [name for name, figure in made.items() if figure in wanted]
     parts = _joined(lyapunov_sweep, effort, names, periods=effort.counted, **options)
+    data |= {f"{name}_exponents": part for name, part in parts.items()}
     found = {}
     if "speed" in parts:
         found |= verdicts.exponents_over_speed(parts["speed"])
@@ -139,27 +154,28 @@ def exponents(effort: Effort, wanted: set[str], options: dict) -> Outcome:
         found |= verdicts.exponents_over_clearance(parts["clearance"])
     if "length" in parts:
         found |= verdicts.exponents_over_length(parts["length"])
-    return Outcome({f"{name}_exponents": part for name, part in parts.items()}, found)
+    return found
 
 
-def dual_frequency(effort: Effort, wanted: set[str], options: dict) -> Outcome:
+def dual_frequency(effort: Effort, wanted: set[str], options: dict, data: Data) -> Answers:
     """Fig. 13: spectra under two wavelengths."""
     scene = paper_scene(speed=1500.0, wavelengths=(10.0, 12.0))
     # 180 periods of f1 are 150 of f2, so that both lines and all their combinations fall on a bin of the spectrum.
     common = dict(record="history", saves_per_period=50, steps_per_period=STEPS, periods=180)
     ds = sweep(scene, {"speed": [1500.0]}, transient=effort.transient, **common, **options)
-    ds, found = verdicts.dual_frequency(ds)
-    return Outcome({"dual": ds}, found)
+    data["dual"], found = verdicts.dual_frequency(ds)
+    return found
 
 
-def basins(effort: Effort, wanted: set[str], options: dict) -> Outcome:
+def basins(effort: Effort, wanted: set[str], options: dict, data: Data) -> Answers:
     """Not in the paper: which attractor each start reaches at 1860 m/s, where this motion differs from its."""
     side = np.linspace(-1.5, 1.5, effort.basin)
     common = dict(transient=150, periods=20, record="strobe", steps_per_period=50)
     ds = sweep(paper_scene(1860.0), {"v_y": side, "v_z": side}, **common, **options)
     label = {"long_name": "attractor, by falling size of its basin; -1 for flagged cases"}
     ds["attractor"] = (("start_v_y", "start_v_z"), groups(ds), label)
-    return Outcome({"basins": ds}, {})
+    data["basins"] = ds
+    return {}
 
 
 CONVENTIONS = {
@@ -210,7 +226,7 @@ def readings(effort: Effort, options: dict) -> list[dict[str, str]]:
     return table
 
 
-RUNS: dict[str, tuple[tuple[str, ...], Callable[[Effort, set[str], dict], Outcome]]] = {
+RUNS: dict[str, tuple[tuple[str, ...], Callable[[Effort, set[str], dict, Data], Answers]]] = {
     "motions": (("4", "7", "12", "5", "8", "10"), motions),
     "exponents": (("6", "9", "11"), exponents),
     "dual frequency": (("13",), dual_frequency),
@@ -243,6 +259,9 @@ def reproduce(
     **Arguments:** `figures`: which of `FIGURES`; `quick`: coarser grids and shorter transients; `transient`: forcing
     periods before anything is recorded, for trying whether a verdict depends on it; `progress`: bars.
 
+    After Ctrl-C the datasets that the stopped run had finished are yielded without figures and answers, together with
+    "interrupted", the finished cases of the sweep that was stopped. Then the interrupt is raised again.
+
     **Raises:** `ValueError` for a figure that is not one of them, before anything runs.
     """
     effort = QUICK if quick else FULL
@@ -254,6 +273,14 @@ def reproduce(
 def _runs(wanted, effort, progress):
     for name, (made, run) in RUNS.items():
         if wanted & set(made):
-            begin = time.perf_counter()
-            outcome = run(effort, wanted, {"progress": progress})
-            yield Finished(name, tuple(f for f in made if f in wanted), outcome, time.perf_counter() - begin)
+            begin, data = time.perf_counter(), {}
+            try:
+                answers = run(effort, wanted, {"progress": progress}, data)
+            except KeyboardInterrupt as stop:
+                if isinstance(stop, Interrupted) and stop.dataset is not None:
+                    data["interrupted"] = stop.dataset
+                if data:
+                    yield Finished(name, (), Outcome(data, {}), time.perf_counter() - begin)
+                raise
+            figures = tuple(f for f in made if f in wanted)
+            yield Finished(name, figures, Outcome(data, answers), time.perf_counter() - begin)

@@ -1,0 +1,63 @@
+"""What a command writes: OUT with endings, whole or not at all, and what an interrupt leaves."""
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ..tools import listed, said, write_each
+from .options import make_folder
+
+PARTIAL = "_partial"
+"""What is added to the name of what an interrupt left: a name without it is that of a whole result."""
+
+
+class Outputs:
+    """The files OUT.nc and OUT.png of a command, or others."""
+
+    def __init__(self, out: Path, *endings: str):
+        """Makes the folder, and says which files will be replaced, before anything long is begun.
+
+        **Raises:** `ValueError` where they cannot be written.
+        """
+        make_folder(out.parent, out)
+        self.out = out
+        paths = [Path(f"{out}{ending}") for ending in endings]
+        for path in paths:
+            if path.is_dir():
+                raise ValueError(f"Option --out must name a place for {path.name}, but {path} is a folder.")
+        old = [str(path) for path in paths if path.exists()]
+        if old:
+            print(f"{listed(old)} will be replaced", file=sys.stderr)
+
+    def write(self, ds: Any, draw: Callable[[Any], Any]) -> None:
+        """Writes a dataset as OUT.nc and what `draw` makes of it as OUT.png."""
+        print(self._write(ds, draw, self.out))
+
+    def _write(self, ds: Any, draw: Callable[[Any], Any], out: Path) -> str:
+        import matplotlib
+        import numpy as np
+
+        matplotlib.use("Agg")
+        from ..plots import png
+
+        # made in memory: HDF5 loses the whole process where a disk is full
+        data = lambda: ds.to_netcdf(engine="h5netcdf")
+        picture = lambda: png(np.ravel(draw(ds))[0].figure, 300)
+        return said(write_each({Path(f"{out}.nc"): data, Path(f"{out}.png"): picture}))
+
+    @contextmanager
+    def keeping(self, draw: Callable[[Any], Any]) -> Iterator[None]:
+        """Around a sweep: writes the finished cases of one that is interrupted as OUT_partial.nc and .png."""
+        from ..sweeps import Interrupted
+
+        try:
+            yield
+        except Interrupted as stop:
+            if stop.dataset is None:
+                print("no case was finished: nothing is written", file=sys.stderr)
+            else:
+                kept = self._write(stop.dataset, draw, self.out.with_name(self.out.name + PARTIAL))
+                print(f"{stop.finished} of {stop.cases} cases were finished: {kept}", file=sys.stderr)
+            raise

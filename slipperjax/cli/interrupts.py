@@ -1,0 +1,85 @@
+"""Signals: Ctrl-C and `kill` end a command in order, and at once where it has to be."""
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
+
+from ..sweeps import ASKED
+
+Result = TypeVar("Result")
+
+ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""Signals that interrupt a command."""
+
+
+class Signals:
+    """A context in which signals interrupt the main thread as Ctrl-C does."""
+
+    def __init__(self):
+        self.code: int | None = None
+        """Exit code of the last signal, 128 and its number, as shells give it; None without one."""
+        self._before: dict[int, Any] = {}
+
+    def __enter__(self) -> "Signals":
+        if threading.current_thread() is threading.main_thread():
+            for number in ENDING:
+                # what the caller ignores, as nohup does, stays ignored
+                if signal.getsignal(number) not in (signal.SIG_IGN, None):
+                    self._before[number] = signal.signal(number, self._interrupt)
+            self._hook, sys.unraisablehook = sys.unraisablehook, self._unraisable
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+        if self._before:
+            sys.unraisablehook = self._hook
+        ASKED.clear()
+
+    def _interrupt(self, number: int, frame: Any) -> None:
+        self.code = 128 + number
+        ASKED.set()  # in case the exception is lost
+        raise KeyboardInterrupt
+
+    def _unraisable(self, event: Any) -> None:
+        """An interrupt that fell into a callback, from which nothing can be raised, is delivered once more.
+
+        JAX has such a callback in the garbage collector.
+        """
+        if isinstance(event.exc_value, KeyboardInterrupt) and self.code is not None:
+            # from another thread and later, for here nothing can be raised either
+            again = threading.Timer(0.05, os.kill, (os.getpid(), self.code - 128))
+            again.daemon = True
+            again.start()
+        else:
+            self._hook(event)
+
+
+def ignore_signals() -> None:
+    """From here on the process ends in its own time, which is short."""
+    for number in ENDING:
+        signal.signal(number, signal.SIG_IGN)
+
+
+def leave(code: int) -> None:
+    """Ends the process at once.
+
+    Threads inside XLA cannot be stopped, and last for as long as their call. They must not meet the interpreter's
+    shutdown, which takes away what they use.
+    """
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
+
+
+def on_thread(call: Callable[[], Result]) -> Result:
+    """Calls on another thread, so that the main one answers signals while XLA compiles or computes."""
+    pool = ThreadPoolExecutor(1)
+    try:
+        return pool.submit(call).result()
+    finally:
+        pool.shutdown(wait=False)

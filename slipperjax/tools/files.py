@@ -1,0 +1,89 @@
+"""Files that are written whole or not at all."""
+
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+Content = bytes | memoryview
+"""What a file is to hold."""
+
+
+class NotWritten(OSError):
+    """Some files could not be written; the message says which, why, and what was written nevertheless."""
+
+
+def write_whole(path: Path, content: Content) -> bool:
+    """Writes a file under a temporary name in its folder, and moves it into place when all of it is on the disk.
+
+    So a full disk, an interrupt or a lost process leaves a file that was there before as it was, and programs that
+    have it open keep reading what they opened. A process that is killed at once may leave a file `.NAME.PID.part`.
+
+    **Returns:** whether a file was replaced.
+
+    **Raises:** `OSError` where that is impossible; then nothing is left behind.
+    """
+    path = Path(os.path.realpath(path))  # the file that a link leads to, not the link
+    exists = path.exists()
+    if exists and not os.access(path, os.W_OK):
+        raise PermissionError(f"{path} is protected against writing")
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with open(part, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        if exists:
+            os.chmod(part, path.stat().st_mode & 0o7777)
+        os.replace(part, path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+    return exists
+
+
+def write_each(contents: Mapping[Path, Callable[[], Content]]) -> dict[Path, bool]:
+    """Writes several files whole, each whether or not the others can be written.
+
+    A file that cannot be written goes to the folder for temporary files instead, so that what took long to compute is
+    not lost with it.
+
+    **Arguments:** `contents`: by path, functions that make what the file is to hold.
+
+    **Returns:** by path, whether a file was replaced.
+
+    **Raises:** `NotWritten` where a file could not be written to its place, after all others were written.
+    """
+    done: dict[Path, bool] = {}
+    failures = []
+    for path, make in contents.items():
+        content = make()
+        try:
+            done[path] = write_whole(path, content)
+        except OSError as error:
+            reason = error.strerror or str(error)
+            failures.append(f"cannot write {path}: {reason} ({_kept_elsewhere(path, content)})")
+    if failures:
+        raise NotWritten("; ".join([*failures, *([said(done)] if done else [])]))
+    return done
+
+
+def _kept_elsewhere(path: Path, content: Content) -> str:
+    """Writes a file to the folder for temporary files, and says so or that it is lost."""
+    elsewhere = Path(tempfile.gettempdir()) / f"slipperjax_{os.getpid()}_{path.name}"
+    try:
+        write_whole(elsewhere, content)
+    except OSError:
+        return "and nowhere else: it is lost"
+    return f"it is kept as {elsewhere}"
+
+
+def said(done: Mapping[Path, bool]) -> str:
+    """What `write_each` did, in words: "wrote a.nc and replaced b.png"."""
+    names = {verb: [str(p) for p, old in done.items() if old == was] for verb, was in (("wrote", 0), ("replaced", 1))}
+    return " and ".join(f"{verb} {listed(paths)}" for verb, paths in names.items() if paths)
+
+
+def listed(names: list[str]) -> str:
+    """Names as text: "a, b and c"."""
+    return " and ".join([", ".join(names[:-1])] * (len(names) > 1) + names[-1:])

@@ -1,0 +1,162 @@
+"""What Ctrl-C leaves of a sweep: the finished cases, and no others."""
+
+import threading
+import time
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import slipperjax as sj
+from slipperjax.flow import HistoryRecord, Status, recorder_named
+from slipperjax.plots import bifurcations
+from slipperjax.sweeps import Chunk, attractors, executors, on_threads, run_chunks
+
+SPEEDS = np.array([900.0, 1100.0, 1250.0, 1500.0, 2000.0, 1000.0, 800.0, 1300.0, 1400.0, 1700.0])
+OPTIONS = dict(transient=0, periods=10, steps_per_period=50)
+
+
+class Found(NamedTuple):
+    """Like the result of a chunk."""
+
+    status: np.ndarray
+    value: np.ndarray
+    count: np.ndarray
+
+
+@pytest.fixture
+def interrupt_after(monkeypatch):
+    """Interrupts the next runs when so many of their chunks are finished."""
+
+    def after(finished):
+        def wait(futures, timeout):
+            while sum(future.done() for future in futures) < finished:
+                time.sleep(0.001)
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(executors, "wait", wait)
+
+    return after
+
+
+def run(work, workers=1):
+    chunks = [Chunk(np.arange(3 * k, 3 * k + 3), 3, 50) for k in range(4)]
+    return chunks, run_chunks(chunks, workers, work, periods=10, progress=False)
+
+
+def test_finished_chunks_are_kept_and_others_are_blank(interrupt_after):
+    hold, begun = threading.Event(), []
+
+    def work(chunk, on_progress):
+        begun.append(int(chunk.index[0]))
+        if chunk.index[0] >= 6:
+            hold.wait(5.0)
+            on_progress(1)  # raises: the run is over
+        return Found(np.zeros(3, int), chunk.index * 1.5, chunk.index + 1)
+
+    interrupt_after(2)
+    before = time.perf_counter()
+    chunks, runs = run(work)
+    assert time.perf_counter() - before < 2.0  # whatever lasts longer is not waited for
+    hold.set()
+    assert (runs.finished, runs.cases, runs.interrupted) == (6, 12, True)
+    status, value, count = (executors.in_order(chunks, part) for part in zip(*runs.results, strict=True))
+    assert status.tolist() == [0] * 6 + [int(Status.NOT_RUN)] * 6
+    np.testing.assert_array_equal(value, [*(1.5 * np.arange(6)), *[np.nan] * 6])
+    assert count.tolist() == [1, 2, 3, 4, 5, 6] + [0] * 6
+    assert begun == [0, 3, 6]  # none is begun after it
+
+
+def test_runs_can_be_asked_to_end():
+    def work(chunk, on_progress):
+        if chunk.index[0] >= 3:
+            executors.ASKED.set()  # as from a signal's handler whose exception is lost
+            while True:
+                time.sleep(0.01)
+                on_progress(1)
+        return Found(np.zeros(3, int), chunk.index * 1.5, chunk.index + 1)
+
+    try:
+        _, runs = run(work)
+    finally:
+        executors.ASKED.clear()
+    assert (runs.finished, runs.interrupted) == (3, True)
+
+
+def test_nothing_is_kept_where_nothing_was_finished(interrupt_after):
+    interrupt_after(0)
+    with pytest.raises(sj.Interrupted, match="before any of 12 cases was finished") as stop:
+        run(lambda chunk, on_progress: time.sleep(0.05))
+    assert stop.value.dataset is None
+    assert isinstance(stop.value, KeyboardInterrupt)  # `except Exception` does not catch it
+
+
+def test_an_error_in_a_chunk_is_raised():
+    def work(chunk, on_progress):
+        raise ValueError("seen")
+
+    with pytest.raises(ValueError, match="seen"):
+        run(work, 2)
+
+
+def test_functions_on_threads_are_told_of_the_end():
+    begun, ended = threading.Event(), threading.Event()
+
+    def waits(on_progress):
+        begun.set()
+        try:
+            while True:
+                time.sleep(0.01)
+                on_progress(1)
+        finally:
+            ended.set()
+
+    def fails(on_progress):
+        begun.wait(5.0)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        on_threads([fails, waits])
+    assert ended.wait(5.0)
+    assert on_threads([lambda on_progress: 1, lambda on_progress: 2]) == [1, 2]
+
+
+def test_an_interrupted_sweep_has_the_finished_cases(interrupt_after):
+    options = dict(OPTIONS, transient=10, chunk=8, workers=1)
+    whole = sj.sweep(sj.paper_scene(), {"speed": SPEEDS}, **options)
+    interrupt_after(1)
+    with pytest.raises(sj.Interrupted, match="8 of 10 cases were finished") as stop:
+        sj.sweep(sj.paper_scene(), {"speed": SPEEDS}, **options)
+    found = stop.value.dataset
+    assert (stop.value.finished, stop.value.cases) == (8, 10)
+    assert found["status"].values.tolist() == [0] * 8 + [7] * 2
+    assert "7: not run" in found["status"].attrs["meaning"]
+    assert set(found) == set(whole)
+    for name in whole:
+        done = np.asarray(found[name].values[:8])
+        np.testing.assert_array_equal(done, whole[name].values[:8, ..., : done.shape[-1]] if done.ndim > 1 else done)
+        if found[name].dtype.kind == "f":
+            assert np.all(np.isnan(found[name].values[8:])), name
+    assert attractors(found, 20).kind[9] == "unresolved"
+    axes = bifurcations(found)
+    assert len(axes[0].lines[0].get_xdata()) > 0
+    axes[0].figure.clear()
+
+
+def test_a_history_keeps_its_times():
+    """Those of cases that were not run are not there."""
+    period = np.array([[np.nan] * 4, [0.25, 0.5, 0.75, 1.0], [np.nan] * 4])
+    states, acceleration, force = np.ones((3, 4, 10)), np.ones((3, 4, 5)), np.ones((3, 4, 2, 10))
+    record = HistoryRecord(states, period, acceleration, force, None)
+    _, coords = recorder_named("history", 4, False).label(sj.paper_scene(), ("speed",), record)
+    assert coords["period"][1].tolist() == [0.25, 0.5, 0.75, 1.0]
+
+
+def test_a_followed_motion_is_kept_as_far_as_it_came(interrupt_after):
+    interrupt_after(2)
+    with pytest.raises(sj.Interrupted) as stop:
+        sj.follow(sj.paper_scene(), {"speed": [1240.0, 1250.0, 1260.0, 1270.0]}, **OPTIONS)
+    status = stop.value.dataset["status"]
+    assert set(status.sel(speed=[1240.0, 1250.0], direction="up").values) == {0}
+    assert set(status.sel(speed=[1260.0, 1270.0], direction="down").values) == {0}
+    assert int(status.sel(speed=1270.0, direction="up")) == 7
