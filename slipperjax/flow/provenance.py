@@ -7,7 +7,7 @@ import platform
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
+import jax.numpy as jnp
 
 from ..model import (
     Motion,
@@ -47,6 +47,9 @@ def run_attributes(scene: Scene, start: Motion | State, call: Mapping[str, Any],
 
 def start_from_json(text: str) -> Motion | State:
     """The start of an attribute of `run_attributes`."""
-    start = build(json.loads(text), (Motion, State), "start")
-    memory = getattr(start, "memory", None)
-    return start if memory is None else State(start.motion, np.asarray(memory, float))
+    description = json.loads(text)
+    if "motion" not in description:
+        return build(description, (Motion,), "start")
+    memory = description["memory"]
+    motion = build(description["motion"], (Motion,), "start")
+    return State(motion, None if memory is None else jnp.asarray(memory))

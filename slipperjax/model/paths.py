@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..tools import brief, finite, unit_of
+from ..tools import axes_of, brief, finite, unit_of
 from .quantities import PARAMETERS, Parameter, with_entry
 
 
@@ -45,11 +45,13 @@ def _at_path(path: str, scene: Any) -> Parameter:
         fields.append(field)
         part = getattr(part, field)
     shape = np.shape(part) if part is not None else ()
-    if hasattr(type(part), "__dataclass_fields__") or len(words) != len(shape):
+    rank = axes_of(type(owner), field, len(shape)) if owner is not None else -1
+    if hasattr(type(part), "__dataclass_fields__") or len(words) != rank:
         raise ValueError(
             f"Argument `{path}` leads to no number: {'.'.join(fields)} is "
             f"{type(part).__name__ if part is None or not shape else f'an array of shape {shape}'}."
         )
+    shape = shape[len(shape) - rank :]  # without axes of cases
     index = tuple(_place(path, word, size, owner) for word, size in zip(words, shape, strict=True))
     unit = unit_of(type(owner), field)
     known = {f.name: f for f in type(owner).__dataclass_fields__.values()}[field].metadata.get("converter")

@@ -234,16 +234,15 @@ def _number(name: str, value: Any) -> float:
 
 def parsed(name: str, value: Any, unit: str) -> float:
     """A text such as "1.5 mm" in the SI unit `unit`; raises `ValueError` for other texts, and for bare numbers."""
-    words = (
-        re.fullmatch(r"\s*([-+]?[\d_.]+(?:[eE][-+]?\d+)?)\s*(\S.*?)\s*", value) if isinstance(value, str) else None
-    )
+    text = value if isinstance(value, str) else ""
+    words = re.fullmatch(r"\s*([-+]?[\d_.]+(?:[eE][-+]?\d+)?)(\s+\S.*?|[^\W\d_].*?)\s*", text)
     try:
         number = float(words.group(1)) if words else None
     except ValueError:
         number = None
     if words is None or number is None:
         raise ValueError(f'`{name}` must be a number with a unit, as in "1.5 {unit}", but is {brief(value)}.')
-    return in_si(name, number, words.group(2), unit)
+    return in_si(name, number, words.group(2).strip(), unit)
 
 
 def in_si(name: str, number: float, unit: str, si: str) -> float:

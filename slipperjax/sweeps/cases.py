@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Float, Int
@@ -68,9 +69,9 @@ class Cases:
         motion = start.motion if isinstance(start, State) else start
         of_start = vars(motion) | {name: values for name, values in flat.items() if name in STARTS}
         self.starts = Motion(**{k: np.broadcast_to(np.asarray(v, float), self.count) for k, v in of_start.items()})
-        if isinstance(start, State) and start.memory is not None:
-            memory = np.asarray(start.memory, float)
-            self.starts = State(self.starts, np.broadcast_to(memory, (self.count, *memory.shape)))
+        if isinstance(start, State):
+            alike = jax.tree.map(lambda v: np.broadcast_to(np.asarray(v, float), (self.count, *np.shape(v))), start)
+            self.starts = eqx.tree_at(lambda state: state.motion, alike, self.starts)
 
     @property
     def count(self) -> int:

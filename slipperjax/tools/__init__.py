@@ -23,6 +23,7 @@ from .limits import cores as cores
 from .limits import refuse_impossible as refuse_impossible
 from .limits import shown_time as shown_time
 from .modules import ShapeChecked as ShapeChecked
+from .modules import axes_of as axes_of
 from .modules import shown_module as shown_module
 from .modules import shown_number as shown_number
 from .validate import Check as Check

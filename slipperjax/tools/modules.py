@@ -41,6 +41,13 @@ def shown_module(module: eqx.Module) -> str:
     return f"{kind.__name__}({', '.join(parts)})"
 
 
+def axes_of(kind: type, name: str, default: int) -> int:
+    """The number of axes that the annotation of a module's field gives it, or `default` where it gives none."""
+    field = {f.name: f for f in dataclasses.fields(kind)}[name]
+    shapes = [a.dim_str for a in (field.type, *typing.get_args(field.type)) if hasattr(a, "dim_str")]
+    return len(shapes[0].split()) if shapes else default
+
+
 class ShapeChecked(eqx.Module):
     """A module that checks on construction that its array fields have the shapes of their annotations.
 

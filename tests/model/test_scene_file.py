@@ -58,7 +58,8 @@ def test_scenes_come_back_to_the_last_bit_from_toml_and_json():
 def test_starts_come_back_too():
     start = sj.Motion.from_euler(y=1e-4 / 3, roll=1e-3, v_z=-0.7)
     found = scene_from_toml(sj.paper_scene().to_toml(start=start)).start
-    assert eqx.tree_equal(found, eqx.tree_at(lambda m: m, start, start))
+    for name, value in vars(start).items():
+        assert float(getattr(found, name)) == float(value)
     assert scene_from_toml(sj.paper_scene().to_toml()).start is None
 
 
