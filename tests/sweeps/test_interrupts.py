@@ -4,6 +4,7 @@ import threading
 import time
 from typing import NamedTuple
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -140,7 +141,7 @@ def test_an_interrupted_sweep_has_the_finished_cases(interrupt_after):
     assert attractors(found, 20).kind[9] == "unresolved"
     axes = bifurcations(found)
     assert len(axes[0].lines[0].get_xdata()) > 0
-    axes[0].figure.clear()
+    plt.close(axes[0].figure)
 
 
 def test_a_history_keeps_its_times():
