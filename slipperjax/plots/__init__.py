@@ -5,12 +5,16 @@ from .bifurcations import bifurcations as bifurcations
 from .regimes import exponents as exponents
 from .regimes import regime_map as regime_map
 from .style import COLORS as COLORS
+from .style import POINT_COLORS as POINT_COLORS
 from .style import REGIME_COLORS as REGIME_COLORS
 from .style import STYLE as STYLE
 from .style import axis_label as axis_label
 from .style import shown as shown
+from .style import styled as styled
 from .style import typeset as typeset
+from .titles import case_title as case_title
 from .trajectories import contact_forces as contact_forces
+from .trajectories import highest_forces as highest_forces
 from .trajectories import history as history
 from .trajectories import overview as overview
 from .trajectories import phase_portrait as phase_portrait
