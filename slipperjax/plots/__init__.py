@@ -1,9 +1,12 @@
-"""Pictures of datasets: trajectories, bifurcation diagrams, Lyapunov exponents and regime maps."""
+"""Pictures: trajectories, bifurcation diagrams, Lyapunov exponents, regime maps, sections and animations."""
 
+from .animations import animate as animate
+from .animations import instant as instant
 from .bifurcations import bifurcation as bifurcation
 from .bifurcations import bifurcations as bifurcations
 from .regimes import exponents as exponents
 from .regimes import regime_map as regime_map
+from .sections import section as section
 from .style import COLORS as COLORS
 from .style import POINT_COLORS as POINT_COLORS
 from .style import REGIME_COLORS as REGIME_COLORS

@@ -124,7 +124,7 @@ def _ticks(norm: FuncNorm) -> list[float]:
     both = [sign * n * 10.0**p for sign in (-1, 1) for p in range(-3, 2) for n in (1, 2, 5)]
     ticks = [0.0]
     for tick in sorted(both, key=abs, reverse=True):
-        if norm.vmin <= tick <= norm.vmax and all(abs(float(norm(tick)) - float(norm(t))) > 0.07 for t in ticks):
+        if -1e-9 <= float(norm(tick)) <= 1 + 1e-9 and all(abs(float(norm(tick)) - float(norm(t))) > 0.07 for t in ticks):
             ticks.append(tick)
     return sorted(ticks)
 

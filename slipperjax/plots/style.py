@@ -14,7 +14,7 @@ from ..analysis import REGIMES
 from ..flow import Status
 from ..model import PARAMETERS, REACTIONS, quantity
 
-STYLE = {
+STYLE: dict[str, Any] = {
     "font.size": 8,
     "axes.labelsize": 8,
     "xtick.labelsize": 7,
