@@ -122,9 +122,10 @@ def _norm(values: np.ma.MaskedArray) -> FuncNorm:
 def _ticks(norm: FuncNorm) -> list[float]:
     """Round numbers for the colour bar that lie apart on its uneven scale."""
     both = [sign * n * 10.0**p for sign in (-1, 1) for p in range(-3, 2) for n in (1, 2, 5)]
-    ticks = [0.0]
+    place, ticks = lambda tick: float(norm(tick)), [0.0]
     for tick in sorted(both, key=abs, reverse=True):
-        if -1e-9 <= float(norm(tick)) <= 1 + 1e-9 and all(abs(float(norm(tick)) - float(norm(t))) > 0.07 for t in ticks):
+        within = -1e-9 <= place(tick) <= 1 + 1e-9
+        if within and all(abs(place(tick) - place(other)) > 0.07 for other in ticks):
             ticks.append(tick)
     return sorted(ticks)
 

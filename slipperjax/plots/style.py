@@ -57,12 +57,13 @@ def styled() -> Iterator[None]:
     `plt.rc_context` restores every setting at its end. The first figure of a session starts matplotlib's backend,
     which may switch interactive mode on, and a notebook would show no further picture once that is undone.
     """
-    before = {name: plt.rcParams[name] for name in STYLE}
-    plt.rcParams.update(STYLE)
+    settings: Any = plt.rcParams
+    before = {name: settings[name] for name in STYLE}
+    settings.update(STYLE)
     try:
         yield
     finally:
-        plt.rcParams.update(before)
+        settings.update(before)
 
 
 def typeset(unit: str) -> str:

@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
-from tqdm.auto import tqdm
 
 from ..flow import (
     ConstantSteps,
@@ -92,6 +91,15 @@ def _advance(calls: Calls, *arguments: Any, **options: Any) -> Passage:
     return Passage(end, cut(record), status, cut(taken))
 
 
+def progress_bar(periods: int, progress: bool) -> Any:
+    """A bar over so many forcing periods, or where `progress` is False one that shows nothing."""
+    if progress:
+        from tqdm.auto import tqdm  # only here, because its import warns in notebooks without widgets
+    else:
+        from tqdm import tqdm
+    return tqdm(total=periods, unit="period", unit_scale=True, disable=not progress)
+
+
 def run_chunks(
     chunks: Sequence[Chunk],
     workers: int,
@@ -107,7 +115,7 @@ def run_chunks(
     """
     stop, lock = threading.Event(), threading.Lock()
     total = sum(chunk.cases for chunk in chunks) * periods
-    bar = tqdm(total=total, unit="period", unit_scale=True, disable=not progress)
+    bar = progress_bar(total, progress)
 
     def one(chunk: Chunk) -> Result:
         def on_progress(periods: int) -> None:

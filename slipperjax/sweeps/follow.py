@@ -6,13 +6,12 @@ from typing import Any
 import diffrax
 import numpy as np
 import xarray as xr
-from tqdm.auto import tqdm
 
 from ..flow import check_start, initial_states
 from ..model import Motion, Scene, table_2_start
 from ..tools import one_of
 from .cases import filled, path_cases
-from .executors import in_order, records_in_order, run_chunk
+from .executors import in_order, progress_bar, records_in_order, run_chunk
 from .plan import Chunk, make_plan
 from .sweep import CaseRuns, sweep_dataset
 
@@ -71,7 +70,7 @@ def follow(
     places = np.arange(len(values))
     columns = np.stack([places[::way] for way in ways], axis=1)  # (values, directions)
     states, runs, chunks = None, [], []
-    with tqdm(total=plan.periods * columns.size, unit="period", unit_scale=True, disable=not progress) as bar:
+    with progress_bar(plan.periods * columns.size, progress) as bar:
         for k, column in enumerate(columns):
             scenes, starts = cases.take(filled(column, len(column)))
             states = initial_states(scenes, starts) if states is None else states
