@@ -1,5 +1,6 @@
 """Notebooks run under Jupyter's own backend, as a user sees them."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,9 @@ def executed(notebook: Any, folder: Path, timeout: int = 600) -> Any:
     nbclient = pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")
     resources = {"metadata": {"path": str(folder)}}
-    nbclient.NotebookClient(notebook, timeout=timeout, kernel_name="python3", resources=resources).execute()
+    client = nbclient.NotebookClient(notebook, timeout=timeout, kernel_name="python3", resources=resources)
+    # a backend chosen for the tests is not that of a notebook
+    client.execute(env={name: value for name, value in os.environ.items() if name != "MPLBACKEND"})
     return notebook
 
 

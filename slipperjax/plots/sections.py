@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
-from matplotlib.patheffects import withStroke
 
 from ..model import Scene, Section, check_scene, quantity
 from .style import COLORS, POINT_COLORS, new_axes
@@ -119,10 +118,10 @@ def draw_rail(shape: Section, ax: Any, labels: Any) -> None:
     foot = np.stack([head[-1] + 0.3 * across, head[-1] + 0.7 * across])
     web = np.stack([foot[0], foot[0] + 0.6 * tall * down, foot[1] + 0.6 * tall * down, foot[1]])
     ax.fill(*np.concatenate([head, web]).T, **RAIL_STYLE, zorder=1)
-    halo = withStroke(linewidth=1.5, foreground="white")
+    box = {"boxstyle": "round,pad=0.1", "facecolor": "white", "alpha": 0.6, "lw": 0}
     inside = rail - 0.13 * tall * np.asarray(shape.normals)
     for label, (y, z) in zip(labels, inside, strict=True):
-        ax.text(y, z, label, fontsize=6.5, ha="center", va="center", zorder=6, path_effects=[halo])
+        ax.text(y, z, label, fontsize=6.5, ha="center", va="center", zorder=6, bbox=box)
 
 
 def draw_slipper(shape: Section, points: Float[np.ndarray, "points 2"], ax: Any) -> Any:

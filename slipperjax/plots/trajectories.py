@@ -84,8 +84,10 @@ def highest_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4) -> Any:
         ax.plot(number[starts] - 0.5, highest, lw=0.9, **style)
         peak = quantity("peak_force").shown(peaks.sel(here))
         ax.plot(float(when.sel(here)), float(peak), "o", ms=3, mew=0, color=style["color"])
+    period, room = ds["period"].values, 0.01 * np.ptp(ds["period"].values)
+    ax.margins(y=0.1)
     ax.set(xlabel=TIME_LABEL, ylabel="peak force $F$ [kN]", ylim=(0, None))
-    ax.margins(x=0.01)
+    ax.set_xlim(period[0] - room, period[-1] + room)  # as that of histories
     legend_above(ax, ax.get_legend_handles_labels()[0])
     return ax
 
