@@ -14,7 +14,7 @@ import nbclient
 import nbformat
 from PIL import Image
 
-COLORS = 128
+COLORS = 256
 """Colours of a picture; line drawings look the same with a few."""
 
 
@@ -23,7 +23,7 @@ def smaller(png: str) -> str:
     with Image.open(io.BytesIO(base64.b64decode(png))) as picture:
         seen = picture.convert("RGBA")
     white = Image.new("RGBA", seen.size, "white")
-    few = Image.alpha_composite(white, seen).convert("RGB").quantize(COLORS, method=Image.Quantize.MAXCOVERAGE)
+    few = Image.alpha_composite(white, seen).convert("RGB").quantize(COLORS, Image.Quantize.MAXCOVERAGE, kmeans=1)
     out = io.BytesIO()
     few.save(out, "png", optimize=True)
     return base64.b64encode(out.getvalue()).decode()
