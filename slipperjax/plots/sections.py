@@ -70,8 +70,9 @@ def default_magnification(shape: Section, gaps: Any = 0.0) -> float:
 
 
 def height(shape: Section) -> float:
-    """Height of the section [m]."""
-    return float(np.ptp(np.asarray(shape.points)[:, 1]))
+    """Height of the section [m], or 0.3 of its width where that is more, as for a single face."""
+    width, tall = np.ptp(np.asarray(shape.points), axis=0)
+    return float(max(tall, 0.3 * width))
 
 
 def drawn_points(
@@ -113,8 +114,7 @@ def draw_rail(shape: Section, ax: Any, labels: Any) -> None:
     order, rail, tall = contour(shape), 1e3 * np.asarray(shape.track_points), 1e3 * height(shape)
     head = rail[order]
     across = head[0] - head[-1]  # of the opening
-    down = np.array([across[1], -across[0]]) / np.linalg.norm(across)
-    down = -down if down @ (head[0] - head.mean(axis=0)) < 0 else down
+    down = np.array([-across[1], across[0]]) / np.linalg.norm(across)  # out of the rail head, as it goes clockwise
     foot = np.stack([head[-1] + 0.3 * across, head[-1] + 0.7 * across])
     web = np.stack([foot[0], foot[0] + 0.6 * tall * down, foot[1] + 0.6 * tall * down, foot[1]])
     ax.fill(*np.concatenate([head, web]).T, **RAIL_STYLE, zorder=1)

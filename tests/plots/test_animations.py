@@ -152,6 +152,16 @@ def test_the_slipper_is_open_where_the_rail_has_its_web(run):
     assert "".join(np.array(turned.names)[contour(turned)]) == "FGHIJABCDE"
 
 
+def test_a_section_of_one_face_can_be_drawn():
+    flat = sj.Section([[-0.03, 0.01], [0.03, 0.01]], [1e-3], ("P", "Q"), (("P", "Q"),))
+    with pytest.warns(sj.ImplausibleWarning, match="clearance"):  # more than the section is high
+        scene = sj.Scene(SCENE.speed, SCENE.slipper, flat, SCENE.track, SCENE.contact)
+    ax = plots.section(scene)
+    quiver = ax.collections[0]
+    assert np.all(quiver.V > 0)  # upwards
+    assert ax.patches[0].get_xy()[:, 1].min() < 0  # the web is below
+
+
 def test_frames_are_the_saved_states_that_are_asked_for(run, tmp_path):
     animation = started(run, last=0.5, every=5, fps=10)
     assert isinstance(animation, FuncAnimation)
