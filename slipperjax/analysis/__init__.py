@@ -21,6 +21,7 @@ from .psd import find_line as find_line
 from .psd import name_lines as name_lines
 from .psd import power_spectral_density as power_spectral_density
 from .psd import spectral_lines as spectral_lines
+from .regime import LEAST as LEAST
 from .regime import REGIMES as REGIMES
 from .regime import SURE as SURE
 from .regime import is_chaotic as is_chaotic

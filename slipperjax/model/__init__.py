@@ -37,6 +37,8 @@ from .kinematics import attitude_rates as attitude_rates
 from .kinematics import contact_points as contact_points
 from .kinematics import contacts as contacts
 from .kinematics import euler_angles as euler_angles
+from .kinematics import face_offsets as face_offsets
+from .kinematics import quaternion_from_euler as quaternion_from_euler
 from .kinematics import rail_frame as rail_frame
 from .kinematics import scaled_size as scaled_size
 from .linearised import Linearised as Linearised

@@ -239,3 +239,20 @@ def contacts(frame: RailFrame, m: Motion) -> Contacts:
     gap = n_y * m.y + n_z * m.z + w_x * s_x + w_y * s_y + w_z * s_z - frame.position
     rate = (n_y * m.v_y + n_z * m.v_z + lever[0] * m.w_x + lever[1] * m.w_y + lever[2] * m.w_z) - frame.velocity
     return Contacts(gap, rate, lever)
+
+
+def face_offsets(scene: Scene, phase: Any, m: Motion) -> Float[Array, " points"]:
+    """How far the slipper's points have moved along their faces, as seen from the rail's points [m].
+
+    Front ones first. Counted in the plane of the section, along the direction from a face's first corner to its
+    second. With the gap, across the face, it tells where each point is relative to the rail head.
+    """
+    points = contact_points(scene)
+    distance = jnp.asarray(phase, float) * scene.track.wavelength
+    front, rear = (_node(scene, points, at) for at in (distance, distance - scene.slipper.length))
+    is_front = np.repeat([True, False], len(scene.section.names))
+    node = _Node(*(jnp.where(is_front, f, r) for f, r in zip(front, rear, strict=True)))
+    r, (x, y, z) = rotation(m), points.arm
+    from_rail_y = m.y + r[1][0] * x + r[1][1] * y + r[1][2] * z - node.y
+    from_rail_z = m.z + r[2][0] * x + r[2][1] * y + r[2][2] * z - node.z
+    return node.n_z * from_rail_y - node.n_y * from_rail_z

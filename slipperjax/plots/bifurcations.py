@@ -7,7 +7,20 @@ import numpy as np
 import xarray as xr
 
 from ..model import SECTIONS
-from .style import COLORS, FLAGGED_LABEL, STYLE, axis_label, cross, flagged, mark_cases, new_axes, shown, swept
+from .style import (
+    COLORS,
+    FLAGGED_LABEL,
+    axis_label,
+    cross,
+    flagged,
+    legend_above,
+    mark_cases,
+    new_axes,
+    shown,
+    styled,
+    swept,
+)
+from .titles import name_case
 
 FOLLOWED = {"up": COLORS["orange"], "down": COLORS["green"]}
 """Colours of the motions that are followed with the parameter raised and lowered."""
@@ -22,14 +35,16 @@ def bifurcation(ds: xr.Dataset, section: str, ax: Any = None, **style: Any) -> A
 
     - `ds`: from `sweep(..., record="sections")` over one parameter, or one direction of `follow`.
     - `section`: v_y, v_z [m/s], w_x, w_y or w_z [rad/s].
-    - `ax`: the Axes to draw into; default those of a new figure.
+    - `ax`: the Axes to draw into; default those of a new figure, with the fixed parameters as its title.
     - `style`: of the dots, for `Axes.plot`.
 
     **Returns:** the Axes.
 
     **Raises:** `ValueError` where `ds` is not swept over one parameter.
     """
-    ax = new_axes() if ax is None else ax
+    if ax is None:
+        ax = new_axes()
+        name_case(ax.figure, ds, full=True)
     if _dots(ds, section, ax, style):
         _legend(ax, True)
     return ax
@@ -41,27 +56,30 @@ def bifurcations(ds: xr.Dataset, axes: Any = None, followed: xr.Dataset | None =
     **Arguments:**
 
     - `ds`: as for `bifurcation`.
-    - `axes`: five Axes; default those of a new figure.
+    - `axes`: five Axes; default those of a new figure, with the fixed parameters as its title.
     - `followed`: from `follow`, drawn beneath: the motions that are met when the parameter is raised and lowered. Its
         crosses are coloured as its dots.
 
     **Returns:** the Axes, an array.
     """
-    with plt.rc_context(STYLE):
+    with styled():
         if axes is None:
-            _, axes = plt.subplots(5, 1, figsize=(3.5, 7.6), sharex=True, layout="constrained")
+            figure, axes = plt.subplots(5, 1, figsize=(3.5, 7.9), sharex=True, layout="constrained")
+            name_case(figure, ds, full=True)
         lost = False
         for tag, section, ax in zip("abcde", SECTIONS, axes, strict=True):
+            size = _dot_size(ds[section])
             for k, (way, color) in enumerate(FOLLOWED.items(), 1):
                 if followed is not None and way in followed["direction"]:
-                    style = {"ms": 2.6, "color": color, "label": f"followed {way}"}
+                    style = {"ms": 1.1 * size, "color": color, "label": f"followed {way}"}
                     lost |= _dots(followed.sel(direction=way), section, ax, style, color, 0.04 + 0.06 * k)
-            lost |= _dots(ds, section, ax, {"label": "from one start"})
+            share = 1.0 if followed is None else 0.7  # what lies beneath stays visible
+            lost |= _dots(ds, section, ax, {"ms": share * size, "label": "from one start"})
             ax.text(0.012, 0.94, f"({tag})", transform=ax.transAxes, va="top", fontsize=8)
             if ax is not axes[-1]:
                 ax.set_xlabel("")
         if followed is not None or lost:
-            _legend(axes[0], lost, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+            _legend(axes[0], lost)
     return axes
 
 
@@ -80,19 +98,24 @@ def _dots(
     (over,) = swept(ds[section], "crossing")
     values, bad, at = ds[section].transpose(over, "crossing").values, flagged(ds, over), shown(ds, over)
     case, crossing = np.nonzero(np.isfinite(values) & ~bad[:, None])
-    style = {"ms": 1.6, "mew": 0, "color": COLORS["blue"], "rasterized": True} | style
+    style = {"ms": _dot_size(ds[section]), "mew": 0, "color": COLORS["blue"], "rasterized": True} | style
     ax.plot(at[case], values[case, crossing], ".", **style)
     mark_cases(ax, at[bad], color, height)
     ax.set(xlabel=axis_label(over), ylabel=axis_label(section))
-    ax.margins(x=0)
+    # room for the dots of the first and the last case
+    ax.margins(x=max(0.5 / max(len(at) - 1, 1), 0.015) if len(at) > 10 else 0.05)
     ax.update_datalim(np.stack([at, at], axis=1), updatey=False)
     ax.autoscale_view()
     return bool(bad.any())
 
 
-def _legend(ax: Any, lost: bool, **where: Any) -> None:
+def _dot_size(array: xr.DataArray) -> float:
+    """Marker size [points] of dots that can be seen, and hardly overlap where cases are few."""
+    return float(np.clip(700 / array[swept(array, "crossing")[0]].size, 3.4, 5.0))
+
+
+def _legend(ax: Any, lost: bool) -> None:
     """A legend of the dots, and of the crosses where cases are left out."""
     handles = ax.get_legend_handles_labels()[0] + [cross(label=FLAGGED_LABEL)] * lost
-    legend = ax.legend(handles=handles, fontsize=6, ncols=2 + len(handles) % 2, **where)
-    for handle in legend.legend_handles:
-        handle.set_markersize(4)
+    for handle in legend_above(ax, handles).legend_handles:
+        handle.set_markersize(5 if handle.get_marker() == "." else 4)

@@ -1,6 +1,8 @@
 """Style, colours, and axis labels with display units from the registry of quantities."""
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -12,7 +14,7 @@ from ..analysis import REGIMES
 from ..flow import Status
 from ..model import PARAMETERS, REACTIONS, quantity
 
-STYLE = {
+STYLE: dict[str, Any] = {
     "font.size": 8,
     "axes.labelsize": 8,
     "xtick.labelsize": 7,
@@ -30,8 +32,38 @@ COLORS = {"blue": "#12355b", "red": "#c1121f", "green": "#2a9d6f", "orange": "#e
 REGIME_COLORS = dict(zip(REGIMES, (COLORS[name] for name in ("blue", "green", "red", "grey", "orange")), strict=True))
 """Colours of periodic, regular, chaotic, unresolved and transiently chaotic cases."""
 
+POINT_COLORS = (
+    "#1f77b4",
+    "#e07a1f",
+    "#c1121f",
+    "#7b4ea3",
+    "#2a9d6f",
+    "#17a2b8",
+    "#8c564b",
+    "#d6589f",
+    "#7f8c1f",
+    "#12355b",
+)
+"""Colours of the contact points, in the order of `Section.names`; further ones begin anew."""
+
 FLAGGED_LABEL = "status not 0"
 """Legend entry of cases that are left out because of their status."""
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Applies `STYLE`, and nothing else, to what is drawn inside.
+
+    `plt.rc_context` restores every setting at its end. The first figure of a session starts matplotlib's backend,
+    which may switch interactive mode on, and a notebook would show no further picture once that is undone.
+    """
+    settings: Any = plt.rcParams
+    before = {name: settings[name] for name in STYLE}
+    settings.update(STYLE)
+    try:
+        yield
+    finally:
+        settings.update(before)
 
 
 def typeset(unit: str) -> str:
@@ -71,8 +103,27 @@ def shown(ds: xr.Dataset, name: str) -> np.ndarray:
 
 def new_axes(width: float = 3.5, height: float = 2.4) -> Any:
     """The Axes of a new figure of `width` and `height` [inches]."""
-    with plt.rc_context(STYLE):
+    with styled():
         return plt.subplots(figsize=(width, height), layout="constrained")[1]
+
+
+def legend_above(ax: Any, handles: list[Any], fontsize: float = 6.5) -> Any:
+    """A legend above the axes, with as many columns as make it no wider than they are.
+
+    **Returns:** the legend.
+    """
+    canvas = ax.figure.canvas
+    layout = canvas.figure.get_layout_engine()
+    if layout is not None:
+        layout.execute(canvas.figure)  # the axes' width is known once they are laid out
+    above = dict(loc="lower center", bbox_to_anchor=(0.5, 1.0), borderaxespad=0.3, frameon=False)
+    spacing = dict(handletextpad=0.4, columnspacing=1.2, handlelength=1.6)
+    legend = None
+    for columns in range(len(handles), 0, -1):
+        legend = ax.legend(handles=handles, fontsize=fontsize, ncols=columns, **above, **spacing)
+        if legend.get_window_extent(canvas.get_renderer()).width <= ax.get_window_extent().width:
+            break
+    return legend
 
 
 def swept(array: xr.DataArray, *inner: str, count: int = 1) -> tuple[str, ...]:

@@ -9,9 +9,12 @@ import xarray as xr
 
 from ..flow import Status
 from ..model import quantity
-from .style import COLORS, STYLE, axis_label, new_axes, shown, typeset
+from .style import COLORS, POINT_COLORS, axis_label, legend_above, new_axes, shown, styled, typeset
+from .titles import name_case
 
 TIME_LABEL = "time [forcing periods]"
+LAST = 4.0
+"""Forcing periods at the end of a run in which single impacts are drawn."""
 
 
 def history(ds: xr.Dataset, name: str, ax: Any = None) -> Any:
@@ -21,61 +24,134 @@ def history(ds: xr.Dataset, name: str, ax: Any = None) -> Any:
 
     - `ds`: from `Trajectory.to_xarray`, or one case of `sweep(..., record="history")`.
     - `name`: a variable over time, in SI units; drawn in its display unit, as in mm or mrad.
-    - `ax`: the Axes to draw into; default those of a new figure.
+    - `ax`: the Axes to draw into; default those of a new figure, with the case as its title.
 
     **Returns:** the Axes, with time in forcing periods.
     """
-    ax = new_axes() if ax is None else ax
+    ax = _axes_of(ds) if ax is None else ax
     ax.plot(ds["period"].values, shown(ds, name), lw=0.7, color=COLORS["blue"])
     ax.set(xlabel=TIME_LABEL, ylabel=axis_label(name))
+    ax.margins(x=0.01)
     return ax
 
 
-def contact_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4) -> Any:
-    """The contact forces [kN] of the points with the highest peaks over time.
+def contact_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4, last: float | None = LAST) -> Any:
+    """The contact forces [kN] of the points with the highest peaks over time: front ones solid, rear ones dashed.
 
-    A dot marks the highest force of each over every integration step, which the saved states may miss.
+    The legend gives the highest force of each in the whole run, over every integration step where `ds` has that, and
+    its instant; a dot marks it where it lies in what is drawn. The saved states may miss it.
 
-    **Arguments:** `ds`, `ax`: as for `history`; `most`: number of points.
+    **Arguments:** `ds`, `ax`: as for `history`; `most`: number of points; `last`: forcing periods at the end of the
+    run that are drawn, None for all.
 
     **Returns:** the Axes. Points are named by their letter and 1 at the front or 2 at the rear.
     """
-    ax = new_axes() if ax is None else ax
-    peaks = (ds["peak_force"] if "peak_force" in ds else ds["contact_force"].max("time")).stack(at=("end", "point"))
-    for end, point in peaks.sortby(peaks, ascending=False)["at"].values[:most]:
-        here = ds.sel(end=end, point=point)
-        (line,) = ax.plot(
-            ds["period"].values, shown(here, "contact_force"), lw=0.7, label=f"{point}{1 if end == 'front' else 2}"
-        )
-        if "peak_force" in ds:
-            peak = quantity("peak_force").shown(here["peak_force"])
-            ax.plot(here["peak_period"], peak, "o", ms=2.5, mew=0, color=line.get_color())
+    ax = _axes_of(ds) if ax is None else ax
+    peaks, when = _peaks(ds)
+    period = ds["period"].values
+    drawn = period >= (-np.inf if last is None else period[-1] - last - 1e-9)
+    for end, point in _most_loaded(peaks, most):
+        here, style = ds.sel(end=end, point=point), _line_of(ds, end, point)
+        peak = float(quantity("peak_force").shown(peaks.sel(end=end, point=point)))
+        at = float(when.sel(end=end, point=point))
+        label = f"{style.pop('label')}, peak {peak:.3g} kN" + (f" at {at:.4g}" if np.isfinite(at) else "")
+        ax.plot(period[drawn], shown(here, "contact_force")[drawn], lw=0.9, label=label, **style)
+        if np.any(drawn) and period[drawn][0] <= at <= period[-1]:
+            ax.plot(at, peak, "o", ms=3, mew=0, color=style["color"])
     ax.set(xlabel=TIME_LABEL, ylabel=axis_label("contact_force"))
-    ax.legend(fontsize=6, ncols=4, loc="upper right")
+    ax.margins(x=0.01)
+    legend_above(ax, ax.get_legend_handles_labels()[0])
+    return ax
+
+
+def highest_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4) -> Any:
+    """The highest contact force [kN] of each forcing period, of the points with the highest peaks.
+
+    It is found among the saved states; a dot marks the highest force of each point over every integration step. Lines
+    as in `contact_forces`.
+
+    **Arguments:** `ds`, `ax`, `most`: as for `contact_forces`.
+
+    **Returns:** the Axes.
+    """
+    ax = _axes_of(ds) if ax is None else ax
+    peaks, when = _peaks(ds)
+    number = np.maximum(np.ceil(ds["period"].values - 1e-9), 1)  # a period has its end, not its beginning
+    starts = np.flatnonzero(np.diff(number, prepend=-np.inf))
+    for end, point in _most_loaded(peaks, most):
+        style, here = _line_of(ds, end, point), {"end": end, "point": point}
+        highest = np.maximum.reduceat(shown(ds.sel(here), "contact_force"), starts)
+        ax.plot(number[starts] - 0.5, highest, lw=0.9, **style)
+        peak = quantity("peak_force").shown(peaks.sel(here))
+        ax.plot(float(when.sel(here)), float(peak), "o", ms=3, mew=0, color=style["color"])
+    period, room = ds["period"].values, 0.01 * np.ptp(ds["period"].values)
+    ax.margins(y=0.1)
+    ax.set(xlabel=TIME_LABEL, ylabel="peak force $F$ [kN]", ylim=(0, None))
+    ax.set_xlim(period[0] - room, period[-1] + room)  # as that of histories
+    legend_above(ax, ax.get_legend_handles_labels()[0])
     return ax
 
 
 def overview(ds: xr.Dataset, axes: Any = None) -> Any:
     """A trajectory on one page: displacements [mm], angles [mrad], velocities, contact forces and drive force.
 
-    A status other than 0 is named in the figure's title.
+    The title states the case; a status other than 0 is named in it. The last two panels show the last periods only.
 
-    **Arguments:** `ds`: from `Trajectory.to_xarray`; `axes`: 6 x 2 Axes; default those of a new figure.
+    **Arguments:** `ds`: from `Trajectory.to_xarray`; `axes`: 7 x 2 Axes; default those of a new figure.
 
     **Returns:** the Axes, an array.
     """
-    with plt.rc_context(STYLE):
+    with styled():
         if axes is None:
-            _, axes = plt.subplots(6, 2, figsize=(7.2, 8.2), sharex=True, layout="constrained")
+            figure, axes = plt.subplots(7, 2, figsize=(7.2, 9.4), layout="constrained")
+            name_case(figure, ds, full=True)
         names = ("y", "v_y", "z", "v_z", "roll", "w_x", "pitch", "w_y", "yaw", "w_z")
         for name, ax in zip(names, axes.flat, strict=False):
             history(ds, name, ax).set_xlabel("")
-        contact_forces(ds, axes[5, 0])
-        history(ds, "drive_force", axes[5, 1])
+            ax.tick_params(labelbottom=False)
+        highest_forces(ds, axes[5, 0]).set_xlabel("")
+        contact_forces(ds, axes[5, 1]).set_xlabel("")
+        history(ds, "drive_force", axes[6, 0])
+        period = ds["period"].values
+        history(ds.isel(time=period >= period[-1] - LAST - 1e-9), "drive_force", axes[6, 1])
         status = Status(int(ds.attrs.get("status", Status.FINITE)))
         if status != Status.FINITE:
-            axes[0, 0].figure.suptitle(textwrap.fill(f"status: {status}", 90), color=COLORS["red"])
+            _warn_of(axes[0, 0].figure, status)
     return axes
+
+
+def _warn_of(figure: Any, status: Status) -> None:
+    """Adds a status to a figure's title, in red."""
+    lines = [figure.get_suptitle(), textwrap.fill(f"status: {status}", 90)]
+    figure.suptitle("\n".join(line for line in lines if line), color=COLORS["red"], fontsize=7)
+
+
+def _axes_of(ds: xr.Dataset, *size: float) -> Any:
+    """The Axes of a new figure, with the case as its title."""
+    ax = new_axes(*size)
+    name_case(ax.figure, ds)
+    return ax
+
+
+def _peaks(ds: xr.Dataset) -> tuple[xr.DataArray, xr.DataArray]:
+    """The highest force [N] of each point and its instant [forcing periods], of the saved states if need be."""
+    if "peak_force" in ds:
+        return ds["peak_force"], ds["peak_period"] if "peak_period" in ds else np.nan * ds["peak_force"]
+    force = ds["contact_force"].fillna(-np.inf)
+    return force.max("time"), ds["period"].isel(time=force.argmax("time"))
+
+
+def _most_loaded(peaks: xr.DataArray, most: int) -> list[tuple[str, str]]:
+    """End and name of the points with the highest peaks, the highest first."""
+    stacked = peaks.stack(at=("end", "point"))
+    return list(stacked.sortby(stacked, ascending=False)["at"].values[:most])
+
+
+def _line_of(ds: xr.Dataset, end: str, point: str) -> dict[str, Any]:
+    """Colour, dashes and name of a point's line, the same in every picture."""
+    color = POINT_COLORS[list(ds["point"].values).index(point) % len(POINT_COLORS)]
+    front = end == "front"
+    return {"color": color, "ls": "-" if front else (0, (3, 1.5)), "label": f"{point}{1 if front else 2}"}
 
 
 def phase_portrait(ds: xr.Dataset, coordinate: str, velocity: str, ax: Any = None) -> Any:
@@ -85,7 +161,7 @@ def phase_portrait(ds: xr.Dataset, coordinate: str, velocity: str, ax: Any = Non
 
     **Returns:** the Axes.
     """
-    ax = new_axes(3.5, 3.0) if ax is None else ax
+    ax = _axes_of(ds, 3.5, 3.0) if ax is None else ax
     q, v = shown(ds, coordinate), shown(ds, velocity)
     ax.plot(q, v, lw=0.35, color=COLORS["blue"])
     at = np.flatnonzero((q[:-1] < 0) & (q[1:] >= 0))

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, TextIO
 
 import jax
-from tqdm.auto import tqdm
 
 from ..tools import TRACING, shown_time
 
@@ -191,6 +190,8 @@ class Bar(AbstractDisplay):
 
     def __init__(self, tally: Tally, stream: TextIO):
         super().__init__(tally)
+        from tqdm.auto import tqdm  # only here, because its import warns in notebooks without widgets
+
         layout = "{desc}: {percentage:3.0f}%|{bar}{postfix}"
         self._bar = tqdm(total=tally.total, file=stream, bar_format=layout, dynamic_ncols=True)
 

@@ -73,6 +73,11 @@ def dots(ax):
     return [line for line in ax.lines if line.get_marker() == "."]
 
 
+def marked(ax):
+    """The lines of exponents, a marker for each regime."""
+    return [line for line in ax.lines if line.get_marker() in "oDs^v"]
+
+
 def crosses(ax):
     return [line for line in ax.lines if line.get_marker() == "x"]
 
@@ -126,7 +131,10 @@ def test_any_parameter_is_drawn_in_its_display_unit(over, values, shown):
     ax = plots.bifurcation(sections(over, values, (0, 0)), "w_x")
     assert drawn(dots(ax)[0])[:, 0] == pytest.approx([shown[0], shown[1], shown[1]])
     assert ax.get_xlabel() == plots.axis_label(over)
-    assert ax.get_xlim() == pytest.approx(shown)
+    left, right = ax.get_xlim()
+    width = shown[1] - shown[0]
+    assert shown[0] - left == pytest.approx(right - shown[1])
+    assert 0.01 * width < right - shown[1] < 0.1 * width  # not under the frame
     assert ax.get_ylabel() == r"$\omega_X$ [rad/s]"
 
 
@@ -151,7 +159,7 @@ def test_flagged_cases_have_a_cross_and_no_dots(code):
     assert np.all(drawn(marks)[:, 1] < 0.1)  # of the height of the axes
     assert to_hex(marks.get_color()) == plots.COLORS["grey"]
     assert legend_texts(ax) == ["status not 0"]
-    assert ax.get_xlim() == pytest.approx((0.5, 2.0))
+    assert ax.get_xlim() == pytest.approx((0.425, 2.075))
     assert ax.get_ylim()[1] < 30  # what is left out does not stretch the axis
 
 
@@ -199,7 +207,9 @@ def test_exponents_are_coloured_by_regime_with_three_standard_errors():
     assert ax.get_xlabel() == "clearance $C$ [mm]"
     assert ax.get_ylabel() == "largest exponent [1/period]"
     assert legend_texts(ax) == ["periodic", "regular", "chaotic", "unresolved"]
-    found = {to_hex(line.get_color()): drawn(line) for line in dots(ax)}
+    found = {to_hex(line.get_color()): drawn(line) for line in marked(ax)}
+    assert len({line.get_marker() for line in marked(ax)}) == 4
+    assert all(line.get_markersize() >= 3 for line in marked(ax))
     assert list(found) == list(plots.REGIME_COLORS.values())[:4]  # a regime that is rare is drawn where it occurs
     assert len(set(found)) == 4
     for name, color in list(plots.REGIME_COLORS.items())[:4]:
@@ -213,7 +223,7 @@ def test_exponents_are_coloured_by_regime_with_three_standard_errors():
 def test_flagged_exponents_are_unresolved():
     exponent = np.where(np.arange(6) == 4, np.nan, EXPONENTS)
     ax = plots.exponents(measured({"speed": np.arange(1.0, 7)}, (6,), [0, 0, 1, 0, 1, 0], exponent))
-    periodic, regular, chaotic, unresolved = (drawn(line)[:, 0].tolist() for line in dots(ax))
+    periodic, regular, chaotic, unresolved = (drawn(line)[:, 0].tolist() for line in marked(ax))
     assert (periodic, regular, chaotic, unresolved) == ([1, 6], [2], [], [3, 4])
     (marks,) = crosses(ax)
     assert drawn(marks)[:, 0].tolist() == [5]
@@ -222,25 +232,43 @@ def test_flagged_exponents_are_unresolved():
     assert np.isnan(drawn(connected)[:, 1]).tolist() == [False, False, True, False, True, False]
 
 
-def test_a_regime_map_has_display_units_and_symmetric_colours():
+def test_a_regime_map_has_display_units_and_colours_by_sign():
     grid = {"clearance": [1e-3, 2e-3], "roll_amplitude": np.radians([0.1, 0.2, 0.3])}
     ax = plots.regime_map(measured(grid, (2, 3)))
     assert ax.get_xlabel() == "roll amplitude $A_R$ [degrees]"
     assert ax.get_ylabel() == "clearance $C$ [mm]"
     (mesh,) = ax.collections
-    assert mesh.get_clim() == pytest.approx((-0.3, 0.3))
+    assert mesh.get_clim() == pytest.approx((-0.2, 0.3))
     assert np.asarray(mesh.get_array()).ravel() == pytest.approx(EXPONENTS)
     edges = np.asarray(mesh.get_coordinates())
     assert edges[0, :, 0] == pytest.approx([0.05, 0.15, 0.25, 0.35])
     assert edges[:, 0, 1] == pytest.approx([0.5, 1.5, 2.5])
     (marks,) = crosses(ax)
     assert drawn(marks) == pytest.approx(np.array([[0.1, 2.0]]))
-    assert legend_texts(ax) == ["unresolved"]
+    assert legend_texts(ax) == ["unresolved: estimates\ndisagree or are not sure"]
     bar = next(other for other in ax.figure.axes if other is not ax)
     assert bar.get_ylabel() == "largest exponent [1/period]"
     mesh.update_scalarmappable()
     red, _, blue, _ = mesh.get_facecolors()[2]
     assert red > blue  # chaotic
+
+
+def test_the_colours_of_a_regime_map_separate_zero_from_small_exponents():
+    exponent = np.array([-0.1, -5e-3, 0.0, 5e-3, 0.6, -0.01])
+    ax = plots.regime_map(measured({"clearance": [1e-3, 2e-3], "speed": [1.0, 2.0, 3.0]}, (2, 3), exponent=exponent))
+    (mesh,) = ax.collections
+    mesh.update_scalarmappable()
+    most, small, zero, little, top, less = mesh.get_facecolors()[:, :3]
+    assert np.ptp(zero) < 0.02  # white
+    assert small[2] - small[0] > 0.1  # blue
+    assert little[0] - little[2] > 0.02  # red
+    assert most[2] - most[0] > less[2] - less[0] - 0.05
+    assert top[0] - top[2] > 0.25
+    norm = mesh.norm
+    assert float(norm(-0.1)) == pytest.approx(0.0)
+    assert float(norm(-0.025)) == pytest.approx(0.25)
+    assert float(norm(0.15)) == pytest.approx(0.75)
+    assert np.asarray(norm.inverse(norm(exponent))) == pytest.approx(exponent)
 
 
 def test_flagged_cases_of_a_regime_map_have_a_cross_and_no_colour():
@@ -252,6 +280,7 @@ def test_flagged_cases_of_a_regime_map_have_a_cross_and_no_colour():
     assert drawn(crosses(ax)[0]) == pytest.approx(np.array([[3.0, 1.0], [1.0, 2.0]]))
     mesh.update_scalarmappable()
     assert to_hex(mesh.get_facecolors()[2]) == "#d0d0d0"
+    assert legend_texts(ax)[1] == "status not 0"
     with pytest.raises(ValueError, match=r"`ds` must be swept over 2 parameter"):
         plots.regime_map(measured({"speed": np.arange(6.0)}, (6,)))
 
@@ -272,20 +301,114 @@ def test_a_history_is_drawn_in_display_units(name, highest):
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("time [forcing periods]", plots.axis_label(name))
 
 
+def curves(ax):
+    return [line for line in ax.lines if len(drawn(line)) > 1]
+
+
 def test_contact_forces_are_those_of_the_highest_peaks():
-    ax = plots.contact_forces(trajectory(), most=3)
-    assert legend_texts(ax) == ["C2", "B2", "A2"]
-    assert [drawn(line)[:, 1].max() for line in ax.lines] == pytest.approx([5.0, 4.0, 3.0])
+    ax = plots.contact_forces(trajectory(), most=4)
+    assert legend_texts(ax) == [f"{p}, peak {f} kN at 1" for p, f in (("C2", 5), ("B2", 4), ("A2", 3), ("C1", 2))]
+    assert [drawn(line)[:, 1].max() for line in curves(ax)] == pytest.approx([5.0, 4.0, 3.0, 2.0])
     assert ax.get_ylabel() == "contact force $F$ [kN]"
+    rear, _, _, front = curves(ax)
+    assert rear.get_color() == front.get_color() == plots.POINT_COLORS[2]
+    assert (rear.get_linestyle(), front.get_linestyle()) == ("--", "-")
+    marks = [line for line in ax.lines if len(drawn(line)) == 1]
+    assert np.concatenate([drawn(line) for line in marks]) == pytest.approx(np.array([[1, f] for f in (5, 4, 3, 2)]))
+
+
+def test_single_impacts_are_drawn_of_the_last_periods_only():
+    ax = plots.contact_forces(trajectory(), last=0.5)
+    assert [len(line.get_xdata()) for line in ax.lines] == [101] * 4  # the peak lies before, and has no dot
+    assert legend_texts(ax)[0] == "C2, peak 5 kN at 1"
+    assert len(plots.contact_forces(trajectory(), last=None).lines[0].get_xdata()) == 401
+
+
+def test_peaks_between_the_saved_states_are_drawn_where_they_are_known():
+    ds = trajectory()
+    ds["peak_force"] = 1.1 * ds["contact_force"].max("time")
+    ds["peak_period"] = 0 * ds["peak_force"] + 1.001
+    ax = plots.contact_forces(ds, most=1)
+    assert legend_texts(ax) == ["C2, peak 5.5 kN at 1.001"]
+    assert drawn(ax.lines[1]) == pytest.approx(np.array([[1.001, 5.5]]))
+    line, mark = plots.highest_forces(ds, most=1).lines
+    assert drawn(line) == pytest.approx(np.array([[0.5, 5.0], [1.5, 0.0]]))
+    assert drawn(mark) == pytest.approx(np.array([[1.001, 5.5]]))
 
 
 def test_an_overview_shows_everything_and_names_a_bad_status():
     axes = plots.overview(trajectory())
-    names = ("y", "v_y", "z", "v_z", "roll", "w_x", "pitch", "w_y", "yaw", "w_z", "contact_force", "drive_force")
-    assert [ax.get_ylabel() for ax in axes.flat] == [plots.axis_label(name) for name in names]
+    names = ["y", "v_y", "z", "v_z", "roll", "w_x", "pitch", "w_y", "yaw", "w_z", "contact_force", "drive_force"]
+    labels = [plots.axis_label(name) for name in [*names, "drive_force"]]
+    assert [ax.get_ylabel() for ax in axes.flat] == [*labels[:10], "peak force $F$ [kN]", *labels[10:]]
     assert axes[0, 0].figure.get_suptitle() == ""
-    derailed = plots.overview(trajectory(status=2))
-    assert derailed[0, 0].figure.get_suptitle().startswith("status: derailed")
+    named = trajectory(status=2).assign_attrs({"speed [m/s]": 1250.0})
+    derailed = plots.overview(named)[0, 0].figure._suptitle
+    assert derailed.get_text().startswith("$V$ = 1250 m/s\nstatus: derailed")
+    assert to_hex(derailed.get_color()) == plots.COLORS["red"]
+
+
+def test_titles_state_the_fixed_parameters_in_display_units():
+    ds = xr.Dataset(attrs={"speed [m/s]": 1250.0, "clearance [m]": 1e-3, "length [m]": 0.2, "restitution": 0.9})
+    assert plots.case_title(ds) == "$V$ = 1250 m/s, $C$ = 1 mm, $L$ = 0.2 m"
+    more = {"stiffness [N/m^1.5]": 2.5e9, "roll_amplitude [rad]": np.radians(0.2), "wavelengths [m]": [10.0, 12.0]}
+    first, second = plots.case_title(ds.assign_attrs(more), full=True).splitlines()
+    assert first == plots.case_title(ds)
+    assert second == r"$K$ = $2.5\cdot10^{9}$ N/m$^{1.5}$, $c_r$ = 0.9, $A_R$ = 0.2°, $L_X$ = 10 and 12 m"
+    assert plots.case_title(xr.Dataset()) == plots.case_title(xr.Dataset(), full=True) == ""
+    varied = xr.Dataset(coords={"speed": [1.0, 2.0]}, attrs={"clearance [m]": 2e-3})
+    assert plots.case_title(varied) == "$C$ = 2 mm"
+    assert plots.case_title(varied.isel(speed=1)) == "$V$ = 2 m/s, $C$ = 2 mm"
+
+
+def test_new_figures_have_the_case_as_title_and_given_axes_keep_theirs():
+    attrs = {"length [m]": 0.2}
+    sweep, run, found = (
+        ds.assign_attrs(attrs) for ds in (sections(), trajectory(), measured({"speed": np.arange(6.0)}, (6,)))
+    )
+    for draw in (
+        lambda ax: plots.bifurcation(sweep, "w_x", ax),
+        lambda ax: plots.exponents(found, ax),
+        lambda ax: plots.history(run, "y", ax),
+        lambda ax: plots.contact_forces(run, ax),
+        lambda ax: plots.phase_portrait(run, "y", "v_y", ax),
+    ):
+        assert draw(None).figure.get_suptitle() == "$L$ = 0.2 m"
+        assert draw(plt.subplots()[1]).figure.get_suptitle() == ""
+    assert plots.bifurcations(sweep)[0].figure.get_suptitle() == "$L$ = 0.2 m"
+
+
+def test_no_legend_is_wider_than_its_axes():
+    grid = {"clearance": [1e-3, 2e-3], "speed": [1.0, 2.0, 3.0]}
+    shown = [
+        plots.bifurcations(sections(status=(2, 0, 0, 0)), followed=followed([(0, 0, 0, 1), (0,) * 4]))[0],
+        plots.bifurcation(sections(status=(2, 0, 0, 0)), "v_y"),
+        plots.exponents(measured({"speed": np.arange(6.0)}, (6,), exponent=np.where(np.arange(6) == 4, np.nan, 1))),
+        plots.regime_map(measured(grid, (2, 3), [0, 0, 1, 0, 0, 0])),
+        plots.contact_forces(trajectory()),
+        *plots.overview(trajectory())[5],
+    ]
+    for ax in shown:
+        ax.figure.draw_without_rendering()
+        assert ax.get_legend().get_window_extent().width <= 1.001 * ax.get_window_extent().width
+        assert ax.get_legend().get_window_extent().y0 >= ax.get_window_extent().y1 - 1  # above, not upon the dots
+
+
+def test_dots_are_large_enough_to_be_seen():
+    many = sections("speed", np.arange(241.0), (0,) * 241).isel(crossing=slice(10))
+    assert dots(plots.bifurcation(many, "v_y"))[0].get_markersize() >= 3.4
+    assert dots(plots.bifurcation(sections(), "v_y"))[0].get_markersize() > 4
+
+
+def test_the_style_leaves_all_other_settings_as_they_are():
+    before = dict(plt.rcParams)
+    with plots.styled():
+        assert plt.rcParams["font.size"] == 8
+        plt.rcParams["interactive"] = not before["interactive"]  # as the first figure of a session may do
+    after = dict(plt.rcParams)
+    plt.rcParams["interactive"] = before["interactive"]
+    assert after.pop("interactive") is not before.pop("interactive")
+    assert after == before
 
 
 def test_a_phase_portrait_marks_upward_zero_crossings():

@@ -55,10 +55,14 @@ def test_single_cases(drawn):
         for k in (1, 2, 3)
     ] == [1, 2, 3]
     assert len(drawn("7", {"histories": history}).axes) == 6
-    labels = [
-        text.get_text() for ax in drawn("12", {"histories": history}).axes for text in ax.get_legend().get_texts()
-    ]
-    assert labels[:3] == ["A2: peak 1977 N", "C2: peak 8807 N", "J2: peak 5447 N"]
+    history["peak_force"] = 1.05 * history["peak_force"]  # what is saved misses them
+    twelve = drawn("12", {"histories": history}).axes
+    labels = [text.get_text() for ax in twelve for text in ax.get_legend().get_texts()]
+    peaks = 1.05 * np.array([1977, 8807, 5447])
+    assert labels[:3] == [f"{p}2: peak {peak:.0f} N" for p, peak in zip("ACJ", peaks, strict=True)]
+    dashed = [line for line in twelve[0].lines if line.get_linestyle() == "--"]
+    assert [line.get_ydata()[0] for line in dashed] == pytest.approx(peaks / 1e3)
+    assert [line.get_color() for line in dashed] == [line.get_color() for line in twelve[0].get_legend().get_lines()]
 
 
 def test_flagged_cases_are_named_in_their_panels(drawn):

@@ -1,0 +1,207 @@
+"""The slipper around the rail head in motion: both end sections, forces as arrows, and their history."""
+
+from typing import Any, NamedTuple
+
+import jax
+import matplotlib.pyplot as plt
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+from matplotlib.animation import FuncAnimation
+
+from ..flow import Trajectory, load_scene
+from ..model import Motion, Scene, check_scene, contacts, face_offsets, quaternion_from_euler, rail_frame
+from ..tools import whole
+from .sections import (
+    ARROWS,
+    THICKNESS,
+    checked_magnification,
+    colors_of,
+    default_magnification,
+    draw_rail,
+    draw_slipper,
+    drawn_points,
+    frame,
+    height,
+    outline,
+)
+from .style import styled
+from .titles import case_title
+from .trajectories import contact_forces
+
+LONGEST = 0.5
+"""Length of the longest arrow, in heights of the section."""
+
+
+def animate(
+    run: Any,
+    scene: Scene | None = None,
+    *,
+    magnify: float | None = None,
+    last: float | None = 2.0,
+    every: int = 1,
+    fps: float = 20.0,
+    most: int = 4,
+) -> FuncAnimation:
+    """The slipper's front and rear section around the rail head, with the play magnified, over time.
+
+    The rail head is drawn to scale and stands still: what moves is the slipper relative to it. That displacement is
+    drawn `magnify` times as large, so that the drawn gap of every point is `magnify` times its gap: a point is drawn
+    on the rail head where it touches, and inside it where it penetrates. Penetrations of millimetres are real: the
+    contact law is soft. Arrows are the contact forces on the slipper, along the normals, all at one scale. Points
+    with a force are filled. Beneath are the forces of the points with the highest ones in what is shown, with a
+    cursor.
+
+    `animate(run).save("slipper.gif")` writes a GIF, and an MP4 where ffmpeg is installed; in a notebook,
+    `HTML(animate(run).to_jshtml())` of `IPython.display` gives a player.
+
+    **Arguments:**
+
+    - `run`: a `Trajectory`, or one case as a dataset over time, from `Trajectory.to_xarray` or
+        `sweep(..., record="history")`.
+    - `scene`: that of a dataset; its values that the dataset has as coordinates are replaced.
+    - `magnify`: default as for `section`, and such that no gap is drawn above a quarter of the section's height.
+    - `last`: forcing periods at the end of the run that are shown, None for all.
+    - `every`: show each saved state, or each second, third, ...
+    - `fps`: frames per second. `most`: number of points in the history.
+
+    **Returns:** a `matplotlib.animation.FuncAnimation`.
+
+    **Raises:** `ValueError` that names the argument, for a dataset of several cases or without its scene.
+    """
+    every, interval = whole("every", every, 1), 1e3 / _rate(fps)
+    picture = _Picture(run, scene, magnify, last, most)
+    frames = range(0, len(picture.moments.period), every)
+    return FuncAnimation(picture.figure, picture.show, frames, init_func=lambda: [], interval=interval)
+
+
+def instant(
+    run: Any,
+    scene: Scene | None = None,
+    *,
+    at: float | None = None,
+    magnify: float | None = None,
+    last: float | None = 2.0,
+    most: int = 4,
+) -> Any:
+    """One picture of `animate`: that of the saved state nearest to `at` [forcing periods], default the last one.
+
+    **Arguments:** as for `animate`. **Returns:** the figure.
+    """
+    picture = _Picture(run, scene, magnify, last, most)
+    period = picture.moments.period
+    picture.show(len(period) - 1 if at is None else int(np.argmin(np.abs(period - at))))
+    return picture.figure
+
+
+class Moments(NamedTuple):
+    """What is drawn at each instant."""
+
+    period: Float[np.ndarray, " frames"]
+    """Time [forcing periods]."""
+    gap: Float[np.ndarray, "frames 2 points"]
+    """Front and rear [m]."""
+    offset: Float[np.ndarray, "frames 2 points"]
+    """Displacement along the faces [m]."""
+    force: Float[np.ndarray, "frames 2 points"]
+    """Contact forces [N]."""
+
+
+def moments(ds: xr.Dataset, scene: Scene) -> Moments:
+    """Gaps and displacements from a dataset's coordinates, by the model's own kinematics, and its forces."""
+    at = lambda name: np.asarray(ds[name].values, float)
+    attitude = quaternion_from_euler(at("roll"), at("pitch"), at("yaw"))
+    still = np.zeros_like(at("y"))
+    motion = Motion(at("y"), at("z"), *attitude, *[still] * 5)
+    gap, offset = (np.asarray(a).reshape(len(still), 2, -1) for a in _relative(scene, at("period"), motion))
+    return Moments(at("period"), gap, offset, ds["contact_force"].transpose("time", "end", "point").values)
+
+
+@jax.jit
+def _relative(scene: Scene, period: Any, motion: Motion) -> Any:
+    at_one = lambda p, m: (contacts(rail_frame(scene, p), m).gap, face_offsets(scene, p, m))
+    return jax.vmap(at_one)(period, motion)
+
+
+class _Picture:
+    """The figure, and the artists that change with time."""
+
+    def __init__(self, run: Any, scene: Scene | None, magnify: float | None, last: float | None, most: int):
+        ds, scene = _one_case(run, scene)
+        # peaks are those of what is shown
+        ds = ds.drop_vars(["peak_force", "peak_period"], errors="ignore")
+        if last is not None:
+            ds = ds.isel(time=ds["period"].values > ds["period"].values[-1] - last + 1e-9)
+        self.shape, self.moments = scene.section, moments(ds, scene)
+        gap, offset, force = self.moments.gap, self.moments.offset, self.moments.force
+        if not (np.isfinite(gap).all() and np.isfinite(force).all()):
+            raise ValueError(
+                "Argument `run` must have finite motions in what is drawn, but has NaN; shorten the run."
+            )
+        auto = magnify is None
+        self.magnify = default_magnification(self.shape, gap) if auto else checked_magnification(magnify)
+        self.points = drawn_points(self.shape, gap, offset, self.magnify)
+        self.newton = LONGEST * height(self.shape) / max(float(force.max()), 1e-9)  # metres drawn per newton
+        with styled():
+            self.figure, axes = plt.subplot_mosaic(
+                [["front", "rear"], ["history", "history"]],
+                figsize=(7.2, 4.3),
+                height_ratios=(2.4, 1),
+                layout="constrained",
+            )
+            self.ends = [self._draw_end(axes[end], end, k) for k, end in enumerate(("front", "rear"))]
+            axes["rear"].set_ylabel("")
+            contact_forces(ds, axes["history"], most=most, last=None)
+            self.cursor = axes["history"].axvline(self.moments.period[0], lw=0.9, color="black")
+            self.time = axes["front"].text(0.02, 0.97, "", transform=axes["front"].transAxes, va="top", fontsize=7)
+
+            drawn = f"play and displacement × {self.magnify:g}, longest arrow {force.max() / 1e3:.3g} kN"
+            self.figure.suptitle("; ".join(t for t in (case_title(ds), drawn) if t), fontsize=7.5)
+        self.figure.draw_without_rendering()
+        self.figure.set_layout_engine("none")  # the panels stay where they are while the picture changes
+
+    def _draw_end(self, ax: Any, end: str, k: int) -> tuple[Any, Any, Any]:
+        """Draws one end section; gives the slipper's patch, its points and its arrows."""
+        draw_rail(self.shape, ax, [f"{name}{k + 1}" for name in self.shape.names])
+        points, tall, colors = self.points[0, k], 1e3 * height(self.shape), colors_of(self.shape)
+        patch = draw_slipper(self.shape, points, ax)
+        dots = ax.scatter(*(1e3 * points.T), s=14, edgecolors=colors, lw=1.0, zorder=4)
+        arrows = ax.quiver(*(1e3 * points.T), *np.zeros((2, len(points))), color=colors, **ARROWS)
+        frame(ax, self.points.reshape(-1, *points.shape), (LONGEST / 2 + THICKNESS) * tall)
+        ax.set_title(end, fontsize=8)
+        return patch, dots, arrows
+
+    def show(self, k: int) -> list[Any]:
+        """Draws the instant with index `k`; gives the artists that changed."""
+        for end, (patch, dots, arrows) in enumerate(self.ends):
+            points, force = self.points[k, end], self.moments.force[k, end]
+            patch.set_xy(outline(self.shape, points))
+            dots.set_offsets(1e3 * points)
+            filled = [c if f > 0 else "white" for c, f in zip(colors_of(self.shape), force, strict=True)]
+            dots.set_facecolors(filled)
+            arrows.set_offsets(1e3 * points)
+            arrows.set_UVC(*(1e3 * self.newton * force[:, None] * np.asarray(self.shape.normals)).T)
+        period = self.moments.period[k]
+        self.cursor.set_xdata([period, period])
+        self.time.set_text(f"forcing period {period:.2f}")
+        return [self.cursor, self.time, *(artist for end in self.ends for artist in end)]
+
+
+def _one_case(run: Any, scene: Scene | None) -> tuple[xr.Dataset, Scene]:
+    """One case over time, and its scene."""
+    if isinstance(run, Trajectory):
+        return run.to_xarray(), run.scene if scene is None else check_scene(scene)
+    if not isinstance(run, xr.Dataset):
+        raise ValueError(f"Argument `run` must be a Trajectory or a dataset of one, but is {type(run).__name__}.")
+    ds = run.squeeze()
+    if "contact_force" not in ds or set(ds["contact_force"].dims) != {"time", "end", "point"}:
+        raise ValueError(
+            f"Argument `run` must be one case with contact forces over time, but has dimensions {tuple(run.sizes)}."
+        )
+    return ds, load_scene(ds) if scene is None else check_scene(scene)
+
+
+def _rate(fps: Any) -> float:
+    if isinstance(fps, bool) or not isinstance(fps, int | float) or not 0 < fps < np.inf:
+        raise ValueError(f"Argument `fps` must be a positive number, but is {fps!r}.")
+    return float(fps)

@@ -1,0 +1,250 @@
+"""The slipper around the rail head: geometry as the model has it, magnified, with forces to scale."""
+
+import itertools
+
+import jax.numpy as jnp
+import matplotlib
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib.colors import to_hex
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+import slipperjax as sj
+from slipperjax import plots
+from slipperjax.model import contacts, face_offsets, rail_frame
+from slipperjax.plots.sections import contour
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+SCENE = sj.paper_scene(speed=1750.0)
+NORMALS, RAIL = np.asarray(SCENE.section.normals), np.asarray(SCENE.section.track_points)
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    yield
+    plt.close("all")
+
+
+@pytest.fixture(scope="module")
+def run():
+    return sj.simulate(SCENE, 3, steps_per_period=50)
+
+
+def started(*args, **options):
+    """An animation that is being drawn; matplotlib warns of those that never were."""
+    animation = plots.animate(*args, **options)
+    animation._init_draw()
+    return animation
+
+
+def panels(figure):
+    """The front and the rear panel, and the history."""
+    return figure.axes[:3]
+
+
+def points_of(ax):
+    """Where the slipper's points are drawn [mm]."""
+    return np.asarray(ax.collections[0].get_offsets())
+
+
+def arrows_of(ax):
+    """The arrows [mm]."""
+    quiver = ax.collections[1]
+    return np.stack([quiver.U, quiver.V], axis=1)
+
+
+def drawn_gaps(ax):
+    """Distances of the drawn points from the drawn rail head along the normals [m]."""
+    return 1e-3 * np.sum((points_of(ax) - 1e3 * RAIL) * NORMALS, axis=1)
+
+
+def test_offsets_along_the_faces_are_those_of_the_vectors():
+    angles = dict(roll=0.03, pitch=-0.004, yaw=0.006)
+    motion = sj.Motion.from_euler(y=2e-3, z=-1e-3, **angles)
+    turn = Rotation.from_euler("ZYX", [angles["yaw"], angles["pitch"], angles["roll"]]).as_matrix()
+    offset, gap = face_offsets(SCENE, 0.3, motion), contacts(rail_frame(SCENE, 0.3), motion).gap
+    for k, x in enumerate((0.1, -0.1)):
+        rail = SCENE.track.irregularity(jnp.asarray(0.3 * 8.0 - 0.2 * k))
+        c, s = np.cos(rail.roll), np.sin(rail.roll)
+        rolled = np.array([[c, -s], [s, c]])
+        places = np.column_stack([np.full(10, x), SCENE.section.points])
+        apart = (places @ turn.T)[:, 1:] + [2e-3, -1e-3] - [rail.lateral, rail.vertical] - RAIL @ rolled.T
+        along = np.column_stack([NORMALS[:, 1], -NORMALS[:, 0]]) @ rolled.T
+        here = slice(10 * k, 10 * k + 10)
+        np.testing.assert_allclose(offset[here], np.sum(apart * along, axis=1), atol=1e-12)
+        # what is left is the normal's tilt along x, Eq. (4)
+        np.testing.assert_allclose(gap[here], np.sum(apart * (NORMALS @ rolled.T), axis=1), atol=2e-5)
+        assert np.abs(offset[here]).max() > 1e-3
+
+
+def test_the_drawn_gap_is_the_magnified_gap_at_every_point(run):
+    animation = started(run, magnify=2.5, last=1.0)
+    gap = np.asarray(run.reactions.gap)
+    seen = []
+    for k in (0, 17, 42):
+        animation._draw_frame(k)
+        for end, ax in enumerate(panels(animation._fig)[:2]):
+            np.testing.assert_allclose(drawn_gaps(ax), 2.5 * gap[101 + k, end], atol=1e-9)
+            seen.append(drawn_gaps(ax))
+    assert np.min(seen) < 0 < np.max(seen)  # both open and penetrating
+
+
+def test_a_point_that_touches_is_drawn_on_its_face(run):
+    """A motion that is pushed along its normal until one gap is zero."""
+    ds = run.to_xarray().isel(time=slice(-2, None)).copy()
+    for name in ("y", "z", "roll", "pitch", "yaw"):
+        ds[name] = 0 * ds[name]
+    rail = SCENE.track.irregularity(jnp.asarray(8.0 * float(ds["period"][-1])))
+    assert abs(float(rail.vertical)) < 1e-12  # a whole number of periods
+    ds["z"] = ds["z"] - float(SCENE.section.play[0])
+    front = panels(plots.instant(ds, SCENE, magnify=5.0))[0]
+    top = points_of(front)[[0, 9], 1]
+    np.testing.assert_allclose(top, 1e3 * RAIL[[0, 9], 1], atol=1e-3)
+    assert points_of(front)[4, 1] < 1e3 * RAIL[4, 1] - 1  # open beneath
+
+
+def test_arrows_are_the_forces_on_the_slipper_at_one_scale(run):
+    animation = started(run, last=1.0)
+    force = np.asarray(run.reactions.contact_force)[101:]
+    longest = 0.5 * 42.0  # mm: half of the section's height for the highest force
+    most = np.unravel_index(np.argmax(force), force.shape)[0]
+    for k in (5, int(most), 30):
+        animation._draw_frame(k)
+        for end, ax in enumerate(panels(animation._fig)[:2]):
+            expected = longest * force[k, end][:, None] / force.max() * NORMALS
+            np.testing.assert_allclose(arrows_of(ax), expected, atol=1e-9)
+            np.testing.assert_allclose(ax.collections[1].get_offsets(), points_of(ax))
+            filled = [to_hex(c) != "#ffffff" for c in ax.collections[0].get_facecolors()]
+            assert filled == (force[k, end] > 0).tolist()
+    assert np.ptp(force) > 1e3
+
+
+def test_points_and_time_are_named_and_the_cursor_moves(run):
+    animation = started(run, last=1.0)
+    front, rear, history = panels(animation._fig)
+    assert [t.get_text() for t in front.texts[:10]] == [f"{p}1" for p in "ABCDEFGHIJ"]
+    assert [t.get_text() for t in rear.texts[:10]] == [f"{p}2" for p in "ABCDEFGHIJ"]
+    for k in (0, 24):
+        animation._draw_frame(k)
+        period = float(run.period[101 + k])
+        assert history.lines[-1].get_xdata() == [period, period]
+        assert front.texts[10].get_text() == f"forcing period {period:.2f}"
+    title = animation._fig.get_suptitle()
+    assert title.startswith("$V$ = 1750 m/s, $C$ = 1 mm, $L$ = 0.2 m; ")
+    assert f"longest arrow {run.reactions.contact_force[101:].max() / 1e3:.3g} kN" in title
+
+
+def test_the_slipper_is_open_where_the_rail_has_its_web(run):
+    names = np.array(SCENE.section.names)
+    assert "".join(names[contour(SCENE.section)]) == "FGHIJABCDE"
+    shift = np.roll(np.arange(10), 3)
+    turned = sj.Section(
+        SCENE.section.points[shift],
+        SCENE.section.play,
+        tuple(names[shift].tolist()),
+        (("D", "E"), ("F", "G"), ("H", "I"), ("J", "A"), ("B", "C")),
+    )
+    assert "".join(np.array(turned.names)[contour(turned)]) == "FGHIJABCDE"
+
+
+def test_a_section_of_one_face_can_be_drawn():
+    flat = sj.Section([[-0.03, 0.01], [0.03, 0.01]], [1e-3], ("P", "Q"), (("P", "Q"),))
+    with pytest.warns(sj.ImplausibleWarning, match="clearance"):  # more than the section is high
+        scene = sj.Scene(SCENE.speed, SCENE.slipper, flat, SCENE.track, SCENE.contact)
+    ax = plots.section(scene)
+    quiver = ax.collections[0]
+    assert np.all(quiver.V > 0)  # upwards
+    assert ax.patches[0].get_xy()[:, 1].min() < 0  # the web is below
+
+
+def test_frames_are_the_saved_states_that_are_asked_for(run, tmp_path):
+    animation = started(run, last=0.5, every=5, fps=10)
+    assert isinstance(animation, FuncAnimation)
+    assert list(animation.new_frame_seq()) == [0, 5, 10, 15, 20]
+    assert animation._interval == pytest.approx(100.0)
+    path = tmp_path / "slipper.gif"
+    animation.save(path, PillowWriter(fps=10), dpi=40)
+    with Image.open(path) as picture:
+        assert picture.n_frames == 5
+        frames = []
+        for k in range(5):
+            picture.seek(k)
+            frames.append(np.asarray(picture.convert("L"), float))
+    changes = [np.abs(b - a).max() for a, b in itertools.pairwise(frames)]
+    assert min(changes) > 50  # something moves in each
+    assert len(list(started(run, last=None, every=30).new_frame_seq())) == 6
+
+
+def test_datasets_are_shown_with_their_scene(run):
+    ds = run.to_xarray()
+    of_run, of_data = (panels(plots.instant(*given, at=2.4)) for given in ((run,), (ds, SCENE)))
+    for one, other in zip(of_run[:2], of_data[:2], strict=True):
+        np.testing.assert_allclose(points_of(one), points_of(other), atol=1e-6)
+    case = ds.assign_coords(clearance=3e-3)
+    front = panels(plots.instant(case, SCENE, at=2.4, magnify=1.0))[0]
+    wide = SCENE.replace(clearance=3e-3)
+    motion = sj.Motion.from_euler(**{name: float(ds[name][120]) for name in ("y", "z", "roll", "pitch", "yaw")})
+    gap = contacts(rail_frame(wide, 2.4), motion).gap[:10]
+    rail = np.asarray(wide.section.track_points)
+    found = 1e-3 * np.sum((points_of(front) - 1e3 * rail) * NORMALS, axis=1)
+    np.testing.assert_allclose(found, gap, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda ds: dict(run=ds), "`scene` must be given"),
+        (lambda ds: dict(run=ds["y"], scene=SCENE), "`run` must be a Trajectory or a dataset"),
+        (
+            lambda ds: dict(run=ds.drop_vars("contact_force"), scene=SCENE),
+            "`run` must be one case with contact forces",
+        ),
+        (
+            lambda ds: dict(run=xr.concat([ds, ds], "case"), scene=SCENE),
+            "`run` must be one case with contact forces over time",
+        ),
+        (lambda ds: dict(run=ds.assign(y=np.nan * ds["y"]), scene=SCENE), "`run` must have finite motions"),
+        (lambda ds: dict(run=ds, scene=SCENE, magnify=0), "`magnify` must be a positive number"),
+        (lambda ds: dict(run=ds, scene=SCENE, every=0), "`every` must be"),
+        (lambda ds: dict(run=ds, scene=SCENE, fps=-1), "`fps` must be a positive number"),
+        (lambda ds: dict(run=ds, scene=3), "`scene` must be a slipperjax.Scene"),
+    ],
+)
+def test_wrong_arguments_of_an_animation_are_named(run, change, words):
+    given = change(run.to_xarray())
+    with pytest.raises(ValueError, match=words):
+        plots.animate(**given)
+    assert not plt.get_fignums()
+
+
+def test_a_section_shows_where_the_points_are():
+    ax = plots.section(SCENE, magnify=4.0)
+    found = {t.get_text(): np.array(t.get_position()) for t in ax.texts}
+    assert list(found) == list("ABCDEFGHIJ")
+    for name, point in zip(SCENE.section.names, np.asarray(SCENE.section.points), strict=True):
+        nearest = np.argmin(np.linalg.norm(1e3 * RAIL - found[name], axis=1))
+        assert SCENE.section.names[nearest] == name
+        assert np.linalg.norm(found[name] - 1e3 * point) < 8
+    quiver, dots = ax.collections
+    assert (np.asarray(dots.get_offsets()) - 1e3 * RAIL) == pytest.approx(4.0 * 0.5 * NORMALS)
+    lengths = np.hypot(quiver.U, quiver.V)
+    assert np.stack([quiver.U, quiver.V], 1) / lengths[:, None] == pytest.approx(NORMALS)
+    assert ax.figure.get_suptitle() == "total play $C$ = 1 mm, drawn 4 times as wide"
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("$y$ [mm]", "$z$ [mm]")
+    _, given = plt.subplots()
+    assert plots.section(SCENE, given) is given
+    with pytest.raises(ValueError, match="`magnify` must be a positive number"):
+        plots.section(SCENE, magnify=-1.0)
+
+
+def test_the_default_magnification_makes_the_play_visible_and_keeps_gaps_small(run):
+    assert plots.section(SCENE).figure.get_suptitle() == "total play $C$ = 1 mm, drawn 6.7 times as wide"
+    gap = np.abs(run.reactions.gap[101:]).max()
+    expected = max(1.0, min(0.08 * 0.042 / 5e-4, 0.25 * 0.042 / gap))
+    assert f"× {expected:.2g}," in plots.instant(run, last=1.0).get_suptitle()
+    assert plots.section(SCENE.replace(clearance=0.0)).figure.get_suptitle().endswith("drawn 1 times as wide")
