@@ -48,6 +48,13 @@ def wait_for(process, words):
     raise AssertionError(f"{words!r} was not printed")
 
 
+def catches(process, number):
+    """Whether a process has a handler of a signal."""
+    with open(f"/proc/{process.pid}/status") as lines:
+        caught = next(line for line in lines if line.startswith("SigCgt"))
+    return bool(int(caught.split()[1], 16) >> (number - 1) & 1)
+
+
 def ended(process, number, seconds=10.0):
     """Sends a signal, and gives what is printed after it; the wait is generous because test machines are busy."""
     process.send_signal(number)
@@ -62,7 +69,8 @@ def ended(process, number, seconds=10.0):
 
 def test_a_signal_during_the_imports(begin, tmp_path):
     process = begin(*SMALL)
-    time.sleep(0.4)
+    while not catches(process, signal.SIGTERM):  # Python itself is not there yet
+        time.sleep(0.01)
     ended(process, signal.SIGINT)
     assert list((tmp_path / "out").iterdir()) == []
 
