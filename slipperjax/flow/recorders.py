@@ -182,7 +182,7 @@ class History(AbstractRecorder):
 
     @property
     def values(self) -> int:
-        return 36 * self.saves + self.loads * LOAD_VALUES
+        return 57 * self.saves + self.loads * LOAD_VALUES
 
     def collect(self, kept: HistoryRecord) -> HistoryRecord:
         in_time = lambda a: np.asarray(a).reshape(a.shape[0], -1, *a.shape[3:])

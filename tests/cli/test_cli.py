@@ -196,7 +196,7 @@ def test_simulate_writes_its_trajectory(tmp_path, capsys):
     )
     assert " of it; status: finite\n" in text
     assert ds.attrs["probe_error [scales]"] < 1e-3
-    assert share(picture(out, 7.2, 8.2), COLORS["blue"]) > 1e-3
+    assert share(picture(out, 7.2, 9.4), COLORS["blue"]) > 1e-3
 
 
 def test_bifurcation_writes_sections_in_a_new_folder(tmp_path, capsys):
@@ -211,7 +211,7 @@ def test_bifurcation_writes_sections_in_a_new_folder(tmp_path, capsys):
     assert ds["steps_per_period"].values.tolist() == [50] * 3
     grid = {"clearance": np.linspace(0.5, 1.5, 3) * 1e-3}
     same(ds, sj.sweep(sj.paper_scene(), grid, transient=2, periods=2, steps_per_period=50))
-    assert share(picture(out, 3.5, 7.6), COLORS["blue"]) > 0
+    assert share(picture(out, 3.5, 7.9), COLORS["blue"]) > 0
 
 
 def test_lyapunov_writes_exponents_and_counts_regimes(tmp_path, capsys):
@@ -228,7 +228,7 @@ def test_lyapunov_writes_exponents_and_counts_regimes(tmp_path, capsys):
     shares = ", ".join(f"{found.get(name, 0)} {name}" for name in REGIME_COLORS)
     assert f"2 cases: {shares}; 50 steps per period, " in text
     assert "; 0 cases flagged\n" in text
-    pixels = picture(out, 3.5, 2.4)
+    pixels = picture(out, 3.5, 2.8)
     assert all(share(pixels, REGIME_COLORS[name]) > 0 for name in found)
 
 
@@ -261,7 +261,7 @@ def test_bifurcation_names_what_is_wrong_with_flagged_cases(monkeypatch, tmp_pat
     assert found[1] == f"1 {Status.NOT_FINITE}"
     assert found[2] == f"2 {Status.UNRESOLVED}"
     xr.testing.assert_identical(dataset(out), made)
-    assert share(picture(out, 3.5, 7.6), COLORS["grey"]) > 0
+    assert share(picture(out, 3.5, 7.9), COLORS["grey"]) > 0
 
 
 def test_two_parameters_make_a_regime_map(monkeypatch, tmp_path, capsys):
@@ -284,7 +284,7 @@ def test_two_parameters_make_a_regime_map(monkeypatch, tmp_path, capsys):
     assert f"4 cases: {shares}; 50 to 250 steps per period, " in text
     assert "1 cases flagged (1 not finite: " in text
     xr.testing.assert_identical(dataset(out), made([0, 0, 0, 1]))
-    pixels = picture(out, 3.5, 3.0)
+    pixels = picture(out, 3.5, 3.3)
     assert share(pixels, "#d0d0d0") > 0.02  # the case without an exponent, a quarter of the map
     assert share(pixels, matplotlib.colormaps["RdBu_r"](1.0)[:3]) > 0.02  # and the highest exponent
 
@@ -379,4 +379,4 @@ def test_a_bad_trajectory_is_reported_without_its_force(tmp_path, capsys):
     assert ended.value.code == 1
     assert f"\n200 steps per period; status: {Status.NOT_FINITE}\n" in capsys.readouterr().out
     assert dataset(out).attrs["status"] == Status.NOT_FINITE
-    assert share(picture(out, 7.2, 8.2), COLORS["red"]) > 1e-4  # of the title
+    assert share(picture(out, 7.2, 9.4), COLORS["red"]) > 1e-4  # of the title

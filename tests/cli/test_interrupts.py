@@ -48,6 +48,13 @@ def wait_for(process, words):
     raise AssertionError(f"{words!r} was not printed")
 
 
+def catches(process, number):
+    """Whether a process has a handler of a signal."""
+    with open(f"/proc/{process.pid}/status") as lines:
+        caught = next(line for line in lines if line.startswith("SigCgt"))
+    return bool(int(caught.split()[1], 16) >> (number - 1) & 1)
+
+
 def ended(process, number, seconds=10.0):
     """Sends a signal, and gives what is printed after it; the wait is generous because test machines are busy."""
     process.send_signal(number)

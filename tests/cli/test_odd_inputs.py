@@ -261,7 +261,7 @@ ERRORS = [
     refused("`scene` must be a slipperjax.Scene, but is None", sj.choose_solver, scene=None),
     refused("`scene` must be a slipperjax.Scene, but is None", sj.initial_state, scene=None, motion=REST),
     # solvers, controllers, other options
-    refused("`solver` must be a solver, as in RK4\(\), but is the class", simulate, solver=sj.RK4),
+    refused("`solver` must be a solver, as in RK4.*, but is the class", simulate, solver=sj.RK4),
     refused("`solver` must be a diffrax solver or the name of one, but is 4", sweep, solver=4),
     refused("`solver` must be auto, one of RK4, .* but is 'RK5'", spectrum, solver="RK5"),
     refused("`solver` must be auto, one of RK4, .* but is 'rk4'", follow, solver="rk4"),

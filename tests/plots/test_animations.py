@@ -198,7 +198,7 @@ def test_datasets_are_shown_with_their_scene(run):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda ds: dict(run=ds), "`scene` must be given"),
+        (lambda ds: dict(run=ds.drop_attrs()), "has no attribute `scene`"),
         (lambda ds: dict(run=ds["y"], scene=SCENE), "`run` must be a Trajectory or a dataset"),
         (
             lambda ds: dict(run=ds.drop_vars("contact_force"), scene=SCENE),

@@ -148,7 +148,7 @@ def test_a_history_keeps_its_times():
     """Those of cases that were not run are not there."""
     period = np.array([[np.nan] * 4, [0.25, 0.5, 0.75, 1.0], [np.nan] * 4])
     states, acceleration, force = np.ones((3, 4, 10)), np.ones((3, 4, 5)), np.ones((3, 4, 2, 10))
-    record = HistoryRecord(states, period, acceleration, force, None)
+    record = HistoryRecord(states, period, acceleration, force, force, np.ones((3, 4)), None)
     _, coords = recorder_named("history", 4, False).label(sj.paper_scene(), ("speed",), record)
     assert coords["period"][1].tolist() == [0.25, 0.5, 0.75, 1.0]
 
