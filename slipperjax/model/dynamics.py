@@ -62,8 +62,8 @@ def phase(t: Any, epoch: Any) -> Any:
     return epoch + t
 
 
-def initial_state(scene: Scene, start: Motion | State, epoch: Any = 0) -> State:
-    """The state of `start` at the start of the period `epoch`, with the matching contact memory.
+def initial_state(scene: Scene, motion: Motion | State, epoch: Any = 0) -> State:
+    """The state of `motion` at the start of the period `epoch`, with the matching contact memory.
 
     A `State`, such as a run ended with, keeps its memory, which must be of the scene's kind; contacts of a `Motion`
     that are closed begin here.
@@ -76,14 +76,14 @@ def initial_state(scene: Scene, start: Motion | State, epoch: Any = 0) -> State:
         # 32 bits are too few for the phase epoch + t, and for penetrations of micrometres beside metres
         raise ValueError("Option `jax_enable_x64` must be on, as slipperjax sets it on import, but is off.")
     check_scene(scene)
-    start = check_start("start", start)
-    if isinstance(start, State) and start.memory is not None and np.shape(start.memory) != (scene.points,):
+    motion = check_start("motion", motion)
+    if isinstance(motion, State) and motion.memory is not None and np.shape(motion.memory) != (scene.points,):
         raise ValueError(
-            f"Argument `start` must have a memory of shape ({scene.points},), one for each point, but it "
-            f"has shape {np.shape(start.memory)}."
+            f"Argument `motion` must have a memory of shape ({scene.points},), one for each point, but it "
+            f"has shape {np.shape(motion.memory)}."
         )
-    state, outside = state_and_penetration(scene, jax.tree.map(lambda v: jnp.asarray(v, float), start), epoch)
-    if isinstance(start, Motion):  # a run may end deep inside a contact
+    state, outside = state_and_penetration(scene, jax.tree.map(lambda v: jnp.asarray(v, float), motion), epoch)
+    if isinstance(motion, Motion):  # a run may end deep inside a contact
         warn_if_outside(outside)
     return state
 

@@ -14,7 +14,7 @@ from matplotlib.colors import to_rgb
 import slipperjax as sj
 from slipperjax.bench import Point
 from slipperjax.cli import main
-from slipperjax.cli.options import make_grid, make_scene, make_solver
+from slipperjax.cli.options import CASE_OPTIONS, PAPER, make_case, make_grid, make_scene, make_solver
 from slipperjax.flow import Status
 from slipperjax.model import PARAMETERS, SECTIONS
 from slipperjax.plots import COLORS, REGIME_COLORS
@@ -124,6 +124,57 @@ def test_defaults_are_the_paper_s(monkeypatch, tmp_path, capsys):
     assert isinstance(options["solver"], sj.RK4)
     assert options["steps_per_period"] is options["saves_per_period"] is None
     assert capsys.readouterr().err == "simulating 60 periods of 6.4 ms ...\nerror: seen\n"
+
+
+def test_help_names_the_paper_s_values():
+    scene = sj.paper_scene()
+    for name, value in PAPER.items():
+        if name in PARAMETERS and name != "gravity":
+            assert PARAMETERS[name].shown(float(scene.value(name))) == pytest.approx(value, rel=1e-12), name
+    assert scene.gravity is None
+    assert list(scene.track.wavelengths) == [PAPER["wavelength"]]
+    assert PAPER["gravity"] == "none"
+    assert PAPER["memory"] == "event"
+    assert set(PAPER) | {"scene", "set", "solver"} == set(CASE_OPTIONS)
+
+
+def test_options_override_the_scene_s_file(tmp_path, capsys):
+    file = tmp_path / "scene.toml"
+    file.write_text('base = "paper"\nspeed = "1000 m/s"\n[slipper]\nmass = "20 kg"\n[start]\nv_y = "1 m/s"\n')
+    given = {"speed": 900.0, "set": ["section.play.2=0.4 mm", "slipper.inertia.1=0.07"], "gravity": 9.81}
+    case = make_case(**(dict.fromkeys(CASE_OPTIONS) | {"solver": "Rodas4", "scene": file} | given))
+    wanted = sj.paper_scene(900.0).replace(mass=20.0, gravity=9.81, inertia_y=0.07, **{"section.play.2": 4e-4})
+    assert equal(case.scene, wanted)
+    assert case.start.v_y == 1.0
+    assert isinstance(case.solver, sj.Rodas4)
+
+
+@pytest.mark.parametrize("command", ["simulate", "bifurcation", "lyapunov"])
+def test_a_result_is_run_again_from_its_file(command, tmp_path, capsys):
+    """Each command's file holds its scene, start and solver: as `--scene`, and for `repeat` to the same bits."""
+    out = tmp_path / "run"
+    over = [] if command == "simulate" else ["--over", "section.play.2", "4e-4", "5e-4", "2", "--transient", "20"]
+    file = tmp_path / "scene.toml"
+    sj.paper_scene(1000.0).replace(mass=20.0).to_toml(file, start=sj.Motion(v_y=0.3))
+    more = ["--periods", "3", "--steps-per-period", "50", *(["--no-certify"] if command == "lyapunov" else [])]
+    run([command, *over, *more, "--scene", str(file), "--mass", "21", "--solver", "Tsit5", "--out", str(out)], capsys)
+    first, again = dataset(out), sj.repeat(f"{out}.nc")
+    for name in first.variables:
+        np.testing.assert_array_equal(first[name].values, again[name].values, err_msg=str(name))
+    assert first.attrs["solver"] == "Tsit5" if over else True
+    chosen = {"section.play.2": 4e-4} if over else {}
+    assert equal(sj.load_scene(f"{out}.nc", **chosen), sj.paper_scene(1000.0).replace(mass=21.0, **chosen))
+    assert sj.load_start(f"{out}.nc").motion.v_y == 0.3 if not over else sj.load_start(f"{out}.nc").v_y == 0.3
+
+
+def test_logarithmic_axes():
+    grid = make_grid(("speed", 100.0, 10000.0, 3), ("clearance", 1.0, 3.0, 3), ["speed"])
+    np.testing.assert_allclose(grid["speed"], [100.0, 1000.0, 10000.0])
+    np.testing.assert_allclose(grid["clearance"], [1e-3, 2e-3, 3e-3])
+
+
+def test_versions_are_printed(capsys):
+    assert run(["--version"], capsys).startswith(f"slipperjax {sj.__version__} (python 3")
 
 
 def test_solvers_are_found_by_name(capsys):
