@@ -9,6 +9,7 @@ from .floquet import floquet as floquet
 from .floquet import jacobians as jacobians
 from .floquet import largest_exponent as largest_exponent
 from .floquet import multipliers as multipliers
+from .linear import solve as solve
 from .lyapunov import LyapunovSpectrum as LyapunovSpectrum
 from .lyapunov import extend_spectrum as extend_spectrum
 from .lyapunov import first_tangents as first_tangents
@@ -26,6 +27,9 @@ from .regime import REGIMES as REGIMES
 from .regime import SURE as SURE
 from .regime import is_chaotic as is_chaotic
 from .regime import regime as regime
+from .shooting import Shot as Shot
+from .shooting import minimal_period as minimal_period
+from .shooting import shoot as shoot
 from .statistics import kaplan_yorke as kaplan_yorke
 from .statistics import pooled_standard_error as pooled_standard_error
 from .statistics import standard_error as standard_error

@@ -96,6 +96,36 @@ def simulate(
 
 @app.command(cls=_Once)
 @takes_case
+def orbit(
+    case: Case,
+    period: Annotated[int, typer.Option(help="Forcing periods after which the motion recurs.")] = 1,
+    transient: Annotated[int, typer.Option(help="Forcing periods simulated before Newton's method.")] = 60,
+    steps_per_period: Steps = None,
+    out: Out = Path("orbit"),
+):
+    """Find a periodic motion, stable or not, with its Floquet multipliers and contact signature."""
+    from ..flow import Status
+    from ..orbits import periodic_orbit
+    from ..plots import overview
+
+    files = Outputs(out, ".nc", ".png")
+    options = dict(start=case.start, transient=transient, steps_per_period=steps_per_period, solver=case.solver)
+    found = on_thread(lambda: periodic_orbit(case.scene, period, **options))
+    status = Status(int(found.status))
+    if status != Status.FINITE:
+        print(f"no file is written; residual {float(found.residual):.2g}; status: {status}")
+        raise typer.Exit(LOST)
+    files.write(found.to_xarray(), overview)
+    leading = ", ".join(f"{m.real:.6g}{m.imag:+.6g}i" if m.imag else f"{m.real:.6g}" for m in found.multipliers[:4])
+    print(
+        f"period {found.period}, {'stable' if found.stable else 'unstable'}, largest exponent "
+        f"{float(found.exponent):.6g} per period; multipliers {leading}, ...; {found.signature}; "
+        f"{int(found.iterations)} iterations, residual {float(found.residual):.1g} (scaled)"
+    )
+
+
+@app.command(cls=_Once)
+@takes_case
 def bifurcation(
     case: Case,
     over: Over,

@@ -17,6 +17,7 @@ from .period_map import advance_tangents as advance_tangents
 from .period_map import batch_jacobians as batch_jacobians
 from .period_map import initial_states as initial_states
 from .period_map import judged_by_loads as judged_by_loads
+from .period_map import run_compiled as run_compiled
 from .probe import Probe as Probe
 from .provenance import run_attributes as run_attributes
 from .provenance import start_from_json as start_from_json

@@ -73,6 +73,11 @@ class Status(enum.IntEnum):
         "not run: the sweep was interrupted before this case was finished",
         "run this case again",
     )
+    NO_ORBIT = (
+        8,
+        "no orbit: Newton's iterations ended without a periodic motion",
+        "start nearer to one, by a longer transient or another start; try another period",
+    )
 
     def __new__(cls, code: int, meaning: str, remedy: str):
         member = int.__new__(cls, code)

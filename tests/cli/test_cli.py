@@ -167,6 +167,20 @@ def test_a_result_is_run_again_from_its_file(command, tmp_path, capsys):
     assert sj.load_start(f"{out}.nc").motion.v_y == 0.3 if not over else sj.load_start(f"{out}.nc").v_y == 0.3
 
 
+def test_orbits_are_written_and_failures_are_not(tmp_path, capsys):
+    out = tmp_path / "orbit"
+    text = run(["orbit", "--steps-per-period", "50", "--out", str(out)], capsys)
+    assert "period 1, stable, largest exponent -0.046" in text
+    ds = dataset(out)
+    assert ds.attrs["stable"] == 1
+    np.testing.assert_allclose(ds["y"][-1], ds["y"][0], rtol=1e-9)
+    with pytest.raises(SystemExit) as stopped:
+        main(["orbit", "--speed", "100", "--steps-per-period", "20", "--out", str(tmp_path / "none")])
+    assert stopped.value.code == 1
+    assert "no file is written" in capsys.readouterr().out
+    assert not (tmp_path / "none.nc").exists()
+
+
 def test_logarithmic_axes():
     grid = make_grid(("speed", 100.0, 10000.0, 3), ("clearance", 1.0, 3.0, 3), ["speed"])
     np.testing.assert_allclose(grid["speed"], [100.0, 1000.0, 10000.0])
