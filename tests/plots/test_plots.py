@@ -114,6 +114,17 @@ def test_axis_labels_name_quantity_and_display_unit(name, label):
     assert plots.axis_label(name) == label
 
 
+def test_the_axis_of_a_path_has_the_unit_of_its_values():
+    path = "contact.hysteresis"
+    ds = sections(path)
+    ds[path].attrs["units"] = "s/m"
+    assert plots.bifurcation(ds, "w_x").get_xlabel() == f"{path} [s/m]"
+    found = measured({path: np.arange(6.0)}, (6,))
+    found[path].attrs["units"] = "s/m"
+    assert plots.exponents(found).get_xlabel() == f"{path} [s/m]"
+    assert plots.axis_label(path, found.drop_vars(path)) == path
+
+
 @pytest.mark.parametrize(
     ("over", "values", "shown"),
     [
