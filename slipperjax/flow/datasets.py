@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..model import ACCELERATIONS, COORDINATES, PARAMETERS, REACTIONS, Quantity, Scene
+from ..model import ACCELERATIONS, COORDINATES, PARAMETERS, REACTIONS, STARTS, Quantity, Scene, parameter
 from .provenance import run_attributes
 from .recorders import coordinates, load_variables
 from .status import MEANINGS
@@ -16,19 +16,22 @@ from .status import MEANINGS
 def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, Any]:
     """The scene's parameters, as attributes of a dataset.
 
-    **Arguments:** `without`: names of parameters to leave out, which a dataset has as coordinates. Those with several
-    values are left out, too.
+    **Arguments:** `without`: names and paths of parameters which a dataset has as coordinates. All that depend on
+    them are left out, as the clearance where section.play.2 is varied, and so are those with several values.
     """
+    for known in (parameter(name, scene) for name in without if name not in STARTS):
+        scene = known.replaced(scene, np.nan)
     out: dict[str, Any] = {
         "contact_law": type(scene.contact).__name__,
         "contact_memory": type(scene.memory).__name__,
     }
     for name, q in PARAMETERS.items():
-        value = None if name in without else q.of(scene)
-        if value is not None and np.ndim(value) == 0:
+        value = q.of(scene)
+        if value is not None and np.ndim(value) == 0 and not np.isnan(value):
             out[name if q.unit == "1" else f"{name} [{q.unit}]"] = float(value)
-    wavelengths = np.atleast_1d(getattr(scene.track, "wavelengths", scene.track.wavelength))
-    out["wavelengths [m]"] = wavelengths.astype(float)
+    wavelengths = np.atleast_1d(getattr(scene.track, "wavelengths", scene.track.wavelength)).astype(float)
+    if not np.isnan(wavelengths).any():
+        out["wavelengths [m]"] = wavelengths
     return out
 
 

@@ -101,7 +101,7 @@ def _dots(
     style = {"ms": _dot_size(ds[section]), "mew": 0, "color": COLORS["blue"], "rasterized": True} | style
     ax.plot(at[case], values[case, crossing], ".", **style)
     mark_cases(ax, at[bad], color, height)
-    ax.set(xlabel=axis_label(over), ylabel=axis_label(section))
+    ax.set(xlabel=axis_label(over, ds), ylabel=axis_label(section))
     # room for the dots of the first and the last case
     ax.margins(x=max(0.5 / max(len(at) - 1, 1), 0.015) if len(at) > 10 else 0.05)
     ax.update_datalim(np.stack([at, at], axis=1), updatey=False)

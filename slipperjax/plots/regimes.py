@@ -65,7 +65,7 @@ def exponents(ds: xr.Dataset, ax: Any = None) -> Any:
     handles += [cross(label="no exponent")] * bool(absent.any())
     legend_above(ax, handles)
     ax.margins(x=0.03)
-    ax.set(xlabel=axis_label(over), ylabel=EXPONENT_LABEL)
+    ax.set(xlabel=axis_label(over, ds), ylabel=EXPONENT_LABEL)
     return ax
 
 
@@ -106,7 +106,7 @@ def regime_map(ds: xr.Dataset, ax: Any = None) -> Any:
     if handles:
         legend_above(ax, handles)
     ax.grid(False)
-    ax.set(xlabel=axis_label(over_x), ylabel=axis_label(over_y))
+    ax.set(xlabel=axis_label(over_x, ds), ylabel=axis_label(over_y, ds))
     return ax
 
 

@@ -71,16 +71,20 @@ def typeset(unit: str) -> str:
     return re.sub(r"\^(-?[\d.]+)", r"$^{\1}$", unit)
 
 
-def axis_label(name: str) -> str:
+def axis_label(name: str, ds: xr.Dataset | None = None) -> str:
     """The axis label of a quantity: name or symbol, and display unit in brackets; a pure number has no brackets.
 
-    **Arguments:** `name`: as in datasets, for instance clearance, start_v_y, w_x or contact_force. A name that is not
-    in the registry of quantities is its own label.
+    **Arguments:**
+
+    - `name`: as in datasets, for instance clearance, start_v_y, w_x or contact_force. A name that is not in the
+      registry of quantities, such as the path section.play.2, is its own label.
+    - `ds`: a dataset that has the unit of such a name.
     """
     try:
         q = quantity(name)
     except KeyError:
-        return name.replace("_", " ")
+        unit = "1" if ds is None or name not in ds else ds[name].attrs.get("units", "1")
+        return name.replace("_", " ") + _bracketed(unit)
     symbol = f"${q.symbol}$" if q.symbol else ""
     if name in PARAMETERS or name in REACTIONS:
         text = f"{name.replace('_', ' ')} {symbol}"
@@ -88,8 +92,12 @@ def axis_label(name: str) -> str:
         text = f"start {symbol or q.name}"
     else:
         text = symbol or name.replace("_", " ")
-    unit = "" if q.display_unit == "1" else f" [{typeset(q.display_unit)}]"
-    return text.strip() + unit
+    return text.strip() + _bracketed(q.display_unit)
+
+
+def _bracketed(unit: str) -> str:
+    """A unit after a label; nothing for a pure number."""
+    return "" if unit == "1" else f" [{typeset(unit)}]"
 
 
 def shown(ds: xr.Dataset, name: str) -> np.ndarray:

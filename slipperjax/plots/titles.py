@@ -46,7 +46,7 @@ def name_case(figure: Any, ds: xr.Dataset, *, full: bool = False) -> None:
 def _number(ds: xr.Dataset, name: str) -> float | None:
     """A parameter's one value [SI unit]; None where it has several, or is not known."""
     if name in ds.coords:
-        return float(ds[name]) if ds[name].size == 1 else None
+        return ds[name].item() if ds[name].size == 1 else None
     unit = PARAMETERS[name].unit
     value = ds.attrs.get(name if unit == "1" else f"{name} [{unit}]")
     return float(value) if np.size(value) == 1 and value is not None else None

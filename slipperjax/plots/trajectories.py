@@ -30,7 +30,7 @@ def history(ds: xr.Dataset, name: str, ax: Any = None) -> Any:
     """
     ax = _axes_of(ds) if ax is None else ax
     ax.plot(ds["period"].values, shown(ds, name), lw=0.7, color=COLORS["blue"])
-    ax.set(xlabel=TIME_LABEL, ylabel=axis_label(name))
+    ax.set(xlabel=TIME_LABEL, ylabel=axis_label(name, ds))
     ax.margins(x=0.01)
     return ax
 

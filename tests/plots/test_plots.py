@@ -114,6 +114,17 @@ def test_axis_labels_name_quantity_and_display_unit(name, label):
     assert plots.axis_label(name) == label
 
 
+def test_the_axis_of_a_path_has_the_unit_of_its_values():
+    path = "contact.hysteresis"
+    ds = sections(path)
+    ds[path].attrs["units"] = "s/m"
+    assert plots.bifurcation(ds, "w_x").get_xlabel() == f"{path} [s/m]"
+    found = measured({path: np.arange(6.0)}, (6,))
+    found[path].attrs["units"] = "s/m"
+    assert plots.exponents(found).get_xlabel() == f"{path} [s/m]"
+    assert plots.axis_label(path, found.drop_vars(path)) == path
+
+
 @pytest.mark.parametrize(
     ("over", "values", "shown"),
     [
@@ -358,7 +369,8 @@ def test_titles_state_the_fixed_parameters_in_display_units():
     assert plots.case_title(xr.Dataset()) == plots.case_title(xr.Dataset(), full=True) == ""
     varied = xr.Dataset(coords={"speed": [1.0, 2.0]}, attrs={"clearance [m]": 2e-3})
     assert plots.case_title(varied) == "$C$ = 2 mm"
-    assert plots.case_title(varied.isel(speed=1)) == "$V$ = 2 m/s, $C$ = 2 mm"
+    for one in (varied.isel(speed=1), varied.isel(speed=[1])):  # a grid of one value has a dimension
+        assert plots.case_title(one) == "$V$ = 2 m/s, $C$ = 2 mm"
 
 
 def test_new_figures_have_the_case_as_title_and_given_axes_keep_theirs():
