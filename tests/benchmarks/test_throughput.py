@@ -91,3 +91,23 @@ def test_sweep_against_scalar_cpp(peer, lanes, periods):
         f"states after a period differ by {np.median(difference):.1e} in the median, {difference.max():.1e} at most"
     )
     assert np.median(difference) < 1e-2
+
+
+def test_cost_of_contact_loads():
+    """Sections of ten periods after 200, with and without peak forces and their like."""
+    run = lambda loads: sj.sweep(
+        sj.paper_scene(), {"speed": np.linspace(100, 2500, 241)}, steps_per_period=200, loads=loads
+    )
+    seconds = {True: [], False: []}
+    for loads in (True, False):
+        run(loads)
+    for _ in range(9):
+        for loads, found in seconds.items():
+            begin = time.perf_counter()
+            run(loads)
+            found.append((time.perf_counter() - begin) / (241 * 210 * 200) * 1e6)
+    with_loads, without = (statistics.median(seconds[loads]) for loads in (True, False))
+    print(
+        f"\n200 + 10 periods, 200 steps: {with_loads:.4f} us per step and case with loads, {without:.4f} without "
+        f"(medians): {with_loads / without:.3f}"
+    )
