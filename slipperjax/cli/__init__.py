@@ -44,7 +44,8 @@ def main(arguments: list[str] | None = None) -> None:
 def _called(arguments: list[str] | None, signals: Signals) -> int:
     """The exit code of a command; says what is wrong with it."""
     try:
-        code = app(args=arguments, standalone_mode=False)
+        given = sys.argv[1:] if arguments is None else arguments
+        code = app(args=given or ["--help"], standalone_mode=False)
         return code if isinstance(code, int) else 0
     except Exception as error:
         usage = hasattr(error, "format_message")

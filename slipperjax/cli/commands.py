@@ -30,7 +30,6 @@ class _Once(typer.core.TyperCommand):
 
 app = typer.Typer(
     help="Nonlinear dynamics of rocket-sled slippers.",
-    no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )

@@ -173,7 +173,12 @@ def make_scene(
             raise ValueError(f"Option --wavelength needs a HarmonicTrack, but the track is {scene.track!r}.")
         scene = dataclasses.replace(scene, track=dataclasses.replace(scene.track, wavelengths=tuple(wavelength)))
     in_si = {name: PARAMETERS[name].from_shown(value) for name, value in values.items() if value is not None}
-    return scene.replace(**in_si, **dict(_assigned(scene, text) for text in set or ()))
+    given = [*in_si.items(), *(_assigned(scene, text) for text in set or ())]
+    names = [name for name, _ in given]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"Option --set must not give {name}, which another option gives, too.")
+    return scene.replace(**dict(given))
 
 
 def _assigned(scene: Any, text: str) -> tuple[str, float]:

@@ -4,12 +4,15 @@ A path names fields, and places in arrays: slipper.inertia.1 is the moment of in
 of the third face, section.points.D.1 the height z of point D.
 """
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import jax
 import numpy as np
 
-from ..tools import axes_of, brief, finite, unit_of
+from ..tools import axes_of, brief, finite, is_traced, unit_of
 from .quantities import PARAMETERS, Parameter, with_entry
 
 
@@ -28,6 +31,24 @@ def parameter(name: Any, scene: Any = None) -> Parameter:
         f"Argument `{name}` is no parameter; the names are {', '.join(PARAMETERS)}, and paths such as "
         f"section.play.2 or slipper.inertia.1."
     )
+
+
+def refuse_undone(parameters: Sequence[Parameter], scene: Any) -> None:
+    """Raises `ValueError` where one of several parameters, which are set in their order, undoes what another sets.
+
+    The clearance followed by section.play.2 is a section with another third face; the other way round
+    section.play.2 would be without effect, as would one of mass and slipper.mass.
+    """
+    with jax.ensure_compile_time_eval():
+        for first, later in itertools.combinations(parameters, 2):
+            if is_traced(first.leaf(scene)) or is_traced(later.leaf(scene)):
+                continue
+            both = later.replaced(first.replaced(scene, np.nan), 0.0)
+            if not np.any(np.isnan(first.of(both))):
+                raise ValueError(
+                    f"Argument `{first.name}` must not be given with `{later.name}`, which sets the same; "
+                    f"what is a part of the other must come second."
+                )
 
 
 def _at_path(path: str, scene: Any) -> Parameter:

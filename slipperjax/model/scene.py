@@ -24,7 +24,7 @@ from ..tools import (
 )
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch
 from .cross_section import Section
-from .paths import parameter
+from .paths import parameter, refuse_undone
 from .quantities import PARAMETERS, Parameter
 from .scene_text import scene_to_toml
 from .tracks import AbstractTrack
@@ -107,9 +107,11 @@ class Scene(ShapeChecked):
         Values may have leading axes of cases. Traced ones are not checked, so that this works inside batched
         functions.
 
-        **Raises:** `ValueError` for an unknown name, a value that is out of range, or if the scene has no such part.
+        **Raises:** `ValueError` for an unknown name, a value that is out of range, a value that a later one would
+        undo, or if the scene has no such part.
         """
         scene, known = self, [parameter(name, self) for name in values]
+        refuse_undone(known, self)
         for one, value in zip(known, values.values(), strict=True):
             if np.size(value) == 0:
                 raise ValueError(f"Argument `{one.name}` must be one or more values, but is {brief(value)}.")

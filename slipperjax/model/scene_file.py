@@ -33,6 +33,8 @@ PARTS: dict[str, type] = dict(
 """The tables of a scene's file, and the classes of what they describe."""
 SINGLE = (Slipper, Section)
 """Classes without alternatives, whose tables need no type."""
+ANGLES, QUATERNION = ("roll", "pitch", "yaw"), ("q_x", "q_y", "q_z")
+"""Two ways to give the attitude at the start."""
 BASES = {"paper": paper_scene}
 """Scenes that a file may be based on."""
 
@@ -64,7 +66,9 @@ def scene_from_json(text: str) -> Scene:
 
 def motion_from(values: Mapping[str, Any]) -> Motion:
     """A motion from its fields, or from coordinates with Euler angles, see `Motion.from_euler`."""
-    angles = {"roll", "pitch", "yaw"} & set(values)
+    angles, quaternion = ([name for name in names if name in values] for names in (ANGLES, QUATERNION))
+    if angles and quaternion:
+        raise ValueError(f"`{angles[0]}` and `{quaternion[0]}` must not both be given.")
     return Motion.from_euler(**values) if angles else Motion(**values)
 
 
@@ -235,7 +239,7 @@ def _number(name: str, value: Any) -> float:
 def parsed(name: str, value: Any, unit: str) -> float:
     """A text such as "1.5 mm" in the SI unit `unit`; raises `ValueError` for other texts, and for bare numbers."""
     text = value if isinstance(value, str) else ""
-    words = re.fullmatch(r"\s*([-+]?[\d_.]+(?:[eE][-+]?\d+)?)(\s+\S.*?|[^\W\d_].*?)\s*", text)
+    words = re.fullmatch(r"\s*([-+]?[\d_.]+(?:[eE][-+]?\d+)?)(\s+\S.*?|[^\W\d_].*?|°)\s*", text)
     try:
         number = float(words.group(1)) if words else None
     except ValueError:

@@ -3,7 +3,7 @@
 import json
 from typing import Any
 
-from ..tools import TYPE, brief, describe, unit_of
+from ..tools import TYPE, brief, describe, instance, unit_of
 from .quantities import COORDINATES
 
 NUMBERS = ("speed", "gravity")
@@ -34,8 +34,9 @@ def scene_to_toml(scene: Any, start: Any = None) -> str:
             if value is not None and not (field == TYPE and value.lower() == name):
                 lines.append(_line(field, value if field == TYPE else _shown(value, unit_of(type(part), field))))
     if start is not None:
-        if "motion" in describe(start):
-            raise ValueError("Argument `start` must be a slipperjax.Motion in TOML, such as `.motion` of a state.")
+        from .kinematics import Motion  # here, for it needs the scene
+
+        instance("start", start, Motion, "a slipperjax.Motion in TOML, such as run.end.motion")
         lines += ["", "[start]"]
         lines += [_line(k, _shown(v, START_UNITS[k])) for k, v in describe(start).items() if k != TYPE and v != 0]
     return "\n".join(lines) + "\n"

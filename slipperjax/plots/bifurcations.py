@@ -11,6 +11,7 @@ from .style import (
     COLORS,
     FLAGGED_LABEL,
     axis_label,
+    check_dataset,
     cross,
     flagged,
     legend_above,
@@ -22,6 +23,8 @@ from .style import (
 )
 from .titles import name_case
 
+SOURCE = "sweep or follow"
+"""What makes the datasets drawn here, for errors."""
 FOLLOWED = {"up": COLORS["orange"], "down": COLORS["green"]}
 """Colours of the motions that are followed with the parameter raised and lowered."""
 
@@ -42,6 +45,7 @@ def bifurcation(ds: xr.Dataset, section: str, ax: Any = None, **style: Any) -> A
 
     **Raises:** `ValueError` where `ds` is not swept over one parameter.
     """
+    check_dataset(ds, SOURCE, section)
     if ax is None:
         ax = new_axes()
         name_case(ax.figure, ds, full=True)
@@ -62,6 +66,7 @@ def bifurcations(ds: xr.Dataset, axes: Any = None, followed: xr.Dataset | None =
 
     **Returns:** the Axes, an array.
     """
+    check_dataset(ds, SOURCE, *SECTIONS)
     with styled():
         if axes is None:
             figure, axes = plt.subplots(5, 1, figsize=(3.5, 7.9), sharex=True, layout="constrained")

@@ -15,6 +15,7 @@ from .style import (
     FLAGGED_LABEL,
     REGIME_COLORS,
     axis_label,
+    check_dataset,
     cross,
     flagged,
     legend_above,
@@ -26,6 +27,8 @@ from .style import (
 )
 from .titles import name_case
 
+SOURCE = "lyapunov_sweep"
+"""What makes the datasets drawn here, for errors."""
 EXPONENT_LABEL = "largest exponent [1/period]"
 NO_COLOR = "#d0d0d0"
 _MARKERS = dict(zip(REGIMES, "oDs^v", strict=True))
@@ -45,6 +48,7 @@ def exponents(ds: xr.Dataset, ax: Any = None) -> Any:
 
     **Raises:** `ValueError` where `ds` is not swept over one parameter.
     """
+    check_dataset(ds, SOURCE, "regime")
     if ax is None:
         ax = new_axes(3.5, 2.8)
         name_case(ax.figure, ds, full=True)
@@ -83,6 +87,7 @@ def regime_map(ds: xr.Dataset, ax: Any = None) -> Any:
 
     **Raises:** `ValueError` where `ds` is not swept over two parameters.
     """
+    check_dataset(ds, SOURCE, "regime")
     over_y, over_x = swept(ds["regime"], count=2)
     own = ax is None
     if ax is None:

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from ..analysis import REGIMES
 from ..flow import Status
 from ..model import PARAMETERS, REACTIONS, quantity
+from ..tools import listed
 
 STYLE: dict[str, Any] = {
     "font.size": 8,
@@ -107,6 +108,16 @@ def shown(ds: xr.Dataset, name: str) -> np.ndarray:
         return quantity(name).shown(values)
     except KeyError:
         return values
+
+
+def check_dataset(ds: Any, source: str, *names: str) -> None:
+    """Raises `ValueError` where `ds` is no dataset with the variables `names`; `source` says what makes one."""
+    if not isinstance(ds, xr.Dataset):
+        raise ValueError(f"Argument `ds` must be a dataset of {source}, but is {type(ds).__name__}.")
+    for name in names:
+        if name not in ds:
+            found = listed([str(known) for known in ds])
+            raise ValueError(f"Argument `ds` must be a dataset of {source}, with `{name}`, but has {found}.")
 
 
 def new_axes(width: float = 3.5, height: float = 2.4) -> Any:

@@ -9,10 +9,12 @@ import xarray as xr
 
 from ..flow import Status
 from ..model import quantity
-from .style import COLORS, POINT_COLORS, axis_label, legend_above, new_axes, shown, styled, typeset
+from .style import COLORS, POINT_COLORS, axis_label, check_dataset, legend_above, new_axes, shown, styled, typeset
 from .titles import name_case
 
 TIME_LABEL = "time [forcing periods]"
+SOURCE = "one case over time, such as run.to_xarray()"
+"""What makes the datasets drawn here, for errors."""
 LAST = 4.0
 """Forcing periods at the end of a run in which single impacts are drawn."""
 
@@ -28,6 +30,7 @@ def history(ds: xr.Dataset, name: str, ax: Any = None) -> Any:
 
     **Returns:** the Axes, with time in forcing periods.
     """
+    check_dataset(ds, SOURCE, "period", name)
     ax = _axes_of(ds) if ax is None else ax
     ax.plot(ds["period"].values, shown(ds, name), lw=0.7, color=COLORS["blue"])
     ax.set(xlabel=TIME_LABEL, ylabel=axis_label(name, ds))
@@ -46,6 +49,7 @@ def contact_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4, last: float
 
     **Returns:** the Axes. Points are named by their letter and 1 at the front or 2 at the rear.
     """
+    check_dataset(ds, SOURCE, "period", "contact_force")
     ax = _axes_of(ds) if ax is None else ax
     peaks, when = _peaks(ds)
     period = ds["period"].values
@@ -74,6 +78,7 @@ def highest_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4) -> Any:
 
     **Returns:** the Axes.
     """
+    check_dataset(ds, SOURCE, "period", "contact_force")
     ax = _axes_of(ds) if ax is None else ax
     peaks, when = _peaks(ds)
     number = np.maximum(np.ceil(ds["period"].values - 1e-9), 1)  # a period has its end, not its beginning
@@ -101,6 +106,7 @@ def overview(ds: xr.Dataset, axes: Any = None) -> Any:
 
     **Returns:** the Axes, an array.
     """
+    check_dataset(ds, SOURCE, "period", "contact_force")
     with styled():
         if axes is None:
             figure, axes = plt.subplots(7, 2, figsize=(7.2, 9.4), layout="constrained")
@@ -161,6 +167,7 @@ def phase_portrait(ds: xr.Dataset, coordinate: str, velocity: str, ax: Any = Non
 
     **Returns:** the Axes.
     """
+    check_dataset(ds, SOURCE, coordinate, velocity)
     ax = _axes_of(ds, 3.5, 3.0) if ax is None else ax
     q, v = shown(ds, coordinate), shown(ds, velocity)
     ax.plot(q, v, lw=0.35, color=COLORS["blue"])

@@ -233,6 +233,19 @@ def test_help_names_units(command, capsys):
         assert "mass [kg]" in re.sub(r"\s+", " ", text)  # of --over
 
 
+def test_no_arguments_ask_for_help(monkeypatch, capsys):
+    texts = []
+    for arguments in ([], None, ["--help"]):
+        monkeypatch.setattr("sys.argv", ["slipperjax"])
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        found = capsys.readouterr()
+        assert ended.value.code == 0
+        assert not found.err
+        texts.append(found.out)
+    assert len(set(texts)) == 1
+
+
 def test_help_lists_the_commands(capsys):
     text = run(["--help"], capsys)
     for command in ("simulate", "bifurcation", "lyapunov", "reproduce", "bench"):

@@ -597,6 +597,10 @@ LINES = [
     (["bench", "--batch", "2.5"], "--batch"),
     (["bench", "--repeats", "-1"], "`repeats` must be a whole number of 1 or more, but is -1"),
     (["bench", "--out", "/proc/no/place"], "--out must name a place"),
+    # one number by two options
+    (["simulate", "--speed", "800", "--set", "speed=900"], "--set must not give speed, which another option gives"),
+    (["simulate", "--set", "speed=800", "--set", "speed=900"], "--set must not give speed, which another option"),
+    (["simulate", "--mass", "14", "--set", "slipper.mass=15"], "`mass` must not be given with `slipper.mass`"),
     # no commands
     (["simulat"], "simulat"),
     (["--speed", "1250"], "--speed"),

@@ -1,5 +1,6 @@
 """Every number of a scene is a parameter: by name or by path, checked, and with its unit."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -34,6 +35,17 @@ def test_paths_lead_to_one_number(path, unit, leaf):
 def test_two_numbers_of_one_array_vary_side_by_side():
     both = SCENE.replace(**{"section.play.0": np.array([1e-4, 2e-4]), "section.play.1": np.array([3e-4, 4e-4])})
     np.testing.assert_allclose(both.section.play[:, :3], [[1e-4, 3e-4, 5e-4], [2e-4, 4e-4, 5e-4]])
+
+
+def test_a_part_after_the_whole_changes_it_and_undoes_nothing():
+    found = SCENE.replace(**{"clearance": 2e-3, "section.play.2": 4e-4})
+    np.testing.assert_allclose(found.section.play, [1e-3, 1e-3, 4e-4, 1e-3, 1e-3])
+    with pytest.raises(ValueError, match=r"`section\.play\.2` must not be given with `clearance`"):
+        SCENE.replace(**{"section.play.2": 4e-4, "clearance": 2e-3})
+    with pytest.raises(ValueError, match=r"`mass` must not be given with `slipper\.mass`"):
+        sj.sweep(SCENE, {"mass": [10.0, 11.0], "slipper.mass": [14.0]}, transient=0, periods=1)
+    mass = jax.jit(lambda m: SCENE.replace(mass=m, speed=2 * m).slipper.mass)(3.0)
+    assert float(mass) == 3.0
 
 
 @pytest.mark.parametrize(

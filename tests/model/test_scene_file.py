@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.model import scene_from_json, scene_from_toml, scene_to_json, scene_to_toml
+from slipperjax.model import parsed, scene_from_json, scene_from_toml, scene_to_json, scene_to_toml
 from slipperjax.tools import finite, positive
 
 
@@ -61,6 +61,16 @@ def test_starts_come_back_too():
     for name, value in vars(start).items():
         assert float(getattr(found, name)) == float(value)
     assert scene_from_toml(sj.paper_scene().to_toml()).start is None
+    run = sj.simulate(sj.paper_scene(), 1, steps_per_period=50)
+    assert float(scene_from_toml(sj.paper_scene().to_toml(start=run.end.motion)).start.y) == float(run.end.motion.y)
+    for wrong in (run, run.end, {"y": 1e-4}):
+        with pytest.raises(ValueError, match=r"`start` must be a slipperjax.Motion in TOML, .* run\.end"):
+            sj.paper_scene().to_toml(start=wrong)
+
+
+def test_degrees_have_a_sign():
+    for text in ("0.2°", "0.2 °", "0.2 degrees", "0.2deg"):
+        np.testing.assert_allclose(parsed("roll_amplitude", text, "rad"), math.radians(0.2), rtol=1e-15)
 
 
 FILE = """
@@ -135,6 +145,7 @@ BASE = 'base = "paper"\n'
         ),
         (BASE + '[start]\nv_y = "foo"', "line 3: `v_y` must be a number with a unit"),
         (BASE + '[start]\nvy = "1 m/s"', "line 3: `vy` is none of y, z, roll"),
+        (BASE + '[start]\nq_x = 0.1\nroll = "1 mrad"', "`roll` and `q_x` must not both be given"),
         (BASE + "[strat]\n", "line 2: `strat` is none of base, speed"),
         ('base = "mine"', "line 1: `base` must be one of paper, but is 'mine'"),
         ('speed = "3 m/s', "Unterminated string"),

@@ -114,6 +114,24 @@ def test_axis_labels_name_quantity_and_display_unit(name, label):
     assert plots.axis_label(name) == label
 
 
+@pytest.mark.parametrize(
+    ("draw", "ds", "words"),
+    [
+        (plots.overview, "run", "of one case over time, such as run.to_xarray(), but is str"),
+        (plots.contact_forces, sections(), "such as run.to_xarray(), with `period`, but has v_y"),
+        (lambda ds: plots.history(ds, "foo"), trajectory(), "with `foo`, but has"),
+        (plots.bifurcations, trajectory().drop_vars("v_y"), "of sweep or follow, with `v_y`"),
+        (lambda ds: plots.bifurcation(ds, "y"), sections(), "of sweep or follow, with `y`"),
+        (plots.exponents, sections(), "of lyapunov_sweep, with `regime`"),
+        (plots.regime_map, None, "of lyapunov_sweep, but is NoneType"),
+    ],
+)
+def test_a_dataset_of_another_kind_is_named(draw, ds, words):
+    with pytest.raises(ValueError, match="Argument `ds` must be a dataset") as caught:
+        draw(ds)
+    assert words in str(caught.value)
+
+
 def test_the_axis_of_a_path_has_the_unit_of_its_values():
     path = "contact.hysteresis"
     ds = sections(path)
