@@ -76,6 +76,8 @@ def _is_toml(source: Any) -> bool:
 def _read_toml(source: Any) -> SceneFile:
     try:
         text = Path(source).read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise FileNotFoundError(f"No such file: {source}") from None
     except UnicodeDecodeError as error:
         raise ValueError(f"{source}: must be UTF-8 text, but is not: {error}.") from None
     return scene_from_toml(text, str(source))

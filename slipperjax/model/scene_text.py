@@ -3,7 +3,7 @@
 import json
 from typing import Any
 
-from ..tools import TYPE, brief, describe, instance, unit_of
+from ..tools import TYPE, brief, describe, unit_of
 from .quantities import COORDINATES
 
 NUMBERS = ("speed", "gravity")
@@ -34,9 +34,9 @@ def scene_to_toml(scene: Any, start: Any = None) -> str:
             if value is not None and not (field == TYPE and value.lower() == name):
                 lines.append(_line(field, value if field == TYPE else _shown(value, unit_of(type(part), field))))
     if start is not None:
-        from .kinematics import Motion  # here, for it needs the scene
-
-        instance("start", start, Motion, "a slipperjax.Motion in TOML, such as run.end.motion")
+        if type(start).__name__ != "Motion":  # whose module needs this one
+            need = "a slipperjax.Motion in TOML, such as run.end.motion"
+            raise ValueError(f"Argument `start` must be {need}, but is {brief(start)}.")
         lines += ["", "[start]"]
         lines += [_line(k, _shown(v, START_UNITS[k])) for k, v in describe(start).items() if k != TYPE and v != 0]
     return "\n".join(lines) + "\n"

@@ -1,5 +1,7 @@
 """Tracks as functions of distance, and the speeds at which the rail approaches the slipper."""
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -57,3 +59,23 @@ def test_lateral_and_vertical_are_separate():
     here, _ = scene.track.motion(jnp.asarray(2.0))
     assert float(here.lateral) == pytest.approx(1e-3)
     assert abs(float(here.vertical)) < 1e-15
+
+
+def test_a_track_that_gives_an_array_is_named():
+    class Plain(sj.AbstractTrack):
+        @property
+        def wavelength(self):
+            return jnp.asarray(8.0)
+
+        def irregularity(self, distance):
+            return 1e-3 * distance
+
+    scene = sj.paper_scene()
+    with pytest.raises(ValueError, match=r"`irregularity` must be a .*Irregularity, but is"):
+        sj.simulate(dataclasses.replace(scene, track=Plain()), 1)
+
+
+def test_a_start_of_many_instants_is_named():
+    run = sj.simulate(sj.paper_scene(), 1)
+    with pytest.raises(ValueError, match=r"`start` must be of one instant, such as `\.end` of a .* but has 51"):
+        sj.simulate(sj.paper_scene(), 1, start=run.state)

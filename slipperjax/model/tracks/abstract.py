@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...tools import ShapeChecked
+from ...tools import ShapeChecked, instance
 
 SAMPLES = 512
 """Points per wavelength at which `AbstractTrack.approach_speed` samples the slope."""
@@ -38,7 +38,8 @@ class AbstractTrack(ShapeChecked):
 
     def motion(self, distance: Float[Array, "*places"]) -> tuple[Irregularity, Irregularity]:
         """Displacements at `distance` [m], and their slopes per metre of travel."""
-        return jax.jvp(self.irregularity, (distance,), (jnp.ones_like(distance),))
+        found, slope = jax.jvp(self.irregularity, (distance,), (jnp.ones_like(distance),))
+        return instance("irregularity", found, Irregularity, "a slipperjax.Irregularity"), slope
 
     def approach_speed(self, speed: Float[Array, ""]) -> Float[Array, ""]:
         """Typical speed at which the rail approaches the slipper [m/s], used to choose step sizes.
