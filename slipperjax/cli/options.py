@@ -12,7 +12,7 @@ from typing import Annotated, Any, NamedTuple
 
 import typer
 
-from ..model import PARAMETERS
+from ..model import PARAMETERS, STARTS
 
 GridAxis = tuple[str, float, float, int]
 """Parameter, first and last value in its display unit, number of values."""
@@ -29,7 +29,7 @@ def without(*endings: str) -> Callable[[Path], Path]:
     return lambda path: path.with_suffix("") if path.suffix.lower() in endings else path
 
 
-_NAMES = ", ".join(f"{name} [{q.display_unit}]" for name, q in PARAMETERS.items())
+_NAMES, _STARTS = (", ".join(f"{n} [{q.display_unit}]" for n, q in known.items()) for known in (PARAMETERS, STARTS))
 
 PAPER: dict[str, Any] = {
     "speed": 1250.0,
@@ -60,8 +60,8 @@ Out = Annotated[
 Over = Annotated[
     GridAxis,
     typer.Option(
-        help=f"Parameter, first and last value, number of values. Parameters: {_NAMES}, and paths in SI units "
-        f"such as section.play.2."
+        help=f"Parameter, first and last value, number of values. Parameters: {_NAMES}; of the start: {_STARTS}; and "
+        f"paths in SI units such as section.play.2."
     ),
 ]
 By = Annotated[GridAxis | None, typer.Option(help="A second parameter likewise: makes a regime map.")]
@@ -222,11 +222,11 @@ def make_grid(over: GridAxis, by: GridAxis | None = None, log: Sequence[str] | N
         if axis is None:
             continue
         name, first, last, count = axis
-        known = PARAMETERS.get(name)
+        known = PARAMETERS.get(name) or STARTS.get(name)
         if known is None and "." not in name:
             raise ValueError(
-                f"Option {option} must begin with one of {', '.join(PARAMETERS)} or a path such as section.play.2, "
-                f"but is {name!r}."
+                f"Option {option} must begin with one of {', '.join((*PARAMETERS, *STARTS))}, or a path such as "
+                f"section.play.2, but is {name!r}."
             )
         if count < 1:
             raise ValueError(f"Option {option} must end with a number of values of 1 or more, but is {count}.")

@@ -181,6 +181,12 @@ def test_orbits_are_written_and_failures_are_not(tmp_path, capsys):
     assert not (tmp_path / "none.nc").exists()
 
 
+def test_coordinates_of_the_start_are_axes_too():
+    grid = make_grid(("y", -0.1, 0.1, 3), ("v_y", 0.4, 0.5, 2))
+    np.testing.assert_allclose(grid["y"], [-1e-4, 0.0, 1e-4])
+    np.testing.assert_allclose(grid["v_y"], [0.4, 0.5])
+
+
 def test_logarithmic_axes():
     grid = make_grid(("speed", 100.0, 10000.0, 3), ("clearance", 1.0, 3.0, 3), ["speed"])
     np.testing.assert_allclose(grid["speed"], [100.0, 1000.0, 10000.0])

@@ -562,7 +562,7 @@ LINES = [
     ([*OVER, "speed", "100", "inf", "3"], "`speed` must be positive, but is"),
     ([*OVER, "Speed", "100", "2500", "3"], "--over must begin with one of speed"),
     ([*OVER, "", "100", "2500", "3"], "--over must begin with one of speed"),
-    ([*OVER, "y", "0", "1", "3"], "--over must begin with one of speed"),
+    ([*OVER, "roll", "0", "1", "3"], "--over must begin with one of speed"),
     ([*OVER, "gravity", "-1", "9.81", "3"], "`gravity` must be zero or positive, but is -1"),
     ([*OVER, "clearance", "-1", "1", "3"], "`clearance` must be zero or positive, but is -0.001 m"),
     ([*OVER, "restitution", "0", "1", "3"], "`restitution` must be above 0 and at most 1, but is 0"),
