@@ -94,7 +94,7 @@ def check_start(name: str, start: Any) -> Motion | State:
     if not isinstance(motion, Motion):
         kinds = "a slipperjax.Motion, a slipperjax.State or a slipperjax.Trajectory"
         raise ValueError(f"Argument `{name}` must be {kinds}, but is {brief(start)}.")
-    if np.ndim(motion.y) and not is_traced(motion):
+    if isinstance(start, State) and np.ndim(motion.y) and not is_traced(motion):
         raise ValueError(
             f"Argument `{name}` must be of one instant, such as `.end` of a trajectory, but has {np.size(motion.y)}."
         )
