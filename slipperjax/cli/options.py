@@ -205,7 +205,7 @@ def make_solver(name: str, scene: Any) -> Any:
         chosen = solvers.choose_solver(scene)
         print(f"solver {solvers.solver_name(chosen.solver)}: {chosen.reason}", file=sys.stderr)
         return chosen.solver
-    return solvers.resolve_solver(scene, solvers.solver_named(name))
+    return solvers.resolve_solver(scene, name)
 
 
 def make_grid(over: GridAxis, by: GridAxis | None = None, log: Sequence[str] | None = None) -> dict[str, Any]:

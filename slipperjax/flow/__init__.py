@@ -1,11 +1,13 @@
 """One case through time: the period map, trajectories, recorders, statuses and datasets."""
 
-from .datasets import open_result as open_result
 from .datasets import scene_attributes as scene_attributes
 from .datasets import trajectory_dataset as trajectory_dataset
+from .load import dataset_of as dataset_of
+from .load import load_base as load_base
 from .load import load_call as load_call
 from .load import load_scene as load_scene
 from .load import load_start as load_start
+from .load import varied_names as varied_names
 from .loads import Loads as Loads
 from .loads import contact_loads as contact_loads
 from .loads import over_periods as over_periods
@@ -20,7 +22,6 @@ from .period_map import judged_by_loads as judged_by_loads
 from .period_map import run_compiled as run_compiled
 from .probe import Probe as Probe
 from .provenance import run_attributes as run_attributes
-from .provenance import start_from_json as start_from_json
 from .provenance import versions as versions
 from .recorders import RECORDERS as RECORDERS
 from .recorders import STROBE_VALUES as STROBE_VALUES

@@ -31,8 +31,8 @@ def load_scene(source: Any, **chosen: float) -> Scene:
     """
     if _is_toml(source):
         return _chosen_none(_read_toml(source), chosen).scene
-    ds = _dataset(source)
-    scene = scene_from_json(_attribute(ds, "scene"))
+    ds = dataset_of(source)
+    scene, _ = load_base(ds)
     values = _varied(ds, chosen, lambda name: not _of_start(name))
     return scene.replace(**values) if values else scene
 
@@ -44,12 +44,18 @@ def load_start(source: Any, **chosen: float) -> Motion | State | None:
     """
     if _is_toml(source):
         return _chosen_none(_read_toml(source), chosen).start
-    ds = _dataset(source)
-    start = start_from_json(_attribute(ds, "start"))
+    ds = dataset_of(source)
+    _, start = load_base(ds)
     values = {name.removeprefix("start_"): v for name, v in _varied(ds, chosen, _of_start).items()}
     if isinstance(start, State):
         return State(Motion(**(vars(start.motion) | values)), start.memory)
     return Motion(**(vars(start) | values))
+
+
+def load_base(source: Any) -> tuple[Scene, Motion | State]:
+    """The scene and the start of which a result's cases are variations; raises `ValueError` as `load_scene`."""
+    ds = dataset_of(source)
+    return scene_from_json(_attribute(ds, "scene")), start_from_json(_attribute(ds, "start"))
 
 
 def load_call(source: Any) -> dict[str, Any]:
@@ -57,7 +63,7 @@ def load_call(source: Any) -> dict[str, Any]:
 
     **Raises:** `ValueError` where a solver or controller cannot be rebuilt.
     """
-    call = json.loads(_attribute(_dataset(source), "call"))
+    call = json.loads(_attribute(dataset_of(source), "call"))
     kinds = (
         diffrax.AbstractSolver,
         diffrax.AbstractStepSizeController,
@@ -89,7 +95,7 @@ def _chosen_none(found: SceneFile, chosen: Mapping[str, Any]) -> SceneFile:
     return found
 
 
-def _dataset(source: Any) -> Any:
+def dataset_of(source: Any) -> Any:
     """A dataset as it is, or that of a file."""
     if isinstance(source, str | os.PathLike):
         return open_result(Path(source))
@@ -109,22 +115,28 @@ def _attribute(ds: Any, name: str) -> str:
     return ds.attrs[name]
 
 
+def varied_names(ds: Any) -> list[str]:
+    """Names of the coordinates that were varied; raises `ValueError` where one of them is lost."""
+    names = json.loads(_attribute(ds, "varied"))
+    for name in names:
+        if name not in ds.coords:
+            raise ValueError(
+                f"Argument `source` must have the coordinate `{name}`, which was varied; without it the scene is "
+                f"unknown."
+            )
+    return names
+
+
 def _of_start(name: str) -> bool:
     return name.startswith("start_")
 
 
 def _varied(ds: Any, chosen: Mapping[str, float], wanted: Callable[[str], bool]) -> dict[str, float]:
     """The wanted values of what was varied, for one case: chosen, or the dataset's own where it is of one case."""
-    names = json.loads(_attribute(ds, "varied"))
+    names = varied_names(ds)
     unknown = [name for name in chosen if name not in names]
     if unknown:
         raise ValueError(f"Argument `{unknown[0]}` must be one of what was varied, {', '.join(names) or 'nothing'}.")
-    lost = [name for name in names if name not in ds.coords]
-    if lost:
-        raise ValueError(
-            f"Argument `source` must have the coordinate `{lost[0]}`, which was varied; without it the scene is "
-            f"unknown."
-        )
     found = {name: np.asarray(ds.coords[name].values, float) for name in names}
     fits = {name: np.abs(found[name] - value) <= SAME * abs(value) for name, value in chosen.items()}
     for name, hits in fits.items():

@@ -1,15 +1,12 @@
 """A result computed again from what its dataset or file says of itself."""
 
-import json
-import os
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from ..flow import load_call, load_start, open_result, simulate, start_from_json
-from ..model import scene_from_json
+from ..flow import dataset_of, load_base, load_call, simulate, varied_names
 from ..tools import brief
 from .exponents import lyapunov_sweep
 from .follow import follow
@@ -30,15 +27,16 @@ def repeat(source: Any, **options: Any) -> xr.Dataset:
     **Raises:** `ValueError` for a dataset that does not say how it was made, a part of a result of `follow`, whose
     cases depend on one another, or a solver that cannot be rebuilt.
     """
-    ds = open_result(Path(source)) if isinstance(source, str | os.PathLike) else source
+    ds = dataset_of(source)
+    scene, start = load_base(ds)
     call = load_call(ds)
     name = call.pop("function")
     if name == "simulate":
-        return simulate(scene_from_json(ds.attrs["scene"]), start=load_start(ds), **call, **options).to_xarray()
+        return simulate(scene, start=start, **call, **options).to_xarray()
     if name not in FUNCTIONS:
         known = ", ".join(("simulate", *FUNCTIONS))
         raise ValueError(f"Argument `source` must be a result of one of {known}, but is of {brief(name)}.")
-    axes = _axes(ds)
+    axes = varied_names(ds)
     grid = {label.removeprefix("start_"): np.atleast_1d(ds[label].values) for label in axes}
     if name == "follow":
         if ds.sizes.get(axes[0]) != call.pop("values"):
@@ -50,22 +48,9 @@ def repeat(source: Any, **options: Any) -> xr.Dataset:
         raise ValueError("Argument `source` must have the variable `steps_per_period`, but has not.")
     else:
         call["steps_per_period"] = _over(ds["steps_per_period"], axes if call["product"] else ("case",))
-    start = start_from_json(ds.attrs["start"])
-    return FUNCTIONS[name](scene_from_json(ds.attrs["scene"]), grid, start=start, **call, **options)
+    return FUNCTIONS[name](scene, grid, start=start, **call, **options)
 
 
-def _axes(ds: xr.Dataset) -> tuple[str, ...]:
-    """Names of the coordinates that were varied.
-
-    **Raises:** `ValueError` where one of them is lost.
-    """
-    axes = tuple(json.loads(ds.attrs["varied"]))
-    for label in axes:
-        if label not in ds.coords:
-            raise ValueError(f"Argument `source` must have the coordinate `{label}`, which was varied, but has not.")
-    return axes
-
-
-def _over(array: xr.DataArray, dims: tuple[str, ...]) -> np.ndarray:
+def _over(array: xr.DataArray, dims: Sequence[str]) -> np.ndarray:
     """Values with the axes `dims`, one of length 1 for a dimension of which a single value was selected."""
     return array.expand_dims([dim for dim in dims if dim not in array.dims]).transpose(*dims).values

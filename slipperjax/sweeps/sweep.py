@@ -78,7 +78,6 @@ def sweep(
         solver=solver,
         loads=loads,
     )
-    record_name = record
     chunks, workers = plan.chunks(chunk, workers)
 
     def work(chunk, on_progress):
@@ -86,18 +85,18 @@ def sweep(
         return run_chunk(plan, scenes, initial_states(scenes, starts), chunk.steps, on_progress)
 
     runs = run_chunks(chunks, workers, work, periods=plan.work, progress=progress)
-    record = records_in_order(chunks, [run.record for run in runs.results])
     status = in_order(chunks, [run.status for run in runs.results])
+    found = CaseRuns(status, plan.steps, records_in_order(chunks, [run.record for run in runs.results]))
     call = dict(
         function="sweep",
         product=product,
-        record=record_name,
+        record=record,
         transient=transient,
         periods=periods,
         saves_per_period=saves_per_period,
         loads=loads,
     )
-    return runs.checked(sweep_dataset(plan, cases, CaseRuns(status, plan.steps, record), call))
+    return runs.checked(sweep_dataset(plan, cases, found, call))
 
 
 class CaseRuns(NamedTuple):

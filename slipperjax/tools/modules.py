@@ -44,8 +44,13 @@ def shown_module(module: eqx.Module) -> str:
 def axes_of(kind: type, name: str, default: int) -> int:
     """The number of axes that the annotation of a module's field gives it, or `default` where it gives none."""
     field = {f.name: f for f in dataclasses.fields(kind)}[name]
-    shapes = [a.dim_str for a in (field.type, *typing.get_args(field.type)) if hasattr(a, "dim_str")]
-    return len(shapes[0].split()) if shapes else default
+    shapes = _shapes(field)
+    return len(shapes[0].dim_str.split()) if shapes else default
+
+
+def _shapes(field: dataclasses.Field) -> list[Any]:
+    """The array types in a field's annotation."""
+    return [a for a in (field.type, *typing.get_args(field.type)) if hasattr(a, "dim_str")]
 
 
 class ShapeChecked(eqx.Module):
@@ -59,10 +64,10 @@ class ShapeChecked(eqx.Module):
 
     def __check_init__(self):
         for field in dataclasses.fields(self):
-            shapes = [a for a in (field.type, *typing.get_args(field.type)) if hasattr(a, "dim_str")]
+            shapes = _shapes(field)
             value = getattr(self, field.name)
             if shapes and value is not None and not any(isinstance(value, shape) for shape in shapes):
                 raise ValueError(
-                    f"Argument `{field.name}` must be of shape ({shapes[0].dim_str.replace(' ', ', ')}), "  # pyright: ignore
+                    f"Argument `{field.name}` must be of shape ({shapes[0].dim_str.replace(' ', ', ')}), "
                     f"but has shape {jnp.shape(value)}."
                 )
