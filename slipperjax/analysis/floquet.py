@@ -31,11 +31,55 @@ def jacobians(step: Step, state: Any, intervals: int, *, index: Any = 0.0) -> Fl
 def multipliers(
     matrices: Float[Array | np.ndarray, "intervals size size"],
 ) -> Complex[Array | np.ndarray, " size"]:
-    """Eigenvalues of the product of successive Jacobians, the largest modulus first."""
-    xp = jnp if is_traced(matrices) else np
-    product = functools.reduce(lambda total, matrix: matrix @ total, xp.asarray(matrices))
-    found = xp.linalg.eigvals(product).astype(complex)
-    return found[xp.argsort(-xp.abs(found))]
+    """Eigenvalues of the product of successive Jacobians, the largest modulus first.
+
+    The product is not formed, because it would lose the small ones: QR factors of the Jacobians are passed through
+    the intervals until they separate moduli (the orthogonal iteration; see Lust 2001, doi:10.1142/S0218127401003486).
+    Under a transformation the product is formed.
+    """
+    if is_traced(matrices):
+        found = jnp.linalg.eigvals(functools.reduce(_after, jnp.asarray(matrices))).astype(complex)
+        return found[jnp.argsort(-jnp.abs(found))]
+    matrices = np.asarray(matrices)
+    blocks = [matrices] if len(matrices) == 1 or not np.all(np.isfinite(matrices)) else _blocks(matrices)
+    found = np.concatenate([_eigenvalues(functools.reduce(_after, block)) for block in blocks])
+    return found[np.argsort(-np.abs(found), kind="stable")]
+
+
+SWEEPS = 30
+"""Passages through all intervals in which the QR factors separate moduli."""
+
+
+def _after(earlier: Any, later: Any) -> Any:
+    return later @ earlier
+
+
+def _eigenvalues(matrix: np.ndarray) -> np.ndarray:
+    return (
+        np.linalg.eigvals(matrix).astype(complex)
+        if np.all(np.isfinite(matrix))
+        else np.full(len(matrix), np.nan + 0j)
+    )
+
+
+def _blocks(matrices: np.ndarray) -> list[np.ndarray]:
+    """Diagonal blocks of successive matrices in bases in which all are block triangular, each (intervals, k, k)."""
+    basis = np.eye(matrices.shape[1])
+    for _ in range(SWEEPS):
+        bases = [basis]
+        for matrix in matrices:
+            bases.append(np.linalg.qr(matrix @ bases[-1])[0])
+        basis = bases[-1]
+    bases = bases[:-1]
+    inside = [
+        then.T @ matrix @ now for now, then, matrix in zip(bases, [*bases[1:], bases[0]], matrices, strict=True)
+    ]
+    # a cut between two places is good where all that is below left of it is rounding error
+    size, cuts = matrices.shape[1], [0]
+    for k in range(1, size):
+        if all(np.abs(m[k:, :k]).max() <= 1e-14 * max(np.linalg.norm(m[:k, :k], 2), 1e-300) for m in inside):
+            cuts.append(k)
+    return [np.stack([m[a:b, a:b] for m in inside]) for a, b in zip(cuts, [*cuts[1:], size], strict=True)]
 
 
 def largest_exponent(matrices: Any, period: int) -> float:

@@ -113,7 +113,7 @@ def _shoot(functions, static, state, index, tolerance):
         return judged(ravel_pytree(new)[0], now.count + 1)
 
     def newton(now):
-        matrix = _product(jacobians(fixed, unravel(now.x), intervals, index=here))
+        matrix = product(jacobians(fixed, unravel(now.x), intervals, index=here))
         direction = solve(jnp.eye(flat.size) - matrix, now.residual)
 
         def worse(carry):
@@ -131,14 +131,14 @@ def _shoot(functions, static, state, index, tolerance):
     last = jax.lax.while_loop(going_on, newton, first)
     # one more step with the derivatives of the map alone: those of the exact motion
     x = jax.lax.stop_gradient(last.x)
-    inverse = jnp.eye(flat.size) - _product(jacobians(fixed, unravel(x), intervals, index=here))
+    inverse = jnp.eye(flat.size) - product(jacobians(fixed, unravel(x), intervals, index=here))
     miss = ravel_pytree(mapped(step, x, index))[0] - x
     x = x + solve(jax.lax.stop_gradient(inverse), miss - jax.lax.stop_gradient(miss))
     matrices = jacobians(step, unravel(x), intervals, index=index)
     return Shot(unravel(x), last.size, last.count, matrices)
 
 
-def _product(matrices: Array) -> Array:
+def product(matrices: Array) -> Array:
     """The product of successive Jacobians, the first applied first."""
     return jax.lax.scan(lambda total, m: (m @ total, None), jnp.eye(matrices.shape[1]), matrices)[0]
 

@@ -1,0 +1,196 @@
+"""Branches of periodic motions: followed through folds, with their events named and located, and switched at them."""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..tools import call_compiled, shown_number, whole
+from .curves import Pace, Spot, Walk, correct, passes
+from .events import Event, Node, Observe, as_node, events_between
+from .motions import PeriodicMotions
+
+FIRST = 30
+"""Newton iterations for the first point of a branch."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Branch:
+    """Periodic motions along a curve, with the events on it."""
+
+    equations: PeriodicMotions
+    nodes: tuple[Node, ...]
+    """The points in their order along the branch, events included."""
+    events: tuple[Event, ...]
+    """In the same order."""
+    ended: tuple[str, str]
+    """Why the branch ends at its first and its last point: "bound", "no convergence", "closed", "count" or
+    "interrupted"; empty where it begins there."""
+
+    @property
+    def values(self) -> np.ndarray:
+        """The parameter, of shape (points,)."""
+        return np.array([node.spot.z[-1] for node in self.nodes])
+
+    @property
+    def stable(self) -> np.ndarray:
+        """Whether all multipliers lie inside the unit circle, of shape (points,)."""
+        return np.array([node.outside == 0 for node in self.nodes])
+
+    def __repr__(self) -> str:
+        labels = ", ".join(f"{e.label} at {shown_number(e.node.spot.z[-1])}" for e in self.events)
+        return f"Branch({len(self.nodes)} points; {labels})"
+
+
+def continue_motion(
+    equations: PeriodicMotions,
+    start: Spot | tuple[Any, Any],
+    bounds: tuple[float, float],
+    *,
+    ways: Sequence[int] = (1, -1),
+    observe: Observe | None = None,
+    tolerance: float = 1e-10,
+    pace: Pace | None = None,
+    points: int = 400,
+    on_point: Callable[[Node], Any] | None = None,
+) -> Branch:
+    """Follows periodic motions through a parameter, past folds, and names what happens on the way.
+
+    **Arguments:**
+
+    - `equations`: of one parameter.
+    - `start`: a state near a motion and the parameter's value there, or a point such as `switch` gives.
+    - `bounds`: of the parameter. `ways`: 1 begins towards larger values or along the tangent of `start`, -1 the other
+        way round.
+    - `observe`: makes an `Observation` of a point; where its counts change, there is a grazing.
+    - `tolerance`: greatest weighted residual. `pace`: of the steps. `points`: most points of each way.
+    - `on_point`: is called with each point, for progress.
+
+    **Returns:** a `Branch`; after Ctrl-C what was found until then.
+
+    **Raises:** `ValueError` where there is no motion near the start.
+    """
+    pace, most = Pace() if pace is None else pace, whole("points", points, 1)
+    low, high = (np.full(equations.size + 1, side * np.inf) for side in (-1, 1))
+    low[-1], high[-1] = bounds
+    first = start if isinstance(start, Spot) else first_spot(equations, *start, tolerance=tolerance)
+    if not first.residual <= tolerance:
+        raise ValueError(
+            f"Argument `start` must be near a periodic motion, but Newton's method ended with a residual of "
+            f"{shown_number(first.residual)}."
+        )
+    begin, paths = as_node(first, observe), {}
+    for way in ways:
+        at_start = begin._replace(spot=first._replace(tangent=way * first.tangent))
+        walk = Walk(equations, at_start.spot, low, high, pace, tolerance)
+        paths[way] = _walked(walk, at_start, observe, most, on_point)
+        if paths[way].ended in ("closed", "interrupted"):
+            break
+    nothing = _Path([], [], "")
+    ahead, back = paths.get(1, nothing), paths.get(-1, nothing)
+    nodes = [*map(_turned, reversed(back.nodes)), begin, *ahead.nodes]
+    events = [*(event._replace(node=_turned(event.node)) for event in reversed(back.events)), *ahead.events]
+    return Branch(equations, tuple(nodes), tuple(events), (back.ended, ahead.ended))
+
+
+class _Path(NamedTuple):
+    """One way along a branch, without its start."""
+
+    nodes: list[Node]
+    events: list[Event]
+    ended: str
+
+
+def _turned(node: Node) -> Node:
+    return node._replace(spot=node.spot._replace(tangent=-node.spot.tangent))
+
+
+def _walked(walk: Walk, node: Node, observe: Observe | None, most: int, on_point: Callable | None) -> _Path:
+    start, path = node, _Path([], [], "")
+    try:
+        while len(path.nodes) < most:
+            spot = walk.advance()
+            if spot is None:
+                break
+            new = as_node(spot, observe)
+            for event in events_between(node, new, walk.equations, observe, walk.tolerance):
+                path.events.append(event)
+                path.nodes.append(event.node)
+            if on_point is not None:
+                on_point(new)
+            if len(path.nodes) > 2 and passes(start.spot, node.spot, spot):
+                return path._replace(ended="closed")
+            path.nodes.append(new)
+            node = new
+    except KeyboardInterrupt:
+        return path._replace(ended="interrupted")
+    label = {"bound": "EP", "no convergence": "MX"}.get(walk.ended, "")
+    if label:
+        if path.nodes:
+            node = path.nodes[-1] = node._replace(label=label)
+        value = float(node.spot.z[-1])
+        path.events.append(Event(label, node, value, value, complex(np.nan), label == "EP", ""))
+    return path._replace(ended=walk.ended or "count")
+
+
+def first_spot(equations: PeriodicMotions, state: Any, value: Any, *, tolerance: float = 1e-10) -> Spot:
+    """The motion at a parameter's value, from a state near it, by Newton's method; look at its `residual`."""
+    z = equations.place(state, value)
+    row = jnp.zeros(z.size).at[-1].set(1.0)
+    return jax.device_get(correct(equations, z, row, tolerance=tolerance, iterations=FIRST))
+
+
+def switch(branch: Branch, event: Event, *, length: float = 0.05, tolerance: float = 1e-10) -> tuple[Any, Spot]:
+    """The equations and first point of the branch that leaves at a flip or a branch point.
+
+    **Arguments:** `length`: distance of the first point from the event, in the branch's weighted length. It is halved
+    until Newton's method finds a point that is not on `branch`.
+
+    **Returns:** what `continue_motion` takes, with `ways=(1,)`.
+
+    **Raises:** `ValueError` for other events, or where no point is found.
+    """
+    if event.label not in ("PD", "BP"):
+        raise ValueError(f"Argument `event` must be a flip (PD) or a branch point (BP), but is {event.label}.")
+    equations, spot = branch.equations, event.node.spot
+    if event.label == "PD":
+        equations = dataclasses.replace(equations, intervals=2 * equations.intervals)
+        direction = np.append(_eigenvector(np.asarray(spot.extra), -1.0), 0.0)
+    else:
+        direction = _across(equations, spot)
+    direction = direction / np.linalg.norm(spot.weights * direction)
+    while length > 1e-6:
+        guess = spot.z + length * direction
+        found = jax.device_get(correct(equations, guess, spot.weights**2 * direction, spot.z, tolerance=tolerance))
+        gone = np.linalg.norm(found.weights * (found.z - guess))
+        if found.residual <= tolerance and gone < 2 * length:
+            return equations, found
+        length /= 2
+    raise ValueError(f"Argument `event` must have a branch that leaves it, but none was found at {event.label}.")
+
+
+def _eigenvector(matrices: np.ndarray, multiplier: float) -> np.ndarray:
+    whole_map = functools.reduce(lambda total, matrix: matrix @ total, matrices)
+    values, vectors = np.linalg.eig(whole_map)
+    return vectors[:, np.argmin(np.abs(values - multiplier))].real
+
+
+def _across(equations: PeriodicMotions, spot: Spot) -> np.ndarray:
+    """The direction of solutions that is at right angles to the tangent, in weighted components."""
+    rows, columns = (np.where(w > 0, w, 1.0) for w in map(np.asarray, equations.weights(jnp.asarray(spot.z))))
+    jacobian = call_compiled(_jacobian, equations, (), jnp.asarray(spot.z))
+    scaled = rows[:, None] * np.asarray(jacobian) / columns
+    tangent = columns * spot.tangent
+    for direction in np.linalg.svd(scaled)[2][-2:]:
+        across = direction - tangent * (tangent @ direction) / (tangent @ tangent)
+        if np.linalg.norm(across) > 0.5:
+            break
+    return across / columns
+
+
+def _jacobian(equations: PeriodicMotions, static: tuple, z: Any) -> Any:
+    return equations.evaluate(z).jacobian

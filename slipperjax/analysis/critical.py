@@ -1,0 +1,275 @@
+"""Folds, flips and Neimark-Sackers as solutions of extended equations: exact, differentiable, and as curves.
+
+The motion's equations are completed by one or two for its multiplier mu = exp(i angle): the number g of
+
+    (P_x - mu) v + left g = 0,    right^H v = 1
+
+is zero where mu is a multiplier (Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria,
+doi:10.1137/1.9780898719543). Its derivative is that of P_x along two fixed vectors, so that second derivatives of the
+map are needed along one direction only.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..tools import call_compiled, one_of, shown_number
+from .curves import AbstractEquations, Curve, Evaluation, correct, follow_curve, weighted_size
+from .linear import solve
+from .motions import PeriodicMotions
+from .shooting import product
+
+KINDS = {"LP": 1.0, "PD": -1.0, "NS": None}
+"""The critical multiplier by label; None for a pair of unknown angle."""
+TURNS = 3
+"""Solutions with renewed borders before Newton's method begins."""
+MOST = 20
+"""Newton iterations for the first point of a curve."""
+
+
+class Bent(NamedTuple):
+    """What is found of a critical motion besides."""
+
+    matrices: Float[Array, "intervals size size"]
+    left: Array
+    """Null vectors of P_x - mu from the left and the right, of weighted length one."""
+    right: Array
+
+
+class CriticalMotions(AbstractEquations):
+    """Periodic motions with a critical multiplier. The unknowns are state, parameters, and for "NS" its angle."""
+
+    motions: PeriodicMotions
+    left: Array
+    """Borders, near the null vectors of `Bent`, of shape (size,)."""
+    right: Array
+    label: str = eqx.field(static=True)
+    """One of `KINDS`."""
+
+    @classmethod
+    def of(cls, motions: PeriodicMotions, label: str) -> "CriticalMotions":
+        """With arbitrary borders; those of evaluations are better, see `renewed`."""
+        dtype = complex if KINDS[label] is None else float
+        one = jnp.asarray(np.random.default_rng(0).standard_normal(motions.size), dtype)
+        return cls(motions, one, one, label)
+
+    @property
+    def angled(self) -> bool:
+        """Whether the multiplier's angle is unknown."""
+        return KINDS[self.label] is None
+
+    @property
+    def size(self) -> int:
+        """Numbers in a state."""
+        return self.motions.size
+
+    def multiplier(self, z: Array) -> Array:
+        """The critical multiplier."""
+        return jnp.exp(1j * z[-1]) if self.angled else jnp.asarray(KINDS[self.label])
+
+    def evaluate(self, z: Array) -> Evaluation:
+        of, mu, scale = self._of_motion(z), self.multiplier(z), self._scale(z)
+        motion = self.motions.evaluate(of)
+        v, w, g = self._null(product(motion.extra), mu, scale)
+        along = lambda t: jax.jvp(lambda of: self._pushed(of, v / scale), (of,), (t,))[1]
+        slope = -jax.vmap(along)(jnp.eye(of.size)) @ jnp.conj(w * scale)
+        jacobian = motion.jacobian
+        if self.angled:
+            slope = jnp.append(slope, 1j * mu * jnp.vdot(w, v))
+            jacobian = jnp.concatenate([jacobian, jnp.zeros((self.size, 1))], axis=1)
+        unit = lambda a: a / jnp.linalg.norm(a)
+        return Evaluation(
+            jnp.concatenate([motion.residual, self._parts(g)]),
+            jnp.concatenate([jacobian, self._parts(slope)]),
+            Bent(motion.extra, unit(w), unit(v)),
+        )
+
+    def defect(self, z: Array, now: Bent) -> Array:
+        """The residual for fixed null vectors. Its derivatives are those of the exact equations. Pure."""
+        of, scale, mu = self._of_motion(z), self._scale(z), self.multiplier(z)
+        left, right = jax.lax.stop_gradient((now.left, now.right))
+        miss = jnp.vdot(left * scale, self._pushed(of, right / scale) - mu * right / scale)
+        factor = jnp.vdot(left, self.left) * jnp.vdot(self.right, right)  # of w and v over their lengths
+        return jnp.concatenate([self.motions.mapped(of) - of[: self.size], self._parts(-miss / factor)])
+
+    def weights(self, z: Array) -> tuple[Array, Array]:
+        rows, columns = self.motions.weights(self._of_motion(z))
+        more = 2 if self.angled else 1
+        return jnp.append(rows, jnp.ones(more)), jnp.append(columns, jnp.zeros(more - 1))
+
+    def settled(self, z: Array, before: Array, residual: Array) -> Array:
+        of = self.motions.settled(self._of_motion(z), self._of_motion(before), residual[: self.size])
+        return jnp.append(of, z[-1]) if self.angled else of
+
+    def renewed(self, extra: Bent) -> "CriticalMotions":
+        """With the null vectors of a point as borders."""
+        return self._with(jnp.asarray(extra.left), jnp.asarray(extra.right))
+
+    def _with(self, left: Array, right: Array) -> "CriticalMotions":
+        return dataclasses.replace(self, left=left, right=right)
+
+    def _of_motion(self, z: Array) -> Array:
+        return z[:-1] if self.angled else z
+
+    def _parts(self, value: Array) -> Array:
+        """One or two real equations of one, as rows."""
+        return jnp.stack([value.real, value.imag]) if self.angled else value[None].real
+
+    def _scale(self, z: Array) -> Array:
+        weights = self.motions.weights(self._of_motion(z))[0]
+        return jax.lax.stop_gradient(jnp.where(weights > 0, weights, 1.0))
+
+    def _null(self, matrix: Array, mu: Array, scale: Array) -> tuple[Array, Array, Array]:
+        """The vectors v and w of the bordered systems, in scaled components, and the number g."""
+        critical = scale[:, None] * matrix / scale - mu * jnp.eye(self.size)
+        last = jnp.zeros(self.size + 1, critical.dtype).at[-1].set(1.0)
+        system = jnp.concatenate([critical, self.left[:, None]], axis=1)
+        system = jnp.concatenate([system, jnp.append(jnp.conj(self.right), 0.0)[None]])
+        ahead, back = solve(system, last), solve(jnp.conj(system.T), last)
+        return ahead[:-1], back[:-1], ahead[-1]
+
+    def _pushed(self, of: Array, v: Array) -> Array:
+        """P_x v. Pure."""
+        flow = lambda x: self.motions.mapped(jnp.concatenate([x, of[self.size :]]))
+        push = lambda t: jax.jvp(flow, (of[: self.size],), (t,))[1]
+        return push(v.real) + 1j * push(v.imag) if self.angled else push(v)
+
+
+class CriticalMotion(eqx.Module):
+    """A periodic motion with a critical multiplier, and the parameter's value at which it has it."""
+
+    state: Any
+    value: Float[Array, ""]
+    multiplier: Array
+    residual: Float[Array, ""]
+    """Greatest weighted component of what the extended equations miss."""
+    iterations: Any
+    matrices: Float[Array, "intervals size size"]
+
+
+def critical_motion(
+    motions: PeriodicMotions,
+    label: str,
+    state: Any,
+    value: Any,
+    *,
+    angle: Any = 0.0,
+    tolerance: float = 1e-10,
+    max_iterations: int = 20,
+) -> CriticalMotion:
+    """The fold, flip or Neimark-Sacker near a motion, by Newton's method on extended equations. Pure.
+
+    The result has the derivatives of the exact one with respect to all numbers of `motions`, in both modes: of
+    d(value)/d(number) the sensitivity of a bifurcation.
+
+    **Arguments:** `motions`: of one parameter; `label`: "LP", "PD" or "NS"; `state`, `value`: near it; `angle`: of
+    the multiplier in radians, for "NS".
+
+    **Returns:** a `CriticalMotion`; look at its `residual`.
+
+    **Raises:** `ValueError` for an unknown label.
+    """
+    one_of("label", label, tuple(KINDS))
+    z = motions.place(state, value, *([angle] if KINDS[label] is None else []))
+    limits = jnp.asarray(float(tolerance)), jnp.asarray(max_iterations)
+    found, size, count, matrices, mu = call_compiled(_critical, motions, (label,), z, limits)
+    return CriticalMotion(motions.state(found), motions.values(found)[0], mu, size, count, matrices)
+
+
+def _critical(exact: PeriodicMotions, static: tuple, z: Array, limits: tuple) -> tuple:
+    tolerance, most = limits
+    motions = jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_array(a) else a, exact)
+    first = jax.lax.stop_gradient(z)
+
+    def newton(carry):
+        z, _, _, count, borders = carry
+        equations = begin._with(*borders)
+        now = equations.evaluate(z)
+        size = weighted_size(now.residual, equations.weights(z)[0])
+        done = (count >= 0) & ~((size > tolerance) & (count < most) & jnp.isfinite(size))
+        new = equations.settled(z - solve(now.jacobian, now.residual), z, now.residual)
+        kept = jax.tree.map(lambda a, b: jnp.where(done, a, b), borders, now.extra[1:])
+        return jnp.where(done | (count < 0), z, new), now, jnp.where(done, size, jnp.nan), count + ~done, kept
+
+    begin = CriticalMotions.of(motions, *static)
+    nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(begin.evaluate, first))
+    # the first passages renew the borders alone
+    carry = first, nothing, jnp.asarray(jnp.nan), jnp.asarray(-TURNS), (begin.left, begin.right)
+    z, now, size, count, borders = jax.lax.while_loop(lambda carry: jnp.isnan(carry[2]), newton, carry)
+    equations = begin._with(*borders)
+    # one more step, with the derivatives of the exact solution
+    miss = dataclasses.replace(equations, motions=exact).defect(z, now.extra)
+    z = z - solve(now.jacobian, miss - jax.lax.stop_gradient(miss))
+    return z, size, count, now.extra.matrices, equations.multiplier(z)
+
+
+class ConditionedMotions(AbstractEquations):
+    """Periodic motions on which a function of state and parameters vanishes."""
+
+    motions: PeriodicMotions
+    condition: Callable[..., Array]
+    """`condition(state, *values)`: a number, differentiable; a pytree as `PeriodicMotions.family`."""
+    unit: Any
+    """Size of the condition's values that counts as one."""
+
+    def evaluate(self, z: Array) -> Evaluation:
+        motion = self.motions.evaluate(z)
+        condition = lambda z: self.condition(self.motions.state(z), *self.motions.values(z)) / self.unit
+        value, slope = jax.vmap(lambda t: jax.jvp(condition, (z,), (t,)), out_axes=(None, 0))(jnp.eye(z.size))
+        return Evaluation(
+            jnp.append(motion.residual, value), jnp.concatenate([motion.jacobian, slope[None]]), motion.extra
+        )
+
+    def weights(self, z: Array) -> tuple[Array, Array]:
+        rows, columns = self.motions.weights(z)
+        return jnp.append(rows, 1.0), columns
+
+    def settled(self, z: Array, before: Array, residual: Array) -> Array:
+        return self.motions.settled(z, before, residual)
+
+
+def continue_critical(
+    equations: CriticalMotions | ConditionedMotions,
+    state: Any,
+    values: tuple[Any, Any],
+    bounds: tuple[tuple[float, float], tuple[float, float]],
+    *,
+    angle: Any = 0.0,
+    tolerance: float = 1e-10,
+    **options: Any,
+) -> Curve:
+    """Follows folds, flips, Neimark-Sackers or motions with a condition through the plane of two parameters.
+
+    **Arguments:** `equations`: of motions with two parameters, `CriticalMotions.of(motions, label)` for critical
+    ones; `state`, `values`: near a motion of the curve, of which the second value is kept; `angle`: of the
+    multiplier in radians, for "NS"; `bounds`: of both parameters; `options`: of `follow_curve`.
+
+    **Raises:** `ValueError` where there is no such motion near the start.
+    """
+    motions = equations.motions
+    angled = isinstance(equations, CriticalMotions) and equations.angled
+    z = motions.place(state, *values, *([angle] if angled else []))
+    if isinstance(equations, CriticalMotions):
+        for _ in range(TURNS):
+            equations = equations.renewed(call_compiled(_extra, equations, (), z))
+    row = jnp.zeros(z.size).at[motions.size + 1].set(1.0)
+    first = jax.device_get(correct(equations, z, row, tolerance=tolerance, iterations=MOST))
+    if not first.residual <= tolerance:
+        raise ValueError(
+            f"Argument `state` must be near a motion of the curve, but Newton's method ended with a residual of "
+            f"{shown_number(first.residual)}."
+        )
+    low, high = (np.full(z.size, side * np.inf) for side in (-1, 1))
+    places = slice(motions.size, motions.size + 2)
+    low[places], high[places] = np.transpose(bounds)
+    return follow_curve(equations.renewed(first.extra), first, low, high, tolerance=tolerance, **options)
+
+
+def _extra(equations: CriticalMotions, static: tuple, z: Array) -> Bent:
+    return equations.evaluate(z).extra

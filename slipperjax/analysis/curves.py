@@ -1,0 +1,281 @@
+"""Curves of solutions by pseudo-arclength: n equations for n + 1 numbers, followed through folds.
+
+A curve is given by `AbstractEquations`: what the equations miss, and its derivative. `Walk` predicts along the
+tangent, corrects by Newton's method in the plane across it, and adapts its step to what the correction took (Keller
+1977; Allgower and Georg, Introduction to Numerical Continuation Methods, doi:10.1137/1.9780898719154).
+"""
+
+import abc
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..tools import call_compiled
+from .linear import solve
+
+MOST_ITERATIONS = 8
+"""Newton iterations after which a correction counts as failed."""
+EASY, HARD = 3, 5
+"""Newton iterations up to which the step grows, and from which it shrinks."""
+GROWTH = 1.5
+"""Factor by which the step grows or shrinks."""
+TURN = 0.9
+"""Least cosine of the angle between the tangents at both ends of a step."""
+CLOSED = 0.1
+"""Greatest distance from the start at which a curve counts as closed, over the step."""
+STRAY = 0.5
+"""Greatest distance of a corrected point from the predicted one, over the step."""
+
+
+class Evaluation(NamedTuple):
+    """The equations at one place."""
+
+    residual: Float[Array, " n"]
+    """What they miss."""
+    jacobian: Float[Array, "n more"]
+    """Its derivative with respect to all unknowns."""
+    extra: Any = None
+    """What is computed besides, such as the Jacobians of the intervals."""
+
+
+class AbstractEquations(eqx.Module):
+    """Equations for some unknowns, one more than there are equations where they are a curve's."""
+
+    @abc.abstractmethod
+    def evaluate(self, z: Float[Array, " more"]) -> Evaluation:
+        """Residual and derivative at `z`. Pure."""
+
+    @abc.abstractmethod
+    def weights(self, z: Float[Array, " more"]) -> tuple[Float[Array, " n"], Float[Array, " more"]]:
+        """What the residual's components are multiplied by, and the unknowns in the measure of length; zero for those
+        that are not looked at."""
+
+    def settled(self, z: Array, before: Array, residual: Array) -> Array:
+        """A consistent place from `z`, proposed from `before`, where the equations missed `residual`. Pure."""
+        del before, residual
+        return z
+
+    def renewed(self, extra: Any) -> "AbstractEquations":
+        """The same equations in a form that suits the neighbourhood of a point, from its `Spot.extra`. Here as they
+        are."""
+        del extra
+        return self
+
+
+class Spot(NamedTuple):
+    """A point of a curve, as far as Newton's method came."""
+
+    z: Float[Array, " more"]
+    tangent: Float[Array, " more"]
+    """Of weighted length one."""
+    weights: Float[Array, " more"]
+    """Of the unknowns in the measure of length."""
+    residual: Float[Array, ""]
+    """Greatest weighted component of what the equations miss; infinite where that is not finite."""
+    iterations: Int[Array, ""]
+    extra: Any
+
+    @property
+    def row(self) -> Float[Array, " more"]:
+        """The weighted tangent: `row @ (z' - z)` is the length from this point to z' along the curve."""
+        return self.weights**2 * self.tangent
+
+
+def correct(
+    equations: AbstractEquations,
+    z: Any,
+    row: Any,
+    near: Any = None,
+    *,
+    tolerance: float = 1e-10,
+    iterations: int = MOST_ITERATIONS,
+) -> Spot:
+    """The curve's point on the plane through `z` across `row`, by Newton's method. Pure.
+
+    **Arguments:** `z`, `row`: of shape (more,); the tangent of the result points to the side that `row` points to.
+    `near`: a point of the curve that `z` was predicted from, if any. `tolerance`: residual at which the iteration
+    ends; `iterations`: it ends then in any case.
+    """
+    z, row = jnp.asarray(z), jnp.asarray(row)
+    near = z if near is None else jnp.asarray(near)
+    limits = jnp.asarray(float(tolerance)), jnp.asarray(iterations)
+    return call_compiled(_correct, equations, (), z, row, near, limits)
+
+
+def _correct(equations: AbstractEquations, static: tuple, z: Array, row: Array, near: Array, limits: tuple) -> Spot:
+    tolerance, most = limits
+    row = row / jnp.sqrt(jnp.sum(row**2))
+    target = row @ z
+
+    def newton(carry):
+        z, _, _, count = carry
+        now = equations.evaluate(z)
+        size = weighted_size(now.residual, equations.weights(z)[0])
+        step = solve(jnp.concatenate([now.jacobian, row[None]]), jnp.append(-now.residual, target - row @ z))
+        done = ~((size > tolerance) & (count < most) & jnp.isfinite(size))
+        new = equations.settled(z + step, z, now.residual)
+        return jnp.where(done, z, new), now, jnp.where(done, size, jnp.nan), jnp.where(done, count, count + 1)
+
+    # the equations stand in the program once, in the loop: their residual at the last z is that of the last passage
+    first = equations.settled(z, near, jnp.zeros(z.size - 1))
+    nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(equations.evaluate, first))
+    begin = first, nothing, jnp.asarray(jnp.nan), jnp.asarray(0)
+    z, now, size, count = jax.lax.while_loop(lambda carry: jnp.isnan(carry[2]), newton, begin)
+    unit = jnp.zeros(z.size).at[-1].set(1.0)
+    tangent = solve(jnp.concatenate([now.jacobian, row[None]]), unit)
+    weights = equations.weights(z)[1]
+    tangent = tangent / jnp.sqrt(jnp.sum((weights * tangent) ** 2))
+    return Spot(z, tangent, weights, size, count, now.extra)
+
+
+def weighted_size(residual: Array, weights: Array) -> Array:
+    """The greatest weighted component, of those with weights; infinite where any is not finite."""
+    seen = jnp.where(weights > 0, weights * residual, 0.0)
+    return jnp.where(jnp.all(jnp.isfinite(residual)), jnp.max(jnp.abs(seen)), jnp.inf)
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Steps along a curve, in its weighted length."""
+
+    first: float = 0.02
+    least: float = 1e-6
+    most: float = 0.1
+
+
+class Walk:
+    """A way along a curve, point by point."""
+
+    spot: Spot
+    """The last point."""
+    step: float
+    """The step that is tried next."""
+    ended: str
+    """Why there is no next point: "bound" or "no convergence"; empty while there may be one."""
+
+    def __init__(
+        self, equations: AbstractEquations, start: Spot, low: Any, high: Any, pace: Pace, tolerance: float = 1e-10
+    ):
+        """**Arguments:** `start`: where the way begins, its tangent pointing ahead; `low`, `high`: bounds of all
+        unknowns, infinite where there are none, of shape (more,)."""
+        self.equations, self.pace, self.tolerance = equations, pace, tolerance
+        self.low, self.high = np.asarray(low, float), np.asarray(high, float)
+        self.spot, self.step, self.ended = start, pace.first, ""
+
+    def advance(self) -> Spot | None:
+        """The next point, or None where the way has ended. The last one lies on the bound that it meets."""
+        while not self.ended:
+            spot, step = self.spot, self.step
+            guess = spot.z + step * spot.tangent
+            found = self._corrected(guess, spot.row)
+            if not self._good(found, guess, step):
+                self.step = step / 2
+                if self.step < self.pace.least:
+                    self.ended = "no convergence"
+                continue
+            if found.iterations <= EASY:
+                self.step = min(step * GROWTH, self.pace.most)
+            elif found.iterations >= HARD:
+                self.step = max(step / GROWTH, self.pace.least)
+            outside = np.flatnonzero((found.z < self.low) | (found.z > self.high))
+            if len(outside):
+                found = self._at_bound(found, int(outside[0]))
+                self.ended = "bound" if found is not None else "no convergence"
+            if found is not None:
+                self.spot, self.equations = found, self.equations.renewed(found.extra)
+            return found
+        return None
+
+    def _corrected(self, guess: Any, row: Any, near: Any = None) -> Spot:
+        near = self.spot.z if near is None else near
+        return jax.device_get(correct(self.equations, guess, row, near, tolerance=self.tolerance))
+
+    def _good(self, found: Spot, guess: np.ndarray, step: float) -> bool:
+        if not found.residual <= self.tolerance:
+            return False
+        if step < 2 * self.pace.least:  # a curve may have corners
+            return True
+        strayed = np.linalg.norm(found.weights * (found.z - guess))
+        return bool(found.row @ self.spot.tangent > TURN and strayed < STRAY * step)
+
+    def _at_bound(self, beyond: Spot, k: int) -> Spot | None:
+        edge = self.low[k] if beyond.z[k] < self.low[k] else self.high[k]
+        share = (edge - self.spot.z[k]) / (beyond.z[k] - self.spot.z[k])
+        row = np.zeros_like(beyond.z)
+        row[k] = np.sign(beyond.z[k] - self.spot.z[k])
+        guess = self.spot.z + share * (beyond.z - self.spot.z)
+        guess[k] = edge
+        found = self._corrected(guess, row, beyond.z)
+        return found if found.residual <= self.tolerance else None
+
+
+def between(equations: AbstractEquations, one: Spot, other: Spot, share: float, tolerance: float = 1e-10) -> Spot:
+    """The curve's point between two near ones, in the plane across their chord at a share of it."""
+    chord = other.z - one.z
+    near = one if share < 0.5 else other
+    found = correct(equations, one.z + share * chord, near.weights**2 * chord, near.z, tolerance=tolerance)
+    return jax.device_get(found)
+
+
+def passes(start: Spot, one: Spot, other: Spot) -> bool:
+    """Whether a curve comes back to its start between two points."""
+    chord, offset = other.weights * (other.z - one.z), other.weights * (start.z - one.z)
+    share = chord @ offset / (chord @ chord)
+    away = np.linalg.norm(offset - share * chord) / np.linalg.norm(chord)
+    return bool(0 <= share <= 1 and away < CLOSED and start.row @ other.tangent > TURN)
+
+
+class Curve(NamedTuple):
+    """Points of a curve in their order, and why it ends at the first and the last: "bound", "no convergence",
+    "closed", "count" or "interrupted"; empty where it begins there."""
+
+    spots: tuple[Spot, ...]
+    ended: tuple[str, str]
+
+
+def follow_curve(
+    equations: AbstractEquations,
+    start: Spot,
+    low: Any,
+    high: Any,
+    *,
+    ways: Sequence[int] = (1, -1),
+    pace: Pace | None = None,
+    points: int = 400,
+    tolerance: float = 1e-10,
+    on_point: Callable[[Spot], Any] | None = None,
+) -> Curve:
+    """The curve through a point, both ways: 1 is that of its tangent.
+
+    **Arguments:** `low`, `high`: bounds of all unknowns, see `Walk`; `points`: most points of each way; `on_point`:
+    is called with each point, for progress.
+
+    **Returns:** a `Curve`; after Ctrl-C what was found until then.
+    """
+    parts: dict[int, list[Spot]] = {1: [], -1: []}
+    ends = {1: "", -1: ""}
+    for way in ways:
+        first = start._replace(tangent=way * start.tangent)
+        walk = Walk(equations, first, low, high, Pace() if pace is None else pace, tolerance)
+        found = parts[way]
+        try:
+            while len(found) < points and (spot := walk.advance()) is not None:
+                before = found[-1] if found else first
+                found.append(spot)
+                if on_point is not None:
+                    on_point(spot)
+                if len(found) > 2 and passes(first, before, spot):
+                    walk.ended = "closed"
+        except KeyboardInterrupt:
+            walk.ended = "interrupted"
+        ends[way] = walk.ended or "count"
+        if ends[way] in ("closed", "interrupted"):
+            break
+    back = [spot._replace(tangent=-spot.tangent) for spot in reversed(parts[-1])]
+    return Curve((*back, start, *parts[1]), (ends[-1], ends[1]))

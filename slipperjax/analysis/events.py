@@ -1,0 +1,264 @@
+"""What happens between two points of a branch of periodic motions: detected by multipliers and located."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from jaxtyping import Complex
+from scipy.optimize import brentq
+
+from .curves import AbstractEquations, Spot, between
+from .floquet import multipliers
+
+MEANINGS = {
+    "LP": "fold: a multiplier +1 where the branch turns back",
+    "BP": "branch point: a multiplier +1 where branches cross",
+    "PD": "flip: a multiplier -1, where motions of twice the period branch off",
+    "NS": "Neimark-Sacker: a complex pair of multipliers of modulus 1",
+    "GR": "grazing: the order of events within a period changes",
+    "EP": "end point on a bound of the parameter",
+    "MX": "end: no convergence at the least step",
+}
+"""Labels of events, as AUTO's and COCO's users know them."""
+NARROW = 1e-10
+"""Share of a step to which an event is located."""
+SURE = 1e-9
+"""Share of a step on both sides of a smooth event at which its sign is confirmed, for its bracket."""
+APART = 0.1, 0.13, 0.3, 0.5
+"""Shares of a step on both sides of a branch point from which it is interpolated; more where it is not there."""
+ALONG = 0.95
+"""Least cosine between the tangent at a point and the chord on which it was looked for, beside a branch point."""
+POLISHED = 1e-3
+"""Residual aimed at near events, over the one that suffices."""
+NEAR = 1e-6
+"""Greatest distance of the critical multiplier's modulus from 1 at an event that counts as converged."""
+
+
+class Observation(NamedTuple):
+    """What changes at grazings, as a user's function finds it at a point."""
+
+    counts: tuple[int, ...] = ()
+    """Numbers of events in a period, by kind, such as the touchdowns of each point. Where one changes, there is a
+    grazing."""
+    margins: tuple[float, ...] = ()
+    """For each kind, how far the orbit is from such a change: zero there, and continuous in its neighbourhood."""
+    data: Any = None
+    """Whatever else is to be kept."""
+
+
+Observe = Callable[[Spot], Observation]
+
+
+class Node(NamedTuple):
+    """A point of a branch with what was found of it."""
+
+    spot: Spot
+    multipliers: Complex[np.ndarray, " size"]
+    """The largest modulus first."""
+    seen: Observation
+    label: str = ""
+    """Of the event that it is, empty for others."""
+
+    @property
+    def outside(self) -> int:
+        """Multipliers outside the unit circle."""
+        return int(np.sum(np.abs(self.multipliers) > 1))
+
+    def real_beyond(self, sign: int) -> int:
+        """Real multipliers beyond +1 or -1."""
+        return int(np.sum((self.multipliers.imag == 0) & (sign * self.multipliers.real > 1)))
+
+
+class Event(NamedTuple):
+    """Something that happens on a branch."""
+
+    label: str
+    """One of `MEANINGS`."""
+    node: Node
+    low: float
+    """The parameter's values between which it lies."""
+    high: float
+    multiplier: complex
+    """The critical multiplier, NaN where there is none."""
+    converged: bool
+    note: str
+
+
+def as_node(spot: Spot, observe: Observe | None) -> Node:
+    """A point with its multipliers and what `observe` gives."""
+    seen = Observation() if observe is None else observe(spot)
+    return Node(spot, np.asarray(multipliers(np.asarray(spot.extra))), seen)
+
+
+def changes(one: Node, other: Node) -> list[str]:
+    """Labels of what happens between two near points of a branch; a pair that comes and goes again is not seen.
+
+    A real multiplier passes +1 where the parity of those beyond changes: at a fold where the parameter turns, else at
+    a branch point. Likewise for -1. What is left of the change in the number outside are complex pairs.
+    """
+    parity = lambda sign: (one.real_beyond(sign) - other.real_beyond(sign)) % 2
+    turns = int(one.spot.tangent[-1] * other.spot.tangent[-1] < 0)
+    found = [] if one.seen.counts == other.seen.counts else ["GR"]
+    found += ["LP"] * turns + ["BP"] * (parity(1) != turns) + ["PD"] * parity(-1)
+    left = abs(one.outside - other.outside) - parity(1) - parity(-1)
+    pairs = max(-(-left // 2), 0)
+    return found + ["NS"] * pairs
+
+
+def events_between(
+    one: Node,
+    other: Node,
+    equations: AbstractEquations,
+    observe: Observe | None,
+    tolerance: float,
+) -> list[Event]:
+    """The events between two consecutive points of a branch, in their order."""
+
+    def at(share: float, a: Node, b: Node) -> Node | None:
+        spot = between(equations, a.spot, b.spot, share, tolerance * POLISHED)
+        chord = np.linalg.norm(spot.weights * (b.spot.z - a.spot.z))
+        strayed = np.linalg.norm(spot.weights * (spot.z - a.spot.z - share * (b.spot.z - a.spot.z)))
+        return as_node(spot, observe) if spot.residual <= tolerance and strayed <= chord else None
+
+    def search(a: Node, b: Node, width: float) -> list[Event]:
+        labels = changes(a, b)
+        if not labels:
+            return []
+        if labels == ["BP"]:
+            return [_crossing(a, b, at)]
+        if labels in (["LP"], ["PD"], ["NS"]):
+            return [_located(labels[0], a, b, at)]
+        if labels == ["GR"] and (event := _grazing(a, b, at)) is not None:
+            return [event]
+        middle = at(0.5, a, b) if width > NARROW else None
+        if middle is None:
+            return [_inseparable(labels, a, b, width)]
+        return search(a, middle, width / 2) + search(middle, b, width / 2)
+
+    return search(one, other, 1.0)
+
+
+def _test(label: str, a: Node, b: Node) -> Callable[[Node], float]:
+    """A continuous function of a point that is zero at the event."""
+    if label == "LP":
+        return lambda node: float(node.spot.tangent[-1] * node.spot.weights[-1])
+    place = min(a.outside, b.outside)  # sorted moduli are continuous
+    return lambda node: float(np.abs(node.multipliers[place]) - 1)
+
+
+class _Lost(Exception):
+    """There is no point of the branch between two of its points."""
+
+
+def _located(label: str, a: Node, b: Node, at: Callable) -> Event:
+    test, seen = _test(label, a, b), {0.0: a, 1.0: b}
+
+    def value(share: float) -> float:
+        if share not in seen:
+            node = at(share, a, b)
+            if node is None:
+                raise _Lost
+            seen[share] = node
+        return test(seen[share])
+
+    try:
+        root = cast(float, brentq(value, 0.0, 1.0, xtol=NARROW / 100, rtol=1e-14, maxiter=60))
+        value(root)
+        for near in (max(root - SURE, 0.0), min(root + SURE, 1.0)):
+            value(near)
+    except (_Lost, ValueError):
+        root = min(seen, key=lambda share: abs(test(seen[share])))
+    node = seen[root]
+    signs = {share: test(n) > 0 for share, n in seen.items()}
+    low = max((s for s in seen if signs[s] == signs[0.0] and s <= root), default=0.0)
+    high = min((s for s in seen if signs[s] == signs[1.0] and s >= root), default=1.0)
+    values = [float(seen[s].spot.z[-1]) for s in (low, high, root)]
+    critical = _critical(label, node, min(a.outside, b.outside))
+    converged = high - low <= 4 * SURE and abs(abs(critical) - 1) < NEAR
+    return Event(label, node._replace(label=label), min(values), max(values), critical, bool(converged), "")
+
+
+def _crossing(a: Node, b: Node, at: Callable) -> Event:
+    """A branch point, by interpolation from both sides: there itself Newton's method is singular."""
+    test, place = _test("BP", a, b), min(a.outside, b.outside)
+    rough = test(a) / (test(a) - test(b))
+    found: list[Node] = []
+    for spread in APART:
+        shares = np.clip(rough, spread, 1 - spread) + spread * np.linspace(-1, 1, 8)
+        found = [node for node in (at(share, a, b) for share in shares) if node is not None and _along(node, a, b)]
+        tests = np.array([test(node) for node in found])
+        if np.any(tests > 0) and np.any(tests < 0) and np.abs(tests).min() > 1e-3 * np.abs(tests).max():
+            break
+    if len(found) < 4 or np.all(tests > 0) or np.all(tests < 0):
+        return _inseparable(["BP"], a, b, 1.0)
+    places = np.array([node.spot.z for node in found])
+    z, fewer = _interpolated(tests, places), _interpolated(tests[1:-1], places[1:-1])
+    tangent = _interpolated(tests, np.array([node.spot.tangent for node in found]))
+    critical = _interpolated(tests, np.array([[_critical("BP", node, place).real] for node in found]))
+    node = found[len(found) // 2]
+    error = abs(z[-1] - fewer[-1])
+    node = node._replace(spot=node.spot._replace(z=z, tangent=tangent), label="BP")
+    return Event("BP", node, float(z[-1] - error), float(z[-1] + error), complex(critical[0]), True, "")
+
+
+def _along(node: Node, a: Node, b: Node) -> bool:
+    """Whether a point lies on the branch from a to b, and not on one that crosses it."""
+    chord = a.spot.weights * (b.spot.z - a.spot.z)
+    return bool(abs(chord @ (node.spot.weights * node.spot.tangent)) > ALONG * np.linalg.norm(chord))
+
+
+def _interpolated(tests: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """What polynomials through `values` (count, more) are where `tests` (count,) is zero."""
+    scale = np.abs(tests).max()
+    return np.linalg.solve(np.vander(tests / scale, increasing=True), values)[0]
+
+
+def _grazing(a: Node, b: Node, at: Callable) -> Event | None:
+    """A single grazing; None where there are several, or other events beside it."""
+    kinds = [k for k, (m, n) in enumerate(zip(a.seen.counts, b.seen.counts, strict=True)) if m != n]
+    seen = {0.0: a, 1.0: b}
+
+    def value(share: float) -> float:
+        if share not in seen:
+            node = at(share, a, b)
+            if node is None or (node.seen.counts != b.seen.counts and changes(a, node)):
+                raise _Lost
+            seen[share] = node
+        sign = 1.0 if seen[share].seen.counts == a.seen.counts else -1.0
+        return sign * min(seen[share].seen.margins[k] for k in kinds)
+
+    try:
+        brentq(value, 0.0, 1.0, xtol=NARROW, rtol=1e-14, maxiter=60)
+        before = max(share for share in seen if value(share) > 0)
+        value(before + SURE)
+    except _Lost:
+        return None
+    low = max(share for share in seen if value(share) > 0)
+    high = min(share for share in seen if value(share) < 0)
+    if high - low > 4 * SURE or changes(seen[low], seen[high]) != ["GR"]:
+        return None
+    return _inseparable(["GR"], seen[low], seen[high], NARROW)
+
+
+def _critical(label: str, node: Node, place: int) -> complex:
+    found = node.multipliers
+    target = {"LP": 1.0, "BP": 1.0, "PD": -1.0}.get(label)
+    if target is None:
+        critical = found[place]
+        return complex(critical.real, abs(critical.imag))
+    return complex(found[np.argmin(np.abs(found - target))])
+
+
+def _inseparable(labels: list[str], a: Node, b: Node, width: float) -> Event:
+    """Several events, or a grazing, that no further point of the branch parts."""
+    others = [label for label in labels if label != "GR"]
+    label = "GR" if "GR" in labels else labels[0]
+    notes = [f"multipliers jump from {_leading(a)} to {_leading(b)}"] if others else []
+    notes += [f"{width:.1g} of a step could not be divided"] if width > NARROW else []
+    low, high = sorted((float(a.spot.z[-1]), float(b.spot.z[-1])))
+    critical = complex(np.nan) if label == "GR" else _critical(label, a, min(a.outside, b.outside))
+    return Event(label, a._replace(label=label), low, high, critical, width <= NARROW, "; ".join(notes))
+
+
+def _leading(node: Node) -> str:
+    return ", ".join(f"{m:.4g}" for m in node.multipliers[:2])
