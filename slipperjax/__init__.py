@@ -8,6 +8,7 @@ import jax as _jax
 
 _jax.config.update("jax_enable_x64", True)
 
+from .flow import Interrupted as Interrupted  # noqa: E402
 from .flow import Status as Status  # noqa: E402
 from .flow import Trajectory as Trajectory  # noqa: E402
 from .flow import load_scene as load_scene  # noqa: E402
@@ -55,7 +56,6 @@ from .solvers import Rodas4 as Rodas4  # noqa: E402
 from .solvers import Tsit5 as Tsit5  # noqa: E402
 from .solvers import TwoStep as TwoStep  # noqa: E402
 from .solvers import choose_solver as choose_solver  # noqa: E402
-from .sweeps import Interrupted as Interrupted  # noqa: E402
 from .sweeps import follow as follow  # noqa: E402
 from .sweeps import lyapunov_sweep as lyapunov_sweep  # noqa: E402
 from .sweeps import repeat as repeat  # noqa: E402

@@ -50,7 +50,7 @@ class Outputs:
     @contextmanager
     def keeping(self, draw: Callable[[Any], Any]) -> Iterator[None]:
         """Around a sweep: writes the finished cases of one that is interrupted as OUT_partial.nc and .png."""
-        from ..sweeps import Interrupted
+        from ..flow import Interrupted
 
         try:
             yield

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
-from ..sweeps import ASKED
+from ..flow import ASKED
 
 Result = TypeVar("Result")
 

@@ -2,6 +2,9 @@
 
 from .datasets import scene_attributes as scene_attributes
 from .datasets import trajectory_dataset as trajectory_dataset
+from .interrupted import ASKED as ASKED
+from .interrupted import Interrupted as Interrupted
+from .interrupted import blank as blank
 from .load import dataset_of as dataset_of
 from .load import load_base as load_base
 from .load import load_call as load_call
@@ -40,7 +43,9 @@ from .simulate import Peak as Peak
 from .simulate import Trajectory as Trajectory
 from .simulate import default_steps as default_steps
 from .simulate import first_of as first_of
+from .simulate import flexible_steps as flexible_steps
 from .simulate import period_map as period_map
+from .simulate import run_eagerly as run_eagerly
 from .simulate import simulate as simulate
 from .simulate import step_plan as step_plan
 from .simulate import steps_of_program as steps_of_program

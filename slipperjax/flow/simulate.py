@@ -71,6 +71,16 @@ def default_steps(scene: Scene, steps: int | None) -> Any:
     return jnp.minimum(needed, MOST_UNKNOWN) if is_traced(needed) else int(needed)
 
 
+def flexible_steps(steps: int, *, inside: bool = False, finer: bool = False) -> ConstantSteps:
+    """Constant steps of one program for many numbers of them; for forward mode.
+
+    **Arguments:** `inside`: whether states inside periods are recorded, which needs room for them; `finer`: whether
+    there is to be room for steps of half the length.
+    """
+    room = room_for(steps * (2 if finer else 1)) if inside else None
+    return ConstantSteps(room, jnp.asarray(float(steps)))
+
+
 def steps_of_program(steps: Any) -> ConstantSteps:
     """Constant steps that can be differentiated in both modes, of a number that may be traced."""
     return UnknownSteps(MOST_UNKNOWN, steps) if is_traced(steps) else ConstantSteps(steps)
@@ -260,10 +270,9 @@ def simulate(
     elif traced:
         stepping = steps_of_program(steps)
     else:
-        room = room_for(steps * (2 if probe else 1)) if recorder.inside else None
-        stepping = ConstantSteps(room, jnp.asarray(float(steps)))  # an array: one program serves many numbers
+        stepping = flexible_steps(steps, inside=recorder.inside, finer=bool(probe))
     run = PeriodMap(scene, stepping, solver)
-    passage = run_compiled(run, first, periods, recorder) if traced else _run_eagerly(run, first, periods, recorder)
+    passage = run_compiled(run, first, periods, recorder) if traced else run_eagerly(run, first, periods, recorder)
     kept, found = recorder.collect(passage.record) if isinstance(recorder, Samples) else (passage.record, None)
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, kept)
     stretch = most_stretch(solver, controller)
@@ -284,7 +293,7 @@ def simulate(
     trajectory = Trajectory(scene, times, states, shown, taken, status, found, call)
     if not probe:
         return trajectory
-    one = lambda stepping, state, epoch: _run_eagerly(
+    one = lambda stepping, state, epoch: run_eagerly(
         PeriodMap(scene, stepping, solver), state, 1, recorder, epoch, periods
     )
     measured = probed(stepping, trajectory.state, saves, probe, one)
@@ -293,7 +302,7 @@ def simulate(
     return eqx.tree_at(lambda t: (t.status, t.probe), trajectory, (status, measured), is_leaf=lambda x: x is None)
 
 
-def _run_eagerly(
+def run_eagerly(
     run: PeriodMap,
     state: State,
     periods: int,

@@ -8,15 +8,14 @@ of their Floquet multipliers.
 import dataclasses
 
 import diffrax
-import jax.numpy as jnp
 
 from ..analysis import LyapunovSpectrum, map_spectrum
 from ..flow import (
-    ConstantSteps,
     PeriodMap,
     Trajectory,
     default_steps,
     first_of,
+    flexible_steps,
     status_of,
     steps_of_program,
     tangent_weights,
@@ -84,10 +83,8 @@ def lyapunov_spectrum(
     start = first_of(start)
     blocks = lambda name, value, least: -(-whole(name, value, least) // every)
     count = check_count(scene, count)
-    if is_traced((scene, start)):
-        stepping = steps_of_program(steps)  # for both modes of differentiation
-    else:
-        stepping = ConstantSteps(steps=jnp.asarray(float(steps)))  # an array: one program serves every number
+    # differentiated in both modes, or by one program for all numbers of steps
+    stepping = steps_of_program(steps) if is_traced((scene, start)) else flexible_steps(steps)
     found = map_spectrum(
         PeriodMap(scene, stepping, resolve_solver(scene, solver), periods=every),
         initial_state(scene, start),

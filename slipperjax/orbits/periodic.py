@@ -11,24 +11,24 @@ from jaxtyping import Array, Float
 
 from ..analysis import minimal_period, multipliers, shoot
 from ..flow import (
-    ConstantSteps,
     PeriodMap,
     Status,
     Strobe,
     Trajectory,
     default_steps,
     first_of,
-    room_for,
-    run_compiled,
+    flexible_steps,
+    run_eagerly,
     simulate,
     status_of,
     steps_of_program,
     tangent_weights,
 )
-from ..model import EventLatch, Motion, Scene, State, check_scene, contacts, initial_state, rail_frame
+from ..model import Motion, Scene, State, check_scene, initial_state
 from ..solvers import resolve_solver
 from ..tools import is_traced, number, positive, shown_number, whole
-from .signature import Gaps, Signature, signature
+from .motions import Settled, check_forcing
+from .signature import Gaps, Signature, Views, signature
 
 TOLERANCE = 1e-10
 """Default scaled residual at which an orbit counts as found [1]: 1e-13 m, 1e-10 m/s."""
@@ -107,10 +107,10 @@ class PeriodicOrbit(eqx.Module):
     @property
     def signature(self) -> Signature:
         """Which points touch down, in which order and how fast; not for use under a transformation."""
-        recorder = Gaps()
-        map_ = PeriodMap(self.scene, ConstantSteps(int(self.steps_per_period)), self.solver)
-        gap, rate = recorder.collect(run_compiled(map_, self.state, self.period, recorder).record)
-        return signature(self.scene, gap, rate)
+        recorder, steps = Views(), int(self.steps_per_period)
+        map_ = PeriodMap(self.scene, flexible_steps(steps, inside=True), self.solver)
+        gap, rate, _ = recorder.collect(run_eagerly(map_, self.state, self.period, recorder).record)
+        return signature(self.scene, Gaps.of(gap, rate, steps, float(self.scene.period)))
 
 
 def periodic_orbit(
@@ -148,29 +148,22 @@ def periodic_orbit(
     check_scene(scene)
     period, limit = whole("period", period, 1), whole("max_iterations", max_iterations, 1)
     tolerance = number(positive, "tolerance", tolerance)
-    _check_forcing(scene)
+    check_forcing(scene)
     steps, solver = default_steps(scene, steps_per_period), resolve_solver(scene, solver)
     begin = first_of(start)
     passed = (0 if isinstance(begin, State) else 60) if transient is None else whole("transient", transient, 0)
     traced = is_traced((scene, begin))
-    stepping = steps_of_program(steps) if traced else ConstantSteps(int(steps))
+    # differentiated in both modes, or by one program for all numbers of steps
+    stepping = steps_of_program(steps) if traced else flexible_steps(steps)
     state = initial_state(scene, begin)
     if passed:
-        still = jax.tree.map(jax.lax.stop_gradient, (scene, state))
-        state = (
-            PeriodMap(still[0], stepping, solver, passed)(still[1])
-            if traced
-            else _passed(still[0], stepping, solver, passed, still[1])
-        )
-    if not traced and int(status_of(state)) == Status.NOT_FINITE:
-        size = sum(np.size(leaf) for leaf in jax.tree.leaves(state))
-        lost = jnp.full(size, complex(np.nan))
-        none = jnp.asarray(np.nan)
-        return PeriodicOrbit(
-            scene, state, lost, none, jnp.asarray(0), jnp.asarray(int(Status.NOT_FINITE)), period, steps, solver
-        )
+        still, first = jax.tree.map(jax.lax.stop_gradient, (scene, state))
+        if traced:
+            state = PeriodMap(still, stepping, solver, passed)(first)
+        else:
+            state = run_eagerly(PeriodMap(still, stepping, solver), first, passed, Strobe()).state
     step = PeriodMap(scene, stepping, solver)
-    options = dict(scale=tangent_weights(scene), settle=_Settled(scene))
+    options = dict(scale=tangent_weights(scene), settle=Settled(scene))
     shot = shoot(step, state, intervals=period, tolerance=tolerance, max_iterations=limit, **options)
     if not traced and period > 1:
         missed = minimal_period(step, shot.state, period, scale=tangent_weights(scene))
@@ -182,38 +175,3 @@ def periodic_orbit(
     return PeriodicOrbit(
         scene, shot.state, jnp.asarray(found), shot.residual, shot.iterations, code, period, steps, solver
     )
-
-
-def _passed(scene: Scene, stepping: Any, solver: Any, periods: int, state: State) -> State:
-    """The state some forcing periods on, by a program that serves other numbers of them, too."""
-    found = run_compiled(
-        PeriodMap(scene, stepping, solver), state, room_for(periods), Strobe(), 0.0, jnp.asarray(float(periods))
-    )
-    return found.state
-
-
-def _check_forcing(scene: Scene) -> None:
-    waves = getattr(scene.track, "wavelengths", None)
-    if waves is None or is_traced(waves) or np.size(waves) < 2:
-        return
-    ratios = np.asarray(waves)[0] / np.asarray(waves)
-    if np.any(np.abs(ratios - np.round(ratios)) > 1e-9):
-        raise ValueError(
-            f"Argument `scene` must have a track that recurs with its first wavelength, but its wavelengths are "
-            f"{shown_number(np.asarray(waves))} m."
-        )
-
-
-class _Settled(eqx.Module):
-    """Makes the memory of a proposed state agree with its gaps: zero where open, latched where newly closed."""
-
-    scene: Scene
-
-    def __call__(self, proposed: State, mapped: State) -> State:
-        if proposed.memory is None or not isinstance(self.scene.memory, EventLatch):
-            return proposed
-        assert mapped.memory is not None  # that of the same scene
-        now = contacts(rail_frame(self.scene, 0.0), proposed.motion)
-        fresh = self.scene.memory.initial(now.gap, now.rate)
-        kept = jnp.where(proposed.memory < 0, proposed.memory, jnp.where(mapped.memory < 0, mapped.memory, fresh))
-        return State(proposed.motion, jnp.where(now.gap < 0, kept, 0.0))

@@ -1,4 +1,8 @@
-"""The contact signature of an orbit: which points touch down, in which order and how fast, found and not given."""
+"""The contact signature of an orbit: which points touch down, in which order and how fast, found and not given.
+
+Gaps are cubics through both ends of every step, so that touchdowns and extremes between the ends are seen, too. An
+orbit grazes where an extreme of a gap is zero: a touch that begins or ends to be, or an opening.
+"""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -6,9 +10,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
-from ..flow import AbstractRecorder
+from ..flow import AbstractRecorder, SectionRecord, Sections
 from ..model import Args, Scene, State, contacts
+
+HALVINGS = 60
+"""Bisections by which touchdowns are located in their step, down to rounding."""
 
 
 class Touchdown(NamedTuple):
@@ -32,7 +40,7 @@ class Signature(NamedTuple):
     slowest: float
     """Least magnitude of a touchdown's rate [m/s]; infinite without touchdowns."""
     nearest: float
-    """Least gap of points that never touch [m]; infinite where all do. Grazing is where this or `slowest` is zero."""
+    """Least magnitude of a local extreme of a gap [m]: zero where the orbit grazes."""
 
     @property
     def points(self) -> tuple[str, ...]:
@@ -42,70 +50,128 @@ class Signature(NamedTuple):
     def __repr__(self) -> str:
         order = " ".join(self.points) or "none"
         closed = f", closed throughout: {' '.join(self.closed)}" if self.closed else ""
-        return (
-            f"Signature({order}; slowest touchdown {self.slowest:.3g} m/s, nearest gap {self.nearest:.3g} m{closed})"
-        )
+        speed = f"slowest touchdown {self.slowest:.3g} m/s"
+        return f"Signature({order}; {speed}, grazing within {self.nearest:.3g} m{closed})"
 
 
 @dataclass(frozen=True)
-class Gaps(AbstractRecorder):
-    """Gaps and their rates at both ends of every step."""
+class Views(AbstractRecorder):
+    """Gaps and their rates at both ends of every step, and Poincare sections."""
+
+    sections: bool = False
 
     def __call__(self, states: State, args: Args, steps: Any) -> Any:
         places = jnp.arange(states.motion.y.shape[0])
-        return jax.vmap(lambda k, s: contacts(args.frame(k / steps), s.motion)[:2])(places, states)
+        gap, rate = jax.vmap(lambda k, s: contacts(args.frame(k / steps), s.motion)[:2])(places, states)
+        return gap, rate, Sections(loads=False)(states, args, steps) if self.sections else None
 
     @property
     def values(self) -> int:
         return 0  # kept for one case only, of which no sweep asks how much memory it takes
 
-    def collect(self, kept: Any) -> tuple[np.ndarray, np.ndarray]:
-        gap, rate = kept
-        return np.asarray(gap), np.asarray(rate)
+    def collect(self, kept: Any) -> tuple[np.ndarray, np.ndarray, SectionRecord | None]:
+        gap, rate, sections = kept
+        lane = jax.tree.map(lambda a: np.asarray(a)[None], sections)
+        found = None if sections is None else jax.tree.map(lambda a: a[0], Sections(loads=False).collect(lane))
+        return np.asarray(gap), np.asarray(rate), found
 
     def label(self, scene: Scene, dims: tuple[str, ...], record: Any) -> Any:
         raise NotImplementedError("Gaps of steps have no labels.")
 
 
-def signature(scene: Scene, gap: np.ndarray, rate: np.ndarray) -> Signature:
-    """The signature of an orbit.
+class Gaps(NamedTuple):
+    """The gaps of an orbit over its period, as cubics on all its steps; points: the front ones first."""
 
-    **Arguments:** `gap` [m], `rate` [m/s]: at both ends of every step, (periods, steps + 1, 2 points), in which the
-    front comes first. Touchdowns and their rates are interpolated as the latch does.
-    """
-    steps = gap.shape[1] - 1
+    start: Float[np.ndarray, "steps points"]
+    """Gap at the step's start [m], its rise over the step, and the other two coefficients."""
+    slope: Float[np.ndarray, "steps points"]
+    square: Float[np.ndarray, "steps points"]
+    cube: Float[np.ndarray, "steps points"]
+    step: float
+    """Length of a step [s]."""
+    per_period: int
+    """Steps in a forcing period."""
+
+    @classmethod
+    def of(cls, gap: Array | np.ndarray, rate: Array | np.ndarray, steps: int, period: float) -> "Gaps":
+        """From `gap` [m] and `rate` [m/s] at both ends of every step, (periods, steps + 1 or more, points)."""
+        g0, g1 = (np.concatenate(np.asarray(gap)[:, k : k + steps]) for k in (0, 1))
+        d0, d1 = (np.concatenate(period / steps * np.asarray(rate)[:, k : k + steps]) for k in (0, 1))
+        return cls(g0, d0, 3 * (g1 - g0) - 2 * d0 - d1, 2 * (g0 - g1) + d0 + d1, period / steps, steps)
+
+    def value(self, x: Any) -> np.ndarray:
+        """The gap at shares x of the steps [m]."""
+        return ((self.cube * x + self.square) * x + self.slope) * x + self.start
+
+    def extremes(self) -> Float[np.ndarray, "2 steps points"]:
+        """Shares of the steps at which gaps have local extremes, in their order; NaN where there is none."""
+        a, b, c = 3 * self.cube, 2 * self.square, self.slope
+        with np.errstate(all="ignore"):
+            q = -(b + np.where(b >= 0, 1, -1) * np.sqrt(b * b - 4 * a * c)) / 2
+            both = np.stack([q / a, c / q])
+            return np.sort(np.where((both > 0) & (both < 1), both, np.nan), axis=0)
+
+    def of_points(self, points: Any) -> "Gaps":
+        """Those of some points."""
+        return self._replace(**{name: getattr(self, name)[:, points] for name in self._fields[:4]})
+
+
+class Grazing(NamedTuple):
+    """How near each point is to a grazing; arrays (points,)."""
+
+    touchdowns: Int[np.ndarray, " points"]
+    """Touchdowns within the period."""
+    margin: Float[np.ndarray, " points"]
+    """Least magnitude of a local extreme of the gap [m], infinite where there is none."""
+    opening: Bool[np.ndarray, " points"]
+    """Whether that is a greatest gap, which a contact opens by, and not a least one, by which it touches."""
+    time: Float[np.ndarray, " points"]
+    """When [forcing periods]."""
+
+
+def grazing(gaps: Gaps) -> Grazing:
+    """How near each point of an orbit is to a grazing."""
+    extremes = gaps.extremes()
+    values = gaps.value(extremes)
+    size = np.where(np.isnan(values), np.inf, np.abs(values))
+    flat = size.reshape(-1, size.shape[-1])
+    at = np.argmin(flat, axis=0)
+    points = np.arange(flat.shape[1])
+    curvature = (6 * gaps.cube * extremes + 2 * gaps.square).reshape(flat.shape)
+    time = (np.arange(size.shape[1])[None, :, None] + extremes).reshape(flat.shape) / gaps.per_period
+    counts = np.sum(_touching(gaps)[0], axis=(0, 1))
+    return Grazing(counts, flat[at, points], curvature[at, points] < 0, time[at, points])
+
+
+def _touching(gaps: Gaps) -> tuple[Bool[np.ndarray, "3 steps points"], np.ndarray, np.ndarray]:
+    """Where gaps fall below zero in the up to three parts of a step between extremes, and the ends of these."""
+    inner = gaps.extremes()
+    inner = np.where(np.isnan(inner), 1.0, inner)
+    starts = np.concatenate([np.zeros((1, *inner.shape[1:])), inner])
+    ends = np.concatenate([inner, np.ones((1, *inner.shape[1:]))])
+    # the end of a step has the sign of the next one's start, also where rounding makes the cubic differ
+    following = np.roll(gaps.start, -1, axis=0)
+    at_end = np.where(ends == 1.0, following, gaps.value(ends))
+    return (gaps.value(starts) >= 0) & (at_end < 0) & (starts < ends), starts, ends
+
+
+def signature(scene: Scene, gaps: Gaps) -> Signature:
+    """The signature of an orbit."""
     names = [f"{name}{end}" for end in (1, 2) for name in scene.section.names]
-    step = float(scene.period) / steps
-    found = []
-    for k, n, p in zip(*np.nonzero((gap[:, :-1] >= 0) & (gap[:, 1:] < 0)), strict=True):
-        share, speed = _crossing(gap[k, n : n + 2, p], step * rate[k, n : n + 2, p])
-        found.append(Touchdown(float(k + (n + share) / steps), names[p], float(speed / step)))
-    open_ones = np.min(gap, axis=(0, 1)) >= 0
-    closed = np.max(gap, axis=(0, 1)) < 0
-    lowest = _lowest(gap[..., open_ones], step * rate[..., open_ones])
+    falls, low, high = _touching(gaps)
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        open_ = gaps.value(middle) >= 0
+        low, high = np.where(open_, middle, low), np.where(open_, high, middle)
+    rates = ((3 * gaps.cube * low + 2 * gaps.square) * low + gaps.slope) / gaps.step
+    found = [
+        Touchdown(float(k + low[part, k, p]) / gaps.per_period, names[p], float(rates[part, k, p]))
+        for part, k, p in zip(*np.nonzero(falls), strict=True)
+    ]
+    most = np.fmax(np.fmax.reduce(gaps.value(gaps.extremes()), axis=(0, 1)), gaps.start.max(axis=0))
     return Signature(
         tuple(sorted(found)),
-        tuple(name for name, yes in zip(names, closed, strict=True) if yes),
+        tuple(name for name, highest in zip(names, most, strict=True) if highest < 0),
         min((abs(t.rate) for t in found), default=float("inf")),
-        float(lowest),
+        float(np.min(grazing(gaps).margin)),
     )
-
-
-def _crossing(gap: np.ndarray, slope: np.ndarray) -> tuple[float, float]:
-    """Where the cubic with these ends and slopes per step is zero, in [0, 1], and its slope there."""
-    (g0, g1), (d0, d1) = gap, slope
-    cubic = np.polynomial.Polynomial([g0, d0, 3 * (g1 - g0) - 2 * d0 - d1, 2 * (g0 - g1) + d0 + d1])
-    x = g0 / (g0 - g1)
-    for _ in range(4):
-        x = float(np.clip(x - cubic(x) / min(cubic.deriv()(x), -1e-300), 0, 1))
-    return x, float(cubic.deriv()(x))
-
-
-def _lowest(gap: np.ndarray, slope: np.ndarray) -> float:
-    """The least value of the cubics through gaps and slopes per step at the ends of steps."""
-    if gap.size == 0:
-        return float("inf")
-    g0, g1, d0, d1 = gap[:, :-1], gap[:, 1:], slope[:, :-1], slope[:, 1:]
-    x = np.linspace(0, 1, 9)[:, None, None, None]
-    a, b = 2 * (g0 - g1) + d0 + d1, 3 * (g1 - g0) - 2 * d0 - d1
-    return float(np.min(((a * x + b) * x + d0) * x + g0))

@@ -11,8 +11,6 @@ from .executors import run_chunk as run_chunk
 from .executors import run_chunks as run_chunks
 from .exponents import lyapunov_sweep as lyapunov_sweep
 from .follow import follow as follow
-from .interrupted import ASKED as ASKED
-from .interrupted import Interrupted as Interrupted
 from .jumps import Jump as Jump
 from .jumps import find_jump as find_jump
 from .limits import refuse_cases as refuse_cases

@@ -12,12 +12,15 @@ import xarray as xr
 from jaxtyping import Int
 
 from ..flow import (
+    ASKED,
     ConstantSteps,
     HistoryRecord,
+    Interrupted,
     Passage,
     SectionRecord,
     Sections,
     advance,
+    blank,
     coordinates,
     first_problem,
     joined_in_time,
@@ -26,7 +29,6 @@ from ..flow import (
 )
 from ..model import Scene, State
 from ..tools import Batched
-from .interrupted import ASKED, Interrupted, blank
 from .plan import Calls, Chunk, OnProgress, Plan
 from .progress import Later, Tally, display
 

@@ -20,14 +20,13 @@ from ..analysis import (
     standard_error,
     weighted_mean,
 )
-from ..flow import Status, Trajectory, first_of, first_problem, initial_states
+from ..flow import Interrupted, Status, Trajectory, first_of, first_problem, initial_states
 from ..model import COORDINATE_SCALES, Motion, Scene, State
 from ..orbits import check_count
 from ..tools import whole
 from .attractors import FLOOR
 from .cases import Cases
 from .executors import records_in_order, run_chunk, run_chunks
-from .interrupted import Interrupted
 from .limits import refuse_run
 from .measure import BLOCK, JACOBIAN, LONGEST, LOOK, PAIR, Measure, measured_periods, tangents_cost
 from .plan import PAUSE, Chunk, Plan, make_plan, strobe_plan

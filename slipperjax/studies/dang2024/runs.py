@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from ...flow import Status
+from ...flow import Interrupted, Status
 from ...model import paper_scene
 from ...sweeps import (
-    Interrupted,
     Jump,
     OnProgress,
     attractors,

@@ -1,12 +1,12 @@
 """What is left of a run that was interrupted."""
 
 import threading
+from typing import Any
 
 import jax
 import numpy as np
-import xarray as xr
 
-from ..flow import Status
+from .status import Status
 
 ASKED = threading.Event()
 """Set by programs that catch signals themselves: all runs end as by Ctrl-C, within a quarter of a second.
@@ -31,10 +31,11 @@ class Interrupted(KeyboardInterrupt):
     in.
     """
 
-    def __init__(self, dataset: xr.Dataset | None, finished: int, cases: int):
+    def __init__(self, dataset: Any, finished: int, cases: int):
         super().__init__(dataset, finished, cases)
         self.dataset = dataset
-        """The result, where cases that were not finished have `Status.NOT_RUN`; None where no case was finished."""
+        """The result, an `xarray.Dataset`, where cases that were not finished have `Status.NOT_RUN`; None where no
+        case was finished."""
         self.finished = finished
         """How many cases were."""
         self.cases = cases

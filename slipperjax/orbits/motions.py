@@ -1,0 +1,92 @@
+"""Orbits of slippers as equations: the period map over parameters, and states that the latch agrees with."""
+
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from ..analysis import PeriodicMotions
+from ..flow import AbstractStepping, PeriodMap, tangent_weights
+from ..model import EventLatch, Scene, State, contacts, parameter, rail_frame
+from ..tools import is_traced, shown_number
+
+
+class ScenePath(eqx.Module):
+    """The period map of a scene for values of some of its parameters."""
+
+    scene: Scene
+    stepping: AbstractStepping
+    names: tuple[str, ...] = eqx.field(static=True)
+    """Parameters by name or path; without any, the scene's own map."""
+    solver: diffrax.AbstractSolver = eqx.field(static=True)
+
+    def at(self, *values: Any) -> Scene:
+        """The scene with these values."""
+        scene = self.scene
+        for name, value in zip(self.names, values, strict=True):
+            scene = parameter(name, scene).replaced(scene, value)
+        return scene
+
+    def __call__(self, *values: Any) -> PeriodMap:
+        return PeriodMap(self.at(*values), self.stepping, self.solver)
+
+
+class SlipperMotions(PeriodicMotions):
+    """Periodic motions of a slipper; lengths of curves are measured by the motion and the parameters alone."""
+
+    def measure(self, weights: Array) -> Array:
+        motion = len(MOTION)
+        return jnp.zeros_like(weights).at[:motion].set(weights[:motion] / np.sqrt(motion))
+
+    def settle(self, step: PeriodMap, proposed: State, mapped: State) -> State:
+        return Settled(step.scene)(proposed, mapped)
+
+
+MOTION = np.arange(10)
+"""Places of the motion among the numbers of a state; the memory's come after."""
+
+
+def slipper_motions(
+    scene: Scene,
+    names: tuple[str, ...],
+    reach: Any,
+    like: State,
+    *,
+    stepping: AbstractStepping,
+    solver: diffrax.AbstractSolver,
+    period: int,
+) -> SlipperMotions:
+    """The equations of orbits over some parameters, with changes `reach` that count as one."""
+    path = ScenePath(scene, stepping, names, solver)
+    return SlipperMotions(path, like, jnp.asarray(reach, float), tangent_weights(scene), intervals=period)
+
+
+class Settled(eqx.Module):
+    """Makes the memory of a proposed state agree with its gaps: zero where open, latched where newly closed."""
+
+    scene: Scene
+
+    def __call__(self, proposed: State, mapped: State) -> State:
+        if proposed.memory is None or not isinstance(self.scene.memory, EventLatch):
+            return proposed
+        assert mapped.memory is not None  # that of the same scene
+        now = contacts(rail_frame(self.scene, 0.0), proposed.motion)
+        fresh = self.scene.memory.initial(now.gap, now.rate)
+        kept = jnp.where(proposed.memory < 0, proposed.memory, jnp.where(mapped.memory < 0, mapped.memory, fresh))
+        return State(proposed.motion, jnp.where(now.gap < 0, kept, 0.0))
+
+
+def check_forcing(scene: Scene) -> None:
+    """Raises `ValueError` for a track of several wavelengths that does not recur with the first."""
+    waves = getattr(scene.track, "wavelengths", None)
+    if waves is None or is_traced(waves) or np.size(waves) < 2:
+        return
+    ratios = np.asarray(waves)[0] / np.asarray(waves)
+    if np.any(np.abs(ratios - np.round(ratios)) > 1e-9):
+        raise ValueError(
+            f"Argument `scene` must have a track that recurs with its first wavelength, but its wavelengths are "
+            f"{shown_number(np.asarray(waves))} m."
+        )
