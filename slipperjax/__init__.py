@@ -44,7 +44,10 @@ from .model import paper_section as paper_section  # noqa: E402
 from .model import reactions as reactions  # noqa: E402
 from .model import table_2_start as table_2_start  # noqa: E402
 from .model import vector_field as vector_field  # noqa: E402
+from .orbits import OrbitBranch as OrbitBranch  # noqa: E402
 from .orbits import PeriodicOrbit as PeriodicOrbit  # noqa: E402
+from .orbits import continue_orbit as continue_orbit  # noqa: E402
+from .orbits import load_branch as load_branch  # noqa: E402
 from .orbits import lyapunov_spectrum as lyapunov_spectrum  # noqa: E402
 from .orbits import periodic_orbit as periodic_orbit  # noqa: E402
 from .solvers import RK4 as RK4  # noqa: E402

@@ -22,7 +22,16 @@ FLOORS = [
 ]
 # JAX alone below; these read and write labelled data, pictures and files
 HEAVY = {"xarray", "zarr", "matplotlib", "dask", "tqdm", "typer", "h5netcdf", "bokeh"}
-MAY_BE_HEAVY = ("plots", "sweeps", "flow.datasets", "studies", "bench", "cli")
+MAY_BE_HEAVY = (
+    "plots",
+    "sweeps",
+    "flow.datasets",
+    "orbits.branch_data",
+    "orbits.branches",
+    "studies",
+    "bench",
+    "cli",
+)
 
 
 def floor_of(room: str) -> int:

@@ -6,7 +6,9 @@ from .attractor import decay_rate as decay_rate
 from .attractor import recurrence as recurrence
 from .attractor import zero_one_test as zero_one_test
 from .continuation import Branch as Branch
+from .continuation import End as End
 from .continuation import continue_motion as continue_motion
+from .continuation import extend_motion as extend_motion
 from .continuation import switch as switch
 from .critical import ConditionedMotions as ConditionedMotions
 from .critical import CriticalMotion as CriticalMotion

@@ -18,6 +18,20 @@ FIRST = 30
 """Newton iterations for the first point of a branch."""
 
 
+class End(NamedTuple):
+    """One end of a branch."""
+
+    reason: str
+    """Why it ends there: "bound", "no convergence", "closed", "count" or "interrupted"; empty for a start from which
+    it was not followed."""
+    step: float
+    """The step that would be tried next."""
+
+
+UNFINISHED = ("count", "interrupted")
+"""Reasons for which a branch can be followed further."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Branch:
     """Periodic motions along a curve, with the events on it."""
@@ -27,9 +41,8 @@ class Branch:
     """The points in their order along the branch, events included."""
     events: tuple[Event, ...]
     """In the same order."""
-    ended: tuple[str, str]
-    """Why the branch ends at its first and its last point: "bound", "no convergence", "closed", "count" or
-    "interrupted"; empty where it begins there."""
+    ends: tuple[End, End]
+    """Its first and its last point."""
 
     @property
     def values(self) -> np.ndarray:
@@ -40,6 +53,11 @@ class Branch:
     def stable(self) -> np.ndarray:
         """Whether all multipliers lie inside the unit circle, of shape (points,)."""
         return np.array([node.outside == 0 for node in self.nodes])
+
+    @property
+    def ended(self) -> tuple[str, str]:
+        """Why the branch ends at its first and its last point, see `End`."""
+        return self.ends[0].reason, self.ends[1].reason
 
     def __repr__(self) -> str:
         labels = ", ".join(f"{e.label} at {shown_number(e.node.spot.z[-1])}" for e in self.events)
@@ -74,43 +92,75 @@ def continue_motion(
 
     **Raises:** `ValueError` where there is no motion near the start.
     """
-    pace, most = Pace() if pace is None else pace, whole("points", points, 1)
-    low, high = (np.full(equations.size + 1, side * np.inf) for side in (-1, 1))
-    low[-1], high[-1] = bounds
+    pace = Pace() if pace is None else pace
     first = start if isinstance(start, Spot) else first_spot(equations, *start, tolerance=tolerance)
     if not first.residual <= tolerance:
         raise ValueError(
             f"Argument `start` must be near a periodic motion, but Newton's method ended with a residual of "
             f"{shown_number(first.residual)}."
         )
-    begin, paths = as_node(first, observe), {}
-    for way in ways:
-        at_start = begin._replace(spot=first._replace(tangent=way * first.tangent))
-        walk = Walk(equations, at_start.spot, low, high, pace, tolerance)
-        paths[way] = _walked(walk, at_start, observe, most, on_point)
-        if paths[way].ended in ("closed", "interrupted"):
-            break
-    nothing = _Path([], [], "")
-    ahead, back = paths.get(1, nothing), paths.get(-1, nothing)
-    nodes = [*map(_turned, reversed(back.nodes)), begin, *ahead.nodes]
-    events = [*(event._replace(node=_turned(event.node)) for event in reversed(back.events)), *ahead.events]
-    return Branch(equations, tuple(nodes), tuple(events), (back.ended, ahead.ended))
+    back, ahead = (End("count" if way in ways else "", pace.first) for way in (-1, 1))
+    begin = Branch(equations, (as_node(first, observe),), (), (back, ahead))
+    options = dict(observe=observe, tolerance=tolerance, pace=pace, points=points, on_point=on_point)
+    return extend_motion(begin, bounds, **options)
+
+
+def extend_motion(
+    branch: Branch,
+    bounds: tuple[float, float],
+    *,
+    observe: Observe | None = None,
+    tolerance: float = 1e-10,
+    pace: Pace | None = None,
+    points: int = 400,
+    on_point: Callable[[Node], Any] | None = None,
+) -> Branch:
+    """Follows a branch further, from ends where it was not finished, and from those on bounds that are wider now.
+
+    **Arguments:** as for `continue_motion`.
+    """
+    pace, most = Pace() if pace is None else pace, whole("points", points, 1)
+    low, high = (np.full(branch.equations.size + 1, side * np.inf) for side in (-1, 1))
+    low[-1], high[-1] = bounds
+    nodes, events, ends = list(branch.nodes), list(branch.events), list(branch.ends)
+    # ahead, then turned around and ahead once more
+    for way in (1, 0):
+        value = float(nodes[-1].spot.z[-1])
+        wider = ends[way].reason == "bound" and bounds[0] < value < bounds[1]
+        if wider or ends[way].reason in UNFINISHED:
+            if wider:
+                nodes[-1] = nodes[-1]._replace(label="")
+                events = [event for event in events if not (event.label == "EP" and event.low == value)]
+            walk = Walk(branch.equations, nodes[-1].spot, low, high, pace, tolerance, step=ends[way].step)
+            path = _walked(walk, nodes, observe, most, on_point)
+            nodes, events, ends[way] = [*nodes, *path.nodes], [*events, *path.events], End(path.ended, walk.step)
+            if path.ended in ("closed", "interrupted"):
+                ends[1 - way] = End(path.ended, ends[1 - way].step) if path.ended == "closed" else ends[1 - way]
+                if way == 0:
+                    nodes, events = _turned(nodes, events)
+                break
+        nodes, events = _turned(nodes, events)
+    return Branch(branch.equations, tuple(nodes), tuple(events), (ends[0], ends[1]))
 
 
 class _Path(NamedTuple):
-    """One way along a branch, without its start."""
+    """What was found from the end of a branch on."""
 
     nodes: list[Node]
     events: list[Event]
     ended: str
 
 
-def _turned(node: Node) -> Node:
-    return node._replace(spot=node.spot._replace(tangent=-node.spot.tangent))
+def _turned(nodes: list[Node], events: list[Event]) -> tuple[list[Node], list[Event]]:
+    turn = lambda node: node._replace(spot=node.spot._replace(tangent=-node.spot.tangent))
+    back = [e._replace(node=turn(e.node), change=tuple(-c for c in e.change)) for e in reversed(events)]
+    return [turn(node) for node in reversed(nodes)], back
 
 
-def _walked(walk: Walk, node: Node, observe: Observe | None, most: int, on_point: Callable | None) -> _Path:
-    start, path = node, _Path([], [], "")
+def _walked(
+    walk: Walk, behind: Sequence[Node], observe: Observe | None, most: int, on_point: Callable | None
+) -> _Path:
+    start, node, path = behind[0], behind[-1], _Path([], [], "")
     try:
         while len(path.nodes) < most:
             spot = walk.advance()
@@ -122,7 +172,7 @@ def _walked(walk: Walk, node: Node, observe: Observe | None, most: int, on_point
                 path.nodes.append(event.node)
             if on_point is not None:
                 on_point(new)
-            if len(path.nodes) > 2 and passes(start.spot, node.spot, spot):
+            if len(path.nodes) + len(behind) > 3 and passes(start.spot, node.spot, spot):
                 return path._replace(ended="closed")
             path.nodes.append(new)
             node = new
@@ -130,10 +180,11 @@ def _walked(walk: Walk, node: Node, observe: Observe | None, most: int, on_point
         return path._replace(ended="interrupted")
     label = {"bound": "EP", "no convergence": "MX"}.get(walk.ended, "")
     if label:
-        if path.nodes:
-            node = path.nodes[-1] = node._replace(label=label)
+        node = node._replace(label=label)
         value = float(node.spot.z[-1])
         path.events.append(Event(label, node, value, value, complex(np.nan), label == "EP", ""))
+        if path.nodes:
+            path.nodes[-1] = node
     return path._replace(ended=walk.ended or "count")
 
 

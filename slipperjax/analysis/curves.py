@@ -160,13 +160,21 @@ class Walk:
     """Why there is no next point: "bound" or "no convergence"; empty while there may be one."""
 
     def __init__(
-        self, equations: AbstractEquations, start: Spot, low: Any, high: Any, pace: Pace, tolerance: float = 1e-10
+        self,
+        equations: AbstractEquations,
+        start: Spot,
+        low: Any,
+        high: Any,
+        pace: Pace,
+        tolerance: float = 1e-10,
+        *,
+        step: float | None = None,
     ):
         """**Arguments:** `start`: where the way begins, its tangent pointing ahead; `low`, `high`: bounds of all
-        unknowns, infinite where there are none, of shape (more,)."""
+        unknowns, infinite where there are none, of shape (more,); `step`: the first, by default that of `pace`."""
         self.equations, self.pace, self.tolerance = equations, pace, tolerance
         self.low, self.high = np.asarray(low, float), np.asarray(high, float)
-        self.spot, self.step, self.ended = start, pace.first, ""
+        self.spot, self.step, self.ended = start, pace.first if step is None else step, ""
 
     def advance(self) -> Spot | None:
         """The next point, or None where the way has ended. The last one lies on the bound that it meets."""

@@ -82,6 +82,8 @@ class Event(NamedTuple):
     """The critical multiplier, NaN where there is none."""
     converged: bool
     note: str
+    change: tuple[int, ...] = ()
+    """How `Observation.counts` change at a grazing, in the direction of the branch."""
 
 
 def as_node(spot: Spot, observe: Observe | None) -> Node:
@@ -257,7 +259,8 @@ def _inseparable(labels: list[str], a: Node, b: Node, width: float) -> Event:
     notes += [f"{width:.1g} of a step could not be divided"] if width > NARROW else []
     low, high = sorted((float(a.spot.z[-1]), float(b.spot.z[-1])))
     critical = complex(np.nan) if label == "GR" else _critical(label, a, min(a.outside, b.outside))
-    return Event(label, a._replace(label=label), low, high, critical, width <= NARROW, "; ".join(notes))
+    change = tuple(n - m for m, n in zip(a.seen.counts, b.seen.counts, strict=True))
+    return Event(label, a._replace(label=label), low, high, critical, width <= NARROW, "; ".join(notes), change)
 
 
 def _leading(node: Node) -> str:

@@ -1,5 +1,10 @@
 """Periodic motions and Lyapunov exponents of one slipper."""
 
+from .branch_data import BranchEvent as BranchEvent
+from .branches import InterruptedBranch as InterruptedBranch
+from .branches import OrbitBranch as OrbitBranch
+from .branches import continue_orbit as continue_orbit
+from .branches import load_branch as load_branch
 from .exponents import check_count as check_count
 from .exponents import lyapunov_spectrum as lyapunov_spectrum
 from .periodic import PeriodicOrbit as PeriodicOrbit

@@ -1,0 +1,190 @@
+"""Branches of orbits as labelled datasets."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from ..analysis import MEANINGS, Branch, Event
+from ..flow import SectionRecord, Sections, coordinates, run_attributes, scene_attributes
+from ..model import Scene, State, parameter
+from .signature import Grazing, Signature
+
+
+class View(NamedTuple):
+    """What is looked at on each orbit of a branch."""
+
+    grazing: Grazing
+    signature: Signature
+    sections: SectionRecord
+    """Of this orbit alone."""
+
+
+class BranchEvent(NamedTuple):
+    """Something that happens on a branch."""
+
+    label: str
+    """One of `slipperjax.analysis.MEANINGS`."""
+    value: float
+    """The parameter's value there [its SI unit]."""
+    low: float
+    """The values between which it lies."""
+    high: float
+    multiplier: complex
+    """The critical multiplier [1]; NaN where there is none."""
+    converged: bool
+    note: str
+    point: int
+    """Its place among the branch's points."""
+
+
+FIELDS = {
+    "value": "parameter's value at the event",
+    "low": "lower bound of it",
+    "high": "upper bound of it",
+    "converged": "whether the event is located",
+    "note": "more about the event",
+    "point": "place of the event among the points",
+}
+"""Fields of `BranchEvent` that are variables of a dataset as they are, with their descriptions."""
+
+
+def branch_dataset(branch: Branch, scene: Scene, name: str, states: State, call: Mapping[str, Any]) -> Any:
+    """A branch as an `xarray.Dataset`, from which it can be made again.
+
+    **Arguments:** `scene`, `name`: the scene and its parameter that varies; `states`: those of the points, with a
+    leading axis; `call`: arguments of `continue_orbit`.
+    """
+    import xarray as xr
+
+    nodes, known = branch.nodes, parameter(name, scene)
+    views = [node.seen.data for node in nodes]
+    z = np.array([node.spot.z for node in nodes])
+
+    def of_points(values: Sequence[Any], text: str, unit: str = "1", dims: tuple[str, ...] = ()) -> tuple:
+        return ("point", *dims), np.array(values), {"units": unit, "long_name": text}
+
+    multipliers = np.array([node.multipliers for node in nodes])
+    data = {
+        "state": of_points(z[:, :-1], "all numbers of the state, as in slipperjax.State", dims=("number",)),
+        "tangent": of_points(
+            [node.spot.tangent for node in nodes], "direction of the branch", dims=("number_and_parameter",)
+        ),
+        "multiplier_real": of_points(multipliers.real, "Floquet multipliers, real parts", dims=("multiplier",)),
+        "multiplier_imag": of_points(multipliers.imag, "Floquet multipliers, imaginary parts", dims=("multiplier",)),
+        "outside": of_points([node.outside for node in nodes], "multipliers outside the unit circle"),
+        "stable": of_points(branch.stable, "whether all multipliers lie inside the unit circle"),
+        "residual": of_points([node.spot.residual for node in nodes], "scaled residual"),
+        "iterations": of_points([node.spot.iterations for node in nodes], "iterations of Newton's method"),
+        "label": of_points(_texts(node.label for node in nodes), _MEANINGS),
+        "signature": of_points(_texts(" ".join(v.signature.points) for v in views), "touchdowns in their order"),
+        "slowest_touchdown": of_points([v.signature.slowest for v in views], "slowest touchdown", "m/s"),
+        "grazing_gap": of_points([v.signature.nearest for v in views], "least magnitude of a gap's extreme", "m"),
+        "touchdowns": of_points(
+            np.array([v.grazing.touchdowns for v in views]).reshape(len(nodes), 2, -1),
+            "touchdowns in a period of the orbit",
+            dims=("end", "contact"),
+        ),
+    }
+    sections, coords = Sections(loads=False).label(scene, ("point",), _stacked([v.sections for v in views], states))
+    coords |= {
+        name: ("point", z[:, -1], known.attributes),
+        "end": ["front", "rear"],
+        "contact": list(scene.section.names),
+    }
+    start = jax.tree.map(lambda a: np.asarray(a)[0], states)
+    call = {"function": "continue_orbit", "parameter": name, **call}
+    attrs = scene_attributes(scene, without=[name]) | run_attributes(scene, start, call, [name])
+    attrs |= {
+        "orbit_period": branch.equations.intervals,
+        "ended": list(branch.ended),
+        "next_steps": [end.step for end in branch.ends],
+    }
+    return xr.Dataset(data | sections | _event_variables(events_of(branch, scene), known.unit), coords, attrs)
+
+
+_MEANINGS = "event: " + "; ".join(f"{label}: {meaning}" for label, meaning in MEANINGS.items())
+
+
+def _texts(words: Any) -> np.ndarray:
+    return np.array([str(word) for word in words], dtype=str)
+
+
+def _stacked(records: Sequence[SectionRecord], states: State) -> SectionRecord:
+    """Records of single orbits as one, with NaN where one has fewer crossings; strobe: where the orbits start."""
+    most = max(len(record.time) for record in records)
+    pad = lambda a: np.concatenate([a, np.full((most - len(a), a.shape[1]), np.nan)])
+    time, velocity = (np.stack([pad(getattr(r, name)) for r in records]) for name in ("time", "velocity"))
+    return SectionRecord(time, velocity, coordinates(states)[:, None], None)
+
+
+def events_of(branch: Branch, scene: Scene) -> tuple[BranchEvent, ...]:
+    """The events of a branch, with the touchdowns that a grazing changes in words."""
+    # by identity: a bound and a grazing may share a value
+    places = {id(node.spot.z): k for k, node in enumerate(branch.nodes)}
+    found = []
+    for event in branch.events:
+        notes = [*_touches(event, scene), *([event.note] if event.note else [])]
+        spot, value = event.node.spot, float(event.node.spot.z[-1])
+        found.append(
+            BranchEvent(
+                event.label,
+                value,
+                event.low,
+                event.high,
+                event.multiplier,
+                event.converged,
+                "; ".join(notes),
+                places[id(spot.z)],
+            )
+        )
+    return tuple(found)
+
+
+def _touches(event: Event, scene: Scene) -> list[str]:
+    """What a grazing changes, in the direction of the branch."""
+    names = [f"{name}{end}" for end in (1, 2) for name in scene.section.names]
+    view: View | None = event.node.seen.data
+    if view is None:
+        return []
+    return [
+        f"{names[k]} {'opens' if view.grazing.opening[k] else 'touches'} once {'more' if change > 0 else 'less'}"
+        for k, change in enumerate(event.change)
+        if change
+    ]
+
+
+def _event_variables(events: Sequence[BranchEvent], unit: str) -> dict[str, Any]:
+    critical = np.array([event.multiplier for event in events], complex)
+    words = lambda text: {"units": unit if text in ("value", "low", "high") else "1", "long_name": FIELDS[text]}
+    data: dict[str, Any] = {f"event_{name}": ("event", _column(events, name), words(name)) for name in FIELDS}
+    data["event_label"] = ("event", _texts(event.label for event in events), {"units": "1", "long_name": _MEANINGS})
+    for part in ("real", "imag"):
+        attributes = {"units": "1", "long_name": f"critical multiplier, {part} part"}
+        data[f"event_multiplier_{part}"] = ("event", getattr(critical, part), attributes)
+    return data
+
+
+def _column(events: Sequence[BranchEvent], name: str) -> np.ndarray:
+    values = [getattr(event, name) for event in events]
+    return _texts(values) if name == "note" else np.array(values, dtype=type(values[0]) if values else float)
+
+
+def events_from(ds: Any) -> tuple[BranchEvent, ...]:
+    """The events of a branch's dataset."""
+    columns = {name: ds[f"event_{name}"].values for name in ("label", *FIELDS)}
+    critical = ds["event_multiplier_real"].values + 1j * ds["event_multiplier_imag"].values
+    return tuple(
+        BranchEvent(
+            str(columns["label"][k]),
+            float(columns["value"][k]),
+            float(columns["low"][k]),
+            float(columns["high"][k]),
+            complex(critical[k]),
+            bool(columns["converged"][k]),
+            str(columns["note"][k]),
+            int(columns["point"][k]),
+        )
+        for k in range(len(critical))
+    )

@@ -1,0 +1,364 @@
+"""Branches of orbits over a parameter, through stable and unstable ones, with named and located events."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..analysis import (
+    Branch,
+    End,
+    Event,
+    Node,
+    Observation,
+    Pace,
+    Spot,
+    as_node,
+    continue_motion,
+    correct,
+    extend_motion,
+    switch,
+)
+from ..flow import (
+    ASKED,
+    Interrupted,
+    PeriodMap,
+    Trajectory,
+    dataset_of,
+    default_steps,
+    flexible_steps,
+    load_base,
+    load_call,
+)
+from ..model import Motion, Parameter, Scene, State, check_scene, initial_state, parameter
+from ..solvers import resolve_solver
+from ..tools import brief, call_compiled, number, positive, shown_number, whole, write_whole
+from .branch_data import BranchEvent, View, branch_dataset, events_from
+from .motions import SlipperMotions, check_forcing, slipper_motions
+from .periodic import TOLERANCE, PeriodicOrbit, periodic_orbit
+from .signature import Gaps, Views, grazing, signature
+
+PACE = Pace(first=0.02, least=1e-6, most=0.3)
+"""Steps along a branch: 1 is the whole range of the parameter, or 1 mm, 10 mrad, 1 m/s, 10 rad/s of the state."""
+
+
+@dataclasses.dataclass(frozen=True)
+class OrbitBranch:
+    """Orbits along a curve over one parameter."""
+
+    points: Any
+    """An `xarray.Dataset` along `point`: the parameter, `state`, `multiplier_real` and `multiplier_imag` [1],
+    `stable`, `signature`, `touchdowns`, `slowest_touchdown` [m/s], `grazing_gap` [m], `residual`, `label`, and the
+    Poincare sections of `slipperjax.sweep`; and along `event` the table of events."""
+    _branch: Branch | None = dataclasses.field(default=None, repr=False, compare=False)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene whose parameter varies."""
+        return load_base(self.points)[0]
+
+    @property
+    def parameter(self) -> Parameter:
+        """The parameter that varies."""
+        return parameter(load_call(self.points)["parameter"], self.scene)
+
+    @property
+    def period(self) -> int:
+        """Forcing periods after which the orbits recur [1]."""
+        return int(self.points.attrs["orbit_period"])
+
+    @property
+    def events(self) -> tuple[BranchEvent, ...]:
+        """What happens on the branch, in the order of its points."""
+        return events_from(self.points)
+
+    def events_named(self, label: str) -> tuple[BranchEvent, ...]:
+        """The events with a label such as "PD"."""
+        return tuple(event for event in self.events if event.label == label)
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """The branch in words, with a table of its events."""
+        known, ds = self.parameter, self.points
+        values = ds[known.name].values
+        shown = lambda value: f"{known.shown(value):.8g}"
+        reasons = [reason or "start" for reason in ds.attrs["ended"]]
+        ends = [f"{shown(values[k])} ({reason})" for k, reason in zip((0, -1), reasons, strict=True)]
+        title = f"{known.name} [{known.display_unit}]"
+        lines = [
+            f"OrbitBranch of period {self.period} over {known.name}: {len(values)} points, "
+            f"{int(np.sum(ds['stable'].values))} stable, from {ends[0]} to {ends[1]} {known.display_unit}",
+            f"  {'label':5}  {title:>20}  {'+-':>7}  {'multiplier':>22}  outside",
+        ]
+        outside = ds["outside"].values
+        for event in self.events:
+            mu, error = event.multiplier, known.shown(event.high - event.low) / 2
+            critical = "" if np.isnan(mu.real) else f"{mu.real:.5f}" + (f"{mu.imag:+.5f}i" if mu.imag else "")
+            sure = f"{error:.0e}" if event.converged else "unsure"
+            lines.append(
+                f"  {event.label:5}  {shown(event.value):>20}  {sure:>7}  {critical:>22}  {outside[event.point]:>7}"
+                f"  {event.note}".rstrip()
+            )
+        return "\n".join(lines)
+
+    def to_netcdf(self, path: Any) -> None:
+        """Writes `points`, whole or not at all; `load_branch` reads it."""
+        write_whole(Path(path), self.points.to_netcdf(engine="h5netcdf"))
+
+    def orbit(self, point: int | BranchEvent) -> PeriodicOrbit:
+        """The orbit at a point, or at an event."""
+        ds = self.points.isel(point=point.point if isinstance(point, BranchEvent) else point)
+        call = load_call(self.points)
+        found = ds["multiplier_real"].values + 1j * ds["multiplier_imag"].values
+        return PeriodicOrbit(
+            self.parameter.replaced(self.scene, ds[self.parameter.name].values),
+            self._like(ds["state"].values),
+            jnp.asarray(found),
+            jnp.asarray(ds["residual"].values),
+            jnp.asarray(ds["iterations"].values),
+            jnp.asarray(0),
+            self.period,
+            call["steps_per_period"],
+            call["solver"],
+        )
+
+    def extended(self, bounds: tuple[float, float] | None = None, **options: Any) -> "OrbitBranch":
+        """The branch followed further: where it was interrupted, ended for the number of its points, or met a bound.
+
+        **Arguments:** `bounds`: of the parameter, default as before; `options`: `points` and `progress` of
+        `continue_orbit`.
+        """
+        run = _Run.again(self, bounds)
+        return run.follow(lambda **how: extend_motion(self.branch, run.bounds, **how), **options)
+
+    def switched(
+        self, event: BranchEvent, *, bounds: tuple[float, float] | None = None, **options: Any
+    ) -> "OrbitBranch":
+        """The branch that leaves at a flip, of twice the period, or at a branch point.
+
+        **Arguments:** as for `extended`.
+
+        **Raises:** `ValueError` for other events, or where no orbit is found beside this branch.
+        """
+        run = _Run.again(self, bounds)
+        node = self.branch.nodes[event.point]
+        equations, spot = switch(self.branch, _analysed(event, node))
+        run = dataclasses.replace(run, equations=equations)
+        return run.follow(lambda **how: continue_motion(equations, spot, run.bounds, ways=(1,), **how), **options)
+
+    @property
+    def branch(self) -> Branch:
+        """The branch as `slipperjax.analysis` has it; that of a file is computed once more at its points."""
+        if self._branch is not None:
+            return self._branch
+        run, ds = _Run.again(self, None), self.points
+        z = np.column_stack([ds["state"].values, ds[self.parameter.name].values])
+        weights = np.array([np.asarray(run.equations.weights(jnp.asarray(one))[1]) for one in z])
+        rows = weights**2 * ds["tangent"].values
+        nodes = []
+        for place, row, label in zip(z, rows, ds["label"].values, strict=True):
+            spot = jax.device_get(correct(run.equations, place, row, tolerance=1.0))
+            nodes.append(as_node(spot, run.observe)._replace(label=str(label)))
+        events = tuple(_analysed(event, nodes[event.point]) for event in self.events)
+        ends = tuple(map(End, ds.attrs["ended"], np.asarray(ds.attrs["next_steps"], float).tolist()))
+        found = Branch(run.equations, tuple(nodes), events, (ends[0], ends[1]))
+        object.__setattr__(self, "_branch", found)
+        return found
+
+    def _like(self, numbers: Any) -> State:
+        return _Run.again(self, None).equations.state(jnp.asarray(numbers))
+
+
+def _analysed(event: BranchEvent, node: Node) -> Event:
+    return Event(event.label, node, event.low, event.high, event.multiplier, event.converged, event.note)
+
+
+def load_branch(source: Any) -> OrbitBranch:
+    """A branch from a netCDF file or the dataset of one.
+
+    **Raises:** `ValueError` for what is no branch; `OSError` for a file that cannot be read.
+    """
+    ds = dataset_of(source)
+    if "call" not in ds.attrs or load_call(ds)["function"] != "continue_orbit":
+        raise ValueError(f"Argument `source` must be a result of continue_orbit, but is {brief(source)}.")
+    return OrbitBranch(ds)
+
+
+class InterruptedBranch(Interrupted):
+    """Ctrl-C during `continue_orbit`, with what was found."""
+
+    def __init__(self, branch: OrbitBranch):
+        found = branch.points.sizes["point"]
+        super().__init__(branch.points, found, found)
+        self.branch = branch
+        """The branch until then; go on with `branch.extended()`."""
+
+    def __str__(self) -> str:
+        return (
+            f"{self.finished} points were found, see the attribute `branch` of this exception (in an interactive "
+            "session: sys.last_value.branch); its method `extended` goes on"
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Run:
+    """How a branch is computed."""
+
+    scene: Scene
+    name: str
+    equations: SlipperMotions
+    bounds: tuple[float, float]
+    steps: int
+    solver: Any
+    tolerance: float
+
+    @classmethod
+    def new(cls, scene, name, bounds, period, steps, solver, tolerance, like) -> "_Run":
+        stepping = flexible_steps(steps)
+        reach = (bounds[1] - bounds[0],)
+        equations = slipper_motions(scene, (name,), reach, like, stepping=stepping, solver=solver, period=period)
+        return cls(scene, name, equations, bounds, steps, solver, tolerance)
+
+    @classmethod
+    def again(cls, branch: OrbitBranch, bounds: tuple[float, float] | None) -> "_Run":
+        """As before, with other bounds."""
+        call, (scene, start) = load_call(branch.points), load_base(branch.points)
+        before = tuple(call["bounds"])
+        name, period = call["parameter"], branch.period
+        how = call["steps_per_period"], call["solver"], call["tolerance"]
+        found = cls.new(scene, name, before, period, *how, initial_state(scene, start))
+        return found if bounds is None else dataclasses.replace(found, bounds=_bounds(branch.parameter, bounds))
+
+    def observe(self, spot: Spot) -> Observation:
+        """Looks at an orbit's contacts and sections."""
+        step = self.equations.family
+        stepping = flexible_steps(self.steps, inside=True)
+        look = dataclasses.replace(self.equations, family=dataclasses.replace(step, stepping=stepping))
+        recorder = Views(sections=True)
+        kept, period = call_compiled(_viewed, look, (recorder,), jnp.asarray(spot.z))
+        gap, rate, sections = recorder.collect(kept)
+        gaps = Gaps.of(gap, rate, self.steps, float(period))
+        near = grazing(gaps)
+        view = View(near, signature(self.scene, gaps), sections)
+        return Observation(tuple(near.touchdowns.tolist()), tuple(near.margin.tolist()), view)
+
+    def follow(self, walk: Any, *, points: int = 400, progress: bool = False) -> OrbitBranch:
+        """What `walk` finds, as a result."""
+        known = parameter(self.name, self.scene)
+        with _bar(progress, known) as show:
+            found = walk(observe=self.observe, tolerance=self.tolerance, pace=PACE, points=points, on_point=show)
+        states = jax.vmap(self.equations.state)(jnp.asarray(np.array([node.spot.z for node in found.nodes])))
+        call = dict(
+            bounds=list(self.bounds),
+            period=found.equations.intervals,
+            steps_per_period=self.steps,
+            solver=self.solver,
+            tolerance=self.tolerance,
+        )
+        result = OrbitBranch(branch_dataset(found, self.scene, self.name, states, call), found)
+        if "interrupted" in found.ended:
+            raise InterruptedBranch(result)
+        return result
+
+
+def _viewed(equations: SlipperMotions, static: tuple, z: Any) -> tuple:
+    step: PeriodMap = equations.step(z)  # type: ignore[assignment]
+    passage = step.run(equations.state(z), periods=equations.intervals, recorder=static[0])
+    return passage.record, step.scene.period
+
+
+class _bar:
+    """A progress bar of points; Ctrl-C of a command is heard at each."""
+
+    def __init__(self, shown: bool, known: Parameter):
+        from tqdm.auto import tqdm
+
+        self.known = known
+        self.bar = tqdm(desc=f"branch over {known.name}", unit=" points", disable=not shown)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.bar.close()
+
+    def __call__(self, node: Node) -> None:
+        if ASKED.is_set():
+            raise KeyboardInterrupt
+        value = self.known.shown(float(node.spot.z[-1]))
+        self.bar.set_postfix_str(f"{value:.6g} {self.known.display_unit}", refresh=False)
+        self.bar.update()
+
+
+def _bounds(known: Parameter, bounds: Any) -> tuple[float, float]:
+    if not (isinstance(bounds, Sequence | np.ndarray) and len(bounds) == 2 and float(bounds[0]) < float(bounds[1])):
+        raise ValueError(
+            f"Argument `bounds` must be two values of {known.name} [{known.unit}], the smaller first, but is "
+            f"{bounds!r}."
+        )
+    low, high = (float(known.checked(value)) for value in bounds)
+    return low, high
+
+
+def continue_orbit(
+    scene: Scene,
+    name: str,
+    bounds: tuple[float, float],
+    *,
+    start: PeriodicOrbit | Motion | State | Trajectory | None = None,
+    period: int = 1,
+    steps_per_period: int | None = None,
+    solver: diffrax.AbstractSolver | str | None = None,
+    tolerance: float = TOLERANCE,
+    points: int = 400,
+    progress: bool = False,
+) -> OrbitBranch:
+    """Follows an orbit through a parameter both ways, stable or not, past folds, and names what happens on the way.
+
+    Folds (LP), flips (PD), Neimark-Sackers (NS) and branch points (BP) are detected by the multipliers, grazings (GR)
+    by the touchdowns of each contact point and by extremes of its gap within steps; all are located, and no grazing
+    is stepped over silently.
+
+    **Arguments:**
+
+    - `scene`: with the parameter's value at which the branch begins. `name`: of the parameter, or its path; `bounds`:
+        of its values [SI unit].
+    - `start`, `period`: as for `periodic_orbit`, or an orbit that it found.
+    - `steps_per_period`: default that of the more demanding bound; `solver`: as for `simulate`, steps being constant.
+    - `tolerance`: scaled residual of the orbits [1]. `points`: most points of each way. `progress`: shows a bar.
+
+    **Returns:** an `OrbitBranch`.
+
+    **Raises:** `ValueError` that names the argument which is wrong, also where there is no orbit near the start;
+    `InterruptedBranch` after Ctrl-C, with what was found.
+    """
+    check_scene(scene)
+    check_forcing(scene)
+    known = parameter(name, scene)
+    bounds = _bounds(known, bounds)
+    tolerance, points = number(positive, "tolerance", tolerance), whole("points", points, 1)
+    value = float(scene.value(name))
+    if not bounds[0] <= value <= bounds[1]:
+        raise ValueError(
+            f"Argument `bounds` must hold the scene's {name}, {shown_number(value)} {known.unit}, but is "
+            f"{shown_number(bounds[0])} to {shown_number(bounds[1])}."
+        )
+    solver = resolve_solver(scene, solver)
+    if steps_per_period is None:
+        steps = max(default_steps(known.replaced(scene, v), None) for v in (*bounds, value))
+    else:
+        steps = whole("steps_per_period", steps_per_period, 1)
+    if not isinstance(start, PeriodicOrbit):
+        start = periodic_orbit(scene, period, start=start, steps_per_period=steps, solver=solver, tolerance=tolerance)
+        if int(start.status):
+            raise ValueError(f"Argument `start` must be near a periodic orbit, but: {start!r}")
+    run = _Run.new(scene, name, bounds, start.period, steps, solver, tolerance, start.state)
+    walk = lambda **how: continue_motion(run.equations, (start.state, value), bounds, **how)
+    return run.follow(walk, points=points, progress=progress)
