@@ -129,7 +129,10 @@ def events_between(
         if labels == ["BP"]:
             return [_crossing(a, b, at)]
         if labels in (["LP"], ["PD"], ["NS"]):
-            return [_located(labels[0], a, b, at)]
+            event = _located(labels[0], a, b, at)
+            # what looks like a flip from both ends may be a Neimark-Sacker and a flip
+            if event.converged or width <= NARROW:
+                return [event]
         if labels == ["GR"] and (event := _grazing(a, b, at)) is not None:
             return [event]
         middle = at(0.5, a, b) if width > NARROW else None
@@ -176,7 +179,8 @@ def _located(label: str, a: Node, b: Node, at: Callable) -> Event:
     high = min((s for s in seen if signs[s] == signs[1.0] and s >= root), default=1.0)
     values = [float(seen[s].spot.z[-1]) for s in (low, high, root)]
     critical = _critical(label, node, min(a.outside, b.outside))
-    converged = high - low <= 4 * SURE and abs(abs(critical) - 1) < NEAR
+    target = {"LP": 1.0, "PD": -1.0}.get(label, np.exp(1j * np.angle(critical)))
+    converged = high - low <= 4 * SURE and abs(critical - target) < NEAR and (label != "NS" or critical.imag != 0)
     return Event(label, node._replace(label=label), min(values), max(values), critical, bool(converged), "")
 
 
