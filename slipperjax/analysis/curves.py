@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..tools import call_compiled
+from ..tools import brief, call_compiled, shown_number
 from .linear import solve
 
 MOST_ITERATIONS = 8
@@ -31,6 +31,8 @@ CLOSED = 0.1
 """Greatest distance from the start at which a curve counts as closed, over the step."""
 STRAY = 0.5
 """Greatest distance of a corrected point from the predicted one, over the step."""
+CORNER = 10.0
+"""Likewise for the least step: a curve may have corners, but no gaps."""
 
 
 class Evaluation(NamedTuple):
@@ -134,6 +136,15 @@ def _correct(equations: AbstractEquations, static: tuple, z: Array, row: Array, 
     return Spot(z, tangent, weights, size, count, now.extra)
 
 
+def evaluated(equations: AbstractEquations, z: Any) -> Evaluation:
+    """`equations.evaluate(z)`, compiled."""
+    return jax.device_get(call_compiled(_evaluated, equations, (), jnp.asarray(z)))
+
+
+def _evaluated(equations: AbstractEquations, static: tuple, z: Array) -> Evaluation:
+    return equations.evaluate(z)
+
+
 def weighted_size(residual: Array, weights: Array) -> Array:
     """The greatest weighted component, of those with weights; infinite where any is not finite."""
     seen = jnp.where(weights > 0, weights * residual, 0.0)
@@ -183,9 +194,8 @@ class Walk:
                 self.step = min(step * GROWTH, self.pace.most)
             elif found.iterations >= HARD:
                 self.step = max(step / GROWTH, self.pace.least)
-            outside = np.flatnonzero((found.z < self.low) | (found.z > self.high))
-            if len(outside):
-                found = self._at_bound(found, int(outside[0]))
+            if np.any((found.z < self.low) | (found.z > self.high)):
+                found = self._at_bound(found)
                 self.ended = "bound" if found is not None else "no convergence"
             if found is not None:
                 self.spot, self.equations = found, self.equations.renewed(found.extra)
@@ -199,20 +209,42 @@ class Walk:
     def _good(self, found: Spot, guess: np.ndarray, step: float) -> bool:
         if not found.residual <= self.tolerance:
             return False
-        if step < 2 * self.pace.least:  # a curve may have corners
-            return True
         strayed = np.linalg.norm(found.weights * (found.z - guess))
+        if step < 2 * self.pace.least:
+            return bool(strayed < CORNER * step)
         return bool(found.row @ self.spot.tangent > TURN and strayed < STRAY * step)
 
-    def _at_bound(self, beyond: Spot, k: int) -> Spot | None:
-        edge = self.low[k] if beyond.z[k] < self.low[k] else self.high[k]
-        share = (edge - self.spot.z[k]) / (beyond.z[k] - self.spot.z[k])
+    def _at_bound(self, beyond: Spot) -> Spot | None:
+        edges, chord = np.clip(beyond.z, self.low, self.high), beyond.z - self.spot.z
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shares = np.where(edges == beyond.z, np.inf, (edges - self.spot.z) / chord)
+        k = int(np.argmin(shares))  # the bound that is met first
         row = np.zeros_like(beyond.z)
-        row[k] = np.sign(beyond.z[k] - self.spot.z[k])
-        guess = self.spot.z + share * (beyond.z - self.spot.z)
-        guess[k] = edge
+        row[k] = np.sign(chord[k])
+        guess = self.spot.z + shares[k] * chord
+        guess[k] = edges[k]
         found = self._corrected(guess, row, beyond.z)
         return found if found.residual <= self.tolerance else None
+
+
+def checked_bounds(bounds: Any) -> tuple[float, float]:
+    """Two numbers, the smaller first, infinite where there is no bound; raises `ValueError` otherwise."""
+    try:
+        low, high = (float(bound) for bound in bounds)
+    except (TypeError, ValueError):
+        low, high = np.nan, np.nan
+    if not low < high:
+        raise ValueError(f"Argument `bounds` must be two numbers, the smaller first, but is {brief(bounds)}.")
+    return low, high
+
+
+def check_within(name: str, value: Any, bounds: tuple[float, float]) -> None:
+    """Raises `ValueError` where the value of a parameter at the start lies outside its bounds."""
+    if not bounds[0] <= value <= bounds[1]:
+        raise ValueError(
+            f"Argument `{name}` must lie within the bounds {shown_number(bounds[0])} and {shown_number(bounds[1])}, "
+            f"but is {shown_number(value)}."
+        )
 
 
 def between(equations: AbstractEquations, one: Spot, other: Spot, share: float, tolerance: float = 1e-10) -> Spot:
