@@ -1,0 +1,129 @@
+"""Oscillators of textbooks with exact or nearly exact flows, for the tests of periodic motions."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+SAMPLES = 48
+"""Instants of an arc between which an extremum is looked for."""
+
+
+def rk4(field, state, period, steps):
+    """`state` after a period of s' = field(s, t) from t = 0, by the classical method of Runge and Kutta."""
+    h = period / steps
+
+    def one(s, i):
+        t = i * h
+        k1 = field(s, t)
+        k2 = field(s + h / 2 * k1, t + h / 2)
+        k3 = field(s + h / 2 * k2, t + h / 2)
+        return s + h / 6 * (k1 + 2 * k2 + 2 * k3 + field(s + h * k3, t + h)), None
+
+    return jax.lax.scan(one, state, jnp.arange(float(steps)))[0]
+
+
+class Arc(eqx.Module):
+    """x'' + 2 damping x' + stiffness x = offset + force cos(frequency t), by its closed form."""
+
+    damping: jax.Array
+    stiffness: jax.Array
+    offset: jax.Array
+    force: jax.Array
+    frequency: jax.Array
+
+    def steady(self, t):
+        w = self.frequency
+        value = self.force / (self.stiffness - w**2 + 2j * self.damping * w) * jnp.exp(1j * w * t)
+        return value.real + self.offset / self.stiffness, (1j * w * value).real
+
+    def __call__(self, state, start, span):
+        """(x, v) after a time `span` from `state` = (x, v) at the time `start`."""
+        d, root = self.damping, jnp.sqrt(self.stiffness - self.damping**2)
+        x0, v0 = self.steady(start)
+        y, z = state[0] - x0, state[1] - v0
+        cos, sin, fade = jnp.cos(root * span), jnp.sin(root * span) / root, jnp.exp(-d * span)
+        x1, v1 = self.steady(start + span)
+        return x1 + fade * (y * cos + (z + d * y) * sin), v1 + fade * (z * cos - (d * z + self.stiffness * y) * sin)
+
+
+def _halved(beyond, low, high):
+    """Instants between `low` and `high` from which on `beyond` holds, to rounding."""
+
+    def half(_, pair):
+        low, high = pair
+        middle = (low + high) / 2
+        there = beyond(middle)
+        return jnp.where(there, low, middle), jnp.where(there, middle, high)
+
+    return jax.lax.fori_loop(0, 55, half, (low, high))[1]
+
+
+class Stopped(eqx.Module):
+    """A linear forced oscillator with a stop at x = gap, over one forcing period, with exact instants of contact.
+
+    The stop is a spring of stiffness `stop`, or, where this is None, rigid with a coefficient of `restitution`.
+    """
+
+    damping: jax.Array
+    frequency: jax.Array
+    force: jax.Array
+    gap: jax.Array
+    stop: jax.Array | None = None
+    restitution: jax.Array | None = None
+    passes: int = eqx.field(static=True, default=4)
+    """Most arcs in a period."""
+
+    @property
+    def period(self):
+        return 2 * jnp.pi / self.frequency
+
+    def arc(self, touching):
+        more = 0.0 if self.stop is None else touching * self.stop
+        return Arc(self.damping, 1.0 + more, more * self.gap, self.force, self.frequency)
+
+    def __call__(self, state, k):
+        return self.followed(state)[0]
+
+    def followed(self, state):
+        """The state after a period, the number of touches, and how far the motion is from another number."""
+        touching = jnp.where(state[0] > self.gap, 1.0, 0.0) if self.stop is not None else jnp.asarray(0.0)
+
+        def one(carry, _):
+            state, time, touching, touches, margin = carry
+            arc, side, left = self.arc(touching), 1 - 2 * touching, self.period - time
+            at = lambda span: arc(state, time, span)
+            span, there, near = jax.lax.stop_gradient(self._crossing(at, side, left))
+            for _ in range(2):  # Newton's method, for its derivatives
+                x, v = at(span)
+                span = jnp.where(there, span - (x - self.gap) / jnp.where(there, v, 1.0), span)
+            end = jnp.where(there, span, left)
+            x, v = at(end)
+            if self.stop is None:
+                near = jnp.minimum(near, jnp.where(there, v**2, jnp.inf))
+                v, turned = jnp.where(there, -self.restitution * v, v), touching
+            else:
+                turned = jnp.where(there, 1 - touching, touching)
+            touches = touches + jnp.where(there & (touching == 0), 1, 0)
+            return (jnp.stack([x, v]), time + end, turned, touches, jnp.minimum(margin, near)), None
+
+        begin = state, jnp.asarray(0.0), touching, jnp.asarray(0), jnp.asarray(jnp.inf)
+        state, _, _, touches, margin = jax.lax.scan(one, begin, None, length=self.passes)[0]
+        return state, touches, margin
+
+    def _crossing(self, at, side, left):
+        """When the arc passes the gap to the `side`, whether it does, and how far its extrema are from the gap."""
+        grid = left * jnp.linspace(0.0, 1.0, SAMPLES)
+        low, high = grid[:-1], grid[1:]
+        speed = lambda span: side * at(span)[1]
+        turns = (speed(low) > 0) & (speed(high) < 0)
+        peaks = jnp.where(turns, _halved(lambda span: speed(span) < 0, low, high), (low + high) / 2)
+        grid = jnp.append(jnp.stack([low, peaks], axis=1).reshape(-1), left)
+        beyond = lambda span: side * (at(span)[0] - self.gap) > 0
+        there = jnp.any(beyond(grid[1:])) & (left > 1e-12)
+        k = jnp.argmax(beyond(grid[1:]))
+        span = _halved(beyond, grid[k], grid[k + 1])
+        before = turns & (~there | (peaks < span)) & (left > 1e-12)
+        missed = jnp.where(before, -side * (at(peaks)[0] - self.gap), jnp.inf)
+        # in contact the extremum that is looked for is a lowest one; the depth is that of the highest
+        depth = jnp.max(at(grid)[0] * jnp.where(grid <= span, 1.0, -jnp.inf)) - self.gap
+        return span, there, jnp.where(side > 0, jnp.min(missed), jnp.minimum(jnp.min(missed), depth))
