@@ -27,6 +27,9 @@ GROWTH = 1.5
 """Factor by which the step grows or shrinks."""
 TURN = 0.9
 """Least cosine of the angle between the tangents at both ends of a step."""
+ARCHED = 0.995
+"""Least cosine of the angle between a step and the mean of the tangents at its ends, which is 1 on a circle, and less
+where a step ends on a branch point, whose tangent is undetermined."""
 CLOSED = 0.1
 """Greatest distance from the start at which a curve counts as closed, over the step."""
 STRAY = 0.5
@@ -212,7 +215,9 @@ class Walk:
         strayed = np.linalg.norm(found.weights * (found.z - guess))
         if step < 2 * self.pace.least:
             return bool(strayed < CORNER * step)
-        return bool(found.row @ self.spot.tangent > TURN and strayed < STRAY * step)
+        chord, mean = (found.weights * a for a in (found.z - self.spot.z, found.tangent + self.spot.tangent))
+        arched = chord @ mean > ARCHED * np.linalg.norm(chord) * np.linalg.norm(mean)
+        return bool(found.row @ self.spot.tangent > TURN and strayed < STRAY * step and arched)
 
     def _at_bound(self, beyond: Spot) -> Spot | None:
         edges, chord = np.clip(beyond.z, self.low, self.high), beyond.z - self.spot.z

@@ -248,7 +248,7 @@ def _grazing(a: Node, b: Node, at: Callable) -> Event | None:
         brentq(value, 0.0, 1.0, xtol=NARROW, rtol=1e-14, maxiter=60)
         before = max(share for share in seen if value(share) > 0)
         value(before + SURE)
-    except _Lost:
+    except (_Lost, ValueError):
         return None
     low = max(share for share in seen if value(share) > 0)
     high = min(share for share in seen if value(share) < 0)

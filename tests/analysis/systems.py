@@ -114,16 +114,17 @@ class Stopped(eqx.Module):
         """When the arc passes the gap to the `side`, whether it does, and how far its extrema are from the gap."""
         grid = left * jnp.linspace(0.0, 1.0, SAMPLES)
         low, high = grid[:-1], grid[1:]
-        speed = lambda span: side * at(span)[1]
-        turns = (speed(low) > 0) & (speed(high) < 0)
-        peaks = jnp.where(turns, _halved(lambda span: speed(span) < 0, low, high), (low + high) / 2)
-        grid = jnp.append(jnp.stack([low, peaks], axis=1).reshape(-1), left)
+
+        def extrema(sign):
+            speed = lambda span: sign * at(span)[1]
+            return (speed(low) > 0) & (speed(high) < 0), _halved(lambda span: speed(span) < 0, low, high)
+
+        turns, peaks = extrema(side)
+        grid = jnp.stack([jnp.where(turns, peaks, (low + high) / 2), high], axis=1).reshape(-1)
         beyond = lambda span: side * (at(span)[0] - self.gap) > 0
-        there = jnp.any(beyond(grid[1:])) & (left > 1e-12)
-        k = jnp.argmax(beyond(grid[1:]))
-        span = _halved(beyond, grid[k], grid[k + 1])
-        before = turns & (~there | (peaks < span)) & (left > 1e-12)
-        missed = jnp.where(before, -side * (at(peaks)[0] - self.gap), jnp.inf)
-        # in contact the extremum that is looked for is a lowest one; the depth is that of the highest
-        depth = jnp.max(at(grid)[0] * jnp.where(grid <= span, 1.0, -jnp.inf)) - self.gap
-        return span, there, jnp.where(side > 0, jnp.min(missed), jnp.minimum(jnp.min(missed), depth))
+        there = jnp.any(beyond(grid)) & (left > 1e-12)
+        k = jnp.argmax(beyond(grid))
+        span = _halved(beyond, jnp.where(k > 0, grid[k - 1], 0.0), grid[k])
+        highest, peaks = extrema(1.0)  # above the gap in contact, below it else
+        counted = highest & (~there | (peaks < span)) & (left > 1e-12)
+        return span, there, jnp.min(jnp.where(counted, jnp.abs(at(peaks)[0] - self.gap), jnp.inf))
