@@ -41,9 +41,9 @@ CORNER = 10.0
 class Evaluation(NamedTuple):
     """The equations at one place."""
 
-    residual: Float[Array, " n"]
+    residual: Float[Array | np.ndarray, " n"]
     """What they miss."""
-    jacobian: Float[Array, "n more"]
+    jacobian: Float[Array | np.ndarray, "n more"]
     """Its derivative with respect to all unknowns."""
     extra: Any = None
     """What is computed besides, such as the Jacobians of the intervals."""
@@ -76,18 +76,18 @@ class AbstractEquations(eqx.Module):
 class Spot(NamedTuple):
     """A point of a curve, as far as Newton's method came."""
 
-    z: Float[Array, " more"]
-    tangent: Float[Array, " more"]
+    z: Float[Array | np.ndarray, " more"]
+    tangent: Float[Array | np.ndarray, " more"]
     """Of weighted length one."""
-    weights: Float[Array, " more"]
+    weights: Float[Array | np.ndarray, " more"]
     """Of the unknowns in the measure of length."""
-    residual: Float[Array, ""]
+    residual: Float[Array | np.ndarray, ""]
     """Greatest weighted component of what the equations miss; infinite where that is not finite."""
-    iterations: Int[Array, ""]
+    iterations: Int[Array | np.ndarray, ""]
     extra: Any
 
     @property
-    def row(self) -> Float[Array, " more"]:
+    def row(self) -> Float[Array | np.ndarray, " more"]:
         """The weighted tangent: `row @ (z' - z)` is the length from this point to z' along the curve."""
         return self.weights**2 * self.tangent
 

@@ -25,7 +25,7 @@ NARROW = 1e-10
 """Share of a step to which an event is located."""
 SURE = 1e-9
 """Share of a step on both sides of a smooth event at which its sign is confirmed, for its bracket."""
-APART = 0.1, 0.13, 0.3, 0.5
+APART = 0.2, 0.3, 0.5
 """Shares of a step on both sides of a branch point from which it is interpolated; more where it is not there."""
 ALONG = 0.95
 """Least cosine between the tangent at a point and the chord on which it was looked for, beside a branch point."""

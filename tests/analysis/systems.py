@@ -3,6 +3,8 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
+from scipy.linalg import expm
 
 SAMPLES = 48
 """Instants of an arc between which an extremum is looked for."""
@@ -44,6 +46,18 @@ class Arc(eqx.Module):
         cos, sin, fade = jnp.cos(root * span), jnp.sin(root * span) / root, jnp.exp(-d * span)
         x1, v1 = self.steady(start + span)
         return x1 + fade * (y * cos + (z + d * y) * sin), v1 + fade * (z * cos - (d * z + self.stiffness * y) * sin)
+
+
+def linear(stiffness, damping, shift, force, frequency):
+    """By SciPy: the flow of x'' + 2 damping x' + stiffness x = shift + force cos(frequency t)."""
+    matrix = np.array([[0.0, 1.0], [-stiffness, -2 * damping]])
+    gain = force / (stiffness - frequency**2 + 2j * damping * frequency)
+
+    def steady(t):
+        value = gain * np.exp(1j * frequency * t)
+        return np.array([value.real + shift / stiffness, (1j * frequency * value).real])
+
+    return lambda s, t, span: steady(t + span) + expm(span * matrix) @ (s - steady(t)), matrix
 
 
 def _halved(beyond, low, high):
@@ -92,10 +106,12 @@ class Stopped(eqx.Module):
             state, time, touching, touches, margin = carry
             arc, side, left = self.arc(touching), 1 - 2 * touching, self.period - time
             at = lambda span: arc(state, time, span)
-            span, there, near = jax.lax.stop_gradient(self._crossing(at, side, left))
-            for _ in range(2):  # Newton's method, for its derivatives
-                x, v = at(span)
-                span = jnp.where(there, span - (x - self.gap) / jnp.where(there, v, 1.0), span)
+            fixed, begin = jax.lax.stop_gradient((self, (arc, state, time, side, left)))
+            span, there, near = fixed._crossing(*begin)
+            # its first derivatives, by the implicit function theorem
+            miss, speed = at(span)[0] - self.gap, jax.lax.stop_gradient(at(span)[1])
+            change = (jax.lax.stop_gradient(miss) - miss) / jnp.where(there, speed, 1.0)
+            span = jnp.where(there, span + change, span)
             end = jnp.where(there, span, left)
             x, v = at(end)
             if self.stop is None:
@@ -110,8 +126,9 @@ class Stopped(eqx.Module):
         state, _, _, touches, margin = jax.lax.scan(one, begin, None, length=self.passes)[0]
         return state, touches, margin
 
-    def _crossing(self, at, side, left):
+    def _crossing(self, arc, state, time, side, left):
         """When the arc passes the gap to the `side`, whether it does, and how far its extrema are from the gap."""
+        at = lambda span: arc(state, time, span)
         grid = left * jnp.linspace(0.0, 1.0, SAMPLES)
         low, high = grid[:-1], grid[1:]
 

@@ -12,7 +12,7 @@ from scipy.optimize import root
 
 from slipperjax.analysis import multipliers, shoot
 
-from .systems import Stopped, rk4
+from .systems import Stopped, linear, rk4
 
 
 def sort(values):
@@ -143,18 +143,6 @@ def test_duffings_multipliers_from_any_number_of_segments(damping):
 
 def numbers(**values):
     return {name: jnp.asarray(value) for name, value in values.items()}
-
-
-def linear(stiffness, damping, shift, force, frequency):
-    """By SciPy: the flow of x'' + 2 damping x' + stiffness x = shift + force cos(frequency t)."""
-    matrix = np.array([[0.0, 1.0], [-stiffness, -2 * damping]])
-    gain = force / (stiffness - frequency**2 + 2j * damping * frequency)
-
-    def steady(t):
-        value = gain * np.exp(1j * frequency * t)
-        return np.array([value.real + shift / stiffness, (1j * frequency * value).real])
-
-    return lambda s, t, span: steady(t + span) + expm(span * matrix) @ (s - steady(t)), matrix
 
 
 @pytest.mark.parametrize(("gap", "guess"), [(0.0, (-0.90, 1.07, 1.2, -1.2)), (0.3, (-0.80, 1.02, 1.4, -1.3))])
