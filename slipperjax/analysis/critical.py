@@ -137,7 +137,7 @@ class CriticalMotions(AbstractEquations):
 
     def _null(self, matrix: Array, mu: Array, scale: Array) -> tuple[Array, Array, Array]:
         """The vectors v and w of the bordered systems, in scaled components, and the number g."""
-        critical = scale[:, None] * matrix / scale - mu * jnp.eye(self.size)
+        critical = scale[:, None] * matrix / scale[None] - mu * jnp.eye(self.size)
         last = jnp.zeros(self.size + 1, critical.dtype).at[-1].set(1.0)
         system = jnp.concatenate([critical, self.left[:, None]], axis=1)
         system = jnp.concatenate([system, jnp.append(jnp.conj(self.right), 0.0)[None]])

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import itertools
 
 import equinox as eqx
 import jax
@@ -73,7 +74,7 @@ CASCADE = (3.0, 1 + np.sqrt(6), 3.544090359552, 3.564407266095, 3.568759419544)
 def test_the_logistic_maps_flips():
     branch = follow(logistic, [0.6], 2.5, (2.0, 3.2))
     flips = [only(branch, "PD")]
-    for n, (last, value) in enumerate(zip(CASCADE[:-1], CASCADE[1:], strict=True)):
+    for n, (last, value) in enumerate(itertools.pairwise(CASCADE)):
         equations, first = switch(branch, flips[-1], length=0.02 / 4**n)
         assert equations.intervals == 2 ** (n + 1)
         bounds = 2.0, value + 0.2 * (value - last)
