@@ -1,10 +1,12 @@
-"""Oscillators of textbooks with exact or nearly exact flows, for the tests of periodic motions."""
+"""Oscillators of textbooks with exact or nearly exact flows, and short ways to follow motions, for the tests."""
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import expm
+
+from slipperjax.analysis import PeriodicMotions, continue_motion
 
 SAMPLES = 48
 """Instants of an arc between which an extremum is looked for."""
@@ -145,3 +147,29 @@ class Stopped(eqx.Module):
         highest, peaks = extrema(1.0)  # above the gap in contact, below it else
         counted = highest & (~there | (peaks < span)) & (left > 1e-12)
         return span, there, jnp.min(jnp.where(counted, jnp.abs(at(peaks)[0] - self.gap), jnp.inf))
+
+
+def motions(family, size=1, **options):
+    return PeriodicMotions(family, jnp.zeros(size), 1.0, **options)
+
+
+def follow(family, state, value, bounds, **options):
+    return continue_motion(motions(family, len(state)), (jnp.asarray(state, float), value), bounds, **options)
+
+
+def found(branch):
+    """Labels and values of the events."""
+    return [(event.label, float(event.node.spot.z[-1])) for event in branch.events]
+
+
+def only(branch, label):
+    """The single event with a label, which must be sure of itself."""
+    (event,) = [event for event in branch.events if event.label == label]
+    assert event.converged
+    assert event.node.label == label
+    assert event.low <= event.node.spot.z[-1] <= event.high
+    return event
+
+
+def where(event):
+    return float(event.node.spot.z[-1])

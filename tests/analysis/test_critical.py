@@ -246,19 +246,15 @@ def test_a_closed_curve_of_motions_with_a_condition():
     assert 1.8 * np.pi < abs(angles[-1] - angles[0]) < 2.2 * np.pi
 
 
-def test_a_corner_of_the_bounds_is_not_passed():
-    """Where a step passes both bounds, the curve ends on the one that it meets first."""
-    for high in (0.12, 0.121, 0.125):
-        # at b = -0.3 the fold's a is -0.4225; both bounds lie within a step of one another
-        bounds = (-0.42, 1.0), (-1.0, high)
-        found = curve("LP", [-0.5, -0.5], (-0.2, 0.1), bounds, pace=Pace(first=0.1, most=0.5))
-        a, b = (np.array([spot.z[k] for spot in found.spots]) for k in (2, 3))
-        assert a.min() >= -0.42 - 1e-12
-        assert b.max() <= high + 1e-12
-    corner = curve("LP", [-0.5, -0.5], (-0.2, 0.1), ((-0.3, 1.0), (-0.1, 1.0)), pace=Pace(first=0.3, most=0.5))
-    a, b = (np.array([spot.z[k] for spot in corner.spots]) for k in (2, 3))
+@pytest.mark.parametrize("low", [-0.1, -0.09])
+def test_a_corner_of_the_bounds_is_not_passed(low):
+    """A step passes a = -0.3, where b = 1 - 1.2^(1/2) = -0.0954, and the bound of b, before or behind."""
+    bounds = (-0.3, 1.0), (low, 1.0)
+    found = curve("LP", [-0.5, -0.5], (-0.2, 0.1), bounds, pace=Pace(first=0.3, most=0.5))
+    a, b = (np.array([spot.z[k] for spot in found.spots]) for k in (2, 3))
+    last = max(low, 1 - np.sqrt(1.2))
+    assert abs(b.min() - last) < 1e-9  # measured: 8e-12
     assert a.min() >= -0.3 - 1e-12
-    assert b.min() >= -0.1 - 1e-12
 
 
 @pytest.mark.parametrize(
