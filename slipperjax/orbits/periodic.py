@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..analysis import minimal_period, multipliers, shoot
+from ..analysis import Shot, minimal_period, multipliers, shoot
 from ..flow import (
     PeriodMap,
     Status,
@@ -164,10 +164,13 @@ def periodic_orbit(
     options = dict(scale=tangent_weights(scene), settle=Settled(scene))
     for passed in tries:
         state = _passed(step, state, passed, traced)
+        if not traced and int(status_of(state)) == Status.NOT_FINITE:
+            shot = _lost(state, period)
+            break
         shot = shoot(step, state, intervals=period, tolerance=tolerance, max_iterations=limit, **options)
         if traced or bool(shot.residual <= tolerance):
             break
-    if not traced and period > 1:
+    if not traced and period > 1 and bool(shot.residual <= tolerance):
         missed = minimal_period(step, shot.state, period, scale=tangent_weights(scene))
         period = min((n for n, residual in missed.items() if float(residual) < DIVISOR), default=period)
     matrices = shot.matrices[:period]
@@ -185,3 +188,10 @@ def _passed(step: PeriodMap, state: State, periods: int, traced: bool) -> State:
         return state
     step, state = jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_array(a) else a, (step, state))
     return step.run(state, periods=periods).state if traced else run_eagerly(step, state, periods, Strobe()).state
+
+
+def _lost(state: State, period: int) -> Shot:
+    """What is found where the motion left the finite numbers before Newton's method."""
+    size = sum(np.size(leaf) for leaf in jax.tree.leaves(state))
+    none = jnp.full((period, size, size), jnp.nan)
+    return Shot(state, jnp.asarray(jnp.nan), jnp.asarray(0), none)
