@@ -6,6 +6,7 @@ from .bifurcations import bifurcation as bifurcation
 from .bifurcations import bifurcations as bifurcations
 from .branches import branches as branches
 from .branches import check_brute as check_brute
+from .branches import check_quantity as check_quantity
 from .branches import multiplier_circle as multiplier_circle
 from .event_curves import event_curves as event_curves
 from .files import png as png

@@ -48,6 +48,11 @@ _SHOWN_AS = {"grazing_gap": "gap"}
 """Variables of branches that are shown in the unit of a quantity with another name."""
 
 
+_OTHERS = ("slowest_touchdown", "grazing_gap", "outside", "residual")
+QUANTITIES = (*SECTIONS, *(f"start_{name}" for name in COORDINATES), *_OTHERS)
+"""What the datasets of `continue_orbit` have to draw."""
+
+
 class Mark(NamedTuple):
     """An event in a picture."""
 
@@ -103,6 +108,12 @@ def branches(ds: Any, quantity: str = "v_z", brute: xr.Dataset | None = None, ax
     with styled() if own else nullcontext():
         _write_labels(ax, marks)
     return ax
+
+
+def check_quantity(quantity: str) -> None:
+    """Raises `ValueError` where branches have no such quantity."""
+    if quantity not in QUANTITIES:
+        raise ValueError(f"Argument `quantity` must be one of {', '.join(QUANTITIES)}, but is {quantity!r}.")
 
 
 def check_brute(brute: Any, name: str, quantity: str) -> None:
