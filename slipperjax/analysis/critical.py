@@ -51,13 +51,16 @@ class CriticalMotions(AbstractEquations):
     right: Array
     label: str = eqx.field(static=True)
     """One of `KINDS`."""
+    sharpness: float = eqx.field(static=True, default=1.0)
+    """Weight of the equations for the multiplier in the residual: less than one where the map's derivatives are
+    rough."""
 
     @classmethod
-    def of(cls, motions: PeriodicMotions, label: str) -> "CriticalMotions":
+    def of(cls, motions: PeriodicMotions, label: str, sharpness: float = 1.0) -> "CriticalMotions":
         """With arbitrary borders; those of evaluations are better, see `renewed`."""
         dtype = complex if KINDS[label] is None else float
         one = jnp.asarray(np.random.default_rng(0).standard_normal(motions.size), dtype)
-        return cls(motions, one, one, label)
+        return cls(motions, one, one, label, sharpness)
 
     @property
     def angled(self) -> bool:
@@ -101,7 +104,7 @@ class CriticalMotions(AbstractEquations):
     def weights(self, z: Array) -> tuple[Array, Array]:
         rows, columns = self.motions.weights(self._of_motion(z))
         more = 2 if self.angled else 1
-        return jnp.append(rows, jnp.ones(more)), jnp.append(columns, jnp.zeros(more - 1))
+        return jnp.append(rows, jnp.full(more, self.sharpness)), jnp.append(columns, jnp.zeros(more - 1))
 
     def settled(self, z: Array, before: Array, residual: Array) -> Array:
         of = self.motions.settled(self._of_motion(z), self._of_motion(before), residual[: self.size])
@@ -209,12 +212,20 @@ def _critical(exact: PeriodicMotions, static: tuple, z: Array, limits: tuple) ->
     return z, size, count, now.extra.matrices, equations.multiplier(z)
 
 
+class Conditioned(NamedTuple):
+    """What is found of a motion with a condition besides."""
+
+    matrices: Float[Array, "intervals size size"]
+    z: Array
+
+
 class ConditionedMotions(AbstractEquations):
     """Periodic motions on which a function of state and parameters vanishes."""
 
     motions: PeriodicMotions
     condition: Callable[..., Array]
-    """`condition(state, *values)`: a number, differentiable; a pytree as `PeriodicMotions.family`."""
+    """`condition(state, *values)`: a number, differentiable; a pytree as `PeriodicMotions.family`. Where it has a
+    method `renewed(state, *values)`, that gives the condition for the neighbourhood of a point of the curve."""
     unit: Any
     """Size of the condition's values that counts as one."""
 
@@ -223,7 +234,9 @@ class ConditionedMotions(AbstractEquations):
         condition = lambda z: self.condition(self.motions.state(z), *self.motions.values(z)) / self.unit
         value, slope = jax.vmap(lambda t: jax.jvp(condition, (z,), (t,)), out_axes=(None, 0))(jnp.eye(z.size))
         return Evaluation(
-            jnp.append(motion.residual, value), jnp.concatenate([motion.jacobian, slope[None]]), motion.extra
+            jnp.append(motion.residual, value),
+            jnp.concatenate([motion.jacobian, slope[None]]),
+            Conditioned(motion.extra, z),
         )
 
     def weights(self, z: Array) -> tuple[Array, Array]:
@@ -232,6 +245,16 @@ class ConditionedMotions(AbstractEquations):
 
     def settled(self, z: Array, before: Array, residual: Array) -> Array:
         return self.motions.settled(z, before, residual)
+
+    def renewed(self, extra: Conditioned) -> "ConditionedMotions":
+        if not hasattr(self.condition, "renewed"):
+            return self
+        return dataclasses.replace(self, condition=call_compiled(_renewed, self, (), jnp.asarray(extra.z)))
+
+
+def _renewed(equations: ConditionedMotions, static: tuple, z: Array) -> Any:
+    motions = equations.motions
+    return equations.condition.renewed(motions.state(z), *motions.values(z))  # type: ignore[attr-defined]
 
 
 def continue_critical(

@@ -169,12 +169,16 @@ class Walk:
         tolerance: float = 1e-10,
         *,
         step: float | None = None,
+        secant: bool = False,
     ):
         """**Arguments:** `start`: where the way begins, its tangent pointing ahead; `low`, `high`: bounds of all
-        unknowns, infinite where there are none, of shape (more,); `step`: the first, by default that of `pace`."""
+        unknowns, infinite where there are none, of shape (more,); `step`: the first, by default that of `pace`;
+        `secant`: whether to go on along the last chord and not along the tangent, for equations whose derivatives
+        are rough."""
         self.equations, self.pace, self.tolerance = equations, pace, tolerance
         self.low, self.high = np.asarray(low, float), np.asarray(high, float)
         self.spot, self.step, self.ended = start, pace.first if step is None else step, ""
+        self.secant = secant
 
     def advance(self) -> Spot | None:
         """The next point, or None where the way has ended. The last one lies on the bound that it meets."""
@@ -196,6 +200,9 @@ class Walk:
                 found = self._at_bound(found, int(outside[0]))
                 self.ended = "bound" if found is not None else "no convergence"
             if found is not None:
+                if self.secant:
+                    chord = found.z - self.spot.z
+                    found = found._replace(tangent=chord / np.linalg.norm(found.weights * chord))
                 self.spot, self.equations = found, self.equations.renewed(found.extra)
             return found
         return None
@@ -210,7 +217,7 @@ class Walk:
         if step < 2 * self.pace.least:  # a curve may have corners
             return True
         strayed = np.linalg.norm(found.weights * (found.z - guess))
-        return bool(found.row @ self.spot.tangent > TURN and strayed < STRAY * step)
+        return bool((self.secant or found.row @ self.spot.tangent > TURN) and strayed < STRAY * step)
 
     def _at_bound(self, beyond: Spot, k: int) -> Spot | None:
         edge = self.low[k] if beyond.z[k] < self.low[k] else self.high[k]
@@ -257,12 +264,13 @@ def follow_curve(
     pace: Pace | None = None,
     points: int = 400,
     tolerance: float = 1e-10,
+    secant: bool = False,
     on_point: Callable[[Spot], Any] | None = None,
 ) -> Curve:
     """The curve through a point, both ways: 1 is that of its tangent.
 
-    **Arguments:** `low`, `high`: bounds of all unknowns, see `Walk`; `points`: most points of each way; `on_point`:
-    is called with each point, for progress.
+    **Arguments:** `low`, `high`, `secant`: see `Walk`; `points`: most points of each way; `on_point`: is called with
+    each point, for progress.
 
     **Returns:** a `Curve`; after Ctrl-C what was found until then.
     """
@@ -270,7 +278,7 @@ def follow_curve(
     ends = {1: "", -1: ""}
     for way in ways:
         first = start._replace(tangent=way * start.tangent)
-        walk = Walk(equations, first, low, high, Pace() if pace is None else pace, tolerance)
+        walk = Walk(equations, first, low, high, Pace() if pace is None else pace, tolerance, secant=secant)
         found = parts[way]
         try:
             while len(found) < points and (spot := walk.advance()) is not None:

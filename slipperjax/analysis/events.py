@@ -129,7 +129,10 @@ def events_between(
         if labels == ["BP"]:
             return [_crossing(a, b, at)]
         if labels in (["LP"], ["PD"], ["NS"]):
-            return [_located(labels[0], a, b, at)]
+            event = _located(labels[0], a, b, at)
+            # what looks like a flip from both ends may be a Neimark-Sacker and a flip
+            if event.converged or width <= NARROW:
+                return [event]
         if labels == ["GR"] and (event := _grazing(a, b, at)) is not None:
             return [event]
         middle = at(0.5, a, b) if width > NARROW else None
@@ -176,7 +179,8 @@ def _located(label: str, a: Node, b: Node, at: Callable) -> Event:
     high = min((s for s in seen if signs[s] == signs[1.0] and s >= root), default=1.0)
     values = [float(seen[s].spot.z[-1]) for s in (low, high, root)]
     critical = _critical(label, node, min(a.outside, b.outside))
-    converged = high - low <= 4 * SURE and abs(abs(critical) - 1) < NEAR
+    target = {"LP": 1.0 + 0j, "PD": -1.0 + 0j}.get(label, np.exp(1j * np.angle(critical)))
+    converged = high - low <= 4 * SURE and abs(critical - target) < NEAR and (label != "NS" or critical.imag != 0)
     return Event(label, node._replace(label=label), min(values), max(values), critical, bool(converged), "")
 
 
@@ -243,12 +247,11 @@ def _grazing(a: Node, b: Node, at: Callable) -> Event | None:
 
 
 def _critical(label: str, node: Node, place: int) -> complex:
+    """The multiplier that is critical at an event; `place`: of the pair's among them."""
     found = node.multipliers
-    target = {"LP": 1.0, "BP": 1.0, "PD": -1.0}.get(label)
-    if target is None:
-        critical = found[place]
-        return complex(critical.real, abs(critical.imag))
-    return complex(found[np.argmin(np.abs(found - target))])
+    if label == "NS":
+        return complex(found[place].real, abs(found[place].imag))
+    return complex(found[np.argmin(np.abs(found - (-1.0 if label == "PD" else 1.0)))])
 
 
 def _inseparable(labels: list[str], a: Node, b: Node, width: float) -> Event:

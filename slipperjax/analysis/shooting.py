@@ -1,8 +1,11 @@
 """Periodic motions of any differentiable map by Newton's method, with the derivatives of the exact motions.
 
-The unknowns are the state at the start; the forcing fixes the period, so that no phase condition is needed.
+The unknowns are the state at the start; the forcing fixes the period, so that no phase condition is needed. The
+Jacobian is computed where it has to be; between, Broyden's updates (doi:10.1090/S0025-5718-1965-0198670-6) follow it,
+because it costs as much as the map of all directions, and a step costs one map.
 """
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -12,7 +15,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
-from ..tools import call_compiled, finite, number, positive, unless_traced, whole
+from ..tools import call_compiled, finite, is_traced, number, positive, unless_traced, whole
 from .floquet import jacobians
 from .linear import solve
 from .lyapunov import Scale, Step, check_functions, check_state, weights_of
@@ -24,6 +27,8 @@ HALVINGS = 8
 """How often a step of Newton's method is halved before it is taken whatever it gives."""
 FALL = 0.1
 """Share of a step by which the residual must fall for the step to be taken."""
+SLOW = 0.3
+"""Share of the residual that may be left after a step; where more is left, the Jacobian is computed anew."""
 
 
 class Shot(eqx.Module):
@@ -74,7 +79,9 @@ def shoot(
     tolerance = number(positive, "tolerance", tolerance)
     settle = _as_proposed if settle is None else settle
     index = unless_traced(finite("index"), index)
-    return call_compiled(_shoot, (step, scale, settle), (count, limit), state, index, jnp.asarray(tolerance))
+    differentiable = is_traced((step, state, index))
+    static = count, limit, differentiable
+    return call_compiled(_shoot, (step, scale, settle), static, state, index, jnp.asarray(tolerance))
 
 
 def _as_proposed(proposed: Any, mapped: Any) -> Any:
@@ -91,7 +98,7 @@ class _Iterate(eqx.Module):
 
 def _shoot(functions, static, state, index, tolerance):
     step, scale, settle = functions
-    intervals, limit = static
+    intervals, limit, differentiable = static
     flat, unravel = ravel_pytree(state)
     # the iteration itself is not differentiated
     fixed = jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_array(a) else a, step)
@@ -112,28 +119,44 @@ def _shoot(functions, static, state, index, tolerance):
         new = settle(unravel(now.x + share * direction), unravel(now.x + now.residual))
         return judged(ravel_pytree(new)[0], now.count + 1)
 
-    def newton(now):
-        matrix = product(jacobians(fixed, unravel(now.x), intervals, index=here))
-        direction = solve(jnp.eye(flat.size) - matrix, now.residual)
+    def halved(now, direction):
+        """The longest of the steps of 1, 1/2, 1/4, ... after which the residual has fallen."""
 
         def worse(carry):
             share, new = carry
             return (new.size > (1 - FALL * share) * now.size) & (share > 0.5**HALVINGS)
 
-        def halved(carry):
-            share = carry[0] / 2
-            return share, proposed(now, share, direction)
+        half = lambda carry: (carry[0] / 2, proposed(now, carry[0] / 2, direction))
+        first = jnp.asarray(2.0), dataclasses.replace(now, size=jnp.asarray(jnp.inf))
+        return jax.lax.while_loop(worse, half, first)[1]
 
-        return jax.lax.while_loop(worse, halved, (jnp.asarray(1.0), proposed(now, 1.0, direction)))[1]
+    def newton(now):
+        matrix = product(jacobians(fixed, unravel(now.x), intervals, index=here))
+        inverse = solve(jnp.eye(flat.size) - matrix, jnp.eye(flat.size))
+
+        def broyden(carry):
+            now, inverse, _ = carry
+            new = halved(now, inverse @ now.residual)
+            moved, fell = new.x - now.x, now.residual - new.residual
+            weights = weights_of(unravel(now.x), scale)
+            row = moved if weights is None else weights**2 * moved
+            row = row @ inverse
+            share = row @ fell
+            update = jnp.outer(moved - inverse @ fell, row) / jnp.where(share == 0, jnp.inf, share)
+            return new, inverse + update, new.size < SLOW * now.size
+
+        last = jax.lax.while_loop(lambda carry: carry[2] & going_on(carry[0]), broyden, (now, inverse, True))
+        return last[0]
 
     first = judged(jax.lax.stop_gradient(flat), jnp.asarray(0))
     going_on = lambda now: (now.size > tolerance) & (now.count < limit) & jnp.isfinite(now.size)
     last = jax.lax.while_loop(going_on, newton, first)
-    # one more step with the derivatives of the map alone: those of the exact motion
     x = jax.lax.stop_gradient(last.x)
-    inverse = jnp.eye(flat.size) - product(jacobians(fixed, unravel(x), intervals, index=here))
-    miss = ravel_pytree(mapped(step, x, index))[0] - x
-    x = x + solve(jax.lax.stop_gradient(inverse), miss - jax.lax.stop_gradient(miss))
+    if differentiable:
+        # one more step with the derivatives of the map alone: those of the exact motion
+        inverse = jnp.eye(flat.size) - product(jacobians(fixed, unravel(x), intervals, index=here))
+        miss = ravel_pytree(mapped(step, x, index))[0] - x
+        x = x + solve(jax.lax.stop_gradient(inverse), miss - jax.lax.stop_gradient(miss))
     matrices = jacobians(step, unravel(x), intervals, index=index)
     return Shot(unravel(x), last.size, last.count, matrices)
 

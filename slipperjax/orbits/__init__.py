@@ -5,6 +5,11 @@ from .branches import InterruptedBranch as InterruptedBranch
 from .branches import OrbitBranch as OrbitBranch
 from .branches import continue_orbit as continue_orbit
 from .branches import load_branch as load_branch
+from .critical import CriticalOrbit as CriticalOrbit
+from .critical import InterruptedCurve as InterruptedCurve
+from .critical import OrbitCurve as OrbitCurve
+from .critical import continue_event as continue_event
+from .critical import critical_orbit as critical_orbit
 from .exponents import check_count as check_count
 from .exponents import lyapunov_spectrum as lyapunov_spectrum
 from .periodic import PeriodicOrbit as PeriodicOrbit

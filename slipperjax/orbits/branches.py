@@ -234,7 +234,7 @@ class _Run:
         name, period = call["parameter"], branch.period
         how = call["steps_per_period"], call["solver"], call["tolerance"]
         found = cls.new(scene, name, before, period, *how, initial_state(scene, start))
-        return found if bounds is None else dataclasses.replace(found, bounds=_bounds(branch.parameter, bounds))
+        return found if bounds is None else dataclasses.replace(found, bounds=bounds_of(branch.parameter, bounds))
 
     def observe(self, spot: Spot) -> Observation:
         """Looks at an orbit's contacts and sections."""
@@ -252,7 +252,8 @@ class _Run:
     def follow(self, walk: Any, *, points: int = 400, progress: bool = False) -> OrbitBranch:
         """What `walk` finds, as a result."""
         known = parameter(self.name, self.scene)
-        with _bar(progress, known) as show:
+        with Bar(progress, f"branch over {known.name}", known) as bar:
+            show = lambda node: bar.show(node.spot.z[-1])
             found = walk(observe=self.observe, tolerance=self.tolerance, pace=PACE, points=points, on_point=show)
         states = jax.vmap(self.equations.state)(jnp.asarray(np.array([node.spot.z for node in found.nodes])))
         call = dict(
@@ -274,14 +275,14 @@ def _viewed(equations: SlipperMotions, static: tuple, z: Any) -> tuple:
     return passage.record, step.scene.period
 
 
-class _bar:
+class Bar:
     """A progress bar of points; Ctrl-C of a command is heard at each."""
 
-    def __init__(self, shown: bool, known: Parameter):
+    def __init__(self, shown: bool, text: str, known: Parameter):
         from tqdm.auto import tqdm
 
         self.known = known
-        self.bar = tqdm(desc=f"branch over {known.name}", unit=" points", disable=not shown)
+        self.bar = tqdm(desc=text, unit=" points", disable=not shown)
 
     def __enter__(self):
         return self
@@ -289,15 +290,16 @@ class _bar:
     def __exit__(self, *_: Any) -> None:
         self.bar.close()
 
-    def __call__(self, node: Node) -> None:
+    def show(self, value: Any) -> None:
+        """One more point, with this value of the parameter [SI unit]."""
         if ASKED.is_set():
             raise KeyboardInterrupt
-        value = self.known.shown(float(node.spot.z[-1]))
-        self.bar.set_postfix_str(f"{value:.6g} {self.known.display_unit}", refresh=False)
+        self.bar.set_postfix_str(f"{self.known.shown(float(value)):.6g} {self.known.display_unit}", refresh=False)
         self.bar.update()
 
 
-def _bounds(known: Parameter, bounds: Any) -> tuple[float, float]:
+def bounds_of(known: Parameter, bounds: Any) -> tuple[float, float]:
+    """Two values of a parameter, the smaller first; raises `ValueError` for others."""
     if not (isinstance(bounds, Sequence | np.ndarray) and len(bounds) == 2 and float(bounds[0]) < float(bounds[1])):
         raise ValueError(
             f"Argument `bounds` must be two values of {known.name} [{known.unit}], the smaller first, but is "
@@ -342,7 +344,7 @@ def continue_orbit(
     check_scene(scene)
     check_forcing(scene)
     known = parameter(name, scene)
-    bounds = _bounds(known, bounds)
+    bounds = bounds_of(known, bounds)
     tolerance, points = number(positive, "tolerance", tolerance), whole("points", points, 1)
     value = float(scene.value(name))
     if not bounds[0] <= value <= bounds[1]:
