@@ -235,7 +235,7 @@ def _threads(ds: xr.Dataset, name: str) -> list[Thread]:
 
 def _draw_brute(ax: Any, brute: xr.Dataset, name: str, quantity: str) -> list[Any]:
     """Grey dots of simulations; gives the entries of the legend."""
-    style: dict[str, Any] = {"color": COLORS["grey"], "zorder": 1, "ms": 2.5}
+    style: dict[str, Any] = {"color": COLORS["grey"], "zorder": 1, "ms": 3.4}
     if quantity in SECTIONS:
         bifurcation(brute, quantity, ax, **style)
     else:

@@ -15,9 +15,9 @@ from .regimes import regime_map
 from .style import axis_label, check_dataset, legend_above, new_axes, shown, styled, swept
 from .titles import name_case
 
-SOURCE = "events over two parameters"
+SOURCE = "continue_event"
 """What makes the datasets drawn here, for errors."""
-CURVE_COLORS = {"LP": "black", "PD": "#2a9d6f", "NS": "#7b4ea3", "GR": "#e07a1f", "BP": "#8c564b"}
+CURVE_COLORS = {"LP": "black", "PD": "#2a9d6f", "NS": "#7b4ea3", "GR": "#e07a1f"}
 """Colours of curves by label, other than those of regime maps."""
 OUTSIDE_LABEL = "others outside, too"
 
@@ -30,8 +30,9 @@ def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> 
 
     **Arguments:**
 
-    - `ds`: one curve or several, datasets along `point` with two coordinates named by the attribute `varied`, the
-        attribute `label` and the variable `outside`, the number of other multipliers outside the unit circle.
+    - `ds`: one curve or several, results of `continue_event` or their datasets: along `point`, with two coordinates
+        named by the attribute `varied`, the attribute `label` and the variable `outside`, the number of other
+        multipliers outside the unit circle.
     - `regimes`: from `lyapunov_sweep` over the same parameters, drawn beneath as `regime_map` does; only its area is
         shown then.
     - `ax`: the Axes to draw into; default those of a new figure, with the fixed parameters as its title.
