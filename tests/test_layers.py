@@ -28,6 +28,7 @@ MAY_BE_HEAVY = (
     "flow.datasets",
     "orbits.branch_data",
     "orbits.branches",
+    "orbits.critical",
     "studies",
     "bench",
     "cli",

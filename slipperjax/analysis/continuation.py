@@ -9,13 +9,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..tools import call_compiled, shown_number, whole
-from .curves import Pace, Spot, Walk, correct, passes
+from ..tools import shown_number, whole
+from .curves import Pace, Spot, Walk, check_within, checked_bounds, correct, evaluated, passes
 from .events import Event, Node, Observe, as_node, events_between
 from .motions import PeriodicMotions
 
 FIRST = 30
 """Newton iterations for the first point of a branch."""
+DOUBLED = 0.1
+"""Least distance of a doubled motion's halves, over that from the flip; at a flip twice the latter."""
 
 
 class End(NamedTuple):
@@ -90,9 +92,10 @@ def continue_motion(
 
     **Returns:** a `Branch`; after Ctrl-C what was found until then.
 
-    **Raises:** `ValueError` where there is no motion near the start.
+    **Raises:** `ValueError` where there is no motion near the start, or the bounds do not hold it.
     """
-    pace = Pace() if pace is None else pace
+    bounds, pace = checked_bounds(bounds), Pace() if pace is None else pace
+    check_within("start", start.z[-1] if isinstance(start, Spot) else start[1], bounds)
     first = start if isinstance(start, Spot) else first_spot(equations, *start, tolerance=tolerance)
     if not first.residual <= tolerance:
         raise ValueError(
@@ -121,7 +124,7 @@ def extend_motion(
     """
     pace, most = Pace() if pace is None else pace, whole("points", points, 1)
     low, high = (np.full(branch.equations.size + 1, side * np.inf) for side in (-1, 1))
-    low[-1], high[-1] = bounds
+    low[-1], high[-1] = checked_bounds(bounds)
     nodes, events, ends = list(branch.nodes), list(branch.events), list(branch.ends)
     # ahead, then turned around and ahead once more
     for way in (1, 0):
@@ -133,9 +136,12 @@ def extend_motion(
                 events = [event for event in events if not (event.label == "EP" and event.low == value)]
             walk = Walk(branch.equations, nodes[-1].spot, low, high, pace, tolerance, step=ends[way].step)
             path = _walked(walk, nodes, observe, most, on_point)
+            if path.events and not path.nodes:  # it ends where it begins
+                nodes[-1] = path.events[-1].node
             nodes, events, ends[way] = [*nodes, *path.nodes], [*events, *path.events], End(path.ended, walk.step)
             if path.ended in ("closed", "interrupted"):
-                ends[1 - way] = End(path.ended, ends[1 - way].step) if path.ended == "closed" else ends[1 - way]
+                if path.ended == "closed":
+                    ends[1 - way] = ends[1 - way]._replace(reason="")
                 if way == 0:
                     nodes, events = _turned(nodes, events)
                 break
@@ -170,11 +176,13 @@ def _walked(
             for event in events_between(node, new, walk.equations, observe, walk.tolerance):
                 path.events.append(event)
                 path.nodes.append(event.node)
+            closed = len(path.nodes) + len(behind) > 3 and passes(start.spot, node.spot, spot)
+            if not closed:
+                path.nodes.append(new)
             if on_point is not None:
                 on_point(new)
-            if len(path.nodes) + len(behind) > 3 and passes(start.spot, node.spot, spot):
+            if closed:
                 return path._replace(ended="closed")
-            path.nodes.append(new)
             node = new
     except KeyboardInterrupt:
         return path._replace(ended="interrupted")
@@ -217,31 +225,32 @@ def switch(branch: Branch, event: Event, *, length: float = 0.05, tolerance: flo
     while length > 1e-6:
         guess = spot.z + length * direction
         found = jax.device_get(correct(equations, guess, spot.weights**2 * direction, spot.z, tolerance=tolerance))
-        gone = np.linalg.norm(found.weights * (found.z - guess))
-        if found.residual <= tolerance and gone < 2 * length:
+        strayed = np.linalg.norm(found.weights * (found.z - guess))
+        left = event.label == "BP" or _missed(branch.equations, found) > DOUBLED * length
+        if found.residual <= tolerance and strayed < 2 * length and left:
             return equations, found
         length /= 2
     raise ValueError(f"Argument `event` must have a branch that leaves it, but none was found at {event.label}.")
 
 
+def _missed(equations: PeriodicMotions, spot: Spot) -> float:
+    """Weighted length of what a point misses of recurring by `equations`."""
+    missed = evaluated(equations, spot.z).residual
+    return float(np.linalg.norm(spot.weights[: missed.size] * missed))
+
+
 def _eigenvector(matrices: np.ndarray, multiplier: float) -> np.ndarray:
-    whole_map = functools.reduce(lambda total, matrix: matrix @ total, matrices)
-    values, vectors = np.linalg.eig(whole_map)
+    values, vectors = np.linalg.eig(functools.reduce(lambda total, matrix: matrix @ total, matrices))
     return vectors[:, np.argmin(np.abs(values - multiplier))].real
 
 
 def _across(equations: PeriodicMotions, spot: Spot) -> np.ndarray:
     """The direction of solutions that is at right angles to the tangent, in weighted components."""
     rows, columns = (np.where(w > 0, w, 1.0) for w in map(np.asarray, equations.weights(jnp.asarray(spot.z))))
-    jacobian = call_compiled(_jacobian, equations, (), jnp.asarray(spot.z))
-    scaled = rows[:, None] * np.asarray(jacobian) / columns
+    scaled = rows[:, None] * evaluated(equations, spot.z).jacobian / columns
     tangent = columns * spot.tangent
     for direction in np.linalg.svd(scaled)[2][-2:]:
         across = direction - tangent * (tangent @ direction) / (tangent @ tangent)
         if np.linalg.norm(across) > 0.5:
             break
     return across / columns
-
-
-def _jacobian(equations: PeriodicMotions, static: tuple, z: Any) -> Any:
-    return equations.evaluate(z).jacobian

@@ -20,7 +20,17 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools import call_compiled, one_of, shown_number
-from .curves import AbstractEquations, Curve, Evaluation, correct, follow_curve, weighted_size
+from .curves import (
+    AbstractEquations,
+    Curve,
+    Evaluation,
+    check_within,
+    checked_bounds,
+    correct,
+    evaluated,
+    follow_curve,
+    weighted_size,
+)
 from .linear import solve
 from .motions import PeriodicMotions
 from .shooting import product
@@ -130,7 +140,7 @@ class CriticalMotions(AbstractEquations):
 
     def _null(self, matrix: Array, mu: Array, scale: Array) -> tuple[Array, Array, Array]:
         """The vectors v and w of the bordered systems, in scaled components, and the number g."""
-        critical = scale[:, None] * matrix / scale - mu * jnp.eye(self.size)
+        critical = scale[:, None] * matrix / scale[None] - mu * jnp.eye(self.size)
         last = jnp.zeros(self.size + 1, critical.dtype).at[-1].set(1.0)
         system = jnp.concatenate([critical, self.left[:, None]], axis=1)
         system = jnp.concatenate([system, jnp.append(jnp.conj(self.right), 0.0)[None]])
@@ -273,14 +283,14 @@ def continue_critical(
     ones; `state`, `values`: near a motion of the curve, of which the second value is kept; `angle`: of the
     multiplier in radians, for "NS"; `bounds`: of both parameters; `options`: of `follow_curve`.
 
-    **Raises:** `ValueError` where there is no such motion near the start.
+    **Raises:** `ValueError` where there is no such motion near the start, or the bounds do not hold it.
     """
-    motions = equations.motions
+    limits, motions = [checked_bounds(pair) for pair in bounds], equations.motions
     angled = isinstance(equations, CriticalMotions) and equations.angled
     z = motions.place(state, *values, *([angle] if angled else []))
     if isinstance(equations, CriticalMotions):
         for _ in range(TURNS):
-            equations = equations.renewed(call_compiled(_extra, equations, (), z))
+            equations = equations.renewed(evaluated(equations, z).extra)
     row = jnp.zeros(z.size).at[motions.size + 1].set(1.0)
     first = jax.device_get(correct(equations, z, row, tolerance=tolerance, iterations=MOST))
     if not first.residual <= tolerance:
@@ -289,10 +299,7 @@ def continue_critical(
             f"{shown_number(first.residual)}."
         )
     low, high = (np.full(z.size, side * np.inf) for side in (-1, 1))
-    places = slice(motions.size, motions.size + 2)
-    low[places], high[places] = np.transpose(bounds)
+    for place, pair in enumerate(limits, start=motions.size):
+        check_within("values", first.z[place], pair)
+        low[place], high[place] = pair
     return follow_curve(equations.renewed(first.extra), first, low, high, tolerance=tolerance, **options)
-
-
-def _extra(equations: CriticalMotions, static: tuple, z: Array) -> Bent:
-    return equations.evaluate(z).extra

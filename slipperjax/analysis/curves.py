@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..tools import call_compiled
+from ..tools import brief, call_compiled, shown_number
 from .linear import solve
 
 MOST_ITERATIONS = 8
@@ -27,18 +27,23 @@ GROWTH = 1.5
 """Factor by which the step grows or shrinks."""
 TURN = 0.9
 """Least cosine of the angle between the tangents at both ends of a step."""
+ARCHED = 0.995
+"""Least cosine of the angle between a step and the mean of the tangents at its ends, which is 1 on a circle, and less
+where a step ends on a branch point, whose tangent is undetermined."""
 CLOSED = 0.1
 """Greatest distance from the start at which a curve counts as closed, over the step."""
 STRAY = 0.5
 """Greatest distance of a corrected point from the predicted one, over the step."""
+CORNER = 10.0
+"""Likewise for the least step: a curve may have corners, but no gaps."""
 
 
 class Evaluation(NamedTuple):
     """The equations at one place."""
 
-    residual: Float[Array, " n"]
+    residual: Float[Array | np.ndarray, " n"]
     """What they miss."""
-    jacobian: Float[Array, "n more"]
+    jacobian: Float[Array | np.ndarray, "n more"]
     """Its derivative with respect to all unknowns."""
     extra: Any = None
     """What is computed besides, such as the Jacobians of the intervals."""
@@ -71,18 +76,18 @@ class AbstractEquations(eqx.Module):
 class Spot(NamedTuple):
     """A point of a curve, as far as Newton's method came."""
 
-    z: Float[Array, " more"]
-    tangent: Float[Array, " more"]
+    z: Float[Array | np.ndarray, " more"]
+    tangent: Float[Array | np.ndarray, " more"]
     """Of weighted length one."""
-    weights: Float[Array, " more"]
+    weights: Float[Array | np.ndarray, " more"]
     """Of the unknowns in the measure of length."""
-    residual: Float[Array, ""]
+    residual: Float[Array | np.ndarray, ""]
     """Greatest weighted component of what the equations miss; infinite where that is not finite."""
-    iterations: Int[Array, ""]
+    iterations: Int[Array | np.ndarray, ""]
     extra: Any
 
     @property
-    def row(self) -> Float[Array, " more"]:
+    def row(self) -> Float[Array | np.ndarray, " more"]:
         """The weighted tangent: `row @ (z' - z)` is the length from this point to z' along the curve."""
         return self.weights**2 * self.tangent
 
@@ -132,6 +137,15 @@ def _correct(equations: AbstractEquations, static: tuple, z: Array, row: Array, 
     weights = equations.weights(z)[1]
     tangent = tangent / jnp.sqrt(jnp.sum((weights * tangent) ** 2))
     return Spot(z, tangent, weights, size, count, now.extra)
+
+
+def evaluated(equations: AbstractEquations, z: Any) -> Evaluation:
+    """`equations.evaluate(z)`, compiled."""
+    return jax.device_get(call_compiled(_evaluated, equations, (), jnp.asarray(z)))
+
+
+def _evaluated(equations: AbstractEquations, static: tuple, z: Array) -> Evaluation:
+    return equations.evaluate(z)
 
 
 def weighted_size(residual: Array, weights: Array) -> Array:
@@ -195,9 +209,12 @@ class Walk:
                 self.step = min(step * GROWTH, self.pace.most)
             elif found.iterations >= HARD:
                 self.step = max(step / GROWTH, self.pace.least)
-            outside = np.flatnonzero((found.z < self.low) | (found.z > self.high))
-            if len(outside):
-                found = self._at_bound(found, int(outside[0]))
+            beyond = (found.z < self.low) | (found.z > self.high)
+            if np.any(beyond & ((spot.z == self.low) | (spot.z == self.high))):  # it starts on the bound
+                self.ended = "bound"
+                return None
+            if np.any(beyond):
+                found = self._at_bound(found)
                 self.ended = "bound" if found is not None else "no convergence"
             if found is not None:
                 if self.secant:
@@ -214,20 +231,46 @@ class Walk:
     def _good(self, found: Spot, guess: np.ndarray, step: float) -> bool:
         if not found.residual <= self.tolerance:
             return False
-        if step < 2 * self.pace.least:  # a curve may have corners
-            return True
         strayed = np.linalg.norm(found.weights * (found.z - guess))
-        return bool((self.secant or found.row @ self.spot.tangent > TURN) and strayed < STRAY * step)
+        if step < 2 * self.pace.least:
+            return bool(strayed < CORNER * step)
+        if self.secant:
+            return bool(strayed < STRAY * step)
+        chord, mean = (found.weights * a for a in (found.z - self.spot.z, found.tangent + self.spot.tangent))
+        arched = chord @ mean > ARCHED * np.linalg.norm(chord) * np.linalg.norm(mean)
+        return bool(found.row @ self.spot.tangent > TURN and strayed < STRAY * step and arched)
 
-    def _at_bound(self, beyond: Spot, k: int) -> Spot | None:
-        edge = self.low[k] if beyond.z[k] < self.low[k] else self.high[k]
-        share = (edge - self.spot.z[k]) / (beyond.z[k] - self.spot.z[k])
+    def _at_bound(self, beyond: Spot) -> Spot | None:
+        edges, chord = np.clip(beyond.z, self.low, self.high), beyond.z - self.spot.z
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shares = np.where(edges == beyond.z, np.inf, (edges - self.spot.z) / chord)
+        k = int(np.argmin(shares))  # the bound that is met first
         row = np.zeros_like(beyond.z)
-        row[k] = np.sign(beyond.z[k] - self.spot.z[k])
-        guess = self.spot.z + share * (beyond.z - self.spot.z)
-        guess[k] = edge
+        row[k] = np.sign(chord[k])
+        guess = self.spot.z + shares[k] * chord
+        guess[k] = edges[k]
         found = self._corrected(guess, row, beyond.z)
         return found if found.residual <= self.tolerance else None
+
+
+def checked_bounds(bounds: Any) -> tuple[float, float]:
+    """Two numbers, the smaller first, infinite where there is no bound; raises `ValueError` otherwise."""
+    try:
+        low, high = (float(bound) for bound in bounds)
+    except (TypeError, ValueError):
+        low, high = np.nan, np.nan
+    if not low < high:
+        raise ValueError(f"Argument `bounds` must be two numbers, the smaller first, but is {brief(bounds)}.")
+    return low, high
+
+
+def check_within(name: str, value: Any, bounds: tuple[float, float]) -> None:
+    """Raises `ValueError` where the value of a parameter at the start lies outside its bounds."""
+    if not bounds[0] <= value <= bounds[1]:
+        raise ValueError(
+            f"Argument `{name}` must lie within the bounds {shown_number(bounds[0])} and {shown_number(bounds[1])}, "
+            f"but is {shown_number(value)}."
+        )
 
 
 def between(equations: AbstractEquations, one: Spot, other: Spot, share: float, tolerance: float = 1e-10) -> Spot:

@@ -3,11 +3,12 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple, cast
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Complex
 from scipy.optimize import brentq
 
-from .curves import AbstractEquations, Spot, between
+from .curves import AbstractEquations, Spot, between, evaluated, weighted_size
 from .floquet import multipliers
 
 MEANINGS = {
@@ -24,10 +25,12 @@ NARROW = 1e-10
 """Share of a step to which an event is located."""
 SURE = 1e-9
 """Share of a step on both sides of a smooth event at which its sign is confirmed, for its bracket."""
-APART = 0.1, 0.13, 0.3, 0.5
+APART = 0.2, 0.3, 0.5
 """Shares of a step on both sides of a branch point from which it is interpolated; more where it is not there."""
 ALONG = 0.95
 """Least cosine between the tangent at a point and the chord on which it was looked for, beside a branch point."""
+TOUCHING = 1e-5
+"""Greatest distance and slope of a multiplier at +1 that counts as touching, over its distance nearby."""
 POLISHED = 1e-3
 """Residual aimed at near events, over the one that suffices."""
 NEAR = 1e-6
@@ -96,15 +99,19 @@ def changes(one: Node, other: Node) -> list[str]:
     """Labels of what happens between two near points of a branch; a pair that comes and goes again is not seen.
 
     A real multiplier passes +1 where the parity of those beyond changes: at a fold where the parameter turns, else at
-    a branch point. Likewise for -1. What is left of the change in the number outside are complex pairs.
+    a branch point. Likewise for -1. What is left of the change in the number outside are pairs: complex ones, unless
+    the real ones beyond changed by two.
     """
-    parity = lambda sign: (one.real_beyond(sign) - other.real_beyond(sign)) % 2
+    beyond = lambda sign: abs(one.real_beyond(sign) - other.real_beyond(sign))
+    parity = lambda sign: beyond(sign) % 2
     turns = int(one.spot.tangent[-1] * other.spot.tangent[-1] < 0)
     found = [] if one.seen.counts == other.seen.counts else ["GR"]
     found += ["LP"] * turns + ["BP"] * (parity(1) != turns) + ["PD"] * parity(-1)
     left = abs(one.outside - other.outside) - parity(1) - parity(-1)
     pairs = max(-(-left // 2), 0)
-    return found + ["NS"] * pairs
+    flips = min(beyond(-1) // 2, pairs)
+    folds = min(beyond(1) // 2, pairs - flips)
+    return found + ["PD", "PD"] * flips + ["BP", "BP"] * folds + ["NS"] * (pairs - flips - folds)
 
 
 def events_between(
@@ -122,12 +129,19 @@ def events_between(
         strayed = np.linalg.norm(spot.weights * (spot.z - a.spot.z - share * (b.spot.z - a.spot.z)))
         return as_node(spot, observe) if spot.residual <= tolerance and strayed <= chord else None
 
+    def placed(node: Node, z: np.ndarray, tangent: np.ndarray) -> Node:
+        now = evaluated(equations, z)
+        size = weighted_size(now.residual, equations.weights(jnp.asarray(z))[0])
+        return as_node(node.spot._replace(z=z, tangent=tangent, residual=np.asarray(size), extra=now.extra), observe)
+
     def search(a: Node, b: Node, width: float) -> list[Event]:
         labels = changes(a, b)
         if not labels:
             return []
         if labels == ["BP"]:
-            return [_crossing(a, b, at)]
+            return [_crossing(a, b, at, placed) or _inseparable(labels, a, b, width)]
+        if labels == ["LP", "BP"] and (event := _crossing(a, b, at, placed, turning=True)) is not None:
+            return [event]
         if labels in (["LP"], ["PD"], ["NS"]):
             event = _located(labels[0], a, b, at)
             # what looks like a flip from both ends may be a Neimark-Sacker and a flip
@@ -179,32 +193,36 @@ def _located(label: str, a: Node, b: Node, at: Callable) -> Event:
     high = min((s for s in seen if signs[s] == signs[1.0] and s >= root), default=1.0)
     values = [float(seen[s].spot.z[-1]) for s in (low, high, root)]
     critical = _critical(label, node, min(a.outside, b.outside))
-    target = {"LP": 1.0 + 0j, "PD": -1.0 + 0j}.get(label, np.exp(1j * np.angle(critical)))
+    on_circle = complex(np.exp(1j * np.angle(critical)))
+    target = {"LP": 1.0, "PD": -1.0}.get(label, on_circle)
     converged = high - low <= 4 * SURE and abs(critical - target) < NEAR and (label != "NS" or critical.imag != 0)
     return Event(label, node._replace(label=label), min(values), max(values), critical, bool(converged), "")
 
 
-def _crossing(a: Node, b: Node, at: Callable) -> Event:
-    """A branch point, by interpolation from both sides: there itself Newton's method is singular."""
-    test, place = _test("BP", a, b), min(a.outside, b.outside)
+def _crossing(a: Node, b: Node, at: Callable, placed: Callable, turning: bool = False) -> Event | None:
+    """A branch point, by interpolation from both sides: there itself Newton's method is singular.
+
+    With `turning` that of a pitchfork, on the branch that turns back there; None where the fold is another place.
+    """
+    test, place = _test("LP" if turning else "BP", a, b), min(a.outside, b.outside)
     rough = test(a) / (test(a) - test(b))
-    found: list[Node] = []
     for spread in APART:
-        shares = np.clip(rough, spread, 1 - spread) + spread * np.linspace(-1, 1, 8)
+        shares = rough + spread * np.linspace(-1, 1, 8)  # also beyond a or b where these are the branch point
         found = [node for node in (at(share, a, b) for share in shares) if node is not None and _along(node, a, b)]
         tests = np.array([test(node) for node in found])
-        if np.any(tests > 0) and np.any(tests < 0) and np.abs(tests).min() > 1e-3 * np.abs(tests).max():
+        if len(found) < 4 or np.all(tests > 0) or np.all(tests < 0):
+            continue
+        beyond = np.array([[_critical("BP", node, place).real - 1] for node in found])
+        touches = np.abs(_polynomials(tests, beyond)[:2]).max() < TOUCHING * np.abs(beyond).max()
+        if np.abs(tests).min() > 1e-3 * np.abs(tests).max() and (touches or not turning):
             break
-    if len(found) < 4 or np.all(tests > 0) or np.all(tests < 0):
-        return _inseparable(["BP"], a, b, 1.0)
-    places = np.array([node.spot.z for node in found])
-    z, fewer = _interpolated(tests, places), _interpolated(tests[1:-1], places[1:-1])
-    tangent = _interpolated(tests, np.array([node.spot.tangent for node in found]))
-    critical = _interpolated(tests, np.array([[_critical("BP", node, place).real] for node in found]))
-    node = found[len(found) // 2]
-    error = abs(z[-1] - fewer[-1])
-    node = node._replace(spot=node.spot._replace(z=z, tangent=tangent), label="BP")
-    return Event("BP", node, float(z[-1] - error), float(z[-1] + error), complex(critical[0]), True, "")
+    else:
+        return None
+    places, tangents = (np.array([getattr(node.spot, name) for node in found]) for name in ("z", "tangent"))
+    z, fewer = _polynomials(tests, places)[0], _polynomials(tests[1:-1], places[1:-1])[0]
+    node = placed(found[len(found) // 2], z, _polynomials(tests, tangents)[0])._replace(label="BP")
+    error = float(abs(z[-1] - fewer[-1]))
+    return Event("BP", node, float(z[-1] - error), float(z[-1] + error), _critical("BP", node, place), True, "")
 
 
 def _along(node: Node, a: Node, b: Node) -> bool:
@@ -213,10 +231,10 @@ def _along(node: Node, a: Node, b: Node) -> bool:
     return bool(abs(chord @ (node.spot.weights * node.spot.tangent)) > ALONG * np.linalg.norm(chord))
 
 
-def _interpolated(tests: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """What polynomials through `values` (count, more) are where `tests` (count,) is zero."""
-    scale = np.abs(tests).max()
-    return np.linalg.solve(np.vander(tests / scale, increasing=True), values)[0]
+def _polynomials(tests: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Coefficients of the polynomials in `tests` (count,), over its greatest, that go through `values` (count, more).
+    The first row is what they are where the test is zero."""
+    return np.linalg.solve(np.vander(tests / np.abs(tests).max(), increasing=True), values)
 
 
 def _grazing(a: Node, b: Node, at: Callable) -> Event | None:
@@ -237,7 +255,7 @@ def _grazing(a: Node, b: Node, at: Callable) -> Event | None:
         brentq(value, 0.0, 1.0, xtol=NARROW, rtol=1e-14, maxiter=60)
         before = max(share for share in seen if value(share) > 0)
         value(before + SURE)
-    except _Lost:
+    except (_Lost, ValueError):
         return None
     low = max(share for share in seen if value(share) > 0)
     high = min(share for share in seen if value(share) < 0)

@@ -48,6 +48,9 @@ def multipliers(
 
 SWEEPS = 30
 """Passages through all intervals in which the QR factors separate moduli."""
+SEPARATED = 1e-12
+"""Greatest entry that couples separated moduli, over the norm of the block of the larger ones. Over many intervals
+rounding errors grow to this, and forming a product because of them would cost more accuracy."""
 
 
 def _after(earlier: Any, later: Any) -> Any:
@@ -74,10 +77,10 @@ def _blocks(matrices: np.ndarray) -> list[np.ndarray]:
     inside = [
         then.T @ matrix @ now for now, then, matrix in zip(bases, [*bases[1:], bases[0]], matrices, strict=True)
     ]
-    # a cut between two places is good where all that is below left of it is rounding error
+    # a cut between two places is good where all that is below left of it is about rounding error
     size, cuts = matrices.shape[1], [0]
     for k in range(1, size):
-        if all(np.abs(m[k:, :k]).max() <= 1e-14 * max(np.linalg.norm(m[:k, :k], 2), 1e-300) for m in inside):
+        if all(np.abs(m[k:, :k]).max() <= SEPARATED * max(np.linalg.norm(m[:k, :k], 2), 1e-300) for m in inside):
             cuts.append(k)
     return [np.stack([m[a:b, a:b] for m in inside]) for a, b in zip(cuts, [*cuts[1:], size], strict=True)]
 

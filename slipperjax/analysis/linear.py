@@ -4,10 +4,10 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Inexact
 
 
-def solve(matrix: Float[Array, "n n"], rhs: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
+def solve(matrix: Inexact[Array, "n n"], rhs: Inexact[Array, "n ..."]) -> Inexact[Array, "n ..."]:
     """The solution of `matrix @ x = rhs`, by Gauss and Jordan's elimination with partial pivoting. Pure.
 
     NaN or infinite where the matrix is singular to rounding.

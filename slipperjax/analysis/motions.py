@@ -47,7 +47,10 @@ class PeriodicMotions(AbstractEquations):
 
     def place(self, state: Any, *values: Any) -> Array:
         """The unknowns from a state and values of the parameters."""
-        return jnp.concatenate([ravel_pytree(state)[0], jnp.asarray(values, float)])
+        flat = ravel_pytree(state)[0]
+        if flat.size != self.size:
+            raise ValueError(f"Argument `state` must have {self.size} numbers as `like` has, but has {flat.size}.")
+        return jnp.concatenate([flat, jnp.asarray(values, float)])
 
     def state(self, z: Array) -> Any:
         """The state of a place."""

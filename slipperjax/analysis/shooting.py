@@ -27,6 +27,8 @@ HALVINGS = 8
 """How often a step of Newton's method is halved before it is taken whatever it gives."""
 FALL = 0.1
 """Share of a step by which the residual must fall for the step to be taken."""
+AIM = 1e-3
+"""Residual that Broyden's updates go on to, over the tolerance: the Jacobian at the end is of the motion there."""
 SLOW = 0.3
 """Share of the residual that may be left after a step; where more is left, the Jacobian is computed anew."""
 
@@ -145,20 +147,24 @@ def _shoot(functions, static, state, index, tolerance):
             update = jnp.outer(moved - inverse @ fell, row) / jnp.where(share == 0, jnp.inf, share)
             return new, inverse + update, new.size < SLOW * now.size
 
-        last = jax.lax.while_loop(lambda carry: carry[2] & going_on(carry[0]), broyden, (now, inverse, True))
-        return last[0]
+        def further(carry):
+            now, _, fast = carry
+            return fast & (now.size > AIM * tolerance) & (now.count < limit) & jnp.isfinite(now.size)
+
+        return jax.lax.while_loop(further, broyden, (now, inverse, True))[0]
 
     first = judged(jax.lax.stop_gradient(flat), jnp.asarray(0))
     going_on = lambda now: (now.size > tolerance) & (now.count < limit) & jnp.isfinite(now.size)
     last = jax.lax.while_loop(going_on, newton, first)
     x = jax.lax.stop_gradient(last.x)
+    matrices = jacobians(fixed, unravel(x), intervals, index=here)
+    # one more step: with the derivatives of the map alone it has those of the exact motion
+    miss = ravel_pytree(mapped(step, x, index))[0] - x
+    left = jnp.where(last.size <= tolerance, 0.0, jax.lax.stop_gradient(miss))
+    x = x + solve(jnp.eye(flat.size) - product(matrices), miss - left)
     if differentiable:
-        # one more step with the derivatives of the map alone: those of the exact motion
-        inverse = jnp.eye(flat.size) - product(jacobians(fixed, unravel(x), intervals, index=here))
-        miss = ravel_pytree(mapped(step, x, index))[0] - x
-        x = x + solve(jax.lax.stop_gradient(inverse), miss - jax.lax.stop_gradient(miss))
-    matrices = jacobians(step, unravel(x), intervals, index=index)
-    return Shot(unravel(x), last.size, last.count, matrices)
+        matrices = jacobians(step, unravel(x), intervals, index=index)
+    return Shot(unravel(x), judged(jax.lax.stop_gradient(x), last.count).size, last.count, matrices)
 
 
 def product(matrices: Array) -> Array:

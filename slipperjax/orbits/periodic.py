@@ -32,6 +32,8 @@ from .signature import Gaps, Signature, Views, signature
 
 TOLERANCE = 1e-10
 """Default scaled residual at which an orbit counts as found [1]: 1e-13 m, 1e-10 m/s."""
+TRANSIENTS = 60, 240
+"""Forcing periods simulated before Newton's method from a motion, and once more where that finds no orbit."""
 DIVISOR = 1e-6
 """Scaled residual below which a motion already recurs after a divisor of its period [1]."""
 
@@ -134,8 +136,8 @@ def periodic_orbit(
     - `period`: forcing periods after which the motion recurs. Where it recurs after a divisor of it, the orbit's
         `period` is that.
     - `start`: near the orbit, as for `simulate`; default Table 2's. `transient`: forcing periods simulated from there
-        before Newton's method, by default 60 after a start that is a motion, and none after a state, so that unstable
-        orbits are found from their neighbours.
+        before Newton's method, by default `TRANSIENTS` after a start that is a motion, the second where the first
+        does not do, and none after a state, so that unstable orbits are found from their neighbours.
     - `steps_per_period`, `solver`: as for `simulate`, steps being constant.
     - `tolerance`: scaled residual that counts as found [1]; `max_iterations`: of Newton's method.
 
@@ -151,20 +153,20 @@ def periodic_orbit(
     check_forcing(scene)
     steps, solver = default_steps(scene, steps_per_period), resolve_solver(scene, solver)
     begin = first_of(start)
-    passed = (0 if isinstance(begin, State) else 60) if transient is None else whole("transient", transient, 0)
     traced = is_traced((scene, begin))
+    if transient is not None:
+        tries = (whole("transient", transient, 0),)
+    else:
+        tries = (0,) if isinstance(begin, State) else TRANSIENTS[: 1 if traced else None]
     # differentiated in both modes, or by one program for all numbers of steps
     stepping = steps_of_program(steps) if traced else flexible_steps(steps)
-    state = initial_state(scene, begin)
-    if passed:
-        still, first = jax.tree.map(jax.lax.stop_gradient, (scene, state))
-        if traced:
-            state = PeriodMap(still, stepping, solver, passed)(first)
-        else:
-            state = run_eagerly(PeriodMap(still, stepping, solver), first, passed, Strobe()).state
-    step = PeriodMap(scene, stepping, solver)
+    step, state = PeriodMap(scene, stepping, solver), initial_state(scene, begin)
     options = dict(scale=tangent_weights(scene), settle=Settled(scene))
-    shot = shoot(step, state, intervals=period, tolerance=tolerance, max_iterations=limit, **options)
+    for passed in tries:
+        state = _passed(step, state, passed, traced)
+        shot = shoot(step, state, intervals=period, tolerance=tolerance, max_iterations=limit, **options)
+        if traced or bool(shot.residual <= tolerance):
+            break
     if not traced and period > 1:
         missed = minimal_period(step, shot.state, period, scale=tangent_weights(scene))
         period = min((n for n, residual in missed.items() if float(residual) < DIVISOR), default=period)
@@ -175,3 +177,11 @@ def periodic_orbit(
     return PeriodicOrbit(
         scene, shot.state, jnp.asarray(found), shot.residual, shot.iterations, code, period, steps, solver
     )
+
+
+def _passed(step: PeriodMap, state: State, periods: int, traced: bool) -> State:
+    """The state some forcing periods on, without derivatives."""
+    if not periods:
+        return state
+    step, state = jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_array(a) else a, (step, state))
+    return step.run(state, periods=periods).state if traced else run_eagerly(step, state, periods, Strobe()).state

@@ -1,0 +1,200 @@
+"""Floquet multipliers: exact products of matrices, oscillators with semi-analytic orbits, and numbers of segments."""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.linalg import block_diag, expm
+from scipy.optimize import root
+
+from slipperjax.analysis import multipliers, shoot
+
+from .systems import Stopped, linear, rk4
+
+
+def sort(values):
+    """Largest modulus first, of a pair the one with the positive imaginary part."""
+    values = np.asarray(values, complex)
+    return values[np.lexsort((-values.imag, -np.round(np.log10(np.abs(values) + 1e-300), 6)))]
+
+
+def plain(matrices):
+    """Multipliers by the product of all matrices."""
+    return sort(np.linalg.eigvals(functools.reduce(lambda total, matrix: matrix @ total, matrices)))
+
+
+def unimodular(rng, size):
+    """A matrix of small integers, and its inverse, which is of integers too."""
+    lower, upper = np.eye(size), np.eye(size)
+    for k in range(size - 1):
+        lower[k + 1, k], upper[k, k + 1] = rng.choice([-1, 1], 2)
+    matrix = lower @ upper
+    return matrix, np.rint(np.linalg.inv(matrix))
+
+
+def chain(blocks, rng):
+    """Matrices S_{k+1} D_k S_k^-1 with given D_k; exact where these hold powers of two."""
+    bases = [unimodular(rng, blocks[0].shape[0]) for _ in blocks]
+    ends = [*bases[1:], bases[0]]
+    return np.stack([end[0] @ block @ start[1] for start, end, block in zip(bases, ends, blocks, strict=True)])
+
+
+def spread(powers, segments, rng):
+    """Diagonal matrices of powers of two, whose product has the given ones."""
+    shares = np.array([np.diff(np.round(np.linspace(0, p, segments + 1))) for p in powers])
+    return [np.diag(2.0**column) for column in rng.permutation(shares.T)]
+
+
+def test_small_multipliers_keep_their_relative_accuracy():
+    powers = np.array([10, 3, 0, -1, -13, -27, -40])  # 1024 to 9e-13
+    errors = {multipliers: [], plain: []}
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        matrices = chain(spread(powers, 16, rng), rng)
+        for way, found in errors.items():
+            found.append(np.abs(way(matrices) / 2.0**powers - 1).max())
+    assert max(errors[multipliers]) < 1e-11  # measured: 3e-12
+    # the smallest has no correct digit in the product
+    assert max(errors[plain]) > 1e-3
+
+
+@pytest.mark.parametrize("segments", [8, 16, 64, 256])
+def test_accuracy_does_not_depend_on_the_number_of_segments(segments):
+    rng = np.random.default_rng(1)
+    powers = np.linspace(10, -40, 12).round()
+    for _ in range(3):
+        found = multipliers(chain(spread(powers, segments, rng), rng))
+        np.testing.assert_allclose(found, 2.0**powers, rtol=1e-10)  # measured: 2e-12
+
+
+def test_complex_pairs_and_equal_moduli():
+    rng = np.random.default_rng(2)
+    turn, half = np.array([[1.0, -1.0], [1.0, 1.0]]), np.array([[0.5, -0.5], [0.5, 0.5]])
+    # per segment a pair of modulus 2^(1/2), the values 1 and -1, a pair of 2^(-1/2), and one of 1/8
+    blocks = [block_diag(turn, 1.0, -1.0 if k == 0 else 1.0, half, 0.125) for k in range(9)]
+    pair = np.array([(1 + 1j) ** 9, (1 - 1j) ** 9])
+    expected = np.concatenate([pair, [1.0, -1.0], pair / 2.0**9, [0.125**9]])
+    found = multipliers(chain(blocks, rng))
+    assert np.all(np.diff(np.abs(found)) < 1e-9)
+    distance = np.abs(found[:, None] - expected[None]).min(axis=0) / np.abs(expected)
+    assert distance.max() < 1e-11  # measured: 2e-13
+
+
+def test_a_product_without_full_rank():
+    rng = np.random.default_rng(3)
+    blocks = spread([3, -2, -12, -20], 6, rng)
+    matrices = chain([block_diag(block, 0.0, 0.0) for block in blocks], rng)
+    found = multipliers(matrices)
+    np.testing.assert_allclose(found[:4], 2.0 ** np.array([3, -2, -12, -20]), rtol=1e-11)  # measured: 1e-14
+    np.testing.assert_allclose(found[4:], 0.0, rtol=0, atol=1e-30)  # measured: 1e-93
+    # a component that is replaced in each segment gives a zero column
+    memory = np.zeros((5, 3, 3))
+    memory[:, :2, :2], memory[:, 2, 0] = [[0.0, 1.0], [-0.5, 0.3]], 7.0
+    expected = np.append(np.linalg.eigvals(memory[0, :2, :2]) ** 5, 0.0)
+    found = multipliers(memory)
+    np.testing.assert_allclose(sort(found)[:2], sort(expected)[:2], rtol=1e-13)  # measured: 5e-15
+    assert abs(found[2]) < 1e-30  # measured: 7e-79
+    assert np.all(multipliers(np.zeros((3, 2, 2))) == 0.0)
+
+
+def test_matrices_with_nan_give_nan():
+    matrices = np.stack([np.eye(3), np.full((3, 3), np.nan), np.eye(3)])
+    assert np.all(np.isnan(multipliers(matrices)))
+
+
+def test_under_jit_they_are_those_of_the_product():
+    matrices = np.random.default_rng(4).standard_normal((3, 4, 4))
+    found = jax.jit(multipliers)(jnp.asarray(matrices))
+    np.testing.assert_allclose(sort(found), sort(multipliers(matrices)), rtol=1e-10)  # measured: 2e-15
+
+
+class Duffing(eqx.Module):
+    """x'' + damping x' + x + x^3 = 2 cos(1.5 t) through one of several segments of the forcing period."""
+
+    damping: jax.Array
+    segments: int = eqx.field(static=True)
+
+    def __call__(self, state, k):
+        start, part = k * 2 * jnp.pi / 1.5 / self.segments, 2 * jnp.pi / 1.5 / self.segments
+        field = lambda s, t: jnp.stack(
+            [s[1], 2 * jnp.cos(1.5 * (start + t)) - self.damping * s[1] - s[0] - s[0] ** 3]
+        )
+        return rk4(field, state, part, 640 // self.segments)
+
+
+@pytest.mark.parametrize("damping", [0.5, 3.0])
+def test_duffings_multipliers_from_any_number_of_segments(damping):
+    state, period = jnp.zeros(2), eqx.filter_jit(Duffing(jnp.asarray(damping), 1))
+    for _ in range(30):
+        state = period(state, 0.0)
+    found = {}
+    for segments in (1, 2, 5, 16):
+        orbit = shoot(Duffing(jnp.asarray(damping), segments), state, intervals=segments, tolerance=1e-12)
+        assert float(orbit.residual) < 1e-12
+        found[segments] = sort(multipliers(np.asarray(orbit.matrices)))
+    for segments in (1, 2, 5):
+        np.testing.assert_allclose(found[segments], found[16], rtol=1e-10)  # measured: 1e-12
+    # Liouville: their product is that of the divergence; measured: 6e-9, of the integration
+    np.testing.assert_allclose(np.prod(found[16]), np.exp(-damping * 2 * np.pi / 1.5), rtol=1e-7)
+
+
+def numbers(**values):
+    return {name: jnp.asarray(value) for name, value in values.items()}
+
+
+@pytest.mark.parametrize(("gap", "guess"), [(0.0, (-0.90, 1.07, 1.2, -1.2)), (0.3, (-0.80, 1.02, 1.4, -1.3))])
+def test_a_bilinear_oscillators_orbit_and_multipliers(gap, guess):
+    """x'' + 0.1 x' + x + 3 max(x - gap, 0) = cos(0.9 t): the orbit from the instants and speeds at the kink."""
+    system = Stopped(**numbers(damping=0.05, frequency=0.9, force=1.0, gap=gap, stop=3.0))
+    period = 2 * np.pi / 0.9
+    (free, slow), (touching, fast) = (linear(1.0 + k, 0.05, k * gap, 1.0, 0.9) for k in (0.0, 3.0))
+
+    def misses(unknowns):
+        up, down, rising, falling = unknowns
+        at_down = touching(np.array([gap, rising]), up, down - up)
+        at_up = free(np.array([gap, falling]), down, up + period - down)
+        return np.concatenate([at_down - [gap, falling], at_up - [gap, rising]])
+
+    solution = root(misses, guess, tol=1e-14)
+    up, down, rising, _ = solution.x
+    assert np.abs(solution.fun).max() < 1e-12
+    assert up < 0 < down
+    found = shoot(system, jnp.array([0.9, 0.2]), tolerance=1e-12)
+    # measured: 2e-14 for both
+    np.testing.assert_allclose(found.state, touching(np.array([gap, rising]), up, -up), rtol=0, atol=1e-11)
+    exact = np.linalg.eigvals(expm((up + period - down) * slow) @ expm((down - up) * fast))
+    np.testing.assert_allclose(sort(multipliers(np.asarray(found.matrices))), sort(exact), rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize(("frequency", "gap"), [(2.8, 0.05), (2.0, 0.0)])
+def test_an_impact_oscillators_orbit_and_multipliers(frequency, gap):
+    """The motion with one impact in a period in closed form (Shaw and Holmes 1983, doi:10.1016/0022-460X(83)90407-8).
+
+    At the impact s = (gap, v) becomes (gap, -r v), and after the period T it is s again: with the steady part of
+    amplitude a and the flow M of the free oscillator, steady = (gap, 0) + v q, q = (1 - M)^-1 ((0, 1) + r M (0, 1)).
+    """
+    damping, restitution = 0.05, 0.7
+    system = Stopped(
+        **numbers(damping=damping, frequency=frequency, force=1.0, gap=gap, restitution=restitution), passes=3
+    )
+    period = 2 * np.pi / frequency
+    flow, matrix = linear(1.0, damping, 0.0, 1.0, frequency)
+    through = expm(period * matrix)
+    q = np.linalg.solve(np.eye(2) - through, np.array([0.0, 1.0]) + restitution * through[:, 1])
+    gain = 1 / (1 - frequency**2 + 2j * damping * frequency)
+    v = np.roots([q[0] ** 2 + (q[1] / frequency) ** 2, 2 * gap * q[0], gap**2 - abs(gain) ** 2]).real.max()
+    steady = np.array([gap, 0.0]) + v * q
+    impact = (np.angle(steady[0] - 1j * steady[1] / frequency) - np.angle(gain)) / frequency % period
+    start = flow(np.array([gap, -restitution * v]), impact, period - impact)
+    found = shoot(system, jnp.asarray(start + 1e-3))
+    np.testing.assert_allclose(found.state, start, rtol=0, atol=1e-11)  # measured: 1e-14
+    assert int(system.followed(found.state)[1]) == 1
+    # a deviation is carried over an impact by the matrix of Aizerman and Gantmakher
+    force = lambda speed: np.cos(frequency * impact) - 2 * damping * speed - gap
+    jump = (restitution * force(v) + force(-restitution * v)) / v
+    exact = np.linalg.eigvals(through @ np.array([[-restitution, 0.0], [jump, -restitution]]))
+    # measured: 4e-14
+    np.testing.assert_allclose(sort(multipliers(np.asarray(found.matrices))), sort(exact), rtol=0, atol=1e-11)
