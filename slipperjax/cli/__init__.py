@@ -3,6 +3,7 @@
 import sys
 import warnings
 
+from . import branch as branch
 from .commands import app as app
 from .interrupts import Signals, ignore_signals, leave
 

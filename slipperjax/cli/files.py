@@ -31,11 +31,11 @@ class Outputs:
         if old:
             print(f"{listed(old)} will be replaced", file=sys.stderr)
 
-    def write(self, ds: Any, draw: Callable[[Any], Any]) -> None:
-        """Writes a dataset as OUT.nc and what `draw` makes of it as OUT.png."""
-        print(self._write(ds, draw, self.out))
+    def write(self, ds: Any, draw: Callable[[Any], Any], picture: Path | None = None) -> None:
+        """Writes a dataset as OUT.nc, and what `draw` makes of it as OUT.png or with the name `picture`."""
+        print(self._write(ds, draw, self.out, picture))
 
-    def _write(self, ds: Any, draw: Callable[[Any], Any], out: Path) -> str:
+    def _write(self, ds: Any, draw: Callable[[Any], Any], out: Path, beside: Path | None = None) -> str:
         import matplotlib
         import numpy as np
 
@@ -45,7 +45,11 @@ class Outputs:
         # made in memory: HDF5 loses the whole process where a disk is full
         data = lambda: ds.to_netcdf(engine="h5netcdf")
         picture = lambda: png(np.ravel(draw(ds))[0].figure, 300)
-        return said(write_each({Path(f"{out}.nc"): data, Path(f"{out}.png"): picture}))
+        return said(write_each({Path(f"{out}.nc"): data, Path(f"{beside or out}.png"): picture}))
+
+    def write_partial(self, ds: Any, draw: Callable[[Any], Any]) -> str:
+        """Writes what an interrupt left as OUT_partial.nc and .png, and says so."""
+        return self._write(ds, draw, self.out.with_name(self.out.name + PARTIAL))
 
     @contextmanager
     def keeping(self, draw: Callable[[Any], Any]) -> Iterator[None]:
@@ -58,6 +62,6 @@ class Outputs:
             if stop.dataset is None:
                 print("no case was finished: nothing is written", file=sys.stderr)
             else:
-                kept = self._write(stop.dataset, draw, self.out.with_name(self.out.name + PARTIAL))
+                kept = self.write_partial(stop.dataset, draw)
                 print(f"{stop.finished} of {stop.cases} cases were finished: {kept}", file=sys.stderr)
             raise

@@ -5,10 +5,10 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any, TypeVar
 
-from ..flow import ASKED
+from ..flow import ASKED, Interrupted
 
 Result = TypeVar("Result")
 
@@ -76,10 +76,24 @@ def leave(code: int) -> None:
     os._exit(code)
 
 
-def on_thread(call: Callable[[], Result]) -> Result:
-    """Calls on another thread, so that the main one answers signals while XLA compiles or computes."""
+def on_thread(call: Callable[[], Result], patience: float = 0.0) -> Result:
+    """Calls on another thread, so that the main one answers signals while XLA compiles or computes.
+
+    **Arguments:** `patience`: seconds to wait after a signal for a call that ends then by itself, with what it found.
+    """
     pool = ThreadPoolExecutor(1)
     try:
-        return pool.submit(call).result()
+        found = pool.submit(call)
+        try:
+            return found.result()
+        except Interrupted:
+            raise
+        except KeyboardInterrupt:
+            if patience and not wait([found], 0.5).done:
+                print(f"waiting at most {patience:g} s for what is being computed", file=sys.stderr)
+                wait([found], patience)
+            if patience and found.done():
+                return found.result()
+            raise
     finally:
         pool.shutdown(wait=False)

@@ -1,9 +1,14 @@
-"""Pictures: trajectories, bifurcation diagrams, Lyapunov exponents, regime maps, sections and animations."""
+"""Pictures: trajectories, bifurcation diagrams, branches, exponents, regime maps, sections and animations."""
 
 from .animations import animate as animate
 from .animations import instant as instant
 from .bifurcations import bifurcation as bifurcation
 from .bifurcations import bifurcations as bifurcations
+from .branches import branches as branches
+from .branches import check_brute as check_brute
+from .branches import check_quantity as check_quantity
+from .branches import multiplier_circle as multiplier_circle
+from .event_curves import event_curves as event_curves
 from .files import png as png
 from .regimes import exponents as exponents
 from .regimes import regime_map as regime_map

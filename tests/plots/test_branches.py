@@ -1,0 +1,380 @@
+"""Pictures of branches, multipliers and curves of events, from datasets made by hand."""
+
+import json
+
+import matplotlib
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.colors import to_hex
+
+from slipperjax import plots
+from slipperjax.plots.threads import Thread, crossing_threads, joined, scalar_threads, stable_parts
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+NAN = float("nan")
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    yield
+    plt.close("all")
+
+
+def branch(
+    values=(1e-3, 2e-3, 3e-3, 2e-3, 1e-3),
+    stable=(1, 1, 1, 0, 0),
+    labels=("", "", "LP", "", ""),
+    velocity=None,
+    time=None,
+    period=1,
+    multipliers=None,
+    over="clearance",
+):
+    """A branch over clearance that folds back at 3 mm; one crossing of velocity 10, 11, ..."""
+    points = len(values)
+    velocity = 10.0 + np.arange(points)[:, None] if velocity is None else np.array(velocity, float)
+    time = np.where(np.isfinite(velocity), 0.3, NAN) if time is None else np.array(time, float)
+    if multipliers is None:
+        multipliers = np.tile([0.5 + 0.5j, 0.5 - 0.5j, 0.1], (points, 1))
+    at = [k for k, label in enumerate(labels) if label]
+    critical = {"LP": 1.0, "BP": 1.0, "PD": -1.0, "NS": 0.6 + 0.8j}
+    found = np.array([critical.get(labels[k], NAN) for k in at], complex)
+    data = {name: (("point", "crossing"), velocity) for name in ("v_y", "v_z", "w_x", "w_y", "w_z")}
+    data |= {f"{name}_period": (("point", "crossing"), time) for name in list(data)}
+    data |= {
+        "stable": ("point", np.array(stable, bool)),
+        "label": ("point", np.array(labels)),
+        "multiplier_real": (("point", "multiplier"), np.real(multipliers)),
+        "multiplier_imag": (("point", "multiplier"), np.imag(multipliers)),
+        "touchdowns": (("point", "end", "contact"), np.ones((points, 2, 3), int)),
+        "slowest_touchdown": ("point", np.arange(points) + 0.5, {"units": "m/s"}),
+        "grazing_gap": ("point", np.arange(points) * 1e-3, {"units": "m"}),
+        "signature": ("point", np.array(["A1"] * points)),
+        "strobe": (("point", "period", "coordinate"), np.arange(points)[:, None, None] * np.full((1, 2), 1e-3)),
+        "event_label": ("event", np.array([labels[k] for k in at], str)),
+        "event_point": ("event", np.array(at, int)),
+        "event_multiplier_real": ("event", found.real),
+        "event_multiplier_imag": ("event", found.imag),
+    }
+    coords = {over: ("point", np.array(values)), "coordinate": ["y", "v_y"], "period": [1]}
+    attrs = {"varied": json.dumps([over]), "orbit_period": period, "length [m]": 0.2}
+    return xr.Dataset(data, coords, attrs)
+
+
+def simulated(over="clearance"):
+    values = np.array([[1.0, 2.0], [3.0, NAN], [4.0, 5.0]])
+    data = {name: ((over, "crossing"), values) for name in ("v_y", "v_z")}
+    data["strobe"] = ((over, "period", "coordinate"), np.arange(12.0).reshape(3, 2, 2) * 1e-3)
+    data |= {"status": (over, [0, 0, 1])}
+    coords = {over: [1e-3, 2e-3, 3e-3], "coordinate": ["y", "v_y"], "period": [1, 2]}
+    return xr.Dataset(data, coords, {"periods": 1})
+
+
+def lines(ax, style):
+    """The parts of lines of a style, points each."""
+    return [part for line in ax.lines if line.get_linestyle() == style for part in _parts(line.get_xydata())]
+
+
+def _parts(places):
+    there = np.isfinite(np.asarray(places)).all(axis=1)
+    cuts = np.flatnonzero(~there)
+    return [part[np.isfinite(part).all(axis=1)].tolist() for part in np.split(places, cuts) if len(part) > 1]
+
+
+def markers(ax, marker):
+    return [line.get_xydata().tolist() for line in ax.lines if line.get_marker() == marker and len(line.get_xdata())]
+
+
+def texts(ax):
+    return [text.get_text() for text in ax.texts]
+
+
+def legend(ax):
+    return [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+# lines through points
+
+
+def test_crossings_follow_one_another_whatever_their_order():
+    velocity = [[3.0, 9.0], [9.1, 3.1], [3.2, 9.2]]
+    time = [[0.1, 0.6], [0.61, 0.11], [0.12, 0.62]]
+    found = crossing_threads(np.array(velocity), np.array(time), 1)
+    assert found == [Thread(0, [3.0, 3.1, 3.2]), Thread(0, [9.0, 9.1, 9.2])]
+
+
+def test_a_crossing_that_passes_the_start_of_the_period_stays_the_same():
+    found = crossing_threads(np.array([[3.0, 9.0], [9.1, 3.1]]), np.array([[0.02, 1.0], [1.02, 1.98]]), 2)
+    assert found == [Thread(0, [3.0, 3.1]), Thread(0, [9.0, 9.1])]
+
+
+def test_lines_end_where_crossings_do():
+    velocity = np.array([[5.0, NAN], [5.1, 1.0], [5.2, 1.5], [1.7, NAN]])
+    time = np.array([[0.5, NAN], [0.5, 0.8], [0.51, 0.82], [0.83, NAN]])
+    found = crossing_threads(velocity, time, 1)
+    assert found == [Thread(0, [5.0, 5.1, 5.2]), Thread(1, [1.0, 1.5, 1.7])]
+
+
+@pytest.mark.parametrize(("velocity", "time"), [([[5.0], [5.1]], [[0.2], [0.4]]), ([[5.0], [0.5]], [[0.2], [0.2]])])
+def test_no_line_crosses_a_jump(velocity, time):
+    found = crossing_threads(np.array(velocity), np.array(time), 1)
+    assert [(one.first, len(one.values)) for one in found] == [(0, 1), (1, 1)]
+
+
+def test_no_crossing_at_all_is_no_line():
+    assert crossing_threads(np.full((3, 0), NAN), np.full((3, 0), NAN), 1) == []
+    assert crossing_threads(np.full((3, 2), NAN), np.full((3, 2), NAN), 1) == []
+
+
+def test_scalars_break_where_they_are_not_finite_or_told_to():
+    values = np.array([1.0, 2.0, np.inf, 4.0, 5.0, 6.0])
+    breaks = np.array([False, False, False, False, True])
+    assert scalar_threads(values, breaks) == [Thread(0, [1.0, 2.0]), Thread(3, [4.0, 5.0]), Thread(5, [6.0])]
+
+
+def test_events_take_the_stability_of_what_is_beside_them():
+    # 2 and 4 are events, whose own flags are rounding's
+    ds = branch(range(1, 7), stable=(1, 1, 0, 0, 1, 1), labels=("", "", "LP", "", "PD", "EP"))
+    assert stable_parts(ds).tolist() == [True, True, False, False, True]
+
+
+def test_parts_are_joined_with_gaps():
+    x, y = joined(np.arange(4.0), [Thread(0, [5.0, 6.0, 7.0, 8.0])], np.array([True, False, True]))
+    assert np.isnan(x).tolist() == np.isnan(y).tolist() == [False, False, True, False, False, True]
+    assert y[~np.isnan(y)].tolist() == [5.0, 6.0, 7.0, 8.0]
+
+
+# branches
+
+
+def test_a_branch_is_drawn_along_itself_with_its_unstable_part_dashed():
+    ax = plots.branches(branch())
+    np.testing.assert_allclose(lines(ax, "-"), [[[1, 10], [2, 11], [3, 12]]])
+    np.testing.assert_allclose(lines(ax, "--"), [[[3, 12], [2, 13], [1, 14]]])
+    np.testing.assert_allclose(markers(ax, "D"), [[[3, 12]]])
+    assert texts(ax) == ["LP"]
+    assert legend(ax) == ["stable", "unstable", "LP fold"]
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("clearance $C$ [mm]", "$V_Z$ [m/s]")
+    assert ax.figure.get_suptitle() == "$L$ = 0.2 m"
+
+
+def test_ends_are_not_marked_and_every_other_event_is_explained():
+    labels = ("EP", "LP", "BP", "PD", "NS", "GR", "MX")
+    ax = plots.branches(branch(range(1, 8), (1,) * 7, labels))
+    assert sorted(texts(ax)) == sorted(labels[1:])
+    meanings = ["LP fold", "BP branch point", "PD flip", "NS Neimark-Sacker", "GR grazing", "MX no convergence"]
+    assert legend(ax)[2:] == meanings
+
+
+def test_an_event_is_marked_at_each_crossing_and_labelled_once():
+    velocity = [[1.0, 8.0], [1.1, 8.1], [1.2, 8.2]]
+    time = [[0.1, 0.6]] * 3
+    ax = plots.branches(branch((1e-3, 2e-3, 3e-3), (1, 1, 1), ("", "PD", ""), velocity, time), "w_x")
+    np.testing.assert_allclose(markers(ax, "^"), [[[2, 1.1], [2, 8.1]]])
+    assert texts(ax) == ["PD"]
+
+
+def test_grazings_that_crowd_share_a_label():
+    values = np.linspace(1e-3, 3e-3, 101)
+    labels = np.array([""] * 101, "U2")
+    labels[[50, 51, 52, 90]] = "GR"
+    ax = plots.branches(branch(values, (1,) * 101, labels, np.full((101, 1), 3.0)))
+    assert texts(ax) == ["GR", "GR"]
+    assert len(markers(ax, "|")) == 4
+
+
+def test_labels_lie_inside_the_axes_and_apart():
+    values = np.linspace(1e-3, 3e-3, 60)
+    labels = np.array([""] * 60, "U2")
+    labels[[0, 2, 4, 6, 59]] = "LP", "PD", "NS", "BP", "LP"
+    ax = plots.branches(branch(values, (1,) * 60, labels))
+    ax.figure.canvas.draw()
+    boxes = [text.get_window_extent() for text in ax.texts]
+    assert len(boxes) >= 4
+    frame = ax.get_window_extent().padded(1)
+    assert all(frame.contains(*box.min) and frame.contains(*box.max) for box in boxes)
+    assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
+
+
+def test_periods_have_colours():
+    one, two = branch(), branch(period=2, velocity=np.full((5, 1), 4.0), labels=("", "PD", "", "", ""))
+    ax = plots.branches([one, two])
+    colours = {to_hex(line.get_color()) for line in ax.lines if line.get_linestyle() == "-"}
+    assert colours == {plots.COLORS["blue"], plots.COLORS["red"]}
+    assert legend(ax)[:4] == ["period 1", "period 2", "stable", "unstable"]
+
+
+def test_a_branch_lies_over_dots_of_simulations():
+    ax = plots.branches(branch(), "v_y", simulated())
+    dots = next(line for line in ax.lines if line.get_marker() == "." and len(line.get_xdata()))
+    np.testing.assert_allclose(dots.get_xydata(), [[1, 1], [1, 2], [2, 3]])
+    assert dots.get_zorder() < min(line.get_zorder() for line in ax.lines if line.get_linestyle() == "-")
+    assert legend(ax) == ["from simulation", "status not 0", "stable", "unstable", "LP fold"]
+
+
+def test_the_state_at_the_start_of_the_period_is_drawn_over_the_recorded_ones():
+    ax = plots.branches(branch(), "start_y", simulated())
+    np.testing.assert_allclose(lines(ax, "-"), [[[1, 0], [2, 1], [3, 2]]])
+    dots = next(line for line in ax.lines if line.get_marker() == ".")
+    np.testing.assert_allclose(dots.get_xydata()[:2], [[1, 2], [2, 6]])  # the last period, in mm
+    assert np.isnan(dots.get_ydata()[2])
+    assert ax.get_ylabel() == "start $y$ [mm]"
+
+
+@pytest.mark.parametrize(
+    ("name", "label", "highest"),
+    [("slowest_touchdown", "slowest touchdown [m/s]", 4.5), ("grazing_gap", "grazing gap [mm]", 4.0)],
+)
+def test_other_variables_of_points_are_drawn(name, label, highest):
+    ax = plots.branches(branch(), name)
+    assert ax.get_ylabel() == label
+    assert lines(ax, "--")[0][-1] == pytest.approx([1.0, highest])
+
+
+def test_the_slowest_touchdown_breaks_where_a_touchdown_comes():
+    ds = branch(stable=(1,) * 5)
+    ds["touchdowns"][3:] = 2
+    assert len(lines(plots.branches(ds, "slowest_touchdown"), "-")) == 2
+    ds["slowest_touchdown"][:] = np.inf  # no touchdown at all
+    assert lines(plots.branches(ds, "slowest_touchdown"), "-") == []
+
+
+def test_branches_of_few_points_are_drawn():
+    alone = branch((1e-3,), (1,), ("",))
+    (dot,) = [line for line in plots.branches(alone).lines if line.get_marker() == "."]
+    assert dot.get_xydata().tolist() == [[1, 10]]
+    none = branch(velocity=np.full((5, 1), NAN))
+    assert lines(plots.branches(none), "-") == []
+
+
+def test_pictures_go_into_given_axes():
+    ax = plt.subplots()[1]
+    assert plots.branches(branch(), ax=ax) is ax
+    assert ax.figure.get_suptitle() == ""
+    ax = plt.subplots()[1]
+    assert plots.multiplier_circle(branch(), ax) is ax
+
+
+@pytest.mark.parametrize(
+    ("draw", "words"),
+    [
+        (lambda: plots.branches("run"), "`ds` must be a dataset of continue_orbit, but is str"),
+        (lambda: plots.branches(simulated()), "with `stable`, but has"),
+        (lambda: plots.branches([]), "`ds` must be one branch or more, not 0"),
+        (lambda: plots.branches([branch(), branch(over="speed")]), "are over ..clearance., .speed"),
+        (lambda: plots.branches(branch(), "foo"), "`quantity` must have one value per point, .* but is 'foo'"),
+        (lambda: plots.branches(branch(), "signature"), "`quantity` must have one value per point"),
+        (lambda: plots.branches(branch(), "start_foo"), "`quantity` must have one value per point"),
+        (lambda: plots.branches(branch(), "v_z", simulated("speed")), "`brute` must be swept over clearance"),
+        (lambda: plots.branches(branch(), "w_x", simulated()), "`brute` must be .* with `w_x`"),
+        (lambda: plots.branches(branch(), "grazing_gap", simulated()), "`brute` must be None where"),
+        (lambda: plots.multiplier_circle([branch()] * 2), "`ds` must be one branch, not 2"),
+    ],
+)
+def test_what_cannot_be_drawn_is_named(draw, words):
+    with pytest.raises(ValueError, match=words):
+        draw()
+
+
+# multipliers
+
+
+def test_multipliers_are_coloured_by_the_parameter_and_critical_ones_marked():
+    ds = branch(labels=("", "LP", "GR", "NS", "LP"))
+    ax = plots.multiplier_circle(ds)
+    (dots,) = ax.collections
+    assert len(dots.get_offsets()) == 15
+    assert dots.get_clim() == pytest.approx((1.0, 3.0))
+    np.testing.assert_allclose(dots.get_array()[:4], [1, 1, 1, 2])
+    assert ax.patches[0].get_radius() == 1
+    assert markers(ax, "D") == [[[1, 0]]]  # both folds
+    np.testing.assert_allclose(markers(ax, "o"), [[[0.6, 0.8], [0.6, -0.8]]])
+    assert sorted(texts(ax)) == ["LP", "NS"]
+    bar = next(other for other in ax.figure.axes if other is not ax)
+    assert bar.get_ylabel() == "clearance $C$ [mm]"
+    assert legend(ax) == ["multiplier", "LP fold", "NS Neimark-Sacker"]
+
+
+def test_far_multipliers_are_drawn_in_their_direction():
+    multipliers = np.tile([-30.0 + 0j, 3j, 0.5], (5, 1))
+    ax = plots.multiplier_circle(branch(multipliers=multipliers))
+    near, far = ax.collections
+    assert len(near.get_offsets()) == 5
+    np.testing.assert_allclose(far.get_offsets()[:2], [[-2, 0], [0, 2]], atol=1e-12)
+    assert "beyond, up to 30" in legend(ax)
+    assert ax.get_xlim()[1] < 2.5
+
+
+# curves of events
+
+
+def curve(label="LP", outside=(0, 0, 0, 1, 1), varied=("speed", "clearance")):
+    coords = dict(zip(varied, (np.arange(1.0, 6), np.arange(1.0, 6) * 1e-3), strict=True))
+    data = {"outside": ("point", np.array(outside))}
+    return xr.Dataset(data, {n: ("point", v) for n, v in coords.items()}, {"label": label, "varied": list(varied)})
+
+
+def regimes(over=("clearance", "speed")):
+    grid = {"clearance": [1e-3, 2e-3], "speed": [1.0, 2.0, 3.0]}
+    shape = tuple(len(grid[name]) for name in over)
+    exponent = np.array([-0.2, 0.0, 0.3, 0.1, 0.2, -0.1]).reshape(*shape, 1)
+    data = {
+        "exponent": ((*over, "count"), exponent),
+        "stderr": ((*over, "count"), 0.01 + 0 * exponent),
+        "regime": (over, np.full(shape, "unresolved")),
+        "status": (over, np.zeros(shape, int)),
+    }
+    return xr.Dataset(data, {name: grid[name] for name in over})
+
+
+def test_curves_are_dashed_where_the_motion_is_unstable_anyway():
+    ds = curve().assign_attrs(varied=json.dumps(["speed", "clearance"]))  # as in files
+    ax = plots.event_curves([ds, curve("PD", (0,) * 5)])
+    np.testing.assert_allclose(lines(ax, "-")[0], [[1, 1], [2, 2], [3, 3]])
+    np.testing.assert_allclose(lines(ax, "--"), [[[3, 3], [4, 4], [5, 5]]])
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("clearance $C$ [mm]", "speed $V$ [m/s]")
+    assert legend(ax) == ["LP fold", "PD flip", "others outside, too"]
+    assert len({to_hex(line.get_color()) for line in ax.lines}) == 2
+
+
+def test_curves_lie_over_a_regime_map_with_its_axes_and_legend():
+    ax = plots.event_curves(curve("NS", (0,) * 5), regimes())
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("speed $V$ [m/s]", "clearance $C$ [mm]")
+    np.testing.assert_allclose(lines(ax, "-")[0][:2], [[1, 1], [2, 2]])
+    assert ax.axis() == pytest.approx((0.5, 3.5, 0.5, 2.5))
+    assert legend(ax) == ["NS Neimark-Sacker", "unresolved: estimates\ndisagree or are not sure"]
+
+
+@pytest.mark.parametrize(
+    ("draw", "words"),
+    [
+        (lambda: plots.event_curves([]), "must be one curve or more"),
+        (lambda: plots.event_curves(curve("XY")), "must have a label of LP, .* but has 'XY'"),
+        (lambda: plots.event_curves(branch()), "with `outside`"),
+        (lambda: plots.event_curves(curve().assign_attrs(varied=["speed"])), "a curve over two parameters"),
+        (lambda: plots.event_curves([curve(), curve(varied=("speed", "mass"))]), "but one is over"),
+        (
+            lambda: plots.event_curves(curve(varied=("speed", "mass")), regimes()),
+            "`regimes` must be swept over speed",
+        ),
+        (lambda: plots.event_curves(curve(), simulated()), "lyapunov_sweep, with `regime`"),
+    ],
+)
+def test_curves_that_cannot_be_drawn_are_named(draw, words):
+    with pytest.raises(ValueError, match=words):
+        draw()
+
+
+def test_no_legend_is_wider_than_its_axes():
+    labels = ("EP", "LP", "BP", "PD", "NS", "GR", "MX")
+    for ax in (
+        plots.branches(branch(range(1, 8), (1,) * 7, labels)),
+        plots.branches([branch(), branch(period=2)], "v_y", simulated()),
+        plots.multiplier_circle(branch(range(1, 8), (1,) * 7, labels)),
+        plots.event_curves(curve("NS"), regimes()),
+    ):
+        ax.figure.draw_without_rendering()
+        assert ax.get_legend().get_window_extent().width <= 1.001 * ax.get_window_extent().width
