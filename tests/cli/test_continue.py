@@ -11,6 +11,7 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
+from slipperjax import plots
 from slipperjax.cli import main
 from slipperjax.cli.branch import make_bounds
 from slipperjax.cli.interrupts import on_thread
@@ -153,35 +154,44 @@ def test_a_branch_is_followed_written_and_drawn(narrow, tmp_path, capsys):
     assert float(wider.points["speed"].max()) == pytest.approx(1255)
 
 
-def test_branches_of_flips_are_followed_over_a_diagram(flip, monkeypatch, tmp_path, capsys):
-    ds = xr.Dataset(
-        {"v_z": (("speed", "crossing"), [[2.2], [2.3]]), "status": ("speed", [0, 0])}, {"speed": [1.0, 2.0]}
-    )
-    ds.to_netcdf(tmp_path / "brute.nc")
+@pytest.mark.slow
+def test_the_branch_of_a_flip_is_followed(flip, tmp_path, capsys):
     file, out = tmp_path / "before.nc", tmp_path / "run"
     flip.to_netcdf(file)
-    drawn = []
-    draw = sj.plots.branches
-    monkeypatch.setattr(
-        "slipperjax.plots.branches", lambda ds, *more: drawn.append((len(ds), *more)) or draw(ds, *more)
-    )
-    # from a file that needs no more points: only what leaves it is computed
-    options = ["--switch", "PD", "--switch", "BP", "--points", 3, "--brute", tmp_path / "brute.nc"]
-    text, error = call(["--from", file, *options, "--out", out], capsys)
-    assert error == ""
-    assert f"wrote {out}.nc and {out}.png\nPD1 at 1095.9" in text
+    text, _ = call(["--from", file, "--switch", "PD", "--points", 3, "--out", out], capsys)
     assert "OrbitBranch of period 2 over speed" in text
-    assert f"{out}_PD1.nc" in text.splitlines()[-1]
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "before.nc",
-        "brute.nc",
-        "run.nc",
-        "run.png",
-        "run_PD1.nc",
-    ]
+    found = sj.load_branch(f"{out}_PD1.nc")
+    assert found.period == 2
+    assert np.all(found.points["stable"])
+
+
+def test_branches_of_flips_are_written_and_drawn_over_a_diagram(flip, monkeypatch, tmp_path, capsys):
+    asked, drawn = [], []
+
+    def switched(self, event, **options):
+        asked.append((event.label, options["points"]))
+        return OrbitBranch(flip.points.assign_attrs(orbit_period=2))
+
+    draw = plots.branches
+    monkeypatch.setattr(plots, "branches", lambda ds, *more: drawn.append((len(ds), *more)) or draw(ds, *more))
+    monkeypatch.setattr(OrbitBranch, "switched", switched)
+    values = {"v_y": (("speed", "crossing"), [[2.2], [2.3]]), "status": ("speed", [0, 0])}
+    brute = xr.Dataset(values, {"speed": [1090.0, 1110.0]})
+    brute.to_netcdf(tmp_path / "brute.nc")
+    flip.to_netcdf(tmp_path / "before.nc")
+    out = tmp_path / "run"
+    options = ["--switch", "PD", "--switch", "BP", "--points", 3, "--brute", tmp_path / "brute.nc"]
+    # from a file that needs no more points
+    text, error = call(["--from", tmp_path / "before.nc", *options, "--quantity", "v_y", "--out", out], capsys)
+    assert error == ""
+    assert asked == [("PD", 3)]
+    assert f"wrote {out}.nc and {out}.png\nPD1 at 1095.9" in text
+    assert text.endswith(f"wrote {out}_PD1.nc and replaced {out}.png\n")
+    found = sorted(path.name for path in tmp_path.iterdir())
+    assert found == ["before.nc", "brute.nc", "run.nc", "run.png", "run_PD1.nc"]
     assert sj.load_branch(f"{out}_PD1.nc").period == 2
-    assert [one[:2] for one in drawn] == [(1, "v_z"), (2, "v_z")]
-    xr.testing.assert_identical(drawn[0][2].load(), ds)
+    assert [one[:2] for one in drawn] == [(1, "v_y"), (2, "v_y")]
+    xr.testing.assert_identical(drawn[0][2].load(), brute)
 
 
 # with the room below replaced
