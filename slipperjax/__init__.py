@@ -61,6 +61,7 @@ from .solvers import TwoStep as TwoStep  # noqa: E402
 from .solvers import choose_solver as choose_solver  # noqa: E402
 from .sweeps import follow as follow  # noqa: E402
 from .sweeps import lyapunov_sweep as lyapunov_sweep  # noqa: E402
+from .sweeps import orbit_sweep as orbit_sweep  # noqa: E402
 from .sweeps import repeat as repeat  # noqa: E402
 from .sweeps import sweep as sweep  # noqa: E402
 from .tools import ImplausibleWarning as ImplausibleWarning  # noqa: E402

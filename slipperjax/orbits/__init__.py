@@ -12,6 +12,9 @@ from .critical import continue_event as continue_event
 from .critical import critical_orbit as critical_orbit
 from .exponents import check_count as check_count
 from .exponents import lyapunov_spectrum as lyapunov_spectrum
+from .motions import Settled as Settled
+from .motions import check_forcing as check_forcing
+from .periodic import TOLERANCE as TOLERANCE
 from .periodic import PeriodicOrbit as PeriodicOrbit
 from .periodic import periodic_orbit as periodic_orbit
 from .signature import Signature as Signature

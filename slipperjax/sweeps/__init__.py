@@ -14,6 +14,7 @@ from .follow import follow as follow
 from .jumps import Jump as Jump
 from .jumps import find_jump as find_jump
 from .limits import refuse_cases as refuse_cases
+from .orbits import orbit_sweep as orbit_sweep
 from .plan import Chunk as Chunk
 from .plan import OnProgress as OnProgress
 from .plan import Plan as Plan

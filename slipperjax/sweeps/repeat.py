@@ -10,9 +10,10 @@ from ..flow import dataset_of, load_base, load_call, simulate, varied_names
 from ..tools import brief
 from .exponents import lyapunov_sweep
 from .follow import follow
+from .orbits import orbit_sweep
 from .sweep import sweep
 
-FUNCTIONS = {"sweep": sweep, "follow": follow, "lyapunov_sweep": lyapunov_sweep}
+FUNCTIONS = {"sweep": sweep, "follow": follow, "lyapunov_sweep": lyapunov_sweep, "orbit_sweep": orbit_sweep}
 """Functions of many cases whose results can be computed again."""
 
 

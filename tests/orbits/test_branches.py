@@ -1,0 +1,165 @@
+"""Branches of orbits of slippers: events, signatures, files, switching, and critical orbits with their derivatives."""
+
+import jax
+import numpy as np
+import pytest
+
+import slipperjax as sj
+from slipperjax.flow import Status
+from slipperjax.orbits import continue_event, critical_orbit
+
+STEPS = 100
+SCENE = sj.paper_scene()
+
+
+@pytest.fixture(scope="module")
+def branch():
+    """From the nominal orbit down through two grazings and the flip."""
+    return sj.continue_orbit(SCENE, "speed", (1050.0, 1270.0), steps_per_period=STEPS)
+
+
+def test_points_are_orbits_of_their_scenes(branch):
+    ds = branch.points
+    assert float(ds["residual"].max()) < 1e-10
+    for k in (0, ds.sizes["point"] // 2):
+        orbit = branch.orbit(k)
+        found = sj.periodic_orbit(orbit.scene, start=orbit.state, steps_per_period=STEPS)
+        assert int(found.status) == Status.FINITE
+        for a, b in zip(jax.tree.leaves(found.state), jax.tree.leaves(orbit.state), strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-9)
+        # measured: 5e-11
+        np.testing.assert_allclose(
+            np.sort(np.abs(found.multipliers))[-4:], np.sort(np.abs(orbit.multipliers))[-4:], atol=1e-6
+        )
+        assert " ".join(orbit.signature.points) == str(ds["signature"][k].values)
+
+
+def test_the_flip_and_the_grazings_are_located(branch):
+    labels = [event.label for event in branch.events]
+    assert labels == ["EP", "GR", "GR", "PD", "EP"]
+    low, *grazings, flip, _ = branch.events
+    assert low.value == 1050.0
+    np.testing.assert_allclose(flip.multiplier, -1, atol=1e-8)
+    for event in branch.events:
+        assert event.converged
+        assert event.low <= event.value <= event.high
+        assert event.high - event.low < 1e-6
+    # at 200 and 400 steps 1095.9138 and 1095.9042 m/s; measured at 100: 1095.91
+    np.testing.assert_allclose(flip.value, 1095.91, rtol=2e-4)
+    stable = branch.points["stable"].values
+    beyond = branch.points["speed"].values > flip.value + 1e-6
+    assert stable[beyond].all()
+    assert not stable[~beyond & (branch.points["label"].values != "PD")].any()
+    # a touchdown comes with each, of zero speed, and its gap's extreme is zero
+    for event in grazings:
+        before, after = (branch.points.isel(point=event.point + k) for k in (-1, 1))
+        assert abs(int(after["touchdowns"].sum()) - int(before["touchdowns"].sum())) == 1
+        assert float(branch.points["grazing_gap"][event.point]) < 1e-10
+        assert "touches once" in event.note
+
+
+def test_grazings_are_those_of_fine_trajectories(branch):
+    event = branch.events_named("GR")[0]
+    point = event.note.split()[0]
+    place = [f"{name}{end}" for end in (1, 2) for name in SCENE.section.names].index(point)
+    gap = np.asarray(branch.orbit(event).trajectory(saves_per_period=STEPS).reactions.gap).reshape(STEPS + 1, -1)
+    # the least open gap of that point is where the parabola through its neighbours touches zero; measured: 2e-8 m
+    lows = [
+        k
+        for k in range(1, STEPS)
+        if gap[k, place] <= min(gap[k - 1, place], gap[k + 1, place]) and abs(gap[k, place]) < 1e-4
+    ]
+    low = lows[int(np.argmin(np.abs(gap[lows, place])))]
+    a, b, c = gap[low - 1 : low + 2, place]
+    assert abs(b - (a - c) ** 2 / (8 * (a + c - 2 * b))) < 1e-6
+
+
+def test_a_branch_goes_through_a_file_and_on(branch, tmp_path):
+    branch.to_netcdf(tmp_path / "branch.nc")
+    read = sj.load_branch(tmp_path / "branch.nc")
+    assert read.summary() == branch.summary()
+    assert "PD" in repr(read)
+    wider = read.extended((1045.0, 1270.0))
+    assert wider.points["speed"].values[0] == 1045.0
+    assert [event.label for event in wider.events] == ["EP", "GR", "GR", "PD", "EP"]
+    same = wider.points.isel(point=slice(-5, None))
+    np.testing.assert_allclose(same["state"], branch.points["state"][-5:], atol=1e-12)
+    scene = sj.load_scene(read.points.isel(point=3))
+    np.testing.assert_allclose(float(scene.speed), read.points["speed"][3])
+
+
+def test_a_branch_in_two_parts_is_the_same(branch):
+    part = sj.continue_orbit(SCENE, "speed", (1050.0, 1270.0), steps_per_period=STEPS, points=3)
+    assert part.points.attrs["ended"] == ["count", "count"]
+    whole = part.extended()
+    # measured: equal to the last bit
+    np.testing.assert_allclose(whole.points["speed"], branch.points["speed"], rtol=1e-12)
+    np.testing.assert_allclose(whole.points["state"], branch.points["state"], atol=1e-12)
+
+
+def test_the_flip_s_value_has_derivatives(branch):
+    flip = branch.events_named("PD")[0]
+    orbit = branch.orbit(flip)
+    exact = critical_orbit(SCENE, "speed", "PD", orbit)
+    np.testing.assert_allclose(float(exact.value), flip.value, rtol=1e-9)
+    assert float(exact.residual) < 1e-10
+    of_clearance = lambda c: critical_orbit(SCENE.replace(clearance=c), "speed", "PD", orbit).value
+    slope = jax.jacfwd(of_clearance)(1e-3)
+    difference = (of_clearance(1e-3 + 1e-8) - of_clearance(1e-3 - 1e-8)) / 2e-8
+    # measured: 1e-7 of it
+    np.testing.assert_allclose(slope, difference, rtol=1e-4)
+
+
+@pytest.mark.slow
+def test_the_doubled_branch_leaves_at_the_flip(branch):
+    flip = branch.events_named("PD")[0]
+    doubled = branch.switched(flip, points=8)
+    assert doubled.period == 2
+    orbit = doubled.orbit(0)
+    once = sj.period_map(orbit.scene, orbit.state, steps_per_period=STEPS)
+    twice = sj.period_map(orbit.scene, once, steps_per_period=STEPS)
+    assert abs(float(once.motion.v_y - orbit.state.motion.v_y)) > 1e-4
+    np.testing.assert_allclose(float(twice.motion.v_y), float(orbit.state.motion.v_y), atol=1e-9)
+    with pytest.raises(ValueError, match="must be a flip"):
+        branch.switched(branch.events_named("GR")[0])
+
+
+@pytest.mark.slow
+def test_curves_of_the_flip_and_of_a_grazing(branch):
+    flip, touch = branch.events_named("PD")[0], branch.events_named("GR")[0]
+    curve = continue_event(branch, flip, "clearance", (0.95e-3, 1.05e-3))
+    speeds, clearances = curve.points["speed"].values, curve.points["clearance"].values
+    assert curve.label == "PD"
+    assert {round(c, 9) for c in clearances[[0, -1]]} == {0.95e-3, 1.05e-3}
+    at = np.interp(1e-3, clearances, speeds) if clearances[0] < clearances[-1] else None
+    np.testing.assert_allclose(at, flip.value, rtol=1e-4)
+    again = sj.continue_orbit(
+        SCENE.replace(clearance=clearances[-1], speed=1150.0), "speed", (1050.0, 1200.0), steps_per_period=STEPS
+    )
+    # the accepted roughness of the multiplier is 1e-4, about 0.02 m/s
+    np.testing.assert_allclose(again.events_named("PD")[0].value, speeds[-1], rtol=1e-4)
+    grazing = continue_event(branch, touch, "clearance", (0.99e-3, 1.01e-3))
+    again = sj.continue_orbit(
+        SCENE.replace(clearance=grazing.points["clearance"].values[-1], speed=1150.0),
+        "speed",
+        (1040.0, 1200.0),
+        steps_per_period=STEPS,
+    )
+    nearest = min(abs(event.value - grazing.points["speed"].values[-1]) for event in again.events_named("GR"))
+    assert nearest < 1e-3  # measured: 1e-6 m/s
+
+
+def test_wrong_arguments_are_named():
+    for bounds, words in (
+        ((1300.0, 1200.0), "`bounds` must be two values of speed"),
+        ((1300.0, 1400.0), "`bounds` must hold the scene's speed, 1250 m/s, but is 1300 to 1400"),
+        ((-5.0, 1400.0), "`speed` must be positive"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            sj.continue_orbit(SCENE, "speed", bounds)
+    with pytest.raises(ValueError, match="`sped` is no parameter"):
+        sj.continue_orbit(SCENE, "sped", (1.0, 2.0))
+    with pytest.raises(ValueError, match="must be near a periodic orbit"):
+        sj.continue_orbit(SCENE.replace(speed=100.0), "speed", (90.0, 120.0), steps_per_period=20)
+    with pytest.raises(ValueError, match="must be a result of continue_orbit"):
+        sj.load_branch(sj.simulate(SCENE, 1).to_xarray())
