@@ -164,8 +164,8 @@ class GapExtreme(eqx.Module):
         # the step nearest to the time in which the slope changes its sign
         sign = jnp.where(self.greatest, -1.0, 1.0)
         place = jnp.arange(gap.shape[1] - 1)
-        turns = (sign * slope[:, :-1] < 0) & (sign * slope[:, 1:] >= 0) & (place < steps)
-        middle = jnp.arange(self.period)[:, None] + (place + 0.5) / steps
+        turns = (sign * slope[:, :-1] < 0) & (sign * slope[:, 1:] >= 0) & (place < steps)[None]
+        middle = jnp.arange(self.period)[:, None] + ((place + 0.5) / steps)[None]
         away = jnp.abs((middle - self.time + self.period / 2) % self.period - self.period / 2)
         k, n = jnp.unravel_index(jnp.argmin(jnp.where(turns, away, jnp.inf)), turns.shape)
         g0, g1, d0, d1 = gap[k, n], gap[k, n + 1], slope[k, n], slope[k, n + 1]

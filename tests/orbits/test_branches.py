@@ -1,4 +1,4 @@
-"""Branches of orbits of slippers: events, signatures, files, switching, and critical orbits with their derivatives."""
+"""Branches of orbits of slippers: events, files, switching, and critical orbits with their derivatives."""
 
 import jax
 import numpy as np
@@ -97,6 +97,7 @@ def test_a_branch_in_two_parts_is_the_same(branch):
     np.testing.assert_allclose(whole.points["state"], branch.points["state"], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_flip_s_value_has_derivatives(branch):
     flip = branch.events_named("PD")[0]
     orbit = branch.orbit(flip)
@@ -131,8 +132,8 @@ def test_curves_of_the_flip_and_of_a_grazing(branch):
     speeds, clearances = curve.points["speed"].values, curve.points["clearance"].values
     assert curve.label == "PD"
     assert {round(c, 9) for c in clearances[[0, -1]]} == {0.95e-3, 1.05e-3}
-    at = np.interp(1e-3, clearances, speeds) if clearances[0] < clearances[-1] else None
-    np.testing.assert_allclose(at, flip.value, rtol=1e-4)
+    order = np.argsort(clearances)
+    np.testing.assert_allclose(np.interp(1e-3, clearances[order], speeds[order]), flip.value, rtol=1e-4)
     again = sj.continue_orbit(
         SCENE.replace(clearance=clearances[-1], speed=1150.0), "speed", (1050.0, 1200.0), steps_per_period=STEPS
     )
