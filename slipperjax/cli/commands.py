@@ -98,7 +98,10 @@ def simulate(
 def orbit(
     case: Case,
     period: Annotated[int, typer.Option(help="Forcing periods after which the motion recurs.")] = 1,
-    transient: Annotated[int, typer.Option(help="Forcing periods simulated before Newton's method.")] = 60,
+    transient: Annotated[
+        int | None,
+        typer.Option(help="Forcing periods simulated before Newton's method; default 60, and 240 if need be."),
+    ] = None,
     steps_per_period: Steps = None,
     out: Out = Path("orbit"),
 ):

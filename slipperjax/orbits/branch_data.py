@@ -39,6 +39,10 @@ class BranchEvent(NamedTuple):
     """Its place among the branch's points."""
 
 
+BIFURCATIONS = ("LP", "PD", "NS", "BP")
+"""Events with a critical multiplier."""
+NEAR = 1e-6
+"""Distance from the unit circle within which a multiplier is critical there [1]."""
 FIELDS = {
     "value": "parameter's value at the event",
     "low": "lower bound of it",
@@ -66,6 +70,9 @@ def branch_dataset(branch: Branch, scene: Scene, name: str, states: State, call:
         return ("point", *dims), np.array(values), {"units": unit, "long_name": text}
 
     multipliers = np.array([node.multipliers for node in nodes])
+    # at a bifurcation rounding decides on which side the critical multiplier lies
+    critical = np.array([node.label in BIFURCATIONS for node in nodes])
+    outside = np.sum(np.abs(multipliers) > 1 + NEAR * critical[:, None], axis=1)
     data = {
         "state": of_points(z[:, :-1], "all numbers of the state, as in slipperjax.State", dims=("number",)),
         "tangent": of_points(
@@ -73,8 +80,8 @@ def branch_dataset(branch: Branch, scene: Scene, name: str, states: State, call:
         ),
         "multiplier_real": of_points(multipliers.real, "Floquet multipliers, real parts", dims=("multiplier",)),
         "multiplier_imag": of_points(multipliers.imag, "Floquet multipliers, imaginary parts", dims=("multiplier",)),
-        "outside": of_points([node.outside for node in nodes], "multipliers outside the unit circle"),
-        "stable": of_points(branch.stable, "whether all multipliers lie inside the unit circle"),
+        "outside": of_points(outside, "multipliers outside the unit circle, without critical ones"),
+        "stable": of_points((outside == 0) & ~critical, "whether all multipliers lie inside the unit circle"),
         "residual": of_points([node.spot.residual for node in nodes], "scaled residual"),
         "iterations": of_points([node.spot.iterations for node in nodes], "iterations of Newton's method"),
         "label": of_points(_texts(node.label for node in nodes), _MEANINGS),

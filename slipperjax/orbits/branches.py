@@ -46,6 +46,10 @@ from .signature import Gaps, Views, grazing, signature
 PACE = Pace(first=0.02, least=1e-6, most=0.3)
 """Steps along a branch: 1 is the whole range of the parameter, or 1 mm, 10 mrad, 1 m/s, 10 rad/s of the state."""
 
+FINER = 4
+"""Default steps per period over those of a simulation: multipliers jump a little where a touchdown passes from one
+step to the next. With 50 steps there were four folds at 2235 m/s; with 100 and more there is one."""
+
 
 @dataclasses.dataclass(frozen=True)
 class OrbitBranch:
@@ -333,7 +337,8 @@ def continue_orbit(
     - `scene`: with the parameter's value at which the branch begins. `name`: of the parameter, or its path; `bounds`:
         of its values [SI unit].
     - `start`, `period`: as for `periodic_orbit`, or an orbit that it found.
-    - `steps_per_period`: default that of the more demanding bound; `solver`: as for `simulate`, steps being constant.
+    - `steps_per_period`: default `FINER` times that of the more demanding bound; `solver`: as for `simulate`, steps
+        being constant.
     - `tolerance`: scaled residual of the orbits [1]. `points`: most points of each way. `progress`: shows a bar.
 
     **Returns:** an `OrbitBranch`.
@@ -354,7 +359,7 @@ def continue_orbit(
         )
     solver = resolve_solver(scene, solver)
     if steps_per_period is None:
-        steps = max(default_steps(known.replaced(scene, v), None) for v in (*bounds, value))
+        steps = FINER * max(default_steps(known.replaced(scene, v), None) for v in (*bounds, value))
     else:
         steps = whole("steps_per_period", steps_per_period, 1)
     if not isinstance(start, PeriodicOrbit):
