@@ -183,15 +183,13 @@ def _beneath(brute: Path | None, quantity: str, name: Any) -> Any:
 
 def _begun(case: Case, known: Any, bounds: tuple[float, float], period: int, how: dict, options: dict) -> Any:
     """The branch of the motion on which the case settles."""
-    from ..flow import Status, default_steps
-    from ..orbits import continue_orbit, periodic_orbit
+    from ..flow import Status
+    from ..orbits import continue_orbit, periodic_orbit, steps_of_branch
     from ..tools import whole
 
     whole("points", options["points"], 1)
-    steps = how["steps_per_period"]
-    if steps is None:  # the first orbit has the steps of the branch, and shares its programs
-        at = [known.replaced(case.scene, value) for value in bounds]
-        steps = max(default_steps(scene, None) for scene in (case.scene, *at))
+    # the first orbit has the steps of the branch, and shares its programs
+    steps = steps_of_branch(case.scene, known, bounds, how["steps_per_period"])
     first = periodic_orbit(
         case.scene, period, start=case.start, solver=case.solver, transient=how["transient"], steps_per_period=steps
     )

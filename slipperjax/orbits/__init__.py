@@ -5,6 +5,7 @@ from .branches import InterruptedBranch as InterruptedBranch
 from .branches import OrbitBranch as OrbitBranch
 from .branches import continue_orbit as continue_orbit
 from .branches import load_branch as load_branch
+from .branches import steps_of_branch as steps_of_branch
 from .critical import CriticalOrbit as CriticalOrbit
 from .critical import InterruptedCurve as InterruptedCurve
 from .critical import OrbitCurve as OrbitCurve

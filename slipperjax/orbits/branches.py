@@ -313,6 +313,14 @@ def bounds_of(known: Parameter, bounds: Any) -> tuple[float, float]:
     return low, high
 
 
+def steps_of_branch(scene: Scene, known: Parameter, bounds: tuple[float, float], steps: int | None) -> int:
+    """Integration steps per forcing period of a branch, as given or by default, see `continue_orbit`."""
+    if steps is not None:
+        return whole("steps_per_period", steps, 1)
+    at = (scene, *(known.replaced(scene, value) for value in bounds))
+    return FINER * max(default_steps(one, None) for one in at)
+
+
 def continue_orbit(
     scene: Scene,
     name: str,
@@ -358,10 +366,7 @@ def continue_orbit(
             f"{shown_number(bounds[0])} to {shown_number(bounds[1])}."
         )
     solver = resolve_solver(scene, solver)
-    if steps_per_period is None:
-        steps = FINER * max(default_steps(known.replaced(scene, v), None) for v in (*bounds, value))
-    else:
-        steps = whole("steps_per_period", steps_per_period, 1)
+    steps = steps_of_branch(scene, known, bounds, steps_per_period)
     if not isinstance(start, PeriodicOrbit):
         start = periodic_orbit(scene, period, start=start, steps_per_period=steps, solver=solver, tolerance=tolerance)
         if int(start.status):

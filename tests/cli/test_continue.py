@@ -11,6 +11,7 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
+from slipperjax.orbits.branches import FINER
 from slipperjax import plots
 from slipperjax.cli import main
 from slipperjax.cli.branch import make_bounds
@@ -222,7 +223,7 @@ def test_options_reach_the_branch(narrow, monkeypatch, tmp_path, capsys):
     assert bounds == pytest.approx((0.5e-3, 2e-3))
     # the more demanding bound's, for both
     most = max(sj.default_steps_per_period(sj.paper_scene(1240.0, c)) for c in (0.5e-3, 1e-3, 2e-3))
-    assert how["steps_per_period"] == more["steps_per_period"] == most
+    assert how["steps_per_period"] == more["steps_per_period"] == FINER * most
     assert (tmp_path / "run.nc").exists()
 
 
