@@ -11,7 +11,6 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.orbits.branches import FINER
 from slipperjax import plots
 from slipperjax.cli import main
 from slipperjax.cli.branch import make_bounds
@@ -19,6 +18,7 @@ from slipperjax.cli.interrupts import on_thread
 from slipperjax.flow import ASKED, Status
 from slipperjax.model import PARAMETERS
 from slipperjax.orbits import InterruptedBranch, OrbitBranch
+from slipperjax.orbits.branches import FINER
 
 QUICK = ["--steps-per-period", "100"]
 
