@@ -58,8 +58,8 @@ def test_speeds_are_explained():
     )
     assert "orbits of period 2: stable from 970.0 m/s (flip, PD) to 1080.0 m/s" in found["N4 period-3"]
     assert "points are 0.5 m/s apart in V_Y" in found["N4 period-3"]
-    assert found["N5"].endswith("with two points: 1000.0 m/s to 1080.0 m/s")
-    assert found["N6"] == "stable orbits without a crossing: 1650.0 m/s to 2000.0 m/s"
+    assert found["N5"].endswith("with two points: from 1000.0 m/s to 1080.0 m/s")
+    assert found["N6"] == "stable orbits without a crossing: from 1600.0..1700.0 m/s to 2000.0 m/s"
 
 
 def test_a_branch_that_ends_before_the_jump_is_said_to():
@@ -76,7 +76,7 @@ def test_clearances_are_explained():
     first = both["branch"]
     found = branches.over_clearance({"branch": first})
     assert found["N10 brief"] == "no event on the branch of period 1 from 1.575 mm to 1.775 mm"
-    assert found["N10 pitch"] == "stable orbits with two crossings: 0.700 mm to 1.500 mm"
+    assert found["N10 pitch"] == "stable orbits with two crossings: from 0.600..0.800 mm to 1.000..2.000 mm"
     assert found["N11"] == "orbits of period 1: stable from 0.100 mm (bound) to 3.200 mm (Neimark-Sacker, NS)"
     assert "N9 wide" not in found
     found = branches.over_clearance(both)
@@ -95,7 +95,7 @@ def test_lengths_are_explained():
     ds = made.branch("length", [0.1, 0.15, 0.2, 0.3, 0.5], [0, 1, 1, 1, 1], [("NS", 0), ("EP", 4)], sections=pitch)
     found = branches.over_length({"branch": ds})
     assert found["N12 chaos"].endswith("stable from 0.1000 m (Neimark-Sacker, NS) to 0.5000 m (bound)")
-    assert found["N13"] == "stable orbits with two crossings: 0.1750 m to 0.2500 m"
+    assert found["N13"] == "stable orbits with two crossings: from 0.1500..0.2000 m to 0.2000..0.3000 m"
 
 
 def test_evidence_is_added_and_changes_no_verdict():

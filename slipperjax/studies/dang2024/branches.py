@@ -201,17 +201,19 @@ def part_text(name: str, part: Part | None) -> str:
 def crossed(branch: OrbitBranch, name: str, part: Part, section: str, times: int) -> str:
     """Where the stable orbits cross a section so many times in their period, in words.
 
-    The number changes between two orbits of the branch, which are a few per cent apart; the place is put midway.
+    The number changes somewhere between two neighbouring orbits of the branch, which are both named.
     """
     ds = branch.points.isel(point=part.points)
     hits = np.isfinite(ds[section].transpose("point", "crossing").values).sum(axis=1) == times
-    values = ds[name].values
-    middle = lambda a, b: float(values[a] if a == b else (values[a] + values[b]) / 2)
+    values, last = ds[name].values, len(hits) - 1
     edges = np.flatnonzero(np.diff(np.concatenate([[False], hits, [False]]).astype(int)))
-    last = len(values) - 1
+
+    def between(a: int, b: int) -> str:
+        first, second = (place(name, values[min(max(k, 0), last)]) for k in (a, b))
+        return first if first == second else f"{first.partition(' ')[0]}..{second}"
+
     ranges = [
-        f"{place(name, middle(max(a - 1, 0), a))} to {place(name, middle(b - 1, min(b, last)))}"
-        for a, b in zip(edges[::2], edges[1::2], strict=True)
+        f"from {between(a - 1, a)} to {between(b - 1, b)}" for a, b in zip(edges[::2], edges[1::2], strict=True)
     ]
     return " and ".join(ranges) or "nowhere"
 
@@ -225,8 +227,7 @@ def over_speed(branches: Branches) -> dict[str, str]:
         return found
     if part.high.value > JUMP:
         found["N4 jump"] = (
-            "the branch does not end there, only the set of starts that lead to it: it is "
-            f"{part_text(name, part)}"
+            f"the branch does not end there, only the set of starts that lead to it: it is {part_text(name, part)}"
         )
     else:
         found["N4 jump"] = f"the branch is {part_text(name, part)}"
