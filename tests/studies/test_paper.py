@@ -123,7 +123,7 @@ def test_each_figure_is_made_by_one_run_of_what_it_needs(monkeypatch):
     assert {key.split()[0] for key in answers} == {f"N{k}" for k in (1, 2, 3, 4, 5, 6, 7, 9, 10, 11, 14, 15)}
     assert "followed upwards: search ended at 2500 m/s (not finite" in answers["N4 jump"].why
     assert "; the branch does not end there, only the set of starts that lead to it" in answers["N4 jump"].why
-    assert answers["N9 wide"].why.count("; settled within 500 forcing periods on another branch") == 1
+    assert answers["N9 wide"].why.count("; settled within 500 forcing periods on orbits of period 1") == 1
     assert answers["N11"].why.startswith("by recurrence")
     assert "(Neimark-Sacker, NS)" in answers["N11"].why
     diagrams = {"speed", "speed_followed", "clearance"}

@@ -27,12 +27,13 @@ JUMP = 1810.0
 """Speed [m/s] at which the paper sees the motion leave the branch."""
 BRIEF, BESIDE = 1.675e-3, 0.1e-3
 """Clearance of the paper's brief bifurcation, and how far from it events are looked for [m]."""
-WIDE = 4e-3
-"""Clearance [m] of the paper's Fig. 7 at which it sees no periodic motion."""
+OBSERVED = {"observed": 4e-3, "beyond": 3.8e-3}
+"""Clearances [m] at which the motion from Table 2's start is followed as well: that of the paper's Fig. 7, at which
+it sees no periodic motion, and one beyond the end of the stable orbits from 1 mm."""
 SIMULATED = 100
 """Steps per forcing period of that motion, as in the study's diagrams."""
 PATIENCE, BLOCK = 4, 500
-"""Most blocks of forcing periods in which the motion at `WIDE` may come to rest on an orbit."""
+"""Most blocks of forcing periods in which a motion at `OBSERVED` may come to rest on an orbit."""
 LONGEST = 4
 """Longest period that is tried there [forcing periods]."""
 CLOSE = 1e-2
@@ -81,8 +82,8 @@ def follow_branches(
 ) -> Branches:
     """The branches over one parameter. Their datasets are added to `data` as soon as each is finished.
 
-    **Arguments:** `flips`: how often the branch is left for one of twice the period; `observed`: whether the motion
-    at `WIDE` is followed as well, which takes a minute; `options`: `progress`.
+    **Arguments:** `flips`: how often the branch is left for one of twice the period; `observed`: whether the motions
+    at `OBSERVED` are followed as well, which takes a minute; `options`: `progress`.
     """
     how = dict(progress=bool(options.get("progress", False)))
     found: Branches = {}
@@ -104,14 +105,14 @@ def follow_branches(
         except ValueError:  # no orbit of twice the period was found beside the flip
             break
         keep(f"period_{branch.period}", branch)
-    if observed and name == "clearance":
-        seen = observed_orbit(paper_scene(clearance=WIDE))
+    for kind, value in OBSERVED.items() if observed and name == "clearance" else ():
+        seen = observed_orbit(paper_scene(clearance=value))
         if seen is not None:
             scene, period, start = seen.orbit.scene, seen.orbit.period, seen.orbit.state
-            options = dict(start=start, period=period, steps_per_period=STEPS)
-            branch = continue_orbit(scene, name, BOUNDS[name], **options, **how)
+            given = dict(start=start, period=period, steps_per_period=STEPS)
+            branch = continue_orbit(scene, name, BOUNDS[name], **given, **how)
             branch.points.attrs["settled_within"] = seen.waited
-            keep("observed", branch)
+            keep(kind, branch)
     return found
 
 
@@ -272,25 +273,29 @@ def over_clearance(branches: Branches) -> dict[str, str]:
         reach = f"{place(name, BRIEF - BESIDE)} to {place(name, BRIEF + BESIDE)}"
         found["N10 brief"] = f"no event on the branch of period 1 from {reach}"
     found["N10 pitch"] = f"stable orbits with two crossings: {crossed(branch, name, part, 'w_y', 2)}"
-    if "observed" in branches:
-        other = branches["observed"]
-        stable = stable_part(other, name, WIDE)
-        text = f"another branch, of period {other.period}, {part_text(name, stable)}"
-        found["N11"] += f"; coexisting with unstable ones from there on: {text}"
-        signature = str(other.points["signature"].values[_nearest(other, name, WIDE)])
-        waited = other.points.attrs.get("settled_within")
-        found["N9 wide"] = (
-            f"settled within {waited} forcing periods on {text}; its touchdowns: {signature}; the orbit of the "
-            f"branch from 1 mm is {'stable' if part.high.value > WIDE else 'unstable'} there"
-        )
+    others = {kind: value for kind, value in OBSERVED.items() if kind in branches}
+    for kind, value in others.items():
+        text = _other(branches[kind], name, value)
+        found["N11"] += f"; at {place(name, value)} from Table 2's start: {text}"
+        if kind == "observed":
+            first = "stable" if part.high.value > value else "unstable"
+            found["N9 wide"] = f"{text}; the orbit of the branch from 1 mm is {first} there"
+    if "beyond" in others and "N9 wide" in found:
+        other = branches["beyond"]
+        text = part_text(name, stable_part(other, name, OBSERVED["beyond"]))
+        found["N9 wide"] += f"; orbits of period {other.period}, met at {place(name, OBSERVED['beyond'])}: {text}"
     return found
 
 
-def _nearest(branch: OrbitBranch, name: str, at: float) -> int:
-    """Place of the stable orbit nearest to a value of the parameter among the branch's points."""
+def _other(branch: OrbitBranch, name: str, at: float) -> str:
+    """A branch on which a motion settles at a value of the parameter, in words."""
     ds = branch.points
     away = np.where(ds["stable"].values.astype(bool), np.abs(ds[name].values - at), np.inf)
-    return int(np.argmin(away))
+    waited, signature = ds.attrs["settled_within"], ds["signature"].values[np.argmin(away)]
+    return (
+        f"settled within {waited} forcing periods on orbits of period {branch.period}, "
+        f"{part_text(name, stable_part(branch, name, at))}, touchdowns {signature}"
+    )
 
 
 def over_length(branches: Branches) -> dict[str, str]:
