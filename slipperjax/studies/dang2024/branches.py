@@ -12,7 +12,7 @@ import numpy as np
 
 from ...analysis import MEANINGS
 from ...flow import Status, coordinates, simulate
-from ...model import COORDINATE_SCALES, Scene, paper_scene
+from ...model import COORDINATE_SCALES, COORDINATES, Scene, paper_scene
 from ...orbits import BranchEvent, OrbitBranch, PeriodicOrbit, continue_orbit, periodic_orbit
 
 STEPS = 200
@@ -68,7 +68,11 @@ def observed_orbit(scene: Scene) -> Observed | None:
     run = None
     for block in range(1, PATIENCE + 1):
         run = simulate(scene, BLOCK, start=run, steps_per_period=SIMULATED, saves_per_period=1, loads=False)
+        ds = run.to_xarray()
+        passed = np.stack([ds[name].values for name in COORDINATES], axis=-1) / COORDINATE_SCALES
         for period in range(1, LONGEST + 1):
+            if np.max(np.abs(passed[-1] - passed[-1 - period])) > CLOSE:
+                continue  # Newton's method is costly where the motion does not recur
             orbit = periodic_orbit(scene, period, start=run, steps_per_period=SIMULATED)
             # Newton's method may find an orbit elsewhere, on which the motion never comes to rest
             away = np.abs(coordinates(orbit.state) - coordinates(run.end)) / COORDINATE_SCALES
