@@ -283,21 +283,25 @@ class Bar:
     """A progress bar of points; Ctrl-C of a command is heard at each."""
 
     def __init__(self, shown: bool, text: str, known: Parameter):
-        from tqdm.auto import tqdm
+        self.known, self.bar = known, None
+        if shown:  # in a notebook without widgets the import alone gives a warning
+            from tqdm.auto import tqdm
 
-        self.known = known
-        self.bar = tqdm(desc=text, unit=" points", disable=not shown)
+            self.bar = tqdm(desc=text, unit=" points")
 
     def __enter__(self):
         return self
 
     def __exit__(self, *_: Any) -> None:
-        self.bar.close()
+        if self.bar is not None:
+            self.bar.close()
 
     def show(self, value: Any) -> None:
         """One more point, with this value of the parameter [SI unit]."""
         if ASKED.is_set():
             raise KeyboardInterrupt
+        if self.bar is None:
+            return
         self.bar.set_postfix_str(f"{self.known.shown(float(value)):.6g} {self.known.display_unit}", refresh=False)
         self.bar.update()
 

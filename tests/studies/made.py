@@ -1,8 +1,11 @@
 """Made datasets with known answers: what sweeps would give if the paper's claims held."""
 
+import json
+
 import numpy as np
 import xarray as xr
 
+from slipperjax.orbits import OrbitBranch
 from slipperjax.studies.dang2024.verdicts import DUAL_LINES, F1, F2
 from slipperjax.sweeps import attractors
 
@@ -155,3 +158,61 @@ def two_waves():
 
 
 UNITS = {"a_z": "m/s^2", "alpha_x": "rad/s^2", "alpha_y": "rad/s^2"}
+
+
+def branch(name, values, stable, events=(), *, period=1, sections=None):
+    """A branch of orbits over one parameter, as `continue_orbit` gives it, as far as the study looks at it.
+
+    **Arguments:** `values`, `stable`: of the parameter and the orbits, in the order of the branch; `events`: label
+    and point of each; `sections`: numbers of crossings by section, 1 where not given.
+    """
+    values = np.asarray(values, float)
+    labels = np.full(len(values), "", dtype="<U2")
+    for label, point in events:
+        labels[point] = label
+    points = np.array([point for _, point in events], int)
+    columns = {
+        "value": values[points],
+        "low": values[points],
+        "high": values[points],
+        "converged": np.ones(len(points), bool),
+        "note": np.full(len(points), ""),
+        "point": points,
+        "label": np.array([label for label, _ in events], dtype="<U2"),
+        "multiplier_real": np.full(len(points), np.nan),
+        "multiplier_imag": np.full(len(points), np.nan),
+    }
+    data = {f"event_{key}": ("event", column) for key, column in columns.items()}
+    data |= {"stable": ("point", np.asarray(stable, bool)), "label": ("point", labels)}
+    data["signature"] = ("point", np.full(len(values), "A1 B2"))
+    for section in SECTIONS:
+        count = np.broadcast_to((sections or {}).get(section, 1), values.shape)
+        crossing = np.arange(3)
+        there = crossing < count[:, None]
+        data[section] = (("point", "crossing"), np.where(there, 1.0 + 0.5 * crossing, np.nan))
+        data[f"{section}_period"] = (("point", "crossing"), np.where(there, 0.2 + 0.3 * crossing, np.nan))
+    attrs = {"orbit_period": period, "varied": json.dumps([name])}
+    return OrbitBranch(xr.Dataset(data, {name: ("point", values)}, attrs))
+
+
+def speed_branches():
+    """A branch over speed that is stable between a flip and a fold, and the orbits of twice the period."""
+    speeds = [900.0, 1000.0, 1100.0, 1200.0, 1600.0, 1700.0, 2000.0, 2200.0, 2100.0]
+    events = [("EP", 0), ("PD", 2), ("LP", 7)]
+    crossings = {"w_x": [1, 1, 1, 1, 1, 0, 0, 0, 0]}
+    first = branch("speed", speeds, [0, 0, 1, 1, 1, 1, 1, 0, 0], events, sections=crossings)
+    below = [1080.0, 1040.0, 1000.0, 970.0, 900.0]
+    events = [("GR", 1), ("PD", 3), ("EP", 4)]
+    twice = branch("speed", below, [1, 1, 1, 1, 0], events, period=2, sections={"v_y": 2, "v_z": 2})
+    return {"branch": first, "period_2": twice}
+
+
+def clearance_branches():
+    """A branch over clearance that ends at a Neimark-Sacker, and another one beyond it."""
+    c = [0.1e-3, 0.6e-3, 0.8e-3, 1e-3, 2e-3, 3.2e-3, 5e-3]
+    pitch = {"w_y": [1, 1, 2, 2, 1, 1, 1]}
+    events = [("EP", 0), ("NS", 5), ("EP", 6)]
+    first = branch("clearance", c, [1, 1, 1, 1, 1, 0, 0], events, sections=pitch)
+    other = branch("clearance", [3.1e-3, 3.5e-3, 4e-3, 4.5e-3, 5e-3], [0, 1, 1, 0, 0], [("PD", 0), ("NS", 3)])
+    other.points.attrs["settled_within"] = 500
+    return {"branch": first, "observed": other}

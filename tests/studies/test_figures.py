@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from slipperjax.plots import COLORS
 from slipperjax.studies.dang2024 import figures, verdicts, write_figures
 from slipperjax.studies.dang2024.runs import Finished, Outcome
 
@@ -106,8 +107,29 @@ def test_basins_leave_flagged_starts_white(drawn):
 def test_diagrams_and_exponents_are_over_their_parameter(drawn):
     ds = made.clearances_as_claimed()
     assert len(drawn("8", {"clearance": ds}).axes) == 5
+    assert not drawn("8", {"clearance": ds}).legends  # no branches
     found = made.exponents("length", np.linspace(0.1, 0.5, 9), np.arange(9) < 2)
     found["regime"] = ("length", np.where(np.arange(9) < 2, "chaotic", "periodic"))
     ax = drawn("11", {"length_exponents": found}).axes[0]
     assert "length" in ax.get_xlabel()
     np.testing.assert_allclose(ax.get_xlim(), (0.1, 0.5), atol=0.03)
+
+
+def test_branches_are_drawn_over_the_dots_with_one_legend(drawn):
+    found = made.speed_branches()
+    data = {"speed": made.speeds_as_claimed()} | {f"speed_{kind}": one.points for kind, one in found.items()}
+    figure = drawn("5", data)
+    assert len(figure.axes) == 5
+    assert not any(ax.get_legend() for ax in figure.axes)
+    (legend,) = figure.legends
+    entries = [text.get_text() for text in legend.get_texts()]
+    assert entries == [
+        *("from one start", "period 1", "period 2", "stable", "unstable"),
+        *("LP fold", "PD flip", "GR grazing"),
+    ]
+    assert [ax.get_xlabel() for ax in figure.axes[:4]] == [""] * 4
+    top = figure.axes[0]
+    dots = [line for line in top.lines if line.get_label() == "from one start"]
+    assert [line.get_color() for line in dots] == [COLORS["grey"]]
+    assert {line.get_color() for line in top.lines if line.get_linestyle() == "-"} == {COLORS["blue"], COLORS["red"]}
+    assert {"PD", "LP"} <= set(texts(top))

@@ -104,14 +104,31 @@ def test_each_figure_is_made_by_one_run_of_what_it_needs(monkeypatch):
     monkeypatch.setattr(runs, "follow", lambda *a, **k: made.speeds_as_claimed())
     monkeypatch.setattr(runs, "find_jump", lambda *a, **k: Jump(False, 0.0, 2500.0, np.nan, Status.NOT_FINITE))
     monkeypatch.setattr(runs.verdicts, "attractors", made.attractors_once)
+    known = {"speed": made.speed_branches, "clearance": made.clearance_branches}
+
+    def follow_branches(name, flips, observed, data, options):
+        asked.append((name, flips, observed))
+        found = known[name]()
+        data |= {f"{name}_{kind}": branch.points for kind, branch in found.items()}
+        return found
+
+    monkeypatch.setattr(runs.branches, "follow_branches", follow_branches)
     done = list(reproduce(["8", "9", "5", "12"], quick=True))
     assert [(d.name, d.figures) for d in done] == [("motions", ("12", "5", "8")), ("exponents", ("9",))]
-    assert asked == [("sweep", ["histories", "speed", "clearance"]), ("lyapunov_sweep", ["clearance"])]
+    batches = [("sweep", ["histories", "speed", "clearance"]), ("lyapunov_sweep", ["clearance"])]
+    assert [call for call in asked if len(call) == 2] == batches
+    assert [call for call in asked if len(call) == 3] == [("speed", 0, False), ("clearance", 0, False)]
     answers = done[0].outcome.answers | done[1].outcome.answers
     assert set(answers) <= set(CLAIMS)
     assert {key.split()[0] for key in answers} == {f"N{k}" for k in (1, 2, 3, 4, 5, 6, 7, 9, 10, 11, 14, 15)}
     assert "followed upwards: search ended at 2500 m/s (not finite" in answers["N4 jump"].why
-    assert set(done[0].outcome.data) == {"sections", "histories", "speed", "speed_followed", "clearance"}
+    assert "; the branch does not end there, only the set of starts that lead to it" in answers["N4 jump"].why
+    assert answers["N9 wide"].why.count("; settled within 500 forcing periods on orbits of period 1") == 1
+    assert answers["N11"].why.startswith("by recurrence")
+    assert "(Neimark-Sacker, NS)" in answers["N11"].why
+    diagrams = {"speed", "speed_followed", "clearance"}
+    followed = {"speed_branch", "speed_period_2", "clearance_branch", "clearance_observed"}
+    assert set(done[0].outcome.data) == {"sections", "histories"} | diagrams | followed
     assert all(any(f in figures for figures, _ in runs.RUNS.values()) for f in FIGURES)
 
 

@@ -69,6 +69,12 @@ class Answer(NamedTuple):
     """Evidence: why it differs, or how it was decided."""
 
 
+def supported(answers: Mapping[str, Answer], evidence: Mapping[str, str]) -> dict[str, Answer]:
+    """The answers with further evidence by claim, which changes no verdict; what no answer is for is left out."""
+    joined = lambda key, why: "; ".join(text for text in (why, evidence.get(key, "")) if text)
+    return {key: answer._replace(why=joined(key, answer.why)) for key, answer in answers.items()}
+
+
 def runs(mask: Iterable[bool], values: np.ndarray) -> list[tuple[float, float]]:
     """First and last of the `values` in each unbroken run of True in `mask`."""
     padded = np.concatenate([[False], np.asarray(list(mask), bool), [False]])

@@ -7,10 +7,12 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
+from matplotlib.lines import Line2D
 
 from ...analysis import power_spectral_density
 from ...flow import Status
-from ...plots import bifurcations, exponents, phase_portrait, png, spectrum, styled
+from ...model import SECTIONS
+from ...plots import COLORS, bifurcations, branches, exponents, phase_portrait, png, spectrum, styled
 from ...tools import write_each
 from .runs import Finished
 from .verdicts import DUAL_LINES, F1, F2
@@ -135,15 +137,53 @@ def _exponents(name: str) -> Any:
     return draw
 
 
+def _diagram(name: str) -> Any:
+    """Bifurcation diagrams over a parameter, with the branches of orbits drawn over their dots."""
+
+    def draw(data: dict[str, xr.Dataset]) -> Any:
+        axes = bifurcations(data[name], followed=data.get(f"{name}_followed"))
+        found = [ds for key, ds in data.items() if key.startswith(f"{name}_") and "orbit_period" in ds.attrs]
+        if found:
+            _draw_branches(axes, found)
+        return axes[0].figure
+
+    return draw
+
+
+def _draw_branches(axes: Any, found: list[xr.Dataset]) -> None:
+    """Branches over the dots of bifurcation diagrams, with one legend for all."""
+    own = axes[0].get_legend()
+    texts = own.get_texts() if own else []
+    handles = dict(zip([t.get_text() for t in texts], own.legend_handles if own else [], strict=True))
+    for ax in axes:
+        for line in ax.lines:
+            if line.get_label() == FROM_START:  # the branches have the colour of these dots
+                line.set_color(COLORS["grey"])
+    handles[FROM_START] = Line2D([], [], ls="", marker=".", ms=5, mew=0, color=COLORS["grey"])
+    for section, ax in zip(SECTIONS, axes, strict=True):
+        label = ax.get_xlabel()
+        branches(found, section, ax=ax)
+        ax.set_xlabel(label)
+        legend = ax.get_legend()
+        # the events of a section are those that its crossings have
+        handles |= dict(zip([t.get_text() for t in legend.get_texts()], legend.legend_handles, strict=True))
+        legend.remove()
+    style = dict(fontsize=6.5, ncols=3, frameon=False, handletextpad=0.4, columnspacing=1.2, handlelength=1.6)
+    axes[0].figure.legend(list(handles.values()), list(handles), loc="outside lower center", **style)
+
+
+FROM_START = "from one start"
+"""The label of the dots that are no followed motions."""
+
 _DRAW = {
     "4": _figure_4,
-    "5": lambda data: bifurcations(data["speed"], followed=data["speed_followed"])[0].figure,
+    "5": _diagram("speed"),
     "6": _exponents("speed_exponents"),
     "7": _figure_7,
-    "8": lambda data: bifurcations(data["clearance"])[0].figure,
+    "8": _diagram("clearance"),
     "9": _exponents("clearance_exponents"),
     "11": _exponents("length_exponents"),
-    "10": lambda data: bifurcations(data["length"])[0].figure,
+    "10": _diagram("length"),
     "12": _figure_12,
     "13": _figure_13,
     "basins": _basins,

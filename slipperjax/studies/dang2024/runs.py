@@ -26,8 +26,8 @@ from ...sweeps import (
     sweep,
 )
 from ...tools import one_of, whole
-from . import verdicts
-from .claims import Answer, named, runs, show_ranges
+from . import branches, verdicts
+from .claims import Answer, named, runs, show_ranges, supported
 
 
 class Effort(NamedTuple):
@@ -46,13 +46,35 @@ class Effort(NamedTuple):
     """Last periods from which attractors are named."""
     counted: int
     """Periods over which Lyapunov exponents are taken."""
+    flips: int
+    """How often branches of orbits are left for those of twice the period."""
+    observed: bool
+    """Whether the orbit of the paper's widest case is found and followed."""
 
 
 FULL = Effort(
-    speeds=241, clearances=197, lengths=161, transient=600, follow_transient=20, basin=32, judged=400, counted=500
+    speeds=241,
+    clearances=197,
+    lengths=161,
+    transient=600,
+    follow_transient=20,
+    basin=32,
+    judged=400,
+    counted=500,
+    flips=2,
+    observed=True,
 )
 QUICK = Effort(
-    speeds=49, clearances=50, lengths=41, transient=300, follow_transient=10, basin=12, judged=200, counted=100
+    speeds=49,
+    clearances=50,
+    lengths=41,
+    transient=300,
+    follow_transient=10,
+    basin=12,
+    judged=200,
+    counted=100,
+    flips=0,
+    observed=False,
 )
 
 SLOW = 500.0
@@ -108,7 +130,10 @@ def _joined(run: Callable, effort: Effort, names: list[str], **options: Any) -> 
 
 
 def motions(effort: Effort, wanted: set[str], options: dict, data: Data) -> Answers:
-    """Figs. 4, 5, 7, 8, 10 and 12: single cases, and diagrams over speed, clearance and length, as one batch."""
+    """Figs. 4, 5, 7, 8, 10 and 12: single cases, and diagrams over speed, clearance and length, as one batch.
+
+    Then the branches of orbits through the diagrams.
+    """
     made = {"histories": {"4", "7", "12"}, "speed": {"5"}, "clearance": {"8"}, "length": {"10"}}
     parts = _joined(sweep, effort, [name for name, figures in made.items() if figures & wanted], **options)
     data |= {"sections" if name == "histories" else name: part for name, part in parts.items()}
@@ -130,6 +155,10 @@ def motions(effort: Effort, wanted: set[str], options: dict, data: Data) -> Answ
         found |= verdicts.over_clearance(parts["clearance"], effort.judged)
     if "length" in parts:
         found |= verdicts.over_length(parts["length"], effort.judged)
+    for name in branches.OVER:
+        if name in parts:
+            followed = branches.follow_branches(name, effort.flips, effort.observed, data, options)
+            found = supported(found, branches.OVER[name](followed))
     return found
 
 
