@@ -17,7 +17,7 @@ from .cases import Cases
 from .executors import records_in_order, run_chunk, run_chunks
 from .measure import JACOBIAN
 from .plan import PAUSE, make_plan, strobe_plan
-from .search import find_orbits
+from .search import find_orbits, rows_of
 from .sweep import case_attributes, case_variables
 
 TYPICAL = 8
@@ -84,9 +84,8 @@ def orbit_sweep(
         how: dict[str, Any] = dict(solver=plan.solver, period=period, tolerance=tolerance, max_iterations=limit)
         found = find_orbits(*of_cases, chunk.steps, on_progress=on_progress, **how)
         mu = np.array([multipliers(matrices) for matrices in found.matrices])
-        rows = np.concatenate([np.reshape(a, (len(some), -1)) for a in jax.tree.leaves(found.state)], axis=1)
-        strobe = coordinates(found.state)
-        return _Found(found.status, strobe, rows, mu.real, mu.imag, found.residual, found.iterations)
+        states = coordinates(found.state), rows_of(found.state)
+        return _Found(found.status, *states, mu.real, mu.imag, found.residual, found.iterations)
 
     work_of_case = plan.work + period * (2 * JACOBIAN + TYPICAL)
     runs = run_chunks(chunks, workers, work, periods=work_of_case, progress=progress, name="orbits")

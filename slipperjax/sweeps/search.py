@@ -45,6 +45,12 @@ class Orbits(NamedTuple):
     """`Status` codes."""
 
 
+def rows_of(states: State) -> Float[np.ndarray, "cases size"]:
+    """States with a leading axis of cases as rows of all their numbers."""
+    leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(states)]
+    return np.concatenate([leaf.reshape(len(leaf), -1) for leaf in leaves], axis=1)
+
+
 class _Maps(NamedTuple):
     """The period map and its derivatives, for some of the cases."""
 
@@ -54,11 +60,6 @@ class _Maps(NamedTuple):
     solver: diffrax.AbstractSolver
     period: int
     on_progress: OnProgress
-
-    def flat(self, states: State) -> np.ndarray:
-        """States as rows of numbers."""
-        leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(states)]
-        return np.concatenate([leaf.reshape(len(leaf), -1) for leaf in leaves], axis=1)
 
     def states(self, rows: np.ndarray) -> State:
         """Rows of numbers as states."""
@@ -80,7 +81,7 @@ class _Maps(NamedTuple):
         options: dict[str, Any] = dict(solver=self.solver, periods=self.period)
         end = advance(scenes, states, 0.0, flexible_steps(self.steps), **options).state
         self.on_progress(self.period * len(index) / len(self.like.motion.y))
-        return self.flat(end)[: len(index)]
+        return rows_of(end)[: len(index)]
 
     def jacobians(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Jacobians of the forcing periods."""
@@ -93,11 +94,11 @@ class _Maps(NamedTuple):
     def settled(self, index: np.ndarray, proposed: np.ndarray, mapped: np.ndarray) -> np.ndarray:
         """Proposed states that the latch agrees with."""
         scenes, states = self.of(index, proposed)
-        return self.flat(_settled(scenes, states, self.of(index, mapped)[1]))[: len(index)]
+        return rows_of(_settled(scenes, states, self.of(index, mapped)[1]))[: len(index)]
 
     def weights(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Weights of the components of states."""
-        return self.flat(_weights(*self.of(index, rows)))[: len(index)]
+        return rows_of(_weights(*self.of(index, rows)))[: len(index)]
 
 
 @jit
@@ -136,7 +137,8 @@ def find_orbits(
     `steps`: per forcing period.
     """
     maps = _Maps(scenes, states, steps, solver, period, on_progress)
-    x, everyone = maps.flat(states), np.arange(len(maps.flat(states)))
+    x = rows_of(states)
+    everyone = np.arange(len(x))
     miss = maps.mapped(everyone, x) - x
     size = _sizes(miss, maps.weights(everyone, x))
     share, count, jacobians = np.ones(len(x)), np.zeros(len(x), int), np.zeros(len(x), int)
