@@ -1,5 +1,6 @@
 """System-independent analysis: Lyapunov spectra, Floquet multipliers, attractors, power spectra, statistics."""
 
+from .attractor import KINDS as KINDS
 from .attractor import Attractors as Attractors
 from .attractor import classify as classify
 from .attractor import decay_rate as decay_rate
@@ -50,6 +51,11 @@ from .regime import REGIMES as REGIMES
 from .regime import SURE as SURE
 from .regime import is_chaotic as is_chaotic
 from .regime import regime as regime
+from .regions import Agreement as Agreement
+from .regions import agreement as agreement
+from .regions import beside as beside
+from .regions import holding as holding
+from .regions import regions as regions
 from .shooting import Shot as Shot
 from .shooting import minimal_period as minimal_period
 from .shooting import shoot as shoot

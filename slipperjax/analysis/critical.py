@@ -61,16 +61,22 @@ class CriticalMotions(AbstractEquations):
     right: Array
     label: str = eqx.field(static=True)
     """One of `KINDS`."""
-    sharpness: float = eqx.field(static=True, default=1.0)
+    sharpness: Any = 1.0
     """Weight of the equations for the multiplier in the residual: less than one where the map's derivatives are
     rough."""
+    ease: Any = 0.0
+    """How much they may be missed where a curve finds no other way on."""
+    missed: Any = 0.0
+    """How much they may be missed here: Newton's method corrects the motion alone then. Where the map's derivatives
+    jump there may be no motion on which the equations vanish, and iterations go to and fro."""
 
     @classmethod
-    def of(cls, motions: PeriodicMotions, label: str, sharpness: float = 1.0) -> "CriticalMotions":
+    def of(cls, motions: PeriodicMotions, label: str, sharpness: Any = 1.0, ease: Any = 0.0) -> "CriticalMotions":
         """With arbitrary borders; those of evaluations are better, see `renewed`."""
         dtype = complex if KINDS[label] is None else float
         one = jnp.asarray(np.random.default_rng(0).standard_normal(motions.size), dtype)
-        return cls(motions, one, one, label, sharpness)
+        sharpness, ease = jnp.asarray(sharpness, float), jnp.asarray(ease, float)
+        return cls(motions, one, one, label, sharpness, ease, jnp.zeros(()))
 
     @property
     def angled(self) -> bool:
@@ -97,6 +103,7 @@ class CriticalMotions(AbstractEquations):
             slope = jnp.append(slope, 1j * mu * jnp.vdot(w, v))
             jacobian = jnp.concatenate([jacobian, jnp.zeros((self.size, 1))], axis=1)
         unit = lambda a: a / jnp.linalg.norm(a)
+        g = jnp.where(jnp.abs(g) <= self.missed, 0.0, g)
         return Evaluation(
             jnp.concatenate([motion.residual, self._parts(g)]),
             jnp.concatenate([jacobian, self._parts(slope)]),
@@ -119,6 +126,12 @@ class CriticalMotions(AbstractEquations):
     def settled(self, z: Array, before: Array, residual: Array) -> Array:
         of = self.motions.settled(self._of_motion(z), self._of_motion(before), residual[: self.size])
         return jnp.append(of, z[-1]) if self.angled else of
+
+    def eased(self) -> "CriticalMotions | None":
+        """With equations for the multiplier that may be missed by `ease`."""
+        if float(self.ease) <= float(self.missed):
+            return None
+        return dataclasses.replace(self, missed=self.ease)
 
     def renewed(self, extra: Bent) -> "CriticalMotions":
         """With the null vectors of a point as borders."""

@@ -32,6 +32,8 @@ ARCHED = 0.995
 where a step ends on a branch point, whose tangent is undetermined."""
 CLOSED = 0.1
 """Greatest distance from the start at which a curve counts as closed, over the step."""
+MOST_EASED = 8
+"""Points in a row that may be points of eased equations only, see `AbstractEquations.eased`."""
 STRAY = 0.5
 """Greatest distance of a corrected point from the predicted one, over the step."""
 CORNER = 10.0
@@ -65,6 +67,10 @@ class AbstractEquations(eqx.Module):
         """A consistent place from `z`, proposed from `before`, where the equations missed `residual`. Pure."""
         del before, residual
         return z
+
+    def eased(self) -> "AbstractEquations | None":
+        """Equations that accept more, for a point where these have no solution. Here there are none."""
+        return None
 
     def renewed(self, extra: Any) -> "AbstractEquations":
         """The same equations in a form that suits the neighbourhood of a point, from its `Spot.extra`. Here as they
@@ -193,6 +199,10 @@ class Walk:
         self.low, self.high = np.asarray(low, float), np.asarray(high, float)
         self.spot, self.step, self.ended = start, pace.first if step is None else step, ""
         self.secant = secant
+        self.strict: AbstractEquations | None = None
+        """The equations proper, while eased ones are tried."""
+        self.eased = 0
+        """Points in a row that were found by eased equations."""
 
     def advance(self) -> Spot | None:
         """The next point, or None where the way has ended. The last one lies on the bound that it meets."""
@@ -203,8 +213,11 @@ class Walk:
             if not self._good(found, guess, step):
                 self.step = step / 2
                 if self.step < self.pace.least:
-                    self.ended = "no convergence"
+                    self._ease()
                 continue
+            self.eased = 0 if self.strict is None else self.eased + 1
+            if self.strict is not None:  # one point is enough beside an obstacle
+                self.equations, self.strict = self.strict, None
             if found.iterations <= EASY:
                 self.step = min(step * GROWTH, self.pace.most)
             elif found.iterations >= HARD:
@@ -224,6 +237,14 @@ class Walk:
             return found
         return None
 
+    def _ease(self) -> None:
+        """Tries the equations that accept more, if there are any, and ends the way otherwise."""
+        eased = None if self.strict is not None or self.eased >= MOST_EASED else self.equations.eased()
+        if eased is None:
+            self.ended = "no convergence"
+        else:
+            self.equations, self.strict, self.step = eased, self.equations, self.pace.first
+
     def _corrected(self, guess: Any, row: Any, near: Any = None) -> Spot:
         near = self.spot.z if near is None else near
         return jax.device_get(correct(self.equations, guess, row, near, tolerance=self.tolerance))
@@ -235,7 +256,8 @@ class Walk:
         if step < 2 * self.pace.least:
             return bool(strayed < CORNER * step)
         if self.secant:
-            return bool(strayed < STRAY * step)
+            # eased equations end beside the curve, and the next point is on it again
+            return bool(strayed < (max(STRAY * step, self.pace.first) if self.eased else STRAY * step))
         chord, mean = (found.weights * a for a in (found.z - self.spot.z, found.tangent + self.spot.tangent))
         arched = chord @ mean > ARCHED * np.linalg.norm(chord) * np.linalg.norm(mean)
         return bool(found.row @ self.spot.tangent > TURN and strayed < STRAY * step and arched)

@@ -181,7 +181,9 @@ def _located(label: str, a: Node, b: Node, at: Callable) -> Event:
         return test(seen[share])
 
     try:
-        root = cast(float, brentq(value, 0.0, 1.0, xtol=NARROW / 100, rtol=1e-14, maxiter=60))
+        # where the test jumps, the bracket may still be wide at the end: `converged` tells
+        how: dict[str, Any] = dict(xtol=NARROW / 100, rtol=1e-14, maxiter=60, full_output=True, disp=False)
+        root = cast(float, brentq(value, 0.0, 1.0, **how)[0])
         value(root)
         for near in (max(root - SURE, 0.0), min(root + SURE, 1.0)):
             value(near)
@@ -252,7 +254,7 @@ def _grazing(a: Node, b: Node, at: Callable) -> Event | None:
         return sign * min(seen[share].seen.margins[k] for k in kinds)
 
     try:
-        brentq(value, 0.0, 1.0, xtol=NARROW, rtol=1e-14, maxiter=60)
+        brentq(value, 0.0, 1.0, xtol=NARROW, rtol=1e-14, maxiter=60, disp=False)
         before = max(share for share in seen if value(share) > 0)
         value(before + SURE)
     except (_Lost, ValueError):

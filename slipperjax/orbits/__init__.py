@@ -15,6 +15,8 @@ from .exponents import check_count as check_count
 from .exponents import lyapunov_spectrum as lyapunov_spectrum
 from .motions import Settled as Settled
 from .motions import check_forcing as check_forcing
+from .motions import recurs as recurs
+from .periodic import DIVISOR as DIVISOR
 from .periodic import TOLERANCE as TOLERANCE
 from .periodic import PeriodicOrbit as PeriodicOrbit
 from .periodic import periodic_orbit as periodic_orbit

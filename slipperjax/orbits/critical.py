@@ -36,7 +36,7 @@ from ..solvers import resolve_solver
 from ..tools import is_traced, one_of, shown_number, whole, write_whole
 from .branch_data import BranchEvent
 from .branches import Bar, OrbitBranch, bounds_of
-from .motions import SlipperMotions, slipper_motions
+from .motions import EventMotions, SlipperMotions, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit
 from .signature import Grazing, Views
 
@@ -48,8 +48,12 @@ ROUGH = {"LP": 1e-3, "PD": 1e-4, "NS": 1e-4}
 """Distances of a multiplier from its critical value that are accepted along curves [1]. The derivatives of the period
 map jump where a touchdown passes from one integration step to the next. A fold's place depends on it to second
 order."""
+EASE = {"LP": 1e-2, "PD": 1e-3, "NS": 1e-3}
+"""Such distances at single points of a curve, where there is no other way on [1]."""
 PACE = Pace(first=0.02, least=1e-4, most=0.2)
-"""Steps along a curve: 1 is the whole range of a parameter, or 1 mm, 10 mrad, 1 m/s, 10 rad/s of the state."""
+"""Steps along a curve: 1 is the whole range of a parameter; the state counts less, see `EventMotions`."""
+PACE_OF_FOLDS = Pace(first=0.02, least=2e-3, most=0.2)
+"""Likewise for folds, which feel the jumps of derivatives most: short steps there are of no use."""
 CRITICAL = 1e-6
 """Distance from the unit circle within which a multiplier is critical [1]."""
 
@@ -232,8 +236,8 @@ def continue_event(
         own parameter, default those of the branch.
     - `points`: most points of each way. `progress`: shows a bar.
 
-    **Returns:** an `OrbitCurve`. It ends where it meets a bound, or where no step converges: at a grazing the
-    multipliers' second derivatives jump.
+    **Returns:** an `OrbitCurve`. It ends where it meets a bound, or where no step converges, also with `EASE`: at a
+    grazing the multipliers' second derivatives jump.
 
     **Raises:** `ValueError` that names the argument which is wrong; `InterruptedCurve` after Ctrl-C.
     """
@@ -253,12 +257,15 @@ def continue_event(
     stepping = flexible_steps(call["steps_per_period"])
     how = dict(solver=call["solver"], period=branch.period)
     reach = [high - low for low, high in limits]
-    motions = slipper_motions(scene, (own.name, name), reach, orbit.state, stepping=stepping, **how)
+    motions = slipper_motions(scene, (own.name, name), reach, orbit.state, stepping=stepping, of=EventMotions, **how)
     if event.label == "GR":
         equations = ConditionedMotions(motions, _extreme_at(motions, branch, node, call), GAP_UNIT)
     else:
-        equations = CriticalMotions.of(motions, event.label, call["tolerance"] / ROUGH[event.label])
-    options = dict(tolerance=call["tolerance"], pace=PACE, points=points, secant=True)
+        equations = CriticalMotions.of(
+            motions, event.label, call["tolerance"] / ROUGH[event.label], EASE[event.label]
+        )
+    pace = PACE_OF_FOLDS if event.label == "LP" else PACE
+    options = dict(tolerance=call["tolerance"], pace=pace, points=points, secant=True)
     with Bar(progress, f"{event.label} over {own.name} and {name}", own) as bar:
         show = lambda spot: bar.show(spot.z[motions.size])
         angle = abs(float(np.angle(event.multiplier)))
@@ -293,6 +300,22 @@ def _extreme_at(motions: SlipperMotions, branch: OrbitBranch, node: Node, call: 
     return GapExtreme(family, jnp.asarray(point), time, greatest, branch.period)
 
 
+def _outside(mu: np.ndarray, label: str) -> int:
+    """How many multipliers of an orbit lie outside the unit circle, without the critical ones.
+
+    A critical one lies beside its value, see `ROUGH`, and is left out on either side.
+    """
+    if label == "NS":
+        upper = np.flatnonzero(mu.imag >= 0)
+        pair = mu[upper[np.argmin(np.abs(np.abs(mu[upper]) - 1))]]
+        near = [int(np.argmin(np.abs(mu - one))) for one in (pair, np.conj(pair))]
+    elif label in ("LP", "PD"):
+        near = [int(np.argmin(np.abs(mu - (1 if label == "LP" else -1))))]
+    else:
+        near = []
+    return int(np.sum(np.abs(np.delete(mu, near)) > 1 + CRITICAL))
+
+
 def _curve_dataset(
     found: Curve, motions: SlipperMotions, scene: Scene, known: tuple[Parameter, Parameter], label: str
 ) -> Any:
@@ -309,7 +332,7 @@ def _curve_dataset(
         "multiplier_imag": (("point", "multiplier"), mu.imag, words("Floquet multipliers, imaginary parts")),
         "outside": (
             "point",
-            np.sum(np.abs(mu) > 1 + CRITICAL, axis=1),
+            [_outside(one, label) for one in mu],
             words("other multipliers outside the circle"),
         ),
         "residual": ("point", [float(spot.residual) for spot in found.spots], words("scaled residual")),

@@ -6,7 +6,7 @@ import diffrax
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Bool
 
 from ..analysis import PeriodicMotions
 from ..flow import AbstractStepping, PeriodMap, tangent_weights
@@ -45,6 +45,22 @@ class SlipperMotions(PeriodicMotions):
         return Settled(step.scene)(proposed, mapped)
 
 
+SHARE = 0.1
+"""Weight of the motion beside that of the parameters in the length of a curve of events."""
+
+
+class EventMotions(SlipperMotions):
+    """Motions at events over two parameters.
+
+    Where the derivatives of the period map jump, the motion at a fold jumps in proportion, by up to 1e-2 of its
+    scale, and the parameters by the square of that. So lengths are measured by the parameters first of all; the
+    motion counts at cusps, where the curve of the parameters has no direction.
+    """
+
+    def measure(self, weights: Array) -> Array:
+        return SHARE * super().measure(weights)
+
+
 MOTION = np.arange(10)
 """Places of the motion among the numbers of a state; the memory's come after."""
 
@@ -58,10 +74,11 @@ def slipper_motions(
     stepping: AbstractStepping,
     solver: diffrax.AbstractSolver,
     period: int,
+    of: type[SlipperMotions] = SlipperMotions,
 ) -> SlipperMotions:
     """The equations of orbits over some parameters, with changes `reach` that count as one."""
     path = ScenePath(scene, stepping, names, solver)
-    return SlipperMotions(path, like, jnp.asarray(reach, float), tangent_weights(scene), intervals=period)
+    return of(path, like, jnp.asarray(reach, float), tangent_weights(scene), intervals=period)
 
 
 class Settled(eqx.Module):
@@ -90,3 +107,18 @@ def check_forcing(scene: Scene) -> None:
             f"Argument `scene` must have a track that recurs with its first wavelength, but its wavelengths are "
             f"{shown_number(np.asarray(waves))} m."
         )
+
+
+MANY = 1000
+"""Forcing periods over which a track must recur."""
+
+
+def recurs(scene: Scene) -> Bool[Array, ""]:
+    """Whether a scene's track recurs with the forcing period, at once and after `MANY` periods."""
+    length = scene.track.wavelength
+    heights = lambda shift: jnp.stack(
+        [h for h in scene.track.irregularity(length * (jnp.arange(64) / 64 + shift)) if h is not None]
+    )
+    here = heights(0.0)
+    within = 1e-6 * jnp.max(jnp.abs(here), axis=1, keepdims=True)
+    return jnp.all((jnp.abs(heights(1.0) - here) <= within) & (jnp.abs(heights(float(MANY)) - here) <= within))

@@ -10,6 +10,7 @@ import xarray as xr
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, withStroke
 
+from .attractor_maps import attractor_map
 from .branches import DASHED, EVENT_NAMES, SOLID
 from .regimes import regime_map
 from .style import axis_label, check_dataset, legend_above, new_axes, shown, styled, swept
@@ -33,8 +34,8 @@ def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> 
     - `ds`: one curve or several, results of `continue_event` or their datasets: along `point`, with two coordinates
         named by the attribute `varied`, the attribute `label` and the variable `outside`, the number of other
         multipliers outside the unit circle.
-    - `regimes`: from `lyapunov_sweep` over the same parameters, drawn beneath as `regime_map` does; only its area is
-        shown then.
+    - `regimes`: over the same parameters, drawn beneath; only its area is shown then. From `lyapunov_sweep`, as
+        `regime_map` draws it, or as for `attractor_map`.
     - `ax`: the Axes to draw into; default those of a new figure, with the fixed parameters as its title.
 
     **Returns:** the Axes, with the first parameter upwards, or as in the regime map.
@@ -47,13 +48,7 @@ def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> 
         if set(_parameters(one)) != set(over):
             raise ValueError(f"Argument `ds` must be curves over {_both(over)}, but one is over {_parameters(one)}.")
     if regimes is not None:
-        check_dataset(regimes, "lyapunov_sweep", "regime")
-        if set(swept(regimes["regime"], count=2)) != set(over):
-            raise ValueError(
-                f"Argument `regimes` must be swept over {_both(over)}, as the curves are, but is over "
-                f"{_both(swept(regimes['regime'], count=2))}."
-            )
-        over = swept(regimes["regime"], count=2)
+        over = _area(regimes, over)
     own = ax is None
     if ax is None:
         ax = new_axes(3.5, 3.3 if regimes is None else 3.9)
@@ -61,7 +56,8 @@ def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> 
     handles = []
     with styled() if own else nullcontext():
         if regimes is not None:
-            regime_map(regimes, ax)
+            draw = regime_map if "regime" in regimes else attractor_map
+            draw(regimes, ax)
             handles = _handles(ax.get_legend())
             frame = ax.axis()
         for one in found:
@@ -71,8 +67,22 @@ def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> 
         else:
             ax.set(xlabel=axis_label(over[1], found[0]), ylabel=axis_label(over[0], found[0]))
             ax.margins(0.05)
+        for one in found:
+            _name(ax, one, over)
         legend_above(ax, _entries(found) + handles)
     return ax
+
+
+def _area(regimes: xr.Dataset, over: tuple[str, ...]) -> tuple[str, ...]:
+    """The parameters of a map, the one drawn upwards first; raises `ValueError` where the curves have others."""
+    name = "kind" if isinstance(regimes, xr.Dataset) and "regime" not in regimes and "kind" in regimes else "regime"
+    check_dataset(regimes, "lyapunov_sweep", name)
+    found = swept(regimes[name], count=2)
+    if set(found) != set(over):
+        raise ValueError(
+            f"Argument `regimes` must be swept over {_both(over)}, as the curves are, but is over {_both(found)}."
+        )
+    return found
 
 
 def _all(ds: Any) -> list[xr.Dataset]:
@@ -117,6 +127,23 @@ def _draw(ax: Any, ds: xr.Dataset, over: Sequence[str]) -> None:
             ax.add_line(line)
     ax.update_datalim(np.stack([x, y], axis=1))
     ax.autoscale_view()
+
+
+def _name(ax: Any, ds: xr.Dataset, over: Sequence[str]) -> None:
+    """Writes the event beside the middle of what is seen of a curve, of its solid part if it has one."""
+    x, y = shown(ds, over[1]), shown(ds, over[0])
+    (left, right), (low, high) = sorted(ax.get_xlim()), sorted(ax.get_ylim())
+    seen = (x >= left) & (x <= right) & (y >= low) & (y <= high)
+    solid = seen & (ds["outside"].values == 0)
+    places = np.flatnonzero(solid if solid.any() else seen)
+    if not len(places):
+        return
+    k, period = places[len(places) // 2], int(ds.attrs.get("orbit_period", 1))
+    text = ds.attrs["label"] + (f" of period {period}" if period > 1 else "")
+    far = x[k] > left + 0.75 * (right - left)
+    style = dict(fontsize=6.5, color=CURVE_COLORS[ds.attrs["label"]], zorder=5, ha="right" if far else "left")
+    found = ax.annotate(text, (x[k], y[k]), (-4 if far else 4, 3), textcoords="offset points", **style)
+    found.set_path_effects([withStroke(linewidth=1.8, foreground="white")])
 
 
 def _parts(x: np.ndarray, y: np.ndarray, chosen: np.ndarray) -> np.ndarray:

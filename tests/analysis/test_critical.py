@@ -294,3 +294,37 @@ def test_an_interruption_returns_what_was_found():
     found = curve("LP", [-0.3, -0.3], (-0.1, 0.3), ((-1.0, 1.0), (-1.0, 1.0)), on_point=stop)
     assert found.ended == ("", "interrupted")
     assert len(found.spots) == 5
+
+
+class Rough(eqx.Module):
+    """Henon's map with a derivative that jumps down where x passes a line: at flips between, there is no multiplier
+    -1."""
+
+    jump: jax.Array
+
+    def __call__(self, a, b):
+        bent = lambda x: jnp.maximum(x - 0.5, 0.0)
+        return lambda s, k: jnp.stack([a - s[0] ** 2 + b * s[1] + self.jump * bent(s[0]), s[0]])
+
+
+def rough_curve(ease):
+    """Flips lie at x = (1 - b) / 2 for b > 0, at 0.005 less for b < -0.01, and nowhere between."""
+    equations = CriticalMotions.of(motions(Rough(jnp.asarray(-0.01)), 2, (1.0, 1.0)), "PD", 1e-6, ease)
+    start, bounds = jnp.array([0.6, 0.6]), ((-1.0, 2.0), (-0.3, 0.3))
+    return continue_critical(
+        equations, start, (1.08, -0.2), bounds, pace=Pace(first=0.01, most=0.01, least=1e-4), secant=True
+    )
+
+
+def test_eased_equations_pass_a_jump_of_the_derivative():
+    found = rough_curve(0.01)
+    a, b = (np.array([spot.z[k] for spot in found.spots]) for k in (2, 3))
+    assert found.ended == ("bound", "bound")
+    np.testing.assert_allclose(np.sort(b[[0, -1]]), [-0.3, 0.3], atol=1e-12)
+    np.testing.assert_allclose(a[b >= 0], HENON["PD"](b[b >= 0]), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(a[b < 0], HENON["PD"](b[b < 0]), rtol=0, atol=0.1)
+    inside = [spot for spot in found.spots if -0.01 < spot.z[3] < 0]
+    assert inside
+    # the motions are exact there, too
+    assert max(abs(spot.z[2] - spot.z[0] ** 2 + (spot.z[3] - 1) * spot.z[0]) for spot in inside) < 2e-3
+    assert "no convergence" in rough_curve(0.0).ended

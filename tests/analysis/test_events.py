@@ -10,6 +10,8 @@ from scipy.linalg import expm
 from scipy.optimize import root
 
 from slipperjax.analysis import Observation, Pace, continue_motion
+from slipperjax.analysis.curves import Spot
+from slipperjax.analysis.events import Node, _located
 
 from .systems import Stopped, follow, found, linear, motions, only, where
 
@@ -202,3 +204,16 @@ def test_grazings_and_flips_within_one_step_are_separated():
     for event in branch.events:
         assert event.converged
         assert event.low <= event.high < event.low + 1e-8
+
+
+def test_an_event_whose_condition_jumps_is_kept_but_not_converged():
+    """Of brentq's iterations a jump takes more than are allowed."""
+
+    def at(share, *_):
+        spot = Spot(np.array([0.0, share]), np.array([0.0, 1.0]), np.ones(2), np.array(0.0), np.array(1), None)
+        return Node(spot, np.array([1 - 1e-8 if share < 0.3 else 2.0], complex), Observation())
+
+    found = _located("NS", at(0.0), at(1.0), at)
+    assert not found.converged
+    assert found.low <= 0.3 <= found.high
+    assert found.high - found.low < 1e-6

@@ -92,6 +92,7 @@ def test_derivatives_in_both_modes_and_batches(nominal):
     np.testing.assert_allclose(several, [of_speed(1250.0), of_speed(1260.0)], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_state_has_the_exact_orbit_s_derivative(nominal):
     of_speed = lambda v: (
         sj.periodic_orbit(SCENE.replace(speed=v), start=nominal.state, steps_per_period=STEPS).state.motion.v_y

@@ -1,0 +1,171 @@
+"""Regions of a plane of two parameters between curves, on a grid, and how well a prediction agrees with what is seen.
+
+A region is found from the curves alone: two neighbouring grid points belong to one region where no curve passes
+between them. So a prediction from curves knows nothing of the motions at the grid points, and can be wrong there.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse
+from jaxtyping import Bool, Float, Int
+
+from ..tools import shown_number
+
+Points = Float[np.ndarray, "_ 2"]
+"""A curve: its points in their order, one column per parameter; NaN between parts that are apart."""
+
+
+def regions(
+    x: Float[np.ndarray, " n"], y: Float[np.ndarray, " m"], curves: Sequence[Points]
+) -> Int[np.ndarray, "n m"]:
+    """Numbers the regions into which curves divide a grid: 0, 1, ... by falling size.
+
+    **Arguments:** `x`, `y`: values of the two parameters on the grid, rising; `curves`: in the same units. A curve
+    that ends within the grid separates nothing behind its end.
+
+    **Returns:** the region of each grid point.
+
+    **Raises:** `ValueError` for values that do not rise.
+    """
+    blocked = _blocked(_rising("x", x), _rising("y", y), curves)
+    number = np.arange(len(x) * len(y)).reshape(len(x), len(y))
+    ends = [
+        (number[:-1][~blocked[0]], number[1:][~blocked[0]]),
+        (number[:, :-1][~blocked[1]], number[:, 1:][~blocked[1]]),
+    ]
+    rows, columns = (np.concatenate(parts) for parts in zip(*ends, strict=True))
+    graph = scipy.sparse.coo_array((np.ones(len(rows)), (rows, columns)), shape=(number.size,) * 2)
+    count, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    order = np.argsort(-np.bincount(label, minlength=count), kind="stable")
+    return np.argsort(order)[label].reshape(number.shape)
+
+
+def holding(
+    x: Float[np.ndarray, " n"], y: Float[np.ndarray, " m"], curves: Sequence[Points], known: Points
+) -> Bool[np.ndarray, "n m"]:
+    """The grid points in those regions of `regions` that hold one of the `known` places.
+
+    A known place counts for the nearest grid point, if no curve passes between the two.
+    """
+    label = regions(x, y, curves)
+    found = set()
+    for place in np.asarray(known, float):
+        i, j = int(np.argmin(np.abs(x - place[0]))), int(np.argmin(np.abs(y - place[1])))
+        inside = x[0] <= place[0] <= x[-1] and y[0] <= place[1] <= y[-1]
+        if inside and not any(_crosses(curve, place, np.array([x[i], y[j]])) for curve in curves):
+            found.add(int(label[i, j]))
+    return np.isin(label, list(found))
+
+
+def beside(
+    x: Float[np.ndarray, " n"], y: Float[np.ndarray, " m"], curves: Sequence[Points]
+) -> Bool[np.ndarray, "n m"]:
+    """The grid points between which and one of their four neighbours a curve passes: a band of one cell along it on
+    either side."""
+    along_x, along_y = _blocked(_rising("x", x), _rising("y", y), curves)
+    found = np.zeros((len(x), len(y)), bool)
+    for first, second, blocked in (
+        (np.s_[:-1], np.s_[1:], along_x),
+        (np.s_[:, :-1], np.s_[:, 1:], along_y),
+    ):
+        found[first] |= blocked
+        found[second] |= blocked
+    return found
+
+
+class Agreement(NamedTuple):
+    """How many cells agree, and where those lie that do not."""
+
+    cells: int
+    """Those that are known."""
+    agreeing: int
+    beside: int
+    """Cells beside a curve."""
+    agreeing_beside: int
+
+    @property
+    def percent(self) -> float:
+        """Share of agreeing cells [%]; NaN without cells."""
+        return _percent(self.agreeing, self.cells)
+
+    @property
+    def percent_beside(self) -> float:
+        """That of the cells beside a curve [%]."""
+        return _percent(self.agreeing_beside, self.beside)
+
+    @property
+    def percent_away(self) -> float:
+        """That of all other cells [%]."""
+        return _percent(self.agreeing - self.agreeing_beside, self.cells - self.beside)
+
+
+def agreement(
+    predicted: Bool[np.ndarray, "n m"],
+    seen: Bool[np.ndarray, "n m"],
+    band: Bool[np.ndarray, "n m"],
+    known: Bool[np.ndarray, "n m"] | None = None,
+) -> Agreement:
+    """Counts the cells in which a prediction and what is seen agree.
+
+    **Arguments:** `band`: cells beside a curve, see `beside`; `known`: cells that count, by default all.
+    """
+    known = np.ones(np.shape(predicted), bool) if known is None else known
+    equal, near = (predicted == seen) & known, band & known
+    return Agreement(int(known.sum()), int(equal.sum()), int(near.sum()), int((equal & near).sum()))
+
+
+def _percent(part: int, whole: int) -> float:
+    return 100 * part / whole if whole else float("nan")
+
+
+def _rising(name: str, values: np.ndarray) -> np.ndarray:
+    values = np.asarray(values, float)
+    if values.ndim != 1 or not np.all(np.diff(values) > 0):
+        raise ValueError(f"Argument `{name}` must be values that rise, but is {shown_number(values)}.")
+    return values
+
+
+def _blocked(x: np.ndarray, y: np.ndarray, curves: Sequence[Points]) -> tuple[np.ndarray, np.ndarray]:
+    """Whether a curve passes between neighbours along x, shape (n - 1, m), and along y, (n, m - 1)."""
+    along_x, along_y = np.zeros((len(x) - 1, len(y)), bool), np.zeros((len(x), len(y) - 1), bool)
+    for curve in curves:
+        points = np.asarray(curve, float)
+        # where the curve meets the line of grid points with one y, and those with one x
+        for j, at in _meetings(points[:, 1], points[:, 0], y):
+            along_x[_between(x, at), j] = True
+        for i, at in _meetings(points[:, 0], points[:, 1], x):
+            along_y[i, _between(y, at)] = True
+    return along_x, along_y
+
+
+def _meetings(across: np.ndarray, along: np.ndarray, lines: np.ndarray) -> list[tuple[int, np.ndarray]]:
+    """Per line, where a curve meets it: line number, and places along it."""
+    found = []
+    a, b = across[:-1], across[1:]
+    for k, line in enumerate(lines):
+        # a curve that ends on the line meets it, too
+        hit = np.flatnonzero((np.minimum(a, b) <= line) & (np.maximum(a, b) >= line))
+        if len(hit):
+            step = b[hit] - a[hit]
+            share = np.where(step == 0, 0.0, (line - a[hit]) / np.where(step == 0, 1.0, step))
+            found.append((k, along[hit] + share * (along[hit + 1] - along[hit])))
+    return found
+
+
+def _between(values: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Numbers k of the gaps values[k]..values[k + 1] that hold the places; those outside are left out."""
+    k = np.searchsorted(values, places, side="right") - 1
+    return k[(k >= 0) & (k < len(values) - 1)]
+
+
+def _crosses(curve: Points, start: np.ndarray, end: np.ndarray) -> bool:
+    """Whether a curve crosses the straight line between two places."""
+    a, b = np.asarray(curve, float)[:-1], np.asarray(curve, float)[1:]
+    area = lambda p, q, r: (
+        (q[..., 0] - p[..., 0]) * (r[..., 1] - p[..., 1]) - (q[..., 1] - p[..., 1]) * (r[..., 0] - p[..., 0])
+    )
+    apart = (area(start, end, a) > 0) != (area(start, end, b) > 0)
+    other = (area(a, b, start) > 0) != (area(a, b, end) > 0)
+    return bool(np.any(apart & other & np.isfinite(a).all(1) & np.isfinite(b).all(1)))
