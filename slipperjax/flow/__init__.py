@@ -1,5 +1,9 @@
 """One case through time: the period map, trajectories, recorders, statuses and datasets."""
 
+from .course import Course as Course
+from .course import Courses as Courses
+from .course import Curve as Curve
+from .course import course as course
 from .datasets import scene_attributes as scene_attributes
 from .datasets import trajectory_dataset as trajectory_dataset
 from .interrupted import ASKED as ASKED
@@ -23,6 +27,7 @@ from .period_map import batch_jacobians as batch_jacobians
 from .period_map import initial_states as initial_states
 from .period_map import judged_by_loads as judged_by_loads
 from .period_map import run_compiled as run_compiled
+from .period_map import states_and_penetrations as states_and_penetrations
 from .probe import Probe as Probe
 from .provenance import run_attributes as run_attributes
 from .provenance import versions as versions
@@ -49,6 +54,7 @@ from .simulate import run_eagerly as run_eagerly
 from .simulate import simulate as simulate
 from .simulate import step_plan as step_plan
 from .simulate import steps_of_program as steps_of_program
+from .status import FASTEST_GROWTH as FASTEST_GROWTH
 from .status import MEANINGS as MEANINGS
 from .status import Status as Status
 from .status import first_problem as first_problem

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from ..model import Args, Contacts, State, contact_forces, contacts, vector_field
 from ..tools import materialise
-from .poincare import hermite
+from .poincare import hermite, highest_point
 
 
 class Loads(NamedTuple):
@@ -48,7 +48,7 @@ def contact_loads(states: State, args: Args, steps: Any) -> Loads:
 
     values = [jnp.stack([f, -g]) for f, g in ((n.force, n.gap) for n in (before, after))]
     slopes = [jnp.stack([step * f, -step * g]) for f, g in ((n.force_rate, n.gap_rate) for n in (before, after))]
-    place, most = _highest(values[0], slopes[0], values[1], slopes[1])
+    place, most = highest_point(values[0], slopes[0], values[1], slopes[1])
     peak, depth = jnp.where(taken, most, -jnp.inf)
     highest = jnp.max(peak, axis=0)
     # the first step that attains the maximum, by a minimum: the derivative of an argmax is far too slow to compile
@@ -127,16 +127,6 @@ def _contact_rate(now: Contacts, memory: Any, args: Args) -> Array:
     decay = jnp.sum(jnp.maximum(jax.lax.stop_gradient(damper), 0) * per_mass)
     square = jnp.sum(jnp.maximum(jax.lax.stop_gradient(spring), 0) * per_mass)
     return jnp.maximum(decay, jnp.sqrt(square))
-
-
-def _highest(f0: Array, d0: Array, f1: Array, d1: Array) -> tuple[Array, Array]:
-    """Place in [0, 1] and value of the highest point of a cubic with the values f and slopes d at its ends."""
-    a, b = 2 * (f0 - f1) + d0 + d1, 3 * (f1 - f0) - 2 * d0 - d1
-    inside = (d0 > 0) & (d1 < 0)
-    # zero of the slope 3 a x^2 + 2 b x + d0; real, as the slope changes its sign
-    root = jnp.sqrt(jnp.where(inside, b * b - 3 * a * d0, 1.0))
-    x = jnp.where(inside, d0 / jnp.where(inside, root - b, 1.0), jnp.where(f1 > f0, 1.0, 0.0))
-    return x, jnp.where(inside, hermite(x, f0, d0, f1, d1), jnp.maximum(f0, f1))
 
 
 def _share_closed(g0: Array, d0: Array, g1: Array, d1: Array) -> Array:

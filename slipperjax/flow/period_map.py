@@ -150,14 +150,15 @@ def initial_states(scenes: Batched[Scene], starts: Motion | State) -> State:
 
     Gives an `ImplausibleWarning` where slippers begin far outside their play.
     """
-    states, outside = _initial_states(scenes, starts)
+    states, outside = states_and_penetrations(scenes, starts)
     if isinstance(starts, Motion):  # a run may end deep inside a contact
         warn_if_outside(outside)
     return states
 
 
 @jit
-def _initial_states(scenes: Batched[Scene], starts: Motion | State) -> tuple[State, Float[Array, " cases"]]:
+def states_and_penetrations(scenes: Batched[Scene], starts: Motion | State) -> tuple[State, Float[Array, " cases"]]:
+    """The states at time zero of a batch, and their penetrations, see `slipperjax.model.state_and_penetration`."""
     return scenes.map(state_and_penetration, starts)
 
 

@@ -29,6 +29,16 @@ def hermite(x, f0, d0, f1, d1):
     return ((a * x + b) * x + d0) * x + f0
 
 
+def highest_point(f0: Array, d0: Array, f1: Array, d1: Array) -> tuple[Array, Array]:
+    """Place in [0, 1] and value of the highest point of a cubic with the values f and slopes d at its ends."""
+    a, b = 2 * (f0 - f1) + d0 + d1, 3 * (f1 - f0) - 2 * d0 - d1
+    inside = (d0 > 0) & (d1 < 0)
+    # zero of the slope 3 a x^2 + 2 b x + d0; real, as the slope changes its sign
+    root = jnp.sqrt(jnp.where(inside, b * b - 3 * a * d0, 1.0))
+    x = jnp.where(inside, d0 / jnp.where(inside, root - b, 1.0), jnp.where(f1 > f0, 1.0, 0.0))
+    return x, jnp.where(inside, hermite(x, f0, d0, f1, d1), jnp.maximum(f0, f1))
+
+
 def crossing(q0, d0, q1, d1, v0, a0, v1, a1):
     """Where in a step a coordinate crosses zero upwards, and the velocity there.
 

@@ -24,6 +24,7 @@ from .dynamics import check_start as check_start
 from .dynamics import contact_forces as contact_forces
 from .dynamics import fill_frozen as fill_frozen
 from .dynamics import initial_state as initial_state
+from .dynamics import motion_rates as motion_rates
 from .dynamics import phase as phase
 from .dynamics import reactions as reactions
 from .dynamics import state_and_penetration as state_and_penetration
@@ -45,6 +46,7 @@ from .linearised import Linearised as Linearised
 from .linearised import LinearSystem as LinearSystem
 from .linearised import dense_linearised as dense_linearised
 from .paths import parameter as parameter
+from .paths import refuse_undone as refuse_undone
 from .quantities import ACCELERATIONS as ACCELERATIONS
 from .quantities import COORDINATE_SCALES as COORDINATE_SCALES
 from .quantities import COORDINATES as COORDINATES

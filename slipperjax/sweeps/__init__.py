@@ -1,12 +1,18 @@
 """Many cases: grids, paths with memory, jumps, attractors and Lyapunov exponents over parameters."""
 
+from .attractors import FLOOR as FLOOR
 from .attractors import attractors as attractors
 from .attractors import groups as groups
 from .attractors import strobe_states as strobe_states
 from .cases import Cases as Cases
+from .cases import filled as filled
+from .confirm import Confirmations as Confirmations
+from .confirm import confirm_periods as confirm_periods
 from .executors import ChunkRun as ChunkRun
 from .executors import Runs as Runs
+from .executors import in_order as in_order
 from .executors import on_threads as on_threads
+from .executors import records_in_order as records_in_order
 from .executors import run_chunk as run_chunk
 from .executors import run_chunks as run_chunks
 from .exponents import lyapunov_sweep as lyapunov_sweep
@@ -14,10 +20,22 @@ from .follow import follow as follow
 from .jumps import Jump as Jump
 from .jumps import find_jump as find_jump
 from .limits import refuse_cases as refuse_cases
+from .maps import Maps as Maps
+from .maps import rows_of as rows_of
+from .measure import JACOBIAN as JACOBIAN
 from .orbits import orbit_sweep as orbit_sweep
+from .plan import Calls as Calls
 from .plan import Chunk as Chunk
 from .plan import OnProgress as OnProgress
 from .plan import Plan as Plan
 from .plan import make_plan as make_plan
+from .plan import strobe_plan as strobe_plan
+from .reached import reached_orbits as reached_orbits
 from .repeat import repeat as repeat
+from .search import find_orbits as find_orbits
+from .spread import spread_orbits as spread_orbits
+from .spread import states_of as states_of
+from .spread import sweep_from as sweep_from
+from .sweep import case_attributes as case_attributes
+from .sweep import case_variables as case_variables
 from .sweep import sweep as sweep

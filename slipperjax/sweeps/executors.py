@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import xarray as xr
 from jaxtyping import Int
 
 from ..flow import (
@@ -108,11 +107,11 @@ class Runs(NamedTuple):
     """Number of all."""
     interrupted: bool
 
-    def checked(self, ds: xr.Dataset) -> xr.Dataset:
-        """The dataset made of the results; raises `Interrupted` with it where the run was interrupted."""
+    def checked(self, made: Any) -> Any:
+        """What was made of the results; raises `Interrupted` with it where the run was interrupted."""
         if self.interrupted:
-            raise Interrupted(ds, self.finished, self.cases)
-        return ds
+            raise Interrupted(made, self.finished, self.cases)
+        return made
 
 
 def run_chunks(

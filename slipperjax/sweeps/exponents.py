@@ -1,5 +1,10 @@
-"""Lyapunov exponents of a whole grid as one batch, with a certificate for each case."""
+"""Lyapunov exponents of a whole grid as one batch, with a certificate for each case.
 
+Cases run in up to three stages, each with chunks of its own: all pass the transient, after which periodic ones take
+the exponents of their orbits; those of the others are measured; chaotic ones run for longer.
+"""
+
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -7,37 +12,28 @@ import diffrax
 import jax
 import numpy as np
 import xarray as xr
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
-from ..analysis import (
-    REGIMES,
-    classify,
-    is_chaotic,
-    kaplan_yorke,
-    largest_exponent,
-    pooled_standard_error,
-    regime,
-    standard_error,
-    weighted_mean,
-)
+from ..analysis import KINDS, classify, is_chaotic, largest_exponent, standard_error
 from ..flow import Interrupted, Status, Trajectory, first_of, first_problem, initial_states
 from ..model import COORDINATE_SCALES, Motion, Scene, State
 from ..orbits import check_count
-from ..tools import whole
+from ..tools import whole, yes_or_no
 from .attractors import FLOOR
 from .cases import Cases
-from .executors import records_in_order, run_chunk, run_chunks
+from .executors import Runs, records_in_order, run_chunk, run_chunks
+from .exponent_data import Checks, Measured, Voted, exponent_data
 from .limits import refuse_run
-from .measure import BLOCK, JACOBIAN, LONGEST, LOOK, PAIR, Measure, measured_periods, tangents_cost
-from .plan import PAUSE, Chunk, Plan, make_plan, strobe_plan
+from .maps import Maps, rows_of
+from .measure import BLOCK, JACOBIAN, LAST, LOOK, PAIR, Measure, measured_periods, tangents_cost
+from .plan import PAUSE, Chunk, OnProgress, Plan, make_plan, strobe_plan
 from .progress import Later
-from .sweep import case_attributes, case_variables
-from .votes import HOLD, MOTIONS, Votes, take_votes, work_of_votes
+from .reached import Reached, nothing_reached, reached_orbits
+from .sweep import case_attributes
+from .votes import take_votes, work_of_votes
 
-AGREE = 1e-3
-"""Differences between exponents [1/period] that are accepted whatever the standard errors."""
-STEADY = 1e-2
-"""Differences between the halves of a record [1/period] that are accepted whatever the standard errors."""
+SEARCH = 4
+"""Jacobians that the search for an orbit takes, about; as many again with steps half as long."""
 
 
 def lyapunov_sweep(
@@ -49,6 +45,7 @@ def lyapunov_sweep(
     transient: int = 300,
     periods: int = 500,
     certify: bool = True,
+    orbits: bool = True,
     steps_per_period: int | Sequence[int] | np.ndarray | None = None,
     solver: diffrax.AbstractSolver | str | None = None,
     start: Motion | State | Trajectory | None = None,
@@ -58,27 +55,36 @@ def lyapunov_sweep(
 ) -> xr.Dataset:
     """Lyapunov exponents for every case of a grid, as one batch, each with its certificate.
 
+    Where a case has reached a stable periodic orbit after the transient, its exponents are those of the orbit's
+    Floquet multipliers, exact to about 1e-8, which costs about a seventh of a measurement.
+
     **Arguments:** `count`, `periods`: as for `lyapunov_spectrum`; `certify`: whether each case is checked, which
-    costs about twice as much again, and six times as much for chaotic cases; `transient`: `BLOCK` periods at least;
-    others as for `sweep`. Periods are rounded up to whole blocks of `BLOCK`, after each of which the status is looked
-    at.
+    costs about twice as much again, and six times as much for chaotic cases; `orbits`: whether exponents are taken
+    from orbits, so that without it all are measured; `transient`: `BLOCK` periods at least; others as for `sweep`.
+    Periods are rounded up to whole blocks of `BLOCK`, after each of which the status is looked at.
 
     **Returns:** an `xarray.Dataset` over the grid with
 
     - `exponent` and `stderr` [1/period], with dimension `count`; `weighted_exponent`: the same by a smoothly weighted
-      mean, sharper for regular motions (see `slipperjax.analysis.weighted_mean`); `kaplan_yorke` where count > 1;
-      `kind` and `period`: what the motion is by recurrence in the last `LAST` counted periods, see
+      mean, sharper for regular motions (see `slipperjax.analysis.weighted_mean`); `by_orbit`: whether they are those
+      of an orbit, with standard errors of zero; `kaplan_yorke` where count > 1; `kind` and `period` [forcing
+      periods]: of the orbit, or what the motion is by recurrence in the last `LAST` counted periods, see
       `slipperjax.analysis.classify`; `regime`: see `slipperjax.analysis.regime`; `status` and `steps_per_period`: as
       `sweep` gives them;
     - with `certify`: `half_step`, the largest exponent with steps half as long, and its standard error
-      `half_step_stderr`; `two_trajectories`, an estimate without tangents, and `two_trajectories_stderr`;
+      `half_step_stderr`; `two_trajectories`, an estimate without tangents, and `two_trajectories_stderr`, NaN where
+      exponents are those of an orbit;
       `floquet`, ln |largest multiplier| per period, of periodic motions; `resolved`: whether all that applies agrees;
       `escapes`, how many of `MOTIONS` motions of a chaotic case became regular within `HOLD` periods more, and
       `chaotic_for`, the forcing periods for which none did.
 
     A case is `resolved` where its status is 0, the two other estimates lie within three standard errors of their
     difference or 1e-3, the exponents of both halves of the record within three of theirs or 1e-2, and the weighted
-    exponent of a periodic motion is that of its multiplier within 1e-3.
+    exponent of a periodic motion is that of its multiplier within 1e-3. A case on an orbit is resolved where the
+    exponent of the orbit with steps half as long, which must be found and stable, too, differs by 1e-2 at most.
+
+    A case takes the exponents of an orbit only where that is certain, see `slipperjax.sweeps.reached`: all others,
+    with unstable, distant or missing orbits, forcings that do not recur, or anything wrong, are measured.
 
     The exponents of a certified chaotic case, and their standard errors, are those of its `MOTIONS` longer motions,
     see `slipperjax.analysis.pooled_standard_error`. Where some became regular, it is "transient chaos", with the
@@ -93,43 +99,19 @@ def lyapunov_sweep(
     plan = make_plan(scene, cases, record="strobe", transient=0, periods=1, **options)
     plan = strobe_plan(plan, whole("transient", transient, BLOCK))
     count, counted = check_count(scene, count), -(-whole("periods", periods, 1) // BLOCK)
-    work_of_case = plan.work + _work(counted, count, certify)
-    refuse_run(
-        cases.count, work_of_case, plan.values + measured_periods(counted) * (count + 2), float(plan.steps.sum())
-    )
-    asked = workers
-    chunks, workers = plan.chunks(chunk, workers)
-
-    def work(chunk, on_progress):
-        scenes, starts = cases.take(chunk.index)
-        settled = run_chunk(plan, scenes, initial_states(scenes, starts), chunk.steps, on_progress)
-        measure = Measure(plan, scenes, settled.state, float(plan.periods), counted, chunk.steps, on_progress)
-        plain = measure(chunk.steps, count)
-        status = first_problem(first_problem(settled.status, plain.status), measure.look(chunk.steps, plain.state))
-        checks = None
-        if certify:
-            half, pair = measure(2 * chunk.steps, 1), measure(chunk.steps, 1, 1e-7)
-            matrices = measure.jacobians(chunk.steps, plain.state)
-            checks = _Checks(half.history, half.status, pair.history, pair.status, matrices)
-        return _Exponents(status, plain.strobe, plain.history, jax.tree.map(np.asarray, plain.state), checks)
-
-    runs = run_chunks(
-        chunks,
-        workers,
-        work,
-        periods=work_of_case,
-        progress=progress,
-        name="exponents",
-        later=_later(chunks, counted, count) if certify else None,
-    )
-    found, votes = records_in_order(chunks, runs.results), None
+    settle = _Settle(plan, cases, count, certify, yes_or_no("orbits", orbits))
+    measure = _Measurement(plan, cases, count, counted, certify)
+    values = plan.values + measured_periods(counted) * (count + 2)
+    refuse_run(cases.count, settle.work + measure.work, values, float(plan.steps.sum()))
+    found, reached, runs = _stages(settle, measure, chunk, workers, progress)
+    votes = None
     if certify and not runs.interrupted:
         exponent, error = found.history.mean(axis=1)[:, 0], standard_error(found.history)[:, 0]
         chosen = np.flatnonzero(is_chaotic(exponent, error) & (found.status == Status.FINITE))
         if len(chosen):
             states = jax.tree.map(lambda a: a[chosen], found.state)
             epoch = plan.periods + measured_periods(counted)
-            run = (counted, count, chunk, asked, progress)
+            run = (counted, count, chunk, workers, progress)
             votes, unfinished = _votes(chosen, lambda: take_votes(plan, cases, chosen, states, epoch, *run))
             if unfinished is not None:
                 found.status[unfinished] = Status.NOT_RUN
@@ -141,157 +123,173 @@ def lyapunov_sweep(
         transient=transient,
         periods=periods,
         certify=certify,
+        orbits=orbits,
     )
     attrs = case_attributes(plan, cases, call) | {"transient": plan.periods, "periods": counted * BLOCK}
-    ds = _dataset(cases, plan, found, votes, attrs)
-    return runs.checked(ds)
+    return runs.checked(exponent_data(cases, plan, found, reached, votes, attrs))
 
 
-def _work(blocks: int, count: int, certify: bool) -> float:
-    """What the measurements of one case cost, in plain forcing periods."""
-    plain, checks = tangents_cost(count), 2 * tangents_cost(1) + PAIR if certify else 0.0
-    jacobians = JACOBIAN * LONGEST if certify else 0.0
-    return (plain + checks) * measured_periods(blocks) + LOOK * PAUSE + jacobians
+class _Settled(NamedTuple):
+    """Cases after the transient."""
+
+    status: Int[np.ndarray, " cases"]
+    state: State
+    reached: Reached
 
 
-def _later(chunks: Sequence[Chunk], blocks: int, count: int) -> Later:
-    """The longer motions, which every case may need."""
-    return Later(sum(chunk.cost for chunk in chunks) * work_of_votes(blocks, count), "for chaotic cases")
+class _Settle(NamedTuple):
+    """Runs the transient of a chunk, and looks for the orbits that its cases have reached."""
+
+    plan: Plan
+    cases: Cases
+    count: int
+    certify: bool
+    orbits: bool
+
+    @property
+    def work(self) -> float:
+        """What it costs, in plain forcing periods: an orbit of period 1, as most are."""
+        search = SEARCH * JACOBIAN * (3 if self.certify else 1) + LOOK * PAUSE
+        return self.plan.work + (search if self.orbits else 0.0)
+
+    def __call__(self, chunk: Chunk, on_progress: OnProgress) -> _Settled:
+        plan, (scenes, starts) = self.plan, self.cases.take(chunk.index)
+        passed = run_chunk(plan, scenes, initial_states(scenes, starts), chunk.steps, on_progress)
+        states, status = jax.tree.map(np.asarray, passed.state), np.asarray(passed.status)
+        if not self.orbits:
+            return _Settled(status, states, nothing_reached(states, self.count))
+        wanted = (status == Status.FINITE) & (np.arange(len(status)) < chunk.cases)
+        found = reached_orbits(
+            scenes,
+            states,
+            passed.record.strobe[:, -LAST:],
+            chunk.steps,
+            solver=plan.solver,
+            count=self.count,
+            half_step=self.certify,
+            wanted=wanted,
+            on_progress=on_progress,
+        )
+        some = np.flatnonzero(found.period)
+        maps = Maps(scenes, states, chunk.steps, plan.solver, found.period, on_progress, float(plan.periods))
+        if len(some):
+            looked = maps.look(some, rows_of(found.state)[some], plan.room(chunk.steps))
+            # what is wrong with a case is said by its measurement
+            found.period[some[looked != Status.FINITE]] = 0
+        return _Settled(status, states, found)
 
 
-def _votes(chosen: np.ndarray, take: Callable) -> tuple["_Voted | None", np.ndarray | None]:
+class _Measurement(NamedTuple):
+    """Measures the exponents of cases after the transient."""
+
+    plan: Plan
+    cases: Cases
+    count: int
+    blocks: int
+    certify: bool
+
+    @property
+    def work(self) -> float:
+        """What it costs, in plain forcing periods."""
+        checks = 2 * tangents_cost(1) + PAIR if self.certify else 0.0
+        return (tangents_cost(self.count) + checks) * measured_periods(self.blocks) + LOOK * PAUSE
+
+    def blank(self, settled: _Settled) -> Measured:
+        """Of cases that were not measured."""
+        cases, periods = len(settled.status), BLOCK * self.blocks
+        rows = lambda count: np.full((cases, periods, count), np.nan)
+        no = np.full(cases, int(Status.NOT_RUN))
+        checks = Checks(rows(1), no.copy(), rows(1), no.copy(), np.full(cases, np.nan)) if self.certify else None
+        unresolved = np.full(cases, KINDS.index("unresolved"))
+        return Measured(no, unresolved, np.zeros(cases, int), rows(self.count), settled.state, checks)
+
+    def __call__(self, scenes: Any, settled: _Settled, steps: int, on_progress: OnProgress) -> Measured:
+        plan, epoch = self.plan, float(self.plan.periods)
+        measure = Measure(plan, scenes, settled.state, epoch, self.blocks, steps, on_progress)
+        plain = measure(steps, self.count)
+        states = jax.tree.map(np.asarray, plain.state)
+        everyone, rows = np.arange(len(settled.status)), rows_of(states)
+        maps = Maps(scenes, states, steps, plan.solver, 0 * everyone, on_progress, epoch + measure.periods)
+        status = first_problem(settled.status, plain.status)
+        status = np.asarray(first_problem(status, maps.look(everyone, rows, plan.room(steps))))
+        strobe = np.where((status == Status.FINITE)[:, None, None], plain.strobe, np.nan)
+        motion = classify(strobe, scales=COORDINATE_SCALES, floor=FLOOR)
+        checks = None
+        if self.certify:
+            half, pair = measure(2 * steps, 1), measure(steps, 1, 1e-7)
+            floquet, periodic = np.full(len(rows), np.nan), np.flatnonzero(motion.period)
+            matrices = maps._replace(periods=motion.period).jacobians(periodic, rows[periodic])
+            floquet[periodic] = [largest_exponent(of_case, len(of_case)) for of_case in matrices]
+            checks = Checks(half.history, half.status, pair.history, pair.status, floquet)
+        kind = np.array([KINDS.index(name) for name in motion.kind])
+        return Measured(status, kind, motion.period, plain.history, states, checks)
+
+
+def _stages(
+    settle: _Settle, measure: _Measurement, chunk: int | None, workers: int | None, progress: bool
+) -> tuple[Measured, np.ndarray, Runs]:
+    """The transient and the measurement of what has not reached an orbit; which cases have, and the last run."""
+    plan, cases = settle.plan, settle.cases
+    chunks, threads = plan.chunks(chunk, workers)
+    each = sum(part.cost for part in chunks)
+    later = Later(
+        each * (measure.work + (work_of_votes(measure.blocks, measure.count) if measure.certify else 0)),
+        "for cases without a stable orbit",
+    )
+    runs = run_chunks(chunks, threads, settle, periods=settle.work, progress=progress, name="transient", later=later)
+    settled = records_in_order(chunks, runs.results)
+    found, by_orbit = measure.blank(settled), settled.reached.period > 0
+    _put_orbits(found, by_orbit, settled.reached)
+    rest = np.flatnonzero(~by_orbit)
+    finished = int(by_orbit.sum())
+    if len(rest) and not runs.interrupted:
+        chunks, threads = dataclasses.replace(plan, steps=plan.steps[rest]).chunks(chunk, workers)
+
+        def work(part: Chunk, on_progress: OnProgress) -> Measured:
+            index = rest[part.index]
+            of_chunk = jax.tree.map(lambda a: a[index], settled)
+            return measure(cases.take(index)[0], of_chunk, part.steps, on_progress)
+
+        later = Later(
+            sum(part.cost for part in chunks) * work_of_votes(measure.blocks, measure.count), "for chaotic cases"
+        )
+        options: dict[str, Any] = dict(progress=progress, name=f"exponents of {len(rest)} cases")
+        options |= dict(later=later if measure.certify else None)
+        try:
+            runs = run_chunks(chunks, threads, work, periods=measure.work, **options)
+        except Interrupted:
+            runs = Runs([], 0, len(rest), True)
+        else:
+            for part, of_all in zip(
+                jax.tree.leaves(records_in_order(chunks, runs.results)), jax.tree.leaves(found), strict=True
+            ):
+                of_all[rest] = part
+        finished += runs.finished
+    runs = runs._replace(finished=finished, cases=cases.count)
+    if runs.interrupted and not finished:
+        raise Interrupted(None, 0, cases.count)
+    return found, by_orbit, runs
+
+
+def _put_orbits(found: Measured, by_orbit: np.ndarray, reached: Reached) -> None:
+    """Fills in what is known of the cases that have reached an orbit."""
+    found.status[by_orbit] = Status.FINITE
+    found.kind[by_orbit] = KINDS.index("period")
+    found.period[by_orbit] = reached.period[by_orbit]
+    found.history[by_orbit] = reached.exponents[by_orbit, None]
+    if found.checks is not None:
+        found.checks.half_step[by_orbit] = reached.half_step[by_orbit, None, None]
+        found.checks.half_step_status[by_orbit] = found.checks.two_trajectories_status[by_orbit] = Status.FINITE
+        found.checks.floquet[by_orbit] = reached.exponents[by_orbit, 0]
+
+
+def _votes(chosen: np.ndarray, take: Callable) -> tuple[Voted | None, np.ndarray | None]:
     """The votes of the chosen cases, and which cases have none because of an interrupt; None without one."""
     try:
         votes, interrupted = take()
     except Interrupted:
         return None, chosen
     if not interrupted:
-        return _Voted(chosen, votes), None
+        return Voted(chosen, votes), None
     done = votes.status != Status.NOT_RUN
-    return _Voted(chosen[done], jax.tree.map(lambda a: a[done], votes)), chosen[~done]
-
-
-class _Checks(NamedTuple):
-    """What certifies the cases."""
-
-    half_step: Float[np.ndarray, "cases periods 1"]
-    half_step_status: Int[np.ndarray, " cases"]
-    two_trajectories: Float[np.ndarray, "cases periods 1"]
-    two_trajectories_status: Int[np.ndarray, " cases"]
-    jacobians: Float[np.ndarray, "cases periods size size"]
-
-
-class _Exponents(NamedTuple):
-    """What was found of the cases."""
-
-    status: Int[np.ndarray, " cases"]
-    strobe: Float[np.ndarray, "cases last 10"]
-    history: Float[np.ndarray, "cases periods count"]
-    state: State
-    checks: _Checks | None
-
-
-class _Voted(NamedTuple):
-    """Cases with longer motions, and what these showed."""
-
-    chosen: Int[np.ndarray, " cases"]
-    votes: Votes
-
-
-Variables = dict[str, tuple[np.ndarray, str, str]]
-"""Values, unit and description by name."""
-
-
-def _dataset(cases: Cases, plan: Plan, found: _Exponents, voted: _Voted | None, attrs: dict[str, Any]) -> xr.Dataset:
-    good = found.status == Status.FINITE
-    settled = classify(np.where(good[:, None, None], found.strobe, np.nan), scales=COORDINATE_SCALES, floor=FLOOR)
-    exponent, error = found.history.mean(axis=1), standard_error(found.history)
-    flat: Variables = {
-        "weighted_exponent": (
-            weighted_mean(found.history),
-            "1/period",
-            "Lyapunov exponents by a smoothly weighted mean",
-        ),
-        "kind": (settled.kind, "", "what the motion is by recurrence"),
-        "period": (settled.period, "1", "forcing periods of a periodic motion, 0 for others"),
-    }
-    trusted, escapes = good, np.zeros(len(good), int)
-    if found.checks is not None:
-        if voted is not None:
-            escapes[voted.chosen] = voted.votes.escapes
-            lasting = voted.votes.escapes == 0
-            of_motions = voted.votes.history[lasting]
-            exponent[voted.chosen[lasting]] = of_motions.mean(axis=(1, 2))
-            error[voted.chosen[lasting]] = pooled_standard_error(of_motions)
-        checked, trusted = _certified(found, found.checks, voted, exponent[:, 0], error[:, 0], settled.period)
-        flat |= checked | _lasting(plan, found, voted, escapes)
-    flat |= {
-        "exponent": (exponent, "1/period", "Lyapunov exponents"),
-        "stderr": (error, "1/period", "standard error of the exponents"),
-    }
-    if exponent.shape[1] > 1:
-        flat["kaplan_yorke"] = (kaplan_yorke(exponent), "1", "Kaplan-Yorke dimension")
-    names = np.array(REGIMES)[regime(exponent[:, 0], error[:, 0], settled.kind, trusted, escapes)]
-    flat["regime"] = (names, "", "periodic, regular (neither periodic nor chaotic), chaotic, transient or unresolved")
-    ds = xr.Dataset(coords=cases.coordinates(), attrs=attrs)
-    for name, (values, unit, text) in flat.items():
-        dims = (*cases.dims, "count") if values.ndim > 1 else cases.dims
-        label = {"units": unit, "long_name": text} if unit else {"long_name": text}
-        ds[name] = (dims, values.reshape(cases.shape + values.shape[1:]), label)
-    by_case = case_variables(cases.dims, found.status.reshape(cases.shape), plan.steps.reshape(cases.shape))
-    return ds.assign(by_case)
-
-
-def _certified(
-    found: _Exponents,
-    checks: _Checks,
-    voted: _Voted | None,
-    exponent: np.ndarray,
-    error: np.ndarray,
-    period: np.ndarray,
-) -> tuple[Variables, np.ndarray]:
-    """The other estimates, and whether they agree with the largest exponents and their standard errors."""
-    good = found.status == Status.FINITE
-    agree = good & (checks.half_step_status == Status.FINITE) & (checks.two_trajectories_status == Status.FINITE)
-    flat: Variables = {}
-    # of one record, where the error of several is known, and so that of one
-    of_one = np.zeros_like(error)
-    if voted is not None:
-        agree[voted.chosen] &= voted.votes.status == Status.FINITE
-        of_one[voted.chosen] = np.sqrt(MOTIONS) * error[voted.chosen] * (voted.votes.escapes == 0)
-    others = {
-        "half_step": ("with half the step", checks.half_step),
-        "two_trajectories": ("from two trajectories", checks.two_trajectories),
-    }
-    for name, (text, rows) in others.items():
-        value, its_error = rows.mean(axis=1)[:, 0], np.maximum(standard_error(rows)[:, 0], of_one)
-        flat[name] = (value, "1/period", f"largest exponent {text}")
-        flat[f"{name}_stderr"] = (its_error, "1/period", f"standard error of the largest exponent {text}")
-        agree &= np.abs(value - exponent) <= np.maximum(3 * np.hypot(error, its_error), AGREE)
-    rows = found.history[..., 0]
-    half = rows.shape[1] // 2
-    first, second = rows[:, :half].mean(axis=1), rows[:, half:].mean(axis=1)
-    # each half has twice the variance of the whole
-    its_error = np.maximum(standard_error(found.history)[:, 0], of_one)
-    agree &= np.abs(first - second) <= np.maximum(3 * 2 * its_error, STEADY)
-    floquet = np.full(len(good), np.nan)
-    periodic = (period > 0) & good
-    for k in np.flatnonzero(periodic):
-        floquet[k] = largest_exponent(checks.jacobians[k], period[k])
-    agree &= ~periodic | (np.abs(floquet - weighted_mean(found.history)[:, 0]) <= AGREE)
-    flat["floquet"] = (floquet, "1/period", "ln of the largest Floquet multiplier's modulus")
-    flat["resolved"] = (agree, "", "whether the other estimates agree")
-    return flat, agree
-
-
-def _lasting(plan: Plan, found: _Exponents, voted: _Voted | None, escapes: np.ndarray) -> Variables:
-    """How long chaos was seen to last."""
-    periods = np.zeros(len(escapes), int)
-    if voted is not None:
-        seen = plan.periods + found.history.shape[1] + BLOCK
-        longer = HOLD + found.history.shape[1] + BLOCK
-        periods[voted.chosen] = np.where(escapes[voted.chosen] == 0, seen + longer, seen)
-    return {
-        "escapes": (escapes, "1", f"motions of {MOTIONS} that became regular within {HOLD} more forcing periods"),
-        "chaotic_for": (periods, "1", "forcing periods for which chaos lasted at least, 0 for other motions"),
-    }
+    return Voted(chosen[done], jax.tree.map(lambda a: a[done], votes)), chosen[~done]

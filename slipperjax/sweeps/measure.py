@@ -1,6 +1,6 @@
 """Local exponents of a chunk of cases, from the states to which it settled."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -8,23 +8,18 @@ from jaxtyping import Float, Int
 
 from ..flow import (
     ConstantSteps,
-    OnlyLoads,
-    advance,
     advance_tangents,
-    batch_jacobians,
     first_problem,
     initial_tangents,
-    judged_by_loads,
-    most_stretch,
 )
 from ..model import Scene, State
 from ..tools import Batched
-from .plan import PAUSE, OnProgress, Plan
+from .plan import OnProgress, Plan
 
 BLOCK = 20
 """Forcing periods in one call; the first such block turns the tangents into their directions and is not counted."""
 LONGEST = 16
-"""Longest period of a motion whose Floquet multipliers are computed."""
+"""Longest period of a motion whose Floquet multipliers are computed, or whose orbit is looked for."""
 LAST = 200
 """Forcing periods at the end of a record from which a motion is classified."""
 PAIR, JACOBIAN, LOOK = 3.5, 35.0, 3.8
@@ -86,23 +81,6 @@ class Measure(NamedTuple):
             status = first_problem(status, codes)
             self.on_progress(weight * BLOCK)
         return Local(np.concatenate(rows[1:], axis=1), status, np.concatenate(strobes, axis=1), states)
-
-    def jacobians(self, steps: int, states: State) -> np.ndarray:
-        """Jacobians of the first `LONGEST` periods after a measurement that ended in `states`."""
-        options: dict[str, Any] = dict(solver=self.plan.solver, periods=LONGEST)
-        at = self.epoch + self.periods
-        found = np.asarray(batch_jacobians(self.scenes, states, at, _constant(steps), **options))
-        self.on_progress(JACOBIAN * LONGEST * steps / self.steps)
-        return found
-
-    def look(self, steps: int, states: State) -> Int[np.ndarray, " cases"]:
-        """What the contact loads of some periods from `states` on show to be wrong, as `Status` codes."""
-        stepping = ConstantSteps(self.plan.room(steps), jnp.asarray(float(steps)))
-        options: dict[str, Any] = dict(solver=self.plan.solver, periods=PAUSE, recorder=OnlyLoads())
-        seen = advance(self.scenes, states, self.epoch + self.periods, stepping, **options)
-        found = np.asarray(judged_by_loads(self.scenes, seen.status, seen.record, most_stretch(self.plan.solver)))
-        self.on_progress(LOOK * PAUSE * steps / self.steps)
-        return found
 
 
 def _constant(steps: int) -> ConstantSteps:

@@ -8,16 +8,16 @@ import jax
 import numpy as np
 import xarray as xr
 
-from ..analysis import multipliers
 from ..flow import Trajectory, coordinates, first_of, initial_states
 from ..model import COORDINATES, Motion, Scene, State
 from ..orbits import TOLERANCE, check_forcing
 from ..tools import number, positive, whole
 from .cases import Cases
 from .executors import records_in_order, run_chunk, run_chunks
+from .maps import rows_of
 from .measure import JACOBIAN
 from .plan import PAUSE, make_plan, strobe_plan
-from .search import find_orbits, rows_of
+from .search import find_orbits
 from .sweep import case_attributes, case_variables
 
 TYPICAL = 8
@@ -83,7 +83,7 @@ def orbit_sweep(
         of_cases = scenes.take(some), jax.tree.map(lambda a: np.asarray(a)[some], passed.state)
         how: dict[str, Any] = dict(solver=plan.solver, period=period, tolerance=tolerance, max_iterations=limit)
         found = find_orbits(*of_cases, chunk.steps, on_progress=on_progress, **how)
-        mu = np.array([multipliers(matrices) for matrices in found.matrices])
+        mu = found.multipliers
         states = coordinates(found.state), rows_of(found.state)
         return _Found(found.status, *states, mu.real, mu.imag, found.residual, found.iterations)
 

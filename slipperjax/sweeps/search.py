@@ -5,20 +5,18 @@ one after a new Jacobian. So no case waits for another one's line search, and ca
 """
 
 import functools
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import diffrax
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Complex, Float, Int
 
-from ..flow import Status, advance, batch_jacobians, flexible_steps, status_of, tangent_weights
+from ..analysis import multipliers
+from ..flow import Status
 from ..model import Scene, State
-from ..orbits import Settled
-from ..tools import Batched, jit
-from .cases import filled
-from .measure import JACOBIAN
+from ..tools import Batched
+from .maps import Maps, rows_of
 from .plan import OnProgress
 
 HALVINGS = 5
@@ -39,85 +37,21 @@ class Orbits(NamedTuple):
     residual: Float[np.ndarray, " cases"]
     """Greatest scaled component of what a state misses after the period [1]."""
     iterations: Int[np.ndarray, " cases"]
-    matrices: Float[np.ndarray, "cases period size size"]
-    """Jacobians of the successive forcing periods."""
+    jacobians: Int[np.ndarray, " cases"]
+    """How many were computed, that of the orbit included."""
+    multipliers: Complex[np.ndarray, "cases size"]
+    """Over the orbit's period, the largest modulus first [1]; NaN where there is no orbit."""
+    growth: Float[np.ndarray, " cases"]
+    """Logarithm of the greatest growth of a scaled tangent in one forcing period [1]; NaN without an orbit."""
+    inverse: Float[np.ndarray, "cases size size"]
+    """Of I - P_x, P_x being the Jacobian over the orbit's period, for its derivatives; NaN without an orbit."""
     status: Int[np.ndarray, " cases"]
     """`Status` codes."""
 
-
-def rows_of(states: State) -> Float[np.ndarray, "cases size"]:
-    """States with a leading axis of cases as rows of all their numbers."""
-    leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(states)]
-    return np.concatenate([leaf.reshape(len(leaf), -1) for leaf in leaves], axis=1)
-
-
-class _Maps(NamedTuple):
-    """The period map and its derivatives, for some of the cases."""
-
-    scenes: Batched[Scene]
-    like: State
-    steps: int
-    solver: diffrax.AbstractSolver
-    period: int
-    on_progress: OnProgress
-
-    def states(self, rows: np.ndarray) -> State:
-        """Rows of numbers as states."""
-        leaves, structure = jax.tree.flatten(self.like)
-        ends = np.cumsum([np.size(leaf[0]) for leaf in leaves])
-        parts = np.split(rows, ends[:-1], axis=1)
-        shaped = [part.reshape(len(rows), *np.shape(leaf)[1:]) for part, leaf in zip(parts, leaves, strict=True)]
-        return jax.tree.unflatten(structure, shaped)
-
-    def of(self, index: np.ndarray, rows: np.ndarray) -> tuple[Batched[Scene], State]:
-        """Scenes and states of some cases, filled up to one of few sizes, each of which needs compiled programs."""
-        size = next(n for n in (8 * 4**k for k in range(30)) if n >= len(index))
-        more = filled(np.arange(len(index)), min(size, len(self.like.motion.y)))
-        return self.scenes.take(index[more]), self.states(rows[more])
-
-    def mapped(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """States after the period."""
-        scenes, states = self.of(index, rows)
-        options: dict[str, Any] = dict(solver=self.solver, periods=self.period)
-        end = advance(scenes, states, 0.0, flexible_steps(self.steps), **options).state
-        self.on_progress(self.period * len(index) / len(self.like.motion.y))
-        return rows_of(end)[: len(index)]
-
-    def jacobians(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Jacobians of the forcing periods."""
-        scenes, states = self.of(index, rows)
-        options: dict[str, Any] = dict(solver=self.solver, periods=self.period)
-        found = np.asarray(batch_jacobians(scenes, states, 0.0, flexible_steps(self.steps), **options))
-        self.on_progress(JACOBIAN * self.period * len(index) / len(self.like.motion.y))
-        return found[: len(index)]
-
-    def settled(self, index: np.ndarray, proposed: np.ndarray, mapped: np.ndarray) -> np.ndarray:
-        """Proposed states that the latch agrees with."""
-        scenes, states = self.of(index, proposed)
-        return rows_of(_settled(scenes, states, self.of(index, mapped)[1]))[: len(index)]
-
-    def weights(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Weights of the components of states."""
-        return rows_of(_weights(*self.of(index, rows)))[: len(index)]
-
-
-@jit
-def _settled(scenes: Batched[Scene], proposed: State, mapped: State) -> State:
-    return scenes.map(lambda scene, p, m: Settled(scene)(p, m), proposed, mapped)
-
-
-@jit
-def _weights(scenes: Batched[Scene], states: State) -> State:
-    def one(scene, state):
-        found = tangent_weights(scene)(state)
-        return jax.tree.map(lambda s, w: jnp.broadcast_to(jnp.asarray(w, float), s.shape), state, found)
-
-    return scenes.map(one, states)
-
-
-@jit
-def _statuses(states: State) -> jax.Array:
-    return jax.vmap(status_of)(states)
+    @property
+    def stable(self) -> np.ndarray:
+        """Whether all multipliers lie inside the unit circle."""
+        return np.abs(self.multipliers[:, 0]) < 1
 
 
 def find_orbits(
@@ -126,23 +60,29 @@ def find_orbits(
     steps: int,
     *,
     solver: diffrax.AbstractSolver,
-    period: int,
+    period: int | Int[np.ndarray, " cases"],
     tolerance: float,
     max_iterations: int,
     on_progress: OnProgress,
+    inverse: Float[np.ndarray, "cases size size"] | None = None,
 ) -> Orbits:
     """The orbits near some states of a batch, each by Newton's method; see `Orbits.status` for what became of them.
 
-    **Arguments:** `states`: with a leading axis of cases; `period`: forcing periods after which the orbits recur;
-    `steps`: per forcing period.
+    **Arguments:** `states`: with a leading axis of cases; `period`: forcing periods after which the orbits recur, of
+    all or of each case, 0 for those without a search; `steps`: per forcing period; `inverse`: guesses of
+    `Orbits.inverse`, such as neighbours', NaN where there is none.
     """
-    maps = _Maps(scenes, states, steps, solver, period, on_progress)
     x = rows_of(states)
     everyone = np.arange(len(x))
-    miss = maps.mapped(everyone, x) - x
-    size = _sizes(miss, maps.weights(everyone, x))
+    maps = Maps(scenes, states, steps, solver, np.broadcast_to(period, len(x)), on_progress)
+    asked = maps.periods > 0
+    miss, size = np.zeros_like(x), np.full(len(x), np.inf)
+    first = everyone[asked]
+    miss[first] = maps.mapped(first, x[first]) - x[first]
+    size[first] = _sizes(miss[first], maps.weights(first, x[first]))
     share, count, jacobians = np.ones(len(x)), np.zeros(len(x), int), np.zeros(len(x), int)
-    inverse, stale = np.zeros((len(x), x.shape[1], x.shape[1])), np.ones(len(x), bool)
+    inverse = np.full((len(x), x.shape[1], x.shape[1]), np.nan) if inverse is None else inverse.copy()
+    stale = ~np.all(np.isfinite(inverse), axis=(1, 2))
     while True:
         going = np.isfinite(size) & (size > tolerance) & (count < max_iterations)
         going &= ~(stale & (jacobians >= MOST_JACOBIANS))
@@ -169,16 +109,26 @@ def find_orbits(
         x[some], miss[some], size[some], share[some] = proposed[good], new_miss[good], new_size[good], 1.0
         share[now[~good]] /= 2
         count[now[~good & last]] = max_iterations  # every step leaves the finite numbers
-    status = np.asarray(_statuses(maps.states(x)))
+    status = maps.statuses(everyone, x)
     status = np.where((status == Status.FINITE) & ~(size <= tolerance), int(Status.NO_ORBIT), status)
-    matrices = np.full((len(x), period, x.shape[1], x.shape[1]), np.nan)
+    mu, growth = np.full(x.shape, np.nan + 0j), np.full(len(x), np.nan)
     found = np.flatnonzero(status == Status.FINITE)
     if len(found):
-        matrices[found] = maps.jacobians(found, x[found])
+        matrices = maps.jacobians(found, x[found])
+        jacobians[found] += 1
+        mu[found] = [multipliers(of_periods) for of_periods in matrices]
+        growth[found] = [_growth(*both) for both in zip(matrices, maps.weights(found, x[found]), strict=True)]
         # one more step by the Jacobian at hand
-        inverse[found] = _inverses(matrices[found])
+        inverse[found] = _inverses(matrices)
         x[found] += np.einsum("kij,kj->ki", inverse[found], miss[found])
-    return Orbits(maps.states(x), size, count, matrices, status)
+    inverse[~np.isin(everyone, found)] = np.nan
+    return Orbits(maps.states(x), size, count, jacobians, mu, growth, inverse, status)
+
+
+def _growth(matrices: np.ndarray, weights: np.ndarray) -> float:
+    seen = weights > 0
+    scaled = (matrices * weights[:, None])[:, seen][:, :, seen] / weights[seen]
+    return float(np.log(np.max(np.linalg.norm(scaled, 2, axis=(1, 2)), initial=1e-300)))
 
 
 def _sizes(miss: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -186,9 +136,9 @@ def _sizes(miss: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return np.where(np.all(np.isfinite(miss), axis=1), seen, np.inf)
 
 
-def _inverses(matrices: np.ndarray) -> np.ndarray:
-    """Inverses of I - P_x, from the Jacobians of successive periods; NaN where they are not finite."""
-    whole = functools.reduce(lambda total, later: later @ total, np.moveaxis(matrices, 1, 0))
+def _inverses(matrices: Sequence[np.ndarray]) -> np.ndarray:
+    """Inverses of I - P_x, from the Jacobians of each case's successive periods; NaN where they are not finite."""
+    whole = np.stack([functools.reduce(lambda total, later: later @ total, of_periods) for of_periods in matrices])
     system = np.eye(whole.shape[-1]) - whole
     finite = np.all(np.isfinite(system), axis=(1, 2))
     found = np.full_like(system, np.nan)

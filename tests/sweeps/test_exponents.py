@@ -1,15 +1,21 @@
 """Exponents of slippers over a grid, each with its certificate."""
 
+from types import SimpleNamespace
+
+import jax
 import numpy as np
 import pytest
 
 import slipperjax as sj
 from slipperjax.analysis import largest_exponent
 from slipperjax.flow import Status
+from slipperjax.sweeps import attractors, confirm_periods, exponents, reached
 from slipperjax.sweeps.votes import MOTIONS, Votes
 
 SPEEDS = [1100.0, 1250.0, 1500.0, 1800.0, 2100.0, 2300.0]
 STEPS = 50
+TWO = [1250.0, 2100.0]
+SHORT = dict(transient=200, periods=60, steps_per_period=STEPS)
 
 
 def swept(**options):
@@ -28,9 +34,9 @@ def test_periodic_motions_contract_and_chaotic_ones_part():
 
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # on purpose
 def test_certificates_of_a_short_run():
-    """A periodic motion agrees with its multiplier, and every case says what it is and how it went."""
+    """A measured periodic motion agrees with its multiplier, and every case says what it is and how it went."""
     grid = {"speed": [1250.0, 1e-3]}
-    found = sj.lyapunov_sweep(sj.paper_scene(), grid, transient=200, periods=60, steps_per_period=STEPS)
+    found = sj.lyapunov_sweep(sj.paper_scene(), grid, orbits=False, transient=200, periods=60, steps_per_period=STEPS)
     good, bad = found.isel(speed=0), found.isel(speed=1)
     assert bool(good["resolved"])
     assert str(good["regime"].values) == "periodic"
@@ -97,3 +103,160 @@ def test_an_interrupt_during_the_longer_motions_keeps_what_was_measured(monkeypa
     assert (float(found["exponent"][0, 0]) == 0.5) == bool(finished)
     assert str(found["regime"].values[2]) == "unresolved"
     assert not bool(found["resolved"].values[2])
+
+
+@pytest.fixture(scope="module")
+def both_ways():
+    sweep = lambda orbits: sj.lyapunov_sweep(sj.paper_scene(), {"speed": TWO}, orbits=orbits, **SHORT)
+    return sweep(True), sweep(False)
+
+
+def test_periodic_cases_take_the_exponents_of_their_orbits(both_ways):
+    by_orbit, measured = (ds.isel(speed=0) for ds in both_ways)
+    assert bool(by_orbit["by_orbit"])
+    assert not bool(measured["by_orbit"])
+    exponent = float(by_orbit["exponent"][0])
+    for name in ("weighted_exponent", "floquet"):
+        np.testing.assert_array_equal(by_orbit[name], exponent)
+    assert (float(by_orbit["stderr"][0]), float(by_orbit["half_step_stderr"])) == (0.0, 0.0)
+    # the motion is not on its orbit yet
+    np.testing.assert_allclose(measured["floquet"], exponent, atol=2e-5)
+    np.testing.assert_allclose(measured["weighted_exponent"], exponent, atol=1e-3)
+    np.testing.assert_allclose(by_orbit["half_step"], exponent, atol=1e-3)
+    assert np.isnan(by_orbit["two_trajectories"])
+    for ds in (by_orbit, measured):
+        assert bool(ds["resolved"])
+        assert str(ds["regime"].values) == "periodic"
+        assert (str(ds["kind"].values), int(ds["period"])) == ("period", 1)
+
+
+def test_chaotic_cases_are_measured_to_the_same_bits(both_ways):
+    by_orbit, measured = (ds.isel(speed=[1]) for ds in both_ways)
+    assert not by_orbit["by_orbit"].any()
+    for name in measured.data_vars:
+        np.testing.assert_array_equal(by_orbit[name], measured[name], err_msg=name)
+
+
+def _unstable(found):
+    return found._replace(multipliers=found.multipliers * 100)
+
+
+def _missing(found):
+    return found._replace(status=np.full_like(found.status, Status.NO_ORBIT))
+
+
+def _elsewhere(found):
+    return found._replace(state=jax.tree.map(lambda a: a + 0.1, found.state))
+
+
+def _growing(found):
+    return found._replace(growth=found.growth + 100.0)
+
+
+@pytest.mark.parametrize("spoilt", [_unstable, _missing, _elsewhere, _growing])
+@pytest.mark.parametrize("finer", [False, True])
+def test_without_a_stable_orbit_nearby_a_case_is_measured(monkeypatch, both_ways, spoilt, finer):
+    whole = reached.find_orbits
+
+    def find_orbits(scenes, states, steps, **options):
+        found = whole(scenes, states, steps, **options)
+        return spoilt(found) if (steps == 100) == finer else found
+
+    monkeypatch.setattr(reached, "find_orbits", find_orbits)
+    found = sj.lyapunov_sweep(sj.paper_scene(), {"speed": TWO[:1]}, **SHORT)
+    assert not found["by_orbit"].any()
+    for name in found.data_vars:
+        np.testing.assert_array_equal(found[name], both_ways[1].isel(speed=[0])[name], err_msg=name)
+
+
+def test_what_is_wrong_with_a_case_is_said_all_the_same(monkeypatch, both_ways):
+    """A motion on a stable orbit that presses a point in is marked."""
+    monkeypatch.setattr("slipperjax.sweeps.maps.Maps._looked", lambda *a, **k: np.full(8, int(Status.PRESSED_IN)))
+    found = sj.lyapunov_sweep(sj.paper_scene(), {"speed": TWO[:1]}, **SHORT)
+    assert found["status"].values.tolist() == [Status.PRESSED_IN]
+    assert not found["by_orbit"].any()
+    assert not found["resolved"].any()
+    assert found["kind"].values.tolist() == found["regime"].values.tolist() == ["unresolved"]
+
+
+@pytest.mark.parametrize("stage", [0, 1])
+def test_an_interrupt_keeps_the_orbits(monkeypatch, stage):
+    """During the measurement those that were found are kept; during the only chunk of the transient nothing is."""
+    run, seen = exponents.run_chunks, []
+
+    def run_chunks(chunks, workers, work, **options):
+        seen.append(options["name"])
+        if len(seen) > stage:
+            raise sj.Interrupted(None, 0, sum(chunk.cases for chunk in chunks))
+        return run(chunks, workers, work, **options)
+
+    monkeypatch.setattr(exponents, "run_chunks", run_chunks)
+    with pytest.raises(sj.Interrupted) as stop:
+        sj.lyapunov_sweep(sj.paper_scene(), {"speed": TWO}, **SHORT)
+    assert (stop.value.finished, stop.value.cases) == (stage, 2)
+    if not stage:
+        assert stop.value.dataset is None
+        return
+    found = stop.value.dataset
+    assert found["status"].values.tolist() == [Status.FINITE, Status.NOT_RUN]
+    assert found["regime"].values.tolist() == ["periodic", "unresolved"]
+    assert np.isfinite(found["exponent"].values[:, 0]).tolist() == [True, False]
+
+
+def test_periods_are_confirmed_by_orbits():
+    strobe = sj.sweep(
+        sj.paper_scene(), {"speed": TWO}, record="strobe", transient=150, periods=50, steps_per_period=50
+    )
+    kinds = attractors(strobe)
+    found = confirm_periods(strobe, kinds)
+    assert found.confirmed.tolist() == found.stable.tolist() == [True, False]
+    assert found.residual[0] < 1e-10
+    assert found.distance[0] < 1e-3
+    assert 0.95 < found.multiplier[0] < 0.96  # exp(-0.0465)
+    assert found.status.tolist() == [Status.FINITE, Status.NO_ORBIT]
+    assert np.isnan([found.distance[1], found.residual[1], found.multiplier[1]]).all()
+    # an orbit of period 1 is no orbit of period 2
+    twice = confirm_periods(strobe.isel(speed=[0]), SimpleNamespace(period=np.array([2])))
+    assert (twice.confirmed.tolist(), twice.stable.tolist()) == ([False], [True])
+    np.testing.assert_allclose(twice.multiplier[0], found.multiplier[0] ** 2, rtol=1e-6)
+    with pytest.raises(ValueError, match=r"`found` must be of the cases of `ds`, \(2,\), but has shape \(1,\)"):
+        confirm_periods(strobe, SimpleNamespace(period=np.array([1])))
+
+
+CASES = dict(  # of periods 1, 2, 3, 1, 1, 1, 1, 1, 1, 1
+    speed=[960.0, 1080.0, 1000.0, 1100.0, 1250.0, 1500.0, 1800.0, 1250.0, 1250.0, 1250.0],
+    clearance=[1e-3] * 7 + [0.5e-3, 2e-3, 1e-3],
+    length=[0.2] * 9 + [0.3],
+)
+
+
+@pytest.mark.slow
+def test_exponents_of_orbits_are_exact():
+    """To 1e-8, against eigenvalues of the derivative of several composed periods; measured: see the printed table."""
+    options = dict(product=False, transient=600, steps_per_period=100, count=3)
+    found = sj.lyapunov_sweep(sj.paper_scene(), CASES, **options)
+    measured = sj.lyapunov_sweep(sj.paper_scene(), CASES, orbits=False, periods=2000, **options)
+    assert found["by_orbit"].all()
+    assert found["resolved"].all()
+    np.testing.assert_array_equal(found["period"], measured["period"])
+    print("\nspeed, clearance, length, period: by orbit; with half the step; minus JVP; minus weighted, plain mean")
+    for k in range(len(CASES["speed"])):
+        case, other = found.isel(case=k), measured.isel(case=k)
+        where = {name: float(values[k]) for name, values in CASES.items()}
+        scene, n = sj.paper_scene(**where), int(case["period"])
+        start = sj.simulate(scene, 3000, steps_per_period=100, saves_per_period=1, loads=False).end
+        state, unravel = jax.flatten_util.ravel_pytree(start)
+        composed = lambda x, scene=scene, unravel=unravel, n=n: jax.flatten_util.ravel_pytree(
+            sj.period_map(scene, unravel(x), periods=n, steps_per_period=100)
+        )[0]
+        mu = np.linalg.eigvals(np.asarray(jax.jacfwd(composed)(state)))
+        exact = np.sort(np.log(np.abs(mu[np.abs(mu) > 1e-12])) / n)[::-1][:3]
+        exponent = case["exponent"].values
+        weighted, plain = (other[name].values[0] for name in ("weighted_exponent", "exponent"))
+        print(
+            f"{where['speed']:.0f} {where['clearance'] * 1e3:.1f} {where['length']:.1f} {n}: {exponent[0]:.9f}; "
+            f"{float(case['half_step']):.9f}; {np.max(np.abs(exponent - exact)):.1e}; "
+            f"{weighted - exponent[0]:.1e}, {plain - exponent[0]:.1e} +- {float(other['stderr'][0]):.1e}"
+        )
+        np.testing.assert_allclose(exponent, exact, atol=1e-8)
+        np.testing.assert_allclose(exponent[0], weighted, atol=1e-4)

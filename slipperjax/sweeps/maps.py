@@ -1,0 +1,169 @@
+"""The period map of some cases of a batch, and its derivatives, by programs of one size for all numbers of cases."""
+
+from typing import Any, NamedTuple
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..flow import (
+    ConstantSteps,
+    OnlyLoads,
+    advance,
+    batch_jacobians,
+    coordinates,
+    flexible_steps,
+    judged_by_loads,
+    most_stretch,
+    status_of,
+    tangent_weights,
+)
+from ..model import Scene, State
+from ..orbits import Settled
+from ..tools import Batched, jit
+from .cases import filled
+from .measure import JACOBIAN, LOOK
+from .plan import PAUSE, OnProgress
+
+LANES = 32
+"""Cases in one call. A program of another size takes as long to compile as hundreds of Jacobians take to compute."""
+
+
+def rows_of(states: State) -> Float[np.ndarray, "cases size"]:
+    """States with a leading axis of cases as rows of all their numbers."""
+    leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(states)]
+    return np.concatenate([leaf.reshape(len(leaf), -1) for leaf in leaves], axis=1)
+
+
+class Maps(NamedTuple):
+    """Maps over some forcing periods, each of one case of a batch. Cases are given by their places in it.
+
+    Each period is a call of its own, so that cases of different periods share programs, and a solver that begins
+    each differentiated period anew begins each mapped one anew.
+    """
+
+    scenes: Batched[Scene]
+    like: State
+    """States of all cases."""
+    steps: int
+    """Per forcing period."""
+    solver: diffrax.AbstractSolver
+    periods: Int[np.ndarray, " cases"]
+    """Forcing periods of each case's map."""
+    on_progress: OnProgress
+    epoch: float = 0.0
+    """Forcing period at which the maps begin."""
+
+    @property
+    def count(self) -> int:
+        """Cases of the batch."""
+        return len(self.periods)
+
+    def states(self, rows: np.ndarray) -> State:
+        """Rows of numbers as states."""
+        leaves, structure = jax.tree.flatten(self.like)
+        ends = np.cumsum([np.size(leaf[0]) for leaf in leaves])
+        parts = np.split(rows, ends[:-1], axis=1)
+        shaped = [part.reshape(len(rows), *np.shape(leaf)[1:]) for part, leaf in zip(parts, leaves, strict=True)]
+        return jax.tree.unflatten(structure, shaped)
+
+    def mapped(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """States after each case's period."""
+        return self.path(index, rows)[1]
+
+    def path(self, index: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """States at the start of each forcing period, (cases, periods, size), and after the last.
+
+        Beyond a case's own period its row after it is repeated.
+        """
+        found, rows = [], rows.copy()
+        for k in range(self.periods[index].max(initial=1)):
+            found.append(rows.copy())
+            going = np.flatnonzero(self.periods[index] > k)
+            rows[going] = self._of_blocks(self._advanced, index[going], rows[going], at=self.epoch + k)
+            self.on_progress(len(going) / self.count)
+        return np.stack(found, axis=1), rows
+
+    def jacobians(self, index: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
+        """Jacobians of each case's forcing periods, (period, size, size) each; for a forcing that recurs."""
+        if not len(index):
+            return []
+        along, counts = self.path(index, rows)[0], self.periods[index]
+        # the periods of all cases at once, because few cases have many
+        lane, period = np.nonzero(np.arange(along.shape[1]) < counts[:, None])
+        found = self._of_blocks(self._derived, index[lane], along[lane, period], at=self.epoch)
+        self.on_progress(JACOBIAN * len(lane) / self.count)
+        return np.split(found, np.cumsum(counts)[:-1])
+
+    def settled(self, index: np.ndarray, proposed: np.ndarray, mapped: np.ndarray) -> np.ndarray:
+        """Proposed states that the latch agrees with."""
+        return self._of_blocks(lambda s, p, m: rows_of(_settled(s, p, m)), index, proposed, mapped)
+
+    def weights(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Weights of the components of states."""
+        return self._of_blocks(lambda *of: rows_of(_weights(*of)), index, rows)
+
+    def coordinates(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Coordinates and velocities of states, in the order of `slipperjax.model.COORDINATES`."""
+        return self._of_blocks(lambda _, states: coordinates(states), index, rows)
+
+    def look(self, index: np.ndarray, rows: np.ndarray, room: int) -> Int[np.ndarray, " some"]:
+        """What the contact loads of some periods from states on show to be wrong, as `Status` codes.
+
+        **Arguments:** `room`: steps per period that the program has room for, of `Plan.room`.
+        """
+        found = self._of_blocks(self._looked, index, rows, room=room)
+        self.on_progress(LOOK * PAUSE * len(index) / self.count)
+        return found
+
+    def statuses(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """`Status` codes of states."""
+        return self._of_blocks(lambda _, states: np.asarray(_statuses(states)), index, rows)
+
+    def _advanced(self, scenes: Batched[Scene], states: State, at: float) -> np.ndarray:
+        options: dict[str, Any] = dict(solver=self.solver, periods=1)
+        return rows_of(advance(scenes, states, at, flexible_steps(self.steps), **options).state)
+
+    def _derived(self, scenes: Batched[Scene], states: State, at: float) -> np.ndarray:
+        options: dict[str, Any] = dict(solver=self.solver, periods=1)
+        return np.asarray(batch_jacobians(scenes, states, at, flexible_steps(self.steps), **options))[:, 0]
+
+    def _looked(self, scenes: Batched[Scene], states: State, room: int) -> np.ndarray:
+        stepping = ConstantSteps(room, jnp.asarray(float(self.steps)))
+        options: dict[str, Any] = dict(solver=self.solver, periods=PAUSE, recorder=OnlyLoads())
+        seen = advance(scenes, states, self.epoch, stepping, **options)
+        return np.asarray(judged_by_loads(scenes, seen.status, seen.record, most_stretch(self.solver)))
+
+    def _of_blocks(self, call: Any, index: np.ndarray, *rows: np.ndarray, **options: Any) -> np.ndarray:
+        """`call(scenes, *states)` over the cases in blocks of one size."""
+        if not len(index):
+            return np.empty((0, *rows[0].shape[1:]))
+        size, found = LANES if self.count > 8 else 8, []
+        for at in range(0, len(index), size):
+            some = np.arange(at, min(at + size, len(index)))
+            more = filled(some, size)
+            found.append(
+                call(self.scenes.take(index[more]), *(self.states(r[more]) for r in rows), **options)[: len(some)]
+            )
+        return np.concatenate(found)
+
+
+@jit
+def _settled(scenes: Batched[Scene], proposed: State, mapped: State) -> State:
+    return scenes.map(lambda scene, p, m: Settled(scene)(p, m), proposed, mapped)
+
+
+@jit
+def _weights(scenes: Batched[Scene], states: State) -> State:
+    def one(scene, state):
+        found = tangent_weights(scene)(state)
+        return jax.tree.map(lambda s, w: jnp.broadcast_to(jnp.asarray(w, float), s.shape), state, found)
+
+    return scenes.map(one, states)
+
+
+@jit
+def _statuses(states: State) -> jax.Array:
+    return jax.vmap(status_of)(states)

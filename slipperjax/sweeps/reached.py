@@ -1,0 +1,157 @@
+"""Stable periodic orbits that motions of a batch have reached, with their exact exponents."""
+
+from typing import NamedTuple
+
+import diffrax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..analysis import recurrence
+from ..flow import FASTEST_GROWTH, Status
+from ..model import COORDINATE_SCALES, Scene, State
+from ..orbits import DIVISOR, TOLERANCE, recurs
+from ..tools import Batched, jit
+from .attractors import FLOOR
+from .maps import Maps, rows_of
+from .measure import LONGEST
+from .plan import OnProgress
+from .search import Orbits, find_orbits
+
+RECURS = 0.02
+"""Distance of states a period apart, in multiples of `COORDINATE_SCALES`, below which an orbit is looked for."""
+NEAR = 0.05
+"""Greatest distance of a motion from an orbit that it has reached, in multiples of `COORDINATE_SCALES`."""
+FAINTEST = 1e-5
+"""Modulus per forcing period below which a multiplier is not told from rounding errors well enough."""
+ITERATIONS = 20
+"""Of Newton's method; from so near, three to eight are typical."""
+
+
+class Reached(NamedTuple):
+    """Orbits that cases have reached."""
+
+    period: Int[np.ndarray, " cases"]
+    """Forcing periods after which the orbit recurs; 0 where none was reached for certain."""
+    exponents: Float[np.ndarray, "cases count"]
+    """Of the orbit, ln |multiplier| per forcing period, the largest first [1/period]; NaN without an orbit."""
+    half_step: Float[np.ndarray, " cases"]
+    """The largest with steps half as long [1/period]; NaN where it was not asked for."""
+    state: State
+    """At the start of a forcing period; without an orbit, where the motion is."""
+
+
+def nothing_reached(states: State, count: int) -> Reached:
+    """Of cases for which no orbit was looked for."""
+    cases = len(states.motion.y)
+    return Reached(np.zeros(cases, int), np.full((cases, count), np.nan), np.full(cases, np.nan), states)
+
+
+def reached_orbits(
+    scenes: Batched[Scene],
+    states: State,
+    strobe: Float[np.ndarray, "cases periods 10"],
+    steps: int,
+    *,
+    solver: diffrax.AbstractSolver,
+    count: int,
+    half_step: bool,
+    wanted: Bool[np.ndarray, " cases"],
+    on_progress: OnProgress,
+) -> Reached:
+    """The orbits that motions have reached, of the cases for which that is certain.
+
+    It is where the motion recurs within `RECURS`, Newton's method finds an orbit, all its multipliers lie inside the
+    unit circle, none that is asked for is fainter than `FAINTEST`, and the motion is within `NEAR` of the orbit and
+    does not move away; with `half_step` an orbit with steps half as long must be found, stable and as near, too.
+
+    **Arguments:** `states`: at the end of the record `strobe`, which has 20 periods or more; `count`: number of
+    exponents; `wanted`: cases that are looked at.
+    """
+    found = nothing_reached(states, count)
+    period = np.where(wanted & np.asarray(_recurs(scenes, states)), likely_periods(strobe), 0)
+    if not period.any():
+        return found
+    options = dict(solver=solver, tolerance=TOLERANCE, max_iterations=ITERATIONS)
+    orbits = find_orbits(scenes, states, steps, period=period, on_progress=on_progress, **options)
+    exponents = _exponents(orbits, period, count)
+    period = np.where(_sound(orbits) & np.all(exponents > np.log(FAINTEST), axis=1), period, 0)
+    along = _along(Maps(scenes, states, steps, solver, period, on_progress), orbits.state)
+    for k in np.flatnonzero(period):
+        path = along[k, : period[k]]
+        period[k] = least_period(path) if is_near(strobe[k], path) else 0
+    half = found.half_step
+    if half_step and period.any():
+        twice = lambda periods: on_progress(2 * periods)
+        finer = find_orbits(scenes, orbits.state, 2 * steps, period=period, on_progress=twice, **options)
+        there = _along(Maps(scenes, states, 2 * steps, solver, period, twice), finer.state)
+        apart = np.max(np.abs(there[:, 0] - along[:, 0]) / COORDINATE_SCALES, axis=1)
+        half = _exponents(finer, period, 1)[:, 0]
+        period = np.where(_sound(finer) & (apart <= NEAR), period, 0)
+    taken = period > 0
+    at = np.where(taken[:, None], rows_of(orbits.state), rows_of(states))
+    return Reached(
+        period,
+        np.where(taken[:, None], exponents, np.nan),
+        np.where(taken, half, np.nan),
+        Maps(scenes, states, steps, solver, period, on_progress).states(at),
+    )
+
+
+def likely_periods(strobe: Float[np.ndarray, "cases periods 10"]) -> Int[np.ndarray, " cases"]:
+    """Forcing periods after which motions seem to recur, 0 where they do not within `RECURS`.
+
+    The least after which they recur about as closely as after any: a motion that approaches an orbit of period 1
+    with a multiplier near -1 recurs after 2 periods.
+    """
+    periods = strobe.shape[1]
+    lags = min(LONGEST, periods // 4)
+    finite = np.where(np.all(np.isfinite(strobe), axis=(1, 2), keepdims=True), strobe, np.nan)
+    series = recurrence(finite, scales=COORDINATE_SCALES, max_period=lags)
+    missed = np.stack([series[:, n - 1, -max(n, periods // 10) :].max(axis=1) for n in range(1, lags + 1)], axis=1)
+    missed = np.where(np.isfinite(missed), missed, np.inf)
+    best = missed.min(axis=1, keepdims=True)
+    close = missed <= np.maximum(3 * best, FLOOR)
+    return np.where(best[:, 0] <= RECURS, np.argmax(close, axis=1) + 1, 0)
+
+
+def least_period(path: Float[np.ndarray, "periods 10"]) -> int:
+    """The divisor of the path's length after which it recurs already, or the length."""
+    n = len(path)
+    missed = lambda m: np.max(np.abs(path[m] - path[0]) / COORDINATE_SCALES)
+    return next((m for m in range(1, n) if n % m == 0 and missed(m) < DIVISOR), n)
+
+
+def is_near(strobe: Float[np.ndarray, "periods 10"], path: Float[np.ndarray, "period 10"]) -> bool:
+    """Whether a motion that ends at the path's start is within `NEAR` of it, and was no nearer before."""
+    back = -np.arange(len(strobe))
+    apart = np.max(np.abs(strobe[back - 1] - path[back % len(path)]) / COORDINATE_SCALES, axis=1)
+    quarter = len(strobe) // 4
+    late, early = apart[:quarter].max(), apart[quarter : 2 * quarter].max()
+    return bool(apart[: max(len(path), quarter // 4)].max() <= NEAR and late <= max(early, FLOOR))
+
+
+def _exponents(orbits: Orbits, period: np.ndarray, count: int) -> np.ndarray:
+    with np.errstate(divide="ignore"):
+        return np.log(np.abs(orbits.multipliers[:, :count])) / np.maximum(period, 1)[:, None]
+
+
+def _sound(orbits: Orbits) -> np.ndarray:
+    return (orbits.status == Status.FINITE) & orbits.stable & (orbits.growth <= FASTEST_GROWTH)
+
+
+def _along(maps: Maps, states: State) -> np.ndarray:
+    """Coordinates at the start of each forcing period, (cases, periods, 10); 0 for cases without a period."""
+    index = np.flatnonzero(maps.periods)
+    rows = rows_of(states)[index]
+    found = np.zeros((maps.count, max(int(maps.periods.max(initial=1)), 1), 10))
+    if len(index):
+        path = maps.path(index, rows)[0]
+        for k in range(path.shape[1]):
+            found[index, k] = maps.coordinates(index, path[:, k])
+    return found
+
+
+@jit
+def _recurs(scenes: Batched[Scene], states: State) -> jnp.ndarray:
+    return scenes.map(lambda scene, _: recurs(scene), states)

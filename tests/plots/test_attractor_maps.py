@@ -1,0 +1,75 @@
+"""Maps of attractors: names, colours and legends, alone and beneath curves."""
+
+import json
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import xarray as xr
+
+from slipperjax import plots
+from slipperjax.plots.attractor_maps import motion_names
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    yield
+    plt.close("all")
+
+
+def attractor_map():
+    kind = np.array([["period", "period", "torus", "chaotic"], ["period", "unresolved", "period", "no orbit near"]])
+    period = np.array([[1, 2, 0, 0], [12, 0, 1, 0]])
+    status = np.zeros((2, 4), int)
+    status[1, 2] = 3
+    dims = ("clearance", "speed")
+    grid = {"clearance": [1e-3, 2e-3], "speed": [1.0, 2.0, 3.0, 4.0]}
+    return xr.Dataset({"kind": (dims, kind), "period": (dims, period), "status": (dims, status)}, grid)
+
+
+def curve(period=1):
+    coords = {"speed": ("point", np.arange(1.0, 6)), "clearance": ("point", np.linspace(1e-3, 2e-3, 5))}
+    attrs = {"label": "PD", "varied": json.dumps(["speed", "clearance"]), "orbit_period": period}
+    return xr.Dataset({"outside": ("point", np.zeros(5, int))}, coords, attrs)
+
+
+def legend(ax):
+    return [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+def test_cases_have_names():
+    found = motion_names(attractor_map(), "clearance", "speed")
+    assert found.tolist() == [
+        ["period 1", "period 2", "quasi-periodic", "chaotic"],
+        ["other periods", "unresolved", "status not 0", "no orbit near"],
+    ]
+    assert motion_names(attractor_map(), "speed", "clearance").tolist() == found.T.tolist()
+
+
+def test_a_map_has_a_legend_of_what_occurs():
+    ax = plots.attractor_map(attractor_map())
+    names = ["period 1", "period 2", "other periods", "quasi-periodic", "chaotic", "unresolved", "status not 0"]
+    assert legend(ax) == [*names, "no orbit near"]
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("speed $V$ [m/s]", "clearance $C$ [mm]")
+    (mesh,) = ax.collections
+    colors = mesh.cmap(mesh.norm(mesh.get_array().reshape(2, 4)))
+    assert len(np.unique(colors.reshape(8, 4), axis=0)) == 7  # the last two are both white
+    ax.figure.draw_without_rendering()
+    assert ax.get_legend().get_window_extent().width <= 1.001 * ax.get_window_extent().width
+
+
+def test_curves_lie_over_a_map_of_attractors_and_are_named():
+    ax = plots.event_curves([curve(), curve(2)], attractor_map())
+    assert [text.get_text() for text in ax.texts] == ["PD", "PD of period 2"]
+    assert legend(ax)[:2] == ["PD flip", "period 1"]
+    assert ax.axis() == pytest.approx((0.5, 4.5, 0.5, 2.5))
+    for text in ax.texts:
+        assert 0.5 <= text.xy[0] <= 4.5
+        assert 0.5 <= text.xy[1] <= 2.5
+
+
+def test_another_dataset_is_refused():
+    with pytest.raises(ValueError, match="with `kind`"):
+        plots.attractor_map(attractor_map().drop_vars("kind"))
+    with pytest.raises(ValueError, match="must be swept over 2"):
+        plots.attractor_map(attractor_map().isel(speed=0))
