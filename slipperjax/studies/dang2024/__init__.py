@@ -6,6 +6,7 @@ from .claims import write_report as write_report
 from .figures import write_figures as write_figures
 from .runs import FIGURES as FIGURES
 from .runs import FULL as FULL
+from .runs import MAPS as MAPS
 from .runs import QUICK as QUICK
 from .runs import readings as readings
 from .runs import reproduce as reproduce

@@ -148,16 +148,16 @@ def write_report(
         "Source: Dang, Liu, Morandini, Ma, Masarati 2024, doi:10.1115/1.4065629.",
         f"{good} of {len(table)} reproduced, {len(table) - good} differ.",
         "",
-        *_table(table),
+        *table_lines(table),
     ]
     if conventions:
         text += [
             "",
             "## The same numbers under other readings of what the paper leaves open",
             "",
-            *_table(conventions),
+            *table_lines(conventions),
         ]
-    text += ["", "## Time", "", *_table([{"run": k, "seconds": f"{v:.1f}"} for k, v in seconds.items()]), ""]
+    text += ["", "## Time", "", *table_lines([{"run": k, "seconds": f"{v:.1f}"} for k, v in seconds.items()]), ""]
     markdown, data = out / f"{name}.md", out / f"{name}.json"
     content = {"claims": table, "conventions": conventions, "seconds": dict(seconds)}
     as_json = json.dumps(content, indent=1, ensure_ascii=False)
@@ -165,6 +165,7 @@ def write_report(
     return markdown, data
 
 
-def _table(table: list[dict[str, Any]]) -> list[str]:
+def table_lines(table: list[dict[str, Any]]) -> list[str]:
+    """A table in Markdown, by lines."""
     line = lambda cells: "| " + " | ".join(str(c).replace("|", "/") for c in cells) + " |"
     return [line(table[0]), line("---" for _ in table[0]), *(line(row.values()) for row in table)] if table else []

@@ -12,22 +12,41 @@ from matplotlib.lines import Line2D
 from ...analysis import power_spectral_density
 from ...flow import Status
 from ...model import SECTIONS
-from ...plots import COLORS, bifurcations, branches, exponents, phase_portrait, png, spectrum, styled
+from ...plots import (
+    COLORS,
+    bifurcations,
+    branches,
+    case_title,
+    event_curves,
+    exponents,
+    phase_portrait,
+    png,
+    spectrum,
+    styled,
+)
 from ...tools import write_each
-from .runs import Finished
+from .agreement import agreement_rows
+from .claims import table_lines
+from .runs import MAPS, Finished
 from .verdicts import DUAL_LINES, F1, F2
 
 _COLORS = {"A": "#12355b", "C": "#c1121f", "J": "#2a9d6f"}
 
 
 def write_figures(done: Finished, out: Path) -> list[Path]:
-    """Draws a run's figures, and writes them and the run's data into the folder `out`; gives the paths."""
+    """Draws a run's figures, and writes them and the run's data into the folder `out`; gives the paths.
+
+    A map comes with a table of how well its curves agree with it.
+    """
     contents: dict[Path, Any] = {}
     for name, ds in done.outcome.data.items():
         contents[out / f"{name}.nc"] = functools.partial(ds.to_netcdf, engine="h5netcdf")
     for figure in done.figures:
         path = out / (f"fig{figure}.png" if figure.isdigit() else f"{figure}.png")
         contents[path] = functools.partial(_picture, figure, done.outcome.data)
+        if figure in MAPS:
+            table = table_lines(agreement_rows(done.outcome.data[figure]))
+            contents[out / f"{figure}.md"] = "\n".join([*table, ""]).encode
     return list(write_each(contents))
 
 
@@ -172,6 +191,33 @@ def _draw_branches(axes: Any, found: list[xr.Dataset]) -> None:
     axes[0].figure.legend(list(handles.values()), list(handles), loc="outside lower center", **style)
 
 
+def _map(plane: str) -> Any:
+    """Two maps, from Table 2's start and from beside the orbit of period 1, both with the curves of events."""
+
+    def draw(data: dict[str, xr.Dataset]) -> Any:
+        ds = data[plane].transpose(*reversed(data[plane]["kind"].dims))
+        curves = [one for key, one in data.items() if key.startswith(f"{plane}_curve_")]
+        near = ds.assign(period=ds["beside_period"], status=ds["beside_status"].where(ds["tested"], Status.FINITE))
+        near["kind"] = ds["beside_kind"].where(ds["tested"], UNTESTED)
+        figure, axes = plt.subplots(1, 2, figsize=(7.2, 3.9), sharey=True, layout="constrained")
+        figure.suptitle(case_title(ds, full=True), fontsize=7)
+        handles: dict[str, Any] = {}
+        for ax, one, text in zip(axes, (ds, near), ("from Table 2's start", BESIDE), strict=True):
+            event_curves(curves, one, ax)
+            legend = ax.get_legend()
+            handles |= dict(zip([t.get_text() for t in legend.get_texts()], legend.legend_handles, strict=True))
+            legend.remove()
+            ax.set_title(text, fontsize=8)
+        axes[1].set_ylabel("")
+        style = dict(fontsize=6.5, ncols=5, frameon=False, handletextpad=0.4, columnspacing=1.2, handlelength=1.6)
+        figure.legend(list(handles.values()), list(handles), loc="outside lower center", **style)
+        return figure
+
+    return draw
+
+
+BESIDE = "from beside the orbit of period 1"
+UNTESTED = "no orbit near"
 FROM_START = "from one start"
 """The label of the dots that are no followed motions."""
 
@@ -187,4 +233,5 @@ _DRAW = {
     "12": _figure_12,
     "13": _figure_13,
     "basins": _basins,
+    **{plane: _map(plane) for plane in MAPS},
 }
