@@ -67,17 +67,34 @@ from .sweeps import sweep as sweep  # noqa: E402
 from .tools import ImplausibleWarning as ImplausibleWarning  # noqa: E402
 from .tools import jit as jit  # noqa: E402
 
-_ROOMS = ("analysis", "bench", "cli", "flow", "model", "orbits", "plots", "solvers", "studies", "sweeps", "tools")
+_ROOMS = (
+    "analysis",
+    "bench",
+    "cli",
+    "design",
+    "flow",
+    "model",
+    "orbits",
+    "plots",
+    "solvers",
+    "studies",
+    "sweeps",
+    "tools",
+)
+_LATER = {"optimise_design": "design"}
+"""Names of rooms that are imported at their first use."""
 
 
 def __getattr__(name: str) -> _Any:
     # rooms that nothing above needs, such as `slipperjax.plots` with matplotlib, are imported at their first use
     if name in _ROOMS:
         return _importlib.import_module(f".{name}", __name__)
+    if name in _LATER:
+        return getattr(_importlib.import_module(f".{_LATER[name]}", __name__), name)
     if name == "__version__":
         return _metadata.version("slipperjax")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_ROOMS, "__version__"})
+    return sorted({*globals(), *_ROOMS, *_LATER, "__version__"})

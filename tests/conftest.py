@@ -17,6 +17,7 @@ def pytest_configure(config):
         import slipperjax.analysis
         import slipperjax.bench
         import slipperjax.cli
+        import slipperjax.design
         import slipperjax.flow
         import slipperjax.model
         import slipperjax.orbits

@@ -30,6 +30,7 @@ MAY_BE_HEAVY = (
     "orbits.branches",
     "orbits.critical",
     "studies",
+    "design",
     "bench",
     "cli",
 )

@@ -4,6 +4,7 @@ import sys
 import warnings
 
 from . import branch as branch
+from . import design as design
 from .commands import app as app
 from .interrupts import Signals, ignore_signals, leave
 

@@ -176,6 +176,7 @@ def lyapunov(
     transient: Annotated[int, typer.Option(help="Forcing periods to pass before.")] = 300,
     periods: Annotated[int, typer.Option(help="Forcing periods to average over.")] = 500,
     certify: Annotated[bool, typer.Option(help="Check every case by other means.")] = True,
+    orbits: Annotated[bool, typer.Option(help="Take the exponents of periodic cases from their orbits.")] = True,
     steps_per_period: Steps = None,
     out: Out = Path("lyapunov"),
 ):
@@ -196,6 +197,7 @@ def lyapunov(
             transient=transient,
             periods=periods,
             certify=certify,
+            orbits=orbits,
             steps_per_period=steps_per_period,
             solver=case.solver,
             start=case.start,
@@ -215,7 +217,8 @@ def lyapunov(
 @app.command(cls=_Once)
 def reproduce(
     figures: Annotated[
-        list[str] | None, typer.Argument(help="Figures: 4 to 13, basins; default all of them.")
+        list[str] | None,
+        typer.Argument(help="Figures: 4 to 13, basins; default all of them. Maps: speed-clearance, speed-length."),
     ] = None,
     quick: Annotated[bool, typer.Option(help="Coarser grids and shorter transients.")] = False,
     transient: Annotated[

@@ -6,7 +6,7 @@ import inspect
 import math
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -121,15 +121,26 @@ DEFAULTS = dict.fromkeys(CASE_OPTIONS) | {"solver": "RK4"}
 
 def takes_case(command: Callable[..., Any]) -> Callable[..., Any]:
     """A command with the options of `CASE_OPTIONS` besides its own, which gets what they make as `case`."""
+    return taking(command, "case", make_case, CASE_OPTIONS, DEFAULTS)
+
+
+def taking(
+    command: Callable[..., Any],
+    name: str,
+    make: Callable[..., Any],
+    options: Mapping[str, Any],
+    defaults: Mapping[str, Any],
+) -> Callable[..., Any]:
+    """A command with further options, which gets what `make` makes of their values as its argument `name`."""
 
     @functools.wraps(command)
-    def call(**options: Any) -> Any:
-        of_case = {name: options.pop(name) for name in CASE_OPTIONS}
-        return command(case=make_case(**of_case), **options)
+    def call(**given: Any) -> Any:
+        of_case = {option: given.pop(option) for option in options}
+        return command(**{name: make(**of_case)}, **given)
 
     kind = inspect.Parameter.KEYWORD_ONLY
-    own = [p.replace(kind=kind) for name, p in inspect.signature(command).parameters.items() if name != "case"]
-    more = [inspect.Parameter(name, kind, default=DEFAULTS[name], annotation=a) for name, a in CASE_OPTIONS.items()]
+    own = [p.replace(kind=kind) for key, p in inspect.signature(command).parameters.items() if key != name]
+    more = [inspect.Parameter(key, kind, default=defaults[key], annotation=a) for key, a in options.items()]
     call.__signature__ = inspect.Signature([*own, *more])  # type: ignore[attr-defined]  # which typer reads
     call.__annotations__ = {p.name: p.annotation for p in (*own, *more)}
     return call

@@ -1,13 +1,20 @@
-"""Pictures: trajectories, bifurcation diagrams, branches, exponents, regime maps, sections and animations."""
+"""Pictures: trajectories, bifurcations, branches, exponents, regime maps, designs, sections and animations."""
 
 from .animations import animate as animate
 from .animations import instant as instant
+from .attractor_maps import ATTRACTOR_COLORS as ATTRACTOR_COLORS
+from .attractor_maps import attractor_map as attractor_map
 from .bifurcations import bifurcation as bifurcation
 from .bifurcations import bifurcations as bifurcations
 from .branches import branches as branches
 from .branches import check_brute as check_brute
 from .branches import check_quantity as check_quantity
 from .branches import multiplier_circle as multiplier_circle
+from .designs import design_cases as design_cases
+from .designs import design_overview as design_overview
+from .designs import design_progress as design_progress
+from .designs import design_slopes as design_slopes
+from .designs import design_trials as design_trials
 from .event_curves import event_curves as event_curves
 from .files import png as png
 from .regimes import exponents as exponents
@@ -21,6 +28,7 @@ from .style import axis_label as axis_label
 from .style import shown as shown
 from .style import styled as styled
 from .style import typeset as typeset
+from .surroundings import design_map as design_map
 from .titles import case_title as case_title
 from .trajectories import contact_forces as contact_forces
 from .trajectories import highest_forces as highest_forces

@@ -1,0 +1,161 @@
+"""Derivatives of objectives along motions, and on periodic orbits by the theorem of implicit functions.
+
+An orbit x recurs, P(x, p) = x, so that its derivative by a parameter solves (I - P_x) dx/dp = P_p, of which Newton's
+method leaves the inverse. In forward mode the parameters are pushed through the motion once to find P_p, and again
+along (dx/dp, dp). In reverse mode each objective is pulled back once, and again from the adjoint state, whatever the
+number of parameters.
+"""
+
+import functools
+from typing import Any, NamedTuple
+
+import diffrax
+import jax
+import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Float
+
+from ..analysis import jacobians
+from ..flow import AbstractStepping, Courses, PeriodMap
+from ..model import Scene, State, parameter
+from ..tools import Batched, jit
+from .kinds import AbstractCourseObjective
+
+Objectives = tuple[AbstractCourseObjective, ...]
+
+
+def at_values(scene: Scene, names: tuple[str, ...], values: Any) -> Scene:
+    """The scene with other values of named parameters, unchecked."""
+    for k, name in enumerate(names):
+        scene = parameter(name, scene).replaced(scene, values[k])
+    return scene
+
+
+def values_of(scene: Scene, names: tuple[str, ...]) -> Float[Array, " parameters"]:
+    """The values of named parameters [their SI units]."""
+    return jnp.stack([jnp.asarray(parameter(name, scene).of(scene), float) for name in names])
+
+
+class Pushed(NamedTuple):
+    """A forcing period of a batch, and its derivatives along directions of start and parameters."""
+
+    end: Float[Array, "cases size"]
+    """All numbers of the states at the end."""
+    moved: Float[Array, "cases directions size"]
+    """Their derivatives."""
+    kept: Any
+    """What each objective keeps of the period, arrays (cases, ...)."""
+    slopes: Any
+    """Derivatives of that, arrays (cases, directions, ...)."""
+
+
+_STATIC = ("names", "objectives", "solver")
+
+
+@functools.partial(jit, static_argnames=_STATIC)
+def push_period(
+    scenes: Batched[Scene],
+    states: State,
+    moved: Float[Array, "cases directions size"],
+    epoch: Any,
+    stepping: AbstractStepping,
+    *,
+    names: tuple[str, ...],
+    objectives: Objectives,
+    solver: diffrax.AbstractSolver,
+) -> Pushed:
+    """One forcing period, differentiated by each of the parameters `names` while the start moves by `moved`."""
+    recorder = Courses(tuple(one.of_course for one in objectives))
+
+    def one(scene: Scene, state: State, moved: Array) -> Pushed:
+        flat, unravel = ravel_pytree(state)
+
+        def run(x: Array, p: Array) -> tuple[Array, Any]:
+            step = PeriodMap(at_values(scene, names, p), stepping, solver)
+            passage = step.run(unravel(x), epoch, periods=1, recorder=recorder)
+            return ravel_pytree(passage.state)[0], jax.tree.map(lambda a: a[0], passage.record)
+
+        p = values_of(scene, names)
+        push = lambda dx, dp: jax.jvp(run, (flat, p), (dx, dp))
+        (end, kept), (ends, slopes) = jax.vmap(push, out_axes=((None, None), 0))(moved, jnp.eye(p.size))
+        return Pushed(end, ends, kept, slopes)
+
+    return scenes.map(one, states, moved)
+
+
+@functools.partial(jit, static_argnames=("objectives",))
+def totals(objectives: Objectives, kept: Any) -> Float[Array, "cases objectives"]:
+    """The objectives of a batch from what they kept, arrays (cases, periods, ...)."""
+    return jax.vmap(lambda rows: _totals(objectives, rows))(kept)
+
+
+@functools.partial(jit, static_argnames=("objectives",))
+def total_slopes(objectives: Objectives, kept: Any, slopes: Any) -> tuple[Array, Array]:
+    """Objectives, and their derivatives (cases, objectives, directions), from `slopes` (cases, directions, periods,
+    ...)."""
+
+    def one(kept: Any, slopes: Any) -> tuple[Array, Array]:
+        push = lambda along: jax.jvp(functools.partial(_totals, objectives), (kept,), (along,))
+        value, found = jax.vmap(push, out_axes=(None, 1))(slopes)
+        return value, found
+
+    return jax.vmap(one)(kept, slopes)
+
+
+def _totals(objectives: Objectives, kept: Any) -> Float[Array, " objectives"]:
+    return jnp.stack([one.total(rows) for one, rows in zip(objectives, kept, strict=True)])
+
+
+@functools.partial(jit, static_argnames=(*_STATIC, "periods"))
+def pulled_gradient(
+    scene: Scene,
+    state: State,
+    inverse: Float[Array, "size size"],
+    stepping: AbstractStepping,
+    *,
+    names: tuple[str, ...],
+    objectives: Objectives,
+    solver: diffrax.AbstractSolver,
+    periods: int,
+) -> tuple[Float[Array, " objectives"], Float[Array, "objectives parameters"]]:
+    """Objectives on an orbit and their derivatives, in reverse mode.
+
+    **Arguments:** `inverse`: of I - P_x over the orbit's `periods`; `stepping`: with a fixed number of steps.
+    """
+    flat, unravel = ravel_pytree(state)
+    recorder = Courses(tuple(one.of_course for one in objectives))
+
+    def run(x: Array, p: Array) -> tuple[Array, Array]:
+        step = PeriodMap(at_values(scene, names, p), stepping, solver)
+        passage = step.run(unravel(x), periods=periods, recorder=recorder)
+        return ravel_pytree(passage.state)[0], _totals(objectives, passage.record)
+
+    (end, value), pull = jax.vjp(run, flat, values_of(scene, names))
+    by_x, by_p = jax.vmap(lambda c: pull((jnp.zeros_like(end), c)))(jnp.eye(value.size))
+    more = jax.vmap(lambda c: pull((c, jnp.zeros_like(value)))[1])(by_x @ inverse)
+    return value, by_p + more
+
+
+@functools.partial(jit, static_argnames=("names", "solver"))
+def matrix_slopes(
+    scenes: Batched[Scene],
+    states: State,
+    moved: Float[Array, "cases directions size"],
+    epoch: Any,
+    stepping: AbstractStepping,
+    *,
+    names: tuple[str, ...],
+    solver: diffrax.AbstractSolver,
+) -> Float[Array, "cases directions size size"]:
+    """Derivatives of the Jacobian of one forcing period by parameters, while the start moves by `moved`."""
+
+    def one(scene: Scene, state: State, moved: Array) -> Array:
+        flat, unravel = ravel_pytree(state)
+
+        def matrix(x: Array, p: Array) -> Array:
+            return jacobians(PeriodMap(at_values(scene, names, p), stepping, solver), unravel(x), 1, index=epoch)[0]
+
+        p = values_of(scene, names)
+        return jax.vmap(lambda dx, dp: jax.jvp(matrix, (flat, p), (dx, dp))[1])(moved, jnp.eye(p.size))
+
+    return scenes.map(one, states, moved)

@@ -1,0 +1,65 @@
+"""A design as one dataset and file."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import slipperjax as sj
+from slipperjax.design import PeakForce, optimise_design
+from slipperjax.design.problem import Problem
+
+from .bowl import judged
+
+BOUNDS = {"clearance": (0.2e-3, 3e-3), "section.points.D.1": (0.01, 0.05)}
+
+
+@pytest.fixture
+def found(monkeypatch):
+    monkeypatch.setattr(Problem, "judged", judged)
+    options = dict(over={"speed": [1000.0, 1600.0]}, constraints={"drive_force": (None, 5.0)}, max_trials=4)
+    return optimise_design(sj.paper_scene(), "peak_force", BOUNDS, steps_per_period=50, starts=2, **options)
+
+
+def test_tables_have_prefixes_and_units(found):
+    ds = found.to_xarray()
+    sizes = {"variable": 2, "case": 2, "number": sj.State.size, "start": 2, "trial": found.history.sizes["trial"]}
+    assert dict(ds.sizes) == sizes
+    assert list(ds["variable"].values) == list(BOUNDS)
+    assert list(ds["variable_unit"].values) == ["m", "m"]
+    np.testing.assert_allclose(ds["low"], [low for low, _ in BOUNDS.values()])
+    np.testing.assert_allclose(ds["high"], [high for _, high in BOUNDS.values()])
+    for prefix, table in (("start", found.starts), ("trial", found.history)):
+        for name in table.data_vars:
+            xr.testing.assert_equal(ds[f"{prefix}_{name}"].variable, table[name].variable)
+    assert ds["objective"].attrs["units"] == "N"
+    assert (ds["objective"].attrs["shown_unit"], ds["objective"].attrs["per_shown"]) == ("kN", 1e3)
+    assert ds["trial_smooth"].attrs["quantity"] == PeakForce().smooth.name
+    assert ds["constraint_drive_force"].attrs["shown_unit"] == "N"
+    assert ds["speed"].attrs["units"] == "m/s"
+
+
+def test_objectives_in_each_case_are_kept_of_every_trial(found):
+    ds = found.to_xarray()
+    assert ds["trial_objective"].shape == (ds.sizes["trial"], 2)
+    np.testing.assert_allclose(ds["trial_objective"].max("case"), ds["trial_smooth"])  # equal in the bowl
+    best = ds["trial_objective"].where(ds["trial_start"] == int(np.argmin(found.starts["smooth"].values)))
+    assert np.any(np.all(np.isclose(best, ds["objective"]), axis=1))
+    np.testing.assert_allclose(ds["objective_stderr"], [0, 100])
+    np.testing.assert_allclose(ds["gradient_stderr"], [[0, 0], [100, 100]])
+
+
+def test_a_file_has_the_best_design_as_its_scene(found, tmp_path):
+    found.to_netcdf(tmp_path / "design.nc")
+    with xr.open_dataset(tmp_path / "design.nc", engine="h5netcdf") as ds:
+        xr.testing.assert_equal(ds.load(), found.to_xarray())
+    scene = sj.load_scene(tmp_path / "design.nc", speed=1600.0)
+    for name, value in found.design.items():
+        assert float(scene.value(name)) == pytest.approx(value)
+    assert ds.attrs["objective"] == pytest.approx(found.objective)
+    assert (ds.attrs["robust"], ds.attrs["status"]) == ("worst", found.status)
+    assert json.loads(ds.attrs["varied"]) == ["speed"]
+    assert json.loads(ds.attrs["call"])["constraints"] == [["drive_force", None, 5.0]]
+    # no value of what was chosen or varied stands as that of all
+    assert not [name for name in ds.attrs if name.startswith(("speed", "clearance"))]

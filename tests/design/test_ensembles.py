@@ -1,0 +1,41 @@
+"""Planes through values of ensembles, with their standard errors."""
+
+import itertools
+
+import numpy as np
+
+from slipperjax.design.ensembles import _fitted
+
+SIGNS = np.repeat(np.array(list(itertools.product((-1.0, 1.0), repeat=2))), 8, axis=0)
+
+
+def test_a_plane_without_noise_is_found_exactly():
+    values = np.stack([3 + 2 * SIGNS[:, 0] - SIGNS[:, 1], 5 - SIGNS[:, 1]], axis=1)
+    value, error, slope, slope_error = _fitted(SIGNS, values, np.ones(len(SIGNS)))
+    np.testing.assert_allclose(value, [3, 5], atol=1e-13)
+    np.testing.assert_allclose(slope, [[2, -1], [0, -1]], atol=1e-13)
+    assert np.max(error) < 1e-13
+    assert np.max(slope_error) < 1e-13
+
+
+def test_two_standard_errors_hold_the_truth_in_95_percent_of_cases():
+    draws = np.random.default_rng(1)
+    inside = []
+    for _ in range(2000):
+        values = (3 + 2 * SIGNS[:, 0] - SIGNS[:, 1] + draws.normal(size=len(SIGNS)))[:, None]
+        value, error, slope, slope_error = _fitted(SIGNS, values, np.ones(len(SIGNS)))
+        inside.append([abs(value[0] - 3) < 2 * error[0], *(np.abs(slope[0] - [2, -1]) < 2 * slope_error[0])])
+    share = np.mean(inside, axis=0)
+    # Student's t with 29 degrees of freedom: 94.5 %; measured 94.4, 94.7 and 94.0
+    assert np.all(np.abs(share - 0.945) < 0.02), share
+
+
+def test_runs_that_were_lost_are_left_out():
+    values = (3 + 2 * SIGNS[:, 0])[:, None]
+    values[:5] = np.nan
+    weight = np.ones(len(SIGNS))
+    weight[5:7], values[5:7] = 0.0, 1e9
+    value, _, slope, _ = _fitted(SIGNS, values, weight)
+    np.testing.assert_allclose([value[0], *slope[0]], [3, 2, 0], atol=1e-12)
+    nothing = _fitted(SIGNS, values, np.zeros(len(SIGNS)))
+    assert all(np.all(np.isnan(part)) for part in nothing)

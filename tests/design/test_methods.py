@@ -1,0 +1,111 @@
+"""How designs move, on functions whose optima are known."""
+
+import numpy as np
+import pytest
+
+from slipperjax.design import Descent, TrustRegion
+from slipperjax.design.methods import Faced, inside
+
+
+def minimise(method, function, at, most=80):
+    """Runs one start to its end; `function(x)` gives values, slopes, excess, excess slopes and weights."""
+    x = np.asarray(at, float)
+    move = method.start(x, Faced(*function(x)))
+    trials = 0
+    while not move.finished and trials < most:
+        step = move.propose()
+        if move.finished:
+            break
+        move.hear(step, Faced(*function(step.to)))
+        trials += 1
+    return move, trials
+
+
+def no_limits(x):
+    return np.empty(0), np.empty((0, len(x)))
+
+
+def three_planes(x):
+    """x + y, 1 - 2x and 1 - y."""
+    slopes = np.array([[1.0, 1.0], [-2.0, 0.0], [0.0, -1.0]])
+    values = np.array([0.0, 1.0, 1.0]) + slopes @ x
+    return values, slopes, *no_limits(x), None
+
+
+def test_the_worst_of_linear_functions_is_least_where_they_meet():
+    """A linear program: x + y = 1 - 2x = 1 - y at x = 1/5, y = 2/5, value 3/5."""
+    move, _ = minimise(TrustRegion(least=1e-9), three_planes, [0.9, 0.9])
+    np.testing.assert_allclose(move.at, [0.2, 0.4], atol=1e-9)
+    assert move.faced.total == pytest.approx(0.6, abs=1e-9)
+
+
+def bowls(x):
+    """The worst of two bowls around (0.2, 0.5) and (0.8, 0.5): least between them, at (0.5, 0.5)."""
+    centres = np.array([[0.2, 0.5], [0.8, 0.5]])
+    away = x - centres
+    return 1 + np.sum(away**2, axis=1), 2 * away, *no_limits(x), None
+
+
+def test_a_ridge_of_two_curved_cases_is_followed_to_its_end():
+    move, trials = minimise(TrustRegion(least=1e-5), bowls, [0.1, 0.05], most=200)
+    np.testing.assert_allclose(move.at, [0.5, 0.5], atol=2e-3)
+    assert trials < 60  # 26
+
+
+@pytest.mark.parametrize("method", [TrustRegion(least=1e-4), Descent(steps=200)])
+def test_a_mean_has_its_least_inside(method):
+    def mean(x):
+        values, slopes, *rest = bowls(x)
+        return values, slopes, *rest[:2], np.array([0.25, 0.75])
+
+    move, _ = minimise(method, mean, [0.9, 0.1], most=200)
+    np.testing.assert_allclose(move.at, [0.65, 0.5], atol=5e-3)
+
+
+def test_the_bounds_of_the_box_hold():
+    linear = lambda x: (np.array([x[0] - x[1] + 5]), np.array([[1.0, -1.0]]), *no_limits(x), None)
+    move, _ = minimise(TrustRegion(), linear, [0.5, 0.5])
+    np.testing.assert_array_equal(move.at, [0.0, 1.0])
+    assert not inside(move.at).any()
+
+
+def test_a_constraint_is_kept_where_the_objective_is_lower_beyond():
+    """x + y is least at the origin, but x y >= 0.04 is asked: (0.2, 0.2)."""
+
+    def limited(x):
+        excess = np.array([0.04 - x[0] * x[1]]) / 0.04
+        return np.array([x.sum()]), np.ones((1, 2)), excess, -np.array([[x[1], x[0]]]) / 0.04, None
+
+    move, _ = minimise(TrustRegion(least=1e-6), limited, [0.9, 0.3], most=200)
+    assert move.faced.violation < 1e-4
+    np.testing.assert_allclose(move.at.prod(), 0.04, rtol=1e-3)
+    np.testing.assert_allclose(move.faced.total, 0.4, rtol=1e-3)
+
+
+def test_from_a_forbidden_design_the_way_leads_out():
+    def limited(x):
+        return np.array([1 + x[0]]), np.ones((1, 1)), np.array([0.5 - x[0]]), -np.ones((1, 1)), None
+
+    move, _ = minimise(TrustRegion(), limited, [0.05])
+    np.testing.assert_allclose(move.at, 0.5, atol=1e-6)
+
+
+def test_a_trial_that_leaves_the_rail_is_not_taken():
+    """Beyond 0.6 there is no motion: the search ends at the edge."""
+
+    def falling(x):
+        value = np.nan if x[0] > 0.6 else 1 - x[0]
+        return np.array([value]), np.array([[-1.0]]), *no_limits(x), None
+
+    move, _ = minimise(TrustRegion(), falling, [0.1])
+    assert 0.59 < move.at[0] <= 0.6
+
+
+def test_a_jump_down_is_taken_and_a_jump_up_is_not():
+    def stairs(x):
+        return np.array([1 + 0.1 * x[0] + (0.5 if 0.3 < x[0] < 0.5 else 0.0)]), np.array([[0.1]]), *no_limits(x), None
+
+    up, _ = minimise(TrustRegion(radius=0.05, least=1e-3), stairs, [0.55])
+    down, _ = minimise(TrustRegion(radius=0.05, least=1e-3), stairs, [0.4])
+    assert 0.5 <= up.at[0] < 0.505  # at the foot of the step
+    assert down.at[0] == 0.0

@@ -1,0 +1,113 @@
+"""Designs that are found, against orbits, brute force and what a gradient leaves."""
+
+import numpy as np
+import pytest
+
+import slipperjax as sj
+from slipperjax.design import Descent, PeakForce, SoftPeakForce, event_margins, optimise_design, surroundings
+from slipperjax.design.judge import Memory, judge_on_orbits
+
+STEPS = 50
+
+
+@pytest.fixture(scope="module")
+def small():
+    """The clearance with the least peak force at two speeds."""
+    box, speeds = {"clearance": (0.5e-3, 1.5e-3)}, {"speed": [1250.0, 1500.0]}
+    return optimise_design(
+        sj.paper_scene(), "peak_force", box, over=speeds, starts=2, max_trials=12, steps_per_period=STEPS
+    )
+
+
+def test_less_play_means_lower_peaks(small):
+    assert small.status == "converged"
+    assert small.design["clearance"] == pytest.approx(0.5e-3, rel=1e-9)
+    assert small.regime.tolist() == ["period 1", "period 1"]
+    np.testing.assert_allclose(small.starts["end"].values[:, 0], 0.5e-3, rtol=1e-9)  # from both starts
+    assert not small.several
+    assert small.stderr == 0
+
+
+def test_the_objective_is_that_of_the_worst_orbit(small):
+    orbit = sj.periodic_orbit(small.scene.replace(speed=1500.0), steps_per_period=STEPS)
+    assert small.objective == pytest.approx(float(orbit.trajectory().peak.force), rel=1e-7)
+    assert small.objective == float(small.cases["objective"].max())
+    assert small.smooth < small.objective
+    assert float(small.cases["multiplier"][1]) == pytest.approx(float(abs(orbit.multipliers[0])), rel=1e-7)
+
+
+def test_derivatives_are_those_of_orbits_found_anew(small):
+    """Away from the optimum, of the peak and of its power mean, by the clearance."""
+    question = small.problem.question
+    at = lambda clearance: {"clearance": np.full(2, clearance), "speed": np.array([1250.0, 1500.0])}
+    found = judge_on_orbits(small.problem.scene, at(1e-3), question)
+    memory = Memory(found.state, found.period, found.inverse)
+    near = [judge_on_orbits(small.problem.scene, at(1e-3 + h), question, memory=memory).value for h in (-1e-8, 1e-8)]
+    # measured 3e-8, the difference's own error
+    np.testing.assert_allclose(found.gradient[:, :, 0], (near[1] - near[0]) / 2e-8, rtol=1e-6)
+
+
+def test_the_history_is_that_of_the_search(small):
+    ds = small.history
+    assert np.all(np.diff(ds["simulated"]) >= 0)
+    for start in (0, 1):
+        taken = ds["smooth"].values[(ds["start"].values == start) & ds["taken"].values]
+        assert np.all(np.diff(taken) < 0)
+    assert small.simulated == ds["simulated"].values[-1]
+    assert "Design(clearance 0.5 mm" in repr(small)
+    assert "regimes: 2 x period 1" in repr(small)
+
+
+@pytest.mark.slow
+def test_brute_force_finds_nothing_better_nearby(small):
+    ds = surroundings(small, points=5, width=0.2)
+    assert ds.attrs["lower"] < 1e-6
+    own = ds["total"].sel(clearance=small.design["clearance"], method="nearest")
+    assert float(own) == pytest.approx(small.smooth, rel=1e-3)  # measured 2e-7 after 300 periods
+
+
+@pytest.mark.slow
+def test_the_nearest_events_are_those_of_the_branch(small):
+    ds = event_margins(small, ["clearance", "speed"], cases=[0], width=0.3)
+    speeds = ds.where(ds["parameter"] == "speed", drop=True)
+    scene = small.scene.replace(speed=1250.0)
+    branch = sj.continue_orbit(scene, "speed", (875.0, 1625.0), steps_per_period=2 * STEPS)
+    events = [event.value for event in branch.events if event.label in ("LP", "PD", "NS", "GR")]
+    for row in range(speeds.sizes["margin"]):
+        if str(speeds["label"].values[row]):
+            assert np.min(np.abs(np.array(events) - speeds["value"].values[row])) < 1e-3
+            side = np.sign(speeds["change"].values[row])
+            between = [v for v in events if 0 < side * (v - 1250.0) < abs(speeds["change"].values[row]) - 1e-3]
+            assert not between
+
+
+@pytest.mark.slow
+def test_a_mean_has_its_own_least_and_adam_agrees():
+    """A roll excursion that a length of the slipper minimises, by two methods."""
+    box, over = {"length": (0.18, 0.5)}, {"speed": [1300.0, 1500.0]}
+    how = dict(over=over, robust="mean", starts=2, steps_per_period=STEPS)
+    first = optimise_design(sj.paper_scene(), "excursion_pitch", box, **how)
+    other = optimise_design(sj.paper_scene(), "excursion_pitch", box, method=Descent(steps=40), **how)
+    assert first.smooth <= other.smooth * 1.001
+    assert first.smooth == pytest.approx(other.smooth, rel=5e-3)
+
+
+@pytest.mark.slow
+def test_a_limit_is_kept():
+    """Peaks are lowest without play; a highest drive force... is asked of the slipper's excursion instead."""
+    box, over = {"clearance": (0.5e-3, 2e-3), "length": (0.18, 0.4)}, {"speed": [1250.0, 1500.0]}
+    limits = {"excursion_pitch": 1.2e-3}
+    found = optimise_design(
+        sj.paper_scene(), PeakForce(), box, over=over, constraints=limits, starts=2, steps_per_period=STEPS
+    )
+    assert found.status == "converged"
+    assert float(found.cases["constraint_excursion_pitch"].max()) <= 1.2e-3 * (1 + 1e-5)
+
+
+@pytest.mark.slow
+def test_what_cannot_be_met_is_infeasible():
+    box, limits = {"clearance": (0.5e-3, 1.5e-3)}, {"peak_force": 10.0}
+    found = optimise_design(
+        sj.paper_scene(), SoftPeakForce(), box, constraints=limits, starts=1, max_trials=8, steps_per_period=STEPS
+    )
+    assert found.status == "infeasible"

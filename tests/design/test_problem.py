@@ -1,0 +1,96 @@
+"""Bad questions are refused in one line, before anything is compiled."""
+
+import numpy as np
+import pytest
+
+import slipperjax as sj
+from slipperjax.design import optimise_design, pareto_front, sensitivities
+from slipperjax.design.problem import checked_problem, first_designs
+
+BOX = {"clearance": (0.2e-3, 3e-3), "length": (0.12, 0.5)}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (dict(objective="peak"), "Argument `objective` must be one of peak_force, "),
+        (dict(objective=3), "Argument `objective` must be one of "),
+        (dict(variables={}), "Argument `variables` must name parameters with their bounds"),
+        (dict(variables={"clearence": (1e-3, 2e-3)}), "Argument `clearence` is no parameter"),
+        (dict(variables={"clearance": (3e-3, 1e-3)}), "Argument `clearance` must have a lower bound below the upper"),
+        (dict(variables={"clearance": (-1e-3, 1e-3)}), "Argument `clearance` must be zero or positive"),
+        (dict(variables={"clearance": 1e-3}), "Argument `clearance` must be a lower and an upper bound"),
+        (dict(variables={"gravity": (1.0, 10.0)}, over={"gravity": [5.0]}), "Argument `over` must name other"),
+        (dict(over={"speed": [-5.0]}), "Argument `speed` must be positive"),
+        (dict(over=[1000.0]), "Argument `over` must name parameters"),
+        (dict(robust="best"), "Argument `robust` must be one of worst, mean"),
+        (dict(constraints={"excursion_roll": (0.2, 0.1)}), "Argument `constraints` must have a highest value"),
+        (dict(constraints={"roll": 0.1}), "Argument `objective` must be one of "),
+        (dict(constraints=0.1), "Argument `constraints` must map objectives"),
+        (dict(starts=0), "Argument `starts` must be a whole number of 1 or more"),
+        (dict(starts=[{"clearance": 1e-3}]), "Argument `starts` must be designs that give clearance, length"),
+        (dict(starts=[{"clearance": 1e-3, "length": 5.0}]), "Argument `starts` must lie within the bounds"),
+        (dict(method="adam"), "Argument `method` must be a slipperjax.design method"),
+        (dict(max_trials=0), "Argument `max_trials` must be a whole number of 1 or more"),
+        (dict(spread=3), "Argument `spread` must be a slipperjax.design.Spread"),
+        (dict(steps_per_period=0), "Argument `steps_per_period` must be a whole number of 1 or more"),
+        (dict(solver="RK5"), "Argument `solver`"),
+        (dict(periodic=2), "Argument `periodic` must be True or False"),
+    ],
+)
+def test_a_bad_question_names_what_is_wrong(change, words):
+    asked = dict(objective="peak_force", variables=BOX) | change
+    with pytest.raises(ValueError, match="^" + words.replace("(", r"\(")):
+        optimise_design(sj.paper_scene(), **asked)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (dict(objectives="peak"), "Argument `objective` must be one of "),
+        (dict(names="speed"), "Argument `names` must be a list of parameters"),
+        (dict(names=["speeed"]), "Argument `speeed` is no parameter"),
+        (dict(names=["gravity"]), "Argument `names` must be of numbers that the scene has"),
+        (dict(method="adjoint"), "Argument `method` must be one of orbit, ensemble, run"),
+        (dict(objectives="exponent", method="run"), "Argument `method` must be 'orbit' or 'ensemble' for exponents"),
+        (dict(objectives="exponent", reverse=True), "Argument `reverse` must be False for exponents"),
+    ],
+)
+def test_bad_sensitivities_name_what_is_wrong(change, words):
+    with pytest.raises(ValueError, match="^" + words):
+        sensitivities(sj.paper_scene(), **(dict(objectives="peak_force") | change))
+
+
+def test_a_front_has_two_objectives():
+    with pytest.raises(ValueError, match=r"^Argument `objectives` must be two objectives"):
+        pareto_front(sj.paper_scene(), ("peak_force",), BOX)
+
+
+def problem(**change):
+    given = dict(over={"speed": [1000.0, 1600.0], "restitution": [0.8, 0.9, 1.0]}, robust="worst", constraints=None)
+    given |= dict(periodic=False, transient=200, spread=sj.design.Spread(), steps=None, solver=None, start=None)
+    return checked_problem(sj.paper_scene(), "peak_force", BOX, **(given | change))
+
+
+def test_the_cases_are_every_combination():
+    found = problem()
+    assert found.count == 6
+    np.testing.assert_array_equal(found.cases["speed"], [1000.0] * 3 + [1600.0] * 3)
+    np.testing.assert_array_equal(found.cases["restitution"], [0.8, 0.9, 1.0] * 2)
+
+
+def test_searches_begin_with_the_scene_s_own_design_and_spread():
+    found = problem()
+    first = found.values(first_designs(found, 8, 0))
+    np.testing.assert_allclose(first[0], [1e-3, 0.2])
+    for k in (0, 1):  # a Latin hypercube: one in each eighth, but for the one that the own design replaced
+        eighths = np.floor(8 * (first[1:, k] - found.low[k]) / found.width[k])
+        assert len(set(eighths)) == 7
+    given = first_designs(found, [{"clearance": 1e-3, "length": 0.31}], 0)
+    np.testing.assert_allclose(found.values(given), [[1e-3, 0.31]])
+
+
+def test_steps_are_those_that_the_worst_corner_needs():
+    slow = problem(over={"speed": [100.0, 1600.0]}).question.steps
+    assert slow > problem().question.steps
+    assert problem(steps=123).question.steps == 123

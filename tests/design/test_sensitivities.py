@@ -1,0 +1,127 @@
+"""Derivatives of objectives against differences of orbits that were found anew, and between methods."""
+
+import numpy as np
+import pytest
+
+import slipperjax as sj
+from slipperjax.design import OBJECTIVES, Spread, sensitivities
+
+STEPS = 50
+NAMES = ("clearance", "length")
+
+
+def differences(scene, objectives, name, start, relative, **options):
+    """Central differences by one parameter, of orbits found from their neighbour."""
+    value = float(scene.value(name))
+    found = []
+    for side in (-1, 1):
+        near = scene.replace(**{name: value * (1 + side * relative)})
+        found.append(sensitivities(near, objectives, NAMES, start=start, transient=0, **options)["value"].values)
+    return (found[1] - found[0]) / (2 * relative * value)
+
+
+@pytest.fixture(scope="module")
+def nominal():
+    scene = sj.paper_scene()
+    return scene, sensitivities(scene, ["peak_force", "rms_a_z"], NAMES, steps_per_period=STEPS)
+
+
+@pytest.mark.slow
+def test_on_an_orbit_derivatives_are_those_of_orbits_found_anew(nominal):
+    scene, ds = nominal
+    assert (ds.attrs["method"], ds.attrs["regime"]) == ("orbit", "period 1")
+    orbit = sj.periodic_orbit(scene, steps_per_period=STEPS)
+    assert ds.attrs["multiplier"] == pytest.approx(float(abs(orbit.multipliers[0])), rel=1e-9)
+    for name in NAMES:
+        slope = differences(scene, ["peak_force", "rms_a_z"], name, orbit.state, 1e-5, steps_per_period=STEPS)
+        # measured 2e-8 and less; the rest is the difference's own error
+        np.testing.assert_allclose(ds["gradient"].sel(parameter=name), slope, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_the_dataset_says_what_it_holds(nominal):
+    ds = nominal[1]
+    assert ds["objective_unit"].values.tolist() == ["N", "m/s^2"]
+    assert ds["parameter_unit"].values.tolist() == ["m", "m"]
+    assert np.all(ds["gradient_stderr"] == 0)
+    relative = ds["gradient"] * [1e-3, 0.2] / ds["value"]
+    np.testing.assert_allclose(ds["relative"], relative.transpose("objective", "parameter"), rtol=1e-12)
+    assert np.all(ds["domain"] > 0)
+    assert ds.attrs["simulated"] > 0
+
+
+@pytest.mark.slow
+def test_a_motion_off_the_orbit_is_not_taken_for_one():
+    """At 0.13 m the motion is chaotic."""
+    options = dict(method="orbit", steps_per_period=STEPS, transient=60)
+    with pytest.raises(ValueError, match=r"^Argument `method` must be 'ensemble' here, but is 'orbit': after 60"):
+        sensitivities(sj.paper_scene(length=0.13), ["peak_force", "rms_a_z"], NAMES, **options)
+
+
+def random_scenes(count, seed=3):
+    """Scenes with a stable orbit of period 1, of random speed, clearance, length and per-face play."""
+    draws = np.random.default_rng(seed)
+    found = []
+    while len(found) < count:
+        scene = sj.paper_scene(draws.uniform(1150, 1900), draws.uniform(0.4e-3, 2e-3), draws.uniform(0.18, 0.4))
+        scene = scene.replace(**{"section.play.2": float(scene.section.play[2]) * draws.uniform(0.8, 1.2)})
+        orbit = sj.periodic_orbit(scene, steps_per_period=100)
+        if int(orbit.status) == 0 and orbit.stable and orbit.period == 1:
+            found.append((scene, orbit))
+    return found
+
+
+EVERY = ("speed", "length", "mass", "inertia_y", "stiffness", "restitution", "amplitude", "roll_amplitude")
+FACES = ("section.play.0", "section.play.2")
+
+
+@pytest.mark.slow
+def test_every_objective_by_every_parameter_at_ten_random_designs():
+    names = (*EVERY, *FACES)
+    objectives, worst = list(OBJECTIVES), {}
+    options = dict(steps_per_period=100)
+    for scene, orbit in random_scenes(10):
+        ds = sensitivities(scene, objectives, names, start=orbit.state, transient=0, **options)
+        assert ds.attrs["method"] == "orbit"
+        for name in names:
+            value = float(scene.value(name))
+            errors = []
+            for relative in (1e-6, 1e-5, 1e-4):  # the best of three: rounding on one side, curvature on the other
+                sides = []
+                for side in (-1, 1):
+                    near = scene.replace(**{name: value * (1 + side * relative)})
+                    how = dict(start=orbit.state, transient=0, **options)
+                    sides.append(sensitivities(near, objectives, names, **how)["value"].values)
+                slope = (sides[1] - sides[0]) / (2 * relative * value)
+                # over the objective's own size where a slope is zero
+                scale = np.maximum(np.abs(slope), 1e-6 * np.abs(ds["value"].values / value))
+                errors.append(np.abs(ds["gradient"].sel(parameter=name).values - slope) / scale)
+            for objective, error in zip(objectives, np.min(errors, axis=0), strict=True):
+                worst[objective] = max(worst.get(objective, 0.0), float(error))
+    print({name: f"{error:.1e}" for name, error in worst.items()})
+    assert max(worst.values()) < 1e-6, worst
+
+
+@pytest.mark.slow
+def test_reverse_mode_agrees_with_forward_mode():
+    scene, names = sj.paper_scene(), (*EVERY, *FACES)
+    objectives = [name for name in OBJECTIVES if name != "exponent"]
+    forward = sensitivities(scene, objectives, names, steps_per_period=STEPS)
+    reverse = sensitivities(scene, objectives, names, steps_per_period=STEPS, reverse=True)
+    # measured 3e-14 of the largest of each objective's
+    np.testing.assert_allclose(reverse["gradient"], forward["gradient"], rtol=1e-8, atol=1e-20)
+
+
+@pytest.mark.slow
+def test_ensembles_and_runs_agree_with_orbits_where_motions_are_periodic(nominal):
+    scene, ds = nominal
+    asked = ["peak_force", "rms_a_z"]
+    ensemble = sensitivities(
+        scene, asked, NAMES, method="ensemble", steps_per_period=STEPS, spread=Spread(16, 400, 50)
+    )
+    away = np.abs(ensemble["gradient"] - ds["gradient"]) / np.abs(ds["gradient"])
+    assert float(away.max()) < 0.02, away
+    orbit = sj.periodic_orbit(scene, steps_per_period=STEPS)
+    run = sensitivities(scene, asked, NAMES, method="run", periods=400, start=orbit.state, steps_per_period=STEPS)
+    # the run's start stays where it is, and its derivative dies out as the multipliers' powers do
+    np.testing.assert_allclose(run["gradient"][1], ds["gradient"][1], rtol=0.1)

@@ -1,0 +1,307 @@
+"""Pictures of designs, from datasets made by hand."""
+
+import json
+from types import SimpleNamespace
+
+import matplotlib
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.colors import LogNorm, to_hex
+
+from slipperjax import plots
+from slipperjax.plots.design_data import color_norm, log_ticks
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+NAN, INF = float("nan"), float("inf")
+FORCE = {"units": "N", "quantity": "peak_force", "symbol": r"F_{\max}", "shown_unit": "kN", "per_shown": 1e3}
+BOUNDS = {
+    "mass": (10.0, 20.0, "kg"),
+    "clearance": (0.2e-3, 3e-3, "m"),
+    "length": (0.12, 0.5, "m"),
+    "section.play.2": (1e-4, 1e-3, "m"),
+}
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    yield
+    plt.close("all")
+
+
+def design(
+    variables=("clearance", "length"),
+    regimes=("period 1", "period 2", "irregular", "period 1"),
+    errors=(0.0, 0.0, 600.0, 0.0),
+    over="speed",
+    robust="worst",
+    spoilt=None,
+):
+    """Three starts of six trials each; the objective is a bowl over the variables, and grows with speed."""
+    cases, trials = len(regimes), 18
+    low, high = np.array([BOUNDS[name][:2] for name in variables]).T
+    start = np.tile(np.arange(3), 6)
+    begin = np.array([0.9, 0.2, 0.55])[start]
+    way = np.repeat(np.arange(6) / 5, 3)
+    places = np.stack([begin + (0.3 - begin) * way**0.5, 1 - begin + (begin - 0.5) * way], axis=1)
+    unit = np.hstack([places, 0.5 * np.ones((trials, 1))])[:, : len(variables)]
+    rise = 1 + 0.3 * np.arange(cases) / cases
+    smooth = 9e3 * (1 + 4 * np.sum((unit - [0.3, 0.5, 0.5][: len(variables)]) ** 2, axis=1))
+    taken = np.arange(trials) % 4 != 3
+    violation = np.where(np.arange(trials) % 7 == 2, 0.1, 0.0)
+    objective = 1.2 * smooth[:, None] * rise
+    if spoilt is not None:
+        smooth[spoilt], objective[spoilt, 0] = INF, NAN
+    kinds = np.tile(np.array(regimes), (trials, 1))
+    best = low + unit[-1] * (high - low)
+    along = lambda values, **attrs: (("case", "variable"), np.broadcast_to(values, (cases, len(variables))), attrs)
+    data = {
+        "design": ("variable", best),
+        "low": ("variable", low),
+        "high": ("variable", high),
+        "objective": ("case", 1e4 * rise, FORCE),
+        "objective_stderr": ("case", np.array(errors)),
+        "smooth": ("case", 9e3 * rise, FORCE | {"quantity": "soft_peak_force", "symbol": r"\|F\|"}),
+        "regime": ("case", np.array(regimes)),
+        "gradient": along(rise[:, None] * [[2e6, -1.5e4, 1e5][: len(variables)]][0]),
+        "gradient_stderr": along(np.array(errors)[:, None] * [[200.0, 2.0, 100.0][: len(variables)]][0]),
+        "trial_start": ("trial", start),
+        "trial_design": (("trial", "variable"), low + unit * (high - low)),
+        "trial_smooth": ("trial", smooth, FORCE | {"quantity": "soft_peak_force", "symbol": r"\|F\|"}),
+        "trial_violation": ("trial", violation),
+        "trial_taken": ("trial", taken),
+        "trial_objective": (("trial", "case"), objective, FORCE),
+        "trial_regime": (("trial", "case"), kinds),
+        "trial_simulated": ("trial", 900.0 * (1 + np.arange(trials) // 3)),
+    }
+    coords = {"variable": list(variables), "variable_unit": ("variable", [BOUNDS[name][2] for name in variables])}
+    if over:
+        coords[over] = "case", np.linspace(1000, 1600, cases)
+    summary = dict(robust=robust, objective=float(1e4 * rise.max()), smooth=9e3 * rise.max(), status="converged")
+    attrs = {"varied": json.dumps([over] if over else []), "mass [kg]": 14.0, "restitution": 0.9} | summary
+    return xr.Dataset(data, coords, attrs)
+
+
+def surroundings(ds, size=9, names=None, name="soft_peak_force"):
+    """A grid of the same bowl."""
+    names = [str(name) for name in ds["variable"].values] if names is None else names
+    axes = {name: np.linspace(*BOUNDS[name][:2], size) for name in names}
+    mesh = np.meshgrid(*(np.linspace(0, 1, size) for _ in names), np.arange(2), indexing="ij")
+    bowl = sum((m - middle) ** 2 for m, middle in zip(mesh[:-1], (0.3, 0.5, 0.5), strict=False))
+    values = 1e4 * (1 + 4 * bowl) * (1 + 0.1 * mesh[-1])
+    period = np.ones(values.shape, int)
+    period[:3, ..., 1], period[6:, ..., 0] = 4, 0
+    values[-1:, ..., 0] = NAN
+    dims = (*names, "case")
+    return xr.Dataset({name: (dims, values), "period": (dims, period)}, axes)
+
+
+def legend(ax):
+    return [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+def dots(ax, marker):
+    """Places of lines' markers."""
+    found = [line.get_xydata() for line in ax.lines if line.get_marker() == marker and len(line.get_xdata())]
+    return np.concatenate(found) if found else np.zeros((0, 2))
+
+
+# the objective in each case
+
+
+def test_cases_are_drawn_over_their_parameter_by_regime():
+    ax = plots.design_cases(design())
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("speed $V$ [m/s]", r"peak force $F_{\max}$ [kN]")
+    assert legend(ax)[:3] == ["best design", "first design", "worst"]
+    assert legend(ax)[3:] == ["period 1", "period n", "irregular"]
+    np.testing.assert_allclose(dots(ax, "D")[:, 0], [1400, 1400])
+    np.testing.assert_allclose(dots(ax, "s")[1], [1200, 10 * (1 + 0.3 / 4)])
+    (bar,) = [c for c in ax.collections if len(c.get_segments())]
+    np.testing.assert_allclose(np.diff(bar.get_segments()[0][:, 1]), 1.2)  # twice 600 N
+
+
+def test_a_case_without_motion_is_a_cross_at_the_bottom():
+    ax = plots.design_cases(design(spoilt=0, regimes=("period 1",) * 4, errors=(0,) * 4))
+    assert legend(ax)[-1] == "no motion"
+    np.testing.assert_allclose(dots(ax, "x"), [[1000, 0.04]])
+
+
+def test_one_case_and_several_parameters_are_numbered():
+    ax = plots.design_cases(design(regimes=("period 1",), errors=(0,), over=None))
+    assert ax.get_xlabel() == "case"
+    assert "worst" not in legend(ax)
+    ds = design().assign_coords(mass=("case", [1.0, 2, 3, 4])).assign_attrs(varied=json.dumps(["speed", "mass"]))
+    assert plots.design_cases(ds).get_xlabel() == "case, over speed and mass"
+
+
+# trials
+
+
+def test_trials_lie_in_the_plane_of_the_first_two_variables():
+    ds = design(("clearance", "length", "section.play.2"))
+    ax = plots.design_trials(ds)
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("clearance $C$ [mm]", "length $L$ [m]")
+    assert legend(ax) == ["best", "start", "taken", "not taken", "constraint violated"]
+    assert len(dots(ax, "s")) == 3
+    np.testing.assert_allclose(dots(ax, "*"), [[1e3 * float(ds["design"][0]), float(ds["design"][1])]])
+    bar = next(other for other in ax.figure.axes if other is not ax)
+    assert bar.get_ylabel() == "soft peak force $\\|F\\|$ [kN]\nworst of 4 cases"
+    low, high = ax.get_xlim()
+    assert low < 0.2 < 3 < high
+
+
+def test_taken_trials_are_filled():
+    ds = design()
+    filled, _, hollow, _ = plots.design_trials(ds).collections
+    kept = ds["trial_violation"].values == 0
+    assert len(filled.get_offsets()) == np.sum(ds["trial_taken"].values & kept)
+    assert len(hollow.get_offsets()) == np.sum(~ds["trial_taken"].values & kept)
+    assert len(hollow.get_facecolors()) == 0
+
+
+def test_one_variable_has_the_objective_upwards():
+    ax = plots.design_trials(design(("section.play.2",), spoilt=3))
+    assert ax.get_xlabel() == "section.play.2 [m]"
+    assert ax.get_ylabel() == "soft peak force $\\|F\\|$ [kN]\nworst of 4 cases"
+    assert len(ax.figure.axes) == 1
+    assert "no motion" in legend(ax)
+
+
+# progress
+
+
+def test_progress_is_the_lowest_that_violates_nothing():
+    ds = design(spoilt=0)
+    ax = plots.design_progress(ds)
+    x, y = ax.lines[0].get_data()
+    good = np.where(ds["trial_violation"].values == 0, ds["trial_smooth"].values, INF)
+    assert y[-1] == pytest.approx(good.min() / 1e3)
+    assert np.all(np.diff(y) <= 0)
+    assert (x[0], x[-1]) == (900, 5400)
+    assert legend(ax) == ["lowest", "taken", "not taken", "constraint violated", "no motion"]
+
+
+def test_progress_without_any_motion_is_drawn():
+    ds = design()
+    ds["trial_smooth"][:] = INF
+    ax = plots.design_progress(ds)
+    assert len(dots(ax, "x")) == 18
+    assert len(plots.design_trials(ds).figure.axes) == 2
+
+
+# sensitivities
+
+
+def test_sensitivities_are_relative():
+    ds = design()
+    ax = plots.design_slopes(ds)
+    assert ax.get_ylabel() == "change of soft peak force\nby 1 % of a variable [%]"
+    assert legend(ax) == ["clearance $C$", "length $L$"]
+    line = next(line for line in ax.lines if line.get_marker() == "o")
+    expected = 2e6 * float(ds["design"][0]) / 9e3
+    np.testing.assert_allclose(line.get_ydata(), expected)
+
+
+# the surroundings
+
+
+def test_surroundings_are_a_map_with_hatches():
+    ds = design()
+    ax = plots.design_map(ds, surroundings(ds))
+    mesh, *hatched = ax.collections
+    assert [c.get_hatch() for c in hatched] == ["...", "////", "xxxx"]
+    assert [len(c.get_paths()) for c in hatched] == [27, 18, 9]
+    assert np.ma.count_masked(mesh.get_array()) == 9
+    words = legend(ax)
+    assert words[2:] == ["a case of period above 1", "a case irregular", "a case lost"]
+    assert words[1].startswith("lowest of the grid, 11.")
+    x, y = dots(ax, "P")[0]
+    assert (round(x, 3), round(y, 3)) == (0.9, 0.31)  # the worst case, of all places of the grid
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("clearance $C$ [mm]", "length $L$ [m]")
+
+
+def test_further_variables_are_taken_near_the_best_design():
+    ds = design(("clearance", "length", "section.play.2"))
+    ax = plots.design_map(ds, surroundings(ds, 5))
+    assert ax.collections[0].get_array().shape == (5, 5)
+
+
+def test_the_mean_of_cases_is_drawn_where_it_was_minimised():
+    ds = design(robust="mean")
+    grid = surroundings(ds)
+    ax = plots.design_map(ds, grid)
+    np.testing.assert_allclose(np.min(ax.collections[0].get_array()), 10 * 1.05, rtol=0.02)
+
+
+def test_surroundings_of_one_variable_are_a_line():
+    ds = design(("clearance",))
+    ax = plots.design_map(ds, surroundings(ds, names=["clearance"]))
+    assert ax.get_ylabel() == "soft peak force $\\|F\\|$ [kN]\nworst of 4 cases"
+    hard = plots.design_map(ds, surroundings(ds, names=["clearance"], name="peak_force"))
+    assert hard.get_ylabel() == "peak force $F_{\\max}$ [kN]\nworst of 4 cases"
+    assert legend(ax)[2:] == ["period 1", "period n", "irregular", "no motion"]
+    plots.design_map(ds, surroundings(ds, names=["clearance"]).drop_vars("period"))
+
+
+# the page
+
+
+@pytest.mark.parametrize("more", [False, True])
+def test_a_page_has_all_panels(more):
+    ds = design()
+    axes = plots.design_overview(SimpleNamespace(to_xarray=lambda: ds), surroundings(ds) if more else None)
+    assert len(axes) == 4 + more
+    title = axes[0].figure.get_suptitle()
+    assert title.startswith("$m$ = 14 kg\n$c_r$ = 0.9\nconverged: clearance")
+    assert title.endswith("kN, worst of 4 cases")
+    axes[0].figure.draw_without_rendering()
+    for ax in axes:
+        assert ax.get_legend().get_window_extent().width <= 1.001 * ax.get_window_extent().width
+
+
+def test_pictures_go_into_given_axes():
+    axes = plt.subplots(2, 2)[1]
+    assert plots.design_overview(design(), axes=axes) is axes
+    assert axes[0, 0].figure.get_suptitle() == ""
+
+
+@pytest.mark.parametrize(
+    ("draw", "words"),
+    [
+        (lambda: plots.design_overview("run"), "`ds` must be a dataset of optimise_design, but is str"),
+        (lambda: plots.design_cases(surroundings(design())), "with `trial_design`, but has"),
+        (
+            lambda: plots.design_map(design(), design()),
+            "with `soft_peak_force` or `peak_force` over variables",
+        ),
+        (lambda: plots.design_map(design(), None), "`surroundings` must be a dataset with `soft_peak_force`"),
+        (
+            lambda: plots.design_map(design(), surroundings(design(), names=["mass"])),
+            "over some of clearance, length, but is over mass, case",
+        ),
+    ],
+)
+def test_what_cannot_be_drawn_is_named(draw, words):
+    with pytest.raises(ValueError, match=words):
+        draw()
+
+
+# scales
+
+
+def test_wide_values_have_a_logarithmic_scale():
+    assert isinstance(color_norm(np.array([1.0, 9.0, NAN])), LogNorm)
+    assert not isinstance(color_norm(np.array([1.0, 5.0])), LogNorm)
+    assert not isinstance(color_norm(np.array([-1.0, 9.0])), LogNorm)
+    assert color_norm(np.array([2.0])).vmin < 2 < color_norm(np.array([2.0])).vmax
+    ds = design()
+    ds["trial_smooth"][0] *= 30
+    assert plots.design_progress(ds).get_yscale() == "log"
+    assert log_ticks(1.0, 1000.0) == [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000]
+
+
+def test_colours_go_from_the_lowest_to_the_highest():
+    filled, *_ = plots.design_trials(design()).collections
+    assert to_hex(filled.get_facecolors()[0]) == to_hex(filled.get_edgecolors()[0])
