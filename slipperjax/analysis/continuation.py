@@ -24,13 +24,13 @@ class End(NamedTuple):
     """One end of a branch."""
 
     reason: str
-    """Why it ends there: "bound", "no convergence", "closed", "count" or "interrupted"; empty for a start from which
-    it was not followed."""
+    """Why it ends there: "bound", "no convergence", "closed", "count", "event" or "interrupted"; empty for a start
+    from which it was not followed."""
     step: float
     """The step that would be tried next."""
 
 
-UNFINISHED = ("count", "interrupted")
+UNFINISHED = ("count", "event", "interrupted")
 """Reasons for which a branch can be followed further."""
 
 
@@ -76,6 +76,7 @@ def continue_motion(
     tolerance: float = 1e-10,
     pace: Pace | None = None,
     points: int = 400,
+    until: Sequence[str] = (),
     on_point: Callable[[Node], Any] | None = None,
 ) -> Branch:
     """Follows periodic motions through a parameter, past folds, and names what happens on the way.
@@ -88,6 +89,7 @@ def continue_motion(
         way round.
     - `observe`: makes an `Observation` of a point; where its counts change, there is a grazing.
     - `tolerance`: greatest weighted residual. `pace`: of the steps. `points`: most points of each way.
+    - `until`: labels of events after which a way is not followed further.
     - `on_point`: is called with each point, for progress.
 
     **Returns:** a `Branch`; after Ctrl-C what was found until then.
@@ -104,7 +106,8 @@ def continue_motion(
         )
     back, ahead = (End("count" if way in ways else "", pace.first) for way in (-1, 1))
     begin = Branch(equations, (as_node(first, observe),), (), (back, ahead))
-    options = dict(observe=observe, tolerance=tolerance, pace=pace, points=points, on_point=on_point)
+    options: dict[str, Any] = dict(observe=observe, tolerance=tolerance, pace=pace, points=points)
+    options |= dict(until=until, on_point=on_point)
     return extend_motion(begin, bounds, **options)
 
 
@@ -116,6 +119,7 @@ def extend_motion(
     tolerance: float = 1e-10,
     pace: Pace | None = None,
     points: int = 400,
+    until: Sequence[str] = (),
     on_point: Callable[[Node], Any] | None = None,
 ) -> Branch:
     """Follows a branch further, from ends where it was not finished, and from those on bounds that are wider now.
@@ -135,7 +139,7 @@ def extend_motion(
                 nodes[-1] = nodes[-1]._replace(label="")
                 events = [event for event in events if not (event.label == "EP" and event.low == value)]
             walk = Walk(branch.equations, nodes[-1].spot, low, high, pace, tolerance, step=ends[way].step)
-            path = _walked(walk, nodes, observe, most, on_point)
+            path = _walked(walk, nodes, observe, most, until, on_point)
             if path.events and not path.nodes:  # it ends where it begins
                 nodes[-1] = path.events[-1].node
             nodes, events, ends[way] = [*nodes, *path.nodes], [*events, *path.events], End(path.ended, walk.step)
@@ -164,7 +168,12 @@ def _turned(nodes: list[Node], events: list[Event]) -> tuple[list[Node], list[Ev
 
 
 def _walked(
-    walk: Walk, behind: Sequence[Node], observe: Observe | None, most: int, on_point: Callable | None
+    walk: Walk,
+    behind: Sequence[Node],
+    observe: Observe | None,
+    most: int,
+    until: Sequence[str],
+    on_point: Callable | None,
 ) -> _Path:
     start, node, path = behind[0], behind[-1], _Path([], [], "")
     try:
@@ -173,7 +182,8 @@ def _walked(
             if spot is None:
                 break
             new = as_node(spot, observe)
-            for event in events_between(node, new, walk.equations, observe, walk.tolerance):
+            events = events_between(node, new, walk.equations, observe, walk.tolerance)
+            for event in events:
                 path.events.append(event)
                 path.nodes.append(event.node)
             closed = len(path.nodes) + len(behind) > 3 and passes(start.spot, node.spot, spot)
@@ -183,6 +193,8 @@ def _walked(
                 on_point(new)
             if closed:
                 return path._replace(ended="closed")
+            if any(event.label in until for event in events):
+                return path._replace(ended="event")
             node = new
     except KeyboardInterrupt:
         return path._replace(ended="interrupted")

@@ -93,7 +93,8 @@ def event_margins(
         for name in chosen:
             value = float(scene.value(name))
             bounds = value * (1 - far), value * (1 + far)
-            branch = continue_orbit(scene, name, bounds, start=orbit, points=points, progress=progress, **how)
+            how_far: dict[str, Any] = dict(points=points, until=EVENTS, progress=progress)
+            branch = continue_orbit(scene, name, bounds, start=orbit, **how_far, **how)
             for direction, label, met in _first_events(branch, value):
                 rows.append((case, name, direction, label, met, met - value, (met - value) / abs(value)))
     if not rows:

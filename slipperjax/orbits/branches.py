@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..analysis import (
+    MEANINGS,
     Branch,
     End,
     Event,
@@ -134,9 +135,10 @@ class OrbitBranch:
         )
 
     def extended(self, bounds: tuple[float, float] | None = None, **options: Any) -> "OrbitBranch":
-        """The branch followed further: where it was interrupted, ended for the number of its points, or met a bound.
+        """The branch followed further: where it was interrupted, met an event that it was followed until, ended for the
+        number of its points, or met a bound.
 
-        **Arguments:** `bounds`: of the parameter, default as before; `options`: `points` and `progress` of
+        **Arguments:** `bounds`: of the parameter, default as before; `options`: `points`, `until` and `progress` of
         `continue_orbit`.
         """
         run = _Run.again(self, bounds)
@@ -253,12 +255,15 @@ class _Run:
         view = View(near, signature(self.scene, gaps), sections)
         return Observation(tuple(near.touchdowns.tolist()), tuple(near.margin.tolist()), view)
 
-    def follow(self, walk: Any, *, points: int = 400, progress: bool = False) -> OrbitBranch:
+    def follow(
+        self, walk: Any, *, points: int = 400, until: Sequence[str] = (), progress: bool = False
+    ) -> OrbitBranch:
         """What `walk` finds, as a result."""
         known = parameter(self.name, self.scene)
         with Bar(progress, f"branch over {known.name}", known) as bar:
             show = lambda node: bar.show(node.spot.z[-1])
-            found = walk(observe=self.observe, tolerance=self.tolerance, pace=PACE, points=points, on_point=show)
+            how: dict[str, Any] = dict(tolerance=self.tolerance, pace=PACE, points=points, until=labels(until))
+            found = walk(observe=self.observe, on_point=show, **how)
         states = jax.vmap(self.equations.state)(jnp.asarray(np.array([node.spot.z for node in found.nodes])))
         call = dict(
             bounds=list(self.bounds),
@@ -317,6 +322,14 @@ def bounds_of(known: Parameter, bounds: Any) -> tuple[float, float]:
     return low, high
 
 
+def labels(until: Any) -> tuple[str, ...]:
+    """Labels of events; raises `ValueError` for others."""
+    known = tuple(label for label in MEANINGS if label not in ("EP", "MX"))
+    if isinstance(until, str) or not all(label in known for label in until):
+        raise ValueError(f"Argument `until` must be a tuple of labels of {', '.join(known)}, but is {until!r}.")
+    return tuple(until)
+
+
 def steps_of_branch(scene: Scene, known: Parameter, bounds: tuple[float, float], steps: int | None) -> int:
     """Integration steps per forcing period of a branch, as given or by default, see `continue_orbit`."""
     if steps is not None:
@@ -336,6 +349,7 @@ def continue_orbit(
     solver: diffrax.AbstractSolver | str | None = None,
     tolerance: float = TOLERANCE,
     points: int = 400,
+    until: Sequence[str] = (),
     progress: bool = False,
 ) -> OrbitBranch:
     """Follows an orbit through a parameter both ways, stable or not, past folds, and names what happens on the way.
@@ -352,6 +366,7 @@ def continue_orbit(
     - `steps_per_period`: default `FINER` times that of the more demanding bound; `solver`: as for `simulate`, steps
         being constant.
     - `tolerance`: scaled residual of the orbits [1]. `points`: most points of each way. `progress`: shows a bar.
+    - `until`: labels of events after which a way is not followed further, such as ("LP", "PD"); default none.
 
     **Returns:** an `OrbitBranch`.
 
@@ -361,7 +376,7 @@ def continue_orbit(
     check_scene(scene)
     check_forcing(scene)
     known = parameter(name, scene)
-    bounds = bounds_of(known, bounds)
+    bounds, until = bounds_of(known, bounds), labels(until)
     tolerance, points = number(positive, "tolerance", tolerance), whole("points", points, 1)
     value = float(scene.value(name))
     if not bounds[0] <= value <= bounds[1]:
@@ -377,4 +392,4 @@ def continue_orbit(
             raise ValueError(f"Argument `start` must be near a periodic orbit, but: {start!r}")
     run = _Run.new(scene, name, bounds, start.period, steps, solver, tolerance, start.state)
     walk = lambda **how: continue_motion(run.equations, (start.state, value), bounds, **how)
-    return run.follow(walk, points=points, progress=progress)
+    return run.follow(walk, points=points, until=until, progress=progress)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from slipperjax.analysis import Pace, continue_motion, multipliers, switch
+from slipperjax.analysis import Pace, continue_motion, extend_motion, multipliers, switch
 
 from .systems import follow, found, motions, only, rk4, where
 
@@ -348,6 +348,18 @@ def test_points_are_limited_and_bounds_may_be_infinite():
     assert branch.ended == ("count", "count")
     assert len(branch.nodes) == 11
     assert "Branch(11 points" in repr(branch)
+
+
+def test_a_branch_ends_after_the_event_that_is_looked_for():
+    whole = follow(logistic, [0.6], 2.5, (0.5, 3.9))
+    part = follow(logistic, [0.6], 2.5, (0.5, 3.9), until=("PD",))
+    assert part.ended == ("bound", "event")
+    assert [label for label, _ in found(part)][-1] == "PD"
+    assert len(part.nodes) < len(whole.nodes)
+    assert part.nodes[-2].label == "PD"  # the point after it is kept
+    further = extend_motion(part, (0.5, 3.9))
+    assert further.ended == ("bound", "bound")
+    np.testing.assert_array_equal(further.values, whole.values)
 
 
 def test_other_starts_and_ways():

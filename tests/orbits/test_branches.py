@@ -97,6 +97,16 @@ def test_a_branch_in_two_parts_is_the_same(branch):
     np.testing.assert_allclose(whole.points["state"], branch.points["state"], atol=1e-12)
 
 
+def test_a_branch_ends_after_the_event_that_is_looked_for(branch):
+    (flip,) = branch.events_named("PD")
+    part = sj.continue_orbit(SCENE, "speed", (1050.0, 1270.0), steps_per_period=STEPS, until=("PD",))
+    assert part.points.attrs["ended"] == ["event", "bound"]
+    # what else lies within the last step is kept: here a grazing
+    assert [event.label for event in part.events] == ["GR", "PD", "EP"]
+    assert part.events[1].value == pytest.approx(flip.value, rel=1e-9)
+    np.testing.assert_allclose(part.extended().points["speed"], branch.points["speed"], rtol=1e-12)
+
+
 @pytest.mark.slow
 def test_the_flip_s_value_has_derivatives(branch):
     flip = branch.events_named("PD")[0]
@@ -158,6 +168,9 @@ def test_wrong_arguments_are_named():
     ):
         with pytest.raises(ValueError, match=words):
             sj.continue_orbit(SCENE, "speed", bounds)
+    for until in ("PD", ("PD", "folds"), ("EP",)):
+        with pytest.raises(ValueError, match="`until` must be a tuple of labels of LP, BP, PD, NS, GR, but is"):
+            sj.continue_orbit(SCENE, "speed", (1200.0, 1300.0), until=until)
     with pytest.raises(ValueError, match="`sped` is no parameter"):
         sj.continue_orbit(SCENE, "sped", (1.0, 2.0))
     with pytest.raises(ValueError, match="must be near a periodic orbit"):
