@@ -8,7 +8,6 @@ import jax
 import numpy as np
 import xarray as xr
 
-from ..analysis import multipliers
 from ..flow import Status, initial_states
 from ..model import MOTION_SCALES, Scene, State
 from ..orbits import TOLERANCE, PeriodicOrbit, check_forcing
@@ -149,8 +148,7 @@ class _Found:
         good = (got.status[: len(places)] == Status.FINITE) & (moved < leap)
         self.rows[places] = np.where(good[:, None], rows, before)
         self.status[places] = np.where(good, int(Status.FINITE), int(Status.NO_ORBIT))
-        for k in np.flatnonzero(good):
-            self.multipliers[places[k]] = multipliers(got.matrices[k])
+        self.multipliers[places[good]] = got.multipliers[: len(places)][good]
         if self.status[self.first] == Status.FINITE:
             self.row = self.rows[self.first]
 

@@ -24,7 +24,7 @@ def found(monkeypatch):
 
 def test_tables_have_prefixes_and_units(found):
     ds = found.to_xarray()
-    # the state of the paper's scene is 20 numbers
+    # the bowl's states are 20 numbers
     sizes = {"variable": 2, "case": 2, "number": 20, "start": 2, "trial": found.history.sizes["trial"]}
     assert dict(ds.sizes) == sizes
     assert list(ds["variable"].values) == list(BOUNDS)

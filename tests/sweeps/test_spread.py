@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow import Status
+from slipperjax.flow import Status, coordinates
 from slipperjax.orbits import PeriodicOrbit
 from slipperjax.solvers import resolve_solver
-from slipperjax.sweeps import spread_orbits, states_of, sweep_from
+from slipperjax.sweeps import spread_orbits, states_of, strobe_states, sweep_from
 from slipperjax.sweeps.search import rows_of
 
 SCENE = sj.paper_scene()
@@ -57,8 +57,8 @@ def test_orbits_of_a_plane_are_those_of_single_searches(orbit):
     # a run that begins on an orbit stays there
     states = states_of(ds["state"].values.reshape(6, 30), orbit.state)
     run = sweep_from(SCENE, GRID, states, transient=0, periods=5, steps_per_period=50)
-    last = run["strobe"].values[..., -1, :]
-    np.testing.assert_allclose(last, ds["state"].values[..., :10], atol=1e-7)
+    last, places = strobe_states(run)[..., -1, :], coordinates(states).reshape(3, 2, 10)
+    np.testing.assert_allclose(last, places, atol=1e-7)
     # orbits too far apart count as of another family
     alone = spread_orbits(SCENE, GRID, orbit, leap=1e-6)
     assert int((alone["status"] == Status.FINITE).sum()) == 1
