@@ -2,6 +2,7 @@
 
 import importlib as _importlib
 import importlib.metadata as _metadata
+from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
 
 import jax as _jax
@@ -44,12 +45,6 @@ from .model import paper_section as paper_section  # noqa: E402
 from .model import reactions as reactions  # noqa: E402
 from .model import table_2_start as table_2_start  # noqa: E402
 from .model import vector_field as vector_field  # noqa: E402
-from .orbits import OrbitBranch as OrbitBranch  # noqa: E402
-from .orbits import PeriodicOrbit as PeriodicOrbit  # noqa: E402
-from .orbits import continue_orbit as continue_orbit  # noqa: E402
-from .orbits import load_branch as load_branch  # noqa: E402
-from .orbits import lyapunov_spectrum as lyapunov_spectrum  # noqa: E402
-from .orbits import periodic_orbit as periodic_orbit  # noqa: E402
 from .solvers import RK4 as RK4  # noqa: E402
 from .solvers import ROS34PW2 as ROS34PW2  # noqa: E402
 from .solvers import AdaptiveSteps as AdaptiveSteps  # noqa: E402
@@ -59,13 +54,23 @@ from .solvers import Rodas4 as Rodas4  # noqa: E402
 from .solvers import Tsit5 as Tsit5  # noqa: E402
 from .solvers import TwoStep as TwoStep  # noqa: E402
 from .solvers import choose_solver as choose_solver  # noqa: E402
-from .sweeps import follow as follow  # noqa: E402
-from .sweeps import lyapunov_sweep as lyapunov_sweep  # noqa: E402
-from .sweeps import orbit_sweep as orbit_sweep  # noqa: E402
-from .sweeps import repeat as repeat  # noqa: E402
-from .sweeps import sweep as sweep  # noqa: E402
 from .tools import ImplausibleWarning as ImplausibleWarning  # noqa: E402
+from .tools import compile_cache as compile_cache  # noqa: E402
 from .tools import jit as jit  # noqa: E402
+
+if _TYPE_CHECKING:
+    from .design import optimise_design as optimise_design
+    from .orbits import OrbitBranch as OrbitBranch
+    from .orbits import PeriodicOrbit as PeriodicOrbit
+    from .orbits import continue_orbit as continue_orbit
+    from .orbits import load_branch as load_branch
+    from .orbits import lyapunov_spectrum as lyapunov_spectrum
+    from .orbits import periodic_orbit as periodic_orbit
+    from .sweeps import follow as follow
+    from .sweeps import lyapunov_sweep as lyapunov_sweep
+    from .sweeps import orbit_sweep as orbit_sweep
+    from .sweeps import repeat as repeat
+    from .sweeps import sweep as sweep
 
 _ROOMS = (
     "analysis",
@@ -81,8 +86,21 @@ _ROOMS = (
     "sweeps",
     "tools",
 )
-_LATER = {"optimise_design": "design"}
-"""Names of rooms that are imported at their first use."""
+_LATER = {
+    "optimise_design": "design",
+    "OrbitBranch": "orbits",
+    "PeriodicOrbit": "orbits",
+    "continue_orbit": "orbits",
+    "load_branch": "orbits",
+    "lyapunov_spectrum": "orbits",
+    "periodic_orbit": "orbits",
+    "follow": "sweeps",
+    "lyapunov_sweep": "sweeps",
+    "orbit_sweep": "sweeps",
+    "repeat": "sweeps",
+    "sweep": "sweeps",
+}
+"""Names of rooms that are imported at their first use, as those above that only a type checker sees."""
 
 
 def __getattr__(name: str) -> _Any:

@@ -1,10 +1,14 @@
 """Shapes and types of the package's annotations are enforced; broadcasting between ranks must be spelt out."""
 
+import os
+
 import jax
 from jaxtyping import install_import_hook
 
 from . import shapes  # noqa: F401  (the hook finds it by its name)
 
+# tests compile for themselves, and leave the user's cache alone
+os.environ["SLIPPERJAX_CACHE"] = "off"
 # what broadcasts silently is mostly a mistake
 jax.config.update("jax_numpy_rank_promotion", "raise")
 

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple, cast
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Complex
-from scipy.optimize import brentq
 
 from .curves import AbstractEquations, Spot, between, evaluated, weighted_size
 from .floquet import multipliers
@@ -170,6 +169,8 @@ class _Lost(Exception):
 
 
 def _located(label: str, a: Node, b: Node, at: Callable) -> Event:
+    from scipy.optimize import brentq  # here, because importing it takes time that most runs need not spend
+
     test, seen = _test(label, a, b), {0.0: a, 1.0: b}
 
     def value(share: float) -> float:
@@ -241,6 +242,8 @@ def _polynomials(tests: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def _grazing(a: Node, b: Node, at: Callable) -> Event | None:
     """A single grazing; None where there are several, or other events beside it."""
+    from scipy.optimize import brentq
+
     kinds = [k for k, (m, n) in enumerate(zip(a.seen.counts, b.seen.counts, strict=True)) if m != n]
     seen = {0.0: a, 1.0: b}
 

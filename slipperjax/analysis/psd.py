@@ -8,8 +8,6 @@ frequency are sub-harmonics, which come with period doubling; a chaotic motion r
 from typing import NamedTuple
 
 import numpy as np
-import scipy.ndimage
-import scipy.signal
 
 from ..tools import one_of, whole
 
@@ -74,6 +72,8 @@ def power_spectral_density(signal, sampling_rate, *, axis=-1, window="hann", det
 
     **Raises:** `ValueError` for too few or non-finite samples, a bad rate or window.
     """
+    import scipy.signal  # here, because importing it takes longer than a small simulation
+
     x = np.asarray(signal, dtype=float)
     if x.ndim == 0 or not -x.ndim <= axis < x.ndim or x.shape[axis] < 8:
         raise ValueError(f"Argument `signal` must be 8 or more samples along axis {axis}, but is of shape {x.shape}.")
@@ -197,6 +197,9 @@ def _fraction(frequency: float, f: float, order: int, within: float) -> str | No
 
 def _peaks(spectrum, threshold, lobe, span, dynamic_range):
     """Density and floor of every bin [dB], and the bins where lines peak."""
+    import scipy.ndimage
+    import scipy.signal
+
     frequency, density = (np.asarray(x, dtype=float) for x in spectrum)
     if density.ndim != 1 or density.shape != frequency.shape or density.size < 5:
         raise ValueError(f"Argument `spectrum` must be of one signal, but its density is of shape {density.shape}.")

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse
 from jaxtyping import Bool, Float, Int
 
 from ..tools import shown_number
@@ -29,6 +28,8 @@ def regions(
 
     **Raises:** `ValueError` for values that do not rise.
     """
+    import scipy.sparse.csgraph  # here, because it is the only function that needs it
+
     blocked = _blocked(_rising("x", x), _rising("y", y), curves)
     number = np.arange(len(x) * len(y)).reshape(len(x), len(y))
     ends = [

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 import typer.core
 
-from ..tools import listed
+from ..tools import compile_cache, listed
 from .files import PARTIAL, Outputs
 from .interrupts import on_thread
 from .options import By, Case, Log, Out, Over, Steps, make_folder, make_grid, takes_case, without
@@ -46,11 +46,17 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def options(
+    cache: Annotated[
+        bool,
+        typer.Option(help="Keep compiled programs in the user's cache folder, or in that of SLIPPERJAX_CACHE."),
+    ] = True,
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print versions and exit.")
     ] = False,
 ):
     """Nonlinear dynamics of rocket-sled slippers."""
+    if cache:
+        compile_cache()
 
 
 @app.command(cls=_Once)

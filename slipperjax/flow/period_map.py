@@ -88,6 +88,7 @@ class PeriodMap(eqx.Module):
         points = contact_points(scene)  # once for the whole run, not in every evaluation
         terms = diffrax.ODETerm(vector_field(scene))
 
+        @functools.partial(jax.jit, inline=True)  # traced once: `period_if_used` needs its shapes, too
         def period(carry, epoch):
             state, carried = carry
             args = Args(scene, epoch, points)
