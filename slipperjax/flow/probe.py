@@ -54,10 +54,10 @@ def probed(
     for k in chosen:
         state = jax.tree.map(lambda a, at=k * saves: jnp.asarray(np.asarray(a)[at]), states)
         coarse, fine = (run(s, state, float(k)) for s in (stepping, stepping.finer()))
-        errors.append(_difference(coarse.state, fine.state))
+        errors.append(np.asarray(_difference(coarse.state, fine.state)))
         highest = [float(_highest(passage)) for passage in (coarse, fine)]
         peaks.append(abs(highest[0] - highest[1]) / highest[1] if highest[1] > 0 else np.nan)
-    return Probe(jnp.asarray(chosen, float), jnp.stack(errors), jnp.asarray(peaks))
+    return Probe(*(jnp.asarray(np.asarray(found, float)) for found in (chosen, errors, peaks)))
 
 
 @jax.jit
@@ -67,4 +67,4 @@ def _difference(a: State, b: State) -> Array:
 
 def _highest(passage: Passage) -> Any:
     loads = passage.record[1] if isinstance(passage.record, tuple) else None
-    return np.nan if loads is None else np.max(loads.peak_force)
+    return np.nan if loads is None else np.max(np.asarray(loads.peak_force))

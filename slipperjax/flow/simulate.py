@@ -1,5 +1,6 @@
 """One scene, simulated: trajectories and the plain period map."""
 
+import functools
 import json
 from typing import Any, NamedTuple
 
@@ -78,7 +79,7 @@ def flexible_steps(steps: int, *, inside: bool = False, finer: bool = False) -> 
     there is to be room for steps of half the length.
     """
     room = room_for(steps * (2 if finer else 1)) if inside else None
-    return ConstantSteps(room, jnp.asarray(float(steps)))
+    return ConstantSteps(room, jnp.asarray(np.float64(steps)))
 
 
 def steps_of_program(steps: Any) -> ConstantSteps:
@@ -203,7 +204,16 @@ def _peak(loads: Loads) -> Peak:
     return Peak(jnp.max(force), when[end, point], end, point)
 
 
-@jax.jit
+@functools.partial(jax.jit, static_argnames=("recorder", "saves"))
+def _finished(first: State, passage: Passage, scene: Scene, stretch: Any, *, recorder: Any, saves: int) -> tuple:
+    """All states, loads, instants [forcing periods] and the status of a run; one program, not one per operation."""
+    kept, loads = recorder.collect(passage.record) if isinstance(recorder, Samples) else (passage.record, None)
+    states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, kept)
+    times = jnp.arange(passage.steps_taken.shape[0] * saves + 1) / saves
+    status = _judged(passage.status, states, scene, jnp.min(passage.steps_taken), loads, stretch)
+    return states, loads, times, status
+
+
 def _judged(code, states, scene, steps, loads, stretch):
     code = jnp.where(code == int(Status.FINITE), status_of(states), code)  # between the ends of periods, too
     code = with_resolution(code, scene, steps)
@@ -273,11 +283,8 @@ def simulate(
         stepping = flexible_steps(steps, inside=recorder.inside, finer=bool(probe))
     run = PeriodMap(scene, stepping, solver)
     passage = run_compiled(run, first, periods, recorder) if traced else run_eagerly(run, first, periods, recorder)
-    kept, found = recorder.collect(passage.record) if isinstance(recorder, Samples) else (passage.record, None)
-    states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, kept)
     stretch = most_stretch(solver, controller)
-    status = _judged(passage.status, states, scene, jnp.min(passage.steps_taken), found, stretch)
-    times = jnp.arange(periods * saves + 1) / saves
+    states, found, times, status = _finished(first, passage, scene, stretch, recorder=recorder, saves=saves)
     taken = passage.steps_taken
     shown = steps if controller is None or loads or saves == 1 else saves
     asked = dict(
@@ -297,8 +304,8 @@ def simulate(
         PeriodMap(scene, stepping, solver), state, 1, recorder, epoch, periods
     )
     measured = probed(stepping, trajectory.state, saves, probe, one)
-    bad = ~(jnp.max(measured.error) <= INACCURATE) & (status == int(Status.FINITE))
-    status = jnp.where(bad, int(Status.INACCURATE), status)
+    if int(status) == Status.FINITE and not np.max(np.asarray(measured.error)) <= INACCURATE:
+        status = jnp.asarray(np.int64(Status.INACCURATE))
     return eqx.tree_at(lambda t: (t.status, t.probe), trajectory, (status, measured), is_leaf=lambda x: x is None)
 
 

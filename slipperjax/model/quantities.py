@@ -4,7 +4,6 @@ Checks, datasets, plots, the command line and the solvers look up parameters of 
 outputs and sections here.
 """
 
-import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools import finite, fraction, not_negative, positive, warn_unless_within
+from ..tools import finite, fraction, is_traced, not_negative, positive, warn_unless_within
 
 
 @dataclass(frozen=True)
@@ -109,9 +108,11 @@ class Parameter(Quantity):
         return eqx.tree_at(self.where, scene, written, is_leaf=lambda x: x is None)
 
 
-@functools.partial(jax.jit, static_argnums=1)
 def half_play(clearance: jax.Array, faces: int) -> Float[Array, "*cases faces"]:
     """A total play of `clearance` [m], shape (*cases,), as the play of each face [m]."""
+    if not is_traced(clearance):  # on the host, where nothing is compiled
+        clearance = np.asarray(clearance)
+        return jnp.asarray(np.broadcast_to(clearance[..., None] / 2, (*clearance.shape, faces)))
     return jnp.broadcast_to(clearance[..., None] / 2, (*clearance.shape, faces))
 
 
@@ -139,7 +140,7 @@ PARAMETERS: dict[str, Parameter] = _named(
         **_MM,
         where=lambda s: s.section.play,
         check=not_negative,
-        read=lambda play: 2 * (jnp.mean(play) if isinstance(play, jax.core.Tracer) else np.mean(play)),
+        read=lambda play: 2 * (jnp.mean(play) if is_traced(play) else np.mean(np.asarray(play))),
         write=lambda clearance, play: half_play(clearance, play.shape[-1]),
     ),
     Parameter(
@@ -156,7 +157,7 @@ PARAMETERS: dict[str, Parameter] = _named(
             f"J_{axis}",
             where=lambda s: s.slipper.inertia,
             check=positive,
-            read=lambda inertia, k=k: inertia[..., k],
+            read=lambda inertia, k=k: (inertia if is_traced(inertia) else np.asarray(inertia))[..., k],
             write=lambda value, inertia, k=k: with_entry(inertia, value, (k,)),
             plausible=(1e-9, 1e4),
         )

@@ -83,7 +83,7 @@ class Scene(ShapeChecked):
             if not is_traced(known.leaf(self)):
                 known.warn_unless_plausible(known.of(self))
         if any(known.name == "clearance" for known in parameters) and not is_traced(self.section):
-            points, clearance = np.asarray(self.section.points), 2 * np.max(self.section.play)
+            points, clearance = np.asarray(self.section.points), 2 * np.max(np.asarray(self.section.play))
             smallest = float(np.min(np.ptp(points, axis=0)))
             # with more play than half its head on each side, the slipper can leave the rail
             warn_unless_within("clearance", clearance, 0, smallest, "m")

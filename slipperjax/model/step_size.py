@@ -96,13 +96,13 @@ def rounded_steps(needed: Any) -> Any:
 
     **Raises:** `ValueError` above `MOST_STEPS`.
     """
-    xp = jnp if is_traced(needed) else np
-    if not is_traced(needed) and np.max(needed) > MOST_STEPS:
+    xp, needed = (jnp, needed) if is_traced(needed) else (np, np.asarray(needed))
+    if xp is np and np.max(needed) > MOST_STEPS:
         raise ValueError(
             f"Argument `steps_per_period` must be given: the default would be {np.max(needed):.1e}, because impacts "
             "are that short beside the forcing period. Are speed, stiffness and amplitude in SI units?"
         )
-    steps = xp.maximum(xp.asarray(needed), LEAST_STEPS)
+    steps = xp.maximum(needed, LEAST_STEPS)
     # Units of 50 up to 300 steps, of 100 up to 600, and so on: the cases of a sweep then share a few step counts.
     octave = xp.maximum(xp.ceil(xp.log2(steps / (6 * LEAST_STEPS))), 0)
     unit = LEAST_STEPS * 2**octave

@@ -16,17 +16,14 @@ import xarray as xr
 from ...analysis import beside, holding
 from ...flow import coordinates
 from ...model import COORDINATE_SCALES, MOTION_SCALES, paper_scene
-from ...orbits import BranchEvent, OrbitBranch, PeriodicOrbit, continue_event, continue_orbit, periodic_orbit
+from ...orbits import BranchEvent, OrbitBranch, continue_event, continue_orbit, periodic_orbit
 from ...sweeps import attractors, spread_orbits, states_of, strobe_states, sweep, sweep_from
 from .branches import STEPS, stable_part
 
-AREA = {"speed": (800.0, 2300.0), "clearance": (0.3e-3, 5e-3), "length": (0.1, 0.5)}
+AREA = {"speed": (800.0, 2300.0), "clearance": (0.3e-3, 4.8e-3), "length": (0.1, 0.5)}
 """Values that the maps span [SI unit of the parameter]."""
 PLANES = {"speed-clearance": ("speed", "clearance"), "speed-length": ("speed", "length")}
 """Parameters of each map; all others are those of the nominal case."""
-LINES = {"speed-clearance": (4e-3,), "speed-length": (0.35,)}
-"""Values of the second parameter [SI unit] at which orbits are followed over the speed, too: the curves through the
-events of the nominal case do not reach all those of wide play and of long slippers."""
 BIFURCATIONS = ("LP", "PD", "NS")
 """Events whose curves separate stable orbits from unstable ones."""
 SIMULATED = 100
@@ -75,7 +72,8 @@ def axes_of(plane: str, effort: MapEffort) -> dict[str, np.ndarray]:
 
 
 def follow_plane(plane: str, effort: MapEffort, data: dict[str, xr.Dataset], options: Mapping[str, Any]) -> Followed:
-    """The curves of the events of orbits of period 1 that end stability somewhere, and those of period 2.
+    """The curves of the events of orbits of period 1 that end stability somewhere, of those of period 2, and of the
+    grazing next to the stable orbits.
 
     Branches over both parameters through the nominal case are followed first. Datasets are added to `data` as soon as
     each is finished.
@@ -84,32 +82,23 @@ def follow_plane(plane: str, effort: MapEffort, data: dict[str, xr.Dataset], opt
     curves: list[xr.Dataset] = []
     known = []
     first, second = PLANES[plane]
-
-    def line(name: str, other: str, start: PeriodicOrbit | None = None) -> OrbitBranch:
-        """A branch over one parameter, with the curves through its events."""
-        scene = paper_scene() if start is None else start.scene
-        branch = continue_orbit(scene, name, AREA[name], start=start, steps_per_period=STEPS, **how)
-        at = float(scene.value(other))
-        data[f"{plane}_{name}" + ("" if start is None else f"_at_{at:g}")] = branch.points
-        part = stable_part(branch, name, float(scene.value(name)))
+    for name, other in ((first, second), (second, first)):
+        branch = continue_orbit(paper_scene(), name, AREA[name], steps_per_period=STEPS, **how)
+        data[f"{plane}_{name}"] = branch.points
+        part = stable_part(branch, name, float(branch.scene.value(name)))
         if part is None:
-            return branch
+            continue
         values = branch.points[name].values[part.points]
-        pairs = {name: values, other: np.full(len(values), at)}
+        pairs = {name: values, other: np.full(len(values), float(branch.scene.value(other)))}
         known.append(np.stack([pairs[n] for n in PLANES[plane]], axis=1))
-        for event in edges(branch):
+        grazings = sorted(branch.events_named("GR"), key=lambda event: np.abs(part.points - event.point).min())
+        for event in (*edges(branch), *grazings[:1]):
             _add(curves, branch, event, other, effort, data, plane, how)
-        if start is None and name == first and effort.doubled and part.low.event in branch.events_named("PD"):
+        if name == first and effort.doubled and part.low.event in branch.events_named("PD"):
             twice = branch.switched(part.low.event, bounds=AREA[name], **how)
             data[f"{plane}_period_2"] = twice.points
             for event in edges(twice):
                 _add(curves, twice, event, other, effort, data, plane, how)
-        return branch
-
-    line(first, second)
-    across = line(second, first)
-    for at in LINES[plane]:
-        line(first, second, across.orbit(int(np.argmin(np.abs(across.points[second].values - at)))))
     return Followed(curves, np.concatenate(known))
 
 
