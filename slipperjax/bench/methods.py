@@ -19,7 +19,7 @@ from ..model import (
     paper_scene,
     table_2_start,
 )
-from ..solvers import RK4, ROS34PW2, Latching, Rodas3, Rodas4, Tsit5, TwoStep, calls_lapack, with_newton
+from ..solvers import RK4, ROS34PW2, Latching, Rodas3, Rodas4, Tsit5, TwoStep, calls_lapack, with_root_finder
 
 
 class Case(NamedTuple):
@@ -100,16 +100,16 @@ METHODS = [
     Method("smooth: RK4", RK4(), SmoothSwitch(), FACTORS, quick=True),
     Method("smooth: ROS34PW2", ROS34PW2(), SmoothSwitch(), FACTORS),
     Method("smooth: diffrax Tsit5, adaptive", diffrax.Tsit5(), SmoothSwitch(), TOLERANCES, adaptive=True),
-    Method("smooth: diffrax Kvaerno3", with_newton(diffrax.Kvaerno3()), SmoothSwitch(), FACTORS[:3]),
-    Method("smooth: diffrax Kvaerno5", with_newton(diffrax.Kvaerno5()), SmoothSwitch(), FACTORS[:3]),
+    Method("smooth: diffrax Kvaerno3", with_root_finder(diffrax.Kvaerno3()), SmoothSwitch(), FACTORS[:3]),
+    Method("smooth: diffrax Kvaerno5", with_root_finder(diffrax.Kvaerno5()), SmoothSwitch(), FACTORS[:3]),
     Method(
         "smooth: diffrax Kvaerno5, adaptive",
-        with_newton(diffrax.Kvaerno5()),
+        with_root_finder(diffrax.Kvaerno5()),
         SmoothSwitch(),
         TOLERANCES[:-1],
         adaptive=True,
     ),
-    Method("smooth: diffrax implicit Euler", with_newton(diffrax.ImplicitEuler()), SmoothSwitch(), FACTORS[:4]),
+    Method("smooth: diffrax implicit Euler", with_root_finder(diffrax.ImplicitEuler()), SmoothSwitch(), FACTORS[:4]),
 ]
 """The methods compared, with the event latch unless named smooth. diffrax's KenCarp methods are left out: they need a
 splitting into a stiff and a non-stiff part, which contact does not have. Methods that call LAPACK run on one thread,

@@ -17,6 +17,7 @@ These are 39 sums over the points; ten Jacobian-vector products cost several tim
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -106,11 +107,19 @@ def dense_linearised(rates: Callable[[Motion], Motion], m: Motion, unit: Any) ->
     return Linearised(part(0), part(5), m, unit)
 
 
-class LinearSystem:
+class LinearSystem(eqx.Module):
     """(1 - factor J) x = right, with J the linearised motion; factored once for many right-hand sides.
 
     There is no pivoting: the 5 x 5 matrix is a mass matrix with damping and stiffness added, and `factor` is small.
     """
+
+    step: Any
+    factor: Any
+    stiffness: Matrix
+    matrix: Matrix
+    carried: Matrix
+    turn: Matrix
+    attitude: Matrix
 
     def __init__(self, at: Linearised, factor: Any):
         m = at.motion

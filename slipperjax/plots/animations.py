@@ -7,7 +7,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
-from matplotlib.animation import FuncAnimation
 
 from ..flow import Trajectory, load_scene
 from ..model import Motion, Scene, check_scene, contacts, face_offsets, quaternion_from_euler, rail_frame
@@ -42,7 +41,7 @@ def animate(
     every: int = 1,
     fps: float = 20.0,
     most: int = 4,
-) -> FuncAnimation:
+) -> Any:
     """The slipper's front and rear section around the rail head, with the play magnified, over time.
 
     The rail head is drawn to scale and stands still: what moves is the slipper relative to it. That displacement is
@@ -72,6 +71,8 @@ def animate(
     every, interval = whole("every", every, 1), 1e3 / _rate(fps)
     picture = _Picture(run, scene, magnify, last, most)
     frames = range(0, len(picture.moments.period), every)
+    from matplotlib.animation import FuncAnimation  # here, because its import takes long
+
     return FuncAnimation(picture.figure, picture.show, frames, init_func=lambda: [], interval=interval)
 
 

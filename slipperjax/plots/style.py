@@ -131,10 +131,20 @@ def legend_above(ax: Any, handles: list[Any], fontsize: float = 6.5) -> Any:
 
     **Returns:** the legend.
     """
-    canvas = ax.figure.canvas
-    layout = canvas.figure.get_layout_engine()
+    return legends_above([(ax, handles)], fontsize)[0]
+
+
+def legends_above(wanted: list[tuple[Any, list[Any]]], fontsize: float = 6.5) -> list[Any]:
+    """A legend above each of some axes of one figure, which is laid out only once, because that takes long."""
+    figure = wanted[0][0].figure
+    layout = figure.canvas.figure.get_layout_engine()
     if layout is not None:
-        layout.execute(canvas.figure)  # the axes' width is known once they are laid out
+        layout.execute(figure.canvas.figure)  # the axes' width is known once they are laid out
+    return [_legend_above(ax, handles, fontsize) for ax, handles in wanted]
+
+
+def _legend_above(ax: Any, handles: list[Any], fontsize: float) -> Any:
+    canvas = ax.figure.canvas
     above = dict(loc="lower center", bbox_to_anchor=(0.5, 1.0), borderaxespad=0.3, frameon=False)
     spacing = dict(handletextpad=0.4, columnspacing=1.2, handlelength=1.6)
     legend = None

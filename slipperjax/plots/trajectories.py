@@ -9,7 +9,18 @@ import xarray as xr
 
 from ..flow import Status
 from ..model import quantity
-from .style import COLORS, POINT_COLORS, axis_label, check_dataset, legend_above, new_axes, shown, styled, typeset
+from .style import (
+    COLORS,
+    POINT_COLORS,
+    axis_label,
+    check_dataset,
+    legend_above,
+    legends_above,
+    new_axes,
+    shown,
+    styled,
+    typeset,
+)
 from .titles import name_case
 
 TIME_LABEL = "time [forcing periods]"
@@ -51,6 +62,12 @@ def contact_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4, last: float
     """
     check_dataset(ds, SOURCE, "period", "contact_force")
     ax = _axes_of(ds) if ax is None else ax
+    legend_above(ax, _draw_contact_forces(ds, ax, most, last))
+    return ax
+
+
+def _draw_contact_forces(ds: xr.Dataset, ax: Any, most: int = 4, last: float | None = LAST) -> list[Any]:
+    """Draws them, and gives the entries of a legend."""
     peaks, when = _peaks(ds)
     period = ds["period"].values
     drawn = period >= (-np.inf if last is None else period[-1] - last - 1e-9)
@@ -64,8 +81,7 @@ def contact_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4, last: float
             ax.plot(at, peak, "o", ms=3, mew=0, color=style["color"])
     ax.set(xlabel=TIME_LABEL, ylabel=axis_label("contact_force"))
     ax.margins(x=0.01)
-    legend_above(ax, ax.get_legend_handles_labels()[0])
-    return ax
+    return ax.get_legend_handles_labels()[0]
 
 
 def highest_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4) -> Any:
@@ -80,6 +96,12 @@ def highest_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4) -> Any:
     """
     check_dataset(ds, SOURCE, "period", "contact_force")
     ax = _axes_of(ds) if ax is None else ax
+    legend_above(ax, _draw_highest_forces(ds, ax, most))
+    return ax
+
+
+def _draw_highest_forces(ds: xr.Dataset, ax: Any, most: int = 4) -> list[Any]:
+    """Draws them, and gives the entries of a legend."""
     peaks, when = _peaks(ds)
     number = np.maximum(np.ceil(ds["period"].values - 1e-9), 1)  # a period has its end, not its beginning
     starts = np.flatnonzero(np.diff(number, prepend=-np.inf))
@@ -93,8 +115,7 @@ def highest_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4) -> Any:
     ax.margins(y=0.1)
     ax.set(xlabel=TIME_LABEL, ylabel="peak force $F$ [kN]", ylim=(0, None))
     ax.set_xlim(period[0] - room, period[-1] + room)  # as that of histories
-    legend_above(ax, ax.get_legend_handles_labels()[0])
-    return ax
+    return ax.get_legend_handles_labels()[0]
 
 
 def overview(ds: xr.Dataset, axes: Any = None) -> Any:
@@ -115,11 +136,15 @@ def overview(ds: xr.Dataset, axes: Any = None) -> Any:
         for name, ax in zip(names, axes.flat, strict=False):
             history(ds, name, ax).set_xlabel("")
             ax.tick_params(labelbottom=False)
-        highest_forces(ds, axes[5, 0]).set_xlabel("")
-        contact_forces(ds, axes[5, 1]).set_xlabel("")
+        forces = [
+            draw(ds, ax) for draw, ax in zip((_draw_highest_forces, _draw_contact_forces), axes[5], strict=True)
+        ]
+        for ax in axes[5]:
+            ax.set_xlabel("")
         history(ds, "drive_force", axes[6, 0])
         period = ds["period"].values
         history(ds.isel(time=period >= period[-1] - LAST - 1e-9), "drive_force", axes[6, 1])
+        legends_above(list(zip(axes[5], forces, strict=True)))
         status = Status(int(ds.attrs.get("status", Status.FINITE)))
         if status != Status.FINITE:
             _warn_of(axes[0, 0].figure, status)

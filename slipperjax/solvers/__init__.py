@@ -17,10 +17,11 @@ from .latching import differentiable as differentiable
 from .latching import estimates_error as estimates_error
 from .latching import is_explicit as is_explicit
 from .latching import solver_name as solver_name
-from .latching import with_newton as with_newton
 from .rosenbrock import ROS34PW2 as ROS34PW2
 from .rosenbrock import AbstractRosenbrock as AbstractRosenbrock
 from .rosenbrock import Rodas3 as Rodas3
 from .rosenbrock import Rodas4 as Rodas4
+from .simplified_newton import SimplifiedNewton as SimplifiedNewton
+from .simplified_newton import with_root_finder as with_root_finder
 from .twostep import TwoStep as TwoStep
 from .twostep import two_step_weights as two_step_weights

@@ -18,8 +18,9 @@ from ..model import (
 )
 from ..tools import brief
 from .explicit import RK4, Tsit5
-from .latching import AbstractLatchingSolver, Latching, estimates_error, with_newton
+from .latching import AbstractLatchingSolver, Latching, estimates_error
 from .rosenbrock import ROS34PW2, Rodas3, Rodas4
+from .simplified_newton import with_root_finder
 from .twostep import TwoStep
 
 OWN = {kind.__name__: kind for kind in (RK4, Tsit5, Rodas3, Rodas4, ROS34PW2, TwoStep)}
@@ -95,7 +96,7 @@ def resolve_solver(scene: Scene, solver: diffrax.AbstractSolver | str | None) ->
         raise ValueError(f"Argument `solver` must be a diffrax solver or the name of one, but is {brief(solver)}.")
     if isinstance(solver, AbstractLatchingSolver):
         return solver
-    return Latching(solver) if isinstance(vector_field(scene), LatchedField) else with_newton(solver)
+    return Latching(solver) if isinstance(vector_field(scene), LatchedField) else with_root_finder(solver)
 
 
 def resolve_controller(controller: Any) -> diffrax.AbstractStepSizeController | None:

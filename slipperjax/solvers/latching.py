@@ -10,10 +10,10 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optimistix as optx
 from equinox.internal import ω
 
 from ..model import AbstractVectorField, State, fill_frozen
+from .simplified_newton import SimplifiedNewton, with_root_finder
 
 
 class StateInterpolation(diffrax.ThirdOrderHermitePolynomialInterpolation):
@@ -92,7 +92,7 @@ class Latching(AbstractLatchingSolver):
         """**Arguments:** `solver`: a Runge-Kutta method of diffrax, Euler or ImplicitEuler, or HalfSolver of one.
 
         In an implicit one, a root finder that takes its tolerances from a step size controller is replaced by
-        Newton's method with the tolerance `NEWTON`.
+        `SimplifiedNewton`.
 
         **Raises:** `ValueError` for other solvers, because the latch would invalidate their data of earlier steps.
         """
@@ -103,7 +103,7 @@ class Latching(AbstractLatchingSolver):
                 f"Argument `solver` must be a one-step method for ordinary differential equations, which can be "
                 f"latched at touchdowns, but is {type(inner).__name__}."
             )
-        self.solver = with_newton(solver)
+        self.solver = with_root_finder(solver)
 
     def order(self, terms):
         return self.solver.order(terms)
@@ -171,30 +171,15 @@ def is_explicit(solver: diffrax.AbstractSolver) -> bool:
     return isinstance(solver, diffrax.AbstractERK | diffrax.Euler) or getattr(solver, "a_lower", None) is not None
 
 
-def calls_lapack(solver: diffrax.AbstractSolver) -> bool:
-    """Whether a solver's linear systems go to LAPACK, as those of diffrax's implicit methods do.
+def calls_lapack(solver: diffrax.AbstractSolver, tangents: bool = False) -> bool:
+    """Whether a solver's linear systems go to LAPACK, as those of diffrax's own root finders do, and those of the
+    derivatives (`tangents`) of all its implicit methods.
 
     Such programs must run one at a time: jaxlib splits a batch of systems among the threads of a pool, and waits for
     them in one of those threads, so that as many simultaneous batches as there are threads cause a deadlock.
     """
     inner = _inside(solver)
-    return isinstance(solver, diffrax.AbstractImplicitSolver) if inner is None else calls_lapack(inner)
-
-
-NEWTON = 1e-9
-"""Tolerance, relative and absolute, of the Newton iterations that `with_newton` sets in diffrax's solvers."""
-
-
-def with_newton(solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:
-    """A diffrax solver for constant steps: its root finder has its own tolerances, or is Newton's with `NEWTON`.
-
-    diffrax's default root finder takes its tolerances from an adaptive controller, and was found to fail without one.
-    """
-    if not isinstance(solver, diffrax.AbstractImplicitSolver):
-        return solver
-    finder = solver.root_finder
-    if isinstance(getattr(finder, "rtol", 0.0), float | jax.Array):
-        return solver
-    newton = optx.Newton(rtol=NEWTON, atol=NEWTON, norm=optx.max_norm)
-    at = lambda s: s.solver.root_finder if isinstance(s, diffrax.HalfSolver) else s.root_finder
-    return eqx.tree_at(at, solver, newton)
+    if inner is not None:
+        return calls_lapack(inner, tangents)
+    implicit = isinstance(solver, diffrax.AbstractImplicitSolver)
+    return implicit and (tangents or not isinstance(solver.root_finder, SimplifiedNewton))

@@ -230,7 +230,7 @@ def _stages(
 ) -> tuple[Measured, np.ndarray, Runs]:
     """The transient and the measurement of what has not reached an orbit; which cases have, and the last run."""
     plan, cases = settle.plan, settle.cases
-    chunks, threads = plan.chunks(chunk, workers)
+    chunks, threads = plan.chunks(chunk, workers, tangents=True)
     each = sum(part.cost for part in chunks)
     later = Later(
         each * (measure.work + (work_of_votes(measure.blocks, measure.count) if measure.certify else 0)),
@@ -243,7 +243,7 @@ def _stages(
     rest = np.flatnonzero(~by_orbit)
     finished = int(by_orbit.sum())
     if len(rest) and not runs.interrupted:
-        chunks, threads = dataclasses.replace(plan, steps=plan.steps[rest]).chunks(chunk, workers)
+        chunks, threads = dataclasses.replace(plan, steps=plan.steps[rest]).chunks(chunk, workers, tangents=True)
 
         def work(part: Chunk, on_progress: OnProgress) -> Measured:
             index = rest[part.index]

@@ -74,7 +74,7 @@ def orbit_sweep(
     options: dict[str, Any] = dict(steps_per_period=steps_per_period, solver=solver)
     plan = make_plan(scene, cases, record="strobe", transient=0, periods=1, **options)
     plan = strobe_plan(plan, whole("transient", transient, PAUSE))
-    chunks, workers = plan.chunks(chunk, workers)
+    chunks, workers = plan.chunks(chunk, workers, tangents=True)
 
     def work(chunk, on_progress):
         scenes, starts = cases.take(chunk.index)

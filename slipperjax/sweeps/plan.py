@@ -117,14 +117,15 @@ class Plan:
         """What one case costs, in plain forcing periods."""
         return self.transient.periods + self.weight * self.recorded.periods
 
-    def chunks(self, chunk: int | None, workers: int | None) -> tuple[list[Chunk], int]:
+    def chunks(self, chunk: int | None, workers: int | None, *, tangents: bool = False) -> tuple[list[Chunk], int]:
         """The chunks, the most expensive first, and the number of threads to run them on. Neither changes any result.
 
         **Arguments:** `chunk`: cases per call, rounded up as by `slipperjax.sweeps.cases.batch_size`; by
-        default what makes the run shortest. `workers`: threads, by default one per core.
+        default what makes the run shortest. `workers`: threads, by default one per core. `tangents`: whether the
+        calls take derivatives.
         """
         workers = cores() if workers is None else whole("workers", workers, 1)
-        if calls_lapack(self.solver):
+        if calls_lapack(self.solver, tangents):
             workers = 1
         counts, sizes = np.unique(self.steps, return_counts=True)
         if chunk is None:

@@ -228,6 +228,7 @@ def test_adaptive_steps_heed_an_integrated_memory():
         (sj.ROS34PW2(), sj.SmoothSwitch()),
         (sj.Latching(diffrax.Dopri8()), sj.EventLatch()),
         (sj.Latching(diffrax.Kvaerno3()), sj.EventLatch()),
+        (diffrax.Kvaerno3(), sj.SmoothSwitch()),
     ],
     ids=lambda s: type(s).__name__,
 )
@@ -272,13 +273,18 @@ def test_results_name_the_solver_inside_a_wrapper():
     assert solver_name(sj.Latching(diffrax.HalfSolver(diffrax.Dopri8()))) == "Latching(HalfSolver(Dopri8))"
 
 
-def test_implicit_solvers_of_diffrax_run_on_one_thread():
-    for solver in (diffrax.Kvaerno5(), sj.Latching(diffrax.Kvaerno3()), diffrax.HalfSolver(diffrax.ImplicitEuler())):
+def test_solvers_that_call_lapack_run_on_one_thread():
+    newton = diffrax.Kvaerno5(root_finder=optx.Newton(rtol=1e-9, atol=1e-9))
+    for solver in (diffrax.Kvaerno5(), sj.Latching(newton), diffrax.HalfSolver(diffrax.ImplicitEuler())):
         assert calls_lapack(solver)
     for solver in (sj.RK4(), sj.Latching(diffrax.Dopri8()), sj.Rodas4(), sj.TwoStep()):
-        assert not calls_lapack(solver)
+        assert not calls_lapack(solver, tangents=True)
+    own = sj.Latching(diffrax.Kvaerno3())
+    assert not calls_lapack(own)
+    assert calls_lapack(own, tangents=True)  # by the implicit function theorem, which is diffrax's
     scene = sj.paper_scene()
     cases = Cases(scene, {"speed": np.linspace(1000, 1100, 41)}, sj.table_2_start())
-    for solver, threads in ((diffrax.Kvaerno5(), 1), (sj.RK4(), 2)):
+    for solver, threads, with_tangents in ((newton, 1, 1), (diffrax.Kvaerno5(), 2, 1), (sj.RK4(), 2, 2)):
         plan = make_plan(scene, cases, record="strobe", transient=0, periods=1, solver=solver)
         assert plan.chunks(chunk=8, workers=2)[1] == threads
+        assert plan.chunks(chunk=8, workers=2, tangents=True)[1] == with_tangents

@@ -134,6 +134,7 @@ def test_maps_are_drawn_with_their_table(tmp_path):
 def test_a_coarse_map_agrees_with_its_curves(monkeypatch):
     """Around the flip at 1096 m/s, which the nominal orbits pass between 0.5 and 2 mm."""
     monkeypatch.setattr(maps, "AREA", {"speed": (1000.0, 1300.0), "clearance": (0.5e-3, 2e-3)})
+    monkeypatch.setattr(maps, "LINES", {PLANE: ()})
     monkeypatch.setattr(maps, "STEPS", 100)
     effort = maps.COARSE._replace(first=8, second=6)
     data = {}

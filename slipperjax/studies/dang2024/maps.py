@@ -6,7 +6,7 @@ alone. The prediction that both are compared with comes from the curves of folds
 """
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -16,14 +16,17 @@ import xarray as xr
 from ...analysis import beside, holding
 from ...flow import coordinates
 from ...model import COORDINATE_SCALES, MOTION_SCALES, paper_scene
-from ...orbits import BranchEvent, OrbitBranch, continue_event, continue_orbit, periodic_orbit
+from ...orbits import BranchEvent, OrbitBranch, PeriodicOrbit, continue_event, continue_orbit, periodic_orbit
 from ...sweeps import attractors, spread_orbits, states_of, strobe_states, sweep, sweep_from
 from .branches import STEPS, stable_part
 
-AREA = {"speed": (800.0, 2300.0), "clearance": (0.3e-3, 4.8e-3), "length": (0.1, 0.5)}
+AREA = {"speed": (800.0, 2300.0), "clearance": (0.3e-3, 4.8e-3), "length": (0.155, 0.5)}
 """Values that the maps span [SI unit of the parameter]."""
 PLANES = {"speed-clearance": ("speed", "clearance"), "speed-length": ("speed", "length")}
 """Parameters of each map; all others are those of the nominal case."""
+LINES = {"speed-clearance": (), "speed-length": (0.217, 0.35)}
+"""Values of the second parameter [SI unit] at which the same orbits are followed over the first one, too, because their
+stability ends at curves there that do not pass the nominal case."""
 BIFURCATIONS = ("LP", "PD", "NS")
 """Events whose curves separate stable orbits from unstable ones."""
 SIMULATED = 100
@@ -72,40 +75,50 @@ def axes_of(plane: str, effort: MapEffort) -> dict[str, np.ndarray]:
 
 
 def follow_plane(plane: str, effort: MapEffort, data: dict[str, xr.Dataset], options: Mapping[str, Any]) -> Followed:
-    """The curves of the events of orbits of period 1 that end stability somewhere, of those of period 2, and of the
-    grazing next to the stable orbits.
+    """The curves of the events at which the nominal orbits of period 1 lose stability, the flip of those of period 2,
+    and the grazing next to the stable orbits.
 
-    Branches over both parameters through the nominal case are followed first. Datasets are added to `data` as soon as
-    each is finished.
+    Branches over both parameters through the nominal case are followed first. Where a branch folds over itself, orbits
+    of other sheets are stable in the same places; their curves would divide the plane where nothing happens to these,
+    and are left out. Datasets are added to `data` as soon as each is finished.
     """
     how = dict(progress=bool(options.get("progress", False)))
     curves: list[xr.Dataset] = []
     known = []
     first, second = PLANES[plane]
-    for name, other in ((first, second), (second, first)):
-        branch = continue_orbit(paper_scene(), name, AREA[name], steps_per_period=STEPS, **how)
-        data[f"{plane}_{name}"] = branch.points
-        part = stable_part(branch, name, float(branch.scene.value(name)))
+
+    def line(name: str, other: str, start: PeriodicOrbit | None = None) -> OrbitBranch:
+        """A branch over one parameter, with the curves through the ends of its stable part."""
+        scene = paper_scene() if start is None else start.scene
+        branch = continue_orbit(scene, name, AREA[name], start=start, steps_per_period=STEPS, **how)
+        at = float(scene.value(other))
+        data[f"{plane}_{name}" + ("" if start is None else f"_at_{at:g}")] = branch.points
+        part = stable_part(branch, name, float(scene.value(name)))
         if part is None:
-            continue
+            return branch
         values = branch.points[name].values[part.points]
-        pairs = {name: values, other: np.full(len(values), float(branch.scene.value(other)))}
+        pairs = {name: values, other: np.full(len(values), at)}
         known.append(np.stack([pairs[n] for n in PLANES[plane]], axis=1))
-        grazings = sorted(branch.events_named("GR"), key=lambda event: np.abs(part.points - event.point).min())
-        for event in (*edges(branch), *grazings[:1]):
+        ends = [edge.event for edge in (part.low, part.high) if edge.event is not None]
+        for event in (event for event in ends if event.label in BIFURCATIONS):
             _add(curves, branch, event, other, effort, data, plane, how)
-        if name == first and effort.doubled and part.low.event in branch.events_named("PD"):
-            twice = branch.switched(part.low.event, bounds=AREA[name], **how)
-            data[f"{plane}_period_2"] = twice.points
-            for event in edges(twice):
-                _add(curves, twice, event, other, effort, data, plane, how)
+        if start is None and name == first:
+            grazings = sorted(branch.events_named("GR"), key=lambda event: np.abs(part.points - event.point).min())
+            for event in grazings[:1]:
+                _add(curves, branch, event, other, effort, data, plane, how)
+            if effort.doubled and part.low.event in branch.events_named("PD"):
+                twice = branch.switched(part.low.event, bounds=AREA[name], **how)
+                data[f"{plane}_period_2"] = twice.points
+                outside = twice.points["outside"].values
+                for event in (e for e in twice.events if e.label in BIFURCATIONS and outside[e.point] == 0):
+                    _add(curves, twice, event, other, effort, data, plane, how)
+        return branch
+
+    line(first, second)
+    across = line(second, first)
+    for at in LINES[plane]:
+        line(first, second, across.orbit(int(np.argmin(np.abs(across.points[second].values - at)))))
     return Followed(curves, np.concatenate(known))
-
-
-def edges(branch: OrbitBranch) -> Iterator[BranchEvent]:
-    """The folds, flips and Neimark-Sackers at which all multipliers but the critical ones lie inside the circle."""
-    outside = branch.points["outside"].values
-    return (event for event in branch.events if event.label in BIFURCATIONS and outside[event.point] == 0)
 
 
 def _add(

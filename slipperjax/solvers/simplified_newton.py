@@ -1,0 +1,154 @@
+"""Simplified Newton iterations for diffrax's diagonally implicit methods, with the slipper's closed-form matrix.
+
+A stage k = h f(y + gamma k) is solved by k <- k - (1 - h gamma J)^-1 (k - h f(y + gamma k)), with J taken once per
+step: Hairer and Wanner, Solving Ordinary Differential Equations II, section IV.8, doi:10.1007/978-3-642-05221-7. The
+matrix reduces to five unknowns, see `slipperjax.model.linearised`, so that nothing here calls LAPACK.
+"""
+
+from typing import Any, NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jaxtyping import Array
+
+from ..model import Args, LinearSystem, Motion, State, scaled_size, vector_field
+
+TOLERANCE = 1e-7
+"""Default of `SimplifiedNewton.tolerance`."""
+LEAST_ITERATIONS = 2
+"""Iterations before the rate of convergence is known."""
+
+
+class _Stage(NamedTuple):
+    """What diffrax hands to a root finder, by name."""
+
+    t: Any
+    y: Any
+    """The stage's state, but for its own share."""
+    args: Args
+    frozen: Any
+    """Memory that is frozen during the step, None where it is integrated."""
+    share: Any
+    """Change of the stage's state per change of the unknown."""
+    factor: Any
+    """The diagonal coefficient times the step."""
+    sign: float
+    """Of the residual: diffrax's implicit Euler has its own."""
+
+    @classmethod
+    def of(cls, args: Any) -> "_Stage":
+        # _implicit_relation_f, _implicit_relation_k of diffrax's Runge-Kutta methods and _implicit_relation of its
+        # implicit Euler; in diffrax 0.7 they are told apart by the number of their arguments
+        if len(args) == 5:
+            _, t, y, inner, step = args
+            share, factor, sign = 1.0, step, -1.0
+        elif len(args) == 7:
+            _, diagonal, _, t, y, inner, step = args
+            share, factor, sign = diagonal, diagonal * step, 1.0
+        else:
+            _, diagonal, _, _, t, y, inner, step = args
+            share, factor, sign = diagonal * step, diagonal * step, 1.0
+        memory, inner = inner if isinstance(y, Motion) else (None, inner)
+        if not isinstance(inner, Args) or not isinstance(y, Motion | State):
+            raise ValueError(
+                "Argument `root_finder` must be another one than SimplifiedNewton for equations other than "
+                "slipperjax.vector_field(scene)."
+            )
+        return cls(t, y, inner, memory, share, factor, sign)
+
+
+class _Iteration(eqx.Module):
+    """The state of an iteration."""
+
+    system: LinearSystem
+    size: Array
+    """Of the last correction, see `scaled_size`."""
+    before: Array
+    count: Array
+
+
+class SimplifiedNewton(optx.AbstractRootFinder):
+    """A root finder for `diffrax.Kvaerno3`, `Kvaerno4`, `Kvaerno5` and `ImplicitEuler`, as in
+    `diffrax.Kvaerno5(root_finder=SimplifiedNewton())`, for slippers only.
+
+    An integrated memory has a diagonal matrix of its own. Derivatives are diffrax's: by the implicit function theorem
+    with a dense Jacobian.
+    """
+
+    tolerance: float = eqx.field(static=True, default=TOLERANCE)
+    """Greatest estimated error of a stage, in multiples of `slipperjax.model.MOTION_SCALES` [1]."""
+    rtol: float = eqx.field(static=True, default=0.0)
+    """Not used; here because every root finder has it."""
+    atol: float = eqx.field(static=True, default=0.0)
+    """Not used."""
+    norm: Any = eqx.field(static=True, default=optx.max_norm)
+    """Not used."""
+
+    def init(self, fn, y, args, options, f_struct, aux_struct, tags):
+        del fn, f_struct, aux_struct, tags
+        if "init_state" in options:  # diffrax linearises once per step
+            return options["init_state"]
+        stage = _Stage.of(args)
+        at = jax.tree.map(lambda a, k: a + stage.share * k, stage.y, y)
+        state = State(at, stage.frozen) if isinstance(at, Motion) else at
+        field = vector_field(stage.args.scene)
+        linearised = field.linearised(stage.t, state, stage.args)
+        begin = jnp.asarray(jnp.inf)
+        return _Iteration(LinearSystem(linearised, stage.factor), begin, begin, jnp.asarray(0))
+
+    def step(self, fn, y, args, options, state, tags):
+        del options, tags
+        stage = _Stage.of(args)
+        residual, aux = fn(y, args)
+        residual = jax.tree.map(lambda r: stage.sign * r, residual)
+        if isinstance(residual, Motion):
+            change = state.system.solve(residual)
+        else:
+            memory = residual.memory
+            if memory is not None:  # at the iterate, because the switch may turn within a step
+                at = jax.tree.map(lambda a, k: a + stage.share * k, stage.y, y)
+                decay = vector_field(stage.args.scene).memory_decay(stage.t, at, stage.args)
+                memory = memory / (1 - stage.factor * decay)
+            change = State(state.system.solve(residual.motion), memory)
+        new = jax.tree.map(jnp.subtract, y, change)
+        size = _size(jax.tree.map(lambda c: stage.share * c, change))
+        return new, _Iteration(state.system, size, state.size, state.count + 1), aux
+
+    def terminate(self, fn, y, args, options, state, tags):
+        del fn, y, args, options, tags
+        rate = state.size / state.before
+        # the corrections still to come, as a geometric series
+        error = jnp.where(rate < 1, state.size * rate / (1 - jnp.minimum(rate, 0.999)), jnp.inf)
+        small = (state.count >= LEAST_ITERATIONS) & (error <= self.tolerance) | (state.size <= self.tolerance)
+        lost = ~jnp.isfinite(state.size) & (state.count > 0)
+        result = optx.RESULTS.where(lost, optx.RESULTS.nonlinear_divergence, optx.RESULTS.successful)
+        return small | lost, result
+
+    def postprocess(self, fn, y, aux, args, options, state, tags, result):
+        del fn, args, options, state, tags, result
+        return y, aux, {}
+
+
+def _size(change: Motion | State) -> Array:
+    """Scaled size of a change; that of an integrated memory [m/s] counts, too."""
+    if isinstance(change, Motion):
+        return scaled_size(change)
+    size = scaled_size(change.motion)
+    return size if change.memory is None else jnp.maximum(size, jnp.max(jnp.abs(change.memory)))
+
+
+def with_root_finder(solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:
+    """A diffrax solver whose stages are solved by `SimplifiedNewton`, unless another root finder was given.
+
+    diffrax's default root finder takes its tolerances from an adaptive controller; that one is replaced.
+    """
+    if not isinstance(solver, diffrax.AbstractImplicitSolver):
+        return solver
+    finder = solver.root_finder
+    if isinstance(getattr(finder, "rtol", 0.0), float | jax.Array):
+        return solver
+    at = lambda s: s.solver.root_finder if isinstance(s, diffrax.HalfSolver) else s.root_finder
+    return eqx.tree_at(at, solver, SimplifiedNewton())
