@@ -111,8 +111,8 @@ class Parameter(Quantity):
 def half_play(clearance: jax.Array, faces: int) -> Float[Array, "*cases faces"]:
     """A total play of `clearance` [m], shape (*cases,), as the play of each face [m]."""
     if not is_traced(clearance):  # on the host, where nothing is compiled
-        clearance = np.asarray(clearance)
-        return jnp.asarray(np.broadcast_to(clearance[..., None] / 2, (*clearance.shape, faces)))
+        half = np.asarray(clearance)[..., None] / 2
+        return jnp.asarray(np.broadcast_to(half, (*clearance.shape, faces)))
     return jnp.broadcast_to(clearance[..., None] / 2, (*clearance.shape, faces))
 
 

@@ -25,8 +25,8 @@ AREA = {"speed": (800.0, 2300.0), "clearance": (0.3e-3, 4.8e-3), "length": (0.15
 PLANES = {"speed-clearance": ("speed", "clearance"), "speed-length": ("speed", "length")}
 """Parameters of each map; all others are those of the nominal case."""
 LINES = {"speed-clearance": (), "speed-length": (0.217, 0.35)}
-"""Values of the second parameter [SI unit] at which the same orbits are followed over the first one, too, because their
-stability ends at curves there that do not pass the nominal case."""
+"""Values of the second parameter [SI unit] at which the same orbits are followed over the first one, too: their
+stability ends there at curves that do not pass the nominal case."""
 BIFURCATIONS = ("LP", "PD", "NS")
 """Events whose curves separate stable orbits from unstable ones."""
 SIMULATED = 100
@@ -78,9 +78,9 @@ def follow_plane(plane: str, effort: MapEffort, data: dict[str, xr.Dataset], opt
     """The curves of the events at which the nominal orbits of period 1 lose stability, the flip of those of period 2,
     and the grazing next to the stable orbits.
 
-    Branches over both parameters through the nominal case are followed first. Where a branch folds over itself, orbits
-    of other sheets are stable in the same places; their curves would divide the plane where nothing happens to these,
-    and are left out. Datasets are added to `data` as soon as each is finished.
+    Branches over both parameters through the nominal case are followed first. Where a branch folds over itself,
+    orbits of other sheets are stable in the same places; their curves would divide the plane where nothing happens to
+    these, and are left out. Datasets are added to `data` as soon as each is finished.
     """
     how = dict(progress=bool(options.get("progress", False)))
     curves: list[xr.Dataset] = []
