@@ -6,7 +6,7 @@ alone. The prediction that both are compared with comes from the curves of folds
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -33,6 +33,9 @@ SIMULATED = 100
 """Steps per forcing period of simulations and of the orbits that they begin beside."""
 ASIDE = 1e-2
 """How far beside an orbit a run begins, in each coordinate: 10 um, 0.1 mrad, 1 cm/s and 0.1 rad/s."""
+LEAP = 3.0
+"""The `leap` of `spread_orbits`: towards a fold orbits change fast, at 1 mm by 2.3 more from 2150 to 2200 m/s than
+two neighbours lead to."""
 SAME = 0.1
 """Distance from an orbit up to which a motion of its period is on it, in multiples of `COORDINATE_SCALES`."""
 ON_CURVE = 2e-3
@@ -88,7 +91,7 @@ def follow_plane(plane: str, effort: MapEffort, data: dict[str, xr.Dataset], opt
     first, second = PLANES[plane]
 
     def line(name: str, other: str, start: PeriodicOrbit | None = None) -> OrbitBranch:
-        """A branch over one parameter, with the curves through the ends of its stable part."""
+        """A branch over one parameter, with the curves between stable and unstable orbits of its nominal sheet."""
         scene = paper_scene() if start is None else start.scene
         branch = continue_orbit(scene, name, AREA[name], start=start, steps_per_period=STEPS, **how)
         at = float(scene.value(other))
@@ -96,12 +99,13 @@ def follow_plane(plane: str, effort: MapEffort, data: dict[str, xr.Dataset], opt
         part = stable_part(branch, name, float(scene.value(name)))
         if part is None:
             return branch
-        values = branch.points[name].values[part.points]
+        low, high = sheet(branch, part.points)
+        values = branch.points[name].values[low : high + 1][stable_points(branch)[low : high + 1]]
         pairs = {name: values, other: np.full(len(values), at)}
         known.append(np.stack([pairs[n] for n in PLANES[plane]], axis=1))
-        ends = [edge.event for edge in (part.low, part.high) if edge.event is not None]
-        for event in (event for event in ends if event.label in BIFURCATIONS):
-            _add(curves, branch, event, other, effort, data, plane, how)
+        for event in edges(branch):
+            if low <= event.point <= high:
+                _add(curves, branch, event, other, effort, data, plane, how)
         if start is None and name == first:
             grazings = sorted(branch.events_named("GR"), key=lambda event: np.abs(part.points - event.point).min())
             for event in grazings[:1]:
@@ -109,8 +113,7 @@ def follow_plane(plane: str, effort: MapEffort, data: dict[str, xr.Dataset], opt
             if effort.doubled and part.low.event in branch.events_named("PD"):
                 twice = branch.switched(part.low.event, bounds=AREA[name], **how)
                 data[f"{plane}_period_2"] = twice.points
-                outside = twice.points["outside"].values
-                for event in (e for e in twice.events if e.label in BIFURCATIONS and outside[e.point] == 0):
+                for event in edges(twice):
                     _add(curves, twice, event, other, effort, data, plane, how)
         return branch
 
@@ -119,6 +122,24 @@ def follow_plane(plane: str, effort: MapEffort, data: dict[str, xr.Dataset], opt
     for at in LINES[plane]:
         line(first, second, across.orbit(int(np.argmin(np.abs(across.points[second].values - at)))))
     return Followed(curves, np.concatenate(known))
+
+
+def sheet(branch: OrbitBranch, points: np.ndarray) -> tuple[int, int]:
+    """The numbers of the folds before and behind some points of a branch, or of its ends."""
+    folds = np.flatnonzero(branch.points["label"].values.astype(str) == "LP")
+    before, behind = folds[folds <= points.min()], folds[folds >= points.max()]
+    return int(max(before, default=0)), int(min(behind, default=branch.points.sizes["point"] - 1))
+
+
+def stable_points(branch: OrbitBranch) -> np.ndarray:
+    """Whether each point of a branch is a stable orbit; at an event rounding decides, so that those do not count."""
+    return branch.points["stable"].values.astype(bool) & (branch.points["label"].values.astype(str) == "")
+
+
+def edges(branch: OrbitBranch) -> Iterator[BranchEvent]:
+    """The folds, flips and Neimark-Sackers at which all multipliers but the critical ones lie inside the circle."""
+    outside = branch.points["outside"].values
+    return (event for event in branch.events if event.label in BIFURCATIONS and outside[event.point] == 0)
 
 
 def _add(
@@ -187,7 +208,7 @@ def run_plane(plane: str, effort: MapEffort, data: dict[str, xr.Dataset], option
     grid, scene = axes_of(plane, effort), paper_scene()
     begin = time.perf_counter()
     orbit = periodic_orbit(scene, steps_per_period=SIMULATED)
-    spread = spread_orbits(scene, grid, orbit)
+    spread = spread_orbits(scene, grid, orbit, leap=LEAP)
     found = time.perf_counter()
     data[f"{plane}_orbits"] = spread
     common: dict[str, Any] = dict(transient=effort.transient, periods=effort.judged, steps_per_period=SIMULATED)
