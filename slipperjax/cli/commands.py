@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 import typer.core
 
-from ..tools import compile_cache, listed
+from ..tools import compile_cache, listed, said, write_each
 from .files import PARTIAL, Outputs
 from .interrupts import on_thread
 from .options import By, Case, Log, Out, Over, Steps, make_folder, make_grid, takes_case, without
@@ -300,6 +300,29 @@ def bench(
         print(f"wrote {listed([str(path) for path in write(*found, out)])}")
     for path in partial:
         path.unlink(missing_ok=True)
+
+
+@app.command(cls=_Once)
+def throughput(
+    batch: Annotated[
+        list[int] | None, typer.Option(help="Trajectories at once; repeat for several; default 100 to 1000000.")
+    ] = None,
+    engine: Annotated[
+        list[str] | None, typer.Option(help="RK4, Rodas4 or Lyapunov; repeat for several; default all.")
+    ] = None,
+    beside_cpu: Annotated[
+        bool, typer.Option(help="Where JAX runs on a GPU: the same on all CPU cores, for comparison.")
+    ] = True,
+    out: Annotated[Path, typer.Option(help="Makes OUT.md.", callback=without(".md"))] = Path("throughput"),
+):
+    """Time trajectory-periods per second over the batch, on a GPU where JAX has one, else on the CPU's cores."""
+    from ..bench import rows
+    from ..bench import throughput as run
+
+    Outputs(out, ".md")
+    show = lambda rate: print(rows([rate])[-1], flush=True)
+    table = "\n".join(rows(run(batch or None, engine or None, beside_cpu=beside_cpu, report=show))) + "\n"
+    print(said(write_each({Path(f"{out}.md"): table.encode})))
 
 
 def _steps(ds: Any) -> str:

@@ -24,6 +24,8 @@ from .maps import Maps as Maps
 from .maps import rows_of as rows_of
 from .measure import JACOBIAN as JACOBIAN
 from .orbits import orbit_sweep as orbit_sweep
+from .plan import CHUNK_OF_DEVICE as CHUNK_OF_DEVICE
+from .plan import LARGEST_CHUNK as LARGEST_CHUNK
 from .plan import Calls as Calls
 from .plan import Chunk as Chunk
 from .plan import OnProgress as OnProgress

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import diffrax
+import jax
 import numpy as np
 from jaxtyping import Int
 
@@ -27,6 +28,8 @@ from .limits import refuse_run
 
 LARGEST_CHUNK = 1024
 """Cases in one call: enough to amortise the start of kernels, few enough to stay in the cache."""
+CHUNK_OF_DEVICE = 131_072
+"""The same on other devices than a CPU, where each kernel is a launch, and one call uses the whole device."""
 START_OF_STEP = 20
 """Cost of starting a step's kernels, in lanes: 8 us against 0.4 us per lane, measured at 8 to 1024 lanes."""
 PAUSE = 10
@@ -125,11 +128,12 @@ class Plan:
         calls take derivatives.
         """
         workers = cores() if workers is None else whole("workers", workers, 1)
-        if calls_lapack(self.solver, tangents):
+        on_device = jax.default_backend() != "cpu"
+        if on_device or calls_lapack(self.solver, tangents):
             workers = 1
         counts, sizes = np.unique(self.steps, return_counts=True)
         if chunk is None:
-            chunk = _best_chunk(counts, sizes, workers)
+            chunk = min(int(sizes.max()), CHUNK_OF_DEVICE) if on_device else _best_chunk(counts, sizes, workers)
         chunk = batch_size(whole("chunk", chunk, 1))
         found = []
         for steps in counts[::-1]:

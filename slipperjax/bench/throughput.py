@@ -1,0 +1,193 @@
+"""Trajectory-periods per second over the batch, on whatever JAX runs on: a CPU's cores, or a GPU.
+
+The same programs as in sweeps are timed: a period map of a batch, and the same with a tangent, as Lyapunov exponents
+need it. What a program asks of a device is counted in its optimised text: each fusion, reduction, copy or call in the
+body of the loop over steps is one kernel there, on a GPU one launch.
+"""
+
+import functools
+import json
+import os
+import re
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..analysis import first_tangents
+from ..flow import ConstantSteps, advance, advance_tangents, initial_states, tangent_weights
+from ..model import paper_scene, table_2_start
+from ..solvers import RK4, Rodas4
+from ..sweeps import CHUNK_OF_DEVICE, LARGEST_CHUNK, Cases
+from ..tools import brief, compiler_options, cores, one_of, whole
+
+BATCHES = (100, 1_000, 10_000, 100_000, 1_000_000)
+"""Default batches."""
+STEPS = 50
+"""Steps per forcing period: the default of the nominal scene."""
+PERIODS = 4
+"""Forcing periods in a call."""
+ENGINES = ("RK4", "Rodas4", "Lyapunov")
+"""What is timed: two solvers, and RK4 with one tangent that is orthonormalised after each period."""
+EVALUATIONS = {"RK4": 4, "Rodas4": 7, "Lyapunov": 4}
+"""Right-hand sides in a step: of Rodas4 its six stages and the one at the end."""
+LIMIT = 58e-9
+"""Seconds of a right-hand side on one core of the machine of docs/speed.md, every operation running at full rate."""
+SECONDS = 1.0
+"""About how long a timing takes: calls are repeated until then, at least twice."""
+KERNEL = re.compile(
+    r"= (?:\(.*?\)|\S+) (fusion|reduce|copy|custom-call|call|dynamic-update-slice|gather|scatter|sort|while)\("
+)
+"""Instructions of an optimised program that run by themselves."""
+
+
+class Rate(NamedTuple):
+    """How fast one engine is with one batch."""
+
+    device: str
+    """What JAX ran on, and how many of its cores."""
+    engine: str
+    batch: int
+    rate: float
+    """Trajectory-periods per second, the median of the calls [1/s]."""
+    kernels: int | None
+    """In the loop over steps; None where the program's text does not show it."""
+    share: float | None
+    """Share of the arithmetic limit [1], for a CPU and a right-hand side without tangents."""
+
+
+def throughput(
+    batches: Sequence[int] | None = None,
+    engines: Sequence[str] | None = None,
+    *,
+    beside_cpu: bool = True,
+    report: Callable[[Rate], Any] | None = None,
+) -> list[Rate]:
+    """Times `ENGINES` over batches of the nominal scene, speeds within 2 %.
+
+    **Arguments:** `batches`: default `BATCHES`; `engines`: default `ENGINES`; `beside_cpu`: where JAX runs on
+    another device, the same on all CPU cores of the machine, in a process of its own; `report`: is called with each
+    `Rate`.
+
+    **Raises:** `ValueError` that names the argument which is wrong.
+    """
+    sizes = [whole("batches", batch, 1) for batch in (BATCHES if batches is None else batches)]
+    names = [one_of("engines", name, ENGINES) for name in (ENGINES if engines is None else engines)]
+    found = []
+    for rate in _rates(sizes, names, beside_cpu and jax.default_backend() != "cpu"):
+        found.append(rate)
+        if report is not None:
+            report(rate)
+    return found
+
+
+def _rates(batches: list[int], engines: list[str], beside_cpu: bool) -> Iterable[Rate]:
+    for engine in engines:
+        for batch in batches:
+            yield _timed(engine, batch)
+    if beside_cpu:
+        asked = json.dumps(dict(batches=batches, engines=engines))
+        code = f"import slipperjax.bench.throughput as t, sys; t.print_rates({asked!r})"
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            env={**os.environ, "JAX_PLATFORMS": "cpu"},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        yield from (Rate(*json.loads(line)) for line in done.stdout.splitlines())
+
+
+def print_rates(asked: str) -> None:
+    """Prints the rates of this process as JSON, one per line, for `throughput` in another one."""
+    throughput(**json.loads(asked), report=lambda rate: print(json.dumps(rate), flush=True))
+
+
+def _timed(engine: str, batch: int) -> Rate:
+    backend = jax.default_backend()
+    threads = cores() if backend == "cpu" else 1
+    largest = LARGEST_CHUNK if backend == "cpu" else CHUNK_OF_DEVICE
+    lanes = min(-(-batch // threads), largest)
+    chunks = -(-batch // lanes)
+    run = _program(engine, lanes)
+    with ThreadPoolExecutor(threads) as pool:
+        call = lambda: list(pool.map(lambda k: jax.block_until_ready(run()), range(chunks)))
+        call()
+        times: list[float] = []
+        while len(times) < 2 or sum(times) < SECONDS:
+            begin = time.perf_counter()
+            call()
+            times.append(time.perf_counter() - begin)
+    rate = lanes * chunks * PERIODS / statistics.median(times)
+    share = None
+    if backend == "cpu" and engine != "Lyapunov":
+        share = rate * STEPS * EVALUATIONS[engine] * LIMIT / threads
+    name = f"{jax.devices()[0].device_kind}, {threads} cores" if backend == "cpu" else jax.devices()[0].device_kind
+    return Rate(name, engine, batch, rate, kernels_per_step(run.text()), share)
+
+
+class _Program:
+    """A compiled call on a batch, with its inputs."""
+
+    def __init__(self, fun: Callable, arguments: tuple):
+        options = compiler_options(jax.default_backend())
+        self.arguments = arguments
+        self.compiled = jax.jit(fun).lower(*arguments).compile(options)
+
+    def __call__(self) -> Any:
+        return self.compiled(*self.arguments)
+
+    def text(self) -> str:
+        """The optimised program."""
+        return self.compiled.as_text() or ""
+
+
+def _program(engine: str, lanes: int) -> _Program:
+    scene = paper_scene()
+    speeds = float(scene.speed) * np.linspace(0.98, 1.02, lanes)
+    scenes, starts = Cases(scene, {"speed": speeds}, table_2_start()).take(np.arange(lanes))
+    states = initial_states(scenes, starts)
+    solver, stepping = (Rodas4() if engine == "Rodas4" else RK4()), ConstantSteps(STEPS)
+    if engine != "Lyapunov":
+        plain = functools.partial(advance.__wrapped__, stepping=stepping, solver=solver, periods=PERIODS)
+        return _Program(lambda scenes, states: plain(scenes, states, 0.0).state, (scenes, states))
+
+    first = lambda state: first_tangents(state, 1, tangent_weights(scene))
+    tangents = jax.vmap(first)(states)
+    carried = functools.partial(advance_tangents.__wrapped__, stepping=stepping, solver=solver, periods=PERIODS)
+    with_tangents = lambda scenes, states, tangents: carried(scenes, states, tangents, jnp.asarray(0.0)).history
+    return _Program(with_tangents, (scenes, states, tangents))
+
+
+def kernels_per_step(text: str) -> int | None:
+    """Kernels in the innermost loop of an optimised program, the one with most of them; None where there is none."""
+    bodies = set(re.findall(r"body=%?([\w.\-]+)", text))
+    parts = re.split(r"\n(?=(?:ENTRY )?%?[\w.\-]+ [({])", text)
+    counts = []
+    for part in parts:
+        name = re.match(r"(?:ENTRY )?%?([\w.\-]+)", part)
+        found = KERNEL.findall(part)
+        if name and name[1] in bodies and "while" not in found:
+            counts.append(len(found))
+    return max(counts, default=None)
+
+
+def rows(rates: Sequence[Rate]) -> list[str]:
+    """The rates as lines of a table in Markdown."""
+    if not rates:
+        raise ValueError(f"Argument `rates` must hold a rate, but is {brief(rates)}.")
+    lines = ["| device | engine | batch | trajectory-periods per second | kernels per step | of the limit |"]
+    lines.append("| --- " * 6 + "|")
+    for rate in rates:
+        share = "" if rate.share is None else f"{100 * rate.share:.0f} %"
+        kernels = "" if rate.kernels is None else f"{rate.kernels}"
+        cells = (rate.device, rate.engine, f"{rate.batch}", f"{rate.rate:.3g}", kernels, share)
+        lines.append("| " + " | ".join(cells) + " |")
+    return lines

@@ -1,0 +1,81 @@
+"""Throughput over the batch on whatever JAX runs on."""
+
+import jax
+import pytest
+
+from slipperjax import cli
+from slipperjax.bench import ENGINES, Rate, rows, throughput
+from slipperjax.bench.throughput import kernels_per_step
+from slipperjax.model import paper_scene, table_2_start
+from slipperjax.sweeps import CHUNK_OF_DEVICE, Cases, make_plan
+
+PROGRAM = """HloModule jit_run
+
+%inner (p: (s64[], f64[8])) -> (s64[], f64[8]) {
+  %p = (s64[], f64[8]) parameter(0)
+  %a = f64[8]{0} fusion(%p), kind=kLoop, calls=%one
+  %b = f64[8]{0} fusion(%a), kind=kLoop, calls=%two
+  %c = f64[8]{0} reduce(%b, %zero), dimensions={0}, to_apply=%add
+  ROOT %t = (s64[], f64[8]) tuple(%c, %b)
+}
+
+%outer (p: (s64[], f64[8])) -> (s64[], f64[8]) {
+  %p = (s64[], f64[8]) parameter(0)
+  %d = f64[8]{0} fusion(%p), kind=kLoop, calls=%one
+  %e = f64[8]{0} fusion(%p), kind=kLoop, calls=%one
+  %f = f64[8]{0} fusion(%p), kind=kLoop, calls=%one
+  %g = f64[8]{0} fusion(%p), kind=kLoop, calls=%one
+  ROOT %w = (s64[], f64[8]) while(%p), condition=%c1, body=%inner
+}
+
+ENTRY %main (x: f64[8]) -> f64[8] {
+  %w = (s64[], f64[8]) while(%x), condition=%c2, body=%outer
+  ROOT %y = f64[8]{0} get-tuple-element(%w), index=1
+}
+"""
+
+
+def test_kernels_are_those_of_the_innermost_loop():
+    assert kernels_per_step(PROGRAM) == 3
+    assert kernels_per_step("ENTRY %main (x: f64[8]) -> f64[8] {\n}") is None
+
+
+def test_rates_are_measured_and_tabled():
+    seen = []
+    (rate,) = throughput([8], ["RK4"], report=seen.append)
+    assert seen == [rate]
+    assert rate.rate > 0
+    assert rate.kernels > 10
+    assert 0 < rate.share < 1
+    assert rows([rate])[-1].startswith(f"| {rate.device} | RK4 | 8 |")
+    on_gpu = Rate("a GPU", "Lyapunov", 100, 1234.5, None, None)
+    assert rows([on_gpu])[-1] == "| a GPU | Lyapunov | 100 | 1.23e+03 |  |  |"
+
+
+def test_wrong_arguments_are_named():
+    with pytest.raises(ValueError, match="`engines` must be"):
+        throughput([8], ["RK5"])
+    with pytest.raises(ValueError, match="`batches` must be"):
+        throughput([0])
+    with pytest.raises(ValueError, match="`rates` must hold a rate"):
+        rows([])
+    assert set(ENGINES) == {"RK4", "Rodas4", "Lyapunov"}
+
+
+def test_a_device_gets_large_chunks_on_one_thread(monkeypatch):
+    scene = paper_scene()
+    cases = Cases(scene, {"mass": [14.0] * 3000}, table_2_start(), product=False)
+    plan = make_plan(scene, cases, record="strobe", transient=0, periods=1, steps_per_period=50)
+    assert plan.chunks(None, 2)[1] == 2
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    chunks, threads = plan.chunks(None, 2)
+    assert (len(chunks), threads) == (1, 1)
+    assert len(chunks[0].index) <= CHUNK_OF_DEVICE
+
+
+def test_the_command_writes_its_table(tmp_path, capsys):
+    with pytest.raises(SystemExit) as done:
+        cli.main(["throughput", "--batch", "8", "--engine", "RK4", "--out", str(tmp_path / "rates")])
+    assert not done.value.code
+    assert "| RK4 | 8 |" in capsys.readouterr().out
+    assert "| RK4 | 8 |" in (tmp_path / "rates.md").read_text()
