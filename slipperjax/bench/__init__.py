@@ -12,10 +12,10 @@ from .peers import AbstractPeer as AbstractPeer
 from .peers import CppPeer as CppPeer
 from .peers import NumpyModel as NumpyModel
 from .peers import SciPyPeer as SciPyPeer
-from .throughput import ENGINES as ENGINES
-from .throughput import Rate as Rate
-from .throughput import rows as rows
-from .throughput import throughput as throughput
+from .rates import ENGINES as ENGINES
+from .rates import Rate as Rate
+from .rates import rows as rows
+from .rates import throughput as throughput
 from .work_precision import Point as Point
 from .work_precision import cost_at as cost_at
 from .work_precision import draw as draw

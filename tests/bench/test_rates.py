@@ -5,7 +5,7 @@ import pytest
 
 from slipperjax import cli
 from slipperjax.bench import ENGINES, Rate, rows, throughput
-from slipperjax.bench.throughput import kernels_per_step
+from slipperjax.bench.rates import kernels_per_step
 from slipperjax.model import paper_scene, table_2_start
 from slipperjax.sweeps import CHUNK_OF_DEVICE, Cases, make_plan
 
@@ -79,3 +79,14 @@ def test_the_command_writes_its_table(tmp_path, capsys):
     assert not done.value.code
     assert "| RK4 | 8 |" in capsys.readouterr().out
     assert "| RK4 | 8 |" in (tmp_path / "rates.md").read_text()
+
+
+def test_a_device_is_shown_beside_the_cpu(monkeypatch):
+    monkeypatch.setattr(
+        "slipperjax.bench.rates._timed", lambda engine, batch: Rate("a GPU", engine, batch, 1.0, 1, None)
+    )
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    device, cpu = throughput([8], ["RK4"])
+    assert device.device == "a GPU"
+    assert cpu.device.startswith("cpu")
+    assert cpu[1:3] == device[1:3]

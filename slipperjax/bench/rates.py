@@ -94,7 +94,7 @@ def _rates(batches: list[int], engines: list[str], beside_cpu: bool) -> Iterable
             yield _timed(engine, batch)
     if beside_cpu:
         asked = json.dumps(dict(batches=batches, engines=engines))
-        code = f"import slipperjax.bench.throughput as t, sys; t.print_rates({asked!r})"
+        code = f"from slipperjax.bench.rates import print_rates; print_rates({asked!r})"
         done = subprocess.run(
             [sys.executable, "-c", code],
             env={**os.environ, "JAX_PLATFORMS": "cpu"},
