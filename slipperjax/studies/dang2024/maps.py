@@ -20,7 +20,7 @@ from ...orbits import BranchEvent, OrbitBranch, PeriodicOrbit, continue_event, c
 from ...sweeps import attractors, spread_orbits, states_of, strobe_states, sweep, sweep_from
 from .branches import STEPS, stable_part
 
-AREA = {"speed": (800.0, 2300.0), "clearance": (0.3e-3, 4.8e-3), "length": (0.155, 0.5)}
+AREA = {"speed": (800.0, 2300.0), "clearance": (0.3e-3, 4.6e-3), "length": (0.155, 0.5)}
 """Values that the maps span [SI unit of the parameter]."""
 PLANES = {"speed-clearance": ("speed", "clearance"), "speed-length": ("speed", "length")}
 """Parameters of each map; all others are those of the nominal case."""
