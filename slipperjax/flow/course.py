@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..model import Args, Scene, State, contact_forces, contacts, motion_rates, vector_field
+from ..model import Args, Motion, Scene, State, contact_forces, contacts, motion_rates, vector_field
 from ..tools import materialise
 from .poincare import hermite, highest_point
 from .recorders import AbstractRecorder, stacked
@@ -140,7 +140,8 @@ class Courses(AbstractRecorder):
 
     functions: tuple[Callable[[Course], Any], ...]
 
-    def __call__(self, states: State, args: Args, steps: Any) -> tuple[Any, ...]:
+    def __call__(self, states: State, args: Args, steps: Any, rates: Motion | None = None) -> tuple[Any, ...]:
+        del rates
         found = course(states, args, steps)
         return tuple(function(found) for function in self.functions)
 

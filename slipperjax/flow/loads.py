@@ -10,9 +10,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..model import Args, Contacts, State, contact_forces, contacts, vector_field
+from ..model import Args, Contacts, Motion, State, contact_forces, contacts
 from ..tools import materialise
-from .poincare import hermite, highest_point
+from .poincare import hermite, highest_point, motion_rates_at
 
 
 class Loads(NamedTuple):
@@ -33,14 +33,16 @@ class Loads(NamedTuple):
     methods of fourth order are unstable above 2.8."""
 
 
-def contact_loads(states: State, args: Args, steps: Any) -> Loads:
+def contact_loads(states: State, args: Args, steps: Any, rates: Motion | None = None) -> Loads:
     """Loads of one period.
 
     **Arguments:** `states`: the states at both ends of every step, leading axis `most` + 1, of which the first
-    `steps` + 1 count; `args`: scene and epoch; `steps`: integration steps per period, may be traced.
+    `steps` + 1 count; `args`: scene and epoch; `steps`: integration steps per period, may be traced; `rates`: of
+    `motion_rates_at`, if known.
     """
     places = jnp.arange(states.motion.y.shape[0])
-    now = jax.vmap(lambda place, state: _sample(place / steps, state, args))(places, states)
+    rates = motion_rates_at(places / steps, states, args) if rates is None else rates
+    now = jax.vmap(lambda place, state, rate: _sample(place / steps, state, rate, args))(places, states, rates)
     step = 1 / steps
     before, after = (jax.tree.map(lambda a, at=at: a[at], now) for at in (slice(None, -1), slice(1, None)))
     taken = (places[:-1] < steps)[:, None]
@@ -96,9 +98,8 @@ class _Sample(NamedTuple):
     """Rate of the contacts [per forcing period], see `Loads.stretch`."""
 
 
-def _sample(t: Array, state: State, args: Args) -> _Sample:
+def _sample(t: Array, state: State, rates: Motion, args: Args) -> _Sample:
     scene = args.scene
-    rates = vector_field(scene).evaluate(t, state, args).motion
 
     def at(t, motion):
         now = contacts(args.frame(t), motion)

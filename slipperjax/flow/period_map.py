@@ -96,7 +96,7 @@ class PeriodMap(eqx.Module):
             end = _lost_where(done.failed, done.end)
             record = end
             if recorder.inside:
-                record = recorder(_lost_where(done.failed, done.inside), args, self.stepping.number)
+                record = recorder(_lost_where(done.failed, done.inside), args, self.stepping.number, done.rates)
             return (end, done.carried), (record, status_of(end), jnp.asarray(done.taken, int))
 
         def period_if_used(carry, epoch_now):

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..model import Args, State, euler_angles, vector_field
+from ..model import Args, Motion, State, euler_angles, vector_field
 
 
 class Crossings(NamedTuple):
@@ -64,17 +64,23 @@ def crossing(q0, d0, q1, d1, v0, a0, v1, a1):
     return jnp.where(crosses, x, jnp.nan), jnp.where(crosses, velocity, jnp.nan)
 
 
-def section_crossings(states: State, args: Args, steps: Any) -> Crossings:
+def motion_rates_at(times: Array, states: State, args: Args) -> Motion:
+    """Derivatives of the motion [per forcing period] of states with a leading axis, at as many times."""
+    field = vector_field(args.scene)
+    return jax.vmap(lambda t, state: field.evaluate(t, state, args).motion)(times, states)
+
+
+def section_crossings(states: State, args: Args, steps: Any, rates: Motion | None = None) -> Crossings:
     """Crossings of all five sections in one period.
 
     **Arguments:** `states`: the states at both ends of every step, leading axis `most` + 1, of which the first
-    `steps` + 1 count; `args`: scene and epoch; `steps`: integration steps per period, may be traced.
+    `steps` + 1 count; `args`: scene and epoch; `steps`: integration steps per period, may be traced; `rates`: of
+    `motion_rates_at`, if known.
     """
-    field = vector_field(args.scene)
     places = jnp.arange(states.motion.y.shape[0])
+    rates = motion_rates_at(places / steps, states, args) if rates is None else rates
 
-    def sample(place, state):
-        m, rate = state.motion, field(place / steps, state, args).motion
+    def sample(m, rate):
         angles, angle_rates = jax.jvp(euler_angles, (m,), (rate,))
         coordinate = jnp.stack([m.y, m.z, *angles])
         slope = jnp.stack([rate.y, rate.z, *angle_rates])
@@ -82,7 +88,7 @@ def section_crossings(states: State, args: Args, steps: Any) -> Crossings:
         acceleration = jnp.stack([rate.v_y, rate.v_z, rate.w_x, rate.w_y, rate.w_z])
         return coordinate, slope / steps, velocity, acceleration / steps
 
-    q, d, v, a = jax.vmap(sample, out_axes=1)(places, states)
+    q, d, v, a = jax.vmap(sample, out_axes=1)(states.motion, rates)
     place, velocity = crossing(q[:, :-1], d[:, :-1], q[:, 1:], d[:, 1:], v[:, :-1], a[:, :-1], v[:, 1:], a[:, 1:])
     taken = (places[:-1] < steps)[None]
     time = (places[:-1][None] + place) / steps + args.epoch

@@ -17,6 +17,7 @@ from ..model import (
     REACTIONS,
     SECTIONS,
     Args,
+    Motion,
     Quantity,
     Scene,
     State,
@@ -42,12 +43,12 @@ class AbstractRecorder(abc.ABC):
     inside: ClassVar[bool] = True
     """Whether states inside periods are needed; otherwise the state at the end of each period is kept."""
 
-    def __call__(self, states: State, args: Args, steps: Any) -> Any:
+    def __call__(self, states: State, args: Args, steps: Any, rates: Motion | None = None) -> Any:
         """What is kept of one period, inside the compiled program.
 
         **Arguments:** `states`: at both ends of every step, leading axis `most` + 1, of which the first `steps` + 1
         count (the others repeat the start); `args`: scene and epoch; `steps`: integration steps per period, an `int`
-        or traced.
+        or traced; `rates`: derivatives of the motion at the same instants [per forcing period], where they are known.
         """
         raise NotImplementedError(f"{type(self).__name__} keeps ends of periods only.")
 
@@ -111,10 +112,12 @@ class Sections(AbstractRecorder):
 
     loads: bool = True
 
-    def __call__(self, states: State, args: Args, steps: Any) -> tuple[Crossings, State, Loads | None]:
+    def __call__(
+        self, states: State, args: Args, steps: Any, rates: Motion | None = None
+    ) -> tuple[Crossings, State, Loads | None]:
         last = jax.tree.map(lambda a: a[steps if isinstance(steps, int) else jnp.asarray(steps, int)], states)
-        loads = contact_loads(states, args, steps) if self.loads else None
-        return section_crossings(states, args, steps), last, loads
+        loads = contact_loads(states, args, steps, rates) if self.loads else None
+        return section_crossings(states, args, steps, rates), last, loads
 
     @property
     def values(self) -> int:
@@ -172,11 +175,11 @@ class History(AbstractRecorder):
     saves: int
     loads: bool = True
 
-    def __call__(self, states: State, args: Args, steps: Any) -> HistoryRecord:
+    def __call__(self, states: State, args: Args, steps: Any, rates: Motion | None = None) -> HistoryRecord:
         saved = samples(states, self.saves, steps)
         period = jnp.arange(1, self.saves + 1) / self.saves
         now = jax.vmap(lambda t, s: reactions(t, s, args))(period, saved)
-        loads = contact_loads(states, args, steps) if self.loads else None
+        loads = contact_loads(states, args, steps, rates) if self.loads else None
         forces = now.contact_force, now.gap, now.drive_force
         return HistoryRecord(stacked(saved), period + args.epoch, now.acceleration, *forces, loads)
 
@@ -212,8 +215,10 @@ class Samples(AbstractRecorder):
     saves: int
     loads: bool = True
 
-    def __call__(self, states: State, args: Args, steps: Any) -> tuple[State, Loads | None]:
-        return samples(states, self.saves, steps), (contact_loads(states, args, steps) if self.loads else None)
+    def __call__(
+        self, states: State, args: Args, steps: Any, rates: Motion | None = None
+    ) -> tuple[State, Loads | None]:
+        return samples(states, self.saves, steps), (contact_loads(states, args, steps, rates) if self.loads else None)
 
     @property
     def values(self) -> int:
@@ -231,8 +236,8 @@ class Samples(AbstractRecorder):
 class OnlyLoads(AbstractRecorder):
     """Nothing but loads: for a look at whether a run can be trusted."""
 
-    def __call__(self, states: State, args: Args, steps: Any) -> Loads:
-        return contact_loads(states, args, steps)
+    def __call__(self, states: State, args: Args, steps: Any, rates: Motion | None = None) -> Loads:
+        return contact_loads(states, args, steps, rates)
 
     @property
     def values(self) -> int:

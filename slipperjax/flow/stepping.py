@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PyTree
 
-from ..model import Args, State
+from ..model import Args, Motion, State
 from ..solvers import AbstractLatchingRungeKutta, AbstractLatchingSolver, AdaptiveSteps, differentiable
 from ..tools import whole
 
@@ -23,6 +23,8 @@ class Period(NamedTuple):
     end: State
     inside: State | None
     """The states at both ends of all steps, leading axis `most` + 1; None where they were not asked for."""
+    rates: Motion | None
+    """The motion's derivatives there [per forcing period], where the solver leaves them."""
     taken: Any
     """Steps tried."""
     failed: Bool[Array, ""]
@@ -115,22 +117,29 @@ class ConstantSteps(AbstractStepping):
             state, _, _, solver_state, result = solver.step(terms, *ends, state, args, solver_state, False)
             return state, solver_state, failed | (may_fail and result != diffrax.RESULTS.successful)
 
+        def look(carry):
+            """What recorders see of a step's end."""
+            has_rates = isinstance(solver, AbstractLatchingRungeKutta)
+            return carry[0], carry[1][0].motion if has_rates else None
+
         carry = state, solver_state, jnp.zeros((), bool)
+        first = look(carry)
         if self.steps is None:
             assert self.most is not None
 
             @jax.checkpoint  # reverse mode keeps the state of each step and computes its stages once more
             def one(carry, k):
                 carry = step(carry, k)
-                return carry, carry[0] if inside else None
+                return carry, look(carry) if inside else None
 
-            carry, states = jax.lax.scan(one, carry, jnp.arange(float(self.most)))
+            carry, seen = jax.lax.scan(one, carry, jnp.arange(float(self.most)))
         else:
-            carry, states = self._counted(step, carry, inside)
-        end, solver_state, failed = carry
+            carry, seen = self._counted(step, carry, look if inside else None)
         if inside:
-            states = jax.tree.map(lambda a, rest: jnp.concatenate([a[None], rest]), state, states)
-        return Period(end, states, self.number, failed, None if begins else solver_state)
+            seen = jax.tree.map(lambda a, rest: jnp.concatenate([a[None], rest]), first, seen)
+        states, rates = (None, None) if seen is None else seen
+        end, solver_state, failed = carry
+        return Period(end, states, rates, self.number, failed, None if begins else solver_state)
 
     def finer(self):
         if self.steps is None:
@@ -138,18 +147,21 @@ class ConstantSteps(AbstractStepping):
             return ConstantSteps(2 * self.most)
         return type(self)(self.most, 2 * self.steps)
 
-    def _counted(self, step, carry, inside):
-        """A loop over a number of steps that the program does not know; entries beyond the last count for nothing."""
+    def _counted(self, step, carry, look):
+        """A loop over a number of steps that the program does not know; entries beyond the last count for nothing.
+
+        `look`: makes what is kept of each step; None where nothing is.
+        """
         steps = jnp.asarray(self.steps).astype(int)
-        if not inside:
+        if look is None:
             return jax.lax.fori_loop(0, steps, lambda k, c: step(c, k * 1.0), carry), None
 
         def one(k, both):
-            carry, states = both
+            carry, seen = both
             carry = step(carry, k * 1.0)
-            return carry, jax.tree.map(lambda room, a: room.at[k].set(a), states, carry[0])
+            return carry, jax.tree.map(lambda room, a: room.at[k].set(a), seen, look(carry))
 
-        room = jax.tree.map(lambda a: jnp.broadcast_to(a[None], (self.most_inside, *a.shape)), carry[0])
+        room = jax.tree.map(lambda a: jnp.broadcast_to(a[None], (self.most_inside, *a.shape)), look(carry))
         return jax.lax.fori_loop(0, steps, one, (carry, room))
 
 
@@ -163,11 +175,11 @@ class UnknownSteps(ConstantSteps):
     def prepared(self, solver):
         return differentiable(solver, diffrax.DirectAdjoint())
 
-    def _counted(self, step, carry, inside):
+    def _counted(self, step, carry, look):
         @jax.checkpoint
         def one(carry, k):
             carry = jax.lax.cond(k < self.steps, lambda c: step(c, k), lambda c: c, carry)
-            return carry, carry[0] if inside else None
+            return carry, None if look is None else look(carry)
 
         return jax.lax.scan(one, carry, jnp.arange(float(self.most)))
 
@@ -242,7 +254,7 @@ class ControlledSteps(AbstractStepping):
         failed = solution.result != diffrax.RESULTS.successful
         wanted = None if solution.controller_state is None else solution.controller_state[0]
         carried = None if solver_state is None else solution.solver_state, wanted
-        return Period(end, states, solution.stats["num_steps"], failed, carried)
+        return Period(end, states, None, solution.stats["num_steps"], failed, carried)
 
 
 def as_stepping(stepping: Any) -> AbstractStepping:

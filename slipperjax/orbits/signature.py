@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..flow import AbstractRecorder, SectionRecord, Sections
-from ..model import Args, Scene, State, contacts
+from ..model import Args, Motion, Scene, State, contacts
 
 HALVINGS = 60
 """Bisections by which touchdowns are located in their step, down to rounding."""
@@ -60,10 +60,10 @@ class Views(AbstractRecorder):
 
     sections: bool = False
 
-    def __call__(self, states: State, args: Args, steps: Any) -> Any:
+    def __call__(self, states: State, args: Args, steps: Any, rates: Motion | None = None) -> Any:
         places = jnp.arange(states.motion.y.shape[0])
         gap, rate = jax.vmap(lambda k, s: contacts(args.frame(k / steps), s.motion)[:2])(places, states)
-        return gap, rate, Sections(loads=False)(states, args, steps) if self.sections else None
+        return gap, rate, Sections(loads=False)(states, args, steps, rates) if self.sections else None
 
     @property
     def values(self) -> int:
