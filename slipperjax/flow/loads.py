@@ -40,35 +40,40 @@ def contact_loads(states: State, args: Args, steps: Any, rates: Motion | None = 
     `steps` + 1 count; `args`: scene and epoch; `steps`: integration steps per period, may be traced; `rates`: of
     `motion_rates_at`, if known.
     """
-    places = jnp.arange(states.motion.y.shape[0])
-    rates = motion_rates_at(places / steps, states, args) if rates is None else rates
-    now = jax.vmap(lambda place, state, rate: _sample(place / steps, state, rate, args))(places, states, rates)
-    step = 1 / steps
-    before, after = (jax.tree.map(lambda a, at=at: a[at], now) for at in (slice(None, -1), slice(1, None)))
-    taken = (places[:-1] < steps)[:, None]
-    count = lambda a: jnp.where(taken, a, 0.0)
+    most, step = states.motion.y.shape[0] - 1, 1 / steps
+    rates = motion_rates_at(jnp.arange(most + 1) / steps, states, args) if rates is None else rates
+    at = lambda place: jax.tree.map(lambda a: a[place], (states, rates))
+    begin = _sample(jnp.zeros(()), *at(0), args)
+    closed = jnp.full_like(begin.force, -jnp.inf)
+    nothing = jnp.zeros_like(begin.force)
 
-    values = [jnp.stack([f, -g]) for f, g in ((n.force, n.gap) for n in (before, after))]
-    slopes = [jnp.stack([step * f, -step * g]) for f, g in ((n.force_rate, n.gap_rate) for n in (before, after))]
-    place, most = highest_point(values[0], slopes[0], values[1], slopes[1])
-    peak, depth = jnp.where(taken, most, -jnp.inf)
-    highest = jnp.max(peak, axis=0)
-    # the first step that attains the maximum, by a minimum: the derivative of an argmax is far too slow to compile
-    at = jnp.where(
-        (peak == highest[None]) & (highest > 0)[None], (places[:-1, None] + place[0]) / steps + args.epoch, jnp.inf
-    )
-    at = jnp.min(at, axis=0)
-    seconds = step * args.scene.period
-    (f0, d0), (df0, dd0), (f1, d1), (df1, dd1) = values[0], slopes[0], values[1], slopes[1]
-    area = (f0 + f1) / 2 + (df0 - df1) / 12
+    def one(carry, place):
+        before, (highest, when, impulse, contact, depth, fastest) = carry
+        now = _sample((place + 1) / steps, *at(place + 1), args)
+        values = [jnp.stack([n.force, -n.gap]) for n in (before, now)]
+        slopes = [jnp.stack([step * n.force_rate, -step * n.gap_rate]) for n in (before, now)]
+        (inside, _), (peak, deep) = highest_point(values[0], slopes[0], values[1], slopes[1])
+        area = (before.force + now.force) / 2 + step * (before.force_rate - now.force_rate) / 12
+        share = _share_closed(before.gap, step * before.gap_rate, now.gap, step * now.gap_rate)
+        higher = (peak > highest) & (peak > 0)
+        found = (
+            jnp.maximum(highest, peak),
+            jnp.where(higher, (place + inside) / steps + args.epoch, when),
+            impulse + area,
+            contact + share,
+            jnp.maximum(depth, deep),
+            jnp.maximum(fastest, now.fastest),
+        )
+        return now, jax.tree.map(lambda new, old: jnp.where(place < steps, new, old), found, carry[1])
+
+    found = closed, jnp.full_like(nothing, jnp.nan), nothing, nothing, closed, begin.fastest
+    # step by step, so that what is computed stays in the cache
+    (_, found), _ = jax.lax.scan(lambda carry, place: (one(carry, place), None), (begin, found), jnp.arange(most))
+    highest, when, impulse, contact, depth, fastest = found
     ends = lambda a: a.reshape(2, -1)
+    seconds = step * args.scene.period
     return Loads(
-        ends(highest),
-        ends(jnp.where(jnp.isfinite(at), at, jnp.nan)),
-        ends(seconds * jnp.sum(count(area), axis=0)),
-        ends(step * jnp.sum(count(_share_closed(-d0, -dd0, -d1, -dd1)), axis=0)),
-        ends(jnp.max(depth, axis=0)),
-        step * jnp.max(jnp.where(places <= steps, now.fastest, 0.0)),
+        ends(highest), ends(when), ends(seconds * impulse), ends(step * contact), ends(depth), step * fastest
     )
 
 

@@ -6,7 +6,7 @@ alone. The prediction that both are compared with comes from the curves of folds
 """
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -20,7 +20,7 @@ from ...orbits import BranchEvent, OrbitBranch, PeriodicOrbit, continue_event, c
 from ...sweeps import attractors, spread_orbits, states_of, strobe_states, sweep, sweep_from
 from .branches import STEPS, stable_part
 
-AREA = {"speed": (800.0, 2300.0), "clearance": (0.3e-3, 4.6e-3), "length": (0.155, 0.5)}
+AREA = {"speed": (800.0, 2300.0), "clearance": (0.3e-3, 4.8e-3), "length": (0.155, 0.5)}
 """Values that the maps span [SI unit of the parameter]."""
 PLANES = {"speed-clearance": ("speed", "clearance"), "speed-length": ("speed", "length")}
 """Parameters of each map; all others are those of the nominal case."""
@@ -180,19 +180,35 @@ def distance(points: np.ndarray, place: Any, plane: str) -> float:
     return float(np.min(np.linalg.norm(a + share[:, None] * chord - at, axis=1)))
 
 
-def barriers(curves: list[xr.Dataset], plane: str) -> list[np.ndarray]:
-    """The parts of the curves of period 1 on which stability changes: all other multipliers lie inside the circle."""
+def barriers(curves: list[xr.Dataset], plane: str, axes: Mapping[str, np.ndarray]) -> list[np.ndarray]:
+    """The parts of the curves of period 1 on which stability changes: all other multipliers lie inside the circle.
+
+    A curve that stops less than a cell from the map's edge goes straight on to it.
+    """
     found = []
     for curve in curves:
         if curve.attrs["label"] not in BIFURCATIONS or curve.attrs["orbit_period"] != 1:
             continue
         points, inside = points_of(curve, plane), curve["outside"].values == 0
+        points, inside = (np.concatenate([a[:1], a, a[-1:]]) for a in (points, inside))
+        points[0], points[-1] = (_to_edge(points[1:-1][::way], axes.values()) for way in (-1, 1))
         # up to the place, between two points, where another multiplier leaves the circle
         parts = inside[1:] | inside[:-1]
         gaps = np.flatnonzero(~parts)
         pieces = [points[k : k + 2] for k in range(len(parts)) if k not in set(gaps)]
         found += [np.concatenate([np.concatenate([p, [[np.nan, np.nan]]]) for p in pieces])] if pieces else []
     return found
+
+
+def _to_edge(points: np.ndarray, axes: Iterable[np.ndarray]) -> np.ndarray:
+    """Where the end of a curve meets the map's edge, if it is less than a cell away; else the end itself."""
+    end, way = points[-1], points[-1] - points[-2]
+    steps = []
+    for k, values in enumerate(axes):
+        for edge in (values[0], values[-1]):
+            step = (edge - end[k]) / way[k] if way[k] else -1.0
+            steps += [step] if step > 0 and abs(edge - end[k]) < np.diff(values).max() else []
+    return end + (1 + 1e-9) * min(steps, default=0.0) * way
 
 
 # --- brute force ----------------------------------------------------------------------------------------------------
@@ -261,7 +277,7 @@ def assembled(
 
 def predict(plane: str, followed: Followed, axes: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Where orbits of period 1 are stable, by the curves alone, and the cells beside these curves."""
-    lines = barriers(followed.curves, plane)
+    lines = barriers(followed.curves, plane, axes)
     reach = np.array([np.ptp(AREA[name]) for name in PLANES[plane]])
     x, y = (axes[name] / size for name, size in zip(PLANES[plane], reach, strict=True))
     scaled = [points / reach for points in lines]
