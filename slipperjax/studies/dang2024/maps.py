@@ -100,7 +100,7 @@ def follow_plane(plane: str, effort: MapEffort, data: dict[str, xr.Dataset], opt
         if part is None:
             return branch
         low, high = sheet(branch, part.points)
-        values = branch.points[name].values[low : high + 1][stable_points(branch)[low : high + 1]]
+        values = branch.points[name].values[part.points]
         pairs = {name: values, other: np.full(len(values), at)}
         known.append(np.stack([pairs[n] for n in PLANES[plane]], axis=1))
         for event in edges(branch):
@@ -129,11 +129,6 @@ def sheet(branch: OrbitBranch, points: np.ndarray) -> tuple[int, int]:
     folds = np.flatnonzero(branch.points["label"].values.astype(str) == "LP")
     before, behind = folds[folds <= points.min()], folds[folds >= points.max()]
     return int(max(before, default=0)), int(min(behind, default=branch.points.sizes["point"] - 1))
-
-
-def stable_points(branch: OrbitBranch) -> np.ndarray:
-    """Whether each point of a branch is a stable orbit; at an event rounding decides, so that those do not count."""
-    return branch.points["stable"].values.astype(bool) & (branch.points["label"].values.astype(str) == "")
 
 
 def edges(branch: OrbitBranch) -> Iterator[BranchEvent]:
