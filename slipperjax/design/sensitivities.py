@@ -197,7 +197,7 @@ def _of_run(scene: Scene, known: list[Parameter], question: Question, begin: Any
         rows, moved = np.asarray(done.end), np.asarray(done.moved)
         kept.append(done.kept)
         slopes.append(done.slopes)
-        sizes.append(np.max(np.abs(moved[0, :, :10] / jnp.stack(jax.tree.leaves(MOTION_SCALES))), axis=1))
+        sizes.append(np.max(np.abs(moved[0, :, :10] / np.array(jax.tree.leaves(MOTION_SCALES))), axis=1))
         growth = float(np.max(sizes[-1] / np.maximum(sizes[0], 1e-300)))
         if not growth < FASTEST:
             raise ValueError(

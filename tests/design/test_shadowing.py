@@ -87,7 +87,7 @@ def slipper_slopes(cases):
     start = initial_state(sj.paper_scene(), sj.table_2_start())
     _, unravel = ravel_pytree(start)
     # 1 m/s of a contact's memory counts as one
-    scales = State(MOTION_SCALES, np.ones(len(start.memory)))
+    scales = State(MOTION_SCALES, jnp.ones(len(start.memory)))
     weights = 1 / ravel_pytree(jax.tree.map(lambda a, b: jnp.broadcast_to(jnp.asarray(a), b.shape), scales, start))[0]
 
     def one(values, motion):
