@@ -112,7 +112,7 @@ def half_play(clearance: jax.Array, faces: int) -> Float[Array, "*cases faces"]:
     """A total play of `clearance` [m], shape (*cases,), as the play of each face [m]."""
     if not is_traced(clearance):  # on the host, where nothing is compiled
         half = np.asarray(clearance)[..., None] / 2
-        return jnp.asarray(np.broadcast_to(half, (*clearance.shape, faces)))
+        return jnp.asarray(np.broadcast_to(half, (*half.shape[:-1], faces)))
     return jnp.broadcast_to(clearance[..., None] / 2, (*clearance.shape, faces))
 
 

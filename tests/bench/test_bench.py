@@ -4,12 +4,14 @@ import itertools
 import math
 import shutil
 
+import diffrax
 import matplotlib.image
 import matplotlib.pyplot as plt
 import numpy as np
+import optimistix as optx
 import pytest
 
-from slipperjax import paper_scene, table_2_start
+from slipperjax import EventLatch, Latching, paper_scene, table_2_start
 from slipperjax.bench import (
     METHODS,
     PEERS,
@@ -232,14 +234,19 @@ def test_slow_points_are_repeated_less_often(monkeypatch):
     assert [p.cost[8][0] for p in points] == pytest.approx([1e6 * k / 10 / 8 for k in (25, 50)])
 
 
+def newton():
+    """A method whose root finder is Newton's, with LAPACK."""
+    solver = diffrax.Kvaerno3(root_finder=optx.Newton(rtol=1e-9, atol=1e-9))
+    return Method("Newton", Latching(solver), EventLatch(), (1.0,))
+
+
 def test_methods_that_call_lapack_run_a_sixteenth_of_the_cases(monkeypatch):
     def run(case, method, setting, speeds, workers):
         return np.tile(speeds[:, None, None], (1, 2, 10)) * SCALES, np.full(2, 0.8)
 
     monkeypatch.setattr(measuring, "run", run)
-    methods = [m for m in METHODS if m.name in ("RK4", "smooth: diffrax Kvaerno3")]
     options = dict(batches=(241, 1), repeats=1, peers=[], settings=slice(0, 1))
-    own, stock = measuring.measure(all_cases()[0], methods, **options)
+    own, stock = measuring.measure(all_cases()[0], [method_named("RK4"), newton()], **options)
     assert own.error == stock.error == 0  # of the same cases
     assert own.cost[241][0] == pytest.approx(0.8e6 / 241)
     assert stock.cost[241][0] == pytest.approx(0.8e6 / 16)
@@ -260,9 +267,11 @@ def test_chunks_fill_the_threads_and_lapack_gets_one_thread(monkeypatch):
     monkeypatch.setattr(measuring, "advance", advance)
     case = all_cases()[0]._replace(periods=2)
     speeds = np.linspace(1200.0, 1300.0, 20)
-    for name, expected in (("RK4", [8, 8, 8] * 2), ("diffrax Kvaerno5", [24] * 2)):
+    threads = [8, 8, 8] * 2
+    cases = ((method_named("RK4"), threads), (method_named("diffrax Kvaerno5"), threads), (newton(), [24] * 2))
+    for method, expected in cases:
         sizes.clear()
-        states, seconds = measuring.run(case, method_named(name), 50.0, speeds, 3)
+        states, seconds = measuring.run(case, method, 50.0, speeds, 3)
         assert sizes == expected
         assert states.shape == (20, 2, 10)
         assert seconds.shape == (2,)
