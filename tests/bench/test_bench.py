@@ -17,6 +17,7 @@ from slipperjax.bench import (
     PEERS,
     Case,
     CppPeer,
+    Method,
     NumpyModel,
     Point,
     SciPyPeer,
