@@ -42,14 +42,18 @@ def contact_loads(states: State, args: Args, steps: Any, rates: Motion | None = 
     """
     most, step = states.motion.y.shape[0] - 1, 1 / steps
     rates = motion_rates_at(jnp.arange(most + 1) / steps, states, args) if rates is None else rates
-    at = lambda place: jax.tree.map(lambda a: a[place], (states, rates))
-    begin = _sample(jnp.zeros(()), *at(0), args)
+
+    def sample(place):
+        state, rate = jax.tree.map(lambda a: a[place], (states, rates))
+        return _sample(place / steps, state, rate, args)
+
+    begin = sample(0)
     closed = jnp.full_like(begin.force, -jnp.inf)
     nothing = jnp.zeros_like(begin.force)
 
     def one(carry, place):
         before, (highest, when, impulse, contact, depth, fastest) = carry
-        now = _sample((place + 1) / steps, *at(place + 1), args)
+        now = sample(place + 1)
         values = [jnp.stack([n.force, -n.gap]) for n in (before, now)]
         slopes = [jnp.stack([step * n.force_rate, -step * n.gap_rate]) for n in (before, now)]
         (inside, _), (peak, deep) = highest_point(values[0], slopes[0], values[1], slopes[1])
