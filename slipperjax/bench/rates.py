@@ -26,7 +26,7 @@ from ..flow import ConstantSteps, advance, advance_tangents, initial_states, tan
 from ..model import paper_scene, table_2_start
 from ..solvers import RK4, Rodas4
 from ..sweeps import CHUNK_OF_DEVICE, LARGEST_CHUNK, Cases
-from ..tools import brief, compiler_options, cores, one_of, whole
+from ..tools import brief, compiler_options, cores, one_of, table_lines, whole
 
 BATCHES = (100, 1_000, 10_000, 100_000, 1_000_000)
 """Default batches."""
@@ -183,11 +183,16 @@ def rows(rates: Sequence[Rate]) -> list[str]:
     """The rates as lines of a table in Markdown."""
     if not rates:
         raise ValueError(f"Argument `rates` must hold a rate, but is {brief(rates)}.")
-    lines = ["| device | engine | batch | trajectory-periods per second | kernels per step | of the limit |"]
-    lines.append("| --- " * 6 + "|")
-    for rate in rates:
-        share = "" if rate.share is None else f"{100 * rate.share:.0f} %"
-        kernels = "" if rate.kernels is None else f"{rate.kernels}"
-        cells = (rate.device, rate.engine, f"{rate.batch}", f"{rate.rate:.3g}", kernels, share)
-        lines.append("| " + " | ".join(cells) + " |")
-    return lines
+    return table_lines(
+        [
+            {
+                "device": rate.device,
+                "engine": rate.engine,
+                "batch": rate.batch,
+                "trajectory-periods per second": f"{rate.rate:.3g}",
+                "kernels per step": "" if rate.kernels is None else rate.kernels,
+                "of the limit": "" if rate.share is None else f"{100 * rate.share:.0f} %",
+            }
+            for rate in rates
+        ]
+    )

@@ -59,6 +59,11 @@ class _Stage(NamedTuple):
             )
         return cls(t, y, inner, memory, share, factor, sign)
 
+    def at(self, unknown: Any) -> State:
+        """The stage's state for a value of the unknown."""
+        found = jax.tree.map(lambda a, k: a + self.share * k, self.y, unknown)
+        return State(found, self.frozen) if isinstance(found, Motion) else found
+
 
 class _Iteration(eqx.Module):
     """The state of an iteration."""
@@ -92,10 +97,7 @@ class SimplifiedNewton(optx.AbstractRootFinder):
         if "init_state" in options:  # diffrax linearises once per step
             return options["init_state"]
         stage = _Stage.of(args)
-        at = jax.tree.map(lambda a, k: a + stage.share * k, stage.y, y)
-        state = State(at, stage.frozen) if isinstance(at, Motion) else at
-        field = vector_field(stage.args.scene)
-        linearised = field.linearised(stage.t, state, stage.args)
+        linearised = vector_field(stage.args.scene).linearised(stage.t, stage.at(y), stage.args)
         begin = jnp.asarray(jnp.inf)
         return _Iteration(LinearSystem(linearised, stage.factor), begin, begin, jnp.asarray(0))
 
@@ -109,8 +111,7 @@ class SimplifiedNewton(optx.AbstractRootFinder):
         else:
             memory = residual.memory
             if memory is not None:  # at the iterate, because the switch may turn within a step
-                at = jax.tree.map(lambda a, k: a + stage.share * k, stage.y, y)
-                decay = vector_field(stage.args.scene).memory_decay(stage.t, at, stage.args)
+                decay = vector_field(stage.args.scene).memory_decay(stage.t, stage.at(y), stage.args)
                 memory = memory / (1 - stage.factor * decay)
             change = State(state.system.solve(residual.motion), memory)
         new = jax.tree.map(jnp.subtract, y, change)

@@ -22,6 +22,7 @@ from .jumps import find_jump as find_jump
 from .limits import refuse_cases as refuse_cases
 from .maps import Maps as Maps
 from .maps import rows_of as rows_of
+from .maps import states_of as states_of
 from .measure import JACOBIAN as JACOBIAN
 from .orbits import orbit_sweep as orbit_sweep
 from .plan import CHUNK_OF_DEVICE as CHUNK_OF_DEVICE
@@ -36,7 +37,6 @@ from .reached import reached_orbits as reached_orbits
 from .repeat import repeat as repeat
 from .search import find_orbits as find_orbits
 from .spread import spread_orbits as spread_orbits
-from .spread import states_of as states_of
 from .spread import sweep_from as sweep_from
 from .sweep import case_attributes as case_attributes
 from .sweep import case_variables as case_variables

@@ -37,6 +37,15 @@ def rows_of(states: State) -> Float[np.ndarray, "cases size"]:
     return np.concatenate([leaf.reshape(len(leaf), -1) for leaf in leaves], axis=1)
 
 
+def states_of(rows: np.ndarray, like: State) -> State:
+    """Rows of numbers (cases, size) as states with a leading axis, of the structure of `like`."""
+    leaves, structure = jax.tree.flatten(like)
+    ends = np.cumsum([np.size(leaf) for leaf in leaves])
+    parts = np.split(rows, ends[:-1], axis=1)
+    shaped = [part.reshape(len(rows), *np.shape(leaf)) for part, leaf in zip(parts, leaves, strict=True)]
+    return jax.tree.unflatten(structure, shaped)
+
+
 class Maps(NamedTuple):
     """Maps over some forcing periods, each of one case of a batch. Cases are given by their places in it.
 
@@ -63,11 +72,7 @@ class Maps(NamedTuple):
 
     def states(self, rows: np.ndarray) -> State:
         """Rows of numbers as states."""
-        leaves, structure = jax.tree.flatten(self.like)
-        ends = np.cumsum([np.size(leaf[0]) for leaf in leaves])
-        parts = np.split(rows, ends[:-1], axis=1)
-        shaped = [part.reshape(len(rows), *np.shape(leaf)[1:]) for part, leaf in zip(parts, leaves, strict=True)]
-        return jax.tree.unflatten(structure, shaped)
+        return states_of(rows, jax.tree.map(lambda leaf: np.asarray(leaf)[0], self.like))
 
     def mapped(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """States after each case's period."""

@@ -14,8 +14,9 @@ from ..orbits import TOLERANCE, PeriodicOrbit, check_forcing
 from ..tools import number, positive, whole
 from .cases import Cases
 from .executors import records_in_order, run_chunk, run_chunks
+from .maps import rows_of, states_of
 from .plan import make_plan
-from .search import Orbits, find_orbits, rows_of
+from .search import Orbits, find_orbits
 from .sweep import CaseRuns, case_attributes, case_variables, sweep_dataset
 
 LEAP = 1.0
@@ -171,15 +172,6 @@ class _Found:
             unit = {"units": "1"} if name.startswith("multiplier") else {}
             ds[name] = ((*dims, *more), values.reshape(shape + values.shape[1:]), unit | {"long_name": words})
         return ds.assign(case_variables(dims, self.status.reshape(shape), np.full(shape, steps)))
-
-
-def states_of(rows: np.ndarray, like: State) -> State:
-    """Rows of numbers (cases, size) as states with a leading axis, of the structure of `like`."""
-    leaves, structure = jax.tree.flatten(like)
-    ends = np.cumsum([np.size(leaf) for leaf in leaves])
-    parts = np.split(rows, ends[:-1], axis=1)
-    shaped = [part.reshape(len(rows), *np.shape(leaf)) for part, leaf in zip(parts, leaves, strict=True)]
-    return jax.tree.unflatten(structure, shaped)
 
 
 def sweep_from(

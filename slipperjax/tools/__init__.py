@@ -15,6 +15,7 @@ from .description import type_name as type_name
 from .files import NotWritten as NotWritten
 from .files import listed as listed
 from .files import said as said
+from .files import table_lines as table_lines
 from .files import write_each as write_each
 from .files import write_whole as write_whole
 from .fused import materialise as materialise

@@ -2,8 +2,9 @@
 
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 Content = bytes | memoryview
 """What a file is to hold."""
@@ -87,3 +88,9 @@ def said(done: Mapping[Path, bool]) -> str:
 def listed(names: list[str]) -> str:
     """Names as text: "a, b and c"."""
     return " and ".join([", ".join(names[:-1])] * (len(names) > 1) + names[-1:])
+
+
+def table_lines(table: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Rows with the same keys as a table in Markdown, by lines; none without rows."""
+    line = lambda cells: "| " + " | ".join(str(c).replace("|", "/") for c in cells) + " |"
+    return [line(table[0]), line("---" for _ in table[0]), *(line(row.values()) for row in table)] if table else []

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...tools import write_each
+from ...tools import table_lines, write_each
 
 CLAIMS: dict[str, tuple[str, str, str]] = {
     # key: figure, claim, the paper's value
@@ -163,9 +163,3 @@ def write_report(
     as_json = json.dumps(content, indent=1, ensure_ascii=False)
     write_each({markdown: "\n".join(text).encode, data: as_json.encode})
     return markdown, data
-
-
-def table_lines(table: list[dict[str, Any]]) -> list[str]:
-    """A table in Markdown, by lines."""
-    line = lambda cells: "| " + " | ".join(str(c).replace("|", "/") for c in cells) + " |"
-    return [line(table[0]), line("---" for _ in table[0]), *(line(row.values()) for row in table)] if table else []

@@ -24,9 +24,8 @@ from ...plots import (
     spectrum,
     styled,
 )
-from ...tools import write_each
+from ...tools import table_lines, write_each
 from .agreement import agreement_rows
-from .claims import table_lines
 from .runs import MAPS, Finished
 from .verdicts import DUAL_LINES, F1, F2
 

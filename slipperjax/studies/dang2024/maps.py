@@ -189,8 +189,7 @@ def barriers(curves: list[xr.Dataset], plane: str, axes: Mapping[str, np.ndarray
         points[0], points[-1] = (_to_edge(points[1:-1][::way], axes.values()) for way in (-1, 1))
         # up to the place, between two points, where another multiplier leaves the circle
         parts = inside[1:] | inside[:-1]
-        gaps = np.flatnonzero(~parts)
-        pieces = [points[k : k + 2] for k in range(len(parts)) if k not in set(gaps)]
+        pieces = [points[k : k + 2] for k in np.flatnonzero(parts)]
         found += [np.concatenate([np.concatenate([p, [[np.nan, np.nan]]]) for p in pieces])] if pieces else []
     return found
 
