@@ -240,9 +240,8 @@ def design(
     print(report(found), flush=True)
     done = found.status == "converged"
     around = on_thread(partial(_around, found), PATIENCE) if check and done else None
-    files.write(found.to_xarray(), partial(design_overview, surroundings=around))
-    if margins and done:
-        print(on_thread(partial(_margins, found), PATIENCE))
+    events = on_thread(partial(_margins, found), PATIENCE) if margins and done else None
+    files.write(found.to_xarray(events), partial(design_overview, surroundings=around, margins=events))
     if found.status == "no motion":
         raise typer.Exit(LOST)
 
@@ -275,16 +274,19 @@ def _around(found: Any) -> Any:
     return ds
 
 
-def _margins(found: Any) -> str:
-    """The nearest events of the cases that tell most, in words."""
+def _margins(found: Any) -> Any:
+    """The nearest events of the cases that tell most; they are printed."""
     from ..design import event_margins
 
     if not any(found.cases["period"].values > 0):
-        return "no case is on an orbit that could be followed to events"
+        print("no case is on an orbit that could be followed to events")
+        return None
     try:
-        ds, lines = event_margins(found, progress=sys.stderr.isatty()), ["nearest events:"]
+        ds = event_margins(found, progress=sys.stderr.isatty())
     except ValueError as error:  # what was found stands
-        return f"nearest events were not found: {error}"
+        print(f"nearest events were not found: {error}")
+        return None
+    print("nearest events:")
     for row in range(ds.sizes["margin"]):
         at = ds.isel(margin=row)
         known = parameter(str(at["parameter"].item()), found.problem.scene)
@@ -294,8 +296,8 @@ def _margins(found: Any) -> str:
         )
         event = str(at["label"].item()) or "none up to"
         value = f"{known.shown(float(at['value'])):.6g} {known.display_unit} ({100 * float(at['relative']):+.3g} %)"
-        lines.append(f"  {where or 'the case'}: {known.name} {event} {value}")
-    return "\n".join(lines)
+        print(f"  {where or 'the case'}: {known.name} {event} {value}", flush=True)
+    return ds
 
 
 def _objective(option: str, name: str) -> Any:

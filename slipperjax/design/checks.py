@@ -102,7 +102,12 @@ def event_margins(
     fields = ("case", "parameter", "direction", "label", "value", "change", "relative")
     columns = {name: ("margin", list(column)) for name, column in zip(fields, zip(*rows, strict=True), strict=True)}
     units = [parameter(row[1], problem.scene).unit for row in rows]
-    return xr.Dataset(columns | {"unit": ("margin", units)})
+    ds = xr.Dataset(columns | {"unit": ("margin", units)})
+    words = {"value": "parameter at the event", "change": "distance to the event"}
+    for name, text in words.items():
+        ds[name].attrs["long_name"] = f"{text}, in the unit of each row"
+    ds["relative"].attrs |= {"long_name": "distance to the event over the parameter's value", "units": "1"}
+    return ds
 
 
 def _telling_cases(design: Design) -> list[int]:

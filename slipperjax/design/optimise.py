@@ -94,12 +94,17 @@ class Design:
         """The scene with the best design."""
         return self.problem.scene.replace(**self.design)
 
-    def to_xarray(self) -> xr.Dataset:
+    def to_xarray(self, margins: xr.Dataset | None = None) -> xr.Dataset:
         """One dataset for files and pictures: `cases` as they are, `starts` and `history` with the prefixes start_
-        and trial_, `design` with its bounds `low` and `high`, and scene, call and outcome as attributes."""
+        and trial_, `design` with its bounds `low` and `high`, and scene, call and outcome as attributes.
+
+        **Arguments:** `margins`: of `event_margins`, kept with the prefix margin_.
+        """
         outcome = ("objective", "smooth", "stderr", "gradient_norm", "status", "several")
         summary = {name: getattr(self, name) for name in outcome}
         tables = {"": self.cases, "start": self.starts, "trial": self.history}
+        if margins is not None:
+            tables["margin"] = margins
         return merged(self.problem, self.scene, self.design, tables, summary)
 
     def to_netcdf(self, path: Any) -> None:

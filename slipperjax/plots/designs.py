@@ -31,7 +31,8 @@ from .design_data import (
     variable,
     variable_label,
 )
-from .style import COLORS, cross, legend_above, mark_cases, styled, typeset
+from .margins import draw_margins
+from .style import COLORS, cross, legends_above, mark_cases, styled, typeset
 from .surroundings import draw_map
 from .titles import case_title
 
@@ -44,8 +45,10 @@ _SHAPES = ((True, "o"), (False, "v"))
 """Markers of trials that keep the constraints, and of those that do not."""
 
 
-def design_overview(ds: Any, surroundings: xr.Dataset | None = None, axes: Any = None) -> Any:
-    """A design on one page: objective in each case, trials, progress of the search, and sensitivities.
+def design_overview(
+    ds: Any, surroundings: xr.Dataset | None = None, axes: Any = None, *, margins: xr.Dataset | None = None
+) -> Any:
+    """A design on one page: objective in each case, trials, progress of the search, sensitivities, and checks.
 
     The title states what is fixed, and the best design.
 
@@ -53,7 +56,8 @@ def design_overview(ds: Any, surroundings: xr.Dataset | None = None, axes: Any =
 
     - `ds`: a result of `optimise_design`, or its dataset.
     - `surroundings`: a grid around the best design, drawn below by `design_map`.
-    - `axes`: 4 Axes, or 5 with `surroundings`; default those of a new figure.
+    - `axes`: 4 Axes, and one more for each of `surroundings` and `margins`; default those of a new figure.
+    - `margins`: distances to events, drawn at the end by `design_margins`.
 
     **Returns:** the Axes, an array.
 
@@ -62,7 +66,8 @@ def design_overview(ds: Any, surroundings: xr.Dataset | None = None, axes: Any =
     ds = design_dataset(ds)
     with styled():
         if axes is None:
-            below = [] if surroundings is None else [["map", "map"]]
+            more = [name for name, given in (("map", surroundings), ("margins", margins)) if given is not None]
+            below = [[more[0], more[-1]]] if more else []
             places: Any = [["cases", "trials"], ["progress", "slopes"], *below]
             figure, found = plt.subplot_mosaic(places, figsize=(7.2, 2.9 * len(places)), layout="constrained")
             figure.suptitle(_title(ds), fontsize=7)
@@ -70,10 +75,10 @@ def design_overview(ds: Any, surroundings: xr.Dataset | None = None, axes: Any =
         draws = [_cases, _trials, _progress, _slopes]
         if surroundings is not None:
             draws.append(partial(draw_map, surroundings))
+        if margins is not None:
+            draws.append(partial(draw_margins, margins))
         # legends come last: their columns follow from widths that each panel changes
-        entries = [(ax, draw(ds, ax)) for ax, draw in zip(np.ravel(axes), draws, strict=True)]
-        for ax, handles in entries:
-            legend_above(ax, handles)
+        legends_above([(ax, draw(ds, ax)) for ax, draw in zip(np.ravel(axes), draws, strict=True)])
     return axes
 
 

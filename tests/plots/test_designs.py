@@ -305,3 +305,38 @@ def test_wide_values_have_a_logarithmic_scale():
 def test_colours_go_from_the_lowest_to_the_highest():
     filled, *_ = plots.design_trials(design()).collections
     assert to_hex(filled.get_facecolors()[0]) == to_hex(filled.get_edgecolors()[0])
+
+
+def margins():
+    """Events on both sides of two parameters of two cases; one side of one has none."""
+    rows = [
+        (2, "clearance", -1, "GR", 0.9e-3, -0.10),
+        (2, "clearance", 1, "", 1.2e-3, 0.20),
+        (2, "length", -1, "LP", 0.19, -0.05),
+        (2, "length", 1, "PD", 0.22, 0.10),
+        (0, "clearance", -1, "NS", 0.95e-3, -0.05),
+        (0, "clearance", 1, "GR", 1.01e-3, 0.01),
+    ]
+    names = ("case", "parameter", "direction", "label", "value", "relative")
+    return xr.Dataset({name: ("margin", list(column)) for name, column in zip(names, zip(*rows, strict=True), strict=True)})
+
+
+def test_margins_are_bars_to_the_events():
+    ax = plots.design_margins(design(), margins())
+    assert [text.get_text() for text in ax.get_yticklabels()] == ["clearance [mm]", "length [m]", "clearance [mm]"]
+    bars = sorted(float(line.get_xdata()[1]) for line in ax.lines if line.get_linewidth() == 3.5)
+    assert bars == pytest.approx([-10.0, -5.0, -5.0, 1.0, 10.0, 20.0], abs=1e-12)
+    # an event has a marker and its value; the side without one has neither
+    assert [len(dots(ax, marker)) for marker in ("|", "D", "^", "o")] == [2, 1, 1, 1]
+    assert sorted(text.get_text() for text in ax.texts) == ["0.19", "0.22", "0.9", "0.95", "1.01"]
+    words = legend(ax)
+    assert sum("m/s" in word for word in words) == 2 and sum(word.startswith("GR") for word in words) == 1
+
+
+def test_a_page_has_margins():
+    ds = design()
+    assert len(plots.design_overview(ds, margins=margins())) == 5
+    axes = plots.design_overview(ds, surroundings(ds), margins=margins())
+    assert len(axes) == 6 and axes[5].get_xlabel() == "change of the parameter [%]"
+    with pytest.raises(ValueError, match="event_margins"):
+        plots.design_margins(ds, ds)
