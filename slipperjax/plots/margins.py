@@ -72,5 +72,6 @@ def _case(ds: xr.Dataset, case: int) -> str:
     found = []
     for name in names:
         unit = PARAMETERS[name].display_unit
-        found.append(f"{name.replace('_', ' ')} {shown(ds, name)[case]:.5g}{'' if unit == '1' else f' {typeset(unit)}'}")
+        value = f"{shown(ds, name)[case]:.5g}"
+        found.append(f"{name.replace('_', ' ')} {value}{'' if unit == '1' else f' {typeset(unit)}'}")
     return ", ".join(found) or "the case"

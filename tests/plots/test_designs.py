@@ -318,7 +318,8 @@ def margins():
         (0, "clearance", 1, "GR", 1.01e-3, 0.01),
     ]
     names = ("case", "parameter", "direction", "label", "value", "relative")
-    return xr.Dataset({name: ("margin", list(column)) for name, column in zip(names, zip(*rows, strict=True), strict=True)})
+    columns = zip(names, zip(*rows, strict=True), strict=True)
+    return xr.Dataset({name: ("margin", list(column)) for name, column in columns})
 
 
 def test_margins_are_bars_to_the_events():
@@ -330,13 +331,15 @@ def test_margins_are_bars_to_the_events():
     assert [len(dots(ax, marker)) for marker in ("|", "D", "^", "o")] == [2, 1, 1, 1]
     assert sorted(text.get_text() for text in ax.texts) == ["0.19", "0.22", "0.9", "0.95", "1.01"]
     words = legend(ax)
-    assert sum("m/s" in word for word in words) == 2 and sum(word.startswith("GR") for word in words) == 1
+    assert sum("m/s" in word for word in words) == 2
+    assert sum(word.startswith("GR") for word in words) == 1
 
 
 def test_a_page_has_margins():
     ds = design()
     assert len(plots.design_overview(ds, margins=margins())) == 5
     axes = plots.design_overview(ds, surroundings(ds), margins=margins())
-    assert len(axes) == 6 and axes[5].get_xlabel() == "change of the parameter [%]"
+    assert len(axes) == 6
+    assert axes[5].get_xlabel() == "change of the parameter [%]"
     with pytest.raises(ValueError, match="event_margins"):
         plots.design_margins(ds, ds)
