@@ -66,8 +66,10 @@ if _TYPE_CHECKING:
     from .orbits import load_branch as load_branch
     from .orbits import lyapunov_spectrum as lyapunov_spectrum
     from .orbits import periodic_orbit as periodic_orbit
+    from .sweeps import Store as Store
     from .sweeps import follow as follow
     from .sweeps import lyapunov_sweep as lyapunov_sweep
+    from .sweeps import open_store as open_store
     from .sweeps import orbit_sweep as orbit_sweep
     from .sweeps import repeat as repeat
     from .sweeps import sweep as sweep
@@ -94,8 +96,10 @@ _LATER = {
     "load_branch": "orbits",
     "lyapunov_spectrum": "orbits",
     "periodic_orbit": "orbits",
+    "Store": "sweeps",
     "follow": "sweeps",
     "lyapunov_sweep": "sweeps",
+    "open_store": "sweeps",
     "orbit_sweep": "sweeps",
     "repeat": "sweeps",
     "sweep": "sweeps",

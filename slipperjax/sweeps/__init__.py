@@ -38,6 +38,14 @@ from .repeat import repeat as repeat
 from .search import find_orbits as find_orbits
 from .spread import spread_orbits as spread_orbits
 from .spread import sweep_from as sweep_from
+from .stores import Store as Store
+from .stores import StoreInUse as StoreInUse
+from .stores import StoreStatus as StoreStatus
+from .stores import check_store as check_store
+from .stores import merge_stores as merge_stores
+from .stores import open_store as open_store
+from .stores import storable as storable
+from .stores import store_status as store_status
 from .sweep import case_attributes as case_attributes
 from .sweep import case_variables as case_variables
 from .sweep import sweep as sweep

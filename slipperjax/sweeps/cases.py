@@ -1,6 +1,5 @@
 """Grids of parameters as a batch of scenes and starts: names are resolved here, and nowhere below."""
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,9 +8,9 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..model import STARTS, Motion, Parameter, Scene, State, check_scene, rounded_steps, steps_needed
-from ..model import parameter as parameter_named
-from ..tools import Batched, yes_or_no
+from ..model import STARTS, Motion, Scene, State, rounded_steps, steps_needed
+from ..tools import Batched
+from .grid import Grid
 from .limits import refuse_cases
 
 LANES = 8
@@ -28,12 +27,8 @@ class Cases:
     """The motion or state at time zero, where the grid does not vary it."""
     starts: Motion | State
     """Those of the cases, with a leading axis."""
-    axes: dict[str, np.ndarray]
-    """The grid's values by name, in SI units."""
-    dims: tuple[str, ...]
-    """Dimensions of the grid in a dataset."""
-    shape: tuple[int, ...]
-    """Lengths of `dims`."""
+    grid: Grid
+    """What is varied, in SI units."""
 
     def __init__(self, scene: Scene, grid: Mapping[str, Any], start: Motion | State, *, product: bool = True):
         """**Arguments:**
@@ -46,21 +41,13 @@ class Cases:
         **Raises:** `ValueError` for a wrong name, an empty axis, a bad value, or lists of several lengths side by
         side.
         """
-        self.scene = check_scene(scene)
-        if not isinstance(grid, Mapping) or not grid:
-            raise ValueError(f"Argument `grid` must name one or more parameters with their values, but is {grid!r}.")
-        self.axes = {name: _values(scene, name, raw) for name, raw in grid.items()}
-        product = yes_or_no("product", product)
-        lengths = tuple(len(v) for v in self.axes.values())
-        refuse_cases(math.prod(lengths) if product else lengths[0])
-        if product:
+        self.grid = Grid(scene, grid, product=product)
+        self.scene = scene
+        refuse_cases(self.grid.count)
+        flat = self.axes
+        if self.grid.product:
             mesh = np.meshgrid(*self.axes.values(), indexing="ij")
             flat = {name: m.ravel() for name, m in zip(self.axes, mesh, strict=True)}
-            self.dims, self.shape = tuple(map(self.label, self.axes)), lengths
-        else:
-            if len(set(lengths)) > 1:
-                raise ValueError(f"Argument `grid` must have lists of one length, but they have {lengths}.")
-            flat, self.dims, self.shape = self.axes, ("case",), lengths[:1]
         varied = {name: values for name, values in flat.items() if name not in STARTS}
         single = scene.replace(**{name: values[0] for name, values in varied.items()})  # parts that were None are set
         scenes = Batched.of(scene.replace(**varied), single)
@@ -74,22 +61,32 @@ class Cases:
             self.starts = eqx.tree_at(lambda state: state.motion, alike, self.starts)
 
     @property
+    def axes(self) -> dict[str, np.ndarray]:
+        """The grid's values by name, in SI units."""
+        return self.grid.axes
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """Dimensions of the grid in a dataset."""
+        return self.grid.dims
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Lengths of `dims`."""
+        return self.grid.shape
+
+    @property
     def count(self) -> int:
         """Number of cases."""
-        return math.prod(self.shape)
+        return self.grid.count
 
-    @staticmethod
-    def label(name: str) -> str:
+    def label(self, name: str) -> str:
         """What an axis is called in a dataset, where y is the displacement and not the start's."""
-        return f"start_{name}" if name in STARTS else name
+        return self.grid.label(name)
 
     def coordinates(self) -> dict[str, Any]:
         """The axes as coordinates of a dataset."""
-        found = {}
-        for name, values in self.axes.items():
-            label, known = self.label(name), STARTS[name] if name in STARTS else parameter_named(name, self.scene)
-            found[label] = (label if label in self.dims else "case", values, known.attributes)
-        return found
+        return self.grid.coordinates()
 
     def take(self, index: np.ndarray) -> tuple[Batched[Scene], Motion | State]:
         """The scenes and starts at some places, for a compiled program."""
@@ -113,18 +110,6 @@ def _steps_needed(scenes: Batched[Scene], starts: Motion | State) -> jax.Array:
 @jax.jit
 def _forcing_periods(scenes: Batched[Scene], starts: Motion | State) -> jax.Array:
     return scenes.map(lambda scene, start: scene.period, starts)
-
-
-def _values(scene: Scene, name: str, raw: Any) -> np.ndarray:
-    if name in STARTS:
-        known: Parameter = STARTS[name]
-    else:
-        known = parameter_named(name, scene)
-        known.check_exists(scene)
-    values = np.atleast_1d(np.asarray(known.checked(raw)))
-    if values.ndim != 1 or values.size == 0:
-        raise ValueError(f"Argument `{name}` must be a list of one or more values, but has shape {values.shape}.")
-    return values
 
 
 def batch_size(count: int) -> int:

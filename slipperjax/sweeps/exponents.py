@@ -6,6 +6,7 @@ the exponents of their orbits; those of the others are measured; chaotic ones ru
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import diffrax
@@ -29,6 +30,7 @@ from .measure import BLOCK, JACOBIAN, LAST, LOOK, PAIR, Measure, measured_period
 from .plan import PAUSE, Chunk, OnProgress, Plan, make_plan, strobe_plan
 from .progress import Later
 from .reached import Reached, nothing_reached, reached_orbits
+from .stores import Store, storable
 from .sweep import case_attributes
 from .votes import take_votes, work_of_votes
 
@@ -36,6 +38,7 @@ SEARCH = 4
 """Jacobians that the search for an orbit takes, about; as many again with steps half as long."""
 
 
+@storable
 def lyapunov_sweep(
     scene: Scene,
     grid: Mapping[str, Any],
@@ -52,6 +55,8 @@ def lyapunov_sweep(
     chunk: int | None = None,
     workers: int | None = None,
     progress: bool = False,
+    store: Store | str | Path | None = None,
+    executor: Any = None,
 ) -> xr.Dataset:
     """Lyapunov exponents for every case of a grid, as one batch, each with its certificate.
 

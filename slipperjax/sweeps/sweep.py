@@ -1,6 +1,7 @@
 """Grids of parameters as one batch to xarray: each case from the same start."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import diffrax
@@ -15,8 +16,10 @@ from ..solvers import solver_name
 from .cases import Cases
 from .executors import in_order, records_in_order, run_chunk, run_chunks
 from .plan import Plan, make_plan
+from .stores import Store, storable
 
 
+@storable
 def sweep(
     scene: Scene,
     grid: Mapping[str, Any],
@@ -33,6 +36,8 @@ def sweep(
     chunk: int | None = None,
     workers: int | None = None,
     progress: bool = False,
+    store: Store | str | Path | None = None,
+    executor: Any = None,
 ) -> xr.Dataset:
     """Simulates a scene for every combination of parameter values, as one batch.
 
@@ -56,11 +61,14 @@ def sweep(
         per core, and never more than one where `solver` is one of diffrax's implicit ones, see
         `solvers.calls_lapack`. Neither changes any result.
     - `progress`: show how far it is and how long it will take, as a bar, or a line now and then in files and pipes.
+    - `store`: path of a zarr store, or a `Store`, which is written while the sweep runs; the same call goes on where
+        the last one ended. `executor`: a `dask.distributed.Client` or `concurrent.futures.Executor` that computes it.
 
     **Returns:** an `xarray.Dataset` with the grid's names as first dimensions, then `crossing`, `period` or
     `time`. For each case, `status` is 0 where nothing is wrong and tells what happened otherwise, and
     `steps_per_period` how many steps it took. A case that left the finite numbers leaves the others untouched. A
-    start coordinate x that is varied makes the dimension `start_x`.
+    start coordinate x that is varied makes the dimension `start_x`. With `store` it is what the store holds, read
+    from disk when values are asked for.
 
     **Raises:** `ValueError`, before anything is compiled, that names the argument which is wrong, or memory and time
     where the run is impossible; `Interrupted`, which has the finished cases, after Ctrl-C.

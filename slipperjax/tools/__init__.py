@@ -22,6 +22,7 @@ from .fused import materialise as materialise
 from .fused import sums as sums
 from .limits import cores as cores
 from .limits import refuse_impossible as refuse_impossible
+from .limits import shown_bytes as shown_bytes
 from .limits import shown_time as shown_time
 from .modules import ShapeChecked as ShapeChecked
 from .modules import axes_of as axes_of

@@ -1,0 +1,253 @@
+"""Stores on disk: made whole, written tile by tile, each complete or absent, and read while they grow."""
+
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from ...flow import Status
+from ..grid import Grid
+from .fingerprint import differences
+from .tiles import Tiling
+
+LAST = "status"
+"""The variable that is written last: a tile is there when its chunk of it is."""
+ASKED = "asked"
+"""Attribute of the store that holds its fingerprint."""
+SHAPE = "tiles"
+"""Attribute with the grid's dimensions, and their lengths and those of a tile."""
+COORDINATES = "coordinates_of_cases"
+"""Attribute that names the variables over the grid which are coordinates."""
+CROSSINGS = 16
+"""Room for crossings of a section in a forcing period; one or two are usual."""
+
+
+class Archive(NamedTuple):
+    """A store that exists."""
+
+    path: Path
+    dims: tuple[str, ...]
+    """Dimensions of the grid."""
+    tiles: Tiling
+
+    def done(self) -> np.ndarray:
+        """Whether each tile is complete."""
+        folder = self.path / LAST / "c"
+        exists = lambda number: folder.joinpath(*map(str, self.tiles.place(number))).is_file()
+        return np.fromiter((exists(number) for number in range(self.tiles.count)), bool, self.tiles.count)
+
+    def finished(self) -> int:
+        """How many cases are in complete tiles."""
+        return sum(self.tiles.cases(int(number)) for number in np.flatnonzero(self.done()))
+
+    def write(self, number: int, ds: xr.Dataset) -> None:
+        """Writes the results of a tile.
+
+        **Raises:** `OSError` where the disk is full or protected; the tile is absent then.
+        """
+        group, region = _group(self.path, "r+"), dict(zip(self.dims, self.tiles.region(number), strict=True))
+        for name in self.arrays():
+            array, variable = group[name], ds.variables[name]
+            place = tuple(region.get(str(d), slice(None)) for d in variable.dims)
+            array[place] = _fitted(name, variable, array.shape, self.dims)
+
+    def values(self, names: Sequence[str], number: int) -> dict[str, np.ndarray]:
+        """The coordinates of a tile, by the names that the grid has for them."""
+        group, region = _group(self.path, "r"), self.tiles.region(number)
+        slices = region if len(self.dims) == len(names) else region * len(names)
+        labels = [Grid.label(name) for name in names]
+        return {name: group[label][cut] for name, label, cut in zip(names, labels, slices, strict=True)}
+
+    def arrays(self) -> dict[str, Any]:
+        """The arrays that tiles have a chunk of, in the order in which these are written."""
+        found = {
+            name: array for name, array in _group(self.path, "r").arrays() if set(self.dims) <= set(_dims(array))
+        }
+        return {name: found[name] for name in [*sorted(name for name in found if name != LAST), LAST]}
+
+    def files(self, number: int) -> dict[str, Path]:
+        """The files of a tile by variable, in the order in which they are written."""
+        at = dict(zip(self.dims, map(str, self.tiles.place(number)), strict=True))
+        return {
+            name: self.path.joinpath(name, "c", *(at.get(d, "0") for d in _dims(array)))
+            for name, array in self.arrays().items()
+        }
+
+    def damaged(self) -> Iterator[tuple[int, str]]:
+        """Complete tiles that cannot be read, with what is wrong: all is read and compared with its checksums."""
+        arrays = self.arrays()
+        for number in np.flatnonzero(self.done()).tolist():
+            region = dict(zip(self.dims, self.tiles.region(number), strict=True))
+            for name, file in self.files(number).items():
+                if not file.is_file():
+                    yield number, f"{file} is missing"
+                    continue
+                try:
+                    arrays[name][tuple(region.get(d, slice(None)) for d in _dims(arrays[name]))]
+                except Exception as error:  # codecs raise many kinds of errors
+                    yield number, f"{file} cannot be read: {error}"
+
+    def forget(self, number: int) -> None:
+        """Makes a tile absent, so that the next run computes it again."""
+        self.path.joinpath(LAST, "c", *map(str, self.tiles.place(number))).unlink(missing_ok=True)
+
+    def tidy(self) -> None:
+        """Deletes what a process that was killed had not finished to write. Nobody else may be writing."""
+        for part in self.path.rglob("*.partial"):
+            part.unlink(missing_ok=True)
+
+
+def _group(path: Path, mode: str) -> Any:
+    import zarr
+
+    return zarr.open_group(path, mode=mode, zarr_format=3, use_consolidated=False)
+
+
+def _dims(array: Any) -> tuple[str, ...]:
+    return tuple(array.metadata.dimension_names or ())
+
+
+def _fitted(name: str, variable: xr.Variable, shape: tuple[int, ...], dims: tuple[str, ...]) -> np.ndarray:
+    """Values as the store has room for them: shorter dimensions other than the grid's are filled up with NaN."""
+    values = _storable(variable)
+    room = [n if d in dims else m for d, n, m in zip(variable.dims, values.shape, shape, strict=True)]
+    if any(n > m for n, m in zip(values.shape, room, strict=True)):
+        raise ValueError(
+            f"A case has more values of `{name}` than the store has room for, {values.shape} in {tuple(room)}; keep "
+            "fewer periods, or another record."
+        )
+    if tuple(room) != values.shape:
+        found = np.full(room, np.nan)
+        found[tuple(slice(n) for n in values.shape)] = values
+        values = found
+    return values
+
+
+def make_archive(path: Path, grid: Grid, tiles: Tiling, asked: Mapping[str, Any], like: xr.Dataset) -> Archive:
+    """Makes an empty store, whole or not at all.
+
+    **Arguments:** `asked`: its fingerprint; `like`: the results of one case.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    shutil.rmtree(part, ignore_errors=True)
+    try:
+        _make(part, grid, tiles, asked, like)
+        os.rename(part, path)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    return open_archive(path)
+
+
+def _make(path: Path, grid: Grid, tiles: Tiling, asked: Mapping[str, Any], like: xr.Dataset) -> None:
+    import zarr
+
+    group = zarr.open_group(path, mode="w-", zarr_format=3)
+    axes = grid.coordinates()
+    for name, (dim, values, attrs) in axes.items():
+        _add(group, name, xr.Variable(dim, values, attrs))
+    lengths, pieces = (dict(zip(grid.dims, numbers, strict=True)) for numbers in (tiles.shape, tiles.tile))
+    for name, variable in like.variables.items():
+        if name not in axes and set(grid.dims) <= set(variable.dims):
+            inner = {d: _room(str(d), n, like) for d, n in zip(variable.dims, variable.shape, strict=True)}
+            whole, chunk = (tuple((inner | of_grid).values()) for of_grid in (lengths, pieces))
+            _add(group, str(name), variable, whole, chunk)
+        elif name not in axes:
+            _add(group, str(name), variable)
+    shape = {"dims": list(grid.dims), "shape": list(tiles.shape), "tile": list(tiles.tile)}
+    more = [str(name) for name in like.coords if name not in axes and name not in like.dims]
+    attributes = {name: _json(value) for name, value in like.attrs.items()}
+    group.attrs.update({**attributes, ASKED: dict(asked), SHAPE: shape, COORDINATES: more})
+
+
+def _add(
+    group: Any, name: str, variable: xr.Variable, whole: tuple[int, ...] | None = None, chunk: tuple[int, ...] = ()
+) -> None:
+    """An array like a variable: with its values, or of another shape and empty."""
+    from zarr.codecs import ZstdCodec
+
+    values = _storable(variable)
+    fill: Any = {"f": np.nan, "c": np.nan, "T": "", "b": False}.get(values.dtype.kind, 0)
+    shape = values.shape if whole is None else whole
+    array = group.create_array(
+        name,
+        shape=shape,
+        chunks=tuple(max(n, 1) for n in (chunk or shape)),
+        dtype=values.dtype,
+        fill_value=int(Status.NOT_RUN) if name == LAST else fill,
+        attributes={key: _json(value) for key, value in variable.attrs.items()},
+        dimension_names=[str(d) for d in variable.dims],
+        # a checksum in every chunk, and a file even for chunks of one value, so that nothing can be lost unseen
+        compressors=(ZstdCodec(level=3, checksum=True),),
+        config={"write_empty_chunks": True},
+    )
+    if whole is None:
+        array[...] = values
+
+
+def _storable(variable: xr.Variable) -> np.ndarray:
+    """Values in a type that zarr's specification knows."""
+    values = np.asarray(variable.values)
+    return values.astype(np.dtypes.StringDType()) if values.dtype.kind in "UO" else values
+
+
+def _room(dim: str, size: int, like: xr.Dataset) -> int:
+    """Length of a dimension in a store, where it differs from case to case."""
+    return CROSSINGS * int(like.attrs["periods"]) if dim == "crossing" else size
+
+
+def _json(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def open_archive(path: Path) -> Archive:
+    """A store that exists.
+
+    **Raises:** `ValueError` where it is none of ours.
+    """
+    try:
+        shape = _group(path, "r").attrs[SHAPE]
+    except (OSError, KeyError, ValueError) as error:
+        raise ValueError(f"{path}: must be a store of slipperjax, but is none: {error}") from None
+    return Archive(path, tuple(shape["dims"]), Tiling(tuple(shape["shape"]), tuple(shape["tile"])))
+
+
+def asked_of(archive: Archive) -> dict[str, Any]:
+    """The fingerprint of a store."""
+    return _group(archive.path, "r").attrs[ASKED]
+
+
+def check_asked(archive: Archive, asked: Mapping[str, Any]) -> None:
+    """Refuses a store that was made by another call.
+
+    **Raises:** `ValueError` that shows the differences.
+    """
+    found = asked_of(archive)
+    lines = differences(found, json.loads(json.dumps(asked)))
+    if lines:
+        shown = "\n  ".join(lines[:10] + [f"and {len(lines) - 10} more"] * (len(lines) > 10))
+        raise ValueError(
+            f"Argument `store` must be of the same call, but {archive.path} was made by another one:\n  {shown}\n"
+            "Take another path, or start over with slipperjax.Store(path, fresh=True), on the command line --fresh."
+        )
+
+
+def open_store(path: Any) -> xr.Dataset:
+    """A store as a dataset over its whole grid, whose values are read from disk when they are asked for.
+
+    It may be complete, or still growing: cases that are not there yet have `Status.NOT_RUN` and NaN.
+
+    **Raises:** `ValueError` for a path that is no store of slipperjax.
+    """
+    archive = open_archive(Path(path))
+    ds = xr.open_zarr(archive.path, consolidated=False, chunks=None, zarr_format=3)
+    more = [name for name in ds.attrs[COORDINATES] if name in ds.data_vars]
+    for name in (SHAPE, ASKED, COORDINATES):
+        del ds.attrs[name]
+    # labels, such as those of points, as other datasets have them
+    words = {name: (name, np.array(ds[name].values.tolist())) for name in ds.indexes if ds[name].dtype.kind == "T"}
+    return ds.set_coords(more).assign_coords(words)

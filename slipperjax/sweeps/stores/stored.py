@@ -1,0 +1,121 @@
+"""Sweeps into a store: the same call again goes on where the last one ended, however that was."""
+
+import functools
+import inspect
+import shutil
+from collections.abc import Callable, Mapping
+from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+import xarray as xr
+
+from ...flow import Interrupted
+from ...model import Scene
+from ...tools import brief, whole
+from ..grid import Grid
+from .archive import Archive, check_asked, make_archive, open_archive, open_store
+from .fingerprint import fingerprint
+from .locks import making, writing
+from .target import Store, store_of
+from .tasks import Job, run_part, run_tasks
+from .tiles import Tiling, tiling
+
+LANES = 256
+"""Cases of one call in a tile: always as many, so that a worker compiles its programs once."""
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def storable(function: Callable[P, R]) -> Callable[P, R]:
+    """A sweep with the arguments `store` and `executor`, which are handled here.
+
+    The function takes `scene` and `grid`, then keywords, `product`, `workers`, `chunk` and `progress` among them, and
+    gives a dataset over the grid in which no case depends on another.
+    """
+    signature = inspect.signature(function)
+
+    @functools.wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> Any:
+        store, executor = kwargs.pop("store", None), kwargs.pop("executor", None)
+        if store is None:
+            if executor is not None:
+                raise ValueError("Argument `executor` needs `store`, to which its workers write.")
+            return function(*args, **kwargs)
+        bound = signature.bind(*args, **kwargs)
+        bound.apply_defaults()
+        given = dict(bound.arguments)
+        for name in ("store", "executor"):
+            given.pop(name)
+        return stored(function, given.pop("scene"), given.pop("grid"), given, store_of(store), executor)
+
+    return call
+
+
+def stored(
+    function: Callable[..., xr.Dataset],
+    scene: Scene,
+    grid: Mapping[str, Any],
+    options: Mapping[str, Any],
+    store: Store,
+    executor: Any = None,
+) -> xr.Dataset:
+    """Runs a function over a grid, tile by tile, into a store, and opens that.
+
+    **Raises:** `ValueError` where the store is of another call, with the differences; `StoreInUse` where another
+    process writes to it; `Interrupted` after Ctrl-C, with the store as its dataset.
+    """
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise ValueError(
+            "Argument `executor` must be a dask.distributed.Client or a concurrent.futures.Executor, but is "
+            f"{brief(executor)}."
+        )
+    checked = Grid(scene, grid, product=options.get("product", True))
+    if (steps := np.asarray(options.get("steps_per_period"))).ndim and steps.shape != checked.shape:
+        raise ValueError(
+            f"Argument `steps_per_period` must be one number or one for each case, {checked.shape}, but has shape "
+            f"{steps.shape}."
+        )
+    workers = options.get("workers")
+    workers = None if workers is None else whole("workers", workers, 1)
+    tiles = tiling(checked.shape, store.tile)
+    asked = fingerprint(function, checked, options, tiles)
+    # threads of this process run a tile each; those of other processes may have several cores
+    inside = {**options, "workers": 1 if executor is None else (workers or 1), "progress": False}
+    inside["chunk"] = options.get("chunk") or LANES
+    with writing(store):
+        archive = _archive(function, checked, tiles, asked, inside, store)
+        if store.share is None:
+            archive.tidy()
+        done = archive.done()
+        share, shares = store.share or (1, 1)
+        todo = [k for k in range(tiles.count) if not done[k] and k % shares == share - 1]
+        del inside["product"]
+        job = Job(store.path.absolute(), function, scene, tuple(checked.axes), checked.product, inside)
+        before = sum(tiles.cases(int(k)) for k in np.flatnonzero(done))
+        try:
+            run_tasks(job, todo, executor, workers, bool(options.get("progress")), before)
+        except KeyboardInterrupt:
+            raise Interrupted(open_store(store.path), archive.finished(), checked.count) from None
+    return open_store(store.path)
+
+
+def _archive(
+    function: Callable[..., xr.Dataset],
+    grid: Grid,
+    tiles: Tiling,
+    asked: Mapping[str, Any],
+    options: Mapping[str, Any],
+    store: Store,
+) -> Archive:
+    """The store, which is made where there is none."""
+    with making(store):
+        if store.fresh:
+            shutil.rmtree(store.path, ignore_errors=True)
+        if not store.path.exists():
+            corner = tuple(slice(1) for _ in grid.shape)
+            like = run_part(function, grid.scene, grid.part(corner), grid.product, options, corner)
+            return make_archive(store.path, grid, tiles, asked, like)
+        archive = open_archive(store.path)
+        check_asked(archive, asked)
+        return archive

@@ -1,0 +1,164 @@
+"""Tiles as tasks: computed here on threads, or by the workers of an executor, and written by who computed them."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from ...flow import ASKED
+from ...model import Scene
+from ...tools import cores
+from ..progress import Tally, display
+from .archive import open_archive
+
+TICK = 0.05
+"""Seconds between two looks at the tasks."""
+AHEAD = 3
+"""Tasks that are given to an executor for each of its workers, so that none waits for another."""
+LEAST_AHEAD = 16
+RETRIES = 3
+"""How often dask tries a task again that failed."""
+PATIENCE = 10.0
+"""Seconds after Ctrl-C that threads have to end the call that they are in."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What workers need to compute any tile of a store; it can be pickled if its options can."""
+
+    path: Path
+    function: Callable[..., xr.Dataset]
+    scene: Scene
+    names: tuple[str, ...]
+    """What the grid varies; the values are in the store."""
+    product: bool
+    options: Mapping[str, Any]
+    """Arguments besides; `steps_per_period` may be an array over the grid."""
+
+    def __call__(self, number: int) -> tuple[int, float]:
+        """Computes a tile and writes it. Calling it again is harmless: it writes the same bytes.
+
+        **Returns:** the number of the tile, and seconds.
+        """
+        begin, archive = time.perf_counter(), open_archive(self.path)
+        part = archive.values(self.names, number)
+        ds = run_part(self.function, self.scene, part, self.product, self.options, archive.tiles.region(number))
+        try:
+            archive.write(number, ds)
+        except OSError as error:
+            kept = f"{archive.finished()} of {prod(archive.tiles.shape)} cases are stored"
+            raise OSError(
+                error.errno, f"cannot write to {self.path}: {error.strerror or error}; {kept}, call again to go on"
+            ) from None
+        return number, time.perf_counter() - begin
+
+
+def run_part(
+    function: Callable[..., xr.Dataset],
+    scene: Scene,
+    part: Mapping[str, np.ndarray],
+    product: bool,
+    options: Mapping[str, Any],
+    region: tuple[slice, ...],
+) -> xr.Dataset:
+    """The function's results for a part of a grid, whose place in it is `region`."""
+    steps = options.get("steps_per_period")
+    of_part = {"steps_per_period": np.asarray(steps)[region]} if np.ndim(steps) else {}
+    return function(scene, dict(part), **{**options, **of_part, "product": product})
+
+
+class _Count(Tally):
+    """Progress by finished tiles: those of a run are alike."""
+
+    def duration(self, work: float) -> float | None:
+        return work * self.spent / self.done if self.done else None
+
+    @property
+    def state(self) -> str:
+        return "computing" if self.done else "starting"
+
+    def count(self, cases: int) -> None:
+        """A tile of so many cases is done."""
+        self.done += cases
+        self.finished += cases
+
+
+def run_tasks(job: Job, todo: Sequence[int], executor: Any, workers: int | None, progress: bool, before: int) -> None:
+    """Computes tiles, in any order.
+
+    **Arguments:** `executor`: a `concurrent.futures.Executor`, a `dask.distributed.Client`, or None for `workers`
+    threads of this process; `before`: cases that were finished before.
+
+    **Raises:** `KeyboardInterrupt` after Ctrl-C; what a task raised.
+    """
+    tiles = open_archive(job.path).tiles
+    wanted = sum(tiles.cases(number) for number in todo)
+    tally = _Count(wanted, wanted, 1, name=f"{before} cases stored before" if before else "")
+    with _submitting(executor, workers) as (submit, at_once), display(tally, progress) as shown:
+        left, waiting = iter(todo), {}
+        try:
+            while True:
+                for number in left:
+                    waiting[submit(job, number)] = number
+                    if len(waiting) >= at_once:
+                        break
+                for future in [future for future in waiting if future.done()]:
+                    number, _ = future.result()
+                    del waiting[future]
+                    tally.count(tiles.cases(number))
+                if not waiting and tally.finished >= wanted:
+                    return
+                if ASKED.is_set():
+                    raise KeyboardInterrupt
+                shown.show()
+                time.sleep(TICK)
+        except BaseException:
+            for future in waiting:
+                future.cancel()
+            raise
+
+
+@contextmanager
+def _submitting(executor: Any, workers: int | None) -> Iterator[tuple[Callable[..., Any], int]]:
+    """How a task is given to an executor, and how many are at once."""
+    if executor is None:
+        with _threads(cores() if workers is None else workers) as pool:
+            yield pool.submit, workers or cores()
+    elif type(executor).__module__.split(".")[0] == "distributed":
+        at_once = max(LEAST_AHEAD, AHEAD * sum(executor.nthreads().values()))
+        # tasks of one function and argument are the same to dask unless they are said to be impure
+        yield lambda job, number: executor.submit(job, number, pure=False, retries=RETRIES), at_once
+    else:
+        yield executor.submit, max(LEAST_AHEAD, AHEAD * getattr(executor, "_max_workers", 1))
+
+
+@contextmanager
+def _threads(count: int) -> Iterator[Executor]:
+    """Threads of this process, which end soon after an error or Ctrl-C."""
+    pool = ThreadPoolExecutor(count)
+    try:
+        yield pool
+    except BaseException:
+        asked = not ASKED.is_set()
+        ASKED.set()  # so end the runs that are under way
+        pool.shutdown(wait=False, cancel_futures=True)
+        _wait_until_idle(pool)
+        if asked:
+            ASKED.clear()
+        raise
+    pool.shutdown()
+
+
+def _wait_until_idle(pool: ThreadPoolExecutor) -> None:
+    until = time.monotonic() + PATIENCE
+    threads: set[threading.Thread] = set(getattr(pool, "_threads", ()))
+    while any(thread.is_alive() for thread in threads) and time.monotonic() < until:
+        time.sleep(TICK)
