@@ -71,6 +71,7 @@ if _TYPE_CHECKING:
     from .sweeps import lyapunov_sweep as lyapunov_sweep
     from .sweeps import open_store as open_store
     from .sweeps import orbit_sweep as orbit_sweep
+    from .sweeps import processes as processes
     from .sweeps import repeat as repeat
     from .sweeps import sweep as sweep
 
@@ -101,6 +102,7 @@ _LATER = {
     "lyapunov_sweep": "sweeps",
     "open_store": "sweeps",
     "orbit_sweep": "sweeps",
+    "processes": "sweeps",
     "repeat": "sweeps",
     "sweep": "sweeps",
 }

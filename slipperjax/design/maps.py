@@ -1,6 +1,7 @@
 """Objectives of every case of a grid, by simulation alone: brute force, against which designs are checked."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import diffrax
@@ -18,12 +19,14 @@ from ..sweeps import (
     Calls,
     Cases,
     Plan,
+    Store,
     case_attributes,
     case_variables,
     in_order,
     records_in_order,
     run_chunk,
     run_chunks,
+    storable,
 )
 from ..tools import whole
 from .gradients import totals
@@ -34,6 +37,7 @@ BLOCK = 32
 """Recorded forcing periods in one call."""
 
 
+@storable
 def objective_sweep(
     scene: Scene,
     objectives: Any,
@@ -48,6 +52,8 @@ def objective_sweep(
     chunk: int | None = None,
     workers: int | None = None,
     progress: bool = False,
+    store: Store | str | Path | None = None,
+    executor: Any = None,
 ) -> xr.Dataset:
     """Objectives of every case of a grid over the last forcing periods of a run, as one batch.
 

@@ -36,12 +36,14 @@ def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, A
 
 
 def open_result(path: Any) -> Any:
-    """A result's netCDF file, opened.
+    """A result's netCDF file or zarr store, opened.
 
     **Raises:** `ValueError` for a file that is none; `OSError` where it cannot be read.
     """
     import xarray as xr
 
+    if (path / "zarr.json").is_file():
+        return xr.open_zarr(path, consolidated=False, chunks=None, zarr_format=3)
     if not path.is_file():
         raise FileNotFoundError(f"No such file: {path}")
     try:

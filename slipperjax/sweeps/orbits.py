@@ -1,6 +1,7 @@
 """Periodic orbits of every case of a grid."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import diffrax
@@ -18,6 +19,7 @@ from .maps import rows_of
 from .measure import JACOBIAN
 from .plan import PAUSE, make_plan, strobe_plan
 from .search import find_orbits
+from .stores import Store, storable
 from .sweep import case_attributes, case_variables
 
 TYPICAL = 8
@@ -37,6 +39,7 @@ class _Found(NamedTuple):
     iterations: np.ndarray
 
 
+@storable
 def orbit_sweep(
     scene: Scene,
     grid: Mapping[str, Any],
@@ -52,6 +55,8 @@ def orbit_sweep(
     chunk: int | None = None,
     workers: int | None = None,
     progress: bool = False,
+    store: Store | str | Path | None = None,
+    executor: Any = None,
 ) -> xr.Dataset:
     """A periodic orbit for every case of a grid, with its Floquet multipliers, by Newton's method after a transient.
 

@@ -6,11 +6,13 @@ import shutil
 from collections.abc import Callable, Mapping
 from typing import Any, ParamSpec, TypeVar
 
+import jax
 import numpy as np
 import xarray as xr
 
 from ...flow import Interrupted
 from ...model import Scene
+from ...solvers import calls_lapack, resolve_solver
 from ...tools import brief, whole
 from ..grid import Grid
 from .archive import Archive, check_asked, make_archive, open_archive, open_store
@@ -91,7 +93,10 @@ def stored(
         share, shares = store.share or (1, 1)
         todo = [k for k in range(tiles.count) if not done[k] and k % shares == share - 1]
         del inside["product"]
-        job = Job(store.path.absolute(), function, scene, tuple(checked.axes), checked.product, inside)
+        named = f"{function.__module__}:{function.__qualname__}"
+        # LAPACK must not be called from two threads, and a device computes one batch at a time
+        alone = calls_lapack(resolve_solver(scene, options.get("solver")), True) or jax.default_backend() != "cpu"
+        job = Job(store.path.absolute(), named, scene, tuple(checked.axes), checked.product, inside, alone)
         before = sum(tiles.cases(int(k)) for k in np.flatnonzero(done))
         try:
             run_tasks(job, todo, executor, workers, bool(options.get("progress")), before)

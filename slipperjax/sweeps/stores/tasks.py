@@ -1,10 +1,11 @@
 """Tiles as tasks: computed here on threads, or by the workers of an executor, and written by who computed them."""
 
+import importlib
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
@@ -26,6 +27,7 @@ AHEAD = 3
 LEAST_AHEAD = 16
 RETRIES = 3
 """How often dask tries a task again that failed."""
+_ALONE = threading.Lock()
 PATIENCE = 10.0
 """Seconds after Ctrl-C that threads have to end the call that they are in."""
 
@@ -35,13 +37,16 @@ class Job:
     """What workers need to compute any tile of a store; it can be pickled if its options can."""
 
     path: Path
-    function: Callable[..., xr.Dataset]
+    function: str
+    """Module and name, as in "slipperjax.sweeps.sweep:sweep"."""
     scene: Scene
     names: tuple[str, ...]
     """What the grid varies; the values are in the store."""
     product: bool
     options: Mapping[str, Any]
     """Arguments besides; `steps_per_period` may be an array over the grid."""
+    alone: bool = False
+    """Whether a process may compute one tile at a time only."""
 
     def __call__(self, number: int) -> tuple[int, float]:
         """Computes a tile and writes it. Calling it again is harmless: it writes the same bytes.
@@ -50,7 +55,10 @@ class Job:
         """
         begin, archive = time.perf_counter(), open_archive(self.path)
         part = archive.values(self.names, number)
-        ds = run_part(self.function, self.scene, part, self.product, self.options, archive.tiles.region(number))
+        module, _, name = self.function.partition(":")
+        function = getattr(importlib.import_module(module), name)
+        with _ALONE if self.alone else nullcontext():
+            ds = run_part(function, self.scene, part, self.product, self.options, archive.tiles.region(number))
         try:
             archive.write(number, ds)
         except OSError as error:
@@ -72,7 +80,7 @@ def run_part(
     """The function's results for a part of a grid, whose place in it is `region`."""
     steps = options.get("steps_per_period")
     of_part = {"steps_per_period": np.asarray(steps)[region]} if np.ndim(steps) else {}
-    return function(scene, dict(part), **{**options, **of_part, "product": product})
+    return function(scene, grid=dict(part), **{**options, **of_part, "product": product})
 
 
 class _Count(Tally):

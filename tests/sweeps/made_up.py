@@ -1,0 +1,79 @@
+"""A sweep that costs no time, for tests of stores: numbers that follow from each case's parameters alone."""
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+import slipperjax as sj
+from slipperjax.flow import run_attributes
+from slipperjax.sweeps import Store, storable
+from slipperjax.sweeps.grid import Grid
+
+SHAPE = (12, 10)
+
+
+@storable
+def made_up(
+    scene,
+    grid,
+    *,
+    periods: int = 3,
+    product: bool = True,
+    steps_per_period=None,
+    solver=None,
+    start=None,
+    chunk=None,
+    workers=None,
+    progress: bool = False,
+    store: Store | str | Path | None = None,
+    executor=None,
+) -> xr.Dataset:
+    """Each call lasts for PAUSE seconds, and kills its process where the file DIES exists, which it deletes."""
+    time.sleep(float(os.environ.get("PAUSE", "0")))
+    dies = Path(os.environ.get("DIES", "none"))
+    if dies.exists():
+        dies.unlink()
+        os.kill(os.getpid(), signal.SIGKILL)
+    known = Grid(scene, grid, product=product)
+    mesh = np.meshgrid(*known.axes.values(), indexing="ij") if product else list(known.axes.values())
+    first = sum(np.sin((k + 1) * 1e3 * values) for k, values in enumerate(mesh))
+    crossing = np.repeat(first[..., None], 2 * periods - 1, axis=-1) * np.arange(1, 2 * periods)
+    steps = np.full(known.shape, 50) if steps_per_period is None else np.asarray(steps_per_period)
+    data = {
+        "v_z": ((*known.dims, "crossing"), crossing, {"units": "m/s"}),
+        "kind": (known.dims, np.where(first > 0, "up", "down and on")),
+        "good": (known.dims, first > 0),
+        "status": (known.dims, np.where(first > 1.5, 2, 0)),
+        "steps_per_period": (known.dims, np.broadcast_to(steps, known.shape)),
+    }
+    coords = {**known.coordinates(), "seconds": ((*known.dims, "period"), first[..., None] + np.arange(periods))}
+    coords["point"] = ["A", "B"]
+    attrs = run_attributes(scene, sj.table_2_start(), {"function": "made_up"}, known.dims) | {"periods": periods}
+    return xr.Dataset(data, coords, attrs)
+
+
+def a_grid() -> dict:
+    return {"speed": np.linspace(1000.0, 1600.0, SHAPE[0]), "clearance": np.linspace(0.5e-3, 1.5e-3, SHAPE[1])}
+
+
+def call(path, **more):
+    """The sweep of the tests, in tiles of ten cases."""
+    share = more.pop("share", None)
+    store = Store(path, tile=10, share=share, fresh=more.pop("fresh", False))
+    return made_up(sj.paper_scene(), a_grid(), store=store, **more)
+
+
+def files(path) -> dict[str, bytes]:
+    """Every byte of a store."""
+    return {str(file.relative_to(path)): file.read_bytes() for file in Path(path).rglob("*") if file.is_file()}
+
+
+if __name__ == "__main__":
+    print("ready", flush=True)
+    of_share = tuple(map(int, sys.argv[2].split("/"))) if len(sys.argv) > 2 else None
+    call(Path(sys.argv[1]), share=of_share, workers=1)

@@ -1,0 +1,352 @@
+"""Stores: the same bytes however a sweep was cut short, and clear words where they cannot be written."""
+
+import os
+import random
+import shutil
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import slipperjax as sj
+from slipperjax.flow import ASKED
+from slipperjax.sweeps import StoreInUse, check_store, merge_stores, store_status
+from slipperjax.sweeps.stores import tiling
+
+from . import made_up
+from .made_up import a_grid, call, files
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The bytes of a store that nothing disturbed."""
+    path = tmp_path_factory.mktemp("whole") / "map.zarr"
+    call(path)
+    return files(path)
+
+
+def process(path, pause, *more):
+    """A process that computes the store, once it has begun."""
+    options = dict(cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    options["env"] = os.environ | {"PAUSE": str(pause)}
+    command = [sys.executable, "-m", "tests.sweeps.made_up", str(path), *more]
+    found = subprocess.Popen(command, **options)
+    assert found.stdout.readline() == "ready\n", found.stderr.read()
+    return found
+
+
+def ended(one) -> str:
+    """Waits for a process, and gives what it said on its way."""
+    with one:
+        return one.communicate()[1]
+
+
+# what a store holds
+
+
+def test_a_store_holds_what_the_sweep_gives(tmp_path):
+    found, plain = call(tmp_path / "map.zarr"), made_up.made_up(sj.paper_scene(), a_grid())
+    assert set(found.variables) == set(plain.variables)
+    for name, variable in plain.variables.items():
+        values = found[name].values
+        if "crossing" in variable.dims:
+            assert np.isnan(values[..., variable.shape[-1] :]).all()
+            values = values[..., : variable.shape[-1]]
+        assert values.tolist() == variable.values.tolist(), name
+        assert found[name].attrs == variable.attrs, name
+    assert "seconds" in found.coords
+    assert found.attrs == plain.attrs
+    assert float(sj.load_scene(found.isel(speed=3, clearance=4)).speed) == found["speed"].values[3]
+    assert float(sj.load_scene(tmp_path / "map.zarr", speed=1000.0, clearance=0.5e-3).speed) == 1000.0
+
+
+def test_the_lists_of_a_grid_are_read_side_by_side(tmp_path):
+    rng = np.random.default_rng(1)
+    lists = {"speed": rng.uniform(500, 600, 23), "start_y": None, "clearance": rng.uniform(1e-3, 2e-3, 23)}
+    lists = {name: values for name, values in lists.items() if values is not None}
+    steps = rng.integers(1, 9, 23) * 50
+    how = dict(product=False, steps_per_period=steps)
+    plain = made_up.made_up(sj.paper_scene(), lists, **how)
+    ds = made_up.made_up(sj.paper_scene(), lists, store=sj.Store(tmp_path / "list.zarr", tile=7), **how)
+    assert ds["status"].dims == ("case",)
+    assert np.array_equal(ds["steps_per_period"], steps)
+    assert np.array_equal(ds["seconds"], plain["seconds"])
+    assert np.array_equal(ds["clearance"], lists["clearance"])
+
+
+def test_tiles_cover_a_grid_once():
+    for shape, size in (((12, 10), 10), ((7, 5, 3), 4), ((23,), 7), ((3, 1000), 64), ((200, 200), None), ((1, 1), 9)):
+        tiles = tiling(shape, size)
+        seen = np.zeros(shape, int)
+        for number in range(tiles.count):
+            seen[tiles.region(number)] += 1
+            assert seen[tiles.region(number)].size == tiles.cases(number) <= max(size or 2048, 1)
+        assert np.all(seen == 1)
+    assert tiling((100_000, 10_000)).count == 16_667  # of 1e9 cases, and so many files of each variable
+    assert tiling((200, 200)).tile == (10, 200)
+
+
+# cut short, and gone on with
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_killed_sweep_goes_on_to_the_same_bytes(tmp_path, whole, seed):
+    path, rng, kills = tmp_path / "map.zarr", random.Random(seed), 0
+    for _ in range(3):
+        with process(path, 0.02) as one:
+            time.sleep(rng.uniform(0.0, 0.5))
+            one.kill()
+            kills += one.wait() != 0
+            one.communicate()
+    assert kills > 0
+    call(path)
+    assert files(path) == whole
+
+
+@pytest.mark.slow
+def test_twenty_kills_change_no_byte(tmp_path):
+    """As above, of a sweep that computes, at 20 random instants."""
+    script = (
+        "import numpy as np, slipperjax as sj, sys\n"
+        "sj.compile_cache(sys.argv[2])\n"
+        "grid = {'speed': np.linspace(1000.0, 1600.0, 60), 'clearance': np.linspace(0.5e-3, 1.5e-3, 40)}\n"
+        "print('ready', flush=True)\n"
+        "how = dict(transient=40, periods=5, steps_per_period=50, chunk=64)\n"
+        "sj.sweep(sj.paper_scene(), grid, store=sj.Store(sys.argv[1], tile=120), **how)\n"
+    )
+    cache, rng = str(tmp_path / "cache"), random.Random(4)
+    run = lambda name: subprocess.Popen(
+        [sys.executable, "-c", script, str(tmp_path / name), cache], stdout=-1, text=1
+    )
+    for _ in range(2):  # the second time is without compiling
+        (tmp_path / "whole.zarr").exists() and __import__("shutil").rmtree(tmp_path / "whole.zarr")
+        with run("whole.zarr") as one:
+            one.stdout.readline()
+            begin = time.monotonic()
+            assert one.wait() == 0
+            lasts = time.monotonic() - begin
+    states = []
+    for _ in range(20):
+        with run("map.zarr") as one:
+            one.stdout.readline()
+            time.sleep(rng.uniform(0.0, lasts / 4))
+            one.kill()
+        if (tmp_path / "map.zarr").exists():
+            states.append(store_status(tmp_path / "map.zarr").tiles_done)
+            if states[-1] == 20:
+                shutil.rmtree(tmp_path / "map.zarr")
+    with run("map.zarr") as one:
+        assert one.wait() == 0
+    print(f"tiles of 20 after each kill: {states}")
+    assert len(set(states)) > 3
+    assert files(tmp_path / "map.zarr") == files(tmp_path / "whole.zarr")
+
+
+def test_ctrl_c_leaves_a_store_that_can_be_read(tmp_path, whole, monkeypatch):
+    path = tmp_path / "map.zarr"
+    monkeypatch.setenv("PAUSE", "0.05")
+    pool = ThreadPoolExecutor(1)
+
+    def stop():
+        while not path.exists() or store_status(path).tiles_done < 3:
+            time.sleep(0.01)
+        ASKED.set()
+
+    pool.submit(stop)
+    try:
+        with pytest.raises(sj.Interrupted) as caught:
+            call(path, workers=1)
+    finally:
+        ASKED.clear()
+        pool.shutdown()
+    ds = caught.value.dataset
+    assert caught.value.cases == 120
+    assert 30 <= caught.value.finished < 120
+    there = ds["status"].values != int(sj.Status.NOT_RUN)
+    assert there.sum() == caught.value.finished
+    assert np.isnan(ds["v_z"].values[~there]).all()
+    call(path)
+    assert files(path) == whole
+
+
+def test_what_is_stored_is_not_computed_again(tmp_path, monkeypatch):
+    path = tmp_path / "map.zarr"
+    call(path)
+    before = {file: file.stat().st_mtime_ns for file in path.rglob("*")}
+    check_store(path)
+    next(path.glob("status/c/4/0")).unlink()
+    call(path)
+    changed = {file.parent.name for file in before if file.is_file() and file.stat().st_mtime_ns != before[file]}
+    assert changed == {"4", "0"}  # the fifth tile of every variable
+
+
+# other calls, and other processes
+
+
+def test_another_call_is_refused_with_the_difference(tmp_path, whole):
+    path = tmp_path / "map.zarr"
+    call(path)
+    grid = a_grid()
+    for change, words in (
+        (dict(periods=4), "arguments.periods: 3 in the store, 4 asked"),
+        (dict(scene=sj.paper_scene(restitution=0.8)), "restitution: 0.9 in the store, 0.8 asked"),
+        (dict(grid=grid | {"speed": grid["speed"] + 1}), "grid.speed.first: 1000.0 in the store, 1001.0 asked"),
+    ):
+        asked = dict(scene=sj.paper_scene(), grid=grid) | change
+        with pytest.raises(ValueError, match="was made by another one") as caught:
+            made_up.made_up(store=sj.Store(path, tile=10), **asked)
+        assert words in str(caught.value)
+    assert files(path) == whole
+    call(path, fresh=True)
+    assert files(path) == whole
+
+
+def test_two_processes_cannot_write_to_one_store(tmp_path, whole):
+    path = tmp_path / "map.zarr"
+    one = process(path, 0.2)
+    while not path.exists():
+        time.sleep(0.02)
+    with pytest.raises(StoreInUse, match=r"Another process writes to map\.zarr"):
+        call(path)
+    assert xr.open_zarr(path, consolidated=False, chunks=None).sizes["speed"] == 12  # but read it
+    with one:
+        one.kill()
+    call(path)  # a lock ends with its process
+    assert files(path) == whole
+    assert not list(tmp_path.glob("*.lock"))
+
+
+def test_shares_of_a_store_are_computed_side_by_side(tmp_path, whole):
+    path = tmp_path / "map.zarr"
+    both = [process(path, 0.02, share) for share in ("1/2", "2/2")]
+    assert [ended(one) for one in both] == ["", ""]
+    assert files(path) == whole
+
+
+def test_shares_on_different_disks_are_merged(tmp_path, whole):
+    parts = [tmp_path / name / "map.zarr" for name in ("one", "two")]
+    for k, part in enumerate(parts):
+        part.parent.mkdir()
+        call(part, share=(k + 1, 2))
+    status = merge_stores(parts, tmp_path / "map.zarr")
+    assert (status.tiles_done, status.cases_done) == (12, 120)
+    assert files(tmp_path / "map.zarr") == whole
+    call(tmp_path / "other.zarr", periods=5)
+    with pytest.raises(ValueError, match=r"arguments\.periods"):
+        merge_stores([tmp_path / "other.zarr"], tmp_path / "map.zarr")
+
+
+# what can be wrong with disks
+
+
+def test_a_damaged_tile_is_found_and_computed_again(tmp_path, whole):
+    path = tmp_path / "map.zarr"
+    call(path)
+    assert check_store(path) == []
+    broken = path / "v_z" / "c" / "3" / "0" / "0"
+    content = bytearray(broken.read_bytes())
+    content[len(content) // 2] ^= 1
+    broken.write_bytes(bytes(content))
+    (path / "good" / "c" / "5" / "0").unlink()
+    lines = check_store(path)
+    assert [line.split(":")[0] for line in lines] == ["tile 3", "tile 5"]
+    assert str(broken) in lines[0]
+    assert "missing" in lines[1]
+    check_store(path, repair=True)
+    assert store_status(path).tiles_done == 10
+    call(path)
+    assert files(path) == whole
+
+
+def test_a_full_disk_is_named_and_nothing_is_lost(tmp_path, whole, monkeypatch):
+    from zarr.storage import LocalStore
+
+    path, usual, count = tmp_path / "map.zarr", LocalStore.set, 0
+
+    async def fails(self, key, value):
+        nonlocal count
+        count += 1
+        if count > 60:
+            raise OSError(28, "No space left on device")
+        await usual(self, key, value)
+
+    monkeypatch.setattr(LocalStore, "set", fails)
+    with pytest.raises(OSError, match=r"cannot write to .*No space left on device; .* of 120 cases are stored"):
+        call(path, workers=1)
+    monkeypatch.undo()
+    assert 0 < store_status(path).cases_done < 120
+    call(path)
+    assert files(path) == whole
+
+
+def test_a_folder_that_is_missing_or_protected_is_named(tmp_path, monkeypatch):
+    with pytest.raises(FileNotFoundError, match="No such folder"):
+        call(tmp_path / "none" / "map.zarr")
+    with pytest.raises(ValueError, match=r"ends in \.zarr"):
+        call(tmp_path / "map.nc")
+    (tmp_path / "plain.zarr").mkdir()
+    with pytest.raises(ValueError, match="must be a store of slipperjax"):
+        call(tmp_path / "plain.zarr")
+    import filelock
+
+    def refuses(self, **_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(filelock.FileLock, "acquire", refuses)
+    with pytest.raises(PermissionError, match="protected against writing"):
+        call(tmp_path / "map.zarr")
+
+
+# workers
+
+
+def test_processes_compute_tiles_and_a_killed_one_is_named(tmp_path, whole, monkeypatch):
+    from concurrent.futures.process import BrokenProcessPool
+
+    mark, path = tmp_path / "die", tmp_path / "map.zarr"
+    monkeypatch.setenv("DIES", str(mark))
+    with sj.processes(2) as pool:
+        ds = call(path, executor=pool)
+    assert files(path) == whole
+    assert int((ds["status"] == int(sj.Status.NOT_RUN)).sum()) == 0
+    with sj.processes(1) as pool, pytest.raises(BrokenProcessPool):
+        call(tmp_path / "dies.zarr", executor=_Marking(pool, mark))
+    assert store_status(tmp_path / "dies.zarr").tiles_done < 12
+    call(tmp_path / "dies.zarr")
+    assert files(tmp_path / "dies.zarr") == whole
+
+
+class _Marking:
+    """An executor that asks the third worker to die."""
+
+    def __init__(self, pool, mark):
+        self.pool, self.mark, self.count = pool, mark, 0
+
+    def submit(self, *work):
+        self.count += 1
+        if self.count == 3:
+            self.mark.touch()
+        return self.pool.submit(*work)
+
+
+def test_what_is_no_executor_or_no_store_is_named(tmp_path):
+    for wrong, words in (
+        (dict(executor=3, store=tmp_path / "map.zarr"), "must be a dask.distributed.Client or"),
+        (dict(executor=ThreadPoolExecutor(1)), "`executor` needs `store`"),
+        (dict(store=7), "must be a path or a slipperjax.Store"),
+        (dict(store=tmp_path / "m.zarr", steps_per_period=np.ones(3)), "one for each case, \\(12, 10\\)"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            made_up.made_up(sj.paper_scene(), a_grid(), **wrong)
+    for share in ((0, 2), (3, 2), (1,), "1/2"):
+        with pytest.raises(ValueError, match="`share` must be"):
+            sj.Store(tmp_path / "m.zarr", share=share)
+    with pytest.raises(ValueError, match="`fresh` must be False"):
+        sj.Store(tmp_path / "m.zarr", share=(1, 2), fresh=True)
