@@ -72,6 +72,7 @@ if _TYPE_CHECKING:
     from .sweeps import open_store as open_store
     from .sweeps import orbit_sweep as orbit_sweep
     from .sweeps import processes as processes
+    from .sweeps import refined as refined
     from .sweeps import repeat as repeat
     from .sweeps import sweep as sweep
 
@@ -103,6 +104,7 @@ _LATER = {
     "open_store": "sweeps",
     "orbit_sweep": "sweeps",
     "processes": "sweeps",
+    "refined": "sweeps",
     "repeat": "sweeps",
     "sweep": "sweeps",
 }

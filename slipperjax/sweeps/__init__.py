@@ -45,6 +45,7 @@ from .stores import check_store as check_store
 from .stores import merge_stores as merge_stores
 from .stores import open_store as open_store
 from .stores import processes as processes
+from .stores import refined as refined
 from .stores import storable as storable
 from .stores import store_status as store_status
 from .sweep import case_attributes as case_attributes

@@ -41,7 +41,7 @@ def made_up(
         os.kill(os.getpid(), signal.SIGKILL)
     known = Grid(scene, grid, product=product)
     mesh = np.meshgrid(*known.axes.values(), indexing="ij") if product else list(known.axes.values())
-    first = sum(np.sin((k + 1) * 1e3 * values) for k, values in enumerate(mesh))
+    first = sum(np.sin(len(name) * 1e3 * values) for name, values in zip(known.axes, mesh, strict=True))
     crossing = np.repeat(first[..., None], 2 * periods - 1, axis=-1) * np.arange(1, 2 * periods)
     steps = np.full(known.shape, 50) if steps_per_period is None else np.asarray(steps_per_period)
     data = {

@@ -18,6 +18,7 @@ from ..grid import Grid
 from .archive import Archive, check_asked, make_archive, open_archive, open_store
 from .fingerprint import fingerprint
 from .locks import making, writing
+from .reuse import check_reuse
 from .target import Store, store_of
 from .tasks import Job, run_part, run_tasks
 from .tiles import Tiling, tiling
@@ -85,6 +86,8 @@ def stored(
     # threads of this process run a tile each; those of other processes may have several cores
     inside = {**options, "workers": 1 if executor is None else (workers or 1), "progress": False}
     inside["chunk"] = options.get("chunk") or LANES
+    if store.reuse is not None:
+        check_reuse(store.reuse, asked, tuple(checked.axes))
     with writing(store):
         archive = _archive(function, checked, tiles, asked, inside, store)
         if store.share is None:
@@ -96,7 +99,8 @@ def stored(
         named = f"{function.__module__}:{function.__qualname__}"
         # LAPACK must not be called from two threads, and a device computes one batch at a time
         alone = calls_lapack(resolve_solver(scene, options.get("solver")), True) or jax.default_backend() != "cpu"
-        job = Job(store.path.absolute(), named, scene, tuple(checked.axes), checked.product, inside, alone)
+        reuse = None if store.reuse is None else store.reuse.absolute()
+        job = Job(store.path.absolute(), named, scene, tuple(checked.axes), checked.product, inside, reuse, alone)
         before = sum(tiles.cases(int(k)) for k in np.flatnonzero(done))
         try:
             run_tasks(job, todo, executor, workers, bool(options.get("progress")), before)
@@ -118,6 +122,8 @@ def _archive(
         if store.fresh:
             shutil.rmtree(store.path, ignore_errors=True)
         if not store.path.exists():
+            for part in store.path.parent.glob(f".{store.path.name}.*.part"):  # of a process that was killed
+                shutil.rmtree(part, ignore_errors=True)
             corner = tuple(slice(1) for _ in grid.shape)
             like = run_part(function, grid.scene, grid.part(corner), grid.product, options, corner)
             return make_archive(store.path, grid, tiles, asked, like)

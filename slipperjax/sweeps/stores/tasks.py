@@ -19,6 +19,7 @@ from ...model import Scene
 from ...tools import cores
 from ..progress import Tally, display
 from .archive import open_archive
+from .reuse import run_rest
 
 TICK = 0.05
 """Seconds between two looks at the tasks."""
@@ -45,6 +46,8 @@ class Job:
     product: bool
     options: Mapping[str, Any]
     """Arguments besides; `steps_per_period` may be an array over the grid."""
+    reuse: Path | None = None
+    """A store that may have some of the cases."""
     alone: bool = False
     """Whether a process may compute one tile at a time only."""
 
@@ -57,8 +60,9 @@ class Job:
         part = archive.values(self.names, number)
         module, _, name = self.function.partition(":")
         function = getattr(importlib.import_module(module), name)
+        region = archive.tiles.region(number)
         with _ALONE if self.alone else nullcontext():
-            ds = run_part(function, self.scene, part, self.product, self.options, archive.tiles.region(number))
+            ds = run_part(function, self.scene, part, self.product, self.options, region, self.reuse)
         try:
             archive.write(number, ds)
         except OSError as error:
@@ -76,11 +80,14 @@ def run_part(
     product: bool,
     options: Mapping[str, Any],
     region: tuple[slice, ...],
+    reuse: Path | None = None,
 ) -> xr.Dataset:
     """The function's results for a part of a grid, whose place in it is `region`."""
     steps = options.get("steps_per_period")
-    of_part = {"steps_per_period": np.asarray(steps)[region]} if np.ndim(steps) else {}
-    return function(scene, grid=dict(part), **{**options, **of_part, "product": product})
+    of_part = {**options, "steps_per_period": np.asarray(steps)[region]} if np.ndim(steps) else options
+    if reuse is not None:
+        return run_rest(function, scene, part, product, of_part, reuse)
+    return function(scene, grid=dict(part), **{**of_part, "product": product})
 
 
 class _Count(Tally):
