@@ -23,6 +23,8 @@ SHAPE = "tiles"
 """Attribute with the grid's dimensions, and their lengths and those of a tile."""
 COORDINATES = "coordinates_of_cases"
 """Attribute that names the variables over the grid which are coordinates."""
+WHOLE: Any = {"write_empty_chunks": True}
+"""Chunks of one value have a file, too, so that none can be lost unseen."""
 CROSSINGS = 16
 """Room for crossings of a section in a forcing period; one or two are usual."""
 
@@ -33,6 +35,8 @@ class Archive(NamedTuple):
     path: Path
     dims: tuple[str, ...]
     """Dimensions of the grid."""
+    axes: tuple[str, ...]
+    """The variables that hold the grid's values, which were written when the store was made."""
     tiles: Tiling
 
     def done(self) -> np.ndarray:
@@ -50,9 +54,11 @@ class Archive(NamedTuple):
 
         **Raises:** `OSError` where the disk is full or protected; the tile is absent then.
         """
-        group, region = _group(self.path, "r+"), dict(zip(self.dims, self.tiles.region(number), strict=True))
+        import zarr
+
+        region = dict(zip(self.dims, self.tiles.region(number), strict=True))
         for name in self.arrays():
-            array, variable = group[name], ds.variables[name]
+            array, variable = zarr.open_array(self.path / name, mode="r+").with_config(WHOLE), ds.variables[name]
             place = tuple(region.get(str(d), slice(None)) for d in variable.dims)
             array[place] = _fitted(name, variable, array.shape, self.dims)
 
@@ -65,9 +71,9 @@ class Archive(NamedTuple):
 
     def arrays(self) -> dict[str, Any]:
         """The arrays that tiles have a chunk of, in the order in which these are written."""
-        found = {
-            name: array for name, array in _group(self.path, "r").arrays() if set(self.dims) <= set(_dims(array))
-        }
+        found = dict(_group(self.path, "r").arrays())
+        of_tile = lambda name: name not in self.axes and set(self.dims) <= set(_dims(found[name]))
+        found = {name: array for name, array in found.items() if of_tile(name)}
         return {name: found[name] for name in [*sorted(name for name in found if name != LAST), LAST]}
 
     def files(self, number: int) -> dict[str, Path]:
@@ -158,7 +164,7 @@ def _make(path: Path, grid: Grid, tiles: Tiling, asked: Mapping[str, Any], like:
             _add(group, str(name), variable, whole, chunk)
         elif name not in axes:
             _add(group, str(name), variable)
-    shape = {"dims": list(grid.dims), "shape": list(tiles.shape), "tile": list(tiles.tile)}
+    shape = {"dims": list(grid.dims), "axes": list(axes), "shape": list(tiles.shape), "tile": list(tiles.tile)}
     more = [str(name) for name in like.coords if name not in axes and name not in like.dims]
     attributes = {name: _json(value) for name, value in like.attrs.items()}
     group.attrs.update({**attributes, ASKED: dict(asked), SHAPE: shape, COORDINATES: more})
@@ -181,9 +187,7 @@ def _add(
         fill_value=int(Status.NOT_RUN) if name == LAST else fill,
         attributes={key: _json(value) for key, value in variable.attrs.items()},
         dimension_names=[str(d) for d in variable.dims],
-        # a checksum in every chunk, and a file even for chunks of one value, so that nothing can be lost unseen
         compressors=(ZstdCodec(level=3, checksum=True),),
-        config={"write_empty_chunks": True},
     )
     if whole is None:
         array[...] = values
@@ -213,7 +217,8 @@ def open_archive(path: Path) -> Archive:
         shape = _group(path, "r").attrs[SHAPE]
     except (OSError, KeyError, ValueError) as error:
         raise ValueError(f"{path}: must be a store of slipperjax, but is none: {error}") from None
-    return Archive(path, tuple(shape["dims"]), Tiling(tuple(shape["shape"]), tuple(shape["tile"])))
+    tiles = Tiling(tuple(shape["shape"]), tuple(shape["tile"]))
+    return Archive(path, tuple(shape["dims"]), tuple(shape["axes"]), tiles)
 
 
 def asked_of(archive: Archive) -> dict[str, Any]:
