@@ -67,6 +67,7 @@ if _TYPE_CHECKING:
     from .orbits import lyapunov_spectrum as lyapunov_spectrum
     from .orbits import periodic_orbit as periodic_orbit
     from .sweeps import Store as Store
+    from .sweeps import explain as explain
     from .sweeps import follow as follow
     from .sweeps import lyapunov_sweep as lyapunov_sweep
     from .sweeps import open_store as open_store
@@ -74,6 +75,7 @@ if _TYPE_CHECKING:
     from .sweeps import processes as processes
     from .sweeps import refined as refined
     from .sweeps import repeat as repeat
+    from .sweeps import sample_box as sample_box
     from .sweeps import sweep as sweep
 
 _ROOMS = (
@@ -99,6 +101,7 @@ _LATER = {
     "lyapunov_spectrum": "orbits",
     "periodic_orbit": "orbits",
     "Store": "sweeps",
+    "explain": "sweeps",
     "follow": "sweeps",
     "lyapunov_sweep": "sweeps",
     "open_store": "sweeps",
@@ -106,6 +109,7 @@ _LATER = {
     "processes": "sweeps",
     "refined": "sweeps",
     "repeat": "sweeps",
+    "sample_box": "sweeps",
     "sweep": "sweeps",
 }
 """Names of rooms that are imported at their first use, as those above that only a type checker sees."""

@@ -15,6 +15,8 @@ from .executors import on_threads as on_threads
 from .executors import records_in_order as records_in_order
 from .executors import run_chunk as run_chunk
 from .executors import run_chunks as run_chunks
+from .explain import Estimate as Estimate
+from .explain import explain as explain
 from .exponents import lyapunov_sweep as lyapunov_sweep
 from .follow import follow as follow
 from .jumps import Jump as Jump
@@ -35,6 +37,7 @@ from .plan import make_plan as make_plan
 from .plan import strobe_plan as strobe_plan
 from .reached import reached_orbits as reached_orbits
 from .repeat import repeat as repeat
+from .sampling import sample_box as sample_box
 from .search import find_orbits as find_orbits
 from .spread import spread_orbits as spread_orbits
 from .spread import sweep_from as sweep_from

@@ -20,6 +20,8 @@ from .files import write_each as write_each
 from .files import write_whole as write_whole
 from .fused import materialise as materialise
 from .fused import sums as sums
+from .limits import LONGEST as LONGEST
+from .limits import available_memory as available_memory
 from .limits import cores as cores
 from .limits import refuse_impossible as refuse_impossible
 from .limits import shown_bytes as shown_bytes

@@ -9,6 +9,7 @@ from .stored import storable as storable
 from .stored import stored as stored
 from .target import Store as Store
 from .target import check_share as check_share
+from .target import store_of as store_of
 from .tiles import Tiling as Tiling
 from .tiles import tiling as tiling
 from .upkeep import StoreStatus as StoreStatus

@@ -1,0 +1,216 @@
+"""What a sweep will take, before it is begun: counted, and measured by a probe of a few of its cases."""
+
+import inspect
+import math
+import shutil
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from ..flow import first_of
+from ..model import Scene
+from ..tools import LONGEST, available_memory, cores, shown_bytes, shown_time, whole
+from .cases import Cases
+from .grid import Grid
+from .stores import LANES, store_of
+from .stores.tiles import Tiling, tiling
+
+PROBED = 4096
+"""Cases whose number of steps is looked at, spread over the grid."""
+COPIES = 3.0
+"""How often results are in memory while a tile is put together and written."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a sweep will take."""
+
+    function: str
+    cases: int
+    tiles: Tiling
+    steps_per_period: tuple[int, int]
+    """The fewest and the most of the cases that were looked at."""
+    compile: float
+    """Time [s] in which a process makes its programs, or takes them from the cache."""
+    per_case: float
+    """Time [s] of a case on one core, when all cores are busy alike."""
+    workers: int
+    """Cores."""
+    memory: float
+    """Bytes that a worker needs."""
+    per_case_stored: float
+    """Bytes on disk of a case, compressed."""
+    files: int
+    """On disk."""
+    free: float | None
+    """Bytes that are free on the disk of the store."""
+
+    @property
+    def seconds(self) -> float:
+        """Time in all [s]."""
+        return self.compile + self.cases * self.per_case / self.workers
+
+    @property
+    def stored(self) -> float:
+        """Bytes on disk in all."""
+        return self.cases * self.per_case_stored
+
+    @property
+    def problems(self) -> list[str]:
+        """Why it cannot be done like that, with advice; nothing where it can."""
+        found, room = [], available_memory()
+        if room is not None and self.memory > room:
+            found.append(
+                f"a worker needs {shown_bytes(self.memory)} of memory, of which {shown_bytes(float(room))} are "
+                "available: take smaller tiles, sj.Store(path, tile=...), or keep less of each case"
+            )
+        if self.free is not None and self.stored > self.free:
+            found.append(
+                f"the store needs {shown_bytes(self.stored)}, of which its disk has {shown_bytes(self.free)}: "
+                "keep less of each case, such as record=['peak_force'], or take another disk"
+            )
+        if self.seconds > LONGEST:
+            found.append(
+                f"it takes {shown_time(self.seconds)} on {self.workers} cores: "
+                f"{math.ceil(self.workers * self.seconds / (7 * 86400)):.3g} cores would be done in a week, see "
+                "`executor` and shares"
+            )
+        return found
+
+    def check(self) -> "Estimate":
+        """The estimate; raises `ValueError` with the advice where the sweep cannot be done like that."""
+        if self.problems:
+            raise ValueError(f"This sweep cannot be done: {'; '.join(self.problems)}.")
+        return self
+
+    def __str__(self) -> str:
+        low, high = self.steps_per_period
+        size = math.prod(self.tiles.tile)
+        lines = [
+            f"{self.function}: {self.cases} cases in {self.tiles.count} tiles of {size} "
+            f"({' x '.join(map(str, self.tiles.tile))})",
+            f"steps per period: {low if low == high else f'{low} to {high}'}",
+            f"time: {shown_time(self.seconds)} on {self.workers} cores ({self.per_case * 1e3:.3g} ms per case and "
+            f"core, {shown_time(size * self.per_case)} per tile; compiling {shown_time(self.compile)})",
+            f"memory: {shown_bytes(self.memory)} per worker",
+            f"disk: {shown_bytes(self.stored)} in {self.files} files ({shown_bytes(self.per_case_stored)} per case)"
+            + (f", {shown_bytes(self.free)} free" if self.free is not None else ""),
+        ]
+        return "\n".join([*lines, *(f"impossible: {text}" for text in self.problems)])
+
+
+def explain(
+    function: Callable[..., xr.Dataset],
+    scene: Scene,
+    grid: Mapping[str, Any],
+    *,
+    store: Any = None,
+    workers: int | None = None,
+    **options: Any,
+) -> Estimate:
+    """What a sweep will take: cases, tiles, time, memory and disk, from a probe of some of its cases.
+
+    The probe runs `LANES` cases spread over the grid, once to compile and once to be timed.
+
+    ```python
+    print(sj.explain(sj.sweep, scene, grid, transient=300, store="map.zarr"))
+    ```
+
+    **Arguments:** `function`: `sweep`, `lyapunov_sweep` or another one that can be stored; `workers`: cores that will
+    be at work, default those of this process; `store` and `options`: as for the function.
+
+    **Raises:** `ValueError` that names the argument which is wrong.
+    """
+    known = Grid(scene, grid, product=options.get("product", True))
+    target = None if store is None else store_of(store)
+    tiles = tiling(known.shape, None if target is None else target.tile)
+    workers = cores() if workers is None else whole("workers", workers, 1)
+    how = {**options, "workers": 1, "progress": False, "chunk": options.get("chunk") or LANES, "product": False}
+    steps = _steps(known, options)
+    used = -(-int(np.ceil(steps.mean())) // 50) * 50 if np.ptp(steps) else int(steps[0])
+    how["steps_per_period"] = used  # the same for all, so that the probe is one batch
+    some = _spread(known, LANES)
+    run = lambda: function(scene, grid=some, **{k: v for k, v in how.items() if k in _names(function)})
+    first, _ = _timed(run)
+    second, ds = _timed(run)
+    per_case = second / LANES * float(steps.mean()) / used
+    bytes_of_case = ds.nbytes / ds.sizes["case"]
+    free = None if target is None else float(shutil.disk_usage(_existing(target.path)).free)
+    arrays = [name for name in ds.variables if "case" in ds[name].dims]
+    return Estimate(
+        function.__name__,
+        known.count,
+        tiles,
+        (int(steps.min()), int(steps.max())),
+        max(first - second, 0.0),
+        per_case,
+        workers,
+        _resident() + COPIES * bytes_of_case * math.prod(tiles.tile),
+        _compressed(ds),
+        len(arrays) * tiles.count + 2 * len(ds.variables),
+        free,
+    )
+
+
+def _names(function: Any) -> set[str]:
+    return set(inspect.signature(function).parameters)
+
+
+def _spread(grid: Grid, count: int) -> dict[str, np.ndarray]:
+    """Cases spread evenly over a grid, as lists side by side; some more than once where there are fewer."""
+    at = np.floor((np.arange(count) + 0.5) * grid.count / count).astype(int)
+    places = np.unravel_index(at, grid.shape) if grid.product else (at,) * len(grid.axes)
+    return {name: values[place] for (name, values), place in zip(grid.axes.items(), places, strict=True)}
+
+
+def _steps(grid: Grid, options: Mapping[str, Any]) -> np.ndarray:
+    """Steps per period of some cases, as many as there are at most."""
+    given = options.get("steps_per_period")
+    if given is not None:
+        return np.atleast_1d(np.asarray(given)).ravel()
+    some = _spread(grid, min(grid.count, PROBED))
+    return Cases(grid.scene, some, first_of(options.get("start")), product=False).default_steps()
+
+
+def _timed(call: Callable[[], xr.Dataset]) -> tuple[float, xr.Dataset]:
+    begin = time.perf_counter()
+    found = call()
+    return time.perf_counter() - begin, found
+
+
+def _existing(path: Any) -> Any:
+    """The nearest folder above that exists."""
+    path = path.absolute()
+    while not path.exists():
+        path = path.parent
+    return path
+
+
+def _resident() -> float:
+    """Bytes of memory that this process has needed at most: programs and libraries, mostly."""
+    try:
+        import resource
+    except ImportError:  # not on Windows
+        return 1e9
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1.0 if sys.platform == "darwin" else 1024.0)
+
+
+def _compressed(ds: xr.Dataset) -> float:
+    """Bytes on disk of a case, of the probe's cases together."""
+    from numcodecs import Zstd
+
+    codec, total = Zstd(level=3), 0
+    for name in ds.variables:
+        variable = ds.variables[name]
+        if "case" in variable.dims:
+            values = variable.values
+            raw = (
+                values.astype("S").tobytes() if values.dtype.kind in "UO" else np.ascontiguousarray(values).tobytes()
+            )
+            total += len(codec.encode(raw))
+    return total / ds.sizes["case"]
