@@ -219,8 +219,26 @@ def make_solver(name: str, scene: Any) -> Any:
     return solvers.resolve_solver(scene, name)
 
 
-def make_grid(over: GridAxis, by: GridAxis | None = None, log: Sequence[str] | None = None) -> dict[str, Any]:
+def axis_of(option: str, text: str) -> GridAxis:
+    """A parameter, its first and last value and their number, from text such as "speed 100 2500 241".
+
+    **Raises:** `ValueError` that names the option.
+    """
+    try:
+        name, first, last, count = text.split()
+        return name, float(first), float(last), int(count)
+    except ValueError:
+        raise ValueError(
+            f"Option {option} must be a parameter, its first and last value, and how many, but is {text!r}."
+        ) from None
+
+
+def make_grid(
+    over: GridAxis, by: GridAxis | None = None, log: Sequence[str] | None = None, *, option: str = "--over"
+) -> dict[str, Any]:
     """Values in SI units by parameter name, from `--over` and `--by`; those named by `log` in equal ratios.
+
+    **Arguments:** `option`: what `over` is called in errors.
 
     **Raises:** `ValueError` that names the option which is wrong.
     """
@@ -229,24 +247,24 @@ def make_grid(over: GridAxis, by: GridAxis | None = None, log: Sequence[str] | N
     from ..sweeps import refuse_cases
 
     grid = {}
-    for option, axis in (("--over", over), ("--by", by)):
+    for named, axis in ((option, over), ("--by", by)):
         if axis is None:
             continue
         name, first, last, count = axis
         known = PARAMETERS.get(name) or STARTS.get(name)
         if known is None and "." not in name:
             raise ValueError(
-                f"Option {option} must begin with one of {', '.join((*PARAMETERS, *STARTS))}, or a path such as "
+                f"Option {named} must begin with one of {', '.join((*PARAMETERS, *STARTS))}, or a path such as "
                 f"section.play.2, but is {name!r}."
             )
         if count < 1:
-            raise ValueError(f"Option {option} must end with a number of values of 1 or more, but is {count}.")
+            raise ValueError(f"Option {named} must end with a number of values of 1 or more, but is {count}.")
         if known is not None and not np.all(np.isfinite((first, last))):
             known.checked(known.from_shown(first if not np.isfinite(first) else last))
         if name in grid:
             raise ValueError(f"Option --by must name another parameter than --over, but is {name!r} too.")
         if name in (log or ()) and not min(first, last) > 0:
-            raise ValueError(f"Option --log {name} needs values above zero, but {option} has {min(first, last):g}.")
+            raise ValueError(f"Option --log {name} needs values above zero, but {named} has {min(first, last):g}.")
         refuse_cases(count * math.prod(map(len, grid.values())))  # before the values take the memory
         space = np.geomspace if name in (log or ()) else np.linspace
         values = space(first, last, count)

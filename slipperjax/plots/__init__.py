@@ -18,6 +18,7 @@ from .designs import design_trials as design_trials
 from .event_curves import event_curves as event_curves
 from .files import png as png
 from .margins import design_margins as design_margins
+from .quantity_maps import quantity_map as quantity_map
 from .regimes import exponents as exponents
 from .regimes import regime_map as regime_map
 from .sections import section as section

@@ -96,7 +96,7 @@ class Estimate:
             f"({' x '.join(map(str, self.tiles.tile))})",
             f"steps per period: {low if low == high else f'{low} to {high}'}",
             f"time: {shown_time(self.seconds)} on {self.workers} cores ({self.per_case * 1e3:.3g} ms per case and "
-            f"core, {shown_time(size * self.per_case)} per tile; compiling {shown_time(self.compile)})",
+            f"core, {size * self.per_case:.2g} s per tile; compiling {shown_time(self.compile)})",
             f"memory: {shown_bytes(self.memory)} per worker",
             f"disk: {shown_bytes(self.stored)} in {self.files} files ({shown_bytes(self.per_case_stored)} per case)"
             + (f", {shown_bytes(self.free)} free" if self.free is not None else ""),
@@ -141,7 +141,7 @@ def explain(
     per_case = second / LANES * float(steps.mean()) / used
     bytes_of_case = ds.nbytes / ds.sizes["case"]
     free = None if target is None else float(shutil.disk_usage(_existing(target.path)).free)
-    arrays = [name for name in ds.variables if "case" in ds[name].dims]
+    arrays = [name for name in ds.variables if "case" in ds[name].dims and name not in known.coordinates()]
     return Estimate(
         function.__name__,
         known.count,

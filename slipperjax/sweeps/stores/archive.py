@@ -215,10 +215,10 @@ def open_archive(path: Path) -> Archive:
     """
     try:
         shape = _group(path, "r").attrs[SHAPE]
+        tiles = Tiling(tuple(shape["shape"]), tuple(shape["tile"]))
+        return Archive(path, tuple(shape["dims"]), tuple(shape["axes"]), tiles)
     except (OSError, KeyError, ValueError) as error:
         raise ValueError(f"{path}: must be a store of slipperjax, but is none: {error}") from None
-    tiles = Tiling(tuple(shape["shape"]), tuple(shape["tile"]))
-    return Archive(path, tuple(shape["dims"]), tuple(shape["axes"]), tiles)
 
 
 def asked_of(archive: Archive) -> dict[str, Any]:

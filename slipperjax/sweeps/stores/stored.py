@@ -81,7 +81,7 @@ def stored(
         )
     workers = options.get("workers")
     workers = None if workers is None else whole("workers", workers, 1)
-    tiles = tiling(checked.shape, store.tile)
+    tiles = _tiling(checked, store)
     asked = fingerprint(function, checked, options, tiles)
     # threads of this process run a tile each; those of other processes may have several cores
     inside = {**options, "workers": 1 if executor is None else (workers or 1), "progress": False}
@@ -107,6 +107,15 @@ def stored(
         except KeyboardInterrupt:
             raise Interrupted(open_store(store.path), archive.finished(), checked.count) from None
     return open_store(store.path)
+
+
+def _tiling(grid: Grid, store: Store) -> Tiling:
+    """As asked; otherwise as in the store, if there is one of this shape."""
+    if store.tile is None and not store.fresh and store.path.exists():
+        tiles = open_archive(store.path).tiles
+        if tiles.shape == grid.shape:
+            return tiles
+    return tiling(grid.shape, store.tile)
 
 
 def _archive(

@@ -114,6 +114,8 @@ def run_tasks(job: Job, todo: Sequence[int], executor: Any, workers: int | None,
 
     **Raises:** `KeyboardInterrupt` after Ctrl-C; what a task raised.
     """
+    if not todo:
+        return
     tiles = open_archive(job.path).tiles
     wanted = sum(tiles.cases(number) for number in todo)
     tally = _Count(wanted, wanted, 1, name=f"{before} cases stored before" if before else "")

@@ -1,0 +1,140 @@
+"""`slipperjax sweep` and `slipperjax store`: grids, samples, shares, finer maps, and what they print."""
+
+import signal
+import subprocess
+import sys
+import time
+
+import matplotlib.image
+import numpy as np
+import pytest
+import xarray as xr
+
+import slipperjax as sj
+from slipperjax.cli import main
+
+QUICK = ["--transient", 10, "--periods", 2, "--steps-per-period", 50]
+MAP = ["--over", "speed", 1000, 1600, 5, "--by", "clearance", 0.5, 1.5, 4, *QUICK]
+
+
+def call(arguments, capsys, code=0):
+    with pytest.raises(SystemExit) as stopped:
+        main(list(map(str, arguments)))
+    found = capsys.readouterr()
+    assert stopped.value.code == code, found.err
+    return found.out, found.err
+
+
+def refused(arguments, capsys):
+    _, error = call(arguments, capsys, 2)
+    assert error.count("error: ") == 1
+    return error.splitlines()[-1]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("stores")
+
+
+@pytest.fixture(scope="module")
+def stored(folder):
+    """A map of 5 speeds and 4 clearances in tiles of 8 cases."""
+    with pytest.raises(SystemExit) as stopped:
+        main([str(word) for word in ("sweep", *MAP, "--store", folder / "map.zarr", "--tile", 8)])
+    assert stopped.value.code == 0
+    return folder / "map.zarr"
+
+
+def test_a_map_is_stored_and_drawn(stored, capsys):
+    ds = sj.open_store(stored)
+    assert dict(ds["status"].sizes) == {"speed": 5, "clearance": 4}
+    assert ds["clearance"].values == pytest.approx(np.linspace(0.5e-3, 1.5e-3, 4))
+    assert matplotlib.image.imread(stored.with_suffix(".png")).shape[0] > 500
+    out, error = call(["sweep", *MAP, "--store", stored], capsys)  # nothing is left to do, in tiles as they are
+    assert "20 cases, 50 steps per period" in out
+    assert "0 flagged" in out
+    assert "map.png will be replaced" in error
+
+
+def test_shares_make_the_same_store(stored, folder, capsys):
+    for k in (1, 2):
+        out, _ = call(["sweep", *MAP, "--store", folder / "s.zarr", "--tile", 8, "--chunk", f"{k}/2"], capsys)
+        assert out.startswith(f"share {k}/2")
+    assert "20 of 20 cases (100.0%), 3 of 3 tiles" in out
+    read = lambda path: {str(f.relative_to(path)): f.read_bytes() for f in path.rglob("*") if f.is_file()}
+    assert read(folder / "s.zarr") == read(stored)
+
+
+def test_stores_are_looked_after(stored, folder, capsys):
+    assert call(["store", "status", stored], capsys)[0].startswith("20 of 20 cases (100.0%), 3 of 3 tiles, ")
+    assert call(["store", "check", stored], capsys)[0].startswith("nothing is damaged: 20 of 20")
+    assert call(["store", "merge", stored, "--into", folder / "copy.zarr"], capsys)[0].startswith("20 of 20")
+    (folder / "copy.zarr" / "v_z" / "c" / "1" / "0" / "0").write_bytes(b"nothing")
+    out, _ = call(["store", "check", folder / "copy.zarr", "--repair"], capsys, 1)
+    assert out.startswith("tile 1: ")
+    out, _ = call(["store", "draw", folder / "copy.zarr", "--show", "penetration", "--out", folder / "p.png"], capsys)
+    assert f"wrote {folder / 'p.png'}" in out
+    assert "12 of 20 cases" in out
+    assert "must be a store of slipperjax" in refused(["store", "status", folder / "none.zarr"], capsys)
+
+
+def test_a_part_is_refined(stored, folder, capsys):
+    fine = folder / "fine.zarr"
+    call(["sweep", "--refine", stored, "--within", "speed", 1100, 1500, *QUICK, "--store", fine], capsys)
+    ds = sj.open_store(fine)
+    assert ds["speed"].values.tolist() == [1150.0, 1225.0, 1300.0, 1375.0, 1450.0]
+    assert ds.sizes["clearance"] == 7
+    both = sj.open_store(stored)["peak_force"].sel(speed=[1150.0, 1300.0])
+    assert np.array_equal(ds["peak_force"].isel(speed=[0, 2], clearance=slice(None, None, 2)), both)
+
+
+def test_a_sample_needs_no_store(folder, capsys):
+    box = ["--over", "speed", 900, 1000, 1, "--by", "clearance", 0.5, 2, 1, "--log", "clearance"]
+    call(["sweep", *box, "--sample", 16, *QUICK, "--out", folder / "box.nc"], capsys)
+    with xr.open_dataset(folder / "box.nc", engine="h5netcdf") as ds:
+        assert dict(ds["status"].sizes) == {"case": 16}
+        assert np.all((ds["clearance"] > 0.5e-3) & (ds["clearance"] < 2e-3) & (ds["speed"] > 900))
+        assert 6 <= int((ds["clearance"] < 1e-3).sum()) <= 10  # spread by ratios
+
+
+def test_an_estimate_writes_nothing(folder, capsys):
+    out, _ = call(["sweep", *MAP, "--store", folder / "none.zarr", "--explain"], capsys)
+    assert out.startswith("sweep: 20 cases in 1 tiles of 20 (5 x 4)")
+    assert not (folder / "none.zarr").exists()
+
+
+def test_wrong_options_are_named(stored, folder, capsys):
+    new = ["--store", folder / "new.zarr"]
+    for more, words in (
+        ([*MAP, "--chunk", "1/2"], "Option --chunk needs --store"),
+        ([*MAP, *new, "--chunk", "3/2"], "I from 1 to N"),
+        ([*MAP, *new, "--chunk", "1/2", "--fresh"], "`fresh` must be False for a share"),
+        ([*MAP, "--store", folder / "new.nc"], "ends in .zarr"),
+        ([*MAP, *new, "--record", "exponents", "--record", "strobe"], "--record exponents must stand alone"),
+        ([*MAP, *new, "--processes", 2, "--cluster", "tcp://a"], "--cluster must not be given with --processes"),
+        ([*QUICK, *new], "Option --over must be given, or --refine"),
+        ([*MAP, *new, "--refine", stored], "--refine must not be given with --over"),
+        ([*QUICK, *new, "--refine", stored, "--within", "speed", "x", 2], "LOW and HIGH"),
+        (["--over", "speed", 1, 2, 3, "--by", "clearance", 1, *QUICK], "and how many, but is 'clearance 1'"),
+        (["--over", "speed", 1, 2, 3, "--by", "speed", 1, 2, 3, *QUICK], "another parameter than --over"),
+        ([*MAP, "--restitution", 0.5, "--store", stored], "restitution: 0.9 in the store, 0.5 asked"),
+    ):
+        assert words in refused(["sweep", *more], capsys)
+    assert not (folder / "new.zarr").exists()
+
+
+def test_ctrl_c_says_that_the_same_command_goes_on(folder):
+    words = ["--over", "speed", 1000, 1600, 640, "--transient", 200, "--periods", 2, "--steps-per-period", 50]
+    words += ["--store", folder / "c.zarr", "--tile", 16]
+    command = [sys.executable, "-c", "from slipperjax.cli import main; main()", "sweep", *map(str, words)]
+    options = dict(stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    with subprocess.Popen(command, **options) as one:
+        until = time.monotonic() + 120
+        while not list(folder.glob("c.zarr/status/c/*")) and time.monotonic() < until:
+            time.sleep(0.05)
+        one.send_signal(signal.SIGINT)
+        _, error = one.communicate(timeout=60)
+    assert one.returncode == 130
+    assert "of 640 cases are in" in error
+    assert "the same command goes on" in error
+    assert 0 < int((sj.open_store(folder / "c.zarr")["status"] == 0).sum()) < 640

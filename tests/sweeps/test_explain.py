@@ -1,0 +1,73 @@
+"""What a sweep will take, and points spread over a box."""
+
+import numpy as np
+import pytest
+
+import slipperjax as sj
+from slipperjax.sweeps import explain as explained
+
+from .made_up import a_grid, made_up
+
+
+def test_an_estimate_counts_and_measures(tmp_path, monkeypatch):
+    monkeypatch.setenv("PAUSE", "0.1")
+    store = sj.Store(tmp_path / "map.zarr", tile=10)
+    found = sj.explain(made_up, sj.paper_scene(), a_grid(), store=store, workers=4, steps_per_period=100)
+    assert (found.function, found.cases, found.tiles.count) == ("made_up", 120, 12)
+    assert found.steps_per_period == (100, 100)
+    # a tenth of a second for the 256 cases of the probe
+    assert 0.1 / 256 <= found.per_case < 0.5 / 256
+    assert found.seconds == pytest.approx(found.compile + 120 * found.per_case / 4)
+    assert found.stored == 120 * found.per_case_stored
+    assert found.problems == []
+    assert "120 cases in 12 tiles of 10 (1 x 10)" in str(found)
+    assert not store.path.exists()
+    # what a store of it takes, within the factor that compressing few cases at a time costs
+    made_up(sj.paper_scene(), a_grid(), store=store, steps_per_period=100)
+    size = sum(file.stat().st_size for file in store.path.rglob("c/**/*") if file.is_file())
+    assert found.stored < size < 6 * found.stored
+    assert abs(sum(file.is_file() for file in store.path.rglob("*")) - found.files) < 20
+
+
+def test_what_cannot_fit_is_refused_with_advice(tmp_path, monkeypatch):
+    grid = {"speed": np.linspace(100, 2500, 1_000_000), "clearance": np.linspace(1e-4, 1e-3, 1_000_000)}
+    monkeypatch.setenv("PAUSE", "0.1")
+    found = sj.explain(made_up, sj.paper_scene(), grid, store=tmp_path / "map.zarr", steps_per_period=50)
+    assert found.cases == 10**12
+    text = " ".join(found.problems)
+    assert "the store needs" in text
+    assert "cores would be done in a week" in text
+    with pytest.raises(ValueError, match="cannot be done"):
+        found.check()
+    monkeypatch.setattr(explained, "available_memory", lambda: 1000)
+    assert any("smaller tiles" in problem for problem in found.problems)
+
+
+def test_points_are_spread_over_a_box():
+    box = {"speed": (500.0, 2000.0), "clearance": (0.3e-3, 3e-3), "section.play.2": (1e-4, 1e-3)}
+    for method in ("sobol", "halton", "latin", "random"):
+        found = sj.sample_box(box, 64, method=method, log=["clearance"], seed=3)
+        for name, (low, high) in box.items():
+            assert found[name].shape == (64,)
+            assert np.all((found[name] >= low) & (found[name] < high))
+        halves = np.sum(found["clearance"] < np.sqrt(0.3e-3 * 3e-3)), np.sum(found["speed"] < 1250)
+        if method != "random":
+            assert np.allclose(halves, 32, atol=1)  # of 64 points that fill a box evenly
+        again = sj.sample_box(box, 64, method=method, log=["clearance"], seed=3)
+        assert all(np.array_equal(found[name], again[name]) for name in box)
+    assert len(sj.sample_box(box, 100)["speed"]) == 100
+
+
+def test_wrong_boxes_are_named():
+    for box, more, words in (
+        ({}, {}, "`box` must name one or more"),
+        ({"spede": (1.0, 2.0)}, {}, "spede"),
+        ({"speed": (2.0, 1.0)}, {}, "lower and the higher bound of speed"),
+        ({"speed": (1.0, 2.0, 3.0)}, {}, "lower and the higher bound of speed"),
+        ({"speed": (1.0, 2.0)}, dict(count=0), "`count`"),
+        ({"speed": (1.0, 2.0)}, dict(method="grid"), "`method`"),
+        ({"speed": (1.0, 2.0)}, dict(log=["mass"]), "`log` must name parameters of `box`"),
+        ({"y": (-1e-3, 1e-3)}, dict(log=["y"]), "`log` must name parameters above zero"),
+    ):
+        with pytest.raises((ValueError, KeyError), match=words):
+            sj.sample_box(box, **({"count": 8} | more))
