@@ -1,10 +1,11 @@
 """What a sweep will take, and points spread over a box."""
 
+import sys
+
 import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.sweeps import explain as explained
 
 from .made_up import a_grid, made_up
 
@@ -39,7 +40,7 @@ def test_what_cannot_fit_is_refused_with_advice(tmp_path, monkeypatch):
     assert "cores would be done in a week" in text
     with pytest.raises(ValueError, match="cannot be done"):
         found.check()
-    monkeypatch.setattr(explained, "available_memory", lambda: 1000)
+    monkeypatch.setattr(sys.modules["slipperjax.sweeps.explain"], "available_memory", lambda: 1000)
     assert any("smaller tiles" in problem for problem in found.problems)
 
 
