@@ -18,7 +18,7 @@ from ..model import (
     Scene,
     State,
     contact_points,
-    initial_state,
+    state_and_penetration,
     table_2_start,
 )
 from ..tools import brief, one_of, whole
@@ -76,7 +76,7 @@ class RMSAccelerations(AbstractReducer):
 
     @property
     def cost(self):
-        return 0.1
+        return 0.02
 
     def values(self, periods):
         return len(ACCELERATIONS)
@@ -112,7 +112,7 @@ class Extremes(AbstractReducer):
 
     @property
     def cost(self):
-        return 0.4
+        return 0.45
 
     def values(self, periods):
         return 2 * len(COORDINATES)
@@ -172,7 +172,7 @@ class SectionPoints(AbstractReducer):
 
     @property
     def cost(self):
-        return 1.2
+        return 0.5
 
     def values(self, periods):
         return len(SECTIONS) * (2 * self.crossings + 1)
@@ -291,6 +291,10 @@ class Reduced(AbstractReducer):
         for name in ("name", "units", "text"):
             if not isinstance(getattr(self, name), str):
                 raise ValueError(f"Argument `{name}` must be a text, but is {brief(getattr(self, name))}.")
+        try:
+            hash(self.function)
+        except TypeError:
+            raise ValueError(f"Argument `function` must be hashable, but is {brief(self.function)}.") from None
         if not self.name.isidentifier():
             raise ValueError(f"Argument `name` must be a name such as spring_force, but is {brief(self.name)}.")
         one_of("over", self.over, tuple(_OVER))
@@ -301,14 +305,15 @@ class Reduced(AbstractReducer):
 
     @property
     def cost(self):
-        return 0.5
+        return 0.2
 
     def values(self, periods):
         return 20
 
     def check(self, scene, periods, steps):
         try:
-            made = self._made(scene, initial_state(scene, table_2_start()))
+            state, _ = jax.eval_shape(state_and_penetration, scene, table_2_start())
+            made = self._made(scene, state)
         except Exception as error:
             raise ValueError(
                 f"Argument `function` of `{self.name}` must take (t, state, args), but raised "

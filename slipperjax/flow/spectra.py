@@ -51,7 +51,7 @@ class SpectrumLines(AbstractReducer):
 
     @property
     def cost(self):
-        return 0.1 + 0.1 * len(self.frequencies)
+        return 0.02 * len(self.frequencies)
 
     def values(self, periods):
         return 2 * len(self.frequencies)
