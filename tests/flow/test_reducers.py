@@ -48,9 +48,8 @@ def carried():
         scene, state = started(speed)
         # room for more steps and periods than there are
         stepping = ConstantSteps(STEPS + 20, jnp.asarray(float(STEPS)))
-        return (
-            PeriodMap(scene, stepping).run(state, 5.0, periods=PERIODS + 1, recorder=COMBINED, used=PERIODS).carried
-        )
+        options = dict(periods=PERIODS + 1, recorder=COMBINED, used=PERIODS)
+        return PeriodMap(scene, stepping).run(state, 5.0, **options).carried
 
     return jax.tree.map(np.asarray, run(jnp.asarray(SPEEDS)))
 
