@@ -1,6 +1,7 @@
 """System-independent analysis: Lyapunov spectra, Floquet multipliers, attractors, power spectra, statistics."""
 
 from .attractor import KINDS as KINDS
+from .attractor import MIN_TEST as MIN_TEST
 from .attractor import Attractors as Attractors
 from .attractor import classify as classify
 from .attractor import decay_rate as decay_rate

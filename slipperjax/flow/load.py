@@ -15,6 +15,7 @@ from ..model import Motion, Scene, SceneFile, State, scene_from_json, scene_from
 from ..tools import brief, build
 from .datasets import open_result
 from .provenance import start_from_json
+from .reducing import AbstractReducer
 
 SAME = 1e-9
 """Relative difference up to which a value asked for is one of a dataset's."""
@@ -61,7 +62,7 @@ def load_base(source: Any) -> tuple[Scene, Motion | State]:
 def load_call(source: Any) -> dict[str, Any]:
     """The function that made a result, as `function`, and its arguments besides scene, grid and start.
 
-    **Raises:** `ValueError` where a solver or controller cannot be rebuilt.
+    **Raises:** `ValueError` where a solver, controller or reducer cannot be rebuilt.
     """
     call = json.loads(_attribute(dataset_of(source), "call"))
     kinds = (
@@ -71,6 +72,7 @@ def load_call(source: Any) -> dict[str, Any]:
         optimistix.AbstractRootFinder,
         lineax.AbstractLinearSolver,
         Motion,
+        AbstractReducer,
     )
     return {name: build(value, kinds, name) for name, value in call.items()}
 

@@ -45,6 +45,8 @@ class Passage(NamedTuple):
     """`Status` code: the first that is not `FINITE` at the ends of the periods."""
     steps_taken: Int[Array, "*cases periods"]
     """Steps tried in each period, including those that an adaptive controller rejected."""
+    carried: Any = None
+    """What the recorder carried through all periods."""
 
 
 class PeriodMap(eqx.Module):
@@ -73,12 +75,13 @@ class PeriodMap(eqx.Module):
         periods: int | None = None,
         recorder: AbstractRecorder | None = None,
         used: Any = None,
+        earlier: Any = None,
     ) -> Passage:
         """Integrates some forcing periods, by default one application's, and keeps what `recorder` makes of each.
 
         **Arguments:** `state`: at the start of the forcing period number `epoch`; `used`: how many of `periods`
         are integrated, which may be traced, so that one program serves several numbers: what the result holds for
-        the others counts for nothing.
+        the others counts for nothing; `earlier`: what the recorder carried through earlier periods, by default none.
 
         **Returns:** a `Passage` with scalar status. Where solver or controller gave up, the motion is NaN from there
         on.
@@ -87,17 +90,19 @@ class PeriodMap(eqx.Module):
         scene, solver = settle_memory(self.scene), self.stepping.prepared(self.solver)
         points = contact_points(scene)  # once for the whole run, not in every evaluation
         terms = diffrax.ODETerm(vector_field(scene))
+        earlier = recorder.begin(scene, state) if earlier is None else earlier
 
         @functools.partial(jax.jit, inline=True)  # traced once: `period_if_used` needs its shapes, too
         def period(carry, epoch):
-            state, carried = carry
+            state, carried, kept = carry
             args = Args(scene, epoch, points)
             done = self.stepping.period(terms, solver, state, carried, args, recorder.inside)
             end = _lost_where(done.failed, done.end)
             record = end
             if recorder.inside:
-                record = recorder(_lost_where(done.failed, done.inside), args, self.stepping.number, done.rates)
-            return (end, done.carried), (record, status_of(end), jnp.asarray(done.taken, int))
+                seen = _lost_where(done.failed, done.inside), args, self.stepping.number, done.rates
+                record, kept = recorder(*seen), recorder.add(kept, *seen)
+            return (end, done.carried, kept), (record, status_of(end), jnp.asarray(done.taken, int))
 
         def period_if_used(carry, epoch_now):
             kept = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(period, carry, epoch_now)[1])
@@ -107,11 +112,11 @@ class PeriodMap(eqx.Module):
         first = self.stepping.first(terms, solver, state, Args(scene, epoch, points))
         epochs = epoch + jnp.arange(float(count))
         one = period if used is None else period_if_used
-        (end, _), (record, codes, taken) = jax.lax.scan(one, (state, first), epochs)
+        (end, _, kept), (record, codes, taken) = jax.lax.scan(one, (state, first, earlier), epochs)
         if used is not None:
             taken = jnp.where(jnp.arange(count) < used, taken, jnp.max(taken))
         code = codes[jnp.argmax(codes != int(Status.FINITE))]
-        return Passage(end, record, with_resolution(code, scene, jnp.min(taken)), taken)
+        return Passage(end, record, with_resolution(code, scene, jnp.min(taken)), taken, kept)
 
 
 def _lost_where(failed: Any, state: State) -> State:
@@ -174,19 +179,20 @@ def advance(
     periods: int,
     recorder: AbstractRecorder | None = None,
     used: Any = None,
+    earlier: Any = None,
 ) -> Passage:
     """Runs a batch over some forcing periods, all cases with the same stepping: see `PeriodMap.run`.
 
     Where only `used` of the periods are integrated, what the result holds for the others is to be cut off.
 
-    `states` and the result have a leading axis of cases.
+    `states`, `earlier` and the result have a leading axis of cases.
     """
 
-    def one(scene, state):
-        options = dict(periods=periods, recorder=recorder, used=used)
+    def one(scene, state, earlier):
+        options = dict(periods=periods, recorder=recorder, used=used, earlier=earlier)
         return PeriodMap(scene, stepping, solver).run(state, epoch, **options)
 
-    return scenes.map(one, states)
+    return scenes.map(one, states, earlier)
 
 
 @jit

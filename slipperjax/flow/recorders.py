@@ -1,9 +1,9 @@
 """What is kept of the forcing periods: inside the compiled program, on the host, and as labelled arrays."""
 
 import abc
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -35,13 +35,57 @@ STROBE_VALUES = 10
 """Numbers of a state once per period."""
 LOAD_VALUES = 100
 """Numbers of a period's contact loads: five of each of twenty points."""
+RECORDED = 3.0
+"""What a period costs whose inside is recorded, in plain ones: measured 2.8 (sections) and 3.2 (history)."""
 
 
 class AbstractRecorder(abc.ABC):
     """One way to keep periods. Subclasses are frozen dataclasses: equal ones share a compiled program."""
 
-    inside: ClassVar[bool] = True
-    """Whether states inside periods are needed; otherwise the state at the end of each period is kept."""
+    @property
+    def inside(self) -> bool:
+        """Whether states inside periods are needed; otherwise the state at the end of each period is kept."""
+        return True
+
+    @property
+    def name(self) -> str:
+        """What datasets have as their attribute `record`."""
+        return type(self).__name__.lower()
+
+    @property
+    def cost(self) -> float:
+        """What a recorded period costs, in plain ones."""
+        return RECORDED if self.inside else 1.0
+
+    @property
+    def tangents(self) -> bool:
+        """Whether derivatives are taken after the recorded stretch."""
+        return False
+
+    def later(self, periods: int) -> float:
+        """What follows after a recorded stretch of so many periods costs, in plain ones."""
+        return 0.0
+
+    def kept(self, periods: int) -> int:
+        """How many numbers are kept of so many periods of one case, about."""
+        return self.values * periods
+
+    def check(self, scene: Scene, periods: int, steps: int, taken: Collection[str] = ()) -> None:  # noqa: B027
+        """Raises `ValueError` where it does not suit a run.
+
+        **Arguments:** `periods`: recorded; `steps`: in each, at least; `taken`: names that the dataset has already.
+        """
+
+    def begin(self, scene: Scene, state: State) -> Any:
+        """What is carried through the periods, of no period; None where nothing is.
+
+        **Arguments:** `scene`, `state`: of one case; shapes count, numbers do not.
+        """
+        return None
+
+    def add(self, carried: Any, states: State, args: Args, steps: Any, rates: Motion | None = None) -> Any:
+        """What is carried after one period more, inside the compiled program; other arguments as of the call."""
+        return carried
 
     def __call__(self, states: State, args: Args, steps: Any, rates: Motion | None = None) -> Any:
         """What is kept of one period, inside the compiled program.
@@ -77,7 +121,9 @@ class StrobeRecord(NamedTuple):
 class Strobe(AbstractRecorder):
     """The state at the end of each forcing period. Nothing is stored inside periods."""
 
-    inside: ClassVar[bool] = False
+    @property
+    def inside(self) -> bool:
+        return False
 
     @property
     def values(self) -> int:
@@ -136,9 +182,9 @@ class Sections(AbstractRecorder):
         data = {}
         for k, (name, coordinate) in enumerate(SECTIONS.items()):
             q, across = COORDINATES[name], f"at upward zero crossings of {COORDINATES[coordinate].long_name}"
-            data[name] = ((*dims, "crossing"), velocity[..., k, :], _attributes(q.unit, f"{q.long_name} {across}"))
+            data[name] = ((*dims, "crossing"), velocity[..., k, :], attributes(q.unit, f"{q.long_name} {across}"))
             text = f"forcing periods passed {across}"
-            data[f"{name}_period"] = ((*dims, "crossing"), time[..., k, :], _attributes("1", text))
+            data[f"{name}_period"] = ((*dims, "crossing"), time[..., k, :], attributes("1", text))
         text = "; ".join(f"{name} [{q.unit}]" for name, q in COORDINATES.items())
         long_name = {"long_name": f"state once per period: {text}"}
         data["strobe"] = ((*dims, "period", "coordinate"), record.strobe, long_name)
@@ -203,9 +249,9 @@ class History(AbstractRecorder):
         # the same for all cases, but NaN for those that were not run
         period = np.fmin.reduce(record.period.reshape(-1, record.period.shape[-1]))
         coords: dict[str, Any] = {
-            "period": ("time", period, _attributes("1", "time in forcing periods")),
+            "period": ("time", period, attributes("1", "time in forcing periods")),
         }
-        return _with_loads(scene, dims, record.loads, data, coords | _places(scene))
+        return _with_loads(scene, dims, record.loads, data, coords | places(scene))
 
 
 @dataclass(frozen=True)
@@ -247,7 +293,7 @@ class OnlyLoads(AbstractRecorder):
         return _on_host(kept)
 
     def label(self, scene: Scene, dims: tuple[str, ...], record: Loads) -> Labelled:
-        return load_variables(dims, record), _places(scene)
+        return load_variables(dims, record), places(scene)
 
 
 RECORDERS = ("sections", "strobe", "history")
@@ -302,10 +348,11 @@ def _with_loads(
     scene: Scene, dims: tuple[str, ...], loads: Loads | None, data: dict[str, Any], coords: dict[str, Any]
 ) -> Labelled:
     """Data variables and coordinates with those of loads, if there are any."""
-    return (data, coords) if loads is None else (data | load_variables(dims, loads), coords | _places(scene))
+    return (data, coords) if loads is None else (data | load_variables(dims, loads), coords | places(scene))
 
 
-def _places(scene: Scene) -> dict[str, Any]:
+def places(scene: Scene) -> dict[str, Any]:
+    """Coordinates of what is given at each contact point."""
     return {"end": ["front", "rear"], "point": list(scene.section.names)}
 
 
@@ -321,9 +368,10 @@ def _packed(time: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
     return [np.take_along_axis(a, order, axis=-1) for a in (time, velocity)]
 
 
-def _attributes(unit: str, long_name: str) -> dict[str, str]:
+def attributes(unit: str, long_name: str) -> dict[str, str]:
+    """Those of a data variable."""
     return Quantity("", unit, long_name).attributes
 
 
 def _period_numbers(count: int, since: str) -> tuple:
-    return "period", np.arange(1, count + 1), _attributes("1", f"forcing periods {since}")
+    return "period", np.arange(1, count + 1), attributes("1", f"forcing periods {since}")

@@ -36,6 +36,10 @@ from .plan import Plan as Plan
 from .plan import make_plan as make_plan
 from .plan import strobe_plan as strobe_plan
 from .reached import reached_orbits as reached_orbits
+from .reducers import REDUCERS as REDUCERS
+from .reducers import Further as Further
+from .reducers import LargestExponent as LargestExponent
+from .reducers import MotionKind as MotionKind
 from .repeat import repeat as repeat
 from .sampling import sample_box as sample_box
 from .search import find_orbits as find_orbits

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,12 +13,15 @@ from jaxtyping import Int
 
 from ..flow import (
     ASKED,
+    AbstractRecorder,
+    Combined,
     ConstantSteps,
     HistoryRecord,
     Interrupted,
     Passage,
     SectionRecord,
     Sections,
+    Stretch,
     advance,
     blank,
     coordinates,
@@ -30,6 +34,7 @@ from ..model import Scene, State
 from ..tools import Batched
 from .plan import Calls, Chunk, OnProgress, Plan
 from .progress import Later, Tally, display
+from .reducers import Further
 
 TICK = 0.25
 """Seconds between two looks at how far a run is."""
@@ -60,8 +65,9 @@ def run_chunk(
     stepping = ConstantSteps(steps=number)
     for _ in range(plan.transient.count):
         on_progress(0)
-        states, ends, codes, _ = _advance(plan.transient, scenes, states, at, stepping, **options)
-        status = first_problem(status, codes)
+        passed = _advance(plan.transient, scenes, states, at, stepping, **options)
+        states, ends = passed.state, passed.record
+        status = first_problem(status, passed.status)
         if isinstance(recorder, Sections):
             strobes.append(coordinates(ends))
         on_progress(plan.transient.length)
@@ -69,14 +75,21 @@ def run_chunk(
     if recorder.inside:
         alike = bool(np.all(plan.steps == steps))
         stepping = ConstantSteps(steps) if alike else ConstantSteps(plan.room(steps), number)
+    begin, carried = at, _of_no_period(recorder, scenes, states)
     for _ in range(plan.recorded.count):
         on_progress(0)
-        options |= dict(recorder=recorder)
-        states, kept, codes, _ = _advance(plan.recorded, scenes, states, at, stepping, **options)
-        status = first_problem(status, codes)
-        records.append(recorder.collect(kept))
+        options |= dict(recorder=recorder, earlier=carried)
+        passed = _advance(plan.recorded, scenes, states, at, stepping, **options)
+        states, carried = passed.state, passed.carried
+        status = first_problem(status, passed.status)
+        records.append(recorder.collect(passed.record))
+        if isinstance(recorder, Combined):
+            del records[: -recorder.calls(plan.recorded.length, plan.recorded.periods) or None]
         on_progress(plan.weight * plan.recorded.length)
         at += plan.recorded.length
+    if isinstance(recorder, Combined):
+        further = Further(plan, scenes, states, at, steps, on_progress)
+        return _reduced(recorder, further, status, records, carried, (float(epoch), begin))
     record = joined_in_time(records)
     if isinstance(record, SectionRecord):
         record = record._replace(strobe=np.concatenate([*strobes, record.strobe], axis=1), time=record.time - epoch)
@@ -88,12 +101,41 @@ def run_chunk(
     return ChunkRun(states, status, record)
 
 
+def _of_no_period(recorder: AbstractRecorder, scenes: Batched[Scene], states: State) -> Any:
+    """What a recorder carries through the periods at their start, with a leading axis of lanes."""
+    lanes, first = len(states.motion.y), lambda tree: jax.tree.map(lambda a: a[0], tree)
+    one = recorder.begin(eqx.combine(first(scenes.varied), scenes.shared), first(states))
+    return jax.tree.map(lambda a: np.broadcast_to(a, (lanes, *np.shape(a))), one)
+
+
+def _reduced(
+    recorder: Combined,
+    run: Further,
+    status: np.ndarray,
+    strobes: Sequence[Any],
+    carried: Any,
+    epochs: tuple[float, float],
+) -> ChunkRun:
+    """A chunk after its recorded stretch, with what its reducers make of it.
+
+    **Arguments:** `epochs`: forcing periods before the run, and before the stretch.
+    """
+    periods = run.plan.recorded.periods
+    loads = recorder.stretch_loads(carried, periods)
+    if loads is not None:
+        each = jax.tree.map(lambda a: a[:, None], loads)  # as those of one long period
+        status = np.asarray(judged_by_loads(run.scenes, jnp.asarray(status), each, most_stretch(run.plan.solver)))
+    carried, status = recorder.after(carried, status, run)
+    stretch = Stretch(periods, run.steps, *epochs, status, recorder.latest(strobes, periods), loads)
+    return ChunkRun(run.states, status, recorder.finish(carried, stretch))
+
+
 def _advance(calls: Calls, *arguments: Any, **options: Any) -> Passage:
     """`advance` over the periods of one of the calls, by a program that serves other numbers of them, too."""
     used = jnp.asarray(float(calls.length))
-    end, record, status, taken = advance(*arguments, periods=calls.room, used=used, **options)
+    found = advance(*arguments, periods=calls.room, used=used, **options)
     cut = lambda tree: jax.tree.map(lambda a: np.asarray(a)[:, : calls.length], tree)
-    return Passage(end, cut(record), status, cut(taken))
+    return found._replace(record=cut(found.record), steps_taken=cut(found.steps_taken))
 
 
 class Runs(NamedTuple):

@@ -1,18 +1,19 @@
 """A parameter followed with memory: each case from the state in which its neighbour ended."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import diffrax
 import numpy as np
 import xarray as xr
 
-from ..flow import Trajectory, first_of, initial_states
+from ..flow import AbstractReducer, Trajectory, first_of, initial_states
 from ..model import Motion, Scene, State
 from ..tools import one_of
 from .cases import filled, path_cases
 from .executors import ChunkRun, in_order, records_in_order, run_chunk, run_chunks
 from .plan import Chunk, OnProgress, make_plan
+from .reducers import resolved_record
 from .sweep import CaseRuns, sweep_dataset
 
 DIRECTIONS = {"up": 1, "down": -1}
@@ -24,7 +25,7 @@ def follow(
     path: Mapping[str, Any],
     *,
     directions: tuple[str, ...] = ("up", "down"),
-    record: str = "sections",
+    record: str | AbstractReducer | Sequence[str | AbstractReducer] = "sections",
     transient: int = 30,
     periods: int = 10,
     steps_per_period: int | None = None,
@@ -51,7 +52,7 @@ def follow(
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
     """
-    start = first_of(start)
+    recorder, start = resolved_record(record), first_of(start)
     cases, _, values = path_cases(scene, path, start)
     several = isinstance(directions, tuple | list) and len(directions) > 0
     if not several or any(directions.count(d) > 1 for d in directions):
@@ -60,7 +61,7 @@ def follow(
     plan = make_plan(
         scene,
         cases,
-        record=record,
+        record=recorder,
         transient=transient,
         periods=periods,
         steps_per_period=steps_per_period,

@@ -34,8 +34,6 @@ START_OF_STEP = 20
 """Cost of starting a step's kernels, in lanes: 8 us against 0.4 us per lane, measured at 8 to 1024 lanes."""
 PAUSE = 10
 """Periods in one call of a transient: one length, so that one program serves them all."""
-RECORDED = 3.0
-"""What a period costs whose inside is recorded, in plain ones: measured 2.8 (sections) and 3.2 (history)."""
 
 
 class Calls(NamedTuple):
@@ -107,18 +105,19 @@ class Plan:
     @property
     def weight(self) -> float:
         """What a recorded period costs, in plain ones."""
-        return RECORDED if self.recorder.inside else 1.0
+        return self.recorder.cost
 
     @property
     def values(self) -> int:
         """How many numbers are kept of one case, about."""
         passed = STROBE_VALUES * self.transient.periods if isinstance(self.recorder, Sections) else 0
-        return passed + self.recorder.values * self.recorded.periods
+        return passed + self.recorder.kept(self.recorded.periods)
 
     @property
     def work(self) -> float:
         """What one case costs, in plain forcing periods."""
-        return self.transient.periods + self.weight * self.recorded.periods
+        recorded = self.recorded.periods
+        return self.transient.periods + self.weight * recorded + self.recorder.later(recorded)
 
     def chunks(self, chunk: int | None, workers: int | None, *, tangents: bool = False) -> tuple[list[Chunk], int]:
         """The chunks, the most expensive first, and the number of threads to run them on. Neither changes any result.
@@ -128,6 +127,7 @@ class Plan:
         calls take derivatives.
         """
         workers = cores() if workers is None else whole("workers", workers, 1)
+        tangents = tangents or self.recorder.tangents
         on_device = jax.default_backend() != "cpu"
         if on_device or calls_lapack(self.solver, tangents):
             workers = 1
@@ -161,7 +161,7 @@ def make_plan(
     scene: Scene,
     cases: Cases,
     *,
-    record: str,
+    record: str | AbstractRecorder,
     transient: int,
     periods: int,
     steps_per_period: int | Sequence[int] | np.ndarray | None = None,
@@ -169,11 +169,12 @@ def make_plan(
     solver: diffrax.AbstractSolver | str | None = None,
     loads: bool = True,
 ) -> Plan:
-    """The plan of a run from a user's arguments, see `slipperjax.sweep`.
+    """The plan of a run from a user's arguments, see `slipperjax.sweep`; `record`: one of `RECORDERS`, or a recorder.
 
     **Raises:** `ValueError` that names the argument which is wrong, or memory and time of an impossible run.
     """
-    record = one_of("record", record, RECORDERS)
+    if not isinstance(record, AbstractRecorder):
+        record = one_of("record", record, RECORDERS)
     transient, periods = whole("transient", transient, 0), whole("periods", periods, 1)
     if steps_per_period is None:
         saves = 50 if saves_per_period is None else whole("saves_per_period", saves_per_period, 1)
@@ -183,11 +184,15 @@ def make_plan(
     else:
         fixed, saves = step_plan(scene, steps_per_period, saves_per_period)
         steps = np.full(cases.count, fixed)
+    loads = yes_or_no("loads", loads)
+    recorder = record if isinstance(record, AbstractRecorder) else recorder_named(record, saves, loads)
+    taken = ("status", "steps_per_period", *cases.dims, *map(cases.label, cases.axes))
+    recorder.check(scene, periods, int(steps.min()), taken)
     pause = max(1, min(transient, PAUSE))
     block = _call_length(periods)
     plan = Plan(
         resolve_solver(scene, solver),
-        recorder_named(record, saves, yes_or_no("loads", loads)),
+        recorder,
         steps,
         Calls(pause, -(-transient // pause)),
         Calls(block, periods // block),

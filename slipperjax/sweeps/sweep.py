@@ -10,12 +10,22 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Int
 
-from ..flow import MEANINGS, History, Trajectory, first_of, initial_states, run_attributes, scene_attributes
+from ..flow import (
+    MEANINGS,
+    AbstractReducer,
+    History,
+    Trajectory,
+    first_of,
+    initial_states,
+    run_attributes,
+    scene_attributes,
+)
 from ..model import Motion, Scene, State
 from ..solvers import solver_name
 from .cases import Cases
 from .executors import in_order, records_in_order, run_chunk, run_chunks
 from .plan import Plan, make_plan
+from .reducers import resolved_record
 from .stores import Store, storable
 
 
@@ -25,7 +35,7 @@ def sweep(
     grid: Mapping[str, Any],
     *,
     product: bool = True,
-    record: str = "sections",
+    record: str | AbstractReducer | Sequence[str | AbstractReducer] = "sections",
     transient: int = 200,
     periods: int = 10,
     steps_per_period: int | Sequence[int] | np.ndarray | None = None,
@@ -50,13 +60,20 @@ def sweep(
     - `record`: what to keep of the last `periods` periods. "sections": velocities at the upward zero crossings of
         each coordinate, as in the paper's bifurcation diagrams, and `strobe`, the state once per period from the
         start on; "strobe": the state once per forcing period; "history": states and contact forces
-        `saves_per_period` times per period.
+        `saves_per_period` times per period. Or a reducer, its name, or a list of both, of which each makes a few
+        numbers per case while the periods are integrated, so that long records of many cases take no memory:
+        "motion" (`kind` and `period` by recurrence), "peak_force", "peak_period", "impulse", "contact_fraction",
+        "penetration", "rms" (of accelerations), "extremes" (of coordinates), "sections" (the first 64 points of
+        each), "strobe", "exponent" (the largest, uncertified, by a tangent afterwards); and from `slipperjax.flow`
+        `ForcePercentile`, `SpectrumLines`, `SectionPoints`, `StrobeStates` and `Reduced`, for any function.
     - `transient`: forcing periods to pass before; above ten rounded up to tens, see the attribute `transient`.
     - `steps_per_period`: one number for all cases, or an array of the grid's shape with one for each; default what
         `default_steps_per_period` gives for each. Cases with the same number run together.
     - `solver`, `start`, `saves_per_period`: as for `simulate`.
     - `loads`: whether sections and histories come with peak forces, impulses, times in contact and penetrations of
-        the recorded periods, from which some statuses follow.
+        the recorded periods, from which some statuses follow: no contact, pressed in, and unresolved for damping
+        that is too fast for the steps. Reducers find loads where one of them is a load, and otherwise do not, so
+        that these statuses are not given.
     - `chunk`: cases per call, rounded up to 8, 16, 24, 32, 40, 48, 56, 64, 80, ...; `workers`: threads, default one
         per core, and never more than one where `solver` is one of diffrax's implicit ones, see
         `solvers.calls_lapack`. Neither changes any result.
@@ -73,12 +90,12 @@ def sweep(
     **Raises:** `ValueError`, before anything is compiled, that names the argument which is wrong, or memory and time
     where the run is impossible; `Interrupted`, which has the finished cases, after Ctrl-C.
     """
-    start = first_of(start)
+    recorder, start = resolved_record(record), first_of(start)
     cases = Cases(scene, grid, start, product=product)
     plan = make_plan(
         scene,
         cases,
-        record=record,
+        record=recorder,
         transient=transient,
         periods=periods,
         steps_per_period=steps_per_period,
@@ -135,7 +152,7 @@ def sweep_dataset(
     if isinstance(plan.recorder, History):
         seconds = cases.forcing_periods().reshape(*cases.shape, 1) * coords["period"][1]
         coords["seconds"] = ((*cases.dims, "time"), seconds, {"units": "s", "long_name": "time"})
-    attrs = case_attributes(plan, cases, call) | {"record": type(plan.recorder).__name__.lower()}
+    attrs = case_attributes(plan, cases, call) | {"record": plan.recorder.name}
     return xr.Dataset(data, {**coords, **first, **cases.coordinates()}, attrs)
 
 

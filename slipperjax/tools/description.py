@@ -36,12 +36,12 @@ def subclasses(base: type) -> Iterator[type]:
 
 
 def describe(value: Any) -> Any:
-    """A module as nested dicts of plain values, which `build` turns into an equal module.
+    """A module, or a dataclass, as nested dicts of plain values, which `build` turns into an equal module.
 
     Arrays become lists of numbers; 64-bit numbers come back to the last bit. A module that holds what is no plain
     value, such as a function, but equals the one that is made without arguments, is described by its name alone.
     """
-    if isinstance(value, eqx.Module):
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
         kind = type(value)
         fields = {f.name: describe(getattr(value, f.name)) for f in dataclasses.fields(value) if f.init}
         if any(_opaque(part) for part in fields.values()) and _is_default(value):

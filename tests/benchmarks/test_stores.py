@@ -58,8 +58,8 @@ def test_memory_does_not_grow_with_the_cases(tmp_path):
         "import sys, resource, numpy as np, slipperjax as sj\n"
         "sj.compile_cache(sys.argv[1])\n"
         "grid = {'speed': np.linspace(1000, 1600, int(sys.argv[3])), 'clearance': np.linspace(0.5e-3, 2e-3, 128)}\n"
-        "how = dict(transient=10, periods=5, steps_per_period=50, store=sj.Store(sys.argv[2], tile=1024, fresh=True))\n"
-        "sj.sweep(sj.paper_scene(), grid, **how)\n"
+        "store = sj.Store(sys.argv[2], tile=1024, fresh=True)\n"
+        "sj.sweep(sj.paper_scene(), grid, transient=10, periods=5, steps_per_period=50, store=store)\n"
         "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)\n"
     )
     for across in (16, 128, 512):

@@ -319,9 +319,10 @@ ERRORS = [
     refused("`y` must be finite, but is nan", sweep, grid={"y": [NAN]}),
     refused("`restitution` must be above 0 and at most 1, but is 1.5", sweep, grid={"restitution": [0.9, 1.5]}),
     refused("`product` must be True or False, but is 'no'", sweep, product="no"),
-    refused("`record` must be one of sections, strobe, history, but is 'section'", sweep, record="section"),
+    refused("`record` must be one of sections, strobe, history, .*but is 'section'", sweep, record="section"),
     refused("`record` must be one of sections", sweep, record=None),
-    refused("`record` must be one of sections", follow, record=["strobe"]),
+    refused("`record` must be one of peak_force, .*but is 'history'", follow, record=["history"]),
+    refused("`record` must name at least one of peak_force", follow, record=[]),
     # paths
     refused("`path` must name one parameter with increasing values", follow, path={"speed": [1300.0, 1250.0]}),
     refused("`path` must name one parameter with increasing values", follow, path={"speed": [1250.0, 1250.0]}),

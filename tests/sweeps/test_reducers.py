@@ -1,0 +1,335 @@
+"""Reducers: each against histories with all steps; the same numbers whatever the chunks; labels, statuses, errors."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import slipperjax as sj
+from slipperjax.flow import (
+    ForcePercentile,
+    PointLoad,
+    Reduced,
+    SectionPoints,
+    SpectrumLines,
+    Status,
+    StrobeStates,
+    load_call,
+)
+from slipperjax.model import ACCELERATIONS, COORDINATES, LOADS, SECTIONS
+from slipperjax.sweeps import (
+    REDUCERS,
+    Cases,
+    LargestExponent,
+    MotionKind,
+    attractors,
+    lyapunov_sweep,
+    make_plan,
+    repeat,
+)
+from slipperjax.sweeps.reducers import Motions, resolved_record
+
+PERIODS, STEPS, MOST = 40, 50, 20
+LINES = (0, 0.5, 1, 2)
+RECORD = [
+    *(name for name in REDUCERS if name not in ("sections", "exponent")),
+    SectionPoints(MOST),
+    ForcePercentile((50, 90, 99)),
+    SpectrumLines("v_z", LINES),
+    SpectrumLines("a_z", (1,)),
+]
+CASES = {
+    # the last but one never touches anything, the last is lost at its first contact
+    "speed": np.array([1250.0, 1000.0, 1500.0, 900.0, 1250.0, 1e-3]),
+    "clearance": np.array([1e-3, 1e-3, 2e-3, 1e-3, 400.0, 1e-3]),
+}
+OPTIONS = dict(product=False, transient=30, periods=PERIODS, chunk=8)
+GOOD = slice(0, 4)
+pytestmark = pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # on purpose
+
+
+def swept(record, grid=CASES, steps=STEPS, **options):
+    return sj.sweep(sj.paper_scene(), grid, record=record, steps_per_period=steps, **OPTIONS | options)
+
+
+@pytest.fixture(scope="module")
+def reduced():
+    """By a program that has room for more steps than most of its cases take."""
+    steps = np.full(len(CASES["speed"]), STEPS)
+    steps[3] = 2 * STEPS
+    return swept(RECORD, steps=steps)
+
+
+@pytest.fixture(scope="module")
+def history(reduced):
+    """Every step of all cases but the fourth; of that every other one."""
+    steps = reduced["steps_per_period"].values
+    return swept("history", steps=steps, saves_per_period=STEPS)
+
+
+def all_steps(ds):
+    """The cases of which the history has every step, good ones only."""
+    return ds.isel(case=slice(0, 3))
+
+
+def test_loads_and_statuses_are_those_of_a_history(reduced, history):
+    assert history["status"].values.tolist() == [0, 0, 0, 0, Status.NO_CONTACT, Status.NOT_FINITE]
+    np.testing.assert_array_equal(reduced["status"].values, history["status"].values)
+    np.testing.assert_array_equal(reduced["steps_per_period"].values, history["steps_per_period"].values)
+    for name in LOADS:
+        assert reduced[name].attrs == history[name].attrs
+        # measured 6e-16: sums are taken in another order
+        np.testing.assert_allclose(reduced[name].values, history[name].values, rtol=1e-13, atol=1e-15, err_msg=name)
+
+
+def test_rms_of_accelerations(reduced, history):
+    for name, q in ACCELERATIONS.items():
+        found = all_steps(reduced)[f"rms_{name}"]
+        exact = np.sqrt((all_steps(history)[name] ** 2).mean("time"))
+        np.testing.assert_allclose(found.values, exact.values, rtol=1e-12)  # measured 1e-15
+        assert found.attrs["units"] == q.unit
+        assert "root mean square" in found.attrs["long_name"]
+
+
+def test_percentiles_are_near_those_of_all_samples(reduced, history):
+    exact = np.percentile(all_steps(history)["contact_force"].values, [50, 90, 99], axis=1)
+    found = all_steps(reduced)["contact_force_percentile"].transpose("percentile", "case", "end", "point")
+    assert found["percentile"].values.tolist() == [50, 90, 99]
+    np.testing.assert_array_equal(found.values == 0, exact == 0)
+    there = exact > 0
+    assert there.sum() > 100
+    apart = np.abs(found.values[there] / exact[there] - 1)
+    print(f"\n{there.sum()} percentiles: off by {apart.max():.2%} at most, {np.median(apart):.2%} in the median")
+    assert apart.max() < 1 / 32  # the width of a class; measured 0.015
+    assert np.median(apart) < 0.006  # measured 0.003
+    lost = reduced["contact_force_percentile"].values[reduced["status"].values == Status.NOT_FINITE]
+    assert np.isnan(lost).all()
+    assert np.all(reduced["contact_force_percentile"].isel(case=4).values == 0)
+
+
+def test_spectrum_lines_are_those_of_the_discrete_transform(reduced, history):
+    for name, lines in (("v_z", LINES), ("a_z", (1,))):
+        x = all_steps(history)[name].values
+        places = (np.array(lines) * PERIODS).astype(int)
+        # the first sample is one step after the start of the record
+        exact = np.fft.fft(x, axis=1)[:, places] / x.shape[1] * np.exp(-2j * np.pi * np.array(lines) / STEPS)
+        exact *= np.where(np.array(lines) > 0, 2, 1)
+        found = [all_steps(reduced)[f"spectrum_{name}_{part}"].values for part in ("real", "imag")]
+        # measured 3e-16 of the largest
+        np.testing.assert_allclose(found[0] + 1j * found[1], exact, rtol=0, atol=1e-12 * np.abs(exact).max())
+    assert reduced["frequency_v_z"].attrs["units"] == "1/period"
+
+
+def test_extremes_are_those_of_the_samples_or_little_beyond(reduced, history):
+    for name in COORDINATES:
+        x = all_steps(history)[name]
+        size = np.ptp(x.values)
+        largest = all_steps(reduced)[f"largest_{name}"].values - x.max("time").values
+        smallest = x.min("time").values - all_steps(reduced)[f"smallest_{name}"].values
+        for beyond in (largest, smallest):
+            # tests/flow/test_reducers.py compares them with the curves between the samples
+            assert np.all((beyond >= -1e-12) & (beyond < 0.02 * size)), name  # measured 8e-3
+
+
+@pytest.fixture(scope="module")
+def sections():
+    return swept("sections", steps=np.where(np.arange(6) == 3, 2, 1) * STEPS)
+
+
+def test_section_points_are_the_first_and_dropped_ones_are_counted(reduced, sections):
+    for name in SECTIONS:
+        given = sections.isel(case=GOOD)
+        exact, time = given[name].values, given[f"{name}_period"].values
+        count = reduced.isel(case=GOOD)[f"crossings_{name}"].values
+        np.testing.assert_array_equal(count, np.sum(~np.isnan(exact), axis=1))
+        assert np.any(count > MOST)
+        for found, kept in ((reduced[name], exact), (reduced[f"{name}_period"], time)):
+            assert found.sizes["crossing"] == MOST
+            # measured 2e-16
+            np.testing.assert_allclose(found.values[GOOD], kept[:, :MOST], rtol=1e-12, atol=1e-12)
+    np.testing.assert_array_equal(reduced["strobe"].values[GOOD], sections["strobe"].values[GOOD, -PERIODS:])
+
+
+def test_motions_are_those_of_the_strobe_states(reduced):
+    exact = attractors(reduced)
+    np.testing.assert_array_equal(reduced["kind"].values, exact.kind)
+    np.testing.assert_array_equal(reduced["period"].values, exact.period)
+    assert set(reduced["kind"].values[4:]) == {"unresolved"}
+    with pytest.raises(ValueError, match=r"`periods` must be 16 or more to classify motions, 200 or .* but is 15"):
+        swept(["rms", "motion"], periods=15)
+
+
+@pytest.mark.slow
+def test_the_exponent_is_that_of_a_measurement_from_there():
+    reduced = swept(["exponent", "rms"])
+    # without loads nobody knows that the fifth case has no contacts
+    assert reduced["status"].values.tolist() == [0, 0, 0, 0, 0, Status.NOT_FINITE]
+    exact = lyapunov_sweep(
+        sj.paper_scene(),
+        {name: values[:2] for name, values in CASES.items()},
+        product=False,
+        transient=OPTIONS["transient"] + PERIODS,
+        periods=PERIODS,
+        certify=False,
+        orbits=False,
+        steps_per_period=STEPS,
+        chunk=8,
+    )
+    # measured 1e-9: rounding, which chaos and grazings enlarge
+    np.testing.assert_allclose(reduced["exponent"].values[:2], exact["exponent"].values[:, 0], rtol=1e-6)
+    np.testing.assert_allclose(reduced["exponent_stderr"].values[:2], exact["stderr"].values[:, 0], rtol=1e-6)
+    assert "uncertified" in reduced["exponent"].attrs["long_name"]
+
+
+def test_everything_is_labelled_and_can_be_run_again(reduced, tmp_path):
+    assert reduced.attrs["record"].startswith("peak_force, peak_period, impulse")
+    for name, variable in reduced.data_vars.items():
+        assert variable.attrs["long_name"], name
+        assert "units" in variable.attrs or name in ("kind", "status", "strobe"), name
+        assert variable.dims[0] == "case"
+    call = load_call(reduced)
+    assert call["record"] == tuple(RECORD)
+    reduced.to_netcdf(tmp_path / "reduced.nc", engine="h5netcdf")
+    again = repeat(tmp_path / "reduced.nc", chunk=8)
+    xr.testing.assert_identical(again.drop_attrs(), reduced.drop_attrs())
+
+
+def test_numbers_do_not_depend_on_neighbours(reduced):
+    """The same compiled program, with the cases in another order."""
+    turned = {name: values[::-1] for name, values in CASES.items()}
+    other = swept(RECORD, turned, steps=reduced["steps_per_period"].values[::-1])
+    for name in reduced.data_vars:
+        np.testing.assert_array_equal(other[name].values[::-1], reduced[name].values, err_msg=name)
+
+
+@pytest.mark.slow
+def test_chunks_and_threads_change_no_bit():
+    grid = {"speed": np.linspace(900, 2000, 20)}
+    record = [r for r in RECORD if r != "motion"]
+    small, large = (swept(record, grid, chunk=n, workers=w) for n, w in ((8, 2), (24, 1)))
+    for name in small.data_vars:
+        np.testing.assert_array_equal(small[name].values, large[name].values, err_msg=name)
+
+
+@pytest.mark.slow
+def test_long_records_in_several_calls_are_those_of_one():
+    """100 periods are two calls of 50, and 97, which nothing divides, one."""
+    grid = {"speed": [1250.0, 1500.0]}
+    record = ["rms", "contact_fraction", SectionPoints(5), StrobeStates(60), SpectrumLines("z", (1, 0.25))]
+    long = swept(record, grid, periods=100, transient=3)
+    exact = swept("history", grid, periods=100, transient=3, saves_per_period=STEPS)
+    rms = np.sqrt((exact["a_z"] ** 2).mean("time"))
+    np.testing.assert_allclose(long["rms_a_z"].values, rms.values, rtol=1e-12)
+    np.testing.assert_allclose(long["contact_fraction"].values, exact["contact_fraction"].values, rtol=1e-12)
+    np.testing.assert_array_equal(long["strobe"].values[..., 0], exact["y"].values[:, STEPS - 1 :: STEPS][:, -60:])
+    assert long.sizes["crossing"] == 5
+    assert np.all(long["crossings_v_y"].values > 50)
+    x = exact["z"].values
+    line = 2 / x.shape[1] * np.sum(x * np.exp(-2j * np.pi * 0.25 * (np.arange(x.shape[1]) + 1) / STEPS), axis=1)
+    np.testing.assert_allclose(long["spectrum_z_real"].values[:, 1], line.real, atol=1e-15)
+    np.testing.assert_allclose(long["spectrum_z_imag"].values[:, 1], line.imag, atol=1e-15)
+
+
+@pytest.mark.slow
+def test_following_with_reducers():
+    record = ["peak_period", SectionPoints(3), "rms"]
+    path = {"speed": [1240.0, 1250.0]}
+    options = dict(directions=("up",), transient=10, periods=10)
+    ds = sj.follow(sj.paper_scene(), path, record=record, **options)
+    exact = sj.follow(sj.paper_scene(), path, record="sections", **options)
+    assert ds["rms_a_z"].dims == ("direction", "speed")
+    for name in ("v_z", "v_z_period"):
+        np.testing.assert_allclose(ds[name].values, exact[name].values[..., :3], rtol=1e-12)
+    # counted from the start of each value, as the crossings are
+    assert np.all((ds["peak_period"].values > 10) & (ds["peak_period"].values < 20) | np.isnan(ds["peak_period"]))
+
+
+def plan_of(record, **options):
+    scene = sj.paper_scene()
+    cases = Cases(scene, {"speed": [1000.0, 1250.0]}, sj.table_2_start())
+    given = dict(transient=20, periods=100, steps_per_period=STEPS) | options
+    return make_plan(scene, cases, record=resolved_record(record), **given)
+
+
+def test_plans_know_what_is_kept_and_what_it_costs():
+    assert resolved_record("sections") == "sections"
+    assert [plan_of([r]).values for r in ("peak_force", "rms", "motion", "strobe")] == [20, 5, 2, 1000]
+    assert plan_of(["peak_force", "rms"]).values == plan_of(["peak_force", "rms"], periods=5000).values == 25
+    assert plan_of("motion").weight == 1
+    assert not plan_of("motion").recorder.inside
+    assert plan_of("rms").weight < 1.2 < plan_of("sections").weight
+    assert plan_of(["peak_force", "impulse", "penetration"]).weight == plan_of("peak_force").weight
+    plain = plan_of("motion").work
+    assert plain == 120
+    assert plan_of(["motion", "exponent"]).work == pytest.approx(plain + 2.6 * 120)
+    assert plan_of(["motion", "exponent"]).recorder.tangents
+
+
+def test_cases_that_were_not_run_are_no_motions():
+    blank = Motions(np.zeros(3, int), np.zeros(3, int))
+    data, _ = MotionKind().label(sj.paper_scene(), ("case",), blank)
+    assert data["kind"][1].tolist() == ["unresolved"] * 3
+
+
+FORCE = Reduced(lambda t, state, args: sj.reactions(t, state, args).drive_force, name="drive", units="N")
+
+
+@pytest.mark.parametrize(
+    ("record", "words"),
+    [
+        ("peak", "`record` must be one of sections, strobe, history, peak_force"),
+        (["peak"], "`record` must be one of peak_force, "),
+        (["history"], "`record` must be one of peak_force, "),
+        ([], "`record` must name at least one of peak_force, "),
+        ([["rms"]], "but is ['rms']"),
+        (3, "but is 3"),
+        (["rms", PointLoad("peak_force"), "peak_force"], "`record` must give each variable once, but gives `peak_f"),
+        (Reduced(FORCE.function, name="speed"), "`record` must not give `speed`, a name which the dataset has"),
+        (Reduced(FORCE.function, name="status"), "`record` must not give `status`"),
+        (SpectrumLines("y", (1, 30)), "`frequencies` must be below half of the 50 steps per period, but is 30"),
+        (Reduced(lambda t: t, name="odd"), "`function` of `odd` must take (t, state, args), but raised TypeError"),
+        (Reduced(lambda t, s, a: (t, t), name="odd"), "`function` of `odd` must give real numbers, but gives (Sh"),
+        (Reduced(lambda t, s, a: 1j * t, name="odd"), "`function` of `odd` must give real numbers"),
+    ],
+)
+def test_bad_records_are_refused_before_anything_is_compiled(record, words):
+    with pytest.raises(ValueError, match=r"^Argument ") as caught:
+        swept(record, {"speed": [1250.0]})
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: PointLoad("force"), "`load` must be one of peak_force, peak_period, impulse"),
+        (lambda: ForcePercentile(101), "`percentiles` must be numbers from 0 to 100, each once, but is 101"),
+        (lambda: ForcePercentile(()), "`percentiles` must be numbers"),
+        (lambda: ForcePercentile((50, 50)), "`percentiles` must be numbers from 0 to 100, each once"),
+        (lambda: ForcePercentile("99"), "`percentiles` must be numbers"),
+        (lambda: ForcePercentile([[50]]), "`percentiles` must be numbers"),
+        (lambda: SpectrumLines("x", (1,)), "`coordinate` must be one of y, z, roll"),
+        (lambda: SpectrumLines("z", (-1,)), "`frequencies` must be numbers of zero or more, each once, but is (-1,)"),
+        (lambda: SpectrumLines("z", float("nan")), "`frequencies` must be numbers"),
+        (lambda: SpectrumLines("z", True), "`frequencies` must be numbers"),
+        (lambda: SectionPoints(0), "`crossings` must be a whole number of 1 or more, but is 0"),
+        (lambda: StrobeStates(0), "`last` must be a whole number of 1 or more"),
+        (lambda: MotionKind(10), "`last` must be a whole number of 16 or more, but is 10"),
+        (lambda: LargestExponent(2), "`periods` must be a whole number of 8 or more, but is 2"),
+        (lambda: Reduced("max"), "`function` must be a function of (t, state, args), but is 'max'"),
+        (lambda: Reduced(FORCE.function, name="a b"), "`name` must be a name such as spring_force, but is 'a b'"),
+        (lambda: Reduced(FORCE.function, units=3), "`units` must be a text, but is 3"),
+        (lambda: Reduced(FORCE.function, over="median"), "`over` must be one of max, min, sum, mean, but is 'med"),
+    ],
+)
+def test_bad_reducers_are_refused(make, words):
+    with pytest.raises(ValueError, match=r"^Argument ") as caught:
+        make()
+    assert words in str(caught.value)
+
+
+def test_what_cannot_be_written_is_named_when_it_is_asked_for():
+    record = [{"type": "Reduced", "function": {"opaque": "<function>"}}]
+    ds = xr.Dataset(attrs={"call": json.dumps({"record": record})})
+    with pytest.raises(ValueError, match=r"Argument `record.function` cannot be rebuilt: it was <function>"):
+        load_call(ds)
