@@ -1,6 +1,8 @@
 """Modules as plain data, such as JSON and TOML hold, and back: without running code that a file names."""
 
 import dataclasses
+import hashlib
+import types
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -58,7 +60,22 @@ def describe(value: Any) -> Any:
     if isinstance(value, dict):
         return {name: describe(part) for name, part in value.items()}
     name = next((name for name, norm in NORMS.items() if norm is value), None)
-    return {OPAQUE: brief(value)} if name is None else name
+    return {OPAQUE: _known_as(value)} if name is None else name
+
+
+def _known_as(value: Any) -> str:
+    """What stands for a value that plain data cannot hold: of a function its name and a digest, in any process."""
+    if not isinstance(value, types.FunctionType):
+        return brief(value)
+    inside = [cell.cell_contents for cell in value.__closure__ or ()] + list(value.__defaults__ or ())
+    text = _code_text(value.__code__) + repr([describe(part) for part in inside])
+    return f"{value.__module__}.{value.__qualname__}, {hashlib.sha256(text.encode()).hexdigest()[:12]}"
+
+
+def _code_text(code: types.CodeType) -> str:
+    """What a function does, without where its code stands."""
+    parts = [_code_text(part) if isinstance(part, types.CodeType) else repr(part) for part in code.co_consts]
+    return f"{code.co_code.hex()} {code.co_names} {parts}"
 
 
 def _opaque(description: Any) -> bool:

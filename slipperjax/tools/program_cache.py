@@ -58,6 +58,12 @@ def compile_cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
         text = f"compiled programs are not kept: {place} cannot be used as their cache ({error})"
         warnings.warn(text, CacheWarning, stacklevel=2)
         return None
+    keep_programs(place)
+    return place
+
+
+def keep_programs(place: Path) -> None:
+    """Keeps compiled programs in a folder of `compile_cache`, from here on."""
     # On processors with AVX-512 XLA logs an error for each program that it takes from the cache, and takes it all the
     # same (jax #38445). A level that was asked for stays; the second line gives Python's loggers back.
     level = jax.config.jax_logging_level  # type: ignore[attr-defined]
@@ -68,7 +74,6 @@ def compile_cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
     jax.config.update("jax_compilation_cache_dir", str(place))
-    return place
 
 
 def processor() -> str:

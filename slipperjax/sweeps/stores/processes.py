@@ -5,10 +5,11 @@ import multiprocessing
 import os
 import signal
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 
 import jax
 
-from ...tools import compile_cache, cores, whole
+from ...tools import compile_cache, cores, keep_programs, whole
 
 
 def processes(count: int | None = None) -> ProcessPoolExecutor:
@@ -51,6 +52,4 @@ def _begin(counter, groups: list[list[int]], folder: str | None) -> None:
     if folder is None:
         compile_cache()
     else:
-        jax.config.update("jax_compilation_cache_dir", folder)
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
-        jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+        keep_programs(Path(folder))
