@@ -21,7 +21,7 @@ from .options import Case, GridAxis, Log, Over, Steps, axis_of, make_folder, mak
 stores = typer.Typer(help="Look after stores that `sweep` made.", rich_markup_mode=None)
 app.add_typer(stores, name="store")
 
-PERIODS = {"exponents": 500, "orbits": 1}
+PERIODS = {"exponents": 500, "orbits": 1, "motion": 64}
 """Forcing periods by default, where they are not 10."""
 FOLLOWED = {"--by": 4, "--within": 3}
 """Options that can be repeated, and by how many words each is followed."""
@@ -87,7 +87,8 @@ def sweep(
     record: Record = None,
     transient: Annotated[int, typer.Option(help="Forcing periods to pass before.")] = 300,
     periods: Annotated[
-        int | None, typer.Option(help="Forcing periods to record; default 10, of exponents 500, and of orbits 1.")
+        int | None,
+        typer.Option(help="Forcing periods to record; default 10, of motion 64, of exponents 500, of orbits 1."),
     ] = None,
     steps_per_period: Steps = None,
     store: StorePath = None,
@@ -164,7 +165,8 @@ def _asked(
     alone = [name for name in names if name in ALONE]
     if alone and len(names) > 1:
         raise ValueError(f"Option --record {alone[0]} must stand alone, but is given with others.")
-    count = PERIODS.get(names[0], 10) if periods is None else whole("periods", periods, 1)
+    usual = next((PERIODS[name] for name in names if name in PERIODS), 10)
+    count = usual if periods is None else whole("periods", periods, 1)
     whole("transient", transient, 0)
     if names == ["orbits"]:
         return orbit_sweep, dict(transient=transient, period=count)
