@@ -88,7 +88,7 @@ def sweep(
     transient: Annotated[int, typer.Option(help="Forcing periods to pass before.")] = 300,
     periods: Annotated[
         int | None,
-        typer.Option(help="Forcing periods to record; default 10, of motion 64, of exponents 500, of orbits 1."),
+        typer.Option(help="Forcing periods to record; default 10, motion 64, exponents 500, orbits 1."),
     ] = None,
     steps_per_period: Steps = None,
     store: StorePath = None,
@@ -279,20 +279,20 @@ def _kept(store: Path) -> Iterator[None]:
 
 def picture(ds: Any, show: str | None = None) -> Any:
     """What suits a dataset: a named variable, exponents, bifurcation diagrams, motions or peak forces."""
-    from .. import plots
+    from ..plots import attractor_map, bifurcations, exponents, quantity_map, regime_map
 
     dims = len(ds["status"].dims)
     if show is not None:
-        return plots.quantity_map(ds, show)
+        return quantity_map(ds, show)
     if "regime" in ds and dims <= 2:
-        return (plots.exponents if dims == 1 else plots.regime_map)(ds)
+        return (exponents if dims == 1 else regime_map)(ds)
     if "v_z_period" in ds and dims == 1 and ds["status"].dims != ("case",):
-        return plots.bifurcations(ds)
+        return bifurcations(ds)
     if {"kind", "period"} <= set(ds) and dims == 2:
-        return plots.attractor_map(ds)
+        return attractor_map(ds)
     over = set(ds["status"].dims)
     numbers = [str(n) for n, v in ds.data_vars.items() if over <= set(v.dims) and v.dtype.kind == "f"]
-    return plots.quantity_map(ds, "peak_force" if "peak_force" in ds else (numbers or ["steps_per_period"])[0])
+    return quantity_map(ds, "peak_force" if "peak_force" in ds else (numbers or ["steps_per_period"])[0])
 
 
 def _draw(ds: Any, draw: Callable[[Any], Any], base: Path) -> None:
@@ -304,7 +304,7 @@ def _draw(ds: Any, draw: Callable[[Any], Any], base: Path) -> None:
     from ..plots import png
 
     if len(ds["status"].dims) > 2:
-        print(f"no picture of {len(ds['status'].dims)} parameters: take a part of the store, and plots.quantity_map")
+        print(f"no picture of {len(ds['status'].dims)} parameters: take a part of the store, and quantity_map")
         return
     found = png(np.ravel(draw(ds))[0].figure, 300)
     print(said(write_each({Path(f"{base}.png"): lambda: found})))
