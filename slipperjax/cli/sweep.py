@@ -272,8 +272,11 @@ def _kept(store: Path) -> Iterator[None]:
     try:
         yield
     except Interrupted as stop:
-        kept = f"{stop.finished} of {stop.cases} cases are in {store}; the same command goes on"
-        print(kept, file=sys.stderr)
+        if stop.dataset is None:
+            print("nothing is stored yet", file=sys.stderr)
+        else:
+            kept = f"{stop.finished} of {stop.cases} cases are in {store}; the same command goes on"
+            print(kept, file=sys.stderr)
         raise
 
 

@@ -48,6 +48,7 @@ from .spread import sweep_from as sweep_from
 from .stores import Store as Store
 from .stores import StoreInUse as StoreInUse
 from .stores import StoreStatus as StoreStatus
+from .stores import WorkerLost as WorkerLost
 from .stores import check_store as check_store
 from .stores import merge_stores as merge_stores
 from .stores import open_store as open_store

@@ -15,7 +15,7 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.flow import ASKED
-from slipperjax.sweeps import StoreInUse, check_store, merge_stores, store_status
+from slipperjax.sweeps import StoreInUse, WorkerLost, check_store, merge_stores, store_status
 from slipperjax.sweeps.stores import tiling
 
 from . import made_up
@@ -204,8 +204,14 @@ def test_another_call_is_refused_with_the_difference(tmp_path, whole):
             made_up.made_up(store=sj.Store(path, tile=10), **asked)
         assert words in str(caught.value)
     assert files(path) == whole
+    with pytest.raises(ValueError, match="grid"):  # a wrong argument deletes nothing
+        made_up.made_up(scene=sj.paper_scene(), grid={}, store=sj.Store(path, fresh=True))
+    with pytest.raises(TypeError):
+        made_up.made_up(scene=sj.paper_scene(), grid=grid, store=sj.Store(path, fresh=True), periods="many")
+    assert files(path) == whole
     call(path, fresh=True)
     assert files(path) == whole
+    assert [file.name for file in tmp_path.iterdir()] == ["map.zarr"]
 
 
 def test_two_processes_cannot_write_to_one_store(tmp_path, whole):
@@ -348,15 +354,16 @@ def test_a_map_of_another_call_is_not_taken_from(tmp_path):
 
 
 def test_processes_compute_tiles_and_a_killed_one_is_named(tmp_path, whole, monkeypatch):
-    from concurrent.futures.process import BrokenProcessPool
-
     mark, path = tmp_path / "die", tmp_path / "map.zarr"
     monkeypatch.setenv("DIES", str(mark))
     with sj.processes(2) as pool:
         ds = call(path, executor=pool)
     assert files(path) == whole
     assert int((ds["status"] == int(sj.Status.NOT_RUN)).sum()) == 0
-    with sj.processes(1) as pool, pytest.raises(BrokenProcessPool):
+    with (
+        sj.processes(1) as pool,
+        pytest.raises(WorkerLost, match="for want of memory perhaps; [0-9]+ cases or more are stored"),
+    ):
         call(tmp_path / "dies.zarr", executor=_Marking(pool, mark))
     assert store_status(tmp_path / "dies.zarr").tiles_done < 12
     call(tmp_path / "dies.zarr")

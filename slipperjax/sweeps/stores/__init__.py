@@ -10,6 +10,7 @@ from .stored import stored as stored
 from .target import Store as Store
 from .target import check_share as check_share
 from .target import store_of as store_of
+from .tasks import WorkerLost as WorkerLost
 from .tiles import Tiling as Tiling
 from .tiles import tiling as tiling
 from .upkeep import StoreStatus as StoreStatus

@@ -102,9 +102,17 @@ class Archive(NamedTuple):
         """Makes a tile absent, so that the next run computes it again."""
         self.path.joinpath(LAST, "c", *map(str, self.tiles.place(number))).unlink(missing_ok=True)
 
-    def tidy(self) -> None:
-        """Deletes what a process that was killed had not finished to write. Nobody else may be writing."""
-        for part in self.path.rglob("*.partial"):
+    def tidy(self, numbers: Sequence[int] | None = None) -> None:
+        """Deletes what a process that was killed had not finished to write of some tiles, or of all of the store.
+
+        Nobody else may be writing to them.
+        """
+        if numbers is None:
+            parts = self.path.rglob("*.partial")
+        else:
+            files = (file for number in numbers for file in self.files(number).values())
+            parts = (part for file in files for part in file.parent.glob(f"{file.name}.*.partial"))
+        for part in parts:
             part.unlink(missing_ok=True)
 
 
@@ -135,18 +143,26 @@ def _fitted(name: str, variable: xr.Variable, shape: tuple[int, ...], dims: tupl
 
 
 def make_archive(path: Path, grid: Grid, tiles: Tiling, asked: Mapping[str, Any], like: xr.Dataset) -> Archive:
-    """Makes an empty store, whole or not at all.
+    """Makes an empty store, whole or not at all, in place of one that may be there.
 
     **Arguments:** `asked`: its fingerprint; `like`: the results of one case.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    shutil.rmtree(part, ignore_errors=True)
+    _clear(path)
+    part, old = (path.with_name(f".{path.name}.{os.getpid()}.{name}") for name in ("part", "old.part"))
     try:
         _make(part, grid, tiles, asked, like)
+        if path.exists():
+            os.rename(path, old)
         os.rename(part, path)
     finally:
-        shutil.rmtree(part, ignore_errors=True)
+        _clear(path)
     return open_archive(path)
+
+
+def _clear(path: Path) -> None:
+    """Deletes what was not finished beside a store, also by processes that were killed."""
+    for part in path.parent.glob(f".{path.name}.*.part"):
+        shutil.rmtree(part, ignore_errors=True)
 
 
 def _make(path: Path, grid: Grid, tiles: Tiling, asked: Mapping[str, Any], like: xr.Dataset) -> None:

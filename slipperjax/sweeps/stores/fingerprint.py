@@ -31,7 +31,7 @@ def fingerprint(function: Any, grid: Grid, options: Mapping[str, Any], tiles: Ti
         "product": grid.product,
         "tile": list(tiles.tile),
         "arguments": {name: plain(value) for name, value in asked.items()},
-        "versions": versions(),
+        "versions": {name: version for name, version in versions().items() if name != "python"},
     }
 
 

@@ -10,7 +10,7 @@ WAIT = 60.0
 """Seconds for which a share waits until another one has made the store."""
 
 
-class StoreInUse(RuntimeError):
+class StoreInUse(OSError):
     """Another process writes to the store. Its lock ends with that process, however this ends."""
 
 

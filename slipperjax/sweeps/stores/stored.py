@@ -2,7 +2,6 @@
 
 import functools
 import inspect
-import shutil
 from collections.abc import Callable, Mapping
 from typing import Any, ParamSpec, TypeVar
 
@@ -89,12 +88,14 @@ def stored(
     if store.reuse is not None:
         check_reuse(store.reuse, asked, tuple(checked.axes))
     with writing(store):
-        archive = _archive(function, checked, tiles, asked, inside, store)
-        if store.share is None:
-            archive.tidy()
+        try:
+            archive = _archive(function, checked, tiles, asked, inside, store)
+        except Interrupted:
+            raise Interrupted(None, 0, checked.count) from None
         done = archive.done()
         share, shares = store.share or (1, 1)
         todo = [k for k in range(tiles.count) if not done[k] and k % shares == share - 1]
+        archive.tidy(None if store.share is None else todo)
         del inside["product"]
         named = f"{function.__module__}:{function.__qualname__}"
         # LAPACK must not be called from two threads, and a device computes one batch at a time
@@ -128,11 +129,8 @@ def _archive(
 ) -> Archive:
     """The store, which is made where there is none."""
     with making(store):
-        if store.fresh:
-            shutil.rmtree(store.path, ignore_errors=True)
-        if not store.path.exists():
-            for part in store.path.parent.glob(f".{store.path.name}.*.part"):  # of a process that was killed
-                shutil.rmtree(part, ignore_errors=True)
+        if store.fresh or not store.path.exists():
+            # first of all, so that a wrong argument deletes nothing
             corner = tuple(slice(1) for _ in grid.shape)
             like = run_part(function, grid.scene, grid.part(corner), grid.product, options, corner)
             return make_archive(store.path, grid, tiles, asked, like)

@@ -4,7 +4,7 @@ import importlib
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from math import prod
@@ -26,6 +26,8 @@ TICK = 0.05
 AHEAD = 3
 """Tasks that are given to an executor for each of its workers, so that none waits for another."""
 LEAST_AHEAD = 16
+QUEUED = 1000
+"""Tasks that are given to dask at once, which shares them among workers that come and go."""
 RETRIES = 3
 """How often dask tries a task again that failed."""
 _ALONE = threading.Lock()
@@ -90,6 +92,10 @@ def run_part(
     return function(scene, grid=dict(part), **{**of_part, "product": product})
 
 
+class WorkerLost(OSError):
+    """A worker process ended, and its executor with it. What was finished is stored."""
+
+
 class _Count(Tally):
     """Progress by finished tiles: those of a run are alike."""
 
@@ -112,7 +118,7 @@ def run_tasks(job: Job, todo: Sequence[int], executor: Any, workers: int | None,
     **Arguments:** `executor`: a `concurrent.futures.Executor`, a `dask.distributed.Client`, or None for `workers`
     threads of this process; `before`: cases that were finished before.
 
-    **Raises:** `KeyboardInterrupt` after Ctrl-C; what a task raised.
+    **Raises:** `KeyboardInterrupt` after Ctrl-C; `WorkerLost`; what a task raised.
     """
     if not todo:
         return
@@ -137,9 +143,12 @@ def run_tasks(job: Job, todo: Sequence[int], executor: Any, workers: int | None,
                     raise KeyboardInterrupt
                 shown.show()
                 time.sleep(TICK)
-        except BaseException:
+        except BaseException as error:
             for future in waiting:
                 future.cancel()
+            if isinstance(error, BrokenExecutor):
+                kept = f"{before + tally.finished} cases or more are stored, call again to go on"
+                raise WorkerLost(f"a worker process ended abruptly, for want of memory perhaps; {kept}") from error
             raise
 
 
@@ -150,9 +159,9 @@ def _submitting(executor: Any, workers: int | None) -> Iterator[tuple[Callable[.
         with _threads(cores() if workers is None else workers) as pool:
             yield pool.submit, workers or cores()
     elif type(executor).__module__.split(".")[0] == "distributed":
-        at_once = max(LEAST_AHEAD, AHEAD * sum(executor.nthreads().values()))
-        # tasks of one function and argument are the same to dask unless they are said to be impure
-        yield lambda job, number: executor.submit(job, number, pure=False, retries=RETRIES), at_once
+        # tasks of one function and argument are the same to dask unless they are said to be impure; workers may come
+        # and go
+        yield lambda job, number: executor.submit(job, number, pure=False, retries=RETRIES), QUEUED
     else:
         yield executor.submit, max(LEAST_AHEAD, AHEAD * getattr(executor, "_max_workers", 1))
 
