@@ -15,6 +15,7 @@ import slipperjax as sj
 from slipperjax.bench import Point
 from slipperjax.cli import main
 from slipperjax.cli.options import CASE_OPTIONS, PAPER, make_case, make_grid, make_scene, make_solver
+from slipperjax.cli.waiting import saying_compiling
 from slipperjax.flow import Status
 from slipperjax.model import PARAMETERS, SECTIONS
 from slipperjax.plots import COLORS, REGIME_COLORS
@@ -464,3 +465,12 @@ def test_a_bad_trajectory_is_reported_without_its_force(tmp_path, capsys):
     assert f"\n200 steps per period; status: {Status.NOT_FINITE}\n" in capsys.readouterr().out
     assert dataset(out).attrs["status"] == Status.NOT_FINITE
     assert share(picture(out, 7.2, 9.4), COLORS["red"]) > 1e-4  # of the title
+
+
+def test_compiling_is_said_once_and_only_while_a_command_waits(capsys):
+    fresh = lambda k: sj.jit(lambda x: x + k)(1.0)
+    with saying_compiling():
+        fresh(1)
+        fresh(2)
+    fresh(3)
+    assert capsys.readouterr().err == "compiling ...\n"
