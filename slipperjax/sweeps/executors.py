@@ -35,6 +35,9 @@ from .progress import Later, Tally, display
 TICK = 0.25
 """Seconds between two looks at how far a run is."""
 
+STOPPING = 5.0
+"""Seconds that are waited for what runs beside an interrupted run; programs that are being compiled take longer."""
+
 
 class ChunkRun(NamedTuple):
     """A chunk of cases after its run."""
@@ -223,7 +226,7 @@ def on_threads(calls: Sequence[Callable[[OnProgress], Any]]) -> list[Any]:
 def beside(call: Callable[[], Any]) -> Iterator[Callable[[], Any]]:
     """Calls a function on a thread of its own while the body of the context runs; gives what waits for its result.
 
-    Where the body ends by an exception, what runs on the thread ends as by Ctrl-C, and is waited for.
+    Where the body ends by an exception, what runs on the thread ends as by Ctrl-C, and is waited for up to `STOPPING`.
     """
     pool = ThreadPoolExecutor(1)
     found = pool.submit(call)
@@ -231,7 +234,7 @@ def beside(call: Callable[[], Any]) -> Iterator[Callable[[], Any]]:
         yield found.result
     except BaseException:
         with all_stopped():
-            wait([found])
+            wait([found], STOPPING)
         raise
     finally:
         pool.shutdown(wait=False)

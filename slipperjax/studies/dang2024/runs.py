@@ -5,9 +5,10 @@ compiled.
 """
 
 import functools
+import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -338,26 +339,35 @@ def reproduce(
     return _runs({one_of("figures", str(f), FIGURES + MAPS) for f in figures}, effort, progress)
 
 
-AT_ONCE = 2
-"""Runs at once: while one of them compiles or uses one core, another one uses the other."""
+TOGETHER = ("exponents", "dual frequency", "basins")
+"""Runs that are made at once, two at a time: while one of them compiles or uses one core, another one uses the other.
+The other runs follow branches by many short calls, which would wait for the long ones of these."""
 
 
 def _runs(wanted: set[str], effort: Effort, progress: bool) -> Iterator[Finished]:
     chosen = [name for name, (made, _) in RUNS.items() if wanted & set(made)]
+    groups = [list(names) for _, names in itertools.groupby(chosen, lambda n: "" if n in TOGETHER else n)]
     data: dict[str, Data] = {name: {} for name in chosen}
     begun: dict[str, float] = {}
+    ends: dict[str, Future[tuple[Answers, float]]] = {}
+    pool = ThreadPoolExecutor(2)
 
     def one(name: str) -> tuple[Answers, float]:
         begun[name] = time.perf_counter()
         answers = RUNS[name][1](effort, wanted, {"progress": progress}, data[name])
         return answers, time.perf_counter() - begun[name]
 
-    pool = ThreadPoolExecutor(AT_ONCE)
-    ends = {name: pool.submit(one, name) for name in chosen}
+    def begin_next() -> None:
+        for name in groups.pop(0) if groups else []:
+            ends[name] = pool.submit(one, name)
+
     left = list(chosen)
     try:
+        begin_next()
         for name in chosen:
             answers, seconds = ends[name].result()
+            if all(end.done() for end in ends.values()):
+                begin_next()  # goes on while the figures of this one are drawn
             left.remove(name)
             figures = tuple(f for f in RUNS[name][0] if f in wanted)
             yield Finished(name, figures, Outcome(data[name], answers), seconds)
@@ -367,7 +377,8 @@ def _runs(wanted: set[str], effort: Effort, progress: bool) -> Iterator[Finished
         if not isinstance(stop, KeyboardInterrupt):
             raise
         for name in left:
-            error = None if ends[name].cancelled() else ends[name].exception()
+            end = ends.get(name)
+            error = None if end is None or end.cancelled() else end.exception()
             if isinstance(error, Interrupted) and error.dataset is not None:
                 data[name]["interrupted"] = error.dataset
             if data[name]:
