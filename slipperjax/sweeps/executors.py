@@ -226,7 +226,7 @@ def on_threads(calls: Sequence[Callable[[OnProgress], Any]]) -> list[Any]:
 def beside(call: Callable[[], Any]) -> Iterator[Callable[[], Any]]:
     """Calls a function on a thread of its own while the body of the context runs; gives what waits for its result.
 
-    Where the body ends by an exception, what runs on the thread ends as by Ctrl-C, and is waited for up to `STOPPING`.
+    Where the body ends by an exception, what runs on the thread ends as by Ctrl-C, and is waited for (`STOPPING`).
     """
     pool = ThreadPoolExecutor(1)
     found = pool.submit(call)
