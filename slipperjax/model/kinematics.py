@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools import brief, is_traced, materialise, shown_number, sin_cos
+from ..tools import brief, is_traced, materialise, shown_number
 from .quantities import COORDINATES
 from .scene import Scene
 
@@ -210,7 +210,7 @@ def _node(scene: Scene, points: Points, distance: Array) -> _Node:
     (n_y, n_z), (y, z) = points.normal, points.track
     v_y, v_z = slope.lateral, slope.vertical
     if rail.roll is not None:
-        s, c = materialise(sin_cos(rail.roll))
+        c, s = materialise((jnp.cos(rail.roll), jnp.sin(rail.roll)))
         n_y, n_z = c * n_y - s * n_z, s * n_y + c * n_z
         y, z = c * y - s * z, s * y + c * z
         v_y, v_z = v_y - slope.roll * z, v_z + slope.roll * y

@@ -30,7 +30,6 @@ from .modules import shown_module as shown_module
 from .modules import shown_number as shown_number
 from .program_cache import CacheWarning as CacheWarning
 from .program_cache import compile_cache as compile_cache
-from .trigonometry import sin_cos as sin_cos
 from .validate import Check as Check
 from .validate import ImplausibleWarning as ImplausibleWarning
 from .validate import brief as brief

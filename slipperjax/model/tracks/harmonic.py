@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...tools import finite, optional, positive, sin_cos, warn_unless_within
+from ...tools import finite, optional, positive, warn_unless_within
 from .abstract import AbstractTrack, Irregularity
 
 PLAUSIBLE_LENGTHS = 0.02, 2000.0
@@ -43,7 +43,7 @@ class HarmonicTrack(AbstractTrack):
         for k in range(self.wavelengths.shape[0]):
             cycles = distance / self.wavelengths[k]
             # whole cycles are subtracted before the sine, which keeps its precision after any number of periods
-            shape = shape + sin_cos(2 * jnp.pi * (cycles - jnp.floor(cycles)))[0]
+            shape = shape + jnp.sin(2 * jnp.pi * (cycles - jnp.floor(cycles)))
         offset = self.amplitude * shape
         return Irregularity(offset, offset, None if self.roll_amplitude is None else self.roll_amplitude * shape)
 
