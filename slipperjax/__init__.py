@@ -7,7 +7,10 @@ from typing import Any as _Any
 
 import jax as _jax
 
+from .tools import loops_in_one_kernel as _loops_in_one_kernel
+
 _jax.config.update("jax_enable_x64", True)
+_loops_in_one_kernel()
 
 from .flow import Interrupted as Interrupted  # noqa: E402
 from .flow import Status as Status  # noqa: E402

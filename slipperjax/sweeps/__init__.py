@@ -10,6 +10,8 @@ from .confirm import Confirmations as Confirmations
 from .confirm import confirm_periods as confirm_periods
 from .executors import ChunkRun as ChunkRun
 from .executors import Runs as Runs
+from .executors import all_stopped as all_stopped
+from .executors import beside as beside
 from .executors import in_order as in_order
 from .executors import on_threads as on_threads
 from .executors import records_in_order as records_in_order

@@ -1,8 +1,9 @@
 """Running chunks of cases: one chunk through its calls, and all chunks on threads with progress."""
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -38,6 +39,9 @@ from .reducers import Further
 
 TICK = 0.25
 """Seconds between two looks at how far a run is."""
+
+STOPPING = 5.0
+"""Seconds that are waited for what runs beside an interrupted run; programs that are being compiled take longer."""
 
 
 class ChunkRun(NamedTuple):
@@ -247,6 +251,8 @@ def on_threads(calls: Sequence[Callable[[OnProgress], Any]]) -> list[Any]:
     stop = threading.Event()
 
     def on_progress(periods: float) -> None:
+        if ASKED.is_set():
+            raise KeyboardInterrupt
         if stop.is_set():
             raise _Stopped
 
@@ -256,6 +262,36 @@ def on_threads(calls: Sequence[Callable[[OnProgress], Any]]) -> list[Any]:
     finally:
         stop.set()
         pool.shutdown(wait=False, cancel_futures=True)
+
+
+@contextmanager
+def beside(call: Callable[[], Any]) -> Iterator[Callable[[], Any]]:
+    """Calls a function on a thread of its own while the body of the context runs; gives what waits for its result.
+
+    Where the body ends by an exception, what runs on the thread ends as by Ctrl-C, and is waited for (`STOPPING`).
+    """
+    pool = ThreadPoolExecutor(1)
+    found = pool.submit(call)
+    try:
+        yield found.result
+    except BaseException:
+        with all_stopped():
+            wait([found], STOPPING)
+        raise
+    finally:
+        pool.shutdown(wait=False)
+
+
+@contextmanager
+def all_stopped() -> Iterator[None]:
+    """Within this context all runs end as by Ctrl-C."""
+    before = ASKED.is_set()
+    ASKED.set()
+    try:
+        yield
+    finally:
+        if not before:
+            ASKED.clear()
 
 
 class _Stopped(Exception):

@@ -22,12 +22,12 @@ LONGEST = 16
 """Longest period of a motion whose Floquet multipliers are computed, or whose orbit is looked for."""
 LAST = 200
 """Forcing periods at the end of a record from which a motion is classified."""
-PAIR, JACOBIAN, LOOK = 3.5, 35.0, 3.8
+PAIR, JACOBIAN, LOOK = 2.0, 35.0, 3.8
 """What a period of two trajectories, with its Jacobian, and with its loads costs, in plain ones: measured."""
 
 
 def tangents_cost(count: int) -> float:
-    """What a period with `count` tangents costs, in plain ones: measured 2.3 to 2.9 with one, 5.7 with three."""
+    """What a period with `count` tangents costs, in plain ones: measured 2.1 to 2.9 with one, 5.7 with three."""
     return 1.0 + 1.6 * count
 
 

@@ -6,6 +6,7 @@ from .compile import call_compiled as call_compiled
 from .compile import compiler_options as compiler_options
 from .compile import is_traced as is_traced
 from .compile import jit as jit
+from .compile import loops_in_one_kernel as loops_in_one_kernel
 from .description import TYPE as TYPE
 from .description import build as build
 from .description import check_fields as check_fields

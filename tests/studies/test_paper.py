@@ -118,7 +118,7 @@ def test_each_figure_is_made_by_one_run_of_what_it_needs(monkeypatch):
     done = list(reproduce(["8", "9", "5", "12"], quick=True))
     assert [(d.name, d.figures) for d in done] == [("motions", ("12", "5", "8")), ("exponents", ("9",))]
     batches = [("sweep", ["histories", "speed", "clearance"]), ("lyapunov_sweep", ["clearance"])]
-    assert [call for call in asked if len(call) == 2] == batches
+    assert sorted(call for call in asked if len(call) == 2) == sorted(batches)  # runs are made at once
     assert [call for call in asked if len(call) == 3] == [("speed", 0, False), ("clearance", 0, False)]
     answers = done[0].outcome.answers | done[1].outcome.answers
     assert set(answers) <= set(CLAIMS)
@@ -167,12 +167,10 @@ def test_readings_leave_out_flagged_cases(monkeypatch):
     assert first["N14 L = 0.1 m (1977, 8807, 5447 N)"] == "1977, 8807, 5447"
     assert first["N14 L = 0.4 m (4256, 12824, 20365 N)"] == "flagged"
     assert first["cases flagged"] == "2 of 38"
-    assert [(clamp, steps, round(c * 1e3)) for clamp, steps, c in asked[::2]] == [
-        (True, 100, 1),
-        (True, 100, 2),
-        (False, 100, 1),
-        (False, 100, 2),
-    ]
+    # two readings at once, each with a sweep and a history
+    assert sorted((clamp, steps, round(c * 1e3)) for clamp, steps, c in asked) == sorted(
+        2 * [(True, 100, 1), (True, 100, 2), (False, 100, 1), (False, 100, 2)]
+    )
 
 
 # --- steps per period, one number for each case ---------------------------------------------------------------------

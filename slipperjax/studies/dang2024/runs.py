@@ -5,8 +5,10 @@ compiled.
 """
 
 import functools
+import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +19,9 @@ from ...model import paper_scene
 from ...sweeps import (
     Jump,
     OnProgress,
+    all_stopped,
     attractors,
+    beside,
     find_jump,
     follow,
     groups,
@@ -136,10 +140,25 @@ def _joined(run: Callable, effort: Effort, names: list[str], **options: Any) -> 
 def motions(effort: Effort, wanted: set[str], options: dict, data: Data) -> Answers:
     """Figs. 4, 5, 7, 8, 10 and 12: single cases, and diagrams over speed, clearance and length, as one batch.
 
-    Then the branches of orbits through the diagrams.
+    Beside it, on one core, the branches of orbits through the diagrams.
     """
     made = {"histories": {"4", "7", "12"}, "speed": {"5"}, "clearance": {"8"}, "length": {"10"}}
-    parts = _joined(sweep, effort, [name for name, figures in made.items() if figures & wanted], **options)
+    names = [name for name, figures in made.items() if figures & wanted]
+
+    def follow_all() -> dict[str, branches.Branches]:
+        over = [name for name in branches.OVER if name in names]
+        return {n: branches.follow_branches(n, effort.flips, effort.observed, data, options) for n in over}
+
+    with beside(follow_all) as followed:
+        found = _diagrams(effort, names, options, data)
+        for name, of_name in followed().items():
+            found = supported(found, branches.OVER[name](of_name))
+    return found
+
+
+def _diagrams(effort: Effort, names: list[str], options: dict, data: Data) -> Answers:
+    """The single cases and the diagrams."""
+    parts = _joined(sweep, effort, names, **options)
     data |= {"sections" if name == "histories" else name: part for name, part in parts.items()}
     found = {}
     if "histories" in parts:
@@ -159,10 +178,6 @@ def motions(effort: Effort, wanted: set[str], options: dict, data: Data) -> Answ
         found |= verdicts.over_clearance(parts["clearance"], effort.judged)
     if "length" in parts:
         found |= verdicts.over_length(parts["length"], effort.judged)
-    for name in branches.OVER:
-        if name in parts:
-            followed = branches.follow_branches(name, effort.flips, effort.observed, data, options)
-            found = supported(found, branches.OVER[name](followed))
     return found
 
 
@@ -226,42 +241,53 @@ CONVENTIONS = {
 
 
 def readings(effort: Effort, options: dict) -> list[dict[str, str]]:
-    """The claims that differ, under each of `CONVENTIONS`: rows of a table, without flagged cases."""
-    table = []
+    """The claims that differ, under each of `CONVENTIONS`: rows of a table, without flagged cases.
+
+    Those with other laws need programs of their own, and are made at once with the others.
+    """
+    clamped = [name for name, (_, clamp) in CONVENTIONS.items() if clamp]
+    pulling = [name for name in CONVENTIONS if name not in clamped]
+    rows = lambda names: [_reading(name, effort, options) for name in names]
+    with beside(lambda: rows(pulling)) as others:
+        found = rows(clamped)
+        return found + others()
+
+
+def _reading(name: str, effort: Effort, options: dict) -> dict[str, str]:
+    """One row of `readings`."""
+    per_face, clamp = CONVENTIONS[name]
     slow, fast = np.arange(760.0, 1061.0, 20.0), np.arange(1780.0, 1981.0, 20.0)
     wide = np.arange(2.4e-3, 2.81e-3, 0.05e-3)
     speeds = np.concatenate([slow, fast, np.full(len(wide) + 2, 1250.0)])
     clearances = np.concatenate([np.full(len(slow) + len(fast), 1e-3), wide, [1e-3, 1e-3]])
     lengths = np.concatenate([np.full(len(speeds) - 2, 0.2), [0.1, 0.4]])
     common = dict(product=False, steps_per_period=STEPS, transient=min(effort.transient, 300), **options)
-    for name, (per_face, clamp) in CONVENTIONS.items():
-        scene = paper_scene(clamp=clamp)
-        grid = dict(speed=speeds, clearance=clearances * (2 if per_face else 1), length=lengths)
-        ds = sweep(scene, grid, **common)
-        last = {k: v[-2:] for k, v in grid.items()}
-        history = sweep(scene, last, record="history", saves_per_period=50, periods=60, **common)
-        kinds = attractors(ds)
-        parts = np.split(np.arange(len(speeds)), np.cumsum([len(slow), len(fast), len(wide)]))
-        good = verdicts.good_cases(ds)
-        points = verdicts.case_points(ds.isel(case=parts[0]), "v_y")
-        drop = verdicts.greatest_drop(fast, verdicts.case_means(ds.isel(case=parts[1]), "v_y"))
-        wild = wide[(kinds.kind[parts[2]] != "period") & good[parts[2]]] * 1e3
-        at_900 = int(np.argmin(abs(slow - 900)))
-        row = {
-            "reading": name,
-            "N1 900 m/s": named(kinds, at_900),
-            "N4 three points in V_Y (820..980 m/s)": show_ranges(runs(points == 3, slow)),
-            "N4 drop (1810 m/s)": "none" if drop is None else f"{drop[0]:.0f}..{drop[1]:.0f}",
-            "N11 not periodic from (2.575 mm)": f"{wild[0]:.4g}" if wild.size else "not up to 2.8",
-        }
-        for k, (length, stated) in enumerate(((0.1, "1977, 8807, 5447"), (0.4, "4256, 12824, 20365"))):
-            case = history.isel(case=k)
-            peaks = case["peak_force"].sel(end="rear", point=list("ACJ")).values
-            text = ", ".join(f"{v:.0f}" for v in peaks) if case["status"] == Status.FINITE else "flagged"
-            row[f"N14 L = {length} m ({stated} N)"] = text
-        row["cases flagged"] = f"{np.sum(~good)} of {good.size}"
-        table.append(row)
-    return table
+    scene = paper_scene(clamp=clamp)
+    grid = dict(speed=speeds, clearance=clearances * (2 if per_face else 1), length=lengths)
+    ds = sweep(scene, grid, **common)
+    last = {k: v[-2:] for k, v in grid.items()}
+    history = sweep(scene, last, record="history", saves_per_period=50, periods=60, **common)
+    kinds = attractors(ds)
+    parts = np.split(np.arange(len(speeds)), np.cumsum([len(slow), len(fast), len(wide)]))
+    good = verdicts.good_cases(ds)
+    points = verdicts.case_points(ds.isel(case=parts[0]), "v_y")
+    drop = verdicts.greatest_drop(fast, verdicts.case_means(ds.isel(case=parts[1]), "v_y"))
+    wild = wide[(kinds.kind[parts[2]] != "period") & good[parts[2]]] * 1e3
+    at_900 = int(np.argmin(abs(slow - 900)))
+    row = {
+        "reading": name,
+        "N1 900 m/s": named(kinds, at_900),
+        "N4 three points in V_Y (820..980 m/s)": show_ranges(runs(points == 3, slow)),
+        "N4 drop (1810 m/s)": "none" if drop is None else f"{drop[0]:.0f}..{drop[1]:.0f}",
+        "N11 not periodic from (2.575 mm)": f"{wild[0]:.4g}" if wild.size else "not up to 2.8",
+    }
+    for k, (length, stated) in enumerate(((0.1, "1977, 8807, 5447"), (0.4, "4256, 12824, 20365"))):
+        case = history.isel(case=k)
+        peaks = case["peak_force"].sel(end="rear", point=list("ACJ")).values
+        text = ", ".join(f"{v:.0f}" for v in peaks) if case["status"] == Status.FINITE else "flagged"
+        row[f"N14 L = {length} m ({stated} N)"] = text
+    row["cases flagged"] = f"{np.sum(~good)} of {good.size}"
+    return row
 
 
 RUNS: dict[str, tuple[tuple[str, ...], Callable[[Effort, set[str], dict, Data], Answers]]] = {
@@ -313,17 +339,49 @@ def reproduce(
     return _runs({one_of("figures", str(f), FIGURES + MAPS) for f in figures}, effort, progress)
 
 
-def _runs(wanted, effort, progress):
-    for name, (made, run) in RUNS.items():
-        if wanted & set(made):
-            begin, data = time.perf_counter(), {}
-            try:
-                answers = run(effort, wanted, {"progress": progress}, data)
-            except KeyboardInterrupt as stop:
-                if isinstance(stop, Interrupted) and stop.dataset is not None:
-                    data["interrupted"] = stop.dataset
-                if data:
-                    yield Finished(name, (), Outcome(data, {}), time.perf_counter() - begin)
-                raise
-            figures = tuple(f for f in made if f in wanted)
-            yield Finished(name, figures, Outcome(data, answers), time.perf_counter() - begin)
+TOGETHER = ("exponents", "dual frequency", "basins")
+"""Runs that are made at once, two at a time: while one of them compiles or uses one core, another one uses the other.
+The other runs follow branches by many short calls, which would wait for the long ones of these."""
+
+
+def _runs(wanted: set[str], effort: Effort, progress: bool) -> Iterator[Finished]:
+    chosen = [name for name, (made, _) in RUNS.items() if wanted & set(made)]
+    groups = [list(names) for _, names in itertools.groupby(chosen, lambda n: "" if n in TOGETHER else n)]
+    data: dict[str, Data] = {name: {} for name in chosen}
+    begun: dict[str, float] = {}
+    ends: dict[str, Future[tuple[Answers, float]]] = {}
+    pool = ThreadPoolExecutor(2)
+
+    def one(name: str) -> tuple[Answers, float]:
+        begun[name] = time.perf_counter()
+        answers = RUNS[name][1](effort, wanted, {"progress": progress}, data[name])
+        return answers, time.perf_counter() - begun[name]
+
+    def begin_next() -> None:
+        for name in groups.pop(0) if groups else []:
+            ends[name] = pool.submit(one, name)
+
+    left = list(chosen)
+    try:
+        begin_next()
+        for name in chosen:
+            answers, seconds = ends[name].result()
+            if all(end.done() for end in ends.values()):
+                begin_next()  # goes on while the figures of this one are drawn
+            left.remove(name)
+            figures = tuple(f for f in RUNS[name][0] if f in wanted)
+            yield Finished(name, figures, Outcome(data[name], answers), seconds)
+    except BaseException as stop:
+        with all_stopped():
+            pool.shutdown(cancel_futures=True)
+        if not isinstance(stop, KeyboardInterrupt):
+            raise
+        for name in left:
+            end = ends.get(name)
+            error = None if end is None or end.cancelled() else end.exception()
+            if isinstance(error, Interrupted) and error.dataset is not None:
+                data[name]["interrupted"] = error.dataset
+            if data[name]:
+                yield Finished(name, (), Outcome(data[name], {}), time.perf_counter() - begun[name])
+        raise
+    pool.shutdown()
