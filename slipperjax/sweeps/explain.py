@@ -17,7 +17,8 @@ from ..model import Scene
 from ..tools import LONGEST, available_memory, cores, shown_bytes, shown_time, whole
 from .cases import Cases
 from .grid import Grid
-from .stores import LANES, store_of
+from .plan import LARGEST_CHUNK
+from .stores import store_of
 from .stores.tiles import Tiling, tiling
 
 PROBED = 4096
@@ -115,7 +116,7 @@ def explain(
 ) -> Estimate:
     """What a sweep will take: cases, tiles, time, memory and disk, from a probe of some of its cases.
 
-    The probe runs `LANES` cases spread over the grid, once to compile and once to be timed.
+    The probe runs `LARGEST_CHUNK` cases spread over the grid, once to compile and once to be timed.
 
     ```python
     print(sj.explain(sj.sweep, scene, grid, transient=300, store="map.zarr"))
@@ -130,15 +131,21 @@ def explain(
     target = None if store is None else store_of(store)
     tiles = tiling(known.shape, None if target is None else target.tile)
     workers = cores() if workers is None else whole("workers", workers, 1)
-    how = {**options, "workers": 1, "progress": False, "chunk": options.get("chunk") or LANES, "product": False}
+    how = {
+        **options,
+        "workers": 1,
+        "progress": False,
+        "chunk": options.get("chunk") or LARGEST_CHUNK,
+        "product": False,
+    }
     steps = _steps(known, options)
     used = -(-int(np.ceil(steps.mean())) // 50) * 50 if np.ptp(steps) else int(steps[0])
     how["steps_per_period"] = used  # the same for all, so that the probe is one batch
-    some = _spread(known, LANES)
+    some = _spread(known, LARGEST_CHUNK)
     run = lambda: function(scene, grid=some, **{k: v for k, v in how.items() if k in _names(function)})
     first, _ = _timed(run)
     second, ds = _timed(run)
-    per_case = second / LANES * float(steps.mean()) / used
+    per_case = second / LARGEST_CHUNK * float(steps.mean()) / used
     bytes_of_case = ds.nbytes / ds.sizes["case"]
     free = None if target is None else float(shutil.disk_usage(_existing(target.path)).free)
     arrays = [name for name in ds.variables if "case" in ds[name].dims and name not in known.coordinates()]

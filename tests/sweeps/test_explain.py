@@ -16,8 +16,8 @@ def test_an_estimate_counts_and_measures(tmp_path, monkeypatch):
     found = sj.explain(made_up, sj.paper_scene(), a_grid(), store=store, workers=4, steps_per_period=100)
     assert (found.function, found.cases, found.tiles.count) == ("made_up", 120, 12)
     assert found.steps_per_period == (100, 100)
-    # a tenth of a second for the 256 cases of the probe
-    assert 0.1 / 256 <= found.per_case < 0.5 / 256
+    # a tenth of a second for the 128 cases of the probe
+    assert 0.1 / 128 <= found.per_case < 0.5 / 128
     assert found.seconds == pytest.approx(found.compile + 120 * found.per_case / 4)
     assert found.stored == 120 * found.per_case_stored
     assert found.problems == []

@@ -4,7 +4,6 @@ from .archive import open_store as open_store
 from .locks import StoreInUse as StoreInUse
 from .processes import processes as processes
 from .reuse import refined as refined
-from .stored import LANES as LANES
 from .stored import storable as storable
 from .stored import stored as stored
 from .target import Store as Store

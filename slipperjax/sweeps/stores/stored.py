@@ -14,6 +14,7 @@ from ...model import Scene
 from ...solvers import calls_lapack, resolve_solver
 from ...tools import brief, whole
 from ..grid import Grid
+from ..plan import LARGEST_CHUNK
 from .archive import Archive, check_asked, make_archive, open_archive, open_store
 from .fingerprint import fingerprint
 from .locks import making, writing
@@ -21,9 +22,6 @@ from .reuse import check_reuse
 from .target import Store, store_of
 from .tasks import Job, run_part, run_tasks
 from .tiles import Tiling, tiling
-
-LANES = 256
-"""Cases of one call in a tile: always as many, so that a worker compiles its programs once."""
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -84,7 +82,8 @@ def stored(
     asked = fingerprint(function, checked, options, tiles)
     # threads of this process run a tile each; those of other processes may have several cores
     inside = {**options, "workers": 1 if executor is None else (workers or 1), "progress": False}
-    inside["chunk"] = options.get("chunk") or LANES
+    # always as many, so that a worker compiles its programs once
+    inside["chunk"] = options.get("chunk") or LARGEST_CHUNK
     if store.reuse is not None:
         check_reuse(store.reuse, asked, tuple(checked.axes))
     with writing(store):
