@@ -14,7 +14,8 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.flow import ASKED
+from slipperjax.design import objective_sweep
+from slipperjax.flow import ASKED, Reduced
 from slipperjax.sweeps import StoreInUse, WorkerLost, check_store, merge_stores, store_status
 from slipperjax.sweeps.stores import tiling
 
@@ -91,6 +92,35 @@ def test_tiles_cover_a_grid_once():
         assert np.all(seen == 1)
     assert tiling((100_000, 10_000)).count == 16_667  # of 1e9 cases, and so many files of each variable
     assert tiling((200, 200)).tile == (10, 200)
+
+
+def highest(t, state, args):
+    return state.motion.z
+
+
+RECORD = ["motion", "peak_force", "rms", "sections", "exponent", Reduced(highest, name="highest", units="m")]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("function", "how"),
+    [
+        (sj.sweep, dict(transient=20, periods=20, record=RECORD)),
+        (sj.sweep, dict(transient=20, periods=2, record="history", saves_per_period=10)),
+        (sj.lyapunov_sweep, dict(transient=40, periods=100, count=2)),
+        (sj.orbit_sweep, dict(transient=40)),
+        (objective_sweep, dict(objectives=["peak_force", "contact_load"], transient=20, periods=32)),
+    ],
+)
+def test_stores_of_processes_hold_what_functions_give(tmp_path, function, how):
+    scene, grid = sj.paper_scene(), {"speed": np.linspace(1000, 1600, 4), "clearance": np.linspace(5e-4, 15e-4, 3)}
+    how = how | dict(steps_per_period=50)
+    with sj.processes(2) as pool:
+        ds = function(scene, grid=grid, store=sj.Store(tmp_path / "map.zarr", tile=4), chunk=8, executor=pool, **how)
+    plain = function(scene, grid=grid, **how)
+    assert set(ds.variables) == set(plain.variables)
+    for name in plain.variables:
+        assert np.array_equal(ds[name].values, plain[name].values, equal_nan=plain[name].dtype.kind == "f"), name
 
 
 # cut short, and gone on with

@@ -1,10 +1,13 @@
 """Compiling inside transformations, batches with shared leaves, and stored values."""
 
+import subprocess
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from slipperjax.tools import Batched, call_compiled, compiler_options, jit, materialise
+from slipperjax.tools import Batched, call_compiled, compiler_options, describe, jit, materialise
 
 
 def test_jit_takes_compiler_options_at_the_top_and_nests_everywhere():
@@ -59,3 +62,24 @@ def test_stored_values_are_the_same_values():
     np.testing.assert_array_equal(tree["a"], x)
     assert tree["b"] is tree["a"]  # stored once
     np.testing.assert_array_equal(tree["c"], [2.0, 2.0, 2.0])
+
+
+def test_functions_are_described_by_name_and_code_in_any_process():
+    def scaled(k):
+        return lambda x: k * x
+
+    def text(function):
+        return describe(function)["opaque"]
+
+    assert text(scaled(2.0)) == text(scaled(2.0))
+    assert text(scaled(2.0)) != text(scaled(3.0))  # of the same code
+    assert text(lambda x: x + 1) != text(lambda x: x + 2)
+    nested = lambda k: lambda x: [x + y for y in range(k)]
+    assert text(nested(2)) == text(nested(2))
+    assert " at 0x" not in text(nested(2))
+    program = (
+        "from slipperjax.tools import describe\ndef f(x, y=2): return [x + k for k in range(y)]\nprint(describe(f))"
+    )
+    said = {subprocess.run([sys.executable, "-c", program], capture_output=True, text=True).stdout for _ in range(2)}
+    assert len(said) == 1
+    assert "__main__.f, " in said.pop()

@@ -1,0 +1,87 @@
+"""Any quantity over one parameter, two, or a sample, also while a store grows."""
+
+import json
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import xarray as xr
+
+from slipperjax import plots
+from slipperjax.flow import Status
+from slipperjax.model import PARAMETERS
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    yield
+    plt.close("all")
+
+
+def swept(dims=("clearance", "speed"), sizes=(3, 4), side_by_side=False):
+    """Peak forces [N] at two points, the second larger; one case is flagged and one is not there yet."""
+    values = {"clearance": np.linspace(1e-3, 2e-3, sizes[0]), "speed": np.linspace(1000.0, 1300.0, sizes[-1])}
+    over = ("case",) if side_by_side else dims
+    shape = (sizes[0],) if side_by_side else sizes
+    force = 1e3 * (1 + np.arange(np.prod(shape), dtype=float).reshape(shape))
+    status = np.zeros(shape, int)
+    status.flat[1], status.flat[2] = Status.DERAILED, Status.NOT_RUN
+    force.flat[2] = np.nan
+    both = np.stack([0.5 * force, force], axis=-1)
+    coords = {name: ("case" if side_by_side else name, values[name], PARAMETERS[name].attributes) for name in dims}
+    data = {
+        "peak_force": ((*over, "point"), both),
+        "status": (over, status),
+        "kind": (over, np.full(shape, "period")),
+    }
+    return xr.Dataset(data, coords, {"varied": json.dumps(list(dims))})
+
+
+def legend(ax):
+    return [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+def test_the_largest_value_is_drawn_in_its_display_unit():
+    ax = plots.quantity_map(swept())
+    drawn = ax.collections[0].get_array()
+    assert drawn.shape == (3, 4)
+    assert drawn[0, 0] == 1.0  # kN, of the second point
+    assert drawn.mask.ravel()[:4].tolist() == [False, True, True, False]
+    assert ax.get_xlabel() == "speed $V$ [m/s]"
+    assert legend(ax)[-1] == "not computed yet"
+    assert len(legend(ax)) == 2  # and the flagged case, grey
+    assert ax.collections[1].get_array().mask.sum() == 11
+
+
+def test_dimensions_may_come_in_any_order():
+    ds = swept()
+    turned = ds.assign(peak_force=ds["peak_force"].transpose("point", "speed", "clearance"))
+    one, other = (plots.quantity_map(given).collections[0].get_array() for given in (ds, turned))
+    assert np.array_equal(one.filled(-1), other.filled(-1))
+
+
+def test_one_parameter_is_a_row_of_dots():
+    ax = plots.quantity_map(swept(("speed",), (5,)))
+    (dots,) = (line for line in ax.lines if line.get_marker() == ".")
+    assert np.isfinite(dots.get_ydata()).tolist() == [True, False, False, True, True]
+    assert dots.get_ydata()[-1] == 5.0
+    crosses = [line for line in ax.lines if line.get_marker() == "x" and len(line.get_xdata())]
+    assert crosses[0].get_xdata().tolist() == [1075.0]  # the flagged one; what is missing has no mark
+
+
+def test_a_sample_is_a_cloud_of_dots():
+    ax = plots.quantity_map(swept(sizes=(6, 6), side_by_side=True))
+    dots, bad = ax.collections[:2]
+    assert len(dots.get_offsets()) == 4
+    assert len(bad.get_offsets()) == 1
+    assert dots.get_array().tolist() == [1.0, 4.0, 5.0, 6.0]
+
+
+def test_what_cannot_be_drawn_is_named():
+    ds = swept()
+    with pytest.raises(ValueError, match="with numbers, but kind"):
+        plots.quantity_map(ds, "kind")
+    with pytest.raises(ValueError, match="`penetration`"):
+        plots.quantity_map(ds, "penetration")
+    with pytest.raises(ValueError, match="over one parameter or two"):
+        plots.quantity_map(ds.expand_dims(mass=[1.0, 2.0]))
