@@ -124,7 +124,7 @@ def test_wrong_options_are_named(stored, folder, capsys):
 
 
 def test_ctrl_c_says_that_the_same_command_goes_on(folder):
-    words = ["--over", "speed", 1000, 1600, 640, "--transient", 200, "--periods", 2, "--steps-per-period", 50]
+    words = ["--over", "speed", 1000, 1600, 6400, "--transient", 200, "--periods", 2, "--steps-per-period", 50]
     words += ["--store", folder / "c.zarr", "--tile", 16]
     command = [sys.executable, "-c", "from slipperjax.cli import main; main()", "sweep", *map(str, words)]
     options = dict(stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -135,6 +135,6 @@ def test_ctrl_c_says_that_the_same_command_goes_on(folder):
         one.send_signal(signal.SIGINT)
         _, error = one.communicate(timeout=60)
     assert one.returncode == 130
-    assert "of 640 cases are in" in error
+    assert "of 6400 cases are in" in error
     assert "the same command goes on" in error
-    assert 0 < int((sj.open_store(folder / "c.zarr")["status"] == 0).sum()) < 640
+    assert 0 < int((sj.open_store(folder / "c.zarr")["status"] == 0).sum()) < 6400
