@@ -18,13 +18,11 @@ from ..tools import LONGEST, available_memory, cores, shown_bytes, shown_time, w
 from .cases import Cases
 from .grid import Grid
 from .plan import LARGEST_CHUNK
-from .stores import store_of
+from .stores import COPIES, store_of
 from .stores.tiles import Tiling, tiling
 
 PROBED = 4096
 """Cases whose number of steps is looked at, spread over the grid."""
-COPIES = 3.0
-"""How often results are in memory while a tile is put together and written."""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -320,6 +321,18 @@ def test_a_full_disk_is_named_and_nothing_is_lost(tmp_path, whole, monkeypatch):
     assert 0 < store_status(path).cases_done < 120
     call(path)
     assert files(path) == whole
+
+
+def test_what_does_not_fit_is_said_before_it_is_begun(tmp_path, monkeypatch):
+    module = sys.modules["slipperjax.sweeps.stores.stored"]
+    monkeypatch.setattr(module, "available_memory", lambda: 1000)
+    with pytest.raises(ValueError, match=r"2 at once of 10 cases need .* of which 1 kB are available: take smaller"):
+        call(tmp_path / "map.zarr", workers=2)
+    assert list(tmp_path.iterdir()) == []
+    monkeypatch.setattr(module, "available_memory", lambda: None)
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=1000))
+    with pytest.warns(sj.ImplausibleWarning, match="before it is compressed, and its disk has 1 kB"):
+        call(tmp_path / "map.zarr")
 
 
 def test_a_folder_that_is_missing_or_protected_is_named(tmp_path, monkeypatch):

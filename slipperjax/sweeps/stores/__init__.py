@@ -4,6 +4,7 @@ from .archive import open_store as open_store
 from .locks import StoreInUse as StoreInUse
 from .processes import processes as processes
 from .reuse import refined as refined
+from .stored import COPIES as COPIES
 from .stored import storable as storable
 from .stored import stored as stored
 from .target import Store as Store

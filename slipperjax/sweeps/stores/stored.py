@@ -2,6 +2,8 @@
 
 import functools
 import inspect
+import math
+import shutil
 from collections.abc import Callable, Mapping
 from typing import Any, ParamSpec, TypeVar
 
@@ -12,7 +14,7 @@ import xarray as xr
 from ...flow import Interrupted
 from ...model import Scene
 from ...solvers import calls_lapack, resolve_solver
-from ...tools import brief, whole
+from ...tools import available_memory, brief, cores, shown_bytes, warn, whole
 from ..grid import Grid
 from ..plan import LARGEST_CHUNK
 from .archive import Archive, check_asked, make_archive, open_archive, open_store
@@ -22,6 +24,9 @@ from .reuse import check_reuse
 from .target import Store, store_of
 from .tasks import Job, run_part, run_tasks
 from .tiles import Tiling, tiling
+
+COPIES = 3.0
+"""How often results are in memory while a tile is put together and written."""
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -88,7 +93,8 @@ def stored(
         check_reuse(store.reuse, asked, tuple(checked.axes))
     with writing(store):
         try:
-            archive = _archive(function, checked, tiles, asked, inside, store)
+            threads = 1 if executor is not None else (workers or cores())
+            archive = _archive(function, checked, tiles, asked, inside, store, threads)
         except Interrupted:
             raise Interrupted(None, 0, checked.count) from None
         done = archive.done()
@@ -109,6 +115,27 @@ def stored(
     return open_store(store.path)
 
 
+def _check_room(like: xr.Dataset, count: int, tiles: Tiling, store: Store, threads: int) -> None:
+    """Refuses tiles that do not fit into memory, and warns of a store that may not fit on its disk.
+
+    **Arguments:** `like`: the results of one case.
+    """
+    size, room = math.prod(tiles.tile), available_memory()
+    needed = COPIES * like.nbytes * size * threads
+    if room is not None and needed > room:
+        raise ValueError(
+            f"Argument `store` must have tiles that fit into memory, but {threads} at once of {size} cases "
+            f"need {shown_bytes(needed)}, of which {shown_bytes(float(room))} are available: take smaller "
+            "ones, slipperjax.Store(path, tile=...), or keep less of each case."
+        )
+    free = float(shutil.disk_usage(store.path.absolute().parent).free)
+    if like.nbytes * count > free:
+        warn(
+            f"The store has {shown_bytes(float(like.nbytes * count))} before it is compressed, and its disk has "
+            f"{shown_bytes(free)}: see slipperjax.explain, and keep less of each case where it does not fit."
+        )
+
+
 def _tiling(grid: Grid, store: Store) -> Tiling:
     """As asked; otherwise as in the store, if there is one of this shape."""
     if store.tile is None and not store.fresh and store.path.exists():
@@ -125,6 +152,7 @@ def _archive(
     asked: Mapping[str, Any],
     options: Mapping[str, Any],
     store: Store,
+    threads: int,
 ) -> Archive:
     """The store, which is made where there is none."""
     with making(store):
@@ -132,6 +160,7 @@ def _archive(
             # first of all, so that a wrong argument deletes nothing
             corner = tuple(slice(1) for _ in grid.shape)
             like = run_part(function, grid.scene, grid.part(corner), grid.product, options, corner)
+            _check_room(like, grid.count, tiles, store, threads)
             return make_archive(store.path, grid, tiles, asked, like)
         archive = open_archive(store.path)
         check_asked(archive, asked)
