@@ -11,7 +11,7 @@ import jax
 import numpy as np
 import xarray as xr
 
-from ...flow import Interrupted
+from ...flow import Interrupted, first_of
 from ...model import Scene
 from ...solvers import calls_lapack, resolve_solver
 from ...tools import available_memory, brief, cores, shown_bytes, warn, whole
@@ -89,6 +89,8 @@ def stored(
     inside = {**options, "workers": 1 if executor is None else (workers or 1), "progress": False}
     # always as many, so that a worker compiles its programs once
     inside["chunk"] = options.get("chunk") or LARGEST_CHUNK
+    if "start" in inside:
+        inside["start"] = first_of(inside["start"])  # a trajectory may be long, and every worker gets it
     if store.reuse is not None:
         check_reuse(store.reuse, asked, tuple(checked.axes))
     with writing(store):
