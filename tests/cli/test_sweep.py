@@ -128,7 +128,12 @@ def test_ctrl_c_says_that_the_same_command_goes_on(folder):
     words += ["--store", folder / "c.zarr", "--tile", 16]
     command = [sys.executable, "-c", "from slipperjax.cli import main; main()", "sweep", *map(str, words)]
     options = dict(stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    with subprocess.Popen(command, **options) as one:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # what is ignored is inherited
+    try:
+        started = subprocess.Popen(command, **options)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    with started as one:
         until = time.monotonic() + 120
         while not list(folder.glob("c.zarr/status/c/*")) and time.monotonic() < until:
             time.sleep(0.05)
