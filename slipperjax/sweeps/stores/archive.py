@@ -45,9 +45,10 @@ class Archive(NamedTuple):
         exists = lambda number: folder.joinpath(*map(str, self.tiles.place(number))).is_file()
         return np.fromiter((exists(number) for number in range(self.tiles.count)), bool, self.tiles.count)
 
-    def finished(self) -> int:
-        """How many cases are in complete tiles."""
-        return sum(self.tiles.cases(int(number)) for number in np.flatnonzero(self.done()))
+    def finished(self, done: np.ndarray | None = None) -> int:
+        """How many cases are in complete tiles, or in those of an earlier `done()`."""
+        there = self.done() if done is None else done
+        return sum(self.tiles.cases(int(number)) for number in np.flatnonzero(there))
 
     def write(self, number: int, ds: xr.Dataset) -> None:
         """Writes the results of a tile.

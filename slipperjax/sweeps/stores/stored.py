@@ -109,9 +109,8 @@ def stored(
         alone = calls_lapack(resolve_solver(scene, options.get("solver")), True) or jax.default_backend() != "cpu"
         reuse = None if store.reuse is None else store.reuse.absolute()
         job = Job(store.path.absolute(), named, scene, tuple(checked.axes), checked.product, inside, reuse, alone)
-        before = sum(tiles.cases(int(k)) for k in np.flatnonzero(done))
         try:
-            run_tasks(job, todo, executor, workers, bool(options.get("progress")), before)
+            run_tasks(job, todo, executor, workers, bool(options.get("progress")), archive.finished(done))
         except KeyboardInterrupt:
             raise Interrupted(open_store(store.path), archive.finished(), checked.count) from None
     return open_store(store.path)

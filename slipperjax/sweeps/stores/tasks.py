@@ -17,6 +17,7 @@ import xarray as xr
 from ...flow import ASKED
 from ...model import Scene
 from ...tools import cores
+from ..executors import all_stopped
 from ..progress import Tally, display
 from .archive import open_archive
 from .reuse import run_rest
@@ -53,12 +54,9 @@ class Job:
     alone: bool = False
     """Whether a process may compute one tile at a time only."""
 
-    def __call__(self, number: int) -> tuple[int, float]:
-        """Computes a tile and writes it. Calling it again is harmless: it writes the same bytes.
-
-        **Returns:** the number of the tile, and seconds.
-        """
-        begin, archive = time.perf_counter(), open_archive(self.path)
+    def __call__(self, number: int) -> None:
+        """Computes a tile and writes it. Calling it again is harmless: it writes the same bytes."""
+        archive = open_archive(self.path)
         part = archive.values(self.names, number)
         module, _, name = self.function.partition(":")
         function = getattr(importlib.import_module(module), name)
@@ -72,7 +70,6 @@ class Job:
             raise OSError(
                 error.errno, f"cannot write to {self.path}: {error.strerror or error}; {kept}, call again to go on"
             ) from None
-        return number, time.perf_counter() - begin
 
 
 def run_part(
@@ -134,9 +131,8 @@ def run_tasks(job: Job, todo: Sequence[int], executor: Any, workers: int | None,
                     if len(waiting) >= at_once:
                         break
                 for future in [future for future in waiting if future.done()]:
-                    number, _ = future.result()
-                    del waiting[future]
-                    tally.count(tiles.cases(number))
+                    future.result()
+                    tally.count(tiles.cases(waiting.pop(future)))
                 if not waiting and tally.finished >= wanted:
                     return
                 if ASKED.is_set():
@@ -173,12 +169,9 @@ def _threads(count: int) -> Iterator[Executor]:
     try:
         yield pool
     except BaseException:
-        asked = not ASKED.is_set()
-        ASKED.set()  # so end the runs that are under way
-        pool.shutdown(wait=False, cancel_futures=True)
-        _wait_until_idle(pool)
-        if asked:
-            ASKED.clear()
+        with all_stopped():
+            pool.shutdown(wait=False, cancel_futures=True)
+            _wait_until_idle(pool)
         raise
     pool.shutdown()
 

@@ -37,8 +37,7 @@ def store_status(path: Any) -> StoreStatus:
     archive = open_archive(Path(path))
     done = archive.done()
     size = sum(file.stat().st_size for file in archive.path.rglob("*") if file.is_file())
-    finished = sum(archive.tiles.cases(int(k)) for k in np.flatnonzero(done))
-    return StoreStatus(len(done), int(done.sum()), int(np.prod(archive.tiles.shape)), finished, size)
+    return StoreStatus(len(done), int(done.sum()), int(np.prod(archive.tiles.shape)), archive.finished(done), size)
 
 
 def check_store(path: Any, *, repair: bool = False) -> list[str]:
