@@ -9,7 +9,7 @@ import typer
 import typer.core
 
 from ..tools import compile_cache, listed, said, write_each
-from .files import PARTIAL, Outputs
+from .files import PARTIAL, Outputs, drawn_by
 from .interrupts import on_thread
 from .options import By, Case, Log, Out, Over, Steps, make_folder, make_grid, takes_case, without
 from .waiting import saying_compiling
@@ -75,7 +75,6 @@ def simulate(
     """Simulate one case and write its trajectory."""
     from ..flow import Status, step_plan
     from ..flow import simulate as run
-    from ..plots import overview
     from ..tools import whole
 
     scene = case.scene
@@ -89,7 +88,7 @@ def simulate(
     with saying_compiling():
         found = on_thread(lambda: run(scene, periods, start=case.start, solver=case.solver, probe=probe, **options))
     ds = found.to_xarray()
-    files.write(ds, overview)
+    files.write(ds, drawn_by("overview"))
     status, parts = Status(int(found.status)), [f"{ds.attrs['steps_per_period']} steps per period"]
     if status != Status.NOT_FINITE:
         if float(found.peak.force) > 0:
@@ -116,7 +115,6 @@ def orbit(
     """Find a periodic motion, stable or not, with its Floquet multipliers and contact signature."""
     from ..flow import Status
     from ..orbits import periodic_orbit
-    from ..plots import overview
 
     files = Outputs(out, ".nc", ".png")
     options = dict(start=case.start, transient=transient, steps_per_period=steps_per_period, solver=case.solver)
@@ -126,7 +124,7 @@ def orbit(
     if status != Status.FINITE:
         print(f"no file is written; residual {float(found.residual):.2g}; status: {status}")
         raise typer.Exit(LOST)
-    files.write(found.to_xarray(), overview)
+    files.write(found.to_xarray(), drawn_by("overview"))
     leading = ", ".join(f"{m.real:.6g}{m.imag:+.6g}i" if m.imag else f"{m.real:.6g}" for m in found.multipliers[:4])
     print(
         f"period {found.period}, {'stable' if found.stable else 'unstable'}, largest exponent "
@@ -147,13 +145,12 @@ def bifurcation(
     out: Out = Path("bifurcation"),
 ):
     """Draw the five bifurcation diagrams over a parameter, from Poincare sections as in the paper's Fig. 5."""
-    from ..plots import bifurcations
     from ..sweeps import sweep
 
     grid = make_grid(over, log=log)
     files = Outputs(out, ".nc", ".png")
     begin = time.perf_counter()
-    with files.keeping(bifurcations):
+    with files.keeping(draw := drawn_by("bifurcations")):
         ds = sweep(
             case.scene,
             grid,
@@ -165,7 +162,7 @@ def bifurcation(
             progress=True,
         )
     seconds = time.perf_counter() - begin
-    files.write(ds, bifurcations)
+    files.write(ds, draw)
     flagged, meanings = _flagged(ds)
     print(
         f"{ds['status'].size} cases, {ds.attrs['transient']} + {periods} periods, {_steps(ds)} steps per period: "
@@ -191,12 +188,11 @@ def lyapunov(
 ):
     """Largest Lyapunov exponents over one parameter, or over two as a regime map, with certificates."""
     from ..analysis import REGIMES
-    from ..plots import exponents, regime_map
     from ..sweeps import lyapunov_sweep
 
     grid = make_grid(over, by, log)
     files = Outputs(out, ".nc", ".png")
-    draw = exponents if by is None else regime_map
+    draw = drawn_by("exponents" if by is None else "regime_map")
     begin = time.perf_counter()
     with files.keeping(draw):
         ds = lyapunov_sweep(
@@ -338,7 +334,8 @@ def _error(probe: Any) -> str:
     """What half the step changes, in words."""
     import numpy as np
 
-    most, of_force = float(np.max(probe.error)), probe.peak_error[np.isfinite(probe.peak_error)]
+    most, peaks = float(np.max(probe.error)), np.asarray(probe.peak_error)
+    of_force = peaks[np.isfinite(peaks)]
     if not np.isfinite(most):
         return "half the step does not stay finite"
     force = f" and its highest force by {float(np.max(of_force)):.1e} of it" if len(of_force) else ""

@@ -1,6 +1,8 @@
 """What a command writes: OUT with endings, whole or not at all, and what an interrupt leaves."""
 
+import importlib
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +13,25 @@ from .options import make_folder
 
 PARTIAL = "_partial"
 """What is added to the name of what an interrupt left: a name without it is that of a whole result."""
+
+
+def drawn_by(name: str) -> Callable[[Any], Any]:
+    """A function of `slipperjax.plots`, which is imported when it draws: compiling need not wait for it."""
+    return lambda ds: getattr(importlib.import_module("slipperjax.plots"), name)(ds)
+
+
+def _import_writers() -> None:
+    """Imports what writes and draws, on a thread beside compiling, which does not hold the interpreter's lock."""
+    try:
+        import h5netcdf  # noqa: F401
+        import matplotlib
+        import xarray as xr
+
+        matplotlib.use("Agg")
+        xr.Variable((), 0.0)  # looks for other kinds of arrays, which imports their packages
+        importlib.import_module("slipperjax.plots")
+    except Exception:  # who needs it will say so
+        pass
 
 
 class Outputs:
@@ -27,6 +48,7 @@ class Outputs:
         for path in paths:
             if path.is_dir():
                 raise ValueError(f"Option --out must name a place for {path.name}, but {path} is a folder.")
+        threading.Thread(target=_import_writers).start()
         old = [str(path) for path in paths if path.exists()]
         if old:
             print(f"{listed(old)} will be replaced", file=sys.stderr)

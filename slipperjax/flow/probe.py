@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..model import State, scaled_size
-from ..tools import is_traced, whole
+from ..tools import is_traced, jit, whole
 from .period_map import Passage
 from .stepping import AbstractStepping
 
@@ -60,7 +60,7 @@ def probed(
     return Probe(*(jnp.asarray(np.asarray(found, float)) for found in (chosen, errors, peaks)))
 
 
-@jax.jit
+@jit
 def _difference(a: State, b: State) -> Array:
     return scaled_size(jax.tree.map(jnp.subtract, a.motion, b.motion))
 

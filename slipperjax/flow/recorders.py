@@ -24,6 +24,7 @@ from ..model import (
     euler_angles,
     reactions,
 )
+from ..tools import jit
 from .loads import Loads, contact_loads, over_periods
 from .poincare import Crossings, section_crossings
 
@@ -320,7 +321,7 @@ def stacked(state: State) -> Float[Array, "*batch 10"]:
     return jnp.stack([m.y, m.z, *euler_angles(m), m.v_y, m.v_z, m.w_x, m.w_y, m.w_z], axis=-1)
 
 
-_stacked = jax.jit(stacked)
+_stacked = jit(stacked)
 
 
 def coordinates(states: State) -> Float[np.ndarray, "*batch 10"]:
@@ -341,7 +342,7 @@ def load_variables(dims: tuple[str, ...], loads: Loads) -> dict[str, Any]:
     }
 
 
-_over_periods = jax.jit(over_periods, static_argnums=1)
+_over_periods = jit(over_periods, static_argnums=(1,))
 
 
 def _with_loads(

@@ -188,7 +188,9 @@ class Trajectory(eqx.Module):
         return trajectory_dataset(self)
 
 
-_euler_angles = jax.jit(jax.vmap(euler_angles))
+@jit
+def _euler_angles(motion):
+    return jax.vmap(euler_angles)(motion)
 
 
 @jit
@@ -196,7 +198,7 @@ def _reactions(scene, periods, states):
     return jax.vmap(lambda p, s: reactions(0.0, s, Args(scene, p)))(periods, states)
 
 
-@jax.jit
+@jit
 def _peak(loads: Loads) -> Peak:
     force, when = over_periods(loads)[:2]
     at = jnp.argmax(jax.lax.stop_gradient(force))
@@ -204,7 +206,7 @@ def _peak(loads: Loads) -> Peak:
     return Peak(jnp.max(force), when[end, point], end, point)
 
 
-@functools.partial(jax.jit, static_argnames=("recorder", "saves"))
+@functools.partial(jit, static_argnames=("recorder", "saves"))
 def _finished(first: State, passage: Passage, scene: Scene, stretch: Any, *, recorder: Any, saves: int) -> tuple:
     """All states, loads, instants [forcing periods] and the status of a run; one program, not one per operation."""
     kept, loads = recorder.collect(passage.record) if isinstance(recorder, Samples) else (passage.record, None)

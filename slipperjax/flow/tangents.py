@@ -34,7 +34,7 @@ def _smooth_weights(state: State) -> State:
     return State(MOTION_WEIGHTS, jnp.ones_like(state.memory))
 
 
-@functools.partial(jit, static_argnames="count")
+@functools.partial(jit, static_argnames=("count",))
 def initial_tangents(scenes: Batched[Scene], states: State, count: int) -> State:
     """`count` orthonormal tangents for each case of a batch, with axes (cases, count, ...)."""
     return scenes.map(lambda scene, state: first_tangents(state, count, tangent_weights(scene)), states)

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools import brief, is_traced, shown_number, sums, warn
+from ..tools import brief, is_traced, jit, shown_number, sums, warn
 from .contact import Before, SmoothSwitch
 from .kinematics import (
     Contacts,
@@ -102,7 +102,7 @@ def check_start(name: str, start: Any) -> Motion | State:
     return start
 
 
-@jax.jit  # compiled once for all calls from Python; inside programs it is a part of them
+@jit  # compiled once for all calls from Python; inside programs it is a part of them
 def state_and_penetration(scene: Scene, start: Motion | State, epoch: Any = 0) -> tuple[State, Float[Array, ""]]:
     """The state of a start, and its greatest penetration in multiples of that of a typical impact [1]."""
     motion, memory = (start.motion, start.memory) if isinstance(start, State) else (start, None)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools import is_traced
+from ..tools import is_traced, jit
 from .scene import Scene, check_scene
 
 SLOWEST_APPROACH = 0.1
@@ -68,7 +68,7 @@ def steps_needed(scene: Scene) -> Float[Array, ""]:
     return PER_CONTACT * impacts_per_period(scene) * jnp.maximum(damping / DAMPED, 1.0)
 
 
-_steps_needed = jax.jit(steps_needed)
+_steps_needed = jit(steps_needed)
 
 
 def default_steps_per_period(scene: Scene) -> int:

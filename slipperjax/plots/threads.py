@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from scipy.optimize import linear_sum_assignment
 
 VELOCITY_JUMP = 0.8
 """Change of a crossing's velocity between neighbouring points, over the larger one, beyond which no line is drawn."""
@@ -63,6 +62,8 @@ def _matches(was: tuple, now: tuple, period: int, span: float) -> Iterator[tuple
     shift = np.abs((t1 - t0 + period / 2) % period - period / 2) / TIME_JUMP
     cost = np.hypot(jump, shift)
     cost = np.where(cost <= 1, cost, POOR)
+    from scipy.optimize import linear_sum_assignment  # here, because its import takes long
+
     for k, n in zip(*linear_sum_assignment(cost), strict=True):
         if cost[k, n] < POOR:
             yield int(k), int(n)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..model import STARTS, Motion, Scene, State, rounded_steps, steps_needed
-from ..tools import Batched
+from ..tools import Batched, jit
 from .grid import Grid
 from .limits import refuse_cases
 
@@ -102,12 +102,12 @@ class Cases:
         return rounded_steps(np.asarray(_steps_needed(*self.take(index))))[: self.count]
 
 
-@jax.jit
+@jit
 def _steps_needed(scenes: Batched[Scene], starts: Motion | State) -> jax.Array:
     return scenes.map(lambda scene, start: steps_needed(scene), starts)
 
 
-@jax.jit
+@jit
 def _forcing_periods(scenes: Batched[Scene], starts: Motion | State) -> jax.Array:
     return scenes.map(lambda scene, start: scene.period, starts)
 

@@ -1,14 +1,17 @@
 """Compiling: `jax.jit` with compiler options, at the top level and inside other transformations."""
 
 import functools
+import inspect
 import os
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Hashable, Sequence
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import numpy as np
 from jax.extend.core import get_opaque_trace_state
+
+from .programs import Program, programs_kept
 
 _TOP_LEVEL = get_opaque_trace_state()
 _CPU_OPTIONS = {
@@ -52,31 +55,117 @@ def loops_in_one_kernel() -> None:
 
 
 def jit(fun: Callable, **kwargs: Any) -> Callable:
-    """`jax.jit` with `compiler_options` of the backend in use.
+    """`jax.jit` with `compiler_options` of the backend in use, and programs from `slipperjax.compile_cache`.
 
     JAX accepts compiler options for the outermost program only. Inside another transformation (jit, grad, vmap, ...)
     this is a plain `jax.jit`.
 
     **Arguments:** `fun`, `kwargs`: as for `jax.jit`.
+
+    **Returns:** the compiled function. Its attribute `prepare`, called with the same arguments, compiles a program
+    for such arguments without running it, so that several can be compiled at once.
     """
     inner = jax.jit(fun, **kwargs)
+    static = _static_of(fun, **kwargs)
+    prepared: set[Hashable] = set()
 
-    @functools.wraps(fun)
     def announced(*args: Any, **options: Any) -> Any:
         jax.monitoring.record_event(TRACING)  # this body runs only when a program is made
         return fun(*args, **options)
 
     @functools.cache
     def outermost(backend: str) -> Callable:
-        return jax.jit(announced, compiler_options=compiler_options(backend), **kwargs)
+        return jax.jit(functools.wraps(fun)(announced), compiler_options=compiler_options(backend), **kwargs)
+
+    def from_folder(args: tuple, options: dict[str, Any]) -> tuple[Program | None, Sequence[Any]]:
+        """The program for some arguments, where programs are kept, and what it takes."""
+        folder = programs_kept()
+        if folder is None or static is None:
+            return None, ()
+        split = static.split(args, options)
+
+        def make(mark: str) -> tuple[Any, Any]:
+            results = []
+
+            def flat(*leaves: Any) -> list[Any]:
+                found, of_results = jax.tree.flatten(split.applied(announced, leaves))
+                results.append(of_results)
+                return found
+
+            flat.__name__ = fun.__name__ + mark
+            lowered = jax.jit(flat, compiler_options=compiler_options()).lower(*split.leaves)
+            return lowered.compile(), results[0]
+
+        return folder.program(fun, split.static, split.structure, split.leaves, make), split.leaves
 
     @functools.wraps(fun)
     def call(*args: Any, **options: Any) -> Any:
-        at_top_level = get_opaque_trace_state() == _TOP_LEVEL
-        chosen = outermost(jax.default_backend()) if at_top_level else inner
-        return chosen(*args, **options)
+        if get_opaque_trace_state() != _TOP_LEVEL:
+            return inner(*args, **options)
+        program, leaves = from_folder(args, options)
+        return outermost(jax.default_backend())(*args, **options) if program is None else program(leaves)
 
+    def prepare(*args: Any, **options: Any) -> None:
+        if static is None or from_folder(args, options)[0] is not None:
+            return
+        split = static.split(args, options)
+        key = split.static, split.structure, tuple(map(jax.typeof, split.leaves))
+        if key not in prepared:
+            # JAX finds what this makes when the function is called
+            outermost(jax.default_backend()).lower(*args, **options).compile()
+            prepared.add(key)
+
+    call.prepare = prepare  # type: ignore[attr-defined]
     return call
+
+
+class _Split(NamedTuple):
+    """The arguments of a call: those that its program is made for, and those that it takes."""
+
+    static: tuple[tuple[tuple[int, Any], ...], tuple[tuple[str, Any], ...]]
+    """Values by place and by name."""
+    structure: Any
+    """Of the places and names of all others."""
+    leaves: list[Any]
+
+    def applied(self, fun: Callable, leaves: Sequence[Any]) -> Any:
+        """The function's value for other leaves."""
+        args, options = jax.tree.unflatten(self.structure, leaves)
+        by_place = dict(self.static[0])
+        return fun(*(by_place.get(k, arg) for k, arg in enumerate(args)), **options, **dict(self.static[1]))
+
+
+class _Static(NamedTuple):
+    """Places and names of a function's static arguments."""
+
+    places: frozenset[int]
+    names: frozenset[str]
+
+    def split(self, args: tuple, options: dict[str, Any]) -> _Split:
+        """The arguments of a call, sorted."""
+        by_place = tuple((k, arg) for k, arg in enumerate(args) if k in self.places)
+        by_name = tuple((name, options[name]) for name in sorted(options) if name in self.names)
+        others = tuple(None if k in self.places else arg for k, arg in enumerate(args))
+        rest = {name: value for name, value in options.items() if name not in self.names}
+        leaves, structure = jax.tree.flatten((others, rest))
+        return _Split((by_place, by_name), structure, leaves)
+
+
+def _static_of(
+    fun: Callable,
+    *,
+    static_argnums: int | Sequence[int] = (),
+    static_argnames: str | Sequence[str] = (),
+    **others: Any,
+) -> _Static | None:
+    """The static arguments of a function from those of `jax.jit`; None where JAX has to look after its programs."""
+    parameters = list(inspect.signature(fun).parameters)
+    numbers = (static_argnums,) if isinstance(static_argnums, int) else static_argnums
+    names = {static_argnames} if isinstance(static_argnames, str) else set(static_argnames)
+    if others or any(k >= len(parameters) for k in numbers):
+        return None
+    names |= {parameters[k] for k in numbers}
+    return _Static(frozenset(k for k, name in enumerate(parameters) if name in names), frozenset(names))
 
 
 def is_traced(tree: Any) -> bool:

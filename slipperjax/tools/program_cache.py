@@ -14,6 +14,8 @@ import jax
 import jaxlib
 import platformdirs
 
+from .programs import ENDING, keep_in, whole_program
+
 VARIABLE = "SLIPPERJAX_CACHE"
 """Environment variable: a folder for the cache, or "off"."""
 OFF = ("off", "0", "no", "false")
@@ -23,7 +25,8 @@ SETTLED = 60.0
 """Age of an entry that no process is still writing [s]."""
 CHECKED = "checked"
 """A file whose time says up to when entries are known to be whole."""
-ENTRIES = "*-cache"
+OF_JAX = "-cache"
+"""Ending of JAX's own entries."""
 ZSTANDARD = b"\x28\xb5\x2f\xfd"
 """First bytes of what zstandard compressed."""
 
@@ -74,6 +77,7 @@ def keep_programs(place: Path) -> None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
     jax.config.update("jax_compilation_cache_dir", str(place))
+    keep_in(place)
 
 
 def processor() -> str:
@@ -96,10 +100,11 @@ def _tidy(place: Path) -> None:
     marker, now = place / CHECKED, time.time()
     begin = marker.stat().st_mtime if marker.exists() else 0.0
     kept = []
-    for path in place.glob(ENTRIES):
+    for path in [path for path in place.iterdir() if path.name.endswith((OF_JAX, ENDING))]:
+        whole = whole_program if path.name.endswith(ENDING) else _whole
         try:
             found = path.stat()
-            if begin < found.st_mtime < now - SETTLED and not _whole(path.read_bytes()):
+            if begin < found.st_mtime < now - SETTLED and not whole(path.read_bytes()):
                 path.unlink(missing_ok=True)
             else:  # the time of access, where the file system has it
                 kept.append((max(found.st_mtime, found.st_atime), found.st_size, path))
