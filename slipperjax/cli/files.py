@@ -2,7 +2,6 @@
 
 import importlib
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 from ..tools import listed, said, write_each
 from .options import make_folder
+from .waiting import while_compiling
 
 PARTIAL = "_partial"
 """What is added to the name of what an interrupt left: a name without it is that of a whole result."""
@@ -21,7 +21,7 @@ def drawn_by(name: str) -> Callable[[Any], Any]:
 
 
 def _import_writers() -> None:
-    """Imports what writes and draws, on a thread beside compiling, which does not hold the interpreter's lock."""
+    """Imports what writes and draws: beside compiling, which does not hold the interpreter's lock."""
     try:
         import h5netcdf  # noqa: F401
         import matplotlib
@@ -48,7 +48,7 @@ class Outputs:
         for path in paths:
             if path.is_dir():
                 raise ValueError(f"Option --out must name a place for {path.name}, but {path} is a folder.")
-        threading.Thread(target=_import_writers).start()
+        while_compiling(_import_writers)
         old = [str(path) for path in paths if path.exists()]
         if old:
             print(f"{listed(old)} will be replaced", file=sys.stderr)

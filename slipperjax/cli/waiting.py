@@ -1,7 +1,8 @@
 """What a command waits for, where it has no progress of its own."""
 
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -19,6 +20,25 @@ def _hear(event: str, **_: Any) -> None:
 
 
 jax.monitoring.register_event_listener(_hear)
+
+
+_LARGE = 0.1
+"""Seconds that it takes to lower a program which then takes seconds to compile."""
+_BESIDE: list[Callable[[], None]] = []
+"""What is to be called beside compiling, once."""
+
+
+def _hear_duration(event: str, seconds: float, **_: Any) -> None:
+    if event == "/jax/core/compile/jaxpr_to_mlir_module_duration" and seconds > _LARGE and _BESIDE:
+        threading.Thread(target=_BESIDE.pop()).start()
+
+
+jax.monitoring.register_event_duration_secs_listener(_hear_duration)
+
+
+def while_compiling(call: Callable[[], None]) -> None:
+    """Calls something on a thread of its own while the next large program is compiled, if there is one."""
+    _BESIDE[:] = [call]
 
 
 @contextmanager

@@ -66,7 +66,14 @@ def run_chunk(
     strobes, records = [], []
     options: dict[str, Any] = dict(solver=plan.solver)
     number = jnp.asarray(float(steps))  # an array, so that one compiled program serves every number of steps
-    stepping = ConstantSteps(steps=number)
+    stepping = recording = ConstantSteps(steps=number)
+    if recorder.inside:
+        alike = bool(np.all(plan.steps == steps))
+        recording = ConstantSteps(steps) if alike else ConstantSteps(plan.room(steps), number)
+    carried = _of_no_period(recorder, scenes, states)
+    if plan.transient.count:  # compiled beside the other program
+        recorded = dict(recorder=recorder, earlier=carried, **options, **_room(plan.recorded))
+        advance.prepare(scenes, states, at, recording, **recorded)
     for _ in range(plan.transient.count):
         on_progress(0)
         passed = _advance(plan.transient, scenes, states, at, stepping, **options)
@@ -76,14 +83,11 @@ def run_chunk(
             strobes.append(coordinates(ends))
         on_progress(plan.transient.length)
         at += plan.transient.length
-    if recorder.inside:
-        alike = bool(np.all(plan.steps == steps))
-        stepping = ConstantSteps(steps) if alike else ConstantSteps(plan.room(steps), number)
-    begin, carried = at, _of_no_period(recorder, scenes, states)
+    begin = at
     for _ in range(plan.recorded.count):
         on_progress(0)
         options |= dict(recorder=recorder, earlier=carried)
-        passed = _advance(plan.recorded, scenes, states, at, stepping, **options)
+        passed = _advance(plan.recorded, scenes, states, at, recording, **options)
         states, carried = passed.state, passed.carried
         status = first_problem(status, passed.status)
         records.append(recorder.collect(passed.record))
@@ -136,10 +140,14 @@ def _reduced(
 
 def _advance(calls: Calls, *arguments: Any, **options: Any) -> Passage:
     """`advance` over the periods of one of the calls, by a program that serves other numbers of them, too."""
-    used = jnp.asarray(float(calls.length))
-    found = advance(*arguments, periods=calls.room, used=used, **options)
+    found = advance(*arguments, **options, **_room(calls))
     cut = lambda tree: jax.tree.map(lambda a: np.asarray(a)[:, : calls.length], tree)
     return found._replace(record=cut(found.record), steps_taken=cut(found.steps_taken))
+
+
+def _room(calls: Calls) -> dict[str, Any]:
+    """Arguments of `advance` for one of the calls."""
+    return dict(periods=calls.room, used=jnp.asarray(float(calls.length)))
 
 
 class Runs(NamedTuple):

@@ -70,6 +70,13 @@ class Maps(NamedTuple):
         """Cases of the batch."""
         return len(self.periods)
 
+    def prepare(self, room: int) -> None:
+        """Begins to compile the programs of `jacobians` and `look`, for arguments of the kinds of `like`."""
+        block = self._blocks(np.arange(min(self.count, 1)))[0][1]
+        scenes, states = self.scenes.take(block), self.states(rows_of(self.like)[block])
+        batch_jacobians.prepare(scenes, states, self.epoch, flexible_steps(self.steps), **self._once)
+        advance.prepare(scenes, states, self.epoch, self._roomy(room), **self._looking)
+
     def states(self, rows: np.ndarray) -> State:
         """Rows of numbers as states."""
         return states_of(rows, jax.tree.map(lambda leaf: np.asarray(leaf)[0], self.like))
@@ -127,32 +134,43 @@ class Maps(NamedTuple):
         """`Status` codes of states."""
         return self._of_blocks(lambda _, states: np.asarray(_statuses(states)), index, rows)
 
+    @property
+    def _once(self) -> dict[str, Any]:
+        return dict(solver=self.solver, periods=1)
+
+    @property
+    def _looking(self) -> dict[str, Any]:
+        return dict(solver=self.solver, periods=PAUSE, recorder=OnlyLoads())
+
+    def _roomy(self, room: int) -> ConstantSteps:
+        return ConstantSteps(room, jnp.asarray(float(self.steps)))
+
     def _advanced(self, scenes: Batched[Scene], states: State, at: float) -> np.ndarray:
-        options: dict[str, Any] = dict(solver=self.solver, periods=1)
-        return rows_of(advance(scenes, states, at, flexible_steps(self.steps), **options).state)
+        return rows_of(advance(scenes, states, at, flexible_steps(self.steps), **self._once).state)
 
     def _derived(self, scenes: Batched[Scene], states: State, at: float) -> np.ndarray:
-        options: dict[str, Any] = dict(solver=self.solver, periods=1)
-        return np.asarray(batch_jacobians(scenes, states, at, flexible_steps(self.steps), **options))[:, 0]
+        return np.asarray(batch_jacobians(scenes, states, at, flexible_steps(self.steps), **self._once))[:, 0]
 
     def _looked(self, scenes: Batched[Scene], states: State, room: int) -> np.ndarray:
-        stepping = ConstantSteps(room, jnp.asarray(float(self.steps)))
-        options: dict[str, Any] = dict(solver=self.solver, periods=PAUSE, recorder=OnlyLoads())
-        seen = advance(scenes, states, self.epoch, stepping, **options)
+        seen = advance(scenes, states, self.epoch, self._roomy(room), **self._looking)
         return np.asarray(judged_by_loads(scenes, seen.status, seen.record, most_stretch(self.solver)))
 
     def _of_blocks(self, call: Any, index: np.ndarray, *rows: np.ndarray, **options: Any) -> np.ndarray:
         """`call(scenes, *states)` over the cases in blocks of one size."""
         if not len(index):
             return np.empty((0, *rows[0].shape[1:]))
-        size, found = LANES if self.count > 8 else 8, []
-        for at in range(0, len(index), size):
-            some = np.arange(at, min(at + size, len(index)))
-            more = filled(some, size)
+        found = []
+        for count, more in self._blocks(index):
             found.append(
-                call(self.scenes.take(index[more]), *(self.states(r[more]) for r in rows), **options)[: len(some)]
+                call(self.scenes.take(index[more]), *(self.states(r[more]) for r in rows), **options)[:count]
             )
         return np.concatenate(found)
+
+    def _blocks(self, index: np.ndarray) -> list[tuple[int, np.ndarray]]:
+        """How many of `index` are in each call, and their places in it, filled up to one size."""
+        size = LANES if self.count > 8 else 8
+        parts = [np.arange(at, min(at + size, len(index))) for at in range(0, len(index), size)]
+        return [(len(some), filled(some, size)) for some in parts]
 
 
 @jit

@@ -3,7 +3,9 @@
 import functools
 import inspect
 import os
+import threading
 from collections.abc import Callable, Hashable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -11,7 +13,7 @@ import jax
 import numpy as np
 from jax.extend.core import get_opaque_trace_state
 
-from .programs import Program, programs_kept
+from .programs import programs_kept
 
 _TOP_LEVEL = get_opaque_trace_state()
 _CPU_OPTIONS = {
@@ -62,12 +64,13 @@ def jit(fun: Callable, **kwargs: Any) -> Callable:
 
     **Arguments:** `fun`, `kwargs`: as for `jax.jit`.
 
-    **Returns:** the compiled function. Its attribute `prepare`, called with the same arguments, compiles a program
-    for such arguments without running it, so that several can be compiled at once.
+    **Returns:** the compiled function. Its attribute `prepare`, called with the same arguments, traces the program
+    for such arguments and compiles it on another thread; a call that needs it waits. So several are compiled at once.
     """
     inner = jax.jit(fun, **kwargs)
     static = _static_of(fun, **kwargs)
-    prepared: set[Hashable] = set()
+    prepared: dict[Hashable, Future] = {}
+    lock = threading.Lock()
 
     def announced(*args: Any, **options: Any) -> Any:
         jax.monitoring.record_event(TRACING)  # this body runs only when a program is made
@@ -77,14 +80,14 @@ def jit(fun: Callable, **kwargs: Any) -> Callable:
     def outermost(backend: str) -> Callable:
         return jax.jit(functools.wraps(fun)(announced), compiler_options=compiler_options(backend), **kwargs)
 
-    def from_folder(args: tuple, options: dict[str, Any]) -> tuple[Program | None, Sequence[Any]]:
+    def from_folder(args: tuple, options: dict[str, Any], *run: Callable) -> tuple[Future | None, Sequence[Any]]:
         """The program for some arguments, where programs are kept, and what it takes."""
         folder = programs_kept()
         if folder is None or static is None:
             return None, ()
         split = static.split(args, options)
 
-        def make(mark: str) -> tuple[Any, Any]:
+        def lower(mark: str) -> tuple[Any, Any]:
             results = []
 
             def flat(*leaves: Any) -> list[Any]:
@@ -93,30 +96,49 @@ def jit(fun: Callable, **kwargs: Any) -> Callable:
                 return found
 
             flat.__name__ = fun.__name__ + mark
-            lowered = jax.jit(flat, compiler_options=compiler_options()).lower(*split.leaves)
-            return lowered.compile(), results[0]
+            return jax.jit(flat, compiler_options=compiler_options()).lower(*split.leaves), results[0]
 
-        return folder.program(fun, split.static, split.structure, split.leaves, make), split.leaves
+        return folder.program(fun, split.static, split.structure, split.leaves, lower, *run), split.leaves
 
     @functools.wraps(fun)
     def call(*args: Any, **options: Any) -> Any:
         if get_opaque_trace_state() != _TOP_LEVEL:
             return inner(*args, **options)
-        program, leaves = from_folder(args, options)
-        return outermost(jax.default_backend())(*args, **options) if program is None else program(leaves)
+        found, leaves = from_folder(args, options)
+        program = None if found is None else found.result()
+        if program is not None:
+            return program(leaves)
+        if static is not None and not all(begun.done() for begun in list(prepared.values())):
+            wait([prepared.get(static.split(args, options).key, _READY)])
+        return outermost(jax.default_backend())(*args, **options)
+
+    def begun(args: tuple, options: dict[str, Any], run: Callable[[Callable[[], Any]], Future]) -> Future:
+        """The program for some arguments, which another thread compiles."""
+        found, _ = from_folder(args, options, run)
+        if found is None or (found.done() and found.result() is None):
+            # JAX finds what this makes when the function is called
+            return run(outermost(jax.default_backend()).lower(*args, **options).compile)
+        return found
 
     def prepare(*args: Any, **options: Any) -> None:
-        if static is None or from_folder(args, options)[0] is not None:
+        if static is None or get_opaque_trace_state() != _TOP_LEVEL:
             return
-        split = static.split(args, options)
-        key = split.static, split.structure, tuple(map(jax.typeof, split.leaves))
-        if key not in prepared:
-            # JAX finds what this makes when the function is called
-            outermost(jax.default_backend()).lower(*args, **options).compile()
-            prepared.add(key)
+        key = static.split(args, options).key
+        with lock:  # who prepares the same on another thread waits until it is traced
+            if key not in prepared:
+                pool = ThreadPoolExecutor(1)
+                try:
+                    prepared[key] = begun(args, options, pool.submit)
+                except Exception:  # the call itself will say what is wrong
+                    prepared[key] = _READY
+                pool.shutdown(wait=False)
 
     call.prepare = prepare  # type: ignore[attr-defined]
     return call
+
+
+_READY: Future = Future()
+_READY.set_result(None)
 
 
 class _Split(NamedTuple):
@@ -127,6 +149,11 @@ class _Split(NamedTuple):
     structure: Any
     """Of the places and names of all others."""
     leaves: list[Any]
+
+    @property
+    def key(self) -> Hashable:
+        """What the program depends on."""
+        return self.static, self.structure, tuple(map(jax.typeof, self.leaves))
 
     def applied(self, fun: Callable, leaves: Sequence[Any]) -> Any:
         """The function's value for other leaves."""

@@ -131,52 +131,78 @@ class Folder:
         statics: Hashable,
         structure: Any,
         leaves: Sequence[Any],
-        make: Callable[[str], tuple[Any, Any]],
-    ) -> Program | None:
-        """The program of a function for arguments like these; None where JAX has to look after it.
+        lower: Callable[[str], tuple[Any, Any]],
+        run: Callable[[Callable[[], None]], Any] = lambda task: task(),
+    ) -> Future:
+        """The program of a function for arguments like these, or None where JAX has to look after it, as a future.
 
         **Arguments:** `statics`, `structure`, `leaves`: the arguments that the program is made for, and the structure
-        and leaves of the others; `make`: makes it where it is not there, with a mark for its name: gives a
-        `jax.stages.Compiled` of the leaves, and the structure of the results.
+        and leaves of the others; `lower`: traces it where it is not there, with a mark for its name: gives a
+        `jax.stages.Lowered` of the leaves, and the structure of the results; `run`: calls what loads or compiles it,
+        perhaps on another thread.
+
+        **Raises:** what tracing raises; what compiling raises is in the future.
         """
         try:
-            kinds = tuple(map(kind_of, leaves))
+            key = (fun, statics, structure, tuple(map(kind_of, leaves)))
         except NotNamed:
-            return None
-        key = (fun, statics, structure, kinds)
+            return _of(None)
         with self._lock:
             known = self._programs.get(key)
             if known is None:
                 mine = self._programs[key] = Future()
         if known is not None:
-            return known.result()  # another thread may be making it
-        try:
-            mine.set_result(self._loaded_or_made(fun, statics, structure, kinds, make))
-        except BaseException as error:
+            return known  # another thread may be making it
+
+        def failed(error: BaseException) -> None:
             with self._lock:
                 del self._programs[key]
             mine.set_exception(error)
-            raise
-        return mine.result()
 
-    def _loaded_or_made(self, fun, statics, structure, kinds, make) -> Program | None:
+        def finish() -> None:
+            try:
+                found = _load(path) if lowered is None else None
+                mine.set_result(found or _compiled(path, mark, *(lowered or lower(mark))))
+            except BaseException as error:
+                failed(error)
+
         try:
-            text = f"{self._made_from}\n{_address(fun)}\n{named(statics)}\n{named(structure)}\n{kinds}"
+            path = self._path(*key)
+            mark = f"_{path.name[:16]}"
+            # traced at once, because tracing several programs side by side only delays the first
+            lowered = None if path.exists() else lower(mark)
         except NotNamed:
-            return None
-        digest = hashlib.sha256(text.encode()).hexdigest()
-        path = self.place / f"{digest}{ENDING}"
-        found = _load(path)
-        if found is not None:
-            return found
-        # The name is part of what JAX's own cache looks for. What it finds there XLA cannot write down again: some
-        # kernels would be missing. So it finds nothing under this name, as a rule, and what it then keeps is deleted.
-        mark, before = f"_{digest[:16]}", _hits()
-        found = Program(*make(mark))
-        if _hits() == before and _keep(path, found):
-            for entry in self.place.glob(f"jit_*{mark}-*"):
-                entry.unlink(missing_ok=True)
-        return found
+            mine.set_result(None)
+            return mine
+        except BaseException as error:
+            failed(error)
+            raise
+        run(finish)
+        return mine
+
+    def _path(self, fun: Callable, statics: Hashable, structure: Any, kinds: tuple) -> Path:
+        """Where a program is kept. **Raises:** `NotNamed`."""
+        text = f"{self._made_from}\n{_address(fun)}\n{named(statics)}\n{named(structure)}\n{kinds}"
+        return self.place / f"{hashlib.sha256(text.encode()).hexdigest()}{ENDING}"
+
+
+def _of(value: Any) -> Future:
+    """A future that is there."""
+    found: Future = Future()
+    found.set_result(value)
+    return found
+
+
+def _compiled(path: Path, mark: str, lowered: Any, structure: Any) -> Program:
+    """The program of what was traced, kept in a file."""
+    # The name is part of what JAX's own cache looks for. What it finds there XLA cannot write down again: some
+    # kernels would be missing. So it finds nothing under this name, as a rule, and what it then keeps is deleted.
+    before = _hits()
+    found = Program(lowered.compile(), structure)
+    if _hits() == before and _keep(path, found):
+        for entry in path.parent.glob(f"jit_*{mark}-*"):
+            entry.unlink(missing_ok=True)
+    return found
 
 
 _HITS = threading.local()

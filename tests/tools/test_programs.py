@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax import sweeps
 from slipperjax.flow import Strobe
 from slipperjax.tools import TRACING, compile_cache, jit
 from slipperjax.tools import programs as programs_module
@@ -86,13 +87,20 @@ def test_what_jax_takes_from_its_own_cache_is_not_written_down(tmp_path, monkeyp
     folder, kept = Folder(tmp_path), []
     monkeypatch.setattr(programs_module, "_keep", lambda path, program: kept.append(path))
 
-    def make(mark, *, hit):
-        if hit:
-            jax.monitoring.record_event("/jax/compilation_cache/cache_hits")
-        return jax.jit(lambda x: [x + 1]).lower(1.0).compile(), jax.tree.structure(0)
+    class Lowered:
+        """Of JAX, whose cache has what it is compiled to, or has not."""
 
-    for hit, statics in ((True, 1), (False, 2)):
-        program = folder.program(sj.simulate, statics, jax.tree.structure(0), [1.0], functools.partial(make, hit=hit))
+        def __init__(self, hit):
+            self.hit = hit
+
+        def compile(self):
+            if self.hit:
+                jax.monitoring.record_event("/jax/compilation_cache/cache_hits")
+            return jax.jit(lambda x: [x + 1]).lower(1.0).compile()
+
+    for hit in (True, False):
+        lower = lambda mark, hit=hit: (Lowered(hit), jax.tree.structure(0))
+        program = folder.program(sj.simulate, hit, jax.tree.structure(0), [1.0], lower).result()
         assert program([2.0]) == 3.0
     assert len(kept) == 1
 
@@ -248,13 +256,59 @@ def test_the_source_code_is_part_of_a_name(folder, monkeypatch, tmp_path):
     assert Folder(tmp_path)._made_from != before
 
 
-def test_prepared_programs_are_not_compiled_again():
+@pytest.mark.parametrize("kept", [False, True])
+def test_prepared_programs_are_not_compiled_again(kept, request, monkeypatch):
+    if kept:
+        request.getfixturevalue("folder")
+        monkeypatch.setattr(programs_module, "_NAMED", {*programs_module._NAMED, __name__.partition(".")[0]})
     compiled = jit(times, static_argnames=("power",))
     TRACED.clear()
     for _ in range(2):
         compiled.prepare(jnp.arange(5.0), 7.0, power=3)
-    compiled(jnp.arange(5.0), 7.0, power=3)
+    assert compiled(jnp.arange(5.0), 7.0, power=3)["y"][1] == 343.0
     assert len(TRACED) == 1
+    # the call itself says what is wrong
+    compiled.prepare(jnp.arange(5.0), jnp.arange(3.0))
+    with pytest.raises(TypeError, match="shapes"):
+        compiled(jnp.arange(5.0), jnp.arange(3.0))
+    # inside other programs there is nothing to prepare
+    jax.jit(lambda x: compiled.prepare(x, 1.0))(1.0)
+
+
+@pytest.mark.parametrize(
+    "run",
+    [
+        lambda: sj.sweep(sj.paper_scene(), {"speed": [700.0, 1200.0]}, transient=10, periods=2),
+        lambda: sj.lyapunov_sweep(sj.paper_scene(), {"speed": [1200.0]}, transient=50, periods=20, certify=False),
+    ],
+    ids=["sweep", "exponents"],
+)
+def test_sweeps_prepare_the_programs_that_they_call(run, monkeypatch):
+    def keys(name):
+        found = []
+        for module in (sweeps.executors, sweeps.maps):
+            own = getattr(module, name, None)
+            if own is not None:
+
+                def call(*args, _own=own, **options):
+                    found.append(key_of(args, options))
+                    return _own(*args, **options)
+
+                call.prepare = lambda *args, _own=own, **options: prepared.append((name, key_of(args, options)))
+                monkeypatch.setattr(module, name, call)
+        return found
+
+    def key_of(args, options):
+        static = {k: v for k, v in options.items() if k in ("solver", "periods", "recorder")}
+        others = jax.tree.flatten((args, {k: v for k, v in options.items() if k not in static}))
+        return tuple(static.items()), others[1], tuple(map(jax.typeof, others[0]))
+
+    prepared: list = []
+    called = {name: keys(name) for name in ("advance", "batch_jacobians")}
+    run()
+    assert prepared
+    for name, key in prepared:
+        assert key in called[name]
 
 
 def test_no_folder_where_the_cache_is_off(monkeypatch):
