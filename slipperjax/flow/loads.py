@@ -1,18 +1,20 @@
 """Contact loads of a forcing period: peak forces and their instants, impulses, time in contact, penetration.
 
-Looked for over every integration step and inside it, on cubics through both ends of the step with their slopes along
-the motion: fourth order in the step, like the solution, where the highest of a few saved samples misses the peak.
+Looked for over every integration step and inside it, on cubics through both ends of the step, with slopes from the
+five nearest steps: fourth order in the step, like the solution, where the highest of a few saved samples misses the
+peak. Slopes along the motion would need the derivatives of rail and contacts, which cost as much as all else.
 """
 
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from ..model import Args, Contacts, Motion, State, contact_forces, contacts
-from ..tools import materialise
-from .poincare import hermite, highest_point, motion_rates_at
+from ..model import Args, Contacts, State, contact_forces, contacts
+from ..tools import sums
+from .poincare import hermite, highest_point
 
 
 class Loads(NamedTuple):
@@ -33,47 +35,48 @@ class Loads(NamedTuple):
     methods of fourth order are unstable above 2.8."""
 
 
-def contact_loads(states: State, args: Args, steps: Any, rates: Motion | None = None) -> Loads:
+def contact_loads(states: State, args: Args, steps: Any) -> Loads:
     """Loads of one period.
 
     **Arguments:** `states`: the states at both ends of every step, leading axis `most` + 1, of which the first
-    `steps` + 1 count; `args`: scene and epoch; `steps`: integration steps per period, may be traced; `rates`: of
-    `motion_rates_at`, if known.
+    `steps` + 1 count; `args`: scene and epoch; `steps`: integration steps per period, may be traced; 3 at least.
     """
     most, step = states.motion.y.shape[0] - 1, 1 / steps
-    rates = motion_rates_at(jnp.arange(most + 1) / steps, states, args) if rates is None else rates
 
-    def sample(place):
-        state, rate = jax.tree.map(lambda a: a[place], (states, rates))
-        return _sample(place / steps, state, rate, args)
+    def sample(fastest, both):
+        place, state = both
+        values, rate = _sample(place * step, state, args)
+        return jnp.maximum(fastest, jnp.where(place <= steps, rate, 0.0)), values
 
-    begin = sample(0)
-    closed = jnp.full_like(begin.force, -jnp.inf)
-    nothing = jnp.zeros_like(begin.force)
+    fastest, values = jax.lax.scan(sample, jnp.zeros(()), (jnp.arange(most + 1), states))
+    # before and after the period, the values go on as cubics
+    last, few = jnp.asarray(steps, int), min(most + 1, 4)
+    earlier = _two_more(values[few - 1 :: -1])[::-1]
+    later = _two_more(jax.lax.dynamic_slice_in_dim(values, last + 1 - few, few))
+    values = jnp.concatenate([earlier, values, later])
+    values = jax.lax.dynamic_update_slice_in_dim(values, later, last + 3, 0)
 
     def one(carry, place):
-        before, (highest, when, impulse, contact, depth, fastest) = carry
-        now = sample(place + 1)
-        values = [jnp.stack([n.force, -n.gap]) for n in (before, now)]
-        slopes = [jnp.stack([step * n.force_rate, -step * n.gap_rate]) for n in (before, now)]
-        (inside, _), (peak, deep) = highest_point(values[0], slopes[0], values[1], slopes[1])
-        area = (before.force + now.force) / 2 + step * (before.force_rate - now.force_rate) / 12
-        share = _share_closed(before.gap, step * before.gap_rate, now.gap, step * now.gap_rate)
-        higher = (peak > highest) & (peak > 0)
-        found = (
+        (highest, when, impulse, contact, deepest), slope = carry
+        around = jax.lax.dynamic_slice_in_dim(values, place + 1, 5)
+        _, begin, end, _, _ = around
+        next_slope = _slope(*around)
+        (inside, _), (peak, deep) = highest_point(begin, slope, end, next_slope)
+        area = (begin[0] + end[0]) / 2 + (slope[0] - next_slope[0]) / 12
+        new = (
             jnp.maximum(highest, peak),
-            jnp.where(higher, (place + inside) / steps + args.epoch, when),
+            jnp.where((peak > highest) & (peak > 0), (place + inside) * step + args.epoch, when),
             impulse + area,
-            contact + share,
-            jnp.maximum(depth, deep),
-            jnp.maximum(fastest, now.fastest),
+            contact + _share_closed(-begin[1], -slope[1], -end[1], -next_slope[1]),
+            jnp.maximum(deepest, deep),
         )
-        return now, jax.tree.map(lambda new, old: jnp.where(place < steps, new, old), found, carry[1])
+        return (jax.tree.map(lambda n, old: jnp.where(place < steps, n, old), new, carry[0]), next_slope), None
 
-    found = closed, jnp.full_like(nothing, jnp.nan), nothing, nothing, closed, begin.fastest
+    nothing = jnp.zeros(args.scene.points)
+    found = nothing - jnp.inf, nothing + jnp.nan, nothing, nothing, nothing - jnp.inf
     # step by step, so that what is computed stays in the cache
-    (_, found), _ = jax.lax.scan(lambda carry, place: (one(carry, place), None), (begin, found), jnp.arange(most))
-    highest, when, impulse, contact, depth, fastest = found
+    (found, _), _ = jax.lax.scan(one, (found, _slope(*values[:5])), jnp.arange(most))
+    highest, when, impulse, contact, depth = found
     ends = lambda a: a.reshape(2, -1)
     seconds = step * args.scene.period
     return Loads(
@@ -96,30 +99,32 @@ def over_periods(loads: Loads, axis: int = 0) -> Loads:
     )
 
 
-class _Sample(NamedTuple):
-    """Forces and gaps at one instant, with their derivatives along the motion [per forcing period]."""
-
-    force: Array
-    force_rate: Array
-    gap: Array
-    gap_rate: Array
-    fastest: Array
-    """Rate of the contacts [per forcing period], see `Loads.stretch`."""
+def _sample(t: Array, state: State, args: Args) -> tuple[Array, Array]:
+    """Normal force and penetration of all points, shape (2, points), and the rate of the contacts [per period]."""
+    now = contacts(args.frame(t), state.motion)
+    force = contact_forces(args.scene, now, state.memory)
+    return jnp.stack((force, -now.gap)), args.scene.period * _contact_rate(now, state.memory, args)
 
 
-def _sample(t: Array, state: State, rates: Motion, args: Args) -> _Sample:
-    scene = args.scene
+_NEXT = {2: (-1, 2), 3: (1, -3, 3), 4: (-1, 4, -6, 4)}
+"""Weights of equidistant values in the next one of the polynomial through them."""
 
-    def at(t, motion):
-        now = contacts(args.frame(t), motion)
-        return (contact_forces(scene, now, state.memory), now.gap), now
 
-    (force, gap), (force_rate, gap_rate), now = jax.jvp(
-        at, (t, state.motion), (jnp.ones_like(t), rates), has_aux=True
-    )
-    fastest = scene.period * _contact_rate(now, state.memory, args)
-    # stored, so that XLA does not compute a sample again wherever it is used
-    return _Sample(*materialise((force, force_rate, gap, gap_rate)), fastest)  # pyright: ignore[reportCallIssue]
+def _two_more(values: Array) -> Array:
+    """The next two values of the polynomial through two to four equidistant ones, along the first axis."""
+    weights = np.array(_NEXT[len(values)])
+    following = lambda v: jnp.tensordot(weights, v[-len(weights) :], 1)
+    values = jnp.stack([*values, following(values)])
+    return jnp.stack([values[-1], following(values)])
+
+
+def _slope(a: Array, b: Array, here: Array, c: Array, d: Array) -> Array:
+    """Slopes of force and penetration [per step] from the values of two samples before and two after.
+
+    A force that is zero begins or ends there, or is zero throughout: its slope is zero in each case.
+    """
+    slope = (8 * (c - b) + a - d) / 12
+    return jnp.stack([jnp.where(here[0] > 0, slope[0], 0.0), slope[1]])
 
 
 def _contact_rate(now: Contacts, memory: Any, args: Args) -> Array:
@@ -132,10 +137,10 @@ def _contact_rate(now: Contacts, memory: Any, args: Args) -> Array:
     force = lambda gap, rate: contact_forces(scene, Contacts(gap, rate, now.lever), memory)
     spring = jax.jvp(force, (now.gap, now.rate), (-jnp.ones_like(zero), zero))[1]
     damper = jax.jvp(force, (now.gap, now.rate), (zero, -jnp.ones_like(zero)))[1]
-    turn = sum(lever**2 / j for lever, j in zip(now.lever, scene.slipper.inertia, strict=True))
+    turn = sum(lever**2 * (1 / j) for lever, j in zip(now.lever, scene.slipper.inertia, strict=True))
     per_mass = jax.lax.stop_gradient(1 / scene.slipper.mass + turn)
-    decay = jnp.sum(jnp.maximum(jax.lax.stop_gradient(damper), 0) * per_mass)
-    square = jnp.sum(jnp.maximum(jax.lax.stop_gradient(spring), 0) * per_mass)
+    # one pass over the points, see `slipperjax.tools.fused`
+    decay, square = sums(*(jnp.maximum(jax.lax.stop_gradient(x), 0) * per_mass for x in (damper, spring)))
     return jnp.maximum(decay, jnp.sqrt(square))
 
 

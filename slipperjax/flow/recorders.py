@@ -163,7 +163,7 @@ class Sections(AbstractRecorder):
         self, states: State, args: Args, steps: Any, rates: Motion | None = None
     ) -> tuple[Crossings, State, Loads | None]:
         last = jax.tree.map(lambda a: a[steps if isinstance(steps, int) else jnp.asarray(steps, int)], states)
-        loads = contact_loads(states, args, steps, rates) if self.loads else None
+        loads = contact_loads(states, args, steps) if self.loads else None
         return section_crossings(states, args, steps, rates), last, loads
 
     @property
@@ -226,7 +226,7 @@ class History(AbstractRecorder):
         saved = samples(states, self.saves, steps)
         period = jnp.arange(1, self.saves + 1) / self.saves
         now = jax.vmap(lambda t, s: reactions(t, s, args))(period, saved)
-        loads = contact_loads(states, args, steps, rates) if self.loads else None
+        loads = contact_loads(states, args, steps) if self.loads else None
         forces = now.contact_force, now.gap, now.drive_force
         return HistoryRecord(stacked(saved), period + args.epoch, now.acceleration, *forces, loads)
 
@@ -265,7 +265,7 @@ class Samples(AbstractRecorder):
     def __call__(
         self, states: State, args: Args, steps: Any, rates: Motion | None = None
     ) -> tuple[State, Loads | None]:
-        return samples(states, self.saves, steps), (contact_loads(states, args, steps, rates) if self.loads else None)
+        return samples(states, self.saves, steps), (contact_loads(states, args, steps) if self.loads else None)
 
     @property
     def values(self) -> int:
@@ -284,7 +284,7 @@ class OnlyLoads(AbstractRecorder):
     """Nothing but loads: for a look at whether a run can be trusted."""
 
     def __call__(self, states: State, args: Args, steps: Any, rates: Motion | None = None) -> Loads:
-        return contact_loads(states, args, steps, rates)
+        return contact_loads(states, args, steps)
 
     @property
     def values(self) -> int:

@@ -86,7 +86,7 @@ class PeriodView:
     @functools.cached_property
     def loads(self) -> Loads:
         """Contact loads of the period."""
-        return contact_loads(self.states, self.args, self.steps, self._rates)
+        return contact_loads(self.states, self.args, self.steps)
 
     @functools.cached_property
     def crossings(self) -> Crossings:
