@@ -36,8 +36,8 @@ STROBE_VALUES = 10
 """Numbers of a state once per period."""
 LOAD_VALUES = 100
 """Numbers of a period's contact loads: five of each of twenty points."""
-RECORDED = 3.0
-"""What a period costs whose inside is recorded, in plain ones: measured 2.8 (sections) and 3.2 (history)."""
+RECORDED = 2.7
+"""What a period costs whose inside is recorded, in plain ones: measured 2.6 (sections) and 2.8 (history)."""
 
 
 class AbstractRecorder(abc.ABC):

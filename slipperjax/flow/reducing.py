@@ -21,7 +21,7 @@ from .status import first_problem
 
 INSIDE = 1.05
 """What a period costs whose states inside are stored, in plain ones, before anything is made of them: measured."""
-LOADS_COST = 1.85
+LOADS_COST = 1.3
 """What the contact loads of a period cost beside, in plain ones: measured."""
 
 

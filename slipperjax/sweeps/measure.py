@@ -22,7 +22,7 @@ LONGEST = 16
 """Longest period of a motion whose Floquet multipliers are computed, or whose orbit is looked for."""
 LAST = 200
 """Forcing periods at the end of a record from which a motion is classified."""
-PAIR, JACOBIAN, LOOK = 2.0, 35.0, 3.8
+PAIR, JACOBIAN, LOOK = 2.0, 35.0, 2.4
 """What a period of two trajectories, with its Jacobian, and with its loads costs, in plain ones: measured."""
 
 
