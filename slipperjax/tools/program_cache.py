@@ -14,7 +14,7 @@ import jax
 import jaxlib
 import platformdirs
 
-from .programs import ENDING, keep_in, whole_program
+from .programs import ENDING, PART, keep_in, whole_program
 
 VARIABLE = "SLIPPERJAX_CACHE"
 """Environment variable: a folder for the cache, or "off"."""
@@ -100,8 +100,8 @@ def _tidy(place: Path) -> None:
     marker, now = place / CHECKED, time.time()
     begin = marker.stat().st_mtime if marker.exists() else 0.0
     kept = []
-    for path in [path for path in place.iterdir() if path.name.endswith((OF_JAX, ENDING))]:
-        whole = whole_program if path.name.endswith(ENDING) else _whole
+    for path in [path for path in place.iterdir() if path.name.endswith((OF_JAX, ENDING, PART))]:
+        whole = whole_program if path.name.endswith(ENDING) else _whole  # nothing of a part is whole
         try:
             found = path.stat()
             if begin < found.st_mtime < now - SETTLED and not whole(path.read_bytes()):

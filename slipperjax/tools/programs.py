@@ -26,7 +26,8 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-ENDING = "-program"
+ENDING, PART = "-program", ".part"
+"""Endings of whole files, and of those that are being written."""
 BELOW = ("jax", "jaxlib", "numpy", "diffrax", "equinox", "optimistix", "lineax")
 """Packages whose classes and functions may be part of a program: their versions stand for them."""
 PACKAGE = __name__.partition(".")[0]
@@ -263,7 +264,7 @@ def _keep(path: Path, program: Program) -> bool:
         payload, arguments, _ = serialize_executable.serialize(program.compiled)
         results = jax.tree.unflatten(program.structure, [0] * program.structure.num_leaves)
         content = zlib.compress(pickle.dumps((payload, results, arguments.num_leaves)), 1)
-        part = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}.part")
+        part = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}{PART}")
         part.write_bytes(hashlib.sha256(content).digest() + content)
         os.replace(part, path)
     except Exception:  # it is merely made again

@@ -81,13 +81,19 @@ def test_a_folder_that_fails_later_is_silent(tmp_path):
 def test_incomplete_entries_are_deleted_and_whole_ones_stay(tmp_path):
     whole = zlib.compress(bytes(1000))
     old = time.time() - 2 * SETTLED
-    for name, data in {"good": whole, "cut": whole[:-4], "noise": b"noise"}.items():
-        path = tmp_path / f"{name}-cache"
+    for name, data in {
+        "good-cache": whole,
+        "cut-cache": whole[:-4],
+        "noise-cache": b"noise",
+        "1-program.2.part": b"",
+    }.items():
+        path = tmp_path / name
         path.write_bytes(data)
         os.utime(path, (old, old))
     (tmp_path / "young-cache").write_bytes(whole[:-4])  # somebody may be writing it
     _tidy(tmp_path)
     assert [path.name for path in entries(tmp_path)] == ["good-cache", "young-cache"]
+    assert not list(tmp_path.glob("*.part"))
     assert (tmp_path / CHECKED).exists()
 
 

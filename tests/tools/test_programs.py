@@ -164,7 +164,7 @@ def test_names_differ_where_programs_do():
 @pytest.mark.parametrize(
     "value",
     [OfAUser(), of_a_user, lambda x: x, Colour.RED, object(), (1, of_a_user), np.array([None]), {1, 2}, iter(())],
-    ids=str,
+    ids=["class", "function", "lambda", "enum", "object", "tuple", "objects", "set", "iterator"],
 )
 def test_what_is_not_of_this_package_has_no_name(value):
     with pytest.raises(NotNamed):
