@@ -190,7 +190,7 @@ def lyapunov(
     from ..analysis import REGIMES
     from ..sweeps import lyapunov_sweep
 
-    grid = make_grid(over, by, log)
+    grid = make_grid(over, by, log=log)
     files = Outputs(out, ".nc", ".png")
     draw = drawn_by("exponents" if by is None else "regime_map")
     begin = time.perf_counter()

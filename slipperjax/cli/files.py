@@ -34,6 +34,17 @@ def _import_writers() -> None:
         pass
 
 
+def _picture(ds: Any, draw: Callable[[Any], Any]) -> bytes:
+    """What `draw` makes of a dataset, as the content of a PNG file."""
+    import matplotlib
+    import numpy as np
+
+    matplotlib.use("Agg")
+    from ..plots import png
+
+    return png(np.ravel(draw(ds))[0].figure, 300)
+
+
 class Outputs:
     """The files OUT.nc and OUT.png of a command, or others."""
 
@@ -58,16 +69,13 @@ class Outputs:
         print(self._write(ds, draw, self.out, picture))
 
     def _write(self, ds: Any, draw: Callable[[Any], Any], out: Path, beside: Path | None = None) -> str:
-        import matplotlib
-        import numpy as np
-
-        matplotlib.use("Agg")
-        from ..plots import png
-
         # made in memory: HDF5 loses the whole process where a disk is full
         data = lambda: ds.to_netcdf(engine="h5netcdf")
-        picture = lambda: png(np.ravel(draw(ds))[0].figure, 300)
-        return said(write_each({Path(f"{out}.nc"): data, Path(f"{beside or out}.png"): picture}))
+        return said(write_each({Path(f"{out}.nc"): data, Path(f"{beside or out}.png"): lambda: _picture(ds, draw)}))
+
+    def draw(self, ds: Any, draw: Callable[[Any], Any]) -> None:
+        """Writes what `draw` makes of a dataset as OUT.png."""
+        print(said(write_each({Path(f"{self.out}.png"): lambda: _picture(ds, draw)})))
 
     def write_partial(self, ds: Any, draw: Callable[[Any], Any]) -> str:
         """Writes what an interrupt left as OUT_partial.nc and .png, and says so."""

@@ -233,12 +233,10 @@ def axis_of(option: str, text: str) -> GridAxis:
         ) from None
 
 
-def make_grid(
-    over: GridAxis, by: GridAxis | None = None, log: Sequence[str] | None = None, *, option: str = "--over"
-) -> dict[str, Any]:
-    """Values in SI units by parameter name, from `--over` and `--by`; those named by `log` in equal ratios.
+def make_grid(*axes: GridAxis | None, log: Sequence[str] | None = None) -> dict[str, Any]:
+    """Values in SI units by parameter name; those named by `log` in equal ratios.
 
-    **Arguments:** `option`: what `over` is called in errors.
+    **Arguments:** `axes`: of `--over` and of each `--by`, or None where it was not given.
 
     **Raises:** `ValueError` that names the option which is wrong.
     """
@@ -247,10 +245,10 @@ def make_grid(
     from ..sweeps import refuse_cases
 
     grid = {}
-    for named, axis in ((option, over), ("--by", by)):
+    for k, axis in enumerate(axes):
         if axis is None:
             continue
-        name, first, last, count = axis
+        (name, first, last, count), named = axis, "--by" if k else "--over"
         known = PARAMETERS.get(name) or STARTS.get(name)
         if known is None and "." not in name:
             raise ValueError(

@@ -12,7 +12,7 @@ from typing import Annotated, Any, get_args
 import typer
 
 from ..model import PARAMETERS, STARTS
-from ..tools import compile_cache, said, whole, write_each
+from ..tools import compile_cache, whole
 from .commands import _exit_if_lost, _flagged, _Once, _steps, app
 from .files import Outputs
 from .interrupts import on_thread
@@ -148,7 +148,7 @@ def sweep(
     if store is None:
         files.write(ds, draw)
     else:
-        _draw(open_store(store), draw, base)
+        _draw(open_store(store), draw, files)
     flagged, meanings = _flagged(ds)
     print(f"{ds['status'].size} cases, {_steps(ds)} steps per period: {seconds:.1f} s; {flagged} flagged{meanings}")
     _exit_if_lost(ds)
@@ -183,19 +183,8 @@ def _grid(case: Case, over: Any, by: list[str] | None, log: Any, sample: int | N
         raise ValueError("Option --over must be given, or --refine.")
     axes = [over, *(axis_of("--by", text) for text in by or ())]
     if sample is None:
-        grid: dict[str, Any] = {}
-        for k, axis in enumerate(axes):
-            own = [name for name in log or () if name == axis[0]]
-            if axis[0] in grid:
-                raise ValueError(f"Option --by must name another parameter than --over, but is {axis[0]!r} too.")
-            grid |= make_grid(axis, None, own, option="--by" if k else "--over")
-        unknown = [name for name in log or () if name not in grid]
-        if unknown:
-            raise ValueError(f"Option --log must name a parameter of --over or --by, but is {unknown[0]!r}.")
-        return grid
-    ends = {}
-    for k, (name, first, last, _) in enumerate(axes):
-        ends |= make_grid((name, min(first, last), max(first, last), 2), None, None, option="--by" if k else "--over")
+        return make_grid(*axes, log=log)
+    ends = make_grid(*((name, min(first, last), max(first, last), 2) for name, first, last, _ in axes))
     return sample_box({n: tuple(v) for n, v in ends.items()}, sample, log=log or (), scene=case.scene)
 
 
@@ -298,19 +287,12 @@ def picture(ds: Any, show: str | None = None) -> Any:
     return quantity_map(ds, "peak_force" if "peak_force" in ds else (numbers or ["steps_per_period"])[0])
 
 
-def _draw(ds: Any, draw: Callable[[Any], Any], base: Path) -> None:
+def _draw(ds: Any, draw: Callable[[Any], Any], files: Outputs) -> None:
     """Writes a picture, where there are few enough parameters for one."""
-    import matplotlib
-    import numpy as np
-
-    matplotlib.use("Agg")
-    from ..plots import png
-
     if len(ds["status"].dims) > 2:
         print(f"no picture of {len(ds['status'].dims)} parameters: take a part of the store, and quantity_map")
-        return
-    found = png(np.ravel(draw(ds))[0].figure, 300)
-    print(said(write_each({Path(f"{base}.png"): lambda: found})))
+    else:
+        files.draw(ds, draw)
 
 
 Path_ = Annotated[Path, typer.Argument(help="The store, NAME.zarr.")]
@@ -361,6 +343,6 @@ def draw(
     from ..sweeps import open_store, store_status
 
     base = path.with_suffix("") if out is None else without(".png")(out)
-    make_folder(base.parent, base)
-    _draw(open_store(path), partial(picture, show=show), base)
+    files = Outputs(base, ".png")
+    _draw(open_store(path), partial(picture, show=show), files)
     print(store_status(path))

@@ -1,8 +1,8 @@
 """Courses: one forcing period of a motion with its forces, as curves that functionals are made of.
 
-Every quantity is a cubic in each integration step, through both ends with its slopes along the motion: fourth order
-in the step, like the solution. Means are taken over three points of a Gauss formula in each step, greatest values are
-those of the cubics.
+Every quantity is a cubic in each integration step, through both ends with its slopes: fourth order in the step, like
+the solution. Slopes of coordinates are the motion's own, all others those of `slipperjax.flow.neighbours`. Means
+are taken over three points of a Gauss formula in each step, greatest values are those of the cubics.
 """
 
 from collections.abc import Callable
@@ -15,8 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..model import Args, Motion, Scene, State, contact_forces, contacts, motion_rates, vector_field
+from ..model import Args, Motion, Scene, State, contact_forces, contacts, motion_rates
 from ..tools import materialise
+from .neighbours import slopes
 from .poincare import hermite, highest_point
 from .recorders import AbstractRecorder, stacked
 
@@ -111,27 +112,26 @@ def course(states: State, args: Args, steps: Any) -> Course:
 
     **Arguments:** as of `contact_loads`: `states` at both ends of every step, of which the first `steps` + 1 count.
     """
-    places = jnp.arange(states.motion.y.shape[0])
-    rates = vector_field(args.scene)
-
-    @jax.jit  # traced once, and its derivative once
-    def quantities(t, state):
-        frame = args.frame(t)
-        now = contacts(frame, state.motion)
-        force = contact_forces(args.scene, now, state.memory)
-        m = motion_rates(args.scene, frame, now, state.motion, state.memory)
-        ends = lambda a: a.reshape(2, -1)
-        acceleration = jnp.stack([m.v_y, m.v_z, m.w_x, m.w_y, m.w_z])
-        points = ends(force), ends(now.gap), ends(-force * now.rate)
-        return stacked(state), acceleration, *points, -jnp.sum(force * frame.normal[0])
 
     def sample(place, state):
-        t = place / steps
-        found, rate = jax.jvp(quantities, (t, state), (jnp.ones_like(t), rates(t, state, args)))
+        frame = args.frame(place / steps)
+        now = contacts(frame, state.motion)
+        force = contact_forces(args.scene, now, state.memory)
+        rates = motion_rates(args.scene, frame, now, state.motion, state.memory)
+        moving = jax.tree.map(lambda r: r * (args.scene.period / steps), rates)
+        coordinates = jax.jvp(lambda m: stacked(State(m, state.memory)), (state.motion,), (moving,))
+        acceleration = jnp.stack([rates.v_y, rates.v_z, rates.w_x, rates.w_y, rates.w_z])
+        ends = lambda a: a.reshape(2, -1)
+        points = ends(force), ends(now.gap), ends(-force * now.rate)
+        others = acceleration, *points, -jnp.sum(force * frame.normal[0])
         # stored, so that XLA does not compute a sample again wherever it is used
-        return tuple(Curve(*materialise((v, r / steps))) for v, r in zip(found, rate, strict=True))
+        return Curve(*materialise(coordinates)), *map(materialise, others)
 
-    return Course(args.scene, steps, *jax.vmap(sample)(places, states))
+    coordinates, *others = jax.vmap(sample)(jnp.arange(states.motion.y.shape[0]), states)
+    acceleration, force, gap, power, drive_force = (Curve(values, slopes(values, steps)) for values in others)
+    # where a force is zero it begins or ends, or is zero throughout
+    flat = lambda curve: curve._replace(slopes=jnp.where(force.values > 0, curve.slopes, 0.0))
+    return Course(args.scene, steps, coordinates, acceleration, flat(force), gap, flat(power), drive_force)
 
 
 @dataclass(frozen=True)

@@ -1,19 +1,18 @@
 """Contact loads of a forcing period: peak forces and their instants, impulses, time in contact, penetration.
 
-Looked for over every integration step and inside it, on cubics through both ends of the step, with slopes from the
-five nearest steps: fourth order in the step, like the solution, where the highest of a few saved samples misses the
-peak. Slopes along the motion would need the derivatives of rail and contacts, which cost as much as all else.
+Looked for over every integration step and inside it, on cubics through both ends of the step: fourth order in the
+step, like the solution, where the highest of a few saved samples misses the peak.
 """
 
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from ..model import Args, Contacts, State, contact_forces, contacts
 from ..tools import sums
+from .neighbours import central_difference, continued
 from .poincare import hermite, highest_point
 
 
@@ -49,12 +48,7 @@ def contact_loads(states: State, args: Args, steps: Any) -> Loads:
         return jnp.maximum(fastest, jnp.where(place <= steps, rate, 0.0)), values
 
     fastest, values = jax.lax.scan(sample, jnp.zeros(()), (jnp.arange(most + 1), states))
-    # before and after the period, the values go on as cubics
-    last, few = jnp.asarray(steps, int), min(most + 1, 4)
-    earlier = _two_more(values[few - 1 :: -1])[::-1]
-    later = _two_more(jax.lax.dynamic_slice_in_dim(values, last + 1 - few, few))
-    values = jnp.concatenate([earlier, values, later])
-    values = jax.lax.dynamic_update_slice_in_dim(values, later, last + 3, 0)
+    values = continued(values, steps)
 
     def one(carry, place):
         (highest, when, impulse, contact, deepest), slope = carry
@@ -106,24 +100,12 @@ def _sample(t: Array, state: State, args: Args) -> tuple[Array, Array]:
     return jnp.stack((force, -now.gap)), args.scene.period * _contact_rate(now, state.memory, args)
 
 
-_NEXT = {2: (-1, 2), 3: (1, -3, 3), 4: (-1, 4, -6, 4)}
-"""Weights of equidistant values in the next one of the polynomial through them."""
-
-
-def _two_more(values: Array) -> Array:
-    """The next two values of the polynomial through two to four equidistant ones, along the first axis."""
-    weights = np.array(_NEXT[len(values)])
-    following = lambda v: jnp.tensordot(weights, v[-len(weights) :], 1)
-    values = jnp.stack([*values, following(values)])
-    return jnp.stack([values[-1], following(values)])
-
-
 def _slope(a: Array, b: Array, here: Array, c: Array, d: Array) -> Array:
     """Slopes of force and penetration [per step] from the values of two samples before and two after.
 
     A force that is zero begins or ends there, or is zero throughout: its slope is zero in each case.
     """
-    slope = (8 * (c - b) + a - d) / 12
+    slope = central_difference(a, b, c, d)
     return jnp.stack([jnp.where(here[0] > 0, slope[0], 0.0), slope[1]])
 
 

@@ -189,7 +189,7 @@ def test_coordinates_of_the_start_are_axes_too():
 
 
 def test_logarithmic_axes():
-    grid = make_grid(("speed", 100.0, 10000.0, 3), ("clearance", 1.0, 3.0, 3), ["speed"])
+    grid = make_grid(("speed", 100.0, 10000.0, 3), ("clearance", 1.0, 3.0, 3), log=["speed"])
     np.testing.assert_allclose(grid["speed"], [100.0, 1000.0, 10000.0])
     np.testing.assert_allclose(grid["clearance"], [1e-3, 2e-3, 3e-3])
 

@@ -82,7 +82,7 @@ def test_a_signal_while_it_compiles_leaves_the_old_files(begin, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("seconds", [8.0, 12.0, 16.0, 20.0, 30.0])
 def test_a_signal_at_any_time(begin, tmp_path, seconds):
-    process = begin("bifurcation", "--over", "speed", "100", "2500", "64", "--transient", "4000")
+    process = begin("bifurcation", "--over", "speed", "100", "2500", "64", "--transient", "40000")
     time.sleep(seconds)
     _, error = ended(process, signal.SIGINT)
     kept = tmp_path / "out" / "run_partial.nc"
