@@ -8,7 +8,7 @@ from typing import Any
 
 import jax
 
-from ..tools import TRACING
+from ..tools import LOADING, TRACING
 
 _WAITING: list[str] = []
 """What is to be said when a program is made, once."""
@@ -17,6 +17,8 @@ _WAITING: list[str] = []
 def _hear(event: str, **_: Any) -> None:
     if event == TRACING and _WAITING:
         print(_WAITING.pop(), file=sys.stderr, flush=True)
+    if event == LOADING:
+        _call_beside()
 
 
 jax.monitoring.register_event_listener(_hear)
@@ -28,9 +30,14 @@ _BESIDE: list[Callable[[], None]] = []
 """What is to be called beside compiling, once."""
 
 
-def _hear_duration(event: str, seconds: float, **_: Any) -> None:
-    if event == "/jax/core/compile/jaxpr_to_mlir_module_duration" and seconds > _LARGE and _BESIDE:
+def _call_beside() -> None:
+    if _BESIDE:
         threading.Thread(target=_BESIDE.pop()).start()
+
+
+def _hear_duration(event: str, seconds: float, **_: Any) -> None:
+    if event == "/jax/core/compile/jaxpr_to_mlir_module_duration" and seconds > _LARGE:
+        _call_beside()
 
 
 jax.monitoring.register_event_duration_secs_listener(_hear_duration)

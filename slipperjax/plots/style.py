@@ -136,11 +136,25 @@ def legend_above(ax: Any, handles: list[Any], fontsize: float = 6.5) -> Any:
 
 def legends_above(wanted: list[tuple[Any, list[Any]]], fontsize: float = 6.5) -> list[Any]:
     """A legend above each of some axes of one figure, which is laid out only once, because that takes long."""
-    figure = wanted[0][0].figure
-    layout = figure.canvas.figure.get_layout_engine()
+    figure = wanted[0][0].figure.canvas.figure
+    layout = figure.get_layout_engine()
     if layout is not None:
-        layout.execute(figure.canvas.figure)  # the axes' width is known once they are laid out
+        with _left_out([ax for ax in figure.axes if ax not in [one for one, _ in wanted]]):
+            layout.execute(figure)  # the axes' width is known once they are laid out
     return [_legend_above(ax, handles, fontsize) for ax, handles in wanted]
+
+
+@contextmanager
+def _left_out(several: list[Any]) -> Iterator[None]:
+    """Leaves some axes out of the layout inside: measuring their labels takes most of its time."""
+    before = [ax.get_in_layout() for ax in several]
+    for ax in several:
+        ax.set_in_layout(False)
+    try:
+        yield
+    finally:
+        for ax, was in zip(several, before, strict=True):
+            ax.set_in_layout(was)
 
 
 def _legend_above(ax: Any, handles: list[Any], fontsize: float) -> Any:

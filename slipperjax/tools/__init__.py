@@ -34,6 +34,7 @@ from .modules import shown_number as shown_number
 from .program_cache import CacheWarning as CacheWarning
 from .program_cache import compile_cache as compile_cache
 from .program_cache import keep_programs as keep_programs
+from .programs import LOADING as LOADING
 from .validate import Check as Check
 from .validate import ImplausibleWarning as ImplausibleWarning
 from .validate import brief as brief

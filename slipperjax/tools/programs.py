@@ -236,6 +236,10 @@ def programs_kept() -> Folder | None:
     return _KEPT[0] if _KEPT and _KEPT[0].usable else None
 
 
+LOADING = "/slipperjax/loading"
+"""Event of `jax.monitoring`: a program is taken from the folder."""
+
+
 def _load(path: Path) -> Program | None:
     """The program in a file; None where there is none, or none that can be used."""
     from jax.experimental import serialize_executable
@@ -244,6 +248,7 @@ def _load(path: Path) -> Program | None:
         content = path.read_bytes()
         if not whole_program(content):
             return None
+        jax.monitoring.record_event(LOADING)
         os.utime(path)  # the longest unused ones are deleted first
         payload, results, count = pickle.loads(zlib.decompress(content[_DIGEST:]))
         arguments = jax.tree.structure(((0,) * count, {}))

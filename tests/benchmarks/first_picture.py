@@ -50,8 +50,9 @@ def main(arguments: list[str]) -> None:
         written.append((start, time.perf_counter()))
 
     files.Outputs.write = write
+    sys.argv[1:] = arguments  # main ends the process fast only where the arguments are its own
     try:
-        cli.main(arguments)
+        cli.main()
     except SystemExit as done:
         if done.code:
             raise
