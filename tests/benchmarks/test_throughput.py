@@ -19,6 +19,7 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.sweeps import strobe_states
+from slipperjax.tools import cores
 
 from ..common import SCALES
 
@@ -80,7 +81,7 @@ def test_sweep_against_scalar_cpp(peer, lanes, periods, repeats):
         f"C++ peer, one core: {statistics.median(theirs):.3f} (best {min(theirs):.3f}); "
         f"{ratio:.1f} times faster by medians, {best:.1f} by the best; "
         f"first call with compiling {first:.1f} s; "
-        f"{4 * LIMIT_NS / 1000 / 2 / min(ours):.0%} of the limit of 4 right-hand sides on 2 cores"
+        f"{4 * LIMIT_NS / 1000 / cores() / min(ours):.0%} of the limit of 4 right-hand sides on {cores()} cores"
     )
     print(f"peak memory so far {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GiB")
     # After a period the states differ by the errors of both programs at 50 steps. Only speeds above 750 m/s are
