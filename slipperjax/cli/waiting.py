@@ -27,7 +27,7 @@ jax.monitoring.register_event_listener(_hear)
 _LARGE = 0.1
 """Seconds that it takes to lower a program which then takes seconds to compile."""
 _BESIDE: list[Callable[[], None]] = []
-"""What is to be called beside compiling, once."""
+"""What is to be called beside compiling or loading, once."""
 
 
 def _call_beside() -> None:
@@ -44,7 +44,7 @@ jax.monitoring.register_event_duration_secs_listener(_hear_duration)
 
 
 def while_compiling(call: Callable[[], None]) -> None:
-    """Calls something on a thread of its own while the next large program is compiled, if there is one."""
+    """Calls something on a thread of its own while the next large program is compiled, or one is loaded."""
     _BESIDE[:] = [call]
 
 

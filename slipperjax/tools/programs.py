@@ -28,6 +28,8 @@ import numpy as np
 
 ENDING, PART = "-program", ".part"
 """Endings of whole files, and of those that are being written."""
+LOADING = "/slipperjax/loading"
+"""Event of `jax.monitoring`: a program is taken from the folder."""
 BELOW = ("jax", "jaxlib", "numpy", "diffrax", "equinox", "optimistix", "lineax")
 """Packages whose classes and functions may be part of a program: their versions stand for them."""
 PACKAGE = __name__.partition(".")[0]
@@ -234,10 +236,6 @@ def keep_in(place: Path) -> None:
 def programs_kept() -> Folder | None:
     """The folder of programs, where there is one that can be used now."""
     return _KEPT[0] if _KEPT and _KEPT[0].usable else None
-
-
-LOADING = "/slipperjax/loading"
-"""Event of `jax.monitoring`: a program is taken from the folder."""
 
 
 def _load(path: Path) -> Program | None:

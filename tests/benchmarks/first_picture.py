@@ -1,7 +1,6 @@
 """A command in this process, with its time split into parts [s], printed as JSON: see test_first_picture.py."""
 
 import json
-import sys
 import time
 
 begin = time.perf_counter()
@@ -25,8 +24,8 @@ def union(intervals: list[tuple[float, float]]) -> float:
     return total
 
 
-def main(arguments: list[str]) -> None:
-    """Runs the command, and prints the parts of its time."""
+def main() -> None:
+    """Runs the command of this process's arguments, and prints the parts of its time."""
     imported = time.perf_counter()
     spans: dict[str, list[tuple[float, float]]] = {"trace": [], "compile": []}
     programs = []
@@ -50,7 +49,6 @@ def main(arguments: list[str]) -> None:
         written.append((start, time.perf_counter()))
 
     files.Outputs.write = write
-    sys.argv[1:] = arguments  # main ends the process fast only where the arguments are its own
     try:
         cli.main()
     except SystemExit as done:
@@ -66,4 +64,4 @@ def main(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

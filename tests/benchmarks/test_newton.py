@@ -36,5 +36,4 @@ def test_adaptive_steps_with_a_smooth_switch(tolerance):
         print(f"\n{name}, tolerance {tolerance:.0e}: {done}", end="")
     print(f"; {cost['Newton'] / cost['SimplifiedNewton']:.0f} times")
     # both are as far from the truth as the tolerance lets them; measured in SI units: 5.9e-3 and 1.4e-3
-    difference = np.abs(ends["Newton"] - ends["SimplifiedNewton"][::16]).max()
-    assert difference < 0.1
+    assert np.abs(ends["Newton"] - ends["SimplifiedNewton"][::16]).max() < 2e-2
