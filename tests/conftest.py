@@ -1,6 +1,8 @@
 """Shapes and types of the package's annotations are enforced; broadcasting between ranks must be spelt out."""
 
+import importlib
 import os
+import pkgutil
 
 import jax
 from jaxtyping import install_import_hook
@@ -18,15 +20,7 @@ def pytest_configure(config):
         return  # checks cost time, which benchmarks measure
     with install_import_hook("slipperjax", "tests.shapes.typechecked"):
         import slipperjax
-        import slipperjax.analysis
-        import slipperjax.bench
-        import slipperjax.cli
-        import slipperjax.design
-        import slipperjax.flow
-        import slipperjax.model
-        import slipperjax.orbits
-        import slipperjax.plots
-        import slipperjax.solvers
-        import slipperjax.studies.dang2024
-        import slipperjax.sweeps
-        import slipperjax.tools  # noqa: F401
+
+        # all of them now, because the package imports its rooms at their first use, when the hook is gone
+        for module in pkgutil.walk_packages(slipperjax.__path__, "slipperjax."):
+            importlib.import_module(module.name)

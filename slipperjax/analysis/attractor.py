@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..tools import whole
+from ..tools.checks import whole
 
 KINDS = ("period", "torus", "chaotic", "unresolved")
 """Classes of motions: periodic, quasi-periodic, chaotic, or none of them with certainty."""

@@ -9,10 +9,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..tools import shown_number, whole
+from ..tools.checks import shown_number, whole
 from .curves import Pace, Spot, Walk, check_within, checked_bounds, correct, evaluated, passes
 from .events import Event, Node, Observe, as_node, events_between
-from .motions import PeriodicMotions
+from .shooting import PeriodicMotions
 
 FIRST = 30
 """Newton iterations for the first point of a branch."""

@@ -19,7 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools import call_compiled, one_of, shown_number
+from ..tools.checks import one_of, shown_number
+from ..tools.compile import call_compiled
 from .curves import (
     AbstractEquations,
     Curve,
@@ -31,9 +32,8 @@ from .curves import (
     follow_curve,
     weighted_size,
 )
-from .linear import solve
-from .motions import PeriodicMotions
-from .shooting import product
+from .floquet import solve
+from .shooting import PeriodicMotions, product
 
 KINDS = {"LP": 1.0, "PD": -1.0, "NS": None}
 """The critical multiplier by label; None for a pair of unknown angle."""

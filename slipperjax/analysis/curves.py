@@ -16,8 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..tools import brief, call_compiled, shown_number
-from .linear import solve
+from ..tools.checks import brief, shown_number
+from ..tools.compile import call_compiled
+from .floquet import solve
 
 MOST_ITERATIONS = 8
 """Newton iterations after which a correction counts as failed."""

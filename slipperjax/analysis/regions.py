@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..tools import shown_number
+from ..tools.checks import shown_number
 
 Points = Float[np.ndarray, "_ 2"]
 """A curve: its points in their order, one column per parameter; NaN between parts that are apart."""

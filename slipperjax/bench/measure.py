@@ -19,11 +19,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..flow import ConstantSteps, ControlledSteps, advance, coordinates, initial_states
-from ..model import COORDINATE_SCALES
-from ..solvers import AdaptiveSteps
-from ..sweeps import Cases, make_plan
-from ..tools import whole
+from ..flow.period_map import advance, initial_states
+from ..flow.recorders import coordinates
+from ..flow.stepping import ConstantSteps, ControlledSteps
+from ..model.quantities import COORDINATE_SCALES
+from ..solvers.adaptive import AdaptiveSteps
+from ..sweeps.grid import Cases
+from ..sweeps.plan import make_plan
+from ..tools.checks import whole
 from .methods import METHODS, Case, Method, all_cases
 from .peers import PEERS, AbstractPeer
 from .work_precision import Point, mbdyn_points

@@ -9,17 +9,16 @@ from typing import NamedTuple
 
 import diffrax
 
-from ..model import (
-    AbstractMemory,
-    EventLatch,
-    Motion,
-    Scene,
-    SmoothSwitch,
-    default_steps_per_period,
-    paper_scene,
-    table_2_start,
-)
-from ..solvers import RK4, ROS34PW2, Latching, Rodas3, Rodas4, Tsit5, TwoStep, calls_lapack, with_root_finder
+from ..model.contact import AbstractMemory, EventLatch, SmoothSwitch
+from ..model.dang2024 import paper_scene, table_2_start
+from ..model.kinematics import Motion
+from ..model.scene import Scene
+from ..model.step_size import default_steps_per_period
+from ..solvers.explicit import RK4, Tsit5
+from ..solvers.latching import Latching, calls_lapack
+from ..solvers.rosenbrock import ROS34PW2, Rodas3, Rodas4
+from ..solvers.simplified_newton import with_root_finder
+from ..solvers.twostep import TwoStep
 
 
 class Case(NamedTuple):

@@ -17,7 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..model import HarmonicTrack, table_2_start
+from ..model.dang2024 import table_2_start
+from ..model.tracks import HarmonicTrack
 from .methods import Case
 
 Run = tuple[str, np.ndarray, tuple[float, float], np.ndarray]

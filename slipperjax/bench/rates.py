@@ -21,12 +21,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..analysis import first_tangents
-from ..flow import ConstantSteps, advance, advance_tangents, initial_states, tangent_weights
-from ..model import paper_scene, table_2_start
-from ..solvers import RK4, Rodas4
-from ..sweeps import CHUNK_OF_DEVICE, LARGEST_CHUNK, Cases
-from ..tools import brief, compiler_options, cores, one_of, table_lines, whole
+from ..analysis.lyapunov import first_tangents
+from ..flow.period_map import advance, advance_tangents, initial_states, tangent_weights
+from ..flow.stepping import ConstantSteps
+from ..model.dang2024 import paper_scene, table_2_start
+from ..solvers.explicit import RK4
+from ..solvers.rosenbrock import Rodas4
+from ..sweeps.grid import Cases
+from ..sweeps.plan import CHUNK_OF_DEVICE, LARGEST_CHUNK
+from ..tools.checks import brief, one_of, whole
+from ..tools.compile import compiler_options
+from ..tools.files import table_lines
+from ..tools.limits import cores
 
 BATCHES = (100, 1_000, 10_000, 100_000, 1_000_000)
 """Default batches."""

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..plots import png
-from ..tools import write_each
+from ..plots.style import png
+from ..tools.files import write_each
 
 
 class Point(NamedTuple):

@@ -4,9 +4,6 @@ import gc
 import sys
 import warnings
 
-from . import branch as branch
-from . import design as design
-from . import sweep as sweep
 from .commands import app as app
 from .interrupts import Signals, ignore_signals, leave
 

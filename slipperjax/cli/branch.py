@@ -8,8 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
-from ..model import PARAMETERS
-from .commands import LOST, _Once, app
+from ..model.quantities import PARAMETERS
+from .commands import LOST, Once, app
 from .files import Outputs
 from .interrupts import on_thread
 from .options import CASE_OPTIONS, Case, Out, Steps, takes_case
@@ -53,7 +53,7 @@ Brute = Annotated[
 ]
 
 
-@app.command("continue", cls=_Once)
+@app.command("continue", cls=Once)
 @takes_case
 def follow_branch(
     case: Case,
@@ -72,8 +72,8 @@ def follow_branch(
     out: Out = Path("branch"),
 ):
     """Follow a periodic motion through a parameter, stable or not, and name folds, flips and grazings."""
-    from ..orbits import load_branch
-    from ..plots import branches
+    from ..orbits.branches import load_branch
+    from ..plots.branches import branches
 
     labels = _labels(switch)
     options = dict(points=points, progress=sys.stderr.isatty())
@@ -128,7 +128,7 @@ def make_bounds(
 
     **Raises:** `ValueError` that names the option which is wrong.
     """
-    from ..model import parameter
+    from ..model.paths import parameter
 
     name, *ends = over
     if name not in PARAMETERS and "." not in name:
@@ -170,8 +170,8 @@ def _refuse_case(context: typer.Context) -> None:
 
 def _beneath(brute: Path | None, quantity: str, name: Any) -> Any:
     """The diagram of --brute, checked before anything long is begun, as is the quantity."""
-    from ..flow import dataset_of
-    from ..plots import check_brute, check_quantity
+    from ..flow.load import dataset_of
+    from ..plots.branches import check_brute, check_quantity
 
     check_quantity(quantity)
     if brute is None:
@@ -183,9 +183,10 @@ def _beneath(brute: Path | None, quantity: str, name: Any) -> Any:
 
 def _begun(case: Case, known: Any, bounds: tuple[float, float], period: int, how: dict, options: dict) -> Any:
     """The branch of the motion on which the case settles."""
-    from ..flow import Status
-    from ..orbits import continue_orbit, periodic_orbit, steps_of_branch
-    from ..tools import whole
+    from ..flow.status import Status
+    from ..orbits.branches import continue_orbit, steps_of_branch
+    from ..orbits.periodic import periodic_orbit
+    from ..tools.checks import whole
 
     whole("points", options["points"], 1)
     # the first orbit has the steps of the branch, and shares its programs
@@ -204,7 +205,7 @@ def _begun(case: Case, known: Any, bounds: tuple[float, float], period: int, how
 
 def _followed(call: Callable[[], Any], files: Outputs, draw: Callable[[Any], Any]) -> Any:
     """What a call finds; an interrupted branch is written first."""
-    from ..orbits import InterruptedBranch
+    from ..orbits.branches import InterruptedBranch
 
     try:
         return on_thread(call, PATIENCE)

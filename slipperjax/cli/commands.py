@@ -8,7 +8,8 @@ from typing import Annotated, Any
 import typer
 import typer.core
 
-from ..tools import compile_cache, listed, said, write_each
+from ..tools.files import listed, said, write_each
+from ..tools.program_cache import compile_cache
 from .files import PARTIAL, Outputs, drawn_by
 from .interrupts import on_thread
 from .options import By, Case, Log, Out, Over, Steps, make_folder, make_grid, takes_case, without
@@ -18,7 +19,7 @@ LOST = 1
 """Exit code where no case stayed finite."""
 
 
-class _Once(typer.core.TyperCommand):
+class Once(typer.core.TyperCommand):
     """A command that refuses an option which is given twice and can have one value only."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -38,7 +39,7 @@ app = typer.Typer(
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from ..flow import versions
+        from ..flow.datasets import versions
 
         of = dict(versions())
         print(f"slipperjax {of.pop('slipperjax')} ({', '.join(f'{name} {version}' for name, version in of.items())})")
@@ -60,7 +61,7 @@ def options(
         compile_cache()
 
 
-@app.command(cls=_Once)
+@app.command(cls=Once)
 @takes_case
 def simulate(
     case: Case,
@@ -73,9 +74,10 @@ def simulate(
     out: Out = Path("trajectory"),
 ):
     """Simulate one case and write its trajectory."""
-    from ..flow import Status, step_plan
-    from ..flow import simulate as run
-    from ..tools import whole
+    from ..flow.simulate import simulate as run
+    from ..flow.simulate import step_plan
+    from ..flow.status import Status
+    from ..tools.checks import whole
 
     scene = case.scene
     files = Outputs(out, ".nc", ".png")
@@ -100,7 +102,7 @@ def simulate(
         raise typer.Exit(LOST)
 
 
-@app.command(cls=_Once)
+@app.command(cls=Once)
 @takes_case
 def orbit(
     case: Case,
@@ -113,8 +115,8 @@ def orbit(
     out: Out = Path("orbit"),
 ):
     """Find a periodic motion, stable or not, with its Floquet multipliers and contact signature."""
-    from ..flow import Status
-    from ..orbits import periodic_orbit
+    from ..flow.status import Status
+    from ..orbits.periodic import periodic_orbit
 
     files = Outputs(out, ".nc", ".png")
     options = dict(start=case.start, transient=transient, steps_per_period=steps_per_period, solver=case.solver)
@@ -133,7 +135,7 @@ def orbit(
     )
 
 
-@app.command(cls=_Once)
+@app.command(cls=Once)
 @takes_case
 def bifurcation(
     case: Case,
@@ -145,7 +147,7 @@ def bifurcation(
     out: Out = Path("bifurcation"),
 ):
     """Draw the five bifurcation diagrams over a parameter, from Poincare sections as in the paper's Fig. 5."""
-    from ..sweeps import sweep
+    from ..sweeps.sweep import sweep
 
     grid = make_grid(over, log=log)
     files = Outputs(out, ".nc", ".png")
@@ -163,15 +165,15 @@ def bifurcation(
         )
     seconds = time.perf_counter() - begin
     files.write(ds, draw)
-    flagged, meanings = _flagged(ds)
+    flagged, meanings = flagged_cases(ds)
     print(
-        f"{ds['status'].size} cases, {ds.attrs['transient']} + {periods} periods, {_steps(ds)} steps per period: "
+        f"{ds['status'].size} cases, {ds.attrs['transient']} + {periods} periods, {steps_text(ds)} steps per period: "
         f"{seconds:.1f} s with compiling; {flagged} cases flagged{meanings}"
     )
-    _exit_if_lost(ds)
+    exit_if_lost(ds)
 
 
-@app.command(cls=_Once)
+@app.command(cls=Once)
 @takes_case
 def lyapunov(
     case: Case,
@@ -187,8 +189,8 @@ def lyapunov(
     out: Out = Path("lyapunov"),
 ):
     """Largest Lyapunov exponents over one parameter, or over two as a regime map, with certificates."""
-    from ..analysis import REGIMES
-    from ..sweeps import lyapunov_sweep
+    from ..analysis.lyapunov import REGIMES
+    from ..sweeps.exponents import lyapunov_sweep
 
     grid = make_grid(over, by, log=log)
     files = Outputs(out, ".nc", ".png")
@@ -211,15 +213,15 @@ def lyapunov(
     seconds = time.perf_counter() - begin
     files.write(ds, draw)
     shares = ", ".join(f"{int((ds['regime'] == name).sum())} {name}" for name in REGIMES)
-    flagged, meanings = _flagged(ds)
+    flagged, meanings = flagged_cases(ds)
     print(
-        f"{ds['regime'].size} cases: {shares}; {_steps(ds)} steps per period, {seconds:.1f} s with compiling; "
+        f"{ds['regime'].size} cases: {shares}; {steps_text(ds)} steps per period, {seconds:.1f} s with compiling; "
         f"{flagged} cases flagged{meanings}"
     )
-    _exit_if_lost(ds)
+    exit_if_lost(ds)
 
 
-@app.command(cls=_Once)
+@app.command(cls=Once)
 def reproduce(
     figures: Annotated[
         list[str] | None,
@@ -234,8 +236,10 @@ def reproduce(
     """Run the paper's study: its figures, and a report that answers its claims one by one."""
     import matplotlib
 
-    from ..studies.dang2024 import FIGURES, FULL, readings, write_figures, write_report
-    from ..studies.dang2024 import reproduce as run
+    from ..studies.dang2024.claims import write_report
+    from ..studies.dang2024.figures import write_figures
+    from ..studies.dang2024.runs import FIGURES, FULL, readings
+    from ..studies.dang2024.runs import reproduce as run
 
     matplotlib.use("Agg")
     runs = run(figures or FIGURES, quick=quick, transient=transient, progress=True)
@@ -261,7 +265,7 @@ def reproduce(
     print(f"{good} of {len(answers)} claims reproduced, {len(answers) - good} differ: see {report}")
 
 
-@app.command(cls=_Once)
+@app.command(cls=Once)
 def bench(
     quick: Annotated[bool, typer.Option(help="Two scenes, three methods, one batch: minutes less.")] = False,
     scene: Annotated[list[str] | None, typer.Option(help="A scene by name; repeat for several; default all.")] = None,
@@ -280,8 +284,8 @@ def bench(
     """Draw error against cost for every solver, and for other codes where they are installed."""
     import matplotlib
 
-    from ..bench import bench as run
-    from ..bench import write
+    from ..bench.measure import bench as run
+    from ..bench.work_precision import write
 
     def show(point):
         times = ", ".join(f"{best:.3g} us at {lanes}" for lanes, (best, _) in point.cost.items())
@@ -301,7 +305,7 @@ def bench(
         path.unlink(missing_ok=True)
 
 
-@app.command(cls=_Once)
+@app.command(cls=Once)
 def throughput(
     batch: Annotated[
         list[int] | None, typer.Option(help="Trajectories at once; repeat for several; default 100 to 1000000.")
@@ -315,8 +319,8 @@ def throughput(
     out: Annotated[Path, typer.Option(help="Makes OUT.md.", callback=without(".md"))] = Path("throughput"),
 ):
     """Time trajectory-periods per second over the batch, on a GPU where JAX has one, else on the CPU's cores."""
-    from ..bench import rows
-    from ..bench import throughput as run
+    from ..bench.rates import rows
+    from ..bench.rates import throughput as run
 
     Outputs(out, ".md")
     show = lambda rate: print(rows([rate])[-1], flush=True)
@@ -324,7 +328,7 @@ def throughput(
     print(said(write_each({Path(f"{out}.md"): table.encode})))
 
 
-def _steps(ds: Any) -> str:
+def steps_text(ds: Any) -> str:
     """Steps per period of all cases of a sweep: one number, or the least to the most."""
     least, most = int(ds["steps_per_period"].min()), int(ds["steps_per_period"].max())
     return f"{least}" if least == most else f"{least} to {most}"
@@ -342,19 +346,19 @@ def _error(probe: Any) -> str:
     return f"half the step changes a period by {most:.1e} (unit: 1 mm, 10 mrad, 1 m/s, 10 rad/s){force}"
 
 
-def _exit_if_lost(ds: Any) -> None:
+def exit_if_lost(ds: Any) -> None:
     """Ends with exit code `LOST` where no case of a sweep stayed finite."""
-    from ..flow import Status
+    from ..flow.status import Status
 
     if bool((ds["status"] == Status.NOT_FINITE).all()):
         raise typer.Exit(LOST)
 
 
-def _flagged(ds: Any) -> tuple[int, str]:
+def flagged_cases(ds: Any) -> tuple[int, str]:
     """How many cases of a sweep have a status other than 0, and in brackets what their statuses mean."""
     import numpy as np
 
-    from ..flow import Status
+    from ..flow.status import Status
 
     codes, counts = np.unique(ds["status"].values, return_counts=True)
     found = {Status(int(c)): int(n) for c, n in zip(codes, counts, strict=True) if c != Status.FINITE}

@@ -9,8 +9,9 @@ from typing import Annotated, Any, NamedTuple
 
 import typer
 
-from ..model import PARAMETERS, parameter
-from .commands import LOST, _Once, app
+from ..model.paths import parameter
+from ..model.quantities import PARAMETERS
+from .commands import LOST, Once, app
 from .files import Outputs
 from .interrupts import on_thread
 from .options import CASE_OPTIONS, DEFAULTS, Case, Out, Steps, make_case, taking
@@ -73,7 +74,7 @@ class Box(NamedTuple):
     """Parameters whose options have one number."""
 
 
-class _Numbers(_Once):
+class _Numbers(Once):
     """A command whose options of parameters have two numbers or one."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -175,7 +176,7 @@ def takes_box(command: Any) -> Any:
 
 def _checked(scene: Any, option: str, name: str, pair: tuple[float, float]) -> tuple[float, float]:
     """Bounds of a parameter [SI unit]."""
-    from ..model import parameter
+    from ..model.paths import parameter
 
     known = parameter(name, scene)
     low, high = (float(known.checked(known.from_shown(end))) for end in pair)
@@ -211,9 +212,9 @@ def design(
 
     A parameter's option with two numbers says that it is chosen between them; with one number it is fixed.
     """
-    from ..design import optimise_design
-    from ..plots import design_overview
-    from ..tools import whole
+    from ..design.optimise import optimise_design
+    from ..plots.designs import design_overview
+    from ..tools.checks import whole
 
     # checked here, too, so that an error is the only line
     least = dict(starts=1, max_trials=1, transient=0, seed=0)
@@ -248,8 +249,8 @@ def design(
 
 def _found(call: Any, files: Outputs) -> Any:
     """What a search finds; an interrupted one is written first."""
-    from ..design import InterruptedDesign
-    from ..plots import design_overview
+    from ..design.optimise import InterruptedDesign
+    from ..plots.designs import design_overview
 
     try:
         return on_thread(call, PATIENCE)
@@ -262,7 +263,7 @@ def _found(call: Any, files: Outputs) -> Any:
 
 def _around(found: Any) -> Any:
     """The objective around a design by simulation alone."""
-    from ..design import surroundings
+    from ..design.checks import surroundings
 
     points = AROUND.get(len(found.problem.bounds))
     if points is None:
@@ -276,7 +277,7 @@ def _around(found: Any) -> Any:
 
 def _margins(found: Any) -> Any:
     """The nearest events of the cases that tell most; they are printed."""
-    from ..design import event_margins
+    from ..design.checks import event_margins
 
     if not any(found.cases["period"].values > 0):
         print("no case is on an orbit that could be followed to events")
@@ -301,7 +302,7 @@ def _margins(found: Any) -> Any:
 
 
 def _objective(option: str, name: str) -> Any:
-    from ..design import OBJECTIVES
+    from ..design.objectives import OBJECTIVES
 
     if name not in OBJECTIVES:
         raise ValueError(f"Option {option} must be one of {', '.join(OBJECTIVES)}, but is {name!r}.")
@@ -344,7 +345,7 @@ def _speeds(speeds: tuple[float, float, int], box: Box) -> Any:
 
 def report(found: Any) -> str:
     """A design in words: what was found, how sure, and a line for each case."""
-    from ..plots import shown
+    from ..plots.style import shown
 
     q, cases = found.problem.objective.quantity, found.cases
     lines = [repr(found), f"relative slope left {found.gradient_norm:.2g}"]

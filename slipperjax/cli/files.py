@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ..tools import listed, said, write_each
+from ..tools.files import listed, said, write_each
 from .options import make_folder
 from .waiting import while_compiling
 
@@ -40,7 +40,7 @@ def _picture(ds: Any, draw: Callable[[Any], Any]) -> bytes:
     import numpy as np
 
     matplotlib.use("Agg")
-    from ..plots import png
+    from ..plots.style import png
 
     return png(np.ravel(draw(ds))[0].figure, 300)
 
@@ -84,7 +84,7 @@ class Outputs:
     @contextmanager
     def keeping(self, draw: Callable[[Any], Any]) -> Iterator[None]:
         """Around a sweep: writes the finished cases of one that is interrupted as OUT_partial.nc and .png."""
-        from ..flow import Interrupted
+        from ..flow.status import Interrupted
 
         try:
             yield

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any, TypeVar
 
-from ..flow import ASKED, Interrupted
+from ..flow.status import ASKED, Interrupted
 
 Result = TypeVar("Result")
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any, NamedTuple
 
 import typer
 
-from ..model import PARAMETERS, STARTS
+from ..model.quantities import PARAMETERS, STARTS
 
 GridAxis = tuple[str, float, float, int]
 """Parameter, first and last value in its display unit, number of values."""
@@ -151,7 +151,7 @@ def make_case(*, scene: Path | None, solver: str, **values: Any) -> Case:
 
     **Raises:** `ValueError` that names the argument or option which is wrong.
     """
-    from ..flow import load_scene, load_start
+    from ..flow.load import load_scene, load_start
 
     start = None
     if scene is not None:
@@ -171,7 +171,9 @@ def make_scene(
 
     **Raises:** `ValueError` that names the argument or option which is wrong.
     """
-    from ..model import EventLatch, HarmonicTrack, SmoothSwitch, paper_scene
+    from ..model.contact import EventLatch, SmoothSwitch
+    from ..model.dang2024 import paper_scene
+    from ..model.tracks import HarmonicTrack
 
     scene = paper_scene() if base is None else base
     memories = {"event": EventLatch, "smooth": SmoothSwitch}
@@ -194,7 +196,8 @@ def make_scene(
 
 def _assigned(scene: Any, text: str) -> tuple[str, float]:
     """A parameter's name or path, and its value in SI units, of one `--set`."""
-    from ..model import parameter, parsed
+    from ..model.paths import parameter
+    from ..model.scene_files import parsed
 
     name, equals, value = (part.strip() for part in text.partition("="))
     if not equals:
@@ -210,13 +213,14 @@ def make_solver(name: str, scene: Any) -> Any:
 
     **Raises:** `ValueError` for a name that is no solver's, or a solver that does not suit the scene.
     """
-    import slipperjax.solvers as solvers
+    from ..solvers.choose import choose_solver, resolve_solver
+    from ..solvers.latching import solver_name
 
     if name == "auto":
-        chosen = solvers.choose_solver(scene)
-        print(f"solver {solvers.solver_name(chosen.solver)}: {chosen.reason}", file=sys.stderr)
+        chosen = choose_solver(scene)
+        print(f"solver {solver_name(chosen.solver)}: {chosen.reason}", file=sys.stderr)
         return chosen.solver
-    return solvers.resolve_solver(scene, name)
+    return resolve_solver(scene, name)
 
 
 def axis_of(option: str, text: str) -> GridAxis:
@@ -242,7 +246,7 @@ def make_grid(*axes: GridAxis | None, log: Sequence[str] | None = None) -> dict[
     """
     import numpy as np
 
-    from ..sweeps import refuse_cases
+    from ..sweeps.grid import refuse_cases
 
     grid = {}
     for k, axis in enumerate(axes):

@@ -11,9 +11,10 @@ from typing import Annotated, Any, get_args
 
 import typer
 
-from ..model import PARAMETERS, STARTS
-from ..tools import compile_cache, whole
-from .commands import _exit_if_lost, _flagged, _Once, _steps, app
+from ..model.quantities import PARAMETERS, STARTS
+from ..tools.checks import whole
+from ..tools.program_cache import compile_cache
+from .commands import Once, app, exit_if_lost, flagged_cases, steps_text
 from .files import Outputs
 from .interrupts import on_thread
 from .options import Case, GridAxis, Log, Over, Steps, axis_of, make_folder, make_grid, takes_case, without
@@ -53,7 +54,7 @@ StorePath = Annotated[
 Quantity = Annotated[str | None, typer.Option(help="Draw this variable; default what suits the record.")]
 
 
-class _Axes(_Once):
+class _Axes(Once):
     """A command with options that are followed by a name and numbers, and can be repeated."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -119,8 +120,9 @@ def sweep(
     ] = None,
 ):
     """Run every combination of some parameters, or a sample, into a file or a store that survives anything."""
-    from ..sweeps import explain as estimate
-    from ..sweeps import open_store, store_status
+    from ..sweeps.explain import explain as estimate
+    from ..sweeps.stores.archive import open_store
+    from ..sweeps.stores.upkeep import store_status
 
     function, options = _asked(record, transient, periods)
     options |= dict(steps_per_period=steps_per_period, solver=case.solver, start=case.start)
@@ -149,17 +151,20 @@ def sweep(
         files.write(ds, draw)
     else:
         _draw(open_store(store), draw, files)
-    flagged, meanings = _flagged(ds)
-    print(f"{ds['status'].size} cases, {_steps(ds)} steps per period: {seconds:.1f} s; {flagged} flagged{meanings}")
-    _exit_if_lost(ds)
+    flagged, meanings = flagged_cases(ds)
+    print(
+        f"{ds['status'].size} cases, {steps_text(ds)} steps per period: {seconds:.1f} s; {flagged} flagged{meanings}"
+    )
+    exit_if_lost(ds)
 
 
 def _asked(
     record: list[str] | None, transient: int, periods: int | None
 ) -> tuple[Callable[..., Any], dict[str, Any]]:
     """The function that makes a record, and its arguments."""
-    from ..sweeps import lyapunov_sweep, orbit_sweep
-    from ..sweeps import sweep as run
+    from ..sweeps.exponents import lyapunov_sweep
+    from ..sweeps.orbits import orbit_sweep
+    from ..sweeps.sweep import sweep as run
 
     names = record or ["sections"]
     alone = [name for name in names if name in ALONE]
@@ -177,7 +182,7 @@ def _asked(
 
 def _grid(case: Case, over: Any, by: list[str] | None, log: Any, sample: int | None) -> dict[str, Any]:
     """Values by name, of every combination or of a sample."""
-    from ..sweeps import sample_box
+    from ..sweeps.grid import sample_box
 
     if over is None:
         raise ValueError("Option --over must be given, or --refine.")
@@ -190,7 +195,7 @@ def _grid(case: Case, over: Any, by: list[str] | None, log: Any, sample: int | N
 
 def _finer(path: Path, within: list[str] | None, *others: Any) -> dict[str, Any]:
     """The grid of a store at twice the resolution, between values in display units."""
-    from ..sweeps import refined
+    from ..sweeps.stores.reuse import refined
 
     if any(other for other in others):
         raise ValueError("Option --refine must not be given with --over, --by or --sample.")
@@ -208,7 +213,7 @@ def _finer(path: Path, within: list[str] | None, *others: Any) -> dict[str, Any]
 
 def _target(store: Path | None, tile: Any, fresh: bool, reuse: Any, chunk: Any, *engines: Any) -> Any:
     """The store that options describe."""
-    from ..sweeps import Store
+    from ..sweeps.stores.target import Store
 
     if store is None:
         names = ("tile", "fresh", "reuse", "chunk", "processes", "cluster")
@@ -232,7 +237,7 @@ def _share(text: str) -> tuple[int, int]:
 @contextmanager
 def _executor(count: int | None, address: str | None) -> Iterator[Any]:
     """What computes tiles, or None for threads of this process."""
-    from ..sweeps import processes
+    from ..sweeps.stores.processes import processes
 
     if address is not None:
         try:
@@ -256,7 +261,7 @@ def _executor(count: int | None, address: str | None) -> Iterator[Any]:
 @contextmanager
 def _kept(store: Path) -> Iterator[None]:
     """Around a sweep into a store: says after an interrupt what it holds."""
-    from ..flow import Interrupted
+    from ..flow.status import Interrupted
 
     try:
         yield
@@ -271,7 +276,8 @@ def _kept(store: Path) -> Iterator[None]:
 
 def picture(ds: Any, show: str | None = None) -> Any:
     """What suits a dataset: a named variable, exponents, bifurcation diagrams, motions or peak forces."""
-    from ..plots import attractor_map, bifurcations, exponents, quantity_map, regime_map
+    from ..plots.bifurcations import bifurcations
+    from ..plots.maps import attractor_map, exponents, quantity_map, regime_map
 
     dims = len(ds["status"].dims)
     if show is not None:
@@ -298,15 +304,15 @@ def _draw(ds: Any, draw: Callable[[Any], Any], files: Outputs) -> None:
 Path_ = Annotated[Path, typer.Argument(help="The store, NAME.zarr.")]
 
 
-@stores.command(cls=_Once)
+@stores.command(cls=Once)
 def status(path: Path_):
     """Say how far a store is; it may still be growing."""
-    from ..sweeps import store_status
+    from ..sweeps.stores.upkeep import store_status
 
     print(store_status(path))
 
 
-@stores.command(cls=_Once)
+@stores.command(cls=Once)
 def check(
     path: Path_,
     repair: Annotated[
@@ -314,7 +320,7 @@ def check(
     ] = False,
 ):
     """Read all of a store, and say what is damaged; exit code 1 where something is."""
-    from ..sweeps import check_store, store_status
+    from ..sweeps.stores.upkeep import check_store, store_status
 
     lines = check_store(path, repair=repair)
     print("\n".join(lines) if lines else f"nothing is damaged: {store_status(path)}")
@@ -322,25 +328,26 @@ def check(
         raise typer.Exit(1)
 
 
-@stores.command(cls=_Once)
+@stores.command(cls=Once)
 def merge(
     paths: Annotated[list[Path], typer.Argument(help="Stores of one sweep, such as shares from several disks.")],
     into: Annotated[Path, typer.Option(help="The store that gets all their tiles.")],
 ):
     """Bring the tiles of several stores together."""
-    from ..sweeps import merge_stores
+    from ..sweeps.stores.upkeep import merge_stores
 
     print(merge_stores(paths, into))
 
 
-@stores.command(cls=_Once)
+@stores.command(cls=Once)
 def draw(
     path: Path_,
     show: Quantity = None,
     out: Annotated[Path | None, typer.Option(help="The picture is OUT.png; default the store's name.")] = None,
 ):
     """Draw a store, which may still be growing."""
-    from ..sweeps import open_store, store_status
+    from ..sweeps.stores.archive import open_store
+    from ..sweeps.stores.upkeep import store_status
 
     base = path.with_suffix("") if out is None else without(".png")(out)
     files = Outputs(base, ".png")

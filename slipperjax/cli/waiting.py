@@ -8,7 +8,8 @@ from typing import Any
 
 import jax
 
-from ..tools import LOADING, TRACING
+from ..tools.compile import TRACING
+from ..tools.programs import LOADING
 
 _WAITING: list[str] = []
 """What is to be said when a program is made, once."""

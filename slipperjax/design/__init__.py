@@ -3,13 +3,13 @@
 from .checks import event_margins as event_margins
 from .checks import surroundings as surroundings
 from .ensembles import Spread as Spread
-from .kinds import AbstractCourseObjective as AbstractCourseObjective
-from .kinds import AbstractObjective as AbstractObjective
 from .maps import objective_sweep as objective_sweep
 from .methods import AbstractMethod as AbstractMethod
 from .methods import Descent as Descent
 from .methods import TrustRegion as TrustRegion
 from .objectives import OBJECTIVES as OBJECTIVES
+from .objectives import AbstractCourseObjective as AbstractCourseObjective
+from .objectives import AbstractObjective as AbstractObjective
 from .objectives import ContactLoad as ContactLoad
 from .objectives import ContactWork as ContactWork
 from .objectives import DriveForce as DriveForce
@@ -23,9 +23,6 @@ from .objectives import RMSAcceleration as RMSAcceleration
 from .objectives import SoftExcursion as SoftExcursion
 from .objectives import SoftImpactImpulse as SoftImpactImpulse
 from .objectives import SoftPeakForce as SoftPeakForce
-from .objectives import objective_named as objective_named
 from .optimise import Design as Design
-from .optimise import InterruptedDesign as InterruptedDesign
-from .optimise import optimise_design as optimise_design
 from .pareto import pareto_front as pareto_front
 from .sensitivities import sensitivities as sensitivities

@@ -8,9 +8,12 @@ import numpy as np
 import xarray as xr
 from jax.flatten_util import ravel_pytree
 
-from ..model import initial_state, parameter, table_2_start
-from ..orbits import OrbitBranch, continue_orbit, periodic_orbit
-from ..tools import brief, number, positive, whole
+from ..model.dang2024 import table_2_start
+from ..model.dynamics import initial_state
+from ..model.paths import parameter
+from ..orbits.branches import OrbitBranch, continue_orbit
+from ..orbits.periodic import periodic_orbit
+from ..tools.checks import brief, number, positive, whole
 from .maps import objective_sweep
 from .optimise import Design
 

@@ -6,8 +6,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ..flow import run_attributes, scene_attributes
-from ..model import Quantity, Scene, parameter, table_2_start
+from ..flow.datasets import run_attributes, scene_attributes
+from ..model.dang2024 import table_2_start
+from ..model.paths import parameter
+from ..model.quantities import Quantity
+from ..model.scene import Scene
 from .problem import Problem
 
 

@@ -16,22 +16,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..flow import (
-    Courses,
-    Status,
-    Strobe,
-    advance_tangents,
-    first_problem,
-    flexible_steps,
-    initial_tangents,
-    states_and_penetrations,
-)
-from ..model import MOTION_SCALES, Motion, Scene, State
-from ..sweeps import Calls, Cases, OnProgress, Plan, in_order, run_chunk, run_chunks
-from ..tools import whole
+from ..flow.course import Courses
+from ..flow.period_map import advance_tangents, initial_tangents, states_and_penetrations
+from ..flow.recorders import Strobe
+from ..flow.simulate import flexible_steps
+from ..flow.status import Status, first_problem
+from ..model.dynamics import State
+from ..model.kinematics import MOTION_SCALES, Motion
+from ..model.scene import Scene
+from ..sweeps.executors import in_order, run_chunk, run_chunks
+from ..sweeps.grid import Cases
+from ..sweeps.plan import Calls, OnProgress, Plan
+from ..tools.checks import whole
 from .gradients import Objectives, totals
-from .kinds import AbstractCourseObjective, AbstractObjective
-from .objectives import Exponent
+from .objectives import AbstractCourseObjective, AbstractObjective, Exponent
 
 DISTURBED = 0.1
 """Standard deviation of the disturbances of the starts' velocities, in multiples of

@@ -15,11 +15,16 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from ..analysis import jacobians
-from ..flow import AbstractStepping, Courses, PeriodMap
-from ..model import Scene, State, parameter
-from ..tools import Batched, jit
-from .kinds import AbstractCourseObjective
+from ..analysis.floquet import jacobians
+from ..flow.course import Courses
+from ..flow.period_map import PeriodMap
+from ..flow.stepping import AbstractStepping
+from ..model.dynamics import State
+from ..model.paths import parameter
+from ..model.scene import Scene
+from ..tools.batching import Batched
+from ..tools.compile import jit
+from .objectives import AbstractCourseObjective
 
 Objectives = tuple[AbstractCourseObjective, ...]
 

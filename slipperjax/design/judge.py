@@ -15,30 +15,26 @@ import scipy.linalg
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Float, Int
 
-from ..flow import Status, flexible_steps, initial_states
-from ..model import Motion, Scene, State, initial_state, table_2_start
-from ..orbits import TOLERANCE
-from ..sweeps import (
-    JACOBIAN,
-    Cases,
-    Chunk,
-    Maps,
-    OnProgress,
-    filled,
-    find_orbits,
-    make_plan,
-    reached_orbits,
-    records_in_order,
-    rows_of,
-    run_chunk,
-    run_chunks,
-    strobe_plan,
-)
-from ..tools import Batched, cores
+from ..flow.period_map import initial_states
+from ..flow.simulate import flexible_steps
+from ..flow.status import Status
+from ..model.dang2024 import table_2_start
+from ..model.dynamics import State, initial_state
+from ..model.kinematics import Motion
+from ..model.scene import Scene
+from ..orbits.periodic import TOLERANCE
+from ..sweeps.executors import records_in_order, run_chunk, run_chunks
+from ..sweeps.grid import Cases, filled
+from ..sweeps.maps import Maps, rows_of
+from ..sweeps.orbits import find_orbits
+from ..sweeps.plan import Chunk, OnProgress, make_plan, strobe_plan
+from ..sweeps.reached import reached_orbits
+from ..sweeps.reducers import JACOBIAN
+from ..tools.batching import Batched
+from ..tools.limits import cores
 from .ensembles import Spread, averages
 from .gradients import matrix_slopes, push_period, total_slopes
-from .kinds import AbstractCourseObjective, AbstractObjective
-from .objectives import Exponent
+from .objectives import AbstractCourseObjective, AbstractObjective, Exponent
 
 LANES = 32
 """Most cases in one call."""

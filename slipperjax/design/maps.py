@@ -10,28 +10,26 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from ..analysis import classify
-from ..flow import Course, Courses, Status, Trajectory, first_of, initial_states
-from ..model import COORDINATE_SCALES, Motion, Scene, State
-from ..solvers import resolve_solver
-from ..sweeps import (
-    FLOOR,
-    Calls,
-    Cases,
-    Plan,
-    Store,
-    case_attributes,
-    case_variables,
-    in_order,
-    records_in_order,
-    run_chunk,
-    run_chunks,
-    storable,
-)
-from ..tools import whole
+from ..analysis.attractor import classify
+from ..flow.course import Course, Courses
+from ..flow.period_map import initial_states
+from ..flow.simulate import Trajectory, first_of
+from ..flow.status import Status
+from ..model.dynamics import State
+from ..model.kinematics import Motion
+from ..model.quantities import COORDINATE_SCALES
+from ..model.scene import Scene
+from ..solvers.choose import resolve_solver
+from ..sweeps.attractors import FLOOR
+from ..sweeps.executors import in_order, records_in_order, run_chunk, run_chunks
+from ..sweeps.grid import Cases
+from ..sweeps.plan import Calls, Plan
+from ..sweeps.stores.stored import storable
+from ..sweeps.stores.target import Store
+from ..sweeps.sweep import case_attributes, case_variables
+from ..tools.checks import whole
 from .gradients import totals
-from .kinds import AbstractCourseObjective
-from .objectives import objective_named
+from .objectives import AbstractCourseObjective, objective_named
 
 BLOCK = 32
 """Recorded forcing periods in one call."""

@@ -10,14 +10,18 @@ import numpy as np
 import scipy.optimize
 import xarray as xr
 
-from ..flow import Interrupted
-from ..model import Motion, Scene, State, parameter
-from ..tools import instance, whole, write_whole, yes_or_no
+from ..flow.status import Interrupted
+from ..model.dynamics import State
+from ..model.kinematics import Motion
+from ..model.paths import parameter
+from ..model.scene import Scene
+from ..tools.checks import instance, whole, yes_or_no
+from ..tools.files import write_whole
 from .dataset import labels, merged
 from .ensembles import Spread
 from .judge import Judged, Memory
-from .kinds import AbstractObjective
 from .methods import AbstractMethod, AbstractMove, Step, TrustRegion, inside
+from .objectives import AbstractObjective
 from .problem import Problem, checked_problem, first_designs
 
 SAME_DESIGN = 0.02

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ..model import Scene, parameter
-from ..tools import whole
-from .kinds import AbstractObjective
+from ..model.paths import parameter
+from ..model.scene import Scene
+from ..tools.checks import whole
 from .methods import TrustRegion
-from .objectives import objective_named
+from .objectives import AbstractObjective, objective_named
 from .optimise import Design, optimise_design
 
 

@@ -9,16 +9,19 @@ import numpy as np
 import scipy.stats.qmc
 from jaxtyping import Float
 
-from ..model import Motion, Scene, State, check_scene, parameter, refuse_undone, table_2_start
-from ..orbits import check_forcing
-from ..solvers import resolve_solver
-from ..sweeps import Cases
-from ..tools import brief, instance, one_of, whole, yes_or_no
+from ..model.dang2024 import table_2_start
+from ..model.dynamics import State
+from ..model.kinematics import Motion
+from ..model.paths import parameter, refuse_undone
+from ..model.scene import Scene, check_scene
+from ..orbits.motions import check_forcing
+from ..solvers.choose import resolve_solver
+from ..sweeps.grid import Cases
+from ..tools.checks import brief, instance, one_of, whole, yes_or_no
 from .ensembles import Spread
 from .judge import Judged, Memory, Question, judge
-from .kinds import AbstractObjective
 from .methods import Faced
-from .objectives import objective_named
+from .objectives import AbstractObjective, objective_named
 
 REACH = 0.005
 """How far ensembles' parameters are from a design [unit box]."""

@@ -10,40 +10,27 @@ import numpy as np
 import xarray as xr
 from jax.flatten_util import ravel_pytree
 
-from ..analysis import classify
-from ..flow import (
-    ConstantSteps,
-    Status,
-    Trajectory,
-    coordinates,
-    default_steps,
-    first_of,
-    flexible_steps,
-    scene_attributes,
-    simulate,
-)
-from ..model import (
-    COORDINATE_SCALES,
-    MOTION_SCALES,
-    Motion,
-    Parameter,
-    Scene,
-    State,
-    check_scene,
-    initial_state,
-    parameter,
-    refuse_undone,
-    table_2_start,
-)
-from ..orbits import check_forcing
-from ..solvers import resolve_solver
-from ..sweeps import FLOOR
-from ..tools import Batched, brief, one_of, whole, yes_or_no
+from ..analysis.attractor import classify
+from ..flow.datasets import scene_attributes
+from ..flow.recorders import coordinates
+from ..flow.simulate import Trajectory, default_steps, first_of, flexible_steps, simulate
+from ..flow.status import Status
+from ..flow.stepping import ConstantSteps
+from ..model.dang2024 import table_2_start
+from ..model.dynamics import State, initial_state
+from ..model.kinematics import MOTION_SCALES, Motion
+from ..model.paths import parameter, refuse_undone
+from ..model.quantities import COORDINATE_SCALES, Parameter
+from ..model.scene import Scene, check_scene
+from ..orbits.motions import check_forcing
+from ..solvers.choose import resolve_solver
+from ..sweeps.attractors import FLOOR
+from ..tools.batching import Batched
+from ..tools.checks import brief, one_of, whole, yes_or_no
 from .ensembles import Spread, averages
 from .gradients import pulled_gradient, push_period, total_slopes
 from .judge import PUSH, Judged, Question, judge_on_orbits
-from .kinds import AbstractObjective
-from .objectives import GrazingDistance, objective_named
+from .objectives import AbstractObjective, GrazingDistance, objective_named
 
 METHODS = ("orbit", "ensemble", "run")
 """Ways to differentiate an objective."""

@@ -1,7 +1,7 @@
 """Courses: one forcing period of a motion with its forces, as curves that functionals are made of.
 
 Every quantity is a cubic in each integration step, through both ends with its slopes: fourth order in the step, like
-the solution. Slopes of coordinates are the motion's own, all others those of `slipperjax.flow.neighbours`. Means
+the solution. Slopes of coordinates are the motion's own, all others those of `slipperjax.flow.loads`. Means
 are taken over three points of a Gauss formula in each step, greatest values are those of the cubics.
 """
 
@@ -15,9 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..model import Args, Motion, Scene, State, contact_forces, contacts, motion_rates
-from ..tools import materialise
-from .neighbours import slopes
+from ..model.dynamics import Args, State, contact_forces, motion_rates
+from ..model.kinematics import Motion, contacts
+from ..model.scene import Scene
+from ..tools.fused import materialise
+from .loads import slopes
 from .poincare import hermite, highest_point
 from .recorders import AbstractRecorder, stacked
 

@@ -11,10 +11,13 @@ import lineax
 import numpy as np
 import optimistix
 
-from ..model import Motion, Scene, SceneFile, State, scene_from_json, scene_from_toml
-from ..tools import brief, build
-from .datasets import open_result
-from .provenance import start_from_json
+from ..model.dynamics import State
+from ..model.kinematics import Motion
+from ..model.scene import Scene
+from ..model.scene_files import SceneFile, scene_from_json, scene_from_toml
+from ..tools.checks import brief
+from ..tools.description import build
+from .datasets import open_result, start_from_json
 from .reducing import AbstractReducer
 
 SAME = 1e-9

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..tools import brief
+from ..tools.checks import brief
 from .recorders import Labelled, attributes, places
 from .reducing import AbstractReducer, PeriodView, Stretch
 from .status import Status

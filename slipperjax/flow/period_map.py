@@ -5,6 +5,7 @@ compiled forms for one case and for batches are here too.
 """
 
 import functools
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import diffrax
@@ -13,25 +14,48 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ..analysis import jacobians, push_tangents
-from ..model import (
-    Args,
-    Motion,
-    Scene,
-    State,
-    contact_points,
-    settle_memory,
-    state_and_penetration,
-    vector_field,
-    warn_if_outside,
-)
-from ..solvers import RK4
-from ..tools import Batched, call_compiled, jit
+from ..analysis.floquet import jacobians
+from ..analysis.lyapunov import first_tangents, push_tangents
+from ..model.dynamics import Args, SmoothField, State, state_and_penetration, vector_field, warn_if_outside
+from ..model.kinematics import MOTION_SCALES, Motion, contact_points
+from ..model.scene import Scene
+from ..model.step_size import settle_memory
+from ..solvers.explicit import RK4
+from ..tools.batching import Batched
+from ..tools.compile import call_compiled, jit
 from .loads import Loads, over_periods
 from .recorders import AbstractRecorder, Strobe, stacked
 from .status import Status, status_of, with_growth, with_loads, with_resolution
 from .stepping import AbstractStepping, as_stepping
-from .tangents import tangent_weights
+
+MOTION_WEIGHTS = jax.tree.map(lambda scale: 1 / scale, MOTION_SCALES)
+"""Weights of the motion in a tangent's norm [1/unit], the reciprocals of `slipperjax.model.MOTION_SCALES`."""
+
+
+def tangent_weights(scene: Scene) -> Callable[[State], State]:
+    """Gives the weights of a tangent's components at a state, see `slipperjax.analysis.push_tangents`.
+
+    The motion counts in multiples of its scales. Of `EventLatch`, the memory of closed contacts counts relative to
+    itself, that of open ones not at all; of `SmoothSwitch`, 1 m/s of memory counts as one.
+    """
+    return _smooth_weights if isinstance(vector_field(scene), SmoothField) else _latched_weights
+
+
+def _latched_weights(state: State) -> State:
+    if state.memory is None:
+        return State(MOTION_WEIGHTS, None)
+    closed = state.memory < -1e-9
+    return State(MOTION_WEIGHTS, jnp.where(closed, -1 / jnp.where(closed, state.memory, -1.0), 0.0))
+
+
+def _smooth_weights(state: State) -> State:
+    return State(MOTION_WEIGHTS, jnp.ones_like(state.memory))
+
+
+@functools.partial(jit, static_argnames=("count",))
+def initial_tangents(scenes: Batched[Scene], states: State, count: int) -> State:
+    """`count` orthonormal tangents for each case of a batch, with axes (cases, count, ...)."""
+    return scenes.map(lambda scene, state: first_tangents(state, count, tangent_weights(scene)), states)
 
 
 class Passage(NamedTuple):

@@ -11,7 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..model import Args, Motion, State, euler_angles, vector_field
+from ..model.dynamics import Args, State, vector_field
+from ..model.kinematics import Motion, euler_angles
 
 
 class Crossings(NamedTuple):

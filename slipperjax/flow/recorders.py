@@ -10,21 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..model import (
-    ACCELERATIONS,
-    COORDINATES,
-    LOADS,
-    REACTIONS,
-    SECTIONS,
-    Args,
-    Motion,
-    Quantity,
-    Scene,
-    State,
-    euler_angles,
-    reactions,
-)
-from ..tools import jit
+from ..model.dynamics import Args, State, reactions
+from ..model.kinematics import Motion, euler_angles
+from ..model.quantities import ACCELERATIONS, COORDINATES, LOADS, REACTIONS, SECTIONS, Quantity
+from ..model.scene import Scene
+from ..tools.compile import jit
 from .loads import Loads, contact_loads, over_periods
 from .poincare import Crossings, section_crossings
 

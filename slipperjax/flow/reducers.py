@@ -9,19 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..model import (
-    ACCELERATIONS,
-    COORDINATES,
-    LOADS,
-    SECTIONS,
-    Args,
-    Scene,
-    State,
-    contact_points,
-    state_and_penetration,
-    table_2_start,
-)
-from ..tools import brief, one_of, whole
+from ..model.dang2024 import table_2_start
+from ..model.dynamics import Args, State, state_and_penetration
+from ..model.kinematics import contact_points
+from ..model.quantities import ACCELERATIONS, COORDINATES, LOADS, SECTIONS
+from ..model.scene import Scene
+from ..tools.checks import brief, one_of, whole
 from .poincare import highest_point
 from .recorders import STROBE_VALUES, attributes, places, stacked
 from .reducing import AbstractReducer, PeriodView, Stretch

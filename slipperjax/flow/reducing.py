@@ -13,7 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..model import Args, Motion, Scene, State, contact_forces, contacts
+from ..model.dynamics import Args, State, contact_forces
+from ..model.kinematics import Motion, contacts
+from ..model.scene import Scene
 from .loads import Loads, contact_loads, over_periods
 from .poincare import Crossings, motion_rates_at, section_crossings
 from .recorders import STROBE_VALUES, AbstractRecorder, Labelled, coordinates, joined_in_time, stacked

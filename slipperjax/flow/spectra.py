@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 
-from ..model import ACCELERATIONS, COORDINATES
-from ..tools import brief, one_of
+from ..model.quantities import ACCELERATIONS, COORDINATES
+from ..tools.checks import brief, one_of
 from .recorders import Labelled, attributes
 from .reducing import AbstractReducer, PeriodView, Stretch
 

@@ -9,9 +9,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PyTree
 
-from ..model import Args, Motion, State
-from ..solvers import AbstractLatchingRungeKutta, AbstractLatchingSolver, AdaptiveSteps, differentiable
-from ..tools import whole
+from ..model.dynamics import Args, State
+from ..model.kinematics import Motion
+from ..solvers.adaptive import AdaptiveSteps
+from ..solvers.explicit import AbstractLatchingRungeKutta
+from ..solvers.latching import AbstractLatchingSolver, differentiable
+from ..tools.checks import whole
 
 MOST_ADAPTIVE_STEPS = 1_000_000
 """Adaptive steps per forcing period after which a case has failed."""

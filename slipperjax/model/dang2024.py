@@ -4,12 +4,12 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from ..tools import not_negative
+from ..tools.checks import not_negative
 from .contact import AbstractMemory, EventLatch, Flores
-from .cross_section import Section
 from .kinematics import Motion
 from .quantities import half_play
 from .scene import Scene, Slipper
+from .section import Section
 from .tracks import HarmonicTrack
 
 # Table 1: y (left) and z (up) of the points A to J in the slipper's frame [m]

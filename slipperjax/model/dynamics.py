@@ -12,7 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools import brief, is_traced, jit, shown_number, sums, warn
+from ..tools.checks import brief, shown_number, warn
+from ..tools.compile import is_traced, jit
+from ..tools.fused import sums
 from .contact import Before, SmoothSwitch
 from .kinematics import (
     Contacts,

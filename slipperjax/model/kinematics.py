@@ -15,7 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools import brief, is_traced, materialise, shown_number
+from ..tools.checks import brief, shown_number
+from ..tools.compile import is_traced
+from ..tools.fused import materialise
 from .quantities import COORDINATES
 from .scene import Scene
 

@@ -22,7 +22,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ..tools import materialise, sums
+from ..tools.fused import materialise, sums
 from .kinematics import Contacts, Motion, RailFrame, rotation, scalar_part
 from .scene import Scene
 

@@ -12,7 +12,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..tools import axes_of, brief, finite, is_traced, unit_of
+from ..tools.checks import axes_of, brief, finite, unit_of
+from ..tools.compile import is_traced
 from .quantities import PARAMETERS, Parameter, with_entry
 
 

@@ -14,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools import finite, fraction, is_traced, not_negative, positive, warn_unless_within
+from ..tools.checks import finite, fraction, not_negative, positive, warn_unless_within
+from ..tools.compile import is_traced
 
 
 @dataclass(frozen=True)

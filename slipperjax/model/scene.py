@@ -9,24 +9,24 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools import (
+from ..tools.checks import (
     ShapeChecked,
     brief,
     instance,
-    is_traced,
     not_negative,
     optional,
     positive,
     shown_number,
     unless_traced,
     warn_unless_within,
-    write_whole,
 )
+from ..tools.compile import is_traced
+from ..tools.files import write_whole
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch
-from .cross_section import Section
 from .paths import parameter, refuse_undone
 from .quantities import PARAMETERS, Parameter
 from .scene_text import scene_to_toml
+from .section import Section
 from .tracks import AbstractTrack
 
 

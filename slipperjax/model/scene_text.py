@@ -3,7 +3,8 @@
 import json
 from typing import Any
 
-from ..tools import TYPE, brief, describe, unit_of
+from ..tools.checks import brief, unit_of
+from ..tools.description import TYPE, describe
 from .quantities import COORDINATES
 
 NUMBERS = ("speed", "gravity")

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools import is_traced, jit
+from ..tools.compile import is_traced, jit
 from .scene import Scene, check_scene
 
 SLOWEST_APPROACH = 0.1

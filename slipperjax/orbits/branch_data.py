@@ -6,9 +6,13 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from ..analysis import MEANINGS, Branch, Event
-from ..flow import SectionRecord, Sections, coordinates, run_attributes, scene_attributes
-from ..model import Scene, State, parameter
+from ..analysis.continuation import Branch
+from ..analysis.events import MEANINGS, Event
+from ..flow.datasets import run_attributes, scene_attributes
+from ..flow.recorders import SectionRecord, Sections, coordinates
+from ..model.dynamics import State
+from ..model.paths import parameter
+from ..model.scene import Scene
 from .signature import Grazing, Signature
 
 

@@ -10,35 +10,22 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..analysis import (
-    MEANINGS,
-    Branch,
-    End,
-    Event,
-    Node,
-    Observation,
-    Pace,
-    Spot,
-    as_node,
-    continue_motion,
-    correct,
-    extend_motion,
-    switch,
-)
-from ..flow import (
-    ASKED,
-    Interrupted,
-    PeriodMap,
-    Trajectory,
-    dataset_of,
-    default_steps,
-    flexible_steps,
-    load_base,
-    load_call,
-)
-from ..model import Motion, Parameter, Scene, State, check_scene, initial_state, parameter
-from ..solvers import resolve_solver
-from ..tools import brief, call_compiled, number, positive, shown_number, whole, write_whole
+from ..analysis.continuation import Branch, End, continue_motion, extend_motion, switch
+from ..analysis.curves import Pace, Spot, correct
+from ..analysis.events import MEANINGS, Event, Node, Observation, as_node
+from ..flow.load import dataset_of, load_base, load_call
+from ..flow.period_map import PeriodMap
+from ..flow.simulate import Trajectory, default_steps, flexible_steps
+from ..flow.status import ASKED, Interrupted
+from ..model.dynamics import State, initial_state
+from ..model.kinematics import Motion
+from ..model.paths import parameter
+from ..model.quantities import Parameter
+from ..model.scene import Scene, check_scene
+from ..solvers.choose import resolve_solver
+from ..tools.checks import brief, number, positive, shown_number, whole
+from ..tools.compile import call_compiled
+from ..tools.files import write_whole
 from .branch_data import BranchEvent, View, branch_dataset, events_from
 from .motions import SlipperMotions, check_forcing, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit, periodic_orbit

@@ -11,29 +11,23 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..analysis import (
-    ConditionedMotions,
-    CriticalMotions,
-    Curve,
-    Node,
-    Pace,
-    continue_critical,
-    critical_motion,
-    multipliers,
-)
-from ..flow import (
-    Interrupted,
-    PeriodMap,
-    flexible_steps,
-    load_call,
-    run_attributes,
-    scene_attributes,
-    steps_of_program,
-    varied_names,
-)
-from ..model import Parameter, Scene, State, check_scene, parameter
-from ..solvers import resolve_solver
-from ..tools import is_traced, one_of, shown_number, whole, write_whole
+from ..analysis.critical import ConditionedMotions, CriticalMotions, continue_critical, critical_motion
+from ..analysis.curves import Curve, Pace
+from ..analysis.events import Node
+from ..analysis.floquet import multipliers
+from ..flow.datasets import run_attributes, scene_attributes
+from ..flow.load import load_call, varied_names
+from ..flow.period_map import PeriodMap
+from ..flow.simulate import flexible_steps, steps_of_program
+from ..flow.status import Interrupted
+from ..model.dynamics import State
+from ..model.paths import parameter
+from ..model.quantities import Parameter
+from ..model.scene import Scene, check_scene
+from ..solvers.choose import resolve_solver
+from ..tools.checks import one_of, shown_number, whole
+from ..tools.compile import is_traced
+from ..tools.files import write_whole
 from .branch_data import BranchEvent
 from .branches import Bar, OrbitBranch, bounds_of
 from .motions import EventMotions, SlipperMotions, slipper_motions

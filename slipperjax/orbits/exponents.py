@@ -9,22 +9,16 @@ import dataclasses
 
 import diffrax
 
-from ..analysis import LyapunovSpectrum, map_spectrum
-from ..flow import (
-    PeriodMap,
-    Trajectory,
-    default_steps,
-    first_of,
-    flexible_steps,
-    status_of,
-    steps_of_program,
-    tangent_weights,
-    with_growth,
-    with_resolution,
-)
-from ..model import Motion, Scene, SmoothField, State, check_scene, initial_state, vector_field
-from ..solvers import resolve_solver
-from ..tools import is_traced, whole
+from ..analysis.lyapunov import LyapunovSpectrum, map_spectrum
+from ..flow.period_map import PeriodMap, tangent_weights
+from ..flow.simulate import Trajectory, default_steps, first_of, flexible_steps, steps_of_program
+from ..flow.status import status_of, with_growth, with_resolution
+from ..model.dynamics import SmoothField, State, initial_state, vector_field
+from ..model.kinematics import Motion
+from ..model.scene import Scene, check_scene
+from ..solvers.choose import resolve_solver
+from ..tools.checks import whole
+from ..tools.compile import is_traced
 
 
 def check_count(scene: Scene, count: int) -> int:

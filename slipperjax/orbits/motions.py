@@ -8,10 +8,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
-from ..analysis import PeriodicMotions
-from ..flow import AbstractStepping, PeriodMap, tangent_weights
-from ..model import EventLatch, Scene, State, contacts, parameter, rail_frame
-from ..tools import is_traced, shown_number
+from ..analysis.shooting import PeriodicMotions
+from ..flow.period_map import PeriodMap, tangent_weights
+from ..flow.stepping import AbstractStepping
+from ..model.contact import EventLatch
+from ..model.dynamics import State
+from ..model.kinematics import contacts, rail_frame
+from ..model.paths import parameter
+from ..model.scene import Scene
+from ..tools.checks import shown_number
+from ..tools.compile import is_traced
 
 
 class ScenePath(eqx.Module):

@@ -9,24 +9,26 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..analysis import Shot, minimal_period, multipliers, shoot
-from ..flow import (
-    PeriodMap,
-    Status,
-    Strobe,
+from ..analysis.floquet import multipliers
+from ..analysis.shooting import Shot, minimal_period, shoot
+from ..flow.period_map import PeriodMap, tangent_weights
+from ..flow.recorders import Strobe
+from ..flow.simulate import (
     Trajectory,
     default_steps,
     first_of,
     flexible_steps,
     run_eagerly,
     simulate,
-    status_of,
     steps_of_program,
-    tangent_weights,
 )
-from ..model import Motion, Scene, State, check_scene, initial_state
-from ..solvers import resolve_solver
-from ..tools import is_traced, number, positive, shown_number, whole
+from ..flow.status import Status, status_of
+from ..model.dynamics import State, initial_state
+from ..model.kinematics import Motion
+from ..model.scene import Scene, check_scene
+from ..solvers.choose import resolve_solver
+from ..tools.checks import number, positive, shown_number, whole
+from ..tools.compile import is_traced
 from .motions import Settled, check_forcing
 from .signature import Gaps, Signature, Views, signature
 

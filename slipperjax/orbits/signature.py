@@ -12,8 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..flow import AbstractRecorder, SectionRecord, Sections
-from ..model import Args, Motion, Scene, State, contacts
+from ..flow.recorders import AbstractRecorder, SectionRecord, Sections
+from ..model.dynamics import Args, State
+from ..model.kinematics import Motion, contacts
+from ..model.scene import Scene
 
 HALVINGS = 60
 """Bisections by which touchdowns are located in their step, down to rounding."""

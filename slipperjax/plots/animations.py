@@ -8,9 +8,11 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from ..flow import Trajectory, load_scene
-from ..model import Motion, Scene, check_scene, contacts, face_offsets, quaternion_from_euler, rail_frame
-from ..tools import whole
+from ..flow.load import load_scene
+from ..flow.simulate import Trajectory
+from ..model.kinematics import Motion, contacts, face_offsets, quaternion_from_euler, rail_frame
+from ..model.scene import Scene, check_scene
+from ..tools.checks import whole
 from .sections import (
     ARROWS,
     THICKNESS,
@@ -24,8 +26,7 @@ from .sections import (
     height,
     outline,
 )
-from .style import styled
-from .titles import case_title
+from .style import case_title, styled
 from .trajectories import contact_forces
 
 LONGEST = 0.5

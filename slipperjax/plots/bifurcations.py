@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
-from ..model import SECTIONS
+from ..model.quantities import SECTIONS
 from .style import (
     COLORS,
     FLAGGED_LABEL,
@@ -16,12 +16,12 @@ from .style import (
     flagged,
     legend_above,
     mark_cases,
+    name_case,
     new_axes,
     shown,
     styled,
     swept,
 )
-from .titles import name_case
 
 SOURCE = "sweep or follow"
 """What makes the datasets drawn here, for errors."""

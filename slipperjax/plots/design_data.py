@@ -9,8 +9,8 @@ import xarray as xr
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
-from ..flow import varied_names
-from ..model import PARAMETERS, Quantity, quantity
+from ..flow.load import varied_names
+from ..model.quantities import PARAMETERS, Quantity, quantity
 from .style import axis_label, check_dataset, legend_above, new_axes, shown, styled, typeset
 
 SOURCE = "optimise_design"

@@ -10,7 +10,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 
-from ..model import PARAMETERS
+from ..model.quantities import PARAMETERS
 from .design_data import (
     OPTIMUM,
     REGIME_MARKERS,
@@ -31,10 +31,8 @@ from .design_data import (
     variable,
     variable_label,
 )
-from .margins import draw_margins
-from .style import COLORS, cross, legends_above, mark_cases, styled, typeset
-from .surroundings import draw_map
-from .titles import case_title
+from .design_panels import draw_map, draw_margins
+from .style import COLORS, case_title, cross, legends_above, mark_cases, styled, typeset
 
 VARIABLE_COLORS = ("blue", "red", "green", "orange")
 """Colours of variables in their order; further ones begin anew."""

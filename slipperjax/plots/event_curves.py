@@ -10,11 +10,9 @@ import xarray as xr
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, withStroke
 
-from .attractor_maps import attractor_map
 from .branches import DASHED, EVENT_NAMES, SOLID
-from .regimes import regime_map
-from .style import axis_label, check_dataset, legend_above, new_axes, shown, styled, swept
-from .titles import name_case
+from .maps import attractor_map, regime_map
+from .style import axis_label, check_dataset, legend_above, name_case, new_axes, shown, styled, swept
 
 SOURCE = "continue_event"
 """What makes the datasets drawn here, for errors."""

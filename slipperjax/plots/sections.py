@@ -5,7 +5,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..model import Scene, Section, check_scene, quantity
+from ..model.quantities import quantity
+from ..model.scene import Scene, check_scene
+from ..model.section import Section
 from .style import COLORS, POINT_COLORS, new_axes
 
 RAIL_STYLE = {"facecolor": "#d9d9d9", "edgecolor": "#8a8a8a", "lw": 0.8}

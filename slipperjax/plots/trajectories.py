@@ -7,8 +7,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 
-from ..flow import Status
-from ..model import quantity
+from ..flow.status import Status
+from ..model.quantities import quantity
 from .style import (
     COLORS,
     POINT_COLORS,
@@ -16,12 +16,12 @@ from .style import (
     check_dataset,
     legend_above,
     legends_above,
+    name_case,
     new_axes,
     shown,
     styled,
     typeset,
 )
-from .titles import name_case
 
 TIME_LABEL = "time [forcing periods]"
 SOURCE = "one case over time, such as run.to_xarray()"

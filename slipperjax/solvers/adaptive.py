@@ -8,8 +8,11 @@ import jax
 import jax.numpy as jnp
 from diffrax import RESULTS
 
-from ..model import MOTION_SCALES, EventLatch, Motion, contact_duration, scaled_size
-from ..tools import instance, is_traced, number, positive
+from ..model.contact import EventLatch
+from ..model.kinematics import MOTION_SCALES, Motion, scaled_size
+from ..model.step_size import contact_duration
+from ..tools.checks import instance, number, positive
+from ..tools.compile import is_traced
 
 
 class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):

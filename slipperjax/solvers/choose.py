@@ -6,17 +6,11 @@ import diffrax
 import jax
 import jax.numpy as jnp
 
-from ..model import (
-    LatchedField,
-    Scene,
-    SmoothSwitch,
-    check_scene,
-    default_steps_per_period,
-    impacts_per_period,
-    settle_memory,
-    vector_field,
-)
-from ..tools import brief
+from ..model.contact import SmoothSwitch
+from ..model.dynamics import LatchedField, vector_field
+from ..model.scene import Scene, check_scene
+from ..model.step_size import default_steps_per_period, impacts_per_period, settle_memory
+from ..tools.checks import brief
 from .explicit import RK4, Tsit5
 from .latching import AbstractLatchingSolver, Latching, estimates_error
 from .rosenbrock import ROS34PW2, Rodas3, Rodas4

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from diffrax import RESULTS
 
-from ..model import State
-from ..tools import materialise
+from ..model.dynamics import State
+from ..tools.fused import materialise
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
 

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from equinox.internal import ω
 
-from ..model import AbstractVectorField, State, fill_frozen
+from ..model.dynamics import AbstractVectorField, State, fill_frozen
 from .simplified_newton import SimplifiedNewton, with_root_finder
 
 

@@ -17,7 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 from diffrax import RESULTS
 
-from ..model import LinearSystem, State
+from ..model.dynamics import State
+from ..model.linearised import LinearSystem
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
 Rows = tuple[tuple[float, ...], ...]

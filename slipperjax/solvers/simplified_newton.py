@@ -14,7 +14,9 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array
 
-from ..model import Args, LinearSystem, Motion, State, scaled_size, vector_field
+from ..model.dynamics import Args, State, vector_field
+from ..model.kinematics import Motion, scaled_size
+from ..model.linearised import LinearSystem
 
 TOLERANCE = 1e-7
 """Default of `SimplifiedNewton.tolerance`."""

@@ -15,8 +15,10 @@ import jax
 import jax.numpy as jnp
 from diffrax import RESULTS
 
-from ..model import LinearSystem, State, scaled_size
-from ..tools import brief, number, positive, whole
+from ..model.dynamics import State
+from ..model.kinematics import scaled_size
+from ..model.linearised import LinearSystem
+from ..tools.checks import brief, number, positive, whole
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float, Int
 
-from ..analysis import Attractors, classify
-from ..flow import Status
-from ..model import COORDINATE_SCALES, COORDINATES
-from ..tools import whole
+from ..analysis.attractor import Attractors, classify
+from ..flow.status import Status
+from ..model.quantities import COORDINATE_SCALES, COORDINATES
+from ..tools.checks import whole
 
 FLOOR = 1e-5
 """Distances below it are zero when motions are classified, in multiples of `COORDINATE_SCALES`: 10 nm."""

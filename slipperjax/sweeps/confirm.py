@@ -7,16 +7,21 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float, Int
 
-from ..analysis import Attractors
-from ..flow import Status, initial_states, load_base, load_call, varied_names
-from ..model import COORDINATE_SCALES, COORDINATES, Motion, State
-from ..orbits import TOLERANCE, check_forcing
-from ..solvers import resolve_solver
+from ..analysis.attractor import Attractors
+from ..flow.load import load_base, load_call, varied_names
+from ..flow.period_map import initial_states
+from ..flow.status import Status
+from ..model.dynamics import State
+from ..model.kinematics import Motion
+from ..model.quantities import COORDINATE_SCALES, COORDINATES
+from ..orbits.motions import check_forcing
+from ..orbits.periodic import TOLERANCE
+from ..solvers.choose import resolve_solver
 from .attractors import attractors, strobe_states
-from .cases import Cases, filled
+from .grid import Cases, filled
 from .maps import Maps, rows_of
+from .orbits import find_orbits
 from .reached import ITERATIONS, NEAR, least_period
-from .search import find_orbits
 
 
 class Confirmations(NamedTuple):

@@ -12,27 +12,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
-from ..flow import (
-    ASKED,
-    AbstractRecorder,
-    Combined,
-    ConstantSteps,
-    HistoryRecord,
-    Interrupted,
-    Passage,
-    SectionRecord,
-    Sections,
-    Stretch,
-    advance,
-    blank,
-    coordinates,
-    first_problem,
-    joined_in_time,
-    judged_by_loads,
-    most_stretch,
-)
-from ..model import Scene, State
-from ..tools import Batched
+from ..flow.period_map import Passage, advance, judged_by_loads
+from ..flow.recorders import AbstractRecorder, HistoryRecord, SectionRecord, Sections, coordinates, joined_in_time
+from ..flow.reducing import Combined, Stretch
+from ..flow.status import ASKED, Interrupted, blank, first_problem, most_stretch
+from ..flow.stepping import ConstantSteps
+from ..model.dynamics import State
+from ..model.scene import Scene
+from ..tools.batching import Batched
 from .plan import Calls, Chunk, OnProgress, Plan
 from .progress import Later, Tally, display
 from .reducers import Further

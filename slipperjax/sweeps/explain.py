@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ..flow import first_of
-from ..model import Scene
-from ..tools import LONGEST, available_memory, cores, shown_bytes, shown_time, whole
-from .cases import Cases
-from .grid import Grid
+from ..flow.simulate import first_of
+from ..model.scene import Scene
+from ..tools.checks import whole
+from ..tools.limits import LONGEST, available_memory, cores, shown_bytes, shown_time
+from .grid import Cases, Grid
 from .plan import LARGEST_CHUNK
-from .stores import COPIES, store_of
-from .stores.tiles import Tiling, tiling
+from .stores.stored import COPIES
+from .stores.target import Tiling, store_of, tiling
 
 PROBED = 4096
 """Cases whose number of steps is looked at, spread over the grid."""

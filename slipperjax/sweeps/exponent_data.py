@@ -6,14 +6,16 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float, Int
 
-from ..analysis import KINDS, REGIMES, kaplan_yorke, pooled_standard_error, regime, standard_error, weighted_mean
-from ..flow import Status
-from ..model import State
-from .cases import Cases
-from .measure import BLOCK
+from ..analysis.attractor import KINDS
+from ..analysis.lyapunov import REGIMES, regime
+from ..analysis.statistics import kaplan_yorke, pooled_standard_error, standard_error, weighted_mean
+from ..flow.status import Status
+from ..model.dynamics import State
+from .grid import Cases
 from .plan import Plan
+from .reducers import BLOCK
 from .sweep import case_variables
-from .votes import HOLD, MOTIONS, Votes
+from .transience import HOLD, MOTIONS, Votes
 
 AGREE = 1e-3
 """Differences between exponents [1/period] that are accepted whatever the standard errors."""

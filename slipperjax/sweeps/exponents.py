@@ -15,24 +15,32 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Int
 
-from ..analysis import KINDS, classify, is_chaotic, largest_exponent, standard_error
-from ..flow import Interrupted, Status, Trajectory, first_of, first_problem, initial_states
-from ..model import COORDINATE_SCALES, Motion, Scene, State
-from ..orbits import check_count
-from ..tools import whole, yes_or_no
+from ..analysis.attractor import KINDS, classify
+from ..analysis.floquet import largest_exponent
+from ..analysis.lyapunov import is_chaotic
+from ..analysis.statistics import standard_error
+from ..flow.period_map import initial_states
+from ..flow.simulate import Trajectory, first_of
+from ..flow.status import Interrupted, Status, first_problem
+from ..model.dynamics import State
+from ..model.kinematics import Motion
+from ..model.quantities import COORDINATE_SCALES
+from ..model.scene import Scene
+from ..orbits.exponents import check_count
+from ..tools.checks import whole, yes_or_no
 from .attractors import FLOOR
-from .cases import Cases
 from .executors import Runs, records_in_order, run_chunk, run_chunks
 from .exponent_data import Checks, Measured, Voted, exponent_data
-from .limits import refuse_run
+from .grid import Cases, refuse_run
 from .maps import Maps, rows_of
-from .measure import BLOCK, JACOBIAN, LAST, LOOK, PAIR, Measure, measured_periods, tangents_cost
 from .plan import PAUSE, Chunk, OnProgress, Plan, make_plan, strobe_plan
 from .progress import Later
 from .reached import Reached, nothing_reached, reached_orbits
-from .stores import Store, storable
+from .reducers import BLOCK, JACOBIAN, LAST, LOOK, PAIR, Measure, measured_periods, tangents_cost
+from .stores.stored import storable
+from .stores.target import Store
 from .sweep import case_attributes
-from .votes import take_votes, work_of_votes
+from .transience import take_votes, work_of_votes
 
 SEARCH = 4
 """Jacobians that the search for an orbit takes, about; as many again with steps half as long."""

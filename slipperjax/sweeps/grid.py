@@ -1,14 +1,53 @@
-"""The values that a sweep runs over: names checked, labelled, and cut into parts."""
+"""Grids and samples of parameters as batches of scenes and starts: names are resolved here, and nowhere below."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+import equinox as eqx
+import jax
 import numpy as np
+from jaxtyping import Float, Int
 
-from ..model import STARTS, Parameter, Scene, check_scene
-from ..model import parameter as parameter_named
-from ..tools import yes_or_no
+from ..model.dang2024 import paper_scene
+from ..model.dynamics import State
+from ..model.kinematics import Motion
+from ..model.paths import parameter
+from ..model.paths import parameter as parameter_named
+from ..model.quantities import STARTS, Parameter
+from ..model.scene import Scene, check_scene
+from ..model.step_size import rounded_steps, steps_needed
+from ..tools.batching import Batched
+from ..tools.checks import brief, one_of, whole, yes_or_no
+from ..tools.compile import jit
+from ..tools.limits import cores, refuse_impossible
+
+SECONDS_PER_STEP = 4e-7
+"""Time of a step of one case in a batch, on one core: measured 0.38 us, see the page on speed."""
+LEAST_BYTES = 1000.0
+"""Memory that a case takes at least: its scene, start, status and labels."""
+
+
+def refuse_cases(count: int) -> None:
+    """Refuses more cases than fit into memory, whatever is kept of them.
+
+    **Raises:** `ValueError` that names memory and time.
+    """
+    # a forcing period of 50 steps is the least
+    refuse_impossible(f"{count} cases", LEAST_BYTES * count, 50 * SECONDS_PER_STEP * count / cores())
+
+
+def refuse_run(cases: int, periods: float, values: int, steps: float) -> None:
+    """Refuses a run whose result does not fit into memory or that takes more than a year; see `refuse_impossible`.
+
+    **Arguments:** `periods`: of one case, also for what takes as long; `values`: numbers that are kept of one case;
+    `steps`: over all cases, the sum of their steps in one period.
+
+    **Raises:** `ValueError` that names memory and time.
+    """
+    needed = 2 * 8.0 * values * cases + LEAST_BYTES * cases  # twice while it is put together and written
+    seconds = SECONDS_PER_STEP * steps * periods / cores()
+    refuse_impossible(f"{cases} cases of {periods:.3g} forcing periods", needed, seconds)
 
 
 class Grid:
@@ -81,3 +120,196 @@ def _values(scene: Scene, name: str, raw: Any) -> np.ndarray:
     if values.ndim != 1 or values.size == 0:
         raise ValueError(f"Argument `{name}` must be a list of one or more values, but has shape {values.shape}.")
     return values
+
+
+LANES = 8
+"""Batches are filled up to multiples of this, a vector register's worth: results then depend on no batch size."""
+
+
+class Cases:
+    """The flat list of cases that a grid makes: a batch of scenes, and a start for each."""
+
+    scene: Scene
+    """The case whose parameters are varied."""
+    scenes: Batched[Scene]
+    start: Motion | State
+    """The motion or state at time zero, where the grid does not vary it."""
+    starts: Motion | State
+    """Those of the cases, with a leading axis."""
+    grid: Grid
+    """What is varied, in SI units."""
+
+    def __init__(self, scene: Scene, grid: Mapping[str, Any], start: Motion | State, *, product: bool = True):
+        """**Arguments:**
+
+        - `scene`: the case whose parameters are varied.
+        - `grid`: values by name, of `slipperjax.model.PARAMETERS` or `STARTS`, in SI units.
+        - `start`: the motion or state at time zero, where the grid does not vary it.
+        - `product`: whether every combination is a case, or the lists are read side by side.
+
+        **Raises:** `ValueError` for a wrong name, an empty axis, a bad value, or lists of several lengths side by
+        side.
+        """
+        self.grid = Grid(scene, grid, product=product)
+        self.scene = scene
+        refuse_cases(self.grid.count)
+        flat = self.axes
+        if self.grid.product:
+            mesh = np.meshgrid(*self.axes.values(), indexing="ij")
+            flat = {name: m.ravel() for name, m in zip(self.axes, mesh, strict=True)}
+        varied = {name: values for name, values in flat.items() if name not in STARTS}
+        single = scene.replace(**{name: values[0] for name, values in varied.items()})  # parts that were None are set
+        scenes = Batched.of(scene.replace(**varied), single)
+        self.scenes = Batched(jax.tree.map(np.asarray, scenes.varied), scenes.shared)
+        self.start = start
+        motion = start.motion if isinstance(start, State) else start
+        of_start = vars(motion) | {name: values for name, values in flat.items() if name in STARTS}
+        self.starts = Motion(**{k: np.broadcast_to(np.asarray(v, float), self.count) for k, v in of_start.items()})
+        if isinstance(start, State):
+            alike = jax.tree.map(lambda v: np.broadcast_to(np.asarray(v, float), (self.count, *np.shape(v))), start)
+            self.starts = eqx.tree_at(lambda state: state.motion, alike, self.starts)
+
+    @property
+    def axes(self) -> dict[str, np.ndarray]:
+        """The grid's values by name, in SI units."""
+        return self.grid.axes
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """Dimensions of the grid in a dataset."""
+        return self.grid.dims
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Lengths of `dims`."""
+        return self.grid.shape
+
+    @property
+    def count(self) -> int:
+        """Number of cases."""
+        return self.grid.count
+
+    def label(self, name: str) -> str:
+        """What an axis is called in a dataset, where y is the displacement and not the start's."""
+        return self.grid.label(name)
+
+    def coordinates(self) -> dict[str, Any]:
+        """The axes as coordinates of a dataset."""
+        return self.grid.coordinates()
+
+    def take(self, index: np.ndarray) -> tuple[Batched[Scene], Motion | State]:
+        """The scenes and starts at some places, for a compiled program."""
+        return self.scenes.take(index), jax.tree.map(lambda v: v[index], self.starts)
+
+    def forcing_periods(self) -> Float[np.ndarray, " cases"]:
+        """The forcing period of each case [s]."""
+        return np.asarray(_forcing_periods(*self.take(np.arange(self.count))))
+
+    def default_steps(self) -> Int[np.ndarray, " cases"]:
+        """Steps per period that each case needs, see `slipperjax.default_steps_per_period`."""
+        index = filled(np.arange(self.count), self.count)
+        return rounded_steps(np.asarray(_steps_needed(*self.take(index))))[: self.count]
+
+
+@jit
+def _steps_needed(scenes: Batched[Scene], starts: Motion | State) -> jax.Array:
+    return scenes.map(lambda scene, start: steps_needed(scene), starts)
+
+
+@jit
+def _forcing_periods(scenes: Batched[Scene], starts: Motion | State) -> jax.Array:
+    return scenes.map(lambda scene, start: scene.period, starts)
+
+
+def batch_size(count: int) -> int:
+    """The smallest of 8, 16, 24, 32, 40, 48, 56, 64, 80, 96, 112, 128, 160, ... that is not below `count`.
+
+    Few sizes, four in an octave, so that sweeps of other numbers of cases meet programs that are compiled already.
+    """
+    unit = LANES * max(1, 1 << max((max(count, 1) - 1).bit_length() - 6, 0))
+    return -(-max(count, 1) // unit) * unit
+
+
+def filled(index: np.ndarray, least: int) -> np.ndarray:
+    """Indices of cases, the last one repeated until there are `least`, and as many as `batch_size` gives."""
+    count = batch_size(max(least, len(index)))
+    return index[np.minimum(np.arange(count), len(index) - 1)]
+
+
+def path_cases(scene: Scene, path: Mapping[str, Any], start: Motion | State) -> tuple[Cases, str, np.ndarray]:
+    """The cases along one parameter, its name and its values, which must increase.
+
+    **Raises:** `ValueError` for several parameters, a coordinate of the start, or values that do not increase.
+    """
+    if not isinstance(path, Mapping) or len(path) != 1:
+        raise ValueError(f"Argument `path` must name one parameter with increasing values, but is {path!r}.")
+    cases = Cases(scene, path, start)
+    name, values = next(iter(cases.axes.items()))
+    if len(cases.axes) > 1 or name in STARTS or np.any(np.diff(values) <= 0):
+        raise ValueError(f"Argument `path` must name one parameter with increasing values, but is {path!r}.")
+    return cases, name, values
+
+
+METHODS = ("sobol", "halton", "latin", "random")
+"""Ways to spread points: low-discrepancy sequences, a Latin hypercube, or independent ones."""
+
+
+def sample_box(
+    box: Mapping[str, tuple[float, float]],
+    count: int,
+    *,
+    method: str = "sobol",
+    log: Sequence[str] = (),
+    seed: int = 0,
+    scene: Scene | None = None,
+) -> dict[str, np.ndarray]:
+    """Points spread over a box of parameters, from `scipy.stats.qmc`, for `sweep(..., product=False)`.
+
+    ```python
+    grid = sj.sample_box({"speed": (500.0, 2000.0), "clearance": (0.3e-3, 3e-3)}, 4096, log=["clearance"])
+    ds = sj.sweep(scene, grid, product=False)
+    ```
+
+    **Arguments:** `box`: lowest and highest value by name, as in a grid, in SI units; `count`: of points, for "sobol"
+    best a power of two; `method`: of `METHODS`; `log`: names whose logarithm is spread; `seed`: of the points;
+    `scene`: where paths such as section.play.2 are names.
+
+    **Returns:** lists of `count` values by name.
+
+    **Raises:** `ValueError` that names the argument which is wrong.
+    """
+    from scipy.stats import qmc
+
+    if not isinstance(box, Mapping) or not box:
+        raise ValueError(f"Argument `box` must name one or more parameters with their bounds, but is {brief(box)}.")
+    count, of = whole("count", count, 1), paper_scene() if scene is None else scene
+    low, high = np.array([_bounds(of, name, ends) for name, ends in box.items()]).T
+    rng, dimensions = np.random.default_rng(whole("seed", seed, 0)), len(box)
+    method = one_of("method", method, METHODS)
+    if method == "random":
+        points = rng.random((count, dimensions))
+    elif method == "sobol":
+        # of a power of two, of which fewer are as well spread
+        engine = qmc.Sobol(dimensions, rng=rng)
+        points = engine.random_base2(max(count - 1, 1).bit_length())[:count]
+    else:
+        engine = (qmc.Halton if method == "halton" else qmc.LatinHypercube)(dimensions, rng=rng)
+        points = engine.random(count)
+    unknown = [name for name in log if name not in box]
+    if unknown:
+        raise ValueError(f"Argument `log` must name parameters of `box`, but has {unknown[0]!r}.")
+    found = {}
+    for name, a, b, share in zip(box, low, high, points.T, strict=True):
+        if name in log and not a > 0:
+            raise ValueError(f"Argument `log` must name parameters above zero, but {name} begins at {a:g}.")
+        found[name] = a * (b / a) ** share if name in log else a + (b - a) * share
+    return found
+
+
+def _bounds(scene: Scene, name: str, ends: Any) -> tuple[float, float]:
+    """Two values of a parameter, the lower first."""
+    known = STARTS[name] if name in STARTS else parameter(name, scene)
+    values = np.asarray(known.checked(ends), float)
+    if values.shape != (2,) or not values[0] < values[1]:
+        raise ValueError(f"Argument `box` must have the lower and the higher bound of {name}, but has {brief(ends)}.")
+    return float(values[0]), float(values[1])

@@ -8,24 +8,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..flow import (
-    ConstantSteps,
-    OnlyLoads,
-    advance,
-    batch_jacobians,
-    coordinates,
-    flexible_steps,
-    judged_by_loads,
-    most_stretch,
-    status_of,
-    tangent_weights,
-)
-from ..model import Scene, State
-from ..orbits import Settled
-from ..tools import Batched, jit
-from .cases import filled
-from .measure import JACOBIAN, LOOK
+from ..flow.period_map import advance, batch_jacobians, judged_by_loads, tangent_weights
+from ..flow.recorders import OnlyLoads, coordinates
+from ..flow.simulate import flexible_steps
+from ..flow.status import most_stretch, status_of
+from ..flow.stepping import ConstantSteps
+from ..model.dynamics import State
+from ..model.scene import Scene
+from ..orbits.motions import Settled
+from ..tools.batching import Batched
+from ..tools.compile import jit
+from .grid import filled
 from .plan import PAUSE, OnProgress
+from .reducers import JACOBIAN, LOOK
 
 LANES = 32
 """Cases in one call. A program of another size takes as long to compile as hundreds of Jacobians take to compute."""

@@ -10,21 +10,15 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
-from ..flow import (
-    RECORDERS,
-    STROBE_VALUES,
-    AbstractRecorder,
-    Sections,
-    Strobe,
-    recorder_named,
-    room_for,
-    step_plan,
-)
-from ..model import Scene
-from ..solvers import calls_lapack, resolve_solver
-from ..tools import cores, one_of, whole, yes_or_no
-from .cases import Cases, batch_size, filled
-from .limits import refuse_run
+from ..flow.recorders import RECORDERS, STROBE_VALUES, AbstractRecorder, Sections, Strobe, recorder_named
+from ..flow.simulate import step_plan
+from ..flow.stepping import room_for
+from ..model.scene import Scene
+from ..solvers.choose import resolve_solver
+from ..solvers.latching import calls_lapack
+from ..tools.checks import one_of, whole, yes_or_no
+from ..tools.limits import cores
+from .grid import Cases, batch_size, filled, refuse_run
 
 LARGEST_CHUNK = 128
 """Cases in one call: enough for vectors to pay, few enough to stay in a core's cache. A step of a case takes 0.43 us

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple, TextIO
 
 import jax
 
-from ..tools import TRACING, shown_time
+from ..tools.compile import TRACING
+from ..tools.limits import shown_time
 
 LATEST = 30.0
 """Seconds after which a line is printed in any case where there is no bar."""

@@ -7,16 +7,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..analysis import recurrence
-from ..flow import FASTEST_GROWTH, Status
-from ..model import COORDINATE_SCALES, Scene, State
-from ..orbits import DIVISOR, TOLERANCE, recurs
-from ..tools import Batched, jit
+from ..analysis.attractor import recurrence
+from ..flow.status import FASTEST_GROWTH, Status
+from ..model.dynamics import State
+from ..model.quantities import COORDINATE_SCALES
+from ..model.scene import Scene
+from ..orbits.motions import recurs
+from ..orbits.periodic import DIVISOR, TOLERANCE
+from ..tools.batching import Batched
+from ..tools.compile import jit
 from .attractors import FLOOR
 from .maps import Maps, rows_of
-from .measure import LONGEST
+from .orbits import Orbits, find_orbits
 from .plan import OnProgress
-from .search import Orbits, find_orbits
+from .reducers import LONGEST
 
 RECURS = 0.02
 """Distance of states a period apart, in multiples of `COORDINATE_SCALES`, below which an orbit is looked for."""

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ..flow import dataset_of, load_base, load_call, simulate, varied_names
-from ..tools import brief
+from ..flow.load import dataset_of, load_base, load_call, varied_names
+from ..flow.simulate import simulate
+from ..tools.checks import brief
 from .exponents import lyapunov_sweep
 from .follow import follow
 from .orbits import orbit_sweep

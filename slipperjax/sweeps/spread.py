@@ -8,15 +8,19 @@ import jax
 import numpy as np
 import xarray as xr
 
-from ..flow import Status, initial_states
-from ..model import MOTION_SCALES, Scene, State
-from ..orbits import TOLERANCE, PeriodicOrbit, check_forcing
-from ..tools import number, positive, whole
-from .cases import Cases
+from ..flow.period_map import initial_states
+from ..flow.status import Status
+from ..model.dynamics import State
+from ..model.kinematics import MOTION_SCALES
+from ..model.scene import Scene
+from ..orbits.motions import check_forcing
+from ..orbits.periodic import TOLERANCE, PeriodicOrbit
+from ..tools.checks import number, positive, whole
 from .executors import records_in_order, run_chunk, run_chunks
+from .grid import Cases
 from .maps import rows_of, states_of
+from .orbits import Orbits, find_orbits
 from .plan import make_plan
-from .search import Orbits, find_orbits
 from .sweep import CaseRuns, case_attributes, case_variables, sweep_dataset
 
 LEAP = 1.0

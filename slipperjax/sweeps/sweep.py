@@ -10,23 +10,22 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Int
 
-from ..flow import (
-    MEANINGS,
-    AbstractReducer,
-    History,
-    Trajectory,
-    first_of,
-    initial_states,
-    run_attributes,
-    scene_attributes,
-)
-from ..model import Motion, Scene, State
-from ..solvers import solver_name
-from .cases import Cases
+from ..flow.datasets import run_attributes, scene_attributes
+from ..flow.period_map import initial_states
+from ..flow.recorders import History
+from ..flow.reducing import AbstractReducer
+from ..flow.simulate import Trajectory, first_of
+from ..flow.status import MEANINGS
+from ..model.dynamics import State
+from ..model.kinematics import Motion
+from ..model.scene import Scene
+from ..solvers.latching import solver_name
 from .executors import in_order, records_in_order, run_chunk, run_chunks
+from .grid import Cases
 from .plan import Plan, make_plan
 from .reducers import resolved_record
-from .stores import Store, storable
+from .stores.stored import storable
+from .stores.target import Store
 
 
 @storable

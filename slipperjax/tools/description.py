@@ -11,7 +11,7 @@ import jax
 import numpy as np
 import optimistix
 
-from .validate import brief
+from .checks import brief
 
 TYPE = "type"
 """Key of a description that holds the name of the class."""

@@ -2,7 +2,7 @@
 
 import os
 
-from .validate import warn
+from .checks import warn
 
 LONGEST = 365.25 * 86400
 """Estimated time [s] beyond which a run is refused: a year."""

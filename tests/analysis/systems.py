@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import expm
 
-from slipperjax.analysis import PeriodicMotions, continue_motion
+from slipperjax.analysis.continuation import continue_motion
+from slipperjax.analysis.shooting import PeriodicMotions
 
 SAMPLES = 48
 """Instants of an arc between which an extremum is looked for."""

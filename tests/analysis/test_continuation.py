@@ -9,7 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from slipperjax.analysis import Pace, continue_motion, extend_motion, multipliers, switch
+from slipperjax.analysis.continuation import continue_motion, extend_motion, switch
+from slipperjax.analysis.curves import Pace
+from slipperjax.analysis.floquet import multipliers
 
 from .systems import follow, found, motions, only, rk4, where
 

@@ -6,16 +6,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from slipperjax.analysis import (
-    ConditionedMotions,
-    CriticalMotions,
-    Pace,
-    PeriodicMotions,
-    continue_critical,
-    continue_motion,
-    critical_motion,
-    multipliers,
-)
+from slipperjax.analysis.continuation import continue_motion
+from slipperjax.analysis.critical import ConditionedMotions, CriticalMotions, continue_critical, critical_motion
+from slipperjax.analysis.curves import Pace
+from slipperjax.analysis.floquet import multipliers
+from slipperjax.analysis.shooting import PeriodicMotions
 
 from .systems import rk4
 

@@ -9,9 +9,9 @@ import pytest
 from scipy.linalg import expm
 from scipy.optimize import root
 
-from slipperjax.analysis import Observation, Pace, continue_motion
-from slipperjax.analysis.curves import Spot
-from slipperjax.analysis.events import Node, _located
+from slipperjax.analysis.continuation import continue_motion
+from slipperjax.analysis.curves import Pace, Spot
+from slipperjax.analysis.events import Node, Observation, _located
 
 from .systems import Stopped, follow, found, linear, motions, only, where
 

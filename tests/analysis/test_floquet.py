@@ -10,7 +10,8 @@ import pytest
 from scipy.linalg import block_diag, expm
 from scipy.optimize import root
 
-from slipperjax.analysis import multipliers, shoot
+from slipperjax.analysis.floquet import multipliers
+from slipperjax.analysis.shooting import shoot
 
 from .systems import Stopped, linear, rk4
 

@@ -18,9 +18,8 @@ from slipperjax.analysis.lyapunov import (
     push_tangents,
     two_trajectory_exponent,
 )
-from slipperjax.analysis.ode import ode_spectrum, ode_step
+from slipperjax.analysis.ode import ode_spectrum, ode_step, switched_step
 from slipperjax.analysis.statistics import kaplan_yorke, standard_error, weighted_mean
-from slipperjax.analysis.switched import switched_step
 
 LANES = 20
 

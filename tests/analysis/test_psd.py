@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from slipperjax.analysis.psd import (
+from slipperjax.analysis.spectra import (
     Lines,
     Spectrum,
     combination,

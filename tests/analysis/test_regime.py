@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from slipperjax.analysis import REGIMES, pooled_standard_error, regime, standard_error
+from slipperjax.analysis.lyapunov import REGIMES, regime
+from slipperjax.analysis.statistics import pooled_standard_error, standard_error
 
 
 @pytest.mark.parametrize(

@@ -5,15 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from slipperjax.analysis import (
-    CriticalMotions,
-    PeriodicMotions,
-    agreement,
-    beside,
-    continue_critical,
-    holding,
-    regions,
-)
+from slipperjax.analysis.critical import CriticalMotions, continue_critical
+from slipperjax.analysis.regions import agreement, beside, holding, regions
+from slipperjax.analysis.shooting import PeriodicMotions
 
 X, Y = np.arange(5.0), np.arange(4.0)
 

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from slipperjax.analysis import minimal_period, multipliers, shoot, solve
+from slipperjax.analysis.floquet import multipliers, solve
+from slipperjax.analysis.shooting import minimal_period, shoot
 
 
 class Forced(eqx.Module):

@@ -12,27 +12,12 @@ import optimistix as optx
 import pytest
 
 from slipperjax import EventLatch, Latching, paper_scene, table_2_start
-from slipperjax.bench import (
-    METHODS,
-    PEERS,
-    Case,
-    CppPeer,
-    Method,
-    NumpyModel,
-    Point,
-    SciPyPeer,
-    all_cases,
-    bench,
-    cost_at,
-    cost_of,
-    draw,
-    draw_all,
-    errors,
-    mbdyn_points,
-    write,
-)
 from slipperjax.bench import measure as measuring
-from slipperjax.sweeps import sweep
+from slipperjax.bench.measure import bench, cost_of, errors
+from slipperjax.bench.methods import METHODS, Case, Method, all_cases
+from slipperjax.bench.peers import PEERS, CppPeer, NumpyModel, SciPyPeer
+from slipperjax.bench.work_precision import Point, cost_at, draw, draw_all, mbdyn_points, write
+from slipperjax.sweeps.sweep import sweep
 
 from ..common import SCALES, cases
 

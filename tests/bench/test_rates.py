@@ -4,10 +4,10 @@ import jax
 import pytest
 
 from slipperjax import cli
-from slipperjax.bench import ENGINES, Rate, rows, throughput
-from slipperjax.bench.rates import kernels_per_step
-from slipperjax.model import paper_scene, table_2_start
-from slipperjax.sweeps import CHUNK_OF_DEVICE, Cases, make_plan
+from slipperjax.bench.rates import ENGINES, Rate, kernels_per_step, rows, throughput
+from slipperjax.model.dang2024 import paper_scene, table_2_start
+from slipperjax.sweeps.grid import Cases
+from slipperjax.sweeps.plan import CHUNK_OF_DEVICE, make_plan
 
 PROGRAM = """HloModule jit_run
 

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.analysis import map_spectrum
-from slipperjax.flow import ConstantSteps, advance, advance_tangents, initial_states, initial_tangents
-from slipperjax.sweeps import Cases
+from slipperjax.analysis.lyapunov import map_spectrum
+from slipperjax.flow.period_map import advance, advance_tangents, initial_states, initial_tangents
+from slipperjax.flow.stepping import ConstantSteps
+from slipperjax.sweeps.grid import Cases
 
 from ..analysis.test_lyapunov import Rk4, lorenz
 

@@ -10,8 +10,8 @@ import pytest
 
 from slipperjax.bench.measure import SPREAD, run
 from slipperjax.bench.methods import Method, all_cases
-from slipperjax.model import SmoothSwitch
-from slipperjax.solvers import with_root_finder
+from slipperjax.model.contact import SmoothSwitch
+from slipperjax.solvers.simplified_newton import with_root_finder
 
 LANES = 241
 

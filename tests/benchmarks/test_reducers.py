@@ -9,11 +9,16 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow import ConstantSteps, ForcePercentile, Reduced, SpectrumLines, advance, initial_states
-from slipperjax.sweeps import Cases, make_plan
+from slipperjax.flow.percentiles import ForcePercentile
+from slipperjax.flow.period_map import advance, initial_states
+from slipperjax.flow.reducers import Reduced
+from slipperjax.flow.spectra import SpectrumLines
+from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.sweeps.executors import _of_no_period
+from slipperjax.sweeps.grid import Cases
+from slipperjax.sweeps.plan import make_plan
 from slipperjax.sweeps.reducers import resolved_record
-from slipperjax.tools import table_lines
+from slipperjax.tools.files import table_lines
 
 pytestmark = pytest.mark.benchmark
 CASES, STEPS, PERIODS, ROUNDS = 256, 100, 20, 7

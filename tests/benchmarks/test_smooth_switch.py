@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow import ConstantSteps, PeriodMap, coordinates
-from slipperjax.model import settle_memory
+from slipperjax.flow.period_map import PeriodMap
+from slipperjax.flow.recorders import coordinates
+from slipperjax.flow.stepping import ConstantSteps
+from slipperjax.model.step_size import settle_memory
 
 from ..common import SCALES
 

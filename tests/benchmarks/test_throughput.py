@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.sweeps import strobe_states
-from slipperjax.tools import cores
+from slipperjax.sweeps.attractors import strobe_states
+from slipperjax.tools.limits import cores
 
 from ..common import SCALES
 

@@ -12,13 +12,13 @@ import xarray as xr
 from matplotlib.colors import to_rgb
 
 import slipperjax as sj
-from slipperjax.bench import Point
+from slipperjax.bench.work_precision import Point
 from slipperjax.cli import main
 from slipperjax.cli.options import CASE_OPTIONS, PAPER, make_case, make_grid, make_scene, make_solver
 from slipperjax.cli.waiting import saying_compiling
-from slipperjax.flow import Status
-from slipperjax.model import PARAMETERS, SECTIONS
-from slipperjax.plots import COLORS, REGIME_COLORS
+from slipperjax.flow.status import Status
+from slipperjax.model.quantities import PARAMETERS, SECTIONS
+from slipperjax.plots.style import COLORS, REGIME_COLORS
 
 DPI = 300
 
@@ -116,7 +116,7 @@ def test_defaults_are_the_paper_s(monkeypatch, tmp_path, capsys):
         calls.append((scene, periods, options))
         raise ValueError("seen")
 
-    monkeypatch.setattr("slipperjax.flow.simulate", simulate)
+    monkeypatch.setattr("slipperjax.flow.simulate.simulate", simulate)
     with pytest.raises(SystemExit):
         main(["simulate", "--out", str(tmp_path / "run")])
     ((scene, periods, options),) = calls
@@ -338,7 +338,7 @@ def test_bifurcation_names_what_is_wrong_with_flagged_cases(monkeypatch, tmp_pat
     data = {name: (("stiffness", "crossing"), np.ones((4, 2))) for name in SECTIONS}
     data |= {"status": ("stiffness", status), "steps_per_period": ("stiffness", steps)}
     made = xr.Dataset(data, {"stiffness": [1.0, 2.0, 3.0, 4.0]}, {"transient": 310})
-    monkeypatch.setattr("slipperjax.sweeps.sweep", lambda scene, grid, **options: made)
+    monkeypatch.setattr("slipperjax.sweeps.sweep.sweep", lambda scene, grid, **options: made)
     out = tmp_path / "fig"
     text = run(["bifurcation", "--over", "stiffness", "1", "4", "4", "--out", str(out)], capsys)
     assert "4 cases, 310 + 10 periods, 50 to 150 steps per period: " in text
@@ -356,7 +356,7 @@ def test_two_parameters_make_a_regime_map(monkeypatch, tmp_path, capsys):
         calls.append((grid, options))
         return made([0, 0, 0, 1])
 
-    monkeypatch.setattr("slipperjax.sweeps.lyapunov_sweep", lyapunov_sweep)
+    monkeypatch.setattr("slipperjax.sweeps.exponents.lyapunov_sweep", lyapunov_sweep)
     out = tmp_path / "map"
     axes = ["--over", "speed", "1", "2", "2", "--by", "roll_amplitude", "0.1", "0.2", "2"]
     text = run(["lyapunov", *axes, "--count", "2", "--periods", "40", "--out", str(out)], capsys)
@@ -433,7 +433,7 @@ def test_bench_writes_after_each_scene(monkeypatch, tmp_path, capsys):
         assert not (tmp_path / "deep" / "costs.md").exists()
         yield points, (8,)
 
-    monkeypatch.setattr("slipperjax.bench.bench", bench)
+    monkeypatch.setattr("slipperjax.bench.measure.bench", bench)
     out = tmp_path / "deep" / "costs"
     text = run(["bench", "--quick", "--batch", "8", "--method", "RK4", "--out", str(out)], capsys)
     assert asked == [dict(quick=True, repeats=None, cases=None, methods=["RK4"], batches=[8])]
@@ -449,7 +449,7 @@ def test_an_interrupt_is_one_line(monkeypatch, tmp_path, capsys):
     def simulate(*arguments, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("slipperjax.flow.simulate", simulate)
+    monkeypatch.setattr("slipperjax.flow.simulate.simulate", simulate)
     with pytest.raises(SystemExit) as stopped:
         main(["simulate", "--out", str(tmp_path / "run")])
     assert stopped.value.code == 130

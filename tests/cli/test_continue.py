@@ -15,10 +15,9 @@ from slipperjax import plots
 from slipperjax.cli import main
 from slipperjax.cli.branch import make_bounds
 from slipperjax.cli.interrupts import on_thread
-from slipperjax.flow import ASKED, Status
-from slipperjax.model import PARAMETERS
-from slipperjax.orbits import InterruptedBranch, OrbitBranch
-from slipperjax.orbits.branches import FINER
+from slipperjax.flow.status import ASKED, Status
+from slipperjax.model.quantities import PARAMETERS
+from slipperjax.orbits.branches import FINER, InterruptedBranch, OrbitBranch
 
 QUICK = ["--steps-per-period", "100"]
 
@@ -213,8 +212,8 @@ def test_options_reach_the_branch(narrow, monkeypatch, tmp_path, capsys):
         asked.append((period, options))
         return first()()
 
-    monkeypatch.setattr("slipperjax.orbits.continue_orbit", continue_orbit)
-    monkeypatch.setattr("slipperjax.orbits.periodic_orbit", periodic_orbit)
+    monkeypatch.setattr("slipperjax.orbits.branches.continue_orbit", continue_orbit)
+    monkeypatch.setattr("slipperjax.orbits.periodic.periodic_orbit", periodic_orbit)
     options = ["--speed", 1240, "--period", 2, "--transient", 7, "--points", 9, "--out", tmp_path / "run.nc"]
     call(["--over", "clearance", 0.5, 2, *options], capsys)
     (period, how), (speed, name, bounds, more) = asked
@@ -228,7 +227,7 @@ def test_options_reach_the_branch(narrow, monkeypatch, tmp_path, capsys):
 
 
 def test_no_first_motion_is_exit_code_1(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr("slipperjax.orbits.periodic_orbit", first(Status.NO_ORBIT))
+    monkeypatch.setattr("slipperjax.orbits.periodic.periodic_orbit", first(Status.NO_ORBIT))
     text, _ = call(["--over", "speed", 1200, 1300, "--out", tmp_path / "run"], capsys, 1)
     assert text == f"no file is written; residual 0.5; status: {Status.NO_ORBIT}\n"
     assert list(tmp_path.iterdir()) == []
@@ -252,8 +251,8 @@ def test_an_interrupted_branch_gets_a_name_of_its_own(narrow, monkeypatch, tmp_p
     def continue_orbit(*arguments, **options):
         raise InterruptedBranch(narrow)
 
-    monkeypatch.setattr("slipperjax.orbits.continue_orbit", continue_orbit)
-    monkeypatch.setattr("slipperjax.orbits.periodic_orbit", first())
+    monkeypatch.setattr("slipperjax.orbits.branches.continue_orbit", continue_orbit)
+    monkeypatch.setattr("slipperjax.orbits.periodic.periodic_orbit", first())
     out = tmp_path / "run"
     (tmp_path / "run.nc").write_bytes(b"old")
     _, error = call(["--over", "speed", 1200, 1300, "--out", out], capsys, 130)
@@ -286,8 +285,8 @@ def test_a_signal_while_points_are_computed_is_heard_at_the_next(narrow, monkeyp
         time.sleep(0.7)  # the rest of the point
         raise InterruptedBranch(narrow)
 
-    monkeypatch.setattr("slipperjax.orbits.continue_orbit", continue_orbit)
-    monkeypatch.setattr("slipperjax.orbits.periodic_orbit", first())
+    monkeypatch.setattr("slipperjax.orbits.branches.continue_orbit", continue_orbit)
+    monkeypatch.setattr("slipperjax.orbits.periodic.periodic_orbit", first())
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         _, error = call(["--over", "speed", 1200, 1300, "--out", tmp_path / "run"], capsys, 130)

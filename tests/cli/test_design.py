@@ -8,9 +8,11 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax.cli import main
 from slipperjax.cli.design import OBJECTIVE_UNITS, _joined, make_box
-from slipperjax.design import OBJECTIVES, InterruptedDesign, PeakForce, Spread, optimise_design
+from slipperjax.design.ensembles import Spread
+from slipperjax.design.objectives import OBJECTIVES, PeakForce
+from slipperjax.design.optimise import InterruptedDesign, optimise_design
 from slipperjax.design.problem import Problem
-from slipperjax.flow import load_call
+from slipperjax.flow.load import load_call
 
 from ..design.bowl import judged
 from ..plots.test_designs import legend
@@ -135,7 +137,7 @@ def test_options_reach_the_search(bowl, monkeypatch, tmp_path, capsys):
         asked.append((scene, objective, variables, dict(options)))
         return optimise_design(scene, objective, variables, **options)
 
-    monkeypatch.setattr("slipperjax.design.optimise_design", search)
+    monkeypatch.setattr("slipperjax.design.optimise.optimise_design", search)
     more = ["--robust", "mean", "--constraint", "peak_force", 20, "--constraint", "drive_force", 1, 50, "--periodic"]
     more += ["--starts", 2, "--seed", 4, "--max-trials", 3, "--transient", 7, "--steps-per-period", 50, "--mass", 15]
     call([*GIVEN, *more, "--solver", "Tsit5", "--out", tmp_path / "run.nc"], capsys)
@@ -214,7 +216,7 @@ def test_an_interrupted_search_gets_a_name_of_its_own(bowl, monkeypatch, tmp_pat
     def search(*arguments, **options):
         raise InterruptedDesign(optimise_design(*arguments, **options))
 
-    monkeypatch.setattr("slipperjax.design.optimise_design", search)
+    monkeypatch.setattr("slipperjax.design.optimise.optimise_design", search)
     out = tmp_path / "run"
     text, error = call([*GIVEN, "--steps-per-period", 50, "--starts", 1, "--out", out], capsys, 130)
     assert text.startswith("Design(clearance")

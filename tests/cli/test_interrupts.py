@@ -13,8 +13,8 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax.cli import main
 from slipperjax.cli.interrupts import Signals, on_thread
-from slipperjax.flow import Status
-from slipperjax.model import SECTIONS
+from slipperjax.flow.status import Status
+from slipperjax.model.quantities import SECTIONS
 
 COMMAND = [sys.executable, "-c", "from slipperjax.cli import main; main()"]
 SMALL = ["bifurcation", "--over", "speed", "1000", "2500", "48", "--transient", "2000", "--steps-per-period", "50"]
@@ -109,7 +109,7 @@ def test_finished_cases_get_a_name_of_their_own(monkeypatch, tmp_path, capsys):
     def sweep(*arguments, **options):
         raise sj.Interrupted(found, 3, 4)
 
-    monkeypatch.setattr("slipperjax.sweeps.sweep", sweep)
+    monkeypatch.setattr("slipperjax.sweeps.sweep.sweep", sweep)
     (tmp_path / "fig.nc").write_bytes(b"old")
     with pytest.raises(SystemExit) as stopped:
         main(["bifurcation", "--over", "speed", "1000", "1300", "4", "--out", str(tmp_path / "fig.nc")])
@@ -125,7 +125,7 @@ def test_finished_cases_get_a_name_of_their_own(monkeypatch, tmp_path, capsys):
 
 def test_a_known_ending_is_not_repeated_and_replacing_is_said(monkeypatch, tmp_path, capsys):
     found = partial()
-    monkeypatch.setattr("slipperjax.sweeps.sweep", lambda *arguments, **options: found)
+    monkeypatch.setattr("slipperjax.sweeps.sweep.sweep", lambda *arguments, **options: found)
     for verb, ending in (("wrote", ".nc"), ("replaced", ".png")):
         with pytest.raises(SystemExit) as stopped:
             main(["bifurcation", "--over", "speed", "1000", "1300", "4", "--out", str(tmp_path / f"fig{ending}")])
@@ -136,7 +136,7 @@ def test_a_known_ending_is_not_repeated_and_replacing_is_said(monkeypatch, tmp_p
 
 def test_a_file_that_is_open_elsewhere_is_replaced(monkeypatch, tmp_path):
     found = partial()
-    monkeypatch.setattr("slipperjax.sweeps.sweep", lambda *arguments, **options: found)
+    monkeypatch.setattr("slipperjax.sweeps.sweep.sweep", lambda *arguments, **options: found)
     arguments = ["bifurcation", "--over", "speed", "1000", "1300", "4", "--out", str(tmp_path / "fig")]
     found.assign_attrs(transient=5).to_netcdf(tmp_path / "fig.nc", engine="h5netcdf")
     with xr.open_dataset(tmp_path / "fig.nc", engine="h5netcdf") as held:

@@ -14,8 +14,8 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.cli import main
-from slipperjax.flow import Status
-from slipperjax.sweeps.jumps import find_jump
+from slipperjax.flow.status import Status
+from slipperjax.sweeps.follow import find_jump
 
 NAN, INF = float("nan"), float("inf")
 PAPER = sj.paper_scene()

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.design import ContactLoad, RMSAcceleration, SoftPeakForce, Spread, objective_sweep
-from slipperjax.design.ensembles import averages
+from slipperjax.design.ensembles import Spread, averages
+from slipperjax.design.maps import objective_sweep
+from slipperjax.design.objectives import ContactLoad, RMSAcceleration, SoftPeakForce
 from slipperjax.design.sensitivities import RELATIVE_REACH
-from slipperjax.flow import advance, flexible_steps, initial_states
-from slipperjax.sweeps import Cases
+from slipperjax.flow.period_map import advance, initial_states
+from slipperjax.flow.simulate import flexible_steps
+from slipperjax.sweeps.grid import Cases
 
 STEPS = 50
 SEEDS = 17

@@ -7,7 +7,8 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.design import PeakForce, optimise_design
+from slipperjax.design.objectives import PeakForce
+from slipperjax.design.optimise import optimise_design
 from slipperjax.design.problem import Problem
 
 from .bowl import judged

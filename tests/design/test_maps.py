@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.design import objective_sweep, pareto_front
-from slipperjax.sweeps import attractors
+from slipperjax.design.maps import objective_sweep
+from slipperjax.design.pareto import pareto_front
+from slipperjax.sweeps.attractors import attractors
 
 GRID = {"speed": [1250.0, 1500.0], "length": [0.13, 0.2]}
 

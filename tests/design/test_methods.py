@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from slipperjax.design import Descent, TrustRegion
-from slipperjax.design.methods import Faced, inside
+from slipperjax.design.methods import Descent, Faced, TrustRegion, inside
 
 
 def minimise(method, function, at, most=80):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.design import (
+from slipperjax.design.objectives import (
     OBJECTIVES,
     Excursion,
     Functional,
@@ -18,7 +18,9 @@ from slipperjax.design import (
     SoftPeakForce,
     objective_named,
 )
-from slipperjax.flow import ConstantSteps, Course, Courses, Curve, PeriodMap
+from slipperjax.flow.course import Course, Courses, Curve
+from slipperjax.flow.period_map import PeriodMap
+from slipperjax.flow.stepping import ConstantSteps
 
 STEPS = 64
 

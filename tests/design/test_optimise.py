@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.design import Descent, PeakForce, SoftPeakForce, event_margins, optimise_design, surroundings
+from slipperjax.design.checks import event_margins, surroundings
 from slipperjax.design.judge import Memory, judge_on_orbits
+from slipperjax.design.methods import Descent
+from slipperjax.design.objectives import PeakForce, SoftPeakForce
+from slipperjax.design.optimise import optimise_design
 
 STEPS = 50
 

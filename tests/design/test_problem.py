@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.design import optimise_design, pareto_front, sensitivities
+from slipperjax.design.optimise import optimise_design
+from slipperjax.design.pareto import pareto_front
 from slipperjax.design.problem import checked_problem, first_designs
+from slipperjax.design.sensitivities import sensitivities
 
 BOX = {"clearance": (0.2e-3, 3e-3), "length": (0.12, 0.5)}
 

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.design import OBJECTIVES, Spread, sensitivities
+from slipperjax.design.ensembles import Spread
+from slipperjax.design.objectives import OBJECTIVES
+from slipperjax.design.sensitivities import sensitivities
 
 STEPS = 50
 NAMES = ("clearance", "length")

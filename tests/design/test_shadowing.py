@@ -11,8 +11,11 @@ from jax.flatten_util import ravel_pytree
 
 import slipperjax as sj
 from slipperjax.design.gradients import at_values
-from slipperjax.flow import Courses, PeriodMap, flexible_steps
-from slipperjax.model import MOTION_SCALES, State, initial_state
+from slipperjax.flow.course import Courses
+from slipperjax.flow.period_map import PeriodMap
+from slipperjax.flow.simulate import flexible_steps
+from slipperjax.model.dynamics import State, initial_state
+from slipperjax.model.kinematics import MOTION_SCALES
 
 from .shadowing import segments_of, slope_of
 from .test_calibration import OBJECTIVES, STEPS, settled

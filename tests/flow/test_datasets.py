@@ -3,7 +3,7 @@
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow import scene_attributes
+from slipperjax.flow.datasets import scene_attributes
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow import Status, over_periods
+from slipperjax.flow.loads import over_periods
+from slipperjax.flow.status import Status
 
 from ..common import compilations
 

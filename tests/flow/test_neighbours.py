@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from slipperjax.flow.neighbours import MARGIN, continued, slopes
+from slipperjax.flow.loads import MARGIN, continued, slopes
 
 
 @pytest.mark.parametrize(("degree", "ends"), [(1, 2), (2, 3), (3, 4), (3, 5), (3, 30)])

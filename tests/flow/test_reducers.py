@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow import Combined, ConstantSteps, Courses, Extremes, PeriodMap, PointLoad, Reduced
-from slipperjax.model import COORDINATES
+from slipperjax.flow.course import Courses
+from slipperjax.flow.period_map import PeriodMap
+from slipperjax.flow.reducers import Extremes, PointLoad, Reduced
+from slipperjax.flow.reducing import Combined
+from slipperjax.flow.stepping import ConstantSteps
+from slipperjax.model.quantities import COORDINATES
 
 PERIODS, STEPS = 3, 50
 SPEEDS = np.array([1000.0, 1250.0])

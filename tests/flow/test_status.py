@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow import Status, first_problem
-from slipperjax.sweeps import find_jump
+from slipperjax.flow.status import Status, first_problem
+from slipperjax.sweeps.follow import find_jump
 
 
 def test_every_status_has_a_meaning_and_what_to_do():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow import PeriodMap
+from slipperjax.flow.period_map import PeriodMap
 
 STEPS = 50
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.model import Args, contact_forces, contacts, rail_frame
+from slipperjax.model.dynamics import Args, contact_forces
+from slipperjax.model.kinematics import contacts, rail_frame
 
 from ..common import STEPS, columns, fine, rebound
 

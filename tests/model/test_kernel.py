@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.model import Args
-from slipperjax.tools import sums
+from slipperjax.model.dynamics import Args
+from slipperjax.tools.fused import sums
 
 Y = np.array([0.03, 0.048, 0.048, 0.0445, 0.029, -0.029, -0.0445, -0.048, -0.048, -0.03])
 Z = np.array([0.013, 0.0055, -0.0145, -0.0249, -0.029, -0.029, -0.0249, -0.0145, 0.0055, 0.013])

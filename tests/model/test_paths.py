@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.model import parameter
+from slipperjax.model.paths import parameter
 
 SCENE = sj.paper_scene()
 

@@ -5,16 +5,15 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.model import (
+from slipperjax.model.kinematics import MOTION_SCALES, scaled_size
+from slipperjax.model.quantities import (
     ACCELERATIONS,
     COORDINATE_SCALES,
     COORDINATES,
-    MOTION_SCALES,
     PARAMETERS,
     SECTIONS,
     STARTS,
     quantity,
-    scaled_size,
 )
 
 from ..common import SCALES

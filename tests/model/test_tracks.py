@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.model import AbstractTrack, Irregularity, impacts_per_period
+from slipperjax.model.step_size import impacts_per_period
+from slipperjax.model.tracks import AbstractTrack, Irregularity
 
 
 class SineTrack(AbstractTrack):

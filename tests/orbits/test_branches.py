@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow import Status
-from slipperjax.orbits import continue_event, critical_orbit
+from slipperjax.flow.status import Status
+from slipperjax.orbits.critical import continue_event, critical_orbit
 
 STEPS = 100
 SCENE = sj.paper_scene()

@@ -7,9 +7,12 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import slipperjax as sj
-from slipperjax.analysis import extend_spectrum, ode_spectrum, ode_step
-from slipperjax.flow import ConstantSteps, PeriodMap, Status, tangent_weights
-from slipperjax.model import Args
+from slipperjax.analysis.lyapunov import extend_spectrum
+from slipperjax.analysis.ode import ode_spectrum, ode_step
+from slipperjax.flow.period_map import PeriodMap, tangent_weights
+from slipperjax.flow.status import Status
+from slipperjax.flow.stepping import ConstantSteps
+from slipperjax.model.dynamics import Args
 
 STEPS = 50
 

@@ -8,8 +8,10 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import slipperjax as sj
-from slipperjax.analysis import jacobians, multipliers
-from slipperjax.flow import ConstantSteps, PeriodMap, Status
+from slipperjax.analysis.floquet import jacobians, multipliers
+from slipperjax.flow.period_map import PeriodMap
+from slipperjax.flow.status import Status
+from slipperjax.flow.stepping import ConstantSteps
 
 SCENE = sj.paper_scene()
 STEPS = 200

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import slipperjax as sj
 from slipperjax import plots
-from slipperjax.model import contacts, face_offsets, rail_frame
+from slipperjax.model.kinematics import contacts, face_offsets, rail_frame
 from slipperjax.plots.sections import contour
 
 matplotlib.use("Agg")

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from slipperjax import plots
-from slipperjax.plots.attractor_maps import motion_names
+from slipperjax.plots.maps import motion_names
 
 
 @pytest.fixture(autouse=True)

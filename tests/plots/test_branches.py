@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.colors import to_hex
 
 from slipperjax import plots
-from slipperjax.plots.threads import Thread, crossing_threads, joined, scalar_threads, stable_parts
+from slipperjax.plots.branches import Thread, crossing_threads, joined, scalar_threads, stable_parts
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt

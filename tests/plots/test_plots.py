@@ -7,7 +7,7 @@ import xarray as xr
 from matplotlib.colors import to_hex
 
 from slipperjax import plots
-from slipperjax.model import COORDINATES, SECTIONS
+from slipperjax.model.quantities import COORDINATES, SECTIONS
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt

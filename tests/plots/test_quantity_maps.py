@@ -8,8 +8,8 @@ import pytest
 import xarray as xr
 
 from slipperjax import plots
-from slipperjax.flow import Status
-from slipperjax.model import PARAMETERS
+from slipperjax.flow.status import Status
+from slipperjax.model.quantities import PARAMETERS
 
 
 @pytest.fixture(autouse=True)

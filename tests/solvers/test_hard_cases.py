@@ -13,9 +13,12 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow import ConstantSteps, advance, initial_states
-from slipperjax.model import COORDINATES, contacts, phase, rail_frame
-from slipperjax.sweeps import Cases
+from slipperjax.flow.period_map import advance, initial_states
+from slipperjax.flow.stepping import ConstantSteps
+from slipperjax.model.dynamics import phase
+from slipperjax.model.kinematics import contacts, rail_frame
+from slipperjax.model.quantities import COORDINATES
+from slipperjax.sweeps.grid import Cases
 
 from ..common import SCALES, cases, rebound
 

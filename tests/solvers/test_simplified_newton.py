@@ -11,9 +11,10 @@ import optimistix as optx
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow import Status
-from slipperjax.model import Args, settle_memory, vector_field
-from slipperjax.solvers import SimplifiedNewton, with_root_finder
+from slipperjax.flow.status import Status
+from slipperjax.model.dynamics import Args, vector_field
+from slipperjax.model.step_size import settle_memory
+from slipperjax.solvers.simplified_newton import SimplifiedNewton, with_root_finder
 
 EXACT = optx.Newton(rtol=1e-12, atol=1e-12, norm=optx.max_norm)
 LATCHED, SMOOTH = sj.paper_scene(), sj.paper_scene(memory=sj.SmoothSwitch())

@@ -11,9 +11,13 @@ import optimistix as optx
 import pytest
 
 import slipperjax as sj
-from slipperjax.model import AbstractVectorField, LinearSystem, attitude_rates, dense_linearised
-from slipperjax.solvers import calls_lapack, solver_name, two_step_weights
-from slipperjax.sweeps import Cases, make_plan
+from slipperjax.model.dynamics import AbstractVectorField
+from slipperjax.model.kinematics import attitude_rates
+from slipperjax.model.linearised import LinearSystem, dense_linearised
+from slipperjax.solvers.latching import calls_lapack, solver_name
+from slipperjax.solvers.twostep import two_step_weights
+from slipperjax.sweeps.grid import Cases
+from slipperjax.sweeps.plan import make_plan
 
 from ..common import cases, scaled_errors, scene_of
 

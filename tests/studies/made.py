@@ -5,9 +5,9 @@ import json
 import numpy as np
 import xarray as xr
 
-from slipperjax.orbits import OrbitBranch
+from slipperjax.orbits.branches import OrbitBranch
 from slipperjax.studies.dang2024.verdicts import DUAL_LINES, F1, F2
-from slipperjax.sweeps import attractors
+from slipperjax.sweeps.attractors import attractors
 
 PERIODS = 400
 CROSSINGS = 12

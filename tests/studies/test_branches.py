@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from slipperjax import load_branch
-from slipperjax.studies.dang2024 import CLAIMS, branches
-from slipperjax.studies.dang2024.claims import Answer, supported
+from slipperjax.studies.dang2024 import branches
+from slipperjax.studies.dang2024.claims import CLAIMS, Answer, supported
 
 from . import made
 

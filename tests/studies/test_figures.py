@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from slipperjax.plots import COLORS
-from slipperjax.studies.dang2024 import figures, verdicts, write_figures
+from slipperjax.plots.style import COLORS
+from slipperjax.studies.dang2024 import figures, verdicts
+from slipperjax.studies.dang2024.figures import write_figures
 from slipperjax.studies.dang2024.runs import Finished, Outcome
 
 from . import made

@@ -8,8 +8,9 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.studies.dang2024 import MAPS, agreement, figures, maps, write_figures
-from slipperjax.studies.dang2024.runs import Finished, Outcome
+from slipperjax.studies.dang2024 import agreement, figures, maps
+from slipperjax.studies.dang2024.figures import write_figures
+from slipperjax.studies.dang2024.runs import MAPS, Finished, Outcome
 
 PLANE = "speed-clearance"
 SPEEDS, CLEARANCES = np.linspace(800.0, 2300.0, 16), np.linspace(0.3e-3, 5e-3, 12)

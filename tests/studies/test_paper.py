@@ -7,12 +7,16 @@ import pytest
 import xarray as xr
 
 from slipperjax import paper_scene, table_2_start
-from slipperjax.flow import Status
-from slipperjax.model import COORDINATES
-from slipperjax.studies.dang2024 import CLAIMS, FIGURES, QUICK, Answer, readings, reproduce, runs, write_report
-from slipperjax.studies.dang2024.claims import near, rows, section_points
+from slipperjax.flow.status import Status
+from slipperjax.model.quantities import COORDINATES
+from slipperjax.studies.dang2024 import runs
+from slipperjax.studies.dang2024.claims import CLAIMS, Answer, near, rows, section_points, write_report
 from slipperjax.studies.dang2024.claims import runs as runs_of
-from slipperjax.sweeps import Cases, Jump, make_plan, sweep
+from slipperjax.studies.dang2024.runs import FIGURES, QUICK, readings, reproduce
+from slipperjax.sweeps.follow import Jump
+from slipperjax.sweeps.grid import Cases
+from slipperjax.sweeps.plan import make_plan
+from slipperjax.sweeps.sweep import sweep
 
 from . import made
 

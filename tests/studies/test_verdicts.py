@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from slipperjax.flow import Status
+from slipperjax.flow.status import Status
 from slipperjax.studies.dang2024 import verdicts
-from slipperjax.sweeps import Jump
+from slipperjax.sweeps.follow import Jump
 
 from . import made
 

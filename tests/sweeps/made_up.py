@@ -10,9 +10,10 @@ import numpy as np
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.flow import run_attributes
-from slipperjax.sweeps import Store, storable
+from slipperjax.flow.datasets import run_attributes
 from slipperjax.sweeps.grid import Grid
+from slipperjax.sweeps.stores.stored import storable
+from slipperjax.sweeps.stores.target import Store
 
 SHAPE = (12, 10)
 

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.analysis import largest_exponent
-from slipperjax.flow import Status
-from slipperjax.sweeps import attractors, confirm_periods, exponents, reached
-from slipperjax.sweeps.votes import MOTIONS, Votes
+from slipperjax.analysis.floquet import largest_exponent
+from slipperjax.flow.status import Status
+from slipperjax.sweeps import exponents, reached
+from slipperjax.sweeps.attractors import attractors
+from slipperjax.sweeps.confirm import confirm_periods
+from slipperjax.sweeps.transience import MOTIONS, Votes
 
 SPEEDS = [1100.0, 1250.0, 1500.0, 1800.0, 2100.0, 2300.0]
 STEPS = 50

@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow import HistoryRecord, Status, recorder_named
-from slipperjax.plots import bifurcations
-from slipperjax.sweeps import Chunk, attractors, executors, on_threads, run_chunks
+from slipperjax.flow.recorders import HistoryRecord, recorder_named
+from slipperjax.flow.status import Status
+from slipperjax.plots.bifurcations import bifurcations
+from slipperjax.sweeps import executors
+from slipperjax.sweeps.attractors import attractors
+from slipperjax.sweeps.executors import on_threads, run_chunks
+from slipperjax.sweeps.plan import Chunk
 
 SPEEDS = np.array([900.0, 1100.0, 1250.0, 1500.0, 2000.0, 1000.0, 800.0, 1300.0, 1400.0, 1700.0])
 OPTIONS = dict(transient=0, periods=10, steps_per_period=50)

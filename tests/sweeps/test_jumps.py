@@ -5,8 +5,11 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.flow import Status, StrobeRecord
-from slipperjax.sweeps import ChunkRun, attractors, find_jump, groups, strobe_states
+from slipperjax.flow.recorders import StrobeRecord
+from slipperjax.flow.status import Status
+from slipperjax.sweeps.attractors import attractors, groups, strobe_states
+from slipperjax.sweeps.executors import ChunkRun
+from slipperjax.sweeps.follow import find_jump
 
 from ..common import SCALES
 
@@ -66,7 +69,7 @@ def test_jumps_are_told_from_gradual_changes(monkeypatch, direction, leaves):
         level = 0.01 * speed + (5.0 if high else 0.0)
         return ChunkRun(states, np.zeros(8, int), StrobeRecord(np.full((8, 3, 10), level) * SCALES))
 
-    monkeypatch.setattr("slipperjax.sweeps.jumps.run_chunk", run_chunk)
+    monkeypatch.setattr("slipperjax.sweeps.follow.run_chunk", run_chunk)
     found = find_jump(sj.paper_scene(), {"speed": np.linspace(1500, 2200, 8)}, direction=direction, within=0.5)
     assert min(found.before, found.after) < leaves <= max(found.before, found.after)
     assert abs(found.before - found.after) <= 0.5
@@ -84,7 +87,7 @@ def test_a_motion_that_breaks_down_is_no_calm_one(monkeypatch):
         strobe = np.full((8, 3, 10), np.nan if lost else 0.0)
         return ChunkRun(states, np.full(8, int(Status.NOT_FINITE) if lost else 0), StrobeRecord(strobe))
 
-    monkeypatch.setattr("slipperjax.sweeps.jumps.run_chunk", run_chunk)
+    monkeypatch.setattr("slipperjax.sweeps.follow.run_chunk", run_chunk)
     found = find_jump(sj.paper_scene(), {"speed": [1500.0, 1700.0, 1800.0, 1900.0]})
     assert not found.found
     assert found.status == Status.NOT_FINITE

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.analysis import is_chaotic
+from slipperjax.analysis.lyapunov import is_chaotic
 
 pytestmark = pytest.mark.slow
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow import Status
+from slipperjax.flow.status import Status
 
 SCENE = sj.paper_scene()
 GRID = {"speed": [1150.0, 1250.0, 1500.0, 2300.0]}

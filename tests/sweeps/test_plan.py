@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.sweeps import Cases, make_plan
-from slipperjax.sweeps.plan import Calls, _best_chunk
+from slipperjax.sweeps.grid import Cases
+from slipperjax.sweeps.plan import Calls, _best_chunk, make_plan
 
 
 def plan_of(grid, **options):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.model import COORDINATE_SCALES as SCALES
-from slipperjax.orbits import recurs
+from slipperjax.model.quantities import COORDINATE_SCALES as SCALES
+from slipperjax.orbits.motions import recurs
 from slipperjax.sweeps.reached import NEAR, is_near, least_period, likely_periods
 
 WAYS = np.linspace(0.2, 1.0, 10)  # how much each coordinate takes part

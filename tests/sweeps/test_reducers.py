@@ -7,28 +7,18 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.flow import (
-    ForcePercentile,
-    PointLoad,
-    Reduced,
-    SectionPoints,
-    SpectrumLines,
-    Status,
-    StrobeStates,
-    load_call,
-)
-from slipperjax.model import ACCELERATIONS, COORDINATES, LOADS, SECTIONS
-from slipperjax.sweeps import (
-    REDUCERS,
-    Cases,
-    LargestExponent,
-    MotionKind,
-    attractors,
-    lyapunov_sweep,
-    make_plan,
-    repeat,
-)
-from slipperjax.sweeps.reducers import Motions, resolved_record
+from slipperjax.flow.load import load_call
+from slipperjax.flow.percentiles import ForcePercentile
+from slipperjax.flow.reducers import PointLoad, Reduced, SectionPoints, StrobeStates
+from slipperjax.flow.spectra import SpectrumLines
+from slipperjax.flow.status import Status
+from slipperjax.model.quantities import ACCELERATIONS, COORDINATES, LOADS, SECTIONS
+from slipperjax.sweeps.attractors import attractors
+from slipperjax.sweeps.exponents import lyapunov_sweep
+from slipperjax.sweeps.grid import Cases
+from slipperjax.sweeps.plan import make_plan
+from slipperjax.sweeps.reducers import REDUCERS, LargestExponent, MotionKind, Motions, resolved_record
+from slipperjax.sweeps.repeat import repeat
 
 PERIODS, STEPS, MOST = 40, 50, 20
 LINES = (0, 0.5, 1, 2)

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.flow import load_call
+from slipperjax.flow.load import load_call
 
 SCENE = sj.paper_scene(wavelengths=(8.0, 5.0)).replace(gravity=9.81, **{"section.play.2": 4.3e-4})
 GRID = {"speed": [900.0, 1250.0], "clearance": [1e-3, 2e-3]}

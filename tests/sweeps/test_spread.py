@@ -5,11 +5,13 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow import Status, coordinates
-from slipperjax.orbits import PeriodicOrbit
-from slipperjax.solvers import resolve_solver
-from slipperjax.sweeps import spread_orbits, states_of, strobe_states, sweep_from
-from slipperjax.sweeps.search import rows_of
+from slipperjax.flow.recorders import coordinates
+from slipperjax.flow.status import Status
+from slipperjax.orbits.periodic import PeriodicOrbit
+from slipperjax.solvers.choose import resolve_solver
+from slipperjax.sweeps.attractors import strobe_states
+from slipperjax.sweeps.maps import rows_of, states_of
+from slipperjax.sweeps.spread import spread_orbits, sweep_from
 
 SCENE = sj.paper_scene()
 SOLVER = resolve_solver(SCENE, None)

@@ -15,10 +15,13 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.design import objective_sweep
-from slipperjax.flow import ASKED, Reduced
-from slipperjax.sweeps import StoreInUse, WorkerLost, check_store, merge_stores, store_status
-from slipperjax.sweeps.stores import tiling
+from slipperjax.design.maps import objective_sweep
+from slipperjax.flow.reducers import Reduced
+from slipperjax.flow.status import ASKED
+from slipperjax.sweeps.stores.locks import StoreInUse
+from slipperjax.sweeps.stores.target import tiling
+from slipperjax.sweeps.stores.tasks import WorkerLost
+from slipperjax.sweeps.stores.upkeep import check_store, merge_stores, store_status
 
 from . import made_up
 from .made_up import a_grid, call, files

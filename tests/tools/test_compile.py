@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from slipperjax.tools import loops_in_one_kernel
+from slipperjax.tools.compile import loops_in_one_kernel
 
 EXTRA = "--xla_backend_extra_options"
 

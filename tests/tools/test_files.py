@@ -6,7 +6,7 @@ import stat
 
 import pytest
 
-from slipperjax.tools import NotWritten, said, write_each, write_whole
+from slipperjax.tools.files import NotWritten, said, write_each, write_whole
 
 
 def names(folder):

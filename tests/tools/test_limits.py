@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.tools import refuse_impossible, shown_time
-from slipperjax.tools.limits import available_memory, shown_bytes
+from slipperjax.tools.limits import available_memory, refuse_impossible, shown_bytes, shown_time
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 import slipperjax as sj
-from slipperjax.tools import CacheWarning
-from slipperjax.tools.program_cache import CHECKED, SETTLED, _tidy, processor
+from slipperjax.tools.program_cache import CHECKED, SETTLED, CacheWarning, _tidy, processor
 
 PROGRAM = """
 import jax

@@ -18,9 +18,10 @@ import pytest
 
 import slipperjax as sj
 from slipperjax import sweeps
-from slipperjax.flow import Strobe
-from slipperjax.tools import TRACING, compile_cache, jit
+from slipperjax.flow.recorders import Strobe
 from slipperjax.tools import programs as programs_module
+from slipperjax.tools.compile import TRACING, jit
+from slipperjax.tools.program_cache import compile_cache
 from slipperjax.tools.programs import ENDING, Folder, NotNamed, kind_of, named, whole_program
 
 SIMULATE = """

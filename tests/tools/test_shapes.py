@@ -7,8 +7,8 @@ import pytest
 from jaxtyping import TypeCheckError
 
 import slipperjax as sj
-from slipperjax.analysis import floquet, largest_exponent, multipliers
-from slipperjax.tools import Batched
+from slipperjax.analysis.floquet import floquet, largest_exponent, multipliers
+from slipperjax.tools.batching import Batched
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from slipperjax.tools import Batched, call_compiled, compiler_options, describe, jit, materialise
+from slipperjax.tools.batching import Batched
+from slipperjax.tools.compile import call_compiled, compiler_options, jit
+from slipperjax.tools.description import describe
+from slipperjax.tools.fused import materialise
 
 
 def test_jit_takes_compiler_options_at_the_top_and_nests_everywhere():
@@ -78,7 +81,7 @@ def test_functions_are_described_by_name_and_code_in_any_process():
     assert text(nested(2)) == text(nested(2))
     assert " at 0x" not in text(nested(2))
     program = (
-        "from slipperjax.tools import describe\ndef f(x, y=2): return [x + k for k in range(y)]\nprint(describe(f))"
+        "from slipperjax.tools.description import describe\ndef f(x, y=2): return [x + k for k in range(y)]\nprint(describe(f))"
     )
     said = {subprocess.run([sys.executable, "-c", program], capture_output=True, text=True).stdout for _ in range(2)}
     assert len(said) == 1

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ...analysis import Agreement, agreement
+from ...analysis.regions import Agreement, agreement
 
 
 def agreements(ds: xr.Dataset) -> dict[str, Agreement]:

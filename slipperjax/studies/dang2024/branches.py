@@ -10,10 +10,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...analysis import MEANINGS
-from ...flow import Status, coordinates, simulate
-from ...model import COORDINATE_SCALES, COORDINATES, Scene, paper_scene
-from ...orbits import BranchEvent, OrbitBranch, PeriodicOrbit, continue_orbit, periodic_orbit
+from ...analysis.events import MEANINGS
+from ...flow.recorders import coordinates
+from ...flow.simulate import simulate
+from ...flow.status import Status
+from ...model.dang2024 import paper_scene
+from ...model.quantities import COORDINATE_SCALES, COORDINATES
+from ...model.scene import Scene
+from ...orbits.branch_data import BranchEvent
+from ...orbits.branches import OrbitBranch, continue_orbit
+from ...orbits.periodic import PeriodicOrbit, periodic_orbit
 
 STEPS = 200
 """Steps per forcing period, with which the places of events agree to five digits with those of 400 steps."""

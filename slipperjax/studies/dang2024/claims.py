@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...tools import table_lines, write_each
+from ...tools.files import table_lines, write_each
 
 CLAIMS: dict[str, tuple[str, str, str]] = {
     # key: figure, claim, the paper's value

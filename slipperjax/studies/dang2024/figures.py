@@ -9,22 +9,16 @@ import numpy as np
 import xarray as xr
 from matplotlib.lines import Line2D
 
-from ...analysis import power_spectral_density
-from ...flow import Status
-from ...model import SECTIONS
-from ...plots import (
-    COLORS,
-    bifurcations,
-    branches,
-    case_title,
-    event_curves,
-    exponents,
-    phase_portrait,
-    png,
-    spectrum,
-    styled,
-)
-from ...tools import table_lines, write_each
+from ...analysis.spectra import power_spectral_density
+from ...flow.status import Status
+from ...model.quantities import SECTIONS
+from ...plots.bifurcations import bifurcations
+from ...plots.branches import branches
+from ...plots.event_curves import event_curves
+from ...plots.maps import exponents
+from ...plots.style import COLORS, case_title, png, styled
+from ...plots.trajectories import phase_portrait, spectrum
+from ...tools.files import table_lines, write_each
 from .agreement import agreement_rows
 from .runs import MAPS, Finished
 from .verdicts import DUAL_LINES, F1, F2

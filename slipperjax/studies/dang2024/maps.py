@@ -13,11 +13,19 @@ import jax
 import numpy as np
 import xarray as xr
 
-from ...analysis import beside, holding
-from ...flow import coordinates
-from ...model import COORDINATE_SCALES, MOTION_SCALES, paper_scene
-from ...orbits import BranchEvent, OrbitBranch, PeriodicOrbit, continue_event, continue_orbit, periodic_orbit
-from ...sweeps import attractors, spread_orbits, states_of, strobe_states, sweep, sweep_from
+from ...analysis.regions import beside, holding
+from ...flow.recorders import coordinates
+from ...model.dang2024 import paper_scene
+from ...model.kinematics import MOTION_SCALES
+from ...model.quantities import COORDINATE_SCALES
+from ...orbits.branch_data import BranchEvent
+from ...orbits.branches import OrbitBranch, continue_orbit
+from ...orbits.critical import continue_event
+from ...orbits.periodic import PeriodicOrbit, periodic_orbit
+from ...sweeps.attractors import attractors, strobe_states
+from ...sweeps.maps import states_of
+from ...sweeps.spread import spread_orbits, sweep_from
+from ...sweeps.sweep import sweep
 from .branches import STEPS, stable_part
 
 AREA = {"speed": (800.0, 2300.0), "clearance": (0.3e-3, 4.8e-3), "length": (0.155, 0.5)}

@@ -14,22 +14,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from ...flow import Interrupted, Status
-from ...model import paper_scene
-from ...sweeps import (
-    Jump,
-    OnProgress,
-    all_stopped,
-    attractors,
-    beside,
-    find_jump,
-    follow,
-    groups,
-    lyapunov_sweep,
-    on_threads,
-    sweep,
-)
-from ...tools import one_of, whole
+from ...flow.status import Interrupted, Status
+from ...model.dang2024 import paper_scene
+from ...sweeps.attractors import attractors, groups
+from ...sweeps.executors import all_stopped, beside, on_threads
+from ...sweeps.exponents import lyapunov_sweep
+from ...sweeps.follow import Jump, find_jump, follow
+from ...sweeps.plan import OnProgress
+from ...sweeps.sweep import sweep
+from ...tools.checks import one_of, whole
 from . import branches, maps, verdicts
 from .claims import Answer, named, runs, show_ranges, supported
 

@@ -11,10 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from ...analysis import find_line, is_chaotic, power_spectral_density
-from ...flow import Status, first_problem
-from ...model import SECTIONS
-from ...sweeps import Jump, attractors
+from ...analysis.lyapunov import is_chaotic
+from ...analysis.spectra import find_line, power_spectral_density
+from ...flow.status import Status, first_problem
+from ...model.quantities import SECTIONS
+from ...sweeps.attractors import attractors
+from ...sweeps.follow import Jump
 from .claims import Answer, named, near, runs, section_points, show_ranges
 
 BY_RECURRENCE = "by recurrence, its decay and the 0-1 test: a slow transient is not called chaos"

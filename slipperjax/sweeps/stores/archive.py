@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from ...flow import Status
+from ...flow.status import Status
 from ..grid import Grid
 from .fingerprint import differences
-from .tiles import Tiling
+from .target import Tiling
 
 LAST = "status"
 """The variable that is written last: a tile is there when its chunk of it is."""

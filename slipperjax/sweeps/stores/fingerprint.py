@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from ...flow import first_of, versions
-from ...model import scene_to_json
-from ...tools import describe
+from ...flow.datasets import versions
+from ...flow.simulate import first_of
+from ...model.scene_files import scene_to_json
+from ...tools.description import describe
 from ..grid import Grid
-from .tiles import Tiling
+from .target import Tiling
 
 UNSEEN = ("progress", "workers", "chunk")
 """Arguments that change no result."""

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from ...model import Scene
-from ...tools import one_of
+from ...model.scene import Scene
+from ...tools.checks import one_of
 from ..grid import Grid
 from .archive import Archive, asked_of, check_asked, open_archive, open_store
 

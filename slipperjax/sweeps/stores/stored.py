@@ -11,19 +11,21 @@ import jax
 import numpy as np
 import xarray as xr
 
-from ...flow import Interrupted, first_of
-from ...model import Scene
-from ...solvers import calls_lapack, resolve_solver
-from ...tools import available_memory, brief, cores, shown_bytes, warn, whole
+from ...flow.simulate import first_of
+from ...flow.status import Interrupted
+from ...model.scene import Scene
+from ...solvers.choose import resolve_solver
+from ...solvers.latching import calls_lapack
+from ...tools.checks import brief, warn, whole
+from ...tools.limits import available_memory, cores, shown_bytes
 from ..grid import Grid
 from ..plan import LARGEST_CHUNK
 from .archive import Archive, check_asked, make_archive, open_archive, open_store
 from .fingerprint import fingerprint
 from .locks import making, writing
 from .reuse import check_reuse
-from .target import Store, store_of
+from .target import Store, Tiling, store_of, tiling
 from .tasks import Job, run_part, run_tasks
-from .tiles import Tiling, tiling
 
 COPIES = 3.0
 """How often results are in memory while a tile is put together and written."""

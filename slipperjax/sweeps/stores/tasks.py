@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ...flow import ASKED
-from ...model import Scene
-from ...tools import cores
+from ...flow.status import ASKED
+from ...model.scene import Scene
+from ...tools.limits import cores
 from ..executors import all_stopped
 from ..progress import Tally, display
 from .archive import open_archive

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...tools import shown_bytes
+from ...tools.limits import shown_bytes
 from .archive import Archive, asked_of, check_asked, open_archive
 
 

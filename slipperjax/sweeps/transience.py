@@ -14,14 +14,15 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..analysis import classify
-from ..flow import Status, first_problem
-from ..model import COORDINATE_SCALES, State
+from ..analysis.attractor import classify
+from ..flow.status import Status, first_problem
+from ..model.dynamics import State
+from ..model.quantities import COORDINATE_SCALES
 from .attractors import FLOOR
-from .cases import Cases
 from .executors import in_order, run_chunk, run_chunks
-from .measure import LAST, Measure, measured_periods, tangents_cost
+from .grid import Cases
 from .plan import PAUSE, Plan, strobe_plan
+from .reducers import LAST, Measure, measured_periods, tangents_cost
 
 MOTIONS = 4
 """Motions for each case."""

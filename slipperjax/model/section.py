@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools import ShapeChecked, brief, finite, is_traced, not_negative, shown_number, warn_unless_within
+from ..tools.checks import ShapeChecked, brief, finite, not_negative, shown_number, warn_unless_within
+from ..tools.compile import is_traced
 
 _FACES = (("J", "A"), ("B", "C"), ("D", "E"), ("F", "G"), ("H", "I"))
 

@@ -17,14 +17,15 @@ import tomllib
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from ..tools import TYPE, brief, build, check_fields, describe, known_type, type_name, unit_of
+from ..tools.checks import brief, unit_of
+from ..tools.description import TYPE, build, check_fields, describe, known_type, type_name
 from .contact import AbstractContactLaw, AbstractMemory
-from .cross_section import Section
 from .dang2024 import paper_scene
 from .kinematics import Motion
 from .quantities import half_play
 from .scene import Scene, Slipper
 from .scene_text import NUMBERS, START_UNITS, TABLES
+from .section import Section
 from .tracks import AbstractTrack
 
 PARTS: dict[str, type] = dict(

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..tools import one_of, whole
+from ..tools.checks import one_of, whole
 
 THRESHOLD = 15.0
 """Least height of a line above the local floor [dB]. Each bin of white noise exceeds its median by 15 dB with a
