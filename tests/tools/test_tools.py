@@ -81,7 +81,8 @@ def test_functions_are_described_by_name_and_code_in_any_process():
     assert text(nested(2)) == text(nested(2))
     assert " at 0x" not in text(nested(2))
     program = (
-        "from slipperjax.tools.description import describe\ndef f(x, y=2): return [x + k for k in range(y)]\nprint(describe(f))"
+        "from slipperjax.tools.description import describe\n"
+        "def f(x, y=2): return [x + k for k in range(y)]\nprint(describe(f))"
     )
     said = {subprocess.run([sys.executable, "-c", program], capture_output=True, text=True).stdout for _ in range(2)}
     assert len(said) == 1
