@@ -24,7 +24,7 @@ from ..model.dynamics import State
 from ..model.paths import parameter
 from ..model.quantities import Parameter
 from ..model.scene import Scene, check_scene
-from ..solvers.choose import resolve_solver
+from ..solvers.named import resolve_solver
 from ..tools.checks import one_of, shown_number, whole
 from ..tools.compile import is_traced
 from ..tools.files import write_whole

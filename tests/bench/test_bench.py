@@ -135,10 +135,10 @@ def test_labels_stay_inside_the_picture():
 
 
 def test_picture_takes_what_was_measured():
-    points = [point("Rodas3", 1e-2, 10.0, "resting"), point("Rodas3", 1e-3, 20.0, "resting")]
+    points = [point("ROS4", 1e-2, 10.0, "resting"), point("ROS4", 1e-3, 20.0, "resting")]
     ax = draw(points, (241,))
     assert ax.get_title("left").startswith("resting: 241")
-    assert [text.get_text() for text in ax.texts] == ["Rodas3"]
+    assert [text.get_text() for text in ax.texts] == ["ROS4"]
     plt.close(ax.figure)
 
 

@@ -45,7 +45,7 @@ NAN = float("nan")
         (lambda: sj.simulate(sj.paper_scene(), 1, start=3), "slipperjax.State or a slipperjax.Trajectory, but is 3"),
         (
             lambda: sj.simulate(sj.paper_scene(), 1, solver="RK5"),
-            "`solver` must be auto, one of RK4, Tsit5, Rodas3, Rodas4, ROS34PW2, TwoStep, or a solver of diffrax",
+            "`solver` must be one of RK4, Tsit5, Rodas4, ROS34PW2, TwoStep, or a solver of diffrax",
         ),
         (lambda: sj.sweep(sj.paper_scene(), {"speed": []}), "`speed` must be a list of one or more values"),
         (lambda: sj.sweep(sj.paper_scene(), {}), "`grid` must name one or more parameters"),
