@@ -219,7 +219,7 @@ def test_solvers_are_found_by_name():
             ["bifurcation", "--over", "clearance", "-1", "2", "2"],
             "`clearance` must be zero or positive, but is -0.001",
         ),
-        (["simulate", "--solver", "Latching"], "`solver` must be auto, one of RK4"),
+        (["simulate", "--solver", "Latching"], "`solver` must be one of RK4"),
         (["simulate", "--periods", "0"], "`periods` must be a whole number of 1 or more, but is 0"),
         (["simulate", "--steps-per-period", "50", "--saves-per-period", "7"], "`saves_per_period` must divide"),
         (["bifurcation", "--over", "speed", "1", "2"], "--over"),
