@@ -266,10 +266,10 @@ def _kept(store: Path) -> Iterator[None]:
     try:
         yield
     except Interrupted as stop:
-        if stop.dataset is None:
+        if stop.result is None:
             print("nothing is stored yet", file=sys.stderr)
         else:
-            kept = f"{stop.finished} of {stop.cases} cases are in {store}; the same command goes on"
+            kept = f"{stop.finished} of {stop.of} cases are in {store}; the same command goes on"
             print(kept, file=sys.stderr)
         raise
 

@@ -16,7 +16,7 @@ from ..model.kinematics import Motion
 from ..model.quantities import COORDINATE_SCALES, COORDINATES
 from ..orbits.motions import check_forcing
 from ..orbits.periodic import TOLERANCE
-from ..solvers.choose import resolve_solver
+from ..solvers.named import resolve_solver
 from .attractors import attractors, strobe_states
 from .grid import Cases, filled
 from .maps import Maps, rows_of

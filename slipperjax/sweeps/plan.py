@@ -14,8 +14,8 @@ from ..flow.recorders import RECORDERS, STROBE_VALUES, AbstractRecorder, Section
 from ..flow.simulate import step_plan
 from ..flow.stepping import room_for
 from ..model.scene import Scene
-from ..solvers.choose import resolve_solver
 from ..solvers.latching import calls_lapack
+from ..solvers.named import resolve_solver
 from ..tools.checks import one_of, whole, yes_or_no
 from ..tools.limits import cores
 from .grid import Cases, batch_size, filled, refuse_run

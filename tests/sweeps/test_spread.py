@@ -8,7 +8,7 @@ import slipperjax as sj
 from slipperjax.flow.recorders import coordinates
 from slipperjax.flow.status import Status
 from slipperjax.orbits.periodic import PeriodicOrbit
-from slipperjax.solvers.choose import resolve_solver
+from slipperjax.solvers.named import resolve_solver
 from slipperjax.sweeps.attractors import strobe_states
 from slipperjax.sweeps.maps import rows_of, states_of
 from slipperjax.sweeps.spread import spread_orbits, sweep_from

@@ -200,8 +200,8 @@ def test_ctrl_c_leaves_a_store_that_can_be_read(tmp_path, whole, monkeypatch):
     finally:
         ASKED.clear()
         pool.shutdown()
-    ds = caught.value.dataset
-    assert caught.value.cases == 120
+    ds = caught.value.result
+    assert caught.value.of == 120
     assert 30 <= caught.value.finished < 120
     there = ds["status"].values != int(sj.Status.NOT_RUN)
     assert there.sum() == caught.value.finished

@@ -372,8 +372,8 @@ def _runs(wanted: set[str], effort: Effort, progress: bool) -> Iterator[Finished
         for name in left:
             end = ends.get(name)
             error = None if end is None or end.cancelled() else end.exception()
-            if isinstance(error, Interrupted) and error.dataset is not None:
-                data[name]["interrupted"] = error.dataset
+            if isinstance(error, Interrupted) and error.result is not None:
+                data[name]["interrupted"] = error.result
             if data[name]:
                 yield Finished(name, (), Outcome(data[name], {}), time.perf_counter() - begun[name])
         raise

@@ -14,8 +14,8 @@ import xarray as xr
 from ...flow.simulate import first_of
 from ...flow.status import Interrupted
 from ...model.scene import Scene
-from ...solvers.choose import resolve_solver
 from ...solvers.latching import calls_lapack
+from ...solvers.named import resolve_solver
 from ...tools.checks import brief, warn, whole
 from ...tools.limits import available_memory, cores, shown_bytes
 from ..grid import Grid
