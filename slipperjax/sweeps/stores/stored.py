@@ -23,7 +23,6 @@ from ..plan import LARGEST_CHUNK
 from .archive import Archive, check_asked, make_archive, open_archive, open_store
 from .fingerprint import fingerprint
 from .locks import making, writing
-from .reuse import check_reuse
 from .target import Store, Tiling, store_of, tiling
 from .tasks import Job, run_part, run_tasks
 
@@ -93,8 +92,6 @@ def stored(
     inside["chunk"] = options.get("chunk") or LARGEST_CHUNK
     if "start" in inside:
         inside["start"] = first_of(inside["start"])  # a trajectory may be long, and every worker gets it
-    if store.reuse is not None:
-        check_reuse(store.reuse, asked, tuple(checked.axes))
     with writing(store):
         try:
             threads = 1 if executor is not None else (workers or cores())
@@ -109,8 +106,7 @@ def stored(
         named = f"{function.__module__}:{function.__qualname__}"
         # LAPACK must not be called from two threads, and a device computes one batch at a time
         alone = calls_lapack(resolve_solver(scene, options.get("solver")), True) or jax.default_backend() != "cpu"
-        reuse = None if store.reuse is None else store.reuse.absolute()
-        job = Job(store.path.absolute(), named, scene, tuple(checked.axes), checked.product, inside, reuse, alone)
+        job = Job(store.path.absolute(), named, scene, tuple(checked.axes), checked.product, inside, alone)
         try:
             run_tasks(job, todo, executor, workers, bool(options.get("progress")), archive.finished(done))
         except KeyboardInterrupt:

@@ -24,8 +24,6 @@ class Store:
     """Whether what the store holds is deleted first."""
     share: tuple[int, int] | None = None
     """(i, n): compute the i-th of n shares only, i from 1 to n, beside other processes that compute the others."""
-    reuse: Path | None = None
-    """Another store of the same call over other values: cases that it has are copied."""
 
     def __post_init__(self):
         path = Path(self.path)
@@ -35,8 +33,6 @@ class Store:
         if self.tile is not None:
             whole("tile", self.tile, 1)
         yes_or_no("fresh", self.fresh)
-        if self.reuse is not None:
-            object.__setattr__(self, "reuse", Path(self.reuse))
         if self.share is not None:
             i, n = check_share(self.share)
             object.__setattr__(self, "share", (i, n))

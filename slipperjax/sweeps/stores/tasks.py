@@ -20,7 +20,6 @@ from ...tools.limits import cores
 from ..executors import all_stopped
 from ..progress import Tally, display
 from .archive import open_archive
-from .reuse import run_rest
 
 TICK = 0.05
 """Seconds between two looks at the tasks."""
@@ -49,9 +48,7 @@ class Job:
     product: bool
     options: Mapping[str, Any]
     """Arguments besides; `steps_per_period` may be an array over the grid."""
-    reuse: Path | None = None
-    """A store that may have some of the cases."""
-    alone: bool = False
+    alone: bool
     """Whether a process may compute one tile at a time only."""
 
     def __call__(self, number: int) -> None:
@@ -62,7 +59,7 @@ class Job:
         function = getattr(importlib.import_module(module), name)
         region = archive.tiles.region(number)
         with _ALONE if self.alone else nullcontext():
-            ds = run_part(function, self.scene, part, self.product, self.options, region, self.reuse)
+            ds = run_part(function, self.scene, part, self.product, self.options, region)
         try:
             archive.write(number, ds)
         except OSError as error:
@@ -79,13 +76,10 @@ def run_part(
     product: bool,
     options: Mapping[str, Any],
     region: tuple[slice, ...],
-    reuse: Path | None = None,
 ) -> xr.Dataset:
     """The function's results for a part of a grid, whose place in it is `region`."""
     steps = options.get("steps_per_period")
     of_part = {**options, "steps_per_period": np.asarray(steps)[region]} if np.ndim(steps) else options
-    if reuse is not None:
-        return run_rest(function, scene, part, product, of_part, reuse)
     return function(scene, grid=dict(part), **{**of_part, "product": product})
 
 
