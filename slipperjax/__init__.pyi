@@ -70,7 +70,6 @@ from .sweeps.orbits import orbit_sweep as orbit_sweep
 from .sweeps.repeat import repeat as repeat
 from .sweeps.stores.archive import open_store as open_store
 from .sweeps.stores.processes import processes as processes
-from .sweeps.stores.reuse import refined as refined
 from .sweeps.stores.target import Store as Store
 from .sweeps.sweep import sweep as sweep
 from .tools.checks import ImplausibleWarning as ImplausibleWarning

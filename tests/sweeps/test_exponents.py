@@ -11,7 +11,7 @@ from slipperjax.analysis.floquet import largest_exponent
 from slipperjax.flow.status import Status
 from slipperjax.sweeps import exponents, reached
 from slipperjax.sweeps.attractors import attractors
-from slipperjax.sweeps.confirm import confirm_periods
+from slipperjax.sweeps.reached import confirm_periods
 from slipperjax.sweeps.transience import MOTIONS, Votes
 
 SPEEDS = [1100.0, 1250.0, 1500.0, 1800.0, 2100.0, 2300.0]
