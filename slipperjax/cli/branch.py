@@ -147,8 +147,5 @@ def _begun(case: Case, known: Any, ends: Any, period: int, transient: int, optio
 def _followed(call: Callable[[], Any], files: Outputs, draw: Draw) -> Any:
     """The branch that a call finds; of an interrupted one its points are written first."""
 
-    def keep(branch: Any) -> str:
-        return f"{branch.points.sizes['point']} points were found: {files.write_partial(branch.points, draw)}"
-
-    with keeping(keep):
+    with keeping(lambda branch: files.write_partial(branch.points, draw)):
         return on_thread(call, BRANCH_PATIENCE)

@@ -109,8 +109,7 @@ def design(
 
     def keep(found: Any) -> str:
         print(report(found))
-        kept = files.write_partial(found.to_xarray(), _overview)
-        return f"{found.history.sizes['trial']} trials were judged: {kept}"
+        return files.write_partial(found.to_xarray(), _overview)
 
     call = lambda: optimise_design(case.scene, OBJECTIVES[minimise], variables, **options)
     with keeping(keep):

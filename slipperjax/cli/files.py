@@ -100,13 +100,14 @@ class Outputs:
 
 @contextmanager
 def keeping(keep: Callable[[Any], str]) -> Iterator[None]:
-    """Around what can be interrupted: keeps what was found until then, and says so.
+    """Around what can be interrupted: keeps what was finished until then, and says so.
 
-    **Arguments:** `keep`: keeps a result, and gives words about it.
+    **Arguments:** `keep`: keeps a result, and says where it is.
     """
     try:
         yield
     except Interrupted as stop:
-        found = getattr(stop, "design", None) or getattr(stop, "branch", None) or stop.dataset
-        print("nothing was finished: nothing is written" if found is None else keep(found), file=sys.stderr)
+        count = f"{stop.finished or 'no'}{'' if stop.of is None else f' of {stop.of}'} {stop.unit} were finished"
+        kept = "nothing is written" if stop.result is None else keep(stop.result)
+        print(f"{count}: {kept}", file=sys.stderr)
         raise

@@ -165,7 +165,7 @@ def make_case(*, scene: Path | None, solver: str, steps_per_period: int | None, 
     """
     from ..flow.load import load_scene, load_start
     from ..model.dang2024 import paper_scene
-    from ..solvers.choose import resolve_solver
+    from ..solvers.named import resolve_solver
 
     base, start = (paper_scene(), None) if scene is None else (load_scene(scene), load_start(scene))
     made = make_scene(base, **values)

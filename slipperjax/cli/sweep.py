@@ -104,7 +104,7 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
 def sweep(case: Case, over: Axis, by, log, sample, record, periods, store, explain, show, out, transient, **storing):
     """Run every combination of some parameters, or a sample, into a file or a store that survives anything."""
     from ..sweeps.explain import explain as estimate
-    from ..sweeps.stores.upkeep import store_status
+    from ..sweeps.stores.archive import store_status
 
     names = record or ("sections",)
     function = _function(names)
@@ -199,17 +199,12 @@ def _executor(count: int | None, address: str | None) -> Iterator[Any]:
         yield client
 
 
-def _run(function: Callable[..., Any], case: Case, grid: Any, files: Outputs | None, **options: Any) -> Any:
+def _run(function: Callable[..., Any], case: Case, grid: Any, files: Any, **options: Any) -> Any:
     """The result of a sweep; keeps the finished cases of one that is interrupted."""
     store = options.get("store")
 
     def keep(ds: Any) -> str:
-        from ..flow.status import Status
-
-        count = f"{int((ds['status'] != Status.NOT_RUN).sum())} of {ds['status'].size} cases"
-        if store is not None:
-            return f"{count} are in {store.path}; the same command goes on"
-        return f"{count} were finished: {files.write_partial(ds, _draw(ds))}"
+        return files.write_partial(ds, _draw(ds)) if store is None else f"kept in {store.path}; the same command goes on"
 
     with keeping(keep):
         return function(case.scene, grid, progress=True, **case.options, **options)
@@ -297,7 +292,7 @@ path = click.argument("path", type=FILE)
 @path
 def status(path: Path) -> None:
     """Say how far the store PATH is; it may still be growing."""
-    from ..sweeps.stores.upkeep import store_status
+    from ..sweeps.stores.archive import store_status
 
     print(store_status(path))
 
@@ -307,7 +302,7 @@ def status(path: Path) -> None:
 @flag("--repair", "Make damaged tiles absent, so that the next run computes them.")
 def check(path: Path, repair: bool) -> int:
     """Read all of the store PATH, and say what is damaged; exit code 1 where something is."""
-    from ..sweeps.stores.upkeep import check_store, store_status
+    from ..sweeps.stores.archive import check_store, store_status
 
     lines = check_store(path, repair=repair)
     print("\n".join(lines) if lines else f"nothing is damaged: {store_status(path)}")
@@ -320,8 +315,7 @@ def check(path: Path, repair: bool) -> int:
 @out(None, "The picture is OUT.png; default the store's name.", ".png")
 def draw(path: Path, show: str | None, out: Path | None) -> None:
     """Draw the store PATH, which may still be growing."""
-    from ..sweeps.stores.archive import open_store
-    from ..sweeps.stores.upkeep import store_status
+    from ..sweeps.stores.archive import open_store, store_status
 
     _write(open_store(path), Outputs(out or path.with_suffix(""), ".png"), show, whole=False)
     print(store_status(path))
