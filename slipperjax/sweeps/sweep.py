@@ -109,7 +109,7 @@ def sweep(
         return run_chunk(plan, scenes, initial_states(scenes, starts), chunk.steps, on_progress)
 
     runs = run_chunks(chunks, workers, work, periods=plan.work, progress=progress)
-    status, record = records_in_order(chunks, [(run.status, run.record) for run in runs.results])
+    status, records = records_in_order(chunks, [(run.status, run.record) for run in runs.results])
     call = dict(
         function="sweep",
         product=product,
@@ -119,7 +119,7 @@ def sweep(
         saves_per_period=saves_per_period,
         loads=loads,
     )
-    return runs.checked(sweep_dataset(plan, cases, CaseRuns(status, plan.steps, record), call))
+    return runs.checked(sweep_dataset(plan, cases, CaseRuns(status, plan.steps, records), call))
 
 
 class CaseRuns(NamedTuple):
