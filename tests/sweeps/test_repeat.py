@@ -10,6 +10,7 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.flow.load import load_call
+from slipperjax.solvers.named import resolve_solver
 
 SCENE = sj.paper_scene(wavelengths=(8.0, 5.0)).replace(gravity=9.81, **{"section.play.2": 4.3e-4})
 GRID = {"speed": [900.0, 1250.0], "clearance": [1e-3, 2e-3]}
@@ -106,7 +107,7 @@ def test_solvers_come_back_or_say_that_they_do_not():
     for solver in ("RK4", "TwoStep", "Kvaerno3", "diffrax.Tsit5", sj.ROS34PW2()):
         ds = sj.simulate(SCENE, 1, solver=solver, steps_per_period=50, loads=False).to_xarray()
         found = load_call(ds)["solver"]
-        assert eqx.tree_equal(found, sj.solvers.resolve_solver(SCENE, solver))
+        assert eqx.tree_equal(found, resolve_solver(SCENE, solver))
     controller = diffrax.PIDController(rtol=1e-4, atol=1e-6, norm=lambda x: sj.model.scaled_size(x.motion))
     ds = sj.simulate(
         SCENE, 1, solver="Tsit5", stepsize_controller=controller, steps_per_period=50, loads=False
