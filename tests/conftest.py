@@ -1,26 +1,64 @@
-"""Shapes and types of the package's annotations are enforced; broadcasting between ranks must be spelt out."""
+"""Shapes and types of annotations are enforced, and a program is compiled once in a session of tests."""
 
 import importlib
 import os
 import pkgutil
+import shutil
+import tempfile
 
-import jax
-from jaxtyping import install_import_hook
+import pytest
 
-from . import shapes  # noqa: F401  (the hook finds it by its name)
-
-# tests compile for themselves, and leave the user's cache alone
+# tests leave the user's cache alone
 os.environ["SLIPPERJAX_CACHE"] = "off"
-# what broadcasts silently is mostly a mistake
-jax.config.update("jax_numpy_rank_promotion", "raise")
+CACHE = "JAX_COMPILATION_CACHE_DIR"
+"""JAX's own variable: a folder that is given by it is kept, so that a second run compiles nothing."""
+_MADE = []
 
 
 def pytest_configure(config):
     if config.getoption("markexpr") == "benchmark":
-        return  # checks cost time, which benchmarks measure
+        return  # checks cost time, which benchmarks measure, as they measure compiling
+    _share_programs()
+    if config.getoption("numprocesses", None):
+        return  # the tests run in workers, which come here too
+    import jax
+    from jaxtyping import install_import_hook
+
+    from . import shapes  # noqa: F401  (the hook finds it by its name)
+
+    # what broadcasts silently is mostly a mistake
+    jax.config.update("jax_numpy_rank_promotion", "raise")
     with install_import_hook("slipperjax", "tests.shapes.typechecked"):
         import slipperjax
 
         # all of them now, because the package imports its rooms at their first use, when the hook is gone
         for module in pkgutil.walk_packages(slipperjax.__path__, "slipperjax."):
             importlib.import_module(module.name)
+
+
+def pytest_unconfigure():
+    while _MADE:
+        shutil.rmtree(_MADE.pop(), ignore_errors=True)
+
+
+def _share_programs():
+    """Gives one cache to this process and those that it starts, by variables that JAX reads when it is imported."""
+    if CACHE not in os.environ:
+        _MADE.append(tempfile.mkdtemp(prefix="slipperjax_tests_"))
+        os.environ[CACHE] = _MADE[-1]
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+    os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
+    # XLA logs an error for each program that it takes from the cache on processors with AVX-512 (jax #38445)
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+
+
+@pytest.fixture
+def own_cache(monkeypatch):
+    """For tests of the cache itself: no folder of the session, neither here nor in processes that are started."""
+    import jax
+
+    folder = jax.config.jax_compilation_cache_dir
+    monkeypatch.delenv(CACHE, raising=False)
+    jax.config.update("jax_compilation_cache_dir", None)
+    yield
+    jax.config.update("jax_compilation_cache_dir", folder)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import click
 
 from ..model.quantities import PARAMETERS, STARTS
+from ..tools.checks import require
 
 Axis = tuple[str, float, float, int]
 """Parameter, first and last value in its display unit, number of values."""
@@ -210,8 +211,7 @@ def _assigned(scene: Any, text: str) -> tuple[str, float]:
     from ..model.scene_files import parsed
 
     name, equals, value = (part.strip() for part in text.partition("="))
-    if not equals:
-        raise ValueError(f"Option --set must be a name and a value, as in mass=15, but is {text!r}.")
+    require(equals, "--set", "be a name and a value, as in mass=15", text)
     try:
         return name, float(value)
     except ValueError:
@@ -259,8 +259,7 @@ def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = ()) -> dict[str, Any
         refuse_cases(count * math.prod(map(len, grid.values())))  # before the values take the memory
         grid[name] = known.from_shown((np.geomspace if name in log else np.linspace)(first, last, count))
     for name in log:
-        if name not in grid:
-            raise ValueError(f"Option --log must name a parameter of --over or --by, but is {name!r}.")
+        require(name in grid, "--log", "name a parameter of --over or --by", name)
     return grid
 
 

@@ -204,7 +204,9 @@ def _run(function: Callable[..., Any], case: Case, grid: Any, files: Any, **opti
     store = options.get("store")
 
     def keep(ds: Any) -> str:
-        return files.write_partial(ds, _draw(ds)) if store is None else f"kept in {store.path}; the same command goes on"
+        return (
+            files.write_partial(ds, _draw(ds)) if store is None else f"kept in {store.path}; the same command goes on"
+        )
 
     with keeping(keep):
         return function(case.scene, grid, progress=True, **case.options, **options)
