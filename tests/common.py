@@ -11,12 +11,16 @@ import numpy as np
 from scipy.optimize import brentq
 
 import slipperjax as sj
+from slipperjax.model.quantities import COORDINATES
 
 DATA = Path(__file__).parent / "data"
 # 1 mm, 10 mrad, 1 m/s, 10 rad/s: a scaled error of one is the size of the motion
 SCALES = np.array([1e-3] * 2 + [1e-2] * 3 + [1.0] * 2 + [10.0] * 3)
 STEPS = 200
 PERIODS = 6
+FINEST = 3200
+# XLA options for programs that run once: a derivative takes half the time to compile, and is the same
+QUICK = {"xla_backend_optimization_level": 0}
 
 
 def cases(name):
@@ -46,6 +50,48 @@ def columns(trajectory):
 def fine(scene, start=None):
     """Six periods of 200 steps, all saved: one compilation serves many tests."""
     return sj.simulate(scene, PERIODS, steps_per_period=STEPS, saves_per_period=STEPS, start=start)
+
+
+def finest(scene, start=None):
+    """Six periods of 3200 steps, all saved: what shorter runs are compared with; one compilation, too."""
+    return sj.simulate(scene, PERIODS, steps_per_period=FINEST, saves_per_period=FINEST, start=start)
+
+
+LANES = 16
+LANE = dict(
+    speed=1250.0,
+    clearance=1e-3,
+    length=0.2,
+    stiffness=1e8,
+    restitution=0.9,
+    amplitude=1e-3,
+    roll_amplitude=math.radians(0.2),
+    gravity=0.0,
+    **dict(y=0.0, z=0.0, v_y=0.5, v_z=0.5, w_x=0.2, w_y=0.3, w_z=0.4),
+)
+"""A lane of `in_lanes` where nothing else is given: the paper's scene and start."""
+
+
+def lane_scene():
+    """The scene of which the lanes are cases."""
+    return sj.paper_scene().replace(gravity=0.0)
+
+
+def lane_grid(lanes):
+    """The values of up to 16 lanes by name; the last is repeated."""
+    lanes = [*lanes, *[lanes[-1]] * (LANES - len(lanes))]
+    return {name: [lane.get(name, default) for lane in lanes] for name, default in LANE.items()}
+
+
+def in_lanes(lanes, steps, before=0):
+    """States (lanes, 6, 10) at the ends of six periods after `before` (rounded up to tens), and status codes.
+
+    One compilation serves any steps and any values of `LANE`, which each of the `lanes` may replace.
+    """
+    options = dict(product=False, record="strobe", transient=before, periods=PERIODS, chunk=LANES, workers=1)
+    ds = sj.sweep(lane_scene(), lane_grid(lanes), steps_per_period=steps, **options)
+    states = np.stack([ds[name].values for name in COORDINATES], axis=-1)
+    return states[: len(lanes)], ds["status"].values[: len(lanes)]
 
 
 def scaled_errors(trajectory, case, every):

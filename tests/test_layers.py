@@ -23,7 +23,7 @@ FLOORS = [
 ]
 EXPORTING = {"analysis", "design", "flow", "model", "orbits", "plots", "solvers", "sweeps"}
 # JAX alone below; these read and write labelled data, pictures and files
-HEAVY = {"xarray", "zarr", "matplotlib", "dask", "tqdm", "typer", "h5netcdf", "bokeh"}
+HEAVY = {"xarray", "zarr", "matplotlib", "dask", "tqdm", "click", "h5netcdf", "bokeh"}
 MAY_BE_HEAVY = (
     "plots",
     "sweeps",

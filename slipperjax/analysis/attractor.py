@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..tools.checks import whole
+from ..tools.checks import require, whole
 
 KINDS = ("period", "torus", "chaotic", "unresolved")
 """Classes of motions: periodic, quasi-periodic, chaotic, or none of them with certainty."""
@@ -99,10 +99,8 @@ def decay_rate(residual, *, windows=12, floor=0.0) -> Decay:
     """
     r = np.asarray(residual, dtype=float)
     windows = whole("windows", windows, 6)
-    if r.ndim == 0:
-        raise ValueError(f"Argument `residual` must be of shape (*cases, periods), but is {r:g}.")
-    if not floor >= 0:
-        raise ValueError(f"Argument `floor` must be zero or positive, but is {floor!r}.")
+    require(r.ndim != 0, "residual", "be of shape (*cases, periods)", r)
+    require(floor >= 0, "floor", "be zero or positive", floor)
     fits = [_geometric_fit(row, windows, floor) for row in r.reshape(-1, r.shape[-1])]
     return Decay(*np.reshape(np.array(fits, dtype=float).T, (4, *r.shape[:-1])))
 
@@ -165,8 +163,7 @@ def classify(strobe, *, scales=None, max_period=16, tolerance=1e-3, floor=1e-6, 
     if x.shape[-2] < 16:
         raise ValueError(f"Argument `strobe` must be of 16 periods or more, but is of shape {x.shape}.")
     for name, value in (("tolerance", tolerance), ("floor", floor)):
-        if not 0 < value < 1:
-            raise ValueError(f"Argument `{name}` must be above 0 and below 1, but is {value!r}.")
+        require(0 < value < 1, name, "be above 0 and below 1", value)
     cases = [_classify(case, most, tolerance, floor, seed) for case in x.reshape(-1, *x.shape[-2:])]
     return Attractors(*(np.reshape(np.array(column), x.shape[:-2]) for column in zip(*cases, strict=True)))
 
@@ -180,10 +177,8 @@ def _scaled(strobe, scales):
         scales = np.max(np.abs(every), axis=0, initial=0.0, where=np.isfinite(every))
         scales = np.where(scales < 1e-12, 1.0, scales)
     scales = np.asarray(scales, dtype=float)
-    if scales.shape not in ((), x.shape[-1:]):
-        raise ValueError(f"Argument `scales` must be of shape {x.shape[-1:]}, but is {scales.shape}.")
-    if not np.all((scales > 0) & (scales < np.inf)):
-        raise ValueError(f"Argument `scales` must be positive, but is {scales!r}.")
+    require(scales.shape in ((), x.shape[-1:]), "scales", f"be of shape {x.shape[-1:]}", scales.shape)
+    require(np.all((scales > 0) & (scales < np.inf)), "scales", "be positive", scales)
     return x / scales, scales
 
 

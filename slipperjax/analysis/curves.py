@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..tools.checks import brief, shown_number
+from ..tools.checks import require, shown_number
 from ..tools.compile import call_compiled
 from .floquet import solve
 
@@ -282,8 +282,7 @@ def checked_bounds(bounds: Any) -> tuple[float, float]:
         low, high = (float(bound) for bound in bounds)
     except (TypeError, ValueError):
         low, high = np.nan, np.nan
-    if not low < high:
-        raise ValueError(f"Argument `bounds` must be two numbers, the smaller first, but is {brief(bounds)}.")
+    require(low < high, "bounds", "be two numbers, the smaller first", bounds)
     return low, high
 
 

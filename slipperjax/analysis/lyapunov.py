@@ -19,7 +19,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from ..tools.checks import finite, positive, shown_number, unless_traced, whole
+from ..tools.checks import finite, positive, require, shown_number, unless_traced, whole
 from ..tools.compile import call_compiled, is_traced
 from .statistics import kaplan_yorke, standard_error, weighted_mean
 
@@ -43,7 +43,7 @@ class LyapunovSpectrum(eqx.Module):
     period: Float[Array, "*lanes"]
     """Length of a period [s], or in the unit of the system's time."""
     status: Any = None
-    """Status code of the state at the end, such as `slipperjax.flow.Status`; None where it was not checked."""
+    """Status code of the state at the end, such as `slipperjax.Status`; None where it was not checked."""
 
     def __repr__(self) -> str:
         if is_traced(self.history) or np.ndim(self.history) != 2:
@@ -224,8 +224,7 @@ def map_spectrum(
     state = check_state(state)
     size = sum(leaf.size for leaf in jax.tree.leaves(state))
     count = size if count is None else whole("count", count, 1)
-    if count > size:
-        raise ValueError(f"Argument `count` must be at most {size}, the size of the state, but is {count}.")
+    require(count <= size, "count", f"be at most {size}, the size of the state", count)
     intervals, align = whole("intervals", intervals, 1), whole("align", align, 0)
     index, transient = unless_traced(finite("index"), index), whole("transient", transient, 0)
     periods = unless_traced(positive("periods"), periods)
@@ -273,14 +272,12 @@ def _run(functions, static, state, tangents, index, distance):
 def check_functions(step: Any, scale: Any) -> None:
     """Raises `ValueError` unless both are callable; `scale` may be None."""
     for name, value in (("step", step), ("scale", scale)):
-        if not callable(value) and not (name == "scale" and value is None):
-            raise ValueError(f"Argument `{name}` must be a function, but is {value!r}.")
+        require(callable(value) or (name == "scale" and value is None), name, "be a function", value)
 
 
 def check_state(state: Any) -> Any:
     """`state` as arrays of floats; raises `ValueError` unless it is a pytree of finite real numbers."""
-    if not jax.tree.leaves(state):
-        raise ValueError(f"Argument `state` must be a pytree of real numbers, but is {state!r}.")
+    require(jax.tree.leaves(state), "state", "be a pytree of real numbers", state)
     return jax.tree.map(lambda leaf: unless_traced(finite("state"), leaf), state)
 
 

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..tools.checks import finite, positive, unless_traced, whole
+from ..tools.checks import finite, positive, require, unless_traced, whole
 from .lyapunov import LyapunovSpectrum, map_spectrum
 
 
@@ -60,10 +60,8 @@ def ode_step(
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
-    if not callable(vector_field):
-        raise ValueError(f"Argument `vector_field` must be a function, but is {vector_field!r}.")
-    if solver is not None and not isinstance(solver, diffrax.AbstractSolver):
-        raise ValueError(f"Argument `solver` must be a diffrax solver, but is {solver!r}.")
+    require(callable(vector_field), "vector_field", "be a function", vector_field)
+    require(solver is None or isinstance(solver, diffrax.AbstractSolver), "solver", "be a diffrax solver", solver)
     steps = whole("steps", steps, 1)
     duration = steps * unless_traced(positive("dt"), dt)
     solver = diffrax.Tsit5() if solver is None else solver
@@ -158,7 +156,6 @@ def switched_step(
     **Raises:** `ValueError` that names the argument which is wrong.
     """
     for name, function in (("above", above), ("below", below), ("surface", surface)):
-        if not callable(function):
-            raise ValueError(f"Argument `{name}` must be a function, but is {function!r}.")
+        require(callable(function), name, "be a function", function)
     dt, t0 = unless_traced(positive("dt"), dt), unless_traced(finite("t0"), t0)
     return SwitchedStep(above, below, surface, jnp.asarray(dt), jnp.asarray(t0), whole("steps", steps, 1))

@@ -1,16 +1,15 @@
-"""Regions of a plane of two parameters between curves, on a grid, and how well a prediction agrees with what is seen.
+"""Regions of a plane of two parameters between curves, on a grid.
 
 A region is found from the curves alone: two neighbouring grid points belong to one region where no curve passes
 between them. So a prediction from curves knows nothing of the motions at the grid points, and can be wrong there.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..tools.checks import shown_number
+from ..tools.checks import require
 
 Points = Float[np.ndarray, "_ 2"]
 """A curve: its points in their order, one column per parameter; NaN between parts that are apart."""
@@ -60,71 +59,9 @@ def holding(
     return np.isin(label, list(found))
 
 
-def beside(
-    x: Float[np.ndarray, " n"], y: Float[np.ndarray, " m"], curves: Sequence[Points]
-) -> Bool[np.ndarray, "n m"]:
-    """The grid points between which and one of their four neighbours a curve passes: a band of one cell along it on
-    either side."""
-    along_x, along_y = _blocked(_rising("x", x), _rising("y", y), curves)
-    found = np.zeros((len(x), len(y)), bool)
-    for first, second, blocked in (
-        (np.s_[:-1], np.s_[1:], along_x),
-        (np.s_[:, :-1], np.s_[:, 1:], along_y),
-    ):
-        found[first] |= blocked
-        found[second] |= blocked
-    return found
-
-
-class Agreement(NamedTuple):
-    """How many cells agree, and where those lie that do not."""
-
-    cells: int
-    """Those that are known."""
-    agreeing: int
-    beside: int
-    """Cells beside a curve."""
-    agreeing_beside: int
-
-    @property
-    def percent(self) -> float:
-        """Share of agreeing cells [%]; NaN without cells."""
-        return _percent(self.agreeing, self.cells)
-
-    @property
-    def percent_beside(self) -> float:
-        """That of the cells beside a curve [%]."""
-        return _percent(self.agreeing_beside, self.beside)
-
-    @property
-    def percent_away(self) -> float:
-        """That of all other cells [%]."""
-        return _percent(self.agreeing - self.agreeing_beside, self.cells - self.beside)
-
-
-def agreement(
-    predicted: Bool[np.ndarray, "n m"],
-    seen: Bool[np.ndarray, "n m"],
-    band: Bool[np.ndarray, "n m"],
-    known: Bool[np.ndarray, "n m"] | None = None,
-) -> Agreement:
-    """Counts the cells in which a prediction and what is seen agree.
-
-    **Arguments:** `band`: cells beside a curve, see `beside`; `known`: cells that count, by default all.
-    """
-    known = np.ones(np.shape(predicted), bool) if known is None else known
-    equal, near = (predicted == seen) & known, band & known
-    return Agreement(int(known.sum()), int(equal.sum()), int(near.sum()), int((equal & near).sum()))
-
-
-def _percent(part: int, whole: int) -> float:
-    return 100 * part / whole if whole else float("nan")
-
-
 def _rising(name: str, values: np.ndarray) -> np.ndarray:
     values = np.asarray(values, float)
-    if values.ndim != 1 or not np.all(np.diff(values) > 0):
-        raise ValueError(f"Argument `{name}` must be values that rise, but is {shown_number(values)}.")
+    require(values.ndim == 1 and np.all(np.diff(values) > 0), name, "be values that rise", values)
     return values
 
 

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
-from ..tools.checks import finite, number, positive, unless_traced, whole
+from ..tools.checks import finite, number, positive, require, unless_traced, whole
 from ..tools.compile import call_compiled, is_traced
 from .curves import AbstractEquations, Evaluation
 from .floquet import jacobians, solve
@@ -234,8 +234,7 @@ class PeriodicMotions(AbstractEquations):
     def place(self, state: Any, *values: Any) -> Array:
         """The unknowns from a state and values of the parameters."""
         flat = ravel_pytree(state)[0]
-        if flat.size != self.size:
-            raise ValueError(f"Argument `state` must have {self.size} numbers as `like` has, but has {flat.size}.")
+        require(flat.size == self.size, "state", f"have {self.size} numbers as `like` has", flat.size)
         return jnp.concatenate([flat, jnp.asarray(values, float)])
 
     def state(self, z: Array) -> Any:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..tools.checks import one_of, whole
+from ..tools.checks import one_of, require, whole
 
 THRESHOLD = 15.0
 """Least height of a line above the local floor [dB]. Each bin of white noise exceeds its median by 15 dB with a
@@ -236,6 +236,5 @@ def _positive(name: str, value) -> float:
         number = float(value)
     except (TypeError, ValueError):
         raise ValueError(f"Argument `{name}` must be a positive number, but is {value!r}.") from None
-    if not 0 < number < np.inf:
-        raise ValueError(f"Argument `{name}` must be positive, but is {number:g}.")
+    require(0 < number < np.inf, name, "be positive", number)
     return number

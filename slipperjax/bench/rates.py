@@ -29,7 +29,7 @@ from ..solvers.explicit import RK4
 from ..solvers.rosenbrock import Rodas4
 from ..sweeps.grid import Cases
 from ..sweeps.plan import CHUNK_OF_DEVICE, LARGEST_CHUNK
-from ..tools.checks import brief, one_of, whole
+from ..tools.checks import one_of, require, whole
 from ..tools.compile import compiler_options
 from ..tools.files import table_lines
 from ..tools.limits import cores
@@ -187,8 +187,7 @@ def kernels_per_step(text: str) -> int | None:
 
 def rows(rates: Sequence[Rate]) -> list[str]:
     """The rates as lines of a table in Markdown."""
-    if not rates:
-        raise ValueError(f"Argument `rates` must hold a rate, but is {brief(rates)}.")
+    require(rates, "rates", "hold a rate", rates)
     return table_lines(
         [
             {

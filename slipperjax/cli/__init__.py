@@ -4,19 +4,17 @@ import gc
 import sys
 import warnings
 
-from .commands import app as app
+import click
+
+from . import branch, design, simulate, study, sweep  # noqa: F401  (each adds its commands)
 from .interrupts import Signals, ignore_signals, leave
+from .root import INTERRUPTED, WRONG
+from .root import app as app
 
 
 def _one_line(message, category, filename, lineno, file=None, line=None) -> None:
     """Shows a warning as the command line shows errors."""
     print("warning: " + " ".join(str(message).split()), file=sys.stderr)
-
-
-INTERRUPTED = 130
-"""Exit code after Ctrl-C."""
-WRONG = 2
-"""Exit code after an error."""
 
 
 def _spare_collector() -> None:
@@ -38,10 +36,10 @@ def main(arguments: list[str] | None = None) -> None:
         _spare_collector()
     with Signals() as signals:
         try:
-            code = _called(arguments, signals)
+            code = _called(sys.argv[1:] if arguments is None else arguments, signals)
         except KeyboardInterrupt:
             code = INTERRUPTED
-        if signals.code is not None or code == INTERRUPTED:  # typer returns this for an interrupt during a command
+        if signals.code is not None or code == INTERRUPTED:
             if signals.code is not None:
                 ignore_signals()
                 code = signals.code
@@ -53,17 +51,18 @@ def main(arguments: list[str] | None = None) -> None:
     sys.exit(code)
 
 
-def _called(arguments: list[str] | None, signals: Signals) -> int:
+def _called(arguments: list[str], signals: Signals) -> int:
     """The exit code of a command; says what is wrong with it."""
     try:
-        given = sys.argv[1:] if arguments is None else arguments
-        code = app(args=given or ["--help"], standalone_mode=False)
+        code = app(args=arguments or ["--help"], prog_name="slipperjax", standalone_mode=False)
         return code if isinstance(code, int) else 0
+    except click.exceptions.Abort:
+        return INTERRUPTED
     except Exception as error:
-        usage = hasattr(error, "format_message")
+        usage = isinstance(error, click.ClickException)
         # what an interrupt breaks on its way is no error of its own
         if not usage and not isinstance(error, ValueError | OSError) and signals.code is None:
             raise
-        text = error.format_message() if usage else str(error)  # type: ignore[union-attr]
+        text = error.format_message() if usage else str(error)
         print("error: " + " ".join(text.split()), file=sys.stderr)
         return WRONG

@@ -2,22 +2,36 @@
 
 import importlib
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from ..flow.status import Interrupted
 from ..tools.files import listed, said, write_each
-from .options import make_folder
 from .waiting import while_compiling
+
+Draw = Callable[[Any], Any]
+"""Makes a picture of a dataset."""
 
 PARTIAL = "_partial"
 """What is added to the name of what an interrupt left: a name without it is that of a whole result."""
 
 
-def drawn_by(name: str) -> Callable[[Any], Any]:
-    """A function of `slipperjax.plots`, which is imported when it draws: compiling need not wait for it."""
-    return lambda ds: getattr(importlib.import_module("slipperjax.plots"), name)(ds)
+def make_folder(folder: Path, out: Path) -> None:
+    """Makes the folder to write into, before anything long is begun.
+
+    **Raises:** `ValueError` where it cannot be made or written to.
+    """
+    if out == Path(""):
+        raise ValueError("Option --out must name a file or folder, but is empty.")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise ValueError(f"Option --out must name a place that can be written, but {out}: {error}") from error
 
 
 def _import_writers() -> None:
@@ -34,7 +48,7 @@ def _import_writers() -> None:
         pass
 
 
-def _picture(ds: Any, draw: Callable[[Any], Any]) -> bytes:
+def _picture(ds: Any, draw: Draw) -> bytes:
     """What `draw` makes of a dataset, as the content of a PNG file."""
     import matplotlib
     import numpy as np
@@ -64,34 +78,36 @@ class Outputs:
         if old:
             print(f"{listed(old)} will be replaced", file=sys.stderr)
 
-    def write(self, ds: Any, draw: Callable[[Any], Any], picture: Path | None = None) -> None:
+    def write(self, ds: Any, draw: Draw | None, picture: Path | None = None) -> None:
         """Writes a dataset as OUT.nc, and what `draw` makes of it as OUT.png or with the name `picture`."""
         print(self._write(ds, draw, self.out, picture))
 
-    def _write(self, ds: Any, draw: Callable[[Any], Any], out: Path, beside: Path | None = None) -> str:
-        # made in memory: HDF5 loses the whole process where a disk is full
-        data = lambda: ds.to_netcdf(engine="h5netcdf")
-        return said(write_each({Path(f"{out}.nc"): data, Path(f"{beside or out}.png"): lambda: _picture(ds, draw)}))
-
-    def draw(self, ds: Any, draw: Callable[[Any], Any]) -> None:
+    def draw(self, ds: Any, draw: Draw) -> None:
         """Writes what `draw` makes of a dataset as OUT.png."""
         print(said(write_each({Path(f"{self.out}.png"): lambda: _picture(ds, draw)})))
 
-    def write_partial(self, ds: Any, draw: Callable[[Any], Any]) -> str:
+    def write_partial(self, ds: Any, draw: Draw | None) -> str:
         """Writes what an interrupt left as OUT_partial.nc and .png, and says so."""
         return self._write(ds, draw, self.out.with_name(self.out.name + PARTIAL))
 
-    @contextmanager
-    def keeping(self, draw: Callable[[Any], Any]) -> Iterator[None]:
-        """Around a sweep: writes the finished cases of one that is interrupted as OUT_partial.nc and .png."""
-        from ..flow.status import Interrupted
+    def _write(self, ds: Any, draw: Draw | None, out: Path, beside: Path | None = None) -> str:
+        # made in memory: HDF5 loses the whole process where a disk is full
+        contents: dict[Path, Any] = {Path(f"{out}.nc"): lambda: ds.to_netcdf(engine="h5netcdf")}
+        if draw is not None:
+            contents[Path(f"{beside or out}.png")] = lambda: _picture(ds, draw)
+        return said(write_each(contents))
 
-        try:
-            yield
-        except Interrupted as stop:
-            if stop.result is None:
-                print("no case was finished: nothing is written", file=sys.stderr)
-            else:
-                kept = self.write_partial(stop.result, draw)
-                print(f"{stop.finished} of {stop.of} cases were finished: {kept}", file=sys.stderr)
-            raise
+
+@contextmanager
+def keeping(keep: Callable[[Any], str]) -> Iterator[None]:
+    """Around what can be interrupted: keeps what was finished until then, and says so.
+
+    **Arguments:** `keep`: keeps a result, and says where it is.
+    """
+    try:
+        yield
+    except Interrupted as stop:
+        count = f"{stop.finished or 'no'}{'' if stop.of is None else f' of {stop.of}'} {stop.unit} were finished"
+        kept = "nothing is written" if stop.result is None else keep(stop.result)
+        print(f"{count}: {kept}", file=sys.stderr)
+        raise

@@ -1,34 +1,80 @@
-"""Options of the command line: their types and help, and what they stand for in the package."""
+"""Options that commands share: their types and help, and what they stand for in the package."""
 
 import dataclasses
 import functools
-import inspect
 import math
-import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
-import typer
+import click
 
 from ..model.quantities import PARAMETERS, STARTS
+from ..tools.checks import require
 
-GridAxis = tuple[str, float, float, int]
+Axis = tuple[str, float, float, int]
 """Parameter, first and last value in its display unit, number of values."""
 
-
-def _help(name: str, more: str = "") -> str:
-    """The help text of a parameter's option: what it is, and its display unit."""
-    q = PARAMETERS[name]
-    return f"{q.long_name[0].upper()}{q.long_name[1:]}{more or f' [{q.display_unit}]'}."
+FILE = click.Path(path_type=Path)
 
 
-def without(*endings: str) -> Callable[[Path], Path]:
-    """A callback of an option: the path without an ending that the command adds itself."""
-    return lambda path: path.with_suffix("") if path.suffix.lower() in endings else path
+class Whole(click.IntRange):
+    """Whole numbers from a least one on."""
+
+    name = "integer"
 
 
-_NAMES, _STARTS = (", ".join(f"{n} [{q.display_unit}]" for n, q in known.items()) for known in (PARAMETERS, STARTS))
+COUNT, FROM_ZERO = Whole(1), Whole(0)
+
+
+def option(name: str, type: Any, text: str, **more: Any) -> Callable[..., Any]:
+    """An option of a command; `text` is its help."""
+    return click.option(name, type=type, help=text, **more)
+
+
+def flag(name: str, text: str) -> Callable[..., Any]:
+    """An option without a value."""
+    return click.option(name, is_flag=True, help=text)
+
+
+def _with_units(names: dict[str, Any]) -> str:
+    return ", ".join(f"{name} [{q.display_unit}]" for name, q in names.items())
+
+
+def axis(name: str, text: str, **more: Any) -> Callable[..., Any]:
+    """An option that spans values of a parameter."""
+    return option(name, (str, float, float, COUNT), text, metavar="NAME FIRST LAST COUNT", **more)
+
+
+def bounds(name: str, text: str, **more: Any) -> Callable[..., Any]:
+    """An option that bounds a parameter."""
+    text += f" Parameters: {_with_units(PARAMETERS)}; and paths in SI units such as section.play.2."
+    return option(name, (str, float, float), text, metavar="NAME LOW HIGH", **more)
+
+
+def out(default: str | None, text: str, *endings: str) -> Callable[..., Any]:
+    """The option --out, without an ending that the command adds itself."""
+
+    def without(ctx: click.Context, parameter: click.Parameter, path: Path | None) -> Path | None:
+        return path.with_suffix("") if path is not None and path.suffix.lower() in endings else path
+
+    return option("--out", FILE, text, default=default, callback=without)
+
+
+def result(default: str) -> Callable[..., Any]:
+    """The option --out of commands that write a dataset and a picture."""
+    return out(default, "Where to write: makes OUT.nc and OUT.png.", ".nc", ".png")
+
+
+over = axis(
+    "--over",
+    f"Parameter, first and last value, number of values. Parameters: {_with_units(PARAMETERS)}; of the start: "
+    f"{_with_units(STARTS)}; and paths in SI units such as section.play.2.",
+    required=True,
+)
+log = option(
+    "--log", str, "A parameter of --over or --by with logarithmic spacing; repeat for several.", multiple=True
+)
 
 PAPER: dict[str, Any] = {
     "speed": 1250.0,
@@ -38,159 +84,125 @@ PAPER: dict[str, Any] = {
     "gravity": "none",
     "stiffness": 1e8,
     "restitution": 0.9,
+    "wavelength": 8.0,
     "amplitude": 1.0,
     "roll_amplitude": 0.2,
-    "wavelength": 8.0,
     "memory": "event",
 }
 """Values of the paper's scene in display units, for help texts."""
 
 
-def _default(name: str) -> str:
+def _of_case(name: str, type: Any = float, text: str = "", **more: Any) -> Callable[..., Any]:
+    """An option that overrides what the scene's file says."""
+    if not text:
+        q = PARAMETERS[name]
+        unit = ", above 0 and at most 1" if name == "restitution" else f" [{q.display_unit}]"
+        text = f"{q.long_name[0].upper()}{q.long_name[1:]}{unit}."
     value = PAPER[name]
-    return f"{value if isinstance(value, str) else format(value, 'g')}, or the scene file's"
+    shown = f"{value if isinstance(value, str) else format(value, 'g')}, or the scene file's"
+    return option(f"--{name.replace('_', '-')}", type, text, show_default=shown, **more)
 
 
-Steps = Annotated[int | None, typer.Option(help="Integration steps per forcing period; default from the scene.")]
-Out = Annotated[
-    Path,
-    typer.Option(help="Where to write: makes OUT.nc and OUT.png.", callback=without(".nc", ".png")),
-]
-Over = Annotated[
-    GridAxis,
-    typer.Option(
-        help=f"Parameter, first and last value, number of values. Parameters: {_NAMES}; of the start: {_STARTS}; and "
-        f"paths in SI units such as section.play.2."
+CASE: dict[str, Callable[..., Any]] = {
+    "scene": option("--scene", FILE, "A TOML file of a scene, or a result's netCDF file."),
+    **{name: _of_case(name) for name in PAPER if name not in ("wavelength", "memory")},
+    "wavelength": _of_case(
+        "wavelength", float, "Irregularity wavelength [m]; repeat for several.", multiple=True, default=None
     ),
-]
-By = Annotated[GridAxis | None, typer.Option(help="A second parameter likewise: makes a regime map.")]
-Log = Annotated[
-    list[str] | None, typer.Option(help="A parameter of --over or --by with logarithmic spacing; repeat for both.")
-]
-Solver = Annotated[
-    str,
-    typer.Option(help="RK4, Tsit5, Rodas4, ROS34PW2, TwoStep, or one of diffrax's."),
-]
+    "memory": _of_case("memory", click.Choice(["event", "smooth"]), "How contacts remember their touchdown."),
+    "set": option(
+        "--set",
+        str,
+        "Any other number of the scene, as in 'section.play.2=0.4 mm'; without a unit in SI.",
+        multiple=True,
+    ),
+    "solver": option("--solver", str, "RK4, Tsit5, Rodas4, ROS34PW2, TwoStep, or one of diffrax's.", default="RK4"),
+    "steps_per_period": option(
+        "--steps-per-period", COUNT, "Integration steps per forcing period; default from the scene."
+    ),
+}
+"""Options that describe the case, which override what the scene's file says, and its steps."""
 
 
 class Case(NamedTuple):
-    """What the options of `takes_case` make."""
+    """A case as options describe it."""
 
     scene: Any
     start: Any
     """A motion, or None for Table 2's."""
     solver: Any
+    steps_per_period: int | None
+    """None for the scene's own."""
 
-
-def _number(name: str, more: str = "") -> Any:
-    return Annotated[float | None, typer.Option(help=_help(name, more), show_default=_default(name))]
-
-
-CASE_OPTIONS: dict[str, Any] = {
-    "scene": Annotated[
-        Path | None,
-        typer.Option(help="A TOML file of a scene, or a result's netCDF file.", show_default=False),
-    ],
-    "speed": _number("speed"),
-    "clearance": _number("clearance"),
-    "length": _number("length"),
-    "mass": _number("mass"),
-    "gravity": _number("gravity"),
-    "stiffness": _number("stiffness"),
-    "restitution": _number("restitution", ", above 0 and at most 1"),
-    "wavelength": Annotated[
-        list[float] | None,
-        typer.Option(help="Irregularity wavelength [m]; repeat for several.", show_default=_default("wavelength")),
-    ],
-    "amplitude": _number("amplitude"),
-    "roll_amplitude": _number("roll_amplitude"),
-    "set": Annotated[
-        list[str] | None,
-        typer.Option(help="Any other number of the scene, as in 'section.play.2=0.4 mm'; without a unit in SI."),
-    ],
-    "memory": Annotated[
-        str | None,
-        typer.Option(help="How contacts remember their touchdown: event or smooth.", show_default=_default("memory")),
-    ],
-    "solver": Solver,
-}
-"""Options that describe the case; each overrides what the scene's file says."""
-DEFAULTS = dict.fromkeys(CASE_OPTIONS) | {"solver": "RK4"}
+    @property
+    def options(self) -> dict[str, Any]:
+        """All but the scene, as the package's functions take it."""
+        return dict(start=self.start, solver=self.solver, steps_per_period=self.steps_per_period)
 
 
 def takes_case(command: Callable[..., Any]) -> Callable[..., Any]:
-    """A command with the options of `CASE_OPTIONS` besides its own, which gets what they make as `case`."""
-    return taking(command, "case", make_case, CASE_OPTIONS, DEFAULTS)
-
-
-def taking(
-    command: Callable[..., Any],
-    name: str,
-    make: Callable[..., Any],
-    options: Mapping[str, Any],
-    defaults: Mapping[str, Any],
-) -> Callable[..., Any]:
-    """A command with further options, which gets what `make` makes of their values as its argument `name`."""
+    """A command with the options of `CASE` besides its own, which gets what they describe as `case`."""
 
     @functools.wraps(command)
     def call(**given: Any) -> Any:
-        of_case = {option: given.pop(option) for option in options}
-        return command(**{name: make(**of_case)}, **given)
+        case = make_case(**{name: given.pop(name) for name in CASE})
+        return command(case=case, **given)
 
-    kind = inspect.Parameter.KEYWORD_ONLY
-    own = [p.replace(kind=kind) for key, p in inspect.signature(command).parameters.items() if key != name]
-    more = [inspect.Parameter(key, kind, default=defaults[key], annotation=a) for key, a in options.items()]
-    call.__signature__ = inspect.Signature([*own, *more])  # type: ignore[attr-defined]  # which typer reads
-    call.__annotations__ = {p.name: p.annotation for p in (*own, *more)}
+    for add in reversed(CASE.values()):
+        call = add(call)
     return call
 
 
-def make_case(*, scene: Path | None, solver: str, **values: Any) -> Case:
+def given(*names: str) -> list[str]:
+    """Those of a command's options that stand on its command line, as they are written there."""
+    source = click.get_current_context().get_parameter_source
+    return [f"--{name.replace('_', '-')}" for name in names if source(name) is click.core.ParameterSource.COMMANDLINE]
+
+
+def make_case(*, scene: Path | None, solver: str, steps_per_period: int | None, **values: Any) -> Case:
     """The case that options describe.
 
     **Raises:** `ValueError` that names the argument or option which is wrong.
     """
     from ..flow.load import load_scene, load_start
+    from ..model.dang2024 import paper_scene
+    from ..solvers.named import resolve_solver
 
-    start = None
-    if scene is not None:
-        base, start = load_scene(scene), load_start(scene)
-    found = make_scene(None if scene is None else base, **values)
-    return Case(found, start, make_solver(solver, found))
+    base, start = (paper_scene(), None) if scene is None else (load_scene(scene), load_start(scene))
+    made = make_scene(base, **values)
+    return Case(made, start, resolve_solver(made, solver), steps_per_period)
 
 
 def make_scene(
-    base: Any = None, *, memory: str | None = None, wavelength: Any = None, set: Any = None, **values: float | None
+    scene: Any,
+    *,
+    memory: str | None = None,
+    wavelength: Sequence[float] | None = (),
+    set: Sequence[str] = (),
+    **values: float | None,
 ) -> Any:
     """A scene with the values of options.
 
-    **Arguments:** `base`: the scene without them, default the paper's; `memory`: of `--memory`; `wavelength`: [m];
-    `set`: texts such as section.play.2=0.4 mm; `values`: parameters by name, in display units, None for those of
-    the base.
+    **Arguments:** `memory`: event or smooth; `wavelength`: [m]; `set`: texts such as section.play.2=0.4 mm; `values`:
+    parameters by name, in display units, None for those of the scene.
 
     **Raises:** `ValueError` that names the argument or option which is wrong.
     """
     from ..model.contact import EventLatch, SmoothSwitch
-    from ..model.dang2024 import paper_scene
     from ..model.tracks import HarmonicTrack
 
-    scene = paper_scene() if base is None else base
-    memories = {"event": EventLatch, "smooth": SmoothSwitch}
     if memory is not None:
-        if memory not in memories:
-            raise ValueError(f"Option --memory must be event or smooth, but is {memory!r}.")
-        scene = dataclasses.replace(scene, memory=memories[memory]())
+        scene = dataclasses.replace(scene, memory=SmoothSwitch() if memory == "smooth" else EventLatch())
     if wavelength:
         if not isinstance(scene.track, HarmonicTrack):
             raise ValueError(f"Option --wavelength needs a HarmonicTrack, but the track is {scene.track!r}.")
         scene = dataclasses.replace(scene, track=dataclasses.replace(scene.track, wavelengths=tuple(wavelength)))
-    in_si = {name: PARAMETERS[name].from_shown(value) for name, value in values.items() if value is not None}
-    given = [*in_si.items(), *(_assigned(scene, text) for text in set or ())]
-    names = [name for name, _ in given]
-    for name in names:
-        if names.count(name) > 1:
+    pairs = [(name, PARAMETERS[name].from_shown(value)) for name, value in values.items() if value is not None]
+    for name, value in [_assigned(scene, text) for text in set]:
+        if name in dict(pairs):
             raise ValueError(f"Option --set must not give {name}, which another option gives, too.")
-    return scene.replace(**dict(given))
+        pairs.append((name, value))
+    return scene.replace(**dict(pairs))
 
 
 def _assigned(scene: Any, text: str) -> tuple[str, float]:
@@ -199,42 +211,35 @@ def _assigned(scene: Any, text: str) -> tuple[str, float]:
     from ..model.scene_files import parsed
 
     name, equals, value = (part.strip() for part in text.partition("="))
-    if not equals:
-        raise ValueError(f"Option --set must be a name and a value, as in mass=15, but is {text!r}.")
+    require(equals, "--set", "be a name and a value, as in mass=15", text)
     try:
         return name, float(value)
     except ValueError:
         return name, parsed(name, value, parameter(name, scene).unit)
 
 
-def make_solver(name: str, scene: Any) -> Any:
-    """A solver by its name.
+def parameter_of(option: str, scene: Any, name: str, starts: dict[str, Any] | None = None) -> Any:
+    """The parameter with which an option begins.
 
-    **Raises:** `ValueError` for a name that is no solver's, or a solver that does not suit the scene.
-    """
-    from ..solvers.named import resolve_solver
-
-    return resolve_solver(scene, name)
-
-
-def axis_of(option: str, text: str) -> GridAxis:
-    """A parameter, its first and last value and their number, from text such as "speed 100 2500 241".
+    **Arguments:** `starts`: coordinates of the start, where they may be named.
 
     **Raises:** `ValueError` that names the option.
     """
-    try:
-        name, first, last, count = text.split()
-        return name, float(first), float(last), int(count)
-    except ValueError:
+    from ..model.paths import parameter
+
+    known = PARAMETERS | (starts or {})
+    if name not in known and "." not in name:
         raise ValueError(
-            f"Option {option} must be a parameter, its first and last value, and how many, but is {text!r}."
-        ) from None
+            f"Option {option} must begin with one of {', '.join(known)}, or a path such as section.play.2, but is "
+            f"{name!r}."
+        )
+    return known[name] if name in known else parameter(name, scene)
 
 
-def make_grid(*axes: GridAxis | None, log: Sequence[str] | None = None) -> dict[str, Any]:
+def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = ()) -> dict[str, Any]:
     """Values in SI units by parameter name; those named by `log` in equal ratios.
 
-    **Arguments:** `axes`: of `--over` and of each `--by`, or None where it was not given.
+    **Arguments:** `axes`: of `--over` and of each `--by`.
 
     **Raises:** `ValueError` that names the option which is wrong.
     """
@@ -243,44 +248,31 @@ def make_grid(*axes: GridAxis | None, log: Sequence[str] | None = None) -> dict[
     from ..sweeps.grid import refuse_cases
 
     grid = {}
-    for k, axis in enumerate(axes):
-        if axis is None:
-            continue
-        (name, first, last, count), named = axis, "--by" if k else "--over"
-        known = PARAMETERS.get(name) or STARTS.get(name)
-        if known is None and "." not in name:
-            raise ValueError(
-                f"Option {named} must begin with one of {', '.join((*PARAMETERS, *STARTS))}, or a path such as "
-                f"section.play.2, but is {name!r}."
-            )
-        if count < 1:
-            raise ValueError(f"Option {named} must end with a number of values of 1 or more, but is {count}.")
-        if known is not None and not np.all(np.isfinite((first, last))):
-            known.checked(known.from_shown(first if not np.isfinite(first) else last))
+    for name, first, last, count in axes:
+        option = "--by" if grid else "--over"
+        known = parameter_of(option, scene, name, STARTS)
         if name in grid:
             raise ValueError(f"Option --by must name another parameter than --over, but is {name!r} too.")
-        if name in (log or ()) and not min(first, last) > 0:
-            raise ValueError(f"Option --log {name} needs values above zero, but {named} has {min(first, last):g}.")
+        if name in log and not min(first, last) > 0:
+            raise ValueError(f"Option --log {name} needs values above zero, but {option} has {min(first, last):g}.")
+        known.check(name, known.unit)(known.from_shown(np.array([first, last])))
         refuse_cases(count * math.prod(map(len, grid.values())))  # before the values take the memory
-        space = np.geomspace if name in (log or ()) else np.linspace
-        values = space(first, last, count)
-        grid[name] = values if known is None else known.from_shown(values)
-    for name in log or ():
-        if name not in grid:
-            raise ValueError(f"Option --log must name a parameter of --over or --by, but is {name!r}.")
+        grid[name] = known.from_shown((np.geomspace if name in log else np.linspace)(first, last, count))
+    for name in log:
+        require(name in grid, "--log", "name a parameter of --over or --by", name)
     return grid
 
 
-def make_folder(folder: Path, out: Path) -> None:
-    """Makes the folder to write into, before anything long is begun.
+def make_bounds(option: str, scene: Any, name: str, low: float, high: float) -> tuple[Any, tuple[float, float]]:
+    """A parameter, and bounds of its values [SI unit].
 
-    **Raises:** `ValueError` where it cannot be made or written to.
+    **Raises:** `ValueError` that names the option or the parameter which is wrong.
     """
-    if out == Path(""):
-        raise ValueError("Option --out must name a file or folder, but is empty.")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise ValueError(f"Option --out must name a place that can be written, but {out}: {error}") from error
+    known = parameter_of(option, scene, name)
+    ends = tuple(float(known.checked(known.from_shown(end))) for end in (low, high))
+    if not low < high:
+        raise ValueError(
+            f"Option {option} must have two bounds, the smaller first, but has {low:g} to {high:g} "
+            f"{known.display_unit}."
+        )
+    return known, ends

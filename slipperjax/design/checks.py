@@ -13,7 +13,7 @@ from ..model.dynamics import initial_state
 from ..model.paths import parameter
 from ..orbits.branches import OrbitBranch, continue_orbit
 from ..orbits.periodic import periodic_orbit
-from ..tools.checks import brief, number, positive, whole
+from ..tools.checks import number, positive, require, whole
 from .maps import objective_sweep
 from .optimise import Design
 
@@ -100,8 +100,7 @@ def event_margins(
             branch = continue_orbit(scene, name, bounds, start=orbit, **how_far, **how)
             for direction, label, met in _first_events(branch, value):
                 rows.append((case, name, direction, label, met, met - value, (met - value) / abs(value)))
-    if not rows:
-        raise ValueError(f"Argument `cases` must name cases on orbits, but is {brief(cases)}.")
+    require(rows, "cases", "name cases on orbits", cases)
     fields = ("case", "parameter", "direction", "label", "value", "change", "relative")
     columns = {name: ("margin", list(column)) for name, column in zip(fields, zip(*rows, strict=True), strict=True)}
     units = [parameter(row[1], problem.scene).unit for row in rows]

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from ..flow.course import Course
 from ..model.quantities import ACCELERATIONS, COORDINATES, Quantity
-from ..tools.checks import brief, number, one_of, positive
+from ..tools.checks import brief, number, one_of, positive, require
 
 ORDER = 32
 """Default order of the power means that stand for greatest values [1]."""
@@ -115,8 +115,7 @@ def of_point(course: Course, values: Float[Array, "*first 2 points"], point: str
         return values
     names = course.scene.section.names
     places = {f"{name}{end + 1}": (end, k) for end in range(2) for k, name in enumerate(names)}
-    if point not in places:
-        raise ValueError(f"Argument `point` must be one of {', '.join(places)}, but is {brief(point)}.")
+    require(point in places, "point", f"be one of {', '.join(places)}", point)
     return values[..., *places[point]]
 
 

@@ -17,7 +17,7 @@ from ..model.scene import Scene, check_scene
 from ..orbits.motions import check_forcing
 from ..solvers.named import resolve_solver
 from ..sweeps.grid import Cases
-from ..tools.checks import brief, instance, one_of, whole, yes_or_no
+from ..tools.checks import brief, instance, one_of, require, whole, yes_or_no
 from .ensembles import Spread
 from .judge import Judged, Memory, Question, judge
 from .methods import Faced
@@ -146,8 +146,7 @@ def checked_problem(
     objective = objective_named(objective)
     bounds = _checked_bounds(scene, variables)
     over = {} if over is None else over
-    if not isinstance(over, Mapping):
-        raise ValueError(f"Argument `over` must name parameters with their values, but is {brief(over)}.")
+    require(isinstance(over, Mapping), "over", "name parameters with their values", over)
     both = [name for name in over if name in bounds]
     if both:
         raise ValueError(f"Argument `over` must name other parameters than `variables`, but has {both[0]}.")
@@ -171,14 +170,12 @@ def checked_problem(
 
 
 def _checked_bounds(scene: Scene, variables: Any) -> dict[str, tuple[float, float]]:
-    if not isinstance(variables, Mapping) or not variables:
-        raise ValueError(f"Argument `variables` must name parameters with their bounds, but is {brief(variables)}.")
+    require(isinstance(variables, Mapping) and variables, "variables", "name parameters with their bounds", variables)
     found = {}
     for name, pair in variables.items():
         known = parameter(name, scene)
         known.check_exists(scene)
-        if np.shape(pair) != (2,):
-            raise ValueError(f"Argument `{name}` must be a lower and an upper bound, but is {brief(pair)}.")
+        require(np.shape(pair) == (2,), name, "be a lower and an upper bound", pair)
         low, high = (float(v) for v in np.asarray(known.checked(pair)))
         if not low < high:
             raise ValueError(
@@ -192,8 +189,7 @@ def _checked_bounds(scene: Scene, variables: Any) -> dict[str, tuple[float, floa
 def _checked_limits(constraints: Any) -> tuple[Limits, ...]:
     if constraints is None:
         return ()
-    if not isinstance(constraints, Mapping):
-        raise ValueError(f"Argument `constraints` must map objectives to limits, but is {brief(constraints)}.")
+    require(isinstance(constraints, Mapping), "constraints", "map objectives to limits", constraints)
     found = []
     for name, given in constraints.items():
         objective = objective_named(name)
@@ -223,8 +219,7 @@ def first_designs(problem: Problem, starts: Any, seed: int) -> Float[np.ndarray,
             )
         given = np.array([[float(one[name]) for name in names] for one in starts])
         found = (given - problem.low) / problem.width
-        if np.any((found < 0) | (found > 1) | np.isnan(found)):
-            raise ValueError(f"Argument `starts` must lie within the bounds, but is {brief(starts)}.")
+        require(not np.any((found < 0) | (found > 1) | np.isnan(found)), "starts", "lie within the bounds", starts)
         return found
     count = whole("starts", starts, 1)
     own = (np.array([float(problem.scene.value(name)) for name in names]) - problem.low) / problem.width

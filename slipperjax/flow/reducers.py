@@ -14,7 +14,7 @@ from ..model.dynamics import Args, State, state_and_penetration
 from ..model.kinematics import contact_points
 from ..model.quantities import ACCELERATIONS, COORDINATES, LOADS, SECTIONS
 from ..model.scene import Scene
-from ..tools.checks import brief, one_of, whole
+from ..tools.checks import brief, one_of, require, whole
 from .poincare import highest_point
 from .recorders import STROBE_VALUES, attributes, places, stacked
 from .reducing import AbstractReducer, PeriodView, Stretch
@@ -277,10 +277,7 @@ class Reduced(AbstractReducer):
     """Description in a few words."""
 
     def __post_init__(self):
-        if not callable(self.function):
-            raise ValueError(
-                f"Argument `function` must be a function of (t, state, args), but is {brief(self.function)}."
-            )
+        require(callable(self.function), "function", "be a function of (t, state, args)", self.function)
         for name in ("name", "units", "text"):
             if not isinstance(getattr(self, name), str):
                 raise ValueError(f"Argument `{name}` must be a text, but is {brief(getattr(self, name))}.")
@@ -288,8 +285,7 @@ class Reduced(AbstractReducer):
             hash(self.function)
         except TypeError:
             raise ValueError(f"Argument `function` must be hashable, but is {brief(self.function)}.") from None
-        if not self.name.isidentifier():
-            raise ValueError(f"Argument `name` must be a name such as spring_force, but is {brief(self.name)}.")
+        require(self.name.isidentifier(), "name", "be a name such as spring_force", self.name)
         one_of("over", self.over, tuple(_OVER))
 
     @property

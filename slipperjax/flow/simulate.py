@@ -19,7 +19,7 @@ from ..model.quantities import quantity
 from ..model.scene import Scene, check_scene
 from ..model.step_size import traced_steps_per_period
 from ..solvers.named import check_error_estimate, resolve_controller, resolve_solver
-from ..tools.checks import instance, shown_number, whole, yes_or_no
+from ..tools.checks import instance, require, shown_number, whole, yes_or_no
 from ..tools.compile import is_traced, jit
 from ..tools.description import describe
 from ..tools.limits import refuse_impossible
@@ -48,8 +48,7 @@ class Probe(NamedTuple):
 def check_probe(probe: Any, *values: Any) -> int:
     """The number of periods to repeat; raises `ValueError` where it is none, or positive under a transformation."""
     probe = whole("probe", probe, 0)
-    if probe and is_traced(values):
-        raise ValueError(f"Argument `probe` must be 0 under jit, vmap or grad, but is {probe}.")
+    require(not (probe and is_traced(values)), "probe", "be 0 under jit, vmap or grad", probe)
     return probe
 
 
@@ -181,7 +180,7 @@ class Trajectory(eqx.Module):
     steps_taken: Int[Array, " periods"]
     """Steps tried in each forcing period, those included that an adaptive controller rejected."""
     status: Int[Array, ""]
-    """0 where nothing is wrong, else see `slipperjax.flow.Status`."""
+    """0 where nothing is wrong, else see `slipperjax.Status`."""
     loads: Loads | None
     """Contact loads of each forcing period, over every step, arrays (periods, ...); None where switched off."""
     call: str = eqx.field(static=True, default="{}")
@@ -388,8 +387,7 @@ def step_plan(scene: Scene, steps: int | None, saves: int | None) -> tuple[Any, 
     steps = whole("steps_per_period", steps, 1)
     if saves is None:
         return steps, (50 if steps % 50 == 0 else steps)
-    if steps % saves:
-        raise ValueError(f"Argument `saves_per_period` must divide steps_per_period = {steps}, but is {saves}.")
+    require(steps % saves == 0, "saves_per_period", f"divide steps_per_period = {steps}", saves)
     return steps, saves
 
 

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import brief, shown_number
+from ..tools.checks import brief, require, shown_number
 from ..tools.compile import is_traced
 from ..tools.fused import materialise
 from .quantities import COORDINATES
@@ -57,8 +57,7 @@ class Motion(eqx.Module):
     def from_euler(*, y=0.0, z=0.0, roll=0.0, pitch=0.0, yaw=0.0, v_y=0.0, v_z=0.0, w_x=0.0, w_y=0.0, w_z=0.0):
         """A motion from positions [m], Euler angles of Eq. (2) [rad], velocities [m/s] and spins [rad/s]."""
         for name, angle in (("roll", roll), ("pitch", pitch), ("yaw", yaw)):
-            if not is_traced(angle) and not _is_real(angle):
-                raise ValueError(f"Argument `{name}` must be a real number [rad], but is {brief(angle)}.")
+            require(is_traced(angle) or _is_real(angle), name, "be a real number [rad]", angle)
         q = quaternion_from_euler(roll, pitch, yaw)
         return Motion(y, z, *q, v_y, v_z, w_x, w_y, w_z)
 

@@ -11,11 +11,11 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import (
     ShapeChecked,
-    brief,
     instance,
     not_negative,
     optional,
     positive,
+    require,
     shown_number,
     unless_traced,
     warn_unless_within,
@@ -113,8 +113,7 @@ class Scene(ShapeChecked):
         scene, known = self, [parameter(name, self) for name in values]
         refuse_undone(known, self)
         for one, value in zip(known, values.values(), strict=True):
-            if np.size(value) == 0:
-                raise ValueError(f"Argument `{one.name}` must be one or more values, but is {brief(value)}.")
+            require(np.size(value) != 0, one.name, "be one or more values", value)
             scene = one.replaced(scene, unless_traced(one.check(one.name, one.unit), value))
         scene.warn_unless_plausible(known)
         return scene

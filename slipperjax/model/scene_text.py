@@ -1,9 +1,9 @@
-"""Scenes written as TOML text; `slipperjax.model.scene_file` reads them."""
+"""Scenes written as TOML text; `slipperjax.model.scene_files` reads them."""
 
 import json
 from typing import Any
 
-from ..tools.checks import brief, unit_of
+from ..tools.checks import brief, require, unit_of
 from ..tools.description import TYPE, describe
 from .quantities import COORDINATES
 
@@ -53,8 +53,7 @@ class _Written(str):
 
 def _written(value: Any) -> str:
     """A value as TOML; JSON writes texts, numbers, booleans and lists alike."""
-    if isinstance(value, dict):
-        raise ValueError(f"Argument `scene` must have no parts within parts in TOML, but has {brief(value)}.")
+    require(not isinstance(value, dict), "scene", "have no parts within parts in TOML", value)
     return json.dumps(value)
 
 

@@ -25,7 +25,7 @@ from ..model.paths import parameter
 from ..model.quantities import Parameter
 from ..model.scene import Scene, check_scene
 from ..solvers.named import resolve_solver
-from ..tools.checks import one_of, shown_number, whole
+from ..tools.checks import one_of, require, shown_number, whole
 from ..tools.compile import is_traced
 from ..tools.files import write_whole
 from .branch_data import BranchEvent
@@ -239,8 +239,7 @@ def continue_event(
     one_of("event", event.label, CURVES)
     scene, call = branch.scene, load_call(branch.points)
     own, other = branch.parameter, parameter(name, scene)
-    if other.name == own.name:
-        raise ValueError(f"Argument `name` must be another parameter than the branch's, but is {name!r}.")
+    require(other.name != own.name, "name", "be another parameter than the branch's", name)
     limits = (bounds_of(own, call["bounds"] if first_bounds is None else first_bounds), bounds_of(other, bounds))
     value = float(scene.value(name))
     if not limits[1][0] <= value <= limits[1][1]:

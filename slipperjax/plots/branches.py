@@ -14,6 +14,7 @@ from matplotlib.patheffects import withStroke
 from ..analysis.events import MEANINGS
 from ..flow.load import varied_names
 from ..model.quantities import COORDINATES, SECTIONS
+from ..tools.checks import require
 from .bifurcations import bifurcation
 from .style import (
     COLORS,
@@ -220,8 +221,7 @@ def branches(ds: Any, quantity: str = "v_z", brute: xr.Dataset | None = None, ax
 
 def check_quantity(quantity: str) -> None:
     """Raises `ValueError` where branches have no such quantity."""
-    if quantity not in QUANTITIES:
-        raise ValueError(f"Argument `quantity` must be one of {', '.join(QUANTITIES)}, but is {quantity!r}.")
+    require(quantity in QUANTITIES, "quantity", f"be one of {', '.join(QUANTITIES)}", quantity)
 
 
 def check_brute(brute: Any, name: str, quantity: str) -> None:

@@ -10,6 +10,7 @@ import xarray as xr
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, withStroke
 
+from ..tools.checks import require
 from .branches import DASHED, EVENT_NAMES, SOLID
 from .maps import attractor_map, regime_map
 from .style import axis_label, check_dataset, legend_above, name_case, new_axes, shown, styled, swept
@@ -92,8 +93,7 @@ def _all(ds: Any) -> list[xr.Dataset]:
     for one in found:
         check_dataset(one, SOURCE, "outside")
         label = one.attrs.get("label")
-        if label not in CURVE_COLORS:
-            raise ValueError(f"Argument `ds` must have a label of {', '.join(CURVE_COLORS)}, but has {label!r}.")
+        require(label in CURVE_COLORS, "ds", f"have a label of {', '.join(CURVE_COLORS)}", label)
         check_dataset(one, SOURCE, *_parameters(one))
     return found
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from ..model.dynamics import LatchedField, vector_field
 from ..model.scene import Scene
-from ..tools.checks import brief
+from ..tools.checks import brief, require
 from .explicit import RK4, Tsit5
 from .latching import AbstractLatchingSolver, Latching, estimates_error
 from .rosenbrock import ROS34PW2, Rodas4
@@ -53,8 +53,7 @@ def resolve_solver(scene: Scene, solver: diffrax.AbstractSolver | str | None) ->
         solver = solver_named(solver)
     if isinstance(solver, type):
         raise ValueError(f"Argument `solver` must be a solver, as in {solver.__name__}(), but is the class.")
-    if not isinstance(solver, diffrax.AbstractSolver):
-        raise ValueError(f"Argument `solver` must be a diffrax solver or the name of one, but is {brief(solver)}.")
+    require(isinstance(solver, diffrax.AbstractSolver), "solver", "be a diffrax solver or the name of one", solver)
     if isinstance(solver, AbstractLatchingSolver):
         return solver
     return Latching(solver) if isinstance(vector_field(scene), LatchedField) else with_root_finder(solver)

@@ -37,7 +37,7 @@ class ChunkRun(NamedTuple):
     state: State
     """The states at the end, with a leading axis of lanes."""
     status: Int[np.ndarray, " lanes"]
-    """`slipperjax.flow.Status` codes."""
+    """`slipperjax.Status` codes."""
     record: Any
     """What the plan's recorder collected, arrays (lanes, samples, ...)."""
 

@@ -93,7 +93,7 @@ def follow(
     # one worker: each begins where the one before ended
     runs = run_chunks(chunks, 1, work, periods=plan.work, progress=progress)
     steps = in_order(chunks, [np.full(len(ways), chunk.steps) for chunk in chunks])
-    status, record = records_in_order(chunks, [(run.status, run.record) for run in runs.results])
+    status, records = records_in_order(chunks, [(run.status, run.record) for run in runs.results])
     call = dict(
         function="follow",
         values=len(values),
@@ -104,7 +104,7 @@ def follow(
         steps_per_period=steps_per_period,
         saves_per_period=saves_per_period,
     )
-    found = CaseRuns(status, steps, record)
+    found = CaseRuns(status, steps, records)
     return runs.checked(sweep_dataset(plan, cases, found, call, {"direction": list(directions)}))
 
 

@@ -17,7 +17,7 @@ from ..model.quantities import STARTS, Parameter
 from ..model.scene import Scene, check_scene
 from ..model.step_size import rounded_steps, steps_needed
 from ..tools.batching import Batched
-from ..tools.checks import brief, one_of, whole, yes_or_no
+from ..tools.checks import brief, one_of, require, whole, yes_or_no
 from ..tools.compile import jit
 from ..tools.limits import cores, refuse_impossible
 
@@ -67,14 +67,13 @@ class Grid:
     """Lengths of `dims`."""
 
     def __init__(self, scene: Scene, grid: Mapping[str, Any], *, product: bool = True):
-        """**Arguments:** `grid`: values by name, of `slipperjax.model.PARAMETERS` or `STARTS`, in SI units.
+        """**Arguments:** `grid`: values by name, of `slipperjax.PARAMETERS` or `STARTS`, in SI units.
 
         **Raises:** `ValueError` for a wrong name, an empty axis, a bad value, or lists of several lengths side by
         side.
         """
         self.scene = check_scene(scene)
-        if not isinstance(grid, Mapping) or not grid:
-            raise ValueError(f"Argument `grid` must name one or more parameters with their values, but is {grid!r}.")
+        require(isinstance(grid, Mapping) and grid, "grid", "name one or more parameters with their values", grid)
         self.axes = {name: _values(scene, name, raw) for name, raw in grid.items()}
         self.product = yes_or_no("product", product)
         lengths = tuple(len(v) for v in self.axes.values())
@@ -140,7 +139,7 @@ class Cases(Grid):
         """**Arguments:**
 
         - `scene`: the case whose parameters are varied.
-        - `grid`: values by name, of `slipperjax.model.PARAMETERS` or `STARTS`, in SI units.
+        - `grid`: values by name, of `slipperjax.PARAMETERS` or `STARTS`, in SI units.
         - `start`: the motion or state at time zero, where the grid does not vary it.
         - `product`: whether every combination is a case, or the lists are read side by side.
 
@@ -209,8 +208,7 @@ def path_cases(scene: Scene, path: Mapping[str, Any], start: Motion | State) -> 
 
     **Raises:** `ValueError` for several parameters, a coordinate of the start, or values that do not increase.
     """
-    if not isinstance(path, Mapping) or len(path) != 1:
-        raise ValueError(f"Argument `path` must name one parameter with increasing values, but is {path!r}.")
+    require(isinstance(path, Mapping) and len(path) == 1, "path", "name one parameter with increasing values", path)
     cases = Cases(scene, path, start)
     name, values = next(iter(cases.axes.items()))
     if len(cases.axes) > 1 or name in STARTS or np.any(np.diff(values) <= 0):
@@ -248,8 +246,7 @@ def sample_box(
     """
     from scipy.stats import qmc
 
-    if not isinstance(box, Mapping) or not box:
-        raise ValueError(f"Argument `box` must name one or more parameters with their bounds, but is {brief(box)}.")
+    require(isinstance(box, Mapping) and box, "box", "name one or more parameters with their bounds", box)
     count, of = whole("count", count, 1), paper_scene() if scene is None else scene
     low, high = np.array([_bounds(of, name, ends) for name, ends in box.items()]).T
     rng, dimensions = np.random.default_rng(whole("seed", seed, 0)), len(box)

@@ -109,7 +109,7 @@ def sweep(
         return run_chunk(plan, scenes, initial_states(scenes, starts), chunk.steps, on_progress)
 
     runs = run_chunks(chunks, workers, work, periods=plan.work, progress=progress)
-    status, record = records_in_order(chunks, [(run.status, run.record) for run in runs.results])
+    status, records = records_in_order(chunks, [(run.status, run.record) for run in runs.results])
     call = dict(
         function="sweep",
         product=product,
@@ -119,14 +119,14 @@ def sweep(
         saves_per_period=saves_per_period,
         loads=loads,
     )
-    return runs.checked(sweep_dataset(plan, cases, CaseRuns(status, plan.steps, record), call))
+    return runs.checked(sweep_dataset(plan, cases, CaseRuns(status, plan.steps, records), call))
 
 
 class CaseRuns(NamedTuple):
     """All cases after their runs, with a leading axis of cases."""
 
     status: Int[np.ndarray, " cases"]
-    """`slipperjax.flow.Status` codes."""
+    """`slipperjax.Status` codes."""
     steps: Int[np.ndarray, " cases"]
     """Integration steps per forcing period."""
     record: Any

@@ -26,6 +26,21 @@ def brief(value: Any) -> str:
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 
+def require(ok: Any, name: str, need: str, value: Any) -> None:
+    """Raises `ValueError` "Argument `name` must `need`, but is `value`." unless `ok`.
+
+    **Arguments:** `name`: of the argument, or of an option such as --over; `need`: begins with a verb, such as "be
+    positive"; after "have" the message ends with "but has `value`".
+    """
+    if not ok:
+        of, verb = (
+            f"Option {name}" if name.startswith("--") else f"Argument `{name}`",
+            "has" if need[:4] == "have" else "is",
+        )
+        shown = f"{value:g}" if isinstance(value, float | np.floating) else brief(value)
+        raise ValueError(f"{of} must {need}, but {verb} {shown}.")
+
+
 @dataclasses.dataclass(frozen=True)
 class Check:
     """A field converter to an array of any shape, which requires numbers of some kind; `optional` lets None pass."""
@@ -90,22 +105,19 @@ def unit_of(kind: type, field: str) -> str:
 def number(check: Callable[[str, str], Check], name: str, value: Any, unit: str = "") -> float:
     """A single number that passes `check`, such as `positive`; raises `ValueError` otherwise."""
     found = check(name, unit)(value)
-    if found.ndim:
-        raise ValueError(f"Argument `{name}` must be one number, but is {brief(value)}.")
+    require(found.ndim == 0, name, "be one number", value)
     return float(np.asarray(value, float))  # and not of `found`, which inside jit is traced
 
 
 def yes_or_no(name: str, value: Any) -> bool:
     """`value`, which must be True or False; raises `ValueError` otherwise."""
-    if not isinstance(value, bool | np.bool_):
-        raise ValueError(f"Argument `{name}` must be True or False, but is {brief(value)}.")
+    require(isinstance(value, bool | np.bool_), name, "be True or False", value)
     return bool(value)
 
 
 def instance(name: str, value: Any, kind: type, text: str) -> Any:
     """`value`, which must be of a class, called `text` in the `ValueError` otherwise."""
-    if not isinstance(value, kind):
-        raise ValueError(f"Argument `{name}` must be {text}, but is {brief(value)}.")
+    require(isinstance(value, kind), name, f"be {text}", value)
     return value
 
 
@@ -145,15 +157,13 @@ def unless_traced(check: Callable[[Any], jax.Array], value: Any) -> jax.Array:
 def whole(name: str, value: Any, least: int) -> int:
     """`value` as an `int` of at least `least`; raises `ValueError` otherwise."""
     ok = isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least
-    if not ok:
-        raise ValueError(f"Argument `{name}` must be a whole number of {least} or more, but is {value!r}.")
+    require(ok, name, f"be a whole number of {least} or more", value)
     return int(value)
 
 
 def one_of(name: str, value: Any, choices: tuple[str, ...]) -> str:
     """`value`, which must be one of `choices`; raises `ValueError` otherwise."""
-    if not isinstance(value, str) or value not in choices:
-        raise ValueError(f"Argument `{name}` must be one of {', '.join(choices)}, but is {brief(value)}.")
+    require(isinstance(value, str) and value in choices, name, f"be one of {', '.join(choices)}", value)
     return value
 
 

@@ -1,62 +1,92 @@
-"""Tangents through many touchdowns against central differences, and why the latch is interpolated."""
+"""Tangents through many touchdowns against central differences, in both modes, and why the latch is interpolated."""
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.flow.simulate import MOST_UNKNOWN, default_steps
+from slipperjax.model.kinematics import MOTION_SCALES
 
-from ..common import SCALES
+from ..common import QUICK, STEPS, fine
 
 NAMES = ("clearance", "length", "speed", "stiffness", "restitution", "v_y", "w_x")
 VALUES = np.array([1e-3, 0.2, 1250.0, 1e8, 0.9, 0.5, 0.2])
-STEPS = 100
+PERIODS = 2
+NEWTONS = 1e4
+"""The scale of forces."""
 
 
-def end_state(values, adjoint, steps=STEPS, memory=None):
-    """The ten states after three periods, scaled, from parameters relative to `VALUES`."""
+def case(values, **options):
+    """Scene and start from parameters relative to `VALUES`."""
     p = dict(zip(NAMES, values * VALUES, strict=True))
-    scene = sj.paper_scene(memory=memory).replace(**{k: p[k] for k in NAMES[:5]})
-    start = sj.Motion(v_y=p["v_y"], v_z=0.5, w_x=p["w_x"], w_y=0.3, w_z=0.4)
-    state = sj.initial_state(scene, start)
-    end = sj.period_map(scene, state, periods=3, steps_per_period=steps, adjoint=adjoint).motion
-    q_scales = np.concatenate([SCALES[:2], SCALES[2:5] / 2, SCALES[5:]])
-    return jnp.stack(jax.tree.leaves(end)) / q_scales
+    scene = sj.paper_scene(**options).replace(**{k: p[k] for k in NAMES[:5]})
+    return scene, sj.Motion(v_y=p["v_y"], v_z=0.5, w_x=p["w_x"], w_y=0.3, w_z=0.4)
+
+
+def scaled(motion):
+    return jnp.stack(jax.tree.leaves(jax.tree.map(lambda v, scale: v / scale, motion, MOTION_SCALES)))
+
+
+def outcome(values):
+    """The ten states after two periods and the peak force until then, scaled."""
+    scene, start = case(values)
+    run = sj.simulate(scene, PERIODS, steps_per_period=STEPS, saves_per_period=1, start=start)
+    return jnp.append(scaled(run.end.motion), run.peak.force / NEWTONS)
+
+
+def outcome_of_fine(values):
+    """The same by the program of other tests."""
+    run = fine(*case(values))
+    end = jax.tree.map(lambda a: a[PERIODS * STEPS], run.state.motion)
+    return np.append(scaled(end), np.max(run.loads.peak_force[:PERIODS]) / NEWTONS)
 
 
 @pytest.fixture(scope="module")
 def forward():
-    return np.asarray(jax.jit(jax.jacfwd(lambda v: end_state(v, diffrax.ForwardMode())))(jnp.ones(7)))
+    return np.asarray(jax.jit(jax.jacfwd(outcome), compiler_options=QUICK)(jnp.ones(7)))
 
 
-def test_forward_mode_is_the_derivative_of_the_map(forward):
-    run = jax.jit(jax.vmap(lambda v: end_state(v, diffrax.ForwardMode())))
-
+def test_forward_mode_is_the_derivative_of_states_and_peak_force(forward):
     def differences(h):
         shifts = np.concatenate([np.eye(7), -np.eye(7)]) * h
-        out = np.asarray(run(1 + shifts))
+        out = np.stack([outcome_of_fine(1 + shift) for shift in shifts])
         return (out[:7] - out[7:]).T / (2 * h)
 
     central = (4 * differences(1e-6) - differences(2e-6)) / 3
-    size = np.abs(central).max(axis=0)
-    assert np.all(size > 1e-2)  # every parameter has an effect
-    assert np.all(np.isfinite(forward))
-    worst = np.max(np.abs(forward - central) / size)
-    assert worst < 1e-5, worst
+    for found, expected in ((forward[:10], central[:10]), (forward[10:], central[10:])):
+        size = np.abs(expected).max(axis=0)
+        assert np.all(size > 1e-2)  # every parameter has an effect
+        assert np.all(np.isfinite(found))
+        worst = np.max(np.abs(found - expected) / size)
+        assert worst < 1e-5, worst
 
 
-@pytest.mark.slow
-def test_reverse_mode_agrees_with_forward_mode(forward):
-    cotangent = jnp.cos(jnp.arange(10.0))  # one combination of the states, as their Jacobian would need ten passes
-
-    def combination(values):
-        return cotangent @ end_state(values, diffrax.RecursiveCheckpointAdjoint())
-
-    reverse = jax.jit(jax.grad(combination))(jnp.ones(7))
+def test_reverse_mode_agrees_with_forward_mode_under_jit_and_vmap(forward):
+    cotangent = jnp.cos(jnp.arange(11.0))  # one combination, as the Jacobian would need eleven passes
+    gradient = jax.grad(lambda values: cotangent @ outcome(values))
+    reverse = jax.jit(jax.vmap(gradient), compiler_options=QUICK)(jnp.ones((2, 7)).at[0, 0].set(1.1))
     expected = np.asarray(cotangent) @ forward
-    np.testing.assert_allclose(reverse, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(reverse[1], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+    assert np.all(np.isfinite(reverse[0]))
+
+
+def test_default_steps_are_known_where_scenes_are_merely_differentiated():
+    """Under jvp and grad the scene's numbers are there; under jit and vmap the number of steps is traced."""
+    seen = []
+
+    def steps(speed):
+        seen.append(default_steps(sj.paper_scene(stiffness=1e11).replace(speed=speed), None))
+        return speed
+
+    expected = sj.default_steps_per_period(sj.paper_scene(stiffness=1e11))
+    jax.jvp(steps, (1250.0,), (1.0,))
+    jax.grad(steps)(1250.0)
+    assert seen == [expected] * 2
+    assert expected == 500
+    traced = lambda stiffness: default_steps(sj.paper_scene().replace(stiffness=stiffness), None)
+    assert jax.jit(jax.vmap(traced))(jnp.array([1e11, 1e14])).tolist() == [expected, MOST_UNKNOWN]
 
 
 class StepEndLatch(sj.EventLatch):
@@ -68,15 +98,19 @@ class StepEndLatch(sj.EventLatch):
 
 
 @pytest.mark.slow
-def test_a_latch_at_the_steps_end_has_wrong_tangents(forward):
-    starts = np.array([5, 6])  # the tangents with respect to the start, v_y and w_x
-    basis = jnp.eye(7)[starts]
-    truth = forward[:, starts]  # of the interpolated latch: its own error at these steps is below 2e-2
+def test_a_latch_at_the_steps_end_has_wrong_tangents():
+    basis = jnp.eye(7)[5:]  # the tangents with respect to the start, v_y and w_x
 
-    def error(steps):
-        run = lambda v: end_state(v, diffrax.ForwardMode(), steps, StepEndLatch())
-        tangents = jax.jit(jax.vmap(lambda t: jax.jvp(run, (jnp.ones(7),), (t,))[1]))(basis)
-        return np.abs(np.asarray(tangents).T - truth).max() / np.abs(truth).max()
+    def tangents(steps, **options):
+        def run(values):
+            scene, start = case(values, **options)
+            state = sj.initial_state(scene, start)
+            return scaled(sj.period_map(scene, state, periods=3, steps_per_period=steps).motion)
 
-    assert error(STEPS) > 5e-2
-    assert error(4 * STEPS) > 5e-2  # shorter steps do not help
+        found = jax.jit(jax.vmap(lambda t: jax.jvp(run, (jnp.ones(7),), (t,))[1]))(basis)
+        return np.asarray(found)
+
+    truth = tangents(100)  # of the interpolated latch: its own error at these steps is below 2e-2
+    for steps in (100, 400):  # shorter steps do not help
+        error = np.abs(tangents(steps, memory=StepEndLatch()) - truth).max() / np.abs(truth).max()
+        assert error > 5e-2

@@ -1,4 +1,7 @@
-"""JAX's transformations around public functions, nested in any order, with default arguments."""
+"""JAX's transformations around public functions, nested in any order, with default arguments.
+
+All are slow; what is fast is in `test_derivatives`.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -8,52 +11,46 @@ import pytest
 import slipperjax as sj
 from slipperjax.flow.period_map import PeriodMap
 
+pytestmark = pytest.mark.slow
 STEPS = 50
 
 
+def scene_at(speed):
+    return sj.paper_scene().replace(speed=speed)
+
+
 def last_velocity(speed):
-    scene = sj.paper_scene().replace(speed=speed)
-    return sj.simulate(scene, 1, steps_per_period=STEPS, saves_per_period=10).state.motion.v_y[-1]
+    run = sj.simulate(scene_at(speed), 1, steps_per_period=STEPS, saves_per_period=10)
+    return run.state.motion.v_y[-1]
 
 
 def mapped(speed):
-    scene = sj.paper_scene().replace(speed=speed)
-    state = sj.initial_state(scene, sj.table_2_start())
-    return sj.period_map(scene, state, steps_per_period=STEPS).motion.v_y
+    scene = scene_at(speed)
+    return sj.period_map(scene, sj.initial_state(scene, sj.table_2_start()), steps_per_period=STEPS).motion.v_y
 
 
 def peak_force(speed):
-    return sj.simulate(sj.paper_scene().replace(speed=speed), 1, steps_per_period=STEPS).peak.force
+    return sj.simulate(scene_at(speed), 1, steps_per_period=STEPS).peak.force
 
 
 def highest_saved_force(speed):
-    scene = sj.paper_scene().replace(speed=speed)
-    return jnp.max(sj.simulate(scene, 1, steps_per_period=STEPS).reactions.contact_force)
+    return jnp.max(sj.simulate(scene_at(speed), 1, steps_per_period=STEPS).reactions.contact_force)
 
 
 def with_default_arguments(speed):
     """The number of steps is traced under jit and vmap."""
-    return sj.simulate(sj.paper_scene().replace(speed=speed), 1).state.motion.v_y[-1]
+    return sj.simulate(scene_at(speed), 1).state.motion.v_y[-1]
 
 
 def exponent(speed):
-    scene = sj.paper_scene().replace(speed=speed)
-    return sj.lyapunov_spectrum(scene, transient=1, align=0, periods=1, steps_per_period=20).per_period[0]
+    options = dict(transient=1, align=0, periods=1, steps_per_period=20)
+    return sj.lyapunov_spectrum(scene_at(speed), **options).per_period[0]
 
 
 def difference(function, x, h=1e-4):
     return (function(x + h) - function(x - h)) / (2 * h)
 
 
-def test_the_period_map_in_both_modes_inside_jit_and_vmap():
-    """The fast part of `test_transformations_nest`."""
-    both = jax.jit(jax.vmap(lambda x: (mapped(x), jax.jacfwd(mapped)(x), jax.grad(mapped)(x))))
-    values, forward, reverse = both(1250.0 + 1e-4 * jnp.array([-1.0, 0.0, 1.0]))
-    np.testing.assert_allclose(forward, reverse, rtol=1e-9)
-    np.testing.assert_allclose(forward[1], (values[2] - values[0]) / 2e-4, rtol=1e-5)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "function",
     [last_velocity, mapped, peak_force, highest_saved_force, with_default_arguments, exponent],
@@ -64,7 +61,6 @@ def test_transformations_nest(function):
     plain = function(x)
     slope = difference(function, x)
     scale = abs(float(plain)) / x
-    forward = jax.jacfwd(function)(x)
     ways = {
         "jit": jax.jit(function)(x) - plain,
         "vmap": jax.vmap(function)(jnp.array([x, x]))[1] - plain,
@@ -75,12 +71,10 @@ def test_transformations_nest(function):
     for name, rest in ways.items():
         assert abs(float(rest)) < 1e-9 * abs(float(plain)), (function.__name__, name)  # measured 1e-13
     slopes = {
-        "jacfwd": forward,
+        "jacfwd": jax.jacfwd(function)(x),
         "jvp": jax.jvp(function, (x,), (1.0,))[1],
         "jit of jacfwd": jax.jit(jax.jacfwd(function))(x),
         "vmap of jacfwd": jax.vmap(jax.jacfwd(function))(jnp.array([x, x]))[0],
-    }
-    slopes |= {
         "grad": jax.grad(function)(x),
         "vjp": jax.vjp(function, x)[1](jnp.ones(()))[0],
         "jit of grad": jax.jit(jax.grad(function))(x),
@@ -90,21 +84,9 @@ def test_transformations_nest(function):
         np.testing.assert_allclose(found, slope, atol=1e-4 * max(abs(float(slope)), scale), err_msg=name)
 
 
-def test_steps_need_not_be_given_where_the_numbers_are_known():
-    """Under jvp and grad the scene's numbers are there, and default steps are chosen from them."""
-
-    def end(speed):
-        return sj.simulate(sj.paper_scene().replace(speed=speed), 1).state.motion.v_y[-1]
-
-    found = jax.jacfwd(end)(1250.0)
-    np.testing.assert_allclose(found, jax.grad(end)(1250.0), rtol=1e-9)
-    np.testing.assert_allclose(found, difference(end, 1250.0), rtol=1e-4)
-
-
-@pytest.mark.slow
 def test_second_derivatives_in_all_orders():
     def end(speed):
-        scene = sj.paper_scene().replace(speed=speed)
+        scene = scene_at(speed)
         state = sj.initial_state(scene, sj.Motion(v_y=0.5))
         return PeriodMap(scene, 20)(state).motion.v_y
 

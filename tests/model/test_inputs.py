@@ -100,9 +100,9 @@ def test_traced_values_are_checked_at_run_time():
         (["simulate", "--speed", "fast"], "--speed"),
         (["simulate", "--solver", "Euler4"], "`solver` must be one of RK4"),
         (["simulate", "--solver", "AbstractERK"], "`solver` must be one of RK4"),
-        (["simulate", "--memory", "none"], "--memory must be event or smooth, but is 'none'"),
+        (["simulate", "--memory", "none"], "'--memory': 'none' is not one of 'event', 'smooth'"),
         (["bifurcation", "--over", "width", "1", "2", "3"], "--over must begin with one of speed"),
-        (["bifurcation", "--over", "speed", "100", "2500", "0"], "number of values of 1 or more, but is 0"),
+        (["bifurcation", "--over", "speed", "100", "2500", "0"], "'--over': 0 is not in the range x>=1"),
         (
             ["bifurcation", "--over", "speed", "-100", "2500", "3"],
             "`speed` must be positive, but is -100 m/s",

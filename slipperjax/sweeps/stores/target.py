@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ...tools.checks import brief, whole, yes_or_no
+from ...tools.checks import require, whole, yes_or_no
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,7 @@ class Store:
 def check_share(share: Any) -> tuple[int, int]:
     """(i, n) with 1 <= i <= n; raises `ValueError`."""
     good = isinstance(share, tuple | list) and len(share) == 2 and all(isinstance(v, int) for v in share)
-    if not good or not 1 <= share[0] <= share[1]:
-        raise ValueError(f"Argument `share` must be (i, n) with i from 1 to n, but is {brief(share)}.")
+    require(good and 1 <= share[0] <= share[1], "share", "be (i, n) with i from 1 to n", share)
     return share[0], share[1]
 
 
@@ -57,8 +56,7 @@ def store_of(given: Any) -> Store:
     """The store of an argument, a path or a `Store`."""
     if isinstance(given, Store):
         return given
-    if not isinstance(given, str | Path):
-        raise ValueError(f"Argument `store` must be a path or a slipperjax.Store, but is {brief(given)}.")
+    require(isinstance(given, str | Path), "store", "be a path or a slipperjax.Store", given)
     return Store(Path(given))
 
 
