@@ -77,6 +77,6 @@ from .sweeps.stores.target import Store as Store
 from .sweeps.sweep import sweep as sweep
 from .tools.checks import ImplausibleWarning as ImplausibleWarning
 from .tools.compile import jit as jit
-from .tools.program_cache import compile_cache as compile_cache
+from .tools.cache import compile_cache as compile_cache
 
 __version__: str

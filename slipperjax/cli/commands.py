@@ -9,11 +9,11 @@ import typer
 import typer.core
 
 from ..tools.files import listed, said, write_each
-from ..tools.program_cache import compile_cache
+from ..tools.cache import compile_cache
 from .files import PARTIAL, Outputs, drawn_by
 from .interrupts import on_thread
 from .options import By, Case, Log, Out, Over, Steps, make_folder, make_grid, takes_case, without
-from .waiting import saying_compiling
+
 
 LOST = 1
 """Exit code where no case stayed finite."""
@@ -87,7 +87,7 @@ def simulate(
     whole("probe", probe, 0)
     step_plan(scene, steps_per_period, saves_per_period)
     print(f"simulating {periods} periods of {float(scene.period) * 1e3:.4g} ms ...", file=sys.stderr)
-    with saying_compiling():
+    if True:
         found = on_thread(lambda: run(scene, periods, start=case.start, solver=case.solver, probe=probe, **options))
     ds = found.to_xarray()
     files.write(ds, drawn_by("overview"))
@@ -120,7 +120,7 @@ def orbit(
 
     files = Outputs(out, ".nc", ".png")
     options = dict(start=case.start, transient=transient, steps_per_period=steps_per_period, solver=case.solver)
-    with saying_compiling():
+    if True:
         found = on_thread(lambda: periodic_orbit(case.scene, period, **options))
     status = Status(int(found.status))
     if status != Status.FINITE:

@@ -13,7 +13,7 @@ import typer
 
 from ..model.quantities import PARAMETERS, STARTS
 from ..tools.checks import whole
-from ..tools.program_cache import compile_cache
+from ..tools.cache import compile_cache
 from .commands import Once, app, exit_if_lost, flagged_cases, steps_text
 from .files import Outputs
 from .interrupts import on_thread

@@ -11,7 +11,7 @@ import jax
 
 from ...tools.checks import whole
 from ...tools.limits import cores
-from ...tools.program_cache import compile_cache, keep_programs
+from ...tools.cache import compile_cache, keep_programs
 
 
 def processes(count: int | None = None) -> ProcessPoolExecutor:
