@@ -5,10 +5,10 @@ import importlib.metadata
 import jax
 import lazy_loader
 
-from .tools.compile import loops_in_one_kernel
+from .tools.compile import loops_in_one_kernel as _loops_in_one_kernel
 
 jax.config.update("jax_enable_x64", True)
-loops_in_one_kernel()
+_loops_in_one_kernel()
 
 __version__ = importlib.metadata.version("slipperjax")
 # the public names stand in __init__.pyi

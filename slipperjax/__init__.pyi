@@ -56,12 +56,10 @@ from .orbits.exponents import lyapunov_spectrum as lyapunov_spectrum
 from .orbits.periodic import PeriodicOrbit as PeriodicOrbit
 from .orbits.periodic import periodic_orbit as periodic_orbit
 from .solvers.adaptive import AdaptiveSteps as AdaptiveSteps
-from .solvers.choose import choose_solver as choose_solver
 from .solvers.explicit import RK4 as RK4
 from .solvers.explicit import Tsit5 as Tsit5
 from .solvers.latching import Latching as Latching
 from .solvers.rosenbrock import ROS34PW2 as ROS34PW2
-from .solvers.rosenbrock import Rodas3 as Rodas3
 from .solvers.rosenbrock import Rodas4 as Rodas4
 from .solvers.twostep import TwoStep as TwoStep
 from .sweeps.explain import explain as explain
@@ -72,7 +70,6 @@ from .sweeps.orbits import orbit_sweep as orbit_sweep
 from .sweeps.repeat import repeat as repeat
 from .sweeps.stores.archive import open_store as open_store
 from .sweeps.stores.processes import processes as processes
-from .sweeps.stores.reuse import refined as refined
 from .sweeps.stores.target import Store as Store
 from .sweeps.sweep import sweep as sweep
 from .tools.checks import ImplausibleWarning as ImplausibleWarning

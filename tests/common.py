@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import brentq
 
@@ -52,6 +53,11 @@ def scaled_errors(trajectory, case, every):
     got = columns(trajectory)[every::every]
     count = min(len(got), len(case["states"]))
     return np.max(np.abs(got[:count] - np.array(case["states"])[:count]) / SCALES, axis=1)
+
+
+def elastic_energy(scene, gap):
+    """Energy of the elastic part of each contact's force, the integral of K d^1.5 [J]."""
+    return 0.4 * scene.contact.stiffness * jnp.maximum(-gap, 0.0) ** 2.5
 
 
 def rebound(factor, stored=0.0):

@@ -19,7 +19,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from ..tools.checks import finite, number, positive, shown_number, unless_traced, whole
+from ..tools.checks import finite, positive, shown_number, unless_traced, whole
 from ..tools.compile import call_compiled, is_traced
 from .statistics import kaplan_yorke, standard_error, weighted_mean
 
@@ -30,7 +30,7 @@ Scale = Callable[[Any], Any]
 
 
 class LyapunovSpectrum(eqx.Module):
-    """Exponents, and the data to continue from. All arrays have leading axes (lanes) if made under `vmap`."""
+    """Exponents and their history. All arrays have leading axes (lanes) if made under `vmap`."""
 
     history: Float[Array, "*lanes intervals count"]
     """Logarithm of the growth in each interval [1]."""
@@ -38,14 +38,10 @@ class LyapunovSpectrum(eqx.Module):
     """The state at the end."""
     tangents: Any
     """The orthonormal tangents there: like the state, with a leading axis of length count."""
-    index: Float[Array, "*lanes"]
-    """Index of the next interval."""
     periods: Float[Array, "*lanes"]
     """Periods in an interval [1]."""
     period: Float[Array, "*lanes"]
     """Length of a period [s], or in the unit of the system's time."""
-    reached: bool | None = eqx.field(static=True)
-    """Whether the requested standard error was reached; None where none was requested."""
     status: Any = None
     """Status code of the state at the end, such as `slipperjax.flow.Status`; None where it was not checked."""
 
@@ -198,8 +194,6 @@ def map_spectrum(
     index: Any = 0.0,
     periods: Any = 1.0,
     period: Any = 1.0,
-    until_stderr: float | None = None,
-    max_intervals: int | None = None,
     distance: Any = None,
 ) -> LyapunovSpectrum:
     """Lyapunov spectrum of a map, or of a flow that `step` integrates.
@@ -213,15 +207,13 @@ def map_spectrum(
         or shrinks by more than about 1e12 relative to another, and so long that orthonormalising costs less than the
         steps.
     - `state`: a pytree of real numbers.
-    - `intervals`: number of intervals, or with `until_stderr` the number in a block.
+    - `intervals`: number of intervals.
     - `count`: number of exponents, the largest first; default all.
     - `transient`: intervals before the tangents start; `align`: intervals after these in which the tangents align
         with their directions. Neither are counted.
     - `scale`: weights of the components, see `push_tangents`.
     - `index`: index of the first interval.
     - `periods`: periods in an interval; `period`: length of a period [s].
-    - `until_stderr`: runs blocks until the standard error of the first exponent [1/period] is no more than this, or
-        `max_intervals` (default 100 blocks) have been counted. Not under a transformation.
     - `distance`: see `push_tangents`; use `two_trajectory_exponent` instead.
 
     **Returns:** a `LyapunovSpectrum`.
@@ -234,63 +226,19 @@ def map_spectrum(
     count = size if count is None else whole("count", count, 1)
     if count > size:
         raise ValueError(f"Argument `count` must be at most {size}, the size of the state, but is {count}.")
+    intervals, align = whole("intervals", intervals, 1), whole("align", align, 0)
     index, transient = unless_traced(finite("index"), index), whole("transient", transient, 0)
-    # a number of intervals that is an argument serves one program for all; in reverse mode it must be part of it
-    fixed = transient if is_traced((step, state)) else None
-    state, tangents = call_compiled(_begin, (step, scale), (count, transient > 0, fixed), state, index, transient)
-    history = jnp.zeros((0, count), jnp.result_type(*jax.tree.leaves(state)))
     periods = unless_traced(positive("periods"), periods)
     period = unless_traced(positive("period", "s"), period)
-    result = LyapunovSpectrum(history, state, tangents, index + transient, periods, period, None)
-    return _extend(result, step, intervals, scale, distance, whole("align", align, 0), until_stderr, max_intervals)
-
-
-def extend_spectrum(
-    result: LyapunovSpectrum,
-    step: Step,
-    intervals: int,
-    *,
-    scale: Scale | None = None,
-    until_stderr: float | None = None,
-    max_intervals: int | None = None,
-    distance: Any = None,
-) -> LyapunovSpectrum:
-    """Continues from the end of `result`; equal to one run of all intervals, up to rounding.
-
-    **Arguments:** as for `map_spectrum`, and `step`, `scale` and `distance` the same as there; `max_intervals`
-    counts the intervals of `result`, too.
-
-    **Returns:** a `LyapunovSpectrum` of all intervals.
-    """
-    check_functions(step, scale)
-    return _extend(result, step, intervals, scale, distance, 0, until_stderr, max_intervals)
-
-
-def _extend(result, step, intervals, scale, distance, align, until_stderr, max_intervals):
-    block = whole("intervals", intervals, 1)
     distance = None if distance is None else positive("distance")(distance)
     functions = (step, scale)
-    state, tangents, index = result.state, result.tangents, result.index
-    if until_stderr is None:
-        state, tangents, index, history = call_compiled(
-            _run, functions, (align, align + block), state, tangents, index, distance
-        )
-        if result.history.shape[0]:
-            history = jnp.concatenate([result.history, history])
-        return LyapunovSpectrum(history, state, tangents, index, result.periods, result.period, None)
-    if is_traced((functions, result)):
-        raise ValueError("Argument `until_stderr` must be None under jit, vmap or grad, but is a number.")
-    goal = number(positive, "until_stderr", until_stderr)
-    limit = 100 * block if max_intervals is None else whole("max_intervals", max_intervals, 1)
-    history = np.asarray(result.history)
-    while True:
-        state, tangents, index, rows = call_compiled(_run, functions, (0, block), state, tangents, index, distance)
-        rows = np.asarray(rows)
-        history, align = np.concatenate([history, rows[align:]]), max(align - block, 0)
-        reached = bool(standard_error(history)[0] <= goal * float(result.periods))
-        if reached or len(history) >= limit or not np.all(np.isfinite(rows)):
-            break
-    return LyapunovSpectrum(jnp.asarray(history), state, tangents, index, result.periods, result.period, reached)
+    # a number of intervals that is an argument serves one program for all; in reverse mode it must be part of it
+    fixed = transient if is_traced((step, state)) else None
+    state, tangents = call_compiled(_begin, functions, (count, transient > 0, fixed), state, index, transient)
+    state, tangents, history = call_compiled(
+        _run, functions, (align, align + intervals), state, tangents, index + transient, distance
+    )
+    return LyapunovSpectrum(history, state, tangents, periods, period)
 
 
 def two_trajectory_exponent(
@@ -319,7 +267,7 @@ def _run(functions, static, state, tangents, index, distance):
     state, tangents, history = push_tangents(
         step, state, tangents, intervals, index=index, scale=scale, distance=distance
     )
-    return state, tangents, index + intervals, history[align:]
+    return state, tangents, history[align:]
 
 
 def check_functions(step: Any, scale: Any) -> None:

@@ -1,1 +1,1 @@
-"""Error against cost: every solver on easy and hard scenes, beside other codes that integrate the same model."""
+"""Error against cost: every solver on easy and hard scenes, side by side, and throughput over the batch."""

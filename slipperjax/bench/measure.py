@@ -28,7 +28,6 @@ from ..sweeps.grid import Cases
 from ..sweeps.plan import make_plan
 from ..tools.checks import whole
 from .methods import METHODS, Case, Method, all_cases
-from .peers import PEERS, AbstractPeer
 from .work_precision import Point, mbdyn_points
 
 REFERENCE_STEPS = 12_800
@@ -103,7 +102,6 @@ def measure(
     batches: tuple[int, ...] = (241, 1),
     repeats: int = 5,
     reference_steps: int = REFERENCE_STEPS,
-    peers: Iterable[AbstractPeer] = PEERS,
     workers: int | None = None,
     settings: slice = slice(None),
 ) -> Iterator[Point]:
@@ -149,11 +147,6 @@ def measure(
             yield Point(case.name, name, label, float(error), cost)
     if stop is not None:
         raise stop
-    for peer in peers:
-        for setting, states, taken, picked in peer.runs(case, speeds):
-            error = float(np.median(errors(states, truth[picked])))
-            best, median = (1e6 * s / case.periods for s in taken)
-            yield Point(case.name, peer.name, setting, error, {1: (best, median)})
 
 
 def bench(
@@ -180,7 +173,7 @@ def bench(
     rows = _named("methods", METHODS, methods, lambda m: not quick or m.quick)
     options: dict[str, Any] = dict(batches=batches, repeats=repeats)
     if quick:
-        options |= dict(settings=slice(0, 4), reference_steps=3200, peers=[p for p in PEERS if p.quick])
+        options |= dict(settings=slice(0, 4), reference_steps=3200)
     return _scenes(chosen, rows, options, report)
 
 

@@ -16,7 +16,7 @@ from ..model.scene import Scene
 from ..model.step_size import default_steps_per_period
 from ..solvers.explicit import RK4, Tsit5
 from ..solvers.latching import Latching, calls_lapack
-from ..solvers.rosenbrock import ROS34PW2, Rodas3, Rodas4
+from ..solvers.rosenbrock import ROS34PW2, Rodas4
 from ..solvers.simplified_newton import with_root_finder
 from ..solvers.twostep import TwoStep
 
@@ -91,7 +91,6 @@ METHODS = [
     Method("Tsit5", Tsit5(), EventLatch(), FACTORS),
     Method("Tsit5, adaptive", Tsit5(), EventLatch(), TOLERANCES, adaptive=True),
     Method("diffrax Dopri8", Latching(diffrax.Dopri8()), EventLatch(), FACTORS[:-1]),
-    Method("Rodas3", Rodas3(), EventLatch(), FACTORS),
     Method("Rodas4", Rodas4(), EventLatch(), FACTORS),
     Method("ROS34PW2", ROS34PW2(), EventLatch(), FACTORS, quick=True),
     Method("paper's two-step", TwoStep(), EventLatch(), FACTORS),

@@ -1,14 +1,14 @@
 """Points of error against cost, as a table and as pictures."""
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..plots.style import png
-from ..tools.files import write_each
+from ..tools.files import table_lines, write_each
 
 
 class Point(NamedTuple):
@@ -63,26 +63,21 @@ def cost_at(points: Iterable[Point], error: float, lanes: int) -> float:
 
 def table(points: list[Point], batches: tuple[int, ...]) -> str:
     """All points as a Markdown table, then what an error of 1e-3 costs."""
-    heads = [f"us at {n}, best (median)" for n in batches]
-    lines = [f"| scene | method | setting | error | {' | '.join(heads)} |", "|---" * (4 + len(batches)) + "|"]
-    for p in points:
-        cells = ["-" if n not in p.cost else f"{p.cost[n][0]:.3g} ({p.cost[n][1]:.3g})" for n in batches]
-        lines.append(f"| {p.case} | {p.method} | {p.setting} | {p.error:.1e} | {' | '.join(cells)} |")
-    cases = list(dict.fromkeys(p.case for p in points))
-    heads = [f"{case}, {n} at once" for case in cases for n in batches]
-    lines += [
-        "",
-        "Microseconds per trajectory and period at a scaled error of 1e-3 (best times, interpolated):",
-        "",
-        f"| method | {' | '.join(heads)} |",
-        "|---" * (1 + len(heads)) + "|",
+    shown = lambda p, n: f"{p.cost[n][0]:.3g} ({p.cost[n][1]:.3g})" if n in p.cost else "-"
+    every = [
+        dict(scene=p.case, method=p.method, setting=p.setting, error=f"{p.error:.1e}")
+        | {f"us at {n}, best (median)": shown(p, n) for n in batches}
+        for p in points
     ]
+    at_error = []
     for name in dict.fromkeys(p.method for p in points):
-        values = [
-            cost_at([p for p in points if (p.case, p.method) == (c, name)], 1e-3, n) for c in cases for n in batches
-        ]
-        lines.append(f"| {name} | " + " | ".join(f"{v:.3g}" if np.isfinite(v) else "-" for v in values) + " |")
-    return "\n".join(lines) + "\n"
+        row = dict(method=name)
+        for case, n in itertools.product(dict.fromkeys(p.case for p in points), batches):
+            cost = cost_at([p for p in points if (p.case, p.method) == (case, name)], 1e-3, n)
+            row[f"{case}, {n} at once"] = f"{cost:.3g}" if np.isfinite(cost) else "-"
+        at_error.append(row)
+    said = "Microseconds per trajectory and period at a scaled error of 1e-3 (best times, interpolated):"
+    return "\n".join([*table_lines(every), "", said, "", *table_lines(at_error)]) + "\n"
 
 
 SHOWN = {
@@ -94,18 +89,21 @@ SHOWN = {
     "smooth: diffrax Kvaerno5, adaptive": ("diffrax Kvaerno5,\nsmooth switch,\nadaptive", "#c1121f"),
 }
 """Methods in the picture for reading, with their labels and colours."""
-OTHERS = {
-    "C++ scalar, RK4, event latch": ("C++, one core", "#606060"),
-    MBDYN_NAME: ("MBDyn,\nmeasured elsewhere", "black"),
-}
+OTHERS = {MBDYN_NAME: ("MBDyn,\nmeasured elsewhere", "black")}
 """Other codes in it, drawn as points: they run one trajectory at a time."""
 
 
-def draw(points: list[Point], batches: tuple[int, ...], scene: str = "nominal") -> Any:
+def draw(
+    points: list[Point],
+    batches: tuple[int, ...],
+    scene: str = "nominal",
+    *,
+    others: Mapping[str, tuple[str, str]] = OTHERS,
+) -> Any:
     """Error against cost on one scene: a few methods, labelled at their lines. See `draw_all` for everything.
 
-    **Arguments:** `batches`: the first is drawn; `scene`: by name, the first measured one where it has no points.
-    Where none of `SHOWN` was measured, the methods that were are drawn instead.
+    **Arguments:** `batches`: the first is drawn; `scene`: by name, the first measured one where it has no points;
+    `others`: as `OTHERS`. Where none of `SHOWN` was measured, the methods that were are drawn instead.
 
     **Returns:** the Axes.
     """
@@ -117,19 +115,19 @@ def draw(points: list[Point], batches: tuple[int, ...], scene: str = "nominal") 
     names = list(dict.fromkeys(p.method for p in mine))
     shown = {name: look for name, look in SHOWN.items() if name in names}
     if not shown:
-        shown = {name: (name, f"C{k % 10}") for k, name in enumerate(n for n in names if n not in OTHERS)}
+        shown = {name: (name, f"C{k % 10}") for k, name in enumerate(n for n in names if n not in others)}
     _, ax = plt.subplots(figsize=(7.2, 4.8), layout="constrained")
     ax.set(xscale="log", yscale="log", xlabel="µs per trajectory and forcing period")
     ax.set_ylabel("error in units of 1 mm, 10 mrad, 1 m/s, 10 rad/s")
     ax.set_title(f"{scene}: {batches[0]} trajectories at once, other codes one by one", fontsize=9, loc="left")
     ax.grid(alpha=0.25, linewidth=0.4)
     drawn = []
-    for name, (label, color) in (shown | OTHERS).items():
-        lanes, style = (1, "D") if name in OTHERS else (batches[0], "o-")
+    for name, (label, color) in (shown | dict(others)).items():
+        lanes, style = (1, "D") if name in others else (batches[0], "o-")
         x, y = _curve([p for p in mine if p.method == name], lanes)
         if len(x):
             ax.plot(x, y, style, color=color, markersize=4, linewidth=1.4)
-            drawn.append((label, color, np.stack([x, y], axis=1), name not in OTHERS))
+            drawn.append((label, color, np.stack([x, y], axis=1), name not in others))
     ax.margins(0.08)
     _label(ax, drawn)
     return ax
@@ -147,32 +145,27 @@ def _label(ax: Any, drawn: list[tuple[str, str, np.ndarray, bool]]) -> None:
 
     **Arguments:** `drawn`: label, colour, points (n, 2) in data coordinates, and whether they are joined by a line.
     """
-    figure = ax.figure
-    figure.draw_without_rendering()  # settles the layout
-    frame = ax.get_window_extent()
-    curves = [ax.transData.transform(at) for _, _, at, _ in drawn]
-    joined = [_dense(at) if lines else at for at, (*_, lines) in zip(curves, drawn, strict=True)]
-    ink, boxes = np.concatenate([np.empty((0, 2)), *joined]), []
-    for (text, color, data, _), curve in zip(drawn, curves, strict=True):
-        found = ax.annotate(text, data[0], (0, 0), textcoords="offset points", color=color, fontsize=8)
-        found.set_in_layout(False)
-        size = found.get_window_extent()
-        best = None
-        for at in range(len(data)):
-            for ha, va, x, y in _OFFSETS:
-                left = curve[at][0] + x * figure.dpi / 72 - {"left": 0, "center": 0.5, "right": 1}[ha] * size.width
-                low = curve[at][1] + y * figure.dpi / 72 - {"bottom": 0, "center": 0.5, "top": 1}[va] * size.height
-                box = np.array([left, low, left + size.width, low + size.height])
-                cost = np.sum(_inside(ink, box)) + 1000 * sum(_overlap(box, other) for other in boxes)
-                outside = left < frame.x0 or box[2] > frame.x1 or low < frame.y0 or box[3] > frame.y1
-                cost += 1000 * outside
-                if best is None or cost < best[0]:
-                    best = cost, at, (ha, va, x, y), box
-        assert best is not None
-        _, at, (ha, va, x, y), box = best
-        found.xy = tuple(data[at])
-        found.set(position=(x, y), ha=ha, va=va)
-        boxes.append(box)
+    ax.figure.draw_without_rendering()  # settles the layout
+    frame, boxes = ax.get_window_extent(), []
+    curves = [(ax.transData.transform(data), joined) for _, _, data, joined in drawn]
+    ink = np.concatenate([np.empty((0, 2)), *(_dense(at) if joined else at for at, joined in curves)])
+    for text, color, data, _ in drawn:
+        label = ax.annotate(text, data[0], (0, 0), textcoords="offset points", color=color, fontsize=8)
+        label.set_in_layout(False)
+
+        def put(place: Any, label: Any = label) -> Any:
+            """Moves the label to an offset from a point, and gives its box in pixels."""
+            label.xy, (ha, va, x, y) = place
+            label.set(position=(x, y), ha=ha, va=va)
+            return label.get_window_extent()
+
+        def hidden(place: Any, put: Callable = put) -> Any:
+            """Points of curves under the label; other labels, and the outside of the frame, count for many."""
+            box = put(place)
+            outside = frame.count_contains(box.corners()) < 4
+            return box.padded(2).count_contains(ink) + 1000 * (sum(map(box.overlaps, boxes)) + outside)
+
+        boxes.append(put(min(itertools.product(data, _OFFSETS), key=hidden)))
 
 
 _OFFSETS = (
@@ -190,16 +183,6 @@ def _dense(at: np.ndarray) -> np.ndarray:
     """Points (n, 2) on a polygon of straight lines."""
     where = np.linspace(0, len(at) - 1, 40 * len(at))
     return np.stack([np.interp(where, np.arange(len(at)), column) for column in at.T], axis=1)
-
-
-def _inside(at: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """Which points lie in a box, or within its margin of two pixels."""
-    return np.all((at > box[:2] - 2) & (at < box[2:] + 2), axis=1)
-
-
-def _overlap(a: np.ndarray, b: np.ndarray) -> bool:
-    """Whether two boxes (left, low, right, high) overlap."""
-    return bool(np.all(a[:2] < b[2:]) and np.all(b[:2] < a[2:]))
 
 
 LINES = {"full": "-", "dashed": "--", "dotted": ":"}
@@ -238,10 +221,10 @@ def draw_all(points: list[Point], batches: tuple[int, ...]) -> Any:
     return axes
 
 
-def write(points: list[Point], batches: tuple[int, ...], out: Path) -> tuple[Path, Path, Path]:
-    """Writes OUT.md, OUT.png of `draw` and OUT_all.png of `draw_all`, and gives their paths."""
+def write(points: list[Point], batches: tuple[int, ...], out: Path, **options: Any) -> tuple[Path, Path, Path]:
+    """Writes OUT.md, OUT.png of `draw` with its options and OUT_all.png of `draw_all`, and gives their paths."""
     text, picture, everything = Path(f"{out}.md"), Path(f"{out}.png"), Path(f"{out}_all.png")
     out.parent.mkdir(parents=True, exist_ok=True)
-    drawn = lambda drawing: lambda: png(np.ravel(drawing(points, batches))[0].figure, 150)
-    write_each({text: table(points, batches).encode, picture: drawn(draw), everything: drawn(draw_all)})
+    drawn = lambda drawing, **options: lambda: png(np.ravel(drawing(points, batches, **options))[0].figure, 150)
+    write_each({text: table(points, batches).encode, picture: drawn(draw, **options), everything: drawn(draw_all)})
     return text, picture, everything

@@ -205,10 +205,10 @@ def _begun(case: Case, known: Any, bounds: tuple[float, float], period: int, how
 
 def _followed(call: Callable[[], Any], files: Outputs, draw: Callable[[Any], Any]) -> Any:
     """What a call finds; an interrupted branch is written first."""
-    from ..orbits.branches import InterruptedBranch
+    from ..flow.status import Interrupted
 
     try:
         return on_thread(call, PATIENCE)
-    except InterruptedBranch as stop:
-        print(f"{stop.finished} points were found: {files.write_partial(stop.dataset, draw)}", file=sys.stderr)
+    except Interrupted as stop:
+        print(f"{stop.finished} points were found: {files.write_partial(stop.result.points, draw)}", file=sys.stderr)
         raise

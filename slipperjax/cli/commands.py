@@ -225,7 +225,7 @@ def lyapunov(
 def reproduce(
     figures: Annotated[
         list[str] | None,
-        typer.Argument(help="Figures: 4 to 13, basins; default all of them. Maps: speed-clearance, speed-length."),
+        typer.Argument(help="Figures: 4 to 13, basins; default all of them."),
     ] = None,
     quick: Annotated[bool, typer.Option(help="Coarser grids and shorter transients.")] = False,
     transient: Annotated[

@@ -249,15 +249,16 @@ def design(
 
 def _found(call: Any, files: Outputs) -> Any:
     """What a search finds; an interrupted one is written first."""
-    from ..design.optimise import InterruptedDesign
+    from ..flow.status import Interrupted
     from ..plots.designs import design_overview
 
     try:
         return on_thread(call, PATIENCE)
-    except InterruptedDesign as stop:
-        print(report(stop.design))
-        kept = files.write_partial(stop.design.to_xarray(), design_overview)
-        print(f"{stop.finished} trials were judged: {kept}", file=sys.stderr)
+    except Interrupted as stop:
+        if stop.result is not None:
+            print(report(stop.result))
+            kept = files.write_partial(stop.result.to_xarray(), design_overview)
+            print(f"{stop.finished} trials were judged: {kept}", file=sys.stderr)
         raise
 
 

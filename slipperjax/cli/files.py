@@ -89,9 +89,9 @@ class Outputs:
         try:
             yield
         except Interrupted as stop:
-            if stop.dataset is None:
+            if stop.result is None:
                 print("no case was finished: nothing is written", file=sys.stderr)
             else:
-                kept = self.write_partial(stop.dataset, draw)
-                print(f"{stop.finished} of {stop.cases} cases were finished: {kept}", file=sys.stderr)
+                kept = self.write_partial(stop.result, draw)
+                print(f"{stop.finished} of {stop.of} cases were finished: {kept}", file=sys.stderr)
             raise

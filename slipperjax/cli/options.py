@@ -4,7 +4,6 @@ import dataclasses
 import functools
 import inspect
 import math
-import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -70,7 +69,7 @@ Log = Annotated[
 ]
 Solver = Annotated[
     str,
-    typer.Option(help="RK4, Tsit5, Rodas3, Rodas4, ROS34PW2, TwoStep, one of diffrax's, or auto, which says why."),
+    typer.Option(help="RK4, Tsit5, Rodas4, ROS34PW2, TwoStep, or one of diffrax's."),
 ]
 
 
@@ -209,17 +208,12 @@ def _assigned(scene: Any, text: str) -> tuple[str, float]:
 
 
 def make_solver(name: str, scene: Any) -> Any:
-    """A solver by its name; for "auto" the scene's, with the reason on standard error.
+    """A solver by its name.
 
     **Raises:** `ValueError` for a name that is no solver's, or a solver that does not suit the scene.
     """
-    from ..solvers.choose import choose_solver, resolve_solver
-    from ..solvers.latching import solver_name
+    from ..solvers.named import resolve_solver
 
-    if name == "auto":
-        chosen = choose_solver(scene)
-        print(f"solver {solver_name(chosen.solver)}: {chosen.reason}", file=sys.stderr)
-        return chosen.solver
     return resolve_solver(scene, name)
 
 

@@ -11,7 +11,6 @@ from typing import Annotated, Any, get_args
 
 import typer
 
-from ..model.quantities import PARAMETERS, STARTS
 from ..tools.checks import whole
 from ..tools.cache import compile_cache
 from .commands import Once, app, exit_if_lost, flagged_cases, steps_text
@@ -24,7 +23,7 @@ app.add_typer(stores, name="store")
 
 PERIODS = {"exponents": 500, "orbits": 1, "motion": 64}
 """Forcing periods by default, where they are not 10."""
-FOLLOWED = {"--by": 4, "--within": 3}
+FOLLOWED = {"--by": 4}
 """Options that can be repeated, and by how many words each is followed."""
 ALONE = ("exponents", "orbits")
 """Records that are no part of a run's: they have functions of their own."""
@@ -95,17 +94,6 @@ def sweep(
     store: StorePath = None,
     tile: Annotated[int | None, typer.Option(help="Cases that are computed and written as one.")] = None,
     fresh: Annotated[bool, typer.Option("--fresh", help="Delete what the store holds, and start over.")] = False,
-    refine: Annotated[
-        Path | None,
-        typer.Option(help="Instead of --over: the grid of this store at twice the resolution; its cases are copied."),
-    ] = None,
-    within: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME LOW HIGH", help="Refine between these values only; repeat for several parameters."
-        ),
-    ] = None,
-    reuse: Annotated[Path | None, typer.Option(help="Another store, whose cases are copied where they fit.")] = None,
     chunk: Annotated[
         str | None,
         typer.Option(metavar="I/N", help="Compute the I-th of N shares of the store, as a job array does."),
@@ -121,17 +109,13 @@ def sweep(
 ):
     """Run every combination of some parameters, or a sample, into a file or a store that survives anything."""
     from ..sweeps.explain import explain as estimate
-    from ..sweeps.stores.archive import open_store
-    from ..sweeps.stores.upkeep import store_status
+    from ..sweeps.stores.archive import open_store, store_status
 
     function, options = _asked(record, transient, periods)
     options |= dict(steps_per_period=steps_per_period, solver=case.solver, start=case.start)
-    if refine is None:
-        grid = _grid(case, over, by, log, sample)
-    else:
-        grid, reuse = _finer(refine, within, over, by, sample), reuse or refine
+    grid = _grid(case, over, by, log, sample)
     options["product"] = sample is None
-    target = _target(store, tile, fresh, reuse, chunk, processes, cluster)
+    target = _target(store, tile, fresh, chunk, processes, cluster)
     base = (
         without(".nc", ".png")(out) if out is not None else Path("sweep") if store is None else store.with_suffix("")
     )
@@ -185,7 +169,7 @@ def _grid(case: Case, over: Any, by: list[str] | None, log: Any, sample: int | N
     from ..sweeps.grid import sample_box
 
     if over is None:
-        raise ValueError("Option --over must be given, or --refine.")
+        raise ValueError("Option --over must be given.")
     axes = [over, *(axis_of("--by", text) for text in by or ())]
     if sample is None:
         return make_grid(*axes, log=log)
@@ -193,38 +177,20 @@ def _grid(case: Case, over: Any, by: list[str] | None, log: Any, sample: int | N
     return sample_box({n: tuple(v) for n, v in ends.items()}, sample, log=log or (), scene=case.scene)
 
 
-def _finer(path: Path, within: list[str] | None, *others: Any) -> dict[str, Any]:
-    """The grid of a store at twice the resolution, between values in display units."""
-    from ..sweeps.stores.reuse import refined
-
-    if any(other for other in others):
-        raise ValueError("Option --refine must not be given with --over, --by or --sample.")
-    box = {}
-    for text in within or ():
-        name, *ends = text.split() or [""]
-        known = PARAMETERS.get(name) or STARTS.get(name)
-        try:
-            low, high = map(float, ends)
-        except ValueError:
-            raise ValueError(f"Option --within must be a parameter, LOW and HIGH, but is {text!r}.") from None
-        box[name] = (low, high) if known is None else (known.from_shown(low), known.from_shown(high))
-    return refined(path, box)
-
-
-def _target(store: Path | None, tile: Any, fresh: bool, reuse: Any, chunk: Any, *engines: Any) -> Any:
+def _target(store: Path | None, tile: Any, fresh: bool, chunk: Any, *engines: Any) -> Any:
     """The store that options describe."""
     from ..sweeps.stores.target import Store
 
     if store is None:
-        names = ("tile", "fresh", "reuse", "chunk", "processes", "cluster")
-        for name, value in zip(names, (tile, fresh, reuse, chunk, *engines), strict=True):
+        names = ("tile", "fresh", "chunk", "processes", "cluster")
+        for name, value in zip(names, (tile, fresh, chunk, *engines), strict=True):
             if value:
                 raise ValueError(f"Option --{name} needs --store.")
         return None
     if all(engine is not None for engine in engines):
         raise ValueError("Option --cluster must not be given with --processes.")
     make_folder(store.parent, store)
-    return Store(store, tile=tile, fresh=fresh, reuse=reuse, share=None if chunk is None else _share(chunk))
+    return Store(store, tile=tile, fresh=fresh, share=None if chunk is None else _share(chunk))
 
 
 def _share(text: str) -> tuple[int, int]:
@@ -266,10 +232,10 @@ def _kept(store: Path) -> Iterator[None]:
     try:
         yield
     except Interrupted as stop:
-        if stop.dataset is None:
+        if stop.result is None:
             print("nothing is stored yet", file=sys.stderr)
         else:
-            kept = f"{stop.finished} of {stop.cases} cases are in {store}; the same command goes on"
+            kept = f"{stop.finished} of {stop.of} cases are in {store}; the same command goes on"
             print(kept, file=sys.stderr)
         raise
 
@@ -307,7 +273,7 @@ Path_ = Annotated[Path, typer.Argument(help="The store, NAME.zarr.")]
 @stores.command(cls=Once)
 def status(path: Path_):
     """Say how far a store is; it may still be growing."""
-    from ..sweeps.stores.upkeep import store_status
+    from ..sweeps.stores.archive import store_status
 
     print(store_status(path))
 
@@ -320,23 +286,12 @@ def check(
     ] = False,
 ):
     """Read all of a store, and say what is damaged; exit code 1 where something is."""
-    from ..sweeps.stores.upkeep import check_store, store_status
+    from ..sweeps.stores.archive import check_store, store_status
 
     lines = check_store(path, repair=repair)
     print("\n".join(lines) if lines else f"nothing is damaged: {store_status(path)}")
     if lines:
         raise typer.Exit(1)
-
-
-@stores.command(cls=Once)
-def merge(
-    paths: Annotated[list[Path], typer.Argument(help="Stores of one sweep, such as shares from several disks.")],
-    into: Annotated[Path, typer.Option(help="The store that gets all their tiles.")],
-):
-    """Bring the tiles of several stores together."""
-    from ..sweeps.stores.upkeep import merge_stores
-
-    print(merge_stores(paths, into))
 
 
 @stores.command(cls=Once)
@@ -346,8 +301,7 @@ def draw(
     out: Annotated[Path | None, typer.Option(help="The picture is OUT.png; default the store's name.")] = None,
 ):
     """Draw a store, which may still be growing."""
-    from ..sweeps.stores.archive import open_store
-    from ..sweeps.stores.upkeep import store_status
+    from ..sweeps.stores.archive import open_store, store_status
 
     base = path.with_suffix("") if out is None else without(".png")(out)
     files = Outputs(base, ".png")

@@ -19,7 +19,7 @@ from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.quantities import COORDINATE_SCALES
 from ..model.scene import Scene
-from ..solvers.choose import resolve_solver
+from ..solvers.named import resolve_solver
 from ..sweeps.attractors import FLOOR
 from ..sweeps.executors import in_order, records_in_order, run_chunk, run_chunks
 from ..sweeps.grid import Cases

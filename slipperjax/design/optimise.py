@@ -162,7 +162,8 @@ def optimise_design(
 
     **Returns:** a `Design`; look at its `status`.
 
-    **Raises:** `ValueError` that names the argument which is wrong; `InterruptedDesign` after Ctrl-C.
+    **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C,
+    with the best design until then as its `result`.
     """
     problem = checked_problem(
         scene,
@@ -188,26 +189,12 @@ def optimise_design(
         search.begin()
         while search.moving and search.trials < limit:
             search.go_on()
-    except (Interrupted, KeyboardInterrupt):
-        if not search.moves:
-            raise
-        raise InterruptedDesign(search.result()) from None
+    except KeyboardInterrupt:
+        best = search.result() if search.moves else None
+        raise Interrupted(best, len(search.rows), unit="trials") from None
     finally:
         search.close()
     return search.result()
-
-
-class InterruptedDesign(Interrupted):
-    """Ctrl-C during `optimise_design`, with what was found."""
-
-    def __init__(self, design: Design):
-        tried = design.history.sizes["trial"]
-        super().__init__(design.history, tried, tried)
-        self.design = design
-        """The best design until then."""
-
-    def __str__(self) -> str:
-        return f"{self.finished} trials were judged, see the attribute `design` of this exception"
 
 
 class _Search:

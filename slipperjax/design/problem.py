@@ -15,7 +15,7 @@ from ..model.kinematics import Motion
 from ..model.paths import parameter, refuse_undone
 from ..model.scene import Scene, check_scene
 from ..orbits.motions import check_forcing
-from ..solvers.choose import resolve_solver
+from ..solvers.named import resolve_solver
 from ..sweeps.grid import Cases
 from ..tools.checks import brief, instance, one_of, whole, yes_or_no
 from .ensembles import Spread

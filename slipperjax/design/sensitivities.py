@@ -23,7 +23,7 @@ from ..model.paths import parameter, refuse_undone
 from ..model.quantities import COORDINATE_SCALES, Parameter
 from ..model.scene import Scene, check_scene
 from ..orbits.motions import check_forcing
-from ..solvers.choose import resolve_solver
+from ..solvers.named import resolve_solver
 from ..sweeps.attractors import FLOOR
 from ..tools.batching import Batched
 from ..tools.checks import brief, one_of, whole, yes_or_no

@@ -18,7 +18,7 @@ from ..model.kinematics import Motion, euler_angles, scaled_size
 from ..model.quantities import quantity
 from ..model.scene import Scene, check_scene
 from ..model.step_size import traced_steps_per_period
-from ..solvers.choose import check_error_estimate, resolve_controller, resolve_solver
+from ..solvers.named import check_error_estimate, resolve_controller, resolve_solver
 from ..tools.checks import instance, shown_number, whole, yes_or_no
 from ..tools.compile import is_traced, jit
 from ..tools.description import describe
@@ -296,7 +296,7 @@ def simulate(
         see `default_steps_per_period`, rounded up to a multiple of `saves_per_period`. Where the scene's values are
         traced (jit, vmap), the default is at most `MOST_UNKNOWN`, and a given number is faster.
     - `solver`: a diffrax solver, or the name of one as in "Rodas4"; default `RK4()`. With `EventLatch` memory a stock
-        one is put into `Latching`. "auto" takes what `choose_solver` chooses for the scene.
+        one is put into `Latching`.
     - `stepsize_controller`: default constant steps. `AdaptiveSteps(tolerance)`, or one of diffrax's, goes with
         solvers that estimate their error; then `steps_per_period` is the first guess, and states between the ends
         of periods are interpolated at as many instants, to third order.

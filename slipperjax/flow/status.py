@@ -160,37 +160,40 @@ An exception that a signal's handler raises is lost where it meets a callback, s
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C during a sweep, with the cases that were finished.
+    """Ctrl-C during a long computation, with what was finished.
 
-    `sweep`, `follow` and `lyapunov_sweep` raise it instead of a `KeyboardInterrupt`:
+    Sweeps, branches, curves of events and designs raise it instead of a `KeyboardInterrupt`:
 
     ```python
     try:
         ds = sj.sweep(scene, grid)
     except sj.Interrupted as stop:
-        ds = stop.dataset
+        ds = stop.result
     ```
 
-    In an interactive session `sys.last_value.dataset` is the same. The run's threads end after the call that they are
+    In an interactive session `sys.last_value.result` is the same. The run's threads end after the call that they are
     in.
     """
 
-    def __init__(self, dataset: Any, finished: int, cases: int):
-        super().__init__(dataset, finished, cases)
-        self.dataset = dataset
-        """The result, an `xarray.Dataset`, where cases that were not finished have `Status.NOT_RUN`; None where no
-        case was finished."""
+    def __init__(self, result: Any, finished: int, of: int | None = None, unit: str = "cases"):
+        super().__init__(result, finished, of, unit)
+        self.result = result
+        """The finished part of the function's result: a dataset, where cases that were not finished have
+        `Status.NOT_RUN`, or a branch, a curve or a design until then. None where nothing was finished."""
         self.finished = finished
-        """How many cases were."""
-        self.cases = cases
-        """How many there are."""
+        """How many cases, points or trials were."""
+        self.of = of
+        """How many there are; None where that is not known beforehand."""
+        self.unit = unit
+        """Plural of the things counted."""
 
     def __str__(self) -> str:
-        if self.dataset is None:
-            return f"interrupted before any of {self.cases} cases was finished"
+        total = "" if self.of is None else f" of {self.of}"
+        if self.result is None:
+            return f"interrupted before any{total or ' of the'} {self.unit} was finished"
         return (
-            f"{self.finished} of {self.cases} cases were finished, see the attribute `dataset` of this exception "
-            "(in an interactive session: sys.last_value.dataset)"
+            f"{self.finished}{total} {self.unit} were finished, see the attribute `result` of this exception "
+            "(in an interactive session: sys.last_value.result)"
         )
 
 

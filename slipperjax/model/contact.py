@@ -31,11 +31,6 @@ from ..tools.checks import (
 )
 
 
-def zero_safe_sqrt(x: Array) -> Array:
-    """Square root, with a derivative of zero instead of infinity at zero."""
-    return jnp.where(x > 0, jnp.sqrt(jnp.where(x > 0, x, 1.0)), 0.0)
-
-
 class AbstractContactLaw(ShapeChecked):
     """Normal force of a point from its gap, the gap's rate, and the ratio of that rate to the rate at touchdown."""
 
@@ -67,11 +62,6 @@ class AbstractContactLaw(ShapeChecked):
         root = jnp.sqrt(jnp.where(depth > 0, depth, 1.0))
         force = self.stiffness * depth * root * (1 + self.damping(rate, rate_ratio))
         return jnp.maximum(force, 0.0) if self.clamp else force
-
-    def elastic_energy(self, gap: Array) -> Array:
-        """Energy stored in the elastic part of the force [J], in the shape of `gap` [m]."""
-        depth = jnp.maximum(-gap, 0.0)
-        return 0.4 * self.stiffness * depth**2 * zero_safe_sqrt(depth)
 
 
 class _RestitutionLaw(AbstractContactLaw):

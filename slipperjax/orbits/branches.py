@@ -22,7 +22,7 @@ from ..model.kinematics import Motion
 from ..model.paths import parameter
 from ..model.quantities import Parameter
 from ..model.scene import Scene, check_scene
-from ..solvers.choose import resolve_solver
+from ..solvers.named import resolve_solver
 from ..tools.checks import brief, number, positive, shown_number, whole
 from ..tools.compile import call_compiled
 from ..tools.files import write_whole
@@ -184,22 +184,6 @@ def load_branch(source: Any) -> OrbitBranch:
     return OrbitBranch(ds)
 
 
-class InterruptedBranch(Interrupted):
-    """Ctrl-C during `continue_orbit`, with what was found."""
-
-    def __init__(self, branch: OrbitBranch):
-        found = branch.points.sizes["point"]
-        super().__init__(branch.points, found, found)
-        self.branch = branch
-        """The branch until then; go on with `branch.extended()`."""
-
-    def __str__(self) -> str:
-        return (
-            f"{self.finished} points were found, see the attribute `branch` of this exception (in an interactive "
-            "session: sys.last_value.branch); its method `extended` goes on"
-        )
-
-
 @dataclasses.dataclass(frozen=True)
 class _Run:
     """How a branch is computed."""
@@ -261,7 +245,7 @@ class _Run:
         )
         result = OrbitBranch(branch_dataset(found, self.scene, self.name, states, call), found)
         if "interrupted" in found.ended:
-            raise InterruptedBranch(result)
+            raise Interrupted(result, result.points.sizes["point"], unit="points")
         return result
 
 
@@ -358,7 +342,7 @@ def continue_orbit(
     **Returns:** an `OrbitBranch`.
 
     **Raises:** `ValueError` that names the argument which is wrong, also where there is no orbit near the start;
-    `InterruptedBranch` after Ctrl-C, with what was found.
+    `Interrupted` after Ctrl-C, with the branch until then as its `result`, whose method `extended` goes on.
     """
     check_scene(scene)
     check_forcing(scene)

@@ -24,7 +24,7 @@ from ..model.dynamics import State
 from ..model.paths import parameter
 from ..model.quantities import Parameter
 from ..model.scene import Scene, check_scene
-from ..solvers.choose import resolve_solver
+from ..solvers.named import resolve_solver
 from ..tools.checks import one_of, shown_number, whole
 from ..tools.compile import is_traced
 from ..tools.files import write_whole
@@ -233,7 +233,8 @@ def continue_event(
     **Returns:** an `OrbitCurve`. It ends where it meets a bound, or where no step converges, also with `EASE`: at a
     grazing the multipliers' second derivatives jump.
 
-    **Raises:** `ValueError` that names the argument which is wrong; `InterruptedCurve` after Ctrl-C.
+    **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C,
+    with the curve until then as its `result`.
     """
     one_of("event", event.label, CURVES)
     scene, call = branch.scene, load_call(branch.points)
@@ -267,21 +268,8 @@ def continue_event(
         found = continue_critical(equations, *start, limits, angle=angle, on_point=show, **options)
     result = OrbitCurve(_curve_dataset(found, motions, scene, (own, other), event.label))
     if "interrupted" in found.ended:
-        raise InterruptedCurve(result)
+        raise Interrupted(result, result.points.sizes["point"], unit="points")
     return result
-
-
-class InterruptedCurve(Interrupted):
-    """Ctrl-C during `continue_event`, with what was found."""
-
-    def __init__(self, curve: OrbitCurve):
-        found = curve.points.sizes["point"]
-        super().__init__(curve.points, found, found)
-        self.curve = curve
-        """The curve until then."""
-
-    def __str__(self) -> str:
-        return f"{self.finished} points were found, see the attribute `curve` of this exception"
 
 
 def _extreme_at(motions: SlipperMotions, branch: OrbitBranch, node: Node, call: Any) -> GapExtreme:

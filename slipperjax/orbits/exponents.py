@@ -16,7 +16,7 @@ from ..flow.status import status_of, with_growth, with_resolution
 from ..model.dynamics import SmoothField, State, initial_state, vector_field
 from ..model.kinematics import Motion
 from ..model.scene import Scene, check_scene
-from ..solvers.choose import resolve_solver
+from ..solvers.named import resolve_solver
 from ..tools.checks import whole
 from ..tools.compile import is_traced
 
@@ -47,8 +47,6 @@ def lyapunov_spectrum(
     steps_per_period: int | None = None,
     solver: diffrax.AbstractSolver | str | None = None,
     start: Motion | State | Trajectory | None = None,
-    until_stderr: float | None = None,
-    max_periods: int | None = None,
 ) -> LyapunovSpectrum:
     """Lyapunov exponents of one scene by Benettin's method (doi:10.1007/BF02128236), with exact tangents.
 
@@ -56,23 +54,17 @@ def lyapunov_spectrum(
 
     - `count`: number of exponents, the largest first; one costs one tangent.
     - `transient`: forcing periods before anything is counted; `align`: those after it in which the tangents turn
-        into their directions; `periods`: those that count, or with `until_stderr` the number in a block.
+        into their directions; `periods`: those that count.
     - `orthonormalise_every`: forcing periods between orthonormalisations.
     - `steps_per_period`, `solver`, `start`: as for `simulate`.
-    - `until_stderr`: goes on until the largest exponent's standard error [1/period] is no more than this, or until
-        `max_periods` were counted.
 
     **Returns:** a `LyapunovSpectrum`: `.per_period`, `.per_second`, `.stderr`, `.history`, `.kaplan_yorke`, and
-    `.status`, a `slipperjax.flow.Status` code of the state at the end and of the tangents' growth. To go on from it,
-    `slipperjax.analysis.extend_spectrum` with the step `slipperjax.flow.PeriodMap(scene, ...)`.
+    `.status`, a `slipperjax.flow.Status` code of the state at the end and of the tangents' growth.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
     check_scene(scene)
     every = whole("orthonormalise_every", orthonormalise_every, 1)
-    if max_periods is not None and until_stderr is None:
-        whole("max_periods", max_periods, 1)
-        raise ValueError("Argument `max_periods` must be None without `until_stderr`, which it bounds.")
     steps = default_steps(scene, steps_per_period)
     start = first_of(start)
     blocks = lambda name, value, least: -(-whole(name, value, least) // every)
@@ -89,8 +81,6 @@ def lyapunov_spectrum(
         scale=tangent_weights(scene),
         periods=float(every),
         period=scene.period,
-        until_stderr=until_stderr,
-        max_intervals=None if max_periods is None else blocks("max_periods", max_periods, 1),
     )
     code = with_growth(with_resolution(status_of(found.state), scene, steps), found.history / every)
     return dataclasses.replace(found, status=code)

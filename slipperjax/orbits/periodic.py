@@ -26,7 +26,7 @@ from ..flow.status import Status, status_of
 from ..model.dynamics import State, initial_state
 from ..model.kinematics import Motion
 from ..model.scene import Scene, check_scene
-from ..solvers.choose import resolve_solver
+from ..solvers.named import resolve_solver
 from ..tools.checks import number, positive, shown_number, whole
 from ..tools.compile import is_traced
 from .motions import Settled, check_forcing

@@ -156,8 +156,6 @@ ATTRACTOR_COLORS = {
     FLAGGED_LABEL: "#ffffff",
 }
 """Colours of motions by name: light, so that curves are seen above them."""
-OTHER_COLOR = "#ffffff"
-"""Colour of cases with another kind, which is then its name."""
 _NAMED = 4
 """Longest period with a colour of its own."""
 
@@ -167,7 +165,7 @@ def attractor_map(ds: xr.Dataset, ax: Any = None) -> Any:
 
     **Arguments:** `ds`: over two parameters, the first drawn upwards, with the variables `kind` and `period` as
     `slipperjax.analysis.Attractors` has them; `ax`: the Axes to draw into, default those of a new figure, with the
-    fixed parameters as its title. Cases of another kind than `slipperjax.analysis.KINDS` are white.
+    fixed parameters as its title.
 
     **Returns:** the Axes, with a legend of what occurs.
 
@@ -181,15 +179,13 @@ def attractor_map(ds: xr.Dataset, ax: Any = None) -> Any:
         name_case(ax.figure, ds, full=True)
     with styled() if own else nullcontext():
         found = motion_names(ds, over_y, over_x)
-        others = sorted(set(found.ravel()) - set(ATTRACTOR_COLORS))
-        colors = ATTRACTOR_COLORS | dict.fromkeys(others, OTHER_COLOR)
-        names, cmap = list(colors), ListedColormap(list(colors.values()))
+        names, cmap = list(ATTRACTOR_COLORS), ListedColormap(list(ATTRACTOR_COLORS.values()))
         norm = BoundaryNorm(np.arange(len(names) + 1) - 0.5, len(names))
         numbers = np.array([names.index(name) for name in found.ravel()]).reshape(found.shape)
         ax.pcolormesh(shown(ds, over_x), shown(ds, over_y), numbers, cmap=cmap, norm=norm, rasterized=True)
         there = [name for name in names if np.any(found == name)]
         outlined = {"edgecolor": "#a0a0a0", "linewidth": 0.4}
-        legend_above(ax, [Patch(facecolor=colors[n], label=n, **outlined) for n in there])
+        legend_above(ax, [Patch(facecolor=ATTRACTOR_COLORS[n], label=n, **outlined) for n in there])
         ax.grid(False)
         ax.set(xlabel=axis_label(over_x, ds), ylabel=axis_label(over_y, ds))
     return ax
@@ -199,10 +195,9 @@ def motion_names(ds: xr.Dataset, *dims: str) -> np.ndarray:
     """The name in `ATTRACTOR_COLORS` of each case, shape as `dims`."""
     kind, period = (ds[name].transpose(*dims).values for name in ("kind", "period"))
     named = np.where(period <= _NAMED, np.char.add("period ", period.astype(int).astype(str)), "other periods")
-    words = dict(zip(KINDS, ("", "quasi-periodic", "chaotic", "unresolved"), strict=True))
     found = named.astype(object)
-    for name in set(kind.ravel()) - {KINDS[0]}:
-        found[kind == name] = words.get(name, name)
+    for name, word in zip(KINDS[1:], ("quasi-periodic", "chaotic", "unresolved"), strict=True):
+        found[kind == name] = word
     found[flagged(ds, *dims)] = FLAGGED_LABEL
     return found
 

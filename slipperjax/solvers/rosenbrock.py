@@ -104,22 +104,6 @@ def combine(y: State, stages: State, weights: Any) -> State:
     )
 
 
-class Rodas3(AbstractRosenbrock):
-    """Sandu et al. 1997, doi:10.1016/S1352-2310(97)83212-8: order 3(2), L-stable, four stages."""
-
-    gamma: ClassVar = 0.5
-    a: ClassVar = ((0.0,), (2.0, 0.0), (2.0, 0.0, 1.0))
-    c: ClassVar = ((4.0,), (1.0, -1.0), (1.0, -1.0, -8 / 3))
-    nodes: ClassVar = (0.0, 0.0, 1.0, 1.0)
-    slopes: ClassVar = (0.5, 1.5, 0.0, 0.0)
-    m: ClassVar = (2.0, 0.0, 1.0, 1.0)
-    e: ClassVar = (0.0, 0.0, 0.0, 1.0)
-
-    def order(self, terms):
-        del terms
-        return 3
-
-
 class Rodas4(AbstractRosenbrock):
     """RODAS of Hairer and Wanner, see the module: order 4(3), L-stable and stiffly accurate, six stages."""
 

@@ -1,6 +1,5 @@
 """What a sweep will take, before it is begun: counted, and measured by a probe of a few of its cases."""
 
-import inspect
 import math
 import shutil
 import sys
@@ -81,12 +80,6 @@ class Estimate:
             )
         return found
 
-    def check(self) -> "Estimate":
-        """The estimate; raises `ValueError` with the advice where the sweep cannot be done like that."""
-        if self.problems:
-            raise ValueError(f"This sweep cannot be done: {'; '.join(self.problems)}.")
-        return self
-
     def __str__(self) -> str:
         low, high = self.steps_per_period
         size = math.prod(self.tiles.tile)
@@ -140,7 +133,7 @@ def explain(
     used = -(-int(np.ceil(steps.mean())) // 50) * 50 if np.ptp(steps) else int(steps[0])
     how["steps_per_period"] = used  # the same for all, so that the probe is one batch
     some = _spread(known, LARGEST_CHUNK)
-    run = lambda: function(scene, grid=some, **{k: v for k, v in how.items() if k in _names(function)})
+    run = lambda: function(scene, grid=some, **how)
     first, _ = _timed(run)
     second, ds = _timed(run)
     per_case = second / LARGEST_CHUNK * float(steps.mean()) / used
@@ -160,10 +153,6 @@ def explain(
         len(arrays) * tiles.count + 2 * len(ds.variables),
         free,
     )
-
-
-def _names(function: Any) -> set[str]:
-    return set(inspect.signature(function).parameters)
 
 
 def _spread(grid: Grid, count: int) -> dict[str, np.ndarray]:

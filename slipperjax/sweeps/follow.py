@@ -93,8 +93,7 @@ def follow(
     # one worker: each begins where the one before ended
     runs = run_chunks(chunks, 1, work, periods=plan.work, progress=progress)
     steps = in_order(chunks, [np.full(len(ways), chunk.steps) for chunk in chunks])
-    status = in_order(chunks, [run.status for run in runs.results])
-    found = CaseRuns(status, steps, records_in_order(chunks, [run.record for run in runs.results]))
+    status, record = records_in_order(chunks, [(run.status, run.record) for run in runs.results])
     call = dict(
         function="follow",
         values=len(values),
@@ -105,6 +104,7 @@ def follow(
         steps_per_period=steps_per_period,
         saves_per_period=saves_per_period,
     )
+    found = CaseRuns(status, steps, record)
     return runs.checked(sweep_dataset(plan, cases, found, call, {"direction": list(directions)}))
 
 

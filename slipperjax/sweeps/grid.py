@@ -13,7 +13,6 @@ from ..model.dang2024 import paper_scene
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.paths import parameter
-from ..model.paths import parameter as parameter_named
 from ..model.quantities import STARTS, Parameter
 from ..model.scene import Scene, check_scene
 from ..model.step_size import rounded_steps, steps_needed
@@ -100,8 +99,8 @@ class Grid:
         """The axes as coordinates of a dataset."""
         found = {}
         for name, values in self.axes.items():
-            label, known = self.label(name), STARTS[name] if name in STARTS else parameter_named(name, self.scene)
-            found[label] = (label if label in self.dims else "case", values, known.attributes)
+            label = self.label(name)
+            found[label] = (label if label in self.dims else "case", values, _parameter(self.scene, name).attributes)
         return found
 
     def part(self, region: tuple[slice, ...]) -> dict[str, np.ndarray]:
@@ -110,12 +109,14 @@ class Grid:
         return {name: values[cut] for (name, values), cut in zip(self.axes.items(), slices, strict=True)}
 
 
+def _parameter(scene: Scene, name: str) -> Parameter:
+    """A parameter of a scene, or a coordinate of the start."""
+    return STARTS[name] if name in STARTS else parameter(name, scene)
+
+
 def _values(scene: Scene, name: str, raw: Any) -> np.ndarray:
-    if name in STARTS:
-        known: Parameter = STARTS[name]
-    else:
-        known = parameter_named(name, scene)
-        known.check_exists(scene)
+    known = _parameter(scene, name)
+    known.check_exists(scene)
     values = np.atleast_1d(np.asarray(known.checked(raw)))
     if values.ndim != 1 or values.size == 0:
         raise ValueError(f"Argument `{name}` must be a list of one or more values, but has shape {values.shape}.")
@@ -126,18 +127,14 @@ LANES = 8
 """Batches are filled up to multiples of this, a vector register's worth: results then depend on no batch size."""
 
 
-class Cases:
+class Cases(Grid):
     """The flat list of cases that a grid makes: a batch of scenes, and a start for each."""
 
-    scene: Scene
-    """The case whose parameters are varied."""
     scenes: Batched[Scene]
     start: Motion | State
     """The motion or state at time zero, where the grid does not vary it."""
     starts: Motion | State
     """Those of the cases, with a leading axis."""
-    grid: Grid
-    """What is varied, in SI units."""
 
     def __init__(self, scene: Scene, grid: Mapping[str, Any], start: Motion | State, *, product: bool = True):
         """**Arguments:**
@@ -150,11 +147,10 @@ class Cases:
         **Raises:** `ValueError` for a wrong name, an empty axis, a bad value, or lists of several lengths side by
         side.
         """
-        self.grid = Grid(scene, grid, product=product)
-        self.scene = scene
-        refuse_cases(self.grid.count)
+        super().__init__(scene, grid, product=product)
+        refuse_cases(self.count)
         flat = self.axes
-        if self.grid.product:
+        if self.product:
             mesh = np.meshgrid(*self.axes.values(), indexing="ij")
             flat = {name: m.ravel() for name, m in zip(self.axes, mesh, strict=True)}
         varied = {name: values for name, values in flat.items() if name not in STARTS}
@@ -168,34 +164,6 @@ class Cases:
         if isinstance(start, State):
             alike = jax.tree.map(lambda v: np.broadcast_to(np.asarray(v, float), (self.count, *np.shape(v))), start)
             self.starts = eqx.tree_at(lambda state: state.motion, alike, self.starts)
-
-    @property
-    def axes(self) -> dict[str, np.ndarray]:
-        """The grid's values by name, in SI units."""
-        return self.grid.axes
-
-    @property
-    def dims(self) -> tuple[str, ...]:
-        """Dimensions of the grid in a dataset."""
-        return self.grid.dims
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Lengths of `dims`."""
-        return self.grid.shape
-
-    @property
-    def count(self) -> int:
-        """Number of cases."""
-        return self.grid.count
-
-    def label(self, name: str) -> str:
-        """What an axis is called in a dataset, where y is the displacement and not the start's."""
-        return self.grid.label(name)
-
-    def coordinates(self) -> dict[str, Any]:
-        """The axes as coordinates of a dataset."""
-        return self.grid.coordinates()
 
     def take(self, index: np.ndarray) -> tuple[Batched[Scene], Motion | State]:
         """The scenes and starts at some places, for a compiled program."""
@@ -308,8 +276,7 @@ def sample_box(
 
 def _bounds(scene: Scene, name: str, ends: Any) -> tuple[float, float]:
     """Two values of a parameter, the lower first."""
-    known = STARTS[name] if name in STARTS else parameter(name, scene)
-    values = np.asarray(known.checked(ends), float)
+    values = np.asarray(_parameter(scene, name).checked(ends), float)
     if values.shape != (2,) or not values[0] < values[1]:
         raise ValueError(f"Argument `box` must have the lower and the higher bound of {name}, but has {brief(ends)}.")
     return float(values[0]), float(values[1])

@@ -10,13 +10,13 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
-from ..flow.recorders import RECORDERS, STROBE_VALUES, AbstractRecorder, Sections, Strobe, recorder_named
+from ..flow.recorders import STROBE_VALUES, AbstractRecorder, Sections, Strobe, recorder_named
 from ..flow.simulate import step_plan
 from ..flow.stepping import room_for
 from ..model.scene import Scene
-from ..solvers.choose import resolve_solver
 from ..solvers.latching import calls_lapack
-from ..tools.checks import one_of, whole, yes_or_no
+from ..solvers.named import resolve_solver
+from ..tools.checks import whole, yes_or_no
 from ..tools.limits import cores
 from .grid import Cases, batch_size, filled, refuse_run
 
@@ -117,9 +117,8 @@ class Plan:
     def chunks(self, chunk: int | None, workers: int | None, *, tangents: bool = False) -> tuple[list[Chunk], int]:
         """The chunks, the most expensive first, and the number of threads to run them on. Neither changes any result.
 
-        **Arguments:** `chunk`: cases per call, rounded up as by `slipperjax.sweeps.cases.batch_size`; by
-        default what makes the run shortest. `workers`: threads, by default one per core. `tangents`: whether the
-        calls take derivatives.
+        **Arguments:** `chunk`: cases per call, rounded up as by `batch_size`; by default what makes the run shortest.
+        `workers`: threads, by default one per core. `tangents`: whether the calls take derivatives.
         """
         workers = cores() if workers is None else whole("workers", workers, 1)
         tangents = tangents or self.recorder.tangents
@@ -164,12 +163,10 @@ def make_plan(
     solver: diffrax.AbstractSolver | str | None = None,
     loads: bool = True,
 ) -> Plan:
-    """The plan of a run from a user's arguments, see `slipperjax.sweep`; `record`: one of `RECORDERS`, or a recorder.
+    """The plan of a run from a user's arguments, see `slipperjax.sweep`; `record`: of `RECORDERS`, or a recorder.
 
     **Raises:** `ValueError` that names the argument which is wrong, or memory and time of an impossible run.
     """
-    if not isinstance(record, AbstractRecorder):
-        record = one_of("record", record, RECORDERS)
     transient, periods = whole("transient", transient, 0), whole("periods", periods, 1)
     if steps_per_period is None:
         saves = 50 if saves_per_period is None else whole("saves_per_period", saves_per_period, 1)

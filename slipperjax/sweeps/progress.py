@@ -87,10 +87,7 @@ class Tally:
         self._lock, self._calls = threading.Lock(), {}
 
     def begin(self) -> None:
-        """A chunk begins on this thread."""
-        self._next()
-
-    def _next(self) -> None:
+        """A call begins on this thread."""
         me = threading.get_ident()
         with self._lock:
             self._calls.pop(me, None)
@@ -114,7 +111,7 @@ class Tally:
                 self._busy += now - call.begin
                 self._rated += work
             self.done += work
-        self._next()
+        self.begin()
 
     def end(self, cases: int = 0) -> None:
         """A chunk ended on this thread, with so many finished cases."""

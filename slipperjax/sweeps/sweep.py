@@ -20,7 +20,7 @@ from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene
 from ..solvers.latching import solver_name
-from .executors import in_order, records_in_order, run_chunk, run_chunks
+from .executors import records_in_order, run_chunk, run_chunks
 from .grid import Cases
 from .plan import Plan, make_plan
 from .reducers import resolved_record
@@ -109,8 +109,7 @@ def sweep(
         return run_chunk(plan, scenes, initial_states(scenes, starts), chunk.steps, on_progress)
 
     runs = run_chunks(chunks, workers, work, periods=plan.work, progress=progress)
-    status = in_order(chunks, [run.status for run in runs.results])
-    found = CaseRuns(status, plan.steps, records_in_order(chunks, [run.record for run in runs.results]))
+    status, record = records_in_order(chunks, [(run.status, run.record) for run in runs.results])
     call = dict(
         function="sweep",
         product=product,
@@ -120,7 +119,7 @@ def sweep(
         saves_per_period=saves_per_period,
         loads=loads,
     )
-    return runs.checked(sweep_dataset(plan, cases, found, call))
+    return runs.checked(sweep_dataset(plan, cases, CaseRuns(status, plan.steps, record), call))
 
 
 class CaseRuns(NamedTuple):

@@ -6,13 +6,9 @@ Reports medians and best of alternating runs; asserts no time.
 """
 
 import math
-import re
 import resource
-import shutil
 import statistics
-import subprocess
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,6 +18,7 @@ from slipperjax.sweeps.attractors import strobe_states
 from slipperjax.tools.limits import cores
 
 from ..common import SCALES
+from .peers import CppProgram
 
 pytestmark = pytest.mark.benchmark
 STEPS = 50
@@ -30,23 +27,10 @@ LIMIT_NS = 58.0  # flops, roots and divisions of one right-hand side at full rat
 
 @pytest.fixture(scope="module")
 def peer(tmp_path_factory):
-    if shutil.which("g++") is None:
-        pytest.skip("g++ is not installed, so the C++ peer cannot be built")
-    program = tmp_path_factory.mktemp("peer") / "peer"
-    subprocess.run(
-        ["g++", "-O3", "-march=native", str(Path(__file__).with_name("peer.cpp")), "-o", str(program)],
-        check=True,
-    )
-
-    def run(speed, periods=100):
-        """Microseconds per step, and the states (periods, 10)."""
-        arguments = [speed, 1e-3, 0.2, 1e8, 0.9, 1e-3, math.radians(0.2), 8, 0, periods, STEPS]
-        out = subprocess.run([str(program), *map(str, arguments)], capture_output=True, text=True, check=True).stdout
-        *rows, last = out.splitlines()
-        states = [[float(x) for x in row.split()[1:11]] for row in rows]
-        return float(re.findall(r"([\d.]+) us per step", last)[-1]), np.array(states)
-
-    return run
+    program = CppProgram(tmp_path_factory.mktemp("peer"))
+    scene = dict(clearance=1e-3, length=0.2, stiffness=1e8, restitution=0.9, amplitude=1e-3)
+    scene |= dict(roll_amplitude=math.radians(0.2), wave=8.0, wave2=0.0)
+    return lambda speed, periods=100: program(speed, scene, periods, STEPS)
 
 
 # short runs, some of which are undisturbed even under other load, though what does not depend on the periods counts;
@@ -69,7 +53,7 @@ def test_sweep_against_scalar_cpp(peer, lanes, periods, repeats):
     first = time.perf_counter() - begin
     ours, theirs = [], []
     for k in range(repeats):
-        theirs.append(peer(float(speeds[(k * lanes) // repeats]))[0])
+        theirs.append(peer(float(speeds[(k * lanes) // repeats]))[1])
         begin = time.perf_counter()
         run()
         ours.append((time.perf_counter() - begin) / (lanes * periods * STEPS) * 1e6)
@@ -88,7 +72,7 @@ def test_sweep_against_scalar_cpp(peer, lanes, periods, repeats):
     # compared, at which 50 steps resolve an impact; measured 1.2e-4 in the median.
     picked = np.linspace(int(0.3 * lanes), lanes - 1, 15).astype(int)
     ours_end = strobe_states(found)[picked, 0]
-    theirs_end = np.array([peer(float(speeds[k]), 1)[1][0] for k in picked])
+    theirs_end = np.array([peer(float(speeds[k]), 1)[0][0] for k in picked])
     difference = np.max(np.abs(ours_end - theirs_end) / SCALES, axis=1)
     print(
         f"states after a period differ by {np.median(difference):.1e} in the median, {difference.max():.1e} at most"

@@ -17,7 +17,7 @@ from slipperjax.cli.branch import make_bounds
 from slipperjax.cli.interrupts import on_thread
 from slipperjax.flow.status import ASKED, Status
 from slipperjax.model.quantities import PARAMETERS
-from slipperjax.orbits.branches import FINER, InterruptedBranch, OrbitBranch
+from slipperjax.orbits.branches import FINER, OrbitBranch
 
 QUICK = ["--steps-per-period", "100"]
 
@@ -249,7 +249,7 @@ def test_flips_without_a_branch_are_said_and_the_rest_goes_on(flip, monkeypatch,
 
 def test_an_interrupted_branch_gets_a_name_of_its_own(narrow, monkeypatch, tmp_path, capsys):
     def continue_orbit(*arguments, **options):
-        raise InterruptedBranch(narrow)
+        raise sj.Interrupted(narrow, narrow.points.sizes["point"], unit="points")
 
     monkeypatch.setattr("slipperjax.orbits.branches.continue_orbit", continue_orbit)
     monkeypatch.setattr("slipperjax.orbits.periodic.periodic_orbit", first())
@@ -268,7 +268,7 @@ def test_an_interrupted_branch_gets_a_name_of_its_own(narrow, monkeypatch, tmp_p
 
 def test_an_interrupted_switch_keeps_the_branch_before(flip, monkeypatch, tmp_path, capsys):
     def switched(self, event, **options):
-        raise InterruptedBranch(flip)
+        raise sj.Interrupted(flip, flip.points.sizes["point"], unit="points")
 
     monkeypatch.setattr(OrbitBranch, "extended", lambda self, bounds, **options: flip)
     monkeypatch.setattr(OrbitBranch, "switched", switched)
@@ -283,7 +283,7 @@ def test_a_signal_while_points_are_computed_is_heard_at_the_next(narrow, monkeyp
         threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
         assert ASKED.wait(10)
         time.sleep(0.7)  # the rest of the point
-        raise InterruptedBranch(narrow)
+        raise sj.Interrupted(narrow, narrow.points.sizes["point"], unit="points")
 
     monkeypatch.setattr("slipperjax.orbits.branches.continue_orbit", continue_orbit)
     monkeypatch.setattr("slipperjax.orbits.periodic.periodic_orbit", first())

@@ -10,7 +10,7 @@ from slipperjax.cli import main
 from slipperjax.cli.design import OBJECTIVE_UNITS, _joined, make_box
 from slipperjax.design.ensembles import Spread
 from slipperjax.design.objectives import OBJECTIVES, PeakForce
-from slipperjax.design.optimise import InterruptedDesign, optimise_design
+from slipperjax.design.optimise import optimise_design
 from slipperjax.design.problem import Problem
 from slipperjax.flow.load import load_call
 
@@ -214,7 +214,8 @@ def test_one_case_and_one_variable_are_enough(bowl, tmp_path, capsys):
 
 def test_an_interrupted_search_gets_a_name_of_its_own(bowl, monkeypatch, tmp_path, capsys):
     def search(*arguments, **options):
-        raise InterruptedDesign(optimise_design(*arguments, **options))
+        found = optimise_design(*arguments, **options)
+        raise sj.Interrupted(found, found.history.sizes["trial"], unit="trials")
 
     monkeypatch.setattr("slipperjax.design.optimise.optimise_design", search)
     out = tmp_path / "run"

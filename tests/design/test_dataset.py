@@ -23,6 +23,29 @@ def found(monkeypatch):
     return optimise_design(sj.paper_scene(), "peak_force", BOUNDS, steps_per_period=50, starts=2, **options)
 
 
+@pytest.mark.parametrize("calls", [0, 2])
+def test_an_interrupted_search_keeps_its_best_design(monkeypatch, calls):
+    seen = []
+
+    def interrupted(self, designs, memory):
+        seen.append(len(designs))
+        if len(seen) > calls:
+            raise KeyboardInterrupt
+        return judged(self, designs, memory)
+
+    monkeypatch.setattr(Problem, "judged", interrupted)
+    with pytest.raises(sj.Interrupted) as stop:
+        optimise_design(sj.paper_scene(), "peak_force", BOUNDS, steps_per_period=50, starts=2)
+    assert stop.value.finished == sum(seen[:calls])
+    assert stop.value.unit == "trials"
+    if not calls:
+        assert stop.value.result is None
+        return
+    design = stop.value.result
+    assert design.history.sizes["trial"] == stop.value.finished
+    assert design.smooth == design.history["smooth"].values.min()
+
+
 def test_tables_have_prefixes_and_units(found):
     ds = found.to_xarray()
     # the bowl's states are 20 numbers

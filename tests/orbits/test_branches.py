@@ -6,6 +6,7 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.flow.status import Status
+from slipperjax.orbits.branches import Bar
 from slipperjax.orbits.critical import continue_event, critical_orbit
 
 STEPS = 100
@@ -104,6 +105,25 @@ def test_a_branch_ends_after_the_event_that_is_looked_for(branch):
     # what else lies within the last step is kept: here a grazing
     assert [event.label for event in part.events] == ["GR", "PD", "EP"]
     assert part.events[1].value == pytest.approx(flip.value, rel=1e-9)
+    np.testing.assert_allclose(part.extended().points["speed"], branch.points["speed"], rtol=1e-12)
+
+
+def test_an_interrupted_branch_goes_on(branch, monkeypatch):
+    show, shown = Bar.show, []
+
+    def interrupting(self, value):
+        shown.append(value)
+        if len(shown) == 3:
+            raise KeyboardInterrupt
+        show(self, value)
+
+    monkeypatch.setattr(Bar, "show", interrupting)
+    with pytest.raises(sj.Interrupted) as stop:
+        sj.continue_orbit(SCENE, "speed", (1050.0, 1270.0), steps_per_period=STEPS)
+    part = stop.value.result
+    assert "interrupted" in part.points.attrs["ended"]
+    assert stop.value.finished == part.points.sizes["point"] < branch.points.sizes["point"]
+    assert part.points["speed"].values[-1] < 1270 or part.points["speed"].values[0] > 1050
     np.testing.assert_allclose(part.extended().points["speed"], branch.points["speed"], rtol=1e-12)
 
 

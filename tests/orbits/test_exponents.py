@@ -1,4 +1,4 @@
-"""Exponents of one slipper: resumed, until they are known, and with either contact memory."""
+"""Exponents of one slipper, with either contact memory."""
 
 import jax
 import jax.numpy as jnp
@@ -7,11 +7,9 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import slipperjax as sj
-from slipperjax.analysis.lyapunov import extend_spectrum
 from slipperjax.analysis.ode import ode_spectrum, ode_step
-from slipperjax.flow.period_map import PeriodMap, tangent_weights
+from slipperjax.flow.period_map import tangent_weights
 from slipperjax.flow.status import Status
-from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.dynamics import Args
 
 STEPS = 50
@@ -27,21 +25,6 @@ def test_a_periodic_motion_contracts_and_a_lost_one_says_so():
     lost = sj.lyapunov_spectrum(sj.paper_scene(speed=1e-3), 2, transient=200, periods=40, steps_per_period=STEPS)
     assert lost.status == Status.NOT_FINITE
     assert np.all(np.isnan(lost.per_period))
-
-
-@pytest.mark.slow
-def test_one_scene_alone_resumed_and_until_it_is_known():
-    scene = sj.paper_scene(speed=1250.0)
-    options = dict(steps_per_period=STEPS, transient=300)
-    whole = sj.lyapunov_spectrum(scene, periods=60, **options)
-    part = sj.lyapunov_spectrum(scene, periods=30, **options)
-    step = PeriodMap(scene, ConstantSteps(steps=jnp.asarray(float(STEPS))))
-    rest = extend_spectrum(part, step, 30, scale=tangent_weights(scene))
-    np.testing.assert_allclose(rest.history, whole.history, rtol=1e-9, atol=1e-12)
-    known = sj.lyapunov_spectrum(scene, periods=30, until_stderr=5e-3, **options)
-    assert known.reached
-    assert known.stderr[0] <= 5e-3
-    np.testing.assert_allclose(known.per_period, -0.0465, atol=3 * 5e-3)
 
 
 @pytest.mark.slow

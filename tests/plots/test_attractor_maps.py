@@ -18,8 +18,8 @@ def _closed():
 
 
 def attractor_map():
-    kind = np.array([["period", "period", "torus", "chaotic"], ["period", "unresolved", "period", "no orbit near"]])
-    period = np.array([[1, 2, 0, 0], [12, 0, 1, 0]])
+    kind = np.array([["period", "period", "torus", "chaotic"], ["period", "unresolved", "period", "period"]])
+    period = np.array([[1, 2, 0, 0], [12, 0, 1, 3]])
     status = np.zeros((2, 4), int)
     status[1, 2] = 3
     dims = ("clearance", "speed")
@@ -41,19 +41,19 @@ def test_cases_have_names():
     found = motion_names(attractor_map(), "clearance", "speed")
     assert found.tolist() == [
         ["period 1", "period 2", "quasi-periodic", "chaotic"],
-        ["other periods", "unresolved", "status not 0", "no orbit near"],
+        ["other periods", "unresolved", "status not 0", "period 3"],
     ]
     assert motion_names(attractor_map(), "speed", "clearance").tolist() == found.T.tolist()
 
 
 def test_a_map_has_a_legend_of_what_occurs():
     ax = plots.attractor_map(attractor_map())
-    names = ["period 1", "period 2", "other periods", "quasi-periodic", "chaotic", "unresolved", "status not 0"]
-    assert legend(ax) == [*names, "no orbit near"]
+    names = ["period 1", "period 2", "period 3", "other periods", "quasi-periodic", "chaotic", "unresolved"]
+    assert legend(ax) == [*names, "status not 0"]
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("speed $V$ [m/s]", "clearance $C$ [mm]")
     (mesh,) = ax.collections
     colors = mesh.cmap(mesh.norm(mesh.get_array().reshape(2, 4)))
-    assert len(np.unique(colors.reshape(8, 4), axis=0)) == 7  # the last two are both white
+    assert len(np.unique(colors.reshape(8, 4), axis=0)) == 8
     ax.figure.draw_without_rendering()
     assert ax.get_legend().get_window_extent().width <= 1.001 * ax.get_window_extent().width
 

@@ -20,7 +20,7 @@ from slipperjax.model.kinematics import contacts, rail_frame
 from slipperjax.model.quantities import COORDINATES
 from slipperjax.sweeps.grid import Cases
 
-from ..common import SCALES, cases, rebound
+from ..common import SCALES, cases, elastic_energy, rebound
 
 LANES, BLOCK = 16, 4
 VALUES = dict(
@@ -68,7 +68,7 @@ def energy(lanes, states):
         scene = BASE.replace(**values)
         motion = sj.Motion.from_euler(**dict(zip(COORDINATES, s, strict=True)))
         gap = contacts(rail_frame(scene, 0.0), motion).gap
-        return jnp.sum(scene.contact.elastic_energy(gap)) + MASS * scene.gravity * motion.z
+        return jnp.sum(elastic_energy(scene, gap)) + MASS * scene.gravity * motion.z
 
     values = {k: jnp.asarray(v)[: len(lanes)] for k, v in grid(lanes).items() if k in sj.PARAMETERS}
     potential = jax.vmap(lambda v, s: jax.vmap(lambda s: one(v, s))(s))(values, jnp.asarray(states))

@@ -8,7 +8,7 @@ import warnings
 
 import pytest
 
-from slipperjax.sweeps.stores.upkeep import store_status
+from slipperjax.sweeps.stores.archive import store_status
 
 from .made_up import call, files
 

@@ -11,7 +11,7 @@ from slipperjax.analysis.floquet import largest_exponent
 from slipperjax.flow.status import Status
 from slipperjax.sweeps import exponents, reached
 from slipperjax.sweeps.attractors import attractors
-from slipperjax.sweeps.confirm import confirm_periods
+from slipperjax.sweeps.reached import confirm_periods
 from slipperjax.sweeps.transience import MOTIONS, Votes
 
 SPEEDS = [1100.0, 1250.0, 1500.0, 1800.0, 2100.0, 2300.0]
@@ -98,8 +98,8 @@ def test_an_interrupt_during_the_longer_motions_keeps_what_was_measured(monkeypa
     grid = {"speed": [2100.0, 1250.0, 2100.0]}
     with pytest.raises(sj.Interrupted) as stop:
         sj.lyapunov_sweep(sj.paper_scene(), grid, transient=200, periods=60, steps_per_period=STEPS)
-    found = stop.value.dataset
-    assert (stop.value.finished, stop.value.cases) == (1 + finished, 3)
+    found = stop.value.result
+    assert (stop.value.finished, stop.value.of) == (1 + finished, 3)
     assert found["status"].values.tolist() == [0 if finished else 7, 0, 7]
     assert np.all(np.isfinite(found["exponent"]))
     assert (float(found["exponent"][0, 0]) == 0.5) == bool(finished)
@@ -195,11 +195,11 @@ def test_an_interrupt_keeps_the_orbits(monkeypatch, stage):
     monkeypatch.setattr(exponents, "run_chunks", run_chunks)
     with pytest.raises(sj.Interrupted) as stop:
         sj.lyapunov_sweep(sj.paper_scene(), {"speed": TWO}, **SHORT)
-    assert (stop.value.finished, stop.value.cases) == (stage, 2)
+    assert (stop.value.finished, stop.value.of) == (stage, 2)
     if not stage:
-        assert stop.value.dataset is None
+        assert stop.value.result is None
         return
-    found = stop.value.dataset
+    found = stop.value.result
     assert found["status"].values.tolist() == [Status.FINITE, Status.NOT_RUN]
     assert found["regime"].values.tolist() == ["periodic", "unresolved"]
     assert np.isfinite(found["exponent"].values[:, 0]).tolist() == [True, False]

@@ -92,7 +92,7 @@ def test_nothing_is_kept_where_nothing_was_finished(interrupt_after):
     interrupt_after(0)
     with pytest.raises(sj.Interrupted, match="before any of 12 cases was finished") as stop:
         run(lambda chunk, on_progress: time.sleep(0.05))
-    assert stop.value.dataset is None
+    assert stop.value.result is None
     assert isinstance(stop.value, KeyboardInterrupt)  # `except Exception` does not catch it
 
 
@@ -132,8 +132,8 @@ def test_an_interrupted_sweep_has_the_finished_cases(interrupt_after):
     interrupt_after(1)
     with pytest.raises(sj.Interrupted, match="8 of 10 cases were finished") as stop:
         sj.sweep(sj.paper_scene(), {"speed": SPEEDS}, **options)
-    found = stop.value.dataset
-    assert (stop.value.finished, stop.value.cases) == (8, 10)
+    found = stop.value.result
+    assert (stop.value.finished, stop.value.of) == (8, 10)
     assert found["status"].values.tolist() == [0] * 8 + [7] * 2
     assert "7: not run" in found["status"].attrs["meaning"]
     assert set(found) == set(whole)
@@ -161,7 +161,7 @@ def test_a_followed_motion_is_kept_as_far_as_it_came(interrupt_after):
     interrupt_after(2)
     with pytest.raises(sj.Interrupted) as stop:
         sj.follow(sj.paper_scene(), {"speed": [1240.0, 1250.0, 1260.0, 1270.0]}, **OPTIONS)
-    status = stop.value.dataset["status"]
+    status = stop.value.result["status"]
     assert set(status.sel(speed=[1240.0, 1250.0], direction="up").values) == {0}
     assert set(status.sel(speed=[1260.0, 1270.0], direction="down").values) == {0}
     assert int(status.sel(speed=1270.0, direction="up")) == 7

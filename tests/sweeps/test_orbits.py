@@ -1,10 +1,12 @@
 """Periodic orbits of a grid as one batch."""
 
+import jax
 import numpy as np
 import pytest
 
 import slipperjax as sj
 from slipperjax.flow.status import Status
+from slipperjax.sweeps.maps import rows_of, states_of
 
 SCENE = sj.paper_scene()
 GRID = {"speed": [1150.0, 1250.0, 1500.0, 2300.0]}
@@ -55,3 +57,12 @@ def test_wrong_arguments_are_named():
         sj.orbit_sweep(SCENE, GRID, period=0)
     with pytest.raises(ValueError, match="must have a track that recurs"):
         sj.orbit_sweep(sj.paper_scene(wavelengths=(8.0, 3.0)), GRID)
+
+
+def test_rows_are_states():
+    start = sj.initial_state(SCENE, sj.Motion())
+    both = jax.tree.map(lambda a: np.stack([np.asarray(a), np.asarray(a) + 1]), start)
+    rows = rows_of(both)
+    assert rows.shape == (2, 30)
+    for a, b in zip(jax.tree.leaves(states_of(rows, start)), jax.tree.leaves(both), strict=True):
+        np.testing.assert_array_equal(a, b)

@@ -18,10 +18,9 @@ import slipperjax as sj
 from slipperjax.design.maps import objective_sweep
 from slipperjax.flow.reducers import Reduced
 from slipperjax.flow.status import ASKED
-from slipperjax.sweeps.stores.locks import StoreInUse
-from slipperjax.sweeps.stores.target import tiling
+from slipperjax.sweeps.stores.archive import check_store, store_status
+from slipperjax.sweeps.stores.target import StoreInUse, tiling
 from slipperjax.sweeps.stores.tasks import WorkerLost
-from slipperjax.sweeps.stores.upkeep import check_store, merge_stores, store_status
 
 from . import made_up
 from .made_up import a_grid, call, files
@@ -200,8 +199,8 @@ def test_ctrl_c_leaves_a_store_that_can_be_read(tmp_path, whole, monkeypatch):
     finally:
         ASKED.clear()
         pool.shutdown()
-    ds = caught.value.dataset
-    assert caught.value.cases == 120
+    ds = caught.value.result
+    assert caught.value.of == 120
     assert 30 <= caught.value.finished < 120
     there = ds["status"].values != int(sj.Status.NOT_RUN)
     assert there.sum() == caught.value.finished
@@ -268,19 +267,6 @@ def test_shares_of_a_store_are_computed_side_by_side(tmp_path, whole):
     both = [process(path, 0.02, share) for share in ("1/2", "2/2")]
     assert [ended(one) for one in both] == ["", ""]
     assert files(path) == whole
-
-
-def test_shares_on_different_disks_are_merged(tmp_path, whole):
-    parts = [tmp_path / name / "map.zarr" for name in ("one", "two")]
-    for k, part in enumerate(parts):
-        part.parent.mkdir()
-        call(part, share=(k + 1, 2))
-    status = merge_stores(parts, tmp_path / "map.zarr")
-    assert (status.tiles_done, status.cases_done) == (12, 120)
-    assert files(tmp_path / "map.zarr") == whole
-    call(tmp_path / "other.zarr", periods=5)
-    with pytest.raises(ValueError, match=r"arguments\.periods"):
-        merge_stores([tmp_path / "other.zarr"], tmp_path / "map.zarr")
 
 
 # what can be wrong with disks
@@ -354,46 +340,6 @@ def test_a_folder_that_is_missing_or_protected_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(filelock.FileLock, "acquire", refuses)
     with pytest.raises(PermissionError, match="protected against writing"):
         call(tmp_path / "map.zarr")
-
-
-# maps that are refined
-
-
-def test_a_finer_map_takes_what_a_coarser_one_has(tmp_path, monkeypatch):
-    coarse, fine, scene = tmp_path / "map.zarr", tmp_path / "fine.zarr", sj.paper_scene()
-    call(coarse)
-    (coarse / "status" / "c" / "3" / "0").unlink()  # it need not be complete
-    grid = sj.refined(coarse, {"speed": (1100.0, 1400.0)})
-    assert grid["clearance"].size == 19
-    assert np.all(np.diff(grid["speed"]) > 0)
-    assert grid["speed"].size == 11
-    asked, usual = [], made_up.Grid
-    monkeypatch.setattr(made_up, "Grid", lambda *a, **k: asked.append(usual(*a, **k)) or asked[-1])
-    ds = made_up.made_up(scene, grid, store=sj.Store(fine, tile=40, reuse=coarse))
-    monkeypatch.undo()
-    # one case to see what there is to store; 6 x 10 are in the coarse map, 10 of them in the tile that was deleted
-    assert sum(one.count for one in asked) == 1 + 11 * 19 - 5 * 10
-    made_up.made_up(scene, grid, store=sj.Store(tmp_path / "plain.zarr", tile=40))
-    assert files(fine) == files(tmp_path / "plain.zarr")
-    rest = {"clearance": grid["clearance"][:3], "speed": grid["speed"][:5]}  # in another order, side by side
-    lists = {"clearance": rest["clearance"], "speed": rest["speed"][:3]}
-    for more, axes in ((dict(product=True), rest), (dict(product=False), lists)):
-        ds = made_up.made_up(scene, axes, store=sj.Store(tmp_path / "rest.zarr", reuse=coarse, fresh=True), **more)
-        assert np.array_equal(ds["seconds"], made_up.made_up(scene, axes, **more)["seconds"])
-
-
-def test_a_map_of_another_call_is_not_taken_from(tmp_path):
-    call(tmp_path / "map.zarr")
-    grid, scene = a_grid(), sj.paper_scene()
-    with pytest.raises(ValueError, match=r"arguments\.periods: 3 in the store, 4 asked"):
-        made_up.made_up(scene, grid, periods=4, store=sj.Store(tmp_path / "b.zarr", reuse=tmp_path / "map.zarr"))
-    other = {"speed": [900.0], "mass": [10.0]}
-    with pytest.raises(ValueError, match=r"every combination of speed, mass, but .* is of speed, clearance"):
-        made_up.made_up(scene, other, store=sj.Store(tmp_path / "b.zarr", reuse=tmp_path / "map.zarr"))
-    with pytest.raises(ValueError, match="must be one of speed, clearance"):
-        sj.refined(tmp_path / "map.zarr", {"mass": (1.0, 2.0)})
-    with pytest.raises(ValueError, match="must hold two values or more of speed"):
-        sj.refined(tmp_path / "map.zarr", {"speed": (1.0, 2.0)})
 
 
 # workers

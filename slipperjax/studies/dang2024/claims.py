@@ -95,10 +95,9 @@ def section_points(values: np.ndarray, tolerance: float = 0.01) -> np.ndarray:
     return np.sum(np.diff(ordered, axis=-1) > tolerance * extent, axis=-1) + np.isfinite(ordered[..., 0])
 
 
-def show_ranges(ranges: list[tuple[float, float]], scale: float = 1.0, digits: int = 4) -> str:
+def show_ranges(ranges: list[tuple[float, float]]) -> str:
     """Ranges as text."""
-    text = [f"{a * scale:.{digits}g}" + (f"..{b * scale:.{digits}g}" if b > a else "") for a, b in ranges]
-    return ", ".join(text) or "nowhere"
+    return ", ".join(f"{a:.4g}" + (f"..{b:.4g}" if b > a else "") for a, b in ranges) or "nowhere"
 
 
 def near(ours: float | None, paper: float, step: float) -> bool:

@@ -14,32 +14,24 @@ from ...flow.status import Status
 from ...model.quantities import SECTIONS
 from ...plots.bifurcations import bifurcations
 from ...plots.branches import branches
-from ...plots.event_curves import event_curves
 from ...plots.maps import exponents
-from ...plots.style import COLORS, case_title, png, styled
+from ...plots.style import COLORS, png, styled
 from ...plots.trajectories import phase_portrait, spectrum
-from ...tools.files import table_lines, write_each
-from .agreement import agreement_rows
-from .runs import MAPS, Finished
+from ...tools.files import write_each
+from .runs import Finished
 from .verdicts import DUAL_LINES, F1, F2
 
 _COLORS = {"A": "#12355b", "C": "#c1121f", "J": "#2a9d6f"}
 
 
 def write_figures(done: Finished, out: Path) -> list[Path]:
-    """Draws a run's figures, and writes them and the run's data into the folder `out`; gives the paths.
-
-    A map comes with a table of how well its curves agree with it.
-    """
+    """Draws a run's figures, and writes them and the run's data into the folder `out`; gives the paths."""
     contents: dict[Path, Any] = {}
     for name, ds in done.outcome.data.items():
         contents[out / f"{name}.nc"] = functools.partial(ds.to_netcdf, engine="h5netcdf")
     for figure in done.figures:
         path = out / (f"fig{figure}.png" if figure.isdigit() else f"{figure}.png")
         contents[path] = functools.partial(_picture, figure, done.outcome.data)
-        if figure in MAPS:
-            table = table_lines(agreement_rows(done.outcome.data[figure]))
-            contents[out / f"{figure}.md"] = "\n".join([*table, ""]).encode
     return list(write_each(contents))
 
 
@@ -184,33 +176,6 @@ def _draw_branches(axes: Any, found: list[xr.Dataset]) -> None:
     axes[0].figure.legend(list(handles.values()), list(handles), loc="outside lower center", **style)
 
 
-def _map(plane: str) -> Any:
-    """Two maps, from Table 2's start and from beside the orbit of period 1, both with the curves of events."""
-
-    def draw(data: dict[str, xr.Dataset]) -> Any:
-        ds = data[plane].transpose(*reversed(data[plane]["kind"].dims))
-        curves = [one for key, one in data.items() if key.startswith(f"{plane}_curve_")]
-        near = ds.assign(period=ds["beside_period"], status=ds["beside_status"].where(ds["tested"], Status.FINITE))
-        near["kind"] = ds["beside_kind"].where(ds["tested"], UNTESTED)
-        figure, axes = plt.subplots(1, 2, figsize=(7.2, 3.9), sharey=True, layout="constrained")
-        figure.suptitle(case_title(ds, full=True), fontsize=7)
-        handles: dict[str, Any] = {}
-        for ax, one, text in zip(axes, (ds, near), ("from Table 2's start", BESIDE), strict=True):
-            event_curves(curves, one, ax)
-            legend = ax.get_legend()
-            handles |= dict(zip([t.get_text() for t in legend.get_texts()], legend.legend_handles, strict=True))
-            legend.remove()
-            ax.set_title(text, fontsize=8)
-        axes[1].set_ylabel("")
-        style = dict(fontsize=6.5, ncols=5, frameon=False, handletextpad=0.4, columnspacing=1.2, handlelength=1.6)
-        figure.legend(list(handles.values()), list(handles), loc="outside lower center", **style)
-        return figure
-
-    return draw
-
-
-BESIDE = "from beside the orbit of period 1"
-UNTESTED = "no orbit near"
 FROM_START = "from one start"
 """The label of the dots that are no followed motions."""
 
@@ -226,5 +191,4 @@ _DRAW = {
     "12": _figure_12,
     "13": _figure_13,
     "basins": _basins,
-    **{plane: _map(plane) for plane in MAPS},
 }

@@ -23,7 +23,7 @@ from ...sweeps.follow import Jump, find_jump, follow
 from ...sweeps.plan import OnProgress
 from ...sweeps.sweep import sweep
 from ...tools.checks import one_of, whole
-from . import branches, maps, verdicts
+from . import branches, verdicts
 from .claims import Answer, named, runs, show_ranges, supported
 
 
@@ -47,8 +47,6 @@ class Effort(NamedTuple):
     """How often branches of orbits are left for those of twice the period."""
     observed: bool
     """Whether the orbit of the paper's widest case is found and followed."""
-    maps: maps.MapEffort
-    """How fine maps over two parameters are."""
 
 
 FULL = Effort(
@@ -62,7 +60,6 @@ FULL = Effort(
     counted=500,
     flips=2,
     observed=True,
-    maps=maps.FINE,
 )
 QUICK = Effort(
     speeds=49,
@@ -75,7 +72,6 @@ QUICK = Effort(
     counted=100,
     flips=0,
     observed=False,
-    maps=maps.COARSE,
 )
 
 SLOW = 500.0
@@ -218,12 +214,6 @@ def basins(effort: Effort, wanted: set[str], options: dict, data: Data) -> Answe
     return {}
 
 
-def map_plane(plane: str, effort: Effort, wanted: set[str], options: dict, data: Data) -> Answers:
-    """Not in the paper: a map of motions over two parameters, and the curves of events between them."""
-    maps.map_plane(plane, effort.maps, data, options)
-    return {}
-
-
 CONVENTIONS = {
     "total play, forces clamped (the default)": (False, True),
     "play per face, forces clamped": (True, True),
@@ -288,14 +278,11 @@ RUNS: dict[str, tuple[tuple[str, ...], Callable[[Effort, set[str], dict, Data], 
     "exponents": (("6", "9", "11"), exponents),
     "dual frequency": (("13",), dual_frequency),
     "basins": (("basins",), basins),
-    **{f"map {plane}": ((plane,), functools.partial(map_plane, plane)) for plane in maps.PLANES},
 }
 """The runs by name, with the figures that each makes."""
 
-MAPS = tuple(maps.PLANES)
-"""Maps over two parameters, which take longer than all other figures together, and are made on request only."""
-FIGURES = tuple(f for figures, _ in RUNS.values() for f in figures if f not in MAPS)
-"""The figures that are made by default."""
+FIGURES = tuple(f for figures, _ in RUNS.values() for f in figures)
+"""All figures."""
 
 
 class Finished(NamedTuple):
@@ -317,9 +304,8 @@ def reproduce(
 ) -> Iterator[Finished]:
     """Runs the study, and yields each run when it is done.
 
-    **Arguments:** `figures`: which of `FIGURES` and `MAPS`; `quick`: coarser grids and shorter transients;
-    `transient`: forcing periods before anything is recorded, except of maps, for trying whether a verdict depends on
-    it; `progress`: bars.
+    **Arguments:** `figures`: which of `FIGURES`; `quick`: coarser grids and shorter transients; `transient`: forcing
+    periods before anything is recorded, for trying whether a verdict depends on it; `progress`: bars.
 
     After Ctrl-C the datasets that the stopped run had finished are yielded without figures and answers, together with
     "interrupted", the finished cases of the sweep that was stopped. Then the interrupt is raised again.
@@ -329,7 +315,7 @@ def reproduce(
     effort = QUICK if quick else FULL
     if transient is not None:
         effort = effort._replace(transient=whole("transient", transient, 20))
-    return _runs({one_of("figures", str(f), FIGURES + MAPS) for f in figures}, effort, progress)
+    return _runs({one_of("figures", str(f), FIGURES) for f in figures}, effort, progress)
 
 
 TOGETHER = ("exponents", "dual frequency", "basins")
@@ -372,8 +358,8 @@ def _runs(wanted: set[str], effort: Effort, progress: bool) -> Iterator[Finished
         for name in left:
             end = ends.get(name)
             error = None if end is None or end.cancelled() else end.exception()
-            if isinstance(error, Interrupted) and error.dataset is not None:
-                data[name]["interrupted"] = error.dataset
+            if isinstance(error, Interrupted) and error.result is not None:
+                data[name]["interrupted"] = error.result
             if data[name]:
                 yield Finished(name, (), Outcome(data[name], {}), time.perf_counter() - begun[name])
         raise

@@ -1,4 +1,4 @@
-"""Stores on disk: made whole, written tile by tile, each complete or absent, and read while they grow."""
+"""Stores on disk: made whole, written tile by tile, each complete or absent, read while they grow, and repaired."""
 
 import json
 import os
@@ -11,8 +11,8 @@ import numpy as np
 import xarray as xr
 
 from ...flow.status import Status
+from ...tools.limits import shown_bytes
 from ..grid import Grid
-from .fingerprint import differences
 from .target import Tiling
 
 LAST = "status"
@@ -38,6 +38,10 @@ class Archive(NamedTuple):
     axes: tuple[str, ...]
     """The variables that hold the grid's values, which were written when the store was made."""
     tiles: Tiling
+
+    def asked(self) -> dict[str, Any]:
+        """The fingerprint of the call that made the store."""
+        return _group(self.path, "r").attrs[ASKED]
 
     def done(self) -> np.ndarray:
         """Whether each tile is complete."""
@@ -239,26 +243,6 @@ def open_archive(path: Path) -> Archive:
         raise ValueError(f"{path}: must be a store of slipperjax, but is none: {error}") from None
 
 
-def asked_of(archive: Archive) -> dict[str, Any]:
-    """The fingerprint of a store."""
-    return _group(archive.path, "r").attrs[ASKED]
-
-
-def check_asked(archive: Archive, asked: Mapping[str, Any]) -> None:
-    """Refuses a store that was made by another call.
-
-    **Raises:** `ValueError` that shows the differences.
-    """
-    found = asked_of(archive)
-    lines = differences(found, json.loads(json.dumps(asked)))
-    if lines:
-        shown = "\n  ".join(lines[:10] + [f"and {len(lines) - 10} more"] * (len(lines) > 10))
-        raise ValueError(
-            f"Argument `store` must be of the same call, but {archive.path} was made by another one:\n  {shown}\n"
-            "Take another path, or start over with slipperjax.Store(path, fresh=True), on the command line --fresh."
-        )
-
-
 def open_store(path: Any) -> xr.Dataset:
     """A store as a dataset over its whole grid, whose values are read from disk when they are asked for.
 
@@ -274,3 +258,44 @@ def open_store(path: Any) -> xr.Dataset:
     # labels, such as those of points, as other datasets have them
     words = {name: (name, np.array(ds[name].values.tolist())) for name in ds.indexes if ds[name].dtype.kind == "T"}
     return ds.set_coords(more).assign_coords(words)
+
+
+class StoreStatus(NamedTuple):
+    """How far a store is."""
+
+    tiles: int
+    tiles_done: int
+    cases: int
+    cases_done: int
+    bytes: int
+    """On disk."""
+
+    def __str__(self) -> str:
+        return (
+            f"{self.cases_done} of {self.cases} cases ({self.cases_done / self.cases:.1%}), {self.tiles_done} of "
+            f"{self.tiles} tiles, {shown_bytes(float(self.bytes))}"
+        )
+
+
+def store_status(path: Any) -> StoreStatus:
+    """How much of a store is done, without reading results.
+
+    **Raises:** `ValueError` for a path that is no store of slipperjax.
+    """
+    archive = open_archive(Path(path))
+    done = archive.done()
+    size = sum(file.stat().st_size for file in archive.path.rglob("*") if file.is_file())
+    return StoreStatus(len(done), int(done.sum()), int(np.prod(archive.tiles.shape)), archive.finished(done), size)
+
+
+def check_store(path: Any, *, repair: bool = False) -> list[str]:
+    """Reads every complete tile of a store, and gives what is wrong, a line each; nothing where all is well.
+
+    **Arguments:** `repair`: make damaged tiles absent, so that the same call as before computes them again.
+    """
+    archive, lines = open_archive(Path(path)), []
+    for number, problem in archive.damaged():
+        lines.append(f"tile {number}: {problem}")
+        if repair:
+            archive.forget(number)
+    return lines

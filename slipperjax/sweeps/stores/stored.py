@@ -1,7 +1,9 @@
 """Sweeps into a store: the same call again goes on where the last one ended, however that was."""
 
 import functools
+import hashlib
 import inspect
+import json
 import math
 import shutil
 from collections.abc import Callable, Mapping
@@ -11,21 +13,21 @@ import jax
 import numpy as np
 import xarray as xr
 
+from ...flow.datasets import versions
 from ...flow.simulate import first_of
 from ...flow.status import Interrupted
 from ...model.scene import Scene
-from ...solvers.choose import resolve_solver
+from ...model.scene_files import scene_to_json
 from ...solvers.latching import calls_lapack
+from ...solvers.named import resolve_solver
 from ...tools.checks import brief, warn, whole
+from ...tools.description import describe
 from ...tools.limits import available_memory, cores, shown_bytes
 from ..grid import Grid
 from ..plan import LARGEST_CHUNK
-from .archive import Archive, check_asked, make_archive, open_archive, open_store
-from .fingerprint import fingerprint
-from .locks import making, writing
-from .reuse import check_reuse
-from .target import Store, Tiling, store_of, tiling
-from .tasks import Job, run_part, run_tasks
+from .archive import Archive, make_archive, open_archive, open_store
+from .target import Store, Tiling, making, store_of, tiling, writing
+from .tasks import Job, run_tasks
 
 COPIES = 3.0
 """How often results are in memory while a tile is put together and written."""
@@ -86,31 +88,26 @@ def stored(
     workers = options.get("workers")
     workers = None if workers is None else whole("workers", workers, 1)
     tiles = _tiling(checked, store)
-    asked = fingerprint(function, checked, options, tiles)
+    asked = _fingerprint(function, checked, options, tiles)
     # threads of this process run a tile each; those of other processes may have several cores
     inside = {**options, "workers": 1 if executor is None else (workers or 1), "progress": False}
     # always as many, so that a worker compiles its programs once
     inside["chunk"] = options.get("chunk") or LARGEST_CHUNK
     if "start" in inside:
         inside["start"] = first_of(inside["start"])  # a trajectory may be long, and every worker gets it
-    if store.reuse is not None:
-        check_reuse(store.reuse, asked, tuple(checked.axes))
+    named = f"{function.__module__}:{function.__qualname__}"
+    # LAPACK must not be called from two threads, and a device computes one batch at a time
+    alone = calls_lapack(resolve_solver(scene, options.get("solver")), True) or jax.default_backend() != "cpu"
+    job = Job(store.path.absolute(), named, scene, tuple(checked.axes), inside, alone)
     with writing(store):
         try:
-            threads = 1 if executor is not None else (workers or cores())
-            archive = _archive(function, checked, tiles, asked, inside, store, threads)
+            archive = _archive(job, checked, tiles, asked, store, 1 if executor is not None else (workers or cores()))
         except Interrupted:
             raise Interrupted(None, 0, checked.count) from None
         done = archive.done()
         share, shares = store.share or (1, 1)
         todo = [k for k in range(tiles.count) if not done[k] and k % shares == share - 1]
         archive.tidy(None if store.share is None else todo)
-        del inside["product"]
-        named = f"{function.__module__}:{function.__qualname__}"
-        # LAPACK must not be called from two threads, and a device computes one batch at a time
-        alone = calls_lapack(resolve_solver(scene, options.get("solver")), True) or jax.default_backend() != "cpu"
-        reuse = None if store.reuse is None else store.reuse.absolute()
-        job = Job(store.path.absolute(), named, scene, tuple(checked.axes), checked.product, inside, reuse, alone)
         try:
             run_tasks(job, todo, executor, workers, bool(options.get("progress")), archive.finished(done))
         except KeyboardInterrupt:
@@ -148,23 +145,85 @@ def _tiling(grid: Grid, store: Store) -> Tiling:
     return tiling(grid.shape, store.tile)
 
 
-def _archive(
-    function: Callable[..., xr.Dataset],
-    grid: Grid,
-    tiles: Tiling,
-    asked: Mapping[str, Any],
-    options: Mapping[str, Any],
-    store: Store,
-    threads: int,
-) -> Archive:
+def _archive(job: Job, grid: Grid, tiles: Tiling, asked: Mapping[str, Any], store: Store, threads: int) -> Archive:
     """The store, which is made where there is none."""
     with making(store):
         if store.fresh or not store.path.exists():
             # first of all, so that a wrong argument deletes nothing
             corner = tuple(slice(1) for _ in grid.shape)
-            like = run_part(function, grid.scene, grid.part(corner), grid.product, options, corner)
+            like = job.part(grid.part(corner), corner)
             _check_room(like, grid.count, tiles, store, threads)
             return make_archive(store.path, grid, tiles, asked, like)
         archive = open_archive(store.path)
-        check_asked(archive, asked)
+        _check_asked(archive, asked)
         return archive
+
+
+# --- the call that a store is of ------------------------------------------------------------------------------------
+
+UNSEEN = ("progress", "workers", "chunk")
+"""Arguments that change no result."""
+LONG = 60
+"""Length from which a value is cut in a message."""
+
+
+def _fingerprint(function: Any, grid: Grid, options: Mapping[str, Any], tiles: Tiling) -> dict[str, Any]:
+    """What determines every number of a store, as JSON holds it."""
+    asked = {name: value for name, value in options.items() if name not in (*UNSEEN, "start", "product")}
+    if "start" in options:
+        asked["start"] = first_of(options["start"])
+    return {
+        "function": function.__name__,
+        "scene": json.loads(scene_to_json(grid.scene)),
+        "grid": {name: _summary(values) for name, values in grid.axes.items()},
+        "product": grid.product,
+        "tile": list(tiles.tile),
+        "arguments": {name: _plain(value) for name, value in asked.items()},
+        "versions": {name: version for name, version in versions().items() if name != "python"},
+    }
+
+
+def _summary(values: np.ndarray) -> dict[str, Any]:
+    """An axis in few numbers that tell it from others."""
+    ends = {"values": len(values), "first": float(values[0]), "last": float(values[-1])}
+    return ends | {"sha256": hashlib.sha256(np.ascontiguousarray(values, float).tobytes()).hexdigest()[:16]}
+
+
+def _plain(value: Any) -> Any:
+    """A value as JSON holds it; a function by its name and a digest of its code."""
+    if isinstance(value, np.ndarray) and value.size > LONG:
+        return _summary(value.ravel())
+    return json.loads(json.dumps(describe(value)))
+
+
+def _differences(found: Any, asked: Any, path: str = "") -> list[str]:
+    """Where two fingerprints differ, a line each: "scene.contact.restitution: 0.9 in the store, 0.8 asked"."""
+    if isinstance(found, dict) and isinstance(asked, dict):
+        lines = []
+        for name in dict.fromkeys([*found, *asked]):
+            below = f"{path}.{name}" if path else str(name)
+            lines += _differences(found.get(name, "nothing"), asked.get(name, "nothing"), below)
+        return lines
+    # NaN is a value of its own here, as in JSON's text
+    if json.dumps(found) == json.dumps(asked):
+        return []
+    return [f"{path}: {_short(found)} in the store, {_short(asked)} asked"]
+
+
+def _short(value: Any) -> str:
+    text = value if isinstance(value, str) else json.dumps(value)
+    return text if len(text) <= LONG else f"{text[: LONG - 3]}..."
+
+
+def _check_asked(archive: Archive, asked: Mapping[str, Any]) -> None:
+    """Refuses a store that was made by another call.
+
+    **Raises:** `ValueError` that shows the differences.
+    """
+    lines = _differences(archive.asked(), json.loads(json.dumps(asked)))
+    if lines:
+        shown = "\n  ".join(lines[:10] + [f"and {len(lines) - 10} more"] * (len(lines) > 10))
+        raise ValueError(
+            f"Argument `store` must be of the same call, but {archive.path} was made by another one:\n  {shown}\n"
+            "Take another path, or start over with slipperjax.Store(path, fresh=True), on the command line --fresh."
+        )

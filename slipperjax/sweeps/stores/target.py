@@ -1,6 +1,11 @@
-"""Where a sweep is stored, and how its grid is cut: equal blocks, each one task and one chunk of every array."""
+"""Where a sweep is stored, how its grid is cut into equal blocks, and who may write there.
+
+Each block is one task and one chunk of every array.
+"""
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,8 +29,6 @@ class Store:
     """Whether what the store holds is deleted first."""
     share: tuple[int, int] | None = None
     """(i, n): compute the i-th of n shares only, i from 1 to n, beside other processes that compute the others."""
-    reuse: Path | None = None
-    """Another store of the same call over other values: cases that it has are copied."""
 
     def __post_init__(self):
         path = Path(self.path)
@@ -35,8 +38,6 @@ class Store:
         if self.tile is not None:
             whole("tile", self.tile, 1)
         yes_or_no("fresh", self.fresh)
-        if self.reuse is not None:
-            object.__setattr__(self, "reuse", Path(self.reuse))
         if self.share is not None:
             i, n = check_share(self.share)
             object.__setattr__(self, "share", (i, n))
@@ -116,3 +117,63 @@ def tiling(shape: tuple[int, ...], size: int | None = None) -> Tiling:
         tile[k] = -(-shape[k] // pieces)
         left //= shape[k]
     return Tiling(shape, tuple(tile))
+
+
+WAIT = 60.0
+"""Seconds for which a share waits until another one has made the store."""
+
+
+class StoreInUse(OSError):
+    """Another process writes to the store. Its lock ends with that process, however this ends."""
+
+
+def _lock_path(store: Path, share: tuple[int, int] | None = None) -> Path:
+    return store.with_name(store.name + (".lock" if share is None else f".{share[0]}-of-{share[1]}.lock"))
+
+
+@contextmanager
+def writing(store: Store) -> Iterator[None]:
+    """Holds the right to write to a store, or to a share of it.
+
+    **Raises:** `StoreInUse`; `OSError` where the folder is missing or read-only.
+    """
+    with _held(_lock_path(store.path, store.share)):
+        if store.share is None:
+            for other in store.path.parent.glob(f"{store.path.name}.*-of-*.lock"):
+                with _held(other):
+                    pass
+        yield
+
+
+@contextmanager
+def making(store: Store) -> Iterator[None]:
+    """Holds the right to make a store, for which other shares wait; who writes to all of it has it already."""
+    if store.share is None:
+        yield
+    else:
+        with _held(_lock_path(store.path), WAIT):
+            yield
+
+
+@contextmanager
+def _held(path: Path, wait: float = 0.5) -> Iterator[None]:
+    """Holds a lock, and deletes its file afterwards."""
+    import filelock
+
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"No such folder: {path.parent}")
+    lock = filelock.FileLock(path)
+    try:
+        lock.acquire(timeout=wait)
+    except filelock.Timeout:
+        raise StoreInUse(
+            f"Another process writes to {path.name.removesuffix('.lock')} (it holds {path}); wait for it or stop it, "
+            "then call again: what it has finished is kept."
+        ) from None
+    except PermissionError:
+        raise PermissionError(f"{path.parent} is protected against writing") from None
+    try:
+        yield
+    finally:
+        path.unlink(missing_ok=True)  # while it is held: who waits for it then looks for a new one
+        lock.release()

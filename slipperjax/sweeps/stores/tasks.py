@@ -20,7 +20,6 @@ from ...tools.limits import cores
 from ..executors import all_stopped
 from ..progress import Tally, display
 from .archive import open_archive
-from .reuse import run_rest
 
 TICK = 0.05
 """Seconds between two looks at the tasks."""
@@ -46,23 +45,16 @@ class Job:
     scene: Scene
     names: tuple[str, ...]
     """What the grid varies; the values are in the store."""
-    product: bool
     options: Mapping[str, Any]
-    """Arguments besides; `steps_per_period` may be an array over the grid."""
-    reuse: Path | None = None
-    """A store that may have some of the cases."""
-    alone: bool = False
+    """Arguments of the function; `steps_per_period` may be an array over the grid."""
+    alone: bool
     """Whether a process may compute one tile at a time only."""
 
     def __call__(self, number: int) -> None:
         """Computes a tile and writes it. Calling it again is harmless: it writes the same bytes."""
         archive = open_archive(self.path)
-        part = archive.values(self.names, number)
-        module, _, name = self.function.partition(":")
-        function = getattr(importlib.import_module(module), name)
-        region = archive.tiles.region(number)
         with _ALONE if self.alone else nullcontext():
-            ds = run_part(function, self.scene, part, self.product, self.options, region, self.reuse)
+            ds = self.part(archive.values(self.names, number), archive.tiles.region(number))
         try:
             archive.write(number, ds)
         except OSError as error:
@@ -71,22 +63,13 @@ class Job:
                 error.errno, f"cannot write to {self.path}: {error.strerror or error}; {kept}, call again to go on"
             ) from None
 
-
-def run_part(
-    function: Callable[..., xr.Dataset],
-    scene: Scene,
-    part: Mapping[str, np.ndarray],
-    product: bool,
-    options: Mapping[str, Any],
-    region: tuple[slice, ...],
-    reuse: Path | None = None,
-) -> xr.Dataset:
-    """The function's results for a part of a grid, whose place in it is `region`."""
-    steps = options.get("steps_per_period")
-    of_part = {**options, "steps_per_period": np.asarray(steps)[region]} if np.ndim(steps) else options
-    if reuse is not None:
-        return run_rest(function, scene, part, product, of_part, reuse)
-    return function(scene, grid=dict(part), **{**of_part, "product": product})
+    def part(self, values: Mapping[str, np.ndarray], region: tuple[slice, ...]) -> xr.Dataset:
+        """Results for the values of a part of the grid, whose place in it is `region`."""
+        module, _, name = self.function.partition(":")
+        function, options = getattr(importlib.import_module(module), name), dict(self.options)
+        if np.ndim(options.get("steps_per_period")):
+            options["steps_per_period"] = np.asarray(options["steps_per_period"])[region]
+        return function(self.scene, grid=dict(values), **options)
 
 
 class WorkerLost(OSError):

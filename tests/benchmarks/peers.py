@@ -1,49 +1,35 @@
 """Other codes that integrate the same model, for comparison: a scalar C++ program, and SciPy on plain NumPy.
 
-They share no code with the rest of the package.
+They share no code with the package.
 """
 
-import abc
 import math
 import re
 import shutil
 import statistics
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
 
-from ..model.dang2024 import table_2_start
-from ..model.tracks import HarmonicTrack
-from .methods import Case
+import slipperjax as sj
+from slipperjax.bench.methods import Case
 
 Run = tuple[str, np.ndarray, tuple[float, float], np.ndarray]
 """Setting, states (cases, periods, 10), best and median seconds per trajectory, and which of the speeds they are."""
 
 
-class AbstractPeer(abc.ABC):
-    """Another code."""
-
-    name: str
-    quick: bool = False
-    """Whether it is part of the quick run."""
-
-    @abc.abstractmethod
-    def runs(self, case: Case, speeds: np.ndarray) -> Iterator[Run]:
-        """Runs a scene of the benchmark at some of the speeds [m/s]; nothing where it cannot."""
-
-
 def _numbers(case: Case) -> dict[str, float] | None:
     """The scene as plain numbers; None where these codes lack something that it has."""
-    scene = case.scene
-    track = scene.track
-    starts = zip(vars(case.start).values(), vars(table_2_start()).values(), strict=True)
+    scene, track = case.scene, case.scene.track
+    starts = zip(vars(case.start).values(), vars(sj.table_2_start()).values(), strict=True)
     other_start = any(float(a) != float(b) for a, b in starts)
-    if not isinstance(track, HarmonicTrack) or len(track.wavelengths) > 2 or other_start:
+    if not isinstance(track, sj.HarmonicTrack) or len(track.wavelengths) > 2 or other_start:
         return None
     if scene.gravity is not None and float(scene.gravity) != 0:
         return None
@@ -52,48 +38,44 @@ def _numbers(case: Case) -> dict[str, float] | None:
     return {name: float(scene.value(name)) for name in names} | dict(wave=waves[0], wave2=waves[1])
 
 
-class CppPeer(AbstractPeer):
-    """The scalar C++ program of the tests, RK4 with the event latch. Needs g++ and the source tree."""
+class CppProgram:
+    """peer.cpp, compiled into a folder; skips the test where g++ is not installed."""
+
+    def __init__(self, folder: Path):
+        if shutil.which("g++") is None:
+            pytest.skip("g++ is not installed, so the C++ peer cannot be built")
+        self.path = folder / "peer"
+        source = Path(__file__).with_name("peer.cpp")
+        subprocess.run(["g++", "-O3", "-march=native", str(source), "-o", str(self.path)], check=True)
+
+    def __call__(self, speed: float, numbers: dict[str, float], periods: int, steps: int) -> tuple[np.ndarray, float]:
+        """The states after each period (periods, 10) from Table 2's start, and microseconds per step."""
+        command = [str(self.path), *map(str, [speed, *numbers.values(), periods, steps])]
+        *rows, last = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+        states = np.array([[float(x) for x in row.split()[1:11]] for row in rows])
+        return states, float(re.findall(r"([\d.]+) us", last)[0])
+
+
+class CppPeer:
+    """The scalar C++ program, RK4 with the event latch."""
 
     name = "C++ scalar, RK4, event latch"
-    quick = True
     steps = (50, 100, 200, 400, 800, 1600, 3200)
 
-    def program(self, folder: Path) -> Path | None:
-        """The program, compiled into a folder; None, and one line that says why, where it cannot be made."""
-        source = Path(__file__).parents[2] / "tests" / "benchmarks" / "peer.cpp"
-        if shutil.which("g++") is None:
-            print("C++ peer left out: g++ is not installed", file=sys.stderr)
-            return None
-        if not source.exists():
-            print("C++ peer left out: its source is in the source tree only", file=sys.stderr)
-            return None
-        program = folder / "peer"
-        subprocess.run(["g++", "-O3", "-march=native", str(source), "-o", str(program)], check=True)
-        return program
-
-    def runs(self, case, speeds):
+    def runs(self, case: Case, speeds: np.ndarray) -> Iterator[Run]:
+        """Runs a scene of the benchmark at some of the speeds [m/s]; nothing where it cannot."""
         numbers = _numbers(case)
         if numbers is None:
             return
         picked = np.unique(np.linspace(0, len(speeds) - 1, min(15, len(speeds))).round().astype(int))
         least = min(self.steps) if numbers["stiffness"] < 1e9 else 200
         with tempfile.TemporaryDirectory() as folder:
-            program = self.program(Path(folder))
-            if program is None:
-                return
+            program = CppProgram(Path(folder))
             for steps in (n for n in self.steps if n >= least):
-                arguments = [[speed, *numbers.values(), case.periods, steps] for speed in speeds[picked]]
-                states, seconds = zip(*(self._one(program, some) for some in arguments), strict=True)
-                yield f"{steps} steps", np.array(states), (min(seconds), statistics.median(seconds)), picked
-
-    def _one(self, program: Path, arguments: list) -> tuple[list[list[float]], float]:
-        """The states after each period, and the seconds of one trajectory."""
-        command = [str(program), *map(str, arguments)]
-        *rows, last = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
-        periods, steps = arguments[-2:]
-        seconds = float(re.findall(r"([\d.]+) us", last)[0]) * 1e-6 * steps * periods
-        return [[float(x) for x in row.split()[1:11]] for row in rows], seconds
+                found = [program(speed, numbers, case.periods, steps) for speed in speeds[picked]]
+                seconds = [1e-6 * each * steps * case.periods for _, each in found]
+                states = np.array([states for states, _ in found])
+                yield f"{steps} steps", states, (min(seconds), statistics.median(seconds)), picked
 
 
 _Y = np.array([0.03, 0.048, 0.048, 0.0445, 0.029, -0.029, -0.0445, -0.048, -0.048, -0.03])
@@ -184,18 +166,19 @@ class NumpyModel:
             gap = self.contacts(t, s)[0][k]
             return -gap if self.closed[k] else gap
 
-        value.terminal, value.direction = True, -1.0  # type: ignore[attr-defined]
+        value.terminal, value.direction = True, -1.0
         return value
 
 
-class SciPyPeer(AbstractPeer):
+class SciPyPeer:
     """`scipy.integrate.solve_ivp`, stopped and started again at every touchdown and lift-off. One trajectory."""
 
     def __init__(self, method: str, tolerances: tuple[float, ...] = (1e-3, 1e-5, 1e-7)):
         self.name = f"SciPy {method} with events"
         self.method, self.tolerances = method, tolerances
 
-    def runs(self, case, speeds):
+    def runs(self, case: Case, speeds: np.ndarray) -> Iterator[Run]:
+        """Runs a scene of the benchmark at the middle one of the speeds [m/s]; nothing where it cannot."""
         numbers = _numbers(case)
         if numbers is None:
             return
@@ -205,14 +188,12 @@ class SciPyPeer(AbstractPeer):
             states = self.integrate(speeds[picked[0]], numbers, case.periods, tolerance)
             seconds = time.perf_counter() - begin
             if states is None:
-                print(f"{self.name} left out at rtol {tolerance:.0e}: more than 10,000 events", file=sys.stderr)
+                print(f"{self.name} left out at rtol {tolerance:.0e}: more than 10,000 events")
             else:
                 yield f"rtol {tolerance:.0e}", states[None], (seconds, seconds), picked
 
     def integrate(self, speed: float, numbers: dict[str, float], periods: int, tolerance: float) -> np.ndarray | None:
         """States (periods, 10) from Table 2's start; None where it stops at more than 10,000 events."""
-        from scipy.integrate import solve_ivp
-
         model = NumpyModel(speed, numbers)
         events = [model.event(k) for k in range(20)]
         period = numbers["wave"] / speed
@@ -238,5 +219,5 @@ class SciPyPeer(AbstractPeer):
         return np.array(ends)
 
 
-PEERS: list[AbstractPeer] = [CppPeer(), SciPyPeer("DOP853"), SciPyPeer("Radau")]
+PEERS = (CppPeer(), SciPyPeer("DOP853"), SciPyPeer("Radau"))
 """The codes compared with."""

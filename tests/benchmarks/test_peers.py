@@ -1,0 +1,72 @@
+"""Error against cost of other codes beside ours: the rows and the picture of docs/solvers.md.
+
+    pytest -m benchmark -s tests/benchmarks/test_peers.py
+
+Takes minutes. The picture is drawn into a temporary folder, which is printed.
+"""
+
+import numpy as np
+import pytest
+
+from slipperjax.bench.measure import REFERENCE_STEPS, batch_speeds, bench, errors, run
+from slipperjax.bench.methods import METHODS, all_cases
+from slipperjax.bench.work_precision import OTHERS, SHOWN, Point, table, write
+
+from ..common import SCALES, cases
+from .peers import PEERS, CppPeer, NumpyModel, SciPyPeer
+
+pytestmark = pytest.mark.benchmark
+NOMINAL, LANES = all_cases()[0], 241
+
+
+def peer_points(case, speeds, truth):
+    """What each of the other codes costs one by one, and its error."""
+    for peer in PEERS:
+        for setting, states, taken, picked in peer.runs(case, speeds):
+            error = float(np.median(errors(states, truth[picked])))
+            best, median = (1e6 * seconds / case.periods for seconds in taken)
+            yield Point(case.name, peer.name, setting, error, {1: (best, median)})
+
+
+def test_other_codes_beside_ours(tmp_path):
+    speeds = batch_speeds(NOMINAL, LANES)
+    truth, _ = run(NOMINAL, METHODS[0], float(REFERENCE_STEPS), speeds, None)
+    theirs = list(peer_points(NOMINAL, speeds, truth))
+    ((ours, batches),) = bench(cases=[NOMINAL.name], methods=list(SHOWN), batches=(LANES, 1), repeats=3)
+    others = {CppPeer.name: ("C++, one core", "#606060")} | OTHERS
+    print("\n" + table(theirs + ours, batches))
+    print(*write(theirs + ours, batches, tmp_path / "bench", others=others), sep="\n")
+    # another program converges to the same motions; measured: 1.3e-6 at 1600 steps
+    (cpp,) = (p for p in theirs if (p.method, p.setting) == (CppPeer.name, "1600 steps"))
+    assert cpp.error < 1e-5
+    assert min(p.error for p in theirs if p.method.startswith("SciPy")) < 1e-3
+
+
+def test_the_cpp_program_converges():
+    peer = CppPeer()
+    peer.steps = (200, 800, 3200)
+    runs = list(peer.runs(NOMINAL, np.array([1240.0, 1250.0, 1260.0])))
+    assert [setting for setting, *_ in runs] == ["200 steps", "800 steps", "3200 steps"]
+    assert all(list(picked) == [0, 1, 2] and taken[0] > 0 for _, _, taken, picked in runs)
+    truth = runs[-1][1]
+    coarse, middle = (np.median(errors(states, truth)) for _, states, *_ in runs[:2])
+    assert middle < 2e-5  # measured: 4.8e-6
+    assert coarse > 4 * middle
+
+
+def test_scipy_lands_on_the_reference():
+    # only the first period of the fastest case, which has its first touchdowns in it: this is slow
+    (case,) = (c for c in cases("hard_states") if c["name"] == "fast")
+    names = ("clearance", "length", "stiffness", "restitution", "amplitude", "roll_amplitude")
+    numbers = {name: case[name] for name in names} | dict(wave=8.0, wave2=0.0)
+    states = SciPyPeer("DOP853").integrate(case["speed"], numbers, 1, 1e-7)
+    assert states is not None
+    assert np.max(np.abs(states[0] - case["states"][0]) / SCALES) < 1e-5
+    model = NumpyModel(case["speed"], numbers)
+    assert model.contacts(0.0, np.zeros(10))[0].min() > 0
+
+
+def test_other_codes_leave_out_scenes_that_they_cannot_run():
+    (resting,) = (case for case in all_cases() if case.name == "resting")  # has gravity and another start
+    for peer in PEERS:
+        assert list(peer.runs(resting, np.array([1250.0]))) == []

@@ -1,0 +1,325 @@
+"""Seeded defects: thirty plausible slips of the package, each with the tests that must notice it.
+
+Each defect is put into a fresh copy of the working tree, where its tests are run; one that no test notices is missed.
+So it shows whether tests that were merged, moved or made cheaper still prove as much.
+
+    python tests/defects.py                  every defect; exit code 1 where one is missed
+    python tests/defects.py NAME ...         some of them
+    python tests/defects.py --list           names, places and tests
+    python tests/defects.py --check-texts    whether each text occurs exactly once in the package; takes no time
+    python tests/defects.py --intact         the same tests without defects, which must all pass
+
+The text of a defect is looked for in the whole package, so that files may be moved.
+"""
+
+import argparse
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = "slipperjax"
+PATIENCE = 600.0
+"""Seconds after which tests are ended: a defect that makes them hang is not noticed."""
+FAILED = 1
+"""Exit code of pytest where tests failed; others mean that none were found, or that they could not be read."""
+
+
+class Defect(NamedTuple):
+    """A slip of a line or two."""
+
+    name: str
+    old: str
+    """Text that occurs exactly once in the package; of several lines, whole ones."""
+    new: str
+    tests: str
+    """Arguments of pytest: node ids or files, and `-k` with words."""
+
+
+TABLE = r"""
+# tools
+an interrupt leaves a part of a file
+tests/tools/test_files.py -k failure_leaves_the_old_file
+-    except BaseException:
+-        part.unlink(missing_ok=True)
++    except Exception:
++        part.unlink(missing_ok=True)
+
+hours counted as minutes again
+tests/tools/test_limits.py -k durations
+-parts.append((whole % size // its, below))
++parts.append((whole // its, below))
+
+# model
+degrees are inverted
+tests/model/test_quantities.py
+-per_shown=np.pi / 180
++per_shown=180 / np.pi
+
+rear end ahead of the front
+tests/model/test_kernel.py -k right_hand_side
+-for at in (distance, distance - length))
++for at in (distance, distance + length))
+
+gyroscopic damping with the wrong sign
+tests/solvers/test_solvers.py -k linearised_contact
+-damping[2 + i][2 + k] - gyro * spin[j]
++damping[2 + i][2 + k] + gyro * spin[j]
+
+# analysis
+maps applied in reverse
+tests/analysis/test_floquet.py -k complex_pairs
+-return later @ earlier
++return earlier @ later
+
+chaos by the weaker of two bounds
+tests/analysis/test_regime.py
+-np.maximum(SURE * np.asarray(stderr), LEAST)
++np.minimum(SURE * np.asarray(stderr), LEAST)
+
+lines refined to the wrong side
+tests/analysis/test_psd.py -k lines_of_two_frequencies
+-shift = 0.5 * (left - right) / bend
++shift = 0.5 * (right - left) / bend
+
+# solvers
+coefficient of the two-step method
+tests/solvers/test_solvers.py -k two_step_weights
+-b_1 = beta / 2 + alpha / 2 - (1 + alpha) * chi / alpha
++b_1 = beta / 2 + alpha / 2 - (1 - alpha) * chi / alpha
+
+weights of another Runge-Kutta method
+tests/flow/test_reference.py -k states_at_200
+-b: ClassVar = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
++b: ClassVar = (1 / 8, 3 / 8, 3 / 8, 1 / 8)
+
+# flow
+lost numbers hidden by coarse steps
+tests/flow/test_status.py -k first_problem
+-return np.where((earlier == Status.FINITE) | lost, later, earlier)
++return np.where(earlier == Status.FINITE, later, earlier)
+
+crossings downwards
+tests/flow/test_poincare.py
+-crosses = (q0 < 0) & (q1 >= 0)
++crosses = (q0 > 0) & (q1 <= 0)
+
+impulse corrected the wrong way
+tests/flow/test_loads.py -k impulses_are
+-area = (begin[0] + end[0]) / 2 + (slope[0] - next_slope[0]) / 12
++area = (begin[0] + end[0]) / 2 + (next_slope[0] - slope[0]) / 12
+
+unfinished lanes without their mark
+tests/sweeps/test_interrupts.py -k finished_chunks_are_kept
+-return empty._replace(status=np.full(lanes, int(Status.NOT_RUN)))
++return empty
+
+# orbits
+touchdown rates in metres per step
+tests/orbits/test_periodic.py -k signature_is
+-+ gaps.slope) / gaps.step
+++ gaps.slope)
+
+exponent of the smallest multiplier
+tests/orbits/test_periodic.py -k nominal_orbit_recurs
+-return jnp.log(jnp.abs(self.multipliers[..., 0])) / self.period
++return jnp.log(jnp.abs(self.multipliers[..., -1])) / self.period
+
+# plots
+labels of a map exchanged
+tests/plots/test_quantity_maps.py -k display_unit
+-ax.set(xlabel=axis_label(over[1], ds), ylabel=axis_label(over[0], ds))
++ax.set(xlabel=axis_label(over[0], ds), ylabel=axis_label(over[1], ds))
+
+flagged exponents drawn as zero
+tests/plots/test_plots.py -k flagged_exponents
+-ax.plot(x, np.where(flagged(ds, over), np.nan, y), lw=0.5
++ax.plot(x, np.where(flagged(ds, over), 0.0, y), lw=0.5
+
+# sweeps
+status written first
+tests/sweeps/test_stores.py -k full_disk
+-for name in [*sorted(name for name in found if name != LAST), LAST]}
++for name in [LAST, *sorted(name for name in found if name != LAST)]}
+
+lock taken only by who waits
+tests/sweeps/test_stores.py -k two_processes_cannot_write
+-        lock.acquire(timeout=wait)
++        if wait > 1:
++            lock.acquire(timeout=wait)
+
+resumed by the number of tiles
+tests/sweeps/test_stores.py -k damaged_tile
+-todo = [k for k in range(tiles.count) if not done[k]
++todo = [k for k in range(int(done.sum()), tiles.count) if not done[k]
+
+Ctrl-C swallowed
+tests/sweeps/test_interrupts.py -k finished_chunks_are_kept
+-    except KeyboardInterrupt:
+-        interrupted = True
++    except KeyboardInterrupt:
++        interrupted = False
+
+# design
+cases with their axes exchanged
+tests/design/test_problem.py -k every_combination
+-mesh = np.meshgrid(*self.over.values(), indexing="ij")
++mesh = np.meshgrid(*self.over.values(), indexing="xy")
+
+designs judged by their best case
+tests/design/test_methods.py
+-return float(np.max(self.value) if self.weight is None else self.weight @ self.value)
++return float(np.min(self.value) if self.weight is None else self.weight @ self.value)
+
+# studies
+derailed cases support claims
+tests/studies/test_verdicts.py -k flagged_speed
+-return ds["status"].values == Status.FINITE
++return ds["status"].values != Status.NOT_FINITE
+
+greatest rise for greatest drop
+tests/studies/test_verdicts.py -k speeds_as_claimed
+-at = int(np.nanargmin(falls))
++at = int(np.nanargmax(falls))
+
+# bench
+lost cases are exact
+tests/bench/test_bench.py -k errors_are_those_of_each_case
+-return np.where(np.isfinite(worst), worst, np.inf)
++return np.where(np.isfinite(worst), worst, 0.0)
+
+best over periods instead of repeats
+tests/bench/test_bench.py -k cost_adds_up
+-np.mean(pick(seconds, axis=0))
++np.mean(pick(seconds, axis=1))
+
+# cli
+exit code of a signal without 128
+tests/cli/test_interrupts.py -k falls_into_a_callback
+-self.code = 128 + number
++self.code = number
+
+grid in display units
+tests/cli/test_cli.py -k axes_are_read_in_display_units
+-grid[name] = values if known is None else known.from_shown(values)
++grid[name] = values if known is None else known.shown(values)
+"""
+"""The defects by room, each as its name, arguments of pytest, and a change as in a patch: - before, + after."""
+
+
+def read(table: str) -> tuple[Defect, ...]:
+    """The defects of a table like `TABLE`."""
+    found = []
+    for block in re.sub(r"^#.*\n", "", table.strip(), flags=re.MULTILINE).split("\n\n"):
+        name, tests, *change = block.split("\n")
+        old, new = ("\n".join(line[1:] for line in change if line[0] == sign) for sign in "-+")
+        found.append(Defect(name, old, new, tests))
+    return tuple(found)
+
+
+DEFECTS = read(TABLE)
+
+
+def place_of(defect: Defect, root: Path) -> Path:
+    """The file of a tree that holds a defect's text.
+
+    **Raises:** `ValueError` where the package does not have it exactly once.
+    """
+    counts = {path: path.read_text().count(defect.old) for path in (root / PACKAGE).rglob("*.py")}
+    if sum(counts.values()) != 1:
+        found = ", ".join(f"{path.relative_to(root)} ({n})" for path, n in counts.items() if n) or "no file"
+        raise ValueError(f"{defect.name}: the text must occur exactly once in {PACKAGE}, but is in {found}")
+    return next(path for path, n in counts.items() if n)
+
+
+def copy_tree(into: Path) -> None:
+    """Copies the working tree: files that git knows, and new ones that it does not ignore."""
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    for name in filter(None, listed.split("\0")):
+        if (ROOT / name).is_file():
+            (into / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(ROOT / name, into / name)
+
+
+def run_tests(tree: Path, tests: str) -> tuple[int | None, str]:
+    """Runs tests of a tree on its own package; gives pytest's exit code, None where they hang, and its output."""
+    env = os.environ | {"PYTHONPATH": str(tree), "SLIPPERJAX_CACHE": "off", "MPLBACKEND": "Agg"}
+    where = f"import importlib.util as u; print(u.find_spec({PACKAGE!r}).origin)"
+    own = subprocess.run([sys.executable, "-c", where], cwd=tree, env=env, capture_output=True, text=True, check=True)
+    if not Path(own.stdout.strip()).is_relative_to(tree):
+        raise RuntimeError(f"the package of the copy must be imported, but {own.stdout.strip()} is")
+    options = ["-x", "-q", "-o", "addopts=", "-p", "no:cacheprovider", "-m", "not slow and not benchmark"]
+    command = [sys.executable, "-m", "pytest", *options, *shlex.split(tests)]
+    pipes = dict(stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    with subprocess.Popen(command, cwd=tree, env=env, start_new_session=True, **pipes) as process:
+        try:
+            output, _ = process.communicate(timeout=PATIENCE)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            return None, process.communicate()[0]
+    return process.returncode, output
+
+
+def tried(defect: Defect, intact: bool) -> tuple[bool, str]:
+    """Whether a defect is caught, or its tests pass without it, and in words by which test or why not."""
+    with tempfile.TemporaryDirectory(prefix="defect_") as folder:
+        tree = Path(folder).resolve()
+        copy_tree(tree)
+        if not intact:
+            file = place_of(defect, tree)
+            file.write_text(file.read_text().replace(defect.old, defect.new))
+        code, output = run_tests(tree, defect.tests)
+    failed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", output, re.MULTILINE)
+    last = output.strip().splitlines()[-1] if output.strip() else "no output"
+    if intact:
+        return code == 0, f"passes: {last}" if code == 0 else f"FAILS: {last}"
+    if code == FAILED and failed:
+        return True, f"caught by {failed[1]}"
+    return False, f"MISSED: {'its tests hang' if code is None else last}"
+
+
+def main() -> int:
+    """Reads the command line; gives the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("names", nargs="*", metavar="NAME", help="defects, by default all")
+    only = parser.add_mutually_exclusive_group()
+    only.add_argument("--list", action="store_true", help="print names, places and tests")
+    only.add_argument("--check-texts", action="store_true", help="only look for the texts")
+    only.add_argument("--intact", action="store_true", help="run the tests without defects")
+    given = parser.parse_args()
+    known = {defect.name: defect for defect in DEFECTS}
+    if unknown := [name for name in given.names if name not in known]:
+        parser.error(f"unknown: {', '.join(unknown)}; see --list")
+    problems, places = [], {}
+    for defect in DEFECTS:
+        try:
+            places[defect.name] = place_of(defect, ROOT).relative_to(ROOT)
+        except ValueError as error:
+            problems.append(str(error))
+    print("\n".join(problems), file=sys.stderr, end="\n" if problems else "")
+    chosen = [known[name] for name in given.names] or DEFECTS
+    if given.list:
+        print("\n".join(f"{one.name}: {places.get(one.name, 'not found')}; {one.tests}" for one in chosen))
+    if problems or given.list or given.check_texts:
+        return int(bool(problems))
+    begin, good = time.perf_counter(), 0
+    for defect in chosen:
+        since = time.perf_counter()
+        fine, words = tried(defect, given.intact)
+        good += fine
+        print(f"{defect.name}: {words} ({time.perf_counter() - since:.0f} s)", flush=True)
+    print(f"{good} of {len(chosen)} {'pass' if given.intact else 'caught'} in {time.perf_counter() - begin:.0f} s")
+    return int(good < len(chosen))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
