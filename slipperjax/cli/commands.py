@@ -8,12 +8,11 @@ from typing import Annotated, Any
 import typer
 import typer.core
 
-from ..tools.files import listed, said, write_each
 from ..tools.cache import compile_cache
+from ..tools.files import listed, said, write_each
 from .files import PARTIAL, Outputs, drawn_by
 from .interrupts import on_thread
 from .options import By, Case, Log, Out, Over, Steps, make_folder, make_grid, takes_case, without
-
 
 LOST = 1
 """Exit code where no case stayed finite."""
@@ -87,8 +86,7 @@ def simulate(
     whole("probe", probe, 0)
     step_plan(scene, steps_per_period, saves_per_period)
     print(f"simulating {periods} periods of {float(scene.period) * 1e3:.4g} ms ...", file=sys.stderr)
-    if True:
-        found = on_thread(lambda: run(scene, periods, start=case.start, solver=case.solver, probe=probe, **options))
+    found = on_thread(lambda: run(scene, periods, start=case.start, solver=case.solver, probe=probe, **options))
     ds = found.to_xarray()
     files.write(ds, drawn_by("overview"))
     status, parts = Status(int(found.status)), [f"{ds.attrs['steps_per_period']} steps per period"]
@@ -120,8 +118,7 @@ def orbit(
 
     files = Outputs(out, ".nc", ".png")
     options = dict(start=case.start, transient=transient, steps_per_period=steps_per_period, solver=case.solver)
-    if True:
-        found = on_thread(lambda: periodic_orbit(case.scene, period, **options))
+    found = on_thread(lambda: periodic_orbit(case.scene, period, **options))
     status = Status(int(found.status))
     if status != Status.FINITE:
         print(f"no file is written; residual {float(found.residual):.2g}; status: {status}")

@@ -11,8 +11,8 @@ from typing import Annotated, Any, get_args
 
 import typer
 
-from ..tools.checks import whole
 from ..tools.cache import compile_cache
+from ..tools.checks import whole
 from .commands import Once, app, exit_if_lost, flagged_cases, steps_text
 from .files import Outputs
 from .interrupts import on_thread

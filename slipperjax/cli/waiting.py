@@ -1,6 +1,5 @@
 """Work and words beside the compiling of large programs."""
 
-import sys
 import threading
 from collections.abc import Callable
 from typing import Any

@@ -134,6 +134,7 @@ def warn_if_outside(penetration: Any) -> None:
         )
 
 
+@jax.jit
 def contact_forces(scene: Scene, now: Contacts, memory: Array | None) -> Float[Array, " points"]:
     """Normal forces [N] on the slipper, Eq. (12); `memory`: shape (points,), or None."""
     ratio = None if memory is None else scene.memory.rate_ratio(memory, now.rate)
@@ -238,7 +239,7 @@ class LatchedField(ContactField):
         memory = args.scene.memory.latch(state.memory, before, now.gap, now.rate, seconds, step / earlier_step)
         state = State(state.motion, memory)
         after = Before(now.gap, now.rate, before.rate), step
-        return state, self.from_contacts(t1, frame, now, state, args), after
+        return state, self.evaluate(t1, state, args, frame), after
 
 
 class SmoothField(ContactField):

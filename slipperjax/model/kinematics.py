@@ -206,6 +206,7 @@ class _Node(NamedTuple):
     v_z: Array
 
 
+@jax.jit
 def _node(scene: Scene, points: Points, distance: Array) -> _Node:
     """The section at the track node that travelled `distance` [m], Eqs. (7), (10), (11)."""
     rail, slope = materialise(scene.track.motion(distance))
@@ -230,6 +231,7 @@ class Contacts(NamedTuple):
     """w x n in the slipper's frame: moment of a unit normal force, and derivative of the gap rate by the spin [m]."""
 
 
+@jax.jit
 def contacts(frame: RailFrame, m: Motion) -> Contacts:
     """Gaps, gap rates and levers of all points, at both ends."""
     # stored, as XLA does not move it out of the loop over the points

@@ -4,7 +4,6 @@ import hashlib
 import os
 import platform
 import stat
-import time
 import warnings
 from pathlib import Path
 
