@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from ..tools.program_cache import compile_cache
+from ..tools.cache import compile_cache
 from .files import Outputs, keeping, make_folder
 from .interrupts import on_thread
 from .options import (

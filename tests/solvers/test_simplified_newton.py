@@ -103,9 +103,7 @@ def test_iterations_that_fail_are_marked():
 def sweeps(count, solver):
     """Sweeps of two chunks at once, on two threads."""
     grid, options = {"speed": np.linspace(1200.0, 1300.0, 16)}, dict(transient=0, periods=1, steps_per_period=20)
-    run = lambda: sj.sweep(
-        LATCHED, grid, record="strobe", loads=False, solver=solver, chunk=8, workers=2, **options
-    )
+    run = lambda: sj.sweep(LATCHED, grid, record="strobe", loads=False, solver=solver, chunk=8, workers=2, **options)
     first = run()["v_y"].values
     for _ in range(count):
         np.testing.assert_array_equal(run()["v_y"].values, first)
