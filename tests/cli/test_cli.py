@@ -138,10 +138,9 @@ def test_no_arguments_ask_for_help(monkeypatch, capsys):
     with pytest.raises(SystemExit):
         main()
     assert {*texts, capsys.readouterr().out} == {texts[0]}
-    for (
-        command
-    ) in "simulate orbit continue design bifurcation lyapunov sweep store reproduce bench throughput".split():
-        assert re.search(rf"^  {command} ", texts[0], re.MULTILINE)
+    named = set(re.findall(r"^  (\w+) ", texts[0], re.MULTILINE))
+    assert named >= {"simulate", "orbit", "continue", "design", "bifurcation", "lyapunov", "sweep", "store"}
+    assert named >= {"reproduce", "bench", "throughput"}
 
 
 def test_versions_are_printed(capsys):
