@@ -137,9 +137,9 @@ def _function(record: tuple[str, ...]) -> Callable[..., Any]:
     from ..sweeps.orbits import orbit_sweep
     from ..sweeps.sweep import sweep as run
 
-    alone = [name for name in record if name in ALONE]
-    if alone and len(record) > 1:
-        raise ValueError(f"Option --record {alone[0]} must stand alone, but is given with others.")
+    for name in record:
+        if name in ALONE and len(record) > 1:
+            raise ValueError(f"Option --record {name} must stand alone, but is given with others.")
     return {"exponents": lyapunov_sweep, "orbits": orbit_sweep}.get(record[0], run)
 
 
