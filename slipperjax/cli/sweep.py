@@ -137,10 +137,10 @@ def _function(record: tuple[str, ...]) -> Callable[..., Any]:
     from ..sweeps.orbits import orbit_sweep
     from ..sweeps.sweep import sweep as run
 
-    for name in record:
-        if name in ALONE and len(record) > 1:
-            raise ValueError(f"Option --record {name} must stand alone, but is given with others.")
-    return {"exponents": lyapunov_sweep, "orbits": orbit_sweep}.get(record[0], run)
+    alone = [name for name in record if name in ALONE]
+    if alone and len(record) > 1:
+        raise ValueError(f"Option --record {alone[0]} must stand alone, but is given with others.")
+    return {"exponents": lyapunov_sweep, "orbits": orbit_sweep}.get(alone[0] if alone else "", run)
 
 
 def _grid(case: Case, axes: tuple[Axis, ...], log: tuple[str, ...], sample: int | None) -> dict[str, Any]:
