@@ -115,6 +115,7 @@ class PeriodMap(eqx.Module):
         points = contact_points(scene)  # once for the whole run, not in every evaluation
         terms = diffrax.ODETerm(vector_field(scene))
         earlier = recorder.begin(scene, state) if earlier is None else earlier
+        epoch = jnp.asarray(epoch, float)
 
         @functools.partial(jax.jit, inline=True)  # traced once: `period_if_used` needs its shapes, too
         def period(carry, epoch):

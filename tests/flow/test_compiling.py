@@ -5,31 +5,37 @@ import pytest
 
 import slipperjax as sj
 
-from ..common import compilations
+from ..common import compilations, fine
 
 START = sj.table_2_start()
 
 
+def scene_of(speed):
+    """A scene that compiles soon."""
+    plain = sj.paper_scene()
+    return sj.Scene(speed, plain.slipper, plain.section, sj.StraightTrack(8.0), sj.HertzSpring(1e8))
+
+
 def state_of(speed):
-    return sj.initial_state(sj.paper_scene(speed), START)
+    return sj.initial_state(scene_of(speed), START)
 
 
 def forces(speed):
-    return sj.reactions(0.1, state_of(speed), sj.Args(sj.paper_scene(speed))).contact_force
+    return sj.reactions(0.1, state_of(speed), sj.Args(scene_of(speed))).contact_force
 
 
 def mapped(speed):
-    return sj.period_map(sj.paper_scene(speed), state_of(speed), steps_per_period=20).motion.v_y
+    return sj.period_map(scene_of(speed), state_of(speed), steps_per_period=20).motion.v_y
 
 
 def slope(speed):
-    scene, state = sj.paper_scene(speed), state_of(speed)
+    scene, state = scene_of(speed), state_of(speed)
     end = lambda c: sj.period_map(scene.replace(clearance=c), state, steps_per_period=20).motion.v_y
     return jax.jacfwd(end)(1e-3)
 
 
 def simulated(speed):
-    return sj.simulate(sj.paper_scene(speed), 2, steps_per_period=20, saves_per_period=1).status
+    return fine(sj.paper_scene(speed)).status
 
 
 @pytest.mark.parametrize("call", [state_of, forces, mapped, slope, simulated], ids=lambda f: f.__name__)

@@ -63,13 +63,28 @@ def test_forward_mode_is_the_derivative_of_states_and_peak_force(forward):
         assert worst < 1e-5, worst
 
 
+COTANGENT = jnp.cos(jnp.arange(11.0))  # one combination, as the Jacobian would need eleven passes
+
+
 def test_reverse_mode_agrees_with_forward_mode_under_jit_and_vmap(forward):
-    cotangent = jnp.cos(jnp.arange(11.0))  # one combination, as the Jacobian would need eleven passes
-    gradient = jax.grad(lambda values: cotangent @ outcome(values))
-    reverse = jax.jit(jax.vmap(gradient), compiler_options=QUICK)(jnp.ones((2, 7)).at[0, 0].set(1.1))
-    expected = np.asarray(cotangent) @ forward
+    def combination(values):
+        scene, start = case(values)
+        end = sj.period_map(scene, sj.initial_state(scene, start), periods=PERIODS, steps_per_period=STEPS)
+        return COTANGENT[:10] @ scaled(end.motion)
+
+    reverse = jax.jit(jax.vmap(jax.grad(combination)), compiler_options=QUICK)(jnp.ones((2, 7)).at[0, 0].set(1.1))
+    expected = np.asarray(COTANGENT[:10]) @ forward[:10]
     np.testing.assert_allclose(reverse[1], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
     assert np.all(np.isfinite(reverse[0]))
+    # that of loads is made, too: what compiling and running it takes a minute for is slow
+    assert jax.eval_shape(jax.grad(lambda values: COTANGENT @ outcome(values)), jnp.ones(7)).shape == (7,)
+
+
+@pytest.mark.slow
+def test_reverse_mode_of_loads_agrees_with_forward_mode(forward):
+    reverse = jax.jit(jax.grad(lambda values: COTANGENT @ outcome(values)))(jnp.ones(7))
+    expected = np.asarray(COTANGENT) @ forward
+    np.testing.assert_allclose(reverse, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
 def test_default_steps_are_known_where_scenes_are_merely_differentiated():

@@ -5,7 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from slipperjax.flow.loads import MARGIN, continued, slopes
+from slipperjax.flow import loads
+from slipperjax.flow.loads import MARGIN
+
+continued, slopes = jax.jit(loads.continued), jax.jit(loads.slopes)  # few programs instead of one for each operation
 
 
 @pytest.mark.parametrize(("degree", "ends"), [(1, 2), (2, 3), (3, 4), (3, 5), (3, 30)])
@@ -33,5 +36,5 @@ def test_they_are_of_fourth_order_also_at_both_ends_of_the_period():
 
 def test_what_lies_beyond_the_steps_does_not_count():
     values = jnp.sin(jnp.arange(41.0) / 7)
-    short, padded = (jax.jit(slopes)(given, 30) for given in (values[:31], values.at[31:].set(jnp.nan)))
+    short, padded = (slopes(given, 30) for given in (values[:31], values.at[31:].set(jnp.nan)))
     np.testing.assert_array_equal(padded[:31], short)

@@ -3,7 +3,11 @@
 import jax.numpy as jnp
 import numpy as np
 
-from slipperjax.flow.poincare import crossing, hermite
+import slipperjax as sj
+from slipperjax.flow import poincare
+from slipperjax.flow.poincare import hermite
+
+crossing = sj.jit(poincare.crossing)  # one small program instead of one for each operation
 
 
 def test_hermite_is_exact_for_cubics():
