@@ -72,8 +72,8 @@ from .sweeps.stores.archive import open_store as open_store
 from .sweeps.stores.processes import processes as processes
 from .sweeps.stores.target import Store as Store
 from .sweeps.sweep import sweep as sweep
+from .tools.cache import compile_cache as compile_cache
 from .tools.checks import ImplausibleWarning as ImplausibleWarning
 from .tools.compile import jit as jit
-from .tools.program_cache import compile_cache as compile_cache
 
 __version__: str

@@ -4,6 +4,7 @@ import importlib
 import os
 import pkgutil
 import shutil
+import sys
 import tempfile
 
 import pytest
@@ -24,8 +25,11 @@ def pytest_configure(config):
     import jax
     from jaxtyping import install_import_hook
 
+    # a conftest.py of a folder is read before
+    assert "slipperjax" not in sys.modules, "the package is imported before its annotations can be checked"
     from . import shapes  # noqa: F401  (the hook finds it by its name)
 
+    assert jax.config.jax_compilation_cache_dir == os.environ[CACHE]
     # what broadcasts silently is mostly a mistake
     jax.config.update("jax_numpy_rank_promotion", "raise")
     with install_import_hook("slipperjax", "tests.shapes.typechecked"):

@@ -209,8 +209,8 @@ tests/cli/test_interrupts.py -k falls_into_a_callback
 
 grid in display units
 tests/cli/test_cli.py -k axes_are_read_in_display_units
--grid[name] = values if known is None else known.from_shown(values)
-+grid[name] = values if known is None else known.shown(values)
+-grid[name] = known.from_shown((np.geomspace
++grid[name] = known.shown((np.geomspace
 """
 """The defects by room, each as its name, arguments of pytest, and a change as in a patch: - before, + after."""
 

@@ -43,7 +43,7 @@ class LyapunovSpectrum(eqx.Module):
     period: Float[Array, "*lanes"]
     """Length of a period [s], or in the unit of the system's time."""
     status: Any = None
-    """Status code of the state at the end, such as `slipperjax.flow.Status`; None where it was not checked."""
+    """Status code of the state at the end, such as `slipperjax.Status`; None where it was not checked."""
 
     def __repr__(self) -> str:
         if is_traced(self.history) or np.ndim(self.history) != 2:

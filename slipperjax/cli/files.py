@@ -3,14 +3,16 @@
 import importlib
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import jax
+
 from ..flow.status import Interrupted
 from ..tools.files import listed, said, write_each
-from .waiting import while_compiling
 
 Draw = Callable[[Any], Any]
 """Makes a picture of a dataset."""
@@ -34,8 +36,22 @@ def make_folder(folder: Path, out: Path) -> None:
         raise ValueError(f"Option --out must name a place that can be written, but {out}: {error}") from error
 
 
+LARGE_PROGRAM = 0.1
+"""Seconds that it takes to lower a program which then takes seconds to compile."""
+_WAITING_IMPORTS: list[Callable[[], None]] = []
+
+
+def _import_while_compiling(event: str, seconds: float, **_: Any) -> None:
+    """Begins the imports that wait on a thread of their own: compiling does not hold the interpreter's lock."""
+    if event == "/jax/core/compile/jaxpr_to_mlir_module_duration" and seconds > LARGE_PROGRAM and _WAITING_IMPORTS:
+        threading.Thread(target=_WAITING_IMPORTS.pop()).start()
+
+
+jax.monitoring.register_event_duration_secs_listener(_import_while_compiling)
+
+
 def _import_writers() -> None:
-    """Imports what writes and draws: beside compiling, which does not hold the interpreter's lock."""
+    """Imports the packages that write and draw."""
     try:
         import h5netcdf  # noqa: F401
         import matplotlib
@@ -73,7 +89,7 @@ class Outputs:
         for path in paths:
             if path.is_dir():
                 raise ValueError(f"Option --out must name a place for {path.name}, but {path} is a folder.")
-        while_compiling(_import_writers)
+        _WAITING_IMPORTS[:] = [_import_writers]
         old = [str(path) for path in paths if path.exists()]
         if old:
             print(f"{listed(old)} will be replaced", file=sys.stderr)

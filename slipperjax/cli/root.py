@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from ..tools.program_cache import compile_cache
+from ..tools.cache import compile_cache
 
 LOST = 1
 """Exit code where nothing finite came out."""

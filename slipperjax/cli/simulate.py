@@ -8,7 +8,6 @@ from .files import Outputs
 from .interrupts import on_thread
 from .options import COUNT, FROM_ZERO, Case, option, result, takes_case
 from .root import LOST, app
-from .waiting import saying_compiling
 
 
 def _overview(ds: Any) -> Any:
@@ -34,8 +33,7 @@ def simulate(case: Case, periods: int, saves_per_period: int | None, probe: int,
     step_plan(scene, case.steps_per_period, saves_per_period)  # here, too, so that an error is the only line
     print(f"simulating {periods} periods of {float(scene.period) * 1e3:.4g} ms ...", file=sys.stderr)
     options = dict(saves_per_period=saves_per_period, probe=probe, **case.options)
-    with saying_compiling():
-        found = on_thread(lambda: run(scene, periods, **options))
+    found = on_thread(lambda: run(scene, periods, **options))
     ds = found.to_xarray()
     files.write(ds, _overview)
     status, parts = Status(int(found.status)), [f"{ds.attrs['steps_per_period']} steps per period"]
@@ -70,8 +68,8 @@ def orbit(case: Case, period: int, transient: int | None, out: Path) -> int:
     from ..orbits.periodic import periodic_orbit
 
     files = Outputs(out, ".nc", ".png")
-    with saying_compiling():
-        found = on_thread(lambda: periodic_orbit(case.scene, period, transient=transient, **case.options))
+    print(f"looking for a motion of period {period} ...", file=sys.stderr)
+    found = on_thread(lambda: periodic_orbit(case.scene, period, transient=transient, **case.options))
     if is_lost(found):
         return LOST
     files.write(found.to_xarray(), _overview)

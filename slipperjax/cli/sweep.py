@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from ..tools.program_cache import compile_cache
+from ..tools.cache import compile_cache
 from .files import Outputs, keeping, make_folder
 from .interrupts import on_thread
 from .options import (
@@ -140,7 +140,7 @@ def _function(record: tuple[str, ...]) -> Callable[..., Any]:
     alone = [name for name in record if name in ALONE]
     if alone and len(record) > 1:
         raise ValueError(f"Option --record {alone[0]} must stand alone, but is given with others.")
-    return {"exponents": lyapunov_sweep, "orbits": orbit_sweep}.get(record[0], run)
+    return {"exponents": lyapunov_sweep, "orbits": orbit_sweep}.get(alone[0] if alone else "", run)
 
 
 def _grid(case: Case, axes: tuple[Axis, ...], log: tuple[str, ...], sample: int | None) -> dict[str, Any]:

@@ -33,7 +33,7 @@ MOTION_WEIGHTS = jax.tree.map(lambda scale: 1 / scale, MOTION_SCALES)
 
 
 def tangent_weights(scene: Scene) -> Callable[[State], State]:
-    """Gives the weights of a tangent's components at a state, see `slipperjax.analysis.push_tangents`.
+    """Gives the weights of a tangent's components at a state, see `slipperjax.analysis.lyapunov.push_tangents`.
 
     The motion counts in multiples of its scales. Of `EventLatch`, the memory of closed contacts counts relative to
     itself, that of open ones not at all; of `SmoothSwitch`, 1 m/s of memory counts as one.
@@ -115,6 +115,7 @@ class PeriodMap(eqx.Module):
         points = contact_points(scene)  # once for the whole run, not in every evaluation
         terms = diffrax.ODETerm(vector_field(scene))
         earlier = recorder.begin(scene, state) if earlier is None else earlier
+        epoch = jnp.asarray(epoch, float)
 
         @functools.partial(jax.jit, inline=True)  # traced once: `period_if_used` needs its shapes, too
         def period(carry, epoch):
@@ -188,7 +189,7 @@ def initial_states(scenes: Batched[Scene], starts: Motion | State) -> State:
 
 @jit
 def states_and_penetrations(scenes: Batched[Scene], starts: Motion | State) -> tuple[State, Float[Array, " cases"]]:
-    """The states at time zero of a batch, and their penetrations, see `slipperjax.model.state_and_penetration`."""
+    """The states at time zero of a batch, and penetrations: `slipperjax.model.dynamics.state_and_penetration`."""
     return scenes.map(state_and_penetration, starts)
 
 
@@ -250,7 +251,7 @@ def advance_tangents(
     solver: diffrax.AbstractSolver,
     periods: int,
 ) -> TangentPassage:
-    """Carries a batch's orthonormal tangents over some forcing periods, see `slipperjax.analysis.push_tangents`."""
+    """Carries a batch's orthonormal tangents over forcing periods: `slipperjax.analysis.lyapunov.push_tangents`."""
 
     def one(scene, state, tangents):
         step = PeriodMap(scene, stepping, solver)

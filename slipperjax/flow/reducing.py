@@ -112,7 +112,7 @@ class Stretch(NamedTuple):
     begin: float
     """Forcing periods before the stretch, those before the run included."""
     status: Int[np.ndarray, " cases"]
-    """`slipperjax.flow.Status` codes."""
+    """`slipperjax.Status` codes."""
     strobe: Float[np.ndarray, "cases last 10"] | None
     """States at the ends of the last periods; None where no reducer asked for them."""
     loads: Loads | None
@@ -187,7 +187,7 @@ class AbstractReducer(abc.ABC):
     def after(self, carried: Any, run: Any) -> tuple[Any, Any]:
         """What is carried, and `Status` codes or None, after a run of its own from the end of the recorded stretch.
 
-        **Arguments:** `run`: what it needs, a `slipperjax.sweeps.Further`.
+        **Arguments:** `run`: what it needs, a `slipperjax.sweeps.reducers.Further`.
         """
         return carried, None
 

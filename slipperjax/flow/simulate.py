@@ -180,7 +180,7 @@ class Trajectory(eqx.Module):
     steps_taken: Int[Array, " periods"]
     """Steps tried in each forcing period, those included that an adaptive controller rejected."""
     status: Int[Array, ""]
-    """0 where nothing is wrong, else see `slipperjax.flow.Status`."""
+    """0 where nothing is wrong, else see `slipperjax.Status`."""
     loads: Loads | None
     """Contact loads of each forcing period, over every step, arrays (periods, ...); None where switched off."""
     call: str = eqx.field(static=True, default="{}")

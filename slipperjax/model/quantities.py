@@ -62,7 +62,7 @@ class Parameter(Quantity):
     where: Callable[[Any], Any] = lambda scene: None
     """The leaf of a scene that holds it."""
     check: Callable[[str, str], Callable[[Any], jax.Array]] = finite
-    """Makes the check of values from name and unit, see `slipperjax.tools.validate`."""
+    """Makes the check of values from name and unit, see `slipperjax.tools.checks`."""
     read: Callable[[Any], Any] = lambda leaf: leaf
     """The value [unit] from the leaf."""
     write: Callable[[Array, Any], Array] = lambda value, leaf: value

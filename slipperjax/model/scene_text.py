@@ -1,4 +1,4 @@
-"""Scenes written as TOML text; `slipperjax.model.scene_file` reads them."""
+"""Scenes written as TOML text; `slipperjax.model.scene_files` reads them."""
 
 import json
 from typing import Any

@@ -29,7 +29,7 @@ class BranchEvent(NamedTuple):
     """Something that happens on a branch."""
 
     label: str
-    """One of `slipperjax.analysis.MEANINGS`."""
+    """One of `slipperjax.analysis.events.MEANINGS`."""
     value: float
     """The parameter's value there [its SI unit]."""
     low: float

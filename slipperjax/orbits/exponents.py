@@ -59,7 +59,7 @@ def lyapunov_spectrum(
     - `steps_per_period`, `solver`, `start`: as for `simulate`.
 
     **Returns:** a `LyapunovSpectrum`: `.per_period`, `.per_second`, `.stderr`, `.history`, `.kaplan_yorke`, and
-    `.status`, a `slipperjax.flow.Status` code of the state at the end and of the tangents' growth.
+    `.status`, a `slipperjax.Status` code of the state at the end and of the tangents' growth.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """

@@ -53,7 +53,7 @@ class PeriodicOrbit(eqx.Module):
     iterations: Any
     """Newton iterations taken."""
     status: Any
-    """0 where nothing is wrong, else see `slipperjax.flow.Status`."""
+    """0 where nothing is wrong, else see `slipperjax.Status`."""
     period: int = eqx.field(static=True)
     """Forcing periods after which the motion recurs [1]: the least, unless the scene was traced."""
     steps_per_period: Any

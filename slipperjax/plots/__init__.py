@@ -20,6 +20,8 @@ from .maps import quantity_map as quantity_map
 from .maps import regime_map as regime_map
 from .sections import section as section
 from .style import COLORS as COLORS
+from .style import POINT_COLORS as POINT_COLORS
+from .style import REGIME_COLORS as REGIME_COLORS
 from .style import STYLE as STYLE
 from .style import axis_label as axis_label
 from .style import case_title as case_title

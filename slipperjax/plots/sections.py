@@ -85,7 +85,7 @@ def drawn_points(
     Across its face a point moves by `magnify` times its gap, exactly: it is drawn on its face where it touches, and
     inside the rail head where it penetrates. The rail head stays where it is.
 
-    **Arguments:** `gap`: [m]; `offset`: along the faces, see `slipperjax.model.face_offsets` [m].
+    **Arguments:** `gap`: [m]; `offset`: along the faces, see `slipperjax.model.kinematics.face_offsets` [m].
     """
     across = np.asarray(shape.normals)
     along = np.stack([across[:, 1], -across[:, 0]], axis=1)

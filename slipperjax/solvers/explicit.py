@@ -47,8 +47,9 @@ class AbstractLatchingRungeKutta(AbstractLatchingSolver):
     """Weights of the stages, and of the derivative at the step's end, in the error estimate."""
 
     def init(self, terms, t0, t1, y0, args):
-        field = field_of(terms)
-        return field.evaluate(t0, y0, args), field.open_step(t0, y0, args)
+        field, t0 = field_of(terms), jnp.asarray(t0, float)
+        # types and frame as in `step`, so that the derivative is traced once for both
+        return field.evaluate(t0, y0, args, args.frame(t0)), field.open_step(t0, y0, args)
 
     @jax.jit  # diffrax traces it more than once
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):

@@ -165,8 +165,8 @@ class ROS34PW2(AbstractRosenbrock):
     """Rang and Angermann 2005, doi:10.1007/s10543-005-0035-y: order 3(2), L-stable, four stages.
 
     A W-method: its order holds with any matrix in place of the Jacobian, and without f_t. It is therefore used for
-    `SmoothSwitch`, where motion and memory are solved separately: at equal error it costs 0.3 to 0.6 of `Rodas4` there
-    (tests/benchmarks/test_smooth_switch.py).
+    `SmoothSwitch`, where motion and memory are solved separately: at equal error it costs 0.3 to 0.6 of `Rodas4`
+    there (tests/benchmarks/test_smooth_switch.py).
     """
 
     gamma: ClassVar = _G

@@ -37,7 +37,7 @@ class ChunkRun(NamedTuple):
     state: State
     """The states at the end, with a leading axis of lanes."""
     status: Int[np.ndarray, " lanes"]
-    """`slipperjax.flow.Status` codes."""
+    """`slipperjax.Status` codes."""
     record: Any
     """What the plan's recorder collected, arrays (lanes, samples, ...)."""
 
@@ -58,9 +58,6 @@ def run_chunk(
         alike = bool(np.all(plan.steps == steps))
         recording = ConstantSteps(steps) if alike else ConstantSteps(plan.room(steps), number)
     carried = _of_no_period(recorder, scenes, states)
-    if plan.transient.count:  # compiled beside the other program
-        recorded = dict(recorder=recorder, earlier=carried, **options, **_room(plan.recorded))
-        advance.prepare(scenes, states, at, recording, **recorded)
     for _ in range(plan.transient.count):
         on_progress(0)
         passed = _advance(plan.transient, scenes, states, at, stepping, **options)

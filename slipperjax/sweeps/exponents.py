@@ -168,11 +168,6 @@ class _Settle(NamedTuple):
     def __call__(self, chunk: Chunk, on_progress: OnProgress) -> _Settled:
         plan, (scenes, starts) = self.plan, self.cases.take(chunk.index)
         begin = initial_states(scenes, starts)
-        no_period, after = np.zeros(len(chunk.index), int), float(plan.periods)
-        if self.orbits:  # compiled beside the transient's program
-            Maps(scenes, begin, chunk.steps, plan.solver, no_period, on_progress, after).prepare(
-                plan.room(chunk.steps)
-            )
         passed = run_chunk(plan, scenes, begin, chunk.steps, on_progress)
         states, status = jax.tree.map(np.asarray, passed.state), np.asarray(passed.status)
         if not self.orbits:

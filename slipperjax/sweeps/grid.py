@@ -67,7 +67,7 @@ class Grid:
     """Lengths of `dims`."""
 
     def __init__(self, scene: Scene, grid: Mapping[str, Any], *, product: bool = True):
-        """**Arguments:** `grid`: values by name, of `slipperjax.model.PARAMETERS` or `STARTS`, in SI units.
+        """**Arguments:** `grid`: values by name, of `slipperjax.PARAMETERS` or `STARTS`, in SI units.
 
         **Raises:** `ValueError` for a wrong name, an empty axis, a bad value, or lists of several lengths side by
         side.
@@ -139,7 +139,7 @@ class Cases(Grid):
         """**Arguments:**
 
         - `scene`: the case whose parameters are varied.
-        - `grid`: values by name, of `slipperjax.model.PARAMETERS` or `STARTS`, in SI units.
+        - `grid`: values by name, of `slipperjax.PARAMETERS` or `STARTS`, in SI units.
         - `start`: the motion or state at time zero, where the grid does not vary it.
         - `product`: whether every combination is a case, or the lists are read side by side.
 

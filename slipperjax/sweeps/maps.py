@@ -65,13 +65,6 @@ class Maps(NamedTuple):
         """Cases of the batch."""
         return len(self.periods)
 
-    def prepare(self, room: int) -> None:
-        """Begins to compile the programs of `jacobians` and `look`, for arguments of the kinds of `like`."""
-        block = self._blocks(np.arange(min(self.count, 1)))[0][1]
-        scenes, states = self.scenes.take(block), self.states(rows_of(self.like)[block])
-        batch_jacobians.prepare(scenes, states, self.epoch, flexible_steps(self.steps), **self._once)
-        advance.prepare(scenes, states, self.epoch, self._roomy(room), **self._looking)
-
     def states(self, rows: np.ndarray) -> State:
         """Rows of numbers as states."""
         return states_of(rows, jax.tree.map(lambda leaf: np.asarray(leaf)[0], self.like))

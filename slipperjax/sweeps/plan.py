@@ -45,7 +45,7 @@ class Calls(NamedTuple):
 
     @property
     def room(self) -> int:
-        """Forcing periods that the program has room for, `PAUSE` or those of `slipperjax.flow.room_for`."""
+        """Forcing periods that the program has room for, `PAUSE` or those of `slipperjax.flow.stepping.room_for`."""
         return PAUSE if self.length == PAUSE else room_for(self.length)
 
 

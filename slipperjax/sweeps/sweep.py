@@ -126,7 +126,7 @@ class CaseRuns(NamedTuple):
     """All cases after their runs, with a leading axis of cases."""
 
     status: Int[np.ndarray, " cases"]
-    """`slipperjax.flow.Status` codes."""
+    """`slipperjax.Status` codes."""
     steps: Int[np.ndarray, " cases"]
     """Integration steps per forcing period."""
     record: Any

@@ -312,7 +312,7 @@ def test_standard_error_of_little_and_of_constant():
     ("changes", "message"),
     [
         (dict(step=3), "Argument `step` must be a function, but is 3."),
-        (dict(scale=2.0), "Argument `scale` must be a function, but is 2.0."),
+        (dict(scale=2.0), "Argument `scale` must be a function, but is 2."),
         (dict(state={}), "Argument `state` must be a pytree of real numbers, but is {}."),
         (dict(state={"x": np.nan, "y": 0.0}), "Argument `state` must be finite, but is nan."),
         (dict(state={"x": "a", "y": 0.0}), "Argument `state` must be finite, but is 'a'."),

@@ -36,7 +36,7 @@ def test_other_codes_beside_ours(tmp_path):
     others = {CppPeer.name: ("C++, one core", "#606060")} | OTHERS
     print("\n" + table(theirs + ours, batches))
     print(*write(theirs + ours, batches, tmp_path / "bench", others=others), sep="\n")
-    # another program converges to the same motions; measured: 1.3e-6 at 1600 steps
+    # another program converges to the same motions; measured: 1.2e-6 at 1600 steps
     (cpp,) = (p for p in theirs if (p.method, p.setting) == (CppPeer.name, "1600 steps"))
     assert cpp.error < 1e-5
     assert min(p.error for p in theirs if p.method.startswith("SciPy")) < 1e-3

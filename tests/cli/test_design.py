@@ -7,7 +7,8 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.cli import main
-from slipperjax.cli.design import OBJECTIVE_UNITS, _joined, make_box
+from slipperjax.cli.design import OBJECTIVE_UNITS
+from slipperjax.cli.options import make_bounds
 from slipperjax.design.ensembles import Spread
 from slipperjax.design.objectives import OBJECTIVES, PeakForce
 from slipperjax.design.optimise import optimise_design
@@ -17,8 +18,9 @@ from slipperjax.flow.load import load_call
 from ..design.bowl import judged
 from ..plots.test_designs import legend
 
-GIVEN = ["--minimise", "peak_force", "--clearance", 0.2, 3, "--length", 0.12, 0.5, "--no-check", "--no-margins"]
-"""Of the issue."""
+VARIED = ["--vary", "clearance", 0.2, 3, "--vary", "length", 0.12, 0.5]
+PEAK = ["--minimise", "peak_force", "--vary"]
+GIVEN = ["--minimise", "peak_force", *VARIED, "--no-check", "--no-margins"]
 
 
 def call(arguments, capsys, code=0):
@@ -27,11 +29,6 @@ def call(arguments, capsys, code=0):
     found = capsys.readouterr()
     assert stopped.value.code == code, found.err
     return found.out, found.err
-
-
-def box(vary=None, fixed=None, **options):
-    names = dict.fromkeys((*sj.PARAMETERS, "scene", "wavelength", "set", "memory"))
-    return make_box(vary=vary, fixed=fixed, **(names | {"solver": "RK4"} | options))
 
 
 @pytest.fixture
@@ -46,78 +43,64 @@ def test_the_help_names_every_objective_with_its_unit(capsys):
     assert {name: one.quantity.display_unit for name, one in OBJECTIVES.items()} == OBJECTIVE_UNITS
     text = " ".join(call(["--help"], capsys)[0].split())
     assert "The objective: peak_force [kN], rms_a_y [m/s^2]" in text
-    assert "Total play of slipper and rail [mm]: its bounds, or one number" in text
-    assert "--fixed" not in text
+    assert "A parameter that is chosen, and its bounds; repeat for several. Parameters: speed [m/s]" in text
 
 
-def test_numbers_after_options_are_read_as_they_are_many():
-    given = "--mass 15 --clearance 0.2 3 --gravity=9.81 --vary section.play.2 -1e-4 1e-3 --constraint peak_force 20"
-    assert list(_joined([*given.split(), "--constraint", "drive_force", "-1", "2", "--seed", "3"])) == [
-        *("--fixed", "mass 15", "--clearance", "0.2", "3", "--fixed", "gravity 9.81"),
-        *("--vary", "section.play.2 -1e-4 1e-3", "--constraint", "peak_force 20"),
-        *("--constraint", "drive_force -1 2", "--seed", "3"),
-    ]
-
-
-def test_bounds_are_read_in_display_units():
-    found = box(clearance=(0.2, 3.0), roll_amplitude=(0.1, 0.3), vary=["section.play.2 1e-4 1e-3"], fixed=["mass 15"])
-    assert list(found.variables) == ["clearance", "roll_amplitude", "section.play.2"]
-    assert found.variables["clearance"] == pytest.approx((0.2e-3, 3e-3))
-    assert found.variables["roll_amplitude"] == pytest.approx(np.radians((0.1, 0.3)))
-    assert found.variables["section.play.2"] == (1e-4, 1e-3)
-    assert float(found.case.scene.slipper.mass) == 15
-    assert box(length=(0.1, 0.2), set=["clearance=2 mm"]).case.scene.value("clearance") == pytest.approx(2e-3)
+@pytest.mark.parametrize(
+    ("name", "bounds", "found"),
+    [
+        ("clearance", (0.2, 3.0), (0.2e-3, 3e-3)),
+        ("roll_amplitude", (0.1, 0.3), np.radians((0.1, 0.3))),
+        ("section.play.2", (1e-4, 1e-3), (1e-4, 1e-3)),
+    ],
+)
+def test_bounds_are_read_in_display_units(name, bounds, found):
+    known, ends = make_bounds("--vary", sj.paper_scene(), name, *bounds)
+    assert known.name == name
+    assert ends == pytest.approx(tuple(found))
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--clearance", 0.2, 3], "--minimise"),
-        (["--minimise", "foo", "--mass", 1, 2], "Option --minimise must be one of peak_force, rms_a_y, "),
-        (["--minimise", "peak_force"], "An option such as --clearance 0.2 3 must be given"),
-        (["--minimise", "peak_force", "--clearance", 1], "An option such as --clearance 0.2 3 must be given"),
-        (["--minimise", "peak_force", "--clearance", 3, 0.2], "--clearance must have two bounds, the smaller first"),
-        (["--minimise", "peak_force", "--clearance", 3, 3], "but has 3 to 3 mm"),
-        (["--minimise", "peak_force", "--clearance", -1, 3], "`clearance` must be zero or positive, but is -0.001 m"),
-        (["--minimise", "peak_force", "--speed", "nan", 3], "`speed` must be positive, but is nan"),
-        (["--minimise", "peak_force", "--length", "long", 3], "'--length': Input should be a valid number"),
-        (["--minimise", "peak_force", "--clearance"], "--clearance"),
-        (["--minimise", "peak_force", "--gravity", 1, 10], "the scene has no gravitational acceleration"),
-        ([*GIVEN, "--width", 1, 2], "No such option: --width"),
-        ([*GIVEN, "--clearance", 1, 2], "--clearance must be given once"),
-        ([*GIVEN, "--clearance", 1], "--clearance must be given once"),
+        (VARIED, "Missing option '--minimise'"),
+        (["--minimise", "foo", *VARIED], "'foo' is not one of 'peak_force', 'rms_a_y', "),
+        (["--minimise", "peak_force"], "Missing option '--vary'"),
+        ([*PEAK, "clearance", 3, 0.2], "Option --vary must have two bounds, the smaller first, but has 3 to 0.2 mm"),
+        ([*PEAK, "clearance", 3, 3], "but has 3 to 3 mm"),
+        ([*PEAK, "clearance", -1, 3], "`clearance` must be zero or positive, but is -0.001 m"),
+        ([*PEAK, "speed", "nan", 3], "`speed` must be positive, but is nan"),
+        ([*PEAK, "length", "long", 3], "'--vary': 'long' is not a valid float"),
+        ([*PEAK], "Option '--vary' requires 3 arguments"),
+        ([*PEAK, "gravity", 1, 10], "the scene has no gravitational acceleration"),
+        ([*PEAK, "foo", 1, 2], "Option --vary must begin with one of speed, "),
+        ([*PEAK, "section.foo", 1, 2], "`section.foo` leads to no number"),
+        ([*PEAK, "section.play.2", 1], "'--vary': '--out' is not a valid float"),
+        ([*GIVEN, "--width", 1, 2], "No such option '--width'"),
         ([*GIVEN, "--mass", 1, "--mass", 2], "--mass must be given once"),
-        ([*GIVEN, "--vary", "foo", 1, 2], "`foo` is no parameter"),
-        ([*GIVEN, "--vary", "section.foo", 1, 2], "`section.foo` leads to no number"),
-        (
-            [*GIVEN, "--vary", "section.play.2", 1],
-            "Option --vary must be a path and two bounds, but is 'section.play",
-        ),
-        ([*GIVEN, "--vary"], "--vary must be a path and two bounds, but is ''"),
-        (
-            [*GIVEN, "--vary", "mass", 2, 1],
-            "Option --vary must have two bounds, the smaller first, but has 2 to 1 kg",
-        ),
-        ([*GIVEN, "--vary", "length", 1, 2], "Option --vary must name another parameter"),
+        ([*GIVEN, "--vary", "length", 1, 2], "Option --vary must name each parameter once, but has 'length'"),
         ([*GIVEN, "--vary", "slipper.length", 0.1, 0.2], "`length` must not be given with `slipper.length`"),
         ([*GIVEN, "--speeds", 1000, 1600], "--speeds"),
-        ([*GIVEN, "--speeds", 1000, 1600, 0], "number of speeds of 1 or more, but is 0"),
+        ([*GIVEN, "--speeds", 1000, 1600, 0], "0 is not in the range x>=1"),
         ([*GIVEN, "--speeds", 1600, 1000, 3], "but is 1600 to 1000 m/s and 3"),
         ([*GIVEN, "--speeds", 1000, 1600, 1], "Option --speeds must be the lowest and the highest"),
         ([*GIVEN, "--speeds", "nan", 1600, 3], "Option --speeds must be the lowest and the highest"),
         ([*GIVEN, "--speeds", 1000, 1600, 3, "--speed", 1250], "--speeds must not be given with --speed"),
-        ([*GIVEN, "--speeds", 1000, 1600, 3, "--speed", 1, 2], "--speeds must not be given with --speed"),
-        ([*GIVEN, "--robust", "best"], "Option --robust must be worst or mean, but is 'best'"),
-        ([*GIVEN, "--constraint", "foo", 1], "Option --constraint must be one of peak_force"),
-        ([*GIVEN, "--constraint", "drive_force"], "--constraint must be an objective and its highest value"),
-        ([*GIVEN, "--constraint", "drive_force", 3, 1], "--constraint must have the lower value first"),
-        ([*GIVEN, *2 * ["--constraint", "drive_force", 3]], "--constraint must name each objective once"),
-        ([*GIVEN, "--constraint", "drive_force", "nan"], "`constraints` must have a highest value"),
-        ([*GIVEN, "--starts", 0], "`starts` must be a whole number of 1 or more"),
-        ([*GIVEN, "--max-trials", 0], "`max_trials` must be a whole number of 1 or more"),
-        ([*GIVEN, "--transient", -1], "`transient` must be a whole number of 0 or more"),
-        ([*GIVEN, "--seed", -1], "`seed` must be a whole number of 0 or more"),
-        ([*GIVEN, "--steps-per-period", 0], "`steps_per_period` must be a whole number of 1 or more"),
+        (
+            [*GIVEN, "--speeds", 1000, 1600, 3, "--vary", "speed", 1, 2],
+            "must not be given with --speed or --vary speed",
+        ),
+        ([*GIVEN, "--robust", "best"], "'best' is not one of 'worst', 'mean'"),
+        ([*GIVEN, "--constraint", "foo", 1, 2], "'foo' is not one of 'peak_force'"),
+        ([*GIVEN, "--constraint", "drive_force", 1], "'--constraint': '--out' is not a valid float"),
+        ([*GIVEN, "--constraint", "drive_force", 3, 1], "`constraints` must have a highest value or (low, high)"),
+        ([*GIVEN, *2 * ["--constraint", "drive_force", 1, 3]], "--constraint must name each objective once"),
+        ([*GIVEN, "--constraint", "drive_force", "-inf", "nan"], "`constraints` must have a highest value"),
+        ([*GIVEN, "--starts", 0], "'--starts': 0 is not in the range x>=1"),
+        ([*GIVEN, "--max-trials", 0], "'--max-trials': 0 is not in the range x>=1"),
+        ([*GIVEN, "--transient", -1], "'--transient': -1 is not in the range x>=0"),
+        ([*GIVEN, "--seed", -1], "'--seed': -1 is not in the range x>=0"),
+        ([*GIVEN, "--steps-per-period", 0], "'--steps-per-period': 0 is not in the range x>=1"),
         ([*GIVEN, "--scene", "none.toml"], "none.toml"),
         ([*GIVEN, "--solver", "foo"], "foo"),
     ],
@@ -138,7 +121,8 @@ def test_options_reach_the_search(bowl, monkeypatch, tmp_path, capsys):
         return optimise_design(scene, objective, variables, **options)
 
     monkeypatch.setattr("slipperjax.design.optimise.optimise_design", search)
-    more = ["--robust", "mean", "--constraint", "peak_force", 20, "--constraint", "drive_force", 1, 50, "--periodic"]
+    more = ["--robust", "mean", "--constraint", "peak_force", "-inf", 20, "--periodic"]
+    more += ["--constraint", "drive_force", 1, 50]
     more += ["--starts", 2, "--seed", 4, "--max-trials", 3, "--transient", 7, "--steps-per-period", 50, "--mass", 15]
     call([*GIVEN, *more, "--solver", "Tsit5", "--out", tmp_path / "run.nc"], capsys)
     ((scene, objective, variables, options),) = asked
@@ -146,7 +130,7 @@ def test_options_reach_the_search(bowl, monkeypatch, tmp_path, capsys):
     assert objective == PeakForce()
     assert list(variables) == ["clearance", "length"]
     limits = {one.name: limit for one, limit in options.pop("constraints").items()}
-    assert limits == {"peak_force": (None, 2e4), "drive_force": (1.0, 50.0)}
+    assert limits == {"peak_force": (-np.inf, 2e4), "drive_force": (1.0, 50.0)}
     assert type(options.pop("solver")).__name__ == "Tsit5"
     assert options == dict(
         over=None,
@@ -208,7 +192,7 @@ def test_a_design_is_found_written_and_drawn(bowl, tmp_path, capsys):
 
 def test_one_case_and_one_variable_are_enough(bowl, tmp_path, capsys):
     more = ["--steps-per-period", 50, "--speed", 1200, "--starts", 1, "--out", tmp_path / "run", *GIVEN[-2:]]
-    text, _ = call(["--minimise", "drive_force", "--clearance", 0.2, 3, *more], capsys)
+    text, _ = call(["--minimise", "drive_force", *VARIED[:4], *more], capsys)
     assert text.splitlines()[-3].split() == ["drive_force", "[N]", "regime"]
 
 
@@ -221,7 +205,7 @@ def test_an_interrupted_search_gets_a_name_of_its_own(bowl, monkeypatch, tmp_pat
     out = tmp_path / "run"
     text, error = call([*GIVEN, "--steps-per-period", 50, "--starts", 1, "--out", out], capsys, 130)
     assert text.startswith("Design(clearance")
-    assert f"trials were judged: wrote {out}_partial.nc and {out}_partial.png\ninterrupted\n" in error
+    assert f"trials were finished: wrote {out}_partial.nc and {out}_partial.png\ninterrupted\n" in error
     assert sorted(path.name for path in tmp_path.iterdir()) == ["run_partial.nc", "run_partial.png"]
 
 

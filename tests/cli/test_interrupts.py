@@ -74,7 +74,7 @@ def test_a_signal_while_it_compiles_leaves_the_old_files(begin, tmp_path):
     wait_for(process, "run.nc will be replaced")
     time.sleep(1.0)
     _, error = ended(process, signal.SIGTERM)
-    assert "no case was finished: nothing is written" in error
+    assert "cases were finished: nothing is written" in error
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["run.nc"]
     assert old.read_bytes() == b"old"
 

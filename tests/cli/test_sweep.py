@@ -52,14 +52,14 @@ def test_a_map_is_stored_and_drawn(stored, capsys):
     assert ds["clearance"].values == pytest.approx(np.linspace(0.5e-3, 1.5e-3, 4))
     assert matplotlib.image.imread(stored.with_suffix(".png")).shape[0] > 500
     out, error = call(["sweep", *MAP, "--store", stored], capsys)  # nothing is left to do, in tiles as they are
-    assert "20 cases, 50 steps per period" in out
-    assert "0 flagged" in out
+    assert "20 cases, 10 + 2 periods, 50 steps per period" in out
+    assert "0 cases flagged" in out
     assert "map.png will be replaced" in error
 
 
 def test_shares_make_the_same_store(stored, folder, capsys):
     for k in (1, 2):
-        out, _ = call(["sweep", *MAP, "--store", folder / "s.zarr", "--tile", 8, "--chunk", f"{k}/2"], capsys)
+        out, _ = call(["sweep", *MAP, "--store", folder / "s.zarr", "--tile", 8, "--share", f"{k}/2"], capsys)
         assert out.startswith(f"share {k}/2")
     assert "20 of 20 cases (100.0%), 3 of 3 tiles" in out
     read = lambda path: {str(f.relative_to(path)): f.read_bytes() for f in path.rglob("*") if f.is_file()}
@@ -97,15 +97,15 @@ def test_an_estimate_writes_nothing(folder, capsys):
 def test_wrong_options_are_named(stored, folder, capsys):
     new = ["--store", folder / "new.zarr"]
     for more, words in (
-        ([*MAP, "--chunk", "1/2"], "Option --chunk needs --store"),
-        ([*MAP, *new, "--chunk", "3/2"], "I from 1 to N"),
-        ([*MAP, *new, "--chunk", "1/2", "--fresh"], "`fresh` must be False for a share"),
+        ([*MAP, "--share", "1/2"], "Option --share needs --store"),
+        ([*MAP, *new, "--share", "3/2"], "I from 1 to N"),
+        ([*MAP, *new, "--share", "1/2", "--fresh"], "`fresh` must be False for a share"),
         ([*MAP, "--store", folder / "new.nc"], "ends in .zarr"),
         ([*MAP, *new, "--record", "exponents", "--record", "strobe"], "--record exponents must stand alone"),
         ([*MAP, *new, "--processes", 2, "--cluster", "tcp://a"], "--cluster must not be given with --processes"),
-        ([*QUICK, *new], "Option --over must be given"),
-        (["--over", "speed", 1, 2, 3, "--by", "clearance", 1, *QUICK], "and how many, but is 'clearance 1'"),
-        (["--over", "speed", 1, 2, 3, "--by", "speed", 1, 2, 3, *QUICK], "another parameter than --over"),
+        ([*QUICK, *new], "Missing option '--over'"),
+        (["--over", "speed", 1, 2, 3, "--by", "clearance", 1, *QUICK], "'--by': '--transient' is not a valid float"),
+        (["--over", "speed", 1, 2, 3, "--by", "speed", 1, 2, 3, *QUICK], "speed"),
         ([*MAP, "--restitution", 0.5, "--store", stored], "restitution: 0.9 in the store, 0.5 asked"),
     ):
         assert words in refused(["sweep", *more], capsys)
@@ -129,6 +129,6 @@ def test_ctrl_c_says_that_the_same_command_goes_on(folder):
         one.send_signal(signal.SIGINT)
         _, error = one.communicate(timeout=60)
     assert one.returncode == 130
-    assert "of 6400 cases are in" in error
+    assert "of 6400 cases were finished: kept in" in error
     assert "the same command goes on" in error
     assert 0 < int((sj.open_store(folder / "c.zarr")["status"] == 0).sum()) < 6400

@@ -39,7 +39,9 @@ def test_the_peak_does_not_depend_on_the_saves_and_converges_in_the_step(stiffne
     """The highest of 50 saves is 6.9 % too low at the stiffest."""
     scene = sj.paper_scene(stiffness=stiffness)
     assert sj.default_steps_per_period(scene) <= STEPS
-    few, many, exact = (over_periods(first(run(scene).loads, 2)) for run in (lambda s: probed(s, STEPS), fine, finest))
+    few, many, exact = (
+        over_periods(first(run(scene).loads, 2)) for run in (lambda s: probed(s, STEPS), fine, finest)
+    )
     np.testing.assert_array_equal(few.peak_force, many.peak_force)
     at = np.unravel_index(np.argmax(exact.peak_force), exact.peak_force.shape)
     assert np.argmax(many.peak_force) == np.argmax(exact.peak_force)

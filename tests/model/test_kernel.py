@@ -112,6 +112,7 @@ def test_one_pass_sums_are_linear_in_every_transformation():
     for transform in (
         lambda f: f,
         lambda f: jax.vmap(f, in_axes=(0, 0)),
+        lambda f: jax.vmap(f, in_axes=(1, 1)),
         lambda f: lambda x, y: jax.vmap(f, in_axes=(0, None))(x, y[0]),
         jax.jacfwd,
         jax.jacrev,

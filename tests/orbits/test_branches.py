@@ -9,8 +9,7 @@ from slipperjax.flow.status import Status
 from slipperjax.orbits.branches import Bar
 from slipperjax.orbits.critical import continue_event, critical_orbit
 
-STEPS = 100
-SCENE = sj.paper_scene()
+from .nominal import SCENE, STEPS
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +44,7 @@ def test_the_flip_and_the_grazings_are_located(branch):
         assert event.converged
         assert event.low <= event.value <= event.high
         assert event.high - event.low < 1e-6
-    # at 200 and 400 steps 1095.9138 and 1095.9042 m/s; measured at 100: 1095.91
+    # at 200 and 400 steps 1095.9138 and 1095.9042 m/s; measured at 96: 1096.00
     np.testing.assert_allclose(flip.value, 1095.91, rtol=2e-4)
     stable = branch.points["stable"].values
     beyond = branch.points["speed"].values > flip.value + 1e-6
@@ -63,7 +62,7 @@ def test_grazings_are_those_of_fine_trajectories(branch):
     event = branch.events_named("GR")[0]
     point = event.note.split()[0]
     place = [f"{name}{end}" for end in (1, 2) for name in SCENE.section.names].index(point)
-    gap = np.asarray(branch.orbit(event).trajectory(saves_per_period=STEPS).reactions.gap).reshape(STEPS + 1, -1)
+    gap = np.asarray(branch.orbit(event).trajectory().reactions.gap).reshape(STEPS + 1, -1)
     # the least open gap of that point is where the parabola through its neighbours touches zero; measured: 2e-8 m
     lows = [
         k
@@ -180,7 +179,7 @@ def test_curves_of_the_flip_and_of_a_grazing(branch):
     assert nearest < 1e-3  # measured: 1e-6 m/s
 
 
-def test_wrong_arguments_are_named():
+def test_wrong_arguments_are_named(nominal):
     for bounds, words in (
         ((1300.0, 1200.0), "`bounds` must be two values of speed"),
         ((1300.0, 1400.0), "`bounds` must hold the scene's speed, 1250 m/s, but is 1300 to 1400"),
@@ -193,7 +192,7 @@ def test_wrong_arguments_are_named():
             sj.continue_orbit(SCENE, "speed", (1200.0, 1300.0), until=until)
     with pytest.raises(ValueError, match="`sped` is no parameter"):
         sj.continue_orbit(SCENE, "sped", (1.0, 2.0))
-    with pytest.raises(ValueError, match="must be near a periodic orbit"):
-        sj.continue_orbit(SCENE.replace(speed=100.0), "speed", (90.0, 120.0), steps_per_period=20)
+    with pytest.raises(ValueError, match="`start` must be near a periodic motion"):
+        sj.continue_orbit(SCENE.replace(speed=100.0), "speed", (90.0, 120.0), start=nominal, steps_per_period=20)
     with pytest.raises(ValueError, match="must be a result of continue_orbit"):
-        sj.load_branch(sj.simulate(SCENE, 1).to_xarray())
+        sj.load_branch(nominal.to_xarray())

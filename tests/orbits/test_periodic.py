@@ -10,16 +10,14 @@ from jax.flatten_util import ravel_pytree
 import slipperjax as sj
 from slipperjax.analysis.floquet import jacobians, multipliers
 from slipperjax.flow.period_map import PeriodMap
+from slipperjax.flow.recorders import Strobe
+from slipperjax.flow.simulate import flexible_steps, run_eagerly
 from slipperjax.flow.status import Status
 from slipperjax.flow.stepping import ConstantSteps
+from slipperjax.orbits import periodic
 
-SCENE = sj.paper_scene()
-STEPS = 200
-
-
-@pytest.fixture(scope="module")
-def nominal():
-    return sj.periodic_orbit(SCENE, steps_per_period=STEPS)
+from ..common import SCALES
+from .nominal import SCENE, STEPS
 
 
 def test_the_nominal_orbit_recurs_and_has_its_multipliers(nominal):
@@ -27,25 +25,36 @@ def test_the_nominal_orbit_recurs_and_has_its_multipliers(nominal):
     assert float(nominal.residual) < 1e-12  # measured: 2e-15
     assert nominal.period == 1
     assert nominal.stable
-    end = sj.period_map(SCENE, nominal.state, steps_per_period=STEPS)
-    np.testing.assert_allclose(ravel_pytree(end)[0], ravel_pytree(nominal.state)[0], atol=1e-12)
-    # the prototype's ln |largest multiplier|
-    np.testing.assert_allclose(float(nominal.exponent), -0.0467, atol=5e-5)
+    # the prototype's ln |largest multiplier|, with 200 steps
+    fine = sj.periodic_orbit(SCENE, start=nominal.state, steps_per_period=200)
+    np.testing.assert_allclose(float(fine.exponent), -0.0467, atol=5e-5)
 
 
-def test_multipliers_are_those_of_the_period_map(nominal):
+def test_multipliers_are_those_of_differences(nominal):
+    """Of runs from states beside the orbit's, by the program that Newton's method begins with."""
     flat, unravel = ravel_pytree(nominal.state)
-    flow = lambda x: ravel_pytree(sj.period_map(SCENE, unravel(x), steps_per_period=STEPS))[0]
-    matrix = np.asarray(jax.jacfwd(flow)(flat))
-    exact = np.linalg.eigvals(matrix)
+    step, recorder = PeriodMap(SCENE, flexible_steps(STEPS), nominal.solver), Strobe()
+    end = lambda x: ravel_pytree(run_eagerly(step, unravel(x), 1, recorder, like=100).state)[0]
+    np.testing.assert_allclose(end(flat), flat, atol=1e-12)
+    matrix = np.zeros((flat.size, flat.size))
+    for k in np.flatnonzero((np.arange(flat.size) < 10) | (flat < 0)):  # an open contact has no memory
+        h = 1e-5 * np.append(SCALES, [1.0] * 20)[k]
+        ends = [end(flat.at[k].add(side * h)) for side in (-2, -1, 1, 2)]
+        matrix[:, k] = (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * h)
     leading = lambda found: np.sort_complex(found[np.argsort(-np.abs(found))][:6])
-    np.testing.assert_allclose(leading(np.asarray(nominal.multipliers)), leading(exact), atol=1e-8)
+    # measured: MEASURED
+    np.testing.assert_allclose(
+        leading(np.asarray(nominal.multipliers)), leading(np.linalg.eigvals(matrix)), atol=1e-6
+    )
 
 
 def test_a_long_simulation_ends_on_the_orbit(nominal):
-    run = sj.simulate(SCENE, 600, steps_per_period=STEPS, loads=False, saves_per_period=1)
+    """In six runs of 100 periods, whose program Newton's method begins with."""
+    end = None
+    for _ in range(6):
+        end = sj.simulate(SCENE, 100, start=end, steps_per_period=STEPS, loads=False, saves_per_period=1)
     # exp(-0.0467 * 600) = 7e-13; measured: 2e-11
-    for found, exact in zip(jax.tree.leaves(run.end.motion), jax.tree.leaves(nominal.state.motion), strict=True):
+    for found, exact in zip(jax.tree.leaves(end.end.motion), jax.tree.leaves(nominal.state.motion), strict=True):
         np.testing.assert_allclose(found, exact, atol=1e-9)
 
 
@@ -59,26 +68,36 @@ def test_unstable_orbits_are_found_and_left_by_simulations():
     assert abs(found.multipliers[0].imag) < 1e-8
 
 
-def test_a_multiple_of_the_period_is_recognised(nominal):
+def test_a_multiple_of_the_period_is_recognised(nominal, monkeypatch):
+    """Here four periods are one whose Jacobian is repeated; a slow test has Newton's method over four."""
+    shoot = periodic.shoot
+
+    def once(*args, intervals, **options):
+        found = shoot(*args, intervals=1, **options)
+        return eqx.tree_at(lambda one: one.matrices, found, jnp.repeat(found.matrices, intervals, axis=0))
+
+    monkeypatch.setattr(periodic, "shoot", once)
     four = sj.periodic_orbit(SCENE, period=4, steps_per_period=STEPS)
     assert four.period == 1
-    leading = lambda orbit: np.sort_complex(np.asarray(orbit.multipliers)[:4])
-    np.testing.assert_allclose(leading(four), leading(nominal), atol=1e-8)
+    np.testing.assert_allclose(four.multipliers, nominal.multipliers, atol=1e-12)
 
 
 def test_the_signature_is_that_of_a_fine_trajectory(nominal):
     found = nominal.signature
-    gap = np.asarray(nominal.trajectory(saves_per_period=STEPS).reactions.gap)
-    opened = (gap[:-1] >= 0) & (gap[1:] < 0)
-    counts = {p: found.points.count(p) for p in set(found.points)}
-    names = np.array([[f"{n}{e}" for n in SCENE.section.names] for e in (1, 2)])
-    assert counts == {str(n): int(c) for n, c in zip(names.ravel(), opened.sum(axis=0).ravel(), strict=True) if c}
+    gap = np.asarray(nominal.trajectory().reactions.gap).reshape(STEPS + 1, -1)
+    names = [f"{n}{e}" for e in (1, 2) for n in SCENE.section.names]
+    opened = np.argwhere((gap[:-1] >= 0) & (gap[1:] < 0))
+    assert sorted(found.points) == sorted(names[point] for _, point in opened)
     assert [t.period for t in found.touchdowns] == sorted(t.period for t in found.touchdowns)
-    fine = sj.periodic_orbit(SCENE, start=nominal.state, steps_per_period=4 * STEPS).signature
-    assert fine.points == found.points
-    # measured: 0.827 m/s and 0.2 % of it
-    np.testing.assert_allclose(found.slowest, fine.slowest, rtol=0.02)
-    assert all(t.rate < 0 for t in found.touchdowns)
+    rates = {}
+    for k, point in opened:  # the slope of the parabola through three saved gaps, where it is zero
+        a, b, c = gap[k - 1 : k + 2, point]
+        slope = -np.sqrt((c - a) ** 2 / 4 - 2 * b * (a + c - 2 * b))
+        rates.setdefault(names[point], []).append(slope * STEPS / float(SCENE.period))
+    for name, expected in rates.items():
+        np.testing.assert_allclose([t.rate for t in found.touchdowns if t.point == name], expected, rtol=0.02)
+    # with 800 steps 0.827 m/s; measured: 0.2 % of it
+    np.testing.assert_allclose(found.slowest, 0.827, rtol=0.02)
 
 
 @pytest.mark.slow
@@ -113,10 +132,15 @@ def test_a_dataset_holds_one_period_and_the_multipliers(nominal):
     assert eqx.tree_equal(sj.load_scene(ds), SCENE)
 
 
+@pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # on purpose
 def test_failures_say_what_happened(nominal):
-    chaotic = sj.periodic_orbit(SCENE.replace(speed=2300.0), steps_per_period=STEPS, max_iterations=2)
-    assert int(chaotic.status) == Status.NO_ORBIT
-    assert "no orbit" in repr(chaotic)
+    # no residual is as small as this one
+    missed = sj.periodic_orbit(SCENE, start=nominal.state, steps_per_period=STEPS, tolerance=1e-200)
+    assert int(missed.status) == Status.NO_ORBIT
+    assert "no orbit" in repr(missed)
+    lost = sj.periodic_orbit(SCENE.replace(speed=1e-3), steps_per_period=STEPS)
+    assert int(lost.status) == Status.NOT_FINITE
+    assert np.all(np.isnan(lost.multipliers))
     with pytest.raises(ValueError, match="must have a track that recurs with its first wavelength"):
         sj.periodic_orbit(sj.paper_scene(wavelengths=(8.0, 3.0)))
     with pytest.raises(ValueError, match="`period` must be a whole number of 1 or more, but is 0"):
@@ -143,6 +167,7 @@ def test_the_exponent_is_that_of_long_tangents(speed):
     np.testing.assert_allclose(tangents.weighted[0], float(orbit.exponent), atol=1e-4)
 
 
+@pytest.mark.slow
 def test_multipliers_do_not_depend_on_the_number_of_segments(nominal):
     several = sj.periodic_orbit(SCENE, period=4, start=nominal.state, steps_per_period=STEPS)
     four = PeriodMap(SCENE, ConstantSteps(STEPS), periods=4)
@@ -151,5 +176,6 @@ def test_multipliers_do_not_depend_on_the_number_of_segments(nominal):
     # one segment of four periods, and four segments of one; measured: 2e-13 and 3e-9 of the fourth power
     np.testing.assert_allclose(np.abs(multipliers(matrices))[:8], one[:8] ** 4, rtol=1e-4, atol=1e-9)
     assert several.period == 1
+    np.testing.assert_allclose(np.abs(several.multipliers)[:4], one[:4], atol=1e-8)
     chain = np.asarray(jacobians(PeriodMap(SCENE, ConstantSteps(STEPS)), nominal.state, 4))
     np.testing.assert_allclose(np.abs(multipliers(chain))[:8], one[:8] ** 4, rtol=1e-6)

@@ -144,14 +144,14 @@ def end_of(scene, solver, steps=100):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "kind"),
-    [(LATCHED, diffrax.Kvaerno5), (LATCHED, diffrax.ImplicitEuler), (SMOOTH, diffrax.Kvaerno3)],
-    ids=["latched, order 5", "latched, order 1", "smooth, order 3"],
+    [(LATCHED, diffrax.ImplicitEuler), (LATCHED, diffrax.Kvaerno5), (SMOOTH, diffrax.Kvaerno3)],
+    ids=["latched, order 1", "latched, order 5", "smooth, order 3"],
 )
 def test_runs_are_those_of_newtons_method(scene, kind):
     ours, exact = end_of(scene, kind()), end_of(scene, kind(root_finder=EXACT))
     finer = end_of(scene, kind(root_finder=FINER))
     print(f"{kind.__name__}: {np.abs(ours - exact).max():.1e}, {np.abs(finer - exact).max():.1e} from Newton's")
-    np.testing.assert_allclose(ours, exact, atol=1e-6)  # measured: 2e-8, 5e-8, 5e-9
+    np.testing.assert_allclose(ours, exact, atol=1e-6)  # measured: 5e-8, 2e-8, 5e-9
     np.testing.assert_allclose(finer, exact, atol=1e-8)  # measured: 5e-10
 
 
@@ -201,18 +201,21 @@ def test_it_is_the_default_and_others_stay():
     assert isinstance(sj.Latching(diffrax.Kvaerno4()).solver.root_finder, SimplifiedNewton)
 
 
-def sweeps(count):
+def sweeps(count, solver):
     """Sweeps of two chunks at once, on two threads."""
     grid, options = {"speed": np.linspace(1200.0, 1300.0, 16)}, dict(transient=0, periods=1, steps_per_period=20)
-    run = lambda: sj.sweep(
-        LATCHED, grid, record="strobe", loads=False, solver=diffrax.Kvaerno5(), chunk=8, workers=2, **options
-    )
+    run = lambda: sj.sweep(LATCHED, grid, record="strobe", loads=False, solver=solver, chunk=8, workers=2, **options)
     first = run()["v_y"].values
     for _ in range(count):
         np.testing.assert_array_equal(run()["v_y"].values, first)
 
 
+def test_threads_do_not_wait_for_each_other():
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(sweeps, 20, diffrax.ImplicitEuler()).result(timeout=300)
+
+
 @pytest.mark.slow
 def test_a_thousand_calls_on_two_threads_end():
     with ThreadPoolExecutor(1) as pool:
-        pool.submit(sweeps, 1000).result(timeout=1800)
+        pool.submit(sweeps, 1000, diffrax.Kvaerno5()).result(timeout=1800)

@@ -1,5 +1,6 @@
 """Stores by dask's workers."""
 
+import contextlib
 import os
 import signal
 import threading
@@ -15,30 +16,40 @@ from .made_up import call, files
 distributed = pytest.importorskip("distributed")
 
 
-@pytest.fixture
-def client(monkeypatch):
-    """Two spawned workers of one thread each, whose tiles take a tenth of a second."""
-    monkeypatch.setenv("PAUSE", "0.1")
+@contextlib.contextmanager
+def workers(processes):
+    """A client of two workers of one thread each, in this process or in spawned ones."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of dask's own making: ports in use, unclosed sockets
-        options = dict(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None)
-        with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as found:
-            yield found
+        options = dict(n_workers=2, threads_per_worker=1, processes=processes, dashboard_address=None)
+        with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
+            yield client
 
 
-def test_a_worker_killed_midway_changes_no_byte(tmp_path, client, monkeypatch):
+def test_workers_compute_tiles(tmp_path):
+    with workers(processes=False) as client:
+        ds = call(tmp_path / "map.zarr", executor=client)
+    assert int((ds["status"] == 7).sum()) == 0
+    call(tmp_path / "whole.zarr")
+    assert files(tmp_path / "map.zarr") == files(tmp_path / "whole.zarr")
+
+
+@pytest.mark.slow
+def test_a_worker_killed_midway_changes_no_byte(tmp_path, monkeypatch):
     path, killed = tmp_path / "map.zarr", []
+    monkeypatch.setenv("PAUSE", "0.1")  # of each tile, in the workers
 
-    def kill():
+    def kill(client):
         while not path.exists() or store_status(path).tiles_done < 3:
             time.sleep(0.01)
         killed.append(next(iter(client.run(os.getpid).values())))
         os.kill(killed[0], signal.SIGKILL)
 
-    other = threading.Thread(target=kill)
-    other.start()
-    ds = call(path, executor=client)
-    other.join()
+    with workers(processes=True) as client:
+        other = threading.Thread(target=kill, args=(client,))
+        other.start()
+        ds = call(path, executor=client)
+        other.join()
     assert killed
     assert int((ds["status"] == 7).sum()) == 0
     monkeypatch.delenv("PAUSE")

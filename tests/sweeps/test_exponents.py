@@ -16,7 +16,9 @@ from slipperjax.sweeps.transience import MOTIONS, Votes
 
 SPEEDS = [1100.0, 1250.0, 1500.0, 1800.0, 2100.0, 2300.0]
 STEPS = 50
-TWO = [1250.0, 2100.0]
+TWO = [1250.0, 2100.0]  # periodic and chaotic
+LOST = 1e-3  # hours in 50 steps: thrown out of the finite numbers
+pytestmark = pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # of the lost case, on purpose
 SHORT = dict(transient=200, periods=60, steps_per_period=STEPS)
 
 
@@ -32,25 +34,6 @@ def test_periodic_motions_contract_and_chaotic_ones_part():
     assert (calm["weighted_exponent"] < -0.03).all()
     assert (wild["exponent"] > 5 * wild["stderr"]).all()
     assert not (wild["kind"] == "period").any()
-
-
-@pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # on purpose
-def test_certificates_of_a_short_run():
-    """A measured periodic motion agrees with its multiplier, and every case says what it is and how it went."""
-    grid = {"speed": [1250.0, 1e-3]}
-    found = sj.lyapunov_sweep(sj.paper_scene(), grid, orbits=False, transient=200, periods=60, steps_per_period=STEPS)
-    good, bad = found.isel(speed=0), found.isel(speed=1)
-    assert bool(good["resolved"])
-    assert str(good["regime"].values) == "periodic"
-    assert int(good["status"]) == 0
-    # measured: floquet -0.0465, half the step -0.0479, two trajectories equal to the tangent within 1e-6
-    np.testing.assert_allclose(good["weighted_exponent"], good["floquet"], atol=1e-3)
-    np.testing.assert_allclose(good["two_trajectories"], good["exponent"][0], atol=1e-5)
-    np.testing.assert_allclose(good["half_step"], good["exponent"][0], atol=1e-3)
-    assert int(bad["status"]) == 1  # hours in 50 steps: thrown out of the finite numbers
-    assert not bool(bad["resolved"])
-    assert str(bad["regime"].values) == "unresolved"
-    assert str(bad["kind"].values) == "unresolved"
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +92,8 @@ def test_an_interrupt_during_the_longer_motions_keeps_what_was_measured(monkeypa
 
 @pytest.fixture(scope="module")
 def both_ways():
-    sweep = lambda orbits: sj.lyapunov_sweep(sj.paper_scene(), {"speed": TWO}, orbits=orbits, **SHORT)
+    grid = {"speed": [*TWO, LOST]}
+    sweep = lambda orbits: sj.lyapunov_sweep(sj.paper_scene(), grid, orbits=orbits, **SHORT)
     return sweep(True), sweep(False)
 
 
@@ -132,43 +116,58 @@ def test_periodic_cases_take_the_exponents_of_their_orbits(both_ways):
         assert (str(ds["kind"].values), int(ds["period"])) == ("period", 1)
 
 
-def test_chaotic_cases_are_measured_to_the_same_bits(both_ways):
-    by_orbit, measured = (ds.isel(speed=[1]) for ds in both_ways)
+def test_certificates_of_a_short_run(both_ways):
+    """A measured periodic motion agrees with its multiplier, and every case says what it is and how it went."""
+    good, bad = both_ways[1].isel(speed=0), both_ways[1].isel(speed=2)
+    assert bool(good["resolved"])
+    assert str(good["regime"].values) == "periodic"
+    assert int(good["status"]) == 0
+    # measured: floquet -0.0465, half the step -0.0479, two trajectories equal to the tangent within 1e-6
+    np.testing.assert_allclose(good["weighted_exponent"], good["floquet"], atol=1e-3)
+    np.testing.assert_allclose(good["two_trajectories"], good["exponent"][0], atol=1e-5)
+    np.testing.assert_allclose(good["half_step"], good["exponent"][0], atol=1e-3)
+    assert int(bad["status"]) == Status.NOT_FINITE
+    assert not bool(bad["resolved"])
+    assert str(bad["regime"].values) == "unresolved"
+    assert str(bad["kind"].values) == "unresolved"
+
+
+def test_other_cases_are_measured_to_the_same_bits(both_ways):
+    by_orbit, measured = (ds.isel(speed=[1, 2]) for ds in both_ways)
     assert not by_orbit["by_orbit"].any()
     for name in measured.data_vars:
         np.testing.assert_array_equal(by_orbit[name], measured[name], err_msg=name)
 
 
-def _unstable(found):
-    return found._replace(multipliers=found.multipliers * 100)
+SPOILT = {
+    "unstable": lambda found: found._replace(multipliers=found.multipliers * 100),
+    "missing": lambda found: found._replace(status=np.full_like(found.status, Status.NO_ORBIT)),
+    "elsewhere": lambda found: found._replace(state=jax.tree.map(lambda a: a + 0.1, found.state)),
+    "growing": lambda found: found._replace(growth=found.growth + 100.0),
+}
 
 
-def _missing(found):
-    return found._replace(status=np.full_like(found.status, Status.NO_ORBIT))
-
-
-def _elsewhere(found):
-    return found._replace(state=jax.tree.map(lambda a: a + 0.1, found.state))
-
-
-def _growing(found):
-    return found._replace(growth=found.growth + 100.0)
-
-
-@pytest.mark.parametrize("spoilt", [_unstable, _missing, _elsewhere, _growing])
 @pytest.mark.parametrize("finer", [False, True])
-def test_without_a_stable_orbit_nearby_a_case_is_measured(monkeypatch, both_ways, spoilt, finer):
+def test_without_a_stable_orbit_nearby_a_case_is_measured(monkeypatch, both_ways, finer):
+    """Of one motion in several lanes, whose orbits are each spoilt in another way."""
     whole = reached.find_orbits
 
     def find_orbits(scenes, states, steps, **options):
         found = whole(scenes, states, steps, **options)
-        return spoilt(found) if (steps == 100) == finer else found
+        if (steps == 100) == finer:
+            for lane, spoil in enumerate(SPOILT.values()):
+                put = lambda good, bad, lane=lane: np.concatenate([good[:lane], bad[lane:][:1], good[lane + 1 :]])
+                found = jax.tree.map(put, jax.tree.map(np.asarray, found), jax.tree.map(np.asarray, spoil(found)))
+        return found
 
     monkeypatch.setattr(reached, "find_orbits", find_orbits)
-    found = sj.lyapunov_sweep(sj.paper_scene(), {"speed": TWO[:1]}, **SHORT)
-    assert not found["by_orbit"].any()
-    for name in found.data_vars:
-        np.testing.assert_array_equal(found[name], both_ways[1].isel(speed=[0])[name], err_msg=name)
+    grid = {"speed": TWO[:1] * (len(SPOILT) + 1)}
+    found = sj.lyapunov_sweep(sj.paper_scene(), grid, product=False, chunk=8, **SHORT)
+    assert found["by_orbit"].values.tolist() == [False] * len(SPOILT) + [True]
+    measured = both_ways[1].isel(speed=0)
+    for lane, how in enumerate(SPOILT):
+        for name in found.data_vars:
+            np.testing.assert_array_equal(found[name][lane], measured[name], err_msg=f"{how}: {name}")
 
 
 def test_what_is_wrong_with_a_case_is_said_all_the_same(monkeypatch, both_ways):
@@ -206,9 +205,9 @@ def test_an_interrupt_keeps_the_orbits(monkeypatch, stage):
 
 
 def test_periods_are_confirmed_by_orbits():
-    strobe = sj.sweep(
-        sj.paper_scene(), {"speed": TWO}, record="strobe", transient=150, periods=50, steps_per_period=50
-    )
+    # in the program of test_sweep; the strobe begins with the transient
+    options = dict(transient=190, periods=10, steps_per_period=[50, 100])
+    strobe = sj.sweep(sj.paper_scene(), {"speed": TWO}, **options)
     kinds = attractors(strobe)
     found = confirm_periods(strobe, kinds)
     assert found.confirmed.tolist() == found.stable.tolist() == [True, False]

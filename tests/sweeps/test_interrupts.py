@@ -18,7 +18,6 @@ from slipperjax.sweeps.executors import on_threads, run_chunks
 from slipperjax.sweeps.plan import Chunk
 
 SPEEDS = np.array([900.0, 1100.0, 1250.0, 1500.0, 2000.0, 1000.0, 800.0, 1300.0, 1400.0, 1700.0])
-OPTIONS = dict(transient=0, periods=10, steps_per_period=50)
 
 
 class Found(NamedTuple):
@@ -127,7 +126,8 @@ def test_functions_on_threads_are_told_of_the_end():
 
 
 def test_an_interrupted_sweep_has_the_finished_cases(interrupt_after):
-    options = dict(OPTIONS, transient=10, chunk=8, workers=1)
+    # the last two cases are in the last chunk; the program is that of test_sweep
+    options = dict(transient=10, periods=10, steps_per_period=[100] * 8 + [50] * 2, chunk=8, workers=1)
     whole = sj.sweep(sj.paper_scene(), {"speed": SPEEDS}, **options)
     interrupt_after(1)
     with pytest.raises(sj.Interrupted, match="8 of 10 cases were finished") as stop:
@@ -159,8 +159,9 @@ def test_a_history_keeps_its_times():
 
 def test_a_followed_motion_is_kept_as_far_as_it_came(interrupt_after):
     interrupt_after(2)
+    path = {"speed": [1240.0, 1250.0, 1260.0, 1270.0]}
     with pytest.raises(sj.Interrupted) as stop:
-        sj.follow(sj.paper_scene(), {"speed": [1240.0, 1250.0, 1260.0, 1270.0]}, **OPTIONS)
+        sj.follow(sj.paper_scene(), path, record="strobe", transient=0, periods=10)
     status = stop.value.result["status"]
     assert set(status.sel(speed=[1240.0, 1250.0], direction="up").values) == {0}
     assert set(status.sel(speed=[1260.0, 1270.0], direction="down").values) == {0}

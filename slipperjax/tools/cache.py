@@ -1,0 +1,104 @@
+"""JAX's cache of compiled programs on disk, in the user's cache folder: a machine compiles a program once."""
+
+import hashlib
+import os
+import platform
+import stat
+import warnings
+from pathlib import Path
+
+import jax
+import platformdirs
+
+VARIABLE = "SLIPPERJAX_CACHE"
+"""Environment variable: a folder for the cache, or "off"."""
+MOST = 1 << 30
+"""Bytes above which the entries that are longest unused are deleted, down to three quarters."""
+
+
+class CacheWarning(UserWarning):
+    """The cache of compiled programs cannot be used; programs are compiled in each process."""
+
+
+def compile_cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
+    """Keeps compiled programs on disk from here on, and takes those that are there: call it once, at the start.
+
+    The command line calls it; a notebook or a script may. Several processes may share a folder. What is in it is
+    executed, so that it must belong to the user, and nobody else may write there.
+
+    **Arguments:** `folder`: default that of the environment variable `SLIPPERJAX_CACHE`, which may also be "off", or
+    the user's cache folder (on Linux ~/.cache/slipperjax).
+
+    **Returns:** the folder of programs for this kind of processor, or None where the cache is off or cannot be used:
+    that is one `CacheWarning` and no error. Where JAX has a cache folder already (`jax_compilation_cache_dir`), it
+    stays.
+    """
+    asked = os.environ.get(VARIABLE, "") if folder is None else os.fspath(folder)
+    if asked.lower() == "off":
+        return None
+    if jax.config.jax_compilation_cache_dir:  # type: ignore[attr-defined]
+        return Path(jax.config.jax_compilation_cache_dir)  # type: ignore[attr-defined]
+    root = Path(asked).expanduser() if asked else Path(platformdirs.user_cache_dir("slipperjax"))
+    place = root / _processor()
+    try:
+        for path in (root, place):
+            path.mkdir(mode=0o700, parents=True, exist_ok=True)
+            _refuse_others(path)
+        _prune(place)
+    except OSError as error:
+        warnings.warn(f"compiled programs are not kept: {error}", CacheWarning, stacklevel=2)
+        return None
+    keep_programs(place)
+    return place
+
+
+def keep_programs(place: Path) -> None:
+    """Keeps compiled programs in a folder of `compile_cache`, from here on."""
+    # On processors with AVX-512 XLA logs an error for each program that it takes from the cache, and takes it all the
+    # same (jax #38445). A level that was asked for stays; the second line gives Python's loggers back.
+    level = jax.config.jax_logging_level  # type: ignore[attr-defined]
+    jax.config.update("jax_logging_level", "CRITICAL")
+    jax.config.update("jax_logging_level", level)
+    # what cannot be read or written later is compiled; JAX would warn of each program
+    warnings.filterwarnings("ignore", message="Error (reading|writing) persistent compilation cache entry")
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    jax.config.update("jax_compilation_cache_dir", str(place))
+
+
+def _processor() -> str:
+    """The kind of processor: its architecture and a digest of what it can do, which JAX's names of entries lack."""
+    features = platform.processor()
+    try:
+        with open("/proc/cpuinfo") as lines:
+            features += "".join(
+                sorted({line for line in lines if line.startswith(("flags", "Features", "model name"))})
+            )
+    except OSError:
+        pass  # not Linux
+    return f"{platform.machine()}-{hashlib.sha256(features.encode()).hexdigest()[:8]}"
+
+
+def _refuse_others(path: Path) -> None:
+    """Raises `PermissionError` where a folder belongs to somebody else, or others can write there."""
+    found = path.stat()
+    if hasattr(os, "getuid") and (found.st_uid != os.getuid() or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)):
+        raise PermissionError(f"{path} must belong to you, and nobody else may write there")
+
+
+def _prune(place: Path) -> None:
+    """Deletes the entries that are longest unused, where there are too many.
+
+    JAX's own limit, `jax_compilation_cache_max_size`, ends all writing after one entry whose time is missing (jax
+    #39880), and lets threads wait for one another.
+    """
+    entries = sorted(
+        (max(s.st_mtime, s.st_atime), s.st_size, path) for path in place.iterdir() for s in [path.stat()]
+    )
+    total = sum(size for _, size, _ in entries)
+    if total > MOST:
+        for _, size, path in entries:
+            path.unlink(missing_ok=True)
+            total -= size
+            if total < 0.75 * MOST:
+                break

@@ -1,0 +1,46 @@
+"""Commands that are called in this process, and what they leave."""
+
+import matplotlib.image
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.colors import to_rgb
+
+from slipperjax.cli import main
+
+from ..common import DATA
+
+BRANCH = DATA / "branch.nc"
+"""A branch of orbits over 1090 to 1110 m/s, of 100 steps per period, with a flip at 1095.9 m/s."""
+DPI = 300
+
+
+def call(arguments, capsys, code=0):
+    """What a command prints, on standard output and on standard error."""
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as stopped:
+        main(list(map(str, arguments)))
+    found = capsys.readouterr()
+    assert stopped.value.code == code, found.err
+    return found.out, found.err
+
+
+def dataset(out):
+    with xr.open_dataset(f"{out}.nc", engine="h5netcdf") as ds:
+        return ds.load()
+
+
+def picture(out, width, height):
+    """The pixels of a picture of `width` and `height` inches, (rows, columns, 3)."""
+    pixels = matplotlib.image.imread(f"{out}.png")[..., :3]
+    assert pixels.shape == (round(height * DPI), round(width * DPI), 3)
+    return pixels
+
+
+def share(pixels, color):
+    """Share of pixels with a colour."""
+    return float(np.mean(np.all(np.abs(pixels - np.array(to_rgb(color))) < 0.01, axis=-1)))
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())

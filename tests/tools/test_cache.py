@@ -1,0 +1,81 @@
+"""The cache of compiled programs: filled by one process and used by another, private, and silent where it fails."""
+
+import os
+import subprocess
+import sys
+
+import jax
+import pytest
+
+from slipperjax.tools import cache
+from slipperjax.tools.cache import CacheWarning, compile_cache
+
+PROGRAM = """
+import jax, slipperjax as sj
+hits = []
+jax.monitoring.register_event_listener(lambda event, **_: hits.append(event))
+place = sj.compile_cache()
+sj.jit(lambda x: x * 2 + 1)(3.0)
+count = lambda name: sum(event == f"/jax/compilation_cache/{name}" for event in hits)
+print(count("cache_hits"), count("cache_misses"), place is not None)
+"""
+
+
+def in_process(folder):
+    """Hits and misses of a program in a process of its own, and whether it has a cache; nothing else is printed."""
+    env = os.environ | {"SLIPPERJAX_CACHE": str(folder)}
+    found = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, env=env, check=True)
+    assert found.stderr == ""
+    hits, misses, has_cache = found.stdout.split()
+    return int(hits), int(misses), has_cache == "True"
+
+
+@pytest.mark.usefixtures("own_cache")
+def test_a_second_process_takes_what_the_first_compiled(tmp_path):
+    hits, misses, has_cache = in_process(tmp_path / "cache")
+    assert hits == 0
+    assert misses > 0
+    assert has_cache
+    assert in_process(tmp_path / "cache") == (misses, 0, True)
+    assert in_process("off") == (0, 0, False)
+    for path in ((tmp_path / "cache"), *(tmp_path / "cache").iterdir()):
+        assert path.stat().st_mode & 0o777 == 0o700
+
+
+@pytest.mark.usefixtures("own_cache")
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda path: (path.mkdir(), path.chmod(0o770)), "nobody else may write there"),
+        (lambda path: path.write_text(""), "File exists"),
+    ],
+    ids=["others may write", "a file"],
+)
+def test_a_folder_that_cannot_be_trusted_is_one_warning(tmp_path, make, words):
+    make(tmp_path / "cache")
+    with pytest.warns(CacheWarning, match=words) as warned:
+        assert compile_cache(tmp_path / "cache") is None
+    assert len(warned) == 1
+    assert jax.config.jax_compilation_cache_dir is None
+
+
+@pytest.mark.usefixtures("own_cache")
+def test_a_folder_of_somebody_else_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "getuid", lambda: tmp_path.stat().st_uid + 1)
+    with pytest.warns(CacheWarning, match="must belong to you"):
+        assert compile_cache(tmp_path / "cache") is None
+
+
+def test_a_folder_of_jax_stays(tmp_path, own_cache, monkeypatch):
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path))
+    assert compile_cache(tmp_path / "other") == tmp_path
+    assert not (tmp_path / "other").exists()
+
+
+def test_the_longest_unused_go_first(tmp_path, monkeypatch):
+    monkeypatch.setattr(cache, "MOST", 1000)
+    for k in range(12):
+        (tmp_path / f"{k}").write_bytes(bytes(100))
+        os.utime(tmp_path / f"{k}", (k, k))
+    cache._prune(tmp_path)
+    assert sorted(int(path.name) for path in tmp_path.iterdir()) == list(range(5, 12))
