@@ -8,7 +8,6 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.optimize import brentq
 
 import slipperjax as sj
 from slipperjax.model.quantities import COORDINATES
@@ -77,6 +76,11 @@ def lane_scene():
     return sj.paper_scene().replace(gravity=0.0)
 
 
+def lane_of(case):
+    """The values of a lane that a case of reference data has."""
+    return {name: case[name] for name in LANE if name in case}
+
+
 def lane_grid(lanes):
     """The values of up to 16 lanes by name; the last is repeated."""
     lanes = [*lanes, *[lanes[-1]] * (LANES - len(lanes))]
@@ -104,17 +108,6 @@ def scaled_errors(trajectory, case, every):
 def elastic_energy(scene, gap):
     """Energy of the elastic part of each contact's force, the integral of K d^1.5 [J]."""
     return 0.4 * scene.contact.stiffness * jnp.maximum(-gap, 0.0) ** 2.5
-
-
-def rebound(factor, stored=0.0):
-    """Rebound over approach speed e of F = K d^1.5 (1 + c v/v0), from a depth that stores `stored` times m v0^2 / 2.
-
-    m v dv = -K d^1.5 (1 + c v/v0) dd gives: integral of u / (1 + c u) from -e to 1 is -stored / 2.
-    """
-    if factor == 0:
-        return math.sqrt(1 + stored)
-    primitive = lambda u: u / factor - np.log1p(factor * u) / factor**2
-    return brentq(lambda e: primitive(1.0) - primitive(-e) + stored / 2, 0.0, min(9.0, (1 - 1e-12) / factor))
 
 
 @contextlib.contextmanager

@@ -5,7 +5,7 @@ import pytest
 
 import slipperjax as sj
 
-from ..common import LANE, PERIODS, SCALES, STEPS, cases, columns, fine, in_lanes, scaled_errors, scene_of
+from ..common import PERIODS, SCALES, STEPS, cases, columns, fine, in_lanes, lane_of, scaled_errors, scene_of
 
 REFERENCE = cases("reference_states")
 SOFT = [case for case in REFERENCE if case["stiffness"] < 1e9]
@@ -38,7 +38,7 @@ def test_two_wavelengths_without_loads():
 
 def lane_errors(cases, steps):
     """Worst scaled errors of cases over the periods that are known."""
-    states, code = in_lanes([{key: case[key] for key in LANE if key in case} for case in cases], steps)
+    states, code = in_lanes(list(map(lane_of, cases)), steps)
     assert np.all(code == 0)
     known = [np.array(case["states"]) for case in cases]
     return np.array([np.max(np.abs(a[: len(b)] - b) / SCALES) for a, b in zip(states, known, strict=True)])

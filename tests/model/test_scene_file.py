@@ -12,6 +12,8 @@ from slipperjax.model.scene_files import parsed, scene_from_json, scene_from_tom
 from slipperjax.model.scene_text import scene_to_toml
 from slipperjax.tools.checks import finite, positive
 
+from ..common import fine
+
 
 class Bump(sj.AbstractTrack):
     """A user's own track."""
@@ -62,7 +64,7 @@ def test_starts_come_back_too():
     for name, value in vars(start).items():
         assert float(getattr(found, name)) == float(value)
     assert scene_from_toml(sj.paper_scene().to_toml()).start is None
-    run = sj.simulate(sj.paper_scene(), 1, steps_per_period=50)
+    run = fine(sj.paper_scene())
     assert float(scene_from_toml(sj.paper_scene().to_toml(start=run.end.motion)).start.y) == float(run.end.motion.y)
     for wrong in (run, run.end, {"y": 1e-4}):
         with pytest.raises(ValueError, match=r"`start` must be a slipperjax.Motion in TOML, .* run\.end"):

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ import pytest
 import slipperjax as sj
 from slipperjax.model.step_size import impacts_per_period
 from slipperjax.model.tracks import AbstractTrack, Irregularity
+
+from ..common import fine
 
 
 class SineTrack(AbstractTrack):
@@ -52,14 +55,18 @@ def test_an_own_track_gets_the_steps_of_its_slope():
 
 
 def test_lateral_and_vertical_are_separate():
+    """Gaps change by the rail's displacement along the normals."""
     scene = scene_with(SineTrack())
-    start = sj.Motion(z=5e-4)
-    found = sj.simulate(scene, 1, steps_per_period=50, saves_per_period=1, start=start)
-    node = found.reactions
-    assert np.all(np.isfinite(node.node_moment))
-    here, _ = scene.track.motion(jnp.asarray(2.0))
-    assert float(here.lateral) == pytest.approx(1e-3)
-    assert abs(float(here.vertical)) < 1e-15
+    state = sj.initial_state(scene, sj.Motion(z=5e-4))
+    normals, seen = np.asarray(scene.section.normals), []
+    for t, shift in ((0.0, (0.0, 5e-4)), (0.25, (1e-3, 0.0)), (0.5, (0.0, -5e-4))):
+        here, _ = scene.track.motion(jnp.asarray(8.0 * t))
+        np.testing.assert_allclose((here.lateral, here.vertical), shift, atol=1e-15)
+        # of the front; the rear is 0.2 m behind
+        seen.append(np.asarray(sj.reactions(t, state, sj.Args(scene)).gap)[0] + normals @ shift)
+    np.testing.assert_allclose(seen, [seen[0]] * 3, atol=1e-6)
+    end = sj.period_map(scene, state, steps_per_period=50)
+    assert np.all(np.isfinite(jax.tree.leaves(end.motion)))
 
 
 def test_a_track_that_gives_an_array_is_named():
@@ -77,6 +84,6 @@ def test_a_track_that_gives_an_array_is_named():
 
 
 def test_a_start_of_many_instants_is_named():
-    run = sj.simulate(sj.paper_scene(), 1)
-    with pytest.raises(ValueError, match=r"`start` must be of one instant, such as `\.end` of a .* but has 51"):
+    run = fine(sj.paper_scene())
+    with pytest.raises(ValueError, match=r"`start` must be of one instant, such as `\.end` of a .* but has 1201"):
         sj.simulate(sj.paper_scene(), 1, start=run.state)

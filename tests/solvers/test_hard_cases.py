@@ -1,6 +1,6 @@
 """Hard cases: each ends with a correct state, or with a status that gives the reason.
 
-All of them are lanes of few compiled programs: 16 lanes, four or ten periods per call, any number of steps. States
+All of them are lanes of few compiled programs: 16 lanes, six or ten periods per call, any number of steps. States
 are compared with those of an independent C++ code at 102,400 steps per period (tests/data/hard_states.json), or with
 a closed form.
 """
@@ -20,45 +20,14 @@ from slipperjax.model.kinematics import contacts, rail_frame
 from slipperjax.model.quantities import COORDINATES
 from slipperjax.sweeps.grid import Cases
 
-from ..common import SCALES, cases, elastic_energy, rebound
+from ..common import LANE, LANES, PERIODS, SCALES, cases, elastic_energy, in_lanes, lane_grid, lane_of, lane_scene
+from ..systems.fields import rebound
 
-LANES, BLOCK = 16, 4
-VALUES = dict(
-    speed=1250.0,
-    clearance=1e-3,
-    length=0.2,
-    stiffness=1e8,
-    restitution=0.9,
-    amplitude=1e-3,
-    roll_amplitude=math.radians(0.2),
-    gravity=0.0,
-    **dict(y=0.0, z=0.0, v_y=0.5, v_z=0.5, w_x=0.2, w_y=0.3, w_z=0.4),
-)
 STILL = dict(amplitude=0.0, roll_amplitude=0.0)
 LEVEL = dict(v_y=0.0, v_z=0.0, w_x=0.0, w_y=0.0, w_z=0.0)
 MASS, INERTIA = 14.0, np.array([0.051, 0.060, 0.086])
 HARD = {case["name"]: case for case in cases("hard_states")}
-
-
-def base_scene():
-    plain = sj.paper_scene()
-    return sj.Scene(plain.speed, plain.slipper, plain.section, plain.track, plain.contact, gravity=0.0)
-
-
-BASE = base_scene()
-
-
-def grid(lanes):
-    lanes = [*lanes, *[lanes[-1]] * (LANES - len(lanes))]
-    return {name: [lane.get(name, default) for lane in lanes] for name, default in VALUES.items()}
-
-
-def run(lanes, steps, before=0):
-    """States (lanes, 4, 10) of four periods after `before` (rounded up to tens), and the lanes' status codes."""
-    options = dict(product=False, record="strobe", transient=before, periods=BLOCK, chunk=LANES, workers=1)
-    ds = sj.sweep(BASE, grid(lanes), steps_per_period=steps, **options)
-    states = np.stack([ds[name].values for name in COORDINATES], axis=-1)
-    return states[: len(lanes)], ds["status"].values[: len(lanes)]
+BASE = lane_scene()
 
 
 def energy(lanes, states):
@@ -70,14 +39,14 @@ def energy(lanes, states):
         gap = contacts(rail_frame(scene, 0.0), motion).gap
         return jnp.sum(elastic_energy(scene, gap)) + MASS * scene.gravity * motion.z
 
-    values = {k: jnp.asarray(v)[: len(lanes)] for k, v in grid(lanes).items() if k in sj.PARAMETERS}
+    values = {k: jnp.asarray(v)[: len(lanes)] for k, v in lane_grid(lanes).items() if k in sj.PARAMETERS}
     potential = jax.vmap(lambda v, s: jax.vmap(lambda s: one(v, s))(s))(values, jnp.asarray(states))
     kinetic = 0.5 * (MASS * (states[..., 5:7] ** 2).sum(-1) + (INERTIA * states[..., 7:] ** 2).sum(-1))
     return np.asarray(potential) + kinetic, kinetic
 
 
 def start_energy(lanes):
-    start = np.array([[lane.get(n, VALUES.get(n, 0.0)) for n in COORDINATES] for lane in lanes])
+    start = np.array([[lane.get(n, LANE.get(n, 0.0)) for n in COORDINATES] for lane in lanes])
     return energy(lanes, start[:, None])[0]
 
 
@@ -86,7 +55,7 @@ def by_steps():
     """Worst scaled error of each period and case, NaN where the reference is not known, by steps per period."""
     out = {}
     for steps in (1600, 6400):
-        states, code = run(list(HARD.values()), steps)
+        states, code = in_lanes(list(map(lane_of, HARD.values())), steps)
         assert np.all(code == 0)
         table = np.full(states.shape[:2], np.nan)
         for k, case in enumerate(HARD.values()):
@@ -133,7 +102,7 @@ def test_many_simultaneous_touchdowns_rebound_as_the_law_says():
         for k in (1e8, 1e10, 1e12)
         for c in (0.1, 0.5, 1.0)
     ]
-    states, code = run(lanes, 3200)
+    states, code = in_lanes(lanes, 3200)
     assert np.all(code == 0)
     expected = [rebound(flores(lane["restitution"])) for lane in lanes]
     # after the impact and before the next one: 6 ms for the soft ones, 0.1 ms for the others
@@ -151,7 +120,7 @@ def test_contacts_present_at_the_start():
         for sign in (-1, 1)
         for c in (0.2, 0.9)
     ]
-    states, code = run(lanes, 1600)
+    states, code = in_lanes(lanes, 1600)
     assert np.all(code == 0)
     stored = 0.4 * 4e8 * deep**2.5 / (0.5 * MASS * v**2)
     factors = [flores(c) for c in (0.2, 0.9)]
@@ -164,7 +133,7 @@ def test_grazing_touchdowns_are_continuous():
     normal = np.asarray(BASE.section.normals)[3, 1]  # of D, downwards
     speed = math.sqrt(2 * 9.81 * 5e-4 / abs(normal))
     lanes = [STILL | LEVEL | dict(gravity=9.81, v_z=speed * (1 + e)) for e in (-1e-6, 0.0, 1e-9, 1e-6)]
-    states, code = run(lanes, 400)
+    states, code = in_lanes(lanes, 400)
     assert np.all(code == 0)
     t = 2 * 6.4e-3
     np.testing.assert_allclose(states[:, 1, 6], speed - 9.81 * t, atol=3e-6)
@@ -187,8 +156,8 @@ NO_DRIVE = [
 
 @pytest.mark.slow
 def test_without_drive_energy_is_never_gained():
-    early, code = run(NO_DRIVE, 1200)
-    late, late_code = run(NO_DRIVE, 1200, before=16)
+    early, code = in_lanes(NO_DRIVE, 1200)
+    late, late_code = in_lanes(NO_DRIVE, 1200, before=16)
     assert np.all(code == 0)
     assert np.all(late_code == 0)
     total, _ = energy(NO_DRIVE, np.concatenate([early, late], axis=1))
@@ -214,7 +183,7 @@ def test_comes_to_rest_however_gently_the_contact_begins():
         touching | dict(z=-5e-4, w_x=1e-6),
     ]
     for steps in (50, 1200):
-        states, code = run(lanes, steps, before=16)
+        states, code = in_lanes(lanes, steps, before=16)
         stiff = np.array([lane.get("stiffness", 0) > 1e11 for lane in lanes])
         assert np.all(code[~stiff] == 0)
         assert np.all((code[stiff] == 0) == (steps > 1000))  # rejected if impacts are not resolved
@@ -231,19 +200,19 @@ def test_comes_to_rest_however_gently_the_contact_begins():
 
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # on purpose
 def test_a_derailed_slipper_is_flagged():
-    # with a play of 1 m it turns by 110 degrees in a period at 300 rad/s, and by 44 degrees in four at 30 rad/s
+    # with a play of 1 m it turns by 110 degrees in a period at 300 rad/s, and by 66 degrees in six at 30 rad/s
     lanes = [STILL | LEVEL | dict(clearance=1.0, w_x=w) for w in (30.0, 300.0, -300.0, 2000.0)]
-    states, code = run(lanes, 400)
+    states, code = in_lanes(lanes, 400)
     assert code.tolist() == [0, 2, 2, 2]
-    np.testing.assert_allclose(states[0, :, 2], 30 * 6.4e-3 * np.arange(1, 5), rtol=1e-9)
+    np.testing.assert_allclose(states[0, :, 2], 30 * 6.4e-3 * np.arange(1, PERIODS + 1), rtol=1e-9)
 
 
 def test_too_few_steps_are_flagged_and_not_believed():
     lanes = [dict(stiffness=1e8), dict(stiffness=1e11), dict(stiffness=1e12), dict(speed=20.0)]
-    _, code = run(lanes, 50)
+    _, code = in_lanes(lanes, 50)
     assert code[0] == 0
     assert np.all(code[1:] > 0)
-    assert np.all(run(lanes, 1600)[1] == 0)
+    assert np.all(in_lanes(lanes, 1600)[1] == 0)
 
 
 def test_phase_keeps_its_precision_after_1e5_periods():
@@ -259,8 +228,8 @@ def test_phase_keeps_its_precision_after_1e5_periods():
 @pytest.mark.slow
 def test_a_late_start_is_an_early_start():
     lanes = [dict(speed=v) for v in np.linspace(900.0, 2400.0, LANES)]
-    scenes, starts = Cases(BASE, grid(lanes), sj.table_2_start(), product=False).take(np.arange(LANES))
-    states, options = initial_states(scenes, starts), dict(solver=sj.RK4(), periods=BLOCK)
+    scenes, starts = Cases(BASE, lane_grid(lanes), sj.table_2_start(), product=False).take(np.arange(LANES))
+    states, options = initial_states(scenes, starts), dict(solver=sj.RK4(), periods=PERIODS)
     late, early = (advance(scenes, states, epoch, ConstantSteps(400), **options).state for epoch in (1e5, 0.0))
     for a, b in zip(jax.tree.leaves(late.motion), jax.tree.leaves(early.motion), strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-7)
@@ -269,8 +238,8 @@ def test_a_late_start_is_an_early_start():
 @pytest.mark.slow
 def test_a_periodic_motion_is_the_same_after_1e5_periods():
     lanes = [dict(speed=v) for v in np.linspace(1240.0, 1260.0, LANES)]
-    first, _ = run(lanes, 50, before=2000)
-    last, code = run(lanes, 50, before=100_000)
+    first, _ = in_lanes(lanes, 50, before=2000)
+    last, code = in_lanes(lanes, 50, before=100_000)
     assert np.all(code == 0)
     np.testing.assert_allclose(last / SCALES, first / SCALES, atol=1e-6)
 

@@ -1,0 +1,1 @@
+"""Systems whose motions, derivatives or exponents are known exactly, against which methods are tested."""
