@@ -101,7 +101,9 @@ def test_compiled_right_hand_side_is_the_papers(seed):
     np.testing.assert_allclose(got.drive_force, -total[0], atol=1e-12 * forces.max())
     np.testing.assert_allclose(jnp.sum(got.node_force, 0), -total, atol=1e-12 * forces.max())
     found = np.array([getattr(rates(t, scene, state), name) for name in ("v_y", "v_z", "w_x", "w_y", "w_z")])
-    np.testing.assert_allclose(found / scene.period, acceleration, rtol=1e-12, atol=1e-12 * np.abs(acceleration).max())
+    np.testing.assert_allclose(
+        found / scene.period, acceleration, rtol=1e-12, atol=1e-12 * np.abs(acceleration).max()
+    )
 
 
 def test_one_pass_sums_are_linear_in_every_transformation():

@@ -102,9 +102,12 @@ def factor(law):
     return float(law(1.0, AT[1]).factor)
 
 
-# Measured: orders 2.5, 2.5, 2.5, 1.9, 2.5, 2.5; errors at 800 steps 4.5e-8, 4.3e-8, 4.5e-8, 1.8e-6, 5.6e-8, 6.2e-8 m/s
+# Measured: orders 2.5, 2.5, 2.5, 1.9, 2.5, 2.5;
+# errors at 800 steps 4.5e-8, 4.3e-8, 4.5e-8, 1.8e-6, 5.6e-8, 6.2e-8 m/s
 @pytest.mark.parametrize(
-    ("solver", "law"), [*((solver, sj.Flores) for solver in SOLVERS), *((sj.RK4(), law) for law in LAWS[1:])], ids=name
+    ("solver", "law"),
+    [*((solver, sj.Flores) for solver in SOLVERS), *((sj.RK4(), law) for law in LAWS[1:])],
+    ids=name,
 )
 def test_rebound_of_a_ball(solver, law):
     run = compiled(lambda steps: after_impact(jnp.ones(3), ConstantSteps(None, steps), solver, law))

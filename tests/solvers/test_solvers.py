@@ -16,6 +16,7 @@ from slipperjax.sweeps.plan import make_plan
 
 from ..common import cases, scaled_errors, scene_of
 
+
 @pytest.mark.parametrize("rho_inf", [0.0, 0.3, 0.6, 1.0])
 @pytest.mark.parametrize("alpha", [0.7, 1.0, 1.5])
 def test_two_step_weights(rho_inf, alpha):
