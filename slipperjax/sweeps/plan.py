@@ -28,7 +28,7 @@ CHUNK_OF_DEVICE = 131_072
 START_OF_STEP = 2
 """Cost of a step that does not depend on the lanes, in lanes: measured at 8 to 128 lanes."""
 PAUSE = 10
-"""Periods in one call of a transient: one length, so that one program serves them all."""
+"""Periods in one call of a search; transients above it are rounded up to its multiples."""
 
 
 class Calls(NamedTuple):
@@ -180,13 +180,14 @@ def make_plan(
     recorder = record if isinstance(record, AbstractRecorder) else recorder_named(record, saves, loads)
     taken = ("status", "steps_per_period", *cases.dims, *map(cases.label, cases.axes))
     recorder.check(scene, periods, int(steps.min()), taken)
-    pause = max(1, min(transient, PAUSE))
-    block = _call_length(periods)
+    if transient > PAUSE:
+        transient = math.ceil(transient / PAUSE) * PAUSE
+    pause, block = _call_length(max(transient, 1)), _call_length(periods)
     plan = Plan(
         resolve_solver(scene, solver),
         recorder,
         steps,
-        Calls(pause, -(-transient // pause)),
+        Calls(pause, transient // pause),
         Calls(block, periods // block),
     )
     refuse_run(cases.count, plan.work, plan.values, float(steps.sum()))
@@ -217,7 +218,7 @@ def strobe_plan(plan: Plan, periods: int) -> Plan:
 
 
 def _call_length(periods: int) -> int:
-    """Forcing periods in one call of a stretch that is recorded: a divisor of `periods`, 50 at most if it has one."""
+    """Forcing periods in one call of a stretch: a divisor of `periods`, 50 at most if it has one."""
     if periods <= 50:
         return periods
     return next((k for k in range(50, 9, -1) if periods % k == 0), periods)

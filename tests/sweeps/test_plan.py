@@ -62,7 +62,7 @@ def test_chunks_follow_the_cost_model():
 
 def test_calls_make_up_the_run():
     plan = plan_of({"speed": [1250.0]})
-    assert plan.transient == (10, 3)  # rounded up to tens
+    assert plan.transient == (30, 1)  # rounded up to tens
     assert plan.recorded == (50, 2)
     assert [Calls(n, 1).room for n in (1, 3, 7, 10, 11, 40, 120)] == [1, 4, 8, 10, 16, 50, 200]
     assert plan.periods == 130
