@@ -23,9 +23,13 @@ from .floquet import largest_exponent as largest_exponent
 from .floquet import multipliers as multipliers
 from .lyapunov import REGIMES as REGIMES
 from .lyapunov import LyapunovSpectrum as LyapunovSpectrum
+from .lyapunov import kaplan_yorke as kaplan_yorke
 from .lyapunov import map_spectrum as map_spectrum
+from .lyapunov import pooled_standard_error as pooled_standard_error
 from .lyapunov import regime as regime
+from .lyapunov import standard_error as standard_error
 from .lyapunov import two_trajectory_exponent as two_trajectory_exponent
+from .lyapunov import weighted_mean as weighted_mean
 from .ode import ode_spectrum as ode_spectrum
 from .ode import ode_step as ode_step
 from .ode import switched_step as switched_step
@@ -39,7 +43,3 @@ from .spectra import find_line as find_line
 from .spectra import name_lines as name_lines
 from .spectra import power_spectral_density as power_spectral_density
 from .spectra import spectral_lines as spectral_lines
-from .statistics import kaplan_yorke as kaplan_yorke
-from .statistics import pooled_standard_error as pooled_standard_error
-from .statistics import standard_error as standard_error
-from .statistics import weighted_mean as weighted_mean

@@ -58,7 +58,9 @@ def _import_writers() -> None:
         import xarray as xr
 
         matplotlib.use("Agg")
-        xr.Dataset({"nothing": 0.0}).to_netcdf(engine="h5netcdf")  # imports what it looks for: other arrays, schedulers
+        xr.Dataset({"nothing": 0.0}).to_netcdf(
+            engine="h5netcdf"
+        )  # imports what it looks for: other arrays, schedulers
         importlib.import_module("slipperjax.plots")
     except Exception:  # who needs it will say so
         pass

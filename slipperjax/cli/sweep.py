@@ -178,7 +178,7 @@ def _share(text: str) -> tuple[int, int]:
 @contextmanager
 def _executor(count: int | None, address: str | None) -> Iterator[Any]:
     """What computes tiles, or None for threads of this process."""
-    from ..sweeps.stores.processes import processes
+    from ..sweeps.stores.tasks import processes
 
     if address is None:
         with nullcontext() if count is None else processes(count) as pool:

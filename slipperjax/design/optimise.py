@@ -1,6 +1,7 @@
 """Designs by gradient: parameters that keep an objective lowest over a range of cases."""
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,14 +11,16 @@ import numpy as np
 import scipy.optimize
 import xarray as xr
 
+from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.status import Interrupted
+from ..model.dang2024 import table_2_start
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.paths import parameter
+from ..model.quantities import Quantity
 from ..model.scene import Scene
 from ..tools.checks import instance, whole, yes_or_no
 from ..tools.files import write_whole
-from .dataset import labels, merged
 from .ensembles import Spread
 from .judge import Judged, Memory
 from .methods import AbstractMethod, AbstractMove, Step, TrustRegion, inside
@@ -109,7 +112,7 @@ class Design:
         tables = {"": self.cases, "start": self.starts, "trial": self.history}
         if margins is not None:
             tables["margin"] = margins
-        return merged(self.problem, self.scene, self.design, tables, summary)
+        return _merged(self.problem, self.scene, self.design, tables, summary)
 
     def to_netcdf(self, path: Any) -> None:
         """Writes `to_xarray()`, whole or not at all; `load_scene` reads the best design's scene from it."""
@@ -289,7 +292,7 @@ class _Search:
             status = "infeasible"
         else:
             status = "converged" if move.finished else "not converged"
-        label, of_smooth = labels(q), labels(problem.objective.smooth.quantity)
+        label, of_smooth = _labels(q), _labels(problem.objective.smooth.quantity)
         error = lambda text: {"units": q.unit, "long_name": f"standard error of {text}"}
         of_cases = {name: ("case", v, parameter(name, problem.scene).attributes) for name, v in problem.cases.items()}
         variables = {"variable": list(problem.names)}
@@ -323,7 +326,7 @@ class _Search:
                 f"constraint_{one.objective.name}": (
                     "case",
                     judged.value[:, places[one.objective]],
-                    labels(one.objective.quantity),
+                    _labels(one.objective.quantity),
                 )
                 for one in problem.constraints
             },
@@ -378,3 +381,64 @@ def _gradient_norm(move: AbstractMove) -> float:
         share, _ = scipy.optimize.nnls(system, goal)
         left = rows.T @ share
     return float(np.linalg.norm(left) / max(abs(faced.total), 1e-300))
+
+
+def _labels(q: Quantity) -> dict[str, Any]:
+    """Attributes of a variable of a dataset from which pictures label and scale it, whatever its name."""
+    return {
+        "units": q.unit,
+        "long_name": q.long_name,
+        "quantity": q.name,
+        "symbol": q.symbol,
+        "shown_unit": q.display_unit,
+        "per_shown": q.per_shown,
+    }
+
+
+def _merged(
+    problem: Problem,
+    scene: Scene,
+    values: dict[str, float],
+    tables: dict[str, xr.Dataset],
+    summary: dict[str, Any],
+) -> xr.Dataset:
+    """Several tables as one dataset, each variable with its table's prefix.
+
+    **Arguments:** `scene` and `values`: of the best design; `tables`: datasets by prefix, such as "trial" for
+    trial_smooth, or "" for none; `summary`: further attributes.
+    """
+    renamed = [
+        ds.rename({name: f"{prefix}_{name}" for name in ds.data_vars}) if prefix else ds
+        for prefix, ds in tables.items()
+    ]
+    names, over = problem.names, tuple(problem.over)
+    known = [parameter(name, problem.scene) for name in names]
+    words = lambda text: {"long_name": f"{text}, in the unit of each variable"}
+    own = xr.Dataset(
+        {
+            "design": ("variable", [values[name] for name in names], words("best design")),
+            "low": ("variable", problem.low, words("lower bound")),
+            "high": ("variable", problem.low + problem.width, words("upper bound")),
+        },
+        {"variable": list(names), "variable_unit": ("variable", [q.unit for q in known])},
+    )
+    ds = xr.merge([own, *renamed], join="exact", compat="equals")
+    question = problem.question
+    finite = lambda v: v if math.isfinite(v) else None
+    call = {
+        "function": "optimise_design",
+        "objective": problem.objective.name,
+        "variables": [[name, *bounds] for name, bounds in problem.bounds.items()],
+        "over": [[name, values] for name, values in problem.over.items()],
+        "robust": problem.robust,
+        "constraints": [[c.objective.name, finite(c.low), finite(c.high)] for c in problem.constraints],
+        "periodic": problem.periodic,
+        "transient": question.transient,
+        "steps_per_period": question.steps,
+        "solver": question.solver,
+        "spread": list(problem.spread),
+    }
+    start = table_2_start() if problem.start is None else problem.start
+    attrs = scene_attributes(scene, without=(*over, *names)) | run_attributes(scene, start, call, over)
+    numbers = {name: np.int8(v) if isinstance(v, bool) else v for name, v in summary.items()}
+    return ds.assign_attrs(attrs | {"robust": problem.robust} | numbers)

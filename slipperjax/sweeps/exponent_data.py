@@ -7,8 +7,7 @@ import xarray as xr
 from jaxtyping import Bool, Float, Int
 
 from ..analysis.attractor import KINDS
-from ..analysis.lyapunov import REGIMES, regime
-from ..analysis.statistics import kaplan_yorke, pooled_standard_error, standard_error, weighted_mean
+from ..analysis.lyapunov import REGIMES, kaplan_yorke, pooled_standard_error, regime, standard_error, weighted_mean
 from ..flow.status import Status
 from ..model.dynamics import State
 from .grid import Cases

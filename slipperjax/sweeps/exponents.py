@@ -17,8 +17,7 @@ from jaxtyping import Int
 
 from ..analysis.attractor import KINDS, classify
 from ..analysis.floquet import largest_exponent
-from ..analysis.lyapunov import is_chaotic
-from ..analysis.statistics import standard_error
+from ..analysis.lyapunov import is_chaotic, standard_error
 from ..flow.period_map import initial_states
 from ..flow.simulate import Trajectory, first_of
 from ..flow.status import Interrupted, Status, first_problem

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..analysis.attractor import KINDS, MIN_TEST, classify
-from ..analysis.statistics import standard_error
+from ..analysis.lyapunov import standard_error
 from ..flow.period_map import advance_tangents, initial_tangents
 from ..flow.recorders import RECORDERS, Labelled, attributes
 from ..flow.reducers import REDUCERS as OF_FLOW

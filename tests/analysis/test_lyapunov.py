@@ -12,13 +12,15 @@ from slipperjax.analysis.floquet import floquet
 from slipperjax.analysis.lyapunov import (
     first_tangents,
     gram_schmidt,
+    kaplan_yorke,
     map_spectrum,
     orthonormalise,
     push_tangents,
+    standard_error,
     two_trajectory_exponent,
+    weighted_mean,
 )
 from slipperjax.analysis.ode import ode_spectrum, ode_step, switched_step
-from slipperjax.analysis.statistics import kaplan_yorke, standard_error, weighted_mean
 
 LANES = 20
 

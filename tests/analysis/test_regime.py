@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from slipperjax.analysis.lyapunov import REGIMES, regime
-from slipperjax.analysis.statistics import pooled_standard_error, standard_error
+from slipperjax.analysis.lyapunov import REGIMES, pooled_standard_error, regime, standard_error
 
 
 @pytest.mark.parametrize(
