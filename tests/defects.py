@@ -60,7 +60,7 @@ tests/tools/test_limits.py -k durations
 
 # model
 degrees are inverted
-tests/model/test_quantities.py
+tests/model/test_paths.py
 -per_shown=np.pi / 180
 +per_shown=180 / np.pi
 

@@ -1,5 +1,6 @@
 """Motions with solutions in closed form: flight, impact, rest, energy, symmetry."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -72,8 +73,7 @@ def test_work_of_the_drive_is_stored_or_dissipated():
 @pytest.mark.parametrize("restitution", [0.2, 0.5, 0.9, 1.0])
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # on purpose
 def test_impact_on_one_face_follows_the_laws_theory(restitution):
-    """A vertical impact on the top face: its four corners share the load, and nothing rotates. Rebounds of other laws
-    and by other solvers: tests/solvers/test_exact_systems.py."""
+    """Vertical, on the top face: its four corners share the load, and nothing rotates."""
     gap, approach = 0.02, 1.0
     scene = sj.paper_scene(200.0, 2 * gap, amplitude=0.0, roll_amplitude=0.0, restitution=restitution)
     run = finest(scene, sj.Motion(z=-gap + 1e-4, v_z=-approach))
@@ -92,14 +92,8 @@ def test_factors_of_the_laws():
 
 @pytest.mark.slow
 def test_comes_to_rest_under_gravity_with_the_contacts_carrying_the_weight():
-    scene = sj.Scene(
-        speed=100.0,
-        slipper=sj.Slipper(mass=14.0, inertia=(0.051, 0.060, 0.086), length=0.2),
-        section=sj.paper_section(1e-3),
-        track=sj.StraightTrack(1.0),
-        contact=sj.Flores(1e8, 0.5),
-        gravity=9.81,
-    )
+    scene = sj.paper_scene(100.0, restitution=0.5).replace(gravity=9.81)
+    scene = eqx.tree_at(lambda s: s.track, scene, sj.StraightTrack(1.0))
     trajectory = sj.simulate(scene, 200, steps_per_period=200, saves_per_period=1, start=sj.Motion(z=0.0))
     force = np.asarray(trajectory.reactions.contact_force)[-20:]
     weight = 14.0 * 9.81

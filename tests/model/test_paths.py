@@ -1,11 +1,24 @@
 """Every number of a scene is a parameter: by name or by path, checked, and with its unit."""
 
+import equinox as eqx
 import jax
 import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.model.kinematics import MOTION_SCALES, scaled_size
 from slipperjax.model.paths import parameter
+from slipperjax.model.quantities import (
+    ACCELERATIONS,
+    COORDINATE_SCALES,
+    COORDINATES,
+    PARAMETERS,
+    SECTIONS,
+    STARTS,
+    quantity,
+)
+
+from ..common import SCALES
 
 SCENE = sj.paper_scene()
 
@@ -24,15 +37,28 @@ SCENE = sj.paper_scene()
 def test_paths_lead_to_one_number(path, unit, leaf):
     known = parameter(path, SCENE)
     assert known.unit == unit
-    value = 1.01 * float(known.of(SCENE))
-    changed = SCENE.replace(**{path: value})
-    assert float(leaf(changed)) == value
-    assert float(changed.value(path)) == value
-    several = SCENE.replace(**{path: np.array([1.0, 1.01]) * float(known.of(SCENE))})
-    np.testing.assert_allclose(several.value(path), np.array([1.0, 1.01]) * float(known.of(SCENE)), rtol=1e-15)
+    values = np.array([1.0, 1.01]) * float(known.of(SCENE))
+    changed = SCENE.replace(**{path: values[1]})
+    assert float(leaf(changed)) == float(changed.value(path)) == values[1]
+    np.testing.assert_allclose(SCENE.replace(**{path: values}).value(path), values, rtol=1e-15)
 
 
-def test_two_numbers_of_one_array_vary_side_by_side():
+def test_names_are_set_and_read():
+    values = dict(speed=900.0, clearance=2e-3, length=0.3, mass=12.0, stiffness=1e9, restitution=0.5)
+    values |= dict(amplitude=5e-4, roll_amplitude=1e-3, inertia_x=0.05, inertia_y=0.06, inertia_z=0.07)
+    values |= dict(gravity=9.81)
+    changed = SCENE.replace(**values)
+    for name, value in values.items():
+        assert float(changed.value(name)) == pytest.approx(value, rel=1e-15)
+    assert set(values) == set(PARAMETERS)
+    with pytest.raises(ValueError, match="`gravity` has no value: the scene has no gravitational acceleration"):
+        SCENE.value("gravity")
+
+
+def test_values_may_have_an_axis_of_cases():
+    both = SCENE.replace(clearance=np.array([1e-3, 2e-3]), speed=np.array([900.0, 1000.0]))
+    np.testing.assert_allclose(both.section.play, [[0.5e-3] * 5, [1e-3] * 5])
+    assert both.speed.shape == (2,)
     both = SCENE.replace(**{"section.play.0": np.array([1e-4, 2e-4]), "section.play.1": np.array([3e-4, 4e-4])})
     np.testing.assert_allclose(both.section.play[:, :3], [[1e-4, 3e-4, 5e-4], [2e-4, 4e-4, 5e-4]])
 
@@ -69,14 +95,32 @@ def test_wrong_paths_and_values_are_named(path, value, words):
 
 
 def test_a_part_that_was_none_is_added():
+    with_track = lambda track: eqx.tree_at(lambda s: s.track, SCENE, track)
     assert float(SCENE.replace(gravity=9.81).gravity) == 9.81
-    flat = sj.Scene(
-        speed=900.0,
-        slipper=SCENE.slipper,
-        section=SCENE.section,
-        track=sj.HarmonicTrack((8.0,), 1e-3),
-        contact=SCENE.contact,
-    )
-    assert float(flat.replace(roll_amplitude=1e-3).track.roll_amplitude) == 1e-3
+    rolling = with_track(sj.HarmonicTrack((8.0,), 1e-3)).replace(roll_amplitude=1e-3)
+    assert float(rolling.track.roll_amplitude) == 1e-3
     with pytest.raises(ValueError, match="`roll_amplitude` cannot be set: the scene has no"):
-        sj.Scene(900.0, SCENE.slipper, SCENE.section, sj.StraightTrack(), SCENE.contact).replace(roll_amplitude=1e-3)
+        with_track(sj.StraightTrack()).replace(roll_amplitude=1e-3)
+
+
+def test_scales_of_states_stand_in_one_place():
+    np.testing.assert_array_equal(COORDINATE_SCALES, SCALES)
+    # a rotation of 10 mrad has the scaled size 1, in Euler angles and in the quaternion
+    turned = sj.Motion.from_euler(roll=1e-2)
+    assert float(scaled_size(turned)) == pytest.approx(1.0, rel=1e-4)
+    assert jax.tree.leaves(MOTION_SCALES)[2:5] == [5e-3] * 3
+
+
+def test_every_name_has_unit_and_description():
+    for known in (PARAMETERS, COORDINATES, ACCELERATIONS):
+        for name, q in known.items():
+            assert quantity(name) is q
+            assert q.attributes["units"]
+            assert q.long_name
+    assert quantity("start_v_y") is STARTS["v_y"]
+    assert quantity("start_v_y").long_name == "lateral velocity at the start"
+    assert set(SECTIONS) | set(SECTIONS.values()) == set(COORDINATES)
+    assert PARAMETERS["clearance"].shown(1e-3) == pytest.approx(1.0)
+    assert PARAMETERS["roll_amplitude"].from_shown(0.2) == pytest.approx(np.radians(0.2))
+    with pytest.raises(KeyError):
+        quantity("colour")

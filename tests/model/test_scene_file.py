@@ -32,48 +32,39 @@ class Bump(sj.AbstractTrack):
 
 def scenes():
     scene = sj.paper_scene(1234.5, 0.1 + 0.2e-3, 0.3, wavelengths=(8.0, 3.3))
-    tracks = sj.StraightTrack(7.7), Bump(5.0, (1e-3, 0.3))
-    contacts = (
-        sj.HuntCrossley(1e9, 1 / 3, clamp=False),
-        sj.HertzSpring(1e7),
-        sj.ConstantDamping(1e8, 0.1),
-    )
-    yield from (scene, scene.replace(gravity=9.81, **{"section.play.2": 1e-4 / 3}))
-    for track in tracks:
-        yield eqx.tree_at(lambda s: s.track, scene, track)
-    for contact in contacts:
-        yield eqx.tree_at(lambda s: s.contact, scene, contact)
-    for memory in (sj.SmoothSwitch(), sj.SmoothSwitch(1e-6, relaxation=1e-7), sj.EventLatch(2e-3)):
-        yield eqx.tree_at(lambda s: s.memory, scene, memory)
+    parts = {
+        "track": (sj.StraightTrack(7.7), Bump(5.0, (1e-3, 0.3))),
+        "contact": (
+            sj.HuntCrossley(1e9, 1 / 3, clamp=False),
+            sj.HertzSpring(1e7),
+            sj.ConstantDamping(1e8, 0.1),
+        ),
+        "memory": (sj.SmoothSwitch(), sj.SmoothSwitch(1e-6, relaxation=1e-7), sj.EventLatch(2e-3)),
+    }
+    others = [
+        eqx.tree_at(lambda s, name=name: getattr(s, name), scene, part) for name in parts for part in parts[name]
+    ]
+    return [scene, scene.replace(gravity=9.81, **{"section.play.2": 1e-4 / 3}), *others]
 
 
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")
 def test_scenes_come_back_to_the_last_bit_from_toml_and_json():
-    count = 0
     for scene in scenes():
         assert eqx.tree_equal(scene_from_toml(scene_to_toml(scene)).scene, scene)
         assert eqx.tree_equal(scene_from_json(scene_to_json(scene)), scene)
         assert not eqx.tree_equal(scene_from_json(scene_to_json(scene)), scene.replace(speed=1234.6))
-        count += 1
-    assert count == 10
 
 
 def test_starts_come_back_too():
     start = sj.Motion.from_euler(y=1e-4 / 3, roll=1e-3, v_z=-0.7)
     found = scene_from_toml(sj.paper_scene().to_toml(start=start)).start
-    for name, value in vars(start).items():
-        assert float(getattr(found, name)) == float(value)
+    assert {name: float(value) for name, value in vars(found).items()} == vars(start)
     assert scene_from_toml(sj.paper_scene().to_toml()).start is None
     run = fine(sj.paper_scene())
     assert float(scene_from_toml(sj.paper_scene().to_toml(start=run.end.motion)).start.y) == float(run.end.motion.y)
     for wrong in (run, run.end, {"y": 1e-4}):
         with pytest.raises(ValueError, match=r"`start` must be a slipperjax.Motion in TOML, .* run\.end"):
             sj.paper_scene().to_toml(start=wrong)
-
-
-def test_degrees_have_a_sign():
-    for text in ("0.2°", "0.2 °", "0.2 degrees", "0.2deg"):
-        np.testing.assert_allclose(parsed("roll_amplitude", text, "rad"), math.radians(0.2), rtol=1e-15)
 
 
 FILE = """
@@ -104,16 +95,16 @@ pitch = "1 mrad"
 def test_units_are_converted_and_the_rest_is_the_base_s():
     found = scene_from_toml(FILE)
     scene = found.scene
-    np.testing.assert_allclose(scene.speed, 1250.0, rtol=1e-15)
-    np.testing.assert_allclose(scene.slipper.mass, 15.0, rtol=1e-15)
-    np.testing.assert_allclose(scene.slipper.inertia, (0.051, 0.060, 0.086), rtol=1e-15)
-    np.testing.assert_allclose(scene.slipper.length, 0.2, rtol=1e-15)
-    np.testing.assert_allclose(scene.section.play, [0.75e-3] * 5, rtol=1e-15)
-    np.testing.assert_allclose(scene.track.wavelengths, [8.0], rtol=1e-15)
-    np.testing.assert_allclose(scene.track.roll_amplitude, math.radians(0.2), rtol=1e-15)
+    for name, value in {
+        **dict(speed=1250.0, mass=15.0, inertia_x=0.051, inertia_y=0.060, inertia_z=0.086, length=0.2),
+        **{"clearance": 1.5e-3, "track.wavelengths.0": 8.0, "roll_amplitude": math.radians(0.2)},
+    }.items():
+        np.testing.assert_allclose(scene.value(name), value, rtol=1e-15, err_msg=name)
     assert type(scene.contact) is sj.HuntCrossley
     assert float(scene.contact.stiffness) == 1e8
     assert eqx.tree_equal(scene.section.points, sj.paper_section(1e-3).points)
+    for text in ("0.2°", "0.2 °", "0.2 degrees", "0.2deg"):
+        np.testing.assert_allclose(parsed("roll_amplitude", text, "rad"), math.radians(0.2), rtol=1e-15)
     np.testing.assert_allclose(found.start.v_y, 0.5, rtol=1e-15)
     np.testing.assert_allclose(found.start.q_y, math.sin(0.5e-3), rtol=1e-12)
 
@@ -143,10 +134,9 @@ BASE = 'base = "paper"\n'
         (BASE + '[section]\npoints = { values = [[1, 2]], unit = "mm" }', "line 3: Argument `points` must have two"),
         (BASE + '[section]\npoints = { value = [[1, 2]], unit = "mm" }', "must have `values` and `unit`"),
         (
-            BASE + '[section]\nclearance = "1 mm"\nplay = { values = [1, 1, 1, 1, 1], unit = "mm" }',
-            "`clearance` and `play` must not both be given",
+            BASE + '[section]\nclearance = "1 mm"\nplay = { values = [1], unit = "mm" }',
+            "`play` must not both be",
         ),
-        (BASE + '[start]\nv_y = "foo"', "line 3: `v_y` must be a number with a unit"),
         (BASE + '[start]\nvy = "1 m/s"', "line 3: `vy` is none of y, z, roll"),
         (BASE + '[start]\nq_x = 0.1\nroll = "1 mrad"', "`roll` and `q_x` must not both be given"),
         (BASE + "[strat]\n", "line 2: `strat` is none of base, speed"),

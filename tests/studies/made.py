@@ -66,12 +66,13 @@ def exponents(name, values, positive):
 
 
 def flagged(ds, at, status=1, number=np.nan):
-    """A copy in which the cases at some values of the parameter are flagged, and hold a `number` throughout."""
+    """A copy with cases flagged at some values of the parameter, which hold a `number` but for their `stderr`."""
     (name,) = ds["status"].dims
     hit = np.isin(np.round(ds[name].values, 9), np.round(np.atleast_1d(at), 9))
     assert hit.sum() == np.size(at)
     hit = xr.DataArray(hit, dims=name)
-    numbers = {key: v.where(~hit, number) for key, v in ds.data_vars.items() if v.dtype.kind == "f"}
+    changed = [key for key, v in ds.data_vars.items() if v.dtype.kind == "f" and key != "stderr"]
+    numbers = {key: ds[key].where(~hit, number) for key in changed}
     return ds.assign(numbers | {"status": ds["status"].where(~hit, status)})
 
 

@@ -6,39 +6,24 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from slipperjax import paper_scene, table_2_start
 from slipperjax.flow.status import Status
-from slipperjax.model.quantities import COORDINATES
 from slipperjax.studies.dang2024 import runs
 from slipperjax.studies.dang2024.claims import CLAIMS, Answer, near, rows, section_points, write_report
 from slipperjax.studies.dang2024.claims import runs as runs_of
 from slipperjax.studies.dang2024.runs import FIGURES, QUICK, readings, reproduce
 from slipperjax.sweeps.follow import Jump
-from slipperjax.sweeps.grid import Cases
-from slipperjax.sweeps.plan import make_plan
-from slipperjax.sweeps.sweep import sweep
 
 from . import made
 
 
-def test_runs_of_true():
-    values = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
+def test_runs_points_and_places():
+    values, nan = np.array([1.0, 2.0, 3.0, 4.0, 5.0]), np.nan
     assert runs_of([True, True, False, False, True], values) == [(1.0, 2.0), (5.0, 5.0)]
     assert runs_of([False] * 5, values) == []
-
-
-def test_section_points_are_counted():
-    nan = np.nan
     values = np.array([[1.0, 1.0, 1.001, nan], [1.0, 3.0, 1.0, 3.0], [nan] * 4, [0.0, 1.0, 2.0, 4.0]])
     assert section_points(values).tolist() == [1, 2, 0, 4]
     assert section_points(np.full((2, 3), nan)).tolist() == [0, 0]
-
-
-def test_a_place_is_near_within_a_step():
-    assert near(830.0, 820, 10.0)
-    assert not near(831.0, 820, 10.0)
-    assert not near(None, 820, 10.0)
-    assert not near(np.nan, 820, 10.0)
+    assert [near(value, 820, 10.0) for value in (830.0, 831.0, None, nan)] == [True, False, False, False]
 
 
 def test_report_has_every_answer_with_its_verdict(tmp_path):
@@ -55,10 +40,7 @@ def test_report_has_every_answer_with_its_verdict(tmp_path):
 
 
 def test_unknown_figures_are_refused_at_once():
-    with pytest.raises(
-        ValueError,
-        match="`figures` must be one of 4, 7, 12, 5, 8, 10, 6, 9, 11, 13, basins, but is '3'",
-    ):
+    with pytest.raises(ValueError, match=r"`figures` must be one of 4, 7, 12, 5, .*, 13, basins, but is '3'"):
         reproduce(["3"])
     with pytest.raises(ValueError, match="`transient` must be a whole number of 20 or more, but is 3"):
         reproduce(["5"], transient=3)
@@ -174,48 +156,6 @@ def test_readings_leave_out_flagged_cases(monkeypatch):
     assert sorted((clamp, steps, round(c * 1e3)) for clamp, steps, c in asked) == sorted(
         2 * [(True, 100, 1), (True, 100, 2), (False, 100, 1), (False, 100, 2)]
     )
-
-
-# --- steps per period, one number for each case ---------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("steps", "saves", "words"),
-    [
-        ([100], None, r"`steps_per_period` must be one number or one for each case, \(2,\), but has shape \(1,\)"),
-        ([[100, 50]], None, r"but has shape \(1, 2\)"),
-        ([100, 0], None, "`steps_per_period` must be a whole number of 1 or more, but is 0"),
-        ([100.0, 50.5], None, "`steps_per_period` must be a whole number of 1 or more"),
-        ([100, 90], 50, "`saves_per_period` must divide steps_per_period = 90, but is 50"),
-    ],
-)
-def test_wrong_steps_of_cases_are_refused(steps, saves, words):
-    with pytest.raises(ValueError, match=words):
-        sweep(paper_scene(), {"speed": [400.0, 1250.0]}, steps_per_period=steps, saves_per_period=saves)
-
-
-def test_steps_of_cases_may_stand_in_a_list_or_in_the_grid():
-    options = dict(record="history", transient=0, periods=1)
-    plan = lambda grid, steps: make_plan(
-        paper_scene(), Cases(paper_scene(), grid, table_2_start()), steps_per_period=steps, **options
-    )
-    found = plan({"speed": [400.0, 1250.0]}, [200, 100])
-    assert found.steps.tolist() == [200, 100]
-    assert found.recorder.saves == 50
-    assert plan({"speed": [400.0, 1250.0]}, np.array([60, 90])).recorder.saves == 30
-    grid = {"speed": [400.0, 1250.0], "length": [0.1, 0.2, 0.3]}
-    assert plan(grid, np.arange(1, 7).reshape(2, 3)).steps.tolist() == [1, 2, 3, 4, 5, 6]
-
-
-def test_cases_with_steps_of_their_own_run_as_they_do_alone():
-    options = dict(record="strobe", transient=0, periods=2)  # one compiled program for all
-    speeds, steps = [400.0, 1250.0, 450.0], [80, 50, 80]
-    together = sweep(paper_scene(), {"speed": speeds}, steps_per_period=steps, **options)
-    assert together["steps_per_period"].values.tolist() == steps
-    for k in (0, 1):
-        alone = sweep(paper_scene(), {"speed": speeds[k : k + 1]}, steps_per_period=steps[k], **options)
-        for name in COORDINATES:
-            np.testing.assert_allclose(together[name].values[k], alone[name].values[0], rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.slow

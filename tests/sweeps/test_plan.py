@@ -35,9 +35,29 @@ def test_step_counts_are_few_over_many_orders_of_stiffness():
     assert np.all(steps % 50 == 0)
 
 
-def test_saves_divide_every_cases_steps():
-    plan = plan_of({"speed": [100.0, 1250.0]}, record="history", saves_per_period=30)
-    assert plan.steps.tolist() == [270, 60]
+def test_saves_divide_every_cases_steps_which_may_stand_in_a_list_or_in_the_grid():
+    two, three = {"speed": [400.0, 1250.0]}, {"length": [0.1, 0.2, 0.3]}
+    plan = lambda grid, steps=None, **options: plan_of(grid, steps_per_period=steps, record="history", **options)
+    assert plan({"speed": [100.0, 1250.0]}, saves_per_period=30).steps.tolist() == [270, 60]
+    assert plan(two, [200, 100]).steps.tolist() == [200, 100]
+    assert plan(two, [200, 100]).recorder.saves == 50
+    assert plan(two, np.array([60, 90])).recorder.saves == 30
+    assert plan(two | three, np.arange(1, 7).reshape(2, 3)).steps.tolist() == [1, 2, 3, 4, 5, 6]
+
+
+@pytest.mark.parametrize(
+    ("steps", "saves", "words"),
+    [
+        ([100], None, r"`steps_per_period` must be one number or one for each case, \(2,\), but has shape \(1,\)"),
+        ([[100, 50]], None, r"but has shape \(1, 2\)"),
+        ([100, 0], None, "`steps_per_period` must be a whole number of 1 or more, but is 0"),
+        ([100.0, 50.5], None, "`steps_per_period` must be a whole number of 1 or more"),
+        ([100, 90], 50, "`saves_per_period` must divide steps_per_period = 90, but is 50"),
+    ],
+)
+def test_wrong_steps_of_cases_are_refused(steps, saves, words):
+    with pytest.raises(ValueError, match=words):
+        sj.sweep(sj.paper_scene(), {"speed": [400.0, 1250.0]}, steps_per_period=steps, saves_per_period=saves)
 
 
 @pytest.mark.parametrize(("chunk", "workers"), [(None, None), (None, 1), (5, 2), (64, 3)])
