@@ -1,6 +1,7 @@
-"""Functions of the rooms below, replaced."""
+"""Functions of the rooms below replaced, and signals as a terminal sends them."""
 
 import contextlib
+import signal
 from unittest import mock
 
 import pytest
@@ -13,3 +14,11 @@ def replaced():
         yield lambda place, *new, **how: stack.enter_context(
             mock.patch(f"slipperjax.{place}", *new, **({} if new else dict(autospec=True, **how)))
         )
+
+
+@pytest.fixture
+def python_s_own_interrupts():
+    """Interrupts that reach this process as those of a terminal do, whatever started it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
