@@ -12,6 +12,8 @@ from ..common import DATA
 
 BRANCH = DATA / "branch.nc"
 """A branch of orbits over 1090 to 1110 m/s, of 100 steps per period, with a flip at 1095.9 m/s."""
+TEN = ["--transient", 10, "--periods", 10, "--steps-per-period", 50]
+"""Options of short runs over speed, which share their programs with tests/sweeps."""
 DPI = 300
 
 
@@ -23,6 +25,15 @@ def call(arguments, capsys, code=0):
     found = capsys.readouterr()
     assert stopped.value.code == code, found.err
     return found.out, found.err
+
+
+def error_of(arguments, capsys):
+    """The one line that a wrong command prints."""
+    out, error = call(arguments, capsys, 2)
+    assert not out
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    return error
 
 
 def dataset(out):

@@ -11,48 +11,32 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.cli import main
 from slipperjax.cli.interrupts import Signals, on_thread
 from slipperjax.flow.status import Status
 from slipperjax.model.quantities import SECTIONS
 
+from .commands import call, dataset, error_of, names
+
 COMMAND = [sys.executable, "-c", "from slipperjax.cli import main; main()"]
 SMALL = ["bifurcation", "--over", "speed", "1000", "2500", "48", "--transient", "2000", "--steps-per-period", "50"]
+FOUR = ["bifurcation", "--over", "speed", 1000, 1300, 4, "--out"]
 
 
 @pytest.fixture
-def begin(tmp_path):
+def begin(tmp_path, python_s_own_interrupts):
     """Begins a command whose files go into the folder `out`, and ends it in any case."""
     (tmp_path / "out").mkdir()
     made = []
 
     def start(*arguments):
-        out = ["--out", str(tmp_path / "out" / "run")]
-        pipes = dict(stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-        before = signal.signal(signal.SIGINT, signal.default_int_handler)  # what is ignored is inherited
-        made.append(subprocess.Popen([*COMMAND, *arguments, *out], text=True, **pipes))
-        signal.signal(signal.SIGINT, before)
+        command = [*COMMAND, *arguments, "--out", str(tmp_path / "out" / "run")]
+        made.append(subprocess.Popen(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE))
         return made[0]
 
     yield start
     for process in made:
         process.kill()
         process.communicate()
-
-
-def wait_for(process, words):
-    """Reads standard error up to a line with these words."""
-    for line in process.stderr:
-        if words in line:
-            return
-    raise AssertionError(f"{words!r} was not printed")
-
-
-def catches(process, number):
-    """Whether a process has a handler of a signal."""
-    with open(f"/proc/{process.pid}/status") as lines:
-        caught = next(line for line in lines if line.startswith("SigCgt"))
-    return bool(int(caught.split()[1], 16) >> (number - 1) & 1)
 
 
 def ended(process, number, seconds=10.0):
@@ -64,18 +48,17 @@ def ended(process, number, seconds=10.0):
     assert process.returncode == 128 + number, error
     assert error.endswith("interrupted\n")
     assert "Traceback" not in out + error
-    return out, error
+    return error
 
 
 def test_a_signal_while_it_compiles_leaves_the_old_files(begin, tmp_path):
     old = tmp_path / "out" / "run.nc"
     old.write_bytes(b"old")
     process = begin(*SMALL)
-    wait_for(process, "run.nc will be replaced")
+    assert any("run.nc will be replaced" in line for line in process.stderr)
     time.sleep(1.0)
-    _, error = ended(process, signal.SIGTERM)
-    assert "cases were finished: nothing is written" in error
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["run.nc"]
+    assert "cases were finished: nothing is written" in ended(process, signal.SIGTERM)
+    assert names(tmp_path / "out") == ["run.nc"]
     assert old.read_bytes() == b"old"
 
 
@@ -84,17 +67,18 @@ def test_a_signal_while_it_compiles_leaves_the_old_files(begin, tmp_path):
 def test_a_signal_at_any_time(begin, tmp_path, seconds):
     process = begin("bifurcation", "--over", "speed", "100", "2500", "64", "--transient", "40000")
     time.sleep(seconds)
-    _, error = ended(process, signal.SIGINT)
+    error = ended(process, signal.SIGINT)
     kept = tmp_path / "out" / "run_partial.nc"
     assert kept.exists() == ("cases were finished" in error)
     if kept.exists():
-        with xr.open_dataset(kept, engine="h5netcdf") as ds:
-            assert set(np.unique(ds["status"].values)) <= {0, int(Status.NOT_RUN)}
+        found = dataset(kept.with_suffix(""))["status"].values
+        assert set(np.unique(found)) <= {0, int(Status.NOT_RUN)}
 
 
 # inside the process
 
 
+@pytest.fixture
 def partial():
     """Three of four cases of a sweep."""
     values = np.where(np.arange(4) < 3, 1.0, np.nan)
@@ -103,76 +87,49 @@ def partial():
     return xr.Dataset(data, {"speed": [1e3, 1.1e3, 1.2e3, 1.3e3]}, {"transient": 2})
 
 
-def test_finished_cases_get_a_name_of_their_own(monkeypatch, tmp_path, capsys):
-    found = partial()
-
-    def sweep(*arguments, **options):
-        raise sj.Interrupted(found, 3, 4)
-
-    monkeypatch.setattr("slipperjax.sweeps.sweep.sweep", sweep)
+def test_finished_cases_get_a_name_of_their_own(partial, replaced, tmp_path, capsys):
+    replaced("sweeps.sweep.sweep", side_effect=sj.Interrupted(partial, 3, 4))
+    fig = tmp_path / "fig"
     (tmp_path / "fig.nc").write_bytes(b"old")
-    with pytest.raises(SystemExit) as stopped:
-        main(["bifurcation", "--over", "speed", "1000", "1300", "4", "--out", str(tmp_path / "fig.nc")])
-    assert stopped.value.code == 130
-    new = f"{tmp_path / 'fig_partial.nc'} and {tmp_path / 'fig_partial.png'}"
-    assert capsys.readouterr().err == (
-        f"{tmp_path / 'fig.nc'} will be replaced\n3 of 4 cases were finished: wrote {new}\ninterrupted\n"
-    )
+    _, error = call([*FOUR, f"{fig}.nc"], capsys, 130)
+    kept = f"3 of 4 cases were finished: wrote {fig}_partial.nc and {fig}_partial.png"
+    assert error == f"{fig}.nc will be replaced\n{kept}\ninterrupted\n"
     assert (tmp_path / "fig.nc").read_bytes() == b"old"
-    with xr.open_dataset(tmp_path / "fig_partial.nc", engine="h5netcdf") as ds:
-        assert ds["status"].values.tolist() == [0, 0, 0, 7]
+    assert dataset(f"{fig}_partial")["status"].values.tolist() == [0, 0, 0, 7]
 
 
-def test_a_known_ending_is_not_repeated_and_replacing_is_said(monkeypatch, tmp_path, capsys):
-    found = partial()
-    monkeypatch.setattr("slipperjax.sweeps.sweep.sweep", lambda *arguments, **options: found)
-    for verb, ending in (("wrote", ".nc"), ("replaced", ".png")):
-        with pytest.raises(SystemExit) as stopped:
-            main(["bifurcation", "--over", "speed", "1000", "1300", "4", "--out", str(tmp_path / f"fig{ending}")])
-        assert stopped.value.code == 0
-        assert f"{verb} {tmp_path / 'fig.nc'} and {tmp_path / 'fig.png'}\n" in capsys.readouterr().out
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["fig.nc", "fig.png"]
-
-
-def test_a_file_that_is_open_elsewhere_is_replaced(monkeypatch, tmp_path):
-    found = partial()
-    monkeypatch.setattr("slipperjax.sweeps.sweep.sweep", lambda *arguments, **options: found)
-    arguments = ["bifurcation", "--over", "speed", "1000", "1300", "4", "--out", str(tmp_path / "fig")]
-    found.assign_attrs(transient=5).to_netcdf(tmp_path / "fig.nc", engine="h5netcdf")
-    with xr.open_dataset(tmp_path / "fig.nc", engine="h5netcdf") as held:
-        with pytest.raises(SystemExit):
-            main(arguments)
+def test_files_are_replaced_which_is_said_even_where_they_are_open(partial, replaced, tmp_path, capsys):
+    replaced("sweeps.sweep.sweep", return_value=partial)
+    fig = tmp_path / "fig"
+    for verb, ending in (("wrote", ".nc"), ("replaced", ".png")):  # known endings are not repeated
+        assert f"{verb} {fig}.nc and {fig}.png\n" in call([*FOUR, f"{fig}{ending}"], capsys)[0]
+    assert names(tmp_path) == ["fig.nc", "fig.png"]
+    partial.attrs["transient"] = 5
+    with xr.open_dataset(f"{fig}.nc", engine="h5netcdf") as held:
+        call([*FOUR, fig], capsys)
         assert np.all(np.isfinite(held["v_y"].values[0]))  # what is held can still be read
-    with xr.open_dataset(tmp_path / "fig.nc", engine="h5netcdf") as new:
-        assert new.attrs["transient"] == 2
+    assert dataset(fig).attrs["transient"] == 5
 
 
 def test_a_folder_in_the_way_is_found_before_anything_runs(tmp_path, capsys):
     (tmp_path / "fig.png").mkdir()
-    with pytest.raises(SystemExit) as stopped:
-        main(["bifurcation", "--over", "speed", "1000", "1300", "4", "--out", str(tmp_path / "fig")])
-    assert stopped.value.code == 2
-    assert f"{tmp_path / 'fig.png'} is a folder" in capsys.readouterr().err
+    assert f"{tmp_path / 'fig.png'} is a folder" in error_of([*FOUR, tmp_path / "fig"], capsys)
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["bifurcation", "--over", "speed", "100", "2500", "1000000000"],
-        ["lyapunov", "--over", "speed", "100", "2500", "100000", "--by", "clearance", "1", "2", "100000"],
-        ["simulate", "--periods", "1000000000000"],
-    ],
-)
-def test_impossible_counts_are_one_line(arguments, tmp_path, capsys):
-    with pytest.raises(SystemExit) as stopped:
-        main([*arguments, "--out", str(tmp_path / "run")])
-    assert stopped.value.code == 2
-    last = capsys.readouterr().err.strip().splitlines()[-1]
-    assert last.startswith("error: ")
-    assert "of memory and" in last
-    assert last.endswith("are available.")
+def test_impossible_counts_are_one_line(tmp_path, capsys):
+    for arguments in (
+        ["bifurcation", "--over", "speed", 100, 2500, 10**9],
+        ["lyapunov", "--over", "speed", 100, 2500, 10**5, "--by", "clearance", 1, 2, 10**5],
+        ["simulate", "--periods", 10**12],
+    ):
+        _, error = call([*arguments, "--out", tmp_path / "run"], capsys, 2)
+        last = error.strip().splitlines()[-1]
+        assert last.startswith("error: ")
+        assert "of memory and" in last
+        assert last.endswith("are available.")
 
 
+@pytest.mark.usefixtures("python_s_own_interrupts")
 def test_an_interrupt_that_falls_into_a_callback_is_delivered_again():
     class Dropped:
         def __del__(self):
@@ -186,15 +143,10 @@ def test_an_interrupt_that_falls_into_a_callback_is_delivered_again():
         for _ in range(100):
             time.sleep(0.01)
 
-    before = signal.getsignal(signal.SIGINT)
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        with Signals() as signals, pytest.raises(KeyboardInterrupt):
-            go()
-        assert signals.code == 130
-        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    finally:
-        signal.signal(signal.SIGINT, before)
+    with Signals() as signals, pytest.raises(KeyboardInterrupt):
+        go()
+    assert signals.code == 130
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_calls_on_a_thread_give_what_they_give():

@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.cli import main
 from slipperjax.flow.status import Status
 from slipperjax.sweeps.follow import find_jump
+
+from .commands import error_of
 
 NAN, INF = float("nan"), float("inf")
 PAPER = sj.paper_scene()
@@ -24,8 +25,8 @@ PLAY = np.full(5, 5e-4)
 FACES = (("J", "A"), ("B", "C"), ("D", "E"), ("F", "G"), ("H", "I"))
 REST = sj.Motion()
 AT = {"speed": [1250.0]}
-SHORT = dict(transient=0, periods=1, steps_per_period=50)
-"""Options of the shortest runs; with the paper's scene they share a few compiled programs."""
+SHORT = dict(transient=0, periods=10, steps_per_period=50)
+"""Options of short runs, which share their programs with test_cli."""
 
 
 def slipper(**values):
@@ -43,7 +44,7 @@ def scene(**parts):
 
 
 def simulate(case=PAPER, **options):
-    return sj.simulate(case, **(dict(periods=1, steps_per_period=50) | options))
+    return sj.simulate(case, **(dict(periods=3, steps_per_period=50) | options))
 
 
 def started(**coordinates):
@@ -87,112 +88,75 @@ def refused(words, make, /, **values):
     return label or words, call, words
 
 
-COUNTS = {-1: "-1", 2.5: "2.5", True: "True", "3": "'3'"}
-"""Wrong counts, and how errors show them."""
 COUNTED = [
-    (simulate, "periods"),
-    (simulate, "steps_per_period"),
-    (period_map, "periods"),
-    (sweep, "periods"),
-    (sweep, "chunk"),
-    (jump, "steps_per_period"),
-    (spectrum, "count"),
-    (spectrum, "orthonormalise_every"),
-    (exponents, "count"),
-    (exponents, "transient"),
+    *((simulate, "periods", value, shown) for value, shown in ((-1, "-1"), (True, "True"), ("3", "'3'"))),
+    *((make, "periods", 2.5, "2.5") for make in (period_map, sweep)),
+    *((make, "steps_per_period", 2.5, "2.5") for make in (simulate, jump)),
+    *((make, "count", True, "True") for make in (spectrum, exponents)),
+    *((make, "transient", -1, "-1") for make in (sweep, spectrum, exponents)),
+    *((spectrum, name, "3", "'3'") for name in ("orthonormalise_every", "align")),
+    (sweep, "chunk", -1, "-1"),
+    (simulate, "probe", -1, "-1"),
 ]
-"""Arguments that are whole numbers of 1 or more, or `BLOCK`."""
-FROM_ZERO = [(simulate, "probe"), (sweep, "transient"), (spectrum, "transient"), (spectrum, "align")]
+"""Whole numbers that are wrong, and how errors show them."""
 
 ERRORS = [
     # counts
     *(
         refused(rf"`{name}` must be a whole number of \d+ or more, but is {shown}", make, **{name: value})
-        for make, name in COUNTED
-        for value, shown in COUNTS.items()
-    ),
-    *(
-        refused(rf"`{name}` must be a whole number of 0 or more, but is {shown}", make, **{name: value})
-        for make, name in FROM_ZERO
-        for value, shown in COUNTS.items()
+        for make, name, value, shown in COUNTED
     ),
     refused("`periods` must be a whole number of 1 or more, but is None", simulate, periods=None),
     refused("`count` must be a whole number of 1 or more, but is None", spectrum, count=None),
     refused("`count` must be at most 10", spectrum, count=11),
-    refused("`count` must be at most 10", exponents, count=11),
     refused("`steps_per_period` must be a whole number", sweep, steps_per_period=[50.0]),
     refused("`steps_per_period` must be one number or one for each case", sweep, steps_per_period=[50, 50]),
-    refused("`steps_per_period` must be one number or one for each case", exponents, steps_per_period=[[50]]),
-    refused("`saves_per_period` must divide steps_per_period = 50", simulate, saves_per_period=100),
     refused("`saves_per_period` must divide steps_per_period = 50", sweep, record="history", saves_per_period=7),
     # parameters of the scene
     refused("`speed` must be positive, but is None", sj.paper_scene, speed=None),
     refused("`speed` must be positive, but is True", sj.paper_scene, speed=True),
-    refused("`restitution` must be .*, but is True", sj.paper_scene, restitution=True),
     refused("`speed` must be positive, but is inf", sj.paper_scene, speed=INF),
     refused(r"`speed` must be of shape \(\), but has shape \(2,\)", sj.paper_scene, speed=[1.0, 2.0]),
     refused("`speed` must be positive, but is '4500 km/h'", sj.paper_scene, speed="4500 km/h"),
-    refused("`speed` must be positive, but is '1250'", sj.paper_scene, speed="1250"),
     refused("`speed` must be positive, but is '1250'", sweep, grid={"speed": "1250"}),
     refused(r"`speed` must be positive, but is \(1\+2j\)", sj.paper_scene, speed=1 + 2j),
-    refused("`length` must be positive, but is nan", sj.paper_scene, length=NAN),
-    refused("`length` must be positive, but is {}", sj.paper_scene, length={}),
-    refused("`clearance` must be zero or positive, but is inf", sj.paper_scene, clearance=INF),
-    refused("`clearance` must be .*", sj.paper_scene, clearance=[1e-3, 2e-3]),
-    refused("`stiffness` must be positive, but is 0", sj.paper_scene, stiffness=0.0),
     refused("`restitution` must be above 0 and at most 1, but is 90", sj.paper_scene, restitution=90.0),
     refused("`amplitude` must be finite, but is inf", sj.paper_scene, amplitude=INF),
     refused("`roll_amplitude` must be finite, but is '0.2 degrees'", sj.paper_scene, roll_amplitude="0.2 degrees"),
     refused("`wavelengths` must be a sequence of one or more", sj.paper_scene, wavelengths=8.0),
     refused("`wavelengths` must be a sequence of one or more", sj.paper_scene, wavelengths=[[8.0]]),
-    refused("`wavelengths` must be positive, but is 0 m", sj.paper_scene, wavelengths=(8.0, 0.0)),
     refused("`wavelengths` must be positive, but is -8 m", sj.paper_scene, wavelengths=(-8.0,)),
     refused("`clamp` must be True or False, but is 'no'", sj.paper_scene, clamp="no"),
     refused("`memory` must be .*, but is 'smooth'", sj.paper_scene, memory="smooth"),
     refused("`memory` must be .*, but is <class", sj.paper_scene, memory=sj.SmoothSwitch),
     # parts of the scene
-    refused("`mass` must be positive, but is nan", slipper, mass=NAN),
     refused("`inertia` must be positive, but is 0", slipper, inertia=np.diag([0.05, 0.06, 0.09])),
-    refused(r"`inertia` must be of shape \(3\), but has shape \(\)", slipper, inertia=0.05),
     refused(r"`inertia` must be of shape \(3\), but has shape \(4,\)", slipper, inertia=(1.0, 1.0, 1.0, 1.0)),
-    refused("`inertia` must be positive, but is -0.05", slipper, inertia=(-0.05, 0.06, 0.08)),
     refused("`gravity` must be zero or positive, but is -9.81", scene, gravity=-9.81),
     refused("`gravity` must be zero or positive, but is nan", scene, gravity=NAN),
     refused("`slipper` must be .*Slipper, but is None", scene, slipper=None),
-    refused("`section` must be .*Section, but is None", scene, section=None),
     refused("`track` must be .*, but is 'straight'", scene, track="straight"),
     refused("`contact` must be .*, but is <class", scene, contact=sj.Flores),
-    refused("`memory` must be .*, but is None", scene, memory=None),
     refused("`points` must be in an order in which the faces' normals point out", section, points=POINTS[::-1]),
-    refused("`points` must be in an order in which", section, points=POINTS * [-1, 1]),
     refused("`points` must have two different corners", section, points=np.zeros((10, 2)) + POINTS[0]),
     refused("`points` must have two points per face", section, points=POINTS.T),
-    refused("`points` must have two points per face", section, points=POINTS[:9]),
     refused("`points` must be of shape", section, points=POINTS[:, [0, 1, 1]]),
     refused("`points` must ", section, points=0.05),
     refused("`points` must be finite, but is", section, points=[[1, 2], [3]]),
     refused("`points` must be finite, but is nan", section, points=np.where(POINTS > 0.04, NAN, POINTS)),
     refused("`play` must have one value per face", section, play=1e-3),
-    refused("`play` must have one value per face", section, play=PLAY[:3]),
     refused("`play` must be zero or positive, but is -0.0005", section, play=-PLAY),
     refused("`names` must ", section, names=None),
     refused("`names` must ", section, names=("A", "A", *"CDEFGHIJ")),
     refused("`faces` must ", section, faces=5),
-    refused("`faces` must ", section, faces=(("J",), *FACES[1:])),
     refused("`faces` must ", section, faces=(("J", "A", "B"), *FACES[1:])),
     refused("`faces` must ", section, faces=(FACES[0], FACES[0], *FACES[2:])),
     refused("`faces` must name points, but .* has 'Z'", section, faces=(("Z", "A"), *FACES[1:])),
-    refused("`clearance` must be zero or positive, but is nan", sj.paper_section, clearance=NAN),
-    refused("`stiffness` must be positive, but is -1", sj.HertzSpring, stiffness=-1.0),
     refused("`stiffness` must be positive, but is inf", sj.HuntCrossley, stiffness=INF, restitution=0.9),
     refused("`restitution` must be above 0", sj.LankaraniNikravesh, stiffness=1e8, restitution=0.0),
     refused("`hysteresis` must be zero or positive, but is -1", sj.ConstantDamping, stiffness=1e8, hysteresis=-1.0),
-    refused("`clamp` must be True or False", sj.ConstantDamping, stiffness=1e8, hysteresis=1.0, clamp="yes"),
     refused("`reference_length` must be positive, but is 0", sj.StraightTrack, reference_length=0.0),
     refused("`slowest` must be positive, but is 0", sj.EventLatch, slowest=0.0),
-    refused("`slowest` must be positive, but is 'slow'", sj.EventLatch, slowest="slow"),
-    refused("`slowest` must be positive, but is None", sj.EventLatch, slowest=None),
-    refused("`slowest` must be positive, but is -1", sj.SmoothSwitch, slowest=-1.0),
     refused("`width` must be positive, but is 0", sj.SmoothSwitch, width=0.0),
     refused("`relaxation` must be positive, but is nan", sj.SmoothSwitch, relaxation=NAN),
     # other values of named parameters
@@ -201,12 +165,9 @@ ERRORS = [
     refused("`gravity` must be zero or positive, but is -9.81", PAPER.replace, gravity=-9.81),
     refused("`amplitude` must be zero or positive, but is -0.001", PAPER.replace, amplitude=-1e-3),
     refused("`mass` must be positive, but is None", PAPER.replace, mass=None),
-    refused("`mass` must be positive, but is True", PAPER.replace, mass=True),
     refused("`speed` must be ", PAPER.replace, speed=[]),
-    refused("`clearance` must be ", PAPER.replace, clearance=[]),
     refused("`stiffness` must be positive, but is 'hard'", PAPER.replace, stiffness="hard"),
     refused("is no parameter; the names are", PAPER.value, name=None),
-    refused("is no parameter; the names are", PAPER.value, name=["speed"]),
     # defaults of scenes whose units are wrong
     refused(
         "`steps_per_period` must be given: the default would be", sj.simulate, scene=PAPER.replace(restitution=1e-6)
@@ -214,10 +175,6 @@ ERRORS = [
     refused(
         "`steps_per_period` must be given: the default would be",
         lambda: sj.simulate(sj.paper_scene(wavelengths=(8e6,)), 1),
-    ),
-    refused(
-        "`steps_per_period` must be given: the default would be",
-        lambda: sj.simulate(sj.paper_scene(stiffness=1e300), 1),
     ),
     # starts
     refused("`start` must be a slipperjax.Motion, a .* but is .*y", simulate, start={"y": 0.0}),
@@ -228,23 +185,18 @@ ERRORS = [
     refused("`start` must be a slipperjax.Motion, a .* but is", spectrum, start=PAPER),
     refused("`start` must be finite, but its w_y is inf", started, w_y=INF),
     refused("`start` must be .* its y is 'left'", started, y="left"),
-    refused("`start` must be .* its v_z is None", started, v_z=None),
     refused("`start` must be .* its v_z is", started, v_z=[0.5, 0.5]),
-    refused("`start` must be .* its w_x is 1j", started, w_x=1j),
     refused("`start` must be .* its q_x is 'x'", sweep, start=sj.Motion(q_x="x")),
-    refused("`start` must be .* its y is", sweep, start=sj.Motion(y=[0.0, 0.0])),
     refused("`start` must be .* its y is", spectrum, start=sj.Motion(y=np.zeros(1))),
     refused("`start` must be finite, but its q_", lambda: simulate(start=sj.Motion.from_euler(pitch=NAN))),
     refused("`pitch` must be ", sj.Motion.from_euler, pitch="level"),
     refused("`motion` must be .*", lambda: sj.initial_state(PAPER, None)),
     refused("`motion` must be finite", lambda: sj.initial_state(PAPER, sj.Motion(y=NAN))),
-    refused("`motion` must be finite", lambda: sj.initial_state(PAPER, sj.Motion(y="left"))),
     refused("`state` must be .*, but is None", lambda: sj.period_map(PAPER, None, steps_per_period=50)),
     refused("`state` must be .*, but is Motion", lambda: sj.period_map(PAPER, REST, steps_per_period=50)),
     # no scenes
     refused("`scene` must be a slipperjax.Scene, but is None", simulate, case=None),
     refused("`scene` must be a slipperjax.Scene, but is 'paper'", simulate, case="paper"),
-    refused("`scene` must be a slipperjax.Scene, but is <function", simulate, case=sj.paper_scene),
     refused("`scene` must be a slipperjax.Scene, but is", sweep, case=[PAPER]),
     refused("`scene` must be a slipperjax.Scene, but is", follow, case=slipper()),
     refused("`scene` must be a slipperjax.Scene, but is 3", jump, case=3),
@@ -256,7 +208,6 @@ ERRORS = [
     # solvers, controllers, other options
     refused("`solver` must be a solver, as in RK4.*, but is the class", simulate, solver=sj.RK4),
     refused("`solver` must be a diffrax solver or the name of one, but is 4", sweep, solver=4),
-    refused("`solver` must be one of RK4, .* but is 'RK5'", spectrum, solver="RK5"),
     refused("`solver` must be one of RK4, .* but is 'rk4'", follow, solver="rk4"),
     refused(
         "`solver` must be a one-step method .* but is SemiImplicitEuler", simulate, solver=diffrax.SemiImplicitEuler()
@@ -272,12 +223,9 @@ ERRORS = [
         stepsize_controller=sj.AdaptiveSteps(),
         adjoint="forward",
     ),
-    refused("`tolerance` must be positive, but is -1", sj.AdaptiveSteps, tolerance=-1.0),
     refused("`tolerance` must be positive, but is nan", sj.AdaptiveSteps, tolerance=NAN),
-    refused("`tolerance` must be positive, but is inf", sj.AdaptiveSteps, tolerance=INF),
     refused("`tolerance` must be positive, but is 'fine'", sj.AdaptiveSteps, tolerance="fine"),
     refused("`touchdown` must be positive, but is 0", sj.AdaptiveSteps, touchdown=0.0),
-    refused("`touchdown` must be positive, but is None", sj.AdaptiveSteps, touchdown=None),
     refused("`per_contact` must be positive, but is '4'", sj.AdaptiveSteps, per_contact="4"),
     refused("`shortest` must be positive, but is -1", sj.AdaptiveSteps, shortest=-1.0),
     refused("`scales` must be ", sj.AdaptiveSteps, scales=None),
@@ -285,9 +233,7 @@ ERRORS = [
     refused("`least_factor` must be ", sj.AdaptiveSteps, least_factor=-1.0),
     refused("`most_factor` must be ", sj.AdaptiveSteps, most_factor=NAN),
     refused("`rho_inf` must be from 0 to 1, but is nan", sj.TwoStep, rho_inf=NAN),
-    refused("`rho_inf` must be from 0 to 1, but is 'stiff'", sj.TwoStep, rho_inf="stiff"),
     refused("`tolerance` must be positive, but is None", sj.TwoStep, tolerance=None),
-    refused("`iterations` must be a whole number of 1 or more, but is 0", sj.TwoStep, iterations=0),
     refused("`iterations` must be a whole number of 1 or more, but is 2.5", sj.TwoStep, iterations=2.5),
     refused("`loads` must be True or False, but is 'no'", simulate, loads="no"),
     refused("`probe` must be 0 under jit", lambda: jax.jit(lambda v: simulate(PAPER.replace(speed=v), probe=1))(9.0)),
@@ -295,25 +241,21 @@ ERRORS = [
     # grids
     refused("`grid` must name one or more parameters with their values, but is None", sweep, grid=None),
     refused("`grid` must name one or more parameters", sweep, grid=["speed"]),
-    refused("`grid` must name one or more parameters", exponents, grid="speed"),
     refused("`grid` must have lists of one length", sweep, grid=AT | {"length": [0.2, 0.3]}, product=False),
     refused("`speed` must be a list of one or more values", sweep, grid={"speed": [[1250.0, 1300.0]]}),
     refused("`speed` must be a list of one or more values", exponents, grid={"speed": []}),
     refused("`speed` must be positive, but is nan", sweep, grid={"speed": [1250.0, NAN]}),
     refused("`speed` must be positive, but is .*fast", exponents, grid={"speed": ["fast"]}),
-    refused("`speed` must be positive, but is .True", sweep, grid={"speed": [True]}),
     refused("`speed` must be positive, but is {1250.0}", sweep, grid={"speed": {1250.0}}),
     refused("`speed` must be positive, but is None", sweep, grid={"speed": None}),
     refused("`Speed` is no parameter", sweep, grid={"Speed": [1250.0]}),
     refused("`1` is no parameter", sweep, grid={1: [1250.0]}),
-    refused("`wavelength` is no parameter", exponents, grid={"wavelength": [8.0]}),
     refused("`roll` is no parameter", sweep, grid={"roll": [0.1]}),
     refused("`start_y` is no parameter", sweep, grid={"start_y": [0.0]}),
     refused("`y` must be finite, but is nan", sweep, grid={"y": [NAN]}),
     refused("`restitution` must be above 0 and at most 1, but is 1.5", sweep, grid={"restitution": [0.9, 1.5]}),
     refused("`product` must be True or False, but is 'no'", sweep, product="no"),
     refused("`record` must be one of sections, strobe, history, .*but is 'section'", sweep, record="section"),
-    refused("`record` must be one of sections", sweep, record=None),
     refused("`record` must be one of peak_force, .*but is 'history'", follow, record=["history"]),
     refused("`record` must name at least one of peak_force", follow, record=[]),
     # paths
@@ -322,20 +264,15 @@ ERRORS = [
     refused("`path` must name one parameter with increasing values", follow, path=AT | {"length": [0.2]}),
     refused("`path` must name one parameter with increasing values", follow, path={"y": [0.0]}),
     refused("`path` must name one parameter with increasing values", jump, path={"speed": [1300.0, 1250.0]}),
-    refused("`path` must name one parameter", follow, path={}),
     refused("`path` must name one parameter", jump, path=None),
     refused("`directions` must be one of up, down, but is 'left'", follow, directions=("left",)),
     refused("`directions` must .* but is 'up'", follow, directions="up"),
     refused("`directions` must name one or more ways, each once", follow, directions=()),
     refused("`directions` must name one or more ways, each once", follow, directions=("up", "up")),
-    refused("`directions` must name one or more ways, each once", follow, directions=None),
-    refused("`directions` must ", follow, directions=3),
     refused("`directions` must ", follow, directions=(["up"],)),
     refused("`direction` must be one of up, down, but is 'left'", jump, direction="left"),
-    refused("`direction` must be one of up, down, but is None", jump, direction=None),
     refused("`within` must be positive, but is 0", jump, within=0.0),
     refused("`within` must be .*, but ", jump, within=[1.0, 2.0]),
-    refused("`threshold` must be positive, but is nan", jump, threshold=NAN),
     refused("`threshold` must be positive, but is 'low'", jump, threshold="low"),
 ]
 
@@ -370,21 +307,16 @@ WARNINGS = [
     implausible("clearance", "1 m", sj.paper_scene, clearance=1.0),
     implausible("amplitude", "1 m", sj.paper_scene, amplitude=1.0),
     implausible("amplitude", "-0.001 m", sj.paper_scene, amplitude=-1e-3),
-    implausible("roll_amplitude", "0.5 rad", sj.paper_scene, roll_amplitude=0.5),
     implausible("roll_amplitude", "0.2 rad", sj.paper_scene, roll_amplitude=0.2),  # the paper's value in degrees
     implausible("speed", r"1.25e\+06 m/s", sj.paper_scene, speed=1.25e6),
     implausible("speed", "1e-300 m/s", sj.paper_scene, speed=1e-300),
     implausible("stiffness", "3162.28 N/m", sj.paper_scene, stiffness=1e8 / 10**4.5),
-    implausible("stiffness", r"1e\+300 N/m", sj.paper_scene, stiffness=1e300),
     implausible("wavelengths", "8000 m", sj.paper_scene, wavelengths=(8000.0,)),
     implausible("wavelengths", "0.008 m", sj.paper_scene, wavelengths=(8e-3,)),
-    implausible("wavelengths", "1e-300 m", sj.paper_scene, wavelengths=(1e-300,)),
     implausible("reference_length", "1e-300 m", sj.StraightTrack, reference_length=1e-300),
     implausible("gravity", "9810 m/s", scene, gravity=9810.0),
     implausible("mass", r"1.4e\+07 kg", lambda: scene(slipper=slipper(mass=14e6))),
-    implausible("mass", "1e-300 kg", lambda: scene(slipper=slipper(mass=1e-300))),
     implausible("inertia", "86000 kg", lambda: scene(slipper=slipper(inertia=(51e3, 60e3, 86e3)))),
-    implausible("inertia", "1e-300 kg", lambda: scene(slipper=slipper(inertia=(1e-300,) * 3))),
     implausible("clearance", "1 m", lambda: scene(section=section(play=PLAY * 1e3))),
     implausible("points", "48 m", section, points=POINTS * 1e3),
     implausible("points", "4.8e-05 m", section, points=POINTS * 1e-3),
@@ -394,10 +326,7 @@ WARNINGS = [
     implausible("slowest", "1000 m/s", sj.EventLatch, slowest=1e3),
     # other values of named parameters
     implausible("length", "200 m", PAPER.replace, length=200.0),
-    implausible("clearance", "1 m", PAPER.replace, clearance=1.0),
-    implausible("mass", r"1e\+09 kg", PAPER.replace, mass=1e9),
     implausible("speed", "0.001 m/s", PAPER.replace, speed=[1250.0, 1e-3]),
-    implausible("length", "300 m", PAPER.replace, length=[200.0, 300.0]),
     # grids are looked at before they run, here until a wrong count
     implausible("clearance", "2 m", lambda: stopped(sweep, {"clearance": [1.0, 2.0]})),
     implausible("y", "1 m", lambda: stopped(sweep, {"y": [1.0]})),
@@ -409,7 +338,6 @@ WARNINGS = [
     (*given(outside, z=5e-3), "start lies outside the play"),
     (*given(outside, q_x=2.0), "start lies outside the play"),
     ("a pitch in degrees", lambda: sj.initial_state(PAPER, sj.Motion.from_euler(pitch=5.0)), "start lies outside"),
-    (*given(outside, y=True), "start lies outside the play"),
     (*given(outside, case=PAPER.replace(clearance=0.0), y=8e-3), "start lies outside the play"),
 ]
 
@@ -431,12 +359,10 @@ def test_wrong_units_are_warned_of(label, call, words):
 
 STATUSES = [
     (*given(started, v_y=1e6), Status.NOT_FINITE),
-    (*given(started, v_y=1e300), Status.NOT_FINITE),
     (*given(started, w_x=1e5), Status.NOT_FINITE),
     (*given(started, q_x=2.0), Status.NOT_FINITE),
     (*given(started, y=1.0), Status.PRESSED_IN),
     (*given(started, v_y=500.0), Status.PRESSED_IN),
-    (*given(started, v_y=1250.0), Status.PRESSED_IN),
     (*given(simulate, case=PAPER.replace(clearance=0.04)), Status.NO_CONTACT),
     ("a clearance in mm", lambda: simulate(sj.paper_scene(clearance=1.0)), Status.NO_CONTACT),
     ("a huge amplitude", lambda: simulate(sj.paper_scene(amplitude=1e300)), Status.NO_CONTACT),
@@ -444,11 +370,8 @@ STATUSES = [
     (*given(simulate, case=PAPER.replace(stiffness=1e13)), Status.UNRESOLVED),
     (*given(simulate, case=PAPER.replace(restitution=1e-3)), Status.UNRESOLVED),
     (*given(simulate, case=PAPER.replace(mass=0.01)), Status.UNRESOLVED),
-    (*given(simulate, steps_per_period=1), Status.UNRESOLVED),
-    (*given(sweep, grid={"clearance": [0.03, 0.04]}), Status.NO_CONTACT),
-    (*given(sweep, grid={"stiffness": [1e13, 1e14]}), Status.UNRESOLVED),
-    (*given(spectrum, case=PAPER.replace(stiffness=1e13)), Status.UNRESOLVED),
-    ("strong damping", lambda: simulate(scene(contact=sj.ConstantDamping(1e8, 1e5))), Status.NOT_FINITE),
+    ("a sweep of a clearance in mm", lambda: sweep(case=sj.paper_scene(clearance=1.0)), Status.NO_CONTACT),
+    (*given(sweep, case=PAPER.replace(stiffness=1e13)), Status.UNRESOLVED),
 ]
 
 
@@ -472,7 +395,7 @@ def strobe(ds):
 
 SAME = [
     ("whole numbers", lambda: end(simulate(sj.paper_scene(speed=1250))), lambda: end(simulate())),
-    ("numpy's counts", lambda: end(simulate(periods=np.int64(1))), lambda: end(simulate())),
+    ("numpy's counts", lambda: end(simulate(periods=np.int64(3))), lambda: end(simulate())),
     ("almost no play", lambda: end(simulate(PAPER.replace(clearance=1e-300))), lambda: end(simulate(NO_PLAY))),
     ("no replacement", lambda: end(simulate(PAPER.replace())), lambda: end(simulate())),
     ("one value", lambda: strobe(sweep({"speed": 1250.0})), lambda: strobe(sweep())),
@@ -499,21 +422,13 @@ OVER = ["bifurcation", "--over"]
 REGIMES = ["lyapunov", "--over", "speed", "1000", "1200", "2"]
 LINES = [
     # simulate
-    (["simulate", "--speed", "0"], "`speed` must be positive, but is 0 m/s"),
-    (["simulate", "--speed", "nan"], "`speed` must be positive, but is nan m/s"),
     (["simulate", "--speed", "inf"], "`speed` must be positive, but is inf m/s"),
     (["simulate", "--speed", "1,250"], "--speed"),
     (["simulate", "--speed"], "--speed"),
     (["simulate", "--speed=-5"], "`speed` must be positive, but is -5 m/s"),
     (["simulate", "--clearance", "1mm"], "--clearance"),
-    (["simulate", "--clearance", "nan"], "`clearance` must be zero or positive, but is nan"),
-    (["simulate", "--length", "-0.2"], "`length` must be positive, but is -0.2 m"),
-    (["simulate", "--stiffness", "0"], "`stiffness` must be positive, but is 0"),
     (["simulate", "--restitution", "90"], "`restitution` must be above 0 and at most 1, but is 90"),
-    (["simulate", "--wavelength", "0"], "`wavelengths` must be positive, but is 0 m"),
     (["simulate", "--wavelength", "8", "--wavelength", "nan"], "`wavelengths` must be positive, but is nan"),
-    (["simulate", "--amplitude", "inf"], "`amplitude` must be zero or positive, but is inf"),
-    (["simulate", "--roll-amplitude", "nan"], "`roll_amplitude` must be zero or positive, but is nan"),
     (["simulate", "--scene", "/no/scene.toml"], "No such file"),
     (["simulate", "--scene", "/proc/version"], "must be a TOML file or a netCDF file"),
     (["simulate", "--set", "mass"], "--set must be a name and a value"),
@@ -525,19 +440,13 @@ LINES = [
     ([*OVER, "speed", "100", "2500", "3", "--over", "length", "0.1", "0.2", "2"], "--over must be given once"),
     ([*OVER, "speed", "0", "2500", "3", "--log", "speed"], "--log speed needs values above zero"),
     ([*OVER, "speed", "1", "2500", "3", "--log", "length"], "--log must name a parameter of --over or --by"),
-    ([*OVER, "section.play.7", "1e-4", "1e-3", "3"], "must have a number of 0 to 4"),
     (["simulate", "--periods", "0"], "'--periods': 0 is not in the range x>=1"),
-    (["simulate", "--periods", "-3"], "'--periods': -3 is not in the range x>=1"),
     (["simulate", "--periods", "2.5"], "--periods"),
-    (["simulate", "--steps-per-period", "0"], "'--steps-per-period': 0 is not in the range x>=1"),
     (["simulate", "--steps-per-period", "many"], "--steps-per-period"),
-    (["simulate", "--saves-per-period", "-1"], "'--saves-per-period': -1 is not in the range x>=1"),
     (["simulate", "--steps-per-period", "20", "--saves-per-period", "50"], "`saves_per_period` must divide"),
     (["simulate", "--probe", "-1"], "'--probe': -1 is not in the range x>=0"),
     (["simulate", "--solver", ""], "`solver` must be one of RK4"),
-    (["simulate", "--solver", "rk4"], "`solver` must be one of RK4"),
     (["simulate", "--solver", "LeapfrogMidpoint"], "`solver` must be a one-step method"),
-    (["simulate", "--solver", "SemiImplicitEuler"], "`solver` must be a one-step method"),
     (["simulate", "--solver", "Latching"], "`solver` must be one of RK4"),
     (["simulate", "--solver", "RESULTS"], "`solver` must be one of RK4"),
     (["simulate", "--memory", "latch"], "'--memory': 'latch' is not one of 'event', 'smooth'"),
@@ -549,50 +458,28 @@ LINES = [
     # bifurcation
     (["bifurcation"], "--over"),
     ([*OVER, "speed", "100", "2500"], "--over"),
-    ([*OVER, "speed", "100", "2500", "2.5"], "--over"),
     ([*OVER, "speed", "100", "fast", "3"], "--over"),
     ([*OVER, "speed", "100", "2500", "-1"], "'--over': -1 is not in the range x>=1"),
     ([*OVER, "speed", "nan", "2500", "3"], "`speed` must be positive, but is nan"),
-    ([*OVER, "speed", "100", "inf", "3"], "`speed` must be positive, but is"),
     ([*OVER, "Speed", "100", "2500", "3"], "--over must begin with one of speed"),
-    ([*OVER, "", "100", "2500", "3"], "--over must begin with one of speed"),
-    ([*OVER, "roll", "0", "1", "3"], "--over must begin with one of speed"),
-    ([*OVER, "gravity", "-1", "9.81", "3"], "`gravity` must be zero or positive, but is -1"),
     ([*OVER, "clearance", "-1", "1", "3"], "`clearance` must be zero or positive, but is -0.001 m"),
-    ([*OVER, "restitution", "0", "1", "3"], "`restitution` must be above 0 and at most 1, but is 0"),
     ([*OVER, "speed", "100", "2500", "3", "--transient", "-1"], "'--transient': -1 is not in the range x>=0"),
-    ([*OVER, "speed", "100", "2500", "3", "--periods", "0"], "'--periods': 0 is not in the range x>=1"),
-    (
-        [*OVER, "speed", "100", "2500", "3", "--steps-per-period", "0"],
-        "'--steps-per-period': 0 is not in the range x>=1",
-    ),
-    ([*OVER, "speed", "100", "2500", "3", "--out", "/proc/no/place"], "--out must name a place"),
     ([*OVER, "speed", "100", "2500", "3", "--by", "length", "1", "2", "2"], "No such option '--by'"),
     # lyapunov
-    (["lyapunov"], "--over"),
     ([*REGIMES, "--by", "speed", "1", "2", "2"], "--by must name another parameter than --over"),
     ([*REGIMES, "--by", "width", "1", "2", "2"], "--by must begin with one of speed"),
-    ([*REGIMES, "--by", "length", "0.1", "0.2", "0"], "'--by': 0 is not in the range x>=1"),
     ([*REGIMES, "--by", "length", "nan", "0.2", "2"], "`length` must be positive, but is nan"),
-    ([*REGIMES, "--count", "0"], "'--count': 0 is not in the range x>=1"),
     ([*REGIMES, "--count", "11"], "`count` must be at most 10"),
     ([*REGIMES, "--transient", "5"], "`transient` must be a whole number of 20 or more, but is 5"),
-    ([*REGIMES, "--periods", "0"], "'--periods': 0 is not in the range x>=1"),
     ([*REGIMES, "--certify", "no"], "no"),
-    ([*REGIMES, "--out", "/proc/no/place"], "--out must name a place"),
     # reproduce
     (["reproduce", "3"], "`figures` must be one of 4"),
-    (["reproduce", "fig5"], "`figures` must be one of 4"),
-    (["reproduce", "5", "--transient", "0"], "'--transient': 0 is not in the range x>=1"),
-    (["reproduce", "5", "--transient", "long"], "--transient"),
     (["reproduce", "5", "--out", "/proc/no/place"], "--out must name a place"),
     (["reproduce", "5", "--fast"], "No such option '--fast'"),
     # bench
     (["bench", "--scene", "paper"], "`cases` must be of nominal"),
     (["bench", "--method", "RK5"], "`methods` must be of RK4"),
     (["bench", "--batch", "0"], "'--batch': 0 is not in the range x>=1"),
-    (["bench", "--batch", "2.5"], "--batch"),
-    (["bench", "--repeats", "-1"], "'--repeats': -1 is not in the range x>=1"),
     (["bench", "--out", "/proc/no/place"], "--out must name a place"),
     # one number by two options
     (["simulate", "--speed", "800", "--set", "speed=900"], "--set must not give speed, which another option gives"),
@@ -610,12 +497,5 @@ def test_command_line_errors_are_one_line_and_code_2(arguments, words, tmp_path,
     monkeypatch.chdir(tmp_path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", sj.ImplausibleWarning)
-        with pytest.raises(SystemExit) as ended:
-            main(arguments)
-    found = capsys.readouterr()
-    assert ended.value.code == 2
-    assert found.err.strip().count("\n") == 0
-    assert found.err.startswith("error: ")
-    assert words in found.err
-    assert not found.out
+        assert words in error_of(arguments, capsys)
     assert not any(path.is_file() for path in tmp_path.rglob("*"))

@@ -1,35 +1,21 @@
 """`slipperjax sweep` and `slipperjax store`: grids, samples, shares, and what they print."""
 
+import os
 import shutil
 import signal
-import subprocess
-import sys
-import time
 
 import matplotlib.image
 import numpy as np
 import pytest
-import xarray as xr
 
 import slipperjax as sj
 from slipperjax.cli import main
+from slipperjax.flow.status import ASKED
+from slipperjax.sweeps.stores.archive import Archive
 
-QUICK = ["--transient", 10, "--periods", 2, "--steps-per-period", 50]
-MAP = ["--over", "speed", 1000, 1600, 5, "--by", "clearance", 0.5, 1.5, 4, *QUICK]
+from .commands import TEN, call, error_of
 
-
-def call(arguments, capsys, code=0):
-    with pytest.raises(SystemExit) as stopped:
-        main(list(map(str, arguments)))
-    found = capsys.readouterr()
-    assert stopped.value.code == code, found.err
-    return found.out, found.err
-
-
-def refused(arguments, capsys):
-    _, error = call(arguments, capsys, 2)
-    assert error.count("error: ") == 1
-    return error.splitlines()[-1]
+MAP = ["--over", "speed", 1000, 1600, 5, "--by", "v_y", 0.4, 0.5, 4, *TEN]
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +25,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def stored(folder):
-    """A map of 5 speeds and 4 clearances in tiles of 8 cases."""
+    """A map of 5 speeds and 4 starts in tiles of 8 cases."""
     with pytest.raises(SystemExit) as stopped:
         main([str(word) for word in ("sweep", *MAP, "--store", folder / "map.zarr", "--tile", 8)])
     assert stopped.value.code == 0
@@ -48,11 +34,11 @@ def stored(folder):
 
 def test_a_map_is_stored_and_drawn(stored, capsys):
     ds = sj.open_store(stored)
-    assert dict(ds["status"].sizes) == {"speed": 5, "clearance": 4}
-    assert ds["clearance"].values == pytest.approx(np.linspace(0.5e-3, 1.5e-3, 4))
+    assert dict(ds["status"].sizes) == {"speed": 5, "start_v_y": 4}
+    assert ds["start_v_y"].values == pytest.approx(np.linspace(0.4, 0.5, 4))
     assert matplotlib.image.imread(stored.with_suffix(".png")).shape[0] > 500
     out, error = call(["sweep", *MAP, "--store", stored], capsys)  # nothing is left to do, in tiles as they are
-    assert "20 cases, 10 + 2 periods, 50 steps per period" in out
+    assert "20 cases, 10 + 10 periods, 50 steps per period" in out
     assert "0 cases flagged" in out
     assert "map.png will be replaced" in error
 
@@ -76,16 +62,19 @@ def test_stores_are_looked_after(stored, folder, capsys):
     out, _ = call(["store", "draw", folder / "copy.zarr", "--show", "penetration", "--out", folder / "p.png"], capsys)
     assert f"wrote {folder / 'p.png'}" in out
     assert "12 of 20 cases" in out
-    assert "must be a store of slipperjax" in refused(["store", "status", folder / "none.zarr"], capsys)
+    assert "must be a store of slipperjax" in error_of(["store", "status", folder / "none.zarr"], capsys)
 
 
-def test_a_sample_needs_no_store(folder, capsys):
+def test_a_sample_needs_no_store(replaced, folder, capsys):
+    sweep = replaced("sweeps.sweep.sweep", side_effect=ValueError("seen"))
     box = ["--over", "speed", 900, 1000, 1, "--by", "clearance", 0.5, 2, 1, "--log", "clearance"]
-    call(["sweep", *box, "--sample", 16, *QUICK, "--out", folder / "box.nc"], capsys)
-    with xr.open_dataset(folder / "box.nc", engine="h5netcdf") as ds:
-        assert dict(ds["status"].sizes) == {"case": 16}
-        assert np.all((ds["clearance"] > 0.5e-3) & (ds["clearance"] < 2e-3) & (ds["speed"] > 900))
-        assert 6 <= int((ds["clearance"] < 1e-3).sum()) <= 10  # spread by ratios
+    assert error_of(["sweep", *box, "--sample", 16, "--out", folder / "box.nc"], capsys) == "error: seen\n"
+    grid, options = sweep.call_args.args[1], sweep.call_args.kwargs
+    assert (options["product"], "store" in options) == (False, False)
+    speed, clearance = np.asarray(grid["speed"]), np.asarray(grid["clearance"])
+    assert speed.shape == clearance.shape == (16,)
+    assert np.all((clearance > 0.5e-3) & (clearance < 2e-3) & (speed > 900) & (speed < 1000))
+    assert 6 <= int((clearance < 1e-3).sum()) <= 10  # spread by ratios
 
 
 def test_an_estimate_writes_nothing(folder, capsys):
@@ -103,32 +92,29 @@ def test_wrong_options_are_named(stored, folder, capsys):
         ([*MAP, "--store", folder / "new.nc"], "ends in .zarr"),
         ([*MAP, *new, "--record", "exponents", "--record", "strobe"], "--record exponents must stand alone"),
         ([*MAP, *new, "--processes", 2, "--cluster", "tcp://a"], "--cluster must not be given with --processes"),
-        ([*QUICK, *new], "Missing option '--over'"),
-        (["--over", "speed", 1, 2, 3, "--by", "clearance", 1, *QUICK], "'--by': '--transient' is not a valid float"),
-        (["--over", "speed", 1, 2, 3, "--by", "speed", 1, 2, 3, *QUICK], "speed"),
-        ([*MAP, "--restitution", 0.5, "--store", stored], "restitution: 0.9 in the store, 0.5 asked"),
+        ([*TEN, *new], "Missing option '--over'"),
+        (["--over", "speed", 1, 2, 3, "--by", "clearance", 1, *TEN], "'--by': '--transient' is not a valid float"),
+        (["--over", "speed", 1, 2, 3, "--by", "speed", 1, 2, 3, *TEN], "speed"),
     ):
-        assert words in refused(["sweep", *more], capsys)
+        assert words in error_of(["sweep", *more], capsys)
+    _, error = call(["sweep", *MAP, "--restitution", 0.5, "--store", stored], capsys, 2)
+    assert "restitution: 0.9 in the store, 0.5 asked" in error
     assert not (folder / "new.zarr").exists()
 
 
-def test_ctrl_c_says_that_the_same_command_goes_on(folder):
-    words = ["--over", "speed", 1000, 1600, 6400, "--transient", 200, "--periods", 2, "--steps-per-period", 50]
-    words += ["--store", folder / "c.zarr", "--tile", 16]
-    command = [sys.executable, "-c", "from slipperjax.cli import main; main()", "sweep", *map(str, words)]
-    options = dict(stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # what is ignored is inherited
-    try:
-        started = subprocess.Popen(command, **options)
-    finally:
-        signal.signal(signal.SIGINT, before)
-    with started as one:
-        until = time.monotonic() + 120
-        while not list(folder.glob("c.zarr/status/c/*")) and time.monotonic() < until:
-            time.sleep(0.05)
-        one.send_signal(signal.SIGINT)
-        _, error = one.communicate(timeout=60)
-    assert one.returncode == 130
-    assert "of 6400 cases were finished: kept in" in error
+@pytest.mark.usefixtures("python_s_own_interrupts")
+def test_ctrl_c_says_that_the_same_command_goes_on(folder, monkeypatch, capsys):
+    write, first = Archive.write, iter([True])
+
+    def interrupted(self, number, ds):
+        write(self, number, ds)
+        if next(first, False):
+            os.kill(os.getpid(), signal.SIGINT)
+        ASKED.wait(10)
+
+    monkeypatch.setattr(Archive, "write", interrupted)
+    words = ["--over", "speed", 1000, 1600, 64, *TEN, "--store", folder / "c.zarr", "--tile", 8]
+    _, error = call(["sweep", *words], capsys, 130)
+    assert " of 64 cases were finished: kept in" in error
     assert "the same command goes on" in error
-    assert 0 < int((sj.open_store(folder / "c.zarr")["status"] == 0).sum()) < 6400
+    assert 0 < int((sj.open_store(folder / "c.zarr")["status"] == 0).sum()) < 64

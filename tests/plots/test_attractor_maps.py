@@ -2,7 +2,6 @@
 
 import json
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
@@ -10,11 +9,7 @@ import xarray as xr
 from slipperjax import plots
 from slipperjax.plots.maps import motion_names
 
-
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
+from .shown import check_legend_fits, labels, legend
 
 
 def attractor_map():
@@ -33,29 +28,21 @@ def curve(period=1):
     return xr.Dataset({"outside": ("point", np.zeros(5, int))}, coords, attrs)
 
 
-def legend(ax):
-    return [text.get_text() for text in ax.get_legend().get_texts()]
-
-
-def test_cases_have_names():
+def test_cases_have_names_and_a_legend_of_what_occurs():
     found = motion_names(attractor_map(), "clearance", "speed")
     assert found.tolist() == [
         ["period 1", "period 2", "quasi-periodic", "chaotic"],
         ["other periods", "unresolved", "status not 0", "period 3"],
     ]
     assert motion_names(attractor_map(), "speed", "clearance").tolist() == found.T.tolist()
-
-
-def test_a_map_has_a_legend_of_what_occurs():
     ax = plots.attractor_map(attractor_map())
     names = ["period 1", "period 2", "period 3", "other periods", "quasi-periodic", "chaotic", "unresolved"]
     assert legend(ax) == [*names, "status not 0"]
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("speed $V$ [m/s]", "clearance $C$ [mm]")
+    assert labels(ax) == ("speed $V$ [m/s]", "clearance $C$ [mm]")
     (mesh,) = ax.collections
     colors = mesh.cmap(mesh.norm(mesh.get_array().reshape(2, 4)))
     assert len(np.unique(colors.reshape(8, 4), axis=0)) == 8
-    ax.figure.draw_without_rendering()
-    assert ax.get_legend().get_window_extent().width <= 1.001 * ax.get_window_extent().width
+    check_legend_fits(ax)
 
 
 def test_curves_lie_over_a_map_of_attractors_and_are_named():

@@ -2,7 +2,7 @@
 
 import json
 
-import matplotlib
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
@@ -11,16 +11,9 @@ from matplotlib.colors import to_hex
 from slipperjax import plots
 from slipperjax.plots.branches import Thread, crossing_threads, joined, scalar_threads, stable_parts
 
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
+from .shown import bar_of, check_legend_fits, labels, legend, marked
 
 NAN = float("nan")
-
-
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
 
 
 def branch(
@@ -85,48 +78,45 @@ def _parts(places):
 
 
 def markers(ax, marker):
-    return [line.get_xydata().tolist() for line in ax.lines if line.get_marker() == marker and len(line.get_xdata())]
+    return [line.get_xydata().tolist() for line in marked(ax, marker)]
 
 
 def texts(ax):
     return [text.get_text() for text in ax.texts]
 
 
-def legend(ax):
-    return [text.get_text() for text in ax.get_legend().get_texts()]
-
-
 # lines through points
 
 
-def test_crossings_follow_one_another_whatever_their_order():
-    velocity = [[3.0, 9.0], [9.1, 3.1], [3.2, 9.2]]
-    time = [[0.1, 0.6], [0.61, 0.11], [0.12, 0.62]]
-    found = crossing_threads(np.array(velocity), np.array(time), 1)
-    assert found == [Thread(0, [3.0, 3.1, 3.2]), Thread(0, [9.0, 9.1, 9.2])]
-
-
-def test_a_crossing_that_passes_the_start_of_the_period_stays_the_same():
-    found = crossing_threads(np.array([[3.0, 9.0], [9.1, 3.1]]), np.array([[0.02, 1.0], [1.02, 1.98]]), 2)
-    assert found == [Thread(0, [3.0, 3.1]), Thread(0, [9.0, 9.1])]
-
-
-def test_lines_end_where_crossings_do():
-    velocity = np.array([[5.0, NAN], [5.1, 1.0], [5.2, 1.5], [1.7, NAN]])
-    time = np.array([[0.5, NAN], [0.5, 0.8], [0.51, 0.82], [0.83, NAN]])
-    found = crossing_threads(velocity, time, 1)
-    assert found == [Thread(0, [5.0, 5.1, 5.2]), Thread(1, [1.0, 1.5, 1.7])]
-
-
-@pytest.mark.parametrize(("velocity", "time"), [([[5.0], [5.1]], [[0.2], [0.4]]), ([[5.0], [0.5]], [[0.2], [0.2]])])
-def test_no_line_crosses_a_jump(velocity, time):
-    found = crossing_threads(np.array(velocity), np.array(time), 1)
-    assert [(one.first, len(one.values)) for one in found] == [(0, 1), (1, 1)]
-
-
-def test_no_crossing_at_all_is_no_line():
-    assert crossing_threads(np.full((3, 0), NAN), np.full((3, 0), NAN), 1) == []
-    assert crossing_threads(np.full((3, 2), NAN), np.full((3, 2), NAN), 1) == []
+@pytest.mark.parametrize(
+    ("velocity", "time", "period", "threads"),
+    [
+        # whatever their order
+        (
+            [[3.0, 9.0], [9.1, 3.1], [3.2, 9.2]],
+            [[0.1, 0.6], [0.61, 0.11], [0.12, 0.62]],
+            1,
+            [(0, [3.0, 3.1, 3.2]), (0, [9.0, 9.1, 9.2])],
+        ),
+        # one that passes the start of the period stays the same
+        ([[3.0, 9.0], [9.1, 3.1]], [[0.02, 1.0], [1.02, 1.98]], 2, [(0, [3.0, 3.1]), (0, [9.0, 9.1])]),
+        # lines end where crossings do
+        (
+            [[5.0, NAN], [5.1, 1.0], [5.2, 1.5], [1.7, NAN]],
+            [[0.5, NAN], [0.5, 0.8], [0.51, 0.82], [0.83, NAN]],
+            1,
+            [(0, [5.0, 5.1, 5.2]), (1, [1.0, 1.5, 1.7])],
+        ),
+        # none crosses a jump
+        ([[5.0], [5.1]], [[0.2], [0.4]], 1, [(0, [5.0]), (1, [5.1])]),
+        ([[5.0], [0.5]], [[0.2], [0.2]], 1, [(0, [5.0]), (1, [0.5])]),
+        (np.full((3, 0), NAN), np.full((3, 0), NAN), 1, []),
+        (np.full((3, 2), NAN), np.full((3, 2), NAN), 1, []),
+    ],
+)
+def test_crossings_follow_one_another(velocity, time, period, threads):
+    found = crossing_threads(np.array(velocity), np.array(time), period)
+    assert found == [Thread(*thread) for thread in threads]
 
 
 def test_scalars_break_where_they_are_not_finite_or_told_to():
@@ -157,16 +147,19 @@ def test_a_branch_is_drawn_along_itself_with_its_unstable_part_dashed():
     np.testing.assert_allclose(markers(ax, "D"), [[[3, 12]]])
     assert texts(ax) == ["LP"]
     assert legend(ax) == ["stable", "unstable", "LP fold"]
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("clearance $C$ [mm]", "$V_Z$ [m/s]")
+    assert labels(ax) == ("clearance $C$ [mm]", "$V_Z$ [m/s]")
     assert ax.figure.get_suptitle() == "$L$ = 0.2 m"
 
 
 def test_ends_are_not_marked_and_every_other_event_is_explained():
-    labels = ("EP", "LP", "BP", "PD", "NS", "GR", "MX")
-    ax = plots.branches(branch(range(1, 8), (1,) * 7, labels))
-    assert sorted(texts(ax)) == sorted(labels[1:])
+    names = ("EP", "LP", "BP", "PD", "NS", "GR", "MX")
+    ds = branch(range(1, 8), (1,) * 7, names)
+    ax = plots.branches(ds)
+    assert sorted(texts(ax)) == sorted(names[1:])
     meanings = ["LP fold", "BP branch point", "PD flip", "NS Neimark-Sacker", "GR grazing", "MX no convergence"]
     assert legend(ax)[2:] == meanings
+    check_legend_fits(ax)
+    check_legend_fits(plots.multiplier_circle(ds))
 
 
 def test_an_event_is_marked_at_each_crossing_and_labelled_once():
@@ -177,20 +170,16 @@ def test_an_event_is_marked_at_each_crossing_and_labelled_once():
     assert texts(ax) == ["PD"]
 
 
-def test_grazings_that_crowd_share_a_label():
+def test_labels_that_crowd_are_shared_and_lie_inside_the_axes_and_apart():
     values = np.linspace(1e-3, 3e-3, 101)
-    labels = np.array([""] * 101, "U2")
-    labels[[50, 51, 52, 90]] = "GR"
-    ax = plots.branches(branch(values, (1,) * 101, labels, np.full((101, 1), 3.0)))
+    marks = np.array([""] * 101, "U2")
+    marks[[50, 51, 52, 90]] = "GR"
+    ax = plots.branches(branch(values, (1,) * 101, marks, np.full((101, 1), 3.0)))
     assert texts(ax) == ["GR", "GR"]
     assert len(markers(ax, "|")) == 4
-
-
-def test_labels_lie_inside_the_axes_and_apart():
-    values = np.linspace(1e-3, 3e-3, 60)
-    labels = np.array([""] * 60, "U2")
-    labels[[0, 2, 4, 6, 59]] = "LP", "PD", "NS", "BP", "LP"
-    ax = plots.branches(branch(values, (1,) * 60, labels))
+    marks = np.array([""] * 101, "U2")
+    marks[[0, 2, 4, 6, 100]] = "LP", "PD", "NS", "BP", "LP"
+    ax = plots.branches(branch(values, (1,) * 101, marks))
     ax.figure.canvas.draw()
     boxes = [text.get_window_extent() for text in ax.texts]
     assert len(boxes) >= 4
@@ -209,74 +198,47 @@ def test_periods_have_colours():
 
 def test_a_branch_lies_over_dots_of_simulations():
     ax = plots.branches(branch(), "v_y", simulated())
-    dots = next(line for line in ax.lines if line.get_marker() == "." and len(line.get_xdata()))
+    (dots,) = marked(ax, ".")
     np.testing.assert_allclose(dots.get_xydata(), [[1, 1], [1, 2], [2, 3]])
     assert dots.get_zorder() < min(line.get_zorder() for line in ax.lines if line.get_linestyle() == "-")
     assert legend(ax) == ["from simulation", "status not 0", "stable", "unstable", "LP fold"]
+    check_legend_fits(plots.branches([branch(), branch(period=2)], "v_y", simulated()))
 
 
 def test_the_state_at_the_start_of_the_period_is_drawn_over_the_recorded_ones():
     ax = plots.branches(branch(), "start_y", simulated())
     np.testing.assert_allclose(lines(ax, "-"), [[[1, 0], [2, 1], [3, 2]]])
-    dots = next(line for line in ax.lines if line.get_marker() == ".")
+    (dots,) = marked(ax, ".")
     np.testing.assert_allclose(dots.get_xydata()[:2], [[1, 2], [2, 6]])  # the last period, in mm
     assert np.isnan(dots.get_ydata()[2])
     assert ax.get_ylabel() == "start $y$ [mm]"
 
 
-@pytest.mark.parametrize(
-    ("name", "label", "highest"),
-    [("slowest_touchdown", "slowest touchdown [m/s]", 4.5), ("grazing_gap", "grazing gap [mm]", 4.0)],
-)
-def test_other_variables_of_points_are_drawn(name, label, highest):
-    ax = plots.branches(branch(), name)
-    assert ax.get_ylabel() == label
-    assert lines(ax, "--")[0][-1] == pytest.approx([1.0, highest])
-
-
-def test_the_slowest_touchdown_breaks_where_a_touchdown_comes():
+def test_other_variables_of_points_are_drawn():
+    for name, label, highest in (
+        ("slowest_touchdown", "slowest touchdown [m/s]", 4.5),
+        ("grazing_gap", "grazing gap [mm]", 4.0),
+    ):
+        ax = plots.branches(branch(), name)
+        assert ax.get_ylabel() == label
+        assert lines(ax, "--")[0][-1] == pytest.approx([1.0, highest])
     ds = branch(stable=(1,) * 5)
-    ds["touchdowns"][3:] = 2
+    ds["touchdowns"][3:] = 2  # the line breaks where a touchdown comes
     assert len(lines(plots.branches(ds, "slowest_touchdown"), "-")) == 2
     ds["slowest_touchdown"][:] = np.inf  # no touchdown at all
     assert lines(plots.branches(ds, "slowest_touchdown"), "-") == []
 
 
-def test_branches_of_few_points_are_drawn():
+def test_branches_of_few_points_are_drawn_into_given_axes():
     alone = branch((1e-3,), (1,), ("",))
-    (dot,) = [line for line in plots.branches(alone).lines if line.get_marker() == "."]
+    (dot,) = marked(plots.branches(alone), ".")
     assert dot.get_xydata().tolist() == [[1, 10]]
     none = branch(velocity=np.full((5, 1), NAN))
     assert lines(plots.branches(none), "-") == []
-
-
-def test_pictures_go_into_given_axes():
-    ax = plt.subplots()[1]
-    assert plots.branches(branch(), ax=ax) is ax
-    assert ax.figure.get_suptitle() == ""
-    ax = plt.subplots()[1]
-    assert plots.multiplier_circle(branch(), ax) is ax
-
-
-@pytest.mark.parametrize(
-    ("draw", "words"),
-    [
-        (lambda: plots.branches("run"), "`ds` must be a dataset of continue_orbit, but is str"),
-        (lambda: plots.branches(simulated()), "with `stable`, but has"),
-        (lambda: plots.branches([]), "`ds` must be one branch or more, not 0"),
-        (lambda: plots.branches([branch(), branch(over="speed")]), "are over ..clearance., .speed"),
-        (lambda: plots.branches(branch(), "foo"), "`quantity` must have one value per point, .* but is 'foo'"),
-        (lambda: plots.branches(branch(), "signature"), "`quantity` must have one value per point"),
-        (lambda: plots.branches(branch(), "start_foo"), "`quantity` must have one value per point"),
-        (lambda: plots.branches(branch(), "v_z", simulated("speed")), "`brute` must be swept over clearance"),
-        (lambda: plots.branches(branch(), "w_x", simulated()), "`brute` must be .* with `w_x`"),
-        (lambda: plots.branches(branch(), "grazing_gap", simulated()), "`brute` must be None where"),
-        (lambda: plots.multiplier_circle([branch()] * 2), "`ds` must be one branch, not 2"),
-    ],
-)
-def test_what_cannot_be_drawn_is_named(draw, words):
-    with pytest.raises(ValueError, match=words):
-        draw()
+    for draw in (plots.branches, plots.multiplier_circle):
+        ax = plt.subplots()[1]
+        assert draw(branch(), ax=ax) is ax
+        assert ax.figure.get_suptitle() == ""
 
 
 # multipliers
@@ -293,8 +255,7 @@ def test_multipliers_are_coloured_by_the_parameter_and_critical_ones_marked():
     assert markers(ax, "D") == [[[1, 0]]]  # both folds
     np.testing.assert_allclose(markers(ax, "o"), [[[0.6, 0.8], [0.6, -0.8]]])
     assert sorted(texts(ax)) == ["LP", "NS"]
-    bar = next(other for other in ax.figure.axes if other is not ax)
-    assert bar.get_ylabel() == "clearance $C$ [mm]"
+    assert bar_of(ax).get_ylabel() == "clearance $C$ [mm]"
     assert legend(ax) == ["multiplier", "LP fold", "NS Neimark-Sacker"]
 
 
@@ -335,22 +296,33 @@ def test_curves_are_dashed_where_the_motion_is_unstable_anyway():
     ax = plots.event_curves([ds, curve("PD", (0,) * 5)])
     np.testing.assert_allclose(lines(ax, "-")[0], [[1, 1], [2, 2], [3, 3]])
     np.testing.assert_allclose(lines(ax, "--"), [[[3, 3], [4, 4], [5, 5]]])
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("clearance $C$ [mm]", "speed $V$ [m/s]")
+    assert labels(ax) == ("clearance $C$ [mm]", "speed $V$ [m/s]")
     assert legend(ax) == ["LP fold", "PD flip", "others outside, too"]
     assert len({to_hex(line.get_color()) for line in ax.lines}) == 2
 
 
 def test_curves_lie_over_a_regime_map_with_its_axes_and_legend():
     ax = plots.event_curves(curve("NS", (0,) * 5), regimes())
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("speed $V$ [m/s]", "clearance $C$ [mm]")
+    assert labels(ax) == ("speed $V$ [m/s]", "clearance $C$ [mm]")
     np.testing.assert_allclose(lines(ax, "-")[0][:2], [[1, 1], [2, 2]])
     assert ax.axis() == pytest.approx((0.5, 3.5, 0.5, 2.5))
     assert legend(ax) == ["NS Neimark-Sacker", "unresolved: estimates\ndisagree or are not sure"]
+    check_legend_fits(ax)
 
 
 @pytest.mark.parametrize(
     ("draw", "words"),
     [
+        (lambda: plots.branches("run"), "`ds` must be a dataset of continue_orbit, but is str"),
+        (lambda: plots.branches(simulated()), "with `stable`, but has"),
+        (lambda: plots.branches([]), "`ds` must be one branch or more, not 0"),
+        (lambda: plots.branches([branch(), branch(over="speed")]), "are over ..clearance., .speed"),
+        (lambda: plots.branches(branch(), "foo"), "`quantity` must have one value per point, .* but is 'foo'"),
+        (lambda: plots.branches(branch(), "start_foo"), "`quantity` must have one value per point"),
+        (lambda: plots.branches(branch(), "v_z", simulated("speed")), "`brute` must be swept over clearance"),
+        (lambda: plots.branches(branch(), "w_x", simulated()), "`brute` must be .* with `w_x`"),
+        (lambda: plots.branches(branch(), "grazing_gap", simulated()), "`brute` must be None where"),
+        (lambda: plots.multiplier_circle([branch()] * 2), "`ds` must be one branch, not 2"),
         (lambda: plots.event_curves([]), "must be one curve or more"),
         (lambda: plots.event_curves(curve("XY")), "must have a label of LP, .* but has 'XY'"),
         (lambda: plots.event_curves(branch()), "with `outside`"),
@@ -363,18 +335,6 @@ def test_curves_lie_over_a_regime_map_with_its_axes_and_legend():
         (lambda: plots.event_curves(curve(), simulated()), "lyapunov_sweep, with `regime`"),
     ],
 )
-def test_curves_that_cannot_be_drawn_are_named(draw, words):
+def test_what_cannot_be_drawn_is_named(draw, words):
     with pytest.raises(ValueError, match=words):
         draw()
-
-
-def test_no_legend_is_wider_than_its_axes():
-    labels = ("EP", "LP", "BP", "PD", "NS", "GR", "MX")
-    for ax in (
-        plots.branches(branch(range(1, 8), (1,) * 7, labels)),
-        plots.branches([branch(), branch(period=2)], "v_y", simulated()),
-        plots.multiplier_circle(branch(range(1, 8), (1,) * 7, labels)),
-        plots.event_curves(curve("NS"), regimes()),
-    ):
-        ax.figure.draw_without_rendering()
-        assert ax.get_legend().get_window_extent().width <= 1.001 * ax.get_window_extent().width

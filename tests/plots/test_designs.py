@@ -3,7 +3,7 @@
 import json
 from types import SimpleNamespace
 
-import matplotlib
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
@@ -12,8 +12,7 @@ from matplotlib.colors import LogNorm, to_hex
 from slipperjax import plots
 from slipperjax.plots.design_data import color_norm, log_ticks
 
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
+from .shown import bar_of, check_legend_fits, drawn, labels, legend, marked
 
 NAN, INF = float("nan"), float("inf")
 FORCE = {"units": "N", "quantity": "peak_force", "symbol": r"F_{\max}", "shown_unit": "kN", "per_shown": 1e3}
@@ -23,12 +22,6 @@ BOUNDS = {
     "length": (0.12, 0.5, "m"),
     "section.play.2": (1e-4, 1e-3, "m"),
 }
-
-
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
 
 
 def design(
@@ -98,14 +91,9 @@ def surroundings(ds, size=9, names=None, name="soft_peak_force"):
     return xr.Dataset({name: (dims, values), "period": (dims, period)}, axes)
 
 
-def legend(ax):
-    return [text.get_text() for text in ax.get_legend().get_texts()]
-
-
 def dots(ax, marker):
     """Places of lines' markers."""
-    found = [line.get_xydata() for line in ax.lines if line.get_marker() == marker and len(line.get_xdata())]
-    return np.concatenate(found) if found else np.zeros((0, 2))
+    return np.concatenate([np.zeros((0, 2)), *map(drawn, marked(ax, marker))])
 
 
 # the objective in each case
@@ -113,16 +101,14 @@ def dots(ax, marker):
 
 def test_cases_are_drawn_over_their_parameter_by_regime():
     ax = plots.design_cases(design())
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("speed $V$ [m/s]", r"peak force $F_{\max}$ [kN]")
+    assert labels(ax) == ("speed $V$ [m/s]", r"peak force $F_{\max}$ [kN]")
     assert legend(ax)[:3] == ["best design", "first design", "worst"]
     assert legend(ax)[3:] == ["period 1", "period n", "irregular"]
     np.testing.assert_allclose(dots(ax, "D")[:, 0], [1400, 1400])
     np.testing.assert_allclose(dots(ax, "s")[1], [1200, 10 * (1 + 0.3 / 4)])
     (bar,) = [c for c in ax.collections if len(c.get_segments())]
     np.testing.assert_allclose(np.diff(bar.get_segments()[0][:, 1]), 1.2)  # twice 600 N
-
-
-def test_a_case_without_motion_is_a_cross_at_the_bottom():
+    # without motion a cross at the bottom
     ax = plots.design_cases(design(spoilt=0, regimes=("period 1",) * 4, errors=(0,) * 4))
     assert legend(ax)[-1] == "no motion"
     np.testing.assert_allclose(dots(ax, "x"), [[1000, 0.04]])
@@ -142,29 +128,25 @@ def test_one_case_and_several_parameters_are_numbered():
 def test_trials_lie_in_the_plane_of_the_first_two_variables():
     ds = design(("clearance", "length", "section.play.2"))
     ax = plots.design_trials(ds)
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("clearance $C$ [mm]", "length $L$ [m]")
+    assert labels(ax) == ("clearance $C$ [mm]", "length $L$ [m]")
     assert legend(ax) == ["best", "start", "taken", "not taken", "constraint violated"]
     assert len(dots(ax, "s")) == 3
     np.testing.assert_allclose(dots(ax, "*"), [[1e3 * float(ds["design"][0]), float(ds["design"][1])]])
-    bar = next(other for other in ax.figure.axes if other is not ax)
-    assert bar.get_ylabel() == "soft peak force $\\|F\\|$ [kN]\nworst of 4 cases"
+    assert bar_of(ax).get_ylabel() == "soft peak force $\\|F\\|$ [kN]\nworst of 4 cases"
     low, high = ax.get_xlim()
     assert low < 0.2 < 3 < high
-
-
-def test_taken_trials_are_filled():
     ds = design()
     filled, _, hollow, _ = plots.design_trials(ds).collections
     kept = ds["trial_violation"].values == 0
     assert len(filled.get_offsets()) == np.sum(ds["trial_taken"].values & kept)
     assert len(hollow.get_offsets()) == np.sum(~ds["trial_taken"].values & kept)
     assert len(hollow.get_facecolors()) == 0
+    assert to_hex(filled.get_facecolors()[0]) == to_hex(filled.get_edgecolors()[0])
 
 
 def test_one_variable_has_the_objective_upwards():
     ax = plots.design_trials(design(("section.play.2",), spoilt=3))
-    assert ax.get_xlabel() == "section.play.2 [m]"
-    assert ax.get_ylabel() == "soft peak force $\\|F\\|$ [kN]\nworst of 4 cases"
+    assert labels(ax) == ("section.play.2 [m]", "soft peak force $\\|F\\|$ [kN]\nworst of 4 cases")
     assert len(ax.figure.axes) == 1
     assert "no motion" in legend(ax)
 
@@ -181,11 +163,7 @@ def test_progress_is_the_lowest_that_violates_nothing():
     assert np.all(np.diff(y) <= 0)
     assert (x[0], x[-1]) == (900, 5400)
     assert legend(ax) == ["lowest", "taken", "not taken", "constraint violated", "no motion"]
-
-
-def test_progress_without_any_motion_is_drawn():
-    ds = design()
-    ds["trial_smooth"][:] = INF
+    ds["trial_smooth"][:] = INF  # without any motion
     ax = plots.design_progress(ds)
     assert len(dots(ax, "x")) == 18
     assert len(plots.design_trials(ds).figure.axes) == 2
@@ -219,19 +197,15 @@ def test_surroundings_are_a_map_with_hatches():
     assert words[1].startswith("lowest of the grid, 11.")
     x, y = dots(ax, "P")[0]
     assert (round(x, 3), round(y, 3)) == (0.9, 0.31)  # the worst case, of all places of the grid
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("clearance $C$ [mm]", "length $L$ [m]")
+    assert labels(ax) == ("clearance $C$ [mm]", "length $L$ [m]")
 
 
-def test_further_variables_are_taken_near_the_best_design():
+def test_surroundings_are_of_the_robust_value_near_the_best_design():
     ds = design(("clearance", "length", "section.play.2"))
     ax = plots.design_map(ds, surroundings(ds, 5))
     assert ax.collections[0].get_array().shape == (5, 5)
-
-
-def test_the_mean_of_cases_is_drawn_where_it_was_minimised():
     ds = design(robust="mean")
-    grid = surroundings(ds)
-    ax = plots.design_map(ds, grid)
+    ax = plots.design_map(ds, surroundings(ds))
     np.testing.assert_allclose(np.min(ax.collections[0].get_array()), 10 * 1.05, rtol=0.02)
 
 
@@ -248,23 +222,21 @@ def test_surroundings_of_one_variable_are_a_line():
 # the page
 
 
-@pytest.mark.parametrize("more", [False, True])
-def test_a_page_has_all_panels(more):
+def test_a_page_has_all_panels():
     ds = design()
-    axes = plots.design_overview(SimpleNamespace(to_xarray=lambda: ds), surroundings(ds) if more else None)
-    assert len(axes) == 4 + more
+    axes = plots.design_overview(SimpleNamespace(to_xarray=lambda: ds), surroundings(ds), margins=margins())
+    assert len(axes) == 6
     title = axes[0].figure.get_suptitle()
     assert title.startswith("$m$ = 14 kg\n$c_r$ = 0.9\nconverged: clearance")
     assert title.endswith("kN, worst of 4 cases")
-    axes[0].figure.draw_without_rendering()
-    for ax in axes:
-        assert ax.get_legend().get_window_extent().width <= 1.001 * ax.get_window_extent().width
-
-
-def test_pictures_go_into_given_axes():
-    axes = plt.subplots(2, 2)[1]
-    assert plots.design_overview(design(), axes=axes) is axes
-    assert axes[0, 0].figure.get_suptitle() == ""
+    assert axes[5].get_xlabel() == "change of the parameter [%]"
+    for ax in axes[:5]:
+        check_legend_fits(ax)
+    assert len(plots.design_overview(ds)) == 4
+    assert len(plots.design_overview(ds, margins=margins())) == 5
+    given = plt.subplots(2, 2)[1]
+    assert plots.design_overview(ds, axes=given) is given
+    assert given[0, 0].figure.get_suptitle() == ""
 
 
 @pytest.mark.parametrize(
@@ -276,6 +248,7 @@ def test_pictures_go_into_given_axes():
             lambda: plots.design_map(design(), design()),
             "with `soft_peak_force` or `peak_force` over variables",
         ),
+        (lambda: plots.design_margins(design(), design()), "event_margins"),
         (lambda: plots.design_map(design(), None), "`surroundings` must be a dataset with `soft_peak_force`"),
         (
             lambda: plots.design_map(design(), surroundings(design(), names=["mass"])),
@@ -300,11 +273,6 @@ def test_wide_values_have_a_logarithmic_scale():
     ds["trial_smooth"][0] *= 30
     assert plots.design_progress(ds).get_yscale() == "log"
     assert log_ticks(1.0, 1000.0) == [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000]
-
-
-def test_colours_go_from_the_lowest_to_the_highest():
-    filled, *_ = plots.design_trials(design()).collections
-    assert to_hex(filled.get_facecolors()[0]) == to_hex(filled.get_edgecolors()[0])
 
 
 def margins():
@@ -333,13 +301,3 @@ def test_margins_are_bars_to_the_events():
     words = legend(ax)
     assert sum("m/s" in word for word in words) == 2
     assert sum(word.startswith("GR") for word in words) == 1
-
-
-def test_a_page_has_margins():
-    ds = design()
-    assert len(plots.design_overview(ds, margins=margins())) == 5
-    axes = plots.design_overview(ds, surroundings(ds), margins=margins())
-    assert len(axes) == 6
-    assert axes[5].get_xlabel() == "change of the parameter [%]"
-    with pytest.raises(ValueError, match="event_margins"):
-        plots.design_margins(ds, ds)

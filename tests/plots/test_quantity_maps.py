@@ -2,7 +2,6 @@
 
 import json
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
@@ -11,11 +10,7 @@ from slipperjax import plots
 from slipperjax.flow.status import Status
 from slipperjax.model.quantities import PARAMETERS
 
-
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
+from .shown import legend, marked
 
 
 def swept(dims=("clearance", "speed"), sizes=(3, 4), side_by_side=False):
@@ -37,10 +32,6 @@ def swept(dims=("clearance", "speed"), sizes=(3, 4), side_by_side=False):
     return xr.Dataset(data, coords, {"varied": json.dumps(list(dims))})
 
 
-def legend(ax):
-    return [text.get_text() for text in ax.get_legend().get_texts()]
-
-
 def test_the_largest_value_is_drawn_in_its_display_unit():
     ax = plots.quantity_map(swept())
     drawn = ax.collections[0].get_array()
@@ -51,22 +42,17 @@ def test_the_largest_value_is_drawn_in_its_display_unit():
     assert legend(ax)[-1] == "not computed yet"
     assert len(legend(ax)) == 2  # and the flagged case, grey
     assert ax.collections[1].get_array().mask.sum() == 11
-
-
-def test_dimensions_may_come_in_any_order():
-    ds = swept()
-    turned = ds.assign(peak_force=ds["peak_force"].transpose("point", "speed", "clearance"))
-    one, other = (plots.quantity_map(given).collections[0].get_array() for given in (ds, turned))
-    assert np.array_equal(one.filled(-1), other.filled(-1))
+    ds = swept()  # dimensions may come in any order
+    turned = plots.quantity_map(ds.assign(peak_force=ds["peak_force"].transpose("point", "speed", "clearance")))
+    assert np.array_equal(turned.collections[0].get_array().filled(-1), drawn.filled(-1))
 
 
 def test_one_parameter_is_a_row_of_dots():
     ax = plots.quantity_map(swept(("speed",), (5,)))
-    (dots,) = (line for line in ax.lines if line.get_marker() == ".")
+    (dots,), (crosses,) = marked(ax, "."), marked(ax, "x")
     assert np.isfinite(dots.get_ydata()).tolist() == [True, False, False, True, True]
     assert dots.get_ydata()[-1] == 5.0
-    crosses = [line for line in ax.lines if line.get_marker() == "x" and len(line.get_xdata())]
-    assert crosses[0].get_xdata().tolist() == [1075.0]  # the flagged one; what is missing has no mark
+    assert crosses.get_xdata().tolist() == [1075.0]  # the flagged one; what is missing has no mark
 
 
 def test_a_sample_is_a_cloud_of_dots():
