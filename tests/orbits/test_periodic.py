@@ -98,7 +98,7 @@ def test_the_signature_is_that_of_a_fine_trajectory(nominal):
 
 
 def test_a_signature_names_the_points_in_the_order_of_their_touchdowns():
-    """Of gaps -size sin(2 pi (t - when)), some of which fall in one step; another is closed, and the rest are open."""
+    """Of gaps -size sin(2 pi (t - when)), some of which fall in one step; another is closed, the rest are open."""
     when = {"J1": 0.111, "A2": 0.1115, "C1": 0.112, "B2": 0.52, "A1": 0.9, "B1": 0.9001}
     names = [*(f"{name}1" for name in "ABCDEFGHIJ"), *(f"{name}2" for name in "ABCDEFGHIJ")]
     t, steps, period = np.arange(65) / 64, 64, 6.4e-3
