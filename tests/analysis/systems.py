@@ -129,6 +129,18 @@ def linear(stiffness, damping, shift, force, frequency):
     return lambda s, t, span: steady(t + span) + expm(span * matrix) @ (s - steady(t)), matrix
 
 
+def one_touch(damping, frequency, gap, stop, force, up, down, rising, falling):
+    """What a motion that touches a spring once misses, in its instants and speeds at the gap; its matrix over a
+    period; and its state at t = 0 in contact."""
+    period = 2 * np.pi / frequency
+    free, slow = linear(1.0, damping, 0.0, force, frequency)
+    touching, fast = linear(1.0 + stop, damping, stop * gap, force, frequency)
+    at_down = touching(np.array([gap, rising]), up, down - up) - [gap, falling]
+    at_up = free(np.array([gap, falling]), down, up + period - down) - [gap, rising]
+    through = expm((up + period - down) * slow) @ expm((down - up) * fast)
+    return np.concatenate([at_down, at_up]), through, touching(np.array([gap, rising]), up, -up)
+
+
 def _halved(beyond, low, high):
     """Instants between `low` and `high` from which on `beyond` holds, to rounding."""
 

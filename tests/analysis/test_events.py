@@ -1,20 +1,17 @@
 """Events of branches: several within a step, grazings in closed form, corners and gaps."""
 
-import functools
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.linalg import expm
 from scipy.optimize import root
 
 from slipperjax.analysis.continuation import continue_motion
 from slipperjax.analysis.curves import Pace, Spot
 from slipperjax.analysis.events import Node, Observation, _located
 
-from .systems import Polynomial, Stopped, follow, labels, linear, motions, only, where
+from .systems import Polynomial, Stopped, follow, labels, motions, one_touch, only, where
 
 
 def coupled(p):
@@ -90,25 +87,15 @@ def test_a_grazing_is_located():
     for node in branch.nodes:
         if not node.label:
             assert node.seen.counts == (int(node.spot.z[-1] > grazing),)
+
     # the flip behind it, from the instants and speeds at the stop
-    exact = root(functools.partial(flipping, 0.1, 2.8, 0.1, 5.0), FLIPPING, tol=1e-14)
+    def flipping(unknowns):
+        missed, through, _ = one_touch(0.1, 2.8, 0.1, 5.0, *unknowns)
+        return np.append(missed, np.linalg.det(through + np.eye(2)))
+
+    exact = root(flipping, (0.726, 0.985, 1.2, 0.09, -0.09), tol=1e-14)
     assert np.abs(exact.fun).max() < 1e-12
     assert abs(where(only(branch, "PD")) - exact.x[0]) < 1e-8  # measured: 4e-15
-
-
-FLIPPING = 0.726, 0.985, 1.2, 0.09, -0.09
-
-
-def flipping(damping, frequency, gap, stop, unknowns):
-    """What a motion with one touch and a multiplier -1 misses, in its force, instants and speeds at the stop."""
-    force, up, down, rising, falling = unknowns
-    period = 2 * np.pi / frequency
-    free, slow = linear(1.0, damping, 0.0, force, frequency)
-    touching, fast = linear(1.0 + stop, damping, stop * gap, force, frequency)
-    at_down = touching(np.array([gap, rising]), up, down - up) - [gap, falling]
-    at_up = free(np.array([gap, falling]), down, up + period - down) - [gap, rising]
-    through = expm((up + period - down) * slow) @ expm((down - up) * fast)
-    return np.concatenate([at_down, at_up, [np.linalg.det(through + np.eye(2))]])
 
 
 def test_a_branch_ends_where_a_rigid_stop_is_grazed():

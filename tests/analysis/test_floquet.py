@@ -13,7 +13,7 @@ from scipy.optimize import root
 from slipperjax.analysis.floquet import multipliers
 from slipperjax.analysis.shooting import shoot
 
-from .systems import Stopped, linear, rk4, settled
+from .systems import Stopped, linear, one_touch, rk4, settled
 
 
 def sort(values):
@@ -152,23 +152,15 @@ def stopped(damping, frequency, gap, stop=np.inf, restitution=0.0):
 def test_a_bilinear_oscillators_orbit_and_multipliers(gap, guess):
     """x'' + 0.1 x' + x + 3 max(x - gap, 0) = cos(0.9 t): the orbit from the instants and speeds at the kink."""
     system = stopped(0.05, 0.9, gap, stop=3.0)
-    period = 2 * np.pi / 0.9
-    (free, slow), (touching, fast) = (linear(1.0 + k, 0.05, k * gap, 1.0, 0.9) for k in (0.0, 3.0))
-
-    def misses(unknowns):
-        up, down, rising, falling = unknowns
-        at_down = touching(np.array([gap, rising]), up, down - up)
-        at_up = free(np.array([gap, falling]), down, up + period - down)
-        return np.concatenate([at_down - [gap, falling], at_up - [gap, rising]])
-
-    solution = root(misses, guess, tol=1e-14)
-    up, down, rising, _ = solution.x
+    at = lambda unknowns: one_touch(0.05, 0.9, gap, 3.0, 1.0, *unknowns)
+    solution = root(lambda unknowns: at(unknowns)[0], guess, tol=1e-14)
     assert np.abs(solution.fun).max() < 1e-12
-    assert up < 0 < down
+    assert solution.x[0] < 0 < solution.x[1]
+    _, through, start = at(solution.x)
     found = shoot(system, jnp.array([0.9, 0.2]), tolerance=1e-12)
     # measured: 2e-14 for both
-    np.testing.assert_allclose(found.state, touching(np.array([gap, rising]), up, -up), rtol=0, atol=1e-11)
-    exact = np.linalg.eigvals(expm((up + period - down) * slow) @ expm((down - up) * fast))
+    np.testing.assert_allclose(found.state, start, rtol=0, atol=1e-11)
+    exact = np.linalg.eigvals(through)
     np.testing.assert_allclose(sort(multipliers(np.asarray(found.matrices))), sort(exact), rtol=0, atol=1e-11)
 
 
