@@ -1,4 +1,4 @@
-"""Seeded defects: thirty plausible slips of the package, each with the tests that must notice it.
+"""Seeded defects: some thirty plausible slips of the package, each with the tests that must notice it.
 
 Each defect is put into a fresh copy of the working tree, where its tests are run; one that no test notices is missed.
 So it shows whether tests that were merged, moved or made cheaper still prove as much.
@@ -128,6 +128,18 @@ tests/orbits/test_periodic.py -k signature_is
 -+ gaps.slope) / gaps.step
 ++ gaps.slope)
 
+points of touchdowns named from the other end
+tests/orbits/test_periodic.py -k signature_names
+-    names = [f"{name}{end}" for end in (1, 2) for name in scene.section.names]
+-    falls, low, high = _touching(gaps)
++    names = [f"{name}{end}" for end in (2, 1) for name in scene.section.names]
++    falls, low, high = _touching(gaps)
+
+touchdowns in the order of points
+tests/orbits/test_periodic.py -k signature_names
+-tuple(sorted(found)),
++tuple(found),
+
 exponent of the smallest multiplier
 tests/orbits/test_periodic.py -k nominal_orbit_recurs
 -return jnp.log(jnp.abs(self.multipliers[..., 0])) / self.period
@@ -173,6 +185,11 @@ cases with their axes exchanged
 tests/design/test_problem.py -k every_combination
 -mesh = np.meshgrid(*self.over.values(), indexing="ij")
 +mesh = np.meshgrid(*self.over.values(), indexing="xy")
+
+excursions to one side
+tests/design/test_objectives.py -k excursion_counts
+-return jnp.maximum(course.greatest(curve)[k], -course.least(curve)[k])
++return course.greatest(curve)[k]
 
 designs judged by their best case
 tests/design/test_methods.py

@@ -1,5 +1,7 @@
 """Oscillators of textbooks with exact or nearly exact flows, and short ways to follow motions, for the tests."""
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -11,6 +13,70 @@ from slipperjax.analysis.shooting import PeriodicMotions
 
 SAMPLES = 48
 """Instants of an arc between which an extremum is looked for."""
+
+
+class Polynomial(eqx.Module):
+    """x -> sum of c_ij x^i p^j for one number x and a parameter p: one program serves them all."""
+
+    coefficients: jax.Array
+
+    @classmethod
+    def of(cls, terms):
+        """From c_ij by (i, j), up to x^3 and p^2."""
+        return cls(jnp.zeros((4, 3)).at[tuple(np.transpose(list(terms)))].set(jnp.array(list(terms.values()))))
+
+    def __call__(self, p):
+        c = self.coefficients @ jnp.stack([jnp.ones_like(p), p, p * p])
+        return lambda x, k: ((c[3] * x + c[2]) * x + c[1]) * x + c[0]
+
+
+LOGISTIC = Polynomial.of({(1, 1): 1.0, (2, 1): -1.0})
+"""p x (1 - x)"""
+
+
+class Henon(eqx.Module):
+    """Hénon's map over a and b. Its derivative may jump where x passes 0.5."""
+
+    jump: jax.Array
+
+    def __call__(self, a, b):
+        more = lambda x: self.jump * jnp.maximum(x - 0.5, 0.0)
+        return lambda s, k: jnp.stack([a - s[0] ** 2 + b * s[1] + more(s[0]), s[0]])
+
+
+HENON = Henon(jnp.asarray(0.0))
+HENON_AT = {"LP": lambda b: -((1 - b) ** 2) / 4, "PD": lambda b: 3 * (1 - b) ** 2 / 4}
+"""Values of a at its folds and flips, where x = y is (b - 1) / 2 and (1 - b) / 2."""
+
+
+def delayed(r, c):
+    """x' = r x (1 - c x - y), y' = x: at c = 0 Maynard Smith's delayed logistic map."""
+    return lambda s, k: jnp.stack([r * s[0] * (1 - c * s[0] - s[1]), s[0]])
+
+
+class Fixed(eqx.Module):
+    """A family over the first of its two parameters; the second is a number."""
+
+    family: Callable
+    second: jax.Array
+
+    def __call__(self, value):
+        return self.family(value, self.second)
+
+
+class Well(eqx.Module):
+    """x'' + damping x' - x + x^3 = force cos(1.2 t), over the force."""
+
+    damping: jax.Array
+
+    def __call__(self, force):
+        field = lambda s, t: jnp.stack([s[1], force * jnp.cos(1.2 * t) - self.damping * s[1] + s[0] - s[0] ** 3])
+        return lambda s, k: rk4(field, s, 2 * jnp.pi / 1.2, 200)
+
+
+def settled(step, state, count):
+    """A state after some applications of a map."""
+    return jax.jit(lambda s: jax.lax.fori_loop(0, count, lambda k, s: step(s, 0.0), s))(jnp.asarray(state))
 
 
 def rk4(field, state, period, steps):
@@ -63,6 +129,18 @@ def linear(stiffness, damping, shift, force, frequency):
     return lambda s, t, span: steady(t + span) + expm(span * matrix) @ (s - steady(t)), matrix
 
 
+def one_touch(damping, frequency, gap, stop, force, up, down, rising, falling):
+    """What a motion that touches a spring once misses, in its instants and speeds at the gap; its matrix over a
+    period; and its state at t = 0 in contact."""
+    period = 2 * np.pi / frequency
+    free, slow = linear(1.0, damping, 0.0, force, frequency)
+    touching, fast = linear(1.0 + stop, damping, stop * gap, force, frequency)
+    at_down = touching(np.array([gap, rising]), up, down - up) - [gap, falling]
+    at_up = free(np.array([gap, falling]), down, up + period - down) - [gap, rising]
+    through = expm((up + period - down) * slow) @ expm((down - up) * fast)
+    return np.concatenate([at_down, at_up]), through, touching(np.array([gap, rising]), up, -up)
+
+
 def _halved(beyond, low, high):
     """Instants between `low` and `high` from which on `beyond` holds, to rounding."""
 
@@ -78,15 +156,15 @@ def _halved(beyond, low, high):
 class Stopped(eqx.Module):
     """A linear forced oscillator with a stop at x = gap, over one forcing period, with exact instants of contact.
 
-    The stop is a spring of stiffness `stop`, or, where this is None, rigid with a coefficient of `restitution`.
+    The stop is a spring, or, where its stiffness is infinite, rigid with a coefficient of `restitution`.
     """
 
     damping: jax.Array
     frequency: jax.Array
     force: jax.Array
     gap: jax.Array
-    stop: jax.Array | None = None
-    restitution: jax.Array | None = None
+    stop: jax.Array
+    restitution: jax.Array
     passes: int = eqx.field(static=True, default=4)
     """Most arcs in a period."""
 
@@ -95,7 +173,7 @@ class Stopped(eqx.Module):
         return 2 * jnp.pi / self.frequency
 
     def arc(self, touching):
-        more = 0.0 if self.stop is None else touching * self.stop
+        more = jnp.where(touching == 1, self.stop, 0.0)
         return Arc(self.damping, 1.0 + more, more * self.gap, self.force, self.frequency)
 
     def __call__(self, state, k):
@@ -103,7 +181,8 @@ class Stopped(eqx.Module):
 
     def followed(self, state):
         """The state after a period, the number of touches, and how far the motion is from another number."""
-        touching = jnp.where(state[0] > self.gap, 1.0, 0.0) if self.stop is not None else jnp.asarray(0.0)
+        rigid = jnp.isinf(self.stop)
+        touching = jnp.where((state[0] > self.gap) & ~rigid, 1.0, 0.0)
 
         def one(carry, _):
             state, time, touching, touches, margin = carry
@@ -117,11 +196,9 @@ class Stopped(eqx.Module):
             span = jnp.where(there, span + change, span)
             end = jnp.where(there, span, left)
             x, v = at(end)
-            if self.stop is None:
-                near = jnp.minimum(near, jnp.where(there, v**2, jnp.inf))
-                v, turned = jnp.where(there, -self.restitution * v, v), touching
-            else:
-                turned = jnp.where(there, 1 - touching, touching)
+            near = jnp.minimum(near, jnp.where(there & rigid, v**2, jnp.inf))
+            v = jnp.where(there & rigid, -self.restitution * v, v)
+            turned = jnp.where(there & ~rigid, 1 - touching, touching)
             touches = touches + jnp.where(there & (touching == 0), 1, 0)
             return (jnp.stack([x, v]), time + end, turned, touches, jnp.minimum(margin, near)), None
 
@@ -158,9 +235,18 @@ def follow(family, state, value, bounds, **options):
     return continue_motion(motions(family, len(state)), (jnp.asarray(state, float), value), bounds, **options)
 
 
-def found(branch):
-    """Labels and values of the events."""
-    return [(event.label, float(event.node.spot.z[-1])) for event in branch.events]
+def labels(branch):
+    """Labels of the events."""
+    return [event.label for event in branch.events]
+
+
+def where(event):
+    return float(event.node.spot.z[-1])
+
+
+def column(points, place):
+    """One of the unknowns at nodes of a branch, or at spots of a curve."""
+    return np.array([getattr(point, "spot", point).z[place] for point in points])
 
 
 def only(branch, label):
@@ -168,9 +254,5 @@ def only(branch, label):
     (event,) = [event for event in branch.events if event.label == label]
     assert event.converged
     assert event.node.label == label
-    assert event.low <= event.node.spot.z[-1] <= event.high
+    assert event.low <= where(event) <= event.high
     return event
-
-
-def where(event):
-    return float(event.node.spot.z[-1])

@@ -1,19 +1,17 @@
 """Events of branches: several within a step, grazings in closed form, corners and gaps."""
 
-import functools
-
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.linalg import expm
 from scipy.optimize import root
 
 from slipperjax.analysis.continuation import continue_motion
 from slipperjax.analysis.curves import Pace, Spot
 from slipperjax.analysis.events import Node, Observation, _located
 
-from .systems import Stopped, follow, found, linear, motions, only, where
+from .systems import Polynomial, Stopped, follow, labels, motions, one_touch, only, where
 
 
 def coupled(p):
@@ -29,8 +27,8 @@ def coupled(p):
 
 def test_events_within_one_step_are_separated():
     branch = follow(coupled, [0.0] * 5, -0.5, (-0.6, 0.6), pace=Pace(first=0.1, most=0.2))
-    assert [label for label, _ in found(branch)] == ["EP", "PD", "PD", "NS", "BP", "EP"]
-    values = [value for _, value in found(branch)[1:-1]]
+    assert labels(branch) == ["EP", "PD", "PD", "NS", "BP", "EP"]
+    values = [where(event) for event in branch.events[1:-1]]
     np.testing.assert_allclose(values, [0.0, 1e-3, 2e-3, 3e-3], rtol=0, atol=1e-10)  # measured: 4e-17
     for event in branch.events:
         assert event.converged
@@ -42,7 +40,7 @@ def twin(p):
 
 def test_coinciding_flips_are_told():
     branch = follow(twin, [0.0, 0.0], -0.5, (-0.6, 0.6))
-    assert [label for label, _ in found(branch)] == ["EP", "PD", "EP"]
+    assert labels(branch) == ["EP", "PD", "EP"]
     event = branch.events[1]
     assert abs(where(event)) < 1e-8
     assert "multipliers jump from -1+0j, -1+0j" in event.note
@@ -62,28 +60,25 @@ def _touches(family, z):
     return family(z[-1]).followed(z[:-1])[1:]
 
 
-def stopped(frequency, gap, **options):
-    """Motions of an oscillator with a stop, the force at which they graze, and a start at six tenths of it."""
-    kind = {name: jnp.asarray(value) for name, value in options.items()}
-    system = Stopped(*map(jnp.asarray, (0.1, frequency, 1.0, gap)), **kind)
-    family = Forces(system)
+def stopped(frequency, gap, upto, stop=np.inf, restitution=0.0):
+    """A branch of an oscillator with a stop, and the force at which it grazes; it begins at six tenths of it."""
+    family = Forces(Stopped(*map(jnp.asarray, (0.1, frequency, 1.0, gap, stop, restitution))))
 
     def observe(spot):
         touches, margin = _touches(family, jnp.asarray(spot.z))
         return Observation((int(touches),), (float(margin),))
 
     grazing = gap * abs(1 - frequency**2 + 0.2j * frequency)
-    state = jnp.stack(eqx.tree_at(lambda s: s.force, system, jnp.asarray(0.6 * grazing)).arc(0.0).steady(0.0))
+    start = jnp.stack(family(jnp.asarray(0.6 * grazing)).arc(0.0).steady(0.0)), 0.6 * grazing
     pace = Pace(first=0.02 * grazing, most=0.2 * grazing)
-    return motions(family, 2), grazing, (state, 0.6 * grazing), observe, pace
+    bounds = 0.3 * grazing, upto * grazing
+    return continue_motion(motions(family, 2), start, bounds, observe=observe, pace=pace), grazing
 
 
 def test_a_grazing_is_located():
     """The free motion has the amplitude force / |1 - w^2 + 2 i d w|, and grazes where this is the gap."""
-    equations, grazing, start, observe, pace = stopped(2.8, 0.1, stop=5.0)
-    branch = continue_motion(equations, start, (0.3 * grazing, 1.2 * grazing), observe=observe, pace=pace)
-    labels = [label for label, _ in found(branch)]
-    assert labels == ["EP", "GR", "PD", "EP"]
+    branch, grazing = stopped(2.8, 0.1, 1.2, stop=5.0)
+    assert labels(branch) == ["EP", "GR", "PD", "EP"]
     event = only(branch, "GR")
     assert event.low <= grazing + 1e-12
     assert grazing - 1e-12 <= event.high
@@ -92,31 +87,19 @@ def test_a_grazing_is_located():
     for node in branch.nodes:
         if not node.label:
             assert node.seen.counts == (int(node.spot.z[-1] > grazing),)
+
     # the flip behind it, from the instants and speeds at the stop
-    exact = root(functools.partial(flipping, 0.1, 2.8, 0.1, 5.0), FLIPPING, tol=1e-14)
+    def flipping(unknowns):
+        missed, through, _ = one_touch(0.1, 2.8, 0.1, 5.0, *unknowns)
+        return np.append(missed, np.linalg.det(through + np.eye(2)))
+
+    exact = root(flipping, (0.726, 0.985, 1.2, 0.09, -0.09), tol=1e-14)
     assert np.abs(exact.fun).max() < 1e-12
     assert abs(where(only(branch, "PD")) - exact.x[0]) < 1e-8  # measured: 4e-15
 
 
-FLIPPING = 0.726, 0.985, 1.2, 0.09, -0.09
-
-
-def flipping(damping, frequency, gap, stop, unknowns):
-    """What a motion with one touch and a multiplier -1 misses, in its force, instants and speeds at the stop."""
-    force, up, down, rising, falling = unknowns
-    period = 2 * np.pi / frequency
-    free, slow = linear(1.0, damping, 0.0, force, frequency)
-    touching, fast = linear(1.0 + stop, damping, stop * gap, force, frequency)
-    at_down = touching(np.array([gap, rising]), up, down - up) - [gap, falling]
-    at_up = free(np.array([gap, falling]), down, up + period - down) - [gap, rising]
-    through = expm((up + period - down) * slow) @ expm((down - up) * fast)
-    return np.concatenate([at_down, at_up, [np.linalg.det(through + np.eye(2))]])
-
-
-@pytest.mark.slow
 def test_a_branch_ends_where_a_rigid_stop_is_grazed():
-    equations, grazing, start, observe, pace = stopped(2.3, 0.1, restitution=0.5)
-    branch = continue_motion(equations, start, (0.3 * grazing, 2 * grazing), observe=observe, pace=pace)
+    branch, grazing = stopped(2.3, 0.1, 2.0, restitution=0.5)
     assert branch.ended == ("bound", "no convergence")
     event = branch.events[-1]
     assert event.label == "MX"
@@ -124,47 +107,43 @@ def test_a_branch_ends_where_a_rigid_stop_is_grazed():
     assert 0 < grazing - where(event) < 1e-5  # measured: 7e-7, the least step
 
 
-def kinked(p):
-    return lambda x, k: jnp.where(x > 0, -0.8, -0.5) * x + p
+class Kinked(eqx.Module):
+    """x -> slope x + p, with one slope below zero and another above."""
+
+    below: jax.Array
+    above: jax.Array
+
+    def __call__(self, p):
+        return lambda x, k: jnp.where(x > 0, self.above, self.below) * x + p
 
 
-def kinked_over(p):
-    return lambda x, k: jnp.where(x > 0, -1.5, -0.5) * x + p
-
-
-def turned(p):
-    return lambda x, k: jnp.where(x > 0, 3.0, 0.5) * x + p
+def kinked(below, above):
+    return Kinked(jnp.asarray(below), jnp.asarray(above))
 
 
 def sides(spot):
     return Observation((int(spot.z[0] > 0),), (abs(float(spot.z[0])),))
 
 
-@pytest.mark.parametrize("family", [kinked, kinked_over])
-def test_a_corner_is_passed_and_located(family):
+@pytest.mark.parametrize("above", [-0.8, -1.5])
+def test_a_corner_is_passed_and_located(above):
+    family, over = kinked(-0.5, above), above < -1
     branch = follow(family, [-1 / 3], -0.5, (-0.6, 0.6), observe=sides)
-    assert [label for label, _ in found(branch)] == ["EP", "GR", "EP"]
+    assert labels(branch) == ["EP", "GR", "EP"]
     event = only(branch, "GR")
     assert abs(where(event)) < 1e-8  # measured: 4e-12
-    assert ("multipliers jump from -0.5+0j to -1.5+0j" in event.note) == (family is kinked_over)
-    slope = 1.8 if family is kinked else 2.5
-    assert abs(branch.nodes[-1].spot.z[0] - 0.6 / slope) < 1e-9
+    assert ("multipliers jump from -0.5+0j to -1.5+0j" in event.note) == over
+    assert abs(branch.nodes[-1].spot.z[0] - 0.6 / (1 - above)) < 1e-9
     # without an observation the jump of the multiplier over -1 is found, and not taken for a flip
     unseen = follow(family, [-1 / 3], -0.5, (-0.6, 0.6))
-    assert [(event.label, event.converged) for event in unseen.events[1:-1]] == [("PD", False)] * (
-        family is kinked_over
-    )
+    assert [(event.label, event.converged) for event in unseen.events[1:-1]] == [("PD", False)] * over
 
 
 def test_a_branch_that_ends_in_a_corner_says_so():
-    branch = follow(turned, [-0.3], -0.15, (-0.6, 0.6), observe=sides)
+    branch = follow(kinked(0.5, 3.0), [-0.3], -0.15, (-0.6, 0.6), observe=sides)
     assert branch.ended == ("bound", "no convergence")
     assert branch.events[-1].label == "MX"
     assert 0 < -where(branch.events[-1]) < 1e-5  # measured: 4e-7
-
-
-def jumping(p):
-    return lambda x, k: jnp.where(p < 1, 0.5, 0.5 + 1e-3) + 0.3 * (x - 0.5)
 
 
 def leaping(p):
@@ -185,8 +164,7 @@ def test_a_branch_does_not_pass_gaps(family, state):
     assert branch.values.max() < 1
 
 
-def counted(p):
-    return lambda x, k: -(1 + p - 0.01005) * x
+COUNTED = Polynomial.of({(1, 0): 0.01005 - 1, (1, 1): -1.0})
 
 
 def thresholds(spot):
@@ -197,9 +175,9 @@ def thresholds(spot):
 
 
 def test_grazings_and_flips_within_one_step_are_separated():
-    branch = follow(counted, [0.0], -0.5, (-0.6, 0.6), observe=thresholds, pace=Pace(first=0.1, most=0.2))
-    assert [label for label, _ in found(branch)] == ["EP", "GR", "PD", "GR", "GR", "EP"]
-    values = [value for _, value in found(branch)[1:-1]]
+    branch = follow(COUNTED, [0.0], -0.5, (-0.6, 0.6), observe=thresholds, pace=Pace(first=0.1, most=0.2))
+    assert labels(branch) == ["EP", "GR", "PD", "GR", "GR", "EP"]
+    values = [where(event) for event in branch.events[1:-1]]
     np.testing.assert_allclose(values, [0.01, 0.01005, 0.0101, 0.0102], rtol=0, atol=1e-8)  # measured: 9e-12
     for event in branch.events:
         assert event.converged

@@ -22,6 +22,9 @@ from slipperjax.flow.course import Course, Courses, Curve
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.stepping import ConstantSteps
 
+from ..common import PERIODS, fine
+from ..common import STEPS as FINE
+
 STEPS = 64
 
 
@@ -46,9 +49,14 @@ def some_course(**curves):
     return Course(sj.paper_scene(), STEPS, **(parts | curves))
 
 
-def value(objective, *courses):
-    kept = jax.tree.map(lambda *a: jnp.stack(a), *(objective.of_course(one) for one in courses))
-    return float(objective.total(kept))
+def values(objectives, *courses):
+    """The numbers of several objectives, by one program."""
+
+    def every(courses):
+        kept = lambda one: jax.tree.map(lambda *a: jnp.stack(a), *map(one.of_course, courses))
+        return jnp.stack([one.total(kept(one)) for one in objectives])
+
+    return np.asarray(jax.jit(every)(courses))
 
 
 def power_mean(order):
@@ -57,55 +65,64 @@ def power_mean(order):
     return (math.exp(beta) / math.pi) ** (1 / order)
 
 
-# the cubics through 64 steps of a sine miss it by 1e-7 of its amplitude
-@pytest.mark.parametrize(
-    ("objective", "expected"),
-    [
-        (PeakForce(), 100.0),
-        (PeakForce("C2"), 100.0),
-        (RMSAcceleration("a_y"), 100 / math.sqrt(2)),
-        (Excursion("roll"), 2e-3),
-        (SoftExcursion("roll", 8), 2e-3 * power_mean(8)),
-        (SoftExcursion("roll", 64), 2e-3 * power_mean(64)),
-        (OBJECTIVES["contact_load"], 20 * 50.0),
-        (OBJECTIVES["contact_work"], 0.0),
-        (OBJECTIVES["drive_force"], 6.0),
-        (OBJECTIVES["impact_impulse"], 50.0 * 8.0 / 1250.0),
-        (OBJECTIVES["grazing_distance"], 0.5e-4),
-        (Functional(lambda c: c.mean(c.drive_force.samples**2), "square", "N^2"), 9 * 4.5),
-    ],
-)
-def test_objectives_of_sines_are_those_in_closed_form(objective, expected):
-    assert value(objective, some_course()) == pytest.approx(expected, rel=3e-6, abs=1e-12)
+SINES = [
+    (PeakForce(), 100.0),
+    (PeakForce("C2"), 100.0),
+    (RMSAcceleration("a_y"), 100 / math.sqrt(2)),
+    (Excursion("roll"), 2e-3),
+    (SoftExcursion("roll", 8), 2e-3 * power_mean(8)),
+    (SoftExcursion("roll", 64), 2e-3 * power_mean(64)),
+    (OBJECTIVES["contact_load"], 20 * 50.0),
+    (OBJECTIVES["contact_work"], 0.0),
+    (OBJECTIVES["drive_force"], 6.0),
+    (OBJECTIVES["impact_impulse"], 50.0 * 8.0 / 1250.0),
+    (OBJECTIVES["grazing_distance"], 0.5e-4),
+    (Functional(lambda c: c.mean(c.drive_force.samples**2), "square", "N^2"), 9 * 4.5),
+]
+
+
+def test_objectives_of_sines_are_those_in_closed_form():
+    objectives, expected = zip(*SINES, strict=True)
+    # the cubics through 64 steps of a sine miss it by 1e-7 of its amplitude
+    np.testing.assert_allclose(values(objectives, some_course()), expected, rtol=3e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("shift", [0.5, -0.5])
+def test_an_excursion_counts_both_sides(shift):
+    found = values(
+        [Excursion("roll"), SoftExcursion("roll")], some_course(coordinates=wave(2e-3, shift, shape=(10,)))
+    )
+    np.testing.assert_allclose(found[0], 3e-3, rtol=3e-6)  # 1 mrad to the other side
+    assert 0.9 < found[1] / found[0] < 1
 
 
 def test_the_greatest_of_several_periods_counts_and_means_are_taken():
     weak, strong = some_course(force=wave(10.0, 1.0, shape=(2, 10))), some_course()
-    assert value(PeakForce(), weak, strong, weak) == pytest.approx(100.0, rel=1e-6)
-    assert value(OBJECTIVES["contact_load"], weak, strong) == pytest.approx(20 * 30.0, rel=1e-9)
-    soft = [value(SoftPeakForce(order=p), weak, strong) for p in (8, 32, 128)]
-    assert value(SoftPeakForce(), strong) > soft[1]  # half of the time it is weaker
+    peak, load, *soft = values([PeakForce(), OBJECTIVES["contact_load"], *map(soft_peak, (32, 128))], weak, strong)
+    assert peak == pytest.approx(100.0, rel=1e-6)
+    assert load == pytest.approx(20 * 30.0, rel=1e-9)
+    assert values([SoftPeakForce()], strong)[0] > soft[0]  # half of the time it is weaker
     # 20 points at once: the sum over them raises it, by 20^(1/p)
-    np.testing.assert_allclose(
-        [s / 20 ** (1 / p) for s, p in zip(soft, (8, 32, 128), strict=True)][-1], 98, rtol=0.03
-    )
+    np.testing.assert_allclose(soft[1] / 20 ** (1 / 128), 98, rtol=0.03)
+
+
+def soft_peak(order):
+    return SoftPeakForce(order=order)
 
 
 def test_without_contact_forces_are_zero_and_have_a_derivative():
-    nothing = wave(0.0, shape=(2, 10))
-    assert value(SoftPeakForce(), some_course(force=nothing)) == 0.0
-    assert value(RMSAcceleration(), some_course(acceleration=wave(0.0, shape=(5,)))) == 0.0
-    for objective in (SoftPeakForce(), RMSAcceleration(), OBJECTIVES["impact_impulse"].smooth):
-        scaled = lambda s, o=objective: value_of_scale(o, s)
-        assert np.isfinite(float(jax.grad(scaled)(0.0))), objective
+    def scaled(scale):
+        less = lambda a: a * scale
+        force, acceleration = (wave(50.0, 1.0, shape=shape) for shape in ((2, 10), (5,)))
+        course = some_course(force=jax.tree.map(less, force), acceleration=jax.tree.map(less, acceleration))
+        kept = lambda one: jax.tree.map(lambda a: a[None], one.of_course(course))
+        objectives = SoftPeakForce(), RMSAcceleration(), OBJECTIVES["impact_impulse"].smooth
+        found = jnp.stack([one.total(kept(one)) for one in objectives])
+        return found, found
 
-
-def value_of_scale(objective, scale):
-    course = some_course(
-        force=jax.tree.map(lambda a: a * scale, wave(50.0, 1.0, shape=(2, 10))),
-        acceleration=jax.tree.map(lambda a: a * scale, wave(50.0, 1.0, shape=(5,))),
-    )
-    return objective.total(jax.tree.map(lambda a: a[None], objective.of_course(course)))
+    slopes, found = jax.jit(jax.jacrev(scaled, has_aux=True))(0.0)
+    np.testing.assert_array_equal(found, 0.0)
+    assert np.all(np.isfinite(slopes)), slopes
 
 
 def test_names_are_those_of_the_table_and_equal_objectives_are_one():
@@ -127,7 +144,7 @@ def test_wrong_choices_are_refused():
         (lambda: RMSAcceleration("a_x"), "Argument `direction` must be one of a_y, a_z"),
         (lambda: Excursion("x"), "Argument `coordinate` must be one of y, z"),
         (lambda: SoftPeakForce(order=0), "Argument `order` must be positive"),
-        (lambda: value(PeakForce("Q7"), some_course()), "Argument `point` must be one of A1, "),
+        (lambda: values([PeakForce("Q7")], some_course()), "Argument `point` must be one of A1, "),
     ]:
         with pytest.raises(ValueError, match=f"^{words}"):
             make()
@@ -136,13 +153,13 @@ def test_wrong_choices_are_refused():
 def test_on_a_motion_they_agree_with_its_loads():
     """Peaks, impulses and impulses' sums of `simulate`, over the same steps and cubics."""
     scene = sj.paper_scene()
-    run = sj.simulate(scene, 3, steps_per_period=100)
+    run = fine(scene)
     asked = PeakForce(), OBJECTIVES["impact_impulse"], OBJECTIVES["contact_load"]
-    step = PeriodMap(scene, ConstantSteps(100))
+    step = PeriodMap(scene, ConstantSteps(FINE))
     recorder = Courses(tuple(one.of_course for one in asked))
     start = jax.tree.map(lambda a: a[0], run.state)
-    kept = sj.jit(lambda: step.run(start, periods=3, recorder=recorder).record)()
+    kept = sj.jit(lambda: step.run(start, periods=PERIODS, recorder=recorder).record)()
     peak, impulse, load = (float(one.total(rows)) for one, rows in zip(asked, kept, strict=True))
     assert peak == pytest.approx(float(run.peak.force), rel=1e-9)
     assert impulse == pytest.approx(float(jnp.max(run.loads.impulse)), rel=1e-9)
-    assert load == pytest.approx(float(jnp.sum(run.loads.impulse) / (3 * scene.period)), rel=1e-9)
+    assert load == pytest.approx(float(jnp.sum(run.loads.impulse) / (PERIODS * scene.period)), rel=1e-9)

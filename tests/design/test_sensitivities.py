@@ -38,11 +38,6 @@ def test_on_an_orbit_derivatives_are_those_of_orbits_found_anew(nominal):
         slope = differences(scene, ["peak_force", "rms_a_z"], name, orbit.state, 1e-5, steps_per_period=STEPS)
         # measured 2e-8 and less; the rest is the difference's own error
         np.testing.assert_allclose(ds["gradient"].sel(parameter=name), slope, rtol=1e-6)
-
-
-@pytest.mark.slow
-def test_the_dataset_says_what_it_holds(nominal):
-    ds = nominal[1]
     assert ds["objective_unit"].values.tolist() == ["N", "m/s^2"]
     assert ds["parameter_unit"].values.tolist() == ["m", "m"]
     assert np.all(ds["gradient_stderr"] == 0)

@@ -12,10 +12,18 @@ from slipperjax.orbits.critical import continue_event, critical_orbit
 from .nominal import SCENE, STEPS
 
 
+def followed(scene=SCENE, bounds=(1050.0, 1270.0), **options):
+    return sj.continue_orbit(scene, "speed", bounds, steps_per_period=STEPS, **options)
+
+
 @pytest.fixture(scope="module")
 def branch():
     """From the nominal orbit down through two grazings and the flip."""
-    return sj.continue_orbit(SCENE, "speed", (1050.0, 1270.0), steps_per_period=STEPS)
+    return followed()
+
+
+def labels(branch):
+    return [event.label for event in branch.events]
 
 
 def test_points_are_orbits_of_their_scenes(branch):
@@ -35,8 +43,7 @@ def test_points_are_orbits_of_their_scenes(branch):
 
 
 def test_the_flip_and_the_grazings_are_located(branch):
-    labels = [event.label for event in branch.events]
-    assert labels == ["EP", "GR", "GR", "PD", "EP"]
+    assert labels(branch) == ["EP", "GR", "GR", "PD", "EP"]
     low, *grazings, flip, _ = branch.events
     assert low.value == 1050.0
     np.testing.assert_allclose(flip.multiplier, -1, atol=1e-8)
@@ -64,13 +71,10 @@ def test_grazings_are_those_of_fine_trajectories(branch):
     place = [f"{name}{end}" for end in (1, 2) for name in SCENE.section.names].index(point)
     gap = np.asarray(branch.orbit(event).trajectory().reactions.gap).reshape(STEPS + 1, -1)
     # the least open gap of that point is where the parabola through its neighbours touches zero; measured: 2e-8 m
-    lows = [
-        k
-        for k in range(1, STEPS)
-        if gap[k, place] <= min(gap[k - 1, place], gap[k + 1, place]) and abs(gap[k, place]) < 1e-4
-    ]
-    low = lows[int(np.argmin(np.abs(gap[lows, place])))]
-    a, b, c = gap[low - 1 : low + 2, place]
+    gap = gap[:, place]
+    lows = 1 + np.flatnonzero((gap[1:-1] <= np.minimum(gap[:-2], gap[2:])) & (np.abs(gap[1:-1]) < 1e-4))
+    low = lows[np.argmin(np.abs(gap[lows]))]
+    a, b, c = gap[low - 1 : low + 2]
     assert abs(b - (a - c) ** 2 / (8 * (a + c - 2 * b))) < 1e-6
 
 
@@ -81,33 +85,31 @@ def test_a_branch_goes_through_a_file_and_on(branch, tmp_path):
     assert "PD" in repr(read)
     wider = read.extended((1045.0, 1270.0))
     assert wider.points["speed"].values[0] == 1045.0
-    assert [event.label for event in wider.events] == ["EP", "GR", "GR", "PD", "EP"]
+    assert labels(wider) == ["EP", "GR", "GR", "PD", "EP"]
     same = wider.points.isel(point=slice(-5, None))
     np.testing.assert_allclose(same["state"], branch.points["state"][-5:], atol=1e-12)
     scene = sj.load_scene(read.points.isel(point=3))
     np.testing.assert_allclose(float(scene.speed), read.points["speed"][3])
 
 
-def test_a_branch_in_two_parts_is_the_same(branch):
-    part = sj.continue_orbit(SCENE, "speed", (1050.0, 1270.0), steps_per_period=STEPS, points=3)
+def test_a_branch_that_ends_early_goes_on(branch, monkeypatch):
+    """After a number of points, after the event that is looked for, and after an interruption."""
+
+    def same(part):
+        whole = part.extended()
+        # measured: equal to the last bit
+        np.testing.assert_allclose(whole.points["speed"], branch.points["speed"], rtol=1e-12)
+        np.testing.assert_allclose(whole.points["state"], branch.points["state"], atol=1e-12)
+
+    part = followed(points=3)
     assert part.points.attrs["ended"] == ["count", "count"]
-    whole = part.extended()
-    # measured: equal to the last bit
-    np.testing.assert_allclose(whole.points["speed"], branch.points["speed"], rtol=1e-12)
-    np.testing.assert_allclose(whole.points["state"], branch.points["state"], atol=1e-12)
-
-
-def test_a_branch_ends_after_the_event_that_is_looked_for(branch):
-    (flip,) = branch.events_named("PD")
-    part = sj.continue_orbit(SCENE, "speed", (1050.0, 1270.0), steps_per_period=STEPS, until=("PD",))
+    same(part)
+    part = followed(until=("PD",))
     assert part.points.attrs["ended"] == ["event", "bound"]
     # what else lies within the last step is kept: here a grazing
-    assert [event.label for event in part.events] == ["GR", "PD", "EP"]
-    assert part.events[1].value == pytest.approx(flip.value, rel=1e-9)
-    np.testing.assert_allclose(part.extended().points["speed"], branch.points["speed"], rtol=1e-12)
-
-
-def test_an_interrupted_branch_goes_on(branch, monkeypatch):
+    assert labels(part) == ["GR", "PD", "EP"]
+    assert part.events[1].value == pytest.approx(branch.events_named("PD")[0].value, rel=1e-9)
+    same(part)
     show, shown = Bar.show, []
 
     def interrupting(self, value):
@@ -118,12 +120,12 @@ def test_an_interrupted_branch_goes_on(branch, monkeypatch):
 
     monkeypatch.setattr(Bar, "show", interrupting)
     with pytest.raises(sj.Interrupted) as stop:
-        sj.continue_orbit(SCENE, "speed", (1050.0, 1270.0), steps_per_period=STEPS)
+        followed()
     part = stop.value.result
     assert "interrupted" in part.points.attrs["ended"]
     assert stop.value.finished == part.points.sizes["point"] < branch.points.sizes["point"]
     assert part.points["speed"].values[-1] < 1270 or part.points["speed"].values[0] > 1050
-    np.testing.assert_allclose(part.extended().points["speed"], branch.points["speed"], rtol=1e-12)
+    same(part)
 
 
 @pytest.mark.slow
@@ -163,18 +165,12 @@ def test_curves_of_the_flip_and_of_a_grazing(branch):
     assert {round(c, 9) for c in clearances[[0, -1]]} == {0.95e-3, 1.05e-3}
     order = np.argsort(clearances)
     np.testing.assert_allclose(np.interp(1e-3, clearances[order], speeds[order]), flip.value, rtol=1e-4)
-    again = sj.continue_orbit(
-        SCENE.replace(clearance=clearances[-1], speed=1150.0), "speed", (1050.0, 1200.0), steps_per_period=STEPS
-    )
+    again = followed(SCENE.replace(clearance=clearances[-1], speed=1150.0), (1050.0, 1200.0))
     # the accepted roughness of the multiplier is 1e-4, about 0.02 m/s
     np.testing.assert_allclose(again.events_named("PD")[0].value, speeds[-1], rtol=1e-4)
     grazing = continue_event(branch, touch, "clearance", (0.99e-3, 1.01e-3))
-    again = sj.continue_orbit(
-        SCENE.replace(clearance=grazing.points["clearance"].values[-1], speed=1150.0),
-        "speed",
-        (1040.0, 1200.0),
-        steps_per_period=STEPS,
-    )
+    clearance = grazing.points["clearance"].values[-1]
+    again = followed(SCENE.replace(clearance=clearance, speed=1150.0), (1040.0, 1200.0))
     nearest = min(abs(event.value - grazing.points["speed"].values[-1]) for event in again.events_named("GR"))
     assert nearest < 1e-3  # measured: 1e-6 m/s
 

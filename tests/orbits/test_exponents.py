@@ -31,12 +31,10 @@ def test_a_periodic_motion_contracts_and_a_lost_one_says_so(nominal):
 @pytest.mark.slow
 def test_all_exponents_and_both_memories_agree():
     """On the same periodic motion both models have the same exponents, within the smooth one's bias."""
+    how = dict(transient=200, periods=200, steps_per_period=200)
     for speed in (1250.0, 1500.0):
-        latched = sj.lyapunov_spectrum(
-            sj.paper_scene(speed=speed), 10, transient=200, periods=200, steps_per_period=200
-        )
-        scene = sj.paper_scene(speed=speed, memory=sj.SmoothSwitch())
-        smooth = sj.lyapunov_spectrum(scene, 10, transient=200, periods=200, steps_per_period=200)
+        latched = sj.lyapunov_spectrum(sj.paper_scene(speed=speed), 10, **how)
+        smooth = sj.lyapunov_spectrum(sj.paper_scene(speed=speed, memory=sj.SmoothSwitch()), 10, **how)
         np.testing.assert_allclose(latched.weighted[0], smooth.weighted[0], atol=3e-3)
 
 
