@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from types import SimpleNamespace
 
 import diffrax
 import matplotlib.image
@@ -15,6 +16,7 @@ from slipperjax.bench import measure as measuring
 from slipperjax.bench.measure import bench, cost_of, errors
 from slipperjax.bench.methods import METHODS, Case, Method, all_cases
 from slipperjax.bench.work_precision import OTHERS, Point, cost_at, draw, draw_all, mbdyn_points, write
+from slipperjax.model.quantities import COORDINATES
 from slipperjax.sweeps.sweep import sweep
 
 from ..common import SCALES
@@ -43,12 +45,6 @@ def test_errors_are_those_of_each_case_and_infinite_where_not_finite():
     np.testing.assert_allclose(errors(states, truth), [1e-3, 2e-3, np.inf])
 
 
-def test_quoted_figures_are_marked():
-    found = mbdyn_points(case.name for case in all_cases())
-    assert len(found) == 6
-    assert all("measured elsewhere" in p.method for p in found)
-
-
 def test_cost_adds_up_the_least_and_the_middle_times_of_the_periods():
     seconds = np.array([[1.0, 9.0], [5.0, 3.0], [2.0, 4.0]])  # three repeats of two periods
     best, median = cost_of(seconds, lanes=2)
@@ -60,6 +56,9 @@ def test_scenes_and_methods_have_names_of_their_own():
     for rows in (all_cases(), METHODS):
         names = [row.name for row in rows]
         assert len(set(names)) == len(names)
+    quoted = mbdyn_points(case.name for case in all_cases())
+    assert len(quoted) == 6
+    assert all("measured elsewhere" in p.method for p in quoted)
 
 
 def test_wrong_names_and_numbers_are_refused_before_anything_is_measured():
@@ -73,7 +72,7 @@ def test_wrong_names_and_numbers_are_refused_before_anything_is_measured():
             bench(**options)
 
 
-# --- table and pictures ---------------------------------------------------------------------------------------------
+# table and pictures
 
 
 def made_points():
@@ -123,20 +122,14 @@ def test_picture_has_few_lines_each_labelled_where_it_is_free():
     plt.close(ax.figure)
 
 
-def test_labels_stay_inside_the_picture():
-    points = [point("diffrax Kvaerno5", 1e-3, 1e5), point("diffrax Kvaerno5", 1e-2, 1e2)]  # the first is at the right
-    ax = draw(points, (241,))
-    ax.figure.draw_without_rendering()
-    box, frame = ax.texts[0].get_window_extent(), ax.get_window_extent()
-    assert all(frame.contains(*corner) for corner in (box.min, box.max))
-    plt.close(ax.figure)
-
-
-def test_picture_takes_what_was_measured():
-    points = [point("ROS4", 1e-2, 10.0, "resting"), point("ROS4", 1e-3, 20.0, "resting")]
+def test_picture_takes_what_was_measured_and_its_labels_stay_inside():
+    points = [point("ROS4", 1e-3, 1e5, "resting"), point("ROS4", 1e-2, 1e2, "resting")]  # the first is at the right
     ax = draw(points, (241,))
     assert ax.get_title("left").startswith("resting: 241")
     assert [text.get_text() for text in ax.texts] == ["ROS4"]
+    ax.figure.draw_without_rendering()
+    box, frame = ax.texts[0].get_window_extent(), ax.get_window_extent()
+    assert all(frame.contains(*corner) for corner in (box.min, box.max))
     plt.close(ax.figure)
 
 
@@ -147,23 +140,34 @@ def test_the_other_picture_has_every_scene_and_method():
     named = [text.get_text() for text in legend.get_texts()]
     assert named == [m.name for m in METHODS] + ["another code", "MBDyn (measured elsewhere)"]
     assert legend.get_title().get_text() == "full: 241 at once, dashed: 1 at once"
-    assert (
-        len(axes.flat[1].lines) == 2 * len(METHODS) + 1
-    )  # two batches, and the other code alone; MBDyn has no such scene
+    # two batches, and the other code alone; MBDyn has no such scene
+    assert len(axes.flat[1].lines) == 2 * len(METHODS) + 1
     plt.close(axes.flat[0].figure)
 
 
-# --- a measurement --------------------------------------------------------------------------------------------------
+# a measurement
 
 
-def test_costs_are_taken_in_rounds_over_all_points(monkeypatch):
-    calls = []
+@pytest.fixture
+def runs(monkeypatch):
+    """Replaces the run of a measurement by `made(setting, speeds)`; the calls that it gets come back."""
 
-    def states(case, method, setting, speeds, workers):
-        calls.append((method.name, setting, len(speeds)))
-        return np.full((len(speeds), case.periods, 10), 1 / setting) * SCALES, np.full(case.periods, 1e-3)
+    def replace(made):
+        calls = []
 
-    monkeypatch.setattr(measuring, "run", states)
+        def run(case, method, setting, speeds, workers):
+            calls.append((method.name, setting, len(speeds)))
+            return made(setting, speeds)
+
+        monkeypatch.setattr(measuring, "run", run)
+        return calls
+
+    return replace
+
+
+def test_costs_are_taken_in_rounds_over_all_points(runs):
+    periods = all_cases()[0].periods
+    calls = runs(lambda k, speeds: (np.full((len(speeds), periods, 10), 1 / k) * SCALES, np.full(periods, 1e-3)))
     options = dict(batches=(3, 1), repeats=2, reference_steps=800, settings=slice(0, 2))
     found = list(measuring.measure(all_cases()[0], METHODS[:2], **options))
     assert [(p.method, p.setting) for p in found] == [(n, f"{k} steps") for n in ("RK4", "Tsit5") for k in (25, 50)]
@@ -173,18 +177,14 @@ def test_costs_are_taken_in_rounds_over_all_points(monkeypatch):
     assert calls == [("RK4", 800.0, 3), *a_round, *a_round, *a_round]
 
 
-def test_an_interrupt_keeps_the_rounds_that_were_timed(monkeypatch):
-    calls = []
-
-    def run(case, method, setting, speeds, workers):
-        calls.append(setting)
+def test_an_interrupt_keeps_the_rounds_that_were_timed(runs):
+    def made(setting, speeds):
         if len(calls) == 5:  # the reference, the errors, and two rounds came before
             raise KeyboardInterrupt
         return np.zeros((len(speeds), 2, 10)), np.array([1.0, 2.0])
 
-    monkeypatch.setattr(measuring, "run", run)
-    options = dict(batches=(8,), repeats=9, settings=slice(0, 1))
-    points = measuring.measure(all_cases()[0], METHODS[:1], **options)
+    calls = runs(made)
+    points = measuring.measure(all_cases()[0], METHODS[:1], batches=(8,), repeats=9, settings=slice(0, 1))
     found = next(points)
     with pytest.raises(KeyboardInterrupt):
         next(points)
@@ -206,17 +206,11 @@ def test_an_interrupted_scene_is_given_before_the_interrupt_is_raised(monkeypatc
         next(found)
 
 
-def test_slow_points_are_repeated_less_often(monkeypatch):
-    taken = []
-
-    def run(case, method, setting, speeds, workers):
-        taken.append(setting)
-        return np.zeros((len(speeds), 2, 10)), np.full(2, setting / 10)  # 5 s and 10 s in all
-
-    monkeypatch.setattr(measuring, "run", run)
+def test_slow_points_are_repeated_less_often(runs):
+    calls = runs(lambda k, speeds: (np.zeros((len(speeds), 2, 10)), np.full(2, k / 10)))  # 5 s and 10 s in all
     options = dict(batches=(8,), repeats=4, settings=slice(0, 2))
     points = list(measuring.measure(all_cases()[0], METHODS[:1], **options))
-    assert taken == [12_800.0, 25.0, 50.0, 25.0, 50.0, 25.0]
+    assert [k for _, k, _ in calls] == [12_800.0, 25.0, 50.0, 25.0, 50.0, 25.0]
     assert [p.cost[8][0] for p in points] == pytest.approx([1e6 * k / 10 / 8 for k in (25, 50)])
 
 
@@ -226,11 +220,8 @@ def newton():
     return Method("Newton", Latching(solver), EventLatch(), (1.0,))
 
 
-def test_methods_that_call_lapack_run_a_sixteenth_of_the_cases(monkeypatch):
-    def run(case, method, setting, speeds, workers):
-        return np.tile(speeds[:, None, None], (1, 2, 10)) * SCALES, np.full(2, 0.8)
-
-    monkeypatch.setattr(measuring, "run", run)
+def test_methods_that_call_lapack_run_a_sixteenth_of_the_cases(runs):
+    runs(lambda k, speeds: (np.tile(speeds[:, None, None], (1, 2, 10)) * SCALES, np.full(2, 0.8)))
     options = dict(batches=(241, 1), repeats=1, settings=slice(0, 1))
     own, stock = measuring.measure(all_cases()[0], [method_named("RK4"), newton()], **options)
     assert own.error == stock.error == 0  # of the same cases
@@ -242,13 +233,9 @@ def test_methods_that_call_lapack_run_a_sixteenth_of_the_cases(monkeypatch):
 def test_chunks_fill_the_threads_and_lapack_gets_one_thread(monkeypatch):
     sizes = []
 
-    class Done:
-        def __init__(self, state):
-            self.state = state
-
     def advance(scenes, states, epoch, stepping, *, solver, periods):
         sizes.append(len(states.motion.y))
-        return Done(states)
+        return SimpleNamespace(state=states)
 
     monkeypatch.setattr(measuring, "advance", advance)
     case = all_cases()[0]._replace(periods=2)
@@ -266,10 +253,10 @@ def test_chunks_fill_the_threads_and_lapack_gets_one_thread(monkeypatch):
 def test_a_run_is_the_sweep_of_the_same_speeds():
     case = Case("short", paper_scene(), 2, table_2_start())
     speeds = np.linspace(1200.0, 1300.0, 9)
-    states, seconds = measuring.run(case, method_named("RK4"), 60.0, speeds, 2)
-    options = dict(record="strobe", transient=0, periods=2, steps_per_period=60)
+    states, seconds = measuring.run(case, method_named("RK4"), 50.0, speeds, 2)
+    options = dict(record="strobe", transient=0, periods=2, steps_per_period=50)
     ds = sweep(paper_scene(), {"speed": speeds}, **options)
-    for k, name in enumerate(("y", "z", "roll", "pitch", "yaw", "v_y", "v_z", "w_x", "w_y", "w_z")):
+    for k, name in enumerate(COORDINATES):
         np.testing.assert_allclose(states[..., k], ds[name].values, atol=1e-9 * SCALES[k])
     assert np.all(seconds > 0)
 

@@ -6,12 +6,13 @@ from types import SimpleNamespace
 import jax
 import pytest
 
-from slipperjax import cli
 from slipperjax.bench import rates
 from slipperjax.bench.rates import ENGINES, Rate, kernels_per_step, rows, throughput
 from slipperjax.model.dang2024 import paper_scene, table_2_start
 from slipperjax.sweeps.grid import Cases
 from slipperjax.sweeps.plan import CHUNK_OF_DEVICE, make_plan
+
+from ..cli.commands import call
 
 PROGRAM = """HloModule jit_run
 
@@ -112,10 +113,8 @@ def of_backend(engine, batch):
 
 def test_the_command_writes_its_table(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(rates, "_timed", of_backend)
-    with pytest.raises(SystemExit) as done:
-        cli.main(["throughput", "--batch", "8", "--engine", "RK4", "--out", str(tmp_path / "rates")])
-    assert not done.value.code
-    assert "| RK4 | 8 |" in capsys.readouterr().out
+    out, _ = call(["throughput", "--batch", 8, "--engine", "RK4", "--out", tmp_path / "rates"], capsys)
+    assert "| RK4 | 8 |" in out
     assert "| RK4 | 8 |" in (tmp_path / "rates.md").read_text()
 
 

@@ -18,6 +18,15 @@ from .commands import TEN, call, error_of
 MAP = ["--over", "speed", 1000, 1600, 5, "--by", "v_y", 0.4, 0.5, 4, *TEN]
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _small_batches():
+    """Eight lanes instead of 128 in each call: the program of `slipperjax bifurcation` in test_cli."""
+    with pytest.MonkeyPatch.context() as patch:
+        for room in ("stores.stored", "explain"):
+            patch.setattr(f"slipperjax.sweeps.{room}.LARGEST_CHUNK", 8)
+        yield
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("stores")

@@ -25,8 +25,7 @@ def test_the_option_is_added_once(monkeypatch):
         assert os.environ["XLA_FLAGS"].startswith("--xla_dump_to=somewhere --xla_backend_extra_options=")
         assert os.environ["XLA_FLAGS"].count(EXTRA) == 1
 
-
-def test_extra_options_that_are_there_stay(monkeypatch):
+    # extra options that are there stay
     given = f"{EXTRA}=xla_cpu_small_while_loop_byte_threshold=1024"
     monkeypatch.setenv("XLA_FLAGS", given)
     loops_in_one_kernel()

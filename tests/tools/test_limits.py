@@ -7,22 +7,16 @@ import slipperjax as sj
 from slipperjax.tools.limits import available_memory, refuse_impossible, shown_bytes, shown_time
 
 
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [
-        (0.2, "0 s"),
-        (59.6, "1 min"),
-        (125.0, "2 min 5 s"),
-        (12_000.0, "3 h 20 min"),
-        (3e5, "3 days 11 h"),
-        (6e8, "19 years"),
-    ],
-)
-def test_durations_in_words(seconds, text):
-    assert shown_time(seconds) == text
-
-
-def test_sizes_in_words():
+def test_durations_and_sizes_in_words():
+    durations = {
+        0.2: "0 s",
+        59.6: "1 min",
+        125: "2 min 5 s",
+        12_000: "3 h 20 min",
+        3e5: "3 days 11 h",
+        6e8: "19 years",
+    }
+    assert {seconds: shown_time(seconds) for seconds in durations} == durations
     assert [shown_bytes(x) for x in (999.0, 2.5e9, 8e12, 3e18)] == ["999 B", "2.5 GB", "8 TB", "3e+03 PB"]
 
 
@@ -39,23 +33,16 @@ def test_memory_and_time_decide(monkeypatch):
     refuse_impossible("Two cases", 1e30, 3600.0)
 
 
-def test_memory_is_known_here():
-    found = available_memory()
-    assert found is not None
-    assert 1e7 < found < 1e16
-
-
-@pytest.mark.parametrize(
-    "run",
-    [
-        lambda scene: sj.sweep(scene, dict.fromkeys(("v_y", "v_z", "w_x"), np.linspace(0.5, 1, 10**4))),
-        lambda scene: sj.sweep(scene, {"speed": [1e3]}, periods=10**12),
-        lambda scene: sj.sweep(scene, {"speed": [1e3]}, record="strobe", transient=10**14),  # in time alone
-        lambda scene: sj.follow(scene, {"speed": [1e3]}, transient=10**12),
-        lambda scene: sj.lyapunov_sweep(scene, {"speed": [1e3]}, periods=10**12),
-        lambda scene: sj.simulate(scene, 10**10),
-    ],
-)
-def test_runs_are_refused_before_anything_is_allocated(run):
-    with pytest.raises(ValueError, match=r"need about .*B of memory and .*(are available|more than a year)"):
-        run(sj.paper_scene())
+def test_runs_are_refused_before_anything_is_allocated():
+    assert 1e7 < available_memory() < 1e16
+    scene, speed = sj.paper_scene(), {"speed": [1e3]}
+    for run in (
+        lambda: sj.sweep(scene, dict.fromkeys(("v_y", "v_z", "w_x"), np.linspace(0.5, 1, 10**4))),
+        lambda: sj.sweep(scene, speed, periods=10**12),
+        lambda: sj.sweep(scene, speed, record="strobe", transient=10**14),  # in time alone
+        lambda: sj.follow(scene, speed, transient=10**12),
+        lambda: sj.lyapunov_sweep(scene, speed, periods=10**12),
+        lambda: sj.simulate(scene, 10**10),
+    ):
+        with pytest.raises(ValueError, match=r"need about .*B of memory and .*(are available|more than a year)"):
+            run()
