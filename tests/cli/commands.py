@@ -12,7 +12,7 @@ from ..common import DATA
 
 BRANCH = DATA / "branch.nc"
 """A branch of orbits over 1090 to 1110 m/s, of 100 steps per period, with a flip at 1095.9 m/s."""
-TEN = ["--transient", 10, "--periods", 10, "--steps-per-period", 50]
+TEN = ["--transient", 10, "--periods", 10, "--steps-per-period", 100]
 """Options of short runs over speed, which share their programs with tests/sweeps."""
 DPI = 300
 

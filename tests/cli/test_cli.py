@@ -156,7 +156,7 @@ def test_a_trajectory_is_written_drawn_and_repeated(file, tmp_path, capsys):
 def test_sections_are_written_drawn_and_repeated_in_a_new_folder(file, tmp_path, capsys):
     out = tmp_path / "deep" / "fig"
     text, _ = call(["bifurcation", "--over", "speed", 900, 1000, 2, *file, *TEN, "--out", out], capsys)
-    assert "2 cases, 10 + 10 periods, 50 steps per period: " in text
+    assert "2 cases, 10 + 10 periods, 100 steps per period: " in text
     assert text.endswith(" s with compiling; 0 cases flagged\n")
     assert check_repeated(out)["speed"].values.tolist() == [900, 1000]
     assert sj.load_start(f"{out}.nc").v_y == 0.3
@@ -164,10 +164,10 @@ def test_sections_are_written_drawn_and_repeated_in_a_new_folder(file, tmp_path,
     assert share(picture(out, 3.5, 7.9), COLORS["blue"]) > 0
 
 
-def test_exponents_are_written_drawn_and_repeated(file, tmp_path, capsys):
+def test_exponents_are_written_drawn_and_repeated(tmp_path, capsys):
     out = tmp_path / "exponents"
     how = ["--transient", 200, "--periods", 60, "--no-certify", "--steps-per-period", 50]  # as in tests/sweeps
-    text, _ = call(["lyapunov", "--over", "speed", 1250, 1500, 2, *how, *file, "--out", out], capsys)
+    text, _ = call(["lyapunov", "--over", "speed", 1250, 1500, 2, *how, "--out", out], capsys)
     ds = check_repeated(out)
     assert "resolved" not in ds
     kinds, counts = np.unique(ds["regime"].values, return_counts=True)

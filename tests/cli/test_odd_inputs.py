@@ -25,7 +25,7 @@ PLAY = np.full(5, 5e-4)
 FACES = (("J", "A"), ("B", "C"), ("D", "E"), ("F", "G"), ("H", "I"))
 REST = sj.Motion()
 AT = {"speed": [1250.0]}
-SHORT = dict(transient=0, periods=10, steps_per_period=50)
+SHORT = dict(transient=0, periods=10, steps_per_period=100)
 """Options of short runs, which share their programs with test_cli."""
 
 
@@ -111,7 +111,7 @@ ERRORS = [
     refused("`count` must be at most 10", spectrum, count=11),
     refused("`steps_per_period` must be a whole number", sweep, steps_per_period=[50.0]),
     refused("`steps_per_period` must be one number or one for each case", sweep, steps_per_period=[50, 50]),
-    refused("`saves_per_period` must divide steps_per_period = 50", sweep, record="history", saves_per_period=7),
+    refused("`saves_per_period` must divide steps_per_period = 100", sweep, record="history", saves_per_period=7),
     # parameters of the scene
     refused("`speed` must be positive, but is None", sj.paper_scene, speed=None),
     refused("`speed` must be positive, but is True", sj.paper_scene, speed=True),

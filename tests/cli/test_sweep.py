@@ -47,7 +47,7 @@ def test_a_map_is_stored_and_drawn(stored, capsys):
     assert ds["start_v_y"].values == pytest.approx(np.linspace(0.4, 0.5, 4))
     assert matplotlib.image.imread(stored.with_suffix(".png")).shape[0] > 500
     out, error = call(["sweep", *MAP, "--store", stored], capsys)  # nothing is left to do, in tiles as they are
-    assert "20 cases, 10 + 10 periods, 50 steps per period" in out
+    assert "20 cases, 10 + 10 periods, 100 steps per period" in out
     assert "0 cases flagged" in out
     assert "map.png will be replaced" in error
 
