@@ -71,6 +71,13 @@ def test_options_override_the_scene_s_file(tmp_path):
     assert case.options == dict(start=case.start, solver=case.solver, steps_per_period=70)
 
 
+def test_solvers_are_found_by_name():
+    solver = lambda name: make_case(**NOTHING | {"solver": name}).solver
+    assert isinstance(solver("Rodas4"), sj.Rodas4)
+    assert type(solver("Tsit5")) is sj.Tsit5  # the one that latches, not diffrax's
+    assert type(solver("Dopri8").solver).__module__.startswith("diffrax")  # inside Latching
+
+
 def test_defaults_are_the_paper_s(replaced, tmp_path, capsys):
     simulate = replaced("flow.simulate.simulate", side_effect=ValueError("seen"))
     out, error = call(["simulate", "--out", tmp_path / "run"], capsys, 2)

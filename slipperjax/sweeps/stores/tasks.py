@@ -1,6 +1,5 @@
-"""Tiles as tasks: computed here on threads, or by the workers of an executor, and written by who computed them."""
+"""Tiles as tasks: computed on threads or by the workers of an executor, such as processes with their own cores."""
 
-import contextlib
 import importlib
 import multiprocessing
 import os
@@ -9,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
@@ -208,7 +207,7 @@ def _begin(counter, groups: list[list[int]], folder: str | None) -> None:
         number = counter.value
         counter.value += 1
     if groups:
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             os.sched_setaffinity(0, groups[number % len(groups)])
     if folder is None:
         compile_cache()
