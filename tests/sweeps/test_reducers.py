@@ -1,5 +1,6 @@
 """Reducers: each against histories with all steps; the same numbers whatever the chunks; labels, statuses, errors."""
 
+import functools
 import json
 
 import numpy as np
@@ -20,7 +21,7 @@ from slipperjax.sweeps.plan import make_plan
 from slipperjax.sweeps.reducers import REDUCERS, LargestExponent, MotionKind, Motions, resolved_record
 from slipperjax.sweeps.repeat import repeat
 
-PERIODS, STEPS, MOST = 40, 50, 20
+PERIODS, STEPS, MOST = 20, 50, 8  # all of them in the programs of test_sweep, but those of reducers
 LINES = (0, 0.5, 1, 2)
 RECORD = [
     *(name for name in REDUCERS if name not in ("sections", "exponent")),
@@ -29,33 +30,36 @@ RECORD = [
     SpectrumLines("v_z", LINES),
     SpectrumLines("a_z", (1,)),
 ]
-CASES = {
-    # the last but one never touches anything, the last is lost at its first contact
-    "speed": np.array([1250.0, 1000.0, 1500.0, 900.0, 1250.0, 1e-3]),
-    "clearance": np.array([1e-3, 1e-3, 2e-3, 1e-3, 400.0, 1e-3]),
-}
-OPTIONS = dict(product=False, transient=30, periods=PERIODS, chunk=8)
-GOOD = slice(0, 4)
+# the first begins on its orbit, the last is lost at its first contact
+CASES = {"speed": np.array([1250.0, 1000.0, 1500.0, 900.0, 1e-3])}
+SEVERAL = np.array([50, 50, 50, 100, 50])  # the programs have room for more steps than most of the cases take
+OPTIONS = dict(product=False, transient=0, periods=PERIODS, chunk=8)
 pytestmark = pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # on purpose
 
 
-def swept(record, grid=CASES, steps=STEPS, **options):
-    return sj.sweep(sj.paper_scene(), grid, record=record, steps_per_period=steps, **OPTIONS | options)
+@functools.cache
+def settled():
+    """A state near the orbit at 1250 m/s, by the program of test_sweep."""
+    end = None
+    for _ in range(20):
+        end = sj.simulate(sj.paper_scene(), 20, steps_per_period=STEPS, start=end)
+    return end.end
+
+
+def swept(record, grid=CASES, steps=STEPS, clearance=1e-3, **options):
+    options = OPTIONS | dict(start=settled(), steps_per_period=steps) | options
+    return sj.sweep(sj.paper_scene(clearance=clearance), grid, record=record, **options)
 
 
 @pytest.fixture(scope="module")
 def reduced():
-    """By a program that has room for more steps than most of its cases take."""
-    steps = np.full(len(CASES["speed"]), STEPS)
-    steps[3] = 2 * STEPS
-    return swept(RECORD, steps=steps)
+    return swept(RECORD, steps=SEVERAL)
 
 
 @pytest.fixture(scope="module")
-def history(reduced):
+def history():
     """Every step of all cases but the fourth; of that every other one."""
-    steps = reduced["steps_per_period"].values
-    return swept("history", steps=steps, saves_per_period=STEPS)
+    return swept("history", steps=SEVERAL, saves_per_period=STEPS)
 
 
 def all_steps(ds):
@@ -64,13 +68,20 @@ def all_steps(ds):
 
 
 def test_loads_and_statuses_are_those_of_a_history(reduced, history):
-    assert history["status"].values.tolist() == [0, 0, 0, 0, Status.NO_CONTACT, Status.NOT_FINITE]
-    np.testing.assert_array_equal(reduced["status"].values, history["status"].values)
-    np.testing.assert_array_equal(reduced["steps_per_period"].values, history["steps_per_period"].values)
-    for name in LOADS:
-        assert reduced[name].attrs == history[name].attrs
-        # measured 6e-16: sums are taken in another order
-        np.testing.assert_allclose(reduced[name].values, history[name].values, rtol=1e-13, atol=1e-15, err_msg=name)
+    wide = dict(clearance=400.0, grid={"speed": [1250.0, 1000.0]}, steps=SEVERAL[2:4], start=None)
+    free = swept(RECORD, **wide), swept("history", saves_per_period=STEPS, **wide)
+    for (found, exact), status in (
+        ((reduced, history), [0, 0, 0, 0, Status.NOT_FINITE]),
+        (free, [Status.NO_CONTACT] * 2),
+    ):
+        assert found["status"].values.tolist() == exact["status"].values.tolist() == status
+        np.testing.assert_array_equal(found["steps_per_period"].values, exact["steps_per_period"].values)
+        for name in LOADS:
+            assert found[name].attrs == exact[name].attrs
+            # measured 6e-16: sums are taken in another order
+            np.testing.assert_allclose(found[name].values, exact[name].values, rtol=1e-13, atol=1e-15, err_msg=name)
+    assert set(free[0]["kind"].values) == {"unresolved"}
+    assert np.all(free[0]["contact_force_percentile"].values == 0)
 
 
 def test_rms_of_accelerations(reduced, history):
@@ -93,9 +104,7 @@ def test_percentiles_are_near_those_of_all_samples(reduced, history):
     print(f"\n{there.sum()} percentiles: off by {apart.max():.2%} at most, {np.median(apart):.2%} in the median")
     assert apart.max() < 1 / 32  # the width of a class; measured 0.015
     assert np.median(apart) < 0.006  # measured 0.003
-    lost = reduced["contact_force_percentile"].values[reduced["status"].values == Status.NOT_FINITE]
-    assert np.isnan(lost).all()
-    assert np.all(reduced["contact_force_percentile"].isel(case=4).values == 0)
+    assert np.isnan(reduced["contact_force_percentile"].values[4]).all()
 
 
 def test_spectrum_lines_are_those_of_the_discrete_transform(reduced, history):
@@ -122,30 +131,31 @@ def test_extremes_are_those_of_the_samples_or_little_beyond(reduced, history):
             assert np.all((beyond >= -1e-12) & (beyond < 0.02 * size)), name  # measured 8e-3
 
 
-@pytest.fixture(scope="module")
-def sections():
-    return swept("sections", steps=np.where(np.arange(6) == 3, 2, 1) * STEPS)
-
-
-def test_section_points_are_the_first_and_dropped_ones_are_counted(reduced, sections):
+def test_section_points_are_the_first_and_dropped_ones_are_counted(reduced):
+    parts = [swept("sections", steps=SEVERAL, transient=n, periods=10) for n in (0, 10)]
     for name in SECTIONS:
-        given = sections.isel(case=GOOD)
-        exact, time = given[name].values, given[f"{name}_period"].values
-        count = reduced.isel(case=GOOD)[f"crossings_{name}"].values
-        np.testing.assert_array_equal(count, np.sum(~np.isnan(exact), axis=1))
-        assert np.any(count > MOST)
-        for found, kept in ((reduced[name], exact), (reduced[f"{name}_period"], time)):
+        seen = [np.concatenate([ds[n].values[:4] for ds in parts], axis=1) for n in (name, f"{name}_period")]
+        there = ~np.isnan(seen[0])
+        np.testing.assert_array_equal(reduced[f"crossings_{name}"].values[:4], there.sum(axis=1))
+        assert np.any(there.sum(axis=1) > MOST)
+        for found, all_of_them in zip((reduced[name], reduced[f"{name}_period"]), seen, strict=True):
             assert found.sizes["crossing"] == MOST
-            # measured 2e-16
-            np.testing.assert_allclose(found.values[GOOD], kept[:, :MOST], rtol=1e-12, atol=1e-12)
-    np.testing.assert_array_equal(reduced["strobe"].values[GOOD], sections["strobe"].values[GOOD, -PERIODS:])
+            for case in range(4):
+                exact = all_of_them[case][there[case]][:MOST]
+                # measured 2e-16
+                np.testing.assert_allclose(found.values[case, : len(exact)], exact, rtol=1e-12, atol=1e-12)
+                assert np.isnan(found.values[case, len(exact) :]).all()
+    strobe, exact = reduced["strobe"].values[:4], parts[1]["strobe"].values[:4]
+    np.testing.assert_array_equal(strobe[:, :10], parts[0]["strobe"].values[:4])
+    # the first ten periods of these are another program's; measured 7e-13
+    np.testing.assert_allclose(strobe, exact, rtol=1e-11, atol=1e-14)
 
 
 def test_motions_are_those_of_the_strobe_states(reduced):
     exact = attractors(reduced)
     np.testing.assert_array_equal(reduced["kind"].values, exact.kind)
     np.testing.assert_array_equal(reduced["period"].values, exact.period)
-    assert set(reduced["kind"].values[4:]) == {"unresolved"}
+    assert reduced["kind"].values.tolist() == ["period"] + ["unresolved"] * 4
     with pytest.raises(ValueError, match=r"`periods` must be 16 or more to classify motions, 200 or .* but is 15"):
         swept(["rms", "motion"], periods=15)
 
@@ -153,19 +163,10 @@ def test_motions_are_those_of_the_strobe_states(reduced):
 @pytest.mark.slow
 def test_the_exponent_is_that_of_a_measurement_from_there():
     reduced = swept(["exponent", "rms"])
-    # without loads nobody knows that the fifth case has no contacts
-    assert reduced["status"].values.tolist() == [0, 0, 0, 0, 0, Status.NOT_FINITE]
-    exact = lyapunov_sweep(
-        sj.paper_scene(),
-        {name: values[:2] for name, values in CASES.items()},
-        product=False,
-        transient=OPTIONS["transient"] + PERIODS,
-        periods=PERIODS,
-        certify=False,
-        orbits=False,
-        steps_per_period=STEPS,
-        chunk=8,
-    )
+    assert reduced["status"].values.tolist() == [0, 0, 0, 0, Status.NOT_FINITE]
+    options = dict(product=False, transient=PERIODS, periods=PERIODS, certify=False, orbits=False, chunk=8)
+    grid = {name: values[:2] for name, values in CASES.items()}
+    exact = lyapunov_sweep(sj.paper_scene(), grid, steps_per_period=STEPS, start=settled(), **options)
     # measured 1e-9: rounding, which chaos and grazings enlarge
     np.testing.assert_allclose(reduced["exponent"].values[:2], exact["exponent"].values[:, 0], rtol=1e-6)
     np.testing.assert_allclose(reduced["exponent_stderr"].values[:2], exact["stderr"].values[:, 0], rtol=1e-6)
@@ -188,7 +189,7 @@ def test_everything_is_labelled_and_can_be_run_again(reduced, tmp_path):
 def test_numbers_do_not_depend_on_neighbours(reduced):
     """The same compiled program, with the cases in another order."""
     turned = {name: values[::-1] for name, values in CASES.items()}
-    other = swept(RECORD, turned, steps=reduced["steps_per_period"].values[::-1])
+    other = swept(RECORD, turned, steps=SEVERAL[::-1])
     for name in reduced.data_vars:
         np.testing.assert_array_equal(other[name].values[::-1], reduced[name].values, err_msg=name)
 

@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
+import equinox as eqx
 import numpy as np
 import pytest
 import xarray as xr
@@ -73,8 +74,10 @@ def test_a_store_holds_what_the_sweep_gives(tmp_path):
         assert found[name].attrs == variable.attrs, name
     assert "seconds" in found.coords
     assert found.attrs == plain.attrs
-    assert float(sj.load_scene(found.isel(speed=3, clearance=4)).speed) == found["speed"].values[3]
-    assert float(sj.load_scene(tmp_path / "map.zarr", speed=1000.0, clearance=0.5e-3).speed) == 1000.0
+    one, values = sj.load_scene(found.isel(speed=3, clearance=4)), {n: ax.values for n, ax in found.coords.items()}
+    assert eqx.tree_equal(one, sj.paper_scene(values["speed"][3], values["clearance"][4]))
+    one = sj.load_scene(tmp_path / "map.zarr", speed=1000.0, clearance=0.5e-3)
+    assert eqx.tree_equal(one, sj.paper_scene(1000.0, 0.5e-3))
 
 
 def test_the_lists_of_a_grid_are_read_side_by_side(tmp_path):
