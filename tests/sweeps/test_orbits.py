@@ -1,5 +1,6 @@
 """Periodic orbits of a grid as one batch."""
 
+import equinox as eqx
 import jax
 import numpy as np
 import pytest
@@ -8,43 +9,53 @@ import slipperjax as sj
 from slipperjax.flow.status import Status
 from slipperjax.sweeps.maps import rows_of, states_of
 
-SCENE = sj.paper_scene()
+from ..common import columns
+
+SCENE, STEPS = sj.paper_scene(), 50
 GRID = {"speed": [1150.0, 1250.0, 1500.0, 2300.0]}
 
 
 @pytest.fixture(scope="module")
 def found():
-    return sj.orbit_sweep(SCENE, GRID, steps_per_period=100, max_iterations=25)
+    return sj.orbit_sweep(SCENE, GRID, steps_per_period=STEPS, max_iterations=25)
 
 
-def test_cases_have_the_orbits_of_single_scenes(found):
-    for speed in GRID["speed"][:3]:
-        case = found.sel(speed=speed)
-        single = sj.periodic_orbit(SCENE.replace(speed=speed), steps_per_period=100)
-        assert int(case["status"]) == Status.FINITE
-        assert float(case["residual"]) < 1e-10
-        np.testing.assert_allclose(case["strobe"].sel(coordinate="v_y"), float(single.state.motion.v_y), atol=1e-8)
-        # measured: 3e-9
-        np.testing.assert_allclose(float(case["exponent"]), float(single.exponent), atol=1e-7)
-        assert bool(case["stable"]) == single.stable
+def strobe(scene, state, calls):
+    """Coordinates once per period, by calls of the program of test_sweep."""
+    rows = []
+    for _ in range(calls):
+        run = sj.simulate(scene, 20, steps_per_period=STEPS, start=state)
+        rows, state = [*rows, columns(run)[STEPS::STEPS]], run.end
+    return np.concatenate(rows)
 
 
-def test_a_case_without_an_orbit_is_marked(found):
-    case = found.sel(speed=2300.0)
-    single = sj.periodic_orbit(SCENE.replace(speed=2300.0), steps_per_period=100, transient=60)
-    if int(case["status"]) == Status.FINITE:  # an unstable one, found from a chaotic motion
-        assert not bool(case["stable"])
-    else:
-        assert int(case["status"]) == Status.NO_ORBIT
-        assert np.isnan(case["exponent"])
-    assert int(single.status) in (Status.FINITE, Status.NO_ORBIT)
+@pytest.mark.parametrize("speed", GRID["speed"][:3])
+def test_orbits_recur_and_neighbours_approach_as_their_multipliers_say(found, speed):
+    case, scene = found.sel(speed=speed), SCENE.replace(speed=speed)
+    assert (int(case["status"]), bool(case["stable"])) == (Status.FINITE, True)
+    assert float(case["residual"]) < 1e-10
+    state = states_of(case["state"].values[None], sj.initial_state(scene, sj.Motion()))
+    state = jax.tree.map(lambda a: a[0], state)
+    orbit = case["strobe"].values
+    # measured: 1e-13
+    np.testing.assert_allclose(strobe(scene, state, 1), np.tile(orbit, (20, 1)), atol=1e-10)
+    near = eqx.tree_at(lambda s: s.motion.v_y, state, state.motion.v_y + 1e-4)
+    apart = (strobe(scene, near, 5) - orbit)[80:98]
+    # with a complex pair of multipliers mu, x'' = 2 Re(mu) x' - |mu|^2 x; others have died out
+    pair = np.stack([apart[1:-1].ravel(), apart[:-2].ravel()], axis=1)
+    size = -np.linalg.lstsq(pair, apart[2:].ravel(), rcond=None)[0][1]
+    # measured: 6e-8
+    np.testing.assert_allclose(float(case["exponent"]), np.log(size) / 2, atol=1e-7)
 
 
-def test_few_iterations_are_not_enough():
-    ds = sj.orbit_sweep(SCENE, {"speed": [1250.0]}, steps_per_period=100, max_iterations=1)
-    assert int(ds["status"][0]) == Status.NO_ORBIT
-    assert np.isnan(ds["multiplier_real"]).all()
-    assert not bool(ds["stable"][0])
+def test_cases_without_a_stable_orbit_are_marked(found):
+    unstable = found.sel(speed=2300.0)  # found from a chaotic motion
+    assert (int(unstable["status"]), bool(unstable["stable"])) == (Status.FINITE, False)
+    assert float(unstable["exponent"]) > 0
+    few = sj.orbit_sweep(SCENE, {"speed": [1250.0]}, steps_per_period=STEPS, max_iterations=1)
+    assert (int(few["status"][0]), bool(few["stable"][0])) == (Status.NO_ORBIT, False)
+    assert np.isnan(few["multiplier_real"]).all()
+    assert np.isnan(few["exponent"]).all()
 
 
 def test_a_result_is_computed_again_to_the_same_bits(found):
