@@ -37,26 +37,28 @@ def whole(tmp_path_factory):
     return files(path)
 
 
+@pytest.fixture
+def stored(tmp_path, whole):
+    """The path of such a store."""
+    for name, content in whole.items():
+        (tmp_path / "map.zarr" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "map.zarr" / name).write_bytes(content)
+    return tmp_path / "map.zarr"
+
+
 CHECKED = os.pathsep.join(
     filter(None, [str(ROOT / "tests" / "checked"), str(ROOT), os.environ.get("PYTHONPATH", "")])
 )
 """Python's path of processes in which shapes and types of stores are checked."""
 
 
-def process(path, pause, *more):
+def process(path, pause):
     """A process that computes the store, once it has begun."""
     options = dict(cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     options["env"] = os.environ | {"PAUSE": str(pause), "PYTHONPATH": CHECKED}
-    command = [sys.executable, "-m", "tests.sweeps.made_up", str(path), *more]
-    found = subprocess.Popen(command, **options)
+    found = subprocess.Popen([sys.executable, "-m", "tests.sweeps.made_up", str(path)], **options)
     assert found.stdout.readline() == "ready\n", found.stderr.read()
     return found
-
-
-def ended(one) -> str:
-    """Waits for a process, and gives what it said on its way."""
-    with one:
-        return one.communicate()[1]
 
 
 # what a store holds
@@ -82,8 +84,7 @@ def test_a_store_holds_what_the_sweep_gives(tmp_path):
 
 def test_the_lists_of_a_grid_are_read_side_by_side(tmp_path):
     rng = np.random.default_rng(1)
-    lists = {"speed": rng.uniform(500, 600, 23), "start_y": None, "clearance": rng.uniform(1e-3, 2e-3, 23)}
-    lists = {name: values for name, values in lists.items() if values is not None}
+    lists = {"speed": rng.uniform(500, 600, 23), "clearance": rng.uniform(1e-3, 2e-3, 23)}
     steps = rng.integers(1, 9, 23) * 50
     how = dict(product=False, steps_per_period=steps)
     plain = made_up.made_up(sj.paper_scene(), lists, **how)
@@ -138,37 +139,25 @@ def test_stores_of_processes_hold_what_functions_give(tmp_path, function, how):
 # cut short, and gone on with
 
 
-def test_a_killed_sweep_goes_on_to_the_same_bytes(tmp_path, whole):
+def test_two_processes_cannot_write_to_one_store_and_a_killed_one_is_gone_on_with(tmp_path, whole):
     path = tmp_path / "map.zarr"
-    with process(path, 0.05) as one:
+    with process(path, 0.2) as one:
         while not path.exists() or store_status(path).tiles_done < 3:
             time.sleep(0.01)
+        with pytest.raises(StoreInUse, match=r"Another process writes to map\.zarr"):
+            call(path)
+        assert xr.open_zarr(path, consolidated=False, chunks=None).sizes["speed"] == 12  # but read it
         one.kill()
         assert one.wait() != 0
-        one.communicate()
     assert 3 <= store_status(path).tiles_done < 12
-    call(path)
+    call(path)  # a lock ends with its process
     assert files(path) == whole
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_kills_at_any_instant_change_no_byte(tmp_path, whole, seed):
-    path, rng, kills = tmp_path / "map.zarr", random.Random(seed), 0
-    for _ in range(3):
-        with process(path, 0.02) as one:
-            time.sleep(rng.uniform(0.0, 0.5))
-            one.kill()
-            kills += one.wait() != 0
-            one.communicate()
-    assert kills > 0
-    call(path)
-    assert files(path) == whole
+    assert not list(tmp_path.glob("*.lock"))
 
 
 @pytest.mark.slow
 def test_twenty_kills_change_no_byte(tmp_path):
-    """As above, of a sweep that computes, at 20 random instants."""
+    """At random instants of a sweep that computes."""
     script = (
         "import numpy as np, slipperjax as sj, sys\n"
         "sj.compile_cache(sys.argv[2])\n"
@@ -177,32 +166,33 @@ def test_twenty_kills_change_no_byte(tmp_path):
         "how = dict(transient=100, periods=5, steps_per_period=50, chunk=64)\n"
         "sj.sweep(sj.paper_scene(), grid, store=sj.Store(sys.argv[1], tile=120), **how)\n"
     )
-    cache, rng = str(tmp_path / "cache"), random.Random(4)
-    run = lambda name: subprocess.Popen(
-        [sys.executable, "-c", script, str(tmp_path / name), cache], stdout=-1, text=1
-    )
-    for _ in range(2):  # the second time is without compiling
-        (tmp_path / "whole.zarr").exists() and __import__("shutil").rmtree(tmp_path / "whole.zarr")
-        with run("whole.zarr") as one:
+    path, rng, states = tmp_path / "map.zarr", random.Random(4), []
+
+    def run(after=None):
+        """Kills it after some seconds; gives how long it took."""
+        command = [sys.executable, "-c", script, str(path), str(tmp_path / "cache")]
+        with subprocess.Popen(command, stdout=-1, text=1) as one:
             one.stdout.readline()
             begin = time.monotonic()
-            assert one.wait() == 0
-            lasts = time.monotonic() - begin
-    states = []
+            if after is not None:
+                time.sleep(after)
+                one.kill()
+            assert one.wait() == 0 or after is not None
+        return time.monotonic() - begin
+
+    run()
+    shutil.rmtree(path)
+    lasts = run()  # without compiling
+    whole = files(path)
     for _ in range(20):
-        with run("map.zarr") as one:
-            one.stdout.readline()
-            time.sleep(rng.uniform(0.3, 1.0) * lasts)  # before, it loads its programs
-            one.kill()
-        if (tmp_path / "map.zarr").exists():
-            states.append(store_status(tmp_path / "map.zarr").tiles_done)
-            if states[-1] == 20:  # and once more from the beginning
-                shutil.rmtree(tmp_path / "map.zarr")
-    with run("map.zarr") as one:
-        assert one.wait() == 0
+        if path.exists() and store_status(path).tiles_done == 20:  # once more from the beginning
+            shutil.rmtree(path)
+        run(rng.uniform(0.0, 1.0) * lasts)
+        states.append(store_status(path).tiles_done if path.exists() else 0)
+    run()
     print(f"tiles of 20 after each kill: {states}")
     assert len(set(states)) > 3
-    assert files(tmp_path / "map.zarr") == files(tmp_path / "whole.zarr")
+    assert files(path) == whole
 
 
 def test_ctrl_c_leaves_a_store_that_can_be_read(tmp_path, whole, monkeypatch):
@@ -232,13 +222,11 @@ def test_ctrl_c_leaves_a_store_that_can_be_read(tmp_path, whole, monkeypatch):
     assert files(path) == whole
 
 
-def test_what_is_stored_is_not_computed_again(tmp_path, monkeypatch):
-    path = tmp_path / "map.zarr"
-    call(path)
-    before = {file: file.stat().st_mtime_ns for file in path.rglob("*")}
-    check_store(path)
-    next(path.glob("status/c/4/0")).unlink()
-    call(path)
+def test_what_is_stored_is_not_computed_again(stored):
+    before = {file: file.stat().st_mtime_ns for file in stored.rglob("*")}
+    assert check_store(stored) == []
+    next(stored.glob("status/c/4/0")).unlink()
+    call(stored)
     changed = {file.parent.name for file in before if file.is_file() and file.stat().st_mtime_ns != before[file]}
     assert changed == {"4", "0"}  # the fifth tile of every variable
 
@@ -246,9 +234,8 @@ def test_what_is_stored_is_not_computed_again(tmp_path, monkeypatch):
 # other calls, and other processes
 
 
-def test_another_call_is_refused_with_the_difference(tmp_path, whole):
-    path = tmp_path / "map.zarr"
-    call(path)
+def test_another_call_is_refused_with_the_difference(tmp_path, stored, whole):
+    path = stored
     grid = a_grid()
     for change, words in (
         (dict(periods=4), "arguments.periods: 3 in the store, 4 asked"),
@@ -270,37 +257,11 @@ def test_another_call_is_refused_with_the_difference(tmp_path, whole):
     assert [file.name for file in tmp_path.iterdir()] == ["map.zarr"]
 
 
-def test_two_processes_cannot_write_to_one_store(tmp_path, whole):
-    path = tmp_path / "map.zarr"
-    one = process(path, 0.2)
-    while not path.exists():
-        time.sleep(0.02)
-    with pytest.raises(StoreInUse, match=r"Another process writes to map\.zarr"):
-        call(path)
-    assert xr.open_zarr(path, consolidated=False, chunks=None).sizes["speed"] == 12  # but read it
-    with one:
-        one.kill()
-    call(path)  # a lock ends with its process
-    assert files(path) == whole
-    assert not list(tmp_path.glob("*.lock"))
-
-
-def test_shares_of_a_store_are_computed_side_by_side(tmp_path, whole):
-    """Here, and in another process."""
-    path = tmp_path / "map.zarr"
-    other = process(path, 0.02, "1/2")
-    call(path, share=(2, 2))
-    assert ended(other) == ""
-    assert files(path) == whole
-
-
 # what can be wrong with disks
 
 
-def test_a_damaged_tile_is_found_and_computed_again(tmp_path, whole):
-    path = tmp_path / "map.zarr"
-    call(path)
-    assert check_store(path) == []
+def test_a_damaged_tile_is_found_and_computed_again(stored, whole):
+    path = stored
     broken = path / "v_z" / "c" / "3" / "0" / "0"
     content = bytearray(broken.read_bytes())
     content[len(content) // 2] ^= 1
@@ -370,7 +331,7 @@ def test_a_folder_that_is_missing_or_protected_is_named(tmp_path, monkeypatch):
 # workers
 
 
-def test_processes_compute_tiles_and_a_killed_one_is_named(tmp_path, whole, monkeypatch):
+def test_processes_compute_tiles_and_shares_and_a_killed_one_is_named(tmp_path, whole, monkeypatch):
     mark, path = tmp_path / "die", tmp_path / "map.zarr"
     monkeypatch.setenv("DIES", str(mark))
     monkeypatch.setenv("PYTHONPATH", CHECKED)
@@ -378,6 +339,10 @@ def test_processes_compute_tiles_and_a_killed_one_is_named(tmp_path, whole, monk
         ds = call(path, executor=pool)
         assert files(path) == whole
         assert int((ds["status"] == int(sj.Status.NOT_RUN)).sum()) == 0
+        other = pool.submit(made_up.first_half, tmp_path / "shared.zarr")
+        call(tmp_path / "shared.zarr", share=(2, 2))
+        other.result()
+        assert files(tmp_path / "shared.zarr") == whole
         with pytest.raises(WorkerLost, match=r"[0-9]+ cases or more are stored"):
             call(tmp_path / "dies.zarr", executor=_Marking(pool, mark))
     assert store_status(tmp_path / "dies.zarr").tiles_done < 12
