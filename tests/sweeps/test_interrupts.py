@@ -17,8 +17,6 @@ from slipperjax.sweeps.attractors import attractors
 from slipperjax.sweeps.executors import on_threads, run_chunks
 from slipperjax.sweeps.plan import Chunk
 
-SPEEDS = np.array([900.0, 1100.0, 1250.0, 1500.0, 2000.0, 1000.0, 800.0, 1300.0, 1400.0, 1700.0])
-
 
 class Found(NamedTuple):
     """Like the result of a chunk."""
@@ -48,6 +46,10 @@ def run(work, workers=1):
     return chunks, run_chunks(chunks, workers, work, periods=10, progress=False)
 
 
+def found_of(chunk):
+    return Found(np.zeros(3, int), chunk.index * 1.5, chunk.index + 1)
+
+
 def test_finished_chunks_are_kept_and_others_are_blank(interrupt_after):
     hold, begun = threading.Event(), []
 
@@ -56,7 +58,7 @@ def test_finished_chunks_are_kept_and_others_are_blank(interrupt_after):
         if chunk.index[0] >= 6:
             hold.wait(5.0)
             on_progress(1)  # raises: the run is over
-        return Found(np.zeros(3, int), chunk.index * 1.5, chunk.index + 1)
+        return found_of(chunk)
 
     interrupt_after(2)
     before = time.perf_counter()
@@ -78,7 +80,7 @@ def test_runs_can_be_asked_to_end():
             while True:
                 time.sleep(0.01)
                 on_progress(1)
-        return Found(np.zeros(3, int), chunk.index * 1.5, chunk.index + 1)
+        return found_of(chunk)
 
     try:
         _, runs = run(work)
@@ -87,20 +89,17 @@ def test_runs_can_be_asked_to_end():
     assert (runs.finished, runs.interrupted) == (3, True)
 
 
-def test_nothing_is_kept_where_nothing_was_finished(interrupt_after):
+def test_nothing_is_kept_where_nothing_was_finished_and_errors_are_raised(interrupt_after):
+    def fails(chunk, on_progress):
+        raise ValueError("seen")
+
+    with pytest.raises(ValueError, match="seen"):
+        run(fails, 2)
     interrupt_after(0)
     with pytest.raises(sj.Interrupted, match="before any of 12 cases was finished") as stop:
         run(lambda chunk, on_progress: time.sleep(0.05))
     assert stop.value.result is None
     assert isinstance(stop.value, KeyboardInterrupt)  # `except Exception` does not catch it
-
-
-def test_an_error_in_a_chunk_is_raised():
-    def work(chunk, on_progress):
-        raise ValueError("seen")
-
-    with pytest.raises(ValueError, match="seen"):
-        run(work, 2)
 
 
 def test_functions_on_threads_are_told_of_the_end():
@@ -128,18 +127,20 @@ def test_functions_on_threads_are_told_of_the_end():
 def test_an_interrupted_sweep_has_the_finished_cases(interrupt_after):
     # the last two cases are in the last chunk; the program is that of test_sweep
     options = dict(transient=10, periods=10, steps_per_period=[100] * 8 + [50] * 2, chunk=8, workers=1)
-    whole = sj.sweep(sj.paper_scene(), {"speed": SPEEDS}, **options)
+    run = lambda: sj.sweep(sj.paper_scene(), {"speed": np.linspace(800, 1700, 10)}, **options)
+    whole = run()
     interrupt_after(1)
     with pytest.raises(sj.Interrupted, match="8 of 10 cases were finished") as stop:
-        sj.sweep(sj.paper_scene(), {"speed": SPEEDS}, **options)
+        run()
     found = stop.value.result
     assert (stop.value.finished, stop.value.of) == (8, 10)
     assert found["status"].values.tolist() == [0] * 8 + [7] * 2
     assert "7: not run" in found["status"].attrs["meaning"]
     assert set(found) == set(whole)
     for name in whole:
-        done = np.asarray(found[name].values[:8])
-        np.testing.assert_array_equal(done, whole[name].values[:8, ..., : done.shape[-1]] if done.ndim > 1 else done)
+        done = found[name].values[:8]
+        exact = whole[name].values[:8]
+        np.testing.assert_array_equal(done, exact[..., : done.shape[-1]] if done.ndim > 1 else exact, err_msg=name)
         if found[name].dtype.kind == "f":
             assert np.all(np.isnan(found[name].values[8:])), name
     assert attractors(found, 20).kind[9] == "unresolved"
