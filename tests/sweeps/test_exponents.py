@@ -10,7 +10,7 @@ import slipperjax as sj
 from slipperjax.analysis.floquet import largest_exponent
 from slipperjax.flow.status import Status
 from slipperjax.sweeps import exponents, reached
-from slipperjax.sweeps.attractors import attractors
+from slipperjax.sweeps.attractors import attractors, strobe_states
 from slipperjax.sweeps.reached import confirm_periods
 from slipperjax.sweeps.transience import MOTIONS, Votes
 
@@ -170,11 +170,17 @@ def test_an_interrupt_keeps_the_orbits(monkeypatch, stage):
     assert np.isfinite(found["exponent"].values[:, 0]).tolist() == [True, False]
 
 
-def test_periods_are_confirmed_by_orbits():
+def test_periods_of_strobes_are_confirmed_by_orbits():
     # in the programs of test_sweep, because only ten divides 530 in numbers from 10 to 50
     options = dict(transient=530, periods=10, steps_per_period=[50, 100])
     strobe = sj.sweep(sj.paper_scene(), {"speed": TWO}, **options)
-    kinds = attractors(strobe)
+    assert strobe_states(strobe).shape == (2, 540, 10)
+    alone = sj.sweep(sj.paper_scene(), {"speed": TWO}, record="strobe", **options)
+    # both are the state at the end of a period; measured 1e-13, two programs sum in other orders
+    states = (strobe_states(ds, 10)[0] for ds in (strobe, alone))
+    np.testing.assert_allclose(*states, rtol=1e-8, atol=1e-12)
+    kinds = attractors(strobe, 40)
+    assert kinds.period.tolist() == [1, 0], kinds.evidence
     found = confirm_periods(strobe, kinds)
     assert found.confirmed.tolist() == found.stable.tolist() == [True, False]
     assert found.residual[0] < 1e-10

@@ -7,7 +7,7 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax.flow.recorders import StrobeRecord
 from slipperjax.flow.status import Status
-from slipperjax.sweeps.attractors import attractors, groups, strobe_states
+from slipperjax.sweeps.attractors import attractors, groups
 from slipperjax.sweeps.executors import ChunkRun
 from slipperjax.sweeps.follow import find_jump
 
@@ -21,11 +21,9 @@ def dataset(states, dims):
 def test_groups_are_numbered_by_the_size_of_their_basins():
     rng = np.random.default_rng(0)
     kind = np.array([[1, 1, 0], [1, 0, 2], [1, 1, 1]])
-    centre = np.array([0.0, 0.3, 0.6])[kind]
-    states = 1e-3 * (centre[..., None, None] + 1e-3 * rng.standard_normal((3, 3, 30, 10)))
+    states = 3e-4 * kind[..., None, None] + 1e-6 * rng.standard_normal((3, 3, 30, 10))
     states[2, 2] = np.nan
-    found = groups(dataset(states, ("a", "b")))
-    assert found.tolist() == [[0, 0, 1], [0, 1, 2], [0, 0, -1]]
+    assert groups(dataset(states, ("a", "b"))).tolist() == [[0, 0, 1], [0, 1, 2], [0, 0, -1]]
     derailed = dataset(states, ("a", "b")).assign(status=(("a", "b"), np.where(kind == 2, int(Status.DERAILED), 0)))
     assert groups(derailed).tolist() == [[0, 0, 1], [0, 1, -1], [0, 0, -1]]
     named = attractors(derailed)
@@ -44,74 +42,47 @@ def test_motions_on_one_orbit_share_a_group_whatever_their_phase():
     assert sorted(set(found.tolist())) == list(range(8))
 
 
-OPTIONS = dict(periods=10, steps_per_period=50)  # one compiled program, shared with test_sweep
+@pytest.fixture
+def motion(monkeypatch):
+    """Replaces what a follower computes by a made-up level of its motion and a status at each speed."""
 
+    def made_up(level, status=lambda speed: 0):
+        def run_chunk(plan, scenes, states, steps, on_progress, epoch):
+            speed = float(scenes.varied.speed[0])
+            strobe = StrobeRecord(np.full((8, 3, 10), level(speed)) * SCALES)
+            return ChunkRun(states, np.full(8, int(status(speed))), strobe)
 
-@pytest.mark.slow
-def test_a_settled_case_is_period_1_from_sections_and_from_strobes():
-    grid = {"speed": [1250.0, 1500.0]}
-    sections = sj.sweep(sj.paper_scene(), grid, transient=300, **OPTIONS)
-    assert strobe_states(sections).shape == (2, 310, 10)
-    strobe = sj.sweep(sj.paper_scene(), grid, record="strobe", transient=300, **OPTIONS)
-    # both are the state at the end of a period; measured 1e-13, two programs sum in other orders
-    np.testing.assert_allclose(strobe_states(sections, 10), strobe_states(strobe), rtol=1e-8, atol=1e-12)
-    found = attractors(sections, 40)
-    assert found.period.tolist() == [1, 1], found.evidence
+        monkeypatch.setattr("slipperjax.sweeps.follow.run_chunk", run_chunk)
+
+    return made_up
 
 
 @pytest.mark.parametrize(("direction", "leaves"), [("up", 1913.3), ("down", 1620.7)])
-def test_jumps_are_told_from_gradual_changes(monkeypatch, direction, leaves):
-    """On a made-up motion with two branches, whose steady growth from one speed to the next is larger than a jump."""
-
-    def run_chunk(plan, scenes, states, steps, on_progress, epoch):
-        speed = float(scenes.varied.speed[0])
-        high = speed < leaves if direction == "up" else speed < 1620.7
-        level = 0.01 * speed + (5.0 if high else 0.0)
-        return ChunkRun(states, np.zeros(8, int), StrobeRecord(np.full((8, 3, 10), level) * SCALES))
-
-    monkeypatch.setattr("slipperjax.sweeps.follow.run_chunk", run_chunk)
+def test_jumps_are_told_from_gradual_changes(motion, direction, leaves):
+    """On a motion with two branches, whose steady growth from one speed to the next is larger than a jump."""
+    motion(lambda speed: 0.01 * speed + (5.0 if speed < leaves else 0.0))
     found = find_jump(sj.paper_scene(), {"speed": np.linspace(1500, 2200, 8)}, direction=direction, within=0.5)
     assert min(found.before, found.after) < leaves <= max(found.before, found.after)
     assert abs(found.before - found.after) <= 0.5
     assert found.size == pytest.approx(5.0, abs=0.1)
     gentle = find_jump(sj.paper_scene(), {"speed": [2000.0, 2100.0, 2200.0]}, direction="up")
-    assert not gentle.found
-    assert gentle.status == Status.FINITE
+    assert (gentle.found, gentle.status) == (False, Status.FINITE)
 
 
-def test_a_motion_that_breaks_down_is_no_calm_one(monkeypatch):
+def test_a_motion_that_breaks_down_is_no_calm_one(motion):
     """The search ends where the motion does, and says why."""
-
-    def run_chunk(plan, scenes, states, steps, on_progress, epoch):
-        lost = float(scenes.varied.speed[0]) > 1750
-        strobe = np.full((8, 3, 10), np.nan if lost else 0.0)
-        return ChunkRun(states, np.full(8, int(Status.NOT_FINITE) if lost else 0), StrobeRecord(strobe))
-
-    monkeypatch.setattr("slipperjax.sweeps.follow.run_chunk", run_chunk)
+    lost = lambda speed: speed > 1750
+    motion(lambda speed: np.nan if lost(speed) else 0.0, lambda speed: Status.NOT_FINITE if lost(speed) else 0)
     found = find_jump(sj.paper_scene(), {"speed": [1500.0, 1700.0, 1800.0, 1900.0]})
-    assert not found.found
-    assert found.status == Status.NOT_FINITE
+    assert (found.found, found.status) == (False, Status.NOT_FINITE)
     assert (found.before, found.after) == (1700.0, 1800.0)
 
 
 def test_paths_are_checked():
-    with pytest.raises(ValueError, match="`path` must name one parameter with increasing values"):
-        find_jump(sj.paper_scene(), {"speed": [1900.0, 1800.0]})
-    with pytest.raises(ValueError, match="`direction` must be one of up, down"):
-        find_jump(sj.paper_scene(), {"speed": [1800.0, 1900.0]}, direction="left")
-    with pytest.raises(ValueError, match="`path` must name one parameter"):
-        sj.follow(sj.paper_scene(), {"speed": [1.0, 2.0], "length": [0.2]})
-
-
-@pytest.mark.slow
-def test_cases_side_by_side():
-    grid = {"speed": [1250.0, 1500.0], "length": [0.2, 0.3]}
-    options = dict(record="strobe", transient=0, **OPTIONS)
-    listed = sj.sweep(sj.paper_scene(), grid, product=False, **options)
-    assert listed["v_y"].dims == ("case", "period")
-    assert listed["length"].dims == ("case",)
-    product = sj.sweep(sj.paper_scene(), grid, **options)
-    diagonal = np.stack([product["v_y"].values[k, k] for k in range(2)])
-    np.testing.assert_array_equal(listed["v_y"].values, diagonal)
-    with pytest.raises(ValueError, match="lists of one length"):
-        sj.sweep(sj.paper_scene(), {"speed": [1.0, 2.0], "length": [0.2]}, product=False)
+    for make, words in (
+        (lambda: find_jump(sj.paper_scene(), {"speed": [1900.0, 1800.0]}), "name one .* with increasing values"),
+        (lambda: find_jump(sj.paper_scene(), {"speed": [1.8e3, 1.9e3]}, direction="left"), "be one of up, down"),
+        (lambda: sj.follow(sj.paper_scene(), {"speed": [1.0, 2.0], "length": [0.2]}), "name one parameter"),
+    ):
+        with pytest.raises(ValueError, match=f"`(path|direction)` must {words}"):
+            make()

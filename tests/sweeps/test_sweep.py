@@ -111,12 +111,17 @@ def test_following_a_branch_starts_each_case_where_its_neighbour_ended():
             assert found == pytest.approx(float(end.end.motion.v_y), rel=1e-8), speed  # measured 1e-12
 
 
-@pytest.mark.slow
-def test_starts_can_be_the_grid():
-    grid = {"v_y": [0.5, -0.5], "z": [0.0, 1e-4, 2e-4]}
-    ds = sj.sweep(sj.paper_scene(), grid, record="strobe", **OPTIONS | dict(transient=0))
-    assert ds["y"].dims == ("start_v_y", "start_z", "period")
-    assert ds["start_z"].attrs["units"] == "m"
+def test_starts_can_be_varied_and_lists_be_read_side_by_side():
+    grid = {"speed": [1250.0, 1500.0], "v_y": [0.5, -0.5], "z": [1e-4, 2e-4]}
+    options = dict(OPTIONS, record="strobe", transient=0)
+    product, listed = (sj.sweep(sj.paper_scene(), grid, product=how, **options) for how in (True, False))
+    assert product["y"].dims == ("speed", "start_v_y", "start_z", "period")
+    assert product["start_z"].attrs["units"] == "m"
     start = sj.Motion(v_y=-0.5, z=1e-4, v_z=0.5, w_x=0.2, w_y=0.3, w_z=0.4)
     y = columns(fine(start=start))[50:501:50, 0]
-    np.testing.assert_allclose(ds["y"].values[1, 1], y, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(product["y"].values[0, 1, 0], y, rtol=1e-9, atol=1e-12)
+    assert listed["v_y"].dims == ("case", "period")
+    assert listed["speed"].dims == listed["start_z"].dims == ("case",)
+    np.testing.assert_array_equal(listed["v_y"].values, [product["v_y"].values[k, k, k] for k in range(2)])
+    with pytest.raises(ValueError, match="lists of one length"):
+        sj.sweep(sj.paper_scene(), {"speed": [1.0, 2.0], "length": [0.2]}, product=False)
