@@ -3,9 +3,9 @@
 import contextlib
 import os
 import signal
-import threading
 import time
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -36,21 +36,19 @@ def test_workers_compute_tiles(tmp_path):
 
 @pytest.mark.slow
 def test_a_worker_killed_midway_changes_no_byte(tmp_path, monkeypatch):
-    path, killed = tmp_path / "map.zarr", []
+    path = tmp_path / "map.zarr"
     monkeypatch.setenv("PAUSE", "0.1")  # of each tile, in the workers
 
     def kill(client):
         while not path.exists() or store_status(path).tiles_done < 3:
             time.sleep(0.01)
-        killed.append(next(iter(client.run(os.getpid).values())))
-        os.kill(killed[0], signal.SIGKILL)
+        os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
+        return True
 
-    with workers(processes=True) as client:
-        other = threading.Thread(target=kill, args=(client,))
-        other.start()
+    with workers(processes=True) as client, ThreadPoolExecutor(1) as beside:
+        killed = beside.submit(kill, client)
         ds = call(path, executor=client)
-        other.join()
-    assert killed
+        assert killed.result()
     assert int((ds["status"] == 7).sum()) == 0
     monkeypatch.delenv("PAUSE")
     call(tmp_path / "whole.zarr")

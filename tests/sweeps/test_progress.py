@@ -20,13 +20,19 @@ class Clock:
         return self.now
 
 
-def tally(clock, total=100.0, **options):
-    return Tally(total, 10, 2, clock=clock, **options)
+@pytest.fixture
+def clock():
+    return Clock()
 
 
-def test_the_estimate_does_not_know_how_long_compiling_took():
-    clock = Clock()
-    run = tally(clock)
+@pytest.fixture
+def run(clock):
+    found = Tally(100.0, 10, 2, clock=clock)
+    yield found
+    found.end()
+
+
+def test_the_estimate_does_not_know_how_long_compiling_took(clock, run):
     assert run.state == "starting"
     run.begin()
     jax.jit(lambda x: x * 1.25 + 1.0)(jnp.ones(7))  # a new program, on this thread
@@ -46,8 +52,8 @@ def test_the_estimate_does_not_know_how_long_compiling_took():
     assert run.text() == "10 of 10 cases, 25 min 20 s spent"
 
 
-def test_compiling_is_told_from_computing():
-    run, states = tally(Clock()), []
+def test_compiling_is_told_from_computing(run):
+    states = []
     run.begin()
 
     @sj.jit
@@ -62,37 +68,32 @@ def test_compiling_is_told_from_computing():
     assert run.state == "computing"
     program(jnp.ones(5))
     assert states == ["compiling"]
-    run.end()
 
 
-def test_calls_beside_a_compilation_do_not_count_for_the_estimate():
+def test_calls_beside_a_compilation_do_not_count_for_the_estimate(clock, run):
     """Other threads wait for the program, too."""
-    clock = Clock()
-    run = tally(clock)
-    beside = ThreadPoolExecutor(1)
-    beside.submit(run.begin).result()
-    run.begin()
-    sj.jit(lambda x: x - 0.5)(jnp.ones(5))
-    assert run.state == "compiling"
-    clock.now = 100.0
-    beside.submit(run.add, 1.0).result()  # under way before
-    clock.now = 110.0
-    beside.submit(run.add, 1.0).result()  # begun meanwhile
-    assert run.duration(1.0) is None
-    run.add(1.0)
-    beside.submit(run.add, 0.0).result()
-    assert run.state == "computing"
-    clock.now = 112.0
-    beside.submit(run.add, 1.0).result()
-    assert run.duration(1.0) == pytest.approx(1.0)
-    beside.submit(run.end).result()
-    beside.shutdown()
-    run.end()
+    with ThreadPoolExecutor(1) as pool:
+        beside = lambda *call: pool.submit(*call).result()
+        beside(run.begin)
+        run.begin()
+        sj.jit(lambda x: x - 0.5)(jnp.ones(5))
+        assert run.state == "compiling"
+        clock.now = 100.0
+        beside(run.add, 1.0)  # under way before
+        clock.now = 110.0
+        beside(run.add, 1.0)  # begun meanwhile
+        assert run.duration(1.0) is None
+        run.add(1.0)
+        beside(run.add, 0.0)
+        assert run.state == "computing"
+        clock.now = 112.0
+        beside(run.add, 1.0)
+        assert run.duration(1.0) == pytest.approx(1.0)
+        beside(run.end)
 
 
-def test_what_may_follow_is_named():
-    clock = Clock()
-    run = tally(clock, name="exponents", later=Later(500.0, "for chaotic cases"))
+def test_what_may_follow_is_named(clock):
+    run = Tally(100.0, 10, 2, clock=clock, name="exponents", later=Later(500.0, "for chaotic cases"))
     run.begin()
     clock.now = 4.0
     run.add(2.0)
@@ -101,9 +102,8 @@ def test_what_may_follow_is_named():
     run.end()
 
 
-def test_pipes_get_a_line_now_and_then():
-    clock, stream = Clock(), io.StringIO()
-    run = tally(clock)
+def test_pipes_get_a_line_now_and_then(clock, run):
+    stream = io.StringIO()
     shown = display(run, True, stream)
     assert isinstance(shown, Lines)
     run.begin()
@@ -118,16 +118,11 @@ def test_pipes_get_a_line_now_and_then():
     assert shares == sorted(shares)
     assert len([share for share in shares if share < 100]) in range(9, 12)  # about one for each tenth
     assert shares.count(100) in (3, 4)  # and one each thirty seconds after
-    run.end()
 
 
-def test_terminals_get_a_bar():
-    class Terminal(io.StringIO):
-        def isatty(self):
-            return True
-
-    clock, stream = Clock(), Terminal()
-    run = tally(clock)
+def test_terminals_get_a_bar(clock, run):
+    stream = io.StringIO()
+    stream.isatty = lambda: True
     shown = display(run, True, stream)
     assert isinstance(shown, Bar)
     run.begin()
@@ -138,13 +133,11 @@ def test_terminals_get_a_bar():
         assert "computing:  50%|" in stream.getvalue()
         run.add(60.0)  # more than all
     assert "computing: 100%|" in stream.getvalue()
-    run.end()
 
 
-def test_nothing_is_shown_unless_it_is_wanted():
+def test_nothing_is_shown_unless_it_is_wanted(run):
     stream = io.StringIO()
-    shown = display(tally(Clock()), False, stream)
-    with shown:
+    with display(run, False, stream) as shown:
         shown.show()
-    assert isinstance(shown, Silent)
+    assert isinstance(display(run, False, stream), Silent)
     assert stream.getvalue() == ""

@@ -1,7 +1,6 @@
 """Which motions have reached a periodic orbit: from made-up strobes."""
 
 import numpy as np
-import pytest
 
 import slipperjax as sj
 from slipperjax.model.quantities import COORDINATE_SCALES as SCALES
@@ -40,31 +39,33 @@ def test_the_likely_period_is_the_least_that_recurs_as_closely():
 
 def test_a_motion_must_be_near_and_come_nearer():
     at = (0.3 * np.ones((1, 10))) * SCALES
-    assert is_near(approaching(0.98), at)
-    assert is_near(approaching(-0.99, distance=0.2), at)
-    assert not is_near(approaching(0.98)[::-1], at)  # leaves the orbit
-    assert not is_near(approaching(0.98), at + 0.1 * SCALES)  # another orbit
-    leaving = approaching(1.02, distance=1e-4)  # still near
-    assert np.max(np.abs(leaving[-1] - at[0]) / SCALES) < NEAR
-    assert not is_near(leaving, at)
-    assert is_near(np.tile(at, (20, 1)), at)
-    # the record ends at the path's start
+    # the record of a path of period 3 ends at the path's start
     path = np.array([[0.0], [1.0], [5.0]]) * SCALES
     record = np.tile(path, (40, 1))
-    assert is_near(record[:-2], path)
-    assert not is_near(record, path)
+    for strobe, orbit in (
+        (approaching(0.98), at),
+        (approaching(-0.99, distance=0.2), at),
+        (np.tile(at, (20, 1)), at),
+        (record[:-2], path),
+    ):
+        assert is_near(strobe, orbit)
+    leaving = approaching(1.02, distance=1e-4)  # still near
+    assert np.max(np.abs(leaving[-1] - at[0]) / SCALES) < NEAR
+    for strobe, orbit in (
+        (approaching(0.98)[::-1], at),
+        (approaching(0.98), at + 0.1 * SCALES),  # another orbit
+        (leaving, at),
+        (record, path),
+    ):
+        assert not is_near(strobe, orbit)
 
 
 def test_the_least_period_divides_the_path():
     two = np.array([[0.0], [1.0]]) * SCALES
-    assert least_period(np.tile(two, (3, 1))) == 2
-    assert least_period(np.tile(two[:1], (4, 1))) == 1
-    assert least_period(np.concatenate([two, two + 1e-3 * SCALES])) == 4
+    paths = np.tile(two, (3, 1)), np.tile(two[:1], (4, 1)), np.concatenate([two, two + 1e-3 * SCALES])
+    assert [least_period(path) for path in paths] == [2, 1, 4]
 
 
-@pytest.mark.parametrize(
-    ("wavelengths", "does"),
-    [((8.0,), True), ((8.0, 4.0, 2.0), True), ((8.0, 3.0), False), ((8.0, 4.000001), False)],
-)
-def test_tracks_recur_or_do_not(wavelengths, does):
-    assert bool(recurs(sj.paper_scene(wavelengths=wavelengths))) == does
+def test_tracks_recur_or_do_not():
+    for wavelengths, does in (((8.0,), True), ((8.0, 4.0, 2.0), True), ((8.0, 3.0), False), ((8.0, 4.000001), False)):
+        assert bool(recurs(sj.paper_scene(wavelengths=wavelengths))) == does, wavelengths

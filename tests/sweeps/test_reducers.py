@@ -62,9 +62,10 @@ def history():
     return swept("history", steps=SEVERAL, saves_per_period=STEPS)
 
 
-def all_steps(ds):
-    """The cases of which the history has every step, good ones only."""
-    return ds.isel(case=slice(0, 3))
+@pytest.fixture(scope="module")
+def good(reduced, history):
+    """Of the good cases of which the history has every step."""
+    return reduced.isel(case=slice(0, 3)), history.isel(case=slice(0, 3))
 
 
 def test_loads_and_statuses_are_those_of_a_history(reduced, history):
@@ -84,18 +85,25 @@ def test_loads_and_statuses_are_those_of_a_history(reduced, history):
     assert np.all(free[0]["contact_force_percentile"].values == 0)
 
 
-def test_rms_of_accelerations(reduced, history):
+def test_rms_and_extremes_are_those_of_all_samples(good):
+    found, exact = good
     for name, q in ACCELERATIONS.items():
-        found = all_steps(reduced)[f"rms_{name}"]
-        exact = np.sqrt((all_steps(history)[name] ** 2).mean("time"))
-        np.testing.assert_allclose(found.values, exact.values, rtol=1e-12)  # measured 1e-15
-        assert found.attrs["units"] == q.unit
-        assert "root mean square" in found.attrs["long_name"]
+        rms = np.sqrt((exact[name] ** 2).mean("time"))
+        np.testing.assert_allclose(found[f"rms_{name}"].values, rms.values, rtol=1e-12)  # measured 1e-15
+        assert found[f"rms_{name}"].attrs["units"] == q.unit
+        assert "root mean square" in found[f"rms_{name}"].attrs["long_name"]
+    for name in COORDINATES:
+        x = exact[name]
+        largest = found[f"largest_{name}"].values - x.max("time").values
+        smallest = x.min("time").values - found[f"smallest_{name}"].values
+        for beyond in (largest, smallest):
+            # tests/flow/test_reducers.py compares them with the curves between the samples; measured 8e-3
+            assert np.all((beyond >= -1e-12) & (beyond < 0.02 * np.ptp(x.values))), name
 
 
-def test_percentiles_are_near_those_of_all_samples(reduced, history):
-    exact = np.percentile(all_steps(history)["contact_force"].values, [50, 90, 99], axis=1)
-    found = all_steps(reduced)["contact_force_percentile"].transpose("percentile", "case", "end", "point")
+def test_percentiles_are_near_those_of_all_samples(good, reduced):
+    exact = np.percentile(good[1]["contact_force"].values, [50, 90, 99], axis=1)
+    found = good[0]["contact_force_percentile"].transpose("percentile", "case", "end", "point")
     assert found["percentile"].values.tolist() == [50, 90, 99]
     np.testing.assert_array_equal(found.values == 0, exact == 0)
     there = exact > 0
@@ -107,28 +115,17 @@ def test_percentiles_are_near_those_of_all_samples(reduced, history):
     assert np.isnan(reduced["contact_force_percentile"].values[4]).all()
 
 
-def test_spectrum_lines_are_those_of_the_discrete_transform(reduced, history):
+def test_spectrum_lines_are_those_of_the_discrete_transform(good):
     for name, lines in (("v_z", LINES), ("a_z", (1,))):
-        x = all_steps(history)[name].values
+        x = good[1][name].values
         places = (np.array(lines) * PERIODS).astype(int)
         # the first sample is one step after the start of the record
         exact = np.fft.fft(x, axis=1)[:, places] / x.shape[1] * np.exp(-2j * np.pi * np.array(lines) / STEPS)
         exact *= np.where(np.array(lines) > 0, 2, 1)
-        found = [all_steps(reduced)[f"spectrum_{name}_{part}"].values for part in ("real", "imag")]
+        found = [good[0][f"spectrum_{name}_{part}"].values for part in ("real", "imag")]
         # measured 3e-16 of the largest
         np.testing.assert_allclose(found[0] + 1j * found[1], exact, rtol=0, atol=1e-12 * np.abs(exact).max())
-    assert reduced["frequency_v_z"].attrs["units"] == "1/period"
-
-
-def test_extremes_are_those_of_the_samples_or_little_beyond(reduced, history):
-    for name in COORDINATES:
-        x = all_steps(history)[name]
-        size = np.ptp(x.values)
-        largest = all_steps(reduced)[f"largest_{name}"].values - x.max("time").values
-        smallest = x.min("time").values - all_steps(reduced)[f"smallest_{name}"].values
-        for beyond in (largest, smallest):
-            # tests/flow/test_reducers.py compares them with the curves between the samples
-            assert np.all((beyond >= -1e-12) & (beyond < 0.02 * size)), name  # measured 8e-3
+    assert good[0]["frequency_v_z"].attrs["units"] == "1/period"
 
 
 def test_section_points_are_the_first_and_dropped_ones_are_counted(reduced):
@@ -179,28 +176,27 @@ def test_everything_is_labelled_and_can_be_run_again(reduced, tmp_path):
         assert variable.attrs["long_name"], name
         assert "units" in variable.attrs or name in ("kind", "status", "strobe"), name
         assert variable.dims[0] == "case"
-    call = load_call(reduced)
-    assert call["record"] == tuple(RECORD)
+    assert load_call(reduced)["record"] == tuple(RECORD)
     reduced.to_netcdf(tmp_path / "reduced.nc", engine="h5netcdf")
     again = repeat(tmp_path / "reduced.nc", chunk=8)
     xr.testing.assert_identical(again.drop_attrs(), reduced.drop_attrs())
 
 
+def equal_bits(one, other):
+    for name in other.data_vars:
+        np.testing.assert_array_equal(one[name].values, other[name].values, err_msg=name)
+
+
 def test_numbers_do_not_depend_on_neighbours(reduced):
     """The same compiled program, with the cases in another order."""
-    turned = {name: values[::-1] for name, values in CASES.items()}
-    other = swept(RECORD, turned, steps=SEVERAL[::-1])
-    for name in reduced.data_vars:
-        np.testing.assert_array_equal(other[name].values[::-1], reduced[name].values, err_msg=name)
+    turned = swept(RECORD, {"speed": CASES["speed"][::-1]}, steps=SEVERAL[::-1])
+    equal_bits(turned.isel(case=slice(None, None, -1)), reduced)
 
 
 @pytest.mark.slow
 def test_chunks_and_threads_change_no_bit():
     grid = {"speed": np.linspace(900, 2000, 20)}
-    record = [r for r in RECORD if r != "motion"]
-    small, large = (swept(record, grid, chunk=n, workers=w) for n, w in ((8, 2), (24, 1)))
-    for name in small.data_vars:
-        np.testing.assert_array_equal(small[name].values, large[name].values, err_msg=name)
+    equal_bits(*(swept(RECORD, grid, chunk=n, workers=w) for n, w in ((8, 2), (24, 1))))
 
 
 @pytest.mark.slow
@@ -236,25 +232,23 @@ def test_following_with_reducers():
     assert np.all((ds["peak_period"].values > 10) & (ds["peak_period"].values < 20) | np.isnan(ds["peak_period"]))
 
 
-def plan_of(record, **options):
+def test_plans_know_what_is_kept_and_what_it_costs():
     scene = sj.paper_scene()
     cases = Cases(scene, {"speed": [1000.0, 1250.0]}, sj.table_2_start())
-    given = dict(transient=20, periods=100, steps_per_period=STEPS) | options
-    return make_plan(scene, cases, record=resolved_record(record), **given)
 
+    def plan(record, periods=100):
+        return make_plan(scene, cases, record=resolved_record(record), transient=20, periods=periods)
 
-def test_plans_know_what_is_kept_and_what_it_costs():
     assert resolved_record("sections") == "sections"
-    assert [plan_of([r]).values for r in ("peak_force", "rms", "motion", "strobe")] == [20, 5, 2, 1000]
-    assert plan_of(["peak_force", "rms"]).values == plan_of(["peak_force", "rms"], periods=5000).values == 25
-    assert plan_of("motion").weight == 1
-    assert not plan_of("motion").recorder.inside
-    assert plan_of("rms").weight < 1.2 < plan_of("sections").weight
-    assert plan_of(["peak_force", "impulse", "penetration"]).weight == plan_of("peak_force").weight
-    plain = plan_of("motion").work
-    assert plain == 120
-    assert plan_of(["motion", "exponent"]).work == pytest.approx(plain + 2.6 * 120)
-    assert plan_of(["motion", "exponent"]).recorder.tangents
+    assert [plan([r]).values for r in ("peak_force", "rms", "motion", "strobe")] == [20, 5, 2, 1000]
+    assert plan(["peak_force", "rms"]).values == plan(["peak_force", "rms"], 5000).values == 25
+    assert plan("motion").weight == 1
+    assert not plan("motion").recorder.inside
+    assert plan("rms").weight < 1.2 < plan("sections").weight
+    assert plan(["peak_force", "impulse", "penetration"]).weight == plan("peak_force").weight
+    assert plan("motion").work == 120
+    assert plan(["motion", "exponent"]).work == pytest.approx(120 + 2.6 * 120)
+    assert plan(["motion", "exponent"]).recorder.tangents
 
 
 def test_cases_that_were_not_run_are_no_motions():
@@ -263,36 +257,31 @@ def test_cases_that_were_not_run_are_no_motions():
     assert data["kind"][1].tolist() == ["unresolved"] * 3
 
 
-FORCE = Reduced(lambda t, state, args: sj.reactions(t, state, args).drive_force, name="drive", units="N")
+def bad(record):
+    """Refused before anything is compiled."""
+    return lambda: swept(record, {"speed": [1250.0]}, start=None)
 
 
-@pytest.mark.parametrize(
-    ("record", "words"),
-    [
-        ("peak", "`record` must be one of sections, strobe, history, peak_force"),
-        (["peak"], "`record` must be one of peak_force, "),
-        (["history"], "`record` must be one of peak_force, "),
-        ([], "`record` must name at least one of peak_force, "),
-        ([["rms"]], "but is ['rms']"),
-        (3, "but is 3"),
-        (["rms", PointLoad("peak_force"), "peak_force"], "`record` must give each variable once, but gives `peak_f"),
-        (Reduced(FORCE.function, name="speed"), "`record` must not give `speed`, a name which the dataset has"),
-        (Reduced(FORCE.function, name="status"), "`record` must not give `status`"),
-        (SpectrumLines("y", (1, 30)), "`frequencies` must be below half of the 50 steps per period, but is 30"),
-        (Reduced(lambda t: t, name="odd"), "`function` of `odd` must take (t, state, args), but raised TypeError"),
-        (Reduced(lambda t, s, a: (t, t), name="odd"), "`function` of `odd` must give real numbers, but gives (Sh"),
-        (Reduced(lambda t, s, a: 1j * t, name="odd"), "`function` of `odd` must give real numbers"),
-    ],
-)
-def test_bad_records_are_refused_before_anything_is_compiled(record, words):
-    with pytest.raises(ValueError, match=r"^Argument ") as caught:
-        swept(record, {"speed": [1250.0]})
-    assert words in str(caught.value)
+def forces(t, state, args):
+    return sj.reactions(t, state, args).drive_force
 
 
 @pytest.mark.parametrize(
     ("make", "words"),
     [
+        (bad("peak"), "`record` must be one of sections, strobe, history, peak_force"),
+        (bad(["peak"]), "`record` must be one of peak_force, "),
+        (bad(["history"]), "`record` must be one of peak_force, "),
+        (bad([]), "`record` must name at least one of peak_force, "),
+        (bad([["rms"]]), "but is ['rms']"),
+        (bad(3), "but is 3"),
+        (bad(["rms", PointLoad("peak_force"), "peak_force"]), "must give each variable once, but gives `peak_f"),
+        (bad(Reduced(forces, name="speed")), "`record` must not give `speed`, a name which the dataset has"),
+        (bad(Reduced(forces, name="status")), "`record` must not give `status`"),
+        (bad(SpectrumLines("y", (1, 30))), "must be below half of the 50 steps per period, but is 30"),
+        (bad(Reduced(lambda t: t, name="odd")), "of `odd` must take (t, state, args), but raised TypeError"),
+        (bad(Reduced(lambda t, s, a: (t, t), name="odd")), "of `odd` must give real numbers, but gives (Sh"),
+        (bad(Reduced(lambda t, s, a: 1j * t, name="odd")), "`function` of `odd` must give real numbers"),
         (lambda: PointLoad("force"), "`load` must be one of peak_force, peak_period, impulse"),
         (lambda: ForcePercentile(101), "`percentiles` must be numbers from 0 to 100, each once, but is 101"),
         (lambda: ForcePercentile(()), "`percentiles` must be numbers"),
@@ -308,12 +297,12 @@ def test_bad_records_are_refused_before_anything_is_compiled(record, words):
         (lambda: MotionKind(10), "`last` must be a whole number of 16 or more, but is 10"),
         (lambda: LargestExponent(2), "`periods` must be a whole number of 8 or more, but is 2"),
         (lambda: Reduced("max"), "`function` must be a function of (t, state, args), but is 'max'"),
-        (lambda: Reduced(FORCE.function, name="a b"), "`name` must be a name such as spring_force, but is 'a b'"),
-        (lambda: Reduced(FORCE.function, units=3), "`units` must be a text, but is 3"),
-        (lambda: Reduced(FORCE.function, over="median"), "`over` must be one of max, min, sum, mean, but is 'med"),
+        (lambda: Reduced(forces, name="a b"), "`name` must be a name such as spring_force, but is 'a b'"),
+        (lambda: Reduced(forces, units=3), "`units` must be a text, but is 3"),
+        (lambda: Reduced(forces, over="median"), "`over` must be one of max, min, sum, mean, but is 'med"),
     ],
 )
-def test_bad_reducers_are_refused(make, words):
+def test_bad_records_and_reducers_are_refused(make, words):
     with pytest.raises(ValueError, match=r"^Argument ") as caught:
         make()
     assert words in str(caught.value)
