@@ -1,6 +1,8 @@
 """Plans: each case's own steps, in chunks that change no result."""
 
 import diffrax
+import equinox as eqx
+import jax
 import numpy as np
 import pytest
 
@@ -24,6 +26,15 @@ def test_each_case_gets_the_steps_that_it_needs_alone():
     assert len(set(alone)) <= 5
     assert plan_of({"speed": speeds}, steps_per_period=70).steps.tolist() == [70] * 25
     assert plan_of({"v_y": [0.5, -0.5]}).steps.tolist() == [50, 50]
+
+
+def test_cases_are_the_scenes_and_starts_of_their_values():
+    grid = {"speed": [900.0, 1250.0], "clearance": [1e-3, 2e-3], "v_y": [0.5, 0.4]}
+    scenes, starts = Cases(sj.paper_scene(), grid, sj.table_2_start()).take(np.array([5, 2]))
+    for lane, (speed, clearance, v_y) in enumerate([(1250.0, 1e-3, 0.4), (900.0, 2e-3, 0.5)]):
+        one = eqx.combine(jax.tree.map(lambda a, lane=lane: a[lane], scenes.varied), scenes.shared)
+        assert eqx.tree_equal(one, sj.paper_scene(speed, clearance))
+        assert starts.v_y[lane] == v_y
 
 
 def test_step_counts_are_few_over_many_orders_of_stiffness():

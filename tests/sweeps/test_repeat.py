@@ -134,7 +134,7 @@ def test_solvers_come_back_or_say_that_they_do_not():
 @pytest.mark.slow
 @pytest.mark.parametrize("how", [dict(stepsize_controller=sj.AdaptiveSteps(1e-4)), dict(probe=1)])
 def test_other_runs_are_computed_again_to_the_same_bits(how):
-    first = sj.simulate(SCENE, 2, solver="Tsit5", start=START, steps_per_period=100, **how).to_xarray()
+    first = sj.simulate(SEVERAL, 2, solver="Tsit5", start=START, steps_per_period=100, **how).to_xarray()
     same_bits(first, sj.repeat(first))
 
 
