@@ -73,7 +73,9 @@ def test_finished_chunks_are_kept_and_others_are_blank(interrupt_after):
     assert begun == [0, 3, 6]  # none is begun after it
 
 
-def test_runs_can_be_asked_to_end():
+def test_runs_can_be_asked_to_end(monkeypatch):
+    monkeypatch.setattr(executors, "ASKED", threading.Event())
+
     def work(chunk, on_progress):
         if chunk.index[0] >= 3:
             executors.ASKED.set()  # as from a signal's handler whose exception is lost
@@ -82,10 +84,7 @@ def test_runs_can_be_asked_to_end():
                 on_progress(1)
         return found_of(chunk)
 
-    try:
-        _, runs = run(work)
-    finally:
-        executors.ASKED.clear()
+    _, runs = run(work)
     assert (runs.finished, runs.interrupted) == (3, True)
 
 

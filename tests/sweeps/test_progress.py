@@ -2,6 +2,7 @@
 
 import io
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -11,23 +12,19 @@ import slipperjax as sj
 from slipperjax.sweeps.progress import Bar, Later, Lines, Silent, Tally, display
 
 
-class Clock:
-    """Seconds as they are set."""
-
-    now = 0.0
-
-    def __call__(self):
-        return self.now
-
-
 @pytest.fixture
 def clock():
-    return Clock()
+    """Seconds as they are set."""
+    return SimpleNamespace(now=0.0)
+
+
+def tally(clock, **options):
+    return Tally(100.0, 10, 2, clock=lambda: clock.now, **options)
 
 
 @pytest.fixture
 def run(clock):
-    found = Tally(100.0, 10, 2, clock=clock)
+    found = tally(clock)
     yield found
     found.end()
 
@@ -93,7 +90,7 @@ def test_calls_beside_a_compilation_do_not_count_for_the_estimate(clock, run):
 
 
 def test_what_may_follow_is_named(clock):
-    run = Tally(100.0, 10, 2, clock=clock, name="exponents", later=Later(500.0, "for chaotic cases"))
+    run = tally(clock, name="exponents", later=Later(500.0, "for chaotic cases"))
     run.begin()
     clock.now = 4.0
     run.add(2.0)
@@ -120,9 +117,13 @@ def test_pipes_get_a_line_now_and_then(clock, run):
     assert shares.count(100) in (3, 4)  # and one each thirty seconds after
 
 
-def test_terminals_get_a_bar(clock, run):
+def test_terminals_get_a_bar_and_nothing_is_shown_unless_it_is_wanted(clock, run):
     stream = io.StringIO()
     stream.isatty = lambda: True
+    with display(run, False, stream) as shown:
+        shown.show()
+    assert isinstance(display(run, False, stream), Silent)
+    assert stream.getvalue() == ""
     shown = display(run, True, stream)
     assert isinstance(shown, Bar)
     run.begin()
@@ -133,11 +134,3 @@ def test_terminals_get_a_bar(clock, run):
         assert "computing:  50%|" in stream.getvalue()
         run.add(60.0)  # more than all
     assert "computing: 100%|" in stream.getvalue()
-
-
-def test_nothing_is_shown_unless_it_is_wanted(run):
-    stream = io.StringIO()
-    with display(run, False, stream) as shown:
-        shown.show()
-    assert isinstance(display(run, False, stream), Silent)
-    assert stream.getvalue() == ""

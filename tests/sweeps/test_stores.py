@@ -1,5 +1,6 @@
 """Stores: the same bytes however a sweep was cut short, and clear words where they cannot be written."""
 
+import itertools
 import os
 import random
 import shutil
@@ -46,10 +47,8 @@ def stored(tmp_path, whole):
     return tmp_path / "map.zarr"
 
 
-CHECKED = os.pathsep.join(
-    filter(None, [str(ROOT / "tests" / "checked"), str(ROOT), os.environ.get("PYTHONPATH", "")])
-)
-"""Python's path of processes in which shapes and types of stores are checked."""
+# of processes in which shapes and types of stores are checked
+CHECKED = os.pathsep.join([str(ROOT / "tests" / "checked"), str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
 
 
 def process(path, pause):
@@ -59,9 +58,6 @@ def process(path, pause):
     found = subprocess.Popen([sys.executable, "-m", "tests.sweeps.made_up", str(path)], **options)
     assert found.stdout.readline() == "ready\n", found.stderr.read()
     return found
-
-
-# what a store holds
 
 
 def test_a_store_holds_what_the_sweep_gives(tmp_path):
@@ -135,9 +131,6 @@ def test_stores_of_processes_hold_what_functions_give(tmp_path, function, how):
         assert np.array_equal(ds[name].values, plain[name].values, equal_nan=plain[name].dtype.kind == "f"), name
 
 
-# cut short, and gone on with
-
-
 def test_two_processes_cannot_write_to_one_store_and_a_killed_one_is_gone_on_with(tmp_path, whole):
     path = tmp_path / "map.zarr"
     with process(path, 0.2) as one:
@@ -197,25 +190,24 @@ def test_twenty_kills_change_no_byte(tmp_path):
 def test_ctrl_c_leaves_a_store_that_can_be_read(tmp_path, whole, monkeypatch):
     path = tmp_path / "map.zarr"
     monkeypatch.setenv("PAUSE", "0.05")
-    pool = ThreadPoolExecutor(1)
 
     def stop():
         while not path.exists() or store_status(path).tiles_done < 3:
             time.sleep(0.01)
         ASKED.set()
 
-    pool.submit(stop)
     try:
-        with pytest.raises(sj.Interrupted) as caught:
-            call(path, workers=1)
+        with ThreadPoolExecutor(1) as pool:
+            pool.submit(stop)
+            with pytest.raises(sj.Interrupted) as caught:
+                call(path, workers=1)
     finally:
         ASKED.clear()
-        pool.shutdown()
-    ds = caught.value.result
+    ds, finished = caught.value.result, caught.value.finished
     assert caught.value.of == 120
-    assert 30 <= caught.value.finished < 120
+    assert 30 <= finished < 120
     there = ds["status"].values != int(sj.Status.NOT_RUN)
-    assert there.sum() == caught.value.finished
+    assert there.sum() == finished
     assert np.isnan(ds["v_z"].values[~there]).all()
     call(path)
     assert files(path) == whole
@@ -228,9 +220,6 @@ def test_what_is_stored_is_not_computed_again(stored):
     call(stored)
     changed = {file.parent.name for file in before if file.is_file() and file.stat().st_mtime_ns != before[file]}
     assert changed == {"4", "0"}  # the fifth tile of every variable
-
-
-# other calls, and other processes
 
 
 def test_another_call_is_refused_with_the_difference(tmp_path, stored, whole):
@@ -255,9 +244,6 @@ def test_another_call_is_refused_with_the_difference(tmp_path, stored, whole):
     call(stored, fresh=True)
     assert files(stored) == whole
     assert [file.name for file in tmp_path.iterdir()] == ["map.zarr"]
-
-
-# what can be wrong with disks
 
 
 def test_a_damaged_tile_is_found_and_computed_again(stored, whole):
@@ -328,39 +314,30 @@ def test_a_folder_that_is_missing_or_protected_is_named(tmp_path, monkeypatch):
         call(tmp_path / "map.zarr")
 
 
-# workers
-
-
 def test_processes_compute_tiles_and_shares_and_a_killed_one_is_named(tmp_path, whole, monkeypatch):
-    mark, path = tmp_path / "die", tmp_path / "map.zarr"
+    mark, path, shared, dies = (tmp_path / name for name in ("die", "map.zarr", "shared.zarr", "dies.zarr"))
     monkeypatch.setenv("DIES", str(mark))
     monkeypatch.setenv("PYTHONPATH", CHECKED)
     with sj.processes(2) as pool:
         ds = call(path, executor=pool)
         assert files(path) == whole
         assert int((ds["status"] == int(sj.Status.NOT_RUN)).sum()) == 0
-        other = pool.submit(made_up.first_half, tmp_path / "shared.zarr")
-        call(tmp_path / "shared.zarr", share=(2, 2))
+        other = pool.submit(made_up.first_half, shared)
+        call(shared, share=(2, 2))
         other.result()
-        assert files(tmp_path / "shared.zarr") == whole
+        assert files(shared) == whole
+        calls = itertools.count(1)
+
+        def submit(*work):
+            if next(calls) == 3:  # the third worker is asked to die
+                mark.touch()
+            return pool.submit(*work)
+
         with pytest.raises(WorkerLost, match=r"[0-9]+ cases or more are stored"):
-            call(tmp_path / "dies.zarr", executor=_Marking(pool, mark))
-    assert store_status(tmp_path / "dies.zarr").tiles_done < 12
-    call(tmp_path / "dies.zarr")
-    assert files(tmp_path / "dies.zarr") == whole
-
-
-class _Marking:
-    """An executor that asks the third worker to die."""
-
-    def __init__(self, pool, mark):
-        self.pool, self.mark, self.count = pool, mark, 0
-
-    def submit(self, *work):
-        self.count += 1
-        if self.count == 3:
-            self.mark.touch()
-        return self.pool.submit(*work)
+            call(dies, executor=SimpleNamespace(submit=submit))
+    assert store_status(dies).tiles_done < 12
+    call(dies)
+    assert files(dies) == whole
 
 
 def test_what_is_no_executor_or_no_store_is_named(tmp_path):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.model.quantities import COORDINATES
 
 from ..common import columns
 
@@ -28,9 +29,7 @@ def fine(speed=1250.0, start=None):
 
 def test_batch_equals_one_by_one(strobe):
     for k in (1, 3):
-        many = np.stack(
-            [strobe[n].values[k] for n in ("y", "z", "roll", "pitch", "yaw", "v_y", "v_z", "w_x", "w_y", "w_z")]
-        )
+        many = np.stack([strobe[name].values[k] for name in COORDINATES])
         # measured 1e-13; sums are reassociated differently in a batch.
         np.testing.assert_allclose(many.T, columns(fine(SPEEDS[k]))[550::50], rtol=1e-9, atol=1e-11)
     assert strobe.attrs["transient"] == 10
