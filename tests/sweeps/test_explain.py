@@ -23,6 +23,7 @@ def test_an_estimate_counts_and_measures(tmp_path, monkeypatch):
     assert found.problems == []
     assert "120 cases in 12 tiles of 10 (1 x 10)" in str(found)
     assert not store.path.exists()
+    monkeypatch.delenv("PAUSE")
     # what a store of it takes, within the factor that compressing few cases at a time costs
     made_up(sj.paper_scene(), a_grid(), store=store, steps_per_period=100)
     size = sum(file.stat().st_size for file in store.path.rglob("c/**/*") if file.is_file())
