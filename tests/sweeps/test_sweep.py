@@ -1,7 +1,7 @@
 """Batches: equal to one by one, whatever the chunks; failing cases apart; labelled results.
 
-Few programs are compiled: a batch varies the speed in eight lanes, ten periods are recorded, and of sections there is
-room for 100 steps; `test_interrupts`, `test_repeat` and `test_exponents` take the same.
+Few programs are compiled: a batch varies the speed in eight lanes, strobes and sections have ten periods, histories
+and single runs twenty, and there is room for 100 steps; other files of this folder take the same.
 """
 
 import numpy as np
