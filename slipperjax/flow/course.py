@@ -119,7 +119,7 @@ def course(states: State, args: Args, steps: Any) -> Course:
         frame = args.frame(place / steps)
         now = contacts(frame, state.motion)
         force = contact_forces(args.scene, now, state.memory)
-        rates = motion_rates(args.scene, frame, now, state.motion, state.memory)
+        rates = motion_rates(args.scene, frame, now, state.motion, force)
         moving = jax.tree.map(lambda r: r * (args.scene.period / steps), rates)
         coordinates = jax.jvp(lambda m: stacked(State(m, state.memory)), (state.motion,), (moving,))
         acceleration = jnp.stack([rates.v_y, rates.v_z, rates.w_x, rates.w_y, rates.w_z])

@@ -140,9 +140,8 @@ def contact_forces(scene: Scene, now: Contacts, memory: Array | None) -> Float[A
     return scene.contact.force(now.gap, now.rate, ratio)
 
 
-def motion_rates(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, memory: Array | None) -> Motion:
-    """Derivative of the motion [per second], from the rail and the contacts at the same instant."""
-    force = contact_forces(scene, now, memory)
+def motion_rates(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force: Array) -> Motion:
+    """Derivative of the motion [per second], from rail, contacts and their forces [N] at the same instant."""
     _, n_y, n_z = frame.normal
     f_y, f_z, t_x, t_y, t_z = sums(force * n_y, force * n_z, *(force * lever for lever in now.lever))
     per_mass, (j_x, j_y, j_z) = 1 / scene.slipper.mass, scene.slipper.inertia
@@ -179,7 +178,7 @@ class AbstractVectorField(eqx.Module):
     def from_contacts(self, t: Any, frame: RailFrame, now: Contacts, state: State, args: Args) -> State:
         """The derivative [per forcing period] from known rail and contacts."""
         scene = args.scene
-        rates = motion_rates(scene, frame, now, state.motion, state.memory)
+        rates = motion_rates(scene, frame, now, state.motion, contact_forces(scene, now, state.memory))
         return State(jax.tree.map(lambda r: scene.period * r, rates), None)
 
     def linearised(self, t: Any, state: State, args: Args) -> Linearised:
@@ -311,7 +310,7 @@ def reactions(t: Any, state: State, args: Args) -> Reactions:
     rail = scene.track.irregularity(distance)
     node = jnp.stack([node_x, rail.lateral, rail.vertical])[:, :, None]
     moment = jnp.cross(point - node, on_track, axis=0)
-    rates = motion_rates(scene, frame, now, m, state.memory)
+    rates = motion_rates(scene, frame, now, m, force)
     return Reactions(
         contact_force=ends(force),
         gap=ends(now.gap),

@@ -44,7 +44,9 @@ def materialise(tree):
     nothing = jnp.zeros(wide)
     # Plain lax operations keep tracing short: this is called very often.
     spread = lambda x: lax.broadcast_in_dim(jnp.broadcast_to(jnp.asarray(x, float), shape), wide, range(len(shape)))
-    stored = sums(*(lax.select(first, spread(x), nothing) for x in once.values()))
+    wide_leaves = [lax.select(first, spread(x), nothing) for x in once.values()]
+    # Scalars one by one: the results of a joint reduction may overlap as far as LLVM knows, which keeps it scalar.
+    stored = sums(*wide_leaves) if shape else [sums(x)[0] for x in wide_leaves]
     found = dict(zip(once, stored, strict=True))
     return jax.tree.unflatten(structure, [found[id(x)] for x in scalars])
 
@@ -91,3 +93,14 @@ ad.primitive_jvps[_sums_p] = _jvp
 ad.primitive_transposes[_sums_p] = _transpose
 batching.primitive_batchers[_sums_p] = _batch
 mlir.register_lowering(_sums_p, mlir.lower_fun(_implementation, multiple_results=True))
+
+
+@jax.custom_jvp
+def kept(tree):
+    """The same values, which are stored, as `materialise` does, where they are differentiated."""
+    return tree
+
+
+@kept.defjvp
+def _kept_jvp(primals, tangents):
+    return materialise(primals[0]), materialise(tangents[0])
