@@ -58,6 +58,7 @@ from .orbits.periodic import periodic_orbit as periodic_orbit
 from .solvers.adaptive import AdaptiveSteps as AdaptiveSteps
 from .solvers.explicit import RK4 as RK4
 from .solvers.explicit import Tsit5 as Tsit5
+from .solvers.impulse import ImpulseRK4 as ImpulseRK4
 from .solvers.latching import Latching as Latching
 from .solvers.rosenbrock import ROS34PW2 as ROS34PW2
 from .solvers.rosenbrock import Rodas4 as Rodas4

@@ -15,6 +15,7 @@ from ..model.kinematics import Motion
 from ..model.scene import Scene
 from ..model.step_size import default_steps_per_period
 from ..solvers.explicit import RK4, Tsit5
+from ..solvers.impulse import ImpulseRK4
 from ..solvers.latching import Latching, calls_lapack
 from ..solvers.rosenbrock import ROS34PW2, Rodas4
 from ..solvers.simplified_newton import with_root_finder
@@ -88,6 +89,7 @@ TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6)
 
 METHODS = [
     Method("RK4", RK4(), EventLatch(), FACTORS, quick=True),
+    Method("ImpulseRK4", ImpulseRK4(), EventLatch(), FACTORS, quick=True),
     Method("Tsit5", Tsit5(), EventLatch(), FACTORS),
     Method("Tsit5, adaptive", Tsit5(), EventLatch(), TOLERANCES, adaptive=True),
     Method("diffrax Dopri8", Latching(diffrax.Dopri8()), EventLatch(), FACTORS[:-1]),

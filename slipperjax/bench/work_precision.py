@@ -82,6 +82,7 @@ def table(points: list[Point], batches: tuple[int, ...]) -> str:
 
 SHOWN = {
     "RK4": ("RK4", "#12355b"),
+    "ImpulseRK4": ("ImpulseRK4", "#c2410c"),
     "Tsit5": ("Tsit5", "#2a9d6f"),
     "Rodas4": ("Rodas4", "#8338ec"),
     "smooth: RK4": ("RK4, smooth switch", "#4f86c6"),

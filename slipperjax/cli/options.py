@@ -116,7 +116,9 @@ CASE: dict[str, Callable[..., Any]] = {
         "Any other number of the scene, as in 'section.play.2=0.4 mm'; without a unit in SI.",
         multiple=True,
     ),
-    "solver": option("--solver", str, "RK4, Tsit5, Rodas4, ROS34PW2, TwoStep, or one of diffrax's.", default="RK4"),
+    "solver": option(
+        "--solver", str, "RK4, ImpulseRK4, Tsit5, Rodas4, ROS34PW2, TwoStep, or one of diffrax's.", default="RK4"
+    ),
     "steps_per_period": option(
         "--steps-per-period", COUNT, "Integration steps per forcing period; default from the scene."
     ),

@@ -65,7 +65,7 @@ class AbstractContactLaw(ShapeChecked):
         return jnp.where(force > 0, force, 0.0) if self.clamp else force
 
     def stored_force(self, gap: Array, rate: Array, rate_ratio: Array | None) -> Array:
-        """`force` for those who use it several times: one square root, which XLA stores and does not compute again."""
+        """`force` for those who use it several times: one square root, which XLA stores instead of repeating it."""
         factor = self.stiffness * (1 + self.damping(rate, rate_ratio))
         depth = jnp.where(gap < 0, -gap, 0.0)
         if self.clamp:
@@ -82,8 +82,9 @@ def _hertz(depth: Array, factor: Array) -> Array:
 @_hertz.defjvp
 def _hertz_jvp(primals, tangents):
     (depth, factor), (d_depth, d_factor) = primals, tangents
+    # finite where the depth is zero, in all further derivatives, too, which the root of the product is not
     root = jnp.where(depth > 0, jnp.sqrt(jnp.where(depth > 0, depth, 1.0)), 0.0)
-    return _hertz(depth, factor), 1.5 * factor * root * d_depth + depth * root * d_factor
+    return factor * depth * root, 1.5 * factor * root * d_depth + depth * root * d_factor
 
 
 class _RestitutionLaw(AbstractContactLaw):

@@ -1,12 +1,12 @@
 """RK4 that integrates the impulse of each contact anew: a step that knows where contacts begin and end.
 
-Eq. (12)'s force has a kink in its second derivative where a contact begins or ends. The stages of a Runge-Kutta method
-do not see where that is, which costs it an order in values and another one in derivatives. Here the force of each
-contact is integrated again after the stages, on the cubic of its gap over the step and over the part of the step in
-which that cubic is closed. The motion gets the difference of the two impulses.
+Eq. (12)'s force has a kink in its second derivative where a contact begins or ends. The stages of a Runge-Kutta
+method do not see where that is, which costs it an order in values and another one in derivatives. Here the force of
+each contact is integrated again after the stages, along the cubic of its gap over the step, over the part of the step
+in which that cubic is closed. The motion gets the difference of the two impulses.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,16 +14,17 @@ import numpy as np
 from diffrax import RESULTS
 from jaxtyping import Array
 
-from ..model.dynamics import Args, State, motion_rates
+from ..model.dynamics import Args, SmoothField, State, motion_rates
 from ..model.kinematics import Contacts, Motion, RailFrame, attitude_rates, contacts
 from ..model.scene import Scene
 from ..tools.fused import kept, materialise, sums
-from .latching import AbstractLatchingSolver, dense_info
+from .explicit import RK4
+from .latching import AbstractLatchingSolver, dense_info, field_of
 
 THROUGH = (0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0))
 """Nodes of steps through which a contact is closed: Gauss's, of equal weights."""
 CROSSING = ((0.40746008687889573, 0.5), (0.8620943387027721, 0.33725413294672596))
-"""Nodes, counted from where a contact begins or ends, and weights: exact for powers 1.5, 2.5 and 3.5 of that distance."""
+"""Nodes and weights from where a contact begins or ends: exact for powers 1.5, 2.5 and 3.5 of that distance."""
 STIFFEST = 0.3
 """Square of the step times a contact's frequency, about which its impulse fades to RK4's: its cubic tells nothing."""
 
@@ -41,13 +42,27 @@ class Ends(NamedTuple):
 
 
 class ImpulseRK4(AbstractLatchingSolver):
-    """RK4 whose contact impulses are integrated on the cubics of their gaps."""
+    """RK4 with the event latch whose contact impulses are integrated on the cubics of their gaps.
+
+    Contacts too stiff for the step, see `STIFFEST`, keep RK4's impulse. The rate at a touchdown is that of the gap's
+    cubic without the contact's own impulse. No error estimate: constant steps only.
+
+    **Raises:** `ValueError` for a scene with `SmoothSwitch` memory, which has no kinks for it to know.
+    """
+
+    a_lower: ClassVar = RK4.a_lower
+    b_error: ClassVar = None
 
     def order(self, terms):
         del terms
         return 4
 
     def init(self, terms, t0, t1, y0, args):
+        if isinstance(field_of(terms), SmoothField):
+            raise ValueError(
+                "Argument `solver` must be another one than ImpulseRK4 for a scene with memory=SmoothSwitch(): it "
+                "integrates the motion alone. RK4 and ROS34PW2 integrate the memory too."
+            )
         t0 = jnp.asarray(t0, float)
         frame = args.frame(t0)
         now = contacts(frame, y0.motion)
@@ -78,7 +93,13 @@ class ImpulseRK4(AbstractLatchingSolver):
         mean, mean_shift = kept((mean, mean_shift))
         y1, rates, after = _corrected(args, last, before, t1, dt, materialise(end), memory, mean, mean_shift)
         rates = materialise(rates)
-        return y1, None, dense_info(dt, y0, y1, State(k1, None), State(rates, None)), (rates, after), RESULTS.successful
+        return (
+            y1,
+            None,
+            dense_info(dt, y0, y1, State(k1, None), State(rates, None)),
+            (rates, after),
+            RESULTS.successful,
+        )
 
 
 def _corrected(
@@ -166,7 +187,7 @@ def _zero(asked: Array, start: Array, s: Array, b: Array, a: Array, fall: Array)
 @_zero.defjvp
 def _zero_jvp(primals, tangents):
     """The derivative of the zero itself, not of the way to it."""
-    asked, start, s, b, a, fall = primals
+    asked, _, s, b, a, fall = primals
     _, d_start, d_s, d_b, d_a, _ = tangents
     x = _zero(*primals)
     steep = (3 * a * x + 2 * b) * x + s

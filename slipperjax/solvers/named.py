@@ -10,12 +10,13 @@ from ..model.dynamics import LatchedField, vector_field
 from ..model.scene import Scene
 from ..tools.checks import brief, require
 from .explicit import RK4, Tsit5
+from .impulse import ImpulseRK4
 from .latching import AbstractLatchingSolver, Latching, estimates_error
 from .rosenbrock import ROS34PW2, Rodas4
 from .simplified_newton import with_root_finder
 from .twostep import TwoStep
 
-OWN = {kind.__name__: kind for kind in (RK4, Tsit5, Rodas4, ROS34PW2, TwoStep)}
+OWN = {kind.__name__: kind for kind in (RK4, ImpulseRK4, Tsit5, Rodas4, ROS34PW2, TwoStep)}
 """The solvers of this package by name."""
 
 

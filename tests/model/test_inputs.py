@@ -38,7 +38,10 @@ swept = lambda grid, **options: sj.sweep(SCENE, grid, **options)
         ),
         (lambda: run(start=sj.Motion(y=NAN)), "`start` must be finite, but its y is nan"),
         (lambda: run(start=3), "slipperjax.State or a slipperjax.Trajectory, but is 3"),
-        (lambda: run(solver="RK5"), "one of RK4, Tsit5, Rodas4, ROS34PW2, TwoStep, or a solver of diffrax"),
+        (
+            lambda: run(solver="RK5"),
+            "one of RK4, ImpulseRK4, Tsit5, Rodas4, ROS34PW2, TwoStep, or a solver of diffrax",
+        ),
         (lambda: run(solver=diffrax.LeapfrogMidpoint()), "`solver` must be a one-step method"),
         (lambda: run(stepsize_controller=1e-5), "`stepsize_controller` must be a diffrax controller, but is 1e-05"),
         (lambda: run(stepsize_controller=sj.AdaptiveSteps()), "`solver` must be one with an error estimate for"),
