@@ -163,7 +163,7 @@ def _corrected(
     kick = [c * v for c, v in zip(compliance, total[:5], strict=True)]
     move = [seconds * c * v for c, v in zip(compliance, total[5:], strict=True)]
     turn = attitude_rates(Motion(m.y, m.z, m.q_x, m.q_y, m.q_z, 0.0, 0.0, *move[2:]))
-    m, kick, move = materialise((jax.tree.map(jnp.add, m, Motion(*move[:2], *turn, *kick)), kick, move))
+    m, kick, move = materialise((jax.tree.map(jnp.add, m, Motion(move[0], move[1], *turn, *kick)), kick, move))
     end = Contacts(gap + along(move), rate + along(kick), lever)
     memory = None if memory is None else jnp.where(end.gap >= 0, 0.0, began)
     force = _forces(scene, end, memory)

@@ -64,7 +64,7 @@ def test_scenes_and_methods_have_names_of_their_own():
 def test_wrong_names_and_numbers_are_refused_before_anything_is_measured():
     for options, words in (
         (dict(cases=["0"]), "`cases` must be of nominal; V = 2300 m/s"),
-        (dict(methods=["RK4", "0"]), "`methods` must be of RK4; Tsit5"),
+        (dict(methods=["RK4", "0"]), "`methods` must be of RK4; ImpulseRK4; Tsit5"),
         (dict(batches=[0]), "`batches` must be a whole number of 1 or more"),
         (dict(repeats=0), "`repeats` must be a whole number of 1 or more"),
     ):
@@ -104,12 +104,12 @@ def test_table_has_every_point_and_what_an_error_of_a_thousandth_costs(tmp_path)
 
 def test_picture_has_few_lines_each_labelled_where_it_is_free():
     ax = draw(made_points(), (241, 1), others={"another code": ("another, one core", "#606060")} | OTHERS)
-    labels = ["RK4", "Tsit5", "Rodas4", "RK4, smooth switch", "diffrax Kvaerno5, latched"]
+    labels = ["RK4", "ImpulseRK4", "Tsit5", "Rodas4", "RK4, smooth switch", "diffrax Kvaerno5, latched"]
     labels += ["diffrax Kvaerno5, smooth switch, adaptive", "another, one core", "MBDyn, measured elsewhere"]
     assert [" ".join(text.get_text().split()) for text in ax.texts] == labels
     assert [text.get_color() for text in ax.texts] == [line.get_color() for line in ax.lines]
     assert ax.get_legend() is None
-    rk4, other = ax.lines[0], ax.lines[6]
+    rk4, other = ax.lines[0], ax.lines[7]
     np.testing.assert_allclose(rk4.get_xdata(), [10, 20, 40])  # of the first batch, without the infinite error
     np.testing.assert_allclose(rk4.get_ydata(), [1e-2, 1e-2 / 8, 1e-2 / 64])
     np.testing.assert_allclose(other.get_xdata(), [70, 140])
@@ -170,10 +170,12 @@ def test_costs_are_taken_in_rounds_over_all_points(runs):
     calls = runs(lambda k, speeds: (np.full((len(speeds), periods, 10), 1 / k) * SCALES, np.full(periods, 1e-3)))
     options = dict(batches=(3, 1), repeats=2, reference_steps=800, settings=slice(0, 2))
     found = list(measuring.measure(all_cases()[0], METHODS[:2], **options))
-    assert [(p.method, p.setting) for p in found] == [(n, f"{k} steps") for n in ("RK4", "Tsit5") for k in (25, 50)]
+    assert [(p.method, p.setting) for p in found] == [
+        (n, f"{k} steps") for n in ("RK4", "ImpulseRK4") for k in (25, 50)
+    ]
     assert [p.error for p in found] == pytest.approx([1 / 25 - 1 / 800, 1 / 50 - 1 / 800] * 2)
     assert all(p.cost[n] == pytest.approx((1e3 / n,) * 2) for p in found for n in (3, 1))
-    a_round = [(n, k, lanes) for n in ("RK4", "Tsit5") for k in (25.0, 50.0) for lanes in (3, 1)]
+    a_round = [(n, k, lanes) for n in ("RK4", "ImpulseRK4") for k in (25.0, 50.0) for lanes in (3, 1)]
     assert calls == [("RK4", 800.0, 3), *a_round, *a_round, *a_round]
 
 

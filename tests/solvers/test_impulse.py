@@ -22,7 +22,8 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*`clearance`:slipperjax.Implaus
 
 
 def law_of(law):
-    return law(AT[0]) if law is sj.HertzSpring else law(*AT[:2])
+    own = {} if law is sj.HertzSpring else dict(restitution=AT[1])
+    return law(stiffness=AT[0], **own)
 
 
 def dropped(relative, steps, solver, law):
@@ -71,7 +72,11 @@ def test_derivatives_are_equal_in_both_modes_to_second_order():
 # limit acts, the force ends before the contact does, at a kink which the step does not know.
 @pytest.mark.parametrize(
     "law",
-    [sj.Flores(1e8, 0.7, clamp=False), sj.ConstantDamping(1e8, 0.5), sj.HertzSpring(1e8)],
+    [
+        sj.Flores(stiffness=1e8, restitution=0.7, clamp=False),
+        sj.ConstantDamping(stiffness=1e8, hysteresis=0.5, clamp=True),
+        sj.HertzSpring(stiffness=1e8),
+    ],
     ids=lambda v: str(v)[:8],
 )
 def test_laws_converge_to_what_rk4_does(law):
