@@ -44,9 +44,7 @@ def materialise(tree):
     nothing = jnp.zeros(wide)
     # Plain lax operations keep tracing short: this is called very often.
     spread = lambda x: lax.broadcast_in_dim(jnp.broadcast_to(jnp.asarray(x, float), shape), wide, range(len(shape)))
-    wide_leaves = [lax.select(first, spread(x), nothing) for x in once.values()]
-    # Scalars one by one: the results of a joint reduction may overlap as far as LLVM knows, which keeps it scalar.
-    stored = sums(*wide_leaves) if shape else [sums(x)[0] for x in wide_leaves]
+    stored = sums(*(lax.select(first, spread(x), nothing) for x in once.values()))
     found = dict(zip(once, stored, strict=True))
     return jax.tree.unflatten(structure, [found[id(x)] for x in scalars])
 
