@@ -14,7 +14,7 @@ import numpy as np
 from diffrax import RESULTS
 from jaxtyping import Array
 
-from ..model.dynamics import Args, SmoothField, State, motion_rates
+from ..model.dynamics import Args, LatchedField, MemorylessField, State, motion_rates
 from ..model.kinematics import Contacts, Motion, RailFrame, attitude_rates, contacts
 from ..model.scene import Scene
 from ..tools.fused import kept, materialise, sums
@@ -47,7 +47,8 @@ class ImpulseRK4(AbstractLatchingSolver):
     Contacts too stiff for the step, see `STIFFEST`, keep RK4's impulse. The rate at a touchdown is that of the gap's
     cubic without the contact's own impulse. No error estimate: constant steps only.
 
-    **Raises:** `ValueError` for a scene with `SmoothSwitch` memory, which has no kinks for it to know.
+    **Raises:** `ValueError` for other fields than those of contacts that are latched or have no memory: with
+    `SmoothSwitch` there are no kinks to know, and of a field of one's own it would not see the forces.
     """
 
     a_lower: ClassVar = RK4.a_lower
@@ -58,10 +59,11 @@ class ImpulseRK4(AbstractLatchingSolver):
         return 4
 
     def init(self, terms, t0, t1, y0, args):
-        if isinstance(field_of(terms), SmoothField):
+        field = field_of(terms)
+        if not isinstance(field, LatchedField | MemorylessField):
             raise ValueError(
-                "Argument `solver` must be another one than ImpulseRK4 for a scene with memory=SmoothSwitch(): it "
-                "integrates the motion alone. RK4 and ROS34PW2 integrate the memory too."
+                f"Argument `solver` must be another one than ImpulseRK4 for a {type(field).__name__}, as scenes with "
+                "memory=SmoothSwitch() have: it knows contacts that are latched or have no memory."
             )
         t0 = jnp.asarray(t0, float)
         frame = args.frame(t0)
@@ -80,8 +82,7 @@ class ImpulseRK4(AbstractLatchingSolver):
         def stage(frame, rates, share):
             m = materialise(jax.tree.map(lambda a, k: a + share * dt * k, m0, rates))
             now = contacts(frame, m)
-            force = _forces(scene, now, memory)
-            force = kept(force)
+            force = kept(_forces(scene, now, memory))
             return m, _rates(scene, frame, now, m, force), force
 
         y2, k2, f2 = stage(middle, k1, 0.5)
@@ -89,17 +90,11 @@ class ImpulseRK4(AbstractLatchingSolver):
         y4, k4, f4 = stage(last, k3, 1.0)
         # m0 + dt (k1 + 2 k2 + 2 k3 + k4) / 6
         end = jax.tree.map(lambda a, p, q, r, k: (p + 2 * q + r - a) * (1 / 3) + (dt / 6) * k, m0, y2, y3, y4, k4)
-        mean, mean_shift = (before.force + 2 * (f2 + f3) + f4) / 6, (before.force + f2 + f3) / 6
-        mean, mean_shift = kept((mean, mean_shift))
+        mean, mean_shift = kept(((before.force + 2 * (f2 + f3) + f4) / 6, (before.force + f2 + f3) / 6))
         y1, rates, after = _corrected(args, last, before, t1, dt, materialise(end), memory, mean, mean_shift)
         rates = materialise(rates)
-        return (
-            y1,
-            None,
-            dense_info(dt, y0, y1, State(k1, None), State(rates, None)),
-            (rates, after),
-            RESULTS.successful,
-        )
+        dense = dense_info(dt, y0, y1, State(k1, None), State(rates, None))
+        return y1, None, dense, (rates, after), RESULTS.successful
 
 
 def _corrected(
@@ -118,9 +113,8 @@ def _corrected(
     along = lambda c: sum(d * part for d, part in zip(directions, c, strict=True))
     rate = materialise(along((m.v_y, m.v_z, m.w_x, m.w_y, m.w_z)) - frame.velocity)
     compliance = [seconds / scene.slipper.mass] * 2 + [seconds / j for j in scene.slipper.inertia]
-    own = sum(c * d**2 for c, d in zip(compliance, directions, strict=True))
+    own = kept(sum(c * d**2 for c, d in zip(compliance, directions, strict=True)))
 
-    own = kept(own)
     # the gap over the step, before.gap + s x + b x^2 + a x^3
     rise = gap - before.gap
     s = seconds * (before.rate + before.turning)
@@ -129,7 +123,8 @@ def _corrected(
     a, b = kept((a, b))
     enter = (gap < 0) & ((before.gap >= 0) if memory is None else (memory == 0))
     leave = (gap >= 0) & (before.gap < 0)
-    x = _zero(enter | leave, before.gap, s, b, a, -rise)
+    cross = enter | leave
+    x = _zero(cross, before.gap, s, b, a, -rise)
     per_second = 1 / seconds
 
     def eq_8_rate(place):
@@ -144,19 +139,18 @@ def _corrected(
         began = jnp.where(enter, 1 / jnp.where(enter & (at < slowest), at, slowest), memory)
 
     # means of the force over the step, and of the force times the distance from the step's start
-    width = jnp.where(leave, -x, 1 - x)
+    way = jnp.where(leave, -x, 1 - x)  # from where the contact begins or ends, or from the step's start
     impulse = shift = 0.0
     for through, (crossing, weight) in zip(THROUGH, CROSSING, strict=True):
-        cross = enter | leave
-        place = x + width * jnp.where(cross, crossing, through)
+        place = x + way * jnp.where(cross, crossing, through)
         at_gap = ((a * place + b) * place + s) * place + before.gap
         part = jnp.where(cross, weight, 0.5) * _forces(scene, Contacts(at_gap, eq_8_rate(place), lever), began)
         impulse, shift = impulse + part, shift + part * place
     width = jnp.where(leave, x, 1 - x)
+    # fourth power of the step times the contact's frequency, whose square is 3/2 K d^(1/2) over the mass at the point
     deepest = jnp.where(gap < before.gap, gap, before.gap)
     stiffness = (1.5 / STIFFEST * scene.contact.stiffness * seconds) * own
-    stiff = jnp.square(jnp.square(stiffness)) * jnp.square(deepest)
-    share = 1 / (1 + stiff)
+    share = 1 / (1 + jnp.square(jnp.square(stiffness)) * jnp.square(deepest))
     more, more_shift = share * (width * impulse - mean), share * (width * (impulse - shift) - mean_shift)
 
     total = sums(*(more * d for d in directions), *(more_shift * d for d in directions))

@@ -101,7 +101,7 @@ def test_nominal_scene_against_the_independent_code():
 
     ours, plain = error(100, "ImpulseRK4"), error(100, "RK4")
     print(f"six periods at 100 steps: {ours:.1e}, RK4 {plain:.1e}")
-    assert ours < 5e-5
+    assert ours < 5e-5  # measured 1.9e-5, and 1.3e-4 with RK4
     assert ours < 0.3 * plain
 
 

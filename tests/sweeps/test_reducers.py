@@ -110,8 +110,8 @@ def test_percentiles_are_near_those_of_all_samples(good, reduced):
     assert there.sum() > 100
     apart = np.abs(found.values[there] / exact[there] - 1)
     print(f"\n{there.sum()} percentiles: off by {apart.max():.2%} at most, {np.median(apart):.2%} in the median")
-    assert apart.max() < 1 / 32  # the width of a class; measured 0.015
-    assert np.median(apart) < 0.006  # measured 0.003
+    assert apart.max() < 1 / 32  # the width of a class; measured 0.0138
+    assert np.median(apart) < 0.006  # measured 0.0035
     assert np.isnan(reduced["contact_force_percentile"].values[4]).all()
 
 
