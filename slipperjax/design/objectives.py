@@ -9,6 +9,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -84,14 +85,14 @@ class PowerMean(AbstractCourseObjective):
         """ln of the mean over time of the sum of |samples|^order, without overflow; minus infinity for zeros."""
         size = jnp.abs(samples).reshape(len(samples), -1)
         size = jnp.where(course.weights[:, None] > 0, size, 0.0)
-        most = jnp.max(size)
+        most = jax.lax.stop_gradient(jnp.max(size))  # a scale alone: the result does not depend on it
         there = most > 0
         scale = jnp.where(there, most, 1.0)
         mean = jnp.sum(course.mean((size / scale) ** self.order))
         return jnp.where(there, jnp.log(jnp.where(there, mean, 1.0)) + self.order * jnp.log(scale), -jnp.inf)
 
     def total(self, kept):
-        most = jnp.max(kept)
+        most = jax.lax.stop_gradient(jnp.max(kept))
         there = jnp.isfinite(most)
         rest = jnp.where(there, kept - jnp.where(there, most, 0.0), 0.0)
         found = jnp.exp((jnp.log(jnp.mean(jnp.exp(rest))) + jnp.where(there, most, 0.0)) / self.order)

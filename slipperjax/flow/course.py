@@ -96,7 +96,10 @@ class Course(eqx.Module):
     def greatest(self, curve: Curve) -> Float[Array, "..."]:
         """The greatest value of a curve."""
         found = curve.greatest
-        return jnp.max(jnp.where(self.taken.reshape(-1, *[1] * (found.ndim - 1)), found, -jnp.inf), axis=0)
+        found = jnp.where(self.taken.reshape(-1, *[1] * (found.ndim - 1)), found, -jnp.inf)
+        # Stored, because the derivative of jnp.max looks for the values that equal the maximum: where XLA computes
+        # them again and rounds otherwise, none does, and the derivative is 0 / 0.
+        return jnp.max(materialise(found), axis=0)
 
     def least(self, curve: Curve) -> Float[Array, "..."]:
         """The least value of a curve."""
@@ -106,7 +109,7 @@ class Course(eqx.Module):
         """The extreme of a curve that is nearest to zero, in magnitude; infinite where it has none."""
         turns, values = curve.turns
         turns &= self.taken.reshape(-1, *[1] * (values.ndim - 1))
-        return jnp.min(jnp.where(turns, jnp.abs(values), jnp.inf), axis=0)
+        return jnp.min(materialise(jnp.where(turns, jnp.abs(values), jnp.inf)), axis=0)  # as in `greatest`
 
 
 def course(states: State, args: Args, steps: Any) -> Course:
