@@ -12,8 +12,7 @@ from jaxtyping import Array, Bool, Float, PyTree
 from ..model.dynamics import Args, State
 from ..model.kinematics import Motion
 from ..solvers.adaptive import AdaptiveSteps
-from ..solvers.explicit import AbstractLatchingRungeKutta
-from ..solvers.latching import AbstractLatchingSolver, differentiable
+from ..solvers.latching import AbstractLatchingSolver, differentiable, is_explicit
 from ..tools.checks import whole
 
 MOST_ADAPTIVE_STEPS = 1_000_000
@@ -112,7 +111,7 @@ class ConstantSteps(AbstractStepping):
     def period(self, terms, solver, state, carried, args, inside):
         begins = carried is None
         solver_state = self._init(terms, solver, state, args) if begins else carried
-        may_fail = not isinstance(solver, AbstractLatchingRungeKutta)
+        may_fail = not is_explicit(solver)
 
         def step(carry, k):
             state, solver_state, failed = carry
@@ -122,8 +121,7 @@ class ConstantSteps(AbstractStepping):
 
         def look(carry):
             """What recorders see of a step's end."""
-            has_rates = isinstance(solver, AbstractLatchingRungeKutta)
-            return carry[0], carry[1][0].motion if has_rates else None
+            return carry[0], solver.rates(carry[1]) if isinstance(solver, AbstractLatchingSolver) else None
 
         carry = state, solver_state, jnp.zeros((), bool)
         first = look(carry)

@@ -57,34 +57,24 @@ class AbstractContactLaw(ShapeChecked):
 
         **Arguments:** `gap`: g [m]; `rate`: g' [m/s]; `rate_ratio`: g' / g'_0 [1] or None. All have the same shape.
         """
-        # selections, because the derivative of jnp.maximum divides
-        depth = jnp.where(gap < 0, -gap, 0.0)
-        # sqrt(depth) with a finite derivative at zero; the factor `depth` makes the product zero there
-        root = jnp.sqrt(jnp.where(gap < 0, -gap, 1.0))
-        force = self.stiffness * depth * root * (1 + self.damping(rate, rate_ratio))
+        force = self.stiffness * _hertz(gap) * (1 + self.damping(rate, rate_ratio))
+        # a selection, because the derivative of jnp.maximum divides
         return jnp.where(force > 0, force, 0.0) if self.clamp else force
-
-    def stored_force(self, gap: Array, rate: Array, rate_ratio: Array | None) -> Array:
-        """`force` for those who use it several times: one square root, which XLA stores instead of repeating it."""
-        factor = self.stiffness * (1 + self.damping(rate, rate_ratio))
-        depth = jnp.where(gap < 0, -gap, 0.0)
-        if self.clamp:
-            return _hertz(depth, jnp.where(factor > 0, factor, 0.0))
-        return jnp.sign(factor) * _hertz(depth, jnp.abs(factor))
 
 
 @jax.custom_jvp
-def _hertz(depth: Array, factor: Array) -> Array:
-    """factor d^(3/2)."""
-    return jnp.sqrt(depth * depth * depth * (factor * factor))
+def _hertz(gap: Array) -> Array:
+    """d^(3/2) of penetrations d = -gap, 0 where open."""
+    return jnp.where(gap < 0, -gap, 0.0) * jnp.sqrt(jnp.where(gap < 0, -gap, 1.0))
 
 
 @_hertz.defjvp
 def _hertz_jvp(primals, tangents):
-    (depth, factor), (d_depth, d_factor) = primals, tangents
-    # finite where the depth is zero, in all further derivatives, too, which the root of the product is not
-    root = jnp.where(depth > 0, jnp.sqrt(jnp.where(depth > 0, depth, 1.0)), 0.0)
-    return factor * depth * root, 1.5 * factor * root * d_depth + depth * root * d_factor
+    # without the division of a root's derivative, and finite in all further ones where the gap is zero
+    (gap,) = primals
+    root = jnp.sqrt(jnp.where(gap < 0, -gap, 1.0))
+    closed = jnp.where(gap < 0, root, 0.0)
+    return jnp.where(gap < 0, -gap, 0.0) * root, -1.5 * closed * tangents[0]
 
 
 class _RestitutionLaw(AbstractContactLaw):

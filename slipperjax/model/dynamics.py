@@ -140,10 +140,15 @@ def contact_forces(scene: Scene, now: Contacts, memory: Array | None) -> Float[A
     return scene.contact.force(now.gap, now.rate, ratio)
 
 
-def motion_rates(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force: Array) -> Motion:
-    """Derivative of the motion [per second], from rail, contacts and their forces [N] at the same instant."""
+def resultant(frame: RailFrame, now: Contacts, force: Array) -> list[Array]:
+    """Force along y and z [N] and moment about the slipper's x, y and z [N m] of normal forces at the points [N]."""
     _, n_y, n_z = frame.normal
-    f_y, f_z, t_x, t_y, t_z = sums(force * n_y, force * n_z, *(force * lever for lever in now.lever))
+    return sums(force * n_y, force * n_z, *(force * lever for lever in now.lever))
+
+
+def newton_euler(scene: Scene, m: Motion, wrench: list[Array]) -> Motion:
+    """Derivative of the motion [per second] under the contacts' `resultant`."""
+    f_y, f_z, t_x, t_y, t_z = wrench
     per_mass, (j_x, j_y, j_z) = 1 / scene.slipper.mass, scene.slipper.inertia
     per_x, per_y, per_z = 1 / j_x, 1 / j_y, 1 / j_z
     a_z = f_z * per_mass
@@ -157,6 +162,16 @@ def motion_rates(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force
         (t_y - (j_x - j_z) * m.w_z * m.w_x) * per_y,
         (t_z - (j_y - j_x) * m.w_x * m.w_y) * per_z,
     )
+
+
+def motion_rates(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force: Array) -> Motion:
+    """Derivative of the motion [per second], from rail, contacts and their forces [N] at the same instant."""
+    return newton_euler(scene, m, resultant(frame, now, force))
+
+
+def per_period(scene: Scene, rates: Motion) -> Motion:
+    """Rates [per second] as rates [per forcing period]."""
+    return jax.tree.map(lambda r: scene.period * r, rates)
 
 
 class AbstractVectorField(eqx.Module):
@@ -179,7 +194,7 @@ class AbstractVectorField(eqx.Module):
         """The derivative [per forcing period] from known rail and contacts."""
         scene = args.scene
         rates = motion_rates(scene, frame, now, state.motion, contact_forces(scene, now, state.memory))
-        return State(jax.tree.map(lambda r: scene.period * r, rates), None)
+        return State(per_period(scene, rates), None)
 
     def linearised(self, t: Any, state: State, args: Args) -> Linearised:
         """The motion's derivative, linearised [per forcing period]; the memory is frozen."""

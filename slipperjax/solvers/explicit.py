@@ -45,6 +45,10 @@ class AbstractLatchingRungeKutta(AbstractLatchingSolver):
     b: ClassVar[tuple[float, ...]]
     b_error: ClassVar[tuple[float, ...] | None] = None
     """Weights of the stages, and of the derivative at the step's end, in the error estimate."""
+    explicit: ClassVar = True
+
+    def rates(self, solver_state):
+        return solver_state[0].motion
 
     def init(self, terms, t0, t1, y0, args):
         field, t0 = field_of(terms), jnp.asarray(t0, float)
@@ -88,7 +92,7 @@ class RK4(AbstractLatchingRungeKutta):
         return 4
 
 
-class Tsit5(AbstractLatchingRungeKutta):
+class Tsit5(AbstractLatchingRungeKutta, diffrax.AbstractAdaptiveSolver):
     """Tsitouras' 5(4) method, doi:10.1016/j.camwa.2011.06.002, with the event latch and an error estimate."""
 
     a_lower: ClassVar = tuple(tuple(float(a) for a in row) for row in diffrax.Tsit5.tableau.a_lower[:-1])

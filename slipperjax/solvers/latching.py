@@ -64,6 +64,12 @@ class AbstractLatchingSolver(diffrax.AbstractSolver):
 
     term_structure: ClassVar = diffrax.AbstractTerm
     interpolation_cls: ClassVar = StateInterpolation
+    explicit: ClassVar[bool] = False
+    """Whether stability bounds the steps, none of which fails."""
+
+    def rates(self, solver_state: Any) -> Any:
+        """The motion's derivative at a step's end [per forcing period], where the solver's state has it. Here None."""
+        return None
 
     def func(self, terms, t0, y0, args):
         return terms.vf(t0, y0, args)
@@ -131,8 +137,6 @@ class Latching(AbstractLatchingSolver):
 def estimates_error(solver: diffrax.AbstractSolver) -> bool:
     """Whether a solver has an error estimate, as adaptive steps require."""
     inner = solver.solver if isinstance(solver, Latching) else solver
-    if isinstance(inner, AbstractLatchingSolver):
-        return getattr(inner, "b_error", ()) is not None
     return isinstance(inner, diffrax.AbstractAdaptiveSolver)
 
 
@@ -164,11 +168,11 @@ def differentiable(solver: diffrax.AbstractSolver, adjoint: diffrax.AbstractAdjo
 
 
 def is_explicit(solver: diffrax.AbstractSolver) -> bool:
-    """Whether a solver's steps are bounded by stability: Runge-Kutta methods without linear or nonlinear systems."""
+    """Whether stability bounds a solver's steps, none of which fails: it solves no systems of equations."""
     inner = _inside(solver)
     if inner is not None:
         return is_explicit(inner)
-    return isinstance(solver, diffrax.AbstractERK | diffrax.Euler) or getattr(solver, "a_lower", None) is not None
+    return isinstance(solver, diffrax.AbstractERK | diffrax.Euler) or getattr(solver, "explicit", False)
 
 
 def calls_lapack(solver: diffrax.AbstractSolver, tangents: bool = False) -> bool:

@@ -12,6 +12,7 @@ There is no iteration, hence no failure of convergence. The matrix is reduced to
 
 from typing import Any, ClassVar
 
+import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -24,7 +25,7 @@ from .latching import AbstractLatchingSolver, dense_info, field_of
 Rows = tuple[tuple[float, ...], ...]
 
 
-class AbstractRosenbrock(AbstractLatchingSolver):
+class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
     """A step of a Rosenbrock method with frozen memory, then the latch. Subclasses define the tableau."""
 
     gamma: ClassVar[float]
