@@ -117,7 +117,10 @@ CASE: dict[str, Callable[..., Any]] = {
         multiple=True,
     ),
     "solver": option(
-        "--solver", str, "RK4, ImpulseRK4, Tsit5, Rodas4, ROS34PW2, TwoStep, or one of diffrax's.", default="RK4"
+        "--solver",
+        str,
+        "ImpulseRK4, RK4, Tsit5, Rodas4, ROS34PW2, TwoStep, or one of diffrax's.",
+        show_default="ImpulseRK4, or RK4 with the smooth memory",
     ),
     "steps_per_period": option(
         "--steps-per-period", COUNT, "Integration steps per forcing period; default from the scene."
@@ -161,7 +164,7 @@ def given(*names: str) -> list[str]:
     return [f"--{name.replace('_', '-')}" for name in names if source(name) is click.core.ParameterSource.COMMANDLINE]
 
 
-def make_case(*, scene: Path | None, solver: str, steps_per_period: int | None, **values: Any) -> Case:
+def make_case(*, scene: Path | None, solver: str | None, steps_per_period: int | None, **values: Any) -> Case:
     """The case that options describe.
 
     **Raises:** `ValueError` that names the argument or option which is wrong.

@@ -20,7 +20,7 @@ from ..model.dynamics import Args, SmoothField, State, state_and_penetration, ve
 from ..model.kinematics import MOTION_SCALES, Motion, contact_points
 from ..model.scene import Scene
 from ..model.step_size import settle_memory
-from ..solvers.explicit import RK4
+from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.compile import call_compiled, jit
 from .loads import Loads, over_periods
@@ -83,7 +83,8 @@ class PeriodMap(eqx.Module):
     scene: Scene
     stepping: AbstractStepping = eqx.field(converter=as_stepping)
     """How a period is integrated; a whole number stands for so many constant steps."""
-    solver: diffrax.AbstractSolver = eqx.field(static=True, default=RK4())
+    solver: diffrax.AbstractSolver | None = eqx.field(static=True, default=None)
+    """None for the scene's own, see `resolve_solver`."""
     periods: int = eqx.field(static=True, default=1)
     """Forcing periods in one application."""
 
@@ -111,7 +112,8 @@ class PeriodMap(eqx.Module):
         on.
         """
         recorder = Strobe() if recorder is None else recorder
-        scene, solver = settle_memory(self.scene), self.stepping.prepared(self.solver)
+        scene = settle_memory(self.scene)
+        solver = self.stepping.prepared(resolve_solver(scene, self.solver))
         points = contact_points(scene)  # once for the whole run, not in every evaluation
         terms = diffrax.ODETerm(vector_field(scene))
         earlier = recorder.begin(scene, state) if earlier is None else earlier

@@ -17,7 +17,7 @@ from ..model.dynamics import Args, Reactions, State, check_start, initial_state,
 from ..model.kinematics import Motion, euler_angles, scaled_size
 from ..model.quantities import quantity
 from ..model.scene import Scene, check_scene
-from ..model.step_size import traced_steps_per_period
+from ..model.step_size import LEAST_STEPS, traced_steps_per_period
 from ..solvers.named import check_error_estimate, resolve_controller, resolve_solver
 from ..tools.checks import instance, require, shown_number, whole, yes_or_no
 from ..tools.compile import is_traced, jit
@@ -294,15 +294,15 @@ def simulate(
     - `steps_per_period`: integration steps per forcing period; default from the duration of a typical contact,
         see `default_steps_per_period`, rounded up to a multiple of `saves_per_period`. Where the scene's values are
         traced (jit, vmap), the default is at most `MOST_UNKNOWN`, and a given number is faster.
-    - `solver`: a diffrax solver, or the name of one as in "Rodas4"; default `RK4()`. With `EventLatch` memory a stock
-        one is put into `Latching`.
+    - `solver`: a diffrax solver, or the name of one as in "Rodas4"; see `resolve_solver` for the default. With
+        `EventLatch` memory a stock one is put into `Latching`.
     - `stepsize_controller`: default constant steps. `AdaptiveSteps(tolerance)`, or one of diffrax's, goes with
         solvers that estimate their error; then `steps_per_period` is the first guess, and states between the ends
         of periods are interpolated at as many instants, to third order.
     - `start`: motion or state at time zero, or a `Trajectory`, from whose end it goes on; default Table 2 of Dang et
         al. 2024. The time begins at zero again.
-    - `saves_per_period`: saved states per forcing period, a divisor of `steps_per_period`; default 50, or
-        `steps_per_period` where that is given and no multiple of 50.
+    - `saves_per_period`: saved states per forcing period, a divisor of `steps_per_period`; default 40, or
+        50, 40 or all, the first that divides them, where `steps_per_period` is given.
     - `adjoint`: for a step size controller only, as constant steps can be differentiated in both modes: default
         `diffrax.ForwardMode()`, for `jax.jvp` and `jax.jacfwd`; `diffrax.RecursiveCheckpointAdjoint()` for
         `jax.grad`.
@@ -382,13 +382,18 @@ def step_plan(scene: Scene, steps: int | None, saves: int | None) -> tuple[Any, 
     if saves is not None:
         saves = whole("saves_per_period", saves, 1)
     if steps is None:
-        saves = 50 if saves is None else saves
+        saves = LEAST_STEPS if saves is None else saves
         return -(-default_steps(scene, None) // saves) * saves, saves
     steps = whole("steps_per_period", steps, 1)
     if saves is None:
-        return steps, (50 if steps % 50 == 0 else steps)
+        return steps, default_saves(steps)
     require(steps % saves == 0, "saves_per_period", f"divide steps_per_period = {steps}", saves)
     return steps, saves
+
+
+def default_saves(steps: int) -> int:
+    """Saves per period where steps per period are given: the first of 50, 40 and all that divides them."""
+    return next(saves for saves in (50, LEAST_STEPS, steps) if steps % saves == 0)
 
 
 def first_of(start: Any) -> Motion | State:

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, PyTree
 from ..model.dynamics import Args, State
 from ..model.kinematics import Motion
 from ..solvers.adaptive import AdaptiveSteps
-from ..solvers.latching import AbstractLatchingSolver, differentiable, is_explicit
+from ..solvers.latching import AbstractLatchingSolver, differentiable
 from ..tools.checks import whole
 
 MOST_ADAPTIVE_STEPS = 1_000_000
@@ -111,7 +111,7 @@ class ConstantSteps(AbstractStepping):
     def period(self, terms, solver, state, carried, args, inside):
         begins = carried is None
         solver_state = self._init(terms, solver, state, args) if begins else carried
-        may_fail = not is_explicit(solver)
+        may_fail = not getattr(solver, "explicit", False)
 
         def step(carry, k):
             state, solver_state, failed = carry

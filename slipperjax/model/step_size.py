@@ -13,7 +13,7 @@ from .scene import Scene, check_scene
 
 SLOWEST_APPROACH = 0.1
 """Lower bound on the approach speed of a typical impact [m/s]."""
-PER_CONTACT = 15
+PER_CONTACT = 10
 """Default number of steps per typical impact."""
 DAMPED = 2.0
 """Damping force over elastic force at a typical touchdown, above which steps are shortened in proportion [1].
@@ -24,7 +24,7 @@ and 1.5 % have with it, two of the three with a status that says so.
 """
 MOST_STEPS = 100_000
 """Steps per forcing period above which a default is refused."""
-LEAST_STEPS = 50
+LEAST_STEPS = 40
 """Lower bound on the default steps per forcing period, and the smallest unit to which they are rounded up."""
 
 
@@ -75,7 +75,7 @@ def default_steps_per_period(scene: Scene) -> int:
     """Steps per forcing period such that a typical impact takes `PER_CONTACT` steps, and at least `LEAST_STEPS`.
 
     More where the damping force at a touchdown exceeds `DAMPED` times the elastic one, for restitutions below 0.44.
-    Rounded up: to a multiple of 50 up to 300 steps, of 100 up to 600, of 200 up to 1200, and so on.
+    Rounded up: to a multiple of 40 up to 240 steps, of 80 up to 480, of 160 up to 960, and so on.
 
     **Raises:** `ValueError` for a traced scene, whose values are unknown.
     """
@@ -103,7 +103,7 @@ def rounded_steps(needed: Any) -> Any:
             "are that short beside the forcing period. Are speed, stiffness and amplitude in SI units?"
         )
     steps = xp.maximum(needed, LEAST_STEPS)
-    # Units of 50 up to 300 steps, of 100 up to 600, and so on: the cases of a sweep then share a few step counts.
+    # Units of 40 up to 240 steps, of 80 up to 480, and so on: the cases of a sweep then share a few step counts.
     octave = xp.maximum(xp.ceil(xp.log2(steps / (6 * LEAST_STEPS))), 0)
     unit = LEAST_STEPS * 2**octave
     return xp.asarray(unit * xp.ceil(steps / unit), int)

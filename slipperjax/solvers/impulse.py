@@ -34,8 +34,8 @@ THROUGH = (0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0))
 CROSSING = ((0.40746008687889573, 0.5), (0.8620943387027721, 0.33725413294672596))
 """Nodes and weights from where a gap closes or opens: exact for powers 1.5, 2.5 and 3.5 of that distance."""
 STIFFEST, DAMPEST = 0.2, 1.0
-"""Where corrections fade to none, because the cubics of gaps tell nothing: the square of the step times a contact's
-frequency, and the step times the decay rate of its damping. Of 200 random scenes, errors hardly depend on them."""
+"""About where corrections fade to none, because the cubics of gaps tell nothing: the square of the step times a
+contact's frequency, and the step times the decay rate of its damping. Errors hardly depend on them."""
 
 
 class Ends(NamedTuple):
@@ -91,7 +91,7 @@ class ImpulseRK4(AbstractLatchingSolver):
         middle, last = args.frame(t0 + 0.5 * dt), args.frame(t1)
 
         def stage(frame, rates, share):
-            """A stage's motion, its derivative, and the wrench of its forces in the directions of the step's start."""
+            """A stage's motion, its derivative, and the wrench of its forces along the directions at the start."""
             m = materialise(jax.tree.map(lambda a, k: a + share * dt * k, m0, rates))
             now = contacts(frame, m)
             force = contact_forces(scene, now, y0.memory)

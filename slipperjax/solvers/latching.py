@@ -68,7 +68,7 @@ class AbstractLatchingSolver(diffrax.AbstractSolver):
     """Whether stability bounds the steps, none of which fails."""
 
     def rates(self, solver_state: Any) -> Any:
-        """The motion's derivative at a step's end [per forcing period], where the solver's state has it. Here None."""
+        """The motion's derivative at a step's end [per forcing period], if the solver's state has it. Here None."""
         return None
 
     def func(self, terms, t0, y0, args):

@@ -13,6 +13,7 @@ import xarray as xr
 
 from ..flow.simulate import first_of
 from ..model.scene import Scene
+from ..model.step_size import LEAST_STEPS
 from ..tools.checks import whole
 from ..tools.limits import LONGEST, available_memory, cores, shown_bytes, shown_time
 from .grid import Cases, Grid
@@ -130,7 +131,7 @@ def explain(
         "product": False,
     }
     steps = _steps(known, options)
-    used = -(-int(np.ceil(steps.mean())) // 50) * 50 if np.ptp(steps) else int(steps[0])
+    used = -(-int(np.ceil(steps.mean())) // LEAST_STEPS) * LEAST_STEPS if np.ptp(steps) else int(steps[0])
     how["steps_per_period"] = used  # the same for all, so that the probe is one batch
     some = _spread(known, LARGEST_CHUNK)
     run = lambda: function(scene, grid=some, **how)

@@ -15,7 +15,7 @@ from ..model.kinematics import Motion
 from ..model.paths import parameter
 from ..model.quantities import STARTS, Parameter
 from ..model.scene import Scene, check_scene
-from ..model.step_size import rounded_steps, steps_needed
+from ..model.step_size import LEAST_STEPS, rounded_steps, steps_needed
 from ..tools.batching import Batched
 from ..tools.checks import brief, one_of, require, whole, yes_or_no
 from ..tools.compile import jit
@@ -32,8 +32,7 @@ def refuse_cases(count: int) -> None:
 
     **Raises:** `ValueError` that names memory and time.
     """
-    # a forcing period of 50 steps is the least
-    refuse_impossible(f"{count} cases", LEAST_BYTES * count, 50 * SECONDS_PER_STEP * count / cores())
+    refuse_impossible(f"{count} cases", LEAST_BYTES * count, LEAST_STEPS * SECONDS_PER_STEP * count / cores())
 
 
 def refuse_run(cases: int, periods: float, values: int, steps: float) -> None:

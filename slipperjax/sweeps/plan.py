@@ -11,9 +11,10 @@ import numpy as np
 from jaxtyping import Int
 
 from ..flow.recorders import STROBE_VALUES, AbstractRecorder, Sections, Strobe, recorder_named
-from ..flow.simulate import step_plan
+from ..flow.simulate import default_saves, step_plan
 from ..flow.stepping import room_for
 from ..model.scene import Scene
+from ..model.step_size import LEAST_STEPS
 from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
 from ..tools.checks import whole, yes_or_no
@@ -169,7 +170,7 @@ def make_plan(
     """
     transient, periods = whole("transient", transient, 0), whole("periods", periods, 1)
     if steps_per_period is None:
-        saves = 50 if saves_per_period is None else whole("saves_per_period", saves_per_period, 1)
+        saves = LEAST_STEPS if saves_per_period is None else whole("saves_per_period", saves_per_period, 1)
         steps = -(-cases.default_steps() // saves) * saves
     elif np.ndim(steps_per_period):
         steps, saves = _steps_of_cases(cases, steps_per_period, saves_per_period)
@@ -204,7 +205,7 @@ def _steps_of_cases(cases: Cases, given: Any, saves: int | None) -> tuple[np.nda
         )
     steps = np.array([whole("steps_per_period", n, 1) for n in given.ravel().tolist()])
     if saves is None:
-        return steps, (50 if np.all(steps % 50 == 0) else int(np.gcd.reduce(steps)))
+        return steps, default_saves(int(np.gcd.reduce(steps)))
     saves = whole("saves_per_period", saves, 1)
     if np.any(steps % saves):
         worst = steps[steps % saves != 0][0]

@@ -68,8 +68,8 @@ def test_derivatives_are_equal_in_both_modes_to_second_order():
     np.testing.assert_allclose(reverse, first, rtol=1e-9, atol=1e-12)
 
 
-# Measured at 50 and 100 steps: 4.6e-5, 2.8e-6; 9.3e-5, 1.3e-5; 2.1e-5, 3.5e-6; 5.9e-6, 1.5e-6; RK4 at 100: 4.3e-5, 1.8e-4,
-# 3.3e-5, 2.8e-5. With a restitution of 0.5 damping ends the force before the contact ends.
+# Measured at 50 and 100 steps: 4.6e-5, 2.8e-6; 9.3e-5, 1.3e-5; 2.1e-5, 3.5e-6; 5.9e-6, 1.5e-6; RK4 at 100 has
+# 4.3e-5, 1.8e-4, 3.3e-5, 2.8e-5. With a restitution of 0.5 damping ends the force before the contact ends.
 @pytest.mark.parametrize(
     "law",
     [
