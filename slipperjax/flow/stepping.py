@@ -102,8 +102,9 @@ class ConstantSteps(AbstractStepping):
         return differentiable(solver, kind)
 
     def first(self, terms, solver, state, args):
-        # a stock solver that integrates the memory begins each period anew
-        return self._init(terms, solver, state, args) if isinstance(solver, AbstractLatchingSolver) else None
+        # a stock solver that integrates the memory begins each period anew, too
+        goes_on = isinstance(solver, AbstractLatchingSolver) and not solver.renewed
+        return self._init(terms, solver, state, args) if goes_on else None
 
     def _init(self, terms, solver, state, args):
         return solver.init(terms, 0.0, 1 / self.number, state, args)

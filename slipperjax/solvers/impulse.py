@@ -63,6 +63,7 @@ class ImpulseRK4(AbstractLatchingSolver):
     """
 
     explicit: ClassVar = True
+    renewed: ClassVar = True  # what a step leaves follows its correction to first order only
 
     def order(self, terms):
         del terms
@@ -236,7 +237,6 @@ def _damping(scene: Scene, rate: Any, memory: Array | None) -> Any:
     return scene.contact.damping(rate, None if memory is None else scene.memory.rate_ratio(memory, rate))
 
 
-@jax.custom_jvp
 def _zero(asked: Array, start: Array, s: Array, b: Array, a: Array, fall: Array) -> Array:
     """Where start + s x + b x^2 + a x^3, which falls by `fall` from 0 to 1, is zero [1]; 0 where not `asked`.
 
@@ -247,19 +247,19 @@ def _zero(asked: Array, start: Array, s: Array, b: Array, a: Array, fall: Array)
     good = asked & (steep * fall < 0)
     over = jnp.where(good, start * (2 * curve + turn - fall * fall * fall), jnp.where(asked, start, 0.0))
     under = jnp.where(good, fall * steep, jnp.where(asked, fall, 1.0))
-    return jnp.minimum(jnp.maximum(over / under, 0.0), 1.0)
+    return jax.lax.clamp(0.0, _quotient(over, under), 1.0)
 
 
-@_zero.defjvp
-def _zero_jvp(primals, tangents):
-    """The derivative of the zero itself, not of the way to it."""
-    asked, _, s, b, a, fall = primals
-    _, d_start, d_s, d_b, d_a, _ = tangents
-    x = _zero(*primals)
-    steep = (3 * a * x + 2 * b) * x + s
-    good = asked & (steep * fall < 0) & (x > 0) & (x < 1)
-    change = ((d_a * x + d_b) * x + d_s) * x + d_start
-    return x, jnp.where(good, -change, 0.0) / jnp.where(good, steep, 1.0)
+@jax.custom_jvp
+def _quotient(over: Array, under: Array) -> Array:
+    return over / under
+
+
+@_quotient.defjvp
+def _quotient_jvp(primals, tangents):
+    # with one division where JAX's has two
+    found = _quotient(*primals)
+    return found, (tangents[0] - found * tangents[1]) / primals[1]
 
 
 def _turning(args: Args, t: Any, frame: RailFrame, m: Motion) -> Array:

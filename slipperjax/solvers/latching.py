@@ -66,6 +66,8 @@ class AbstractLatchingSolver(diffrax.AbstractSolver):
     interpolation_cls: ClassVar = StateInterpolation
     explicit: ClassVar[bool] = False
     """Whether stability bounds the steps, none of which fails."""
+    renewed: ClassVar[bool] = False
+    """Whether forcing periods of equal steps begin with `init`, so that they are functions of the state alone."""
 
     def rates(self, solver_state: Any) -> Any:
         """The motion's derivative at a step's end [per forcing period], if the solver's state has it. Here None."""

@@ -85,7 +85,7 @@ def test_defaults_are_the_paper_s(replaced, tmp_path, capsys):
     (scene, periods), options = simulate.call_args
     assert equal(scene, SCENE)
     assert periods == 60
-    assert isinstance(options.pop("solver"), sj.RK4)
+    assert isinstance(options.pop("solver"), sj.ImpulseRK4)
     assert options == dict(start=None, steps_per_period=None, saves_per_period=None, probe=4)
 
 

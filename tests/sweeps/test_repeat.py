@@ -148,5 +148,5 @@ def test_a_run_goes_on_where_another_ended():
         np.testing.assert_allclose(second.state.motion.v_y[150], whole.state.motion.v_y[-1], rtol=1e-12)
     # as a motion alone, contacts that are closed begin anew
     assert np.any(np.asarray(first.end.memory) < 0)
-    swept = sj.sweep(scene, {"speed": [1250.0]}, record="strobe", transient=0, periods=10, start=first)
+    swept = sj.sweep(scene, {"speed": [1250.0]}, record="strobe", transient=0, periods=10, start=first, **steps)
     np.testing.assert_allclose(swept["v_y"].values[0, 2], whole.state.motion.v_y[-1], rtol=1e-9)
