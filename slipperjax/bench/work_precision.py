@@ -147,7 +147,7 @@ def _label(ax: Any, drawn: list[tuple[str, str, np.ndarray, bool]]) -> None:
     **Arguments:** `drawn`: label, colour, points (n, 2) in data coordinates, and whether they are joined by a line.
     """
     ax.figure.draw_without_rendering()  # settles the layout
-    frame, boxes = ax.get_window_extent(), []
+    frame, boxes = ax.get_window_extent().padded(-4), []
     curves = [(ax.transData.transform(data), joined) for _, _, data, joined in drawn]
     ink = np.concatenate([np.empty((0, 2)), *(_dense(at) if joined else at for at, joined in curves)])
     for text, color, data, _ in drawn:
