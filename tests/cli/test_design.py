@@ -169,7 +169,7 @@ def test_no_motion_is_exit_code_1(monkeypatch, tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::slipperjax.tools.ImplausibleWarning")  # of tight designs' first transients
+@pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # of tight designs' first transients
 def test_the_issues_command_works(tmp_path, capsys):
     more = ["--speeds", 1000, 1600, 2, "--starts", 2, "--max-trials", 3, "--transient", 60]
     text, _ = call([*GIVEN, *more, "--out", tmp_path / "run"], capsys)
