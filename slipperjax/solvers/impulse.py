@@ -14,6 +14,7 @@ import numpy as np
 from diffrax import RESULTS
 from jaxtyping import Array
 
+from ..model.contact import EventLatch
 from ..model.dynamics import (
     Args,
     LatchedField,
@@ -38,6 +39,14 @@ STIFFEST, DAMPEST = 0.2, 1.0
 contact's frequency, and the step times the decay rate of its damping. Errors hardly depend on them."""
 
 
+def knows_contacts(scene: Scene) -> bool:
+    """Whether `ImpulseRK4` integrates a scene's contacts: those with `EventLatch`'s own latch, or without memory.
+
+    With `SmoothSwitch` there are no kinks to know.
+    """
+    return not scene.contact.has_memory or getattr(type(scene.memory), "latch", None) is EventLatch.latch
+
+
 class Ends(NamedTuple):
     """The contacts at the end of a step; arrays of shape (points,)."""
 
@@ -58,8 +67,8 @@ class ImpulseRK4(AbstractLatchingSolver):
     The correction fades out where a contact is too stiff for the step, see `STIFFEST`. The rate at a touchdown is
     that of the gap's cubic without the contact's own impulse. No error estimate: constant steps only.
 
-    **Raises:** `ValueError` for other fields than those of contacts that are latched or have no memory: with
-    `SmoothSwitch` there are no kinks to know, and of a field of one's own it would not see the forces.
+    **Raises:** `ValueError` for other contacts than those of `knows_contacts`, and for a vector field of one's own,
+    whose forces it would not see.
     """
 
     explicit: ClassVar = True
@@ -74,10 +83,10 @@ class ImpulseRK4(AbstractLatchingSolver):
 
     def init(self, terms, t0, t1, y0, args):
         field = field_of(terms)
-        if not isinstance(field, LatchedField | MemorylessField):
+        if type(field) not in (LatchedField, MemorylessField) or not knows_contacts(args.scene):
             raise ValueError(
-                f"Argument `solver` must be another one than ImpulseRK4 for a {type(field).__name__}, as scenes with "
-                "memory=SmoothSwitch() have: it knows contacts that are latched or have no memory."
+                "Argument `solver` must be another one than ImpulseRK4, which knows contacts with EventLatch or "
+                f"without memory, for a {type(field).__name__} with memory {type(args.scene.memory).__name__}."
             )
         t0 = jnp.asarray(t0, float)
         frame = args.frame(t0)

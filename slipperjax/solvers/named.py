@@ -6,11 +6,11 @@ import diffrax
 import jax
 import jax.numpy as jnp
 
-from ..model.dynamics import LatchedField, SmoothField, vector_field
+from ..model.dynamics import LatchedField, vector_field
 from ..model.scene import Scene
 from ..tools.checks import brief, require
 from .explicit import RK4, Tsit5
-from .impulse import ImpulseRK4
+from .impulse import ImpulseRK4, knows_contacts
 from .latching import AbstractLatchingSolver, Latching, estimates_error
 from .rosenbrock import ROS34PW2, Rodas4
 from .simplified_newton import with_root_finder
@@ -44,14 +44,14 @@ def solver_named(name: str) -> diffrax.AbstractSolver:
 def resolve_solver(scene: Scene, solver: diffrax.AbstractSolver | str | None) -> diffrax.AbstractSolver:
     """The solver to use; one of diffrax is wrapped in `Latching` if the scene latches touchdowns.
 
-    None is `ImpulseRK4()`, or `RK4()` for scenes with `SmoothSwitch`.
+    None is `ImpulseRK4()`, or `RK4()` for contacts that the former does not know, such as those with `SmoothSwitch`.
 
     A text is a name, see `solver_named`.
 
     **Raises:** `ValueError` for an object that is not a solver, or a solver that cannot be latched.
     """
     if solver is None:
-        return RK4() if isinstance(vector_field(scene), SmoothField) else ImpulseRK4()
+        return ImpulseRK4() if knows_contacts(scene) else RK4()
     if isinstance(solver, str):
         solver = solver_named(solver)
     if isinstance(solver, type):

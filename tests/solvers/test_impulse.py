@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.solvers.named import resolve_solver
 
 from ..common import cases, scaled_errors, scene_of
 from ..systems.fields import rebound, rebound_slope
@@ -132,6 +133,18 @@ def test_diffrax_solves_with_it():
         np.testing.assert_allclose(a[0], b, rtol=1e-8, atol=1e-10)
 
 
-def test_smooth_memory_is_refused():
-    with pytest.raises(ValueError, match="must be another one than ImpulseRK4"):
-        sj.simulate(sj.paper_scene(memory=sj.SmoothSwitch()), 1, solver=sj.ImpulseRK4())
+class OwnLatch(sj.EventLatch):
+    """A memory of one's own."""
+
+    def latch(self, memory, before, gap, rate, step, ratio):
+        return super().latch(memory, before, gap, rate, step, ratio)
+
+
+@pytest.mark.parametrize("memory", [sj.SmoothSwitch(), OwnLatch()])
+def test_other_memories_are_refused_and_get_rk4_by_default(memory):
+    scene = sj.paper_scene(memory=memory)
+    assert isinstance(resolve_solver(scene, None), sj.RK4)
+    with pytest.raises(
+        ValueError, match=rf"must be another one than ImpulseRK4, .* with memory {type(memory).__name__}"
+    ):
+        sj.simulate(scene, 1, solver=sj.ImpulseRK4())
