@@ -69,7 +69,7 @@ def test_a_signal_at_any_time(begin, tmp_path, seconds):
     time.sleep(seconds)
     error = ended(process, signal.SIGINT)
     kept = tmp_path / "out" / "run_partial.nc"
-    assert kept.exists() == ("cases were finished" in error)
+    assert kept.exists() == ("nothing is written" not in error)
     if kept.exists():
         found = dataset(kept.with_suffix(""))["status"].values
         assert set(np.unique(found)) <= {0, int(Status.NOT_RUN)}
