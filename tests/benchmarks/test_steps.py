@@ -18,6 +18,7 @@ from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.kinematics import MOTION_SCALES
 from slipperjax.model.step_size import PER_CONTACT, steps_needed
+from slipperjax.tools.compile import jit
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")]
 SOLVERS = {"RK4": sj.RK4(), "ImpulseRK4": sj.ImpulseRK4(), "Tsit5": sj.Tsit5()}
@@ -170,7 +171,7 @@ def test_cost(tangent):
             return run(sj.initial_state(scene, sj.table_2_start())).motion
 
         one = (lambda v: jax.jvp(motion, (v,), (jnp.ones(()),))) if tangent else motion
-        return jax.jit(jax.vmap(one))
+        return jit(jax.vmap(one))
 
     def timed(run):
         begin = time.perf_counter()
