@@ -1,6 +1,7 @@
 """How one forcing period is integrated: by constant steps, or by a step size controller."""
 
 import abc
+import functools
 from typing import Any, NamedTuple
 
 import diffrax
@@ -129,7 +130,9 @@ class ConstantSteps(AbstractStepping):
         if self.steps is None:
             assert self.most is not None
 
-            @jax.checkpoint  # reverse mode keeps the state of each step and computes its stages once more
+            # Reverse mode keeps the state of each step and computes its stages once more. A loop needs no care that
+            # XLA does not merge the two.
+            @functools.partial(jax.checkpoint, prevent_cse=False)
             def one(carry, k):
                 carry = step(carry, k)
                 return carry, look(carry) if inside else None

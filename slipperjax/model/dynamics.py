@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import brief, shown_number, warn
 from ..tools.compile import is_traced, jit
-from ..tools.fused import sums
+from ..tools.fused import kept, sums
 from .contact import Before, SmoothSwitch
 from .kinematics import (
     Contacts,
@@ -171,7 +171,8 @@ def motion_rates(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force
 
 def per_period(scene: Scene, rates: Motion) -> Motion:
     """Rates [per second] as rates [per forcing period]."""
-    return jax.tree.map(lambda r: scene.period * r, rates)
+    period = kept(scene.period)  # else each of the ten rates has the derivatives of a division
+    return jax.tree.map(lambda r: period * r, rates)
 
 
 class AbstractVectorField(eqx.Module):

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import brief, require, shown_number
 from ..tools.compile import is_traced
-from ..tools.fused import materialise
+from ..tools.fused import kept, materialise, spread
 from .quantities import COORDINATES
 from .scene import Scene
 
@@ -109,16 +109,17 @@ def quaternion_from_euler(roll, pitch, yaw):
 
 def scalar_part(m: Motion):
     """q_0 of the attitude quaternion [1]; about zero from 180 degrees on, so that derailed states stay finite."""
-    return jnp.sqrt(jnp.maximum(1 - (m.q_x * m.q_x + m.q_y * m.q_y + m.q_z * m.q_z), 1e-30))
+    return materialise(jnp.sqrt(jnp.maximum(1 - (m.q_x * m.q_x + m.q_y * m.q_y + m.q_z * m.q_z), 1e-30)))
 
 
 def rotation(m: Motion):
     """The rotation matrix R_S of the attitude, as rows of scalars."""
     x, y, z, w = m.q_x, m.q_y, m.q_z, scalar_part(m)
+    xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
     return (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+        (1 - 2 * (yy + zz), 2 * (xy - wz), 2 * (xz + wy)),
+        (2 * (xy + wz), 1 - 2 * (xx + zz), 2 * (yz - wx)),
+        (2 * (xz - wy), 2 * (yz + wx), 1 - 2 * (xx + yy)),
     )
 
 
@@ -184,10 +185,10 @@ def rail_frame(scene: Scene, phase: Any, points: Points | None = None) -> RailFr
     along_y, along_z = rear.y - front.y, rear.z - front.z
     is_front = np.repeat([True, False], len(scene.section.names))
     n_y, n_z, t_y, t_z, v_y, v_z = (jnp.where(is_front, f, r) for f, r in zip(front, rear, strict=True))
-    n_x = (n_y * along_y + n_z * along_z) / length
+    n_x = materialise((n_y * along_y + n_z * along_z) / length)
     position = n_x * points.arm[0] + n_y * t_y + n_z * t_z
     slope = n_y * v_y + n_z * v_z  # per metre of travel, hence equal for all speeds of a sweep
-    per_norm = 1 / jnp.sqrt(1 + n_x * n_x)
+    per_norm = materialise(1 / jnp.sqrt(1 + n_x * n_x))
     # stored, so that the loop over lanes and points does not compute it again
     n_x, n_y, n_z, position, slope = materialise([v * per_norm for v in (n_x, n_y, n_z, position, slope)])
     return RailFrame((n_x, n_y, n_z), position, slope * scene.speed, points.arm)
@@ -233,13 +234,15 @@ def contacts(frame: RailFrame, m: Motion) -> Contacts:
     """Gaps, gap rates and levers of all points, at both ends."""
     # stored, as XLA does not move it out of the loop over the points
     r = materialise(rotation(m))
-    (n_x, n_y, n_z), (w_x, w_y, w_z) = frame.normal, frame.arm
-    # the normals in the slipper's frame: n_S = R^T n, so that n . (R w) = n_S . w and R^T ((R w) x n) = w x n_S
+    (n_x, n_y, n_z), (a_x, a_y, a_z) = frame.normal, frame.arm
+    flat = spread(n_x.shape[-1], *r[0], *r[1], *r[2], m.y, m.z, m.v_y, m.v_z, m.w_x, m.w_y, m.w_z)
+    r, (y, z, v_y, v_z, w_x, w_y, w_z) = (flat[:3], flat[3:6], flat[6:9]), flat[9:]
+    # the normals in the slipper's frame: n_S = R^T n, so that n . (R a) = n_S . a and R^T ((R a) x n) = a x n_S
     s_x, s_y, s_z = (r[0][j] * n_x + r[1][j] * n_y + r[2][j] * n_z for j in range(3))
-    lever = (w_y * s_z - w_z * s_y, w_z * s_x - w_x * s_z, w_x * s_y - w_y * s_x)
-    gap = n_y * m.y + n_z * m.z + w_x * s_x + w_y * s_y + w_z * s_z - frame.position
-    rate = (n_y * m.v_y + n_z * m.v_z + lever[0] * m.w_x + lever[1] * m.w_y + lever[2] * m.w_z) - frame.velocity
-    return Contacts(gap, rate, lever)
+    lever = (a_y * s_z - a_z * s_y, a_z * s_x - a_x * s_z, a_x * s_y - a_y * s_x)
+    gap = n_y * y + n_z * z + a_x * s_x + a_y * s_y + a_z * s_z - frame.position
+    rate = (n_y * v_y + n_z * v_z + lever[0] * w_x + lever[1] * w_y + lever[2] * w_z) - frame.velocity
+    return Contacts(kept(gap), rate, lever)
 
 
 def face_offsets(scene: Scene, phase: Any, m: Motion) -> Float[Array, " points"]:

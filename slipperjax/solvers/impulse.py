@@ -142,7 +142,6 @@ def _corrected(
 
     path = _path(before, gap, rate, turning, seconds)
     place, length, touches, bends = _edge(scene, path, gap, rate, memory)
-    place = kept(place)
     if memory is not None:
         at, slowest = path.rate_at(place) - own * _pressing(scene, path, gap, rate, place), -scene.memory.slowest
         memory = kept(jnp.where(touches, 1 / jnp.where(touches & (at < slowest), at, slowest), memory))

@@ -2,19 +2,22 @@
 
 XLA on a CPU computes five sums of products of one force by computing that force five times, once inside each
 sum. One reduction of five operands computes it once. JAX defines no transpose of that reduction, and its derivative
-is far too slow. Here the reduction is a linear primitive, so that its derivatives in forward mode and reverse mode
-and its batched version are one-pass reductions or broadcasts, too.
+is far too slow. Here the reduction is a linear primitive, and so are the broadcast that is its transpose and the
+storing of values. Their derivatives in both modes are again such operations on all operands at once: one by one, each
+would compute all that the operands have in common anew, and programs of derivatives would be five times as long.
 """
+
+from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.extend.core import Primitive
+from jax.extend.mlir import ir
+from jax.extend.mlir.dialects import func
 from jax.interpreters import ad, batching, mlir
-
-_sums_p = Primitive("slipperjax_sums")
-_sums_p.multiple_results = True
 
 
 def sums(*operands):
@@ -24,14 +27,24 @@ def sums(*operands):
 
     **Returns:** a list with one array of shape `batch` per operand.
     """
-    return _sums_p.bind(*operands)
+    return _sums.bind(*operands)
+
+
+def spread(n: int, *scalars):
+    """Each value repeated along a new last axis of length n, which is the transpose of `sums`.
+
+    **Returns:** a list with one array of shape `(*batch, n)` per value, where `batch` is the shape to which all of
+    them broadcast.
+    """
+    shape = jnp.broadcast_shapes(*(jnp.shape(x) for x in scalars))
+    return _spread.bind(*(jnp.broadcast_to(jnp.asarray(x, float), shape) for x in scalars), n=n)
 
 
 def materialise(tree):
-    """The same values, computed in one kernel and stored.
+    """The same values, each computed once and stored.
 
     XLA recomputes an elementwise value in every kernel that uses it, which multiplies the work of an unrolled
-    elimination, but never recomputes a reduction. So this is a reduction over two entries, one of which is zero.
+    elimination.
 
     **Arguments:** a pytree of floating-point arrays that broadcast to one shape. **Returns:** the same values,
     broadcast to that shape.
@@ -39,17 +52,56 @@ def materialise(tree):
     scalars, structure = jax.tree.flatten(tree)
     once = {id(x): x for x in scalars}  # leaves that occur twice are computed once
     shape = jnp.broadcast_shapes(*(jnp.shape(x) for x in once.values()))
-    wide = (*shape, 2)
-    first = jnp.broadcast_to(np.array([True, False]), wide)
-    nothing = jnp.zeros(wide)
-    # Plain lax operations keep tracing short: this is called very often.
-    spread = lambda x: lax.broadcast_in_dim(jnp.broadcast_to(jnp.asarray(x, float), shape), wide, range(len(shape)))
-    stored = sums(*(lax.select(first, spread(x), nothing) for x in once.values()))
+    stored = _stored.bind(*(jnp.broadcast_to(jnp.asarray(x, float), shape) for x in once.values()))
     found = dict(zip(once, stored, strict=True))
     return jax.tree.unflatten(structure, [found[id(x)] for x in scalars])
 
 
-def _implementation(*operands):
+def _linear(name: str, implementation: Callable, shape: Callable, transpose: Callable) -> Primitive:
+    """A linear primitive of operands of one shape, with one result for each of them, which depends on it alone.
+
+    **Arguments:** `shape`: gives a result's shape from an operand's; `transpose`: gives the operands' cotangents from
+    those of the results and the operands' shape. Operands without tangent or cotangent are left out.
+    """
+    primitive = Primitive(name)
+    primitive.multiple_results = True
+
+    def jvp(primals, tangents, **how):
+        found = primitive.bind(*primals, **how)
+        out = [ad.Zero(jax.typeof(x).to_tangent_aval()) for x in found]
+        live = [k for k, t in enumerate(tangents) if type(t) is not ad.Zero]
+        for k, t in zip(live, primitive.bind(*(tangents[k] for k in live), **how) if live else (), strict=True):
+            out[k] = t
+        return found, out
+
+    def transposed(cotangents, *operands, **how):
+        linear = [k for k, x in enumerate(operands) if ad.is_undefined_primal(x)]
+        out: list[Any] = [ad.Zero(x.aval) if ad.is_undefined_primal(x) else None for x in operands]
+        live = [k for k in linear if type(cotangents[k]) is not ad.Zero]
+        if live:
+            size = operands[live[0]].aval.shape
+            for k, c in zip(live, transpose([cotangents[k] for k in live], size), strict=True):
+                out[k] = c
+        return out
+
+    def batch(operands, axes, **how):
+        size = next(x.shape[a] for x, a in zip(operands, axes, strict=True) if a is not batching.not_mapped)
+        moved = [
+            jnp.broadcast_to(x, (size, *x.shape)) if a is batching.not_mapped else jnp.moveaxis(x, a, 0)
+            for x, a in zip(operands, axes, strict=True)
+        ]
+        return primitive.bind(*moved, **how), [0] * len(moved)
+
+    primitive.def_impl(implementation)
+    primitive.def_abstract_eval(lambda *avals, **how: [a.update(shape=shape(a.shape, **how)) for a in avals])
+    ad.primitive_jvps[primitive] = jvp
+    ad.primitive_transposes[primitive] = transposed
+    batching.primitive_batchers[primitive] = batch
+    mlir.register_lowering(primitive, mlir.lower_fun(implementation, multiple_results=True))
+    return primitive
+
+
+def _summed(*operands):
     zeros = tuple(jnp.zeros((), x.dtype) for x in operands)
     return list(lax.reduce(operands, zeros, _add, (operands[0].ndim - 1,)))
 
@@ -59,38 +111,42 @@ def _add(a, b):
     return tuple(x + y for x, y in zip(a, b, strict=True))
 
 
-def _jvp(primals, tangents):
-    tangents = [ad.instantiate_zeros(t) for t in tangents]
-    return _sums_p.bind(*primals), _sums_p.bind(*tangents)
+def _repeated(*operands, n):
+    return [lax.broadcast_in_dim(x, (*x.shape, n), range(x.ndim)) for x in operands]
 
 
-def _transpose(cotangents, *operands):
-    out = []
-    for cotangent, operand in zip(cotangents, operands, strict=True):
-        if not ad.is_undefined_primal(operand):
-            out.append(None)
-        elif type(cotangent) is ad.Zero:
-            out.append(ad.Zero(operand.aval))
-        else:
-            out.append(jnp.broadcast_to(cotangent[..., None], operand.aval.shape))
-    return out
+def _reduced(*operands):
+    """Storing on any backend: XLA never recomputes a reduction, here over two entries, one of which is zero."""
+    shape = operands[0].shape
+    wide = (*shape, 2)
+    first = jnp.broadcast_to(np.array([True, False]), wide)
+    nothing = jnp.zeros(wide)
+    return _summed(*(lax.select(first, lax.broadcast_in_dim(x, wide, range(len(shape))), nothing) for x in operands))
 
 
-def _batch(operands, axes):
-    size = next(x.shape[a] for x, a in zip(operands, axes, strict=True) if a is not batching.not_mapped)
-    moved = [
-        jnp.broadcast_to(x, (size, *x.shape)) if a is batching.not_mapped else jnp.moveaxis(x, a, 0)
-        for x, a in zip(operands, axes, strict=True)
-    ]
-    return _sums_p.bind(*moved), [0] * len(moved)
+def _passed_on(context, *operands):
+    """Storing on a CPU: a call that XLA does not inline, of a function that returns its arguments.
+
+    LLVM gets some four instructions for each value, where it gets fifty for the reduction.
+    """
+    types = [x.type for x in operands]
+    module = context.module_context
+    with ir.InsertionPoint.at_block_begin(module.module.body):
+        function = func.FuncOp("stored", ir.FunctionType.get(types, types), visibility="private")
+        with ir.InsertionPoint(function.add_entry_block()):
+            func.ReturnOp(list(function.entry_block.arguments))
+    module.symbol_table.insert(function)
+    call = func.CallOp(types, ir.FlatSymbolRefAttr.get(function.name.value), operands)
+    mark = ir.DictAttr.get({"inlineable": ir.StringAttr.get("false")})
+    call.operation.attributes["mhlo.frontend_attributes"] = mark
+    return list(call.results)
 
 
-_sums_p.def_impl(_implementation)
-_sums_p.def_abstract_eval(lambda *avals: [a.update(shape=a.shape[:-1]) for a in avals])
-ad.primitive_jvps[_sums_p] = _jvp
-ad.primitive_transposes[_sums_p] = _transpose
-batching.primitive_batchers[_sums_p] = _batch
-mlir.register_lowering(_sums_p, mlir.lower_fun(_implementation, multiple_results=True))
+_sums = _linear("slipperjax_sums", _summed, lambda s: s[:-1], lambda found, shape: _spread.bind(*found, n=shape[-1]))
+_spread = _linear("slipperjax_spread", _repeated, lambda s, n: (*s, n), lambda found, shape: _sums.bind(*found))
+_stored = _linear("slipperjax_stored", _reduced, lambda s: s, lambda found, _: _stored.bind(*found))
+
+mlir.register_lowering(_stored, _passed_on, platform="cpu")
 
 
 @jax.custom_jvp
