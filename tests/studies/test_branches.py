@@ -115,7 +115,8 @@ def test_speed_branches_have_the_known_events():
     assert set(data) == {"speed_branch", "speed_period_2"}
     part = branches.stable_part(found["branch"], "speed", 1250.0)
     assert labels(part) == ["PD", "LP"]
-    assert [part.low.value, part.high.value] == pytest.approx([1095.914, 2234.724], abs=2e-3)
+    # at 400 steps 1095.9120 and 2234.7236
+    assert [part.low.value, part.high.value] == pytest.approx([1095.9106, 2234.7235], abs=2e-4)
     twice = branches.stable_part(load_branch(data["speed_period_2"]), "speed", 1090.0)
     assert labels(twice)[0] == "PD"
     assert twice.low.value == pytest.approx(969.690, abs=2e-3)
@@ -127,7 +128,7 @@ def test_wide_slippers_settle_on_other_branches():
     found = branches.follow_branches("clearance", 0, True, data, {})
     first = branches.stable_part(found["branch"], "clearance", 1e-3)
     assert labels(first) == ["EP", "NS"]
-    assert first.high.value == pytest.approx(3.19657e-3, abs=1e-8)
+    assert first.high.value == pytest.approx(3.196205e-3, abs=1e-8)  # at 400 steps 3.196255e-3
     # which of two orbits is met at 4 mm is decided by a long transient, and so by rounding
     assert found["observed"].period in (1, 3)
     beyond = branches.stable_part(found["beyond"], "clearance", 3.8e-3)

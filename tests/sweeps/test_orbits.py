@@ -44,8 +44,8 @@ def test_orbits_recur_and_neighbours_approach_as_their_multipliers_say(found, sp
     # with a complex pair of multipliers mu, x'' = 2 Re(mu) x' - |mu|^2 x; others have died out
     pair = np.stack([apart[1:-1].ravel(), apart[:-2].ravel()], axis=1)
     size = -np.linalg.lstsq(pair, apart[2:].ravel(), rcond=None)[0][1]
-    # measured: 6e-8
-    np.testing.assert_allclose(float(case["exponent"]), np.log(size) / 2, atol=1e-7)
+    # measured: 6e-8 to 1.3e-7, of rounding: the neighbours are 1e-7 apart by then
+    np.testing.assert_allclose(float(case["exponent"]), np.log(size) / 2, atol=4e-7)
 
 
 def test_cases_without_a_stable_orbit_are_marked(found):

@@ -1,0 +1,47 @@
+"""From calling a derivative to its number: each in a process of its own, without a cache of programs.
+
+pytest -m benchmark -s tests/benchmarks/test_derivatives.py
+"""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from slipperjax.tools.files import table_lines
+
+ROWS = [
+    *((solver, mode) for solver in ("RK4", "ImpulseRK4") for mode in ("value", "jacfwd", "grad", "jacfwd of jacfwd")),
+    ("RK4", "hessian"),
+    ("ImpulseRK4", "hessian"),
+    ("start", "jacfwd"),
+    ("scene and start", "grad"),
+    ("peak force", "jacfwd"),
+    ("peak force", "grad"),
+    ("orbit", "jacfwd"),
+    ("smooth switch", "jacfwd"),
+    ("smooth switch", "grad"),
+]
+
+
+def timed(what: str, mode: str) -> dict[str, float]:
+    """The parts of a derivative's time [s]."""
+    script = Path(__file__).with_name("derivatives.py")
+    done = subprocess.run([sys.executable, str(script), what, mode], capture_output=True, text=True, check=True)
+    return json.loads(next(line for line in done.stdout.splitlines() if line.startswith("PARTS "))[6:])
+
+
+@pytest.mark.benchmark
+def test_time_to_first_derivative():
+    assert "JAX_COMPILATION_CACHE_DIR" not in os.environ
+    rows = []
+    for what, mode in ROWS:
+        parts = timed(what, mode)
+        traced = parts["first"] - parts["lower"] - parts["compile"]
+        times = {"first [s]": parts["first"], "trace": traced, "lower": parts["lower"], "compile": parts["compile"]}
+        shown = {name: f"{seconds:.1f}" for name, seconds in times.items()}
+        rows.append({"of": what, "derivative": mode} | shown | {"again [ms]": f"{1e3 * parts['again']:.1f}"})
+    print("\n" + "\n".join(table_lines(rows)))
