@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import brief, shown_number, warn
 from ..tools.compile import is_traced, jit
-from ..tools.fused import kept, sums
+from ..tools.fused import held, kept, sums
 from .contact import Before, SmoothSwitch
 from .kinematics import (
     Contacts,
@@ -143,6 +143,7 @@ def contact_forces(scene: Scene, now: Contacts, memory: Array | None) -> Float[A
 def resultant(frame: RailFrame, now: Contacts, force: Array) -> list[Array]:
     """Force along y and z [N] and moment about the slipper's x, y and z [N m] of normal forces at the points [N]."""
     _, n_y, n_z = frame.normal
+    force = held(force)
     return sums(force * n_y, force * n_z, *(force * lever for lever in now.lever))
 
 

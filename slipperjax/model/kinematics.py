@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import brief, require, shown_number
 from ..tools.compile import is_traced
-from ..tools.fused import kept, materialise, spread
+from ..tools.fused import held, kept, materialise, spread
 from .quantities import COORDINATES
 from .scene import Scene
 
@@ -242,7 +242,7 @@ def contacts(frame: RailFrame, m: Motion) -> Contacts:
     lever = (a_y * s_z - a_z * s_y, a_z * s_x - a_x * s_z, a_x * s_y - a_y * s_x)
     gap = n_y * y + n_z * z + a_x * s_x + a_y * s_y + a_z * s_z - frame.position
     rate = (n_y * v_y + n_z * v_z + lever[0] * w_x + lever[1] * w_y + lever[2] * w_z) - frame.velocity
-    return Contacts(kept(gap), rate, lever)
+    return Contacts(kept(gap), *held((rate, lever)))
 
 
 def face_offsets(scene: Scene, phase: Any, m: Motion) -> Float[Array, " points"]:

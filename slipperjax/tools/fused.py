@@ -49,12 +49,21 @@ def materialise(tree):
     **Arguments:** a pytree of floating-point arrays that broadcast to one shape. **Returns:** the same values,
     broadcast to that shape.
     """
-    scalars, structure = jax.tree.flatten(tree)
-    once = {id(x): x for x in scalars}  # leaves that occur twice are computed once
+    return _of_leaves(_stored, tree)
+
+
+def _of_leaves(primitive: Primitive, tree):
+    leaves, structure = jax.tree.flatten(tree)
+    once = {id(x): x for x in leaves}  # leaves that occur twice are computed once
     shape = jnp.broadcast_shapes(*(jnp.shape(x) for x in once.values()))
-    stored = _stored.bind(*(jnp.broadcast_to(jnp.asarray(x, float), shape) for x in once.values()))
-    found = dict(zip(once, stored, strict=True))
-    return jax.tree.unflatten(structure, [found[id(x)] for x in scalars])
+    found = primitive.bind(*(jnp.broadcast_to(jnp.asarray(x, float), shape) for x in once.values()))
+    of = dict(zip(once, found, strict=True))
+    return jax.tree.unflatten(structure, [of[id(x)] for x in leaves])
+
+
+def held(tree):
+    """The same values, whose cotangents are stored: reverse mode does not compute them again for each input."""
+    return _of_leaves(_held, tree)
 
 
 def _linear(name: str, implementation: Callable, shape: Callable, transpose: Callable) -> Primitive:
@@ -145,6 +154,9 @@ def _passed_on(context, *operands):
 _sums = _linear("slipperjax_sums", _summed, lambda s: s[:-1], lambda found, shape: _spread.bind(*found, n=shape[-1]))
 _spread = _linear("slipperjax_spread", _repeated, lambda s, n: (*s, n), lambda found, shape: _sums.bind(*found))
 _stored = _linear("slipperjax_stored", _reduced, lambda s: s, lambda found, _: _stored.bind(*found))
+_held = _linear(
+    "slipperjax_held", lambda *operands: list(operands), lambda s: s, lambda found, _: _stored.bind(*found)
+)
 
 mlir.register_lowering(_stored, _passed_on, platform="cpu")
 
