@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from slipperjax.tools.fused import kept, materialise, spread, sums
+from slipperjax.tools.fused import held, kept, materialise, spread, sums
 
 A, B = jnp.asarray([0.3, -1.2, 2.5]), jnp.asarray([1.1, 0.4, -0.7])
 
@@ -14,7 +14,7 @@ A, B = jnp.asarray([0.3, -1.2, 2.5]), jnp.asarray([1.1, 0.4, -0.7])
 def chained(a, b):
     """All operations, one behind the other."""
     u, v = materialise((jnp.sin(a), a * b))
-    first, second = sums(u * v, v)
+    first, second = sums(held(u * v), v)
     x, y = spread(4, first, second)
     return jnp.sum(kept(x * jnp.arange(4.0)) * y)
 
