@@ -137,13 +137,12 @@ def warn_if_outside(penetration: Any) -> None:
 def contact_forces(scene: Scene, now: Contacts, memory: Array | None) -> Float[Array, " points"]:
     """Normal forces [N] on the slipper, Eq. (12); `memory`: shape (points,), or None."""
     ratio = None if memory is None else scene.memory.rate_ratio(memory, now.rate)
-    return scene.contact.force(now.gap, now.rate, ratio)
+    return held(scene.contact.force(now.gap, now.rate, ratio))
 
 
 def resultant(frame: RailFrame, now: Contacts, force: Array) -> list[Array]:
     """Force along y and z [N] and moment about the slipper's x, y and z [N m] of normal forces at the points [N]."""
     _, n_y, n_z = frame.normal
-    force = held(force)
     return sums(force * n_y, force * n_z, *(force * lever for lever in now.lever))
 
 

@@ -104,7 +104,7 @@ class ImpulseRK4(AbstractLatchingSolver):
             """A stage's motion, its derivative, and the wrench of its forces along the directions at the start."""
             m = materialise(jax.tree.map(lambda a, k: a + share * dt * k, m0, rates))
             now = contacts(frame, m)
-            force = held(contact_forces(scene, now, y0.memory))
+            force = contact_forces(scene, now, y0.memory)
             wrenches = sums(*(force * d for d in (*frame.normal[1:], *now.lever, *before.directions)))
             return m, per_period(scene, newton_euler(scene, m, wrenches[:5])), wrenches[5:]
 
@@ -151,8 +151,7 @@ def _corrected(
     for through, (crossing, weight) in zip(THROUGH, CROSSING, strict=True):
         x = held(place + length * jnp.where(bends, crossing, through))
         force = contact_forces(scene, Contacts(path.gap_at(x), path.rate_at(x), lever), memory)
-        part = jnp.abs(length) * jnp.where(bends, weight, 0.5) * force
-        part = held(part)
+        part = held(jnp.abs(length) * jnp.where(bends, weight, 0.5) * force)
         means, earlies = means + part, earlies + (1 - x) * part
     # fourth powers of the step times the frequency, whose square is 3/2 K d^(1/2) over the mass, and times the decay
     deepest = jnp.where(gap < before.gap, gap, before.gap)
