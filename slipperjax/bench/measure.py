@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..flow.period_map import advance, initial_states
-from ..flow.recorders import coordinates
+from ..flow.series import coordinates
 from ..flow.stepping import ConstantSteps, ControlledSteps
 from ..model.quantities import COORDINATE_SCALES
 from ..solvers.adaptive import AdaptiveSteps
@@ -50,7 +50,7 @@ def run(
     scene = dataclasses.replace(case.scene, memory=method.memory)
     cases = Cases(scene, {"speed": speeds}, case.start, product=False)
     plan = make_plan(
-        scene, cases, record="strobe", transient=0, periods=case.periods, steps_per_period=1, solver=method.solver
+        scene, cases, transient=0, periods=case.periods, steps_per_period=1, solver=method.solver
     )  # for its chunks and threads
     chunks, threads = plan.chunks(None, workers)
     if method.adaptive:

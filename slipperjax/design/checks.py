@@ -8,13 +8,14 @@ import numpy as np
 import xarray as xr
 from jax.flatten_util import ravel_pytree
 
+from ..flow.status import Status
 from ..model.dang2024 import table_2_start
 from ..model.dynamics import initial_state
 from ..model.paths import parameter
 from ..orbits.branches import OrbitBranch, continue_orbit
 from ..orbits.periodic import periodic_orbit
+from ..sweeps.sweep import sweep
 from ..tools.checks import number, positive, require, whole
-from .maps import objective_sweep
 from .optimise import Design
 
 EVENTS = ("LP", "PD", "NS", "BP", "GR")
@@ -28,9 +29,9 @@ def surroundings(
 
     **Arguments:** `points`: designs along each variable, rounded up to an odd number so that the design itself is
     one; `width`: how far they reach on both sides, as a share of the box; those beyond a bound are moved to it.
-    `transient`, `periods`, `options`: of `objective_sweep`; the steps are those of the search.
+    `transient`, `periods`, `options`: of `sweep`; the steps are those of the search.
 
-    **Returns:** the dataset of `objective_sweep` over variables and cases, with the objective and its smooth form,
+    **Returns:** the dataset of `sweep` over variables and cases, with the objective and its smooth form,
     and `total`, the worst or the mean of the cases, over the variables. Attribute `lower`: by how much the lowest
     total there is below that of the design's own place, over it [1].
 
@@ -44,10 +45,12 @@ def surroundings(
         inside = around[(around > low) & (around < high)]
         ends = [end for end in (low, high) if around[0] <= end <= around[-1]]
         grid[name] = np.unique(np.concatenate([inside, ends, [design.design[name]]]))
-    asked = tuple(dict.fromkeys([problem.objective, problem.objective.smooth]))
+    asked: list[Any] = [*dict.fromkeys([problem.objective, problem.objective.smooth]), "motion"]
     how: dict[str, Any] = dict(steps_per_period=problem.question.steps, solver=problem.question.solver)
     how |= dict(start=problem.start, transient=transient, periods=periods)
-    ds = objective_sweep(problem.scene, asked, grid | problem.over, **(how | options))
+    ds = sweep(problem.scene, grid | problem.over, record=asked, **(how | options))
+    for one in asked[:-1]:
+        ds[one.name] = ds[one.name].where(ds["status"] == Status.FINITE)
     of_cases = list(problem.over)
     values = ds[problem.objective.smooth.name]
     total = values.max(of_cases, skipna=False) if problem.robust == "worst" else values.mean(of_cases, skipna=False)

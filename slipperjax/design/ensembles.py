@@ -16,9 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..flow.course import Courses
 from ..flow.period_map import advance_tangents, initial_tangents, states_and_penetrations
-from ..flow.recorders import Strobe
+from ..flow.record import RecordSet
+from ..flow.records import AbstractNumber
 from ..flow.simulate import flexible_steps
 from ..flow.status import Status, first_problem
 from ..model.dynamics import State
@@ -27,9 +27,10 @@ from ..model.scene import Scene
 from ..sweeps.executors import in_order, run_chunk, run_chunks
 from ..sweeps.grid import Cases
 from ..sweeps.plan import Calls, OnProgress, Plan
+from ..sweeps.records import LargestExponent
 from ..tools.checks import whole
-from .gradients import Objectives, totals
-from .objectives import AbstractCourseObjective, AbstractObjective, Exponent
+from .gradients import Objectives, period_values, totals
+from .objectives import Objective
 
 DISTURBED = 0.1
 """Standard deviation of the disturbances of the starts' velocities, in multiples of
@@ -70,7 +71,7 @@ def averages(
     grid: Mapping[str, Any],
     names: tuple[str, ...],
     reach: Mapping[str, float],
-    objectives: tuple[AbstractObjective, ...],
+    objectives: tuple[Objective, ...],
     starts: Motion,
     spread: Spread,
     *,
@@ -116,19 +117,19 @@ def averages(
 
 def _run(
     runs: Cases,
-    objectives: tuple[AbstractObjective, ...],
+    objectives: tuple[Objective, ...],
     spread: Spread,
     steps: int,
     solver: diffrax.AbstractSolver,
     progress: bool,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The objectives of each run (cases, objectives), and the runs' statuses."""
-    of_courses: Objectives = tuple(one for one in objectives if isinstance(one, AbstractCourseObjective))
-    exponents = [isinstance(one, Exponent) for one in objectives]
-    recorder = Courses(tuple(one.of_course for one in of_courses)) if of_courses else Strobe()
+    of_courses: Objectives = tuple(one for one in objectives if isinstance(one, AbstractNumber))
+    exponents = [isinstance(one, LargestExponent) for one in objectives]
+    records = period_values(of_courses) if of_courses else RecordSet()
     passed, block = whole("transient", spread.transient, 0), _divisor(whole("periods", spread.periods, 1))
     transient = Calls(10, -(-passed // 10))
-    plan = Plan(solver, recorder, np.full(runs.count, steps), transient, Calls(block, spread.periods // block))
+    plan = Plan(solver, records, np.full(runs.count, steps), transient, Calls(block, spread.periods // block))
     chunks, workers = plan.chunks(None, None)
 
     def work(chunk, on_progress):
@@ -138,7 +139,7 @@ def _run(
         run = run_chunk(plan, scenes, begin, steps, on_progress)
         lanes = len(run.status)
         kept = jax.tree.map(jnp.asarray, run.record)
-        found = np.asarray(totals(of_courses, kept)) if of_courses else np.zeros((lanes, 0))
+        found = np.asarray(totals(of_courses, *kept)) if of_courses else np.zeros((lanes, 0))
         values, status = np.empty((lanes, len(objectives))), run.status
         values[:, np.flatnonzero(np.logical_not(exponents))] = found
         if any(exponents):

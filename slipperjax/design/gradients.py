@@ -7,6 +7,7 @@ number of parameters.
 """
 
 import functools
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import diffrax
@@ -16,17 +17,36 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from ..analysis.floquet import jacobians
-from ..flow.course import Courses
 from ..flow.period_map import PeriodMap
+from ..flow.record import RecordSet
+from ..flow.records import AbstractNumber
+from ..flow.series import Unlabelled
 from ..flow.stepping import AbstractStepping
 from ..model.dynamics import State
 from ..model.paths import parameter
 from ..model.scene import Scene
 from ..tools.batching import Batched
 from ..tools.compile import jit
-from .objectives import AbstractCourseObjective
 
-Objectives = tuple[AbstractCourseObjective, ...]
+Objectives = tuple[AbstractNumber, ...]
+
+
+@dataclass(frozen=True)
+class PeriodValues(Unlabelled):
+    """The values of some numbers in each forcing period, from which their totals are differentiated."""
+
+    numbers: Objectives
+
+    def values(self, periods):
+        return 10 * len(self.numbers) * periods
+
+    def sample(self, course):
+        return tuple(one.of(course) for one in self.numbers)
+
+
+def period_values(objectives: Objectives) -> RecordSet:
+    """The record of objectives' values in each forcing period."""
+    return RecordSet((PeriodValues(objectives),))
 
 
 def at_values(scene: Scene, names: tuple[str, ...], values: Any) -> Scene:
@@ -49,7 +69,7 @@ class Pushed(NamedTuple):
     moved: Float[Array, "cases directions size"]
     """Their derivatives."""
     kept: Any
-    """What each objective keeps of the period, arrays (cases, ...)."""
+    """Value of each objective in the period, arrays (cases, ...)."""
     slopes: Any
     """Derivatives of that, arrays (cases, directions, ...)."""
 
@@ -70,15 +90,15 @@ def push_period(
     solver: diffrax.AbstractSolver,
 ) -> Pushed:
     """One forcing period, differentiated by each of the parameters `names` while the start moves by `moved`."""
-    recorder = Courses(tuple(one.of_course for one in objectives))
+    records = period_values(objectives)
 
     def one(scene: Scene, state: State, moved: Array) -> Pushed:
         flat, unravel = ravel_pytree(state)
 
         def run(x: Array, p: Array) -> tuple[Array, Any]:
             step = PeriodMap(at_values(scene, names, p), stepping, solver)
-            passage = step.run(unravel(x), epoch, periods=1, recorder=recorder)
-            return ravel_pytree(passage.state)[0], jax.tree.map(lambda a: a[0], passage.record)
+            passage = step.run(unravel(x), epoch, periods=1, records=records)
+            return ravel_pytree(passage.state)[0], jax.tree.map(lambda a: a[0], passage.samples[0])
 
         p = values_of(scene, names)
         push = lambda dx, dp: jax.jvp(run, (flat, p), (dx, dp))
@@ -90,7 +110,7 @@ def push_period(
 
 @functools.partial(jit, static_argnames=("objectives",))
 def totals(objectives: Objectives, kept: Any) -> Float[Array, "cases objectives"]:
-    """The objectives of a batch from what they kept, arrays (cases, periods, ...)."""
+    """The objectives of a batch from their values in each period, arrays (cases, periods, ...)."""
     return jax.vmap(lambda rows: _totals(objectives, rows))(kept)
 
 
@@ -128,12 +148,12 @@ def pulled_gradient(
     **Arguments:** `inverse`: of I - P_x over the orbit's `periods`; `stepping`: with a fixed number of steps.
     """
     flat, unravel = ravel_pytree(state)
-    recorder = Courses(tuple(one.of_course for one in objectives))
+    records = period_values(objectives)
 
     def run(x: Array, p: Array) -> tuple[Array, Array]:
         step = PeriodMap(at_values(scene, names, p), stepping, solver)
-        passage = step.run(unravel(x), periods=periods, recorder=recorder)
-        return ravel_pytree(passage.state)[0], _totals(objectives, passage.record)
+        passage = step.run(unravel(x), periods=periods, records=records)
+        return ravel_pytree(passage.state)[0], _totals(objectives, passage.samples[0])
 
     (end, value), pull = jax.vjp(run, flat, values_of(scene, names))
     by_x, by_p = jax.vmap(lambda c: pull((jnp.zeros_like(end), c)))(jnp.eye(value.size))

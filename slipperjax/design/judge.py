@@ -16,6 +16,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Float, Int
 
 from ..flow.period_map import initial_states
+from ..flow.records import AbstractNumber
 from ..flow.simulate import flexible_steps
 from ..flow.status import Status
 from ..model.dang2024 import table_2_start
@@ -29,12 +30,12 @@ from ..sweeps.maps import Maps, rows_of
 from ..sweeps.orbits import find_orbits
 from ..sweeps.plan import Chunk, OnProgress, make_plan, strobe_plan
 from ..sweeps.reached import reached_orbits
-from ..sweeps.reducers import JACOBIAN
+from ..sweeps.records import JACOBIAN, LargestExponent
 from ..tools.batching import Batched
 from ..tools.limits import cores
 from .ensembles import Spread, averages
 from .gradients import matrix_slopes, push_period, total_slopes
-from .objectives import AbstractCourseObjective, AbstractObjective, Exponent
+from .objectives import Objective
 
 LANES = 32
 """Most cases in one call."""
@@ -85,7 +86,7 @@ class Question(NamedTuple):
 
     names: tuple[str, ...]
     """Parameters by which objectives are differentiated."""
-    objectives: tuple[AbstractObjective, ...]
+    objectives: tuple[Objective, ...]
     solver: diffrax.AbstractSolver
     steps: int
     """Per forcing period, the same for all cases, so that objectives have no jumps where it would change."""
@@ -93,13 +94,13 @@ class Question(NamedTuple):
     """Forcing periods to pass from a start before an orbit is looked for."""
 
     @property
-    def of_courses(self) -> tuple[AbstractCourseObjective, ...]:
+    def of_courses(self) -> tuple[AbstractNumber, ...]:
         """The objectives that are made of courses."""
-        return tuple(one for one in self.objectives if isinstance(one, AbstractCourseObjective))
+        return tuple(one for one in self.objectives if isinstance(one, AbstractNumber))
 
     def places(self, exponents: bool) -> list[int]:
         """The places of exponents among the objectives, or of all others."""
-        return [k for k, one in enumerate(self.objectives) if isinstance(one, Exponent) == exponents]
+        return [k for k, one in enumerate(self.objectives) if isinstance(one, LargestExponent) == exponents]
 
 
 class Memory(NamedTuple):
@@ -161,9 +162,7 @@ def judge_on_orbits(
     """
     cases = Cases(scene, grid, table_2_start() if start is None else start, product=False)
     steps = np.full(cases.count, question.steps)
-    plan = make_plan(
-        scene, cases, record="strobe", transient=0, periods=1, steps_per_period=steps, solver=question.solver
-    )
+    plan = make_plan(scene, cases, transient=0, periods=1, steps_per_period=steps, solver=question.solver)
     plan = strobe_plan(plan, max(question.transient, SHORTEST))
     size = min(LANES, -(-cases.count // cores()))
     places = [np.arange(at, min(at + size, cases.count)) for at in range(0, cases.count, size)]
@@ -260,7 +259,7 @@ class _Batch:
         found = reached_orbits(
             scenes,
             jax.tree.map(np.asarray, run.state),
-            run.record.strobe[:, -200:],
+            run.record[0][:, -200:],
             self.question.steps,
             solver=self.question.solver,
             count=1,

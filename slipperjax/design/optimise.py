@@ -24,7 +24,7 @@ from ..tools.files import write_whole
 from .ensembles import Spread
 from .judge import Judged, Memory
 from .methods import AbstractMethod, AbstractMove, Step, TrustRegion, inside
-from .objectives import AbstractObjective
+from .objectives import Objective
 from .problem import Problem, checked_problem, first_designs
 
 SAME_DESIGN = 0.02
@@ -121,7 +121,7 @@ class Design:
 
 def optimise_design(
     scene: Scene,
-    objective: AbstractObjective | str | Any,
+    objective: Objective | str | Any,
     variables: Mapping[str, tuple[float, float]],
     *,
     over: Mapping[str, Any] | None = None,

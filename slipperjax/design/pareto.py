@@ -10,7 +10,7 @@ from ..model.paths import parameter
 from ..model.scene import Scene
 from ..tools.checks import whole
 from .methods import TrustRegion
-from .objectives import AbstractObjective, objective_named
+from .objectives import Objective, objective_named
 from .optimise import Design, optimise_design
 
 
@@ -62,7 +62,7 @@ def pareto_front(
     return _front(scene, found, first, second)
 
 
-def _value(design: Design, objective: AbstractObjective) -> float:
+def _value(design: Design, objective: Objective) -> float:
     """An objective at a design, in the worst of the cases or their mean."""
     ds = design.cases
     own = design.problem.objective
@@ -70,7 +70,7 @@ def _value(design: Design, objective: AbstractObjective) -> float:
     return float(np.max(values) if design.problem.robust == "worst" else np.mean(values))
 
 
-def _front(scene: Scene, found: list[Design], first: AbstractObjective, second: AbstractObjective) -> xr.Dataset:
+def _front(scene: Scene, found: list[Design], first: Objective, second: Objective) -> xr.Dataset:
     values = {one: np.array([_value(design, one) for design in found]) for one in (first, second)}
     beaten = [
         any(values[first][j] < values[first][k] and values[second][j] < values[second][k] for j in range(len(found)))

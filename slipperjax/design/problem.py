@@ -21,7 +21,7 @@ from ..tools.checks import brief, instance, one_of, require, whole, yes_or_no
 from .ensembles import Spread
 from .judge import Judged, Memory, Question, judge
 from .methods import Faced
-from .objectives import AbstractObjective, objective_named
+from .objectives import Objective, objective_named
 
 REACH = 0.005
 """How far ensembles' parameters are from a design [unit box]."""
@@ -30,7 +30,7 @@ REACH = 0.005
 class Limits(NamedTuple):
     """A constraint: an objective that must lie between two values."""
 
-    objective: AbstractObjective
+    objective: Objective
     low: float
     high: float
 
@@ -45,7 +45,7 @@ class Problem:
     """What is asked of a design."""
 
     scene: Scene
-    objective: AbstractObjective
+    objective: Objective
     bounds: dict[str, tuple[float, float]]
     """Of each variable [its SI unit]."""
     over: dict[str, np.ndarray]
@@ -203,7 +203,7 @@ def _checked_limits(constraints: Any) -> tuple[Limits, ...]:
         if not low < high or (math.isinf(low) and math.isinf(high)):
             raise ValueError(
                 f"Argument `constraints` must have a highest value or (low, high) for {objective.name} "
-                f"[{objective.unit}], but has {brief(given)}."
+                f"[{objective.quantity.unit}], but has {brief(given)}."
             )
         found.append(Limits(objective, low, high))
     return tuple(found)

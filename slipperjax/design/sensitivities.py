@@ -12,7 +12,7 @@ from jax.flatten_util import ravel_pytree
 
 from ..analysis.attractor import classify
 from ..flow.datasets import scene_attributes
-from ..flow.recorders import coordinates
+from ..flow.series import coordinates
 from ..flow.simulate import Trajectory, default_steps, first_of, flexible_steps, simulate
 from ..flow.status import Status
 from ..flow.stepping import ConstantSteps
@@ -30,7 +30,7 @@ from ..tools.checks import brief, one_of, whole, yes_or_no
 from .ensembles import Spread, averages
 from .gradients import pulled_gradient, push_period, total_slopes
 from .judge import PUSH, Judged, Question, judge_on_orbits
-from .objectives import AbstractObjective, GrazingDistance, objective_named
+from .objectives import OBJECTIVES, Objective, objective_named
 
 METHODS = ("orbit", "ensemble", "run")
 """Ways to differentiate an objective."""
@@ -95,7 +95,7 @@ def sensitivities(
         return _of_run(scene, known, question, begin, whole("periods", periods, 1))
     if method == "ensemble":
         return _by_ensemble(scene, known, question, begin, spread, float(reach))
-    by_grazing = question._replace(objectives=tuple(dict.fromkeys([*asked, GrazingDistance()])))
+    by_grazing = question._replace(objectives=tuple(dict.fromkeys([*asked, OBJECTIVES["grazing_distance"]])))
     if yes_or_no("reverse", reverse) and question.places(True):
         raise ValueError("Argument `reverse` must be False for exponents, but is True.")
     found = judge_on_orbits(scene, values, by_grazing._replace(names=()) if reverse else by_grazing, start=begin)
@@ -111,9 +111,9 @@ def sensitivities(
     if reverse:
         value, gradient = _pulled(scene, found, by_grazing)
         found = found._replace(value=value, gradient=gradient, gradient_stderr=np.zeros_like(gradient))
-    slopes = found.gradient[0, by_grazing.objectives.index(GrazingDistance())]
+    slopes = found.gradient[0, by_grazing.objectives.index(OBJECTIVES["grazing_distance"])]
     with np.errstate(divide="ignore"):
-        domain = found.value[0, by_grazing.objectives.index(GrazingDistance())] / np.abs(slopes)
+        domain = found.value[0, by_grazing.objectives.index(OBJECTIVES["grazing_distance"])] / np.abs(slopes)
     facts = dict(method="orbit", regime=str(found.regime[0]), period=int(found.period[0]))
     facts |= dict(multiplier=float(found.multiplier[0]), simulated=float(found.simulated[0]))
     count = len(asked)
@@ -203,7 +203,7 @@ def _of_run(scene: Scene, known: list[Parameter], question: Question, begin: Any
 def _dataset(
     scene: Scene,
     known: list[Parameter],
-    asked: tuple[AbstractObjective, ...],
+    asked: tuple[Objective, ...],
     value: np.ndarray,
     gradient: np.ndarray,
     gradient_stderr: np.ndarray,
@@ -226,7 +226,7 @@ def _dataset(
     }
     coords = {
         "objective": [one.name for one in asked],
-        "objective_unit": ("objective", [one.unit for one in asked]),
+        "objective_unit": ("objective", [one.quantity.unit for one in asked]),
         "parameter": [one.name for one in known],
         "parameter_unit": ("parameter", [one.unit for one in known]),
     }

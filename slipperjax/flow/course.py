@@ -1,161 +1,240 @@
-"""Courses: one forcing period of a motion with its forces, as curves that functionals are made of.
+"""Courses: one forcing period of a motion with its forces, as curves that records are made of.
 
 Every quantity is a cubic in each integration step, through both ends with its slopes: fourth order in the step, like
 the solution. Slopes of coordinates are the motion's own, all others those of `slipperjax.flow.loads`. Means
-are taken over three points of a Gauss formula in each step, greatest values are those of the cubics.
+are taken over the two points of Gauss's formula in each step, which have equal weights and are exact for cubics;
+greatest values are those of the cubics.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+import functools
+from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..model.dynamics import Args, State, contact_forces, motion_rates
-from ..model.kinematics import Motion, contacts
+from ..model.dynamics import Args, State, contact_forces, motion_rates, per_period
+from ..model.kinematics import Motion, contacts, euler_angles
 from ..model.scene import Scene
 from ..tools.fused import materialise
-from .loads import slopes
-from .poincare import hermite, highest_point
-from .recorders import AbstractRecorder, stacked
+from .loads import Loads, contact_loads, contact_rate, slopes
+from .poincare import Crossings, hermite, highest_point, section_crossings
 
-_NODES, _WEIGHTS = (a / 2 for a in np.polynomial.legendre.leggauss(3))
-PLACES = _NODES + 0.5
-"""Places inside a step at which curves are sampled [steps]."""
+PLACES = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
+"""Places inside a step at which curves are sampled [steps]: those of Gauss's formula with two points."""
 
 
-class Curve(NamedTuple):
-    """A quantity over a period, a cubic in each step."""
+def stacked(state: State) -> Float[Array, "*batch 10"]:
+    """The ten coordinates and velocities of a state (*batch), in the order of `slipperjax.model.COORDINATES`."""
+    m = state.motion
+    return jnp.stack([m.y, m.z, *euler_angles(m), m.v_y, m.v_z, m.w_x, m.w_y, m.w_z], axis=-1)
 
-    values: Float[Array, "ends ..."]
-    """At both ends of every step."""
-    slopes: Float[Array, "ends ..."]
-    """Derivatives there, per step."""
 
-    @property
+class Curve:
+    """A quantity over a period, a cubic in each step. Each property is computed once for all records."""
+
+    def __init__(self, values: Float[Array, "ends ..."], slopes: Float[Array, "ends ..."], course: "Course"):
+        """**Arguments:** values, and derivatives per step, at both ends of every step."""
+        self.values, self.slopes, self._course = values, slopes, course
+
+    @functools.cached_property
     def samples(self) -> Float[Array, "samples ..."]:
         """Values at `PLACES` of every step, in the order of time."""
-        parts = self.values[:-1], self.slopes[:-1], self.values[1:], self.slopes[1:]
-        found = jnp.stack([hermite(x, *parts) for x in PLACES], axis=1)
+        found = jnp.stack([hermite(x, *self._ends) for x in PLACES], axis=1)
         return found.reshape(-1, *self.values.shape[1:])
 
-    @property
-    def greatest(self) -> Float[Array, "steps ..."]:
-        """The greatest value in every step."""
-        return highest_point(self.values[:-1], self.slopes[:-1], self.values[1:], self.slopes[1:])[1]
+    @functools.cached_property
+    def mean(self) -> Float[Array, "..."]:
+        """The mean over time."""
+        return self._course.mean(self.samples)
 
-    @property
-    def turns(self) -> tuple[Bool[Array, "steps ..."], Float[Array, "steps ..."]]:
-        """Whether the curve has an extreme in a step, where its slope changes sign, and the value there."""
+    @functools.cached_property
+    def mean_square(self) -> Float[Array, "..."]:
+        """The mean of the square over time."""
+        return self._course.mean(self.samples**2)
+
+    @functools.cached_property
+    def greatest(self) -> Float[Array, "..."]:
+        """The greatest value."""
+        # Stored, because the derivative of jnp.max looks for the values that equal the maximum: where XLA computes
+        # them again and rounds otherwise, none does, and the derivative is 0 / 0.
+        return jnp.max(materialise(self._course.counted(self._tops, -jnp.inf)), axis=0)
+
+    @functools.cached_property
+    def least(self) -> Float[Array, "..."]:
+        """The least value."""
+        return -self._falling.greatest
+
+    @functools.cached_property
+    def shallowest_turn(self) -> Float[Array, "..."]:
+        """The magnitude of the extreme that is nearest to zero; infinite where there is none."""
         rises = self.slopes >= 0
         top, bottom = rises[:-1] & ~rises[1:], ~rises[:-1] & rises[1:]
-        falling = Curve(-self.values, -self.slopes)
-        return top | bottom, jnp.where(top, self.greatest, -falling.greatest)
+        sizes = jnp.abs(jnp.where(top, self._tops, -self._falling._tops))
+        sizes = self._course.counted(jnp.where(top | bottom, sizes, jnp.inf), jnp.inf)
+        return jnp.min(materialise(sizes), axis=0)  # as in `greatest`
+
+    @functools.cached_property
+    def _falling(self) -> "Curve":
+        return Curve(-self.values, -self.slopes, self._course)
+
+    @functools.cached_property
+    def _tops(self) -> Array:
+        """The greatest value in every step."""
+        return highest_point(*self._ends)[1]
+
+    @property
+    def _ends(self) -> tuple[Array, Array, Array, Array]:
+        return self.values[:-1], self.slopes[:-1], self.values[1:], self.slopes[1:]
 
 
-class Course(eqx.Module):
-    """One forcing period of a motion."""
+class Course:
+    """One forcing period of a motion, as records see it inside the compiled program.
 
-    scene: Scene
-    steps: Any
-    """Integration steps per period; a traced number where one program serves several."""
-    coordinates: Curve
-    """(ends, 10), in the order of `slipperjax.model.COORDINATES`."""
-    acceleration: Curve
-    """(ends, 5), in the order of `slipperjax.model.ACCELERATIONS`."""
-    force: Curve
-    """Normal contact forces at the front and the rear points [N], (ends, 2, points)."""
-    gap: Curve
-    """Gaps there, negative where penetrating [m], (ends, 2, points)."""
-    power: Curve
-    """Power that the contacts take from the motion along the normals [W], (ends, 2, points): force times closing
-    rate."""
-    drive_force: Curve
-    """Force along x that keeps the speed constant [N], (ends,)."""
+    Each quantity is computed where it is first asked for, once for all records: what none of them asks for costs
+    nothing. Arrays over steps have room for more of them than there are, see `taken`; means and extremes leave the
+    others out.
+    """
+
+    def __init__(self, end: State, inside: State | None, args: Args, steps: Any, rates: Motion | None = None):
+        """**Arguments:** `end`: the state at the end of the period; `inside`: at both ends of every step, of which
+        the first `steps` + 1 count (the others repeat the start), None where all records do without; `args`: scene
+        and epoch; `steps`: integration steps per period, an `int` or traced; `rates`: derivatives of the motion at
+        the same instants [per forcing period], where they are known."""
+        self.end, self.args, self.steps, self._inside, self._rates = end, args, steps, inside, rates
+
+    @property
+    def scene(self) -> Scene:
+        """The case."""
+        return self.args.scene
+
+    @property
+    def states(self) -> State:
+        """The states at both ends of every step, with a leading axis."""
+        if self._inside is None:
+            raise ValueError("Property `inside` of a record must be True for it to see states inside periods.")
+        return self._inside
+
+    @property
+    def capacity(self) -> int:
+        """Number of steps that there is room for."""
+        return self.states.motion.y.shape[0] - 1
 
     @property
     def taken(self) -> Bool[Array, " steps"]:
-        """Which steps count: all, unless one program serves several numbers of them."""
-        return jnp.arange(self.gap.values.shape[0] - 1) < self.steps
+        """Which steps there are: the first ones."""
+        return jnp.arange(self.capacity) < self.steps
 
     @property
-    def weights(self) -> Float[Array, " samples"]:
-        """Weights of the samples in means over time [1]; their sum is one."""
-        return jnp.where(self.taken[:, None], _WEIGHTS[None], 0.0).ravel() / self.steps
+    def times(self) -> Float[Array, " samples"]:
+        """Instants of the samples of curves [forcing periods since the start of this one]."""
+        return ((jnp.arange(self.capacity)[:, None] + PLACES) / self.steps).ravel()
+
+    @functools.cached_property
+    def _at_ends(self) -> tuple:
+        """Rail, contacts and forces at both ends of every step."""
+
+        def at(place, state):
+            frame = self.args.frame(place / self.steps)
+            now = contacts(frame, state.motion)
+            return frame, now, contact_forces(self.scene, now, state.memory)
+
+        return jax.vmap(at)(jnp.arange(self.capacity + 1), self.states)
+
+    @functools.cached_property
+    def rates(self) -> Motion:
+        """Derivatives of the motion at both ends of every step [per forcing period]."""
+        if self._rates is not None:
+            return self._rates
+        frame, now, force = self._at_ends
+        of_one = functools.partial(motion_rates, self.scene)
+        return per_period(self.scene, jax.vmap(of_one)(frame, now, self.states.motion, force))
+
+    @functools.cached_property
+    def coordinates(self) -> Curve:
+        """(ends, 10), in the order of `slipperjax.model.COORDINATES`."""
+        moving = jax.tree.map(lambda rate: rate / self.steps, self.rates)
+        with_slopes = lambda m, rate: jax.jvp(lambda m: stacked(State(m, None)), (m,), (rate,))
+        # stored, like the others, so that XLA does not compute a sample again wherever it is used
+        return Curve(*map(materialise, jax.vmap(with_slopes)(self.states.motion, moving)), self)
+
+    @functools.cached_property
+    def acceleration(self) -> Curve:
+        """(ends, 5), in the order of `slipperjax.model.ACCELERATIONS`."""
+        m = jax.tree.map(lambda rate: rate / self.scene.period, self.rates)
+        return self._curve(jnp.stack([m.v_y, m.v_z, m.w_x, m.w_y, m.w_z], axis=-1))
+
+    @functools.cached_property
+    def force(self) -> Curve:
+        """Normal contact forces at the front and the rear points [N], (ends, 2, points)."""
+        return self._where_closed(self._curve(self._of_points(self._at_ends[2])))
+
+    @functools.cached_property
+    def gap(self) -> Curve:
+        """Gaps there, negative where penetrating [m], (ends, 2, points)."""
+        return self._curve(self._of_points(self._at_ends[1].gap))
+
+    @functools.cached_property
+    def gap_rate(self) -> Float[Array, "ends 2 points"]:
+        """Rates of the gaps at both ends of every step [m/s]."""
+        return self._of_points(self._at_ends[1].rate)
+
+    @functools.cached_property
+    def power(self) -> Curve:
+        """Power that the contacts take from the motion along the normals [W], (ends, 2, points): force times closing
+        rate."""
+        _, now, force = self._at_ends
+        return self._where_closed(self._curve(self._of_points(-force * now.rate)))
+
+    @functools.cached_property
+    def drive_force(self) -> Curve:
+        """Force along x that keeps the speed constant [N], (ends,)."""
+        frame, _, force = self._at_ends
+        return self._curve(-jnp.sum(force * frame.normal[0], axis=-1))
+
+    @functools.cached_property
+    def loads(self) -> Loads:
+        """Peak forces, impulses and other loads of each contact point."""
+        frame, now, _ = self._at_ends
+        del frame
+        rate = jax.vmap(lambda now, memory: contact_rate(now, memory, self.args))(now, self.states.memory)
+        return contact_loads(self.force.values, self.gap.values, rate, self.args, self.steps)
+
+    @functools.cached_property
+    def crossings(self) -> Crossings:
+        """Upward zero crossings."""
+        return section_crossings(self.states.motion, self.rates, self.args, self.steps)
+
+    def saved(self, saves: int) -> State:
+        """The states at the ends of `saves` equal parts of the period, with a leading axis."""
+        if saves == 1:
+            return jax.tree.map(lambda a: a[None], self.end)
+        if isinstance(self.steps, int):
+            stride = self.steps // saves
+            return jax.tree.map(lambda a: a[stride : self.steps + 1 : stride], self.states)
+        at = jnp.round(jnp.arange(1, saves + 1) * (self.steps / saves)).astype(int)
+        return jax.tree.map(lambda a: a[at], self.states)
 
     def mean(self, samples: Float[Array, "samples ..."]) -> Float[Array, "..."]:
         """The mean over time of what was computed from samples of curves."""
-        # 0 * NaN is NaN: samples of steps that do not count are set to zero
-        weights = self.weights.reshape(-1, *[1] * (samples.ndim - 1))
-        return jnp.sum(weights * jnp.where(weights > 0, samples, 0.0), axis=0)
+        return jnp.sum(self.counted(samples, 0.0), axis=0) / (self.steps * len(PLACES))
 
-    def greatest(self, curve: Curve) -> Float[Array, "..."]:
-        """The greatest value of a curve."""
-        found = curve.greatest
-        found = jnp.where(self.taken.reshape(-1, *[1] * (found.ndim - 1)), found, -jnp.inf)
-        # Stored, because the derivative of jnp.max looks for the values that equal the maximum: where XLA computes
-        # them again and rounds otherwise, none does, and the derivative is 0 / 0.
-        return jnp.max(materialise(found), axis=0)
+    def counted(
+        self, values: Float[Array, "steps_or_samples ..."], rest: float
+    ) -> Float[Array, "steps_or_samples ..."]:
+        """Values of steps, or samples, with `rest` in place of those of steps that there is only room for."""
+        taken = jnp.repeat(self.taken, len(values) // self.capacity)
+        return jnp.where(taken.reshape(-1, *[1] * (values.ndim - 1)), values, rest)
 
-    def least(self, curve: Curve) -> Float[Array, "..."]:
-        """The least value of a curve."""
-        return -self.greatest(Curve(-curve.values, -curve.slopes))
+    def _of_points(self, values: Array) -> Array:
+        return values.reshape(len(values), 2, -1)
 
-    def shallowest_turn(self, curve: Curve) -> Float[Array, "..."]:
-        """The extreme of a curve that is nearest to zero, in magnitude; infinite where it has none."""
-        turns, values = curve.turns
-        turns &= self.taken.reshape(-1, *[1] * (values.ndim - 1))
-        return jnp.min(materialise(jnp.where(turns, jnp.abs(values), jnp.inf)), axis=0)  # as in `greatest`
+    def _curve(self, values: Array) -> Curve:
+        values = materialise(values)
+        return Curve(values, slopes(values, self.steps), self)
 
-
-def course(states: State, args: Args, steps: Any) -> Course:
-    """The course of a period.
-
-    **Arguments:** as of `contact_loads`: `states` at both ends of every step, of which the first `steps` + 1 count.
-    """
-
-    def sample(place, state):
-        frame = args.frame(place / steps)
-        now = contacts(frame, state.motion)
-        force = contact_forces(args.scene, now, state.memory)
-        rates = motion_rates(args.scene, frame, now, state.motion, force)
-        moving = jax.tree.map(lambda r: r * (args.scene.period / steps), rates)
-        coordinates = jax.jvp(lambda m: stacked(State(m, state.memory)), (state.motion,), (moving,))
-        acceleration = jnp.stack([rates.v_y, rates.v_z, rates.w_x, rates.w_y, rates.w_z])
-        ends = lambda a: a.reshape(2, -1)
-        points = ends(force), ends(now.gap), ends(-force * now.rate)
-        others = acceleration, *points, -jnp.sum(force * frame.normal[0])
-        # stored, so that XLA does not compute a sample again wherever it is used
-        return Curve(*materialise(coordinates)), *map(materialise, others)
-
-    coordinates, *others = jax.vmap(sample)(jnp.arange(states.motion.y.shape[0]), states)
-    acceleration, force, gap, power, drive_force = (Curve(values, slopes(values, steps)) for values in others)
-    # where a force is zero it begins or ends, or is zero throughout
-    flat = lambda curve: curve._replace(slopes=jnp.where(force.values > 0, curve.slopes, 0.0))
-    return Course(args.scene, steps, coordinates, acceleration, flat(force), gap, flat(power), drive_force)
-
-
-@dataclass(frozen=True)
-class Courses(AbstractRecorder):
-    """What functions make of the course of each period, as a tuple."""
-
-    functions: tuple[Callable[[Course], Any], ...]
-
-    def __call__(self, states: State, args: Args, steps: Any, rates: Motion | None = None) -> tuple[Any, ...]:
-        del rates
-        found = course(states, args, steps)
-        return tuple(function(found) for function in self.functions)
-
-    @property
-    def values(self) -> int:
-        return 10 * len(self.functions)
-
-    def collect(self, kept: Any) -> Any:
-        return jax.tree.map(np.asarray, kept)
-
-    def label(self, scene: Scene, dims: tuple[str, ...], record: Any) -> Any:
-        raise NotImplementedError("What functions make of courses is labelled by those who know them.")
+    def _where_closed(self, curve: Curve) -> Curve:
+        """With slope zero where the force is zero: it begins or ends there, or is zero throughout."""
+        closed = self._of_points(self._at_ends[2]) > 0
+        return Curve(curve.values, jnp.where(closed, curve.slopes, 0.0), self)

@@ -14,11 +14,13 @@ import numpy as np
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.paths import parameter
-from ..model.quantities import ACCELERATIONS, COORDINATES, PARAMETERS, REACTIONS, STARTS, Quantity
+from ..model.quantities import ACCELERATIONS, COORDINATES, LOADS, PARAMETERS, REACTIONS, STARTS, Quantity
 from ..model.scene import Scene
 from ..model.scene_files import scene_to_json
+from ..tools.compile import jit
 from ..tools.description import build, describe
-from .recorders import coordinates, load_variables
+from .loads import over_periods
+from .series import coordinates
 from .status import MEANINGS
 
 
@@ -100,6 +102,9 @@ def open_result(path: Any) -> Any:
         ) from None
 
 
+_over_periods = jit(over_periods)
+
+
 def trajectory_dataset(trajectory: Any) -> Any:
     """A `Trajectory` as an `xarray.Dataset`.
 
@@ -139,7 +144,8 @@ def trajectory_dataset(trajectory: Any) -> Any:
         }
     )
     if trajectory.loads is not None:
-        data |= load_variables((), trajectory.loads)
+        total = _over_periods(trajectory.loads)
+        data |= {n: (("end", "point"), np.asarray(getattr(total, n)), q.attributes) for n, q in LOADS.items()}
     if trajectory.probe is not None:
         attrs["probe_error [scales]"] = float(np.max(trajectory.probe.error))
         attrs["probe_peak_error"] = float(np.max(trajectory.probe.peak_error))

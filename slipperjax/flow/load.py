@@ -18,7 +18,7 @@ from ..model.scene_files import SceneFile, scene_from_json, scene_from_toml
 from ..tools.checks import brief
 from ..tools.description import build
 from .datasets import open_result, start_from_json
-from .reducing import AbstractReducer
+from .record import AbstractRecord
 
 SAME = 1e-9
 """Relative difference up to which a value asked for is one of a dataset's."""
@@ -65,7 +65,7 @@ def load_base(source: Any) -> tuple[Scene, Motion | State]:
 def load_call(source: Any) -> dict[str, Any]:
     """The function that made a result, as `function`, and its arguments besides scene, grid and start.
 
-    **Raises:** `ValueError` where a solver, controller or reducer cannot be rebuilt.
+    **Raises:** `ValueError` where a solver, controller or record cannot be rebuilt.
     """
     call = json.loads(_attribute(dataset_of(source), "call"))
     kinds = (
@@ -75,7 +75,7 @@ def load_call(source: Any) -> dict[str, Any]:
         optimistix.AbstractRootFinder,
         lineax.AbstractLinearSolver,
         Motion,
-        AbstractReducer,
+        AbstractRecord,
     )
     return {name: build(value, kinds, name) for name, value in call.items()}
 

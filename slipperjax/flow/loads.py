@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..model.dynamics import Args, State, contact_forces
-from ..model.kinematics import Contacts, contacts
+from ..model.dynamics import Args, contact_forces
+from ..model.kinematics import Contacts
 from ..tools.fused import sums
 from .poincare import hermite, highest_point
 
@@ -70,26 +70,26 @@ class Loads(NamedTuple):
     """Share of the time in which the gap is negative [1]."""
     penetration: Float[Array, "*cases 2 points"]
     """Greatest penetration [m]; negative where the gap stays open, then the smallest gap."""
-    stretch: Float[Array, "*cases"]
+    stability_number: Float[Array, "*cases"]
     """Greatest product of step length and rate of the contacts, of their oscillation or their damping [1]. Explicit
     methods of fourth order are unstable above 2.8."""
 
 
-def contact_loads(states: State, args: Args, steps: Any) -> Loads:
+def contact_loads(
+    force: Float[Array, "ends 2 points"],
+    gap: Float[Array, "ends 2 points"],
+    rate: Float[Array, " ends"],
+    args: Args,
+    steps: Any,
+) -> Loads:
     """Loads of one period.
 
-    **Arguments:** `states`: the states at both ends of every step, leading axis `most` + 1, of which the first
+    **Arguments:** forces [N], gaps [m] and `contact_rate` [1/s] at both ends of every step, of which the first
     `steps` + 1 count; `args`: scene and epoch; `steps`: integration steps per period, may be traced; 3 at least.
     """
-    most, step = states.motion.y.shape[0] - 1, 1 / steps
-
-    def sample(fastest, both):
-        place, state = both
-        values, rate = _sample(place * step, state, args)
-        return jnp.maximum(fastest, jnp.where(place <= steps, rate, 0.0)), values
-
-    fastest, values = jax.lax.scan(sample, jnp.zeros(()), (jnp.arange(most + 1), states))
-    values = continued(values, steps)
+    most, step = len(force) - 1, 1 / steps
+    fastest = jnp.max(jnp.where(jnp.arange(most + 1) <= steps, rate, 0.0)) * args.scene.period
+    values = continued(jnp.stack((force, -gap), axis=1), steps)
 
     def one(carry, place):
         (highest, when, impulse, contact, deepest), slope = carry
@@ -107,16 +107,12 @@ def contact_loads(states: State, args: Args, steps: Any) -> Loads:
         )
         return (jax.tree.map(lambda n, old: jnp.where(place < steps, n, old), new, carry[0]), next_slope), None
 
-    nothing = jnp.zeros(args.scene.points)
+    nothing = jnp.zeros(force.shape[1:])
     found = nothing - jnp.inf, nothing + jnp.nan, nothing, nothing, nothing - jnp.inf
     # step by step, so that what is computed stays in the cache
     (found, _), _ = jax.lax.scan(one, (found, _slope(*values[:5])), jnp.arange(most))
     highest, when, impulse, contact, depth = found
-    ends = lambda a: a.reshape(2, -1)
-    seconds = step * args.scene.period
-    return Loads(
-        ends(highest), ends(when), ends(seconds * impulse), ends(step * contact), ends(depth), step * fastest
-    )
+    return Loads(highest, when, step * args.scene.period * impulse, step * contact, depth, step * fastest)
 
 
 def over_periods(loads: Loads, axis: int = 0) -> Loads:
@@ -130,15 +126,8 @@ def over_periods(loads: Loads, axis: int = 0) -> Loads:
         jnp.sum(loads.impulse, axis),
         jnp.mean(loads.contact_fraction, axis),
         jnp.max(loads.penetration, axis),
-        jnp.max(loads.stretch, axis),
+        jnp.max(loads.stability_number, axis),
     )
-
-
-def _sample(t: Array, state: State, args: Args) -> tuple[Array, Array]:
-    """Normal force and penetration of all points, shape (2, points), and the rate of the contacts [per period]."""
-    now = contacts(args.frame(t), state.motion)
-    force = contact_forces(args.scene, now, state.memory)
-    return jnp.stack((force, -now.gap)), args.scene.period * _contact_rate(now, state.memory, args)
 
 
 def _slope(a: Array, b: Array, here: Array, c: Array, d: Array) -> Array:
@@ -150,7 +139,7 @@ def _slope(a: Array, b: Array, here: Array, c: Array, d: Array) -> Array:
     return jnp.stack([jnp.where(here[0] > 0, slope[0], 0.0), slope[1]])
 
 
-def _contact_rate(now: Contacts, memory: Any, args: Args) -> Array:
+def contact_rate(now: Contacts, memory: Any, args: Args) -> Array:
     """The greatest rate of the contacts [1/s]: the sum of their decay rates, or the frequency of their springs.
 
     For one point of effective mass m these are (dF/dg')/m and sqrt((dF/dg)/m); the sum over the points bounds the

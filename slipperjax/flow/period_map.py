@@ -23,9 +23,9 @@ from ..model.step_size import settle_memory
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.compile import call_compiled, jit
-from .loads import Loads, over_periods
-from .recorders import AbstractRecorder, Strobe, stacked
-from .status import Status, status_of, with_growth, with_loads, with_resolution
+from .course import Course, stacked
+from .record import RecordSet
+from .status import Status, status_of, with_growth, with_resolution
 from .stepping import AbstractStepping, as_stepping
 
 MOTION_WEIGHTS = jax.tree.map(lambda scale: 1 / scale, MOTION_SCALES)
@@ -63,14 +63,14 @@ class Passage(NamedTuple):
 
     state: State
     """The state at the end."""
-    record: Any
-    """What the recorder kept, with a leading axis of periods."""
+    samples: tuple[Any, ...]
+    """Samples of each record, with a leading axis of periods."""
     status: Int[Array, "*cases"]
     """`Status` code: the first that is not `FINITE` at the ends of the periods."""
     steps_taken: Int[Array, "*cases periods"]
     """Steps tried in each period, including those that an adaptive controller rejected."""
-    carried: Any = None
-    """What the recorder carried through all periods."""
+    carried: tuple[Any, ...] = ()
+    """Carries of the records after all periods."""
 
 
 class PeriodMap(eqx.Module):
@@ -98,52 +98,50 @@ class PeriodMap(eqx.Module):
         epoch: Any = 0.0,
         *,
         periods: int | None = None,
-        recorder: AbstractRecorder | None = None,
+        records: RecordSet = RecordSet(),
         used: Any = None,
         earlier: Any = None,
     ) -> Passage:
-        """Integrates some forcing periods, by default one application's, and keeps what `recorder` makes of each.
+        """Integrates some forcing periods, by default one application's, with what records keep of each.
 
         **Arguments:** `state`: at the start of the forcing period number `epoch`; `used`: how many of `periods`
         are integrated, which may be traced, so that one program serves several numbers: what the result holds for
-        the others counts for nothing; `earlier`: what the recorder carried through earlier periods, by default none.
+        the others counts for nothing; `earlier`: the records' carries after earlier periods, by default initial ones.
 
         **Returns:** a `Passage` with scalar status. Where solver or controller gave up, the motion is NaN from there
         on.
         """
-        recorder = Strobe() if recorder is None else recorder
         scene = settle_memory(self.scene)
         solver = self.stepping.prepared(resolve_solver(scene, self.solver))
         points = contact_points(scene)  # once for the whole run, not in every evaluation
         terms = diffrax.ODETerm(vector_field(scene))
-        earlier = recorder.begin(scene, state) if earlier is None else earlier
+        earlier = records.begin(scene, state) if earlier is None else earlier
         epoch = jnp.asarray(epoch, float)
 
         @functools.partial(jax.jit, inline=True)  # traced once: `period_if_used` needs its shapes, too
         def period(carry, epoch):
-            state, carried, kept = carry
+            state, solver_state, carried = carry
             args = Args(scene, epoch, points)
-            done = self.stepping.period(terms, solver, state, carried, args, recorder.inside)
+            done = self.stepping.period(terms, solver, state, solver_state, args, records.inside)
             end = _lost_where(done.failed, done.end)
-            record = end
-            if recorder.inside:
-                seen = _lost_where(done.failed, done.inside), args, self.stepping.number, done.rates
-                record, kept = recorder(*seen), recorder.add(kept, *seen)
-            return (end, done.carried, kept), (record, status_of(end), jnp.asarray(done.taken, int))
+            inside = _lost_where(done.failed, done.inside) if records.inside else None
+            course = Course(end, inside, args, self.stepping.number, done.rates)
+            carry = end, done.carried, records.add(carried, course)
+            return carry, (records.sample(course), status_of(end), jnp.asarray(done.taken, int))
 
         def period_if_used(carry, epoch_now):
-            kept = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(period, carry, epoch_now)[1])
-            return jax.lax.cond(epoch_now < epoch + used, period, lambda c, _: (c, kept), carry, epoch_now)
+            none = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(period, carry, epoch_now)[1])
+            return jax.lax.cond(epoch_now < epoch + used, period, lambda c, _: (c, none), carry, epoch_now)
 
         count = self.periods if periods is None else periods
         first = self.stepping.first(terms, solver, state, Args(scene, epoch, points))
         epochs = epoch + jnp.arange(float(count))
         one = period if used is None else period_if_used
-        (end, _, kept), (record, codes, taken) = jax.lax.scan(one, (state, first, earlier), epochs)
+        (end, _, carried), (samples, codes, taken) = jax.lax.scan(one, (state, first, earlier), epochs)
         if used is not None:
             taken = jnp.where(jnp.arange(count) < used, taken, jnp.max(taken))
         code = codes[jnp.argmax(codes != int(Status.FINITE))]
-        return Passage(end, record, with_resolution(code, scene, jnp.min(taken)), taken, kept)
+        return Passage(end, samples, with_resolution(code, scene, jnp.min(taken)), taken, carried)
 
 
 def _lost_where(failed: Any, state: State) -> State:
@@ -165,17 +163,17 @@ def run_compiled(
     period_map: PeriodMap,
     state: State,
     periods: int,
-    recorder: AbstractRecorder,
+    records: RecordSet,
     epoch: Any = 0.0,
     used: Any = None,
 ) -> Passage:
     """`period_map.run` of one case, compiled; see there."""
-    return call_compiled(_run, period_map, (periods, recorder), state, epoch, used)
+    return call_compiled(_run, period_map, (periods, records), state, epoch, used)
 
 
 def _run(period_map: PeriodMap, static: tuple, state: State, epoch: Any, used: Any) -> Passage:
-    periods, recorder = static
-    return period_map.run(state, epoch, periods=periods, recorder=recorder, used=used)
+    periods, records = static
+    return period_map.run(state, epoch, periods=periods, records=records, used=used)
 
 
 def initial_states(scenes: Batched[Scene], starts: Motion | State) -> State:
@@ -195,7 +193,7 @@ def states_and_penetrations(scenes: Batched[Scene], starts: Motion | State) -> t
     return scenes.map(state_and_penetration, starts)
 
 
-@functools.partial(jit, static_argnames=("solver", "periods", "recorder"))
+@functools.partial(jit, static_argnames=("solver", "periods", "records"))
 def advance(
     scenes: Batched[Scene],
     states: State,
@@ -204,7 +202,7 @@ def advance(
     *,
     solver: diffrax.AbstractSolver,
     periods: int,
-    recorder: AbstractRecorder | None = None,
+    records: RecordSet = RecordSet(),
     used: Any = None,
     earlier: Any = None,
 ) -> Passage:
@@ -216,16 +214,10 @@ def advance(
     """
 
     def one(scene, state, earlier):
-        options = dict(periods=periods, recorder=recorder, used=used, earlier=earlier)
+        options = dict(periods=periods, records=records, used=used, earlier=earlier)
         return PeriodMap(scene, stepping, solver).run(state, epoch, **options)
 
     return scenes.map(one, states, earlier)
-
-
-@jit
-def judged_by_loads(scenes: Batched[Scene], codes: Any, loads: Loads, stretch: Any) -> Int[Array, " cases"]:
-    """Codes of a batch after `with_loads`, from the loads of each period, arrays (cases, periods, ...)."""
-    return scenes.map(lambda scene, code, kept: with_loads(code, over_periods(kept), scene, stretch), codes, loads)
 
 
 class TangentPassage(NamedTuple):

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..model.dynamics import Args, State, vector_field
+from ..model.dynamics import Args
 from ..model.kinematics import Motion, euler_angles
 
 
@@ -65,21 +65,14 @@ def crossing(q0, d0, q1, d1, v0, a0, v1, a1):
     return jnp.where(crosses, x, jnp.nan), jnp.where(crosses, velocity, jnp.nan)
 
 
-def motion_rates_at(times: Array, states: State, args: Args) -> Motion:
-    """Derivatives of the motion [per forcing period] of states with a leading axis, at as many times."""
-    field = vector_field(args.scene)
-    return jax.vmap(lambda t, state: field.evaluate(t, state, args).motion)(times, states)
-
-
-def section_crossings(states: State, args: Args, steps: Any, rates: Motion | None = None) -> Crossings:
+def section_crossings(motion: Motion, rates: Motion, args: Args, steps: Any) -> Crossings:
     """Crossings of all five sections in one period.
 
-    **Arguments:** `states`: the states at both ends of every step, leading axis `most` + 1, of which the first
-    `steps` + 1 count; `args`: scene and epoch; `steps`: integration steps per period, may be traced; `rates`: of
-    `motion_rates_at`, if known.
+    **Arguments:** `motion`, `rates`: the motion at both ends of every step and its derivatives [per forcing period],
+    leading axis `most` + 1, of which the first `steps` + 1 count; `args`: with the epoch; `steps`: integration steps
+    per period, may be traced.
     """
-    places = jnp.arange(states.motion.y.shape[0])
-    rates = motion_rates_at(places / steps, states, args) if rates is None else rates
+    places = jnp.arange(motion.y.shape[0])
 
     def sample(m, rate):
         angles, angle_rates = jax.jvp(euler_angles, (m,), (rate,))
@@ -89,7 +82,7 @@ def section_crossings(states: State, args: Args, steps: Any, rates: Motion | Non
         acceleration = jnp.stack([rate.v_y, rate.v_z, rate.w_x, rate.w_y, rate.w_z])
         return coordinate, slope / steps, velocity, acceleration / steps
 
-    q, d, v, a = jax.vmap(sample, out_axes=1)(states.motion, rates)
+    q, d, v, a = jax.vmap(sample, out_axes=1)(motion, rates)
     place, velocity = crossing(q[:, :-1], d[:, :-1], q[:, 1:], d[:, 1:], v[:, :-1], a[:, :-1], v[:, 1:], a[:, 1:])
     taken = (places[:-1] < steps)[None]
     time = (places[:-1][None] + place) / steps + args.epoch

@@ -25,8 +25,9 @@ from ..tools.description import describe
 from ..tools.limits import refuse_impossible
 from .loads import Loads, over_periods
 from .period_map import Passage, PeriodMap, map_compiled, run_compiled
-from .recorders import AbstractRecorder, Samples, Strobe
-from .status import INACCURATE, Status, most_stretch, status_of, with_loads, with_resolution
+from .record import RecordSet
+from .series import PeriodLoads, States
+from .status import INACCURATE, Status, most_stability_number, status_of, with_loads, with_resolution
 from .stepping import AbstractStepping, ConstantSteps, ControlledSteps, UnknownSteps, room_for
 
 
@@ -81,8 +82,8 @@ def _difference(a: State, b: State) -> Array:
 
 
 def _highest(passage: Passage) -> Any:
-    loads = passage.record[1] if isinstance(passage.record, tuple) else None
-    return np.nan if loads is None else np.max(np.asarray(loads.peak_force))
+    _, *loads = passage.samples
+    return np.max(np.asarray(loads[0].peak_force)) if loads else np.nan
 
 
 MOST_UNKNOWN = 1600
@@ -256,20 +257,21 @@ def _peak(loads: Loads) -> Peak:
     return Peak(jnp.max(force), when[end, point], end, point)
 
 
-@functools.partial(jit, static_argnames=("recorder", "saves"))
-def _finished(first: State, passage: Passage, scene: Scene, stretch: Any, *, recorder: Any, saves: int) -> tuple:
+@functools.partial(jit, static_argnames=("saves",))
+def _finished(first: State, passage: Passage, scene: Scene, most_stability_number: Any, *, saves: int) -> tuple:
     """All states, loads, instants [forcing periods] and the status of a run; one program, not one per operation."""
-    kept, loads = recorder.collect(passage.record) if isinstance(recorder, Samples) else (passage.record, None)
-    states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, kept)
+    saved, *loads = passage.samples
+    states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b.reshape(-1, *b.shape[2:])]), first, saved)
     times = jnp.arange(passage.steps_taken.shape[0] * saves + 1) / saves
-    status = _judged(passage.status, states, scene, jnp.min(passage.steps_taken), loads, stretch)
-    return states, loads, times, status
-
-
-def _judged(code, states, scene, steps, loads, stretch):
-    code = jnp.where(code == int(Status.FINITE), status_of(states), code)  # between the ends of periods, too
-    code = with_resolution(code, scene, steps)
-    return code if loads is None else with_loads(code, over_periods(loads), scene, stretch)
+    # states between the ends of periods count, too
+    code = jnp.where(passage.status == int(Status.FINITE), status_of(states), passage.status)
+    code = with_resolution(code, scene, jnp.min(passage.steps_taken))
+    if not loads:
+        return states, None, times, code
+    total = over_periods(loads[0])
+    closed, deepest = jnp.sum(total.contact_fraction), jnp.max(total.penetration)
+    code = with_loads(code, closed, deepest, total.stability_number, scene, most_stability_number)
+    return states, loads[0], times, code
 
 
 def simulate(
@@ -322,9 +324,9 @@ def simulate(
     controller = resolve_controller(stepsize_controller)
     check_error_estimate(solver, controller)
     probe = check_probe(probe, scene, start)
-    recorder = Samples(saves, loads) if saves > 1 or loads else Strobe()
+    records = RecordSet((States(saves), *([PeriodLoads()] if loads else [])))
     if not is_traced(steps):
-        needed, seconds = 8.0 * recorder.values * periods, SECONDS_PER_STEP * steps * periods
+        needed, seconds = 8.0 * records.values(0, periods), SECONDS_PER_STEP * steps * periods
         refuse_impossible(f"{periods} forcing periods of {steps} steps", needed, seconds)
     first, traced = initial_state(scene, start), is_traced((scene, start))
     if controller is not None:
@@ -332,11 +334,11 @@ def simulate(
     elif traced:
         stepping = steps_of_program(steps)
     else:
-        stepping = flexible_steps(steps, inside=recorder.inside, finer=bool(probe))
+        stepping = flexible_steps(steps, inside=records.inside, finer=bool(probe))
     run = PeriodMap(scene, stepping, solver)
-    passage = run_compiled(run, first, periods, recorder) if traced else run_eagerly(run, first, periods, recorder)
-    stretch = most_stretch(solver, controller)
-    states, found, times, status = _finished(first, passage, scene, stretch, recorder=recorder, saves=saves)
+    passage = run_compiled(run, first, periods, records) if traced else run_eagerly(run, first, periods, records)
+    limit = most_stability_number(solver, controller)
+    states, found, times, status = _finished(first, passage, scene, limit, saves=saves)
     taken = passage.steps_taken
     shown = steps if controller is None or loads or saves == 1 else saves
     asked = dict(
@@ -353,7 +355,7 @@ def simulate(
     if not probe:
         return trajectory
     one = lambda stepping, state, epoch: run_eagerly(
-        PeriodMap(scene, stepping, solver), state, 1, recorder, epoch, periods
+        PeriodMap(scene, stepping, solver), state, 1, records, epoch, periods
     )
     measured = probed(stepping, trajectory.state, saves, probe, one)
     if int(status) == Status.FINITE and not np.max(np.asarray(measured.error)) <= INACCURATE:
@@ -365,16 +367,16 @@ def run_eagerly(
     run: PeriodMap,
     state: State,
     periods: int,
-    recorder: AbstractRecorder,
+    records: RecordSet,
     epoch: float = 0.0,
     like: int | None = None,
 ) -> Passage:
     """A run with a program that serves other numbers of periods, too; that of a run of `like` periods if given."""
     size = room_for(periods if like is None else like)
-    found = run_compiled(run, state, size, recorder, jnp.asarray(epoch), jnp.asarray(float(periods)))
+    found = run_compiled(run, state, size, records, jnp.asarray(epoch), jnp.asarray(float(periods)))
     # on the host, where a slice of another length needs no compilation
     cut = lambda tree: jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[:periods]), tree)
-    return Passage(found.state, cut(found.record), found.status, cut(found.steps_taken))
+    return Passage(found.state, cut(found.samples), found.status, cut(found.steps_taken))
 
 
 def step_plan(scene: Scene, steps: int | None, saves: int | None) -> tuple[Any, int]:

@@ -67,7 +67,7 @@ class AbstractStepping(eqx.Module):
     @property
     def most_inside(self) -> int:
         """Largest number of steps per period whose states can be stored."""
-        raise ValueError("Argument `most` must be given for a recorder of states inside periods.")
+        raise ValueError("Argument `most` must be given for records of states inside periods.")
 
     @abc.abstractmethod
     def finer(self) -> "AbstractStepping":
@@ -122,7 +122,7 @@ class ConstantSteps(AbstractStepping):
             return state, solver_state, failed | (may_fail and result != diffrax.RESULTS.successful)
 
         def look(carry):
-            """What recorders see of a step's end."""
+            """State and rates at a step's end, for records."""
             return carry[0], solver.rates(carry[1]) if isinstance(solver, AbstractLatchingSolver) else None
 
         carry = state, solver_state, jnp.zeros((), bool)
@@ -193,7 +193,7 @@ class ControlledSteps(AbstractStepping):
     """Steps of a step size controller; states inside a period are interpolated at equal intervals."""
 
     samples: int = eqx.field(static=True)
-    """States per period that a recorder gets."""
+    """States per period that records get."""
     first_steps: int = eqx.field(static=True)
     """The first step is one period over this."""
     controller: diffrax.AbstractStepSizeController

@@ -9,7 +9,7 @@ import numpy as np
 from ..analysis.continuation import Branch
 from ..analysis.events import MEANINGS, Event
 from ..flow.datasets import run_attributes, scene_attributes
-from ..flow.recorders import SectionRecord, Sections, coordinates
+from ..flow.series import SectionPoints, Sections, Strobe, coordinates
 from ..model.dynamics import State
 from ..model.paths import parameter
 from ..model.scene import Scene
@@ -21,7 +21,7 @@ class View(NamedTuple):
 
     grazing: Grazing
     signature: Signature
-    sections: SectionRecord
+    sections: SectionPoints
     """Of this orbit alone."""
 
 
@@ -98,7 +98,9 @@ def branch_dataset(branch: Branch, scene: Scene, name: str, states: State, call:
             dims=("end", "contact"),
         ),
     }
-    sections, coords = Sections(loads=False).label(scene, ("point",), _stacked([v.sections for v in views], states))
+    together = jax.tree.map(lambda *parts: np.stack(parts), *(v.sections for v in views))
+    sections, _ = Sections().label(scene, ("point",), together)
+    strobe, coords = Strobe().label(scene, ("point",), coordinates(states)[:, None])
     coords |= {
         name: ("point", z[:, -1], known.attributes),
         "end": ["front", "rear"],
@@ -112,7 +114,9 @@ def branch_dataset(branch: Branch, scene: Scene, name: str, states: State, call:
         "ended": list(branch.ended),
         "next_steps": [end.step for end in branch.ends],
     }
-    return xr.Dataset(data | sections | _event_variables(events_of(branch, scene), known.unit), coords, attrs)
+    return xr.Dataset(
+        data | sections | strobe | _event_variables(events_of(branch, scene), known.unit), coords, attrs
+    )
 
 
 _MEANINGS = "event: " + "; ".join(f"{label}: {meaning}" for label, meaning in MEANINGS.items())
@@ -120,14 +124,6 @@ _MEANINGS = "event: " + "; ".join(f"{label}: {meaning}" for label, meaning in ME
 
 def _texts(words: Any) -> np.ndarray:
     return np.array([str(word) for word in words], dtype=str)
-
-
-def _stacked(records: Sequence[SectionRecord], states: State) -> SectionRecord:
-    """Records of single orbits as one, with NaN where one has fewer crossings; strobe: where the orbits start."""
-    most = max(len(record.time) for record in records)
-    pad = lambda a: np.concatenate([a, np.full((most - len(a), a.shape[1]), np.nan)])
-    time, velocity = (np.stack([pad(getattr(r, name)) for r in records]) for name in ("time", "velocity"))
-    return SectionRecord(time, velocity, coordinates(states)[:, None], None)
 
 
 def events_of(branch: Branch, scene: Scene) -> tuple[BranchEvent, ...]:

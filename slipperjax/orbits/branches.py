@@ -15,6 +15,8 @@ from ..analysis.curves import Pace, Spot, correct
 from ..analysis.events import MEANINGS, Event, Node, Observation, as_node
 from ..flow.load import dataset_of, load_base, load_call
 from ..flow.period_map import PeriodMap
+from ..flow.record import RecordedSpan, RecordSet
+from ..flow.series import Sections
 from ..flow.simulate import Trajectory, default_steps, flexible_steps
 from ..flow.status import ASKED, Interrupted
 from ..model.dynamics import State, initial_state
@@ -29,7 +31,7 @@ from ..tools.files import write_whole
 from .branch_data import BranchEvent, View, branch_dataset, events_from
 from .motions import SlipperMotions, check_forcing, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit, periodic_orbit
-from .signature import Gaps, Views, grazing, signature
+from .signature import Gaps, GapSamples, grazing, signature
 
 PACE = Pace(first=0.02, least=1e-6, most=0.3)
 """Steps along a branch: 1 is the whole range of the parameter, or 1 mm, 10 mrad, 1 m/s, 10 rad/s of the state."""
@@ -218,12 +220,15 @@ class _Run:
         step = self.equations.family
         stepping = flexible_steps(self.steps, inside=True)
         look = dataclasses.replace(self.equations, family=dataclasses.replace(step, stepping=stepping))
-        recorder = Views(sections=True)
-        kept, period = call_compiled(_viewed, look, (recorder,), jnp.asarray(spot.z))
-        gap, rate, sections = recorder.collect(kept)
+        sections = Sections()
+        records = RecordSet((GapSamples(), sections))
+        ((gap, rate), crossed), period = call_compiled(_viewed, look, (records,), jnp.asarray(spot.z))
+        one_case = jax.tree.map(lambda a: np.asarray(a)[None], crossed)
+        span = RecordedSpan(self.equations.intervals, self.steps, 0.0, np.zeros(1, int))
+        crossings = jax.tree.map(lambda a: a[0], sections.finish(None, one_case, span))
         gaps = Gaps.of(gap, rate, self.steps, float(period))
         near = grazing(gaps)
-        view = View(near, signature(self.scene, gaps), sections)
+        view = View(near, signature(self.scene, gaps), crossings)
         return Observation(tuple(near.touchdowns.tolist()), tuple(near.margin.tolist()), view)
 
     def follow(
@@ -251,8 +256,8 @@ class _Run:
 
 def _viewed(equations: SlipperMotions, static: tuple, z: Any) -> tuple:
     step: PeriodMap = equations.step(z)  # type: ignore[assignment]
-    passage = step.run(equations.state(z), periods=equations.intervals, recorder=static[0])
-    return passage.record, step.scene.period
+    passage = step.run(equations.state(z), periods=equations.intervals, records=static[0])
+    return passage.samples, step.scene.period
 
 
 class Bar:

@@ -18,6 +18,7 @@ from ..analysis.floquet import multipliers
 from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.load import load_call, varied_names
 from ..flow.period_map import PeriodMap
+from ..flow.record import RecordSet
 from ..flow.simulate import flexible_steps, steps_of_program
 from ..flow.status import Interrupted
 from ..model.dynamics import State
@@ -32,7 +33,7 @@ from .branch_data import BranchEvent
 from .branches import Bar, OrbitBranch, bounds_of
 from .motions import EventMotions, SlipperMotions, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit
-from .signature import Grazing, Views
+from .signature import GapSamples, Grazing
 
 CURVES = ("LP", "PD", "NS", "GR")
 """Events that can be followed through the plane of two parameters."""
@@ -155,7 +156,7 @@ class GapExtreme(eqx.Module):
 
     def _extreme(self, state: State, *values: Any) -> tuple[Array, Array]:
         step: PeriodMap = self.family(*values)
-        kept = step.run(state, periods=self.period, recorder=Views()).record
+        kept = step.run(state, periods=self.period, records=RecordSet((GapSamples(),))).samples[0]
         steps = step.stepping.number
         of_point = lambda a: jax.lax.dynamic_index_in_dim(a, self.point, 2, False)
         gap, slope = of_point(kept[0]), of_point(kept[1]) * step.scene.period / steps

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from ..analysis.floquet import multipliers
 from ..analysis.shooting import Shot, minimal_period, shoot
 from ..flow.period_map import PeriodMap, tangent_weights
-from ..flow.recorders import Strobe
+from ..flow.record import RecordSet
 from ..flow.simulate import (
     Trajectory,
     default_steps,
@@ -30,7 +30,7 @@ from ..solvers.named import resolve_solver
 from ..tools.checks import number, positive, shown_number, whole
 from ..tools.compile import is_traced
 from .motions import Settled, check_forcing
-from .signature import Gaps, Signature, Views, signature
+from .signature import Gaps, GapSamples, Signature, signature
 
 TOLERANCE = 1e-10
 """Default scaled residual at which an orbit counts as found [1]: 1e-13 m, 1e-10 m/s."""
@@ -111,9 +111,9 @@ class PeriodicOrbit(eqx.Module):
     @property
     def signature(self) -> Signature:
         """Which points touch down, in which order and how fast; not for use under a transformation."""
-        recorder, steps = Views(), int(self.steps_per_period)
+        records, steps = RecordSet((GapSamples(),)), int(self.steps_per_period)
         map_ = PeriodMap(self.scene, flexible_steps(steps, inside=True), self.solver)
-        gap, rate, _ = recorder.collect(run_eagerly(map_, self.state, self.period, recorder).record)
+        ((gap, rate),) = run_eagerly(map_, self.state, self.period, records).samples
         return signature(self.scene, Gaps.of(gap, rate, steps, float(self.scene.period)))
 
 
@@ -189,7 +189,7 @@ def _passed(step: PeriodMap, state: State, periods: int, traced: bool) -> State:
     if not periods:
         return state
     step, state = jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_array(a) else a, (step, state))
-    return step.run(state, periods=periods).state if traced else run_eagerly(step, state, periods, Strobe()).state
+    return step.run(state, periods=periods).state if traced else run_eagerly(step, state, periods, RecordSet()).state
 
 
 def _lost(state: State, period: int) -> Shot:

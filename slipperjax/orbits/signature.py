@@ -7,14 +7,10 @@ orbit grazes where an extreme of a gap is zero: a touch that begins or ends to b
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..flow.recorders import AbstractRecorder, SectionRecord, Sections
-from ..model.dynamics import Args, State
-from ..model.kinematics import Motion, contacts
+from ..flow.series import Unlabelled
 from ..model.scene import Scene
 
 HALVINGS = 60
@@ -57,28 +53,14 @@ class Signature(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Views(AbstractRecorder):
-    """Gaps and their rates at both ends of every step, and Poincare sections."""
+class GapSamples(Unlabelled):
+    """Gaps [m] and their rates [m/s] at both ends of every step, of all points, the front ones first."""
 
-    sections: bool = False
-
-    def __call__(self, states: State, args: Args, steps: Any, rates: Motion | None = None) -> Any:
-        places = jnp.arange(states.motion.y.shape[0])
-        gap, rate = jax.vmap(lambda k, s: contacts(args.frame(k / steps), s.motion)[:2])(places, states)
-        return gap, rate, Sections(loads=False)(states, args, steps, rates) if self.sections else None
-
-    @property
-    def values(self) -> int:
+    def values(self, periods):
         return 0  # kept for one case only, of which no sweep asks how much memory it takes
 
-    def collect(self, kept: Any) -> tuple[np.ndarray, np.ndarray, SectionRecord | None]:
-        gap, rate, sections = kept
-        lane = jax.tree.map(lambda a: np.asarray(a)[None], sections)
-        found = None if sections is None else jax.tree.map(lambda a: a[0], Sections(loads=False).collect(lane))
-        return np.asarray(gap), np.asarray(rate), found
-
-    def label(self, scene: Scene, dims: tuple[str, ...], record: Any) -> Any:
-        raise NotImplementedError("Gaps of steps have no labels.")
+    def sample(self, course):
+        return tuple(a.reshape(len(a), -1) for a in (course.gap.values, course.gap_rate))
 
 
 class Gaps(NamedTuple):

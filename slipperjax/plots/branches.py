@@ -234,7 +234,7 @@ def check_brute(brute: Any, name: str, quantity: str) -> None:
         raise ValueError(f"Argument `brute` must be None where `quantity` is {quantity}, which simulations lack.")
     if not isinstance(brute, xr.Dataset) or variable not in brute:
         raise ValueError(f'Argument `brute` must be a dataset of sweep with record="sections", with `{variable}`.')
-    over = [str(d) for d in brute[variable].dims if d not in ("crossing", "period", "coordinate")]
+    over = [str(d) for d in brute[variable].dims if d not in ("crossing", "strobe_period", "coordinate")]
     if over != [name]:
         raise ValueError(f"Argument `brute` must be swept over {name}, as the branch is, but is over {over}.")
 
@@ -329,7 +329,7 @@ def _threads(ds: xr.Dataset, name: str) -> list[Thread]:
         return crossing_threads(velocity, time, int(ds.attrs["orbit_period"]))
     coordinate = name.removeprefix("start_")
     if name != coordinate and coordinate in COORDINATES:
-        values = ds["strobe"].isel(period=0).sel(coordinate=coordinate).values
+        values = ds["strobe"].isel(strobe_period=0).sel(coordinate=coordinate).values
         return scalar_threads(COORDINATES[coordinate].shown(values), nowhere)
     if name not in ds or ds[name].dims != ("point",) or ds[name].dtype.kind not in "fiub":
         usual = ", ".join((*SECTIONS, "start_y", "slowest_touchdown", "grazing_gap"))
@@ -347,8 +347,8 @@ def _draw_brute(ax: Any, brute: xr.Dataset, name: str, quantity: str) -> list[An
     if quantity in SECTIONS:
         bifurcation(brute, quantity, ax, **style)
     else:
-        recorded = brute["strobe"].isel(period=slice(-int(brute.attrs.get("periods", 0)), None))
-        found = recorded.sel(coordinate=quantity.removeprefix("start_")).transpose(name, "period")
+        recorded = brute["strobe"].isel(strobe_period=slice(-int(brute.attrs.get("periods", 0)), None))
+        found = recorded.sel(coordinate=quantity.removeprefix("start_")).transpose(name, "strobe_period")
         values = np.where(flagged(brute, name)[:, None], np.nan, found.values)
         values = COORDINATES[quantity.removeprefix("start_")].shown(values)
         ax.plot(np.repeat(shown(brute, name), values.shape[1]), values.ravel(), ".", mew=0, rasterized=True, **style)

@@ -8,8 +8,8 @@ from .follow import Jump as Jump
 from .follow import find_jump as find_jump
 from .reached import Confirmations as Confirmations
 from .reached import confirm_periods as confirm_periods
-from .reducers import LargestExponent as LargestExponent
-from .reducers import MotionKind as MotionKind
+from .records import LargestExponent as LargestExponent
+from .records import MotionKind as MotionKind
 from .stores.archive import StoreStatus as StoreStatus
 from .stores.archive import check_store as check_store
 from .stores.archive import store_status as store_status

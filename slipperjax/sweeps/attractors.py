@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from ..analysis.attractor import Attractors, classify
 from ..flow.status import Status
-from ..model.quantities import COORDINATE_SCALES, COORDINATES
+from ..model.quantities import COORDINATE_SCALES
 from ..tools.checks import whole
 
 FLOOR = 1e-5
@@ -24,12 +24,9 @@ def strobe_states(ds: xr.Dataset, last: int | None = None) -> Float[np.ndarray, 
 
     **Raises:** `ValueError` for other datasets.
     """
-    if "strobe" in ds:
-        states = ds["strobe"].values
-    elif "period" in ds["y"].dims:
-        states = np.stack([ds[name].values for name in COORDINATES], axis=-1)
-    else:
+    if "strobe" not in ds:
         raise ValueError("Argument `ds` must come from a sweep that recorded sections or strobe, but did not.")
+    states = ds["strobe"].values
     if "status" in ds:
         states = np.where(ds["status"].values[..., None, None] == Status.FINITE, states, np.nan)
     return states if last is None else states[..., -whole("last", last, 1) :, :]

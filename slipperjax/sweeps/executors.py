@@ -12,17 +12,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
-from ..flow.period_map import Passage, advance, judged_by_loads
-from ..flow.recorders import AbstractRecorder, HistoryRecord, SectionRecord, Sections, coordinates, joined_in_time
-from ..flow.reducing import Combined, Stretch
-from ..flow.status import ASKED, Interrupted, blank, first_problem, most_stretch
+from ..flow.period_map import Passage, advance
+from ..flow.record import RecordedSpan, RecordSet, Samples
+from ..flow.status import ASKED, Interrupted, blank, first_problem
 from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State
 from ..model.scene import Scene
 from ..tools.batching import Batched
 from .plan import Calls, Chunk, OnProgress, Plan
 from .progress import Later, Tally, display
-from .reducers import Further
+from .records import RecordedChunk
 
 TICK = 0.25
 """Seconds between two looks at how far a run is."""
@@ -38,8 +37,8 @@ class ChunkRun(NamedTuple):
     """The states at the end, with a leading axis of lanes."""
     status: Int[np.ndarray, " lanes"]
     """`slipperjax.Status` codes."""
-    record: Any
-    """What the plan's recorder collected, arrays (lanes, samples, ...)."""
+    record: tuple[Any, ...]
+    """Arrays of the plan's records, with a leading axis of lanes."""
 
 
 def run_chunk(
@@ -47,86 +46,46 @@ def run_chunk(
 ) -> ChunkRun:
     """Runs a chunk of cases through its plan, from the forcing period `epoch` on, with `steps` per period.
 
-    Times in the record count from there.
+    Times in records count from there.
     """
-    recorder, at, status = plan.recorder, float(epoch), np.zeros(len(states.motion.y), int)
-    strobes, records = [], []
-    options: dict[str, Any] = dict(solver=plan.solver)
+    records, at, status = plan.records, float(epoch), np.zeros(len(states.motion.y), int)
+    samples, carried = Samples(records, plan.recorded.periods), _initial_carry(records, scenes, states)
     number = jnp.asarray(float(steps))  # an array, so that one compiled program serves every number of steps
     stepping = recording = ConstantSteps(steps=number)
-    if recorder.inside:
+    if records.inside:
         alike = bool(np.all(plan.steps == steps))
         recording = ConstantSteps(steps) if alike else ConstantSteps(plan.room(steps), number)
-    carried = _of_no_period(recorder, scenes, states)
-    for _ in range(plan.transient.count):
-        on_progress(0)
-        passed = _advance(plan.transient, scenes, states, at, stepping, **options)
-        states, ends = passed.state, passed.record
-        status = first_problem(status, passed.status)
-        if isinstance(recorder, Sections):
-            strobes.append(coordinates(ends))
-        on_progress(plan.transient.length)
-        at += plan.transient.length
-    begin = at
-    for _ in range(plan.recorded.count):
-        on_progress(0)
-        options |= dict(recorder=recorder, earlier=carried)
-        passed = _advance(plan.recorded, scenes, states, at, recording, **options)
-        states, carried = passed.state, passed.carried
-        status = first_problem(status, passed.status)
-        records.append(recorder.collect(passed.record))
-        if isinstance(recorder, Combined):
-            del records[: -recorder.calls(plan.recorded.length, plan.recorded.periods) or None]
-        on_progress(plan.weight * plan.recorded.length)
-        at += plan.recorded.length
-    if isinstance(recorder, Combined):
-        further = Further(plan, scenes, states, at, steps, on_progress)
-        return _reduced(recorder, further, status, records, carried, (float(epoch), begin))
-    record = joined_in_time(records)
-    if isinstance(record, SectionRecord):
-        record = record._replace(strobe=np.concatenate([*strobes, record.strobe], axis=1), time=record.time - epoch)
-    elif isinstance(record, HistoryRecord):
-        record = record._replace(period=record.period - epoch)
-    if isinstance(record, SectionRecord | HistoryRecord) and record.loads is not None:
-        of_loads = judged_by_loads(scenes, jnp.asarray(status), record.loads, most_stretch(plan.solver))
-        status = np.asarray(of_loads)
-    return ChunkRun(states, status, record)
+    for calls, kept, how in (
+        (plan.transient, records.from_start, stepping),
+        (plan.recorded, records, recording),
+    ):
+        earlier = carried if kept is records else _initial_carry(kept, scenes, states)
+        for _ in range(calls.count):
+            on_progress(0)
+            passed = _advance(calls, scenes, states, at, how, solver=plan.solver, records=kept, earlier=earlier)
+            states, earlier = passed.state, passed.carried
+            status = first_problem(status, passed.status)
+            samples.add(kept, passed.samples)
+            on_progress(kept.cost * calls.length)
+            at += calls.length
+    chunk = RecordedChunk(plan, scenes, states, at, steps, on_progress)
+    carried, status = records.after(earlier, status, chunk)
+    span = RecordedSpan(plan.recorded.periods, steps, float(epoch), status)
+    return ChunkRun(states, status, records.finish(carried, samples.joined(), span))
 
 
-def _of_no_period(recorder: AbstractRecorder, scenes: Batched[Scene], states: State) -> Any:
-    """What a recorder carries through the periods at their start, with a leading axis of lanes."""
+def _initial_carry(records: RecordSet, scenes: Batched[Scene], states: State) -> Any:
+    """Carries of no period, with a leading axis of lanes."""
     lanes, first = len(states.motion.y), lambda tree: jax.tree.map(lambda a: a[0], tree)
-    one = recorder.begin(eqx.combine(first(scenes.varied), scenes.shared), first(states))
+    one = records.begin(eqx.combine(first(scenes.varied), scenes.shared), first(states))
     return jax.tree.map(lambda a: np.broadcast_to(a, (lanes, *np.shape(a))), one)
-
-
-def _reduced(
-    recorder: Combined,
-    run: Further,
-    status: np.ndarray,
-    strobes: Sequence[Any],
-    carried: Any,
-    epochs: tuple[float, float],
-) -> ChunkRun:
-    """A chunk after its recorded stretch, with what its reducers make of it.
-
-    **Arguments:** `epochs`: forcing periods before the run, and before the stretch.
-    """
-    periods = run.plan.recorded.periods
-    loads = recorder.stretch_loads(carried, periods)
-    if loads is not None:
-        each = jax.tree.map(lambda a: a[:, None], loads)  # as those of one long period
-        status = np.asarray(judged_by_loads(run.scenes, jnp.asarray(status), each, most_stretch(run.plan.solver)))
-    carried, status = recorder.after(carried, status, run)
-    stretch = Stretch(periods, run.steps, *epochs, status, recorder.latest(strobes, periods), loads)
-    return ChunkRun(run.states, status, recorder.finish(carried, stretch))
 
 
 def _advance(calls: Calls, *arguments: Any, **options: Any) -> Passage:
     """`advance` over the periods of one of the calls, by a program that serves other numbers of them, too."""
     found = advance(*arguments, **options, **_room(calls))
     cut = lambda tree: jax.tree.map(lambda a: np.asarray(a)[:, : calls.length], tree)
-    return found._replace(record=cut(found.record), steps_taken=cut(found.steps_taken))
+    return found._replace(samples=cut(found.samples), steps_taken=cut(found.steps_taken))
 
 
 def _room(calls: Calls) -> dict[str, Any]:
@@ -291,17 +250,10 @@ class _Stopped(Exception):
 
 
 def in_order(chunks: Sequence[Chunk], parts: Sequence[np.ndarray]) -> np.ndarray:
-    """The chunks' arrays (lanes, ...) as one in the order of the cases, without the lanes that fill up chunks.
-
-    Where the chunks differ in their number of samples, the second axis, fewer are filled up with NaN.
-    """
-    cases = sum(chunk.cases for chunk in chunks)
-    samples = {part.shape[1:2] for part in parts}
-    shape = (cases, *max(samples), *parts[0].shape[2:])
-    found = np.empty(shape, parts[0].dtype) if len(samples) == 1 else np.full(shape, np.nan)
+    """The chunks' arrays (lanes, ...) as one in the order of the cases, without the lanes that fill up chunks."""
+    found = np.empty((sum(chunk.cases for chunk in chunks), *parts[0].shape[1:]), parts[0].dtype)
     for chunk, part in zip(chunks, parts, strict=True):
-        within = tuple(slice(n) for n in part.shape[1:2])
-        found[chunk.index[: chunk.cases], *within] = part[: chunk.cases]
+        found[chunk.index[: chunk.cases]] = part[: chunk.cases]
     return found
 
 

@@ -12,7 +12,7 @@ from ..flow.status import Status
 from ..model.dynamics import State
 from .grid import Cases
 from .plan import Plan
-from .reducers import BLOCK
+from .records import BLOCK
 from .sweep import case_variables
 from .transience import HOLD, MOTIONS, Votes
 

@@ -35,7 +35,7 @@ from .maps import Maps, rows_of
 from .plan import PAUSE, Chunk, OnProgress, Plan, make_plan, strobe_plan
 from .progress import Later
 from .reached import Reached, nothing_reached, reached_orbits
-from .reducers import BLOCK, JACOBIAN, LAST, LOOK, PAIR, Measure, measured_periods, tangents_cost
+from .records import BLOCK, JACOBIAN, LAST, LOOK, PAIR, Measure, measured_periods, tangents_cost
 from .stores.stored import storable
 from .stores.target import Store
 from .sweep import case_attributes
@@ -108,7 +108,7 @@ def lyapunov_sweep(
     start = first_of(start)
     cases = Cases(scene, grid, start, product=product)
     options: dict[str, Any] = dict(steps_per_period=steps_per_period, solver=solver)
-    plan = make_plan(scene, cases, record="strobe", transient=0, periods=1, **options)
+    plan = make_plan(scene, cases, transient=0, periods=1, **options)
     plan = strobe_plan(plan, whole("transient", transient, BLOCK))
     count, counted = check_count(scene, count), -(-whole("periods", periods, 1) // BLOCK)
     settle = _Settle(plan, cases, count, certify, yes_or_no("orbits", orbits))
@@ -175,7 +175,7 @@ class _Settle(NamedTuple):
         found = reached_orbits(
             scenes,
             states,
-            passed.record.strobe[:, -LAST:],
+            passed.record[0][:, -LAST:],
             chunk.steps,
             solver=plan.solver,
             count=self.count,

@@ -8,7 +8,8 @@ import numpy as np
 import xarray as xr
 
 from ..flow.period_map import initial_states
-from ..flow.reducing import AbstractReducer
+from ..flow.record import AbstractRecord, RecordSet
+from ..flow.series import Strobe
 from ..flow.simulate import Trajectory, first_of
 from ..flow.status import Status
 from ..model.dynamics import State
@@ -19,7 +20,7 @@ from ..tools.checks import number, one_of, positive
 from .executors import ChunkRun, in_order, records_in_order, run_chunk, run_chunks
 from .grid import Cases, filled, path_cases
 from .plan import Chunk, OnProgress, make_plan
-from .reducers import resolved_record
+from .records import resolved_record
 from .sweep import CaseRuns, sweep_dataset
 
 DIRECTIONS = {"up": 1, "down": -1}
@@ -31,7 +32,7 @@ def follow(
     path: Mapping[str, Any],
     *,
     directions: tuple[str, ...] = ("up", "down"),
-    record: str | AbstractReducer | Sequence[str | AbstractReducer] = "sections",
+    record: str | AbstractRecord | Sequence[str | AbstractRecord] = "sections",
     transient: int = 30,
     periods: int = 10,
     steps_per_period: int | None = None,
@@ -58,7 +59,7 @@ def follow(
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
     """
-    recorder, start = resolved_record(record), first_of(start)
+    records, start = resolved_record(record), first_of(start)
     cases, _, values = path_cases(scene, path, start)
     several = isinstance(directions, tuple | list) and len(directions) > 0
     if not several or any(directions.count(d) > 1 for d in directions):
@@ -67,7 +68,7 @@ def follow(
     plan = make_plan(
         scene,
         cases,
-        record=recorder,
+        records=records,
         transient=transient,
         periods=periods,
         steps_per_period=steps_per_period,
@@ -93,7 +94,7 @@ def follow(
     # one worker: each begins where the one before ended
     runs = run_chunks(chunks, 1, work, periods=plan.work, progress=progress)
     steps = in_order(chunks, [np.full(len(ways), chunk.steps) for chunk in chunks])
-    status, records = records_in_order(chunks, [(run.status, run.record) for run in runs.results])
+    status, arrays = records_in_order(chunks, [(run.status, run.record) for run in runs.results])
     call = dict(
         function="follow",
         values=len(values),
@@ -104,7 +105,7 @@ def follow(
         steps_per_period=steps_per_period,
         saves_per_period=saves_per_period,
     )
-    found = CaseRuns(status, steps, records)
+    found = CaseRuns(status, steps, arrays)
     return runs.checked(sweep_dataset(plan, cases, found, call, {"direction": list(directions)}))
 
 
@@ -174,7 +175,7 @@ def find_jump(
     _, name, values = path_cases(scene, path, start)
     way = DIRECTIONS[one_of("direction", direction, tuple(DIRECTIONS))]
     within, threshold = number(positive, "within", within), number(positive, "threshold", threshold)
-    options: dict[str, Any] = dict(record="strobe", transient=transient, periods=periods)
+    options: dict[str, Any] = dict(records=RecordSet((Strobe(),)), transient=transient, periods=periods)
     lanes, epoch = filled(np.zeros(1, int), 1), 0
 
     def run(value: float, state: State | None) -> _Held:
@@ -185,7 +186,7 @@ def find_jump(
         state = initial_states(scenes, starts) if state is None else state
         done = run_chunk(plan, scenes, state, plan.most_steps, on_progress, epoch=epoch)
         epoch += plan.periods
-        mark = done.record.strobe[0].mean(axis=0) / COORDINATE_SCALES
+        mark = done.record[0][0].mean(axis=0) / COORDINATE_SCALES
         return _Held(done.state, mark, Status(int(done.status[0])))
 
     def hold(value: float, state: State | None) -> _Held:

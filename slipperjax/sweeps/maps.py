@@ -8,10 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..flow.period_map import advance, batch_jacobians, judged_by_loads, tangent_weights
-from ..flow.recorders import OnlyLoads, coordinates
+from ..flow.period_map import advance, batch_jacobians, tangent_weights
+from ..flow.record import RecordSet
+from ..flow.records import ContactChecks, judged_by_contacts
+from ..flow.series import coordinates
 from ..flow.simulate import flexible_steps
-from ..flow.status import most_stretch, status_of
+from ..flow.status import most_stability_number, status_of
 from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State
 from ..model.scene import Scene
@@ -20,7 +22,7 @@ from ..tools.batching import Batched
 from ..tools.compile import jit
 from .grid import filled
 from .plan import PAUSE, OnProgress
-from .reducers import JACOBIAN, LOOK
+from .records import JACOBIAN, LOOK
 
 LANES = 32
 """Cases in one call. A program of another size takes as long to compile as hundreds of Jacobians take to compute."""
@@ -128,7 +130,7 @@ class Maps(NamedTuple):
 
     @property
     def _looking(self) -> dict[str, Any]:
-        return dict(solver=self.solver, periods=PAUSE, recorder=OnlyLoads())
+        return dict(solver=self.solver, periods=PAUSE, records=RecordSet((ContactChecks(),)))
 
     def _roomy(self, room: int) -> ConstantSteps:
         return ConstantSteps(room, jnp.asarray(float(self.steps)))
@@ -141,7 +143,7 @@ class Maps(NamedTuple):
 
     def _looked(self, scenes: Batched[Scene], states: State, room: int) -> np.ndarray:
         seen = advance(scenes, states, self.epoch, self._roomy(room), **self._looking)
-        return np.asarray(judged_by_loads(scenes, seen.status, seen.record, most_stretch(self.solver)))
+        return np.asarray(judged_by_contacts(scenes, seen.status, *seen.carried, most_stability_number(self.solver)))
 
     def _of_blocks(self, call: Any, index: np.ndarray, *rows: np.ndarray, **options: Any) -> np.ndarray:
         """`call(scenes, *states)` over the cases in blocks of one size."""

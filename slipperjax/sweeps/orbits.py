@@ -17,7 +17,7 @@ from jaxtyping import Complex, Float, Int
 
 from ..analysis.floquet import multipliers
 from ..flow.period_map import initial_states
-from ..flow.recorders import coordinates
+from ..flow.series import coordinates
 from ..flow.simulate import Trajectory, first_of
 from ..flow.status import Status
 from ..model.dynamics import State
@@ -32,7 +32,7 @@ from .executors import records_in_order, run_chunk, run_chunks
 from .grid import Cases
 from .maps import Maps, rows_of
 from .plan import PAUSE, OnProgress, make_plan, strobe_plan
-from .reducers import JACOBIAN
+from .records import JACOBIAN
 from .stores.stored import storable
 from .stores.target import Store
 from .sweep import case_attributes, case_variables
@@ -228,7 +228,7 @@ def orbit_sweep(
     period, limit = whole("period", period, 1), whole("max_iterations", max_iterations, 1)
     tolerance = number(positive, "tolerance", tolerance)
     options: dict[str, Any] = dict(steps_per_period=steps_per_period, solver=solver)
-    plan = make_plan(scene, cases, record="strobe", transient=0, periods=1, **options)
+    plan = make_plan(scene, cases, transient=0, periods=1, **options)
     plan = strobe_plan(plan, whole("transient", transient, PAUSE))
     chunks, workers = plan.chunks(chunk, workers, tangents=True)
 

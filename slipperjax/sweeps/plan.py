@@ -10,14 +10,15 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
-from ..flow.recorders import STROBE_VALUES, AbstractRecorder, Sections, Strobe, recorder_named
+from ..flow.record import RecordSet
+from ..flow.series import Strobe
 from ..flow.simulate import default_saves, step_plan
 from ..flow.stepping import room_for
 from ..model.scene import Scene
 from ..model.step_size import LEAST_STEPS
 from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
-from ..tools.checks import whole, yes_or_no
+from ..tools.checks import whole
 from ..tools.limits import cores
 from .grid import Cases, batch_size, filled, refuse_run
 
@@ -71,7 +72,7 @@ class Plan:
     """How a list of cases is run."""
 
     solver: diffrax.AbstractSolver
-    recorder: AbstractRecorder
+    records: RecordSet
     steps: Int[np.ndarray, " cases"]
     """Integration steps per forcing period of each case."""
     transient: Calls
@@ -99,21 +100,15 @@ class Plan:
         return self.transient.periods + self.recorded.periods
 
     @property
-    def weight(self) -> float:
-        """What a recorded period costs, in plain ones."""
-        return self.recorder.cost
-
-    @property
     def values(self) -> int:
-        """How many numbers are kept of one case, about."""
-        passed = STROBE_VALUES * self.transient.periods if isinstance(self.recorder, Sections) else 0
-        return passed + self.recorder.kept(self.recorded.periods)
+        """About how many numbers are kept of one case."""
+        return self.records.values(self.transient.periods, self.recorded.periods)
 
     @property
     def work(self) -> float:
-        """What one case costs, in plain forcing periods."""
+        """Cost of one case, in unrecorded forcing periods."""
         recorded = self.recorded.periods
-        return self.transient.periods + self.weight * recorded + self.recorder.later(recorded)
+        return self.transient.periods + self.records.cost * recorded + self.records.cost_after(recorded)
 
     def chunks(self, chunk: int | None, workers: int | None, *, tangents: bool = False) -> tuple[list[Chunk], int]:
         """The chunks, the most expensive first, and the number of threads to run them on. Neither changes any result.
@@ -122,7 +117,7 @@ class Plan:
         `workers`: threads, by default one per core. `tangents`: whether the calls take derivatives.
         """
         workers = cores() if workers is None else whole("workers", workers, 1)
-        tangents = tangents or self.recorder.tangents
+        tangents = tangents or self.records.tangents
         on_device = jax.default_backend() != "cpu"
         if on_device or calls_lapack(self.solver, tangents):
             workers = 1
@@ -156,15 +151,14 @@ def make_plan(
     scene: Scene,
     cases: Cases,
     *,
-    record: str | AbstractRecorder,
+    records: RecordSet = RecordSet(),
     transient: int,
     periods: int,
     steps_per_period: int | Sequence[int] | np.ndarray | None = None,
     saves_per_period: int | None = None,
     solver: diffrax.AbstractSolver | str | None = None,
-    loads: bool = True,
 ) -> Plan:
-    """The plan of a run from a user's arguments, see `slipperjax.sweep`; `record`: of `RECORDERS`, or a recorder.
+    """The plan of a run from a user's arguments, see `slipperjax.sweep`, and records.
 
     **Raises:** `ValueError` that names the argument which is wrong, or memory and time of an impossible run.
     """
@@ -177,16 +171,15 @@ def make_plan(
     else:
         fixed, saves = step_plan(scene, steps_per_period, saves_per_period)
         steps = np.full(cases.count, fixed)
-    loads = yes_or_no("loads", loads)
-    recorder = record if isinstance(record, AbstractRecorder) else recorder_named(record, saves, loads)
+    records = records.with_saves(saves)
     taken = ("status", "steps_per_period", *cases.dims, *map(cases.label, cases.axes))
-    recorder.check(scene, periods, int(steps.min()), taken)
+    records.check(scene, periods, int(steps.min()), taken)
     if transient > PAUSE:
         transient = math.ceil(transient / PAUSE) * PAUSE
     pause, block = _call_length(max(transient, 1)), _call_length(periods)
     plan = Plan(
         resolve_solver(scene, solver),
-        recorder,
+        records,
         steps,
         Calls(pause, transient // pause),
         Calls(block, periods // block),
@@ -215,7 +208,9 @@ def _steps_of_cases(cases: Cases, given: Any, saves: int | None) -> tuple[np.nda
 
 def strobe_plan(plan: Plan, periods: int) -> Plan:
     """The same with nothing but strobes for at least `periods`, in calls of `PAUSE`."""
-    return Plan(plan.solver, Strobe(), plan.steps, Calls(1, 0), Calls(PAUSE, math.ceil(periods / PAUSE)))
+    return Plan(
+        plan.solver, RecordSet((Strobe(),)), plan.steps, Calls(1, 0), Calls(PAUSE, math.ceil(periods / PAUSE))
+    )
 
 
 def _call_length(periods: int) -> int:

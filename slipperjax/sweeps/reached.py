@@ -27,7 +27,7 @@ from .grid import Cases, filled
 from .maps import Maps, rows_of
 from .orbits import Orbits, find_orbits
 from .plan import OnProgress
-from .reducers import LONGEST
+from .records import LONGEST
 
 RECURS = 0.02
 """Distance of states a period apart, in multiples of `COORDINATE_SCALES`, below which an orbit is looked for."""

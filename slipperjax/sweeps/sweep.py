@@ -12,8 +12,7 @@ from jaxtyping import Int
 
 from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.period_map import initial_states
-from ..flow.recorders import History
-from ..flow.reducing import AbstractReducer
+from ..flow.record import AbstractRecord
 from ..flow.simulate import Trajectory, first_of
 from ..flow.status import MEANINGS
 from ..model.dynamics import State
@@ -23,7 +22,7 @@ from ..solvers.latching import solver_name
 from .executors import records_in_order, run_chunk, run_chunks
 from .grid import Cases
 from .plan import Plan, make_plan
-from .reducers import resolved_record
+from .records import resolved_record
 from .stores.stored import storable
 from .stores.target import Store
 
@@ -34,14 +33,14 @@ def sweep(
     grid: Mapping[str, Any],
     *,
     product: bool = True,
-    record: str | AbstractReducer | Sequence[str | AbstractReducer] = "sections",
+    record: str | AbstractRecord | Sequence[str | AbstractRecord] = "sections",
     transient: int = 200,
     periods: int = 10,
     steps_per_period: int | Sequence[int] | np.ndarray | None = None,
     saves_per_period: int | None = None,
     solver: diffrax.AbstractSolver | str | None = None,
     start: Motion | State | Trajectory | None = None,
-    loads: bool = True,
+    loads: bool | None = None,
     chunk: int | None = None,
     workers: int | None = None,
     progress: bool = False,
@@ -56,23 +55,22 @@ def sweep(
     - `grid`: values by parameter name (see `PARAMETERS` for names and units); several names make a product.
         Coordinates of the start (y, z, v_y, v_z, w_x, w_y, w_z) are allowed too, which gives pictures of basins.
     - `product`: False reads the lists of values side by side, one case each, along the dimension `case`.
-    - `record`: what to keep of the last `periods` periods. "sections": velocities at the upward zero crossings of
-        each coordinate, as in the paper's bifurcation diagrams, and `strobe`, the state once per period from the
-        start on; "strobe": the state once per forcing period; "history": states and contact forces
-        `saves_per_period` times per period. Or a reducer, its name, or a list of both, of which each makes a few
-        numbers per case while the periods are integrated, so that long records of many cases take no memory:
-        "motion" (`kind` and `period` by recurrence), "peak_force", "peak_period", "impulse", "contact_fraction",
-        "penetration", "rms" (of accelerations), "extremes" (of coordinates), "sections" (the first 64 points of
-        each), "strobe", "exponent" (the largest, uncertified, by a tangent afterwards); and from `slipperjax.flow`
-        `ForcePercentile`, `SpectrumLines`, `SectionPoints`, `StrobeStates` and `Reduced`, for any function.
+    - `record`: what to keep of the last `periods` periods: a name, a record, or a list of both. "sections":
+        velocities at the upward zero crossings of each coordinate, as in the paper's bifurcation diagrams, and
+        `strobe`, the state once per period from the start on; "strobe": the state once per recorded period;
+        "history": states and contact forces `saves_per_period` times per period. All others make a few numbers per
+        case while the periods are integrated, so that long records of many cases take no memory: "motion" (`kind`
+        and `period` by recurrence), "loads" or one of them ("peak_force", "peak_period", "impulse",
+        "contact_fraction", "penetration"), "rms" (of accelerations), "extremes" (of coordinates), "contact_load" and
+        others of `slipperjax.flow.RECORDS`, "exponent" (the largest, uncertified, by a tangent afterwards); and from
+        `slipperjax.flow` `ForcePercentile`, `SpectrumLines`, and `Record` of any function of a period's course.
     - `transient`: forcing periods to pass before; above ten rounded up to tens, see the attribute `transient`.
     - `steps_per_period`: one number for all cases, or an array of the grid's shape with one for each; default what
         `default_steps_per_period` gives for each. Cases with the same number run together.
     - `solver`, `start`, `saves_per_period`: as for `simulate`.
-    - `loads`: whether sections and histories come with peak forces, impulses, times in contact and penetrations of
-        the recorded periods, from which some statuses follow: no contact, pressed in, and unresolved for damping
-        that is too fast for the steps. Reducers find loads where one of them is a load, and otherwise do not, so
-        that these statuses are not given.
+    - `loads`: whether peak forces, impulses, times in contact and penetrations of the recorded periods come with
+        the others, default with sections and histories. With any load come the statuses that follow from loads: no
+        contact, pressed in, and unresolved for damping that is too fast for the steps.
     - `chunk`: cases per call, rounded up to 8, 16, 24, 32, 40, 48, 56, 64, 80, ...; `workers`: threads, default one
         per core, and never more than one where `solver` is one of diffrax's implicit ones, see
         `solvers.calls_lapack`. Neither changes any result.
@@ -89,18 +87,17 @@ def sweep(
     **Raises:** `ValueError`, before anything is compiled, that names the argument which is wrong, or memory and time
     where the run is impossible; `Interrupted`, which has the finished cases, after Ctrl-C.
     """
-    recorder, start = resolved_record(record), first_of(start)
+    records, start = resolved_record(record, loads), first_of(start)
     cases = Cases(scene, grid, start, product=product)
     plan = make_plan(
         scene,
         cases,
-        record=recorder,
+        records=records,
         transient=transient,
         periods=periods,
         steps_per_period=steps_per_period,
         saves_per_period=saves_per_period,
         solver=solver,
-        loads=loads,
     )
     chunks, workers = plan.chunks(chunk, workers)
 
@@ -109,7 +106,7 @@ def sweep(
         return run_chunk(plan, scenes, initial_states(scenes, starts), chunk.steps, on_progress)
 
     runs = run_chunks(chunks, workers, work, periods=plan.work, progress=progress)
-    status, records = records_in_order(chunks, [(run.status, run.record) for run in runs.results])
+    status, found = records_in_order(chunks, [(run.status, run.record) for run in runs.results])
     call = dict(
         function="sweep",
         product=product,
@@ -119,7 +116,7 @@ def sweep(
         saves_per_period=saves_per_period,
         loads=loads,
     )
-    return runs.checked(sweep_dataset(plan, cases, CaseRuns(status, plan.steps, records), call))
+    return runs.checked(sweep_dataset(plan, cases, CaseRuns(status, plan.steps, found), call))
 
 
 class CaseRuns(NamedTuple):
@@ -129,8 +126,8 @@ class CaseRuns(NamedTuple):
     """`slipperjax.Status` codes."""
     steps: Int[np.ndarray, " cases"]
     """Integration steps per forcing period."""
-    record: Any
-    """What the plan's recorder collected."""
+    record: tuple[Any, ...]
+    """Arrays of the plan's records."""
 
 
 def sweep_dataset(
@@ -145,12 +142,12 @@ def sweep_dataset(
     dims = (*first, *cases.dims)
     shape = (*(len(values) for values in first.values()), *cases.shape)
     record = jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), found.record)
-    data, coords = plan.recorder.label(cases.scene, dims, record)
+    data, coords = plan.records.label(cases.scene, dims, record)
     data |= case_variables(dims, found.status.reshape(shape), found.steps.reshape(shape))
-    if isinstance(plan.recorder, History):
+    if "time" in [dim for dim, *_ in coords.values()]:  # of histories
         seconds = cases.forcing_periods().reshape(*cases.shape, 1) * coords["period"][1]
         coords["seconds"] = ((*cases.dims, "time"), seconds, {"units": "s", "long_name": "time"})
-    attrs = case_attributes(plan, cases, call) | {"record": plan.recorder.name}
+    attrs = case_attributes(plan, cases, call) | {"record": plan.records.name}
     return xr.Dataset(data, {**coords, **first, **cases.coordinates()}, attrs)
 
 

@@ -22,7 +22,7 @@ from .attractors import FLOOR
 from .executors import in_order, run_chunk, run_chunks
 from .grid import Cases
 from .plan import PAUSE, Plan, strobe_plan
-from .reducers import LAST, Measure, measured_periods, tangents_cost
+from .records import LAST, Measure, measured_periods, tangents_cost
 
 MOTIONS = 4
 """Motions for each case."""
@@ -97,7 +97,7 @@ def take_votes(
         held = run_chunk(plan, scenes, begin, part.steps, on_progress, epoch=epoch)
         measure = Measure(plan, scenes, held.state, float(epoch + plan.periods), blocks, part.steps, on_progress)
         found = measure(part.steps, count)
-        return _Motions(held.record.strobe, found.history, first_problem(held.status, found.status))
+        return _Motions(held.record[0], found.history, first_problem(held.status, found.status))
 
     each, name = work_of_votes(blocks, count) / MOTIONS, f"longer motions of {len(chosen)} chaotic cases"
     runs = run_chunks(chunks, workers, work, periods=each, progress=progress, name=name)

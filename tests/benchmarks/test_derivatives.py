@@ -21,16 +21,18 @@ ROWS = [
     ("scene and start", "grad"),
     ("peak force", "jacfwd"),
     ("peak force", "grad"),
+    ("rms_a_z", "value"),  # by `sensitivities`, which differentiates
+    ("contact_load", "value"),
     ("orbit", "jacfwd"),
     ("smooth switch", "jacfwd"),
     ("smooth switch", "grad"),
 ]
 
 
-def timed(what: str, mode: str) -> dict[str, float]:
-    """The parts of a derivative's time [s]."""
-    script = Path(__file__).with_name("derivatives.py")
-    done = subprocess.run([sys.executable, str(script), what, mode], capture_output=True, text=True, check=True)
+def timed(what: str, mode: str, **variables: str) -> dict[str, float]:
+    """The parts of a derivative's time [s], in a process with these environment variables besides."""
+    command = [sys.executable, str(Path(__file__).with_name("derivatives.py")), what, mode]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=os.environ | variables)
     return json.loads(next(line for line in done.stdout.splitlines() if line.startswith("PARTS "))[6:])
 
 
@@ -44,4 +46,15 @@ def test_time_to_first_derivative():
         times = {"first [s]": parts["first"], "trace": traced, "lower": parts["lower"], "compile": parts["compile"]}
         shown = {name: f"{seconds:.1f}" for name, seconds in times.items()}
         rows.append({"of": what, "derivative": mode} | shown | {"again [ms]": f"{1e3 * parts['again']:.1f}"})
+    print("\n" + "\n".join(table_lines(rows)))
+
+
+@pytest.mark.benchmark
+def test_second_process_takes_programs_from_the_cache(tmp_path):
+    """What is left to the second of two processes that share JAX's cache."""
+    kept = dict(JAX_COMPILATION_CACHE_DIR=str(tmp_path), JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS="0")
+    rows = []
+    for what, mode in (row for row in ROWS if row[1] in ("jacfwd", "grad", "hessian")):
+        first, second = (timed(what, mode, **kept)["first"] for _ in range(2))
+        rows.append({"of": what, "derivative": mode, "first [s]": f"{first:.1f}", "second [s]": f"{second:.1f}"})
     print("\n" + "\n".join(table_lines(rows)))

@@ -87,6 +87,59 @@ def test_reverse_mode_of_loads_agrees_with_forward_mode(forward):
     np.testing.assert_allclose(reverse, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
+HARD, CALM = 60, 40
+VARIED = ("speed", "clearance", "length", "stiffness", "restitution", "amplitude", "section.play.2")
+
+
+def random_cases():
+    """Hard scenes from Table 2's start, and calm ones after 60 periods, most of them on a stable orbit."""
+    draws = np.random.default_rng(5)
+    log = lambda low, high: np.exp(draws.uniform(np.log(low), np.log(high)))
+    first, found = sj.table_2_start(), []
+    for k in range(HARD + CALM):
+        if k < HARD:
+            scene = sj.paper_scene(log(100, 2500), log(1e-4, 5e-3), stiffness=log(1e7, 1e10))
+            found.append((scene.replace(restitution=draws.uniform(0.2, 1)), first))
+        else:
+            scene = sj.paper_scene(draws.uniform(1150, 1900), draws.uniform(0.4e-3, 2e-3), draws.uniform(0.18, 0.4))
+            found.append((scene, sj.simulate(scene, 60, steps_per_period=50, loads=False).end.motion))
+    return jax.tree.map(lambda *parts: jnp.stack([jnp.asarray(p, float) for p in parts]), *found)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")
+def test_no_derivative_is_nan_where_its_value_is_finite():
+    """States, loads and objectives of three periods at 50 steps, in both modes: `scene and start` of 100 cases."""
+    asked = [one for one in sj.design.OBJECTIVES.values() if isinstance(one, AbstractCourseObjective)]
+    asked = list(dict.fromkeys(twin for one in asked for twin in (one, one.smooth)))
+
+    def numbers(values, scene, start):
+        for k, name in enumerate(VARIED):
+            scene = parameter(name, scene).replaced(scene, values[k])
+        run = PeriodMap(scene, ConstantSteps(50), None).run
+        first = sj.initial_state(scene, start)
+        passage = run(first, periods=3, recorder=Courses(tuple(one.of_course for one in asked)))
+        loads = run(first, periods=3, recorder=OnlyLoads()).record
+        loads = [*loads.peak_force.ravel(), *loads.impulse.ravel(), *loads.contact_fraction.ravel()]
+        made = [one.total(kept) for one, kept in zip(asked, passage.record, strict=True)]
+        return jnp.stack([*jax.tree.leaves(passage.state), *made, *loads])
+
+    scenes, starts = random_cases()
+    at = jax.vmap(lambda s: jnp.stack([parameter(name, s).of(s) for name in VARIED]))(scenes)
+
+    def both(values, scene, start):
+        push = lambda v: jax.jacfwd(numbers)(v, scene, start)
+        found, pull = jax.vjp(lambda v: numbers(v, scene, start), values)
+        finite = jnp.isfinite(found)
+        return finite, push(values), pull(jnp.where(finite, 1.0, 0.0))[0]
+
+    finite, forward, reverse = jax.jit(jax.vmap(both))(at, scenes, starts)
+    lost = ~np.all(np.asarray(finite)[:, :10], axis=1)
+    assert lost.sum() <= 1
+    assert np.all(np.isfinite(np.asarray(forward)[np.asarray(finite)]))
+    assert np.all(np.isfinite(reverse[~lost]))
+
+
 def test_default_steps_are_known_where_scenes_are_merely_differentiated():
     """Under jvp and grad the scene's numbers are there; under jit and vmap the number of steps is traced."""
     seen = []

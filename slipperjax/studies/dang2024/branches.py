@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...analysis.events import MEANINGS
-from ...flow.recorders import coordinates
+from ...flow.series import coordinates
 from ...flow.simulate import simulate
 from ...flow.status import Status
 from ...model.dang2024 import paper_scene

@@ -1,6 +1,5 @@
 """Stores on disk: made whole, written tile by tile, each complete or absent, read while they grow, and repaired."""
 
-import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,8 +24,6 @@ COORDINATES = "coordinates_of_cases"
 """Attribute that names the variables over the grid which are coordinates."""
 WHOLE: Any = {"write_empty_chunks": True}
 """Chunks of one value have a file, too, so that none can be lost unseen."""
-CROSSINGS = 16
-"""Room for crossings of a section in a forcing period; one or two are usual."""
 
 
 class Archive(NamedTuple):
@@ -180,7 +177,9 @@ def _make(path: Path, grid: Grid, tiles: Tiling, asked: Mapping[str, Any], like:
     lengths, pieces = (dict(zip(grid.dims, numbers, strict=True)) for numbers in (tiles.shape, tiles.tile))
     for name, variable in like.variables.items():
         if name not in axes and set(grid.dims) <= set(variable.dims):
-            inner = {d: _room(str(d), n, like) for d, n in zip(variable.dims, variable.shape, strict=True)}
+            # the number of crossings differs from case to case
+            room = {"crossing": variable.attrs.get("capacity")}
+            inner = {d: room.get(str(d)) or n for d, n in zip(variable.dims, variable.shape, strict=True)}
             whole, chunk = (tuple((inner | of_grid).values()) for of_grid in (lengths, pieces))
             _add(group, str(name), variable, whole, chunk)
         elif name not in axes:
@@ -218,12 +217,6 @@ def _storable(variable: xr.Variable) -> np.ndarray:
     """Values in a type that zarr's specification knows."""
     values = np.asarray(variable.values)
     return values.astype(np.dtypes.StringDType()) if values.dtype.kind in "UO" else values
-
-
-def _room(dim: str, size: int, like: xr.Dataset) -> int:
-    """Length of a dimension in a store, where it differs from case to case."""
-    fixed = json.loads(like.attrs["call"]).get("record", "sections") != "sections"
-    return CROSSINGS * int(like.attrs["periods"]) if dim == "crossing" and not fixed else size
 
 
 def _json(value: Any) -> Any:

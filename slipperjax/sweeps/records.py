@@ -1,4 +1,4 @@
-"""Reducers that classify motions or measure exponents after the record, and the values of `record`."""
+"""Records that classify motions or measure exponents after the recorded span, and the values of `record`."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -9,17 +9,18 @@ from jaxtyping import Float, Int
 
 from ..analysis.attractor import KINDS, MIN_TEST, classify
 from ..analysis.lyapunov import standard_error
+from ..flow.course import stacked
 from ..flow.period_map import advance_tangents, initial_tangents
-from ..flow.recorders import RECORDERS, Labelled, attributes
-from ..flow.reducers import REDUCERS as OF_FLOW
-from ..flow.reducing import AbstractReducer, Combined, Stretch
+from ..flow.record import AbstractRecord, Labelled, RecordedSpan, RecordSet, attributes
+from ..flow.records import ALIASES, RECORDS, ContactChecks, OnePoint
+from ..flow.series import History, Sections, Strobe
 from ..flow.status import Status, first_problem
 from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State
-from ..model.quantities import COORDINATE_SCALES
+from ..model.quantities import COORDINATE_SCALES, LOADS, Quantity
 from ..model.scene import Scene
 from ..tools.batching import Batched
-from ..tools.checks import brief, whole
+from ..tools.checks import brief, require, whole, yes_or_no
 from .attractors import FLOOR
 from .plan import OnProgress, Plan
 
@@ -101,8 +102,8 @@ LEAST_MEASURED = 8
 """Periods without which an exponent has no standard error, see `slipperjax.analysis.standard_error`."""
 
 
-class Further(NamedTuple):
-    """A chunk of cases after its recorded stretch, for reducers that run on from there."""
+class RecordedChunk(NamedTuple):
+    """A chunk of cases at the end of its recorded span."""
 
     plan: Plan
     scenes: Batched[Scene]
@@ -115,7 +116,7 @@ class Further(NamedTuple):
 
 
 class Motions(NamedTuple):
-    """What motions are."""
+    """Kind code and period of motions."""
 
     kind: Int[Any, "*cases"]
     """0 for "unresolved", otherwise the place in `slipperjax.analysis.KINDS` and one more."""
@@ -123,19 +124,19 @@ class Motions(NamedTuple):
 
 
 @dataclass(frozen=True)
-class MotionKind(AbstractReducer):
-    """What each motion is by recurrence in the recorded strobe states, as `slipperjax.sweeps.attractors` says it.
+class MotionKind(AbstractRecord):
+    """The kind of each motion by recurrence in the recorded strobe states, as `slipperjax.sweeps.attractors` says it.
 
     The variables `kind` and `period` are those of `slipperjax.analysis.classify`: records below `MIN_TEST` (200)
     periods can only be periodic or unresolved, with period 4 at most in 16 of them and period 16 in 64. Cases with a
     status other than 0 are "unresolved".
     """
 
-    last: int = LAST
+    latest: int = LAST
     """How many periods at the end of the record are looked at, at most."""
 
     def __post_init__(self):
-        whole("last", self.last, LEAST_PERIODS)
+        whole("latest", self.latest, LEAST_PERIODS)
 
     @property
     def name(self):
@@ -149,11 +150,14 @@ class MotionKind(AbstractReducer):
     def inside(self):
         return False
 
-    def strobes(self, periods):
-        return min(self.last, periods)
+    def last(self, periods):
+        return min(self.latest, periods)
 
     def values(self, periods):
-        return 2
+        return 10 * self.last(periods)
+
+    def sample(self, course):
+        return stacked(course.end)
 
     def check(self, scene, periods, steps):
         if periods < LEAST_PERIODS:
@@ -162,22 +166,17 @@ class MotionKind(AbstractReducer):
                 f"tori from chaos, but is {periods}."
             )
 
-    def finish(self, carried, stretch: Stretch) -> Motions:
-        assert stretch.strobe is not None  # it is asked for
-        good = (stretch.status == Status.FINITE)[:, None, None]
-        states = np.where(good, stretch.strobe[:, -self.strobes(stretch.periods) :], np.nan)
+    def finish(self, carried, samples, span: RecordedSpan) -> Motions:
+        states = np.where((span.status == Status.FINITE)[:, None, None], samples, np.nan)
         found = classify(states, scales=COORDINATE_SCALES, floor=FLOOR)
         # zero, which stands for cases that were not run, is "unresolved"
         known = [0 if kind == "unresolved" else KINDS.index(kind) + 1 for kind in found.kind.tolist()]
         return Motions(np.array(known, int), np.asarray(found.period, int))
 
     def label(self, scene, dims, found: Motions) -> Labelled:
+        words = np.array(("unresolved", *KINDS))[found.kind]
         return {
-            "kind": (
-                dims,
-                np.array(("unresolved", *KINDS))[found.kind],
-                {"long_name": "what the motion is by recurrence"},
-            ),
+            "kind": (dims, words, {"long_name": "kind of motion, by recurrence"}),
             "period": (dims, found.period, attributes("1", "forcing periods of a periodic motion, 0 for others")),
         }, {}
 
@@ -190,10 +189,10 @@ class OneExponent(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LargestExponent(AbstractReducer):
+class LargestExponent(AbstractRecord):
     """The largest Lyapunov exponent [1/period] with its standard error, uncertified.
 
-    It is measured by a tangent after the recorded stretch, over as many periods again and 20 more before, in which
+    It is measured by a tangent after the recorded span, over as many periods again and 20 more before, in which
     the tangent turns into its direction; both are rounded up to multiples of 20. Nothing checks it, as
     `slipperjax.lyapunov_sweep` does with steps half as long, a second trajectory and longer motions.
     """
@@ -208,6 +207,16 @@ class LargestExponent(AbstractReducer):
     @property
     def name(self):
         return "exponent"
+
+    @property
+    def quantity(self) -> Quantity:
+        """Name, unit and description."""
+        return Quantity("exponent", "1/period", "largest Lyapunov exponent", r"\lambda")
+
+    @property
+    def smooth(self) -> "LargestExponent":
+        """Itself, for descents."""
+        return self
 
     @property
     def variables(self):
@@ -228,15 +237,15 @@ class LargestExponent(AbstractReducer):
         """Blocks of `BLOCK` periods that count."""
         return -(-(periods if self.periods is None else self.periods) // BLOCK)
 
-    def later(self, periods):
+    def cost_after(self, periods):
         return tangents_cost(1) * measured_periods(self.blocks(periods))
 
-    def after(self, carried, run: Further):
+    def after(self, carried, status, run: RecordedChunk):
         blocks = self.blocks(run.plan.recorded.periods)
         found = Measure(run.plan, run.scenes, run.states, run.epoch, blocks, run.steps, run.on_progress)(run.steps, 1)
-        return found.history, found.status
+        return found.history, first_problem(status, found.status)
 
-    def finish(self, carried, stretch: Stretch) -> OneExponent:
+    def finish(self, carried, samples, span) -> OneExponent:
         history = np.asarray(carried)
         return OneExponent(history.mean(axis=1)[:, 0], standard_error(history)[:, 0])
 
@@ -246,31 +255,49 @@ class LargestExponent(AbstractReducer):
         return {"exponent": (dims, found.exponent, label), "exponent_stderr": (dims, found.stderr, error)}, {}
 
 
-REDUCERS: dict[str, AbstractReducer] = {**OF_FLOW, "motion": MotionKind(), "exponent": LargestExponent()}
-"""Reducers by the names that `sweep(..., record=...)` knows them by."""
+_BESIDE: dict[str, tuple[AbstractRecord, ...]] = {
+    "sections": (Sections(), Strobe(from_start=True)),
+    "strobe": (Strobe(),),
+    "history": (History(),),
+    "motion": (MotionKind(),),
+    "exponent": (LargestExponent(),),
+}
+"""Records by name that are no numbers of a period."""
+NAMES = ("sections", "strobe", "history", "motion", "exponent", *ALIASES, *RECORDS)
+"""Names that `sweep(..., record=...)` knows."""
 
 
-def resolved_record(record: Any) -> Any:
-    """One of `RECORDERS` as it is; a reducer, its name, or a list of them as one recorder.
+def resolved_record(record: Any, loads: bool | None = None) -> RecordSet:
+    """Records from a user's argument: a name, a record, or a list of both.
+
+    **Arguments:** `loads`: whether contact loads come with the others, None for with sections and histories. Statuses
+    that follow from loads come with any load.
 
     **Raises:** `ValueError` for anything else.
     """
-    if isinstance(record, str) and record in RECORDERS:
-        return record
-    if not isinstance(record, list | tuple):
-        return Combined((_reducer(record, (*RECORDERS, *(name for name in REDUCERS if name not in RECORDERS))),))
-    if not record:
-        raise ValueError(f"Argument `record` must name at least one of {', '.join(REDUCERS)}, but is empty.")
-    return Combined(tuple(_reducer(one, tuple(REDUCERS)) for one in record))
+    asked = list(record) if isinstance(record, list | tuple) else [record]
+    require(asked, "record", f"name at least one of {', '.join(NAMES)}", record)
+    found = [one for given in asked for one in _records(given)]
+    series = any(isinstance(one, Sections | History) for one in found)
+    if yes_or_no("loads", series if loads is None else loads):
+        found += [RECORDS[name] for name in LOADS]
+    if any(one in _OF_LOADS for one in found):
+        found.append(ContactChecks())
+    return RecordSet(tuple(dict.fromkeys(found)))
 
 
-def _reducer(given: Any, names: tuple[str, ...]) -> AbstractReducer:
-    """A reducer as it is, or by its name; `names`: all that may be given in its place."""
-    if isinstance(given, AbstractReducer):
-        return given
-    if isinstance(given, str) and given in REDUCERS:
-        return REDUCERS[given]
+_OF_LOADS = {RECORDS[name] for name in (*LOADS, "impact_impulse")} | {OnePoint(RECORDS["peak_force"])}
+"""Records that look at contact loads."""
+
+
+def _records(given: Any) -> tuple[AbstractRecord, ...]:
+    """The records of a name, or a record as it is."""
+    if isinstance(given, AbstractRecord):
+        return (given,)
+    if isinstance(given, str) and given in NAMES:
+        names = ALIASES.get(given, (given,))
+        return _BESIDE.get(given) or tuple(RECORDS[name] for name in names)
     raise ValueError(
-        f"Argument `record` must be one of {', '.join(names)}, a reducer, or a list of names of reducers and of "
-        f"reducers, but is {brief(given)}."
+        f"Argument `record` must be one of {', '.join(NAMES)}, a record, or a list of names and records, but is "
+        f"{brief(given)}."
     )

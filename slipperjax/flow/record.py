@@ -1,0 +1,249 @@
+"""What is kept of each case: the contract of records, and several records as one.
+
+A record looks at the course of each forcing period inside the compiled program. What it carries from period to period
+makes numbers of one size however long the run is (peaks, means, percentiles); what it samples of each period is joined
+end to end (sections, strobes, histories). Afterwards it may run on, and says what its arrays are called.
+"""
+
+import abc
+from collections import Counter
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Int
+
+from ..model.dynamics import State
+from ..model.quantities import Quantity
+from ..model.scene import Scene
+from .course import Course
+
+Labelled = tuple[dict[str, Any], dict[str, Any]]
+"""Data variables and coordinates of a dataset, as xarray takes them."""
+RECORDED = 2.0
+"""Cost of a period whose inside is recorded, in unrecorded ones: 1.1 to 3.5 were measured, see docs/records.md."""
+
+
+class RecordedSpan(NamedTuple):
+    """Facts about the recorded periods, for all cases of a chunk, after them."""
+
+    periods: int
+    """Forcing periods."""
+    steps: int
+    """Integration steps in each."""
+    start: float
+    """Forcing periods before the run, from which the instants of results count."""
+    status: Int[np.ndarray, " cases"]
+    """`slipperjax.Status` codes."""
+
+
+class AbstractRecord(abc.ABC):
+    """Something to keep of each case of a run.
+
+    Subclasses are frozen dataclasses: equal ones share a compiled program. One that carries numbers defines `begin`
+    and `add`, one that samples periods defines `sample`; both define `finish` and `label`.
+    """
+
+    name: str
+    """The name in the attribute `record` of datasets."""
+
+    @property
+    @abc.abstractmethod
+    def variables(self) -> tuple[str, ...]:
+        """The data variables that it makes."""
+
+    @property
+    def inside(self) -> bool:
+        """Whether it looks at states inside periods, and not only at their ends."""
+        return True
+
+    @property
+    def from_start(self) -> bool:
+        """Whether it samples the transient, too."""
+        return False
+
+    @property
+    def tangents(self) -> bool:
+        """Whether derivatives are taken after the recorded span."""
+        return False
+
+    @abc.abstractmethod
+    def values(self, periods: int) -> int:
+        """About how many numbers of a case are kept, of so many periods."""
+
+    def last(self, periods: int) -> int:
+        """How many of the last recorded periods samples are needed of."""
+        return periods
+
+    def with_saves(self, saves: int) -> "AbstractRecord":
+        """The same, of so many saves per period where it leaves that to the run."""
+        return self
+
+    def check(self, scene: Scene, periods: int, steps: int) -> None:  # noqa: B027
+        """Raises `ValueError` where a run of so many recorded periods, of `steps` at least, does not suit."""
+
+    def begin(self, scene: Scene, state: State) -> Any:
+        """Initial carry of one case, in NumPy arrays; None where nothing is carried.
+
+        **Arguments:** `scene`, `state`: shapes count, numbers do not.
+        """
+        return None
+
+    def add(self, carried: Any, course: Course) -> Any:
+        """The carry after one more period, inside the compiled program."""
+        return carried
+
+    def sample(self, course: Course) -> Any:
+        """The arrays that are kept of each period, inside the compiled program; None where there are none."""
+        return None
+
+    def cost_after(self, periods: int) -> float:
+        """Cost of the work after so many recorded periods, in unrecorded ones."""
+        return 0.0
+
+    def after(self, carried: Any, status: np.ndarray, run: Any) -> tuple[Any, np.ndarray]:
+        """Carry and `Status` codes, after what is judged or run on from the end of the recorded span.
+
+        **Arguments:** `run`: the chunk, a `slipperjax.sweeps.records.RecordedChunk`.
+        """
+        return carried, status
+
+    @abc.abstractmethod
+    def finish(self, carried: Any, samples: Any, span: RecordedSpan) -> Any:
+        """Arrays with a leading axis of cases, from the carry (cases, ...) and samples (cases, periods, ...)."""
+
+    @abc.abstractmethod
+    def label(self, scene: Scene, dims: tuple[str, ...], values: Any) -> Labelled:
+        """Data variables and coordinates of a dataset, from the arrays of `finish` in the shape (*grid, ...)."""
+
+
+@dataclass(frozen=True)
+class RecordSet:
+    """Several records that share one pass over the periods and one dataset."""
+
+    records: tuple[AbstractRecord, ...] = ()
+
+    @property
+    def inside(self) -> bool:
+        """Whether any looks at states inside periods."""
+        return any(r.inside for r in self.records)
+
+    @property
+    def from_start(self) -> "RecordSet":
+        """Those that sample the transient, too."""
+        return RecordSet(tuple(r for r in self.records if r.from_start))
+
+    @property
+    def tangents(self) -> bool:
+        """Whether derivatives are taken after the recorded span."""
+        return any(r.tangents for r in self.records)
+
+    @property
+    def name(self) -> str:
+        """The attribute `record` of datasets."""
+        return ", ".join(r.name for r in self.records if r.name)
+
+    @property
+    def cost(self) -> float:
+        """Cost of a recorded period, in unrecorded ones."""
+        return RECORDED if self.inside else 1.0
+
+    def cost_after(self, periods: int) -> float:
+        """Cost of the work after so many recorded periods, in unrecorded ones."""
+        return sum(r.cost_after(periods) for r in self.records)
+
+    def values(self, transient: int, periods: int) -> int:
+        """About how many numbers are kept of a case."""
+        return sum(r.values(periods + (transient if r.from_start else 0)) for r in self.records)
+
+    def with_saves(self, saves: int) -> "RecordSet":
+        """The same, of so many saves per period where they leave that to the run."""
+        return RecordSet(tuple(r.with_saves(saves) for r in self.records))
+
+    def check(self, scene: Scene, periods: int, steps: int, taken: Collection[str] = ()) -> None:
+        """Raises `ValueError` where records do not suit a run, or each other.
+
+        **Arguments:** `periods`: recorded; `steps`: in each, at least; `taken`: names that the dataset has already.
+        """
+        for name, count in Counter(name for r in self.records for name in r.variables).items():
+            if count > 1:
+                raise ValueError(f"Argument `record` must give each variable once, but gives `{name}` {count} times.")
+            if name in taken:
+                raise ValueError(f"Argument `record` must not give `{name}`, a name which the dataset has already.")
+        for r in self.records:
+            r.check(scene, periods, steps)
+
+    def begin(self, scene: Scene, state: State) -> tuple[Any, ...]:
+        """Initial carries of one case."""
+        return tuple(r.begin(scene, state) for r in self.records)
+
+    def add(self, carried: tuple[Any, ...], course: Course) -> tuple[Any, ...]:
+        """The carries after one more period."""
+        return tuple(r.add(mine, course) for r, mine in zip(self.records, carried, strict=True))
+
+    def sample(self, course: Course) -> tuple[Any, ...]:
+        """The arrays that are kept of each period."""
+        return tuple(r.sample(course) for r in self.records)
+
+    def after(self, carried: tuple[Any, ...], status: np.ndarray, run: Any) -> tuple[tuple[Any, ...], np.ndarray]:
+        """Carries and `Status` codes after the recorded span."""
+        found = []
+        for r, mine in zip(self.records, carried, strict=True):
+            mine, status = r.after(mine, status, run)
+            found.append(mine)
+        return tuple(found), status
+
+    def finish(self, carried: tuple[Any, ...], samples: Sequence[Any], span: RecordedSpan) -> tuple[Any, ...]:
+        """The arrays of each record, with a leading axis of cases."""
+        parts = zip(self.records, carried, samples, strict=True)
+        return tuple(r.finish(mine, kept, span) for r, mine, kept in parts)
+
+    def label(self, scene: Scene, dims: tuple[str, ...], values: tuple[Any, ...]) -> Labelled:
+        """Data variables and coordinates of a dataset."""
+        data, coords = {}, {}
+        for r, mine in zip(self.records, values, strict=True):
+            more, along = r.label(scene, dims, mine)
+            data, coords = data | more, coords | along
+        return data, coords
+
+
+class Samples:
+    """The samples of a set of records on the host, of successive calls, as far as they are needed."""
+
+    def __init__(self, records: RecordSet, periods: int):
+        """**Arguments:** `periods`: recorded in all."""
+        self._records, self._periods = records, periods
+        self._calls: dict[AbstractRecord, list[Any]] = {r: [] for r in records.records}
+
+    def add(self, records: RecordSet, samples: tuple[Any, ...]) -> None:
+        """Takes what some of the records sampled in one call, arrays (cases, periods, ...)."""
+        for r, new in zip(records.records, samples, strict=True):
+            calls = self._calls[r]
+            calls.append(jax.tree.map(np.asarray, new))
+            if not r.from_start and jax.tree.leaves(new):
+                lengths = [jax.tree.leaves(call)[0].shape[1] for call in calls]
+                while sum(lengths[1:]) >= r.last(self._periods):
+                    del calls[0], lengths[0]
+
+    def joined(self) -> tuple[Any, ...]:
+        """Of each record, its samples in the order of time."""
+        return tuple(self._of(r) for r in self._records.records)
+
+    def _of(self, record: AbstractRecord) -> Any:
+        def end_to_end(*parts: np.ndarray) -> np.ndarray:
+            found = np.concatenate(parts, axis=1)
+            return found if record.from_start else found[:, -record.last(self._periods) :]
+
+        return jax.tree.map(end_to_end, *self._calls[record]) if self._calls[record] else None
+
+
+def attributes(unit: str, long_name: str) -> dict[str, str]:
+    """Those of a data variable."""
+    return Quantity("", unit, long_name).attributes
+
+
+def point_labels(scene: Scene) -> dict[str, Any]:
+    """Coordinates of what is given at each contact point."""
+    return {"end": ["front", "rear"], "point": list(scene.section.names)}

@@ -1,0 +1,588 @@
+"""Records that make numbers of a motion: each is one row, for sweeps, stores, designs and sensitivities alike.
+
+They can be differentiated in both modes. Greatest values jump between points and instants where several attain them,
+so that such a record has a smooth twin, `smooth`, for descents.
+"""
+
+import abc
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..model.dang2024 import table_2_start
+from ..model.dynamics import Args, state_and_penetration
+from ..model.kinematics import contact_points
+from ..model.quantities import ACCELERATIONS, COORDINATES, LOADS, Quantity
+from ..model.scene import Scene
+from ..tools.batching import Batched
+from ..tools.checks import brief, instance, number, one_of, positive, require
+from ..tools.compile import jit
+from .course import PLACES, Course
+from .record import AbstractRecord, RecordedSpan, attributes, point_labels
+from .status import Status, most_stability_number, with_loads
+
+ORDER = 32
+"""Default order of the power means that stand for greatest values [1]."""
+POINTS = ("end", "point")
+"""Dimensions of what is given at each contact point."""
+
+
+class Join(NamedTuple):
+    """A way in which the values of forcing periods become one number."""
+
+    words: str
+    empty: float
+    """The value of no period."""
+    reduce: Callable[..., Any]
+    """Joins values along axis 0; what it gives can be joined with others again."""
+    value: Callable[[Any, Any], Any] = lambda joined, periods: joined
+    """The number, from values joined over so many periods."""
+
+
+def _root_mean(joined: Any, periods: Any) -> Any:
+    square = jnp.asarray(joined / periods)
+    # the square root has no derivative at zero
+    return jnp.where(square == 0, 0.0, jnp.sqrt(jnp.where(square == 0, 1.0, square)))
+
+
+def _log_sum(values: Array, axis: int = 0) -> Array:
+    """ln of the sum of exp(values), which may be minus infinity."""
+    most = jax.lax.stop_gradient(jnp.max(values, axis=axis))
+    scale = jnp.where(jnp.isfinite(most), most, 0.0)
+    total = jnp.sum(jnp.exp(values - scale), axis=axis)
+    return jnp.where(jnp.isneginf(most), -jnp.inf, jnp.log(jnp.where(jnp.isneginf(most), 1.0, total)) + scale)
+
+
+JOINS: dict[str, Join] = {
+    "max": Join("greatest", -np.inf, jnp.max),
+    "min": Join("least", np.inf, jnp.min),
+    "sum": Join("sum of", 0.0, jnp.sum),
+    "mean": Join("mean", 0.0, jnp.sum, lambda joined, periods: joined / periods),
+    "rms": Join("root mean square of", 0.0, jnp.sum, _root_mean),
+}
+"""Ways in which periods join, by name."""
+
+
+class AbstractNumber(AbstractRecord):
+    """A number, or an array of them, of each forcing period, joined over the periods."""
+
+    dims: tuple[str | tuple[str, tuple], ...] = ()
+    """Dimensions of what `of` gives: "end", "point", or a name of one's own with its labels."""
+
+    quantity: Quantity
+    """Name, unit and description."""
+
+    @property
+    @abc.abstractmethod
+    def join(self) -> Join:
+        """How periods join."""
+
+    @abc.abstractmethod
+    def of(self, course: Course) -> Any:
+        """The value of one forcing period, an array with axes `dims`; for "rms" its square."""
+
+    @property
+    def name(self) -> str:
+        return self.quantity.name
+
+    @property
+    def unit(self) -> str:
+        """SI unit."""
+        return self.quantity.unit
+
+    @property
+    def variables(self):
+        return (self.name,)
+
+    @property
+    def smooth(self) -> "AbstractNumber":
+        """What stands for it in descents: itself, or a power mean near a greatest value."""
+        return self
+
+    def total(self, values: Array) -> Array:
+        """The number [`unit`] from the values of periods, along the first axis."""
+        return self.join.value(self.join.reduce(values, axis=0), len(values))
+
+    def shape(self, scene: Scene) -> tuple[int, ...]:
+        """Of one value."""
+        of_points = {"end": 2, "point": scene.points // 2}
+        return tuple(of_points[d] if isinstance(d, str) else len(d[1]) for d in self.dims)
+
+    def values(self, periods):
+        return 20
+
+    def begin(self, scene, state):
+        return np.full(self.shape(scene), self.join.empty)
+
+    def add(self, carried, course):
+        return self.join.reduce(jnp.stack([carried, self.of(course)]), axis=0)
+
+    def finish(self, carried, samples, span):
+        return np.asarray(self.join.value(np.asarray(carried), span.periods))
+
+    def label(self, scene, dims, values):
+        names = [d if isinstance(d, str) else d[0] for d in self.dims]
+        own = {d[0]: (d[0], np.array(d[1])) for d in self.dims if not isinstance(d, str)}
+        along = {name: labels for name, labels in point_labels(scene).items() if name in names}
+        return {self.name: ((*dims, *names), values, self.quantity.attributes)}, along | own
+
+
+@dataclass(frozen=True)
+class Record(AbstractNumber):
+    """A number from any JAX function of the course of a forcing period.
+
+    ```python
+    load = Record(Quantity("front_load", "N", "mean force at the front"), lambda c: c.force.mean[0].sum(), "mean")
+    ```
+    """
+
+    quantity: Quantity
+    """Name, unit and description."""
+    function: Callable[[Course], Any]
+    """Gives a real number, or an array with axes `dims`, of a `slipperjax.flow.Course`. Another function, or the same
+    text in another lambda, is compiled anew."""
+    over: str = "max"
+    """How the values of forcing periods join: "max", "min", "sum", "mean", or "rms", to which squares are given."""
+    dims: tuple[str | tuple[str, tuple], ...] = ()
+    samples: Callable[[Course], Any] | None = None
+    """Values whose greatest magnitude the number is, along the first axis in time; for `smooth`."""
+
+    def __post_init__(self):
+        require(callable(self.function), "function", "be a function of a course", self.function)
+        instance("quantity", self.quantity, Quantity, "a slipperjax.model.Quantity")
+        try:
+            hash(self.function)
+        except TypeError:
+            raise ValueError(f"Argument `function` must be hashable, but is {brief(self.function)}.") from None
+        require(self.name.isidentifier(), "quantity", "have a name such as spring_force", self.name)
+        one_of("over", self.over, tuple(JOINS))
+
+    @property
+    def join(self):
+        return JOINS[self.over]
+
+    def of(self, course):
+        return jnp.asarray(self.function(course), float)
+
+    @property
+    def smooth(self):
+        return self if self.samples is None else PowerMean(self)
+
+    def check(self, scene, periods, steps):
+        if RECORDS.get(self.name) is self:
+            return
+        try:
+            made = jax.eval_shape(lambda: _value(self, scene))
+        except Exception as error:
+            raise ValueError(
+                f"Argument `function` of `{self.name}` must take a course, but raised {type(error).__name__}: "
+                f"{' '.join(str(error).split())[:200]}"
+            ) from error
+        if not (isinstance(made, jax.ShapeDtypeStruct) and made.dtype.kind in "fiub"):
+            raise ValueError(f"Argument `function` of `{self.name}` must give real numbers, but gives {brief(made)}.")
+        if made.shape != (shape := self.shape(scene)):
+            raise ValueError(
+                f"Argument `function` of `{self.name}` must give numbers of the shape of `dims`, {shape}, but gives "
+                f"{made.shape}."
+            )
+
+
+def _value(record: Record, scene: Scene) -> Any:
+    """The value of some period, to look at its shape."""
+    state, _ = state_and_penetration(scene, table_2_start())
+    inside = jax.tree.map(lambda a: jnp.broadcast_to(a, (5, *jnp.shape(a))), state)
+    return record.function(Course(state, inside, Args(scene, 0.0, contact_points(scene)), 4))
+
+
+@dataclass(frozen=True)
+class PowerMean(AbstractNumber):
+    """A power mean that stands for a greatest value in descents, because it is smooth: below the greatest, near it.
+
+    Of magnitudes x it is (mean over time of the sum over points of x^order)^(1/order).
+    """
+
+    record: "Record | OnePoint"
+    order: float = ORDER
+
+    def __post_init__(self):
+        number(positive, "order", self.order)
+        require(self.record.samples, "record", "have samples", self.record.name)
+
+    @property
+    def quantity(self):
+        q = self.record.quantity
+        text = f"power mean of order {self.order:g}, for the {q.long_name}"
+        return dataclasses.replace(q, name=f"soft_{q.name}", long_name=text, symbol="")
+
+    @property
+    def join(self):
+        value = lambda joined, periods: jnp.exp((joined - np.log(periods)) / self.order)
+        return Join("power mean of", -np.inf, _log_sum, value)
+
+    def of(self, course):
+        """ln of the mean over time of the sum of x^order, without overflow."""
+        assert self.record.samples is not None
+        size = jnp.abs(self.record.samples(course))
+        size = size.reshape(len(size), -1)
+        # samples of steps that there is only room for are no part of the scale
+        counted = course.counted(size, 0.0)
+        most = jax.lax.stop_gradient(jnp.max(counted))  # a scale alone: the result does not depend on it
+        scale = jnp.where(most > 0, most, 1.0)
+        mean = jnp.sum(course.mean((counted / scale) ** self.order))
+        logarithm = jnp.log(jnp.where(most > 0, mean, 1.0)) + self.order * jnp.log(scale)
+        return jnp.where(most > 0, logarithm, jnp.where(jnp.isnan(most), jnp.nan, -jnp.inf))
+
+
+@dataclass(frozen=True)
+class OnePoint(AbstractNumber):
+    """A record of contact points as one number: of one point, or the greatest or least of all."""
+
+    record: Record
+    point: str | None = None
+    """A point's name and 1 for the front or 2 for the rear, such as "A1"; None for all."""
+
+    def __post_init__(self):
+        if self.record.dims != POINTS or self.record.over not in ("max", "min"):
+            raise ValueError(f"Argument `record` must be a greatest or least of points, but is {self.record.name}.")
+
+    @property
+    def quantity(self):
+        q = self.record.quantity
+        if self.point is None:
+            return q
+        return dataclasses.replace(q, name=f"{q.name}_{self.point}", long_name=f"{q.long_name} at {self.point}")
+
+    @property
+    def join(self):
+        return self.record.join
+
+    @property
+    def smooth(self):
+        return self if self.record.samples is None else PowerMean(self)
+
+    def samples(self, course: Course) -> Array:
+        """Those of the record at this point."""
+        assert self.record.samples is not None
+        return _at_point(course, self.record.samples(course), self.point)
+
+    def of(self, course):
+        found = _at_point(course, self.record.of(course), self.point)
+        return self.join.reduce(found.ravel(), axis=0)
+
+
+def _at_point(course: Course, values: Float[Array, "*first 2 points"], point: str | None) -> Array:
+    """Values of one point, or of all."""
+    if point is None:
+        return values
+    names = course.scene.section.names
+    places = {f"{name}{end + 1}": (end, k) for end in range(2) for k, name in enumerate(names)}
+    require(point in places, "point", f"be one of {', '.join(places)}", point)
+    return values[..., *places[point]]
+
+
+@dataclass(frozen=True)
+class PeakPeriod(AbstractRecord):
+    """The instant of the highest normal force of each point; NaN where it is open throughout."""
+
+    @property
+    def name(self):
+        return "peak_period"
+
+    @property
+    def variables(self):
+        return (self.name,)
+
+    def values(self, periods):
+        return 20
+
+    def begin(self, scene, state):
+        none = np.zeros((2, scene.points // 2))
+        return none, np.full_like(none, np.nan)
+
+    def add(self, carried, course):
+        highest, when = carried
+        new = course.loads
+        later = new.peak_force > highest
+        return jnp.where(later, new.peak_force, highest), jnp.where(later, new.peak_period, when)
+
+    def finish(self, carried, samples, span):
+        return np.asarray(carried[1]) - span.start
+
+    def label(self, scene, dims, values):
+        return {self.name: ((*dims, *POINTS), values, LOADS[self.name].attributes)}, point_labels(scene)
+
+
+@jit
+def judged_by_contacts(scenes: Batched[Scene], codes: Any, carried: Any, limit: Any) -> Int[Array, " cases"]:
+    """Codes of a batch after `with_loads`, from a carry of `ContactChecks` and the greatest stability number."""
+    return scenes.map(lambda scene, code, loads: with_loads(code, *loads, scene, limit), codes, carried)
+
+
+@dataclass(frozen=True)
+class ContactChecks(AbstractRecord):
+    """No variable, but the statuses that follow from loads: no contact, pressed in, and unresolved damping."""
+
+    @property
+    def name(self):
+        return ""
+
+    @property
+    def variables(self):
+        return ()
+
+    def values(self, periods):
+        return 3
+
+    def begin(self, scene, state):
+        return np.zeros(()), np.full((), -np.inf), np.zeros(())
+
+    def add(self, carried, course):
+        closed, deepest, stability_number = carried
+        new = course.loads
+        closed = closed + jnp.sum(new.contact_fraction)
+        deepest = jnp.maximum(deepest, jnp.max(new.penetration))
+        return closed, deepest, jnp.maximum(stability_number, new.stability_number)
+
+    def after(self, carried, status, run):
+        limit = most_stability_number(run.plan.solver)
+        return carried, np.asarray(judged_by_contacts(run.scenes, jnp.asarray(status), carried, limit))
+
+    def finish(self, carried, samples, span):
+        return None
+
+    def label(self, scene, dims, values):
+        return {}, {}
+
+
+LEAST, MOST = 1.0, 2.0**28
+"""Forces between which percentiles are resolved [N]: smaller ones count as zero, larger ones as infinite."""
+BITS = 5
+"""A class is told by so many leading bits of a number's fraction: its width is 1/64 to 1/32 of the force."""
+_SHIFT = 52 - BITS
+
+
+def _class_of(force: float) -> int:
+    return int(np.float64(force).view(np.int64)) >> _SHIFT
+
+
+CLASSES = _class_of(MOST) - _class_of(LEAST) + 2
+"""Number of classes, the first for zero and the last for infinite forces."""
+
+
+def _each_once(name: str, given: Any, good: Callable[[Any], bool], need: str) -> tuple[float, ...]:
+    """One or several numbers as a tuple; raises `ValueError` where one is not good, or given twice."""
+    found = np.atleast_1d(np.asarray(given if np.size(given) else None, dtype=object))
+    fits = [isinstance(x, int | float | np.number) and not isinstance(x, bool) and good(x) for x in found]
+    require(found.ndim == 1 and all(fits) and len(set(found.tolist())) == len(found), name, need, given)
+    return tuple(float(x) for x in found)
+
+
+@dataclass(frozen=True)
+class ForcePercentile(AbstractRecord):
+    """Percentiles of the normal contact force over time, at each contact point [N].
+
+    Forces at the two Gauss points of each step are counted in classes of their leading digits, and each is placed
+    evenly in its class: a percentile is accurate to 1/32 of itself at worst, mostly to 0.5 %, and is 0 where a point
+    is open for a larger share of the time. Between two forces it is interpolated as by `numpy.percentile`. While a
+    case runs, its counts take 72 kB.
+    """
+
+    percentiles: tuple[float, ...] = (99.0,)
+    """One or several [%], 0 to 100."""
+
+    def __post_init__(self):
+        need = "be numbers from 0 to 100, each once"
+        found = _each_once("percentiles", self.percentiles, lambda q: 0 <= q <= 100, need)
+        object.__setattr__(self, "percentiles", found)
+
+    @property
+    def name(self):
+        return "contact_force_percentile"
+
+    @property
+    def variables(self):
+        return (self.name,)
+
+    def values(self, periods):
+        return 20 * len(self.percentiles)
+
+    def begin(self, scene, state):
+        return np.zeros((2, scene.points // 2, CLASSES), np.int32)
+
+    def add(self, carried: Int[Array, "2 points classes"], course):
+        bits = jax.lax.bitcast_convert_type(course.force.samples, jnp.int64)
+        found = jnp.clip((bits >> _SHIFT) - (_class_of(LEAST) - 1), 0, CLASSES - 1)
+        ends, points = (jnp.arange(n) for n in carried.shape[:2])
+        one = course.counted(jnp.ones_like(found, jnp.int32), 0)
+        return carried.at[ends[None, :, None], points[None, None, :], found].add(one)
+
+    def finish(self, carried, samples, span: RecordedSpan):
+        count = span.periods * span.steps * len(PLACES)
+        place = np.array(self.percentiles) / 100 * (count - 1)
+        below = np.floor(place).astype(int)
+        lower, upper = (np.asarray(_ranked(carried, np.minimum(k, count - 1))) for k in (below, below + 1))
+        with np.errstate(invalid="ignore"):
+            found = np.where(lower == upper, lower, lower + (upper - lower) * (place - below))
+        # a force that is no number is in the last class
+        found[span.status == Status.NOT_FINITE] = np.nan
+        return np.moveaxis(found, -1, 1)
+
+    def label(self, scene, dims, values):
+        text = attributes("N", "percentile over time of the normal contact force")
+        percentile = "percentile", np.array(self.percentiles), attributes("percent", "percentile")
+        data = {self.name: ((*dims, "percentile", *POINTS), values, text)}
+        return data, point_labels(scene) | {"percentile": percentile}
+
+
+@jit
+def _ranked(
+    counts: Int[Any, "*cases 2 points classes"], ranks: Int[Any, " percentiles"]
+) -> Float[Array, "*cases 2 points percentiles"]:
+    """The forces of some ranks, 0 for the smallest [N]."""
+    edges = ((np.arange(CLASSES - 1) + _class_of(LEAST)) << _SHIFT).view(np.float64)
+    low = jnp.array([0.0, *edges[:-1], np.inf])
+    width = jnp.array([0.0, *np.diff(edges), 0.0])
+    total = jnp.cumsum(counts, axis=-1)
+
+    def one(rank):
+        k = jnp.sum(total <= rank, axis=-1, keepdims=True)
+        take = lambda a: jnp.take_along_axis(a, k, axis=-1)[..., 0]
+        share = (rank - take(total) + take(counts) + 0.5) / take(counts)
+        at = k[..., 0]
+        return low[at] + width[at] * share
+
+    return jnp.stack([one(rank) for rank in ranks], axis=-1)
+
+
+@dataclass(frozen=True)
+class SpectrumLines(AbstractNumber):
+    """Complex amplitudes of a coordinate or an acceleration at some multiples of the forcing frequency.
+
+    Of the signal x over the recorded time T, the amplitude at f is A = (2/T) integral of x exp(-2 pi i f t) dt, for
+    f = 0 the mean: x has the part Re(A exp(2 pi i f t)), with t the forcing periods since time zero of the track. The
+    integral is taken by Gauss's formula in each step, without a window. Where f times the number of recorded periods
+    is whole, other such lines add nothing to A; a frequency between them leaks into A, about as the reciprocal of its
+    distance from f in multiples of 1/periods.
+    """
+
+    coordinate: str
+    """One of `slipperjax.model.COORDINATES` or `ACCELERATIONS`."""
+    frequencies: tuple[float, ...]
+    """Multiples of the forcing frequency [1/period]: 1 for the forcing, 0.5 for what recurs after two periods."""
+
+    def __post_init__(self):
+        one_of("coordinate", self.coordinate, (*COORDINATES, *ACCELERATIONS))
+        need = "be numbers of zero or more, each once"
+        found = _each_once("frequencies", self.frequencies, lambda f: 0 <= f < np.inf, need)
+        object.__setattr__(self, "frequencies", found)
+
+    @property
+    def quantity(self):
+        q = (COORDINATES | ACCELERATIONS)[self.coordinate]
+        text = f"amplitude of the {q.long_name}: its real part is of the cosine, the imaginary one of minus the sine"
+        return Quantity(f"spectrum_{self.coordinate}", q.unit, text)
+
+    @property
+    def dims(self):
+        return ("part", ("real", "imag")), (f"frequency_{self.coordinate}", self.frequencies)
+
+    @property
+    def join(self):
+        return JOINS["mean"]
+
+    def check(self, scene, periods, steps):
+        if max(self.frequencies) >= steps / 2:
+            raise ValueError(
+                f"Argument `frequencies` must be below half of the {steps} steps per period, but is "
+                f"{max(self.frequencies):g} [1/period]."
+            )
+
+    def of(self, course):
+        of = COORDINATES if self.coordinate in COORDINATES else ACCELERATIONS
+        curve = course.coordinates if of is COORDINATES else course.acceleration
+        signal = course.counted(curve.samples[:, list(of).index(self.coordinate)], 0.0)
+        frequencies = jnp.array(self.frequencies)
+        # turns before the period are told apart, so that they are rounded once and not in each sample
+        before = (frequencies * course.args.epoch % 1)[:, None]
+        angle = 2 * jnp.pi * (frequencies[:, None] * course.times[None] + before)
+        sums = jnp.stack([jnp.cos(angle) @ signal, -jnp.sin(angle) @ signal])
+        return sums * jnp.where(frequencies > 0, 2, 1) / (course.steps * len(PLACES))
+
+
+def _of_points(name: str, over: str, function: Callable[[Course], Any], **more: Any) -> Record:
+    return Record(LOADS[name], function, over, POINTS, **more)
+
+
+def _of_coordinate(k: int, q: Quantity) -> tuple[Record, ...]:
+    """The records of one of `COORDINATES`."""
+
+    def about(prefix: str, text: str, symbol: str = "") -> Quantity:
+        return dataclasses.replace(q, name=f"{prefix}_{q.name}", long_name=f"{text} {q.long_name}", symbol=symbol)
+
+    size = lambda c: jnp.maximum(c.coordinates.greatest, -c.coordinates.least)[k]
+    excursion = about("excursion", "greatest magnitude of the", rf"|{q.symbol or q.name}|_{{\max}}")
+    return (
+        Record(about("largest", "largest"), lambda c: c.coordinates.greatest[k], "max"),
+        Record(about("smallest", "smallest"), lambda c: c.coordinates.least[k], "min"),
+        Record(excursion, size, "max", samples=lambda c: c.coordinates.samples[:, k]),
+    )
+
+
+def _rms(k: int, q: Quantity) -> Record:
+    text, symbol = f"root mean square of the {q.long_name}", rf"\mathrm{{RMS}}\,{q.symbol}"
+    return Record(Quantity(f"rms_{q.name}", q.unit, text, symbol), lambda c: c.acceleration.mean_square[k], "rms")
+
+
+_KN: dict[str, Any] = dict(shown_unit="kN", per_shown=1e3)
+_TABLE = (
+    _of_points("peak_force", "max", lambda c: c.loads.peak_force, samples=lambda c: c.force.samples),
+    PeakPeriod(),
+    _of_points("impulse", "sum", lambda c: c.loads.impulse),
+    _of_points("contact_fraction", "mean", lambda c: c.loads.contact_fraction),
+    _of_points("penetration", "max", lambda c: c.loads.penetration),
+    Record(
+        Quantity("impact_impulse", "N s", "greatest impulse of a point in a forcing period", "I"),
+        lambda c: c.loads.impulse,
+        "max",
+        POINTS,
+        samples=lambda c: jnp.broadcast_to(c.loads.impulse, (len(c.times), *c.loads.impulse.shape)),
+    ),
+    # by Archard's law (1953, doi:10.1063/1.1721448) the volume worn off in a metre of travel is proportional to it
+    Record(
+        Quantity("contact_load", "N", "mean normal force of all points together", r"\sum\bar F", **_KN),
+        lambda c: jnp.sum(c.force.mean),
+        "mean",
+    ),
+    Record(
+        Quantity("contact_work", "J/m", "energy lost in contacts per metre of travel", "W"),
+        lambda c: jnp.sum(c.power.mean) / c.scene.speed,
+        "mean",
+    ),
+    Record(
+        Quantity("drive_force", "N", "mean force along x that keeps the speed constant", r"\bar F_X"),
+        lambda c: c.drive_force.mean,
+        "mean",
+    ),
+    # a contact that the motion almost makes, or almost loses, is as far from grazing as its gap's extreme from zero
+    Record(
+        Quantity("grazing_distance", "m", "least distance of a gap's extreme from zero", "d", 1e-3, "mm", 1e-3),
+        lambda c: jnp.min(c.gap.shallowest_turn),
+        "min",
+    ),
+    *(_rms(k, q) for k, q in enumerate(ACCELERATIONS.values())),
+    *(record for k, q in enumerate(COORDINATES.values()) for record in _of_coordinate(k, q)),
+)
+RECORDS: Mapping[str, Any] = {record.name: record for record in _TABLE}
+"""Records of numbers by name."""
+ALIASES: Mapping[str, tuple[str, ...]] = {
+    "loads": tuple(LOADS),
+    "rms": tuple(f"rms_{name}" for name in ACCELERATIONS),
+    "extremes": tuple(f"{which}_{name}" for which in ("largest", "smallest") for name in COORDINATES),
+}
+"""Names of several records."""
