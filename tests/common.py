@@ -94,8 +94,7 @@ def in_lanes(lanes, steps, before=0):
     """
     options = dict(product=False, record="strobe", transient=before, periods=PERIODS, chunk=LANES, workers=1)
     ds = sj.sweep(lane_scene(), lane_grid(lanes), steps_per_period=steps, **options)
-    states = np.stack([ds[name].values for name in COORDINATES], axis=-1)
-    return states[: len(lanes)], ds["status"].values[: len(lanes)]
+    return ds["strobe"].values[: len(lanes)], ds["status"].values[: len(lanes)]
 
 
 def scaled_errors(trajectory, case, every):

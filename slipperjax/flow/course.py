@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..model.dynamics import Args, State, contact_forces, motion_rates, per_period
-from ..model.kinematics import Motion, contacts, euler_angles
+from ..model.kinematics import Contacts, Motion, contacts, euler_angles
 from ..model.scene import Scene
 from ..tools.fused import materialise
 from .loads import Loads, contact_loads, contact_rate, slopes
@@ -132,74 +132,77 @@ class Course:
         return ((jnp.arange(self.capacity)[:, None] + PLACES) / self.steps).ravel()
 
     @functools.cached_property
-    def _at_ends(self) -> tuple:
-        """Rail, contacts and forces at both ends of every step."""
+    def _contacts(self) -> tuple[Any, Contacts]:
+        """Rail and contacts at both ends of every step."""
 
-        def at(place, state):
+        def at(place, m):
             frame = self.args.frame(place / self.steps)
-            now = contacts(frame, state.motion)
-            return frame, now, contact_forces(self.scene, now, state.memory)
+            return frame, contacts(frame, m)
 
-        return jax.vmap(at)(jnp.arange(self.capacity + 1), self.states)
+        frame, now = jax.vmap(at)(jnp.arange(self.capacity + 1), self.states.motion)
+        # stored, so that XLA does not compute them again wherever they are used
+        return frame, now._replace(gap=materialise(now.gap), rate=materialise(now.rate))
+
+    @functools.cached_property
+    def _forces(self) -> Float[Array, "ends all_points"]:
+        of_one = functools.partial(contact_forces, self.scene)
+        return materialise(jax.vmap(of_one)(self._contacts[1], self.states.memory))
 
     @functools.cached_property
     def rates(self) -> Motion:
         """Derivatives of the motion at both ends of every step [per forcing period]."""
         if self._rates is not None:
             return self._rates
-        frame, now, force = self._at_ends
+        frame, now = self._contacts
         of_one = functools.partial(motion_rates, self.scene)
-        return per_period(self.scene, jax.vmap(of_one)(frame, now, self.states.motion, force))
+        return per_period(self.scene, jax.vmap(of_one)(frame, now, self.states.motion, self._forces))
 
     @functools.cached_property
     def coordinates(self) -> Curve:
         """(ends, 10), in the order of `slipperjax.model.COORDINATES`."""
         moving = jax.tree.map(lambda rate: rate / self.steps, self.rates)
         with_slopes = lambda m, rate: jax.jvp(lambda m: stacked(State(m, None)), (m,), (rate,))
-        # stored, like the others, so that XLA does not compute a sample again wherever it is used
         return Curve(*map(materialise, jax.vmap(with_slopes)(self.states.motion, moving)), self)
 
     @functools.cached_property
     def acceleration(self) -> Curve:
         """(ends, 5), in the order of `slipperjax.model.ACCELERATIONS`."""
         m = jax.tree.map(lambda rate: rate / self.scene.period, self.rates)
-        return self._curve(jnp.stack([m.v_y, m.v_z, m.w_x, m.w_y, m.w_z], axis=-1))
+        return self._curve(materialise(jnp.stack([m.v_y, m.v_z, m.w_x, m.w_y, m.w_z], axis=-1)))
 
     @functools.cached_property
     def force(self) -> Curve:
         """Normal contact forces at the front and the rear points [N], (ends, 2, points)."""
-        return self._where_closed(self._curve(self._of_points(self._at_ends[2])))
+        return self._where_closed(self._curve(self._of_points(self._forces)))
 
     @functools.cached_property
     def gap(self) -> Curve:
         """Gaps there, negative where penetrating [m], (ends, 2, points)."""
-        return self._curve(self._of_points(self._at_ends[1].gap))
+        return self._curve(self._of_points(self._contacts[1].gap))
 
     @functools.cached_property
     def gap_rate(self) -> Float[Array, "ends 2 points"]:
         """Rates of the gaps at both ends of every step [m/s]."""
-        return self._of_points(self._at_ends[1].rate)
+        return self._of_points(self._contacts[1].rate)
 
     @functools.cached_property
     def power(self) -> Curve:
         """Power that the contacts take from the motion along the normals [W], (ends, 2, points): force times closing
         rate."""
-        _, now, force = self._at_ends
-        return self._where_closed(self._curve(self._of_points(-force * now.rate)))
+        return self._where_closed(self._curve(materialise(-self.force.values * self.gap_rate)))
 
     @functools.cached_property
     def drive_force(self) -> Curve:
         """Force along x that keeps the speed constant [N], (ends,)."""
-        frame, _, force = self._at_ends
-        return self._curve(-jnp.sum(force * frame.normal[0], axis=-1))
+        frame, _ = self._contacts
+        return self._curve(materialise(-jnp.sum(self._forces * frame.normal[0], axis=-1)))
 
     @functools.cached_property
     def loads(self) -> Loads:
         """Peak forces, impulses and other loads of each contact point."""
-        frame, now, _ = self._at_ends
-        del frame
-        rate = jax.vmap(lambda now, memory: contact_rate(now, memory, self.args))(now, self.states.memory)
-        return contact_loads(self.force.values, self.gap.values, rate, self.args, self.steps)
+        of_one = functools.partial(contact_rate, args=self.args)
+        rate = jax.vmap(of_one)(self._contacts[1], self.states.memory)
+        return contact_loads(self.force.values, self.gap.values, materialise(rate), self.args, self.steps)
 
     @functools.cached_property
     def crossings(self) -> Crossings:
@@ -231,10 +234,9 @@ class Course:
         return values.reshape(len(values), 2, -1)
 
     def _curve(self, values: Array) -> Curve:
-        values = materialise(values)
         return Curve(values, slopes(values, self.steps), self)
 
     def _where_closed(self, curve: Curve) -> Curve:
         """With slope zero where the force is zero: it begins or ends there, or is zero throughout."""
-        closed = self._of_points(self._at_ends[2]) > 0
+        closed = self._of_points(self._forces) > 0
         return Curve(curve.values, jnp.where(closed, curve.slopes, 0.0), self)

@@ -1,8 +1,8 @@
 """What is kept of each case: the contract of records, and several records as one.
 
-A record looks at the course of each forcing period inside the compiled program. What it carries from period to period
-makes numbers of one size however long the run is (peaks, means, percentiles); what it samples of each period is joined
-end to end (sections, strobes, histories). Afterwards it may run on, and says what its arrays are called.
+A record looks at the course of each forcing period inside the compiled program. Its carry makes numbers of one size,
+however long the run is (peaks, means, percentiles); its samples of each period are joined end to end (sections,
+strobes, histories). Afterwards it may run on, and it names its arrays for datasets.
 """
 
 import abc

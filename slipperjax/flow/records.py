@@ -46,7 +46,9 @@ class Join(NamedTuple):
 
 
 def _root_mean(joined: Any, periods: Any) -> Any:
-    square = jnp.asarray(joined / periods)
+    square = joined / periods
+    if isinstance(square, np.ndarray):
+        return np.sqrt(square)
     # the square root has no derivative at zero
     return jnp.where(square == 0, 0.0, jnp.sqrt(jnp.where(square == 0, 1.0, square)))
 
@@ -222,7 +224,8 @@ class PowerMean(AbstractNumber):
 
     @property
     def join(self):
-        value = lambda joined, periods: jnp.exp((joined - np.log(periods)) / self.order)
+        exp = lambda x: np.exp(x) if isinstance(x, np.ndarray) else jnp.exp(x)  # on the host nothing is compiled
+        value = lambda joined, periods: exp((joined - np.log(periods)) / self.order)
         return Join("power mean of", -np.inf, _log_sum, value)
 
     def of(self, course):
@@ -321,7 +324,12 @@ class PeakPeriod(AbstractRecord):
 @jit
 def judged_by_contacts(scenes: Batched[Scene], codes: Any, carried: Any, limit: Any) -> Int[Array, " cases"]:
     """Codes of a batch after `with_loads`, from a carry of `ContactChecks` and the greatest stability number."""
-    return scenes.map(lambda scene, code, loads: with_loads(code, *loads, scene, limit), codes, carried)
+
+    def judge(scene, code, loads):
+        closed, deepest, stability_number = loads
+        return with_loads(code, closed, deepest, stability_number, scene, limit)
+
+    return scenes.map(judge, codes, carried)
 
 
 @dataclass(frozen=True)

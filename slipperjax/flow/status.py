@@ -19,8 +19,8 @@ LEAST_PER_CONTACT = 3
 """Steps of a typical impact below which a case is not trusted. The default is 15; at K = 1e12 a case stayed finite
 at 5 and did not at 1.3."""
 UNSTABLE = 5.0
-"""Step length times the contacts' rate (`Loads.stability_number`) above which an explicit method is not trusted. Of 200 random
-scenes one in 58 with 2.5 to 5 had an error above 0.1 after a period, and 6 of 16 above 5."""
+"""Step length times the contacts' rate (`Loads.stability_number`) above which an explicit method is not trusted. Of
+200 random scenes one in 58 with 2.5 to 5 had an error above 0.1 after a period, and 6 of 16 above 5."""
 FASTEST_GROWTH = 30.0
 """Logarithm of a tangent's growth in a period above which steps are too long for a contact's damping. At 100 m/s,
 where chaos is strongest, about 10 is the greatest."""

@@ -98,7 +98,7 @@ def test_wrong_arguments_are_named():
 def test_a_device_gets_large_chunks_on_one_thread(monkeypatch):
     scene = paper_scene()
     cases = Cases(scene, {"mass": [14.0] * 3000}, table_2_start(), product=False)
-    plan = make_plan(scene, cases, record="strobe", transient=0, periods=1, steps_per_period=50)
+    plan = make_plan(scene, cases, transient=0, periods=1, steps_per_period=50)
     assert plan.chunks(None, 2)[1] == 2
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     chunks, threads = plan.chunks(None, 2)

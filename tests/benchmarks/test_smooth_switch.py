@@ -20,7 +20,8 @@ from slipperjax.bench import measure
 from slipperjax.bench.methods import Case, Method
 from slipperjax.bench.work_precision import Point, cost_at
 from slipperjax.flow.period_map import PeriodMap
-from slipperjax.flow.recorders import coordinates
+from slipperjax.flow.record import RecordSet
+from slipperjax.flow.series import States, coordinates
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.step_size import settle_memory
 from slipperjax.solvers.simplified_newton import with_root_finder
@@ -61,7 +62,7 @@ def _run(scene, lanes, switch, steps):
         if switch is not None:
             case = eqx.tree_at(lambda s: (s.memory.width, s.memory.relaxation), case, switch)
         state = sj.initial_state(case, sj.table_2_start())
-        return PeriodMap(case, ConstantSteps(steps=steps)).run(state, periods=PERIODS).record
+        return PeriodMap(case, ConstantSteps(steps=steps)).run(state, periods=PERIODS, records=RecordSet((States(),))).samples[0]
 
     return jax.vmap(one)(lanes, switch)
 

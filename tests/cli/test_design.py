@@ -7,7 +7,7 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax.cli.design import OBJECTIVE_UNITS
 from slipperjax.design.ensembles import Spread
-from slipperjax.design.objectives import OBJECTIVES, PeakForce
+from slipperjax.design.objectives import OBJECTIVES
 from slipperjax.design.optimise import optimise_design
 from slipperjax.design.problem import Problem
 from slipperjax.flow.load import load_call
@@ -86,7 +86,7 @@ def test_options_reach_the_search(bowl, replaced, tmp_path, capsys):
     call([*GIVEN, *more, "--solver", "Tsit5", "--out", tmp_path / "run.nc"], capsys)
     (scene, objective, variables), options = search.call_args
     assert float(scene.slipper.mass) == 15
-    assert objective == PeakForce()
+    assert objective == OBJECTIVES["peak_force"]
     assert list(variables) == ["clearance", "length"]
     limits = {one.name: limit for one, limit in options.pop("constraints").items()}
     assert limits == {"peak_force": (-np.inf, 2e4), "drive_force": (1.0, 50.0)}

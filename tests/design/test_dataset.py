@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.design.objectives import PeakForce
+from slipperjax.design.objectives import OBJECTIVES
 from slipperjax.design.optimise import optimise_design
 from slipperjax.design.problem import Problem
 
@@ -60,7 +60,7 @@ def test_tables_have_prefixes_and_units(found):
             xr.testing.assert_equal(ds[f"{prefix}_{name}"].variable, table[name].variable)
     assert ds["objective"].attrs["units"] == "N"
     assert (ds["objective"].attrs["shown_unit"], ds["objective"].attrs["per_shown"]) == ("kN", 1e3)
-    assert ds["trial_smooth"].attrs["quantity"] == PeakForce().smooth.name
+    assert ds["trial_smooth"].attrs["quantity"] == OBJECTIVES["peak_force"].smooth.name
     assert ds["constraint_drive_force"].attrs["shown_unit"] == "N"
     assert ds["speed"].attrs["units"] == "m/s"
 

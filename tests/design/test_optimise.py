@@ -7,7 +7,7 @@ import slipperjax as sj
 from slipperjax.design.checks import event_margins, surroundings
 from slipperjax.design.judge import Memory, judge_on_orbits
 from slipperjax.design.methods import Descent
-from slipperjax.design.objectives import PeakForce, SoftPeakForce
+from slipperjax.design.objectives import OBJECTIVES
 from slipperjax.design.optimise import optimise_design
 
 STEPS = 50
@@ -103,7 +103,7 @@ def test_a_limit_is_kept():
     box, over = {"clearance": (0.5e-3, 2e-3), "length": (0.18, 0.4)}, {"speed": [1250.0, 1500.0]}
     limits = {"excursion_pitch": 1.2e-3}
     found = optimise_design(
-        sj.paper_scene(), PeakForce(), box, over=over, constraints=limits, starts=2, steps_per_period=STEPS
+        sj.paper_scene(), "peak_force", box, over=over, constraints=limits, starts=2, steps_per_period=STEPS
     )
     assert found.status == "converged"
     assert float(found.cases["constraint_excursion_pitch"].max()) <= 1.2e-3 * (1 + 1e-5)
@@ -113,6 +113,6 @@ def test_a_limit_is_kept():
 def test_what_cannot_be_met_is_infeasible():
     box, limits = {"clearance": (0.5e-3, 1.5e-3)}, {"peak_force": 10.0}
     found = optimise_design(
-        sj.paper_scene(), SoftPeakForce(), box, constraints=limits, starts=1, max_trials=8, steps_per_period=STEPS
+        sj.paper_scene(), OBJECTIVES["peak_force"].smooth, box, constraints=limits, starts=1, max_trials=8, steps_per_period=STEPS
     )
     assert found.status == "infeasible"

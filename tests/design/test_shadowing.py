@@ -10,15 +10,15 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import slipperjax as sj
-from slipperjax.design.gradients import at_values
-from slipperjax.flow.course import Courses
+from slipperjax.design.gradients import at_values, period_values
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.simulate import flexible_steps
 from slipperjax.model.dynamics import State, initial_state
 from slipperjax.model.kinematics import MOTION_SCALES
 
 from .shadowing import segments_of, slope_of
-from .test_calibration import OBJECTIVES, STEPS, settled
+from .test_calibration import ASKED as ALL
+from .test_calibration import STEPS, settled
 
 pytestmark = pytest.mark.slow
 TURN = 2 * jnp.pi
@@ -79,14 +79,14 @@ def test_shadowing_misses_what_changes_the_density():
 # length [m], speed [m/s], clearance [m]: of `CASES`
 SLIPPERS = np.array([(0.10, 1000, 1e-3), (0.11, 1200, 1e-3), (0.12, 1000, 1.5e-3), (0.13, 1300, 1.5e-3)])
 NAMES = ("length", "speed", "clearance")
-ASKED = OBJECTIVES[:2]
+ASKED = ALL[:2]
 TRAJECTORIES, SEGMENTS, LENGTH, ALIGN, TANGENTS = 4, 80, 5, 4, 4
 """400 forcing periods that count, with five tangents: 2520 with those that pass first, half of a default ensemble."""
 
 
 def slipper_slopes(cases):
     """ASKED and their slopes by length from one trajectory each, (cases, objectives)."""
-    recorder = Courses(tuple(one.of_course for one in ASKED))
+    records = period_values(ASKED)
     start = initial_state(sj.paper_scene(), sj.table_2_start())
     _, unravel = ravel_pytree(start)
     # 1 m/s of a contact's memory counts as one
@@ -98,8 +98,8 @@ def slipper_slopes(cases):
 
         def step(x, p):
             period_map = PeriodMap(at_values(scene, ("length",), p[None]), flexible_steps(STEPS, inside=True))
-            passage = period_map.run(unravel(x), periods=1, recorder=recorder)
-            return ravel_pytree(passage.state)[0], jnp.stack([a[0] for a in passage.record])
+            passage = period_map.run(unravel(x), periods=1, records=records)
+            return ravel_pytree(passage.state)[0], jnp.stack([a[0] for a in passage.samples[0]])
 
         x = ravel_pytree(initial_state(scene, motion))[0]
         how = dict(count=TANGENTS, segments=SEGMENTS, length=LENGTH, align=ALIGN)

@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.design.gradients import PeriodValues
+from slipperjax.flow.period_map import PeriodMap
+from slipperjax.flow.record import RecordSet
+from slipperjax.flow.records import AbstractNumber
+from slipperjax.flow.series import PeriodLoads
 from slipperjax.flow.simulate import MOST_UNKNOWN, default_steps
+from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.kinematics import MOTION_SCALES
+from slipperjax.model.paths import parameter
 
 from ..common import QUICK, STEPS, fine
 
@@ -110,7 +117,7 @@ def random_cases():
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")
 def test_no_derivative_is_nan_where_its_value_is_finite():
     """States, loads and objectives of three periods at 50 steps, in both modes: `scene and start` of 100 cases."""
-    asked = [one for one in sj.design.OBJECTIVES.values() if isinstance(one, AbstractCourseObjective)]
+    asked = [one for one in sj.design.OBJECTIVES.values() if isinstance(one, AbstractNumber)]
     asked = list(dict.fromkeys(twin for one in asked for twin in (one, one.smooth)))
 
     def numbers(values, scene, start):
@@ -118,10 +125,10 @@ def test_no_derivative_is_nan_where_its_value_is_finite():
             scene = parameter(name, scene).replaced(scene, values[k])
         run = PeriodMap(scene, ConstantSteps(50), None).run
         first = sj.initial_state(scene, start)
-        passage = run(first, periods=3, recorder=Courses(tuple(one.of_course for one in asked)))
-        loads = run(first, periods=3, recorder=OnlyLoads()).record
+        passage = run(first, periods=3, records=RecordSet((PeriodValues(tuple(asked)), PeriodLoads())))
+        kept, loads = passage.samples
         loads = [*loads.peak_force.ravel(), *loads.impulse.ravel(), *loads.contact_fraction.ravel()]
-        made = [one.total(kept) for one, kept in zip(asked, passage.record, strict=True)]
+        made = [one.total(values) for one, values in zip(asked, kept, strict=True)]
         return jnp.stack([*jax.tree.leaves(passage.state), *made, *loads])
 
     scenes, starts = random_cases()

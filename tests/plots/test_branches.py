@@ -46,13 +46,13 @@ def branch(
         "slowest_touchdown": ("point", np.arange(points) + 0.5, {"units": "m/s"}),
         "grazing_gap": ("point", np.arange(points) * 1e-3, {"units": "m"}),
         "signature": ("point", np.array(["A1"] * points)),
-        "strobe": (("point", "period", "coordinate"), np.arange(points)[:, None, None] * np.full((1, 2), 1e-3)),
+        "strobe": (("point", "strobe_period", "coordinate"), np.arange(points)[:, None, None] * np.full((1, 2), 1e-3)),
         "event_label": ("event", np.array([labels[k] for k in at], str)),
         "event_point": ("event", np.array(at, int)),
         "event_multiplier_real": ("event", found.real),
         "event_multiplier_imag": ("event", found.imag),
     }
-    coords = {over: ("point", np.array(values)), "coordinate": ["y", "v_y"], "period": [1]}
+    coords = {over: ("point", np.array(values)), "coordinate": ["y", "v_y"], "strobe_period": [1]}
     attrs = {"varied": json.dumps([over]), "orbit_period": period, "length [m]": 0.2}
     return xr.Dataset(data, coords, attrs)
 
@@ -60,9 +60,9 @@ def branch(
 def simulated(over="clearance"):
     values = np.array([[1.0, 2.0], [3.0, NAN], [4.0, 5.0]])
     data = {name: ((over, "crossing"), values) for name in ("v_y", "v_z")}
-    data["strobe"] = ((over, "period", "coordinate"), np.arange(12.0).reshape(3, 2, 2) * 1e-3)
+    data["strobe"] = ((over, "strobe_period", "coordinate"), np.arange(12.0).reshape(3, 2, 2) * 1e-3)
     data |= {"status": (over, [0, 0, 1])}
-    coords = {over: [1e-3, 2e-3, 3e-3], "coordinate": ["y", "v_y"], "period": [1, 2]}
+    coords = {over: [1e-3, 2e-3, 3e-3], "coordinate": ["y", "v_y"], "strobe_period": [1, 2]}
     return xr.Dataset(data, coords, {"periods": 1})
 
 

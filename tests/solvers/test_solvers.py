@@ -208,6 +208,6 @@ def test_solvers_that_call_lapack_run_on_one_thread():
     scene = sj.paper_scene()
     cases = Cases(scene, {"speed": np.linspace(1000, 1100, 41)}, sj.table_2_start())
     for solver, threads, with_tangents in ((newton, 1, 1), (diffrax.Kvaerno5(), 2, 1), (sj.RK4(), 2, 2)):
-        plan = make_plan(scene, cases, record="strobe", transient=0, periods=1, solver=solver)
+        plan = make_plan(scene, cases, transient=0, periods=1, solver=solver)
         assert plan.chunks(chunk=8, workers=2)[1] == threads
         assert plan.chunks(chunk=8, workers=2, tangents=True)[1] == with_tangents

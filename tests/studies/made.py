@@ -48,7 +48,7 @@ def diagram(name, values, kinds, points=None, levels=None, dim=None):
         pairs = zip(full(points.get(s), 1), full(levels.get(s), 100.0), strict=True)
         ds[s] = ((dim, "crossing"), np.stack([section(n, level) for n, level in pairs]))
     known = {kind: strobe(kind) for kind in set(kinds)}
-    ds["strobe"] = ((dim, "period", "coordinate"), np.stack([known[kind] for kind in kinds]))
+    ds["strobe"] = ((dim, "strobe_period", "coordinate"), np.stack([known[kind] for kind in kinds]))
     ds["status"] = (dim, np.zeros(len(values), int))
     return ds
 

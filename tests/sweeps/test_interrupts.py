@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow.recorders import HistoryRecord, recorder_named
+from slipperjax.flow.series import History, HistoryValues
 from slipperjax.flow.status import Status
 from slipperjax.plots.bifurcations import bifurcations
 from slipperjax.sweeps import executors
@@ -152,8 +152,8 @@ def test_a_history_keeps_its_times():
     """Those of cases that were not run are not there."""
     period = np.array([[np.nan] * 4, [0.25, 0.5, 0.75, 1.0], [np.nan] * 4])
     states, acceleration, force = np.ones((3, 4, 10)), np.ones((3, 4, 5)), np.ones((3, 4, 2, 10))
-    record = HistoryRecord(states, period, acceleration, force, force, np.ones((3, 4)), None)
-    _, coords = recorder_named("history", 4, False).label(sj.paper_scene(), ("speed",), record)
+    found = HistoryValues(states, period, acceleration, force, force, np.ones((3, 4)))
+    _, coords = History(4).label(sj.paper_scene(), ("speed",), found)
     assert coords["period"][1].tolist() == [0.25, 0.5, 0.75, 1.0]
 
 

@@ -5,7 +5,6 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.flow.recorders import StrobeRecord
 from slipperjax.flow.status import Status
 from slipperjax.sweeps.attractors import attractors, groups
 from slipperjax.sweeps.executors import ChunkRun
@@ -15,7 +14,7 @@ from ..common import SCALES
 
 
 def dataset(states, dims):
-    return xr.Dataset({"strobe": ((*dims, "period", "coordinate"), states)})
+    return xr.Dataset({"strobe": ((*dims, "strobe_period", "coordinate"), states)})
 
 
 def test_groups_are_numbered_by_the_size_of_their_basins():
@@ -49,8 +48,8 @@ def motion(monkeypatch):
     def made_up(level, status=lambda speed: 0):
         def run_chunk(plan, scenes, states, steps, on_progress, epoch):
             speed = float(scenes.varied.speed[0])
-            strobe = StrobeRecord(np.full((8, 3, 10), level(speed)) * SCALES)
-            return ChunkRun(states, np.full(8, int(status(speed))), strobe)
+            strobe = np.full((8, 3, 10), level(speed)) * SCALES
+            return ChunkRun(states, np.full(8, int(status(speed))), (strobe,))
 
         monkeypatch.setattr("slipperjax.sweeps.follow.run_chunk", run_chunk)
 

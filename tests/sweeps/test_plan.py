@@ -7,13 +7,18 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.flow.record import RecordSet
+from slipperjax.flow.series import History
 from slipperjax.sweeps.grid import Cases
 from slipperjax.sweeps.plan import Calls, _best_chunk, make_plan
 
 
+HISTORY = RecordSet((History(),))
+
+
 def plan_of(grid, **options):
     scene = sj.paper_scene()
-    options = dict(record="strobe", transient=25, periods=100) | options
+    options = dict(transient=25, periods=100) | options
     return make_plan(scene, Cases(scene, grid, sj.table_2_start()), **options)
 
 
@@ -48,11 +53,11 @@ def test_step_counts_are_few_over_many_orders_of_stiffness():
 
 def test_saves_divide_every_cases_steps_which_may_stand_in_a_list_or_in_the_grid():
     two, three = {"speed": [400.0, 1250.0]}, {"length": [0.1, 0.2, 0.3]}
-    plan = lambda grid, steps=None, **options: plan_of(grid, steps_per_period=steps, record="history", **options)
+    plan = lambda grid, steps=None, **options: plan_of(grid, steps_per_period=steps, records=HISTORY, **options)
     assert plan({"speed": [100.0, 1250.0]}, saves_per_period=30).steps.tolist() == [180, 60]
     assert plan(two, [200, 100]).steps.tolist() == [200, 100]
-    assert plan(two, [200, 100]).recorder.saves == 50
-    assert plan(two, np.array([60, 90])).recorder.saves == 30
+    assert plan(two, [200, 100]).records == RecordSet((History(50),))
+    assert plan(two, np.array([60, 90])).records == RecordSet((History(30),))
     assert plan(two | three, np.arange(1, 7).reshape(2, 3)).steps.tolist() == [1, 2, 3, 4, 5, 6]
 
 

@@ -77,12 +77,12 @@ def test_scenes_and_starts_come_back_exactly():
 
 def test_selections_are_rebuilt_or_refused(grid, tmp_path):
     ds = grid
-    assert ds["v_y"].dims == ("speed", "start_v_y", "period")
+    assert ds["strobe"].dims == ("speed", "start_v_y", "strobe_period", "coordinate")
     one = ds.isel(speed=1, start_v_y=1)
     back = saved(one, tmp_path / "one.nc")
     assert eqx.tree_equal(sj.load_scene(tmp_path / "one.nc"), SCENE.replace(speed=1250.0))
     assert sj.load_start(back).v_y == 0.4
-    kept = ("y", "w_z", "status", "steps_per_period")
+    kept = ("strobe", "status", "steps_per_period")
     same_bits(sj.repeat(back).squeeze(), one, kept)
     part = ds.isel(speed=[1])
     same_bits(sj.repeat(part), part, kept)

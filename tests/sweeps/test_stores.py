@@ -17,8 +17,7 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.design.maps import objective_sweep
-from slipperjax.flow.reducers import Reduced
+from slipperjax.flow.records import Record
 from slipperjax.flow.status import ASKED
 from slipperjax.sweeps.stores.archive import check_store, store_status
 from slipperjax.sweeps.stores.target import StoreInUse, tiling
@@ -102,11 +101,11 @@ def test_tiles_cover_a_grid_once():
     assert tiling((200, 200)).tile == (10, 200)
 
 
-def highest(t, state, args):
-    return state.motion.z
+def highest(course):
+    return course.coordinates.greatest[1]
 
 
-RECORD = ["motion", "peak_force", "rms", "sections", "exponent", Reduced(highest, name="highest", units="m")]
+RECORD = ["motion", "peak_force", "rms", "sections", "exponent", Record(Quantity("highest", "m", "highest place"), highest)]
 
 
 @pytest.mark.slow
@@ -117,7 +116,6 @@ RECORD = ["motion", "peak_force", "rms", "sections", "exponent", Reduced(highest
         (sj.sweep, dict(transient=20, periods=2, record="history", saves_per_period=10)),
         (sj.lyapunov_sweep, dict(transient=40, periods=100, count=2)),
         (sj.orbit_sweep, dict(transient=40)),
-        (objective_sweep, dict(objectives=["peak_force", "contact_load"], transient=20, periods=32)),
     ],
 )
 def test_stores_of_processes_hold_what_functions_give(tmp_path, function, how):

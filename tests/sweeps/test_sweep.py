@@ -29,12 +29,13 @@ def fine(speed=1250.0, start=None):
 
 def test_batch_equals_one_by_one(strobe):
     for k in (1, 3):
-        many = np.stack([strobe[name].values[k] for name in COORDINATES])
+        many = strobe["strobe"].values[k].T
         # measured 9e-10: sums are reassociated differently in a batch, and rounding grows at every touchdown
         np.testing.assert_allclose(many.T, columns(fine(SPEEDS[k]))[550::50], rtol=1e-7, atol=1e-9)
     assert strobe.attrs["transient"] == 10
-    assert strobe["v_y"].dims == ("speed", "period")
-    assert strobe["w_x"].attrs["units"] == "rad/s"
+    assert strobe["strobe"].dims == ("speed", "strobe_period", "coordinate")
+    assert strobe["coordinate"].values.tolist() == list(COORDINATES)
+    assert "w_x [rad/s]" in strobe["strobe"].attrs["long_name"]
 
 
 def test_chunks_and_threads_change_no_bit():
@@ -52,7 +53,7 @@ def test_a_failing_case_is_flagged_and_leaves_the_others_untouched(strobe):
     with_failure = sj.sweep(sj.paper_scene(), {"speed": speeds}, record="strobe", chunk=8, **OPTIONS)
     good = np.arange(len(SPEEDS)) != 1
     np.testing.assert_array_equal(with_failure["status"].values, np.where(good, 0, 1))
-    np.testing.assert_array_equal(with_failure["v_y"].values[good], strobe["v_y"].values[good])
+    np.testing.assert_array_equal(with_failure["strobe"].values[good], strobe["strobe"].values[good])
     assert "raise steps_per_period" in with_failure["status"].attrs["meaning"]
 
 
@@ -75,7 +76,7 @@ def test_sections_are_those_of_a_fine_trajectory():
 
 
 def test_cases_of_several_step_counts_are_those_of_each_alone():
-    """Histories, whose program has room for 100 steps; those of test_repeat and test_reducers take it, too."""
+    """Histories, whose program has room for 100 steps; those of test_repeat and test_records take it, too."""
     speeds = [400.0, 1250.0, 450.0]
     options = dict(transient=0, periods=20, saves_per_period=STEPS)
     ds = sj.sweep(sj.paper_scene(), {"speed": speeds}, record="history", **options)
@@ -84,7 +85,7 @@ def test_cases_of_several_step_counts_are_those_of_each_alone():
     alone = sj.sweep(sj.paper_scene(), {"speed": speeds}, **options)
     for name in ("y", "roll", "v_y", "w_z"):
         # another order of sums; rounding grows at every touchdown
-        found, exact = ds[name].values[::2, 49:100:50], alone[name].values[::2, :2]
+        found, exact = ds[name].values[::2, 49:100:50], alone["strobe"].sel(coordinate=name).values[::2, :2]
         np.testing.assert_allclose(found, exact, rtol=1e-7, atol=1e-8, err_msg=name)
     one = fine().to_xarray().isel(time=slice(1, None))
     np.testing.assert_allclose(ds["period"].values, one["period"].values, atol=1e-12)
@@ -98,7 +99,7 @@ def test_cases_of_several_step_counts_are_those_of_each_alone():
 def test_following_a_branch_starts_each_case_where_its_neighbour_ended():
     speeds = [1240.0, 1250.0, 1260.0]
     ds = sj.follow(sj.paper_scene(), {"speed": speeds}, record="strobe", **OPTIONS)
-    assert ds["v_y"].dims == ("direction", "speed", "period")
+    assert ds["strobe"].dims == ("direction", "speed", "strobe_period", "coordinate")
     assert ds["direction"].values.tolist() == ["up", "down"]
     assert ds["steps_per_period"].values.tolist() == [[STEPS] * 3] * 2
     assert np.all(ds["status"].values == 0)
@@ -106,7 +107,7 @@ def test_following_a_branch_starts_each_case_where_its_neighbour_ended():
         end = None
         for speed in order:  # 20 periods: the transient, and what is recorded
             end = fine(speed, end)
-            found = float(ds["v_y"].sel(direction=direction, speed=speed)[-1])
+            found = float(ds["strobe"].sel(direction=direction, speed=speed, coordinate="v_y")[-1])
             assert found == pytest.approx(float(end.end.motion.v_y), rel=1e-8), speed  # measured 1e-12
 
 
@@ -114,13 +115,13 @@ def test_starts_can_be_varied_and_lists_be_read_side_by_side():
     grid = {"speed": [1250.0, 1500.0], "v_y": [0.5, -0.5], "z": [1e-4, 2e-4]}
     options = dict(OPTIONS, record="strobe", transient=0)
     product, listed = (sj.sweep(sj.paper_scene(), grid, product=how, **options) for how in (True, False))
-    assert product["y"].dims == ("speed", "start_v_y", "start_z", "period")
+    assert product["strobe"].dims == ("speed", "start_v_y", "start_z", "strobe_period", "coordinate")
     assert product["start_z"].attrs["units"] == "m"
     start = sj.Motion(v_y=-0.5, z=1e-4, v_z=0.5, w_x=0.2, w_y=0.3, w_z=0.4)
     y = columns(fine(start=start))[50:501:50, 0]
-    np.testing.assert_allclose(product["y"].values[0, 1, 0], y, rtol=1e-9, atol=1e-12)
-    assert listed["v_y"].dims == ("case", "period")
+    np.testing.assert_allclose(product["strobe"].sel(coordinate="y").values[0, 1, 0], y, rtol=1e-9, atol=1e-12)
+    assert listed["strobe"].dims == ("case", "strobe_period", "coordinate")
     assert listed["speed"].dims == listed["start_z"].dims == ("case",)
-    np.testing.assert_array_equal(listed["v_y"].values, [product["v_y"].values[k, k, k] for k in range(2)])
+    np.testing.assert_array_equal(listed["strobe"].values, [product["strobe"].values[k, k, k] for k in range(2)])
     with pytest.raises(ValueError, match="lists of one length"):
         sj.sweep(sj.paper_scene(), {"speed": [1.0, 2.0], "length": [0.2]}, product=False)
