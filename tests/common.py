@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 
 import slipperjax as sj
-from slipperjax.model.quantities import COORDINATES
 
 DATA = Path(__file__).parent / "data"
 # 1 mm, 10 mrad, 1 m/s, 10 rad/s: a scaled error of one is the size of the motion

@@ -13,7 +13,8 @@ Objective = AbstractNumber | LargestExponent
 
 def _scalar(record: AbstractNumber) -> AbstractNumber:
     """A record as one number: the greatest or least of all points."""
-    return OnePoint(record) if isinstance(record, Record) and record.dims == POINTS else record
+    of_points = isinstance(record, Record) and record.dims == POINTS and record.over in ("max", "min")
+    return OnePoint(record) if of_points else record
 
 
 _NAMES = (

@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Shaped
 
 from ..model.dynamics import Args, State, contact_forces, motion_rates, per_period
 from ..model.kinematics import Contacts, Motion, contacts, euler_angles
@@ -129,7 +129,7 @@ class Course:
     @property
     def times(self) -> Float[Array, " samples"]:
         """Instants of the samples of curves [forcing periods since the start of this one]."""
-        return ((jnp.arange(self.capacity)[:, None] + PLACES) / self.steps).ravel()
+        return ((jnp.arange(self.capacity)[:, None] + PLACES[None]) / self.steps).ravel()
 
     @functools.cached_property
     def _contacts(self) -> tuple[Any, Contacts]:
@@ -223,9 +223,7 @@ class Course:
         """The mean over time of what was computed from samples of curves."""
         return jnp.sum(self.counted(samples, 0.0), axis=0) / (self.steps * len(PLACES))
 
-    def counted(
-        self, values: Float[Array, "steps_or_samples ..."], rest: float
-    ) -> Float[Array, "steps_or_samples ..."]:
+    def counted(self, values: Shaped[Array, "samples ..."], rest: float) -> Shaped[Array, "samples ..."]:
         """Values of steps, or samples, with `rest` in place of those of steps that there is only room for."""
         taken = jnp.repeat(self.taken, len(values) // self.capacity)
         return jnp.where(taken.reshape(-1, *[1] * (values.ndim - 1)), values, rest)

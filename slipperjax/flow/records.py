@@ -520,7 +520,7 @@ class SpectrumLines(AbstractNumber):
         before = (frequencies * course.args.epoch % 1)[:, None]
         angle = 2 * jnp.pi * (frequencies[:, None] * course.times[None] + before)
         sums = jnp.stack([jnp.cos(angle) @ signal, -jnp.sin(angle) @ signal])
-        return sums * jnp.where(frequencies > 0, 2, 1) / (course.steps * len(PLACES))
+        return sums * jnp.where(frequencies > 0, 2, 1)[None] / (course.steps * len(PLACES))
 
 
 def _of_points(name: str, over: str, function: Callable[[Course], Any], **more: Any) -> Record:

@@ -1,23 +1,23 @@
-"""What reducers cost in each recorded period, and how much is kept.
+"""Cost of records in each recorded period, and how much is kept.
 
-pytest -m benchmark -s tests/benchmarks/test_reducers.py
+pytest -m benchmark -s tests/benchmarks/test_records.py
 """
 
 import time
 
 import numpy as np
 import pytest
-
-import slipperjax as sj
 from slipperjax.flow.percentiles import ForcePercentile
-from slipperjax.flow.period_map import advance, initial_states
 from slipperjax.flow.reducers import Reduced
 from slipperjax.flow.spectra import SpectrumLines
+from slipperjax.sweeps.reducers import resolved_record
+
+import slipperjax as sj
+from slipperjax.flow.period_map import advance, initial_states
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.sweeps.executors import _of_no_period
 from slipperjax.sweeps.grid import Cases
 from slipperjax.sweeps.plan import make_plan
-from slipperjax.sweeps.reducers import resolved_record
 from slipperjax.tools.files import table_lines
 
 pytestmark = pytest.mark.benchmark

@@ -62,7 +62,11 @@ def _run(scene, lanes, switch, steps):
         if switch is not None:
             case = eqx.tree_at(lambda s: (s.memory.width, s.memory.relaxation), case, switch)
         state = sj.initial_state(case, sj.table_2_start())
-        return PeriodMap(case, ConstantSteps(steps=steps)).run(state, periods=PERIODS, records=RecordSet((States(),))).samples[0]
+        return (
+            PeriodMap(case, ConstantSteps(steps=steps))
+            .run(state, periods=PERIODS, records=RecordSet((States(),)))
+            .samples[0]
+        )
 
     return jax.vmap(one)(lanes, switch)
 

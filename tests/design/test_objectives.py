@@ -8,55 +8,46 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.design.objectives import (
-    OBJECTIVES,
-    Excursion,
-    Functional,
-    PeakForce,
-    RMSAcceleration,
-    SoftExcursion,
-    SoftPeakForce,
-    objective_named,
-)
-from slipperjax.flow.course import Course, Courses, Curve
+from slipperjax.design.gradients import period_values
+from slipperjax.design.objectives import OBJECTIVES, objective_named
 from slipperjax.flow.period_map import PeriodMap
+from slipperjax.flow.records import RECORDS, OnePoint, PowerMean, Record
 from slipperjax.flow.stepping import ConstantSteps
+from slipperjax.model.quantities import Quantity
 
 from ..common import PERIODS, fine
 from ..common import STEPS as FINE
+from ..flow.made_up import made_up_course, wave
 
-STEPS = 64
+PEAK, ROLL = OBJECTIVES["peak_force"], OBJECTIVES["excursion_roll"]
 
 
-def wave(amplitude, shift=0.0, turns=1, shape=()):
-    """amplitude (sin(2 pi turns t) + shift) at the ends of steps, with its slopes."""
-    t = np.arange(STEPS + 1) / STEPS
-    values = amplitude * (np.sin(2 * np.pi * turns * t) + shift)
-    slopes = amplitude * 2 * np.pi * turns / STEPS * np.cos(2 * np.pi * turns * t)
-    full = lambda a: jnp.asarray(np.broadcast_to(a.reshape(-1, *[1] * len(shape)), (STEPS + 1, *shape)))
-    return Curve(full(values), full(slopes))
+def spread(curve, shape=()):
+    """A wave at many places."""
+    return tuple(np.broadcast_to(a.reshape(-1, *[1] * len(shape)), (len(a), *shape)) for a in curve)
 
 
 def some_course(**curves):
     parts = dict(
-        coordinates=wave(2e-3, shape=(10,)),
-        acceleration=wave(100.0, shape=(5,)),
-        force=wave(50.0, 1.0, shape=(2, 10)),
-        gap=wave(1e-4, 1.5, 2, shape=(2, 10)),
-        power=wave(0.0, shape=(2, 10)),
+        coordinates=spread(wave(2e-3), (10,)),
+        acceleration=spread(wave(100.0), (5,)),
+        force=spread(wave(50.0, 1.0), (2, 10)),
+        gap=spread(wave(1e-4, 1.5, 2), (2, 10)),
+        power=spread(wave(0.0), (2, 10)),
         drive_force=wave(3.0, 2.0),
     )
-    return Course(sj.paper_scene(), STEPS, **(parts | curves))
+    return made_up_course(**(parts | curves))
 
 
 def values(objectives, *courses):
     """The numbers of several objectives, by one program."""
 
     def every(courses):
-        kept = lambda one: jax.tree.map(lambda *a: jnp.stack(a), *map(one.of_course, courses))
+        made = [some_course(**curves) for curves in courses]
+        kept = lambda one: jnp.stack([one.of(course) for course in made])
         return jnp.stack([one.total(kept(one)) for one in objectives])
 
-    return np.asarray(jax.jit(every)(courses))
+    return np.asarray(jax.jit(every)(courses or ({},)))
 
 
 def power_mean(order):
@@ -66,58 +57,54 @@ def power_mean(order):
 
 
 SINES = [
-    (PeakForce(), 100.0),
-    (PeakForce("C2"), 100.0),
-    (RMSAcceleration("a_y"), 100 / math.sqrt(2)),
-    (Excursion("roll"), 2e-3),
-    (SoftExcursion("roll", 8), 2e-3 * power_mean(8)),
-    (SoftExcursion("roll", 64), 2e-3 * power_mean(64)),
+    (PEAK, 100.0),
+    (OnePoint(RECORDS["peak_force"], "C2"), 100.0),
+    (OBJECTIVES["rms_a_y"], 100 / math.sqrt(2)),
+    (ROLL, 2e-3),
+    (PowerMean(ROLL, 8), 2e-3 * power_mean(8)),
+    (PowerMean(ROLL, 64), 2e-3 * power_mean(64)),
     (OBJECTIVES["contact_load"], 20 * 50.0),
     (OBJECTIVES["contact_work"], 0.0),
     (OBJECTIVES["drive_force"], 6.0),
     (OBJECTIVES["impact_impulse"], 50.0 * 8.0 / 1250.0),
+    (OBJECTIVES["impact_impulse"].smooth, 20 ** (1 / 32) * 50.0 * 8.0 / 1250.0),
     (OBJECTIVES["grazing_distance"], 0.5e-4),
-    (Functional(lambda c: c.mean(c.drive_force.samples**2), "square", "N^2"), 9 * 4.5),
+    (Record(Quantity("square", "N^2", ""), lambda c: c.drive_force.mean_square, "mean"), 9 * 4.5),
 ]
 
 
 def test_objectives_of_sines_are_those_in_closed_form():
     objectives, expected = zip(*SINES, strict=True)
     # the cubics through 64 steps of a sine miss it by 1e-7 of its amplitude
-    np.testing.assert_allclose(values(objectives, some_course()), expected, rtol=3e-6, atol=1e-12)
+    np.testing.assert_allclose(values(objectives), expected, rtol=3e-6, atol=1e-12)
 
 
 @pytest.mark.parametrize("shift", [0.5, -0.5])
 def test_an_excursion_counts_both_sides(shift):
-    found = values(
-        [Excursion("roll"), SoftExcursion("roll")], some_course(coordinates=wave(2e-3, shift, shape=(10,)))
-    )
+    found = values([ROLL, ROLL.smooth], dict(coordinates=spread(wave(2e-3, shift), (10,))))
     np.testing.assert_allclose(found[0], 3e-3, rtol=3e-6)  # 1 mrad to the other side
     assert 0.9 < found[1] / found[0] < 1
 
 
 def test_the_greatest_of_several_periods_counts_and_means_are_taken():
-    weak, strong = some_course(force=wave(10.0, 1.0, shape=(2, 10))), some_course()
-    peak, load, *soft = values([PeakForce(), OBJECTIVES["contact_load"], *map(soft_peak, (32, 128))], weak, strong)
+    weak = dict(force=spread(wave(10.0, 1.0), (2, 10)))
+    soft = [PowerMean(PEAK, order) for order in (32, 128)]
+    peak, load, *softer = values([PEAK, OBJECTIVES["contact_load"], *soft], weak, {})
     assert peak == pytest.approx(100.0, rel=1e-6)
     assert load == pytest.approx(20 * 30.0, rel=1e-9)
-    assert values([SoftPeakForce()], strong)[0] > soft[0]  # half of the time it is weaker
+    assert values(soft[:1])[0] > softer[0]  # half of the time it is weaker
     # 20 points at once: the sum over them raises it, by 20^(1/p)
-    np.testing.assert_allclose(soft[1] / 20 ** (1 / 128), 98, rtol=0.03)
-
-
-def soft_peak(order):
-    return SoftPeakForce(order=order)
+    np.testing.assert_allclose(softer[1] / 20 ** (1 / 128), 98, rtol=0.03)
 
 
 def test_without_contact_forces_are_zero_and_have_a_derivative():
+    force, acceleration = spread(wave(50.0, 1.0), (2, 10)), spread(wave(100.0), (5,))
+
     def scaled(scale):
-        less = lambda a: a * scale
-        force, acceleration = (wave(50.0, 1.0, shape=shape) for shape in ((2, 10), (5,)))
-        course = some_course(force=jax.tree.map(less, force), acceleration=jax.tree.map(less, acceleration))
-        kept = lambda one: jax.tree.map(lambda a: a[None], one.of_course(course))
-        objectives = SoftPeakForce(), RMSAcceleration(), OBJECTIVES["impact_impulse"].smooth
-        found = jnp.stack([one.total(kept(one)) for one in objectives])
+        less = lambda curve: tuple(a * scale for a in curve)
+        course = some_course(force=less(force), acceleration=less(acceleration))
+        objectives = PEAK.smooth, OBJECTIVES["rms_a_z"], OBJECTIVES["impact_impulse"].smooth
+        found = jnp.stack([one.total(one.of(course)[None]) for one in objectives])
         return found, found
 
     slopes, found = jax.jit(jax.jacrev(scaled, has_aux=True))(0.0)
@@ -129,22 +116,27 @@ def test_names_are_those_of_the_table_and_equal_objectives_are_one():
     for name, objective in OBJECTIVES.items():
         assert objective_named(name) is objective
         assert objective.name == name
-        assert objective.unit
+        assert objective.quantity.unit
         assert objective.quantity.long_name
-    assert PeakForce("A1") == PeakForce("A1") != PeakForce("A2")
-    assert hash(SoftPeakForce(order=16)) == hash(SoftPeakForce(order=16))
-    assert PeakForce("A1").name == "peak_force_A1"
+    assert (
+        objective_named("peak_force_A1") == OnePoint(RECORDS["peak_force"], "A1") != objective_named("peak_force_A2")
+    )
+    assert hash(PowerMean(PEAK, 16)) == hash(PowerMean(PEAK, 16))
+    assert objective_named("peak_force_A1").name == "peak_force_A1"
+    assert objective_named(RECORDS["peak_force"]) == PEAK
     found = objective_named(lambda course: course.steps * 1.0)
-    assert isinstance(found, Functional)
+    assert isinstance(found, Record)
     assert found.unit == "1"
 
 
 def test_wrong_choices_are_refused():
     for make, words in [
-        (lambda: RMSAcceleration("a_x"), "Argument `direction` must be one of a_y, a_z"),
-        (lambda: Excursion("x"), "Argument `coordinate` must be one of y, z"),
-        (lambda: SoftPeakForce(order=0), "Argument `order` must be positive"),
-        (lambda: values([PeakForce("Q7")], some_course()), "Argument `point` must be one of A1, "),
+        (lambda: objective_named("rms_a_x"), "Argument `objective` must be one of peak_force, rms_a_y"),
+        (lambda: objective_named(RECORDS["impulse"]), "Argument `objective` must be one of peak_force"),
+        (lambda: PowerMean(PEAK, 0), "Argument `order` must be positive"),
+        (lambda: PowerMean(RECORDS["rms_a_y"]), "Argument `record` must have samples"),
+        (lambda: OnePoint(RECORDS["impulse"]), "Argument `record` must be a greatest or least of points"),
+        (lambda: values([objective_named("peak_force_Q7")]), "Argument `point` must be one of A1, "),
     ]:
         with pytest.raises(ValueError, match=f"^{words}"):
             make()
@@ -154,11 +146,11 @@ def test_on_a_motion_they_agree_with_its_loads():
     """Peaks, impulses and impulses' sums of `simulate`, over the same steps and cubics."""
     scene = sj.paper_scene()
     run = fine(scene)
-    asked = PeakForce(), OBJECTIVES["impact_impulse"], OBJECTIVES["contact_load"]
+    asked = PEAK, OBJECTIVES["impact_impulse"], OBJECTIVES["contact_load"]
     step = PeriodMap(scene, ConstantSteps(FINE))
-    recorder = Courses(tuple(one.of_course for one in asked))
+    records = period_values(asked)
     start = jax.tree.map(lambda a: a[0], run.state)
-    kept = sj.jit(lambda: step.run(start, periods=PERIODS, recorder=recorder).record)()
+    (kept,) = sj.jit(lambda: step.run(start, periods=PERIODS, records=records).samples)()
     peak, impulse, load = (float(one.total(rows)) for one, rows in zip(asked, kept, strict=True))
     assert peak == pytest.approx(float(run.peak.force), rel=1e-9)
     assert impulse == pytest.approx(float(jnp.max(run.loads.impulse)), rel=1e-9)

@@ -113,6 +113,12 @@ def test_a_limit_is_kept():
 def test_what_cannot_be_met_is_infeasible():
     box, limits = {"clearance": (0.5e-3, 1.5e-3)}, {"peak_force": 10.0}
     found = optimise_design(
-        sj.paper_scene(), OBJECTIVES["peak_force"].smooth, box, constraints=limits, starts=1, max_trials=8, steps_per_period=STEPS
+        sj.paper_scene(),
+        OBJECTIVES["peak_force"].smooth,
+        box,
+        constraints=limits,
+        starts=1,
+        max_trials=8,
+        steps_per_period=STEPS,
     )
     assert found.status == "infeasible"

@@ -10,7 +10,6 @@ from jax.flatten_util import ravel_pytree
 import slipperjax as sj
 from slipperjax.analysis.floquet import jacobians, multipliers
 from slipperjax.flow.period_map import PeriodMap
-from slipperjax.flow.record import RecordSet
 from slipperjax.flow.simulate import flexible_steps, run_eagerly
 from slipperjax.flow.status import Status
 from slipperjax.flow.stepping import ConstantSteps

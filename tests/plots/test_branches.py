@@ -46,7 +46,10 @@ def branch(
         "slowest_touchdown": ("point", np.arange(points) + 0.5, {"units": "m/s"}),
         "grazing_gap": ("point", np.arange(points) * 1e-3, {"units": "m"}),
         "signature": ("point", np.array(["A1"] * points)),
-        "strobe": (("point", "strobe_period", "coordinate"), np.arange(points)[:, None, None] * np.full((1, 2), 1e-3)),
+        "strobe": (
+            ("point", "strobe_period", "coordinate"),
+            np.arange(points)[:, None, None] * np.full((1, 2), 1e-3),
+        ),
         "event_label": ("event", np.array([labels[k] for k in at], str)),
         "event_point": ("event", np.array(at, int)),
         "event_multiplier_real": ("event", found.real),

@@ -12,7 +12,6 @@ from slipperjax.flow.series import History
 from slipperjax.sweeps.grid import Cases
 from slipperjax.sweeps.plan import Calls, _best_chunk, make_plan
 
-
 HISTORY = RecordSet((History(),))
 
 

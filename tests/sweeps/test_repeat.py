@@ -92,10 +92,10 @@ def test_selections_are_rebuilt_or_refused(grid, tmp_path):
         (lambda: sj.load_scene(ds), "`speed` must be given, as the result has 2 values"),
         (lambda: sj.load_scene(ds, speed=901.0), "`speed` must be one of the result's, but is 901"),
         (lambda: sj.load_scene(ds, length=0.2), "`length` must be one of what was varied"),
-        (lambda: sj.load_scene(ds["y"] * 2), "no attribute `scene`"),
+        (lambda: sj.load_scene(ds["strobe"] * 2), "no attribute `scene`"),
         (lambda: sj.load_scene(lost), "must have the coordinate `speed`"),
         (lambda: sj.repeat(lost), "must have the coordinate `speed`"),
-        (lambda: sj.repeat(ds[["y"]]), "must have the variable `steps_per_period`"),
+        (lambda: sj.repeat(ds[["strobe"]]), "must have the variable `steps_per_period`"),
         (lambda: sj.load_scene(3), "must be a TOML or netCDF file"),
         (lambda: sj.load_scene(__file__), "must be a TOML file or a netCDF file"),
     ):
@@ -149,4 +149,6 @@ def test_a_run_goes_on_where_another_ended():
     # as a motion alone, contacts that are closed begin anew
     assert np.any(np.asarray(first.end.memory) < 0)
     swept = sj.sweep(scene, {"speed": [1250.0]}, record="strobe", transient=0, periods=10, start=first, **steps)
-    np.testing.assert_allclose(swept["v_y"].values[0, 2], whole.state.motion.v_y[-1], rtol=1e-9)
+    np.testing.assert_allclose(
+        swept["strobe"].sel(coordinate="v_y").values[0, 2], whole.state.motion.v_y[-1], rtol=1e-9
+    )

@@ -105,7 +105,14 @@ def highest(course):
     return course.coordinates.greatest[1]
 
 
-RECORD = ["motion", "peak_force", "rms", "sections", "exponent", Record(Quantity("highest", "m", "highest place"), highest)]
+RECORD = [
+    "motion",
+    "peak_force",
+    "rms",
+    "sections",
+    "exponent",
+    Record(Quantity("highest", "m", "highest place"), highest),
+]
 
 
 @pytest.mark.slow
