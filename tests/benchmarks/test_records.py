@@ -7,17 +7,15 @@ import time
 
 import numpy as np
 import pytest
-from slipperjax.flow.percentiles import ForcePercentile
-from slipperjax.flow.reducers import Reduced
-from slipperjax.flow.spectra import SpectrumLines
-from slipperjax.sweeps.reducers import resolved_record
 
 import slipperjax as sj
 from slipperjax.flow.period_map import advance, initial_states
+from slipperjax.flow.record import RecordSet
+from slipperjax.flow.records import RECORDS, ForcePercentile, SpectrumLines
 from slipperjax.flow.stepping import ConstantSteps
-from slipperjax.sweeps.executors import _of_no_period
 from slipperjax.sweeps.grid import Cases
 from slipperjax.sweeps.plan import make_plan
+from slipperjax.sweeps.records import resolved_record
 from slipperjax.tools.files import table_lines
 
 pytestmark = pytest.mark.benchmark
@@ -26,9 +24,9 @@ NAMED = ["motion", "peak_force", "rms", "extremes", "sections"]
 OWN = [
     ForcePercentile((50, 99)),
     SpectrumLines("v_z", (0.5, 1, 2)),
-    Reduced(lambda t, state, args: sj.reactions(t, state, args).drive_force, name="drive", units="N", over="mean"),
+    RECORDS["drive_force"],
 ]
-RECORDS = {
+ASKED = {
     "plain": None,
     "history": "history",
     "sections": "sections",
@@ -43,14 +41,11 @@ def test_costs():
     scenes, starts = cases.take(np.arange(CASES))
     states = initial_states(scenes, starts)
     calls, kept = {}, {}
-    for name, record in RECORDS.items():
-        recorder = earlier = None
-        if record is not None:
-            recorder = resolved_record(record)
-            plan = make_plan(scene, cases, record=recorder, transient=0, periods=PERIODS, steps_per_period=STEPS)
-            recorder, kept[name] = plan.recorder, 8 * plan.values
-            earlier = _of_no_period(recorder, scenes, states)
-        options = dict(solver=sj.RK4(), periods=PERIODS, recorder=recorder, earlier=earlier)
+    for name, record in ASKED.items():
+        how = dict(records=RecordSet() if record is None else resolved_record(record), steps_per_period=STEPS)
+        plan = make_plan(scene, cases, transient=0, periods=PERIODS, **how)
+        kept[name] = 8 * plan.values
+        options = dict(solver=plan.solver, periods=PERIODS, records=plan.records)
         calls[name] = lambda options=options: advance(scenes, states, 0.0, ConstantSteps(STEPS), **options)
     times = {name: [] for name in calls}
     for call in calls.values():
@@ -67,6 +62,6 @@ def test_costs():
         ratio = f"{np.median(seconds) / plain:.2f}"
         spread = f"{np.min(seconds) / plain:.2f} to {np.max(seconds) / plain:.2f}"
         row = {"record": name, "step of a case": f"{1e6 * step:.3f} us", "over a plain one": ratio, "range": spread}
-        rows.append(row | {"kept per case": f"{kept.get(name, 0)} B"})
+        rows.append(row | {"kept per case": f"{kept[name]} B"})
     print(f"\n{CASES} cases, {STEPS} steps per period, {PERIODS} periods, {ROUNDS} rounds")
     print("\n".join(table_lines(rows)))

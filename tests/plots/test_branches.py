@@ -16,6 +16,9 @@ from .shown import bar_of, check_legend_fits, labels, legend, marked
 NAN = float("nan")
 
 
+_STROBE = "point", "strobe_period", "coordinate"
+
+
 def branch(
     values=(1e-3, 2e-3, 3e-3, 2e-3, 1e-3),
     stable=(1, 1, 1, 0, 0),

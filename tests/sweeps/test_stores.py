@@ -19,6 +19,7 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax.flow.records import Record
 from slipperjax.flow.status import ASKED
+from slipperjax.model.quantities import Quantity
 from slipperjax.sweeps.stores.archive import check_store, store_status
 from slipperjax.sweeps.stores.target import StoreInUse, tiling
 from slipperjax.sweeps.stores.tasks import WorkerLost
