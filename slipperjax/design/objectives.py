@@ -3,7 +3,7 @@
 from typing import Any
 
 from ..flow.records import POINTS, RECORDS, AbstractNumber, OnePoint, Record
-from ..model.quantities import COORDINATES, Quantity
+from ..model.quantities import Quantity
 from ..sweeps.records import LargestExponent
 from ..tools.checks import brief
 
@@ -24,9 +24,8 @@ _NAMES = (
     "contact_load",
     "contact_work",
     "drive_force",
-    *(f"excursion_{name}" for name in COORDINATES),
+    *(f"excursion_{name}" for name in ("y", "z", "roll", "pitch", "yaw")),
     "grazing_distance",
-    "penetration",
 )
 OBJECTIVES: dict[str, Objective] = {name: _scalar(RECORDS[name]) for name in _NAMES} | {"exponent": LargestExponent()}
 """Objectives by name; with a point behind, such as peak_force_A1, of one contact point."""

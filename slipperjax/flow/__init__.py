@@ -1,7 +1,6 @@
 """One case through time: the period map, trajectories, records, statuses and datasets."""
 
 from .course import Course as Course
-from .course import Curve as Curve
 from .datasets import versions as versions
 from .load import dataset_of as dataset_of
 from .load import load_call as load_call

@@ -18,7 +18,7 @@ from ..model.dynamics import Args, State, contact_forces, motion_rates, per_peri
 from ..model.kinematics import Contacts, Motion, contacts, euler_angles
 from ..model.scene import Scene
 from ..tools.fused import materialise
-from .loads import Loads, contact_loads, contact_rate, slopes
+from .loads import Loads, contact_loads, contact_rate, step_slopes
 from .poincare import Crossings, hermite, highest_point, section_crossings
 
 PLACES = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
@@ -154,7 +154,7 @@ class Course:
         if self._rates is not None:
             return self._rates
         frame, now = self._contacts
-        of_one = functools.partial(motion_rates, self.scene)
+        of_one = lambda frame, now, m, force: motion_rates(self.scene, frame, now, m, force)
         return per_period(self.scene, jax.vmap(of_one)(frame, now, self.states.motion, self._forces))
 
     @functools.cached_property
@@ -162,7 +162,8 @@ class Course:
         """(ends, 10), in the order of `slipperjax.model.COORDINATES`."""
         moving = jax.tree.map(lambda rate: rate / self.steps, self.rates)
         with_slopes = lambda m, rate: jax.jvp(lambda m: stacked(State(m, None)), (m,), (rate,))
-        return Curve(*map(materialise, jax.vmap(with_slopes)(self.states.motion, moving)), self)
+        values, slopes = jax.vmap(with_slopes)(self.states.motion, moving)
+        return Curve(materialise(values), materialise(slopes), self)
 
     @functools.cached_property
     def acceleration(self) -> Curve:
@@ -232,7 +233,7 @@ class Course:
         return values.reshape(len(values), 2, -1)
 
     def _curve(self, values: Array) -> Curve:
-        return Curve(values, slopes(values, self.steps), self)
+        return Curve(values, step_slopes(values, self.steps), self)
 
     def _where_closed(self, curve: Curve) -> Curve:
         """With slope zero where the force is zero: it begins or ends there, or is zero throughout."""

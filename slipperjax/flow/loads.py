@@ -43,7 +43,7 @@ def central_difference(a: Array, b: Array, c: Array, d: Array) -> Array:
     return (8 * (c - b) + a - d) / 12
 
 
-def slopes(values: Float[Array, "ends ..."], steps: Any) -> Float[Array, "ends ..."]:
+def step_slopes(values: Float[Array, "ends ..."], steps: Any) -> Float[Array, "ends ..."]:
     """Slopes [per step] at the ends of steps, of which the first `steps` + 1 count."""
     a, b, _, c, d = (continued(values, steps)[k : k + len(values)] for k in range(2 * MARGIN + 1))
     return central_difference(a, b, c, d)

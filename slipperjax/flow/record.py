@@ -152,7 +152,7 @@ class RecordSet:
 
     def cost_after(self, periods: int) -> float:
         """Cost of the work after so many recorded periods, in unrecorded ones."""
-        return sum(r.cost_after(periods) for r in self.records)
+        return sum((r.cost_after(periods) for r in self.records), 0.0)
 
     def values(self, transient: int, periods: int) -> int:
         """About how many numbers are kept of a case."""

@@ -6,9 +6,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
-from ..model.dynamics import reactions
+from ..model.dynamics import State, reactions
+from ..model.kinematics import Motion
 from ..model.quantities import ACCELERATIONS, COORDINATES, REACTIONS, SECTIONS
 from ..tools.checks import require, whole
 from ..tools.compile import jit
@@ -20,7 +21,7 @@ from .status import Status
 _stacked = jit(stacked)
 
 
-def coordinates(states: Any) -> Float[np.ndarray, "*batch 10"]:
+def coordinates(states: State) -> Float[np.ndarray, "*batch 10"]:
     """`stacked` as a NumPy array."""
     return np.asarray(_stacked(states))
 
@@ -56,11 +57,12 @@ class Strobe(AbstractRecord):
     def last(self, periods):
         return periods if self.latest is None else min(self.latest, periods)
 
-    def sample(self, course) -> Float[Array, " 10"]:
-        return stacked(course.end)
+    def sample(self, course) -> Motion:
+        # as it is: Euler angles made here would be fused with the step, which then rounds differently in each batch
+        return course.end.motion
 
-    def finish(self, carried, samples, span):
-        return samples
+    def finish(self, carried, samples: Motion, span):
+        return coordinates(State(samples, None))
 
     def label(self, scene, dims, values: Float[Any, "*cases periods 10"]):
         text = "; ".join(f"{name} [{q.unit}]" for name, q in COORDINATES.items())

@@ -9,11 +9,10 @@ from jaxtyping import Float, Int
 
 from ..analysis.attractor import KINDS, MIN_TEST, classify
 from ..analysis.lyapunov import standard_error
-from ..flow.course import stacked
 from ..flow.period_map import advance_tangents, initial_tangents
 from ..flow.record import AbstractRecord, Labelled, RecordedSpan, RecordSet, attributes
 from ..flow.records import ALIASES, RECORDS, ContactChecks, OnePoint
-from ..flow.series import History, Sections, Strobe
+from ..flow.series import History, Sections, Strobe, coordinates
 from ..flow.status import Status, first_problem
 from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State
@@ -157,7 +156,7 @@ class MotionKind(AbstractRecord):
         return 10 * self.last(periods)
 
     def sample(self, course):
-        return stacked(course.end)
+        return course.end.motion
 
     def check(self, scene, periods, steps):
         if periods < LEAST_PERIODS:
@@ -167,7 +166,8 @@ class MotionKind(AbstractRecord):
             )
 
     def finish(self, carried, samples, span: RecordedSpan) -> Motions:
-        states = np.where((span.status == Status.FINITE)[:, None, None], samples, np.nan)
+        states = coordinates(State(samples, None))
+        states = np.where((span.status == Status.FINITE)[:, None, None], states, np.nan)
         found = classify(states, scales=COORDINATE_SCALES, floor=FLOOR)
         # zero, which stands for cases that were not run, is "unresolved"
         known = [0 if kind == "unresolved" else KINDS.index(kind) + 1 for kind in found.kind.tolist()]

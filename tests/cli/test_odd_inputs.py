@@ -256,8 +256,8 @@ ERRORS = [
     refused("`restitution` must be above 0 and at most 1, but is 1.5", sweep, grid={"restitution": [0.9, 1.5]}),
     refused("`product` must be True or False, but is 'no'", sweep, product="no"),
     refused("`record` must be one of sections, strobe, history, .*but is 'section'", sweep, record="section"),
-    refused("`record` must be one of peak_force, .*but is 'history'", follow, record=["history"]),
-    refused("`record` must name at least one of peak_force", follow, record=[]),
+    refused("`record` must give each variable once, but gives `strobe`", follow, record=["sections", "strobe"]),
+    refused("`record` must name at least one of sections", follow, record=[]),
     # paths
     refused("`path` must name one parameter with increasing values", follow, path={"speed": [1300.0, 1250.0]}),
     refused("`path` must name one parameter with increasing values", follow, path={"speed": [1250.0, 1250.0]}),

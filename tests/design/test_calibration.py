@@ -113,5 +113,5 @@ def test_the_slope_of_large_ensembles_is_within_two_standard_errors():
     found = calibration(CASES)
     show(CASES, found)
     share = np.mean(np.abs(found.score) <= 2, axis=(0, 1))
-    # Student's t with 30 degrees of freedom: 94.5 %; measured with three seeds 90, 97 and 97 % of 60
+    # Student's t with 30 degrees of freedom: 94.5 %; measured 97.1, 94.1 and 94.7 % of 340
     assert np.all(share > 0.9), share

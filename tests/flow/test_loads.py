@@ -11,8 +11,6 @@ import pytest
 import slipperjax as sj
 from slipperjax.flow.loads import over_periods
 from slipperjax.flow.status import Status
-from slipperjax.sweeps.grid import Cases
-from slipperjax.sweeps.plan import make_plan
 
 from ..common import FINEST, PERIODS, STEPS, compilations, fine, finest
 
@@ -112,14 +110,6 @@ def test_loads_of_sweeps_can_be_switched_off(record):
     without = sj.sweep(sj.paper_scene(), grid, loads=False, **options)
     assert set(with_loads) - set(without) == set(NAMES)
     np.testing.assert_allclose(without["v_y"], with_loads["v_y"], rtol=1e-12)
-
-
-@pytest.mark.parametrize("record", ["sections", "history"])
-def test_plans_of_sweeps_have_loads_where_they_are_asked_for(record):
-    scene = sj.paper_scene()
-    cases = Cases(scene, {"speed": [1250.0]}, sj.table_2_start())
-    for loads in (True, False):
-        assert make_plan(scene, cases, record=record, transient=0, periods=1, loads=loads).recorder.loads == loads
 
 
 def test_an_error_probe_tells_good_steps_from_bad():

@@ -8,7 +8,10 @@ import pytest
 from slipperjax.flow import loads
 from slipperjax.flow.loads import MARGIN
 
-continued, slopes = jax.jit(loads.continued), jax.jit(loads.slopes)  # few programs instead of one for each operation
+continued, slopes = (
+    jax.jit(loads.continued),
+    jax.jit(loads.step_slopes),
+)  # few programs instead of one for each operation
 
 
 @pytest.mark.parametrize(("degree", "ends"), [(1, 2), (2, 3), (3, 4), (3, 5), (3, 30)])

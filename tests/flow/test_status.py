@@ -12,7 +12,7 @@ from slipperjax.sweeps.follow import find_jump
 
 
 def test_every_status_has_a_meaning_and_what_to_do():
-    assert [int(s) for s in Status] == [0, 1, 2, 3, 4, 5, 6, 7, 8]
+    assert [int(s) for s in Status] == list(range(10))
     assert str(Status.FINITE) == "finite"
     for status in list(Status)[1:]:
         assert status.meaning
