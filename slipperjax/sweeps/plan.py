@@ -20,7 +20,7 @@ from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
 from ..tools.checks import whole
 from ..tools.limits import cores
-from .grid import Cases, batch_size, filled, refuse_run
+from .grid import LANES, Cases, batch_size, filled, refuse_run
 
 LARGEST_CHUNK = 128
 """Cases in one call: enough for vectors to pay, few enough to stay in a core's cache. A step of a case takes 0.43 us
@@ -124,7 +124,9 @@ class Plan:
         counts, sizes = np.unique(self.steps, return_counts=True)
         if chunk is None:
             chunk = min(int(sizes.max()), CHUNK_OF_DEVICE) if on_device else _best_chunk(counts, sizes, workers)
-        chunk = batch_size(whole("chunk", chunk, 1))
+        # eight lanes round differently from more, so that they are for runs that have no more cases
+        least = 1 if len(self.steps) <= LANES else LANES + 1
+        chunk = batch_size(max(whole("chunk", chunk, 1), least))
         found = []
         for steps in counts[::-1]:
             members = np.flatnonzero(self.steps == steps)
