@@ -146,12 +146,12 @@ def runs() -> Quantities:
     trajectory = sj.simulate(SCENE, 3, steps_per_period=STEPS, saves_per_period=5)
     yield from labelled("simulate", RUN, trajectory.to_xarray())
     history = dict(record="history", periods=2, saves_per_period=4)
-    reducers = ["motion", "peak_force", "rms", "extremes", "impulse"]
+    of_periods = ["motion", "peak_force", "rms", "extremes", "impulse"]
     sweep = lambda count, **options: sj.sweep(SCENE, {"speed": SPEEDS[:count]}, **SWEEP | options)
     yield from labelled("sweep, sections", RUN, sweep(5))
     yield from labelled("sweep, strobe", RUN, sweep(5, record="strobe"))
     yield from labelled("sweep, history", RUN, sweep(2, **history))
-    yield from labelled("sweep, reducers", RUN, sweep(5, record=reducers, transient=200, periods=16))
+    yield from labelled("sweep, numbers", RUN, sweep(5, record=of_periods, transient=200, periods=16))
     yield from labelled("follow", RUN, sj.follow(SCENE, {"speed": SPEEDS[:3]}, **SWEEP | dict(periods=2)))
 
 

@@ -71,9 +71,9 @@ def sweep(
     - `loads`: whether peak forces, impulses, times in contact and penetrations of the recorded periods come with
         the others, default with sections and histories. With any load come the statuses that follow from loads: no
         contact, pressed in, and unresolved for damping that is too fast for the steps.
-    - `chunk`: cases per call, rounded up to 16, 24, 32, 40, 48, 56, 64, 80, ..., or 8 where there are no more; `workers`: threads, default one
-        per core, and never more than one where `solver` is one of diffrax's implicit ones, see
-        `solvers.calls_lapack`. Neither changes any result.
+    - `chunk`: cases per call, rounded up to 16, 24, 32, 40, 48, 56, 64, 80, ..., or 8 where there are no more;
+        `workers`: threads, default one per core, and never more than one where `solver` is one of diffrax's implicit
+        ones, see `solvers.calls_lapack`. Neither changes any result.
     - `progress`: show how far it is and how long it will take, as a bar, or a line now and then in files and pipes.
     - `store`: path of a zarr store, or a `Store`, which is written while the sweep runs; the same call goes on where
         the last one ended. `executor`: a `dask.distributed.Client` or `concurrent.futures.Executor` that computes it.
