@@ -242,7 +242,7 @@ def test_chunks_fill_the_threads_and_lapack_gets_one_thread(monkeypatch):
     monkeypatch.setattr(measuring, "advance", advance)
     case = all_cases()[0]._replace(periods=2)
     speeds = np.linspace(1200.0, 1300.0, 20)
-    threads = [8, 8, 8] * 2
+    threads = [16, 16] * 2
     cases = ((method_named("RK4"), threads), (method_named("diffrax Kvaerno5"), threads), (newton(), [24] * 2))
     for method, expected in cases:
         sizes.clear()
