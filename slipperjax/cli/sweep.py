@@ -269,7 +269,7 @@ def picture(ds: Any, show: str | None = None) -> Any:
     from ..plots.bifurcations import bifurcations
     from ..plots.maps import attractor_map, exponents, quantity_map, regime_map
 
-    over = ds["status"].dims
+    over, ds = ds["status"].dims, _with_coordinates(ds)
     if show is not None:
         return quantity_map(ds, show)
     if "regime" in ds:
@@ -280,6 +280,20 @@ def picture(ds: Any, show: str | None = None) -> Any:
         return attractor_map(ds)
     numbers = [str(n) for n, v in ds.data_vars.items() if set(over) <= set(v.dims) and v.dtype.kind == "f"]
     return quantity_map(ds, "peak_force" if "peak_force" in ds else (numbers or ["steps_per_period"])[0])
+
+
+def _with_coordinates(ds: Any) -> Any:
+    """With each coordinate of strobe states as a variable of its own, instead of all of them together."""
+    from ..model.quantities import COORDINATES
+
+    if "strobe" not in ds:
+        return ds
+    alone = {
+        name: ds["strobe"].sel(coordinate=name, drop=True).assign_attrs(q.attributes)
+        for name, q in COORDINATES.items()
+        if name not in ds
+    }
+    return ds.drop_vars("strobe").assign(alone)
 
 
 @app.group(no_args_is_help=False)
