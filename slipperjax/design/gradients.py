@@ -18,9 +18,8 @@ from jaxtyping import Array, Float
 
 from ..analysis.floquet import jacobians
 from ..flow.period_map import PeriodMap
-from ..flow.record import RecordSet
+from ..flow.record import RecordSet, Unlabelled
 from ..flow.records import AbstractNumber
-from ..flow.series import Unlabelled
 from ..flow.stepping import AbstractStepping
 from ..model.dynamics import State
 from ..model.paths import parameter

@@ -36,8 +36,10 @@ def objective_named(given: Any) -> Objective:
 
     **Raises:** `ValueError` for anything else, with the names.
     """
-    if isinstance(given, LargestExponent) or (isinstance(given, AbstractNumber) and not _scalar(given).dims):
-        return _scalar(given) if isinstance(given, AbstractNumber) else given
+    if isinstance(given, LargestExponent):
+        return given
+    if isinstance(given, AbstractNumber) and not (found := _scalar(given)).dims:
+        return found
     if isinstance(given, str):
         of_point = [n for n in _NAMES if RECORDS[n].dims == POINTS and given.startswith(f"{n}_")]
         if of_point:

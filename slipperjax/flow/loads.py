@@ -117,18 +117,18 @@ def contact_loads(
     return Loads(highest, when, step * args.scene.period * impulse, step * contact, depth, step * fastest)
 
 
-def over_periods(loads: Loads, axis: int = 0) -> Loads:
-    """Loads of a stretch of periods from those of each, along the axis of periods. Contact fractions are means."""
-    highest = jnp.max(loads.peak_force, axis, keepdims=True)
-    when = jnp.where(loads.peak_force == highest, loads.peak_period, jnp.inf)
-    when = jnp.min(jnp.where(jnp.isnan(when), jnp.inf, when), axis)
+def over_periods(loads: Loads) -> Loads:
+    """Loads of several periods from those of each, along the first axis. Contact fractions are means."""
+    highest = jnp.max(loads.peak_force, 0)
+    when = jnp.where(loads.peak_force == highest[None], loads.peak_period, jnp.inf)
+    when = jnp.min(jnp.where(jnp.isnan(when), jnp.inf, when), 0)
     return Loads(
-        highest.squeeze(axis),
+        highest,
         jnp.where(jnp.isfinite(when), when, jnp.nan),
-        jnp.sum(loads.impulse, axis),
-        jnp.mean(loads.contact_fraction, axis),
-        jnp.max(loads.penetration, axis),
-        jnp.max(loads.stability_number, axis),
+        jnp.sum(loads.impulse, 0),
+        jnp.mean(loads.contact_fraction, 0),
+        jnp.max(loads.penetration, 0),
+        jnp.max(loads.stability_number, 0),
     )
 
 

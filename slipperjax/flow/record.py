@@ -119,6 +119,24 @@ class AbstractRecord(abc.ABC):
         """Data variables and coordinates of a dataset, from the arrays of `finish` in the shape (*grid, ...)."""
 
 
+class Unlabelled(AbstractRecord):
+    """A record whose samples are used as they are, and not labelled."""
+
+    @property
+    def name(self):
+        return ""
+
+    @property
+    def variables(self):
+        return ()
+
+    def finish(self, carried, samples, span):
+        return samples
+
+    def label(self, scene, dims, values):
+        return {}, {}
+
+
 @dataclass(frozen=True)
 class RecordSet:
     """Several records that share one pass over the periods and one dataset."""

@@ -24,7 +24,7 @@ from ..tools.batching import Batched
 from ..tools.checks import brief, instance, number, one_of, positive, require
 from ..tools.compile import jit
 from .course import PLACES, Course
-from .record import AbstractRecord, RecordedSpan, attributes, point_labels
+from .record import AbstractRecord, RecordedSpan, Unlabelled, attributes, point_labels
 from .status import Status, most_stability_number, with_loads
 
 ORDER = 32
@@ -36,7 +36,6 @@ POINTS = ("end", "point")
 class Join(NamedTuple):
     """A way in which the values of forcing periods become one number."""
 
-    words: str
     empty: float
     """The value of no period."""
     reduce: Callable[..., Any]
@@ -62,11 +61,11 @@ def _log_sum(values: Array, axis: int = 0) -> Array:
 
 
 JOINS: dict[str, Join] = {
-    "max": Join("greatest", -np.inf, jnp.max),
-    "min": Join("least", np.inf, jnp.min),
-    "sum": Join("sum of", 0.0, jnp.sum),
-    "mean": Join("mean", 0.0, jnp.sum, lambda joined, periods: joined / periods),
-    "rms": Join("root mean square of", 0.0, jnp.sum, _root_mean),
+    "max": Join(-np.inf, jnp.max),
+    "min": Join(np.inf, jnp.min),
+    "sum": Join(0.0, jnp.sum),
+    "mean": Join(0.0, jnp.sum, lambda joined, periods: joined / periods),
+    "rms": Join(0.0, jnp.sum, _root_mean),
 }
 """Ways in which periods join, by name."""
 
@@ -226,7 +225,7 @@ class PowerMean(AbstractNumber):
     def join(self):
         exp = lambda x: np.exp(x) if isinstance(x, np.ndarray) else jnp.exp(x)  # on the host nothing is compiled
         value = lambda joined, periods: exp((joined - np.log(periods)) / self.order)
-        return Join("power mean of", -np.inf, _log_sum, value)
+        return Join(-np.inf, _log_sum, value)
 
     def of(self, course):
         """ln of the mean over time of the sum of x^order, without overflow."""
@@ -333,16 +332,8 @@ def judged_by_contacts(scenes: Batched[Scene], codes: Any, carried: Any, limit: 
 
 
 @dataclass(frozen=True)
-class ContactChecks(AbstractRecord):
+class ContactChecks(Unlabelled):
     """No variable, but the statuses that follow from loads: no contact, pressed in, and unresolved damping."""
-
-    @property
-    def name(self):
-        return ""
-
-    @property
-    def variables(self):
-        return ()
 
     def values(self, periods):
         return 3
@@ -360,12 +351,6 @@ class ContactChecks(AbstractRecord):
     def after(self, carried, status, run):
         limit = most_stability_number(run.plan.solver)
         return carried, np.asarray(judged_by_contacts(run.scenes, jnp.asarray(status), carried, limit))
-
-    def finish(self, carried, samples, span):
-        return None
-
-    def label(self, scene, dims, values):
-        return {}, {}
 
 
 LEAST, MOST = 1.0, 2.0**28

@@ -15,7 +15,7 @@ from ..tools.checks import require, whole
 from ..tools.compile import jit
 from .course import stacked
 from .loads import Loads
-from .record import AbstractRecord, attributes, point_labels
+from .record import AbstractRecord, Unlabelled, attributes, point_labels
 from .status import Status
 
 _stacked = jit(stacked)
@@ -232,24 +232,6 @@ class History(AbstractRecord):
 
 
 _AT_POINTS = "contact_force", "gap"
-
-
-class Unlabelled(AbstractRecord):
-    """A record whose samples are used as they are, and not labelled."""
-
-    @property
-    def name(self):
-        return ""
-
-    @property
-    def variables(self):
-        return ()
-
-    def finish(self, carried, samples, span):
-        return samples
-
-    def label(self, scene, dims, values):
-        return {}, {}
 
 
 @dataclass(frozen=True)

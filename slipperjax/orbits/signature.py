@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..flow.series import Unlabelled
+from ..flow.record import Unlabelled
 from ..model.scene import Scene
 
 HALVINGS = 60

@@ -49,7 +49,7 @@ def run_chunk(
     Times in records count from there.
     """
     records, at, status = plan.records, float(epoch), np.zeros(len(states.motion.y), int)
-    samples, carried = Samples(records, plan.recorded.periods), _initial_carry(records, scenes, states)
+    samples = Samples(records, plan.recorded.periods)
     number = jnp.asarray(float(steps))  # an array, so that one compiled program serves every number of steps
     stepping = recording = ConstantSteps(steps=number)
     if records.inside:
@@ -59,17 +59,17 @@ def run_chunk(
         (plan.transient, records.from_start, stepping),
         (plan.recorded, records, recording),
     ):
-        earlier = carried if kept is records else _initial_carry(kept, scenes, states)
+        carried = _initial_carry(kept, scenes, states)
         for _ in range(calls.count):
             on_progress(0)
-            passed = _advance(calls, scenes, states, at, how, solver=plan.solver, records=kept, earlier=earlier)
-            states, earlier = passed.state, passed.carried
+            passed = _advance(calls, scenes, states, at, how, solver=plan.solver, records=kept, earlier=carried)
+            states, carried = passed.state, passed.carried
             status = first_problem(status, passed.status)
             samples.add(kept, passed.samples)
             on_progress(kept.cost * calls.length)
             at += calls.length
     chunk = RecordedChunk(plan, scenes, states, at, steps, on_progress)
-    carried, status = records.after(earlier, status, chunk)
+    carried, status = records.after(carried, status, chunk)
     span = RecordedSpan(plan.recorded.periods, steps, float(epoch), status)
     return ChunkRun(states, status, records.finish(carried, samples.joined(), span))
 

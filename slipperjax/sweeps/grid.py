@@ -122,7 +122,7 @@ def _values(scene: Scene, name: str, raw: Any) -> np.ndarray:
 
 
 LANES = 8
-"""Batches are filled up to multiples of this, a vector register's worth: results then depend on no batch size."""
+"""Batches are filled up to multiples of this, a vector register's worth. Those of several registers round alike."""
 
 
 class Cases(Grid):

@@ -281,12 +281,12 @@ def resolved_record(record: Any, loads: bool | None = None) -> RecordSet:
     series = any(isinstance(one, Sections | History) for one in found)
     if yes_or_no("loads", series if loads is None else loads):
         found += [RECORDS[name] for name in LOADS]
-    if any(one in _OF_LOADS for one in found):
+    if any((one.record if isinstance(one, OnePoint) else one) in _OF_LOADS for one in found):
         found.append(ContactChecks())
     return RecordSet(tuple(dict.fromkeys(found)))
 
 
-_OF_LOADS = {RECORDS[name] for name in (*LOADS, "impact_impulse")} | {OnePoint(RECORDS["peak_force"])}
+_OF_LOADS = {RECORDS[name] for name in (*LOADS, "impact_impulse")}
 """Records that look at contact loads."""
 
 
