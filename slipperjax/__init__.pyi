@@ -69,9 +69,9 @@ from .sweeps.follow import follow as follow
 from .sweeps.grid import sample_box as sample_box
 from .sweeps.orbits import orbit_sweep as orbit_sweep
 from .sweeps.repeat import repeat as repeat
-from .sweeps.stores.archive import open_store as open_store
-from .sweeps.stores.target import Store as Store
-from .sweeps.stores.tasks import processes as processes
+from .sweeps.store import Store as Store
+from .sweeps.store import open_store as open_store
+from .sweeps.store import processes as processes
 from .sweeps.sweep import sweep as sweep
 from .tools.cache import compile_cache as compile_cache
 from .tools.checks import ImplausibleWarning as ImplausibleWarning

@@ -24,8 +24,8 @@ from ..flow.series import coordinates
 from ..flow.stepping import ConstantSteps, ControlledSteps
 from ..model.quantities import COORDINATE_SCALES
 from ..solvers.adaptive import AdaptiveSteps
-from ..sweeps.grid import Cases
-from ..sweeps.plan import make_plan
+from ..sweeps.grid import Grid
+from ..sweeps.run import RunOptions, make_plan
 from ..tools.checks import whole
 from .methods import METHODS, Case, Method, all_cases
 from .work_precision import Point, mbdyn_points
@@ -48,10 +48,8 @@ def run(
     **Returns:** the states (lanes, periods, 10), and what each period took [s].
     """
     scene = dataclasses.replace(case.scene, memory=method.memory)
-    cases = Cases(scene, {"speed": speeds}, case.start, product=False)
-    plan = make_plan(
-        scene, cases, transient=0, periods=case.periods, steps_per_period=1, solver=method.solver
-    )  # for its chunks and threads
+    grid, options = Grid(scene, {"speed": speeds}, product=False), RunOptions(0, case.periods, 1, None, method.solver)
+    plan = make_plan(grid, case.start, options)  # for its chunks and threads
     chunks, threads = plan.chunks(None, workers)
     if method.adaptive:
         # rtol, atol and norm are properties of it, and no arguments
@@ -59,7 +57,7 @@ def run(
         stepping = ControlledSteps(1, FIRST, controller)
     else:
         stepping = ConstantSteps(steps=jnp.asarray(setting))  # an array: one program serves every number
-    batches = [cases.take(chunk.index) for chunk in chunks]
+    batches = [plan.cases.take(chunk.index) for chunk in chunks]
     states = [initial_states(*batch) for batch in batches]
 
     def one_period(batch, state, epoch):

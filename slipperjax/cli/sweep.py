@@ -104,7 +104,7 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
 def sweep(case: Case, over: Axis, by, log, sample, record, periods, store, explain, show, out, transient, **storing):
     """Run every combination of some parameters, or a sample, into a file or a store that survives anything."""
     from ..sweeps.explain import explain as estimate
-    from ..sweeps.stores.archive import store_status
+    from ..sweeps.store import store_status
 
     names = record or ("sections",)
     function = _function(names)
@@ -155,7 +155,7 @@ def _grid(case: Case, axes: tuple[Axis, ...], log: tuple[str, ...], sample: int 
 
 def _target(store: Path | None, *, share: str | None, tile: int | None, fresh: bool, **engines: Any) -> Any:
     """The store that options describe."""
-    from ..sweeps.stores.target import Store
+    from ..sweeps.store import Store
 
     if store is None:
         for name, value in dict(tile=tile, fresh=fresh, share=share, **engines).items():
@@ -178,7 +178,7 @@ def _share(text: str) -> tuple[int, int]:
 @contextmanager
 def _executor(count: int | None, address: str | None) -> Iterator[Any]:
     """What computes tiles, or None for threads of this process."""
-    from ..sweeps.stores.tasks import processes
+    from ..sweeps.store import processes
 
     if address is None:
         with nullcontext() if count is None else processes(count) as pool:
@@ -308,7 +308,7 @@ path = click.argument("path", type=FILE)
 @path
 def status(path: Path) -> None:
     """Say how far the store PATH is; it may still be growing."""
-    from ..sweeps.stores.archive import store_status
+    from ..sweeps.store import store_status
 
     print(store_status(path))
 
@@ -318,7 +318,7 @@ def status(path: Path) -> None:
 @flag("--repair", "Make damaged tiles absent, so that the next run computes them.")
 def check(path: Path, repair: bool) -> int:
     """Read all of the store PATH, and say what is damaged; exit code 1 where something is."""
-    from ..sweeps.stores.archive import check_store, store_status
+    from ..sweeps.store import check_store, store_status
 
     lines = check_store(path, repair=repair)
     print("\n".join(lines) if lines else f"nothing is damaged: {store_status(path)}")
@@ -331,7 +331,7 @@ def check(path: Path, repair: bool) -> int:
 @out(None, "The picture is OUT.png; default the store's name.", ".png")
 def draw(path: Path, show: str | None, out: Path | None) -> None:
     """Draw the store PATH, which may still be growing."""
-    from ..sweeps.stores.archive import open_store, store_status
+    from ..sweeps.store import open_store, store_status
 
     _write(open_store(path), Outputs(out or path.with_suffix(""), ".png"), show, whole=False)
     print(store_status(path))

@@ -24,10 +24,9 @@ from ..flow.status import Status, first_problem
 from ..model.dynamics import State
 from ..model.kinematics import MOTION_SCALES, Motion
 from ..model.scene import Scene
-from ..sweeps.executors import in_order, run_chunk, run_chunks
 from ..sweeps.grid import Cases
-from ..sweeps.plan import Calls, OnProgress, Plan
 from ..sweeps.records import LargestExponent
+from ..sweeps.run import Calls, OnProgress, Part, Plan, run_cases, run_chunk
 from ..tools.checks import whole
 from .gradients import Objectives, period_values, totals
 from .objectives import Objective
@@ -129,13 +128,12 @@ def _run(
     records = period_values(of_courses) if of_courses else RecordSet()
     passed, block = whole("transient", spread.transient, 0), _divisor(whole("periods", spread.periods, 1))
     transient = Calls(10, -(-passed // 10))
-    plan = Plan(solver, records, np.full(runs.count, steps), transient, Calls(block, spread.periods // block))
-    chunks, workers = plan.chunks(None, None)
+    plan = Plan(runs, solver, records, np.full(runs.count, steps), transient, Calls(block, spread.periods // block))
 
-    def work(chunk, on_progress):
-        scenes, starts = runs.take(chunk.index)
+    def work(part: Part) -> _Values:
+        scenes, on_progress = part.scenes, part.on_progress
         # motions of runs may be deep inside contacts, which is no oversight
-        begin = states_and_penetrations(scenes, starts)[0]
+        begin = states_and_penetrations(scenes, part.starts)[0]
         run = run_chunk(plan, scenes, begin, steps, on_progress)
         lanes = len(run.status)
         kept = jax.tree.map(jnp.asarray, run.record)
@@ -148,10 +146,9 @@ def _run(
             status = first_problem(status, codes)
         return _Values(values, status)
 
-    periods = plan.work + any(exponents) * 2.6 * spread.periods
-    done = run_chunks(chunks, workers, work, periods=periods, progress=progress, name="ensembles")
-    values = in_order(chunks, [one.value for one in done.results])
-    return done.checked((values, in_order(chunks, [one.status for one in done.results])))
+    cost = plan.cost + any(exponents) * 2.6 * spread.periods
+    run = run_cases(plan, work, cost=cost, progress=progress, name="ensembles")
+    return run.checked(lambda: tuple(run.results))
 
 
 class _Values(NamedTuple):

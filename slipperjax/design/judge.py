@@ -24,13 +24,12 @@ from ..model.dynamics import State, initial_state
 from ..model.kinematics import Motion
 from ..model.scene import Scene
 from ..orbits.periodic import TOLERANCE
-from ..sweeps.executors import records_in_order, run_chunk, run_chunks
-from ..sweeps.grid import Cases, filled
+from ..sweeps.grid import Grid, filled
 from ..sweeps.maps import Maps, rows_of
 from ..sweeps.orbits import find_orbits
-from ..sweeps.plan import Chunk, OnProgress, make_plan, strobe_plan
 from ..sweeps.reached import reached_orbits
 from ..sweeps.records import JACOBIAN, LargestExponent
+from ..sweeps.run import Chunk, OnProgress, RunOptions, make_plan, run_chunk, run_chunks
 from ..tools.batching import Batched
 from ..tools.limits import cores
 from .ensembles import Spread, averages
@@ -160,10 +159,9 @@ def judge_on_orbits(
     with parameters near these: an orbit is followed from there if it is still stable, and otherwise the motion
     settles anew from there.
     """
-    cases = Cases(scene, grid, table_2_start() if start is None else start, product=False)
-    steps = np.full(cases.count, question.steps)
-    plan = make_plan(scene, cases, transient=0, periods=1, steps_per_period=steps, solver=question.solver)
-    plan = strobe_plan(plan, max(question.transient, SHORTEST))
+    options = RunOptions(0, 1, question.steps, None, question.solver)
+    plan = make_plan(Grid(scene, grid, product=False), table_2_start() if start is None else start, options)
+    plan, cases = plan.strobes(max(question.transient, SHORTEST)), plan.cases
     size = min(LANES, -(-cases.count // cores()))
     places = [np.arange(at, min(at + size, cases.count)) for at in range(0, cases.count, size)]
     chunks = [Chunk(filled(some, size), len(some), question.steps) for some in places]
@@ -174,10 +172,9 @@ def judge_on_orbits(
         known = None if memory is None else Memory(*(of_cases[chunk.index] for of_cases in memory))
         return _Batch(scenes, states, question, on_progress).judged(plan, known)
 
-    periods = (0 if memory is not None else plan.work) + 2 * JACOBIAN + 2 * PUSH
-    runs = run_chunks(chunks, min(cores(), len(chunks)), work, periods=periods, progress=progress, name="orbits")
-    found = records_in_order(chunks, runs.results)
-    return runs.checked(found)
+    periods = (0 if memory is not None else plan.cost) + 2 * JACOBIAN + 2 * PUSH
+    run = run_chunks(chunks, min(cores(), len(chunks)), work, cost=periods, progress=progress, name="orbits")
+    return run.checked(lambda: run.results)
 
 
 class _Batch:
@@ -267,7 +264,7 @@ class _Batch:
             wanted=run.status == Status.FINITE,
             on_progress=self.on_progress,
         )
-        self.simulated[left] += plan.work + np.where(found.period, JACOBIAN, 0)[: len(left)]
+        self.simulated[left] += plan.cost + np.where(found.period, JACOBIAN, 0)[: len(left)]
         self.rows[left] = rows_of(found.state)[: len(left)]
         return run.status[: len(left)], found.period[: len(left)]
 

@@ -216,4 +216,4 @@ def blank(found, lanes: int):
 
 
 def _empty(like: np.ndarray, lanes: int) -> np.ndarray:
-    return np.full((lanes, *like.shape[1:]), np.nan if like.dtype.kind == "f" else 0, like.dtype)
+    return np.full((lanes, *like.shape[1:]), np.nan if like.dtype.kind in "fc" else 0, like.dtype)

@@ -10,8 +10,8 @@ from .reached import Confirmations as Confirmations
 from .reached import confirm_periods as confirm_periods
 from .records import LargestExponent as LargestExponent
 from .records import MotionKind as MotionKind
-from .stores.archive import StoreStatus as StoreStatus
-from .stores.archive import check_store as check_store
-from .stores.archive import store_status as store_status
-from .stores.target import StoreInUse as StoreInUse
-from .stores.tasks import WorkerLost as WorkerLost
+from .store import StoreInUse as StoreInUse
+from .store import StoreStatus as StoreStatus
+from .store import WorkerLost as WorkerLost
+from .store import check_store as check_store
+from .store import store_status as store_status

@@ -16,13 +16,9 @@ from ..model.scene import Scene
 from ..model.step_size import LEAST_STEPS
 from ..tools.checks import whole
 from ..tools.limits import LONGEST, available_memory, cores, shown_bytes, shown_time
-from .grid import Cases, Grid
-from .plan import LARGEST_CHUNK
-from .stores.stored import COPIES
-from .stores.target import Tiling, store_of, tiling
-
-PROBED = 4096
-"""Cases whose number of steps is looked at, spread over the grid."""
+from .grid import Grid
+from .run import LARGEST_CHUNK, SAMPLED_CASES
+from .store import COPIES, Store, Tiling
 
 
 @dataclass(frozen=True)
@@ -120,8 +116,8 @@ def explain(
     **Raises:** `ValueError` that names the argument which is wrong.
     """
     known = Grid(scene, grid, product=options.get("product", True))
-    target = None if store is None else store_of(store)
-    tiles = tiling(known.shape, None if target is None else target.tile)
+    target = None if store is None else Store.of(store)
+    tiles = Tiling.of(known.shape, None if target is None else target.tile)
     workers = cores() if workers is None else whole("workers", workers, 1)
     how = {
         **options,
@@ -133,7 +129,7 @@ def explain(
     steps = _steps(known, options)
     used = -(-int(np.ceil(steps.mean())) // LEAST_STEPS) * LEAST_STEPS if np.ptp(steps) else int(steps[0])
     how["steps_per_period"] = used  # the same for all, so that the probe is one batch
-    some = _spread(known, LARGEST_CHUNK)
+    some = known.spread(LARGEST_CHUNK)
     run = lambda: function(scene, grid=some, **how)
     first, _ = _timed(run)
     second, ds = _timed(run)
@@ -156,20 +152,12 @@ def explain(
     )
 
 
-def _spread(grid: Grid, count: int) -> dict[str, np.ndarray]:
-    """Cases spread evenly over a grid, as lists side by side; some more than once where there are fewer."""
-    at = np.floor((np.arange(count) + 0.5) * grid.count / count).astype(int)
-    places = np.unravel_index(at, grid.shape) if grid.product else (at,) * len(grid.axes)
-    return {name: values[place] for (name, values), place in zip(grid.axes.items(), places, strict=True)}
-
-
 def _steps(grid: Grid, options: Mapping[str, Any]) -> np.ndarray:
     """Steps per period of some cases, as many as there are at most."""
     given = options.get("steps_per_period")
     if given is not None:
         return np.atleast_1d(np.asarray(given)).ravel()
-    some = _spread(grid, min(grid.count, PROBED))
-    return Cases(grid.scene, some, first_of(options.get("start")), product=False).default_steps()
+    return grid.sample(first_of(options.get("start")), SAMPLED_CASES).default_steps()
 
 
 def _timed(call: Callable[[], xr.Dataset]) -> tuple[float, xr.Dataset]:

@@ -4,8 +4,7 @@ Cases run in up to three stages, each with chunks of its own: all pass the trans
 the exponents of their orbits; those of the others are measured; chaotic ones run for longer.
 """
 
-import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +12,7 @@ import diffrax
 import jax
 import numpy as np
 import xarray as xr
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 
 from ..analysis.attractor import KINDS, classify
 from ..analysis.floquet import largest_exponent
@@ -28,18 +27,15 @@ from ..model.scene import Scene
 from ..orbits.exponents import check_count
 from ..tools.checks import whole, yes_or_no
 from .attractors import FLOOR
-from .executors import Runs, records_in_order, run_chunk, run_chunks
-from .exponent_data import Checks, Measured, Voted, exponent_data
-from .grid import Cases, refuse_run
+from .exponent_data import Checks, Measured, exponent_data
+from .grid import Grid
 from .maps import Maps, rows_of
-from .plan import PAUSE, Chunk, OnProgress, Plan, make_plan, strobe_plan
-from .progress import Later
 from .reached import Reached, nothing_reached, reached_orbits
-from .records import BLOCK, JACOBIAN, LAST, LOOK, PAIR, Measure, measured_periods, tangents_cost
-from .stores.stored import storable
-from .stores.target import Store
+from .records import BLOCK, JACOBIAN, LAST, LOOK, Measure, measured_periods, tangents_cost
+from .run import PERIODS_PER_CALL, Part, Plan, RunOptions, call_of, make_plan, run_cases, run_chunk
+from .store import Store, storable
 from .sweep import case_attributes
-from .transience import take_votes, work_of_votes
+from .transience import take_votes
 
 SEARCH = 4
 """Jacobians that the search for an orbit takes, about; as many again with steps half as long."""
@@ -71,7 +67,7 @@ def lyapunov_sweep(
     Floquet multipliers, exact to about 1e-8, which costs about a seventh of a measurement.
 
     **Arguments:** `count`, `periods`: as for `lyapunov_spectrum`; `certify`: whether each case is checked, which
-    costs about twice as much again, and six times as much for chaotic cases; `orbits`: whether exponents are taken
+    costs about as much again, and five times as much for chaotic cases; `orbits`: whether exponents are taken
     from orbits, so that without it all are measured; `transient`: `BLOCK` periods at least; others as for `sweep`.
     Periods are rounded up to whole blocks of `BLOCK`, after each of which the status is looked at.
 
@@ -84,16 +80,16 @@ def lyapunov_sweep(
       `slipperjax.analysis.classify`; `regime`: see `slipperjax.analysis.regime`; `status` and `steps_per_period`: as
       `sweep` gives them;
     - with `certify`: `half_step`, the largest exponent with steps half as long, and its standard error
-      `half_step_stderr`; `two_trajectories`, an estimate without tangents, and `two_trajectories_stderr`, NaN where
-      exponents are those of an orbit;
-      `floquet`, ln |largest multiplier| per period, of periodic motions; `resolved`: whether all that applies agrees;
+      `half_step_stderr`;
+      `floquet`, ln |largest multiplier| per period, of periodic motions; `resolved`: whether all that
+      applies agrees;
       `escapes`, how many of `MOTIONS` motions of a chaotic case became regular within `HOLD` periods more, and
       `chaotic_for`, the forcing periods for which none did.
 
-    A case is `resolved` where its status is 0, the two other estimates lie within three standard errors of their
-    difference or 1e-3, the exponents of both halves of the record within three of theirs or 1e-2, and the weighted
-    exponent of a periodic motion is that of its multiplier within 1e-3. A case on an orbit is resolved where the
-    exponent of the orbit with steps half as long, which must be found and stable, too, differs by 1e-2 at most.
+    A case is `resolved` where its status is 0, the exponent with steps half as long lies within three standard errors
+    of the difference or 1e-3, the exponents of both halves of the record within three of theirs or 1e-2, and the
+    weighted exponent of a periodic motion is that of its multiplier within 1e-3. A case on an orbit is resolved where
+    the exponent of the orbit with steps half as long, which must be found and stable, too, differs by 1e-2 at most.
 
     A case takes the exponents of an orbit only where that is certain, see `slipperjax.sweeps.reached`: all others,
     with unstable, distant or missing orbits, forcings that do not recur, or anything wrong, are measured.
@@ -105,40 +101,64 @@ def lyapunov_sweep(
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C. Chaotic cases whose
     longer motions were not finished then have the exponents that were measured, and `Status.NOT_RUN`.
     """
-    start = first_of(start)
-    cases = Cases(scene, grid, start, product=product)
-    options: dict[str, Any] = dict(steps_per_period=steps_per_period, solver=solver)
-    plan = make_plan(scene, cases, transient=0, periods=1, **options)
-    plan = strobe_plan(plan, whole("transient", transient, BLOCK))
+    call = call_of("lyapunov_sweep", locals())
+    start, passed = first_of(start), whole("transient", transient, BLOCK)
     count, counted = check_count(scene, count), -(-whole("periods", periods, 1) // BLOCK)
-    settle = _Settle(plan, cases, count, certify, yes_or_no("orbits", orbits))
-    measure = _Measurement(plan, cases, count, counted, certify)
-    values = plan.values + measured_periods(counted) * (count + 2)
-    refuse_run(cases.count, settle.work + measure.work, values, float(plan.steps.sum()))
-    found, reached, runs = _stages(settle, measure, chunk, workers, progress)
+    settle = _Settle(count, certify, yes_or_no("orbits", orbits))
+    measure = _Measurement(count, counted, certify)
+    plan = make_plan(
+        Grid(scene, grid, product=product),
+        start,
+        RunOptions(0, 1, steps_per_period, None, solver),
+        cost_after=passed + settle.cost + measure.cost,
+        values_after=10 * passed + measured_periods(counted) * (count + 2),
+    ).strobes(passed)
+    options: dict[str, Any] = dict(chunk=chunk, workers=workers, progress=progress)
+    measured, by_orbit, interrupted = _measured(plan, settle, measure, options)
     votes = None
-    if certify and not runs.interrupted:
-        exponent, error = found.history.mean(axis=1)[:, 0], standard_error(found.history)[:, 0]
-        chosen = np.flatnonzero(is_chaotic(exponent, error) & (found.status == Status.FINITE))
+    if certify and not interrupted:
+        exponent, error = measured.history.mean(axis=1)[:, 0], standard_error(measured.history)[:, 0]
+        chosen = np.flatnonzero(is_chaotic(exponent, error) & (measured.status == Status.FINITE))
         if len(chosen):
-            states = jax.tree.map(lambda a: a[chosen], found.state)
             epoch = plan.periods + measured_periods(counted)
-            run = (counted, count, chunk, workers, progress)
-            votes, unfinished = _votes(chosen, lambda: take_votes(plan, cases, chosen, states, epoch, *run))
-            if unfinished is not None:
-                found.status[unfinished] = Status.NOT_RUN
-                runs = runs._replace(finished=runs.finished - len(unfinished), interrupted=True)
-    call = dict(
-        function="lyapunov_sweep",
-        count=count,
-        product=product,
-        transient=transient,
-        periods=periods,
-        certify=certify,
-        orbits=orbits,
-    )
-    attrs = case_attributes(plan, cases, call) | {"transient": plan.periods, "periods": counted * BLOCK}
-    return runs.checked(exponent_data(cases, plan, found, reached, votes, attrs))
+            votes, interrupted = take_votes(plan, chosen, measured.state, epoch, counted, count, options)
+            unfinished = votes.status == Status.NOT_RUN
+            measured.status[chosen[unfinished]] = Status.NOT_RUN
+            votes = votes.of(np.flatnonzero(~unfinished))
+    attrs = case_attributes(plan, call) | {"transient": plan.periods, "periods": counted * BLOCK}
+    finished = int(np.sum(measured.status != Status.NOT_RUN))
+    if interrupted and not finished:
+        raise Interrupted(None, 0, plan.cases.count)
+    ds = exponent_data(plan, measured, by_orbit, votes, attrs)
+    if interrupted:
+        raise Interrupted(ds, finished, plan.cases.count)
+    return ds
+
+
+def _measured(
+    plan: Plan, settle: "_Settle", measure: "_Measurement", options: Mapping[str, Any]
+) -> tuple[Measured, Bool[np.ndarray, " cases"], bool]:
+    """Runs the transient, and measures the cases that have not reached an orbit.
+
+    **Returns:** the exponents, whether they are those of an orbit, and whether a run was interrupted.
+    """
+    work = lambda part: settle(plan, part)
+    run = run_cases(plan, work, cost=plan.cost + settle.cost, tangents=True, name="transient", **options)
+    if run.results is None:
+        raise Interrupted(None, 0, plan.cases.count)
+    settled, by_orbit = run.results, run.results.reached.period > 0
+    measured = measure.blank(settled)
+    _put_orbits(measured, by_orbit, settled.reached)
+    index = np.flatnonzero(~by_orbit)
+    if run.interrupted or not len(index):
+        return measured, by_orbit, run.interrupted
+    work = lambda part: measure(plan, part, jax.tree.map(lambda a: a[part.index], settled))
+    name = f"exponents of {len(index)} cases"
+    run = run_cases(plan, work, cost=measure.cost, index=index, tangents=True, name=name, **options)
+    if run.results is not None:
+        for of_all, of_index in zip(jax.tree.leaves(measured), jax.tree.leaves(run.results), strict=True):
+            of_all[index] = of_index
+    return measured, by_orbit, run.interrupted
 
 
 class _Settled(NamedTuple):
@@ -150,159 +170,97 @@ class _Settled(NamedTuple):
 
 
 class _Settle(NamedTuple):
-    """Runs the transient of a chunk, and looks for the orbits that its cases have reached."""
+    """The transient of a chunk, with a search for the orbits that its cases have reached."""
 
-    plan: Plan
-    cases: Cases
     count: int
     certify: bool
     orbits: bool
 
     @property
-    def work(self) -> float:
-        """What it costs, in plain forcing periods: an orbit of period 1, as most are."""
-        search = SEARCH * JACOBIAN * (3 if self.certify else 1) + LOOK * PAUSE
-        return self.plan.work + (search if self.orbits else 0.0)
+    def cost(self) -> float:
+        """Cost of the search for an orbit of period 1, as most are, in unrecorded forcing periods."""
+        search = SEARCH * JACOBIAN * (3 if self.certify else 1) + LOOK * PERIODS_PER_CALL
+        return search if self.orbits else 0.0
 
-    def __call__(self, chunk: Chunk, on_progress: OnProgress) -> _Settled:
-        plan, (scenes, starts) = self.plan, self.cases.take(chunk.index)
-        begin = initial_states(scenes, starts)
-        passed = run_chunk(plan, scenes, begin, chunk.steps, on_progress)
-        states, status = jax.tree.map(np.asarray, passed.state), np.asarray(passed.status)
+    def __call__(self, plan: Plan, part: Part) -> _Settled:
+        scenes = part.scenes
+        run = run_chunk(plan, scenes, initial_states(scenes, part.starts), part.steps, part.on_progress)
+        states, status = jax.tree.map(np.asarray, run.state), np.asarray(run.status)
         if not self.orbits:
             return _Settled(status, states, nothing_reached(states, self.count))
-        wanted = (status == Status.FINITE) & (np.arange(len(status)) < chunk.cases)
-        found = reached_orbits(
+        reached = reached_orbits(
             scenes,
             states,
-            passed.record[0][:, -LAST:],
-            chunk.steps,
+            run.record[0][:, -LAST:],
+            part.steps,
             solver=plan.solver,
             count=self.count,
             half_step=self.certify,
-            wanted=wanted,
-            on_progress=on_progress,
+            wanted=(status == Status.FINITE) & (np.arange(len(status)) < part.cases),
+            on_progress=part.on_progress,
         )
-        some = np.flatnonzero(found.period)
-        maps = Maps(scenes, states, chunk.steps, plan.solver, found.period, on_progress, float(plan.periods))
-        if len(some):
-            looked = maps.look(some, rows_of(found.state)[some], plan.room(chunk.steps))
-            # what is wrong with a case is said by its measurement
-            found.period[some[looked != Status.FINITE]] = 0
-        return _Settled(status, states, found)
+        periodic = np.flatnonzero(reached.period)
+        if len(periodic):
+            epoch = float(plan.periods)
+            maps = Maps(scenes, states, part.steps, plan.solver, reached.period, part.on_progress, epoch)
+            codes = maps.look(periodic, rows_of(reached.state)[periodic], plan.capacity(part.steps))
+            # the measurement says what is wrong with a case
+            reached.period[periodic[codes != Status.FINITE]] = 0
+        return _Settled(status, states, reached)
 
 
 class _Measurement(NamedTuple):
-    """Measures the exponents of cases after the transient."""
+    """A measurement of the exponents of a chunk after the transient."""
 
-    plan: Plan
-    cases: Cases
     count: int
     blocks: int
     certify: bool
 
     @property
-    def work(self) -> float:
-        """What it costs, in plain forcing periods."""
-        checks = 2 * tangents_cost(1) + PAIR if self.certify else 0.0
-        return (tangents_cost(self.count) + checks) * measured_periods(self.blocks) + LOOK * PAUSE
+    def cost(self) -> float:
+        """Cost in unrecorded forcing periods."""
+        half_step = 2 * tangents_cost(1) if self.certify else 0.0
+        return (tangents_cost(self.count) + half_step) * measured_periods(self.blocks) + LOOK * PERIODS_PER_CALL
 
     def blank(self, settled: _Settled) -> Measured:
-        """Of cases that were not measured."""
+        """Results of cases that were not measured."""
         cases, periods = len(settled.status), BLOCK * self.blocks
         rows = lambda count: np.full((cases, periods, count), np.nan)
-        no = np.full(cases, int(Status.NOT_RUN))
-        checks = Checks(rows(1), no.copy(), rows(1), no.copy(), np.full(cases, np.nan)) if self.certify else None
+        status = np.full(cases, int(Status.NOT_RUN))
+        checks = Checks(rows(1), status.copy(), np.full(cases, np.nan)) if self.certify else None
         unresolved = np.full(cases, KINDS.index("unresolved"))
-        return Measured(no, unresolved, np.zeros(cases, int), rows(self.count), settled.state, checks)
+        return Measured(status, unresolved, np.zeros(cases, int), rows(self.count), settled.state, checks)
 
-    def __call__(self, scenes: Any, settled: _Settled, steps: int, on_progress: OnProgress) -> Measured:
-        plan, epoch = self.plan, float(self.plan.periods)
-        measure = Measure(plan, scenes, settled.state, epoch, self.blocks, steps, on_progress)
-        plain = measure(steps, self.count)
-        states = jax.tree.map(np.asarray, plain.state)
+    def __call__(self, plan: Plan, part: Part, settled: _Settled) -> Measured:
+        steps, epoch = part.steps, float(plan.periods)
+        measure = Measure(plan.solver, part.scenes, settled.state, epoch, self.blocks, steps, part.on_progress)
+        local = measure(steps, self.count)
+        states = jax.tree.map(np.asarray, local.state)
         everyone, rows = np.arange(len(settled.status)), rows_of(states)
-        maps = Maps(scenes, states, steps, plan.solver, 0 * everyone, on_progress, epoch + measure.periods)
-        status = first_problem(settled.status, plain.status)
-        status = np.asarray(first_problem(status, maps.look(everyone, rows, plan.room(steps))))
-        strobe = np.where((status == Status.FINITE)[:, None, None], plain.strobe, np.nan)
+        end = epoch + measure.periods
+        maps = Maps(part.scenes, states, steps, plan.solver, 0 * everyone, part.on_progress, end)
+        status = first_problem(settled.status, local.status)
+        status = np.asarray(first_problem(status, maps.look(everyone, rows, plan.capacity(steps))))
+        strobe = np.where((status == Status.FINITE)[:, None, None], local.strobe, np.nan)
         motion = classify(strobe, scales=COORDINATE_SCALES, floor=FLOOR)
         checks = None
         if self.certify:
-            half, pair = measure(2 * steps, 1), measure(steps, 1, 1e-7)
+            half = measure(2 * steps, 1)
             floquet, periodic = np.full(len(rows), np.nan), np.flatnonzero(motion.period)
             matrices = maps._replace(periods=motion.period).jacobians(periodic, rows[periodic])
             floquet[periodic] = [largest_exponent(of_case, len(of_case)) for of_case in matrices]
-            checks = Checks(half.history, half.status, pair.history, pair.status, floquet)
+            checks = Checks(half.history, half.status, floquet)
         kind = np.array([KINDS.index(name) for name in motion.kind])
-        return Measured(status, kind, motion.period, plain.history, states, checks)
+        return Measured(status, kind, motion.period, local.history, states, checks)
 
 
-def _stages(
-    settle: _Settle, measure: _Measurement, chunk: int | None, workers: int | None, progress: bool
-) -> tuple[Measured, np.ndarray, Runs]:
-    """The transient and the measurement of what has not reached an orbit; which cases have, and the last run."""
-    plan, cases = settle.plan, settle.cases
-    chunks, threads = plan.chunks(chunk, workers, tangents=True)
-    each = sum(part.cost for part in chunks)
-    later = Later(
-        each * (measure.work + (work_of_votes(measure.blocks, measure.count) if measure.certify else 0)),
-        "for cases without a stable orbit",
-    )
-    runs = run_chunks(chunks, threads, settle, periods=settle.work, progress=progress, name="transient", later=later)
-    settled = records_in_order(chunks, runs.results)
-    found, by_orbit = measure.blank(settled), settled.reached.period > 0
-    _put_orbits(found, by_orbit, settled.reached)
-    rest = np.flatnonzero(~by_orbit)
-    finished = int(by_orbit.sum())
-    if len(rest) and not runs.interrupted:
-        chunks, threads = dataclasses.replace(plan, steps=plan.steps[rest]).chunks(chunk, workers, tangents=True)
-
-        def work(part: Chunk, on_progress: OnProgress) -> Measured:
-            index = rest[part.index]
-            of_chunk = jax.tree.map(lambda a: a[index], settled)
-            return measure(cases.take(index)[0], of_chunk, part.steps, on_progress)
-
-        later = Later(
-            sum(part.cost for part in chunks) * work_of_votes(measure.blocks, measure.count), "for chaotic cases"
-        )
-        options: dict[str, Any] = dict(progress=progress, name=f"exponents of {len(rest)} cases")
-        options |= dict(later=later if measure.certify else None)
-        try:
-            runs = run_chunks(chunks, threads, work, periods=measure.work, **options)
-        except Interrupted:
-            runs = Runs([], 0, len(rest), True)
-        else:
-            for part, of_all in zip(
-                jax.tree.leaves(records_in_order(chunks, runs.results)), jax.tree.leaves(found), strict=True
-            ):
-                of_all[rest] = part
-        finished += runs.finished
-    runs = runs._replace(finished=finished, cases=cases.count)
-    if runs.interrupted and not finished:
-        raise Interrupted(None, 0, cases.count)
-    return found, by_orbit, runs
-
-
-def _put_orbits(found: Measured, by_orbit: np.ndarray, reached: Reached) -> None:
-    """Fills in what is known of the cases that have reached an orbit."""
-    found.status[by_orbit] = Status.FINITE
-    found.kind[by_orbit] = KINDS.index("period")
-    found.period[by_orbit] = reached.period[by_orbit]
-    found.history[by_orbit] = reached.exponents[by_orbit, None]
-    if found.checks is not None:
-        found.checks.half_step[by_orbit] = reached.half_step[by_orbit, None, None]
-        found.checks.half_step_status[by_orbit] = found.checks.two_trajectories_status[by_orbit] = Status.FINITE
-        found.checks.floquet[by_orbit] = reached.exponents[by_orbit, 0]
-
-
-def _votes(chosen: np.ndarray, take: Callable) -> tuple[Voted | None, np.ndarray | None]:
-    """The votes of the chosen cases, and which cases have none because of an interrupt; None without one."""
-    try:
-        votes, interrupted = take()
-    except Interrupted:
-        return None, chosen
-    if not interrupted:
-        return Voted(chosen, votes), None
-    done = votes.status != Status.NOT_RUN
-    return Voted(chosen[done], jax.tree.map(lambda a: a[done], votes)), chosen[~done]
+def _put_orbits(measured: Measured, by_orbit: np.ndarray, reached: Reached) -> None:
+    """Fills in the cases that have reached an orbit."""
+    measured.status[by_orbit] = Status.FINITE
+    measured.kind[by_orbit] = KINDS.index("period")
+    measured.period[by_orbit] = reached.period[by_orbit]
+    measured.history[by_orbit] = reached.exponents[by_orbit, None]
+    if measured.checks is not None:
+        measured.checks.half_step[by_orbit] = reached.half_step[by_orbit, None, None]
+        measured.checks.half_step_status[by_orbit] = Status.FINITE
+        measured.checks.floquet[by_orbit] = reached.exponents[by_orbit, 0]

@@ -17,11 +17,10 @@ from ..model.kinematics import Motion
 from ..model.quantities import COORDINATE_SCALES
 from ..model.scene import Scene
 from ..tools.checks import number, one_of, positive
-from .executors import ChunkRun, in_order, records_in_order, run_chunk, run_chunks
-from .grid import Cases, filled, path_cases
-from .plan import Chunk, OnProgress, make_plan
+from .grid import Grid, filled, path_grid
 from .records import resolved_record
-from .sweep import CaseRuns, sweep_dataset
+from .run import Chunk, OnProgress, RunOptions, call_of, make_plan, run_chunk, run_chunks
+from .sweep import CaseResults, sweep_dataset
 
 DIRECTIONS = {"up": 1, "down": -1}
 """Ways through a parameter's values."""
@@ -59,57 +58,40 @@ def follow(
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
     """
-    records, start = resolved_record(record), first_of(start)
-    cases, _, values = path_cases(scene, path, start)
+    call = call_of("follow", locals())
+    start = first_of(start)
+    grid, _, values = path_grid(scene, path)
     several = isinstance(directions, tuple | list) and len(directions) > 0
     if not several or any(directions.count(d) > 1 for d in directions):
         raise ValueError(f"Argument `directions` must name one or more ways, each once, but is {directions!r}.")
     ways = [DIRECTIONS[one_of("directions", d, tuple(DIRECTIONS))] for d in directions]
-    plan = make_plan(
-        scene,
-        cases,
-        records=records,
-        transient=transient,
-        periods=periods,
-        steps_per_period=steps_per_period,
-        saves_per_period=saves_per_period,
-        solver=solver,
-    )
-    places = np.arange(len(values))
-    columns = np.stack([places[::way] for way in ways], axis=1)  # (values, directions)
+    options = RunOptions(transient, periods, steps_per_period, saves_per_period, solver)
+    plan = make_plan(grid, start, options, resolved_record(record))
+    cases, lanes = plan.cases, np.arange(len(ways))
+    columns = np.stack([np.arange(len(values))[::way] for way in ways], axis=1)  # (values, directions)
     # where the cases at each value stand in the list of all directions and values
-    index = [column + len(values) * np.arange(len(ways)) for column in columns]
-    chunks = [Chunk(at, len(ways), int(plan.steps[c].max())) for at, c in zip(index, columns, strict=True)]
+    chunks = [Chunk(c + len(values) * lanes, len(ways), int(plan.steps[c].max())) for c in columns]
     states: State | None = None
     passed = 0
 
-    def work(chunk: Chunk, on_progress: OnProgress) -> ChunkRun:
+    def work(chunk: Chunk, on_progress: OnProgress) -> CaseResults:
         nonlocal states, passed
         scenes, starts = cases.take(filled(columns[passed], len(ways)))
         begin = initial_states(scenes, starts) if states is None else states
-        found = run_chunk(plan, scenes, begin, chunk.steps, on_progress, epoch=passed * plan.periods)
-        states, passed = found.state, passed + 1
-        return found
+        run = run_chunk(plan, scenes, begin, chunk.steps, on_progress, epoch=passed * plan.periods)
+        states, passed = run.state, passed + 1
+        return CaseResults(run.status, run.record)
 
     # one worker: each begins where the one before ended
-    runs = run_chunks(chunks, 1, work, periods=plan.work, progress=progress)
-    steps = in_order(chunks, [np.full(len(ways), chunk.steps) for chunk in chunks])
-    status, arrays = records_in_order(chunks, [(run.status, run.record) for run in runs.results])
-    call = dict(
-        function="follow",
-        values=len(values),
-        directions=list(directions),
-        record=record,
-        transient=transient,
-        periods=periods,
-        steps_per_period=steps_per_period,
-        saves_per_period=saves_per_period,
-    )
-    found = CaseRuns(status, steps, arrays)
-    return runs.checked(sweep_dataset(plan, cases, found, call, {"direction": list(directions)}))
+    run = run_chunks(chunks, 1, work, cost=plan.cost, progress=progress)
+    steps = np.empty(len(run.finished), int)
+    for chunk in chunks:
+        steps[chunk.index] = chunk.steps
+    call |= dict(values=len(values), directions=list(directions), steps_per_period=steps_per_period)
+    return run.checked(lambda: sweep_dataset(plan, run.results, steps, call, {"direction": list(directions)}))
 
 
-PATIENCE = 5
+MOST_HOLDS = 5
 """How often a motion that still moves is held once more at a parameter's value."""
 
 
@@ -152,7 +134,6 @@ def find_jump(
     steps_per_period: int | None = None,
     start: Motion | State | Trajectory | None = None,
     threshold: float = 0.3,
-    on_progress: OnProgress = lambda periods: None,
 ) -> Jump:
     """Follows a motion along a parameter until it jumps, and bisects for where.
 
@@ -160,11 +141,9 @@ def find_jump(
     than `threshold` (in multiples of `slipperjax.model.COORDINATE_SCALES`) between neighbours; then the step is
     halved from the last state on the branch, until it is no longer than `within` [the parameter's unit]. Near the end
     of a branch a motion leaves it slowly: it is held at each value until its mean strobe state moves by less than a
-    tenth of `threshold` from one `transient` and `periods` to the next, at most `PATIENCE` times.
+    tenth of `threshold` from one `transient` and `periods` to the next, at most `MOST_HOLDS` times.
 
-    **Arguments:** `path`: one parameter's name and its values in increasing order; `on_progress`: called with the
-    number of forcing periods after each call, and with 0 before it; what it raises ends the search; others as for
-    `follow`.
+    **Arguments:** `path`: one parameter's name and its values in increasing order; others as for `follow`.
 
     **Returns:** the first `Jump` met, or one with `found` False. The search ends at a value whose motion gets a
     status other than `FINITE`, because nothing can be followed from there.
@@ -172,26 +151,25 @@ def find_jump(
     **Raises:** `ValueError` that names the argument which is wrong.
     """
     start = first_of(start)
-    _, name, values = path_cases(scene, path, start)
+    _, name, values = path_grid(scene, path)
     way = DIRECTIONS[one_of("direction", direction, tuple(DIRECTIONS))]
     within, threshold = number(positive, "within", within), number(positive, "threshold", threshold)
-    options: dict[str, Any] = dict(records=RecordSet((Strobe(),)), transient=transient, periods=periods)
+    options = RunOptions(transient, periods, steps_per_period)
     lanes, epoch = filled(np.zeros(1, int), 1), 0
 
     def run(value: float, state: State | None) -> _Held:
         nonlocal epoch
-        cases = Cases(scene, {name: [value]}, start)
-        plan = make_plan(scene, cases, steps_per_period=steps_per_period, **options)
-        scenes, starts = cases.take(lanes)
+        plan = make_plan(Grid(scene, {name: [value]}), start, options, RecordSet((Strobe(),)))
+        scenes, starts = plan.cases.take(lanes)
         state = initial_states(scenes, starts) if state is None else state
-        done = run_chunk(plan, scenes, state, plan.most_steps, on_progress, epoch=epoch)
+        done = run_chunk(plan, scenes, state, plan.most_steps, epoch=epoch)
         epoch += plan.periods
         mark = done.record[0][0].mean(axis=0) / COORDINATE_SCALES
         return _Held(done.state, mark, Status(int(done.status[0])))
 
     def hold(value: float, state: State | None) -> _Held:
         held = run(value, state)
-        for _ in range(PATIENCE):
+        for _ in range(MOST_HOLDS):
             if held.status != Status.FINITE:
                 break  # nothing can be followed from there
             earlier, held = held, run(value, held.state)

@@ -15,37 +15,10 @@ from ..model.kinematics import Motion
 from ..model.paths import parameter
 from ..model.quantities import STARTS, Parameter
 from ..model.scene import Scene, check_scene
-from ..model.step_size import LEAST_STEPS, rounded_steps, steps_needed
+from ..model.step_size import rounded_steps, steps_needed
 from ..tools.batching import Batched
 from ..tools.checks import brief, one_of, require, whole, yes_or_no
 from ..tools.compile import jit
-from ..tools.limits import cores, refuse_impossible
-
-SECONDS_PER_STEP = 4e-7
-"""Time of a step of one case in a batch, on one core: measured 0.38 us, see the page on speed."""
-LEAST_BYTES = 1000.0
-"""Memory that a case takes at least: its scene, start, status and labels."""
-
-
-def refuse_cases(count: int) -> None:
-    """Refuses more cases than fit into memory, whatever is kept of them.
-
-    **Raises:** `ValueError` that names memory and time.
-    """
-    refuse_impossible(f"{count} cases", LEAST_BYTES * count, LEAST_STEPS * SECONDS_PER_STEP * count / cores())
-
-
-def refuse_run(cases: int, periods: float, values: int, steps: float) -> None:
-    """Refuses a run whose result does not fit into memory or that takes more than a year; see `refuse_impossible`.
-
-    **Arguments:** `periods`: of one case, also for what takes as long; `values`: numbers that are kept of one case;
-    `steps`: over all cases, the sum of their steps in one period.
-
-    **Raises:** `ValueError` that names memory and time.
-    """
-    needed = 2 * 8.0 * values * cases + LEAST_BYTES * cases  # twice while it is put together and written
-    seconds = SECONDS_PER_STEP * steps * periods / cores()
-    refuse_impossible(f"{cases} cases of {periods:.3g} forcing periods", needed, seconds)
 
 
 class Grid:
@@ -101,6 +74,18 @@ class Grid:
             found[label] = (label if label in self.dims else "case", values, _parameter(self.scene, name).attributes)
         return found
 
+    def sample(self, start: Motion | State, count: int) -> "Cases":
+        """Makes `count` cases spread evenly over the grid, or all where there are no more."""
+        if count >= self.count:
+            return Cases(self.scene, self.axes, start, product=self.product)
+        return Cases(self.scene, self.spread(count), start, product=False)
+
+    def spread(self, count: int) -> dict[str, np.ndarray]:
+        """Spreads `count` cases evenly over the grid, as lists; some come more than once where there are fewer."""
+        index = np.floor((np.arange(count) + 0.5) * self.count / count).astype(int)
+        places = np.unravel_index(index, self.shape) if self.product else (index,) * len(self.axes)
+        return {name: values[at] for (name, values), at in zip(self.axes.items(), places, strict=True)}
+
     def part(self, region: tuple[slice, ...]) -> dict[str, np.ndarray]:
         """The values by name in a region, one slice for each of `dims`."""
         slices = region if self.product else region * len(self.axes)
@@ -146,7 +131,6 @@ class Cases(Grid):
         side.
         """
         super().__init__(scene, grid, product=product)
-        refuse_cases(self.count)
         flat = self.axes
         if self.product:
             mesh = np.meshgrid(*self.axes.values(), indexing="ij")
@@ -202,17 +186,17 @@ def filled(index: np.ndarray, least: int) -> np.ndarray:
     return index[np.minimum(np.arange(count), len(index) - 1)]
 
 
-def path_cases(scene: Scene, path: Mapping[str, Any], start: Motion | State) -> tuple[Cases, str, np.ndarray]:
-    """The cases along one parameter, its name and its values, which must increase.
+def path_grid(scene: Scene, path: Mapping[str, Any]) -> tuple[Grid, str, np.ndarray]:
+    """The grid along one parameter, its name and its values, which must increase.
 
     **Raises:** `ValueError` for several parameters, a coordinate of the start, or values that do not increase.
     """
     require(isinstance(path, Mapping) and len(path) == 1, "path", "name one parameter with increasing values", path)
-    cases = Cases(scene, path, start)
-    name, values = next(iter(cases.axes.items()))
-    if len(cases.axes) > 1 or name in STARTS or np.any(np.diff(values) <= 0):
+    grid = Grid(scene, path)
+    name, values = next(iter(grid.axes.items()))
+    if name in STARTS or np.any(np.diff(values) <= 0):
         raise ValueError(f"Argument `path` must name one parameter with increasing values, but is {path!r}.")
-    return cases, name, values
+    return grid, name, values
 
 
 METHODS = ("sobol", "halton", "latin", "random")

@@ -21,8 +21,8 @@ from ..orbits.motions import Settled
 from ..tools.batching import Batched
 from ..tools.compile import jit
 from .grid import filled
-from .plan import PAUSE, OnProgress
 from .records import JACOBIAN, LOOK
+from .run import PERIODS_PER_CALL, OnProgress
 
 LANES = 32
 """Cases in one call. A program of another size takes as long to compile as hundreds of Jacobians take to compute."""
@@ -117,7 +117,7 @@ class Maps(NamedTuple):
         **Arguments:** `room`: steps per period that the program has room for, of `Plan.room`.
         """
         found = self._of_blocks(self._looked, index, rows, room=room)
-        self.on_progress(LOOK * PAUSE * len(index) / self.count)
+        self.on_progress(LOOK * PERIODS_PER_CALL * len(index) / self.count)
         return found
 
     def statuses(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -130,7 +130,7 @@ class Maps(NamedTuple):
 
     @property
     def _looking(self) -> dict[str, Any]:
-        return dict(solver=self.solver, periods=PAUSE, records=RecordSet((ContactChecks(),)))
+        return dict(solver=self.solver, periods=PERIODS_PER_CALL, records=RecordSet((ContactChecks(),)))
 
     def _roomy(self, room: int) -> ConstantSteps:
         return ConstantSteps(room, jnp.asarray(float(self.steps)))

@@ -28,14 +28,22 @@ from ..orbits.motions import check_forcing
 from ..orbits.periodic import TOLERANCE
 from ..tools.batching import Batched
 from ..tools.checks import number, positive, whole
-from .executors import records_in_order, run_chunk, run_chunks
-from .grid import Cases
+from .grid import Grid
 from .maps import Maps, rows_of
-from .plan import PAUSE, OnProgress, make_plan, strobe_plan
 from .records import JACOBIAN
-from .stores.stored import storable
-from .stores.target import Store
-from .sweep import case_attributes, case_variables
+from .run import (
+    PERIODS_PER_CALL,
+    OnProgress,
+    Part,
+    Plan,
+    RunOptions,
+    call_of,
+    make_plan,
+    run_cases,
+    run_chunk,
+)
+from .store import Store, storable
+from .sweep import Column, case_attributes, case_dataset
 
 HALVINGS = 5
 """How often a step is halved before it is taken whatever it gives."""
@@ -84,74 +92,97 @@ def find_orbits(
     on_progress: OnProgress,
     inverse: Float[np.ndarray, "cases size size"] | None = None,
 ) -> Orbits:
-    """The orbits near some states of a batch, each by Newton's method; see `Orbits.status` for what became of them.
+    """Finds the orbits near some states of a batch, each by Newton's method; see `Orbits.status` for the outcome.
 
     **Arguments:** `states`: with a leading axis of cases; `period`: forcing periods after which the orbits recur, of
     all or of each case, 0 for those without a search; `steps`: per forcing period; `inverse`: guesses of
     `Orbits.inverse`, such as neighbours', NaN where there is none.
     """
-    x = rows_of(states)
-    everyone = np.arange(len(x))
-    maps = Maps(scenes, states, steps, solver, np.broadcast_to(period, len(x)), on_progress)
-    asked = maps.periods > 0
-    miss, size = np.zeros_like(x), np.full(len(x), np.inf)
-    first = everyone[asked]
-    miss[first] = maps.mapped(first, x[first]) - x[first]
-    size[first] = _sizes(miss[first], maps.weights(first, x[first]))
-    share, count, jacobians = np.ones(len(x)), np.zeros(len(x), int), np.zeros(len(x), int)
-    inverse = np.full((len(x), x.shape[1], x.shape[1]), np.nan) if inverse is None else inverse.copy()
-    stale = ~np.all(np.isfinite(inverse), axis=(1, 2))
-    while True:
-        going = np.isfinite(size) & (size > tolerance) & (count < max_iterations)
-        going &= ~(stale & (jacobians >= MOST_JACOBIANS))
-        if not going.any():
-            break
-        fresh = np.flatnonzero(going & stale)
-        if len(fresh):
-            inverse[fresh] = _inverses(maps.jacobians(fresh, x[fresh]))
-            jacobians[fresh] += 1
-            stale[fresh], share[fresh] = False, 1.0
-        now = np.flatnonzero(going)
-        direction = np.einsum("kij,kj->ki", inverse[now], miss[now])
-        proposed = maps.settled(now, x[now] + share[now, None] * direction, x[now] + miss[now])
-        weights = maps.weights(now, proposed)
-        new_miss = maps.mapped(now, proposed) - proposed
-        new_size = _sizes(new_miss, weights)
-        count[now] += 1
-        last = share[now] <= 0.5**HALVINGS
-        good = (new_size <= (1 - FALL * share[now]) * size[now]) | (last & np.isfinite(new_size))
-        some = now[good]
-        moved, fell = proposed[good] - x[some], miss[some] - new_miss[good]
-        inverse[some] = _broyden(inverse[some], moved, fell, weights[good])
-        stale[some] = new_size[good] > SLOW * size[some]
-        x[some], miss[some], size[some], share[some] = proposed[good], new_miss[good], new_size[good], 1.0
-        share[now[~good]] /= 2
-        count[now[~good & last]] = max_iterations  # every step leaves the finite numbers
-    status = maps.statuses(everyone, x)
-    status = np.where((status == Status.FINITE) & ~(size <= tolerance), int(Status.NO_ORBIT), status)
-    mu, growth = np.full(x.shape, np.nan + 0j), np.full(len(x), np.nan)
-    found = np.flatnonzero(status == Status.FINITE)
-    if len(found):
-        matrices = maps.jacobians(found, x[found])
-        jacobians[found] += 1
-        mu[found] = [multipliers(of_periods) for of_periods in matrices]
-        growth[found] = [_growth(*both) for both in zip(matrices, maps.weights(found, x[found]), strict=True)]
-        # one more step by the Jacobian at hand
-        inverse[found] = _inverses(matrices)
-        x[found] += np.einsum("kij,kj->ki", inverse[found], miss[found])
-    inverse[~np.isin(everyone, found)] = np.nan
-    return Orbits(maps.states(x), size, count, jacobians, mu, growth, inverse, status)
+    search = _Search(Maps(scenes, states, steps, solver, np.broadcast_to(period, len(states.motion.y)), on_progress))
+    if inverse is not None:
+        search.inverse = inverse.copy()
+        search.stale = ~np.all(np.isfinite(inverse), axis=(1, 2))
+    while len(going := search.going(tolerance, max_iterations)):
+        search.renew(going[search.stale[going]])
+        search.step(going, max_iterations)
+    return search.orbits(tolerance)
+
+
+class _Search:
+    """Newton's method for all cases of a batch; its arrays have a leading axis of cases."""
+
+    def __init__(self, maps: Maps):
+        self.maps, self.rows = maps, rows_of(maps.like)
+        cases, size = self.rows.shape
+        self.miss, self.residual = np.zeros_like(self.rows), np.full(cases, np.inf)
+        self.share = np.ones(cases)
+        """Of a full step that is tried next."""
+        self.iterations, self.jacobians = np.zeros(cases, int), np.zeros(cases, int)
+        self.inverse, self.stale = np.full((cases, size, size), np.nan), np.ones(cases, bool)
+        wanted = np.flatnonzero(maps.periods)
+        begin = self.rows[wanted]
+        self.miss[wanted] = maps.mapped(wanted, begin) - begin
+        self.residual[wanted] = _residuals(self.miss[wanted], maps.weights(wanted, begin))
+
+    def going(self, tolerance: float, max_iterations: int) -> np.ndarray:
+        """Indices of the cases whose search goes on."""
+        going = np.isfinite(self.residual) & (self.residual > tolerance) & (self.iterations < max_iterations)
+        return np.flatnonzero(going & ~(self.stale & (self.jacobians >= MOST_JACOBIANS)))
+
+    def renew(self, index: np.ndarray) -> None:
+        """Computes the Jacobians of some cases."""
+        if len(index):
+            self.inverse[index] = _inverses(self.maps.jacobians(index, self.rows[index]))
+            self.jacobians[index] += 1
+            self.stale[index], self.share[index] = False, 1.0
+
+    def step(self, index: np.ndarray, max_iterations: int) -> None:
+        """Tries one step of some cases, and takes it where the residual falls, or where it was halved often."""
+        rows, miss, share, maps = self.rows[index], self.miss[index], self.share[index], self.maps
+        direction = np.einsum("kij,kj->ki", self.inverse[index], miss)
+        proposed = maps.settled(index, rows + share[:, None] * direction, rows + miss)
+        weights = maps.weights(index, proposed)
+        new_miss = maps.mapped(index, proposed) - proposed
+        new_residual = _residuals(new_miss, weights)
+        self.iterations[index] += 1
+        last = share <= 0.5**HALVINGS
+        good = (new_residual <= (1 - FALL * share) * self.residual[index]) | (last & np.isfinite(new_residual))
+        taken, moved, fell = index[good], (proposed - rows)[good], (miss - new_miss)[good]
+        self.inverse[taken] = _broyden(self.inverse[taken], moved, fell, weights[good])
+        self.stale[taken] = new_residual[good] > SLOW * self.residual[taken]
+        self.rows[taken], self.miss[taken], self.residual[taken] = proposed[good], new_miss[good], new_residual[good]
+        self.share[taken] = 1.0
+        self.share[index[~good]] /= 2
+        self.iterations[index[~good & last]] = max_iterations  # every step leaves the finite numbers
+
+    def orbits(self, tolerance: float) -> Orbits:
+        """Collects the orbits, with multipliers where there are any, after one more step by their Jacobian."""
+        maps, rows, everyone = self.maps, self.rows, np.arange(len(self.rows))
+        status = maps.statuses(everyone, rows)
+        status = np.where((status == Status.FINITE) & ~(self.residual <= tolerance), int(Status.NO_ORBIT), status)
+        mu, growth = np.full(rows.shape, np.nan + 0j), np.full(len(rows), np.nan)
+        good = np.flatnonzero(status == Status.FINITE)
+        if len(good):
+            matrices = maps.jacobians(good, rows[good])
+            self.jacobians[good] += 1
+            mu[good] = [multipliers(of_periods) for of_periods in matrices]
+            growth[good] = [_growth(*both) for both in zip(matrices, maps.weights(good, rows[good]), strict=True)]
+            self.inverse[good] = _inverses(matrices)
+            rows[good] += np.einsum("kij,kj->ki", self.inverse[good], self.miss[good])
+        self.inverse[~np.isin(everyone, good)] = np.nan
+        state = maps.states(rows)
+        return Orbits(state, self.residual, self.iterations, self.jacobians, mu, growth, self.inverse, status)
 
 
 def _growth(matrices: np.ndarray, weights: np.ndarray) -> float:
-    seen = weights > 0
-    scaled = (matrices * weights[:, None])[:, seen][:, :, seen] / weights[seen]
+    used = weights > 0
+    scaled = (matrices * weights[:, None])[:, used][:, :, used] / weights[used]
     return float(np.log(np.max(np.linalg.norm(scaled, 2, axis=(1, 2)), initial=1e-300)))
 
 
-def _sizes(miss: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    seen = np.max(np.abs(np.where(weights > 0, weights * miss, 0.0)), axis=1)
-    return np.where(np.all(np.isfinite(miss), axis=1), seen, np.inf)
+def _residuals(miss: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    greatest = np.max(np.abs(np.where(weights > 0, weights * miss, 0.0)), axis=1)
+    return np.where(np.all(np.isfinite(miss), axis=1), greatest, np.inf)
 
 
 def _inverses(matrices: Sequence[np.ndarray]) -> np.ndarray:
@@ -159,10 +190,10 @@ def _inverses(matrices: Sequence[np.ndarray]) -> np.ndarray:
     whole = np.stack([functools.reduce(lambda total, later: later @ total, of_periods) for of_periods in matrices])
     system = np.eye(whole.shape[-1]) - whole
     finite = np.all(np.isfinite(system), axis=(1, 2))
-    found = np.full_like(system, np.nan)
+    inverses = np.full_like(system, np.nan)
     # the pseudo-inverse is defined at folds, too
-    found[finite] = np.linalg.pinv(system[finite], rcond=1e-14)
-    return found
+    inverses[finite] = np.linalg.pinv(system[finite], rcond=1e-14)
+    return inverses
 
 
 def _broyden(inverse: np.ndarray, moved: np.ndarray, fell: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -173,19 +204,18 @@ def _broyden(inverse: np.ndarray, moved: np.ndarray, fell: np.ndarray, weights: 
     return inverse + left[:, :, None] * row[:, None, :] / np.where(share == 0, np.inf, share)[:, None, None]
 
 
-TYPICAL = 8
+TYPICAL_ITERATIONS = 8
 """Iterations of Newton's method that a case takes, about."""
 
 
-class _Found(NamedTuple):
+class _CaseOrbits(NamedTuple):
     """Orbits of a chunk."""
 
     status: np.ndarray
     strobe: np.ndarray
     """States at the start of a period, in the order of `COORDINATES`."""
     state: np.ndarray
-    multiplier_real: np.ndarray
-    multiplier_imag: np.ndarray
+    multipliers: np.ndarray
     residual: np.ndarray
     iterations: np.ndarray
 
@@ -212,8 +242,8 @@ def orbit_sweep(
     """A periodic orbit for every case of a grid, with its Floquet multipliers, by Newton's method after a transient.
 
     **Arguments:** `period`: forcing periods after which the orbits recur; `transient`: forcing periods simulated
-    before, `PAUSE` at least; `tolerance`: scaled residual that counts as found [1]; `max_iterations`: of each case;
-    others as for `sweep`.
+    before, `PERIODS_PER_CALL` at least; `tolerance`: scaled residual that counts as found [1]; `max_iterations`: of
+    each case; others as for `sweep`.
 
     **Returns:** an `xarray.Dataset` over the grid with `strobe`, the state at the start of a forcing period in the
     order of `slipperjax.model.COORDINATES`, and `state`, all its numbers; `multiplier_real` and `multiplier_imag`
@@ -222,54 +252,53 @@ def orbit_sweep(
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
     """
+    call = call_of("orbit_sweep", locals())
     check_forcing(scene)
     start = first_of(start)
-    cases = Cases(scene, grid, start, product=product)
     period, limit = whole("period", period, 1), whole("max_iterations", max_iterations, 1)
-    tolerance = number(positive, "tolerance", tolerance)
-    options: dict[str, Any] = dict(steps_per_period=steps_per_period, solver=solver)
-    plan = make_plan(scene, cases, transient=0, periods=1, **options)
-    plan = strobe_plan(plan, whole("transient", transient, PAUSE))
-    chunks, workers = plan.chunks(chunk, workers, tangents=True)
+    tolerance, passed = number(positive, "tolerance", tolerance), whole("transient", transient, PERIODS_PER_CALL)
+    search = period * (2 * JACOBIAN + TYPICAL_ITERATIONS)
+    options = RunOptions(0, 1, steps_per_period, None, solver)
+    plan = make_plan(Grid(scene, grid, product=product), start, options, cost_after=passed + search).strobes(passed)
 
-    def work(chunk, on_progress):
-        scenes, starts = cases.take(chunk.index)
-        passed = run_chunk(plan, scenes, initial_states(scenes, starts), chunk.steps, on_progress)
-        some = np.arange(chunk.cases)
-        of_cases = scenes.take(some), jax.tree.map(lambda a: np.asarray(a)[some], passed.state)
-        how: dict[str, Any] = dict(solver=plan.solver, period=period, tolerance=tolerance, max_iterations=limit)
-        found = find_orbits(*of_cases, chunk.steps, on_progress=on_progress, **how)
-        mu = found.multipliers
-        states = coordinates(found.state), rows_of(found.state)
-        return _Found(found.status, *states, mu.real, mu.imag, found.residual, found.iterations)
+    def work(part: Part) -> _CaseOrbits:
+        run = run_chunk(plan, part.scenes, initial_states(part.scenes, part.starts), part.steps, part.on_progress)
+        counted = np.arange(part.cases)
+        orbits = find_orbits(
+            part.scenes.take(counted),
+            jax.tree.map(lambda a: np.asarray(a)[counted], run.state),
+            part.steps,
+            on_progress=part.on_progress,
+            solver=plan.solver,
+            period=period,
+            tolerance=tolerance,
+            max_iterations=limit,
+        )
+        rows, multipliers = rows_of(orbits.state), orbits.multipliers
+        return _CaseOrbits(
+            orbits.status, coordinates(orbits.state), rows, multipliers, orbits.residual, orbits.iterations
+        )
 
-    work_of_case = plan.work + period * (2 * JACOBIAN + TYPICAL)
-    runs = run_chunks(chunks, workers, work, periods=work_of_case, progress=progress, name="orbits")
-    found = records_in_order(chunks, runs.results)
-    call = dict(function="orbit_sweep", product=product, period=period, transient=transient)
-    call |= dict(tolerance=tolerance, max_iterations=limit)
-    attrs = case_attributes(plan, cases, call) | {"transient": plan.periods, "orbit_period": period}
-    return runs.checked(_dataset(cases, found, plan.steps, attrs))
+    how = dict(chunk=chunk, workers=workers, progress=progress, tangents=True, name="orbits")
+    run = run_cases(plan, work, cost=plan.cost + search, **how)
+    attrs = case_attributes(plan, call) | {"transient": plan.periods, "orbit_period": period}
+    return run.checked(lambda: _dataset(plan, run.results, attrs))
 
 
-def _dataset(cases: Cases, found: _Found, steps: np.ndarray, attrs: Mapping[str, Any]) -> xr.Dataset:
-    largest = np.hypot(found.multiplier_real, found.multiplier_imag)[:, 0]
+def _dataset(plan: Plan, orbits: _CaseOrbits, attrs: Mapping[str, Any]) -> xr.Dataset:
+    largest = np.abs(orbits.multipliers[:, 0])
     with np.errstate(divide="ignore"):
         exponent = np.log(largest) / attrs["orbit_period"]
     text = "; ".join(f"{name} [{q.unit}]" for name, q in COORDINATES.items())
-    # values, dimensions besides the grid's, unit, description
-    flat: dict[str, tuple[np.ndarray, tuple[str, ...], str, str]] = {
-        "strobe": (found.strobe, ("coordinate",), "", f"state at the start of a forcing period: {text}"),
-        "state": (found.state, ("number",), "", "all numbers of the state, as in slipperjax.State"),
-        "multiplier_real": (found.multiplier_real, ("multiplier",), "1", "Floquet multipliers, real parts"),
-        "multiplier_imag": (found.multiplier_imag, ("multiplier",), "1", "Floquet multipliers, imaginary parts"),
+    real, imaginary = orbits.multipliers.real, orbits.multipliers.imag
+    columns: dict[str, Column] = {
+        "strobe": (orbits.strobe, ("coordinate",), "", f"state at the start of a forcing period: {text}"),
+        "state": (orbits.state, ("number",), "", "all numbers of the state, as in slipperjax.State"),
+        "multiplier_real": (real, ("multiplier",), "1", "Floquet multipliers, real parts"),
+        "multiplier_imag": (imaginary, ("multiplier",), "1", "Floquet multipliers, imaginary parts"),
         "exponent": (exponent, (), "1/period", "ln of the largest multiplier's modulus, per forcing period"),
         "stable": (largest < 1, (), "", "whether all multipliers lie inside the unit circle"),
-        "residual": (found.residual, (), "1", "scaled residual"),
-        "iterations": (found.iterations, (), "1", "iterations of Newton's method"),
+        "residual": (orbits.residual, (), "1", "scaled residual"),
+        "iterations": (orbits.iterations, (), "1", "iterations of Newton's method"),
     }
-    ds = xr.Dataset(coords={**cases.coordinates(), "coordinate": list(COORDINATES)}, attrs=attrs)
-    for name, (values, more, unit, words) in flat.items():
-        label = {"units": unit, "long_name": words} if unit else {"long_name": words}
-        ds[name] = ((*cases.dims, *more), values.reshape(cases.shape + values.shape[1:]), label)
-    return ds.assign(case_variables(cases.dims, found.status.reshape(cases.shape), steps.reshape(cases.shape)))
+    return case_dataset(plan, orbits.status, columns, attrs, {"coordinate": list(COORDINATES)})

@@ -26,8 +26,8 @@ from .attractors import FLOOR, attractors, strobe_states
 from .grid import Cases, filled
 from .maps import Maps, rows_of
 from .orbits import Orbits, find_orbits
-from .plan import OnProgress
 from .records import LONGEST
+from .run import OnProgress
 
 RECURS = 0.02
 """Distance of states a period apart, in multiples of `COORDINATE_SCALES`, below which an orbit is looked for."""

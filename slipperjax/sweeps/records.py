@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
+import diffrax
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -13,15 +13,15 @@ from ..flow.period_map import advance_tangents, initial_tangents
 from ..flow.record import AbstractRecord, Labelled, RecordedSpan, RecordSet, attributes
 from ..flow.records import ALIASES, RECORDS, ContactChecks, OnePoint
 from ..flow.series import History, Sections, Strobe, coordinates
+from ..flow.simulate import flexible_steps
 from ..flow.status import Status, first_problem
-from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State
 from ..model.quantities import COORDINATE_SCALES, LOADS, Quantity
 from ..model.scene import Scene
 from ..tools.batching import Batched
 from ..tools.checks import brief, require, whole, yes_or_no
 from .attractors import FLOOR
-from .plan import OnProgress, Plan
+from .run import OnProgress, RecordedChunk
 
 BLOCK = 20
 """Forcing periods in one call; the first such block turns the tangents into their directions and is not counted."""
@@ -29,12 +29,12 @@ LONGEST = 16
 """Longest period of a motion whose Floquet multipliers are computed, or whose orbit is looked for."""
 LAST = 200
 """Forcing periods at the end of a record from which a motion is classified."""
-PAIR, JACOBIAN, LOOK = 2.0, 35.0, 2.4
-"""What a period of two trajectories, with its Jacobian, and with its loads costs, in plain ones: measured."""
+JACOBIAN, LOOK = 35.0, 2.4
+"""Cost of a period with its Jacobian, and with its loads, in unrecorded ones: measured."""
 
 
 def tangents_cost(count: int) -> float:
-    """What a period with `count` tangents costs, in plain ones: measured 2.1 to 2.9 with one, 5.7 with three."""
+    """Cost of a period with `count` tangents, in unrecorded ones: measured 2.1 to 2.9 with one, 5.7 with three."""
     return 1.0 + 1.6 * count
 
 
@@ -55,9 +55,9 @@ class Local(NamedTuple):
 
 
 class Measure(NamedTuple):
-    """Measures exponents of a chunk from its states at the start of the period `epoch`."""
+    """A measurement of exponents of a chunk, from its states at the start of the period `epoch`."""
 
-    plan: Plan
+    solver: diffrax.AbstractSolver
     scenes: Batched[Scene]
     states: State
     epoch: float
@@ -72,16 +72,15 @@ class Measure(NamedTuple):
         """Forcing periods of one measurement, those in which tangents turn into their directions included."""
         return measured_periods(self.blocks)
 
-    def __call__(self, steps: int, count: int, distance: float | None = None) -> Local:
-        """Local exponents with `steps` per period; by differences to neighbours at `distance` if that is given."""
+    def __call__(self, steps: int, count: int) -> Local:
+        """Measures local exponents with `steps` per period."""
         states, tangents = self.states, initial_tangents(self.scenes, self.states, count)
-        away = None if distance is None else jnp.asarray(distance)
-        weight = (tangents_cost(count) if distance is None else PAIR) * steps / self.steps
+        weight = tangents_cost(count) * steps / self.steps
         rows, strobes, status = [], [], np.zeros(len(states.motion.y), int)
         for k in range(self.blocks + 1):
             at = self.epoch + k * BLOCK
             states, tangents, history, strobe, codes = advance_tangents(
-                self.scenes, states, tangents, at, _constant(steps), away, solver=self.plan.solver, periods=BLOCK
+                self.scenes, states, tangents, at, flexible_steps(steps), solver=self.solver, periods=BLOCK
             )
             rows.append(np.asarray(history))
             strobes = [*strobes, np.asarray(strobe)][-LAST // BLOCK :] if k else []
@@ -90,28 +89,10 @@ class Measure(NamedTuple):
         return Local(np.concatenate(rows[1:], axis=1), status, np.concatenate(strobes, axis=1), states)
 
 
-def _constant(steps: int) -> ConstantSteps:
-    """So many steps as an array: one compiled program serves every number."""
-    return ConstantSteps(steps=jnp.asarray(float(steps)))
-
-
 LEAST_PERIODS = 16
 """Recorded periods without which nothing is classified, see `slipperjax.analysis.classify`."""
 LEAST_MEASURED = 8
 """Periods without which an exponent has no standard error, see `slipperjax.analysis.standard_error`."""
-
-
-class RecordedChunk(NamedTuple):
-    """A chunk of cases at the end of its recorded span."""
-
-    plan: Plan
-    scenes: Batched[Scene]
-    states: State
-    epoch: float
-    """Forcing periods before."""
-    steps: int
-    """Integration steps per forcing period."""
-    on_progress: OnProgress
 
 
 class Motions(NamedTuple):
@@ -242,7 +223,9 @@ class LargestExponent(AbstractRecord):
 
     def after(self, carried, status, run: RecordedChunk):
         blocks = self.blocks(run.plan.recorded.periods)
-        found = Measure(run.plan, run.scenes, run.states, run.epoch, blocks, run.steps, run.on_progress)(run.steps, 1)
+        found = Measure(run.plan.solver, run.scenes, run.states, run.epoch, blocks, run.steps, run.on_progress)(
+            run.steps, 1
+        )
         return found.history, first_problem(status, found.status)
 
     def finish(self, carried, samples, span) -> OneExponent:

@@ -19,12 +19,10 @@ from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene
 from ..solvers.latching import solver_name
-from .executors import records_in_order, run_chunk, run_chunks
-from .grid import Cases
-from .plan import Plan, make_plan
+from .grid import Grid
 from .records import resolved_record
-from .stores.stored import storable
-from .stores.target import Store
+from .run import Part, Plan, RunOptions, call_of, make_plan, run_cases, run_chunk
+from .store import Store, storable
 
 
 @storable
@@ -87,75 +85,60 @@ def sweep(
     **Raises:** `ValueError`, before anything is compiled, that names the argument which is wrong, or memory and time
     where the run is impossible; `Interrupted`, which has the finished cases, after Ctrl-C.
     """
-    records, start = resolved_record(record, loads), first_of(start)
-    cases = Cases(scene, grid, start, product=product)
-    plan = make_plan(
-        scene,
-        cases,
-        records=records,
-        transient=transient,
-        periods=periods,
-        steps_per_period=steps_per_period,
-        saves_per_period=saves_per_period,
-        solver=solver,
-    )
-    chunks, workers = plan.chunks(chunk, workers)
+    call = call_of("sweep", locals())
+    cases, start = Grid(scene, grid, product=product), first_of(start)
+    options = RunOptions(transient, periods, steps_per_period, saves_per_period, solver)
+    plan = make_plan(cases, start, options, resolved_record(record, loads))
 
-    def work(chunk, on_progress):
-        scenes, starts = cases.take(chunk.index)
-        return run_chunk(plan, scenes, initial_states(scenes, starts), chunk.steps, on_progress)
+    def work(part: Part) -> CaseResults:
+        states = initial_states(part.scenes, part.starts)
+        run = run_chunk(plan, part.scenes, states, part.steps, part.on_progress)
+        return CaseResults(run.status, run.record)
 
-    runs = run_chunks(chunks, workers, work, periods=plan.work, progress=progress)
-    status, found = records_in_order(chunks, [(run.status, run.record) for run in runs.results])
-    call = dict(
-        function="sweep",
-        product=product,
-        record=record,
-        transient=transient,
-        periods=periods,
-        saves_per_period=saves_per_period,
-        loads=loads,
-    )
-    return runs.checked(sweep_dataset(plan, cases, CaseRuns(status, plan.steps, found), call))
+    run = run_cases(plan, work, cost=plan.cost, chunk=chunk, workers=workers, progress=progress)
+    return run.checked(lambda: sweep_dataset(plan, run.results, plan.steps, call))
 
 
-class CaseRuns(NamedTuple):
-    """All cases after their runs, with a leading axis of cases."""
+class CaseResults(NamedTuple):
+    """Results of cases, with a leading axis of cases."""
 
     status: Int[np.ndarray, " cases"]
     """`slipperjax.Status` codes."""
-    steps: Int[np.ndarray, " cases"]
-    """Integration steps per forcing period."""
     record: tuple[Any, ...]
     """Arrays of the plan's records."""
 
 
 def sweep_dataset(
-    plan: Plan, cases: Cases, found: CaseRuns, call: Mapping[str, Any], first: Mapping[str, list] | None = None
+    plan: Plan,
+    results: CaseResults,
+    steps: Int[np.ndarray, " cases"],
+    call: Mapping[str, Any],
+    first: Mapping[str, list] | None = None,
 ) -> xr.Dataset:
-    """The labelled result of a run.
+    """Labels the results of a run.
 
-    **Arguments:** `call`: the function and its arguments, see `run_attributes`; `first`: dimensions before those of
+    **Arguments:** `steps`: per forcing period of each case; `call`: of `call_of`; `first`: dimensions before those of
     the grid, with their coordinates.
     """
-    first = {} if first is None else first
+    cases, first = plan.cases, {} if first is None else first
     dims = (*first, *cases.dims)
     shape = (*(len(values) for values in first.values()), *cases.shape)
-    record = jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), found.record)
+    record = jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), results.record)
     data, coords = plan.records.label(cases.scene, dims, record)
-    data |= case_variables(dims, found.status.reshape(shape), found.steps.reshape(shape))
+    data |= case_variables(dims, results.status.reshape(shape), steps.reshape(shape))
     if "time" in [dim for dim, *_ in coords.values()]:  # of histories
         seconds = cases.forcing_periods().reshape(*cases.shape, 1) * coords["period"][1]
         coords["seconds"] = ((*cases.dims, "time"), seconds, {"units": "s", "long_name": "time"})
-    attrs = case_attributes(plan, cases, call) | {"record": plan.records.name}
+    attrs = case_attributes(plan, call) | {"record": plan.records.name}
     return xr.Dataset(data, {**coords, **first, **cases.coordinates()}, attrs)
 
 
-def case_attributes(plan: Plan, cases: Cases, call: Mapping[str, Any]) -> dict[str, Any]:
+def case_attributes(plan: Plan, call: Mapping[str, Any]) -> dict[str, Any]:
     """Attributes that every dataset of cases has: the scene's parameters, and all that is needed to run it again."""
-    found = scene_attributes(cases.scene, without=cases.axes)
-    found |= run_attributes(cases.scene, cases.start, {**call, "solver": plan.solver}, map(cases.label, cases.axes))
-    return found | {
+    cases, whole_call = plan.cases, {**call, "solver": plan.solver}
+    attrs = scene_attributes(cases.scene, without=cases.axes)
+    attrs |= run_attributes(cases.scene, cases.start, whole_call, map(cases.label, cases.axes))
+    return attrs | {
         "transient": plan.transient.periods,
         "periods": plan.recorded.periods,
         "solver": solver_name(plan.solver),
@@ -163,8 +146,32 @@ def case_attributes(plan: Plan, cases: Cases, call: Mapping[str, Any]) -> dict[s
 
 
 def case_variables(dims: tuple[str, ...], status: np.ndarray, steps: np.ndarray) -> dict[str, Any]:
-    """What every dataset of cases says of each: how it went, and how many steps it took."""
+    """Variables that every dataset of cases has: how each went, and how many steps it took."""
     return {
         "status": (dims, status, {"long_name": "status", "meaning": MEANINGS}),
         "steps_per_period": (dims, steps, {"units": "1", "long_name": "integration steps per forcing period"}),
     }
+
+
+Column = tuple[np.ndarray, tuple[str, ...], str, str]
+"""Values of cases, dimensions besides those of the grid, unit, description."""
+
+
+def case_dataset(
+    plan: Plan,
+    status: Int[np.ndarray, " cases"],
+    columns: Mapping[str, Column],
+    attrs: Mapping[str, Any],
+    coords: Mapping[str, Any] | None = None,
+) -> xr.Dataset:
+    """Labels numbers of cases: columns by name, with their statuses and steps.
+
+    **Arguments:** `attrs`: of `case_attributes`, and more; `coords`: besides those of the grid.
+    """
+    cases = plan.cases
+    over = lambda values: values.reshape(cases.shape + values.shape[1:])
+    ds = xr.Dataset(coords={**cases.coordinates(), **(coords or {})}, attrs=attrs)
+    for name, (values, dims, unit, words) in columns.items():
+        label = {"units": unit, "long_name": words} if unit else {"long_name": words}
+        ds[name] = ((*cases.dims, *dims), over(values), label)
+    return ds.assign(case_variables(cases.dims, over(status), over(plan.steps)))

@@ -6,7 +6,7 @@ how long the transient may last; and because their records are independent, the 
 correlations that are longer than a record.
 """
 
-import dataclasses
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -19,10 +19,8 @@ from ..flow.status import Status, first_problem
 from ..model.dynamics import State
 from ..model.quantities import COORDINATE_SCALES
 from .attractors import FLOOR
-from .executors import in_order, run_chunk, run_chunks
-from .grid import Cases
-from .plan import PAUSE, Plan, strobe_plan
 from .records import LAST, Measure, measured_periods, tangents_cost
+from .run import PERIODS_PER_CALL, Part, Plan, run_cases, run_chunk
 
 MOTIONS = 4
 """Motions for each case."""
@@ -34,82 +32,82 @@ APART = 1e-6
 """Differences of their lateral velocities at the start [m/s]."""
 
 
-class _Motions(NamedTuple):
-    """What a chunk of motions showed."""
+class _LongMotions(NamedTuple):
+    """Strobes and local exponents of a chunk of longer motions."""
 
+    status: Int[np.ndarray, " lanes"]
     strobe: Float[np.ndarray, "lanes last 10"]
     history: Float[np.ndarray, "lanes periods count"]
-    status: Int[np.ndarray, " lanes"]
 
 
 class Votes(NamedTuple):
-    """What several longer motions of some cases showed."""
+    """Longer motions of some cases."""
 
+    chosen: Int[np.ndarray, " cases"]
+    """Indices of the cases into the list of all."""
     history: Float[np.ndarray, "cases motions periods count"]
-    """Their local exponents."""
+    """Their local exponents [1/period]."""
     escapes: Int[np.ndarray, " cases"]
     """How many became regular: periodic, or without a positive exponent."""
     status: Int[np.ndarray, " cases"]
     """`Status` code of the first motion that went wrong, `NOT_RUN` where one was not finished."""
 
-
-def work_of_votes(blocks: int, count: int) -> float:
-    """What the motions of one case cost, in plain forcing periods of one lane; arguments as for `take_votes`."""
-    return MOTIONS * (HOLD + tangents_cost(count) * measured_periods(blocks))
+    def of(self, index: Int[np.ndarray, " some"]) -> "Votes":
+        """The votes at some places of `chosen`."""
+        return Votes(*(values[index] for values in self))
 
 
 def take_votes(
     plan: Plan,
-    cases: Cases,
     chosen: Int[np.ndarray, " cases"],
     states: State,
     epoch: int,
     blocks: int,
     count: int,
-    chunk: int | None,
-    workers: int | None,
-    progress: bool,
+    options: dict[str, Any],
 ) -> tuple[Votes, bool]:
     """Runs `MOTIONS` motions of each chosen case, for `HOLD` periods and a measurement.
 
-    **Arguments:** `plan`, `cases`: of the sweep; `chosen`: places of the cases; `states`: theirs at the start of the
-    period `epoch`; `blocks`, `count`: of the measurement, see `Measure`; others as for `lyapunov_sweep`.
+    **Arguments:** `plan`: of the sweep; `chosen`: indices of the cases; `states`: of all cases at the start of the
+    period `epoch`; `blocks`, `count`: of the measurement, see `Measure`; `options`: for `run_cases`.
 
     **Returns:** the votes, and whether the run was interrupted.
-
-    **Raises:** `Interrupted` where no motion was finished before an interrupt.
     """
-    of_lane = np.repeat(np.arange(len(chosen)), MOTIONS)
-    apart = APART * np.tile(np.arange(MOTIONS), len(chosen))
-    plan = dataclasses.replace(strobe_plan(plan, HOLD), steps=plan.steps[chosen][of_lane])
-    plan = dataclasses.replace(
-        plan,
-        transient=plan.recorded._replace(count=(HOLD - LAST) // PAUSE),
-        recorded=plan.recorded._replace(count=LAST // PAUSE),
+    plan = plan.strobes(HOLD)
+    calls = plan.recorded
+    before, during = (
+        calls._replace(count=(HOLD - LAST) // PERIODS_PER_CALL),
+        calls._replace(count=LAST // PERIODS_PER_CALL),
     )
-    chunks, workers = plan.chunks(chunk, workers)
+    plan = replace(plan, transient=before, recorded=during)
 
-    def work(part: Any, on_progress: Any) -> _Motions:
-        lanes = of_lane[part.index]
-        scenes, _ = cases.take(chosen[lanes])
-        begin = jax.tree.map(lambda a: a[lanes], states)
-        begin = eqx.tree_at(lambda s: s.motion.v_y, begin, begin.motion.v_y + apart[part.index])
-        held = run_chunk(plan, scenes, begin, part.steps, on_progress, epoch=epoch)
-        measure = Measure(plan, scenes, held.state, float(epoch + plan.periods), blocks, part.steps, on_progress)
-        found = measure(part.steps, count)
-        return _Motions(held.record[0], found.history, first_problem(held.status, found.status))
+    def work(part: Part) -> _LongMotions:
+        begin = jax.tree.map(lambda a: a[part.index], states)
+        # the motions of a case follow one another in the list
+        apart = APART * (part.place % MOTIONS)
+        begin = eqx.tree_at(lambda s: s.motion.v_y, begin, begin.motion.v_y + apart)
+        run = run_chunk(plan, part.scenes, begin, part.steps, part.on_progress, epoch=epoch)
+        end = float(epoch + plan.periods)
+        measure = Measure(plan.solver, part.scenes, run.state, end, blocks, part.steps, part.on_progress)
+        local = measure(part.steps, count)
+        return _LongMotions(first_problem(run.status, local.status), run.record[0], local.history)
 
-    each, name = work_of_votes(blocks, count) / MOTIONS, f"longer motions of {len(chosen)} chaotic cases"
-    runs = run_chunks(chunks, workers, work, periods=each, progress=progress, name=name)
-    strobe, history, status = (in_order(chunks, parts) for parts in zip(*runs.results, strict=True))
-    kinds = classify(
-        np.where((status == Status.FINITE)[:, None, None], strobe, np.nan), scales=COORDINATE_SCALES, floor=FLOOR
+    cost, name = (
+        HOLD + tangents_cost(count) * measured_periods(blocks),
+        f"longer motions of {len(chosen)} chaotic cases",
     )
+    run = run_cases(plan, work, cost=cost, index=np.repeat(chosen, MOTIONS), name=name, **options)
+    if run.results is None:
+        nothing = np.full(len(chosen), int(Status.NOT_RUN))
+        return Votes(chosen, np.full((len(chosen), MOTIONS, 1, count), np.nan), 0 * nothing, nothing), True
+    status, strobe, history = run.results
+    finite = (status == Status.FINITE)[:, None, None]
+    motions = classify(np.where(finite, strobe, np.nan), scales=COORDINATE_SCALES, floor=FLOOR)
     by_case = lambda a: a.reshape(len(chosen), MOTIONS, *a.shape[1:])
     codes = by_case(status)
-    worst = np.take_along_axis(codes, np.argmax(codes != Status.FINITE, axis=1)[:, None], axis=1)[:, 0]
-    worst = np.where(np.any(codes == Status.NOT_RUN, axis=1), int(Status.NOT_RUN), worst)
+    first = np.take_along_axis(codes, np.argmax(codes != Status.FINITE, axis=1)[:, None], axis=1)[:, 0]
+    first = np.where(np.any(codes == Status.NOT_RUN, axis=1), int(Status.NOT_RUN), first)
     # a motion may escape while it is measured, and what it escapes to may be a torus
-    later = history[:, history.shape[1] // 2 :, 0].mean(axis=1)
-    calm = (kinds.kind == "period") | (later <= CALM)
-    return Votes(by_case(history), np.sum(by_case(calm), axis=1), worst), runs.interrupted
+    late = history[:, history.shape[1] // 2 :, 0].mean(axis=1)
+    regular = (motions.kind == "period") | (late <= CALM)
+    return Votes(chosen, by_case(history), np.sum(by_case(regular), axis=1), first), run.interrupted

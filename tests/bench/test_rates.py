@@ -9,8 +9,8 @@ import pytest
 from slipperjax.bench import rates
 from slipperjax.bench.rates import ENGINES, Rate, kernels_per_step, rows, throughput
 from slipperjax.model.dang2024 import paper_scene, table_2_start
-from slipperjax.sweeps.grid import Cases
-from slipperjax.sweeps.plan import CHUNK_OF_DEVICE, make_plan
+from slipperjax.sweeps.grid import Grid
+from slipperjax.sweeps.run import CHUNK_OF_DEVICE, RunOptions, make_plan
 
 from ..cli.commands import call
 
@@ -97,8 +97,8 @@ def test_wrong_arguments_are_named():
 
 def test_a_device_gets_large_chunks_on_one_thread(monkeypatch):
     scene = paper_scene()
-    cases = Cases(scene, {"mass": [14.0] * 3000}, table_2_start(), product=False)
-    plan = make_plan(scene, cases, transient=0, periods=1, steps_per_period=50)
+    grid = Grid(scene, {"mass": [14.0] * 3000}, product=False)
+    plan = make_plan(grid, table_2_start(), RunOptions(0, 1, 50))
     assert plan.chunks(None, 2)[1] == 2
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     chunks, threads = plan.chunks(None, 2)

@@ -13,9 +13,9 @@ from slipperjax.flow.period_map import advance, initial_states
 from slipperjax.flow.record import RecordSet
 from slipperjax.flow.records import RECORDS, ForcePercentile, SpectrumLines
 from slipperjax.flow.stepping import ConstantSteps
-from slipperjax.sweeps.grid import Cases
-from slipperjax.sweeps.plan import make_plan
+from slipperjax.sweeps.grid import Grid
 from slipperjax.sweeps.records import resolved_record
+from slipperjax.sweeps.run import RunOptions, make_plan
 from slipperjax.tools.files import table_lines
 
 pytestmark = pytest.mark.benchmark
@@ -37,13 +37,13 @@ ASKED = {
 
 def test_costs():
     scene = sj.paper_scene()
-    cases = Cases(scene, {"speed": np.linspace(900, 2000, CASES)}, sj.table_2_start())
-    scenes, starts = cases.take(np.arange(CASES))
+    grid = Grid(scene, {"speed": np.linspace(900, 2000, CASES)})
+    scenes, starts = grid.sample(sj.table_2_start(), CASES).take(np.arange(CASES))
     states = initial_states(scenes, starts)
     calls, kept = {}, {}
     for name, record in ASKED.items():
-        how = dict(records=RecordSet() if record is None else resolved_record(record), steps_per_period=STEPS)
-        plan = make_plan(scene, cases, transient=0, periods=PERIODS, **how)
+        records = RecordSet() if record is None else resolved_record(record)
+        plan = make_plan(grid, sj.table_2_start(), RunOptions(0, PERIODS, STEPS), records)
         kept[name] = 8 * plan.values
         options = dict(solver=plan.solver, periods=PERIODS, records=plan.records)
         calls[name] = lambda options=options: advance(scenes, states, 0.0, ConstantSteps(STEPS), **options)

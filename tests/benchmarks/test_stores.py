@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.sweeps.stores.archive import store_status
+from slipperjax.sweeps.store import store_status
 
 from ..sweeps.made_up import a_grid, made_up
 

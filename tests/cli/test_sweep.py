@@ -15,7 +15,7 @@ from slipperjax.cli import main
 from slipperjax.cli.sweep import picture
 from slipperjax.flow.status import ASKED
 from slipperjax.model.quantities import COORDINATES
-from slipperjax.sweeps.stores.archive import Archive
+from slipperjax.sweeps.store import Archive
 
 from .commands import TEN, call, error_of
 
@@ -26,7 +26,7 @@ MAP = ["--over", "speed", 1000, 1600, 5, "--by", "v_y", 0.4, 0.5, 4, *TEN]
 def _small_batches():
     """Eight lanes instead of 128 in each call: the program of `slipperjax bifurcation` in test_cli."""
     with pytest.MonkeyPatch.context() as patch:
-        for room in ("stores.stored", "explain"):
+        for room in ("store", "explain"):
             patch.setattr(f"slipperjax.sweeps.{room}.LARGEST_CHUNK", 8)
         yield
 

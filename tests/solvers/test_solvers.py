@@ -11,8 +11,8 @@ import slipperjax as sj
 from slipperjax.model.linearised import LinearSystem, dense_linearised
 from slipperjax.solvers.latching import calls_lapack, solver_name
 from slipperjax.solvers.twostep import two_step_weights
-from slipperjax.sweeps.grid import Cases
-from slipperjax.sweeps.plan import make_plan
+from slipperjax.sweeps.grid import Grid
+from slipperjax.sweeps.run import RunOptions, make_plan
 
 from ..common import cases, scaled_errors, scene_of
 
@@ -206,8 +206,8 @@ def test_solvers_that_call_lapack_run_on_one_thread():
     assert not calls_lapack(own)
     assert calls_lapack(own, tangents=True)  # by the implicit function theorem, which is diffrax's
     scene = sj.paper_scene()
-    cases = Cases(scene, {"speed": np.linspace(1000, 1100, 41)}, sj.table_2_start())
+    grid = Grid(scene, {"speed": np.linspace(1000, 1100, 41)})
     for solver, threads, with_tangents in ((newton, 1, 1), (diffrax.Kvaerno5(), 2, 1), (sj.RK4(), 2, 2)):
-        plan = make_plan(scene, cases, transient=0, periods=1, solver=solver)
+        plan = make_plan(grid, sj.table_2_start(), RunOptions(0, 1, solver=solver))
         assert plan.chunks(chunk=8, workers=2)[1] == threads
         assert plan.chunks(chunk=8, workers=2, tangents=True)[1] == with_tangents

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from slipperjax.sweeps.stores.archive import store_status
+from slipperjax.sweeps.store import store_status
 
 from .made_up import call, files
 

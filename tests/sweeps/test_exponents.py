@@ -12,6 +12,7 @@ from slipperjax.flow.status import Status
 from slipperjax.sweeps import exponents, reached
 from slipperjax.sweeps.attractors import attractors, strobe_states
 from slipperjax.sweeps.reached import confirm_periods
+from slipperjax.sweeps.run import Run
 from slipperjax.sweeps.transience import MOTIONS, Votes
 
 TWO = [1250.0, 2100.0]  # periodic and chaotic
@@ -53,11 +54,10 @@ def test_wrong_arguments_are_named():
 
 @pytest.mark.parametrize("finished", [0, 1])
 def test_an_interrupt_during_the_longer_motions_keeps_what_was_measured(monkeypatch, finished):
-    def take_votes(plan, cases, chosen, states, epoch, blocks, count, *rest):
-        if not finished:
-            raise sj.Interrupted(None, 0, 8)
+    def take_votes(plan, chosen, states, epoch, blocks, count, options):
         history = np.full((len(chosen), MOTIONS, 40, count), 0.5)
-        return Votes(history, np.zeros(len(chosen), int), np.array([0, int(Status.NOT_RUN)])), True
+        status = np.array([0 if finished else int(Status.NOT_RUN), int(Status.NOT_RUN)])
+        return Votes(chosen, history, np.zeros(len(chosen), int), status), True
 
     monkeypatch.setattr("slipperjax.sweeps.exponents.take_votes", take_votes)
     with pytest.raises(sj.Interrupted) as stop:
@@ -84,12 +84,10 @@ def test_periodic_cases_take_the_exponents_of_their_orbits(both_ways):
     for name in ("weighted_exponent", "floquet"):
         np.testing.assert_array_equal(by_orbit[name], exponent)
     assert (float(by_orbit["stderr"][0]), float(by_orbit["half_step_stderr"])) == (0.0, 0.0)
-    assert np.isnan(by_orbit["two_trajectories"])
     # the motion is not on its orbit yet
     np.testing.assert_allclose(measured["floquet"], exponent, atol=2e-5)
-    # measured: floquet -0.0465, half the step -0.0467, two trajectories equal to the tangent within 1e-6
+    # measured: floquet -0.0465, half the step -0.0467
     np.testing.assert_allclose(measured["weighted_exponent"], measured["floquet"], atol=1e-3)
-    np.testing.assert_allclose(measured["two_trajectories"], measured["exponent"][0], atol=1e-5)
     for ds in (by_orbit, measured):
         np.testing.assert_allclose(ds["half_step"], ds["exponent"][0], atol=1e-3)
         assert (bool(ds["resolved"]), str(ds["regime"].values), int(ds["status"])) == (True, "periodic", 0)
@@ -149,15 +147,15 @@ def test_what_is_wrong_with_a_case_is_said_all_the_same(monkeypatch):
 @pytest.mark.parametrize("stage", [0, 1])
 def test_an_interrupt_keeps_the_orbits(monkeypatch, stage):
     """During the measurement those that were found are kept; during the only chunk of the transient nothing is."""
-    run, seen = exponents.run_chunks, []
+    run, names = exponents.run_cases, []
 
-    def run_chunks(chunks, workers, work, **options):
-        seen.append(options["name"])
-        if len(seen) > stage:
-            raise sj.Interrupted(None, 0, sum(chunk.cases for chunk in chunks))
-        return run(chunks, workers, work, **options)
+    def run_cases(plan, work, **options):
+        names.append(options["name"])
+        if len(names) > stage:
+            return Run(None, np.zeros(plan.cases.count, bool), True)
+        return run(plan, work, **options)
 
-    monkeypatch.setattr(exponents, "run_chunks", run_chunks)
+    monkeypatch.setattr(exponents, "run_cases", run_cases)
     with pytest.raises(sj.Interrupted) as stop:
         swept(TWO)
     assert (stop.value.finished, stop.value.of) == (stage, 2)

@@ -1,4 +1,4 @@
-"""What Ctrl-C leaves of a sweep: the finished cases, and no others."""
+"""Sweeps that Ctrl-C ends: the finished cases are kept, and no others."""
 
 import threading
 import time
@@ -12,10 +12,9 @@ import slipperjax as sj
 from slipperjax.flow.series import History, HistoryValues
 from slipperjax.flow.status import Status
 from slipperjax.plots.bifurcations import bifurcations
-from slipperjax.sweeps import executors
+from slipperjax.sweeps import run as runs
 from slipperjax.sweeps.attractors import attractors
-from slipperjax.sweeps.executors import on_threads, run_chunks
-from slipperjax.sweeps.plan import Chunk
+from slipperjax.sweeps.run import Chunk, concurrently, heed_interrupts, run_chunks
 
 
 class Found(NamedTuple):
@@ -36,14 +35,14 @@ def interrupt_after(monkeypatch):
                 time.sleep(0.001)
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(executors, "wait", wait)
+        monkeypatch.setattr(runs, "wait", wait)
 
     return after
 
 
 def run(work, workers=1):
     chunks = [Chunk(np.arange(3 * k, 3 * k + 3), 3, 50) for k in range(4)]
-    return chunks, run_chunks(chunks, workers, work, periods=10, progress=False)
+    return chunks, run_chunks(chunks, workers, work, cost=10, progress=False)
 
 
 def found_of(chunk):
@@ -62,11 +61,11 @@ def test_finished_chunks_are_kept_and_others_are_blank(interrupt_after):
 
     interrupt_after(2)
     before = time.perf_counter()
-    chunks, runs = run(work)
+    _, done = run(work)
     assert time.perf_counter() - before < 2.0  # whatever lasts longer is not waited for
     hold.set()
-    assert (runs.finished, runs.cases, runs.interrupted) == (6, 12, True)
-    status, value, count = (executors.in_order(chunks, part) for part in zip(*runs.results, strict=True))
+    assert (done.finished.tolist(), done.interrupted) == ([True] * 6 + [False] * 6, True)
+    status, value, count = done.results
     assert status.tolist() == [0] * 6 + [int(Status.NOT_RUN)] * 6
     np.testing.assert_array_equal(value, [*(1.5 * np.arange(6)), *[np.nan] * 6])
     assert count.tolist() == [1, 2, 3, 4, 5, 6] + [0] * 6
@@ -74,18 +73,18 @@ def test_finished_chunks_are_kept_and_others_are_blank(interrupt_after):
 
 
 def test_runs_can_be_asked_to_end(monkeypatch):
-    monkeypatch.setattr(executors, "ASKED", threading.Event())
+    monkeypatch.setattr(runs, "ASKED", threading.Event())
 
     def work(chunk, on_progress):
         if chunk.index[0] >= 3:
-            executors.ASKED.set()  # as from a signal's handler whose exception is lost
+            runs.ASKED.set()  # as from a signal's handler whose exception is lost
             while True:
                 time.sleep(0.01)
                 on_progress(1)
         return found_of(chunk)
 
-    _, runs = run(work)
-    assert (runs.finished, runs.interrupted) == (3, True)
+    _, done = run(work)
+    assert (done.finished.sum(), done.interrupted) == (3, True)
 
 
 def test_nothing_is_kept_where_nothing_was_finished_and_errors_are_raised(interrupt_after):
@@ -95,8 +94,9 @@ def test_nothing_is_kept_where_nothing_was_finished_and_errors_are_raised(interr
     with pytest.raises(ValueError, match="seen"):
         run(fails, 2)
     interrupt_after(0)
+    _, done = run(lambda chunk, on_progress: time.sleep(0.05))
     with pytest.raises(sj.Interrupted, match="before any of 12 cases was finished") as stop:
-        run(lambda chunk, on_progress: time.sleep(0.05))
+        done.checked(lambda: done.results)
     assert stop.value.result is None
     assert isinstance(stop.value, KeyboardInterrupt)  # `except Exception` does not catch it
 
@@ -104,23 +104,24 @@ def test_nothing_is_kept_where_nothing_was_finished_and_errors_are_raised(interr
 def test_functions_on_threads_are_told_of_the_end():
     begun, ended = threading.Event(), threading.Event()
 
-    def waits(on_progress):
+    def waits():
         begun.set()
         try:
             while True:
                 time.sleep(0.01)
-                on_progress(1)
+                heed_interrupts()
         finally:
             ended.set()
 
-    def fails(on_progress):
+    def fails():
         begun.wait(5.0)
-        raise KeyboardInterrupt
+        raise ValueError("seen")
 
-    with pytest.raises(KeyboardInterrupt):
-        on_threads([fails, waits])
+    with pytest.raises(ValueError, match="seen"):
+        concurrently(waits, fails)
     assert ended.wait(5.0)
-    assert on_threads([lambda on_progress: 1, lambda on_progress: 2]) == [1, 2]
+    assert not runs.ASKED.is_set()
+    assert concurrently(lambda: 1, lambda: 2) == [1, 2]
 
 
 def test_an_interrupted_sweep_has_the_finished_cases(interrupt_after):

@@ -7,8 +7,8 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax.flow.status import Status
 from slipperjax.sweeps.attractors import attractors, groups
-from slipperjax.sweeps.executors import ChunkRun
 from slipperjax.sweeps.follow import find_jump
+from slipperjax.sweeps.run import ChunkRun
 
 from ..common import SCALES
 
@@ -46,7 +46,7 @@ def motion(monkeypatch):
     """Replaces what a follower computes by a made-up level of its motion and a status at each speed."""
 
     def made_up(level, status=lambda speed: 0):
-        def run_chunk(plan, scenes, states, steps, on_progress, epoch):
+        def run_chunk(plan, scenes, states, steps, epoch):
             speed = float(scenes.varied.speed[0])
             strobe = np.full((8, 3, 10), level(speed)) * SCALES
             return ChunkRun(states, np.full(8, int(status(speed))), (strobe,))

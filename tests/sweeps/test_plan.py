@@ -9,16 +9,16 @@ import pytest
 import slipperjax as sj
 from slipperjax.flow.record import RecordSet
 from slipperjax.flow.series import History
-from slipperjax.sweeps.grid import Cases
-from slipperjax.sweeps.plan import Calls, _best_chunk, make_plan
+from slipperjax.sweeps.grid import Cases, Grid
+from slipperjax.sweeps.run import Calls, RunOptions, _best_chunk, make_plan
 
 HISTORY = RecordSet((History(),))
 
 
 def plan_of(grid, **options):
     scene = sj.paper_scene()
-    options = dict(transient=25, periods=100) | options
-    return make_plan(scene, Cases(scene, grid, sj.table_2_start()), **options)
+    records, options = options.pop("records", RecordSet()), dict(transient=25, periods=100) | options
+    return make_plan(Grid(scene, grid), sj.table_2_start(), RunOptions(**options), records)
 
 
 def test_each_case_gets_the_steps_that_it_needs_alone():
@@ -94,6 +94,6 @@ def test_calls_make_up_the_run():
     plan = plan_of({"speed": [1250.0]})
     assert plan.transient == (30, 1)  # rounded up to tens
     assert plan.recorded == (50, 2)
-    assert [Calls(n, 1).room for n in (1, 3, 7, 10, 11, 40, 120)] == [1, 4, 8, 10, 16, 50, 200]
+    assert [Calls(n, 1).capacity for n in (1, 3, 7, 10, 11, 40, 120)] == [1, 4, 8, 10, 16, 50, 200]
     assert plan.periods == 130
     assert plan_of({"speed": [1250.0]}, solver=diffrax.Kvaerno3()).chunks(8, 2)[1] == 1

@@ -15,10 +15,10 @@ from slipperjax.flow.status import Status
 from slipperjax.model.quantities import ACCELERATIONS, COORDINATES, LOADS, SECTIONS, Quantity
 from slipperjax.sweeps.attractors import attractors
 from slipperjax.sweeps.exponents import lyapunov_sweep
-from slipperjax.sweeps.grid import Cases
-from slipperjax.sweeps.plan import make_plan
+from slipperjax.sweeps.grid import Grid
 from slipperjax.sweeps.records import LargestExponent, MotionKind, Motions, resolved_record
 from slipperjax.sweeps.repeat import repeat
+from slipperjax.sweeps.run import RunOptions, make_plan
 
 PERIODS, STEPS = 20, 50  # all of them in the programs of test_sweep, but those of records
 LINES = (0, 0.5, 1, 2)
@@ -241,17 +241,17 @@ def test_following_with_records():
 
 def test_plans_know_what_is_kept_and_what_it_costs():
     scene = sj.paper_scene()
-    cases = Cases(scene, {"speed": [1000.0, 1250.0]}, sj.table_2_start())
+    grid, start = Grid(scene, {"speed": [1000.0, 1250.0]}), sj.table_2_start()
 
     def plan(record, periods=100):
-        return make_plan(scene, cases, records=resolved_record(record), transient=20, periods=periods)
+        return make_plan(grid, start, RunOptions(20, periods), resolved_record(record))
 
     assert plan(["peak_force", "rms"]).values == plan(["peak_force", "rms"], 5000).values
     assert plan("strobe").values == 1000
     assert not plan("motion").records.inside
-    assert plan("motion").work == 120
-    assert plan("rms").work > 120
-    assert plan(["motion", "exponent"]).work == pytest.approx(120 + 2.6 * 120)
+    assert plan("motion").cost == 120
+    assert plan("rms").cost > 120
+    assert plan(["motion", "exponent"]).cost == pytest.approx(120 + 2.6 * 120)
     assert plan(["motion", "exponent"]).records.tangents
     assert resolved_record("sections") == resolved_record(["sections"])
     names = lambda *asked, **how: [record.name for record in resolved_record(*asked, **how).records]

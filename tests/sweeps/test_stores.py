@@ -1,5 +1,6 @@
 """Stores: the same bytes however a sweep was cut short, and clear words where they cannot be written."""
 
+import errno
 import itertools
 import os
 import random
@@ -20,9 +21,7 @@ import slipperjax as sj
 from slipperjax.flow.records import Record
 from slipperjax.flow.status import ASKED
 from slipperjax.model.quantities import Quantity
-from slipperjax.sweeps.stores.archive import check_store, store_status
-from slipperjax.sweeps.stores.target import StoreInUse, tiling
-from slipperjax.sweeps.stores.tasks import WorkerLost
+from slipperjax.sweeps.store import StoreInUse, Tiling, WorkerLost, check_store, store_status
 
 from . import made_up
 from .made_up import a_grid, call, files
@@ -92,14 +91,14 @@ def test_the_lists_of_a_grid_are_read_side_by_side(tmp_path):
 
 def test_tiles_cover_a_grid_once():
     for shape, size in (((12, 10), 10), ((7, 5, 3), 4), ((23,), 7), ((3, 1000), 64), ((200, 200), None), ((1, 1), 9)):
-        tiles = tiling(shape, size)
+        tiles = Tiling.of(shape, size)
         seen = np.zeros(shape, int)
         for number in range(tiles.count):
             seen[tiles.region(number)] += 1
             assert seen[tiles.region(number)].size == tiles.cases(number) <= max(size or 2048, 1)
         assert np.all(seen == 1)
-    assert tiling((100_000, 10_000)).count == 16_667  # of 1e9 cases, and so many files of each variable
-    assert tiling((200, 200)).tile == (10, 200)
+    assert Tiling.of((100_000, 10_000)).count == 16_667  # of 1e9 cases, and so many files of each variable
+    assert Tiling.of((200, 200)).tile == (10, 200)
 
 
 def highest(course):
@@ -222,7 +221,7 @@ def test_ctrl_c_leaves_a_store_that_can_be_read(tmp_path, whole, monkeypatch):
 def test_what_is_stored_is_not_computed_again(stored):
     before = {file: file.stat().st_mtime_ns for file in stored.rglob("*")}
     assert check_store(stored) == []
-    next(stored.glob("status/c/4/0")).unlink()
+    next(stored.glob("digest_of_tile/c/4/0")).unlink()
     call(stored)
     changed = {file.parent.name for file in before if file.is_file() and file.stat().st_mtime_ns != before[file]}
     assert changed == {"4", "0"}  # the fifth tile of every variable
@@ -263,10 +262,89 @@ def test_a_damaged_tile_is_found_and_computed_again(stored, whole):
     assert str(broken) in damaged
     assert missing.startswith("tile 5:")
     assert "missing" in missing
+    assert store_status(stored).tiles_done == 11  # what is missing is seen without reading
     check_store(stored, repair=True)
     assert store_status(stored).tiles_done == 10
     call(stored)
     assert files(stored) == whole
+
+
+def test_tiles_that_were_swapped_or_cut_short_and_other_axes_are_found(stored, whole):
+    three, four, five = (stored / "v_z" / "c" / str(k) / "0" / "0" for k in (3, 4, 5))
+    three.rename(stored / "aside")
+    four.rename(three)
+    (stored / "aside").rename(four)
+    five.write_bytes(five.read_bytes()[:-7])
+    lines = check_store(stored, repair=True)
+    assert [line.split(":")[0] for line in lines] == ["tile 3", "tile 4", "tile 5"]
+    assert "are not those that were written" in lines[0]
+    assert f"{five} cannot be read" in lines[2]
+    call(stored)
+    assert files(stored) == whole
+    axis = stored / "clearance" / "c" / "0"
+    axis.unlink()
+    assert "the values of clearance are not those of the call" in check_store(stored)[0]
+
+
+def test_an_old_worker_does_not_write_into_a_new_store(stored, whole):
+    module = sys.modules["slipperjax.sweeps.store"]
+    old = module._open_archive(stored)
+    ds = made_up.made_up(sj.paper_scene(), a_grid()).isel(speed=slice(2, 3))
+    call(stored, fresh=True)
+    with pytest.raises(OSError, match="another store was put in its place"):
+        old.write(2, ds)
+    assert files(stored) == whole
+
+
+def test_only_stores_of_ours_are_replaced_and_none_through_a_link(tmp_path, stored, whole):
+    link, other = tmp_path / "link.zarr", tmp_path / "other.zarr"
+    link.symlink_to(stored)
+    with pytest.raises(ValueError, match="must be no link where it is made anew"):
+        call(link, fresh=True)
+    made_up.made_up(sj.paper_scene(), a_grid()).to_zarr(other, zarr_format=2, consolidated=False)
+    before = files(other)
+    with pytest.raises(ValueError, match="must be a store of slipperjax, but is none"):
+        call(other, fresh=True)
+    assert files(other) == before
+    assert files(stored) == whole
+
+
+def test_a_complete_store_is_read_where_nothing_can_be_written(stored, whole, monkeypatch):
+    import filelock
+
+    def refuses(self, **_):
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(filelock.FileLock, "acquire", refuses)
+    assert int((call(stored)["status"] == int(sj.Status.NOT_RUN)).sum()) == 0
+    next(stored.glob("digest_of_tile/c/4/0")).unlink()
+    with pytest.raises(PermissionError, match="protected against writing"):
+        call(stored)
+
+
+def test_workers_end_with_the_process_that_made_them(tmp_path):
+    script = (
+        "import os, slipperjax as sj\n"
+        "if __name__ == '__main__':\n"
+        "    pool = sj.processes(1)\n"
+        "    print(pool.submit(os.getpid).result(), flush=True)\n"
+        "    input()\n"
+    )
+    file = tmp_path / "script.py"
+    file.write_text(script)
+    options = dict(stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": CHECKED})
+    with subprocess.Popen([sys.executable, str(file)], **options) as one:
+        worker = int(one.stdout.readline())
+        os.kill(worker, 0)
+        one.kill()
+    until = time.monotonic() + 10.0
+    while time.monotonic() < until:
+        try:
+            os.kill(worker, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.05)
+    raise AssertionError("the worker is still there")
 
 
 def test_a_full_disk_is_named_and_nothing_is_lost(tmp_path, whole, monkeypatch):
@@ -291,7 +369,7 @@ def test_a_full_disk_is_named_and_nothing_is_lost(tmp_path, whole, monkeypatch):
 
 
 def test_what_does_not_fit_is_said_before_it_is_begun(tmp_path, monkeypatch):
-    module = sys.modules["slipperjax.sweeps.stores.stored"]
+    module = sys.modules["slipperjax.sweeps.store"]
     monkeypatch.setattr(module, "available_memory", lambda: 1000)
     with pytest.raises(ValueError, match=r"2 at once of 10 cases need .* of which 1 kB are available: take smaller"):
         call(tmp_path / "map.zarr", workers=2)

@@ -17,10 +17,9 @@ import xarray as xr
 from ...flow.status import Interrupted, Status
 from ...model.dang2024 import paper_scene
 from ...sweeps.attractors import attractors, groups
-from ...sweeps.executors import all_stopped, beside, on_threads
 from ...sweeps.exponents import lyapunov_sweep
 from ...sweeps.follow import Jump, find_jump, follow
-from ...sweeps.plan import OnProgress
+from ...sweeps.run import all_stopped, concurrently
 from ...sweeps.sweep import sweep
 from ...tools.checks import one_of, whole
 from . import branches, verdicts
@@ -129,7 +128,7 @@ def _joined(run: Callable, effort: Effort, names: list[str], **options: Any) -> 
 def motions(effort: Effort, wanted: set[str], options: dict, data: Data) -> Answers:
     """Figs. 4, 5, 7, 8, 10 and 12: single cases, and diagrams over speed, clearance and length, as one batch.
 
-    Beside it, on one core, the branches of orbits through the diagrams.
+    Concurrently, on one core, the branches of orbits through the diagrams.
     """
     made = {"histories": {"4", "7", "12"}, "speed": {"5"}, "clearance": {"8"}, "length": {"10"}}
     names = [name for name, figures in made.items() if figures & wanted]
@@ -138,11 +137,10 @@ def motions(effort: Effort, wanted: set[str], options: dict, data: Data) -> Answ
         over = [name for name in branches.OVER if name in names]
         return {n: branches.follow_branches(n, effort.flips, effort.observed, data, options) for n in over}
 
-    with beside(follow_all) as followed:
-        found = _diagrams(effort, names, options, data)
-        for name, of_name in followed().items():
-            found = supported(found, branches.OVER[name](of_name))
-    return found
+    answers, followed = concurrently(lambda: _diagrams(effort, names, options, data), follow_all)
+    for name, of_name in followed.items():
+        answers = supported(answers, branches.OVER[name](of_name))
+    return answers
 
 
 def _diagrams(effort: Effort, names: list[str], options: dict, data: Data) -> Answers:
@@ -161,7 +159,7 @@ def _diagrams(effort: Effort, names: list[str], options: dict, data: Data) -> An
         common = dict(transient=effort.follow_transient, steps_per_period=STEPS, **options)
         followed = follow(paper_scene(), {"speed": speeds[speeds >= SLOW]}, **common)
         data["speed_followed"] = followed
-        up, down = on_threads([functools.partial(_jump, speeds[speeds >= 1500], way) for way in ("up", "down")])
+        up, down = concurrently(*(functools.partial(_jump, speeds[speeds >= 1500], way) for way in ("up", "down")))
         found |= verdicts.over_speed(parts["speed"], up, down, effort.judged)
     if "clearance" in parts:
         found |= verdicts.over_clearance(parts["clearance"], effort.judged)
@@ -170,11 +168,10 @@ def _diagrams(effort: Effort, names: list[str], options: dict, data: Data) -> An
     return found
 
 
-def _jump(speeds: np.ndarray, direction: str, on_progress: OnProgress) -> Jump:
+def _jump(speeds: np.ndarray, direction: str) -> Jump:
     """Where a followed motion leaves the branch on which it leans, or returns to it."""
     # The threshold is above the scatter of the chaotic motions' means, and below the height of that branch.
-    options: dict = dict(threshold=4.0, steps_per_period=STEPS, on_progress=on_progress)
-    return find_jump(paper_scene(), {"speed": speeds}, direction=direction, **options)
+    return find_jump(paper_scene(), {"speed": speeds}, direction=direction, threshold=4.0, steps_per_period=STEPS)
 
 
 def exponents(effort: Effort, wanted: set[str], options: dict, data: Data) -> Answers:
@@ -231,9 +228,8 @@ def readings(effort: Effort, options: dict) -> list[dict[str, str]]:
     clamped = [name for name, (_, clamp) in CONVENTIONS.items() if clamp]
     pulling = [name for name in CONVENTIONS if name not in clamped]
     rows = lambda names: [_reading(name, effort, options) for name in names]
-    with beside(lambda: rows(pulling)) as others:
-        found = rows(clamped)
-        return found + others()
+    pushing, others = concurrently(lambda: rows(clamped), lambda: rows(pulling))
+    return pushing + others
 
 
 def _reading(name: str, effort: Effort, options: dict) -> dict[str, str]:

@@ -1,0 +1,584 @@
+"""The one way in which many cases are run: planned, cut into chunks, and computed on threads with progress."""
+
+import math
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed, wait
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Int
+
+from ..flow.period_map import Passage, advance
+from ..flow.record import RecordedSpan, RecordSet, Samples
+from ..flow.series import Strobe
+from ..flow.simulate import default_saves, step_plan
+from ..flow.status import ASKED, Interrupted, blank, first_problem
+from ..flow.stepping import ConstantSteps, room_for
+from ..model.dynamics import State
+from ..model.kinematics import Motion
+from ..model.scene import Scene
+from ..model.step_size import LEAST_STEPS
+from ..solvers.latching import calls_lapack
+from ..solvers.named import resolve_solver
+from ..tools.batching import Batched
+from ..tools.checks import whole
+from ..tools.limits import cores, refuse_impossible
+from .grid import LANES, Cases, Grid, batch_size, filled
+
+LARGEST_CHUNK = 128
+"""Cases in one call: enough for vectors to pay, few enough to stay in a core's cache. A step of a case takes 0.43 us
+of one core with 8 cases, 0.35 with 32, 0.34 with 128, 0.36 with 256 and 0.45 with 1024."""
+CHUNK_OF_DEVICE = 131_072
+"""The same on other devices than a CPU, where each kernel is a launch, and one call uses the whole device."""
+LANES_PER_START = 2
+"""Cost of a step that does not depend on the lanes, in lanes: measured at 8 to 128 lanes."""
+PERIODS_PER_CALL = 10
+"""Forcing periods in one call of a search; transients above it are rounded up to its multiples."""
+
+SECONDS_PER_STEP = 4e-7
+"""Time of a step of one case in a batch, on one core: measured 0.38 us, see the page on speed."""
+LEAST_BYTES = 1000.0
+"""Memory that a case takes at least: its scene, start, status and labels."""
+SAMPLED_CASES = 4096
+"""Cases, spread over a grid, whose steps stand for those of all in an estimate."""
+
+TICK = 0.25
+"""Seconds between two looks at a run's threads."""
+STOPPING = 5.0
+"""Seconds that are waited for what runs concurrently with an interrupted function."""
+
+OnProgress = Callable[[float], Any]
+"""Called when work is done that takes as long as a number of forcing periods; raises where the run is to stop."""
+
+
+# --- plans ----------------------------------------------------------------------------------------------------------
+
+
+class RunOptions(NamedTuple):
+    """The arguments of a run that a user gives, see `slipperjax.sweep`."""
+
+    transient: int
+    periods: int
+    steps_per_period: int | Sequence[int] | np.ndarray | None = None
+    saves_per_period: int | None = None
+    solver: diffrax.AbstractSolver | str | None = None
+
+
+def call_of(function: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """The call of a function as its result keeps it: its name and those arguments that are not kept elsewhere.
+
+    **Arguments:** `arguments`: `locals()` at the function's first line.
+    """
+    return {"function": function} | {name: value for name, value in arguments.items() if name not in KEPT_ELSEWHERE}
+
+
+KEPT_ELSEWHERE = ("scene", "grid", "path", "start", "steps_per_period", "solver", "chunk", "workers", "progress")
+KEPT_ELSEWHERE += ("store", "executor")
+"""Arguments that results keep as attributes or variables of their own, or that change no number."""
+
+
+class Calls(NamedTuple):
+    """A stretch of a run as calls of one compiled program."""
+
+    length: int
+    """Forcing periods in one call. Progress and Ctrl-C are polled between calls."""
+    count: int
+
+    @property
+    def periods(self) -> int:
+        """Forcing periods in all."""
+        return self.length * self.count
+
+    @property
+    def capacity(self) -> int:
+        """Most forcing periods of one call of the program, which serves other lengths, too."""
+        return PERIODS_PER_CALL if self.length == PERIODS_PER_CALL else room_for(self.length)
+
+
+class Chunk(NamedTuple):
+    """Cases that run as one batch."""
+
+    index: Int[np.ndarray, " lanes"]
+    """Indices into the list of all cases; the last is repeated to fill the batch."""
+    cases: int
+    """How many of them count."""
+    steps: int
+    """Integration steps per forcing period, the same for all."""
+
+    @property
+    def cost(self) -> float:
+        """Cost of a forcing period, in steps of one lane."""
+        return float(self.steps * (LANES_PER_START + len(self.index)))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How a list of cases is run."""
+
+    cases: Cases
+    solver: diffrax.AbstractSolver
+    records: RecordSet
+    steps: Int[np.ndarray, " cases"]
+    """Integration steps per forcing period of each case."""
+    transient: Calls
+    """Periods that pass before anything is recorded."""
+    recorded: Calls
+
+    @property
+    def most_steps(self) -> int:
+        """The most steps of any case."""
+        return int(self.steps.max())
+
+    def capacity(self, steps: int) -> int:
+        """Most steps of a recording program, so that it serves `steps` and other numbers.
+
+        At most 8 times `steps`: one program serves all cases of a sweep unless their steps differ more than that.
+        """
+        most = self.most_steps
+        while most // 8 >= steps:
+            most //= 8
+        return most
+
+    @property
+    def periods(self) -> int:
+        """Forcing periods of one case."""
+        return self.transient.periods + self.recorded.periods
+
+    @property
+    def values(self) -> int:
+        """About how many numbers are kept of one case."""
+        return self.records.values(self.transient.periods, self.recorded.periods)
+
+    @property
+    def cost(self) -> float:
+        """Cost of one case, in unrecorded forcing periods."""
+        return _cost(self.records, self.transient, self.recorded)
+
+    def strobes(self, periods: int) -> "Plan":
+        """The same with nothing but strobes for at least `periods`, in calls of `PERIODS_PER_CALL`."""
+        recorded = Calls(PERIODS_PER_CALL, math.ceil(periods / PERIODS_PER_CALL))
+        return replace(self, records=RecordSet((Strobe(),)), transient=Calls(1, 0), recorded=recorded)
+
+    def chunks(self, chunk: int | None, workers: int | None, *, tangents: bool = False) -> tuple[list[Chunk], int]:
+        """Cuts the cases into chunks, the most expensive first; gives them and the number of threads to run them on.
+
+        Neither changes any result.
+
+        **Arguments:** `chunk`: cases per call, rounded up as by `batch_size`; by default what makes the run shortest.
+        `workers`: threads, by default one per core. `tangents`: whether the calls take derivatives.
+        """
+        workers = cores() if workers is None else whole("workers", workers, 1)
+        tangents = tangents or self.records.tangents
+        on_device = jax.default_backend() != "cpu"
+        if on_device or calls_lapack(self.solver, tangents):
+            workers = 1
+        counts, sizes = np.unique(self.steps, return_counts=True)
+        if chunk is None:
+            chunk = min(int(sizes.max()), CHUNK_OF_DEVICE) if on_device else _best_chunk(counts, sizes, workers)
+        # eight lanes round differently from more, so that they are for runs that have no more cases
+        least = 1 if len(self.steps) <= LANES else LANES + 1
+        chunk = batch_size(max(whole("chunk", chunk, 1), least))
+        chunks = []
+        for steps in counts[::-1]:
+            members = np.flatnonzero(self.steps == steps)
+            for first in range(0, len(members), chunk):
+                index = members[first : first + chunk]
+                chunks.append(Chunk(filled(index, chunk), len(index), int(steps)))
+        return chunks, min(workers, len(chunks))
+
+
+def _best_chunk(counts: np.ndarray, sizes: np.ndarray, workers: int) -> int:
+    """Finds the chunk size with which groups of `sizes` cases of `counts` steps are done soonest."""
+    shares = {min(-(-int(n) // (workers * k)), LARGEST_CHUNK) for n in sizes for k in range(1, 7)}
+
+    def duration(lanes):
+        costs = counts * (LANES_PER_START + lanes)
+        total = float(np.sum(-(-sizes // lanes) * costs))
+        # a run is not over before its longest chunk
+        return max(total / workers, float(costs.max())), lanes
+
+    return min((batch_size(share) for share in shares), key=duration)
+
+
+def _cost(records: RecordSet, transient: Calls, recorded: Calls) -> float:
+    """Cost of one case, in unrecorded forcing periods."""
+    periods = recorded.periods
+    return transient.periods + records.cost * periods + records.cost_after(periods)
+
+
+def make_plan(
+    grid: Grid,
+    start: Motion | State,
+    options: RunOptions,
+    records: RecordSet = RecordSet(),
+    *,
+    cost_after: float = 0.0,
+    values_after: int = 0,
+) -> Plan:
+    """Plans a run from a user's arguments and records.
+
+    **Arguments:** `cost_after`, `values_after`: of what follows the run, the cost in unrecorded forcing periods of a
+    case, and the numbers that are kept of it.
+
+    **Raises:** `ValueError` that names the argument which is wrong, or memory and time of an impossible run.
+    """
+    transient, recorded = whole("transient", options.transient, 0), whole("periods", options.periods, 1)
+    if transient > PERIODS_PER_CALL:
+        transient = math.ceil(transient / PERIODS_PER_CALL) * PERIODS_PER_CALL
+    before, during = (Calls(_call_length(max(n, 1)), n // _call_length(max(n, 1))) for n in (transient, recorded))
+    solver, (rule, saves) = resolve_solver(grid.scene, options.solver), _steps_rule(grid, options)
+    records = records.with_saves(saves)
+    # before the cases are made, which may not fit into memory
+    cases = grid.sample(start, SAMPLED_CASES)
+    cost = _cost(records, before, during) + cost_after
+    values = records.values(before.periods, during.periods) + values_after
+    refuse_impossible(
+        f"{grid.count} cases of {cost:.3g} forcing periods",
+        (2 * 8.0 * values + LEAST_BYTES) * grid.count,  # twice while it is put together and written
+        SECONDS_PER_STEP * cost * float(rule(cases).mean()) * grid.count / cores(),
+    )
+    if cases.count < grid.count:
+        cases = grid.sample(start, grid.count)
+    plan = Plan(cases, solver, records, rule(cases), before, during)
+    labels = ("status", "steps_per_period", *grid.dims, *map(grid.label, grid.axes))
+    records.check(grid.scene, recorded, int(plan.steps.min()), labels)
+    return plan
+
+
+def _steps_rule(grid: Grid, options: RunOptions) -> tuple[Callable[[Cases], np.ndarray], int]:
+    """Gives a function from cases to their steps per period, and saves per period, which divide all of them."""
+    given, saves = options.steps_per_period, options.saves_per_period
+    if given is None:
+        saves = LEAST_STEPS if saves is None else whole("saves_per_period", saves, 1)
+        return lambda cases: -(-cases.default_steps() // saves) * saves, saves
+    if np.ndim(given):
+        steps, saves = _steps_of_cases(grid, given, saves)
+        return lambda cases: steps, saves
+    fixed, saves = step_plan(grid.scene, given, saves)
+    return lambda cases: np.full(cases.count, fixed), saves
+
+
+def _steps_of_cases(grid: Grid, given: Any, saves: int | None) -> tuple[np.ndarray, int]:
+    """Checks an array of steps per period, one number a case; gives it flat, and saves, which divide them all."""
+    given = np.asarray(given)
+    if given.shape != grid.shape:
+        raise ValueError(
+            f"Argument `steps_per_period` must be one number or one for each case, {grid.shape}, "
+            f"but has shape {given.shape}."
+        )
+    steps = np.array([whole("steps_per_period", n, 1) for n in given.ravel().tolist()])
+    if saves is None:
+        return steps, default_saves(int(np.gcd.reduce(steps)))
+    saves = whole("saves_per_period", saves, 1)
+    if np.any(steps % saves):
+        worst = steps[steps % saves != 0][0]
+        raise ValueError(f"Argument `saves_per_period` must divide steps_per_period = {worst}, but is {saves}.")
+    return steps, saves
+
+
+def _call_length(periods: int) -> int:
+    """Forcing periods in one call of a stretch: a divisor of `periods`, 50 at most if it has one."""
+    if periods <= 50:
+        return periods
+    return next((k for k in range(50, 9, -1) if periods % k == 0), periods)
+
+
+# --- one chunk ------------------------------------------------------------------------------------------------------
+
+
+class ChunkRun(NamedTuple):
+    """A chunk of cases after its run."""
+
+    state: State
+    """The states at the end, with a leading axis of lanes."""
+    status: Int[np.ndarray, " lanes"]
+    """`slipperjax.Status` codes."""
+    record: tuple[Any, ...]
+    """Arrays of the plan's records, with a leading axis of lanes."""
+
+
+class RecordedChunk(NamedTuple):
+    """A chunk of cases at the end of its recorded span, for records that run on from there."""
+
+    plan: Plan
+    scenes: Batched[Scene]
+    states: State
+    epoch: float
+    """Forcing periods before."""
+    steps: int
+    """Integration steps per forcing period."""
+    on_progress: OnProgress
+
+
+def heed_interrupts(periods: float = 0.0) -> None:
+    """Raises `KeyboardInterrupt` where all runs are asked to end: an `OnProgress` for runs that show none."""
+    if ASKED.is_set():
+        raise KeyboardInterrupt
+
+
+def run_chunk(
+    plan: Plan,
+    scenes: Batched[Scene],
+    states: State,
+    steps: int,
+    on_progress: OnProgress = heed_interrupts,
+    epoch: int = 0,
+) -> ChunkRun:
+    """Runs a chunk of cases through its plan, from the forcing period `epoch` on, with `steps` per period.
+
+    Times in records count from there.
+    """
+    records, period, status = plan.records, float(epoch), np.zeros(len(states.motion.y), int)
+    samples = Samples(records, plan.recorded.periods)
+    number = jnp.asarray(float(steps))  # an array, so that one compiled program serves every number of steps
+    stepping = recording = ConstantSteps(steps=number)
+    if records.inside:
+        alike = bool(np.all(plan.steps == steps))
+        recording = ConstantSteps(steps) if alike else ConstantSteps(plan.capacity(steps), number)
+    for calls, kept, chosen in (
+        (plan.transient, records.from_start, stepping),
+        (plan.recorded, records, recording),
+    ):
+        carry = _initial_carry(kept, scenes, states)
+        for _ in range(calls.count):
+            on_progress(0)
+            passed = _advance(calls, scenes, states, period, chosen, solver=plan.solver, records=kept, earlier=carry)
+            states, carry = passed.state, passed.carried
+            status = first_problem(status, passed.status)
+            samples.add(kept, passed.samples)
+            on_progress(kept.cost * calls.length)
+            period += calls.length
+    chunk = RecordedChunk(plan, scenes, states, period, steps, on_progress)
+    carry, status = records.after(carry, status, chunk)
+    span = RecordedSpan(plan.recorded.periods, steps, float(epoch), status)
+    return ChunkRun(states, status, records.finish(carry, samples.joined(), span))
+
+
+def _initial_carry(records: RecordSet, scenes: Batched[Scene], states: State) -> Any:
+    """Carries of records that have seen no period, with a leading axis of lanes."""
+    lanes, first = len(states.motion.y), lambda tree: jax.tree.map(lambda a: a[0], tree)
+    one = records.begin(eqx.combine(first(scenes.varied), scenes.shared), first(states))
+    return jax.tree.map(lambda a: np.broadcast_to(a, (lanes, *np.shape(a))), one)
+
+
+def _advance(calls: Calls, *arguments: Any, **options: Any) -> Passage:
+    """Advances over the periods of one of the calls, by a program that serves other numbers of them, too."""
+    passed = advance(*arguments, **options, periods=calls.capacity, used=jnp.asarray(float(calls.length)))
+    cut = lambda tree: jax.tree.map(lambda a: np.asarray(a)[:, : calls.length], tree)
+    return passed._replace(samples=cut(passed.samples), steps_taken=cut(passed.steps_taken))
+
+
+# --- all chunks -----------------------------------------------------------------------------------------------------
+
+
+class Part(NamedTuple):
+    """A chunk at work."""
+
+    scenes: Batched[Scene]
+    starts: Motion | State
+    index: Int[np.ndarray, " lanes"]
+    """Indices into the list of all cases."""
+    place: Int[np.ndarray, " lanes"]
+    """Indices into the list of those that are run."""
+    cases: int
+    """How many lanes count; the others fill the batch up."""
+    steps: int
+    """Integration steps per forcing period."""
+    on_progress: OnProgress
+
+
+class Run(NamedTuple):
+    """Cases after a run, or after an interrupt."""
+
+    results: Any
+    """A named tuple of arrays with a leading axis of cases; of cases that were not finished as `blank` makes them.
+    None where no case was finished."""
+    finished: Bool[np.ndarray, " cases"]
+    interrupted: bool
+
+    def checked(self, make: Callable[[], Any]) -> Any:
+        """Gives what `make()` makes of the results; raises `Interrupted` with it where the run was interrupted."""
+        made = None if self.results is None else make()
+        if self.interrupted:
+            raise Interrupted(made, int(self.finished.sum()), len(self.finished))
+        return made
+
+
+def run_cases(
+    plan: Plan,
+    work: Callable[[Part], Any],
+    *,
+    cost: float,
+    index: Int[np.ndarray, " some"] | None = None,
+    chunk: int | None = None,
+    workers: int | None = None,
+    tangents: bool = False,
+    progress: bool = False,
+    name: str = "",
+) -> Run:
+    """Calls `work(part)` for all cases of a plan, or those at `index`, chunk by chunk.
+
+    **Arguments:** as for `run_chunks` and `Plan.chunks`.
+    """
+    listed = np.arange(plan.cases.count) if index is None else index
+    chunks, threads = replace(plan, steps=plan.steps[listed]).chunks(chunk, workers, tangents=tangents)
+
+    def of_chunk(chunk: Chunk, on_progress: OnProgress) -> Any:
+        lanes = listed[chunk.index]
+        return work(Part(*plan.cases.take(lanes), lanes, chunk.index, chunk.cases, chunk.steps, on_progress))
+
+    return run_chunks(chunks, threads, of_chunk, cost=cost, progress=progress, name=name)
+
+
+def run_chunks(
+    chunks: Sequence[Chunk],
+    workers: int,
+    work: Callable[[Chunk, OnProgress], Any],
+    *,
+    cost: float,
+    progress: bool,
+    name: str = "",
+) -> Run:
+    """Calls `work(chunk, on_progress)` for each chunk on `workers` threads, the first chunks first.
+
+    After Ctrl-C what is finished is returned at once; a thread that is inside a call ends after it.
+
+    **Arguments:** `work`: gives a named tuple of arrays with a leading axis of lanes and a field `status`; it calls
+    `on_progress(n)` when work is done that takes as long as n forcing periods of the chunk without a record. That
+    raises where another chunk failed or the user interrupted, so that a chunk stops at its next call. `cost`: how
+    many such one case takes in all. `progress`, `name`: whether progress is shown, and as what.
+    """
+    stop, interrupted = threading.Event(), False
+    cases = sum(chunk.cases for chunk in chunks)
+
+    def one(chunk: Chunk) -> Any:
+        def on_progress(periods: float) -> None:
+            if stop.is_set():
+                raise _Stopped
+            shown(chunk.cost * periods)
+
+        try:
+            results = work(chunk, on_progress)
+            shown(0.0, chunk.cases)
+            return results
+        except BaseException:
+            stop.set()
+            raise
+
+    pool, futures = ThreadPoolExecutor(workers), []
+    with progress_shown(sum(chunk.cost for chunk in chunks) * cost, cases, name, progress) as shown:
+        try:
+            futures += [pool.submit(one, chunk) for chunk in chunks]
+            while wait(futures, TICK).not_done:
+                heed_interrupts()
+        except KeyboardInterrupt:
+            interrupted = True
+        finally:
+            stop.set()
+            # not joined: after Ctrl-C their calls may last for a long time
+            pool.shutdown(wait=False, cancel_futures=True)
+    ended = [future for future in futures if future.done() and not future.cancelled()]
+    if not interrupted:
+        _raise_first(ended)
+    parts = [f.result() if f in ended and not f.exception() else None for f in futures]
+    return _in_order(chunks, parts + [None] * (len(chunks) - len(parts)), interrupted)
+
+
+class _Stopped(Exception):
+    """Ends a chunk's thread after another one failed or the user interrupted."""
+
+
+def _raise_first(futures: Sequence[Future]) -> None:
+    """Raises the error that made the run stop, if there is one."""
+    for future in futures:
+        error = future.exception()
+        if error is not None and not isinstance(error, _Stopped):
+            raise error
+
+
+def _in_order(chunks: Sequence[Chunk], parts: Sequence[Any], interrupted: bool) -> Run:
+    """Puts the chunks' results in the order of the cases, without lanes that fill chunks up; None becomes blank."""
+    cases = sum(chunk.cases for chunk in chunks)
+    finished = np.zeros(cases, bool)
+    like = next((part for part in parts if part is not None), None)
+    if like is None:
+        return Run(None, finished, interrupted)
+    for chunk, part in zip(chunks, parts, strict=True):
+        finished[chunk.index[: chunk.cases]] = part is not None
+    whole = [blank(like, len(c.index)) if part is None else part for c, part in zip(chunks, parts, strict=True)]
+
+    def joined(*arrays: np.ndarray) -> np.ndarray:
+        ordered = np.empty((cases, *arrays[0].shape[1:]), arrays[0].dtype)
+        for chunk, array in zip(chunks, arrays, strict=True):
+            ordered[chunk.index[: chunk.cases]] = array[: chunk.cases]
+        return ordered
+
+    return Run(jax.tree.map(joined, *whole), finished, interrupted)
+
+
+@contextmanager
+def progress_shown(total: float, cases: int, name: str, wanted: bool) -> Iterator[Callable[..., None]]:
+    """Shows how far a run is: a bar on terminals and in notebooks, now and then a line in files and pipes.
+
+    **Arguments:** `total`: all work, in any unit to which its time is proportional; `cases`: how many.
+
+    **Gives:** a function that threads call with work that is done, and the number of cases that are finished by it.
+    """
+    from tqdm.auto import tqdm  # only here, because its import warns in notebooks without widgets
+
+    live = sys.stderr.isatty() or "ipykernel" in sys.modules
+    layout = "{desc}{percentage:3.0f}%|{bar}| {elapsed}, {remaining} left{postfix}"
+    options: Any = dict(bar_format=layout, mininterval=TICK if live else 10.0, dynamic_ncols=live, file=sys.stderr)
+    lock, finished = threading.Lock(), 0
+    with tqdm(total=total, desc=f"{name} (compiling)".strip(), disable=not wanted, **options) as bar:
+
+        def add(work: float, done: int = 0) -> None:
+            nonlocal finished
+            with lock:
+                finished += done
+                if work:
+                    bar.set_description_str(f"{name}: " if name else "", refresh=False)
+                bar.set_postfix_str(f"{finished} of {cases} cases", refresh=False)
+                # rounding may bring the sum above the total, which tqdm warns of
+                bar.update(min(work, total - bar.n))
+
+        yield add
+
+
+def concurrently(*calls: Callable[[], Any]) -> list[Any]:
+    """Calls functions on threads of their own, and gives their results in order.
+
+    Where one of them fails, the runs of the others end as by Ctrl-C, and are waited for (`STOPPING`).
+    """
+    pool = ThreadPoolExecutor(len(calls))
+    futures = [pool.submit(call) for call in calls]
+    try:
+        for future in as_completed(futures):
+            future.result()
+        return [future.result() for future in futures]
+    except BaseException:
+        with all_stopped():
+            wait(futures, STOPPING)
+        raise
+    finally:
+        pool.shutdown(wait=False)
+
+
+@contextmanager
+def all_stopped() -> Iterator[None]:
+    """Within this context all runs end as by Ctrl-C."""
+    before = ASKED.is_set()
+    ASKED.set()
+    try:
+        yield
+    finally:
+        if not before:
+            ASKED.clear()

@@ -1,1 +1,0 @@
-"""Stores: results of sweeps on disk, made by one machine or many, resumed after anything."""
