@@ -64,14 +64,14 @@ from .solvers.rosenbrock import ROS34PW2 as ROS34PW2
 from .solvers.rosenbrock import Rodas4 as Rodas4
 from .solvers.twostep import TwoStep as TwoStep
 from .sweeps.explain import explain as explain
-from .sweeps.exponents import lyapunov_sweep as lyapunov_sweep
 from .sweeps.follow import follow as follow
 from .sweeps.grid import sample_box as sample_box
-from .sweeps.orbits import orbit_sweep as orbit_sweep
 from .sweeps.repeat import repeat as repeat
 from .sweeps.store import Store as Store
 from .sweeps.store import open_store as open_store
 from .sweeps.store import processes as processes
+from .sweeps.sweep import lyapunov_sweep as lyapunov_sweep
+from .sweeps.sweep import orbit_sweep as orbit_sweep
 from .sweeps.sweep import sweep as sweep
 from .tools.cache import compile_cache as compile_cache
 from .tools.checks import ImplausibleWarning as ImplausibleWarning

@@ -32,9 +32,6 @@ from .root import LOST, app
 
 PERIODS = {"exponents": 500, "orbits": 1, "motion": 64}
 """Forcing periods by default, where they are not 10."""
-ALONE = ("exponents", "orbits")
-"""Records that are no part of a run's: they have functions of their own."""
-
 transient = option("--transient", FROM_ZERO, "Forcing periods to pass before anything is recorded.", default=300)
 show = option("--show", str, "Draw this variable; default what suits the record.")
 
@@ -67,7 +64,7 @@ def bifurcation(case: Case, over: Axis, log: tuple[str, ...], out: Path, **optio
 @takes_case
 def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out: Path, **options: Any) -> int:
     """Largest Lyapunov exponents over one parameter, or over two as a regime map, with certificates."""
-    from ..sweeps.exponents import lyapunov_sweep
+    from ..sweeps.sweep import lyapunov_sweep
 
     grid = make_grid(case.scene, over, *([by] if by else []), log=log)
     return _swept(lyapunov_sweep, case, grid, Outputs(out, ".nc", ".png"), **options)
@@ -85,8 +82,8 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
 @option(
     "--record",
     str,
-    "What to keep of each case: sections, strobe, history, or numbers such as motion, peak_force, rms; repeat for "
-    "several numbers. Alone: exponents, or orbits. Default: sections.",
+    "What to keep of each case: sections, strobe, history, exponents, orbits, or numbers such as motion, peak_force, "
+    "rms; repeat for several. Default: sections.",
     multiple=True,
 )
 @transient
@@ -105,13 +102,18 @@ def sweep(case: Case, over: Axis, by, log, sample, record, periods, store, expla
     """Run every combination of some parameters, or a sample, into a file or a store that survives anything."""
     from ..sweeps.explain import explain as estimate
     from ..sweeps.store import store_status
+    from ..sweeps.sweep import lyapunov_sweep, orbit_sweep
+    from ..sweeps.sweep import sweep as run
 
-    names = record or ("sections",)
-    function = _function(names)
+    names, function = record or ("sections",), run
     options: dict[str, Any] = dict(transient=transient, product=sample is None)
-    count = periods or next((PERIODS[name] for name in names if name in PERIODS), 10)
-    options["period" if names == ("orbits",) else "periods"] = count
-    if names[0] not in ALONE:
+    options["periods"] = periods or next((PERIODS[name] for name in names if name in PERIODS), 10)
+    if names == ("exponents",):
+        function = lyapunov_sweep
+    elif names == ("orbits",):
+        function = orbit_sweep
+        options["period"] = options.pop("periods")
+    else:
         options["record"] = names[0] if len(names) == 1 else list(names)
     grid = _grid(case, (over, *by), log, sample)
     target = _target(store, **storing)
@@ -129,18 +131,6 @@ def sweep(case: Case, over: Axis, by, log, sample, record, periods, store, expla
         _run(function, case, grid, None, **options)
     print(f"share {storing['share']}: {store_status(store)}")
     return 0
-
-
-def _function(record: tuple[str, ...]) -> Callable[..., Any]:
-    """The function that makes a record."""
-    from ..sweeps.exponents import lyapunov_sweep
-    from ..sweeps.orbits import orbit_sweep
-    from ..sweeps.sweep import sweep as run
-
-    alone = [name for name in record if name in ALONE]
-    if alone and len(record) > 1:
-        raise ValueError(f"Option --record {alone[0]} must stand alone, but is given with others.")
-    return {"exponents": lyapunov_sweep, "orbits": orbit_sweep}.get(alone[0] if alone else "", run)
 
 
 def _grid(case: Case, axes: tuple[Axis, ...], log: tuple[str, ...], sample: int | None) -> dict[str, Any]:

@@ -25,10 +25,10 @@ from ..model.kinematics import Motion
 from ..model.scene import Scene
 from ..orbits.periodic import TOLERANCE
 from ..sweeps.grid import Grid, filled
-from ..sweeps.maps import Maps, rows_of
+from ..sweeps.maps import JACOBIAN, Maps, rows_of
 from ..sweeps.orbits import find_orbits
 from ..sweeps.reached import reached_orbits
-from ..sweeps.records import JACOBIAN, LargestExponent
+from ..sweeps.records import LargestExponent
 from ..sweeps.run import Chunk, OnProgress, RunOptions, make_plan, run_chunk, run_chunks
 from ..tools.batching import Batched
 from ..tools.limits import cores

@@ -103,12 +103,32 @@ class AbstractRecord(abc.ABC):
         """Cost of the work after so many recorded periods, in unrecorded ones."""
         return 0.0
 
-    def after(self, carried: Any, status: np.ndarray, run: Any) -> tuple[Any, np.ndarray]:
-        """Carry and `Status` codes, after what is judged or run on from the end of the recorded span.
+    def after(self, carried: Any, samples: Any, status: np.ndarray, run: Any) -> tuple[Any, np.ndarray]:
+        """Judges a chunk, or runs on with it, from the end of the recorded span; gives carry and `Status` codes.
 
-        **Arguments:** `run`: the chunk, a `slipperjax.sweeps.records.RecordedChunk`.
+        **Arguments:** `samples`: (cases, periods, ...); `run`: the chunk, a `slipperjax.sweeps.run.RecordedChunk`.
         """
         return carried, status
+
+    @property
+    def completes(self) -> bool:
+        """Whether it runs on with some of the cases, in chunks of their own, after all chunks."""
+        return False
+
+    def cost_completing(self, periods: int) -> float:
+        """Cost of running on after all chunks, in unrecorded periods."""
+        return 0.0
+
+    def complete(
+        self, values: Any, status: np.ndarray, plan: Any, options: Any, interrupted: bool
+    ) -> tuple[Any, np.ndarray, bool]:
+        """Runs on with some of the cases after all chunks; gives values, `Status` codes, and whether the run was
+        interrupted. Cases that were not finished have `Status.NOT_RUN`.
+
+        **Arguments:** `values`: of `finish`, (cases, ...); `plan`: a `slipperjax.sweeps.run.Plan`; `options`: for
+        `slipperjax.sweeps.run.run_cases`; `interrupted`: whether nothing more is to be run.
+        """
+        return values, status, interrupted
 
     @abc.abstractmethod
     def finish(self, carried: Any, samples: Any, span: RecordedSpan) -> Any:
@@ -205,13 +225,34 @@ class RecordSet:
         """The arrays that are kept of each period."""
         return tuple(r.sample(course) for r in self.records)
 
-    def after(self, carried: tuple[Any, ...], status: np.ndarray, run: Any) -> tuple[tuple[Any, ...], np.ndarray]:
+    def after(
+        self, carried: tuple[Any, ...], samples: tuple[Any, ...], status: np.ndarray, run: Any
+    ) -> tuple[tuple[Any, ...], np.ndarray]:
         """Carries and `Status` codes after the recorded span."""
-        found = []
-        for r, mine in zip(self.records, carried, strict=True):
-            mine, status = r.after(mine, status, run)
-            found.append(mine)
-        return tuple(found), status
+        carries = []
+        for r, mine, kept in zip(self.records, carried, samples, strict=True):
+            mine, status = r.after(mine, kept, status, run)
+            carries.append(mine)
+        return tuple(carries), status
+
+    @property
+    def completes(self) -> bool:
+        """Whether any runs on after all chunks."""
+        return any(r.completes for r in self.records)
+
+    def cost_completing(self, periods: int) -> float:
+        """Cost of running on after all chunks, in unrecorded periods."""
+        return sum((r.cost_completing(periods) for r in self.records), 0.0)
+
+    def complete(
+        self, values: tuple[Any, ...], status: np.ndarray, plan: Any, options: Any, interrupted: bool
+    ) -> tuple[tuple[Any, ...], np.ndarray, bool]:
+        """Values and `Status` codes after all that runs on, and whether the run was interrupted."""
+        whole = []
+        for r, mine in zip(self.records, values, strict=True):
+            mine, status, interrupted = r.complete(mine, status, plan, options, interrupted)
+            whole.append(mine)
+        return tuple(whole), status, interrupted
 
     def finish(self, carried: tuple[Any, ...], samples: Sequence[Any], span: RecordedSpan) -> tuple[Any, ...]:
         """The arrays of each record, with a leading axis of cases."""

@@ -348,7 +348,7 @@ class ContactChecks(Unlabelled):
         deepest = jnp.maximum(deepest, jnp.max(new.penetration))
         return closed, deepest, jnp.maximum(stability_number, new.stability_number)
 
-    def after(self, carried, status, run):
+    def after(self, carried, samples, status, run):
         limit = most_stability_number(run.plan.solver)
         return carried, np.asarray(judged_by_contacts(run.scenes, jnp.asarray(status), carried, limit))
 

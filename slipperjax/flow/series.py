@@ -130,7 +130,7 @@ class Sections(AbstractRecord):
         packed = lambda values: none.at[at].set(values, mode="drop")
         return SectionPoints(packed(time), packed(velocity), jnp.sum(crossed, axis=1))
 
-    def after(self, carried, status, run):
+    def after(self, carried, samples, status, run):
         dropped = (np.asarray(carried) > self.capacity) & (status == Status.FINITE)
         return carried, np.where(dropped, int(Status.POINTS_DROPPED), status)
 

@@ -4,10 +4,10 @@ from .attractors import attractors as attractors
 from .attractors import groups as groups
 from .attractors import strobe_states as strobe_states
 from .explain import Estimate as Estimate
+from .exponents import LyapunovExponents as LyapunovExponents
 from .follow import Jump as Jump
 from .follow import find_jump as find_jump
-from .reached import Confirmations as Confirmations
-from .reached import confirm_periods as confirm_periods
+from .orbits import PeriodicOrbit as PeriodicOrbit
 from .records import LargestExponent as LargestExponent
 from .records import MotionKind as MotionKind
 from .store import StoreInUse as StoreInUse

@@ -35,8 +35,8 @@ def strobe_states(ds: xr.Dataset, last: int | None = None) -> Float[np.ndarray, 
 def attractors(ds: xr.Dataset, last: int = 200, floor: float = FLOOR, **options: Any) -> Attractors:
     """What each case of a sweep settled to, from its `last` strobe states: see `slipperjax.analysis.attractor`.
 
-    Cases with a status other than 0 are "unresolved", and the evidence names the status. Whether periodic ones are
-    on exact orbits of that period is said by `slipperjax.sweeps.confirm_periods`.
+    Cases with a status other than 0 are "unresolved", and the evidence names the status. `slipperjax.lyapunov_sweep`
+    says which periodic ones are on exact orbits of that period.
 
     **Arguments:** `floor`: distances below it are zero, in multiples of `slipperjax.model.COORDINATE_SCALES`: by
     default 10 nm.

@@ -16,7 +16,7 @@ from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.quantities import COORDINATE_SCALES
 from ..model.scene import Scene
-from ..tools.checks import number, one_of, positive
+from ..tools.checks import brief, number, one_of, positive
 from .grid import Grid, filled, path_grid
 from .records import resolved_record
 from .run import Chunk, OnProgress, RunOptions, call_of, make_plan, run_chunk, run_chunks
@@ -66,7 +66,10 @@ def follow(
         raise ValueError(f"Argument `directions` must name one or more ways, each once, but is {directions!r}.")
     ways = [DIRECTIONS[one_of("directions", d, tuple(DIRECTIONS))] for d in directions]
     options = RunOptions(transient, periods, steps_per_period, saves_per_period, solver)
-    plan = make_plan(grid, start, options, resolved_record(record))
+    records = resolved_record(record)
+    if records.completes:
+        raise ValueError(f"Argument `record` must not run on where cases follow one another, but is {brief(record)}.")
+    plan = make_plan(grid, start, options, records)
     cases, lanes = plan.cases, np.arange(len(ways))
     columns = np.stack([np.arange(len(values))[::way] for way in ways], axis=1)  # (values, directions)
     # where the cases at each value stand in the list of all directions and values

@@ -21,9 +21,10 @@ from ..orbits.motions import Settled
 from ..tools.batching import Batched
 from ..tools.compile import jit
 from .grid import filled
-from .records import JACOBIAN, LOOK
 from .run import PERIODS_PER_CALL, OnProgress
 
+JACOBIAN, LOOK = 35.0, 2.4
+"""Cost of a period with its Jacobian, and with its loads, in unrecorded ones: measured."""
 LANES = 32
 """Cases in one call. A program of another size takes as long to compile as hundreds of Jacobians take to compute."""
 

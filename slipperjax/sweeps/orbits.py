@@ -5,45 +5,28 @@ one after a new Jacobian. So no case waits for another one's line search, and ca
 """
 
 import functools
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import diffrax
 import jax
 import numpy as np
-import xarray as xr
 from jaxtyping import Complex, Float, Int
 
 from ..analysis.floquet import multipliers
-from ..flow.period_map import initial_states
+from ..flow.record import AbstractRecord, Labelled, attributes
 from ..flow.series import coordinates
-from ..flow.simulate import Trajectory, first_of
-from ..flow.status import Status
+from ..flow.status import Status, first_problem
 from ..model.dynamics import State
-from ..model.kinematics import Motion
 from ..model.quantities import COORDINATES
 from ..model.scene import Scene
 from ..orbits.motions import check_forcing
 from ..orbits.periodic import TOLERANCE
 from ..tools.batching import Batched
 from ..tools.checks import number, positive, whole
-from .grid import Grid
-from .maps import Maps, rows_of
-from .records import JACOBIAN
-from .run import (
-    PERIODS_PER_CALL,
-    OnProgress,
-    Part,
-    Plan,
-    RunOptions,
-    call_of,
-    make_plan,
-    run_cases,
-    run_chunk,
-)
-from .store import Store, storable
-from .sweep import Column, case_attributes, case_dataset
+from .maps import JACOBIAN, Maps, rows_of
+from .run import OnProgress, RecordedChunk
 
 HALVINGS = 5
 """How often a step is halved before it is taken whatever it gives."""
@@ -208,10 +191,9 @@ TYPICAL_ITERATIONS = 8
 """Iterations of Newton's method that a case takes, about."""
 
 
-class _CaseOrbits(NamedTuple):
-    """Orbits of a chunk."""
+class CaseOrbits(NamedTuple):
+    """Orbits of cases, arrays with a leading axis."""
 
-    status: np.ndarray
     strobe: np.ndarray
     """States at the start of a period, in the order of `COORDINATES`."""
     state: np.ndarray
@@ -220,85 +202,83 @@ class _CaseOrbits(NamedTuple):
     iterations: np.ndarray
 
 
-@storable
-def orbit_sweep(
-    scene: Scene,
-    grid: Mapping[str, Any],
-    *,
-    period: int = 1,
-    product: bool = True,
-    transient: int = 60,
-    tolerance: float = TOLERANCE,
-    max_iterations: int = 40,
-    steps_per_period: int | Sequence[int] | np.ndarray | None = None,
-    solver: diffrax.AbstractSolver | str | None = None,
-    start: Motion | State | Trajectory | None = None,
-    chunk: int | None = None,
-    workers: int | None = None,
-    progress: bool = False,
-    store: Store | str | Path | None = None,
-    executor: Any = None,
-) -> xr.Dataset:
-    """A periodic orbit for every case of a grid, with its Floquet multipliers, by Newton's method after a transient.
+@dataclass(frozen=True)
+class PeriodicOrbit(AbstractRecord):
+    """The periodic orbit near the end of each motion, by Newton's method, with its Floquet multipliers.
 
-    **Arguments:** `period`: forcing periods after which the orbits recur; `transient`: forcing periods simulated
-    before, `PERIODS_PER_CALL` at least; `tolerance`: scaled residual that counts as found [1]; `max_iterations`: of
-    each case; others as for `sweep`.
-
-    **Returns:** an `xarray.Dataset` over the grid with `strobe`, the state at the start of a forcing period in the
-    order of `slipperjax.model.COORDINATES`, and `state`, all its numbers; `multiplier_real` and `multiplier_imag`
-    [1] over `period` forcing periods; `exponent` [1/period], ln |largest multiplier| per forcing period; `stable`;
-    `residual` [1], `iterations`; `status`, which is `Status.NO_ORBIT` where the iterations ended elsewhere.
-
-    **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
+    Cases whose iterations end elsewhere have `Status.NO_ORBIT`.
     """
-    call = call_of("orbit_sweep", locals())
-    check_forcing(scene)
-    start = first_of(start)
-    period, limit = whole("period", period, 1), whole("max_iterations", max_iterations, 1)
-    tolerance, passed = number(positive, "tolerance", tolerance), whole("transient", transient, PERIODS_PER_CALL)
-    search = period * (2 * JACOBIAN + TYPICAL_ITERATIONS)
-    options = RunOptions(0, 1, steps_per_period, None, solver)
-    plan = make_plan(Grid(scene, grid, product=product), start, options, cost_after=passed + search).strobes(passed)
 
-    def work(part: Part) -> _CaseOrbits:
-        run = run_chunk(plan, part.scenes, initial_states(part.scenes, part.starts), part.steps, part.on_progress)
-        counted = np.arange(part.cases)
+    period: int = 1
+    """Forcing periods after which the orbits recur."""
+    tolerance: float = TOLERANCE
+    """Scaled residual that counts as found [1]."""
+    max_iterations: int = 40
+
+    def __post_init__(self):
+        whole("period", self.period, 1)
+        whole("max_iterations", self.max_iterations, 1)
+        number(positive, "tolerance", self.tolerance)
+
+    @property
+    def name(self):
+        return "orbits"
+
+    @property
+    def variables(self):
+        names = ("orbit", "orbit_state", "multiplier_real", "multiplier_imag", "orbit_exponent", "stable")
+        return (*names, "residual", "iterations")
+
+    @property
+    def inside(self):
+        return False
+
+    @property
+    def tangents(self):
+        return True
+
+    def values(self, periods):
+        return 150
+
+    def check(self, scene, periods, steps):
+        check_forcing(scene)
+
+    def cost_after(self, periods):
+        return self.period * (2 * JACOBIAN + TYPICAL_ITERATIONS)
+
+    def after(self, carried, samples, status, run: RecordedChunk):
+        counted = (np.arange(len(status)) < run.cases) & (status == Status.FINITE)
         orbits = find_orbits(
-            part.scenes.take(counted),
-            jax.tree.map(lambda a: np.asarray(a)[counted], run.state),
-            part.steps,
-            on_progress=part.on_progress,
-            solver=plan.solver,
-            period=period,
-            tolerance=tolerance,
-            max_iterations=limit,
+            run.scenes,
+            jax.tree.map(np.asarray, run.states),
+            run.steps,
+            solver=run.plan.solver,
+            period=np.where(counted, self.period, 0),
+            tolerance=self.tolerance,
+            max_iterations=self.max_iterations,
+            on_progress=run.on_progress,
         )
-        rows, multipliers = rows_of(orbits.state), orbits.multipliers
-        return _CaseOrbits(
-            orbits.status, coordinates(orbits.state), rows, multipliers, orbits.residual, orbits.iterations
-        )
+        states = coordinates(orbits.state), rows_of(orbits.state)
+        found = CaseOrbits(*states, orbits.multipliers, orbits.residual, orbits.iterations)
+        return found, first_problem(status, orbits.status)
 
-    how = dict(chunk=chunk, workers=workers, progress=progress, tangents=True, name="orbits")
-    run = run_cases(plan, work, cost=plan.cost + search, **how)
-    attrs = case_attributes(plan, call) | {"transient": plan.periods, "orbit_period": period}
-    return run.checked(lambda: _dataset(plan, run.results, attrs))
+    def finish(self, carried, samples, span) -> CaseOrbits:
+        return carried
 
-
-def _dataset(plan: Plan, orbits: _CaseOrbits, attrs: Mapping[str, Any]) -> xr.Dataset:
-    largest = np.abs(orbits.multipliers[:, 0])
-    with np.errstate(divide="ignore"):
-        exponent = np.log(largest) / attrs["orbit_period"]
-    text = "; ".join(f"{name} [{q.unit}]" for name, q in COORDINATES.items())
-    real, imaginary = orbits.multipliers.real, orbits.multipliers.imag
-    columns: dict[str, Column] = {
-        "strobe": (orbits.strobe, ("coordinate",), "", f"state at the start of a forcing period: {text}"),
-        "state": (orbits.state, ("number",), "", "all numbers of the state, as in slipperjax.State"),
-        "multiplier_real": (real, ("multiplier",), "1", "Floquet multipliers, real parts"),
-        "multiplier_imag": (imaginary, ("multiplier",), "1", "Floquet multipliers, imaginary parts"),
-        "exponent": (exponent, (), "1/period", "ln of the largest multiplier's modulus, per forcing period"),
-        "stable": (largest < 1, (), "", "whether all multipliers lie inside the unit circle"),
-        "residual": (orbits.residual, (), "1", "scaled residual"),
-        "iterations": (orbits.iterations, (), "1", "iterations of Newton's method"),
-    }
-    return case_dataset(plan, orbits.status, columns, attrs, {"coordinate": list(COORDINATES)})
+    def label(self, scene, dims, values: CaseOrbits) -> Labelled:
+        largest = np.abs(values.multipliers[..., 0])
+        with np.errstate(divide="ignore"):
+            exponent = np.log(largest) / self.period
+        text = "; ".join(f"{name} [{q.unit}]" for name, q in COORDINATES.items())
+        label, over = attributes, (*dims, "multiplier")
+        real, imaginary = values.multipliers.real, values.multipliers.imag
+        return {
+            "orbit": ((*dims, "coordinate"), values.strobe, {"long_name": f"state at the start of a period: {text}"}),
+            "orbit_state": ((*dims, "number"), values.state, {"long_name": "all numbers of the orbit's state"}),
+            "multiplier_real": (over, real, label("1", "Floquet multipliers, real parts")),
+            "multiplier_imag": (over, imaginary, label("1", "Floquet multipliers, imaginary parts")),
+            "orbit_exponent": (dims, exponent, label("1/period", "ln of the largest multiplier's modulus")),
+            "stable": (dims, largest < 1, {"long_name": "whether all multipliers lie inside the unit circle"}),
+            "residual": (dims, values.residual, label("1", "scaled residual")),
+            "iterations": (dims, values.iterations, label("1", "iterations of Newton's method")),
+        }, {"coordinate": list(COORDINATES)}

@@ -3,91 +3,23 @@
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import diffrax
 import numpy as np
 from jaxtyping import Float, Int
 
 from ..analysis.attractor import KINDS, MIN_TEST, classify
 from ..analysis.lyapunov import standard_error
-from ..flow.period_map import advance_tangents, initial_tangents
 from ..flow.record import AbstractRecord, Labelled, RecordedSpan, RecordSet, attributes
 from ..flow.records import ALIASES, RECORDS, ContactChecks, OnePoint
 from ..flow.series import History, Sections, Strobe, coordinates
-from ..flow.simulate import flexible_steps
 from ..flow.status import Status, first_problem
 from ..model.dynamics import State
 from ..model.quantities import COORDINATE_SCALES, LOADS, Quantity
-from ..model.scene import Scene
-from ..tools.batching import Batched
 from ..tools.checks import brief, require, whole, yes_or_no
 from .attractors import FLOOR
-from .run import OnProgress, RecordedChunk
-
-BLOCK = 20
-"""Forcing periods in one call; the first such block turns the tangents into their directions and is not counted."""
-LONGEST = 16
-"""Longest period of a motion whose Floquet multipliers are computed, or whose orbit is looked for."""
-LAST = 200
-"""Forcing periods at the end of a record from which a motion is classified."""
-JACOBIAN, LOOK = 35.0, 2.4
-"""Cost of a period with its Jacobian, and with its loads, in unrecorded ones: measured."""
-
-
-def tangents_cost(count: int) -> float:
-    """Cost of a period with `count` tangents, in unrecorded ones: measured 2.1 to 2.9 with one, 5.7 with three."""
-    return 1.0 + 1.6 * count
-
-
-def measured_periods(blocks: int) -> int:
-    """Forcing periods of a measurement of which `blocks` count."""
-    return BLOCK * (blocks + 1)
-
-
-class Local(NamedTuple):
-    """Local exponents of a chunk."""
-
-    history: Float[np.ndarray, "cases periods count"]
-    status: Int[np.ndarray, " cases"]
-    strobe: Float[np.ndarray, "cases last 10"]
-    """States once per period in the last `LAST` counted periods, or in all if they are fewer."""
-    state: State
-    """The states at the end."""
-
-
-class Measure(NamedTuple):
-    """A measurement of exponents of a chunk, from its states at the start of the period `epoch`."""
-
-    solver: diffrax.AbstractSolver
-    scenes: Batched[Scene]
-    states: State
-    epoch: float
-    blocks: int
-    """Blocks of `BLOCK` periods that count."""
-    steps: int
-    """Steps per period of those periods in which progress is counted."""
-    on_progress: OnProgress
-
-    @property
-    def periods(self) -> int:
-        """Forcing periods of one measurement, those in which tangents turn into their directions included."""
-        return measured_periods(self.blocks)
-
-    def __call__(self, steps: int, count: int) -> Local:
-        """Measures local exponents with `steps` per period."""
-        states, tangents = self.states, initial_tangents(self.scenes, self.states, count)
-        weight = tangents_cost(count) * steps / self.steps
-        rows, strobes, status = [], [], np.zeros(len(states.motion.y), int)
-        for k in range(self.blocks + 1):
-            at = self.epoch + k * BLOCK
-            states, tangents, history, strobe, codes = advance_tangents(
-                self.scenes, states, tangents, at, flexible_steps(steps), solver=self.solver, periods=BLOCK
-            )
-            rows.append(np.asarray(history))
-            strobes = [*strobes, np.asarray(strobe)][-LAST // BLOCK :] if k else []
-            status = first_problem(status, codes)
-            self.on_progress(weight * BLOCK)
-        return Local(np.concatenate(rows[1:], axis=1), status, np.concatenate(strobes, axis=1), states)
-
+from .exponents import LyapunovExponents
+from .measure import BLOCK, LAST, Measure, measured_periods, tangents_cost
+from .orbits import PeriodicOrbit
+from .run import RecordedChunk
 
 LEAST_PERIODS = 16
 """Recorded periods without which nothing is classified, see `slipperjax.analysis.classify`."""
@@ -221,7 +153,7 @@ class LargestExponent(AbstractRecord):
     def cost_after(self, periods):
         return tangents_cost(1) * measured_periods(self.blocks(periods))
 
-    def after(self, carried, status, run: RecordedChunk):
+    def after(self, carried, samples, status, run: RecordedChunk):
         blocks = self.blocks(run.plan.recorded.periods)
         found = Measure(run.plan.solver, run.scenes, run.states, run.epoch, blocks, run.steps, run.on_progress)(
             run.steps, 1
@@ -238,15 +170,17 @@ class LargestExponent(AbstractRecord):
         return {"exponent": (dims, found.exponent, label), "exponent_stderr": (dims, found.stderr, error)}, {}
 
 
-_BESIDE: dict[str, tuple[AbstractRecord, ...]] = {
+_OTHERS: dict[str, tuple[AbstractRecord, ...]] = {
     "sections": (Sections(), Strobe(from_start=True)),
     "strobe": (Strobe(),),
     "history": (History(),),
     "motion": (MotionKind(),),
     "exponent": (LargestExponent(),),
+    "exponents": (LyapunovExponents(),),
+    "orbits": (PeriodicOrbit(),),
 }
 """Records by name that are no numbers of a period."""
-NAMES = ("sections", "strobe", "history", "motion", "exponent", *ALIASES, *RECORDS)
+NAMES = (*_OTHERS, *ALIASES, *RECORDS)
 """Names that `sweep(..., record=...)` knows."""
 
 
@@ -279,7 +213,7 @@ def _records(given: Any) -> tuple[AbstractRecord, ...]:
         return (given,)
     if isinstance(given, str) and given in NAMES:
         names = ALIASES.get(given, (given,))
-        return _BESIDE.get(given) or tuple(RECORDS[name] for name in names)
+        return _OTHERS.get(given) or tuple(RECORDS[name] for name in names)
     raise ValueError(
         f"Argument `record` must be one of {', '.join(NAMES)}, a record, or a list of names and records, but is "
         f"{brief(given)}."

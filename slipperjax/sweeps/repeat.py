@@ -9,12 +9,10 @@ import xarray as xr
 from ..flow.load import dataset_of, load_base, load_call, varied_names
 from ..flow.simulate import simulate
 from ..tools.checks import brief
-from .exponents import lyapunov_sweep
 from .follow import follow
-from .orbits import orbit_sweep
 from .sweep import sweep
 
-FUNCTIONS = {"sweep": sweep, "follow": follow, "lyapunov_sweep": lyapunov_sweep, "orbit_sweep": orbit_sweep}
+FUNCTIONS = {"sweep": sweep, "follow": follow}
 """Functions of many cases whose results can be computed again."""
 
 

@@ -214,19 +214,8 @@ def _cost(records: RecordSet, transient: Calls, recorded: Calls) -> float:
     return transient.periods + records.cost * periods + records.cost_after(periods)
 
 
-def make_plan(
-    grid: Grid,
-    start: Motion | State,
-    options: RunOptions,
-    records: RecordSet = RecordSet(),
-    *,
-    cost_after: float = 0.0,
-    values_after: int = 0,
-) -> Plan:
+def make_plan(grid: Grid, start: Motion | State, options: RunOptions, records: RecordSet = RecordSet()) -> Plan:
     """Plans a run from a user's arguments and records.
-
-    **Arguments:** `cost_after`, `values_after`: of what follows the run, the cost in unrecorded forcing periods of a
-    case, and the numbers that are kept of it.
 
     **Raises:** `ValueError` that names the argument which is wrong, or memory and time of an impossible run.
     """
@@ -238,8 +227,8 @@ def make_plan(
     records = records.with_saves(saves)
     # before the cases are made, which may not fit into memory
     cases = grid.sample(start, SAMPLED_CASES)
-    cost = _cost(records, before, during) + cost_after
-    values = records.values(before.periods, during.periods) + values_after
+    cost = _cost(records, before, during) + records.cost_completing(during.periods)
+    values = records.values(before.periods, during.periods)
     refuse_impossible(
         f"{grid.count} cases of {cost:.3g} forcing periods",
         (2 * 8.0 * values + LEAST_BYTES) * grid.count,  # twice while it is put together and written
@@ -315,6 +304,8 @@ class RecordedChunk(NamedTuple):
     """Forcing periods before."""
     steps: int
     """Integration steps per forcing period."""
+    cases: int
+    """How many lanes count; the others fill the batch up."""
     on_progress: OnProgress
 
 
@@ -331,10 +322,13 @@ def run_chunk(
     steps: int,
     on_progress: OnProgress = heed_interrupts,
     epoch: int = 0,
+    cases: int | None = None,
 ) -> ChunkRun:
     """Runs a chunk of cases through its plan, from the forcing period `epoch` on, with `steps` per period.
 
     Times in records count from there.
+
+    **Arguments:** `cases`: how many lanes count, default all.
     """
     records, period, status = plan.records, float(epoch), np.zeros(len(states.motion.y), int)
     samples = Samples(records, plan.recorded.periods)
@@ -356,10 +350,11 @@ def run_chunk(
             samples.add(kept, passed.samples)
             on_progress(kept.cost * calls.length)
             period += calls.length
-    chunk = RecordedChunk(plan, scenes, states, period, steps, on_progress)
-    carry, status = records.after(carry, status, chunk)
+    kept = samples.joined()
+    chunk = RecordedChunk(plan, scenes, states, period, steps, len(status) if cases is None else cases, on_progress)
+    carry, status = records.after(carry, kept, status, chunk)
     span = RecordedSpan(plan.recorded.periods, steps, float(epoch), status)
-    return ChunkRun(states, status, records.finish(carry, samples.joined(), span))
+    return ChunkRun(states, status, records.finish(carry, kept, span))
 
 
 def _initial_carry(records: RecordSet, scenes: Batched[Scene], states: State) -> Any:

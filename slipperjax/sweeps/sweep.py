@@ -14,14 +14,20 @@ from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.period_map import initial_states
 from ..flow.record import AbstractRecord
 from ..flow.simulate import Trajectory, first_of
-from ..flow.status import MEANINGS
+from ..flow.status import MEANINGS, Status
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene
+from ..orbits.exponents import check_count
+from ..orbits.periodic import TOLERANCE
 from ..solvers.latching import solver_name
+from ..tools.checks import whole
+from .exponents import LyapunovExponents
 from .grid import Grid
+from .measure import BLOCK
+from .orbits import PeriodicOrbit
 from .records import resolved_record
-from .run import Part, Plan, RunOptions, call_of, make_plan, run_cases, run_chunk
+from .run import PERIODS_PER_CALL, Part, Plan, Run, RunOptions, call_of, make_plan, run_cases, run_chunk
 from .store import Store, storable
 
 
@@ -60,8 +66,9 @@ def sweep(
         case while the periods are integrated, so that long records of many cases take no memory: "motion" (`kind`
         and `period` by recurrence), "loads" or one of them ("peak_force", "peak_period", "impulse",
         "contact_fraction", "penetration"), "rms" (of accelerations), "extremes" (of coordinates), "contact_load" and
-        others of `slipperjax.flow.RECORDS`, "exponent" (the largest, uncertified, by a tangent afterwards); and from
-        `slipperjax.flow` `ForcePercentile`, `SpectrumLines`, and `Record` of any function of a period's course.
+        others of `slipperjax.flow.RECORDS`; "exponent" (the largest, uncertified, by a tangent afterwards),
+        "exponents" and "orbits", see `lyapunov_sweep` and `orbit_sweep`; and from `slipperjax.flow`
+        `ForcePercentile`, `SpectrumLines`, and `Record` of any function of a period's course.
     - `transient`: forcing periods to pass before; above ten rounded up to tens, see the attribute `transient`.
     - `steps_per_period`: one number for all cases, or an array of the grid's shape with one for each; default what
         `default_steps_per_period` gives for each. Cases with the same number run together.
@@ -92,11 +99,104 @@ def sweep(
 
     def work(part: Part) -> CaseResults:
         states = initial_states(part.scenes, part.starts)
-        run = run_chunk(plan, part.scenes, states, part.steps, part.on_progress)
+        run = run_chunk(plan, part.scenes, states, part.steps, part.on_progress, cases=part.cases)
         return CaseResults(run.status, run.record)
 
-    run = run_cases(plan, work, cost=plan.cost, chunk=chunk, workers=workers, progress=progress)
+    how: dict[str, Any] = dict(chunk=chunk, workers=workers, progress=progress)
+    run = run_cases(plan, work, cost=plan.cost, **how)
+    if run.results is not None and plan.records.completes:
+        record, status, interrupted = plan.records.complete(
+            run.results.record, run.results.status, plan, how, run.interrupted
+        )
+        run = Run(CaseResults(status, record), status != Status.NOT_RUN, interrupted)
     return run.checked(lambda: sweep_dataset(plan, run.results, plan.steps, call))
+
+
+def lyapunov_sweep(
+    scene: Scene,
+    grid: Mapping[str, Any],
+    *,
+    count: int = 1,
+    transient: int = 300,
+    periods: int = 500,
+    certify: bool = True,
+    orbits: bool = True,
+    **options: Any,
+) -> xr.Dataset:
+    """Measures Lyapunov exponents for every case of a grid, as one batch, each with its certificate.
+
+    Where a case has reached a stable periodic orbit after the transient, its exponents are those of the orbit's
+    Floquet multipliers, exact to about 1e-8, which costs about a seventh of a measurement.
+
+    **Arguments:** `count`, `periods`: as for `lyapunov_spectrum`; `certify`: whether each case is checked, which
+    costs about as much again, and five times as much for chaotic cases; `orbits`: whether exponents are taken from
+    orbits, so that without it all are measured; `transient`: `BLOCK` periods at least, rounded up to tens; others as
+    for `sweep`, whose record "exponents" this is. Periods are rounded up to whole blocks of `BLOCK`, after each of
+    which the status is looked at.
+
+    **Returns:** an `xarray.Dataset` over the grid, which has as attribute `periods` those of the transient, with
+
+    - `exponent` and `stderr` [1/period], with dimension `count`; `weighted_exponent`: the same by a smoothly weighted
+      mean, sharper for regular motions (see `slipperjax.analysis.weighted_mean`); `by_orbit`: whether they are those
+      of an orbit, with standard errors of zero; `kaplan_yorke` where count > 1; `kind` and `period` [forcing
+      periods]: of the orbit, or what the motion is by recurrence in the last `LAST` counted periods, see
+      `slipperjax.analysis.classify`; `regime`: see `slipperjax.analysis.regime`; `status` and `steps_per_period`: as
+      `sweep` gives them;
+    - with `certify`: `half_step`, the largest exponent with steps half as long, and its standard error
+      `half_step_stderr`; `floquet`, ln |largest multiplier| per period, of periodic motions; `resolved`: whether all
+      that applies agrees; `escapes`, how many of `MOTIONS` motions of a chaotic case became regular within `HOLD`
+      periods more, and `chaotic_for`, the forcing periods for which none did.
+
+    A case is `resolved` where its status is 0, the exponent with steps half as long lies within three standard errors
+    of the difference or 1e-3, the exponents of both halves of the record within three of theirs or 1e-2, and the
+    weighted exponent of a periodic motion is that of its multiplier within 1e-3. A case on an orbit is resolved where
+    the exponent of the orbit with steps half as long, which must be found and stable, too, differs by 1e-2 at most.
+
+    A case takes the exponents of an orbit only where that is certain, see `slipperjax.sweeps.reached`: all others,
+    with unstable, distant or missing orbits, forcings that do not recur, or anything wrong, are measured.
+
+    The exponents of a certified chaotic case, and their standard errors, are those of its `MOTIONS` longer motions,
+    see `slipperjax.analysis.pooled_standard_error`. Where some became regular, it is "transient chaos", with the
+    exponents of the chaotic stretch.
+
+    **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C. Chaotic cases whose
+    longer motions were not finished then have the exponents that were measured, and `Status.NOT_RUN`.
+    """
+    record = LyapunovExponents(check_count(scene, count), periods, certify, orbits)
+    return sweep(scene, grid, record=record, **_before(whole("transient", transient, BLOCK)), **options)
+
+
+def orbit_sweep(
+    scene: Scene,
+    grid: Mapping[str, Any],
+    *,
+    period: int = 1,
+    transient: int = 60,
+    tolerance: float = TOLERANCE,
+    max_iterations: int = 40,
+    **options: Any,
+) -> xr.Dataset:
+    """Finds a periodic orbit for every case of a grid, with its Floquet multipliers, after a transient.
+
+    **Arguments:** `period`: forcing periods after which the orbits recur; `transient`: forcing periods simulated
+    before, rounded up to tens; `tolerance`: scaled residual that counts as found [1]; `max_iterations`: of Newton's
+    method for each case; others as for `sweep`, whose record "orbits" this is.
+
+    **Returns:** an `xarray.Dataset` over the grid, which has as attribute `periods` those of the transient, with
+    `orbit`, the state at the start of a forcing period in the order of `slipperjax.model.COORDINATES`, and
+    `orbit_state`, all its numbers; `multiplier_real` and `multiplier_imag` [1] over `period` forcing periods;
+    `orbit_exponent` [1/period], ln |largest multiplier| per forcing period; `stable`; `residual` [1], `iterations`;
+    `status`, which is `Status.NO_ORBIT` where the iterations ended elsewhere.
+
+    **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
+    """
+    record = PeriodicOrbit(period, tolerance, max_iterations)
+    return sweep(scene, grid, record=record, **_before(whole("transient", transient, 1)), **options)
+
+
+def _before(transient: int) -> dict[str, int]:
+    """Options of a sweep for records that run on from the end of a transient: its periods are the recorded ones."""
+    return dict(transient=0, periods=-(-transient // PERIODS_PER_CALL) * PERIODS_PER_CALL)
 
 
 class CaseResults(NamedTuple):
@@ -151,27 +251,3 @@ def case_variables(dims: tuple[str, ...], status: np.ndarray, steps: np.ndarray)
         "status": (dims, status, {"long_name": "status", "meaning": MEANINGS}),
         "steps_per_period": (dims, steps, {"units": "1", "long_name": "integration steps per forcing period"}),
     }
-
-
-Column = tuple[np.ndarray, tuple[str, ...], str, str]
-"""Values of cases, dimensions besides those of the grid, unit, description."""
-
-
-def case_dataset(
-    plan: Plan,
-    status: Int[np.ndarray, " cases"],
-    columns: Mapping[str, Column],
-    attrs: Mapping[str, Any],
-    coords: Mapping[str, Any] | None = None,
-) -> xr.Dataset:
-    """Labels numbers of cases: columns by name, with their statuses and steps.
-
-    **Arguments:** `attrs`: of `case_attributes`, and more; `coords`: besides those of the grid.
-    """
-    cases = plan.cases
-    over = lambda values: values.reshape(cases.shape + values.shape[1:])
-    ds = xr.Dataset(coords={**cases.coordinates(), **(coords or {})}, attrs=attrs)
-    for name, (values, dims, unit, words) in columns.items():
-        label = {"units": unit, "long_name": words} if unit else {"long_name": words}
-        ds[name] = ((*cases.dims, *dims), over(values), label)
-    return ds.assign(case_variables(cases.dims, over(status), over(plan.steps)))

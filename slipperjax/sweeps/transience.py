@@ -6,6 +6,7 @@ how long the transient may last; and because their records are independent, the 
 correlations that are longer than a record.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -19,7 +20,7 @@ from ..flow.status import Status, first_problem
 from ..model.dynamics import State
 from ..model.quantities import COORDINATE_SCALES
 from .attractors import FLOOR
-from .records import LAST, Measure, measured_periods, tangents_cost
+from .measure import LAST, Measure, measured_periods, tangents_cost
 from .run import PERIODS_PER_CALL, Part, Plan, run_cases, run_chunk
 
 MOTIONS = 4
@@ -64,7 +65,7 @@ def take_votes(
     epoch: int,
     blocks: int,
     count: int,
-    options: dict[str, Any],
+    options: Mapping[str, Any],
 ) -> tuple[Votes, bool]:
     """Runs `MOTIONS` motions of each chosen case, for `HOLD` periods and a measurement.
 

@@ -1,6 +1,6 @@
 """Exponents of slippers over a grid, each with its certificate."""
 
-from types import SimpleNamespace
+import sys
 
 import jax
 import numpy as np
@@ -11,7 +11,7 @@ from slipperjax.analysis.floquet import largest_exponent
 from slipperjax.flow.status import Status
 from slipperjax.sweeps import exponents, reached
 from slipperjax.sweeps.attractors import attractors, strobe_states
-from slipperjax.sweeps.reached import confirm_periods
+from slipperjax.sweeps.exponents import LyapunovExponents
 from slipperjax.sweeps.run import Run
 from slipperjax.sweeps.transience import MOTIONS, Votes
 
@@ -104,6 +104,22 @@ def test_other_cases_are_measured_to_the_same_bits(both_ways):
     assert str(lost["regime"].values) == str(lost["kind"].values) == "unresolved"
 
 
+def test_exponents_and_orbits_are_records_like_others(both_ways):
+    record = [LyapunovExponents(periods=60), "orbits"]
+    ds = sj.sweep(
+        sj.paper_scene(), {"speed": [*TWO, LOST]}, record=record, transient=0, periods=200, steps_per_period=50
+    )
+    for name in both_ways[0].data_vars:
+        if name != "status":
+            np.testing.assert_array_equal(ds[name], both_ways[0][name], err_msg=name)
+    np.testing.assert_allclose(ds["orbit_exponent"][0], ds["exponent"][0, 0], rtol=1e-9)
+    assert ds["stable"].values.tolist()[0]
+    with pytest.raises(ValueError, match="must not run on where cases follow one another"):
+        sj.follow(sj.paper_scene(), {"speed": [1000.0, 1100.0]}, record="exponents")
+    with pytest.raises(ValueError, match="must give each variable once, but gives `kind` 2 times"):
+        sj.sweep(sj.paper_scene(), {"speed": TWO}, record=["motion", "exponents"], periods=20)
+
+
 SPOILT = {
     "unstable": lambda found: found._replace(multipliers=found.multipliers * 100),
     "missing": lambda found: found._replace(status=np.full_like(found.status, Status.NO_ORBIT)),
@@ -147,15 +163,11 @@ def test_what_is_wrong_with_a_case_is_said_all_the_same(monkeypatch):
 @pytest.mark.parametrize("stage", [0, 1])
 def test_an_interrupt_keeps_the_orbits(monkeypatch, stage):
     """During the measurement those that were found are kept; during the only chunk of the transient nothing is."""
-    run, names = exponents.run_cases, []
 
     def run_cases(plan, work, **options):
-        names.append(options["name"])
-        if len(names) > stage:
-            return Run(None, np.zeros(plan.cases.count, bool), True)
-        return run(plan, work, **options)
+        return Run(None, np.zeros(plan.cases.count, bool), True)
 
-    monkeypatch.setattr(exponents, "run_cases", run_cases)
+    monkeypatch.setattr(exponents if stage else sys.modules["slipperjax.sweeps.sweep"], "run_cases", run_cases)
     with pytest.raises(sj.Interrupted) as stop:
         swept(TWO)
     assert (stop.value.finished, stop.value.of) == (stage, 2)
@@ -168,7 +180,7 @@ def test_an_interrupt_keeps_the_orbits(monkeypatch, stage):
     assert np.isfinite(found["exponent"].values[:, 0]).tolist() == [True, False]
 
 
-def test_periods_of_strobes_are_confirmed_by_orbits():
+def test_strobes_are_the_same_in_two_programs():
     # in the programs of test_sweep, because only ten divides 530 in numbers from 10 to 50
     options = dict(transient=530, periods=10, steps_per_period=[50, 100])
     strobe = sj.sweep(sj.paper_scene(), {"speed": TWO}, **options)
@@ -177,21 +189,7 @@ def test_periods_of_strobes_are_confirmed_by_orbits():
     # both are the state at the end of a period; measured 1e-13, two programs sum in other orders
     states = (strobe_states(ds, 10)[0] for ds in (strobe, alone))
     np.testing.assert_allclose(*states, rtol=1e-8, atol=1e-12)
-    kinds = attractors(strobe, 40)
-    assert kinds.period.tolist() == [1, 0], kinds.evidence
-    found = confirm_periods(strobe, kinds)
-    assert found.confirmed.tolist() == found.stable.tolist() == [True, False]
-    assert found.residual[0] < 1e-10
-    assert found.distance[0] < 1e-3
-    assert 0.95 < found.multiplier[0] < 0.96  # exp(-0.0465)
-    assert found.status.tolist() == [Status.FINITE, Status.NO_ORBIT]
-    assert np.isnan([found.distance[1], found.residual[1], found.multiplier[1]]).all()
-    # an orbit of period 1 is no orbit of period 2
-    twice = confirm_periods(strobe.isel(speed=[0]), SimpleNamespace(period=np.array([2])))
-    assert (twice.confirmed.tolist(), twice.stable.tolist()) == ([False], [True])
-    np.testing.assert_allclose(twice.multiplier[0], found.multiplier[0] ** 2, rtol=1e-6)
-    with pytest.raises(ValueError, match=r"`found` must be of the cases of `ds`, \(2,\), but has shape \(1,\)"):
-        confirm_periods(strobe, SimpleNamespace(period=np.array([1])))
+    assert attractors(strobe, 40).period.tolist() == [1, 0]
 
 
 CASES = dict(  # of periods 1, 2, 3, 1, 1, 1, 1, 1, 1, 1

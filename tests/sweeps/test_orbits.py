@@ -34,9 +34,9 @@ def test_orbits_recur_and_neighbours_approach_as_their_multipliers_say(found, sp
     case, scene = found.sel(speed=speed), SCENE.replace(speed=speed)
     assert (int(case["status"]), bool(case["stable"])) == (Status.FINITE, True)
     assert float(case["residual"]) < 1e-10
-    state = states_of(case["state"].values[None], sj.initial_state(scene, sj.Motion()))
+    state = states_of(case["orbit_state"].values[None], sj.initial_state(scene, sj.Motion()))
     state = jax.tree.map(lambda a: a[0], state)
-    orbit = case["strobe"].values
+    orbit = case["orbit"].values
     # measured: 1e-13
     np.testing.assert_allclose(strobe(scene, state, 1), np.tile(orbit, (20, 1)), atol=1e-10)
     near = lambda shift: eqx.tree_at(lambda s: s.motion.v_y, state, state.motion.v_y + shift)
@@ -46,22 +46,22 @@ def test_orbits_recur_and_neighbours_approach_as_their_multipliers_say(found, sp
     pair = np.stack([apart[1:-1].ravel(), apart[:-2].ravel()], axis=1)
     size = -np.linalg.lstsq(pair, apart[2:].ravel(), rcond=None)[0][1]
     # measured: 5e-8
-    np.testing.assert_allclose(float(case["exponent"]), np.log(size) / 2, atol=1e-7)
+    np.testing.assert_allclose(float(case["orbit_exponent"]), np.log(size) / 2, atol=1e-7)
 
 
 def test_cases_without_a_stable_orbit_are_marked(found):
     unstable = found.sel(speed=2300.0)  # found from a chaotic motion
     assert (int(unstable["status"]), bool(unstable["stable"])) == (Status.FINITE, False)
-    assert float(unstable["exponent"]) > 0
+    assert float(unstable["orbit_exponent"]) > 0
     few = sj.orbit_sweep(SCENE, {"speed": [1250.0]}, steps_per_period=STEPS, max_iterations=1)
     assert (int(few["status"][0]), bool(few["stable"][0])) == (Status.NO_ORBIT, False)
     assert np.isnan(few["multiplier_real"]).all()
-    assert np.isnan(few["exponent"]).all()
+    assert np.isnan(few["orbit_exponent"]).all()
 
 
 def test_a_result_is_computed_again_to_the_same_bits(found):
     again = sj.repeat(found)
-    np.testing.assert_array_equal(again["state"], found["state"])
+    np.testing.assert_array_equal(again["orbit_state"], found["orbit_state"])
 
 
 def test_wrong_arguments_are_named():

@@ -14,11 +14,11 @@ from slipperjax.flow.series import History, Sections, Strobe
 from slipperjax.flow.status import Status
 from slipperjax.model.quantities import ACCELERATIONS, COORDINATES, LOADS, SECTIONS, Quantity
 from slipperjax.sweeps.attractors import attractors
-from slipperjax.sweeps.exponents import lyapunov_sweep
 from slipperjax.sweeps.grid import Grid
 from slipperjax.sweeps.records import LargestExponent, MotionKind, Motions, resolved_record
 from slipperjax.sweeps.repeat import repeat
 from slipperjax.sweeps.run import RunOptions, make_plan
+from slipperjax.sweeps.sweep import lyapunov_sweep
 
 PERIODS, STEPS = 20, 50  # all of them in the programs of test_sweep, but those of records
 LINES = (0, 0.5, 1, 2)

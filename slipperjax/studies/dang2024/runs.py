@@ -17,10 +17,9 @@ import xarray as xr
 from ...flow.status import Interrupted, Status
 from ...model.dang2024 import paper_scene
 from ...sweeps.attractors import attractors, groups
-from ...sweeps.exponents import lyapunov_sweep
 from ...sweeps.follow import Jump, find_jump, follow
 from ...sweeps.run import all_stopped, concurrently
-from ...sweeps.sweep import sweep
+from ...sweeps.sweep import lyapunov_sweep, sweep
 from ...tools.checks import one_of, whole
 from . import branches, verdicts
 from .claims import Answer, named, runs, show_ranges, supported

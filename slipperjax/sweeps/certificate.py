@@ -1,18 +1,15 @@
-"""Exponents of a grid as a dataset, with what certifies each case."""
+"""The certificate of exponents: other estimates, longer motions, and whether all agree."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import xarray as xr
 from jaxtyping import Bool, Float, Int
 
 from ..analysis.attractor import KINDS
-from ..analysis.lyapunov import REGIMES, kaplan_yorke, pooled_standard_error, regime, standard_error, weighted_mean
+from ..analysis.lyapunov import kaplan_yorke, pooled_standard_error, regime, standard_error, weighted_mean
 from ..flow.status import Status
 from ..model.dynamics import State
-from .records import BLOCK
-from .run import Plan
-from .sweep import Column, case_dataset
+from .measure import BLOCK
 from .transience import HOLD, MOTIONS, Votes
 
 AGREE = 1e-3
@@ -43,57 +40,79 @@ class Measured(NamedTuple):
     checks: Checks | None
 
 
-def exponent_data(
-    plan: Plan, measured: Measured, by_orbit: Bool[np.ndarray, " cases"], votes: Votes | None, attrs: dict[str, Any]
-) -> xr.Dataset:
-    """Makes the dataset of `slipperjax.lyapunov_sweep`.
+def labels_of(count: int, certify: bool) -> dict[str, tuple[tuple[str, ...], str, str]]:
+    """Dimension, unit and description of each variable, by name."""
+    each, one = ("count",), ()
+    labels = {
+        "exponent": (each, "1/period", "Lyapunov exponents"),
+        "stderr": (each, "1/period", "standard error of the exponents"),
+        "weighted_exponent": (each, "1/period", "Lyapunov exponents by a smoothly weighted mean"),
+        "by_orbit": (one, "", "whether the exponents are those of the periodic orbit that was reached"),
+        "kind": (one, "", "kind of motion, by recurrence"),
+        "period": (one, "1", "forcing periods of a periodic motion, 0 for others"),
+        "regime": (one, "", "periodic, regular (neither periodic nor chaotic), chaotic, transient or unresolved"),
+    }
+    if count > 1:
+        labels["kaplan_yorke"] = (one, "1", "Kaplan-Yorke dimension")
+    if certify:
+        regular = f"motions of {MOTIONS} that became regular within {HOLD} more forcing periods"
+        labels |= {
+            "half_step": (one, "1/period", "largest exponent with half the step"),
+            "half_step_stderr": (one, "1/period", "standard error of the largest exponent with half the step"),
+            "floquet": (one, "1/period", "ln of the largest Floquet multiplier's modulus, per forcing period"),
+            "resolved": (one, "", "whether the other estimates agree"),
+            "escapes": (one, "1", regular),
+            "chaotic_for": (one, "1", "forcing periods for which chaos lasted at least, 0 for other motions"),
+        }
+    return labels
 
-    **Arguments:** `by_orbit`: cases whose rows of the history, all alike, are exponents of their orbit.
+
+def certified(
+    passed: int, measured: Measured, by_orbit: Bool[np.ndarray, " cases"], votes: Votes | None
+) -> dict[str, np.ndarray]:
+    """Gives the variables of `labels_of` by name; kinds and regimes as indices into `KINDS` and `REGIMES`.
+
+    **Arguments:** `passed`: forcing periods before the measurement; `by_orbit`: cases whose rows of the history, all
+    alike, are exponents of their orbit.
     """
     good, history = measured.status == Status.FINITE, measured.history
     exponent, error, weighted = history.mean(axis=1), standard_error(history), weighted_mean(history)
     # an orbit's are exact
     exponent[by_orbit] = weighted[by_orbit] = history[by_orbit, 0]
     error[by_orbit] = 0.0
-    kind = np.where(good, np.array(KINDS)[measured.kind], "unresolved")
+    kind = np.where(good, measured.kind, KINDS.index("unresolved"))
     trusted, escapes = good, np.zeros(len(good), int)
-    columns: dict[str, Column] = {}
+    variables: dict[str, np.ndarray] = {}
     if measured.checks is not None:
         if votes is not None:
             escapes[votes.chosen] = votes.escapes
             lasting = votes.escapes == 0
             exponent[votes.chosen[lasting]] = votes.history[lasting].mean(axis=(1, 2))
             error[votes.chosen[lasting]] = pooled_standard_error(votes.history[lasting])
-        columns, trusted = _certified(measured, measured.checks, by_orbit, votes, exponent[:, 0], error[:, 0])
-        columns |= _lasting(plan, measured, votes, escapes)
-    regimes = np.array(REGIMES)[regime(exponent[:, 0], error[:, 0], kind, trusted, escapes)]
+        variables = _checked(measured, measured.checks, by_orbit, votes, exponent[:, 0], error[:, 0])
+        trusted = variables["resolved"]
+        variables |= {"escapes": escapes, "chaotic_for": _lasting(passed, measured, votes, escapes)}
     if exponent.shape[1] > 1:
-        columns["kaplan_yorke"] = (kaplan_yorke(exponent), (), "1", "Kaplan-Yorke dimension")
-    columns |= {
-        "exponent": (exponent, ("count",), "1/period", "Lyapunov exponents"),
-        "stderr": (error, ("count",), "1/period", "standard error of the exponents"),
-        "weighted_exponent": (weighted, ("count",), "1/period", "Lyapunov exponents by a smoothly weighted mean"),
-        "by_orbit": (by_orbit, (), "", "whether the exponents are those of the periodic orbit that was reached"),
-        "kind": (kind, (), "", "kind of motion, by recurrence"),
-        "period": (np.where(good, measured.period, 0), (), "1", "forcing periods of a periodic motion, 0 for others"),
-        "regime": (
-            regimes,
-            (),
-            "",
-            "periodic, regular (neither periodic nor chaotic), chaotic, transient or unresolved",
-        ),
+        variables["kaplan_yorke"] = kaplan_yorke(exponent)
+    return variables | {
+        "exponent": exponent,
+        "stderr": error,
+        "weighted_exponent": weighted,
+        "by_orbit": by_orbit,
+        "kind": kind,
+        "period": np.where(good, measured.period, 0),
+        "regime": regime(exponent[:, 0], error[:, 0], np.array(KINDS)[kind], trusted, escapes),
     }
-    return case_dataset(plan, measured.status, columns, attrs)
 
 
-def _certified(
+def _checked(
     measured: Measured,
     checks: Checks,
     by_orbit: np.ndarray,
     votes: Votes | None,
     exponent: np.ndarray,
     error: np.ndarray,
-) -> tuple[dict[str, Column], np.ndarray]:
+) -> dict[str, np.ndarray]:
     """The other estimates, and whether they agree with the largest exponents and their standard errors."""
     good = measured.status == Status.FINITE
     agree = good & (checks.half_step_status == Status.FINITE)
@@ -118,28 +137,14 @@ def _certified(
     periodic = (measured.period > 0) & good
     agree &= ~periodic | (np.abs(checks.floquet - weighted_mean(measured.history)[:, 0]) <= AGREE)
     floquet = np.where(good, checks.floquet, np.nan)
-    return {
-        "half_step": (half, (), "1/period", "largest exponent with half the step"),
-        "half_step_stderr": (half_error, (), "1/period", "standard error of the largest exponent with half the step"),
-        "floquet": (floquet, (), "1/period", "ln of the largest Floquet multiplier's modulus, per forcing period"),
-        "resolved": (agree, (), "", "whether the other estimates agree"),
-    }, agree
+    return {"half_step": half, "half_step_stderr": half_error, "floquet": floquet, "resolved": agree}
 
 
-def _lasting(plan: Plan, measured: Measured, votes: Votes | None, escapes: np.ndarray) -> dict[str, Column]:
-    """How long chaos was seen to last."""
+def _lasting(passed: int, measured: Measured, votes: Votes | None, escapes: np.ndarray) -> np.ndarray:
+    """Forcing periods for which chaos was seen to last."""
     periods = np.zeros(len(escapes), int)
     if votes is not None:
-        before = plan.periods + measured.history.shape[1] + BLOCK
+        before = passed + measured.history.shape[1] + BLOCK
         longer = HOLD + measured.history.shape[1] + BLOCK
         periods[votes.chosen] = before + longer * (votes.escapes == 0)
-    words = f"motions of {MOTIONS} that became regular within {HOLD} more forcing periods"
-    return {
-        "escapes": (escapes, (), "1", words),
-        "chaotic_for": (
-            periods,
-            (),
-            "1",
-            "forcing periods for which chaos lasted at least, 0 for other motions",
-        ),
-    }
+    return periods
