@@ -143,8 +143,9 @@ class LyapunovExponents(AbstractRecord):
 
     def complete(self, values: Settled, status, plan: Plan, options: Mapping[str, Any], interrupted):
         """Measures the cases that have not reached an orbit, and runs chaotic ones for longer."""
-        values = values._replace(status=status)  # with what later records found to be wrong
-        by_orbit = (values.reached.period > 0) & (status == Status.FINITE)
+        no_orbit = status == Status.NO_ORBIT  # which another record looked for, and which says nothing of the motion
+        values = values._replace(status=np.where(no_orbit, int(Status.FINITE), status))
+        by_orbit = (values.reached.period > 0) & (values.status == Status.FINITE)
         blocks, votes = self.blocks(plan.recorded.periods), None
         measured = self._of_orbits(values, by_orbit, BLOCK * blocks)
         index = np.flatnonzero(~by_orbit)
@@ -159,7 +160,9 @@ class LyapunovExponents(AbstractRecord):
                 unfinished = votes.status == Status.NOT_RUN
                 measured.status[chosen[unfinished]] = Status.NOT_RUN
                 votes = votes.of(np.flatnonzero(~unfinished))
-        return certified(plan.periods, measured, by_orbit, votes), measured.status, interrupted
+        good = measured.status == Status.FINITE
+        status = np.where(good & no_orbit, int(Status.NO_ORBIT), measured.status)
+        return certified(plan.periods, measured, by_orbit, votes), status, interrupted
 
     def _put_measured(
         self, measured: Measured, index: np.ndarray, plan: Plan, settled: Settled, options: Mapping[str, Any]

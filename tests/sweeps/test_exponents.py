@@ -106,9 +106,8 @@ def test_other_cases_are_measured_to_the_same_bits(both_ways):
 
 def test_exponents_and_orbits_are_records_like_others(both_ways):
     record = [LyapunovExponents(periods=60), "orbits"]
-    ds = sj.sweep(
-        sj.paper_scene(), {"speed": [*TWO, LOST]}, record=record, transient=0, periods=200, steps_per_period=50
-    )
+    options = dict(record=record, transient=0, periods=200, steps_per_period=50)
+    ds = sj.sweep(sj.paper_scene(), {"speed": [*TWO, LOST]}, **options)
     for name in both_ways[0].data_vars:
         if name != "status":
             np.testing.assert_array_equal(ds[name], both_ways[0][name], err_msg=name)
