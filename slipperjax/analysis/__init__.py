@@ -13,7 +13,6 @@ from .continuation import switch as switch
 from .critical import CriticalMotion as CriticalMotion
 from .critical import continue_critical as continue_critical
 from .critical import critical_motion as critical_motion
-from .curves import AbstractEquations as AbstractEquations
 from .curves import Curve as Curve
 from .curves import follow_curve as follow_curve
 from .events import Event as Event
@@ -30,6 +29,7 @@ from .lyapunov import regime as regime
 from .lyapunov import standard_error as standard_error
 from .lyapunov import two_trajectory_exponent as two_trajectory_exponent
 from .lyapunov import weighted_mean as weighted_mean
+from .newton import AbstractEquations as AbstractEquations
 from .ode import ode_spectrum as ode_spectrum
 from .ode import ode_step as ode_step
 from .ode import switched_step as switched_step

@@ -21,18 +21,9 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import one_of, shown_number
 from ..tools.compile import call_compiled
-from .curves import (
-    AbstractEquations,
-    Curve,
-    Evaluation,
-    check_within,
-    checked_bounds,
-    correct,
-    evaluated,
-    follow_curve,
-    weighted_size,
-)
+from .curves import Curve, check_within, checked_bounds, correct, evaluated, follow_curve
 from .floquet import solve
+from .newton import AbstractEquations, Evaluation, newton, without_derivatives
 from .shooting import PeriodicMotions, product
 
 KINDS = {"LP": 1.0, "PD": -1.0, "NS": None}
@@ -210,29 +201,14 @@ def critical_motion(
 
 def _critical(exact: PeriodicMotions, static: tuple, z: Array, limits: tuple) -> tuple:
     tolerance, most = limits
-    motions = jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_array(a) else a, exact)
-    first = jax.lax.stop_gradient(z)
-
-    def newton(carry):
-        z, _, _, count, borders = carry
-        equations = begin._with(*borders)
-        now = equations.evaluate(z)
-        size = weighted_size(now.residual, equations.weights(z)[0])
-        done = (count >= 0) & ~((size > tolerance) & (count < most) & jnp.isfinite(size))
-        new = equations.settled(z - solve(now.jacobian, now.residual), z, now.residual)
-        kept = jax.tree.map(lambda a, b: jnp.where(done, a, b), borders, now.extra[1:])
-        return jnp.where(done | (count < 0), z, new), now, jnp.where(done, size, jnp.nan), count + ~done, kept
-
-    begin = CriticalMotions.of(motions, *static)
-    nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(begin.evaluate, first))
-    # the first passages renew the borders alone
-    carry = first, nothing, jnp.asarray(jnp.nan), jnp.asarray(-TURNS), (begin.left, begin.right)
-    z, now, size, count, borders = jax.lax.while_loop(lambda carry: jnp.isnan(carry[2]), newton, carry)
-    equations = begin._with(*borders)
+    begin = CriticalMotions.of(without_derivatives(exact), *static)
+    options = dict(tolerance=tolerance, iterations=most, renewals=TURNS)
+    root = newton(begin, jax.lax.stop_gradient(z), **options)
+    now, equations = root.evaluation, root.equations
     # one more step, with the derivatives of the exact solution
-    miss = dataclasses.replace(equations, motions=exact).defect(z, now.extra)
-    z = z - solve(now.jacobian, miss - jax.lax.stop_gradient(miss))
-    return z, size, count, now.extra.matrices, equations.multiplier(z)
+    miss = dataclasses.replace(equations, motions=exact).defect(root.z, now.extra)
+    z = root.z - solve(now.jacobian, miss - jax.lax.stop_gradient(miss))
+    return z, root.residual, root.iterations, now.extra.matrices, equations.multiplier(z)
 
 
 class Conditioned(NamedTuple):

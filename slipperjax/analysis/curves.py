@@ -5,12 +5,10 @@ tangent, corrects by Newton's method in the plane across it, and adapts its step
 1977; Allgower and Georg, Introduction to Numerical Continuation Methods, doi:10.1137/1.9780898719154).
 """
 
-import abc
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,6 +17,7 @@ from jaxtyping import Array, Float, Int
 from ..tools.checks import require, shown_number
 from ..tools.compile import call_compiled
 from .floquet import solve
+from .newton import AbstractEquations, Evaluation, newton
 
 MOST_ITERATIONS = 8
 """Newton iterations after which a correction counts as failed."""
@@ -41,43 +40,24 @@ CORNER = 10.0
 """Likewise for the least step: a curve may have corners, but no gaps."""
 
 
-class Evaluation(NamedTuple):
-    """The equations at one place."""
+class _OnPlane(AbstractEquations):
+    """Equations of a curve, completed by the plane across it in which its point is looked for."""
 
-    residual: Float[Array | np.ndarray, " n"]
-    """What they miss."""
-    jacobian: Float[Array | np.ndarray, "n more"]
-    """Its derivative with respect to all unknowns."""
-    extra: Any = None
-    """What is computed besides, such as the Jacobians of the intervals."""
+    equations: AbstractEquations
+    row: Array
+    target: Array
 
+    def evaluate(self, z: Array) -> Evaluation:
+        now = self.equations.evaluate(z)
+        jacobian = jnp.concatenate([now.jacobian, self.row[None]])
+        return Evaluation(jnp.append(now.residual, self.row @ z - self.target), jacobian, now.extra)
 
-class AbstractEquations(eqx.Module):
-    """Equations for some unknowns, one more than there are equations where they are a curve's."""
-
-    @abc.abstractmethod
-    def evaluate(self, z: Float[Array, " more"]) -> Evaluation:
-        """Residual and derivative at `z`. Pure."""
-
-    @abc.abstractmethod
-    def weights(self, z: Float[Array, " more"]) -> tuple[Float[Array, " n"], Float[Array, " more"]]:
-        """What the residual's components are multiplied by, and the unknowns in the measure of length; zero for those
-        that are not looked at."""
+    def weights(self, z: Array) -> tuple[Array, Array]:
+        rows, columns = self.equations.weights(z)
+        return jnp.append(rows, 0.0), columns
 
     def settled(self, z: Array, before: Array, residual: Array) -> Array:
-        """A consistent place from `z`, proposed from `before`, where the equations missed `residual`. Pure."""
-        del before, residual
-        return z
-
-    def eased(self) -> "AbstractEquations | None":
-        """Equations that accept more, for a point where these have no solution. Here there are none."""
-        return None
-
-    def renewed(self, extra: Any) -> "AbstractEquations":
-        """The same equations in a form that suits the neighbourhood of a point, from its `Spot.extra`. Here as they
-        are."""
-        del extra
-        return self
+        return self.equations.settled(z, before, residual[:-1])
 
 
 class Spot(NamedTuple):
@@ -123,27 +103,12 @@ def correct(
 def _correct(equations: AbstractEquations, static: tuple, z: Array, row: Array, near: Array, limits: tuple) -> Spot:
     tolerance, most = limits
     row = row / jnp.sqrt(jnp.sum(row**2))
-    target = row @ z
-
-    def newton(carry):
-        z, _, _, count = carry
-        now = equations.evaluate(z)
-        size = weighted_size(now.residual, equations.weights(z)[0])
-        step = solve(jnp.concatenate([now.jacobian, row[None]]), jnp.append(-now.residual, target - row @ z))
-        done = ~((size > tolerance) & (count < most) & jnp.isfinite(size))
-        new = equations.settled(z + step, z, now.residual)
-        return jnp.where(done, z, new), now, jnp.where(done, size, jnp.nan), jnp.where(done, count, count + 1)
-
-    # the equations stand in the program once, in the loop: their residual at the last z is that of the last passage
     first = equations.settled(z, near, jnp.zeros(z.size - 1))
-    nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(equations.evaluate, first))
-    begin = first, nothing, jnp.asarray(jnp.nan), jnp.asarray(0)
-    z, now, size, count = jax.lax.while_loop(lambda carry: jnp.isnan(carry[2]), newton, begin)
-    unit = jnp.zeros(z.size).at[-1].set(1.0)
-    tangent = solve(jnp.concatenate([now.jacobian, row[None]]), unit)
-    weights = equations.weights(z)[1]
+    root = newton(_OnPlane(equations, row, row @ z), first, tolerance=tolerance, iterations=most)
+    tangent = solve(root.evaluation.jacobian, jnp.zeros(z.size).at[-1].set(1.0))
+    weights = equations.weights(root.z)[1]
     tangent = tangent / jnp.sqrt(jnp.sum((weights * tangent) ** 2))
-    return Spot(z, tangent, weights, size, count, now.extra)
+    return Spot(root.z, tangent, weights, root.residual, root.iterations, root.evaluation.extra)
 
 
 def evaluated(equations: AbstractEquations, z: Any) -> Evaluation:
@@ -153,12 +118,6 @@ def evaluated(equations: AbstractEquations, z: Any) -> Evaluation:
 
 def _evaluated(equations: AbstractEquations, static: tuple, z: Array) -> Evaluation:
     return equations.evaluate(z)
-
-
-def weighted_size(residual: Array, weights: Array) -> Array:
-    """The greatest weighted component, of those with weights; infinite where any is not finite."""
-    seen = jnp.where(weights > 0, weights * residual, 0.0)
-    return jnp.where(jnp.all(jnp.isfinite(residual)), jnp.max(jnp.abs(seen)), jnp.inf)
 
 
 @dataclass(frozen=True)

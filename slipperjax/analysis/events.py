@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Complex
 
-from .curves import AbstractEquations, Spot, between, evaluated, weighted_size
+from .curves import Spot, between, evaluated
 from .floquet import multipliers
+from .newton import AbstractEquations, weighted_size
 
 MEANINGS = {
     "LP": "fold: a multiplier +1 where the branch turns back",

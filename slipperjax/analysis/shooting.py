@@ -1,11 +1,8 @@
 """Periodic motions of any differentiable map by Newton's method, with the derivatives of the exact motions.
 
-The unknowns are the state at the start; the forcing fixes the period, so that no phase condition is needed. The
-Jacobian is computed where it has to be; between, Broyden's updates (doi:10.1090/S0025-5718-1965-0198670-6) follow it,
-because it costs as much as the map of all directions, and a step costs one map.
+The unknowns are the state at the start; the forcing fixes the period, so that no phase condition is needed.
 """
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -16,22 +13,17 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from ..tools.checks import finite, number, positive, require, unless_traced, whole
-from ..tools.compile import call_compiled, is_traced
-from .curves import AbstractEquations, Evaluation
-from .floquet import jacobians, solve
+from ..tools.compile import call_compiled
+from .floquet import solve
 from .lyapunov import Scale, Step, check_functions, check_state, weights_of
+from .newton import AbstractEquations, Evaluation, newton, weighted_size, without_derivatives
 
 Settle = Callable[[Any, Any], Any]
 """A consistent state from one that Newton's method proposes, and from the one that the last iterate is mapped to."""
 
-HALVINGS = 8
-"""How often a step of Newton's method is halved before it is taken whatever it gives."""
-FALL = 0.1
-"""Share of a step by which the residual must fall for the step to be taken."""
-AIM = 1e-3
-"""Residual that Broyden's updates go on to, over the tolerance: the Jacobian at the end is of the motion there."""
-SLOW = 0.3
-"""Share of the residual that may be left after a step; where more is left, the Jacobian is computed anew."""
+HALVINGS = 2
+"""How often a step of Newton's method may be halved. Many short steps get stuck where the map's derivative jumps: of 70
+orbits at 880 to 2300 m/s, of period 1 and 2, 64 are found with 2 halvings, 58 with 8."""
 
 
 class Shot(eqx.Module):
@@ -82,9 +74,7 @@ def shoot(
     tolerance = number(positive, "tolerance", tolerance)
     settle = _as_proposed if settle is None else settle
     index = unless_traced(finite("index"), index)
-    differentiable = is_traced((step, state, index))
-    static = count, limit, differentiable
-    return call_compiled(_shoot, (step, scale, settle), static, state, index, jnp.asarray(tolerance))
+    return call_compiled(_shoot, (step, scale, settle), (count, limit), state, index, jnp.asarray(tolerance))
 
 
 def _as_proposed(proposed: Any, mapped: Any) -> Any:
@@ -92,80 +82,31 @@ def _as_proposed(proposed: Any, mapped: Any) -> Any:
     return proposed
 
 
-class _Iterate(eqx.Module):
-    x: Array
-    residual: Array
-    size: Array
-    count: Array
+class _Constant(eqx.Module):
+    """A family of one map, without parameters."""
+
+    step: Step
+
+    def __call__(self) -> Step:
+        return self.step
 
 
 def _shoot(functions, static, state, index, tolerance):
     step, scale, settle = functions
-    intervals, limit, differentiable = static
-    flat, unravel = ravel_pytree(state)
+    intervals, limit = static
+    options = dict(intervals=intervals, consistent=settle)
+    exact = _Recurrence(_Constant(step), state, jnp.zeros(0), scale, index, **options)
+    guess = jax.lax.stop_gradient(exact.place(state))
+    limits = dict(tolerance=tolerance, iterations=limit, halvings=HALVINGS)
     # the iteration itself is not differentiated
-    fixed = jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_array(a) else a, step)
-    here = jax.lax.stop_gradient(index)
-
-    def mapped(function, x, start):
-        steps = start + jnp.arange(float(intervals))
-        return jax.lax.scan(lambda s, k: (function(s, k), None), unravel(x), steps)[0]
-
-    def judged(x, count):
-        residual = ravel_pytree(mapped(fixed, x, here))[0] - x
-        weights = weights_of(unravel(x), scale)
-        seen = residual if weights is None else jnp.where(weights > 0, weights * residual, 0.0)
-        size = jnp.max(jnp.abs(seen))
-        return _Iterate(x, residual, jnp.where(jnp.all(jnp.isfinite(residual)), size, jnp.inf), count)
-
-    def proposed(now, share, direction):
-        new = settle(unravel(now.x + share * direction), unravel(now.x + now.residual))
-        return judged(ravel_pytree(new)[0], now.count + 1)
-
-    def halved(now, direction):
-        """The longest of the steps of 1, 1/2, 1/4, ... after which the residual has fallen."""
-
-        def worse(carry):
-            share, new = carry
-            return (new.size > (1 - FALL * share) * now.size) & (share > 0.5**HALVINGS)
-
-        half = lambda carry: (carry[0] / 2, proposed(now, carry[0] / 2, direction))
-        first = jnp.asarray(2.0), dataclasses.replace(now, size=jnp.asarray(jnp.inf))
-        return jax.lax.while_loop(worse, half, first)[1]
-
-    def newton(now):
-        matrix = product(jacobians(fixed, unravel(now.x), intervals, index=here))
-        inverse = solve(jnp.eye(flat.size) - matrix, jnp.eye(flat.size))
-
-        def broyden(carry):
-            now, inverse, _ = carry
-            new = halved(now, inverse @ now.residual)
-            moved, fell = new.x - now.x, now.residual - new.residual
-            weights = weights_of(unravel(now.x), scale)
-            row = moved if weights is None else weights**2 * moved
-            row = row @ inverse
-            share = row @ fell
-            update = jnp.outer(moved - inverse @ fell, row) / jnp.where(share == 0, jnp.inf, share)
-            return new, inverse + update, new.size < SLOW * now.size
-
-        def further(carry):
-            now, _, fast = carry
-            return fast & (now.size > AIM * tolerance) & (now.count < limit) & jnp.isfinite(now.size)
-
-        return jax.lax.while_loop(further, broyden, (now, inverse, True))[0]
-
-    first = judged(jax.lax.stop_gradient(flat), jnp.asarray(0))
-    going_on = lambda now: (now.size > tolerance) & (now.count < limit) & jnp.isfinite(now.size)
-    last = jax.lax.while_loop(going_on, newton, first)
-    x = jax.lax.stop_gradient(last.x)
-    matrices = jacobians(fixed, unravel(x), intervals, index=here)
+    root = newton(without_derivatives(exact), guess, **limits)
     # one more step: with the derivatives of the map alone it has those of the exact motion
-    miss = ravel_pytree(mapped(step, x, index))[0] - x
-    left = jnp.where(last.size <= tolerance, 0.0, jax.lax.stop_gradient(miss))
-    x = x + solve(jnp.eye(flat.size) - product(matrices), miss - left)
-    if differentiable:
-        matrices = jacobians(step, unravel(x), intervals, index=index)
-    return Shot(unravel(x), judged(jax.lax.stop_gradient(x), last.count).size, last.count, matrices)
+    miss = exact.mapped(root.z) - root.z
+    miss = miss - jnp.where(root.residual <= tolerance, 0.0, jax.lax.stop_gradient(miss))
+    x = root.z - solve(root.evaluation.jacobian, miss)
+    end = exact.evaluate(x)
+    residual = jax.lax.stop_gradient(weighted_size(end.residual, exact.weights(x)[0]))
+    return Shot(exact.state(x), residual, root.iterations, end.extra)
 
 
 def product(matrices: Array) -> Array:
@@ -290,3 +231,12 @@ class PeriodicMotions(AbstractEquations):
         """A consistent state from a proposed one, and from what the last iterate is mapped to. Here as proposed."""
         del step, mapped
         return proposed
+
+
+class _Recurrence(PeriodicMotions):
+    """Motions of one map; a function makes their states consistent."""
+
+    consistent: Settle = _as_proposed
+
+    def settle(self, step: Step, proposed: Any, mapped: Any) -> Any:
+        return self.consistent(proposed, mapped)
