@@ -13,7 +13,7 @@ from ..flow.series import SectionPoints, Sections, Strobe, coordinates
 from ..model.dynamics import State
 from ..model.paths import parameter
 from ..model.scene import Scene
-from .signature import Grazing, Signature
+from .signature import Grazing, Signature, contact_names
 
 
 class View(NamedTuple):
@@ -151,7 +151,7 @@ def events_of(branch: Branch, scene: Scene) -> tuple[BranchEvent, ...]:
 
 def _touches(event: Event, scene: Scene) -> list[str]:
     """What a grazing changes, in the direction of the branch."""
-    names = [f"{name}{end}" for end in (1, 2) for name in scene.section.names]
+    names = contact_names(scene)
     view: View | None = event.node.seen.data
     if view is None:
         return []

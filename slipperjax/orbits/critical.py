@@ -29,6 +29,7 @@ from ..solvers.named import resolve_solver
 from ..tools.checks import one_of, require, shown_number, whole
 from ..tools.compile import is_traced
 from ..tools.files import write_whole
+from ..tools.hermite import Cubic
 from .branch_data import BranchEvent
 from .branches import Bar, OrbitBranch, bounds_of
 from .motions import EventMotions, SlipperMotions, slipper_motions
@@ -155,28 +156,23 @@ class GapExtreme(eqx.Module):
         return dataclasses.replace(self, time=self._extreme(state, *values)[1])
 
     def _extreme(self, state: State, *values: Any) -> tuple[Array, Array]:
+        """Computes the gap at the extreme [m], and the time [forcing periods]."""
         step: PeriodMap = self.family(*values)
-        kept = step.run(state, periods=self.period, records=RecordSet((GapSamples(),))).samples[0]
+        samples = step.run(state, periods=self.period, records=RecordSet((GapSamples(),))).samples[0]
         steps = step.stepping.number
         of_point = lambda a: jax.lax.dynamic_index_in_dim(a, self.point, 2, False)
-        gap, slope = of_point(kept[0]), of_point(kept[1]) * step.scene.period / steps
-        # the step nearest to the time in which the slope changes its sign
-        sign = jnp.where(self.greatest, -1.0, 1.0)
-        place = jnp.arange(gap.shape[1] - 1)
-        turns = (sign * slope[:, :-1] < 0) & (sign * slope[:, 1:] >= 0) & (place < steps)[None]
-        middle = jnp.arange(self.period)[:, None] + ((place + 0.5) / steps)[None]
+        gap, slope = of_point(samples[0]), of_point(samples[1]) * step.scene.period / steps
+        # the step nearest to the time in which the slope changes its sign; arrays are as long as for the most steps
+        sign = jnp.where(self.greatest, 1.0, -1.0)
+        index = jnp.arange(gap.shape[1] - 1)
+        turns = (sign * slope[:, :-1] > 0) & (sign * slope[:, 1:] <= 0) & (index < steps)[None]
+        middle = jnp.arange(self.period)[:, None] + ((index + 0.5) / steps)[None]
         away = jnp.abs((middle - self.time + self.period / 2) % self.period - self.period / 2)
         k, n = jnp.unravel_index(jnp.argmin(jnp.where(turns, away, jnp.inf)), turns.shape)
-        g0, g1, d0, d1 = gap[k, n], gap[k, n + 1], slope[k, n], slope[k, n + 1]
-        a, b = 2 * (g0 - g1) + d0 + d1, 3 * (g1 - g0) - 2 * d0 - d1
-
-        def newton(_: Any, x: Array) -> Array:
-            rise = (3 * a * x + 2 * b) * x + d0
-            return jnp.clip(x - rise / (6 * a * x + 2 * b), 0.0, 1.0)
-
-        # the value does not depend on the place to first order
-        x = jax.lax.stop_gradient(jax.lax.fori_loop(0, 6, newton, d0 / (d0 - d1)))
-        return ((a * x + b) * x + d0) * x + g0, k + (n + x) / steps
+        cubic = Cubic.through(gap[k, n], slope[k, n], gap[k, n + 1], slope[k, n + 1])
+        # the value does not depend on the instant to first order
+        x = jax.lax.stop_gradient(cubic.turn(sign))
+        return cubic.value(x), k + (n + x) / steps
 
 
 @dataclasses.dataclass(frozen=True)
