@@ -1,6 +1,5 @@
 """System-independent analysis: Lyapunov spectra, Floquet multipliers, attractors, power spectra, statistics."""
 
-from .attractor import KINDS as KINDS
 from .attractor import Attractors as Attractors
 from .attractor import classify as classify
 from .attractor import decay_rate as decay_rate
@@ -20,7 +19,9 @@ from .floquet import floquet as floquet
 from .floquet import jacobians as jacobians
 from .floquet import largest_exponent as largest_exponent
 from .floquet import multipliers as multipliers
-from .lyapunov import REGIMES as REGIMES
+from .kinds import KINDS as KINDS
+from .kinds import REGIMES as REGIMES
+from .kinds import Regime as Regime
 from .lyapunov import LyapunovSpectrum as LyapunovSpectrum
 from .lyapunov import kaplan_yorke as kaplan_yorke
 from .lyapunov import map_spectrum as map_spectrum

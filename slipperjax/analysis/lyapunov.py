@@ -21,6 +21,8 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import finite, positive, require, shown_number, unless_traced, whole
 from ..tools.compile import call_compiled, is_traced
+from .kinds import REGIMES as REGIMES
+from .kinds import Regime, regime_words
 
 Step = Callable[[Any, Any], Any]
 """The state at the end of an interval, from the state at its start and its index, a float."""
@@ -287,9 +289,6 @@ LEAST = 1e-3
 WIDE = 0.01
 """An exponent that is not positive is known where `SURE` standard errors are less than itself, or than this
 [1/period]."""
-REGIMES = ("periodic", "regular", "chaotic", "unresolved", "transient chaos")
-"""Names of the regimes, in the order of the indices from `regime`. "regular" is neither chaotic nor periodic;
-"transient chaos" is chaotic for long, and regular in the end."""
 
 
 def is_chaotic(exponent: Any, stderr: Any) -> np.ndarray:
@@ -298,7 +297,7 @@ def is_chaotic(exponent: Any, stderr: Any) -> np.ndarray:
 
 
 def regime(exponent: Any, stderr: Any, kind: Any, trusted: Any, escapes: Any = 0) -> np.ndarray:
-    """Index into `REGIMES` of each case.
+    """Gives the word of `slipperjax.analysis.REGIMES` for each case.
 
     A case is unresolved where it is not trusted, where exponent and recurrence contradict each other, and where the
     exponent is neither positive nor known well enough to be called zero or negative.
@@ -308,11 +307,13 @@ def regime(exponent: Any, stderr: Any, kind: Any, trusted: Any, escapes: Any = 0
     became regular in the end. All have the same shape.
     """
     exponent, stderr, kind = np.asarray(exponent), np.asarray(stderr), np.asarray(kind)
-    chaotic, periodic = is_chaotic(exponent, stderr), kind == "period"
-    known = chaotic | (SURE * stderr <= np.maximum(np.abs(exponent), WIDE))
-    contradicts = (chaotic & periodic) | (~chaotic & (kind == "chaotic"))
-    found = np.where(chaotic, np.where(np.asarray(escapes) > 0, 4, 2), np.where(periodic, 0, 1))
-    return np.where(np.asarray(trusted) & np.isfinite(exponent) & known & ~contradicts, found, 3)
+    chaotic, periodic = is_chaotic(exponent, stderr), kind == Regime.PERIODIC.kind
+    sure = chaotic | (SURE * stderr <= np.maximum(np.abs(exponent), WIDE))
+    contradicts = (chaotic & periodic) | (~chaotic & (kind == Regime.CHAOTIC.kind))
+    lasting = np.where(np.asarray(escapes) > 0, Regime.TRANSIENT, Regime.CHAOTIC)
+    numbers = np.where(chaotic, lasting, np.where(periodic, Regime.PERIODIC, Regime.REGULAR))
+    good = np.asarray(trusted) & np.isfinite(exponent) & sure & ~contradicts
+    return regime_words(np.where(good, numbers, Regime.UNRESOLVED))
 
 
 def kaplan_yorke(exponents: Any) -> Float[np.ndarray, "*lanes"]:

@@ -7,7 +7,7 @@ import xarray as xr
 from jaxtyping import Bool, Float, Int
 
 from ..analysis.attractor import KINDS
-from ..analysis.lyapunov import REGIMES, kaplan_yorke, pooled_standard_error, regime, standard_error, weighted_mean
+from ..analysis.lyapunov import kaplan_yorke, pooled_standard_error, regime, standard_error, weighted_mean
 from ..flow.status import Status
 from ..model.dynamics import State
 from .grid import Cases
@@ -106,7 +106,7 @@ def exponent_data(
     }
     if exponent.shape[1] > 1:
         flat["kaplan_yorke"] = (kaplan_yorke(exponent), "1", "Kaplan-Yorke dimension")
-    names = np.array(REGIMES)[regime(exponent[:, 0], error[:, 0], kind, trusted, escapes)]
+    names = regime(exponent[:, 0], error[:, 0], kind, trusted, escapes)
     flat["regime"] = (names, "", "periodic, regular (neither periodic nor chaotic), chaotic, transient or unresolved")
     ds = xr.Dataset(coords=cases.coordinates(), attrs=attrs)
     for name, (values, unit, text) in flat.items():
