@@ -43,7 +43,7 @@ class Decay(NamedTuple):
 
     @property
     def convincing(self):
-        """Whether this is a geometric decay to zero: by half or more, with R^2 >= 0.95 and a steady rate."""
+        """True for a geometric decay to zero: by half or more, with R^2 >= 0.95 and a steady rate."""
         steady = (self.steadiness >= 0.85) & (self.steadiness <= 1.5)
         return (self.fall >= math.log(2)) & (self.fit >= 0.95) & steady
 
@@ -60,7 +60,8 @@ class Attractors(NamedTuple):
     decay: np.ndarray
     """Decay rate of that recurrence residual per forcing period; NaN where nothing could be fitted."""
     growth: np.ndarray
-    """Mean growth of ln of neighbours' distance, from one period to `NEIGHBOUR_PERIODS`; NaN if an earlier criterion decided."""
+    """Mean growth of ln of neighbours' distance, from one period to `NEIGHBOUR_PERIODS`; NaN if an earlier criterion
+    decided."""
     k: np.ndarray
     """K of the 0-1 test for the motion without its part of the best period: near 0 if regular, near 1 if chaotic, 0
     if nothing remains, NaN for records below `MIN_TEST`."""
@@ -69,7 +70,7 @@ class Attractors(NamedTuple):
 
 
 def recurrence(strobe, *, scales=None, max_period=16) -> np.ndarray:
-    """Recurrence residuals |x_k - x_{k-n}|, in the maximum norm over scaled states.
+    """Computes recurrence residuals |x_k - x_{k-n}|, in the maximum norm over scaled states.
 
     **Arguments:** `strobe`: shape (*cases, periods, states); `scales`, shape (states,): divisors of the
     states, in their units, by default as in `classify`; `max_period`: greatest lag n.
@@ -107,7 +108,7 @@ def decay_rate(residual, *, windows=12, floor=0.0) -> Decay:
 
 
 def zero_one_test(series, *, samples=100, seed=0) -> np.ndarray:
-    """K of the 0-1 test for chaos: near 0 for regular, near 1 for chaotic series.
+    """Computes K of the 0-1 test for chaos: near 0 for regular, near 1 for chaotic series.
 
     The correlation method with the oscillation term subtracted: the median over random c in (pi/5, 4 pi/5) of the
     correlation of n with D_c(n) = M_c(n) - (mean phi)^2 (1 - cos n c) / (1 - cos c), where M_c is the mean square
@@ -137,8 +138,8 @@ def classify(strobe, *, scales=None, max_period=16, tolerance=1e-3, floor=1e-6, 
       one period n to the next and over a quarter of the record; or the residual of recurrence decays geometrically
       to zero (`Decay.convincing`), in a slow transient. n is the smallest possible.
     - "chaotic": K of the 0-1 test above `K_CHAOTIC`, and neighbours diverge.
-    - "torus": K below `K_REGULAR`, neighbours stay close, the states fill the section evenly, their mean and spread do
-      not drift, and the residuals over all lags do not decay together.
+    - "torus": K below `K_REGULAR`, neighbours stay close, the states fill the section evenly, their mean and spread
+      do not drift, and the residuals over all lags do not decay together.
     - "unresolved": everything else. Records below `MIN_TEST` periods can only be periodic or unresolved.
 
     These are not distinguished: splittings and chaotic bands narrower than the tolerance from periodic motions;
@@ -279,7 +280,7 @@ class _Case:
         return None
 
     def irregular(self, k):
-        """Gives the verdict where states neither recur nor approach a motion that does: torus, chaos or unresolved."""
+        """Gives the verdict where no residual vanishes or decays: torus, chaos or unresolved."""
         unresolved = lambda text, growth=np.nan: _Verdict(Regime.UNRESOLVED, 0, self.best, text, growth=growth)
         if self.periods < MIN_TEST:
             few = f"{self.periods} periods are too few to tell a torus from chaos ({MIN_TEST} needed)"
@@ -310,7 +311,7 @@ def _divisors(n):
 
 
 def _irregular_part(x, n):
-    """A scalar series for the 0-1 test: the scaled states along the direction in which they vary most, without the
+    """Gives a scalar series for the 0-1 test: the scaled states along the direction in which they vary most, without the
     part of period n, which would make chaos in n bands, visited in turn, look regular."""
     y = x - x.mean(0)
     series = y @ np.linalg.svd(y, full_matrices=False)[2][0]
@@ -320,6 +321,7 @@ def _irregular_part(x, n):
 
 
 def _geometric_fit(row, windows, floor):
+    """Gives the entries of `Decay` for one residual."""
     row = row[int(np.argmin(np.isnan(row))) :]
     length = len(row) // windows
     if length == 0 or not np.isfinite(row).all():
@@ -338,7 +340,7 @@ def _geometric_fit(row, windows, floor):
 
 
 def _growth_of_displacement(series, c):
-    """Median over c of the correlation of n with D_c(n)."""
+    """Computes the median over c of the correlation of n with D_c(n)."""
     if not np.isfinite(series).all():
         return np.nan
     if np.ptp(series) <= 1e-12 * np.abs(series).max():
@@ -361,11 +363,11 @@ def _growth_of_displacement(series, c):
 
 
 def _neighbours(x):
-    """Divergence of neighbours on the section, and how evenly the states fill it.
+    """Computes the divergence of neighbours on the section, and how evenly the states fill it.
 
     **Returns:** the mean growth of ln of the distance of nearest neighbours in one period, and from there on to
-    `NEIGHBOUR_PERIODS` periods (Rosenstein, Collins and De Luca 1993, doi:10.1016/0167-2789(93)90009-P); the median distance of
-    nearest neighbours; the median distance of states of the second half to their nearest state in the first half,
+    `NEIGHBOUR_PERIODS` (Rosenstein, Collins and De Luca 1993, doi:10.1016/0167-2789(93)90009-P); the median distance
+    of nearest neighbours; the median distance of states of the second half to their nearest state in the first half,
     over that to their nearest state in the second half.
     """
     periods = len(x)
@@ -374,21 +376,21 @@ def _neighbours(x):
         np.maximum(distance, np.abs(state[:, None] - state), out=distance)
     tiny = 1e-12 * distance.max()
     ahead, half = min(NEIGHBOUR_PERIODS, periods // 5), periods // 2
-    known = periods - ahead
-    place = np.arange(periods)
-    apart = np.where(np.abs(place[:, None] - place) < THEILER_WINDOW, np.inf, distance)
-    first, other = place[:known], np.argmin(apart[:known, :known], axis=1)
+    # of states that can be followed ahead, pairs that are near in space and not in time
+    index, count = np.arange(periods), periods - ahead
+    apart = np.where(np.abs(index[:, None] - index) < THEILER_WINDOW, np.inf, distance)
+    first, other = index[:count], np.argmin(apart[:count, :count], axis=1)
     steps = np.arange(ahead + 1)[:, None]
     mean = np.log(np.maximum(distance[first + steps, other + steps], tiny)).mean(1)
     # without the first period, in which the distance to the nearest neighbour, a minimum, grows in noise too
     growth = mean[ahead // 2 :].mean() - mean[1]
-    own = np.where(place[half:, None] == place[half:], np.inf, distance[half:, half:]).min(1)
+    own = np.where(index[half:, None] == index[half:], np.inf, distance[half:, half:]).min(1)
     mixing = np.median(distance[half:, :half].min(1)) / max(np.median(own), tiny)
     return float(mean[1] - mean[0]), float(growth), float(np.median(apart.min(1))), float(mixing)
 
 
 def _drift(x):
-    """Greatest change of a state's mean and spread from the first to the second half, over the greatest spread.
+    """Gives the greatest change of a state's mean and spread from the first to the second half, over the greatest spread.
 
     Weighted by a Hann window, so that incomplete turns of a torus in either half do not count as drift.
     """

@@ -7,7 +7,7 @@ import numpy as np
 
 
 class Regime(enum.IntEnum):
-    """Kind of a motion. Numbers are for arrays in memory, in which zero is what was not computed; results have words."""
+    """Kind of a motion: a number for arrays in memory, where zero means not computed, too; results have its words."""
 
     UNRESOLVED = 0, "unresolved", "unresolved"
     """None of the others with certainty."""
@@ -36,12 +36,12 @@ class Regime(enum.IntEnum):
 
 def kind_words(numbers: Any) -> np.ndarray:
     """Gives the words of `KINDS` for an array of `Regime` numbers."""
-    return np.array([member.kind for member in Regime])[numbers]
+    return np.asarray(np.array([member.kind for member in Regime])[numbers])
 
 
 def regime_words(numbers: Any) -> np.ndarray:
     """Gives the words of `REGIMES` for an array of `Regime` numbers."""
-    return np.array([member.regime for member in Regime])[numbers]
+    return np.asarray(np.array([member.regime for member in Regime])[numbers])
 
 
 _SHOWN = Regime.PERIODIC, Regime.REGULAR, Regime.CHAOTIC, Regime.UNRESOLVED, Regime.TRANSIENT

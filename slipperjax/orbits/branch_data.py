@@ -67,7 +67,7 @@ def branch_dataset(branch: Branch, scene: Scene, name: str, states: State, call:
     import xarray as xr
 
     nodes, known = branch.nodes, parameter(name, scene)
-    views = [node.seen.data for node in nodes]
+    views = [node.view.data for node in nodes]
     z = np.array([node.spot.z for node in nodes])
 
     def of_points(values: Sequence[Any], text: str, unit: str = "1", dims: tuple[str, ...] = ()) -> tuple:
@@ -152,7 +152,7 @@ def events_of(branch: Branch, scene: Scene) -> tuple[BranchEvent, ...]:
 def _touches(event: Event, scene: Scene) -> list[str]:
     """What a grazing changes, in the direction of the branch."""
     names = contact_names(scene)
-    view: View | None = event.node.seen.data
+    view: View | None = event.node.view.data
     if view is None:
         return []
     return [

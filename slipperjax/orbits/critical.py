@@ -270,7 +270,7 @@ def continue_event(
 
 def _extreme_at(motions: SlipperMotions, branch: OrbitBranch, node: Node, call: Any) -> GapExtreme:
     """The extreme that is zero at a grazing."""
-    near: Grazing = node.seen.data.grazing
+    near: Grazing = node.view.data.grazing
     point = int(np.argmin(near.margin))
     inside = flexible_steps(call["steps_per_period"], inside=True)
     family = dataclasses.replace(motions.family, stepping=inside)  # type: ignore[type-var]
