@@ -311,7 +311,7 @@ def _divisors(n):
 
 
 def _irregular_part(x, n):
-    """Gives a scalar series for the 0-1 test: the scaled states along the direction in which they vary most, without the
+    """Gives a series for the 0-1 test: the scaled states along the direction in which they vary most, without the
     part of period n, which would make chaos in n bands, visited in turn, look regular."""
     y = x - x.mean(0)
     series = y @ np.linalg.svd(y, full_matrices=False)[2][0]
@@ -390,7 +390,7 @@ def _neighbours(x):
 
 
 def _drift(x):
-    """Gives the greatest change of a state's mean and spread from the first to the second half, over the greatest spread.
+    """Gives the greatest change of mean and spread of a state between both halves, over the greatest spread.
 
     Weighted by a Hann window, so that incomplete turns of a torus in either half do not count as drift.
     """

@@ -44,7 +44,7 @@ class Observation(NamedTuple):
     """Numbers of events in a period, by kind, such as the touchdowns of each point. Where one changes, there is a
     grazing."""
     margins: tuple[float, ...] = ()
-    """For each kind, the distance of the orbit from such a change: zero there, and continuous in its neighbourhood."""
+    """Distance of the orbit from such a change, for each kind: zero there, and continuous in its neighbourhood."""
     data: Any = None
     """Anything else to keep."""
 
@@ -272,7 +272,7 @@ def _along(node: Node, a: Node, b: Node) -> bool:
 
 
 def _polynomials(tests: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Gives the coefficients of the polynomials in `tests` (count,), over its greatest, through `values` (count, more).
+    """Gives the coefficients of polynomials in `tests` (count,), over its greatest, through `values` (count, more).
     The first row has their values where the test is zero."""
     return np.linalg.solve(np.vander(tests / np.abs(tests).max(), increasing=True), values)
 

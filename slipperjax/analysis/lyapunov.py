@@ -128,7 +128,7 @@ def gram_schmidt(rows: Array, weights: Array | None) -> tuple[Float[Array, "coun
 
 
 def orthonormalise(tangents: Any, state: Any, scale: Scale | None = None) -> tuple[Any, Float[Array, " count"]]:
-    """Makes tangents orthonormal at `state`; also the logarithms of their lengths. NaN where `state` is not finite."""
+    """Makes tangents orthonormal at `state`, and gives the logarithms of their lengths; NaN after lost states."""
     flat, unravel = ravel_pytree(state)
     rows = jax.vmap(lambda t: ravel_pytree(t)[0])(tangents)
     rows = jnp.where(jnp.all(jnp.isfinite(flat)), rows, jnp.nan)
@@ -288,7 +288,7 @@ SURE = 3.0
 LEAST = 1e-3
 """Exponents up to this count as zero [1/period]."""
 WIDEST = 0.01
-"""An exponent that is not positive counts where `SURE` standard errors are less than itself, or than this [1/period]."""
+"""Bound of `SURE` standard errors of exponents near zero, for these to be sure [1/period]."""
 
 
 def is_chaotic(exponent: Any, stderr: Any) -> np.ndarray:
@@ -317,7 +317,7 @@ def regime(exponent: Any, stderr: Any, kind: Any, trusted: Any, escapes: Any = 0
 
 
 def kaplan_yorke(exponents: Any) -> Float[np.ndarray, "*lanes"]:
-    """Computes the Kaplan-Yorke dimension of spectra along the last axis, in any order and unit (doi:10.1007/BFb0064319).
+    """Computes Kaplan-Yorke dimensions along the last axis, in any order and unit (doi:10.1007/BFb0064319).
 
     0 where all exponents are negative; the number of exponents, a lower bound, where their sum is positive. An
     exponent whose exact value is zero is used as measured: the dimension of a limit cycle of an ODE is 1 for a
@@ -334,7 +334,7 @@ def kaplan_yorke(exponents: Any) -> Float[np.ndarray, "*lanes"]:
 
 
 def weighted_mean(history: Any) -> Float[np.ndarray, "*lanes count"]:
-    """Computes the mean over the axis before the last, with the smooth weights exp(-1 / (t (1 - t))) that vanish at both ends.
+    """Computes the mean over the axis before the last, with weights exp(-1 / (t (1 - t))) that vanish at both ends.
 
     For a regular motion the local exponents are a quasi-periodic series: the error of the plain mean falls as the
     reciprocal of its length, the error of this one faster than any power of it (doi:10.1088/1361-6544/aa84c2). For

@@ -32,7 +32,7 @@ class Shot(eqx.Module):
     state: Any
     """The state at the start."""
     residual: Float[Array, ""]
-    """Greatest weighted component of what the state misses after the intervals."""
+    """Greatest weighted component of the state's change over the intervals."""
     iterations: Int[Array, ""]
     matrices: Float[Array, "intervals size size"]
     """Jacobians of the successive intervals there, for `multipliers`."""
@@ -49,10 +49,10 @@ def shoot(
     tolerance: float = 1e-10,
     max_iterations: int = 30,
 ) -> Shot:
-    """A motion that recurs after some intervals, by Newton's method from a state near it. Pure.
+    """Finds a motion that recurs after some intervals, by Newton's method from a state near it. Pure.
 
-    The step is halved until the residual falls. The result has the derivatives of the exact motion with respect to
-    all numbers of `step`, in forward and reverse mode, whatever the iterations were.
+    Steps are halved where the residual does not fall. The result has the derivatives of the exact motion with respect
+    to all numbers of `step`, in forward and reverse mode, whatever the iterations were.
 
     **Arguments:**
 
@@ -60,7 +60,7 @@ def shoot(
     - `state`: a pytree of floats, the first guess.
     - `intervals`: after how many the motion recurs; `index`: that of the first.
     - `scale`: gives the weights of the components at a state, which the residual's components are multiplied by; a
-        component of weight zero is not looked at. Default all one.
+        component of weight zero is left out. Default all one.
     - `settle`: makes proposed states consistent, see `Settle`; default leaves them.
     - `tolerance`: residual at which the iteration ends. `max_iterations`: it ends then in any case.
 
@@ -110,12 +110,12 @@ def _shoot(functions, static, state, index, tolerance):
 
 
 def product(matrices: Array) -> Array:
-    """The product of successive Jacobians, the first applied first."""
+    """Gives the product of successive Jacobians, the first applied first."""
     return jax.lax.scan(lambda total, m: (m @ total, None), jnp.eye(matrices.shape[1]), matrices)[0]
 
 
 def minimal_period(step: Step, state: Any, intervals: int, *, index: Any = 0.0, scale: Scale | None = None) -> Any:
-    """The residuals of a motion that recurs after `intervals` intervals, after each of its divisors. Pure.
+    """Computes the residuals of a motion that recurs after `intervals` intervals, after each of its divisors. Pure.
 
     **Returns:** a dict of residuals, as in `Shot`, by divisor; the first that is small is the minimal period.
     """
@@ -129,15 +129,14 @@ def _residuals(functions, static, state, index):
     step, scale = functions
     flat, _ = ravel_pytree(state)
     weights = weights_of(state, scale)
+    weights = jnp.ones(flat.size) if weights is None else weights
 
     def interval(s, k):
         s = step(s, k)
-        miss = ravel_pytree(s)[0] - flat
-        seen = miss if weights is None else jnp.where(weights > 0, weights * miss, 0.0)
-        return s, jnp.max(jnp.abs(seen))
+        return s, weighted_size(ravel_pytree(s)[0] - flat, weights)
 
-    missed = jax.lax.scan(interval, state, index + jnp.arange(float(static[0])))[1]
-    return {n: missed[n - 1] for n in range(1, static[0] + 1) if static[0] % n == 0}
+    residuals = jax.lax.scan(interval, state, index + jnp.arange(float(static[0])))[1]
+    return {n: residuals[n - 1] for n in range(1, static[0] + 1) if static[0] % n == 0}
 
 
 Family = Callable[..., Step]
@@ -164,34 +163,34 @@ class PeriodicMotions(AbstractEquations):
 
     @property
     def size(self) -> int:
-        """Numbers in a state."""
+        """Count of numbers in a state."""
         return sum(jnp.size(leaf) for leaf in jax.tree.leaves(self.like))
 
     @property
     def parameters(self) -> int:
-        """How many parameters there are."""
+        """Count of parameters."""
         return jnp.size(self.reach)
 
     def place(self, state: Any, *values: Any) -> Array:
-        """The unknowns from a state and values of the parameters."""
+        """Gives the unknowns from a state and values of the parameters."""
         flat = ravel_pytree(state)[0]
         require(flat.size == self.size, "state", f"have {self.size} numbers as `like` has", flat.size)
         return jnp.concatenate([flat, jnp.asarray(values, float)])
 
     def state(self, z: Array) -> Any:
-        """The state of a place."""
+        """Gives the state of a point."""
         return ravel_pytree(self.like)[1](jnp.asarray(z)[: self.size])
 
     def values(self, z: Array) -> tuple[Array, ...]:
-        """The values of the parameters at a place."""
+        """Gives the values of the parameters at a point."""
         return tuple(jnp.asarray(z)[self.size : self.size + self.parameters])
 
     def step(self, z: Array) -> Step:
-        """The map at a place."""
+        """Gives the map at a point."""
         return self.family(*self.values(z))
 
     def mapped(self, z: Array) -> Array:
-        """The state after the intervals, as one array. Pure."""
+        """Gives the state after the intervals, as one array. Pure."""
         step, ks = self.step(z), self.index + jnp.arange(float(self.intervals))
         return ravel_pytree(jax.lax.scan(lambda s, k: (step(s, k), None), self.state(z), ks)[0])[0]
 
@@ -200,10 +199,11 @@ class PeriodicMotions(AbstractEquations):
         unravel = ravel_pytree(self.like)[1]
 
         def interval(carry, k):
+            # one interval with its derivatives by state and parameters, and those of the state so far by parameters
             x, by_values = carry
-            flow = lambda of: ravel_pytree(self.family(*of[size:])(unravel(of[:size]), k))[0]
-            of = jnp.concatenate([x, z[size : size + count]])
-            along = lambda t: jax.jvp(flow, (of,), (t,))
+            flow = lambda unknowns: ravel_pytree(self.family(*unknowns[size:])(unravel(unknowns[:size]), k))[0]
+            unknowns = jnp.concatenate([x, z[size : size + count]])
+            along = lambda t: jax.jvp(flow, (unknowns,), (t,))
             end, matrix = jax.vmap(along, out_axes=(None, 1))(jnp.eye(size + count))
             return (end, matrix[:, :size] @ by_values + matrix[:, size:]), matrix[:, :size]
 
@@ -214,12 +214,12 @@ class PeriodicMotions(AbstractEquations):
         return Evaluation(end - z[:size], jnp.concatenate([by_state, by_values], axis=1), matrices)
 
     def weights(self, z: Array) -> tuple[Array, Array]:
-        found = weights_of(self.state(z), self.scale)
-        of_state = jnp.ones(self.size) if found is None else found
+        weights = weights_of(self.state(z), self.scale)
+        of_state = jnp.ones(self.size) if weights is None else weights
         return of_state, jnp.concatenate([self.measure(of_state), 1 / jnp.atleast_1d(self.reach)])
 
     def measure(self, weights: Array) -> Array:
-        """Weights of the state in the length of a curve, from those of the residual. Here the same."""
+        """Gives the weights of the state in the length of a curve, from those of the residual. Here the same."""
         return weights
 
     def settled(self, z: Array, before: Array, residual: Array) -> Array:
@@ -228,7 +228,7 @@ class PeriodicMotions(AbstractEquations):
         return z.at[: self.size].set(ravel_pytree(new)[0])
 
     def settle(self, step: Step, proposed: Any, mapped: Any) -> Any:
-        """A consistent state from a proposed one, and from what the last iterate is mapped to. Here as proposed."""
+        """Makes a proposed state consistent, from what the last iterate is mapped to. Here as proposed."""
         del step, mapped
         return proposed
 

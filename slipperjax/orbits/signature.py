@@ -5,7 +5,7 @@ orbit grazes where an extreme of a gap is zero: a touch that begins or ends to b
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -22,9 +22,9 @@ class Touchdown(NamedTuple):
     """One touchdown of an orbit."""
 
     period: float
-    """When [forcing periods since the start]."""
+    """Instant [forcing periods since the start]."""
     point: str
-    """The point, with 1 at the front or 2 at the rear."""
+    """Name of the point, with 1 at the front or 2 at the rear."""
     rate: float
     """The gap's rate there [m/s], negative."""
 
@@ -43,7 +43,7 @@ class Signature(NamedTuple):
 
     @property
     def points(self) -> tuple[str, ...]:
-        """The points in the order of their touchdowns."""
+        """Names of the points in the order of their touchdowns."""
         return tuple(touchdown.point for touchdown in self.touchdowns)
 
     def __repr__(self) -> str:
@@ -91,9 +91,9 @@ class Grazing(NamedTuple):
     margin: Float[np.ndarray, " points"]
     """Least magnitude of a local extreme of the gap [m], infinite where there is none."""
     opening: Bool[np.ndarray, " points"]
-    """Whether that is a greatest gap, which a contact opens by, and not a least one, by which it touches."""
+    """True for a greatest gap, by which a contact opens, False for a least one, by which it touches."""
     time: Float[np.ndarray, " points"]
-    """When [forcing periods]."""
+    """Instant of that extreme [forcing periods]."""
 
 
 def grazing(gaps: Gaps) -> Grazing:
@@ -137,8 +137,8 @@ def signature(scene: Scene, gaps: Gaps) -> Signature:
         low, high = np.where(is_open, middle, low), np.where(is_open, high, middle)
     rates = cubic.slope_at(low) / gaps.step
     touchdowns = [
-        Touchdown(float(step + low[part, step, point]) / gaps.per_period, names[point], float(rates[part, step, point]))
-        for part, step, point in zip(*np.nonzero(falls), strict=True)
+        Touchdown(float(at[1] + low[at]) / gaps.per_period, names[at[2]], float(rates[at]))
+        for at in zip(*np.nonzero(falls), strict=True)  # part, step and point
     ]
     highest = np.fmax(np.fmax.reduce(cubic.value(cubic.extremes()), axis=(0, 1)), cubic.start.max(axis=0))
     return Signature(
