@@ -123,7 +123,7 @@ class OrbitBranch:
         )
 
     def extended(self, bounds: tuple[float, float] | None = None, **options: Any) -> "OrbitBranch":
-        """The branch followed further: where it was interrupted, met an event of `until`, ended for the number of its
+        """Follows the branch further: where it was interrupted, met an event of `until`, ended for the number of its
         points, or met a bound.
 
         **Arguments:** `bounds`: of the parameter, default as before; `options`: `points`, `until` and `progress` of

@@ -90,7 +90,7 @@ class PeriodicOrbit(eqx.Module):
         return simulate(self.scene, count, start=self.state, **options)
 
     def to_xarray(self) -> Any:
-        """Gives the dataset of `trajectory()` with `multiplier_real` and `multiplier_imag` [1] along `multiplier`, and
+        """Gives the dataset of `trajectory`, with `multiplier_real` and `multiplier_imag` [1] along `multiplier` and
         attributes orbit_period [forcing periods], stable, residual and signature."""
         mu, words = np.asarray(self.multipliers), {"units": "1", "long_name": "Floquet multiplier"}
         parts = {"multiplier_real": ("multiplier", mu.real, words), "multiplier_imag": ("multiplier", mu.imag, words)}
