@@ -274,20 +274,20 @@ class _Case:
                 # of period n, and not of a divisor of n, only if the residuals over the divisors do not decay
                 lasting = (abs(self.fit(m, start=start).fall) < 0.3 * decay.fall for m in _divisors(n))
                 if decay.convincing and all(lasting):
-                    rate, left = f"{decay.rate:.2g}", f"{self.at_end[n]:.1e}"
-                    text = f"residual over {n} periods decays by {rate} per period, to {left} so far"
+                    speed = f"{decay.rate:.2g} per period, to {self.at_end[n]:.1e} so far"
+                    text = f"residual over {n} periods decays by {speed}"
                     return _Verdict(Regime.PERIODIC, n, n, text, decay)
         return None
 
     def irregular(self, k):
         """Gives the verdict where no residual vanishes or decays: torus, chaos or unresolved."""
         unresolved = lambda text, growth=np.nan: _Verdict(Regime.UNRESOLVED, 0, self.best, text, growth=growth)
+        few = f"{self.periods} periods are too few to tell a torus from chaos ({MIN_TEST} needed)"
         if self.periods < MIN_TEST:
-            few = f"{self.periods} periods are too few to tell a torus from chaos ({MIN_TEST} needed)"
             return unresolved(f"no recurrence, and {few}")
         if self.extent < 100 * self.floor:
-            extent = f"the extent of {self.extent:.1e} is near the floor of {self.floor:.0e}"
-            return unresolved(f"no recurrence, but {extent}")
+            small = f"the extent of {self.extent:.1e} is near the floor of {self.floor:.0e}"
+            return unresolved(f"no recurrence, but {small}")
         first, growth, gap, mixing = _neighbours(self.states)
         facts = f"K = {k:.2f}, ln growth of neighbours {first:.2f} in one period, then {growth:.2f}"
         if k > K_CHAOTIC and first + growth > WHOLE_GROWTH and growth > LATER_GROWTH:

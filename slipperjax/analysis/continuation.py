@@ -11,7 +11,8 @@ import numpy as np
 from ..tools.checks import shown_number, whole
 from .curves import Pace, Spot, Walk, check_within, checked_bounds, correct, evaluated, passes
 from .events import Event, Node, Observe, as_node, events_between
-from .shooting import PeriodicMotions, product
+from .floquet import product
+from .shooting import PeriodicMotions
 
 FIRST_ITERATIONS = 30
 """Newton iterations for the first point of a branch."""
@@ -252,7 +253,7 @@ def _missed(equations: PeriodicMotions, spot: Spot) -> float:
 
 def _eigenvector(matrices: np.ndarray, multiplier: float) -> np.ndarray:
     """Gives the eigenvector of the multiplier nearest to a real number."""
-    values, vectors = np.linalg.eig(np.asarray(product(matrices)))
+    values, vectors = np.linalg.eig(product(matrices))
     return vectors[:, np.argmin(np.abs(values - multiplier))].real
 
 

@@ -22,9 +22,9 @@ from jaxtyping import Array, Float
 from ..tools.checks import one_of, shown_number
 from ..tools.compile import call_compiled
 from .curves import Curve, check_within, checked_bounds, correct, evaluated, follow_curve
-from .floquet import solve
+from .floquet import product, solve
 from .newton import AbstractEquations, Evaluation, newton, without_derivatives
-from .shooting import PeriodicMotions, product
+from .shooting import PeriodicMotions
 
 CRITICAL_MULTIPLIERS = {"LP": 1.0, "PD": -1.0, "NS": None}
 """The critical multiplier by label; None for a pair of unknown angle."""

@@ -39,13 +39,28 @@ def jacobians(step: Step, state: Any, intervals: int, *, index: Any = 0.0) -> Fl
     **Arguments:** `step(state, k)`: the state one interval later, differentiable in forward mode; `state`: a pytree
     of floats with `size` values in all; `index`: index of the first interval.
     """
+    return linearise(step, state, intervals, index=index)[1]
+
+
+def linearise(
+    step: Step, state: Any, intervals: int, *, index: Any = 0.0
+) -> tuple[Float[Array, " size"], Float[Array, "intervals size size"]]:
+    """Computes the state at the end as one array, and `jacobians`. Pure."""
     flat, unravel = ravel_pytree(state)
 
     def interval(x, k):
+        # in each direction the end is the same, so that it is computed once
         flow = lambda x: ravel_pytree(step(unravel(x), k))[0]
         return jax.vmap(lambda t: jax.jvp(flow, (x,), (t,)), out_axes=(None, 1))(jnp.eye(x.size))
 
-    return jax.lax.scan(interval, flat, index + jnp.arange(float(intervals)))[1]
+    return jax.lax.scan(interval, flat, index + jnp.arange(float(intervals)))
+
+
+def product(matrices: Any) -> Any:
+    """Gives the product of successive matrices, the first applied first."""
+    if is_traced(matrices):
+        return jax.lax.scan(lambda total, m: (_after(total, m), None), jnp.eye(matrices.shape[1]), matrices)[0]
+    return functools.reduce(_after, np.asarray(matrices))
 
 
 def multipliers(
@@ -58,11 +73,11 @@ def multipliers(
     Under a transformation the product is formed.
     """
     if is_traced(matrices):
-        mu = jnp.linalg.eigvals(functools.reduce(_after, jnp.asarray(matrices))).astype(complex)
+        mu = jnp.linalg.eigvals(product(matrices)).astype(complex)
         return mu[jnp.argsort(-jnp.abs(mu))]
     matrices = np.asarray(matrices)
     blocks = [matrices] if len(matrices) == 1 or not np.all(np.isfinite(matrices)) else _blocks(matrices)
-    mu = np.concatenate([_eigenvalues(functools.reduce(_after, block)) for block in blocks])
+    mu = np.concatenate([_eigenvalues(product(block)) for block in blocks])
     return mu[np.argsort(-np.abs(mu), kind="stable")]
 
 

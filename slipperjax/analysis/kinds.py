@@ -33,15 +33,15 @@ class Regime(enum.IntEnum):
         """Gives the member with a word of `KINDS`."""
         return next(member for member in cls if member.kind == word)
 
+    @classmethod
+    def kinds(cls, numbers: Any) -> np.ndarray:
+        """Gives the words of `KINDS` for an array of numbers."""
+        return np.asarray(np.array([member.kind for member in cls])[numbers])
 
-def kind_words(numbers: Any) -> np.ndarray:
-    """Gives the words of `KINDS` for an array of `Regime` numbers."""
-    return np.asarray(np.array([member.kind for member in Regime])[numbers])
-
-
-def regime_words(numbers: Any) -> np.ndarray:
-    """Gives the words of `REGIMES` for an array of `Regime` numbers."""
-    return np.asarray(np.array([member.regime for member in Regime])[numbers])
+    @classmethod
+    def regimes(cls, numbers: Any) -> np.ndarray:
+        """Gives the words of `REGIMES` for an array of numbers."""
+        return np.asarray(np.array([member.regime for member in cls])[numbers])
 
 
 _SHOWN = Regime.PERIODIC, Regime.REGULAR, Regime.CHAOTIC, Regime.UNRESOLVED, Regime.TRANSIENT

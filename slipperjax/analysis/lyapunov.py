@@ -22,7 +22,7 @@ from jaxtyping import Array, Float
 from ..tools.checks import finite, positive, require, shown_number, unless_traced, whole
 from ..tools.compile import call_compiled, is_traced
 from .kinds import REGIMES as REGIMES
-from .kinds import Regime, regime_words
+from .kinds import Regime
 
 Step = Callable[[Any, Any], Any]
 """The state at the end of an interval, from the state at its start and its index, a float."""
@@ -313,7 +313,7 @@ def regime(exponent: Any, stderr: Any, kind: Any, trusted: Any, escapes: Any = 0
     lasting = np.where(np.asarray(escapes) > 0, Regime.TRANSIENT, Regime.CHAOTIC)
     numbers = np.where(chaotic, lasting, np.where(periodic, Regime.PERIODIC, Regime.REGULAR))
     good = np.asarray(trusted) & np.isfinite(exponent) & sure & ~contradicts
-    return regime_words(np.where(good, numbers, Regime.UNRESOLVED))
+    return Regime.regimes(np.where(good, numbers, Regime.UNRESOLVED))
 
 
 def kaplan_yorke(exponents: Any) -> Float[np.ndarray, "*lanes"]:

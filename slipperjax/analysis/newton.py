@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from .floquet import solve
 
@@ -71,20 +71,18 @@ class Root(NamedTuple):
 
 
 class _Carry(NamedTuple):
-    z: Array
-    """The point to evaluate next; at the end that of `evaluation`."""
-    start: Array
-    """The point that the current step begins at, with the residual, its size, and Newton's step from there."""
+    """State of the iteration."""
+
+    z: Array  # to be evaluated next; at the end that of the evaluation
+    start: Array  # where the current step begins, with the residual there, its size, and Newton's step
     missed: Array
     size: Array
     step: Array
-    share: Array
-    """Of the step, to which it was halved."""
+    share: Array  # of the step, to which it was halved
     evaluation: Evaluation
-    count: Int[Array, ""]
-    going: Bool[Array, ""]
-    numbers: Any
-    """Array leaves of the equations."""
+    count: Array
+    going: Array
+    numbers: Any  # array leaves of the equations
 
 
 def newton(
@@ -111,34 +109,21 @@ def newton(
         now = of_pass.evaluate(carry.z)
         size = weighted_size(now.residual, of_pass.weights(carry.z)[0])
         renewing = carry.count < 0
-        fell = size <= (1 - FALL * carry.share) * carry.size
-        taken = fell | (carry.share <= 0.5**halvings)
+        taken = (size <= (1 - FALL * carry.share) * carry.size) | (carry.share <= 0.5**halvings)
         done = taken & ~renewing & ~((size > tolerance) & (carry.count < iterations) & jnp.isfinite(size))
         # from here, or half as far from where the step began
         pick = lambda here, before: jnp.where(taken, here, before)
         start, missed = pick(carry.z, carry.start), pick(now.residual, carry.missed)
         step, share = pick(solve(now.jacobian, -now.residual), carry.step), pick(1.0, carry.share / 2)
         proposal = of_pass.settled(start + share * step, start, missed)
-        kept = carry.numbers
-        if renewals:
-            new = eqx.filter(of_pass.renewed(now.extra), eqx.is_array)
-            kept = jax.tree.map(lambda a, b: jnp.where(done, a, b), kept, new)
-        return _Carry(
-            z=jnp.where(done | renewing, carry.z, proposal),
-            start=start,
-            missed=missed,
-            size=jnp.where(renewing, jnp.inf, pick(size, carry.size)),
-            step=step,
-            share=share,
-            evaluation=now,
-            count=carry.count + ~done,
-            going=~done,
-            numbers=kept,
-        )
+        new = eqx.filter(of_pass.renewed(now.extra), eqx.is_array) if renewals else carry.numbers
+        kept = jax.tree.map(lambda a, b: jnp.where(done, a, b), carry.numbers, new)
+        z, size = jnp.where(done | renewing, carry.z, proposal), jnp.where(renewing, jnp.inf, pick(size, carry.size))
+        return _Carry(z, start, missed, size, step, share, now, carry.count + ~done, ~done, kept)
 
     nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(equations.evaluate, z))
-    infinite, first, going = jnp.asarray(jnp.inf), jnp.asarray(-renewals), jnp.asarray(True)
-    begin = _Carry(z, z, nothing.residual, infinite, jnp.zeros_like(z), jnp.ones(()), nothing, first, going, numbers)
+    size, share, count, going = jnp.asarray(jnp.inf), jnp.ones(()), jnp.asarray(-renewals), jnp.asarray(True)
+    begin = _Carry(z, z, nothing.residual, size, jnp.zeros_like(z), share, nothing, count, going, numbers)
     end = jax.lax.while_loop(lambda carry: carry.going, advance, begin)
     return Root(end.z, end.evaluation, end.size, end.count, eqx.combine(end.numbers, fixed))
 

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from ..tools.checks import finite, number, positive, require, unless_traced, whole
 from ..tools.compile import call_compiled
-from .floquet import solve
+from .floquet import linearise, product, solve
 from .lyapunov import Scale, Step, check_functions, check_state, weights_of
 from .newton import AbstractEquations, Evaluation, newton, weighted_size, without_derivatives
 
@@ -109,11 +109,6 @@ def _shoot(functions, static, state, index, tolerance):
     return Shot(exact.state(x), residual, root.iterations, end.extra)
 
 
-def product(matrices: Array) -> Array:
-    """Gives the product of successive Jacobians, the first applied first."""
-    return jax.lax.scan(lambda total, m: (m @ total, None), jnp.eye(matrices.shape[1]), matrices)[0]
-
-
 def minimal_period(step: Step, state: Any, intervals: int, *, index: Any = 0.0, scale: Scale | None = None) -> Any:
     """Computes the residuals of a motion that recurs after `intervals` intervals, after each of its divisors. Pure.
 
@@ -195,23 +190,16 @@ class PeriodicMotions(AbstractEquations):
         return ravel_pytree(jax.lax.scan(lambda s, k: (step(s, k), None), self.state(z), ks)[0])[0]
 
     def evaluate(self, z: Array) -> Evaluation:
-        size, count = self.size, self.parameters
-        unravel = ravel_pytree(self.like)[1]
+        size, unravel = self.size, ravel_pytree(self.like)[1]
 
-        def interval(carry, k):
-            # one interval with its derivatives by state and parameters, and those of the state so far by parameters
-            x, by_values = carry
-            flow = lambda unknowns: ravel_pytree(self.family(*unknowns[size:])(unravel(unknowns[:size]), k))[0]
-            unknowns = jnp.concatenate([x, z[size : size + count]])
-            along = lambda t: jax.jvp(flow, (unknowns,), (t,))
-            end, matrix = jax.vmap(along, out_axes=(None, 1))(jnp.eye(size + count))
-            return (end, matrix[:, :size] @ by_values + matrix[:, size:]), matrix[:, :size]
+        def step(unknowns, k):
+            # parameters are numbers of the state that do not change, so that all derivatives come at once
+            end = self.family(*unknowns[size:])(unravel(unknowns[:size]), k)
+            return jnp.concatenate([ravel_pytree(end)[0], unknowns[size:]])
 
-        begin = z[:size], jnp.zeros((size, count))
-        ks = self.index + jnp.arange(float(self.intervals))
-        (end, by_values), matrices = jax.lax.scan(interval, begin, ks)
-        by_state = product(matrices) - jnp.eye(size)
-        return Evaluation(end - z[:size], jnp.concatenate([by_state, by_values], axis=1), matrices)
+        end, matrices = linearise(step, z, self.intervals, index=self.index)
+        jacobian = product(matrices)[:size] - jnp.eye(size, z.size)
+        return Evaluation(end[:size] - z[:size], jacobian, matrices[:, :size, :size])
 
     def weights(self, z: Array) -> tuple[Array, Array]:
         weights = weights_of(self.state(z), self.scale)

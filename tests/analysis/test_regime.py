@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from slipperjax.analysis.kinds import KINDS, REGIMES, Regime, kind_words, regime_words
+from slipperjax.analysis.kinds import KINDS, REGIMES, Regime
 from slipperjax.analysis.lyapunov import pooled_standard_error, regime, standard_error
 
 
@@ -48,7 +48,7 @@ def test_one_number_stands_for_both_words():
     assert KINDS == ("period", "torus", "chaotic", "unresolved")
     assert REGIMES == ("periodic", "regular", "chaotic", "unresolved", "transient chaos")
     numbers = [Regime.of_kind(word) for word in KINDS]
-    assert kind_words(numbers).tolist() == list(KINDS)
-    assert regime_words([*numbers, Regime.TRANSIENT]).tolist() == list(REGIMES)
+    assert Regime.kinds(numbers).tolist() == list(KINDS)
+    assert Regime.regimes([*numbers, Regime.TRANSIENT]).tolist() == list(REGIMES)
     # arrays of cases that were not run are zero
-    assert kind_words(np.zeros(2, int)).tolist() == ["unresolved"] * 2
+    assert Regime.kinds(np.zeros(2, int)).tolist() == ["unresolved"] * 2
