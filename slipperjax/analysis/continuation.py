@@ -14,7 +14,7 @@ from .events import Event, Node, Observe, as_node, events_between
 from .floquet import product
 from .shooting import PeriodicMotions
 
-FIRST_ITERATIONS = 30
+BRANCH_START_ITERATIONS = 30
 """Newton iterations for the first point of a branch."""
 SEPARATION = 0.1
 """Least distance of a doubled motion's halves, over that from the flip; at a flip twice the latter."""
@@ -209,9 +209,9 @@ def _walk(
 
 def first_spot(equations: PeriodicMotions, state: Any, value: Any, *, tolerance: float = 1e-10) -> Spot:
     """Finds the motion at a parameter's value from a state near it; look at its `residual`."""
-    z = equations.place(state, value)
+    z = equations.unknowns(state, value)
     row = jnp.zeros(z.size).at[-1].set(1.0)
-    return jax.device_get(correct(equations, z, row, tolerance=tolerance, iterations=FIRST_ITERATIONS))
+    return jax.device_get(correct(equations, z, row, tolerance=tolerance, iterations=BRANCH_START_ITERATIONS))
 
 
 def switch(branch: Branch, event: Event, *, length: float = 0.05, tolerance: float = 1e-10) -> tuple[Any, Spot]:

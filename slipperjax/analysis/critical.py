@@ -30,7 +30,7 @@ CRITICAL_MULTIPLIERS = {"LP": 1.0, "PD": -1.0, "NS": None}
 """The critical multiplier by label; None for a pair of unknown angle."""
 RENEWALS = 3
 """Solutions with renewed borders before Newton's method begins."""
-FIRST_ITERATIONS = 20
+CURVE_START_ITERATIONS = 20
 """Newton iterations for the first point of a curve."""
 
 
@@ -192,7 +192,7 @@ def critical_motion(
     **Raises:** `ValueError` for an unknown label.
     """
     one_of("label", label, tuple(CRITICAL_MULTIPLIERS))
-    z = motions.place(state, value, *([angle] if CRITICAL_MULTIPLIERS[label] is None else []))
+    z = motions.unknowns(state, value, *([angle] if CRITICAL_MULTIPLIERS[label] is None else []))
     limits = jnp.asarray(float(tolerance)), jnp.asarray(max_iterations)
     z, residual, count, matrices, mu = call_compiled(_critical, motions, (label,), z, limits)
     return CriticalMotion(motions.state(z), motions.values(z)[0], mu, residual, count, matrices)
@@ -275,19 +275,19 @@ def continue_critical(
     """
     limits, motions = [checked_bounds(pair) for pair in bounds], equations.motions
     angled = isinstance(equations, CriticalMotions) and equations.angled
-    z = motions.place(state, *values, *([angle] if angled else []))
+    z = motions.unknowns(state, *values, *([angle] if angled else []))
     if isinstance(equations, CriticalMotions):
         for _ in range(RENEWALS):
             equations = equations.renewed(evaluated(equations, z).extra)
     row = jnp.zeros(z.size).at[motions.size + 1].set(1.0)
-    first = jax.device_get(correct(equations, z, row, tolerance=tolerance, iterations=FIRST_ITERATIONS))
+    first = jax.device_get(correct(equations, z, row, tolerance=tolerance, iterations=CURVE_START_ITERATIONS))
     if not first.residual <= tolerance:
         raise ValueError(
             f"Argument `state` must be near a motion of the curve, but Newton's method ended with a residual of "
             f"{shown_number(first.residual)}."
         )
     low, high = (np.full(z.size, side * np.inf) for side in (-1, 1))
-    for place, pair in enumerate(limits, start=motions.size):
-        check_within("values", first.z[place], pair)
-        low[place], high[place] = pair
+    for index, pair in enumerate(limits, start=motions.size):
+        check_within("values", first.z[index], pair)
+        low[index], high[index] = pair
     return follow_curve(equations.renewed(first.extra), first, low, high, tolerance=tolerance, **options)

@@ -14,8 +14,8 @@ from jaxtyping import Array, Float, Int
 
 from .floquet import solve
 
-FALL = 0.1
-"""Share of a step by which the residual must fall for a damped step to be taken."""
+LEAST_FALL = 0.1
+"""Share of a step by which the residual must fall for a damped step to be accepted."""
 
 
 class Evaluation(NamedTuple):
@@ -94,32 +94,33 @@ def newton(
 
     - `z`: first guess.
     - `tolerance`: weighted residual at which the iterations end. `iterations`: they end then in any case.
-    - `halvings`: how often a step may be halved until the residual falls by a share `FALL` of it; then it is taken
-        whatever it gives.
+    - `halvings`: how often a step may be halved until the residual falls by a share `LEAST_FALL` of it; after that
+        it is accepted whatever it gives.
     - `renewals`: how often the equations are renewed at `z` before the first step; if at all, they are renewed
         after each step, too.
 
     **Returns:** a `Root`; look at its `residual`.
     """
-    numbers, fixed = eqx.partition(equations, eqx.is_array)
+    # arrays that renewals change are carried, all others are constants of the loop
+    numbers, fixed = eqx.partition(equations, eqx.is_array if renewals else False)
 
-    # the equations stand in the program once: each pass evaluates one point, whatever it was proposed for
+    # each pass evaluates one point, whatever it was proposed for, so that the program has the equations once
     def advance(carry: _Carry) -> _Carry:
         of_pass: AbstractEquations = eqx.combine(carry.numbers, fixed)
         now = of_pass.evaluate(carry.z)
         size = weighted_size(now.residual, of_pass.weights(carry.z)[0])
-        renewing = carry.count < 0
-        taken = (size <= (1 - FALL * carry.share) * carry.size) | (carry.share <= 0.5**halvings)
-        done = taken & ~renewing & ~((size > tolerance) & (carry.count < iterations) & jnp.isfinite(size))
+        renewing = carry.count < 0  # passes that renew the equations and keep the point
+        accepted = (size <= (1 - LEAST_FALL * carry.share) * carry.size) | (carry.share <= 0.5**halvings)
+        done = accepted & ~renewing & ~((size > tolerance) & (carry.count < iterations) & jnp.isfinite(size))
         # from here, or half as far from where the step began
-        pick = lambda here, before: jnp.where(taken, here, before)
+        pick = lambda here, before: jnp.where(accepted, here, before)
         start, missed = pick(carry.z, carry.start), pick(now.residual, carry.missed)
         step, share = pick(solve(now.jacobian, -now.residual), carry.step), pick(1.0, carry.share / 2)
         proposal = of_pass.settled(start + share * step, start, missed)
         new = eqx.filter(of_pass.renewed(now.extra), eqx.is_array) if renewals else carry.numbers
-        kept = jax.tree.map(lambda a, b: jnp.where(done, a, b), carry.numbers, new)
+        renewed = jax.tree.map(lambda a, b: jnp.where(done, a, b), carry.numbers, new)
         z, size = jnp.where(done | renewing, carry.z, proposal), jnp.where(renewing, jnp.inf, pick(size, carry.size))
-        return _Carry(z, start, missed, size, step, share, now, carry.count + ~done, ~done, kept)
+        return _Carry(z, start, missed, size, step, share, now, carry.count + ~done, ~done, renewed)
 
     nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(equations.evaluate, z))
     size, share, count, going = jnp.asarray(jnp.inf), jnp.ones(()), jnp.asarray(-renewals), jnp.asarray(True)

@@ -21,7 +21,7 @@ from .newton import AbstractEquations, Evaluation, newton, weighted_size, withou
 Settle = Callable[[Any, Any], Any]
 """A consistent state from one that Newton's method proposes, and from the one that the last iterate is mapped to."""
 
-HALVINGS = 2
+STEP_HALVINGS = 2
 """How often a step of Newton's method may be halved. Short steps get stuck where the map's derivative jumps: of 70
 orbits at 880 to 2300 m/s, of period 1 and 2, 64 are found with 2 halvings, 58 with 8."""
 
@@ -96,8 +96,8 @@ def _shoot(functions, static, state, index, tolerance):
     intervals, limit = static
     options = dict(intervals=intervals, consistent=settle)
     exact = _Recurrence(_Constant(step), state, jnp.zeros(0), scale, index, **options)
-    guess = jax.lax.stop_gradient(exact.place(state))
-    limits = dict(tolerance=tolerance, iterations=limit, halvings=HALVINGS)
+    guess = jax.lax.stop_gradient(exact.unknowns(state))
+    limits = dict(tolerance=tolerance, iterations=limit, halvings=STEP_HALVINGS)
     # the iteration itself is not differentiated
     root = newton(without_derivatives(exact), guess, **limits)
     # one more step: with the derivatives of the map alone it has those of the exact motion
@@ -166,7 +166,7 @@ class PeriodicMotions(AbstractEquations):
         """Count of parameters."""
         return jnp.size(self.reach)
 
-    def place(self, state: Any, *values: Any) -> Array:
+    def unknowns(self, state: Any, *values: Any) -> Array:
         """Gives the unknowns from a state and values of the parameters."""
         flat = ravel_pytree(state)[0]
         require(flat.size == self.size, "state", f"have {self.size} numbers as `like` has", flat.size)

@@ -36,9 +36,9 @@ from ..tools.limits import cores
 
 BATCHES = (100, 1_000, 10_000, 100_000, 1_000_000)
 """Default batches."""
-STEPS = 50
+NOMINAL_STEPS = 50
 """Steps per forcing period: the default of the nominal scene."""
-PERIODS = 4
+CALL_PERIODS = 4
 """Forcing periods in a call."""
 ENGINES = ("RK4", "Rodas4", "Lyapunov")
 """Programs to time: two solvers, and RK4 with one tangent that is orthonormalised after each period."""
@@ -131,10 +131,10 @@ def _timed(engine: str, batch: int) -> Rate:
             begin = time.perf_counter()
             call()
             times.append(time.perf_counter() - begin)
-    rate = lanes * chunks * PERIODS / statistics.median(times)
+    rate = lanes * chunks * CALL_PERIODS / statistics.median(times)
     share = None
     if backend == "cpu" and engine != "Lyapunov":
-        share = rate * STEPS * EVALUATIONS[engine] * LIMIT / threads
+        share = rate * NOMINAL_STEPS * EVALUATIONS[engine] * LIMIT / threads
     name = f"{jax.devices()[0].device_kind}, {threads} cores" if backend == "cpu" else jax.devices()[0].device_kind
     return Rate(name, engine, batch, rate, kernels_per_step(run.text()), share)
 
@@ -160,14 +160,14 @@ def _program(engine: str, lanes: int) -> _Program:
     speeds = float(scene.speed) * np.linspace(0.98, 1.02, lanes)
     scenes, starts = Cases(scene, {"speed": speeds}, table_2_start()).take(np.arange(lanes))
     states = initial_states(scenes, starts)
-    solver, stepping = (Rodas4() if engine == "Rodas4" else RK4()), ConstantSteps(STEPS)
+    solver, stepping = (Rodas4() if engine == "Rodas4" else RK4()), ConstantSteps(NOMINAL_STEPS)
     if engine != "Lyapunov":
-        untraced = functools.partial(advance.__wrapped__, stepping=stepping, solver=solver, periods=PERIODS)
+        untraced = functools.partial(advance.__wrapped__, stepping=stepping, solver=solver, periods=CALL_PERIODS)
         return _Program(lambda scenes, states: untraced(scenes, states, 0.0).state, (scenes, states))
 
     first = lambda state: first_tangents(state, 1, tangent_weights(scene))
     tangents = jax.vmap(first)(states)
-    untraced = functools.partial(advance_tangents.__wrapped__, stepping=stepping, solver=solver, periods=PERIODS)
+    untraced = functools.partial(advance_tangents.__wrapped__, stepping=stepping, solver=solver, periods=CALL_PERIODS)
     with_tangents = lambda scenes, states, tangents: untraced(scenes, states, tangents, jnp.asarray(0.0)).history
     return _Program(with_tangents, (scenes, states, tangents))
 

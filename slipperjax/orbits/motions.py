@@ -96,8 +96,8 @@ class ConsistentMemory(eqx.Module):
         now = contacts(rail_frame(self.scene, 0.0), proposed.motion)
         fresh = self.scene.memory.initial(now.gap, now.rate)
         # of a contact that was open at the section, the memory latched since is better than that of a fresh start
-        kept = jnp.where(proposed.memory < 0, proposed.memory, jnp.where(mapped.memory < 0, mapped.memory, fresh))
-        return State(proposed.motion, jnp.where(now.gap < 0, kept, 0.0))
+        memory = jnp.where(proposed.memory < 0, proposed.memory, jnp.where(mapped.memory < 0, mapped.memory, fresh))
+        return State(proposed.motion, jnp.where(now.gap < 0, memory, 0.0))
 
 
 def check_forcing(scene: Scene) -> None:
