@@ -1,6 +1,5 @@
 """System-independent analysis: Lyapunov spectra, Floquet multipliers, attractors, power spectra, statistics."""
 
-from .attractor import KINDS as KINDS
 from .attractor import Attractors as Attractors
 from .attractor import classify as classify
 from .attractor import decay_rate as decay_rate
@@ -13,7 +12,6 @@ from .continuation import switch as switch
 from .critical import CriticalMotion as CriticalMotion
 from .critical import continue_critical as continue_critical
 from .critical import critical_motion as critical_motion
-from .curves import AbstractEquations as AbstractEquations
 from .curves import Curve as Curve
 from .curves import follow_curve as follow_curve
 from .events import Event as Event
@@ -21,7 +19,9 @@ from .floquet import floquet as floquet
 from .floquet import jacobians as jacobians
 from .floquet import largest_exponent as largest_exponent
 from .floquet import multipliers as multipliers
-from .lyapunov import REGIMES as REGIMES
+from .kinds import KINDS as KINDS
+from .kinds import REGIMES as REGIMES
+from .kinds import Regime as Regime
 from .lyapunov import LyapunovSpectrum as LyapunovSpectrum
 from .lyapunov import kaplan_yorke as kaplan_yorke
 from .lyapunov import map_spectrum as map_spectrum
@@ -30,6 +30,7 @@ from .lyapunov import regime as regime
 from .lyapunov import standard_error as standard_error
 from .lyapunov import two_trajectory_exponent as two_trajectory_exponent
 from .lyapunov import weighted_mean as weighted_mean
+from .newton import AbstractEquations as AbstractEquations
 from .ode import ode_spectrum as ode_spectrum
 from .ode import ode_step as ode_step
 from .ode import switched_step as switched_step

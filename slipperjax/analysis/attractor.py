@@ -10,20 +10,21 @@ from typing import NamedTuple
 import numpy as np
 
 from ..tools.checks import require, whole
+from .kinds import KINDS as KINDS
+from .kinds import Regime
 
-KINDS = ("period", "torus", "chaotic", "unresolved")
-"""Classes of motions: periodic, quasi-periodic, chaotic, or none of them with certainty."""
 MIN_TEST = 200
 """Least number of periods for distinguishing tori from chaos. Near it, K of a torus scatters up to 0.9, and the
 result is "unresolved"; 500 periods are enough."""
-REGULAR, IRREGULAR = 0.2, 0.8
+K_REGULAR, K_CHAOTIC = 0.2, 0.8
 """Bounds of the 0-1 test's K: below the first regular, above the second chaotic."""
-NEAR, APART = 0.12, 0.7
-"""Bounds of the growth of ln of the distance of neighbours. After the first period it is below `NEAR` on a torus and
-above `NEAR` in chaos; including the first period, in which noise grows too, it is above `APART` in chaos."""
-AHEAD = 30
+LATER_GROWTH, WHOLE_GROWTH = 0.12, 0.7
+"""Bounds of the growth of ln of the distance of neighbours. After the first period it is below `LATER_GROWTH` on a
+torus and above it in chaos; including the first period, in which noise grows too, it is above `WHOLE_GROWTH` in
+chaos."""
+NEIGHBOUR_PERIODS = 30
 """Greatest number of periods over which neighbours are followed (a fifth of the record if that is shorter)."""
-THEILER = 10
+THEILER_WINDOW = 10
 """States fewer than this many periods apart in time do not count as neighbours."""
 
 
@@ -42,7 +43,7 @@ class Decay(NamedTuple):
 
     @property
     def convincing(self):
-        """Whether this is a geometric decay to zero: by half or more, with R^2 >= 0.95 and a steady rate."""
+        """True for a geometric decay to zero: by half or more, with R^2 >= 0.95 and a steady rate."""
         steady = (self.steadiness >= 0.85) & (self.steadiness <= 1.5)
         return (self.fall >= math.log(2)) & (self.fit >= 0.95) & steady
 
@@ -59,7 +60,8 @@ class Attractors(NamedTuple):
     decay: np.ndarray
     """Decay rate of that recurrence residual per forcing period; NaN where nothing could be fitted."""
     growth: np.ndarray
-    """Mean growth of ln of neighbours' distance, from one period to `AHEAD`; NaN if an earlier criterion decided."""
+    """Mean growth of ln of neighbours' distance, from one period to `NEIGHBOUR_PERIODS`; NaN if an earlier criterion
+    decided."""
     k: np.ndarray
     """K of the 0-1 test for the motion without its part of the best period: near 0 if regular, near 1 if chaotic, 0
     if nothing remains, NaN for records below `MIN_TEST`."""
@@ -68,7 +70,7 @@ class Attractors(NamedTuple):
 
 
 def recurrence(strobe, *, scales=None, max_period=16) -> np.ndarray:
-    """Recurrence residuals |x_k - x_{k-n}|, in the maximum norm over scaled states.
+    """Computes recurrence residuals |x_k - x_{k-n}|, in the maximum norm over scaled states.
 
     **Arguments:** `strobe`: shape (*cases, periods, states); `scales`, shape (states,): divisors of the
     states, in their units, by default as in `classify`; `max_period`: greatest lag n.
@@ -106,7 +108,7 @@ def decay_rate(residual, *, windows=12, floor=0.0) -> Decay:
 
 
 def zero_one_test(series, *, samples=100, seed=0) -> np.ndarray:
-    """K of the 0-1 test for chaos: near 0 for regular, near 1 for chaotic series.
+    """Computes K of the 0-1 test for chaos: near 0 for regular, near 1 for chaotic series.
 
     The correlation method with the oscillation term subtracted: the median over random c in (pi/5, 4 pi/5) of the
     correlation of n with D_c(n) = M_c(n) - (mean phi)^2 (1 - cos n c) / (1 - cos c), where M_c is the mean square
@@ -135,9 +137,9 @@ def classify(strobe, *, scales=None, max_period=16, tolerance=1e-3, floor=1e-6, 
     - "period": after n periods the states recur, within `tolerance` of the attractor's extent or within `floor`, from
       one period n to the next and over a quarter of the record; or the residual of recurrence decays geometrically
       to zero (`Decay.convincing`), in a slow transient. n is the smallest possible.
-    - "chaotic": K of the 0-1 test above `IRREGULAR`, and neighbours diverge.
-    - "torus": K below `REGULAR`, neighbours stay close, the states fill the section evenly, their mean and spread do
-      not drift, and the residuals over all lags do not decay together.
+    - "chaotic": K of the 0-1 test above `K_CHAOTIC`, and neighbours diverge.
+    - "torus": K below `K_REGULAR`, neighbours stay close, the states fill the section evenly, their mean and spread
+      do not drift, and the residuals over all lags do not decay together.
     - "unresolved": everything else. Records below `MIN_TEST` periods can only be periodic or unresolved.
 
     These are not distinguished: splittings and chaotic bands narrower than the tolerance from periodic motions;
@@ -164,7 +166,7 @@ def classify(strobe, *, scales=None, max_period=16, tolerance=1e-3, floor=1e-6, 
         raise ValueError(f"Argument `strobe` must be of 16 periods or more, but is of shape {x.shape}.")
     for name, value in (("tolerance", tolerance), ("floor", floor)):
         require(0 < value < 1, name, "be above 0 and below 1", value)
-    cases = [_classify(case, most, tolerance, floor, seed) for case in x.reshape(-1, *x.shape[-2:])]
+    cases = [_classified(states, most, tolerance, floor, seed) for states in x.reshape(-1, *x.shape[-2:])]
     return Attractors(*(np.reshape(np.array(column), x.shape[:-2]) for column in zip(*cases, strict=True)))
 
 
@@ -182,86 +184,134 @@ def _scaled(strobe, scales):
     return x / scales, scales
 
 
-def _classify(x, most, tolerance, floor, seed):
-    """One case: the entries of `Attractors`."""
-    periods = len(x)
-    if not np.isfinite(x).all():
-        bad = int(np.flatnonzero(~np.isfinite(x).all(-1))[0])
-        return "unresolved", 0, np.nan, np.nan, np.nan, np.nan, f"non-finite states from period {bad} on"
-    quarter = periods // 4
-    extent = float(np.ptp(x[-quarter:], axis=0).max())
-    lags = range(1, min(most, quarter) + 1)
-    series = recurrence(x, scales=1.0, max_period=lags[-1])
-    tail = lambda n: max(n, periods // 10)
-    at_end = {n: float(series[n - 1, -tail(n) :].max()) for n in lags}
-    best = min(lags, key=lambda n: at_end[n])
-    k = np.nan
-    if periods >= MIN_TEST:
-        part = _irregular_part(x, best)
-        # below the tolerance only rounding and integration errors remain, whose K is meaningless
-        k = float(zero_one_test(part, seed=seed)) if np.ptp(part) > max(tolerance * extent, floor) else 0.0
-    shorter = lambda n: [m for m in range(1, n) if n % m == 0]
+def _classified(states, most, tolerance, floor, seed):
+    """Gives the entries of `Attractors` for one case."""
+    finite = np.isfinite(states).all(-1)
+    if not finite.all():
+        text = f"non-finite states from period {int(np.argmin(finite))} on"
+        return Regime.UNRESOLVED.kind, 0, np.nan, np.nan, np.nan, np.nan, text
+    case = _Case(states, most, tolerance, floor)
+    k = case.chaos(seed)
+    verdict = case.recurrent() or case.decaying() or case.irregular(k)
+    decay = case.fit(verdict.lag) if verdict.decay is None else verdict.decay
+    kind, residual = verdict.regime.kind, case.at_end[verdict.lag]
+    return kind, verdict.period, residual, float(decay.rate), verdict.growth, k, verdict.evidence
 
-    def fit(n, lowest=floor, start=0):
-        windows = (periods - max(start, n)) // max(n, 4)
+
+class _Verdict(NamedTuple):
+    """Kind of a motion, by the criterion that decided."""
+
+    regime: Regime
+    period: int
+    lag: int
+    """Whose residual is reported."""
+    evidence: str
+    decay: Decay | None = None
+    growth: float = np.nan
+
+
+class _Case:
+    """The states of one motion, with the residuals of their recurrence over all lags."""
+
+    def __init__(self, states, most, tolerance, floor):
+        self.states, self.tolerance, self.floor, self.periods = states, tolerance, floor, len(states)
+        self.quarter = self.periods // 4
+        self.extent = float(np.ptp(states[-self.quarter :], axis=0).max())
+        self.near = max(tolerance * self.extent, floor)
+        """Distance that counts as none."""
+        self.lags = range(1, min(most, self.quarter) + 1)
+        self.residuals = recurrence(states, scales=1.0, max_period=self.lags[-1])
+        self.at_end = {n: float(self.residuals[n - 1, -self.tail(n) :].max()) for n in self.lags}
+        self.best = min(self.lags, key=lambda n: self.at_end[n])
+
+    def tail(self, n):
+        """Gives the number of periods at the end over which a residual is judged."""
+        return max(n, self.periods // 10)
+
+    def fit(self, n, lowest=None, start=0):
+        """Fits the decay of the residual over n periods, from `start` on; NaN where the record is too short."""
+        windows = (self.periods - max(start, n)) // max(n, 4)
         if windows < 6:
             return Decay(*[np.array(np.nan)] * 4)
-        return decay_rate(series[n - 1, start:], windows=min(12, windows), floor=lowest)
+        lowest = self.floor if lowest is None else lowest
+        return decay_rate(self.residuals[n - 1, start:], windows=min(12, windows), floor=lowest)
 
-    def answer(kind, n, lag, evidence, decay=None, growth=np.nan):
-        return kind, n, at_end[lag], float((decay or fit(lag)).rate), growth, k, evidence
+    def chaos(self, seed):
+        """Gives K of the 0-1 test, without the part of the best period; NaN for short records."""
+        if self.periods < MIN_TEST:
+            return np.nan
+        part = _irregular_part(self.states, self.best)
+        # below the tolerance only rounding and integration errors remain, whose K is meaningless
+        return float(zero_one_test(part, seed=seed)) if np.ptp(part) > self.near else 0.0
 
-    for n in lags:
-        near = max(tolerance * extent, floor)
-        if at_end[n] > near or any(at_end[m] < 10 * floor for m in shorter(n)):
-            continue  # near the floor, a decay that rotates by a third of a turn per period looks like period 3
-        # Slow drifts near a resonance or a bifurcation are visible over many periods only, and in a short record only
-        # at their onset; they must also be small against the difference of period n from its divisors.
-        far = n * max(2, quarter // n)
-        drift = np.abs(x[-tail(n) :] - x[-tail(n) - far : periods - far]).max()
-        split = min((at_end[m] for m in shorter(n)), default=extent)
-        if drift > max(min(near * min(1, far / 100), 3 * tolerance * split), floor):
-            continue
-        growing = fit(n, 1e-14)  # departure from an unstable motion, from rounding errors on
-        if growing.fall < -math.log(10) and growing.fit > 0.95:
-            text = f"recurs after {n} periods, but the residual grows by {-growing.rate:.2g} per period"
-            return answer("unresolved", 0, n, text)
-        return answer(
-            "period", n, n, f"recurs after {n} periods within {at_end[n]:.1e}, of an extent of {extent:.1e}"
-        )
+    def recurrent(self):
+        """Gives a verdict where states recur, by the shortest period over which they do."""
+        for n in self.lags:
+            # near the floor, a decay that rotates by a third of a turn per period looks like period 3
+            if self.at_end[n] > self.near or any(self.at_end[m] < 10 * self.floor for m in _divisors(n)):
+                continue
+            # Slow drifts near a resonance or a bifurcation are visible over many periods only, and in a short record
+            # only at their onset; they must also be small against the difference of period n from its divisors.
+            far = n * max(2, self.quarter // n)
+            drift = np.abs(self.states[-self.tail(n) :] - self.states[-self.tail(n) - far : self.periods - far]).max()
+            split = min((self.at_end[m] for m in _divisors(n)), default=self.extent)
+            if drift > max(min(self.near * min(1, far / 100), 3 * self.tolerance * split), self.floor):
+                continue
+            growing = self.fit(n, 1e-14)  # departure from an unstable motion, from rounding errors on
+            if growing.fall < -math.log(10) and growing.fit > 0.95:
+                text = f"recurs after {n} periods, but the residual grows by {-growing.rate:.2g} per period"
+                return _Verdict(Regime.UNRESOLVED, 0, n, text)
+            text = f"recurs after {n} periods within {self.at_end[n]:.1e}, of an extent of {self.extent:.1e}"
+            return _Verdict(Regime.PERIODIC, n, n, text)
+        return None
 
-    for n in lags:
-        for start in (0, periods // 2):  # the whole record, or its second half where the first had other transients
-            decay = fit(n, start=start)
-            # of period n, and not of a divisor of n, only if the residuals over the divisors do not decay
-            if decay.convincing and all(abs(fit(m, start=start).fall) < 0.3 * decay.fall for m in shorter(n)):
-                text = f"residual over {n} periods decays by {decay.rate:.2g} per period, to {at_end[n]:.1e} so far"
-                return answer("period", n, n, text, decay)
+    def decaying(self):
+        """Gives a verdict where the residual over some period decays to zero."""
+        for n in self.lags:
+            # the whole record, or its second half where the first had other transients
+            for start in (0, self.periods // 2):
+                decay = self.fit(n, start=start)
+                # of period n, and not of a divisor of n, only if the residuals over the divisors do not decay
+                lasting = (abs(self.fit(m, start=start).fall) < 0.3 * decay.fall for m in _divisors(n))
+                if decay.convincing and all(lasting):
+                    speed = f"{decay.rate:.2g} per period, to {self.at_end[n]:.1e} so far"
+                    text = f"residual over {n} periods decays by {speed}"
+                    return _Verdict(Regime.PERIODIC, n, n, text, decay)
+        return None
 
-    if periods < MIN_TEST:
-        text = f"no recurrence, and {periods} periods are too few to tell a torus from chaos ({MIN_TEST} needed)"
-        return answer("unresolved", 0, best, text)
-    if extent < 100 * floor:
-        text = f"no recurrence, but the extent of {extent:.1e} is near the floor of {floor:.0e}"
-        return answer("unresolved", 0, best, text)
-    first, growth, gap, mixing = _neighbours(x)
-    drift, rates = _drift(x), np.array([fit(n).rate for n in lags])
-    facts = f"K = {k:.2f}, ln growth of neighbours {first:.2f} in one period, then {growth:.2f}"
-    if k > IRREGULAR and first + growth > APART and growth > NEAR:
-        return answer("chaotic", 0, best, facts, growth=growth)
-    if k >= REGULAR or growth >= NEAR:
-        return answer("unresolved", 0, best, f"{facts}: neither regular nor chaotic", growth=growth)
-    if gap < 0.05 * extent / periods:
-        text = f"{facts}, but the states bunch: a period above {lags[-1]}, or one not reached yet"
-        return answer("unresolved", 0, best, text, growth=growth)
-    if drift > 0.01 or mixing > 3 or np.std(rates) < 0.3 * abs(np.mean(rates)):  # equal decays: a spiral
-        return answer("unresolved", 0, best, f"{facts}, but the states still drift or spiral", growth=growth)
-    text = f"{facts}, no recurrence up to {lags[-1]} periods, no decay, no drift"
-    return answer("torus", 0, best, text, growth=growth)
+    def irregular(self, k):
+        """Gives the verdict where no residual vanishes or decays: torus, chaos or unresolved."""
+        unresolved = lambda text, growth=np.nan: _Verdict(Regime.UNRESOLVED, 0, self.best, text, growth=growth)
+        few = f"{self.periods} periods are too few to tell a torus from chaos ({MIN_TEST} needed)"
+        if self.periods < MIN_TEST:
+            return unresolved(f"no recurrence, and {few}")
+        if self.extent < 100 * self.floor:
+            small = f"the extent of {self.extent:.1e} is near the floor of {self.floor:.0e}"
+            return unresolved(f"no recurrence, but {small}")
+        first, growth, gap, mixing = _neighbours(self.states)
+        facts = f"K = {k:.2f}, ln growth of neighbours {first:.2f} in one period, then {growth:.2f}"
+        if k > K_CHAOTIC and first + growth > WHOLE_GROWTH and growth > LATER_GROWTH:
+            return _Verdict(Regime.CHAOTIC, 0, self.best, facts, growth=growth)
+        if k >= K_REGULAR or growth >= LATER_GROWTH:
+            return unresolved(f"{facts}: neither regular nor chaotic", growth)
+        if gap < 0.05 * self.extent / self.periods:
+            bunch = f"the states bunch: a period above {self.lags[-1]}, or one not reached yet"
+            return unresolved(f"{facts}, but {bunch}", growth)
+        rates = np.array([self.fit(n).rate for n in self.lags])
+        spiral = np.std(rates) < 0.3 * abs(np.mean(rates))  # residuals over all lags decay alike
+        if _drift(self.states) > 0.01 or mixing > 3 or spiral:
+            return unresolved(f"{facts}, but the states still drift or spiral", growth)
+        text = f"{facts}, no recurrence up to {self.lags[-1]} periods, no decay, no drift"
+        return _Verdict(Regime.REGULAR, 0, self.best, text, growth=growth)
+
+
+def _divisors(n):
+    """Gives the divisors of n below n."""
+    return [m for m in range(1, n) if n % m == 0]
 
 
 def _irregular_part(x, n):
-    """A scalar series for the 0-1 test: the scaled states along the direction in which they vary most, without the
+    """Gives a series for the 0-1 test: the scaled states along the direction in which they vary most, without the
     part of period n, which would make chaos in n bands, visited in turn, look regular."""
     y = x - x.mean(0)
     series = y @ np.linalg.svd(y, full_matrices=False)[2][0]
@@ -271,6 +321,7 @@ def _irregular_part(x, n):
 
 
 def _geometric_fit(row, windows, floor):
+    """Gives the entries of `Decay` for one residual."""
     row = row[int(np.argmin(np.isnan(row))) :]
     length = len(row) // windows
     if length == 0 or not np.isfinite(row).all():
@@ -289,7 +340,7 @@ def _geometric_fit(row, windows, floor):
 
 
 def _growth_of_displacement(series, c):
-    """Median over c of the correlation of n with D_c(n)."""
+    """Computes the median over c of the correlation of n with D_c(n)."""
     if not np.isfinite(series).all():
         return np.nan
     if np.ptp(series) <= 1e-12 * np.abs(series).max():
@@ -312,11 +363,11 @@ def _growth_of_displacement(series, c):
 
 
 def _neighbours(x):
-    """Divergence of neighbours on the section, and how evenly the states fill it.
+    """Computes the divergence of neighbours on the section, and how evenly the states fill it.
 
     **Returns:** the mean growth of ln of the distance of nearest neighbours in one period, and from there on to
-    `AHEAD` periods (Rosenstein, Collins and De Luca 1993, doi:10.1016/0167-2789(93)90009-P); the median distance of
-    nearest neighbours; the median distance of states of the second half to their nearest state in the first half,
+    `NEIGHBOUR_PERIODS` (Rosenstein, Collins and De Luca 1993, doi:10.1016/0167-2789(93)90009-P); the median distance
+    of nearest neighbours; the median distance of states of the second half to their nearest state in the first half,
     over that to their nearest state in the second half.
     """
     periods = len(x)
@@ -324,22 +375,22 @@ def _neighbours(x):
     for state in x.T:  # one state at a time, to save memory
         np.maximum(distance, np.abs(state[:, None] - state), out=distance)
     tiny = 1e-12 * distance.max()
-    ahead, half = min(AHEAD, periods // 5), periods // 2
-    known = periods - ahead
-    place = np.arange(periods)
-    apart = np.where(np.abs(place[:, None] - place) < THEILER, np.inf, distance)
-    first, other = place[:known], np.argmin(apart[:known, :known], axis=1)
+    ahead, half = min(NEIGHBOUR_PERIODS, periods // 5), periods // 2
+    # of states that can be followed ahead, pairs that are near in space and not in time
+    index, count = np.arange(periods), periods - ahead
+    apart = np.where(np.abs(index[:, None] - index) < THEILER_WINDOW, np.inf, distance)
+    first, other = index[:count], np.argmin(apart[:count, :count], axis=1)
     steps = np.arange(ahead + 1)[:, None]
     mean = np.log(np.maximum(distance[first + steps, other + steps], tiny)).mean(1)
     # without the first period, in which the distance to the nearest neighbour, a minimum, grows in noise too
     growth = mean[ahead // 2 :].mean() - mean[1]
-    own = np.where(place[half:, None] == place[half:], np.inf, distance[half:, half:]).min(1)
+    own = np.where(index[half:, None] == index[half:], np.inf, distance[half:, half:]).min(1)
     mixing = np.median(distance[half:, :half].min(1)) / max(np.median(own), tiny)
     return float(mean[1] - mean[0]), float(growth), float(np.median(apart.min(1))), float(mixing)
 
 
 def _drift(x):
-    """Greatest change of a state's mean and spread from the first to the second half, over the greatest spread.
+    """Gives the greatest change of mean and spread of a state between both halves, over the greatest spread.
 
     Weighted by a Hann window, so that incomplete turns of a torus in either half do not count as drift.
     """

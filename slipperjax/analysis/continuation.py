@@ -1,7 +1,6 @@
 """Branches of periodic motions: followed through folds, with their events named and located, and switched at them."""
 
 import dataclasses
-import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -12,11 +11,12 @@ import numpy as np
 from ..tools.checks import shown_number, whole
 from .curves import Pace, Spot, Walk, check_within, checked_bounds, correct, evaluated, passes
 from .events import Event, Node, Observe, as_node, events_between
+from .floquet import product
 from .shooting import PeriodicMotions
 
-FIRST = 30
+BRANCH_START_ITERATIONS = 30
 """Newton iterations for the first point of a branch."""
-DOUBLED = 0.1
+SEPARATION = 0.1
 """Least distance of a doubled motion's halves, over that from the flip; at a flip twice the latter."""
 
 
@@ -53,12 +53,12 @@ class Branch:
 
     @property
     def stable(self) -> np.ndarray:
-        """Whether all multipliers lie inside the unit circle, of shape (points,)."""
+        """True where all multipliers lie inside the unit circle, of shape (points,)."""
         return np.array([node.outside == 0 for node in self.nodes])
 
     @property
     def ended(self) -> tuple[str, str]:
-        """Why the branch ends at its first and its last point, see `End`."""
+        """The reasons why the branch ends at its first and its last point, see `End`."""
         return self.ends[0].reason, self.ends[1].reason
 
     def __repr__(self) -> str:
@@ -79,7 +79,7 @@ def continue_motion(
     until: Sequence[str] = (),
     on_point: Callable[[Node], Any] | None = None,
 ) -> Branch:
-    """Follows periodic motions through a parameter, past folds, and names what happens on the way.
+    """Follows periodic motions through a parameter, past folds, and names and locates events on the way.
 
     **Arguments:**
 
@@ -92,7 +92,7 @@ def continue_motion(
     - `until`: labels of events after which a way is not followed further.
     - `on_point`: is called with each point, for progress.
 
-    **Returns:** a `Branch`; after Ctrl-C what was found until then.
+    **Returns:** a `Branch`; after Ctrl-C its part until then.
 
     **Raises:** `ValueError` where there is no motion near the start, or the bounds do not hold it.
     """
@@ -106,9 +106,9 @@ def continue_motion(
         )
     back, ahead = (End("count" if way in ways else "", pace.first) for way in (-1, 1))
     begin = Branch(equations, (as_node(first, observe),), (), (back, ahead))
-    options: dict[str, Any] = dict(observe=observe, tolerance=tolerance, pace=pace, points=points)
-    options |= dict(until=until, on_point=on_point)
-    return extend_motion(begin, bounds, **options)
+    return extend_motion(
+        begin, bounds, observe=observe, tolerance=tolerance, pace=pace, points=points, until=until, on_point=on_point
+    )
 
 
 def extend_motion(
@@ -129,94 +129,93 @@ def extend_motion(
     pace, most = Pace() if pace is None else pace, whole("points", points, 1)
     low, high = (np.full(branch.equations.size + 1, side * np.inf) for side in (-1, 1))
     low[-1], high[-1] = checked_bounds(bounds)
-    nodes, events, ends = list(branch.nodes), list(branch.events), list(branch.ends)
-    # ahead, then turned around and ahead once more
+    path, ends = _Path(list(branch.nodes), list(branch.events)), list(branch.ends)
+    # ahead from the last point, then turned around and ahead once more
     for way in (1, 0):
-        value = float(nodes[-1].spot.z[-1])
+        value = float(path.nodes[-1].spot.z[-1])
         wider = ends[way].reason == "bound" and bounds[0] < value < bounds[1]
         if wider or ends[way].reason in UNFINISHED:
             if wider:
-                nodes[-1] = nodes[-1]._replace(label="")
-                events = [event for event in events if not (event.label == "EP" and event.low == value)]
-            walk = Walk(branch.equations, nodes[-1].spot, low, high, pace, tolerance, step=ends[way].step)
-            path = _walked(walk, nodes, observe, most, until, on_point)
-            if path.events and not path.nodes:  # it ends where it begins
-                nodes[-1] = path.events[-1].node
-            nodes, events, ends[way] = [*nodes, *path.nodes], [*events, *path.events], End(path.ended, walk.step)
-            if path.ended in ("closed", "interrupted"):
-                if path.ended == "closed":
-                    ends[1 - way] = ends[1 - way]._replace(reason="")
-                if way == 0:
-                    nodes, events = _turned(nodes, events)
+                path = path.without_end()
+            walk = Walk(branch.equations, path.nodes[-1].spot, low, high, pace, tolerance, step=ends[way].step)
+            reason = _walk(walk, path, observe, most, until, on_point)
+            ends[way] = End(reason, walk.step)
+            if reason == "closed":
+                ends[1 - way] = ends[1 - way]._replace(reason="")
+            if reason in ("closed", "interrupted"):
+                path = path if way else path.turned()
                 break
-        nodes, events = _turned(nodes, events)
-    return Branch(branch.equations, tuple(nodes), tuple(events), (ends[0], ends[1]))
+        path = path.turned()
+    return Branch(branch.equations, tuple(path.nodes), tuple(path.events), (ends[0], ends[1]))
 
 
 class _Path(NamedTuple):
-    """What was found from the end of a branch on."""
+    """Points and events of a branch that grows at its last point."""
 
     nodes: list[Node]
     events: list[Event]
-    ended: str
+
+    def turned(self) -> "_Path":
+        """Gives the path the other way round."""
+        turn = lambda node: node._replace(spot=node.spot._replace(tangent=-node.spot.tangent))
+        back = [e._replace(node=turn(e.node), change=tuple(-c for c in e.change)) for e in reversed(self.events)]
+        return _Path([turn(node) for node in reversed(self.nodes)], back)
+
+    def without_end(self) -> "_Path":
+        """Gives the path without the end point on a bound at its last point."""
+        last = self.nodes[-1]._replace(label="")
+        value = last.spot.z[-1]
+        events = [event for event in self.events if not (event.label == "EP" and event.low == value)]
+        return _Path([*self.nodes[:-1], last], events)
+
+    def end(self, label: str) -> None:
+        """Makes the last point an end point, with its event."""
+        self.nodes[-1] = node = self.nodes[-1]._replace(label=label)
+        value = float(node.spot.z[-1])
+        self.events.append(Event(label, node, value, value, complex(np.nan), label == "EP", ""))
 
 
-def _turned(nodes: list[Node], events: list[Event]) -> tuple[list[Node], list[Event]]:
-    turn = lambda node: node._replace(spot=node.spot._replace(tangent=-node.spot.tangent))
-    back = [e._replace(node=turn(e.node), change=tuple(-c for c in e.change)) for e in reversed(events)]
-    return [turn(node) for node in reversed(nodes)], back
-
-
-def _walked(
-    walk: Walk,
-    behind: Sequence[Node],
-    observe: Observe | None,
-    most: int,
-    until: Sequence[str],
-    on_point: Callable | None,
-) -> _Path:
-    start, node, path = behind[0], behind[-1], _Path([], [], "")
+def _walk(
+    walk: Walk, path: _Path, observe: Observe | None, most: int, until: Sequence[str], on_point: Callable | None
+) -> str:
+    """Adds up to `most` points and the events among them to a path, and gives the reason why it ends."""
+    start, node, limit = path.nodes[0], path.nodes[-1], len(path.nodes) + most
     try:
-        while len(path.nodes) < most:
+        while len(path.nodes) < limit:
             spot = walk.advance()
             if spot is None:
                 break
             new = as_node(spot, observe)
             events = events_between(node, new, walk.equations, observe, walk.tolerance)
-            for event in events:
-                path.events.append(event)
-                path.nodes.append(event.node)
-            closed = len(path.nodes) + len(behind) > 3 and passes(start.spot, node.spot, spot)
+            path.events.extend(events)
+            path.nodes.extend(event.node for event in events)
+            # the first points are near the start without a return to it
+            closed = len(path.nodes) > 3 and passes(start.spot, node.spot, spot)
             if not closed:
                 path.nodes.append(new)
             if on_point is not None:
                 on_point(new)
             if closed:
-                return path._replace(ended="closed")
+                return "closed"
             if any(event.label in until for event in events):
-                return path._replace(ended="event")
+                return "event"
             node = new
     except KeyboardInterrupt:
-        return path._replace(ended="interrupted")
-    label = {"bound": "EP", "no convergence": "MX"}.get(walk.ended, "")
-    if label:
-        node = node._replace(label=label)
-        value = float(node.spot.z[-1])
-        path.events.append(Event(label, node, value, value, complex(np.nan), label == "EP", ""))
-        if path.nodes:
-            path.nodes[-1] = node
-    return path._replace(ended=walk.ended or "count")
+        return "interrupted"
+    if walk.ended:
+        path.end({"bound": "EP", "no convergence": "MX"}[walk.ended])
+    return walk.ended or "count"
 
 
 def first_spot(equations: PeriodicMotions, state: Any, value: Any, *, tolerance: float = 1e-10) -> Spot:
-    """The motion at a parameter's value, from a state near it, by Newton's method; look at its `residual`."""
-    z = equations.place(state, value)
+    """Finds the motion at a parameter's value from a state near it; look at its `residual`."""
+    z = equations.unknowns(state, value)
     row = jnp.zeros(z.size).at[-1].set(1.0)
-    return jax.device_get(correct(equations, z, row, tolerance=tolerance, iterations=FIRST))
+    return jax.device_get(correct(equations, z, row, tolerance=tolerance, iterations=BRANCH_START_ITERATIONS))
 
 
 def switch(branch: Branch, event: Event, *, length: float = 0.05, tolerance: float = 1e-10) -> tuple[Any, Spot]:
-    """The equations and first point of the branch that leaves at a flip or a branch point.
+    """Finds the equations and first point of the branch that leaves at a flip or a branch point.
 
     **Arguments:** `length`: distance of the first point from the event, in the branch's weighted length. It is halved
     until Newton's method finds a point that is not on `branch`.
@@ -236,31 +235,34 @@ def switch(branch: Branch, event: Event, *, length: float = 0.05, tolerance: flo
     direction = direction / np.linalg.norm(spot.weights * direction)
     while length > 1e-6:
         guess = spot.z + length * direction
-        found = jax.device_get(correct(equations, guess, spot.weights**2 * direction, spot.z, tolerance=tolerance))
-        strayed = np.linalg.norm(found.weights * (found.z - guess))
-        left = event.label == "BP" or _missed(branch.equations, found) > DOUBLED * length
-        if found.residual <= tolerance and strayed < 2 * length and left:
-            return equations, found
+        new = jax.device_get(correct(equations, guess, spot.weights**2 * direction, spot.z, tolerance=tolerance))
+        strayed = np.linalg.norm(new.weights * (new.z - guess))
+        # a motion that still recurs after half the intervals is one of the old branch
+        left = event.label == "BP" or _missed(branch.equations, new) > SEPARATION * length
+        if new.residual <= tolerance and strayed < 2 * length and left:
+            return equations, new
         length /= 2
     raise ValueError(f"Argument `event` must have a branch that leaves it, but none was found at {event.label}.")
 
 
 def _missed(equations: PeriodicMotions, spot: Spot) -> float:
-    """Weighted length of what a point misses of recurring by `equations`."""
-    missed = evaluated(equations, spot.z).residual
-    return float(np.linalg.norm(spot.weights[: missed.size] * missed))
+    """Gives the weighted length of the residual of `equations` at a point."""
+    residual = evaluated(equations, spot.z).residual
+    return float(np.linalg.norm(spot.weights[: residual.size] * residual))
 
 
 def _eigenvector(matrices: np.ndarray, multiplier: float) -> np.ndarray:
-    values, vectors = np.linalg.eig(functools.reduce(lambda total, matrix: matrix @ total, matrices))
+    """Gives the eigenvector of the multiplier nearest to a real number."""
+    values, vectors = np.linalg.eig(product(matrices))
     return vectors[:, np.argmin(np.abs(values - multiplier))].real
 
 
 def _across(equations: PeriodicMotions, spot: Spot) -> np.ndarray:
-    """The direction of solutions that is at right angles to the tangent, in weighted components."""
+    """Gives the direction of solutions at right angles to the tangent, in weighted components."""
     rows, columns = (np.where(w > 0, w, 1.0) for w in map(np.asarray, equations.weights(jnp.asarray(spot.z))))
     scaled = rows[:, None] * evaluated(equations, spot.z).jacobian / columns
     tangent = columns * spot.tangent
+    # of two null vectors of the Jacobian one at least is not along the tangent
     for direction in np.linalg.svd(scaled)[2][-2:]:
         across = direction - tangent * (tangent @ direction) / (tangent @ tangent)
         if np.linalg.norm(across) > 0.5:

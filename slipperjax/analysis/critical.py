@@ -21,30 +21,21 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import one_of, shown_number
 from ..tools.compile import call_compiled
-from .curves import (
-    AbstractEquations,
-    Curve,
-    Evaluation,
-    check_within,
-    checked_bounds,
-    correct,
-    evaluated,
-    follow_curve,
-    weighted_size,
-)
-from .floquet import solve
-from .shooting import PeriodicMotions, product
+from .curves import Curve, check_within, checked_bounds, correct, evaluated, follow_curve
+from .floquet import product, solve
+from .newton import AbstractEquations, Evaluation, newton, without_derivatives
+from .shooting import PeriodicMotions
 
-KINDS = {"LP": 1.0, "PD": -1.0, "NS": None}
+CRITICAL_MULTIPLIERS = {"LP": 1.0, "PD": -1.0, "NS": None}
 """The critical multiplier by label; None for a pair of unknown angle."""
-TURNS = 3
+RENEWALS = 3
 """Solutions with renewed borders before Newton's method begins."""
-MOST = 20
+CURVE_START_ITERATIONS = 20
 """Newton iterations for the first point of a curve."""
 
 
-class Bent(NamedTuple):
-    """What is found of a critical motion besides."""
+class NullVectors(NamedTuple):
+    """Null vectors of a critical motion, with the Jacobians that they belong to."""
 
     matrices: Float[Array, "intervals size size"]
     left: Array
@@ -57,31 +48,31 @@ class CriticalMotions(AbstractEquations):
 
     motions: PeriodicMotions
     left: Array
-    """Borders, near the null vectors of `Bent`, of shape (size,)."""
+    """Borders, near the null vectors of `NullVectors`, of shape (size,)."""
     right: Array
     label: str = eqx.field(static=True)
-    """One of `KINDS`."""
+    """One of `CRITICAL_MULTIPLIERS`."""
     sharpness: Any = 1.0
     """Weight of the equations for the multiplier in the residual: less than one where the map's derivatives are
     rough."""
     ease: Any = 0.0
-    """How much they may be missed where a curve finds no other way on."""
+    """Tolerance of these equations where a curve finds no other way on."""
     missed: Any = 0.0
-    """How much they may be missed here: Newton's method corrects the motion alone then. Where the map's derivatives
-    jump there may be no motion on which the equations vanish, and iterations go to and fro."""
+    """Tolerance of these equations here: within it, Newton's method corrects the motion alone. Where the map's
+    derivatives jump there may be no motion on which the equations vanish, and iterations go to and fro."""
 
     @classmethod
     def of(cls, motions: PeriodicMotions, label: str, sharpness: Any = 1.0, ease: Any = 0.0) -> "CriticalMotions":
-        """With arbitrary borders; those of evaluations are better, see `renewed`."""
-        dtype = complex if KINDS[label] is None else float
+        """Makes them with arbitrary borders; those of evaluations are better, see `renewed`."""
+        dtype = complex if CRITICAL_MULTIPLIERS[label] is None else float
         one = jnp.asarray(np.random.default_rng(0).standard_normal(motions.size), dtype)
         sharpness, ease = jnp.asarray(sharpness, float), jnp.asarray(ease, float)
         return cls(motions, one, one, label, sharpness, ease, jnp.zeros(()))
 
     @property
     def angled(self) -> bool:
-        """Whether the multiplier's angle is unknown."""
-        return KINDS[self.label] is None
+        """True where the multiplier's angle is an unknown."""
+        return CRITICAL_MULTIPLIERS[self.label] is None
 
     @property
     def size(self) -> int:
@@ -89,8 +80,8 @@ class CriticalMotions(AbstractEquations):
         return self.motions.size
 
     def multiplier(self, z: Array) -> Array:
-        """The critical multiplier."""
-        return jnp.exp(1j * z[-1]) if self.angled else jnp.asarray(KINDS[self.label])
+        """Gives the critical multiplier."""
+        return jnp.exp(1j * z[-1]) if self.angled else jnp.asarray(CRITICAL_MULTIPLIERS[self.label])
 
     def evaluate(self, z: Array) -> Evaluation:
         of, mu, scale = self._of_motion(z), self.multiplier(z), self._scale(z)
@@ -107,11 +98,11 @@ class CriticalMotions(AbstractEquations):
         return Evaluation(
             jnp.concatenate([motion.residual, self._parts(g)]),
             jnp.concatenate([jacobian, self._parts(slope)]),
-            Bent(motion.extra, unit(w), unit(v)),
+            NullVectors(motion.extra, unit(w), unit(v)),
         )
 
-    def defect(self, z: Array, now: Bent) -> Array:
-        """The residual for fixed null vectors. Its derivatives are those of the exact equations. Pure."""
+    def defect(self, z: Array, now: NullVectors) -> Array:
+        """Computes the residual for fixed null vectors. Its derivatives are those of the exact equations. Pure."""
         of, scale, mu = self._of_motion(z), self._scale(z), self.multiplier(z)
         left, right = jax.lax.stop_gradient((now.left, now.right))
         miss = jnp.vdot(left * scale, self._pushed(of, right / scale) - mu * right / scale)
@@ -128,31 +119,30 @@ class CriticalMotions(AbstractEquations):
         return jnp.append(of, z[-1]) if self.angled else of
 
     def eased(self) -> "CriticalMotions | None":
-        """With equations for the multiplier that may be missed by `ease`."""
+        """Gives the equations with a tolerance of `ease` for the multiplier."""
         if float(self.ease) <= float(self.missed):
             return None
         return dataclasses.replace(self, missed=self.ease)
 
-    def renewed(self, extra: Bent) -> "CriticalMotions":
-        """With the null vectors of a point as borders."""
-        return self._with(jnp.asarray(extra.left), jnp.asarray(extra.right))
-
-    def _with(self, left: Array, right: Array) -> "CriticalMotions":
-        return dataclasses.replace(self, left=left, right=right)
+    def renewed(self, extra: NullVectors) -> "CriticalMotions":
+        """Gives the equations with the null vectors of a point as borders."""
+        return dataclasses.replace(self, left=jnp.asarray(extra.left), right=jnp.asarray(extra.right))
 
     def _of_motion(self, z: Array) -> Array:
+        """Gives the unknowns of the motion's equations."""
         return z[:-1] if self.angled else z
 
     def _parts(self, value: Array) -> Array:
-        """One or two real equations of one, as rows."""
+        """Splits one equation into one or two real ones, as rows."""
         return jnp.stack([value.real, value.imag]) if self.angled else value[None].real
 
     def _scale(self, z: Array) -> Array:
+        """Gives the weights of the state, one where they are zero."""
         weights = self.motions.weights(self._of_motion(z))[0]
         return jax.lax.stop_gradient(jnp.where(weights > 0, weights, 1.0))
 
     def _null(self, matrix: Array, mu: Array, scale: Array) -> tuple[Array, Array, Array]:
-        """The vectors v and w of the bordered systems, in scaled components, and the number g."""
+        """Gives the vectors v and w of the bordered systems, in scaled components, and the number g."""
         critical = scale[:, None] * matrix / scale[None] - mu * jnp.eye(self.size)
         last = jnp.zeros(self.size + 1, critical.dtype).at[-1].set(1.0)
         system = jnp.concatenate([critical, self.left[:, None]], axis=1)
@@ -161,7 +151,7 @@ class CriticalMotions(AbstractEquations):
         return ahead[:-1], back[:-1], ahead[-1]
 
     def _pushed(self, of: Array, v: Array) -> Array:
-        """P_x v. Pure."""
+        """Gives P_x v. Pure."""
         flow = lambda x: self.motions.mapped(jnp.concatenate([x, of[self.size :]]))
         push = lambda t: jax.jvp(flow, (of[: self.size],), (t,))[1]
         return push(v.real) + 1j * push(v.imag) if self.angled else push(v)
@@ -174,7 +164,7 @@ class CriticalMotion(eqx.Module):
     value: Float[Array, ""]
     multiplier: Array
     residual: Float[Array, ""]
-    """Greatest weighted component of what the extended equations miss."""
+    """Greatest weighted residual of the extended equations."""
     iterations: Any
     matrices: Float[Array, "intervals size size"]
 
@@ -189,7 +179,7 @@ def critical_motion(
     tolerance: float = 1e-10,
     max_iterations: int = 20,
 ) -> CriticalMotion:
-    """The fold, flip or Neimark-Sacker near a motion, by Newton's method on extended equations. Pure.
+    """Finds the fold, flip or Neimark-Sacker near a motion, by Newton's method on extended equations. Pure.
 
     The result has the derivatives of the exact one with respect to all numbers of `motions`, in both modes: of
     d(value)/d(number) the sensitivity of a bifurcation.
@@ -201,42 +191,27 @@ def critical_motion(
 
     **Raises:** `ValueError` for an unknown label.
     """
-    one_of("label", label, tuple(KINDS))
-    z = motions.place(state, value, *([angle] if KINDS[label] is None else []))
+    one_of("label", label, tuple(CRITICAL_MULTIPLIERS))
+    z = motions.unknowns(state, value, *([angle] if CRITICAL_MULTIPLIERS[label] is None else []))
     limits = jnp.asarray(float(tolerance)), jnp.asarray(max_iterations)
-    found, size, count, matrices, mu = call_compiled(_critical, motions, (label,), z, limits)
-    return CriticalMotion(motions.state(found), motions.values(found)[0], mu, size, count, matrices)
+    z, residual, count, matrices, mu = call_compiled(_critical, motions, (label,), z, limits)
+    return CriticalMotion(motions.state(z), motions.values(z)[0], mu, residual, count, matrices)
 
 
 def _critical(exact: PeriodicMotions, static: tuple, z: Array, limits: tuple) -> tuple:
     tolerance, most = limits
-    motions = jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_array(a) else a, exact)
-    first = jax.lax.stop_gradient(z)
-
-    def newton(carry):
-        z, _, _, count, borders = carry
-        equations = begin._with(*borders)
-        now = equations.evaluate(z)
-        size = weighted_size(now.residual, equations.weights(z)[0])
-        done = (count >= 0) & ~((size > tolerance) & (count < most) & jnp.isfinite(size))
-        new = equations.settled(z - solve(now.jacobian, now.residual), z, now.residual)
-        kept = jax.tree.map(lambda a, b: jnp.where(done, a, b), borders, now.extra[1:])
-        return jnp.where(done | (count < 0), z, new), now, jnp.where(done, size, jnp.nan), count + ~done, kept
-
-    begin = CriticalMotions.of(motions, *static)
-    nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(begin.evaluate, first))
-    # the first passages renew the borders alone
-    carry = first, nothing, jnp.asarray(jnp.nan), jnp.asarray(-TURNS), (begin.left, begin.right)
-    z, now, size, count, borders = jax.lax.while_loop(lambda carry: jnp.isnan(carry[2]), newton, carry)
-    equations = begin._with(*borders)
+    begin = CriticalMotions.of(without_derivatives(exact), *static)
+    options = dict(tolerance=tolerance, iterations=most, renewals=RENEWALS)
+    root = newton(begin, jax.lax.stop_gradient(z), **options)
+    now, equations = root.evaluation, root.equations
     # one more step, with the derivatives of the exact solution
-    miss = dataclasses.replace(equations, motions=exact).defect(z, now.extra)
-    z = z - solve(now.jacobian, miss - jax.lax.stop_gradient(miss))
-    return z, size, count, now.extra.matrices, equations.multiplier(z)
+    miss = dataclasses.replace(equations, motions=exact).defect(root.z, now.extra)
+    z = root.z - solve(now.jacobian, miss - jax.lax.stop_gradient(miss))
+    return z, root.residual, root.iterations, now.extra.matrices, equations.multiplier(z)
 
 
-class Conditioned(NamedTuple):
-    """What is found of a motion with a condition besides."""
+class ConditionPoint(NamedTuple):
+    """A motion with a condition: the Jacobians of its intervals, and the unknowns."""
 
     matrices: Float[Array, "intervals size size"]
     z: Array
@@ -250,7 +225,7 @@ class ConditionedMotions(AbstractEquations):
     """`condition(state, *values)`: a number, differentiable; a pytree as `PeriodicMotions.family`. Where it has a
     method `renewed(state, *values)`, that gives the condition for the neighbourhood of a point of the curve."""
     unit: Any
-    """Size of the condition's values that counts as one."""
+    """Value of the condition that counts as one."""
 
     def evaluate(self, z: Array) -> Evaluation:
         motion = self.motions.evaluate(z)
@@ -259,7 +234,7 @@ class ConditionedMotions(AbstractEquations):
         return Evaluation(
             jnp.append(motion.residual, value),
             jnp.concatenate([motion.jacobian, slope[None]]),
-            Conditioned(motion.extra, z),
+            ConditionPoint(motion.extra, z),
         )
 
     def weights(self, z: Array) -> tuple[Array, Array]:
@@ -269,7 +244,7 @@ class ConditionedMotions(AbstractEquations):
     def settled(self, z: Array, before: Array, residual: Array) -> Array:
         return self.motions.settled(z, before, residual)
 
-    def renewed(self, extra: Conditioned) -> "ConditionedMotions":
+    def renewed(self, extra: ConditionPoint) -> "ConditionedMotions":
         if not hasattr(self.condition, "renewed"):
             return self
         return dataclasses.replace(self, condition=call_compiled(_renewed, self, (), jnp.asarray(extra.z)))
@@ -300,19 +275,19 @@ def continue_critical(
     """
     limits, motions = [checked_bounds(pair) for pair in bounds], equations.motions
     angled = isinstance(equations, CriticalMotions) and equations.angled
-    z = motions.place(state, *values, *([angle] if angled else []))
+    z = motions.unknowns(state, *values, *([angle] if angled else []))
     if isinstance(equations, CriticalMotions):
-        for _ in range(TURNS):
+        for _ in range(RENEWALS):
             equations = equations.renewed(evaluated(equations, z).extra)
     row = jnp.zeros(z.size).at[motions.size + 1].set(1.0)
-    first = jax.device_get(correct(equations, z, row, tolerance=tolerance, iterations=MOST))
+    first = jax.device_get(correct(equations, z, row, tolerance=tolerance, iterations=CURVE_START_ITERATIONS))
     if not first.residual <= tolerance:
         raise ValueError(
             f"Argument `state` must be near a motion of the curve, but Newton's method ended with a residual of "
             f"{shown_number(first.residual)}."
         )
     low, high = (np.full(z.size, side * np.inf) for side in (-1, 1))
-    for place, pair in enumerate(limits, start=motions.size):
-        check_within("values", first.z[place], pair)
-        low[place], high[place] = pair
+    for index, pair in enumerate(limits, start=motions.size):
+        check_within("values", first.z[index], pair)
+        low[index], high[index] = pair
     return follow_curve(equations.renewed(first.extra), first, low, high, tolerance=tolerance, **options)

@@ -1,16 +1,14 @@
 """Curves of solutions by pseudo-arclength: n equations for n + 1 numbers, followed through folds.
 
-A curve is given by `AbstractEquations`: what the equations miss, and its derivative. `Walk` predicts along the
+A curve is given by `AbstractEquations`: a residual and its derivative. `Walk` predicts along the
 tangent, corrects by Newton's method in the plane across it, and adapts its step to what the correction took (Keller
 1977; Allgower and Georg, Introduction to Numerical Continuation Methods, doi:10.1137/1.9780898719154).
 """
 
-import abc
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,69 +17,51 @@ from jaxtyping import Array, Float, Int
 from ..tools.checks import require, shown_number
 from ..tools.compile import call_compiled
 from .floquet import solve
+from .newton import AbstractEquations, Evaluation, newton
 
-MOST_ITERATIONS = 8
+CORRECTOR_ITERATIONS = 8
 """Newton iterations after which a correction counts as failed."""
-EASY, HARD = 3, 5
+EASY_ITERATIONS, HARD_ITERATIONS = 3, 5
 """Newton iterations up to which the step grows, and from which it shrinks."""
-GROWTH = 1.5
+STEP_FACTOR = 1.5
 """Factor by which the step grows or shrinks."""
-TURN = 0.9
+LEAST_TURN = 0.9
 """Least cosine of the angle between the tangents at both ends of a step."""
-ARCHED = 0.995
+LEAST_ARCH = 0.995
 """Least cosine of the angle between a step and the mean of the tangents at its ends, which is 1 on a circle, and less
 where a step ends on a branch point, whose tangent is undetermined."""
-CLOSED = 0.1
+RETURN_DISTANCE = 0.1
 """Greatest distance from the start at which a curve counts as closed, over the step."""
 MOST_EASED = 8
-"""Points in a row that may be points of eased equations only, see `AbstractEquations.eased`."""
-STRAY = 0.5
+"""Points in a row that may solve eased equations only, see `AbstractEquations.eased`."""
+STRAY_SHARE = 0.5
 """Greatest distance of a corrected point from the predicted one, over the step."""
-CORNER = 10.0
+CORNER_SHARE = 10.0
 """Likewise for the least step: a curve may have corners, but no gaps."""
 
 
-class Evaluation(NamedTuple):
-    """The equations at one place."""
+class _OnPlane(AbstractEquations):
+    """Equations of a curve, completed by the plane across it in which its point is looked for."""
 
-    residual: Float[Array | np.ndarray, " n"]
-    """What they miss."""
-    jacobian: Float[Array | np.ndarray, "n more"]
-    """Its derivative with respect to all unknowns."""
-    extra: Any = None
-    """What is computed besides, such as the Jacobians of the intervals."""
+    equations: AbstractEquations
+    row: Array
+    target: Array
 
+    def evaluate(self, z: Array) -> Evaluation:
+        now = self.equations.evaluate(z)
+        jacobian = jnp.concatenate([now.jacobian, self.row[None]])
+        return Evaluation(jnp.append(now.residual, self.row @ z - self.target), jacobian, now.extra)
 
-class AbstractEquations(eqx.Module):
-    """Equations for some unknowns, one more than there are equations where they are a curve's."""
-
-    @abc.abstractmethod
-    def evaluate(self, z: Float[Array, " more"]) -> Evaluation:
-        """Residual and derivative at `z`. Pure."""
-
-    @abc.abstractmethod
-    def weights(self, z: Float[Array, " more"]) -> tuple[Float[Array, " n"], Float[Array, " more"]]:
-        """What the residual's components are multiplied by, and the unknowns in the measure of length; zero for those
-        that are not looked at."""
+    def weights(self, z: Array) -> tuple[Array, Array]:
+        rows, columns = self.equations.weights(z)
+        return jnp.append(rows, 0.0), columns
 
     def settled(self, z: Array, before: Array, residual: Array) -> Array:
-        """A consistent place from `z`, proposed from `before`, where the equations missed `residual`. Pure."""
-        del before, residual
-        return z
-
-    def eased(self) -> "AbstractEquations | None":
-        """Equations that accept more, for a point where these have no solution. Here there are none."""
-        return None
-
-    def renewed(self, extra: Any) -> "AbstractEquations":
-        """The same equations in a form that suits the neighbourhood of a point, from its `Spot.extra`. Here as they
-        are."""
-        del extra
-        return self
+        return self.equations.settled(z, before, residual[:-1])
 
 
 class Spot(NamedTuple):
-    """A point of a curve, as far as Newton's method came."""
+    """A point of a curve, as far as Newton's method came, with the tangent there."""
 
     z: Float[Array | np.ndarray, " more"]
     tangent: Float[Array | np.ndarray, " more"]
@@ -89,13 +69,13 @@ class Spot(NamedTuple):
     weights: Float[Array | np.ndarray, " more"]
     """Of the unknowns in the measure of length."""
     residual: Float[Array | np.ndarray, ""]
-    """Greatest weighted component of what the equations miss; infinite where that is not finite."""
+    """Greatest weighted component of the residual; infinite where that is not finite."""
     iterations: Int[Array | np.ndarray, ""]
     extra: Any
 
     @property
     def row(self) -> Float[Array | np.ndarray, " more"]:
-        """The weighted tangent: `row @ (z' - z)` is the length from this point to z' along the curve."""
+        """Weighted tangent: `row @ (z' - z)` is the length from this point to z' along the curve."""
         return self.weights**2 * self.tangent
 
 
@@ -106,9 +86,9 @@ def correct(
     near: Any = None,
     *,
     tolerance: float = 1e-10,
-    iterations: int = MOST_ITERATIONS,
+    iterations: int = CORRECTOR_ITERATIONS,
 ) -> Spot:
-    """The curve's point on the plane through `z` across `row`, by Newton's method. Pure.
+    """Finds the curve's point on the plane through `z` across `row`, by Newton's method. Pure.
 
     **Arguments:** `z`, `row`: of shape (more,); the tangent of the result points to the side that `row` points to.
     `near`: a point of the curve that `z` was predicted from, if any. `tolerance`: residual at which the iteration
@@ -123,31 +103,16 @@ def correct(
 def _correct(equations: AbstractEquations, static: tuple, z: Array, row: Array, near: Array, limits: tuple) -> Spot:
     tolerance, most = limits
     row = row / jnp.sqrt(jnp.sum(row**2))
-    target = row @ z
-
-    def newton(carry):
-        z, _, _, count = carry
-        now = equations.evaluate(z)
-        size = weighted_size(now.residual, equations.weights(z)[0])
-        step = solve(jnp.concatenate([now.jacobian, row[None]]), jnp.append(-now.residual, target - row @ z))
-        done = ~((size > tolerance) & (count < most) & jnp.isfinite(size))
-        new = equations.settled(z + step, z, now.residual)
-        return jnp.where(done, z, new), now, jnp.where(done, size, jnp.nan), jnp.where(done, count, count + 1)
-
-    # the equations stand in the program once, in the loop: their residual at the last z is that of the last passage
     first = equations.settled(z, near, jnp.zeros(z.size - 1))
-    nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(equations.evaluate, first))
-    begin = first, nothing, jnp.asarray(jnp.nan), jnp.asarray(0)
-    z, now, size, count = jax.lax.while_loop(lambda carry: jnp.isnan(carry[2]), newton, begin)
-    unit = jnp.zeros(z.size).at[-1].set(1.0)
-    tangent = solve(jnp.concatenate([now.jacobian, row[None]]), unit)
-    weights = equations.weights(z)[1]
+    root = newton(_OnPlane(equations, row, row @ z), first, tolerance=tolerance, iterations=most)
+    tangent = solve(root.evaluation.jacobian, jnp.zeros(z.size).at[-1].set(1.0))
+    weights = equations.weights(root.z)[1]
     tangent = tangent / jnp.sqrt(jnp.sum((weights * tangent) ** 2))
-    return Spot(z, tangent, weights, size, count, now.extra)
+    return Spot(root.z, tangent, weights, root.residual, root.iterations, root.evaluation.extra)
 
 
 def evaluated(equations: AbstractEquations, z: Any) -> Evaluation:
-    """`equations.evaluate(z)`, compiled."""
+    """Gives `equations.evaluate(z)`, compiled."""
     return jax.device_get(call_compiled(_evaluated, equations, (), jnp.asarray(z)))
 
 
@@ -155,15 +120,9 @@ def _evaluated(equations: AbstractEquations, static: tuple, z: Array) -> Evaluat
     return equations.evaluate(z)
 
 
-def weighted_size(residual: Array, weights: Array) -> Array:
-    """The greatest weighted component, of those with weights; infinite where any is not finite."""
-    seen = jnp.where(weights > 0, weights * residual, 0.0)
-    return jnp.where(jnp.all(jnp.isfinite(residual)), jnp.max(jnp.abs(seen)), jnp.inf)
-
-
 @dataclass(frozen=True)
 class Pace:
-    """Steps along a curve, in its weighted length."""
+    """Lengths of steps along a curve, in its weighted length."""
 
     first: float = 0.02
     least: float = 1e-6
@@ -171,12 +130,12 @@ class Pace:
 
 
 class Walk:
-    """A way along a curve, point by point."""
+    """Walk along a curve, point by point, with steps that adapt."""
 
     spot: Spot
     """The last point."""
     step: float
-    """The step that is tried next."""
+    """The step to be tried next."""
     ended: str
     """Why there is no next point: "bound" or "no convergence"; empty while there may be one."""
 
@@ -206,37 +165,44 @@ class Walk:
         """Points in a row that were found by eased equations."""
 
     def advance(self) -> Spot | None:
-        """The next point, or None where the way has ended. The last one lies on the bound that it meets."""
+        """Gives the next point, or None where the walk has ended. The last one lies on the bound that it meets."""
         while not self.ended:
-            spot, step = self.spot, self.step
-            guess = spot.z + step * spot.tangent
-            found = self._corrected(guess, spot.row)
-            if not self._good(found, guess, step):
+            before, step = self.spot, self.step
+            guess = before.z + step * before.tangent
+            spot = self._corrected(guess, before.row)
+            if not self._good(spot, guess, step):
                 self.step = step / 2
                 if self.step < self.pace.least:
                     self._ease()
                 continue
             self.eased = 0 if self.strict is None else self.eased + 1
-            if self.strict is not None:  # one point is enough beside an obstacle
+            if self.strict is not None:  # one point of eased equations is enough to pass an obstacle
                 self.equations, self.strict = self.strict, None
-            if found.iterations <= EASY:
-                self.step = min(step * GROWTH, self.pace.most)
-            elif found.iterations >= HARD:
-                self.step = max(step / GROWTH, self.pace.least)
-            beyond = (found.z < self.low) | (found.z > self.high)
-            if np.any(beyond & ((spot.z == self.low) | (spot.z == self.high))):  # it starts on the bound
-                self.ended = "bound"
-                return None
-            if np.any(beyond):
-                found = self._at_bound(found)
-                self.ended = "bound" if found is not None else "no convergence"
-            if found is not None:
-                if self.secant:
-                    chord = found.z - self.spot.z
-                    found = found._replace(tangent=chord / np.linalg.norm(found.weights * chord))
-                self.spot, self.equations = found, self.equations.renewed(found.extra)
-            return found
+            if spot.iterations <= EASY_ITERATIONS:
+                self.step = min(step * STEP_FACTOR, self.pace.most)
+            elif spot.iterations >= HARD_ITERATIONS:
+                self.step = max(step / STEP_FACTOR, self.pace.least)
+            return self._within(spot)
         return None
+
+    def _within(self, spot: Spot) -> Spot | None:
+        """Takes a new point, or instead of one beyond a bound that on the bound."""
+        before = self.spot
+        beyond = (spot.z < self.low) | (spot.z > self.high)
+        if np.any(beyond & ((before.z == self.low) | (before.z == self.high))):  # the step began on the bound
+            self.ended = "bound"
+            return None
+        if np.any(beyond):
+            at_bound = self._at_bound(spot)
+            self.ended = "no convergence" if at_bound is None else "bound"
+            if at_bound is None:
+                return None
+            spot = at_bound
+        if self.secant:
+            chord = spot.z - before.z
+            spot = spot._replace(tangent=chord / np.linalg.norm(spot.weights * chord))
+        self.spot, self.equations = spot, self.equations.renewed(spot.extra)
+        return spot
 
     def _ease(self) -> None:
         """Tries the equations that accept more, if there are any, and ends the way otherwise."""
@@ -250,20 +216,22 @@ class Walk:
         near = self.spot.z if near is None else near
         return jax.device_get(correct(self.equations, guess, row, near, tolerance=self.tolerance))
 
-    def _good(self, found: Spot, guess: np.ndarray, step: float) -> bool:
-        if not found.residual <= self.tolerance:
+    def _good(self, spot: Spot, guess: np.ndarray, step: float) -> bool:
+        """Tells whether a corrected point is the next one of the curve, and not one of another part of it."""
+        if not spot.residual <= self.tolerance:
             return False
-        strayed = np.linalg.norm(found.weights * (found.z - guess))
+        strayed = np.linalg.norm(spot.weights * (spot.z - guess))
         if step < 2 * self.pace.least:
-            return bool(strayed < CORNER * step)
+            return bool(strayed < CORNER_SHARE * step)
         if self.secant:
             # eased equations end beside the curve, and the next point is on it again
-            return bool(strayed < (max(STRAY * step, self.pace.first) if self.eased else STRAY * step))
-        chord, mean = (found.weights * a for a in (found.z - self.spot.z, found.tangent + self.spot.tangent))
-        arched = chord @ mean > ARCHED * np.linalg.norm(chord) * np.linalg.norm(mean)
-        return bool(found.row @ self.spot.tangent > TURN and strayed < STRAY * step and arched)
+            return bool(strayed < (max(STRAY_SHARE * step, self.pace.first) if self.eased else STRAY_SHARE * step))
+        chord, mean = (spot.weights * a for a in (spot.z - self.spot.z, spot.tangent + self.spot.tangent))
+        arched = chord @ mean > LEAST_ARCH * np.linalg.norm(chord) * np.linalg.norm(mean)
+        return bool(spot.row @ self.spot.tangent > LEAST_TURN and strayed < STRAY_SHARE * step and arched)
 
     def _at_bound(self, beyond: Spot) -> Spot | None:
+        """Finds the curve's point on the first bound before a point beyond; None where it does not converge."""
         edges, chord = np.clip(beyond.z, self.low, self.high), beyond.z - self.spot.z
         with np.errstate(divide="ignore", invalid="ignore"):
             shares = np.where(edges == beyond.z, np.inf, (edges - self.spot.z) / chord)
@@ -272,12 +240,12 @@ class Walk:
         row[k] = np.sign(chord[k])
         guess = self.spot.z + shares[k] * chord
         guess[k] = edges[k]
-        found = self._corrected(guess, row, beyond.z)
-        return found if found.residual <= self.tolerance else None
+        spot = self._corrected(guess, row, beyond.z)
+        return spot if spot.residual <= self.tolerance else None
 
 
 def checked_bounds(bounds: Any) -> tuple[float, float]:
-    """Two numbers, the smaller first, infinite where there is no bound; raises `ValueError` otherwise."""
+    """Gives two numbers, the smaller first, infinite where there is no bound; raises `ValueError` otherwise."""
     try:
         low, high = (float(bound) for bound in bounds)
     except (TypeError, ValueError):
@@ -296,24 +264,24 @@ def check_within(name: str, value: Any, bounds: tuple[float, float]) -> None:
 
 
 def between(equations: AbstractEquations, one: Spot, other: Spot, share: float, tolerance: float = 1e-10) -> Spot:
-    """The curve's point between two near ones, in the plane across their chord at a share of it."""
+    """Finds the curve's point between two near ones, in the plane across their chord at a share of it."""
     chord = other.z - one.z
     near = one if share < 0.5 else other
-    found = correct(equations, one.z + share * chord, near.weights**2 * chord, near.z, tolerance=tolerance)
-    return jax.device_get(found)
+    spot = correct(equations, one.z + share * chord, near.weights**2 * chord, near.z, tolerance=tolerance)
+    return jax.device_get(spot)
 
 
 def passes(start: Spot, one: Spot, other: Spot) -> bool:
-    """Whether a curve comes back to its start between two points."""
+    """Tells whether a curve comes back to its start between two points."""
     chord, offset = other.weights * (other.z - one.z), other.weights * (start.z - one.z)
     share = chord @ offset / (chord @ chord)
     away = np.linalg.norm(offset - share * chord) / np.linalg.norm(chord)
-    return bool(0 <= share <= 1 and away < CLOSED and start.row @ other.tangent > TURN)
+    return bool(0 <= share <= 1 and away < RETURN_DISTANCE and start.row @ other.tangent > LEAST_TURN)
 
 
 class Curve(NamedTuple):
-    """Points of a curve in their order, and why it ends at the first and the last: "bound", "no convergence",
-    "closed", "count" or "interrupted"; empty where it begins there."""
+    """Points of a curve in their order, and the reasons why it ends at the first and the last: "bound", "closed",
+    "no convergence", "count" or "interrupted"; empty where it begins there."""
 
     spots: tuple[Spot, ...]
     ended: tuple[str, str]
@@ -332,26 +300,26 @@ def follow_curve(
     secant: bool = False,
     on_point: Callable[[Spot], Any] | None = None,
 ) -> Curve:
-    """The curve through a point, both ways: 1 is that of its tangent.
+    """Follows the curve through a point both ways: 1 is that of its tangent.
 
     **Arguments:** `low`, `high`, `secant`: see `Walk`; `points`: most points of each way; `on_point`: is called with
     each point, for progress.
 
-    **Returns:** a `Curve`; after Ctrl-C what was found until then.
+    **Returns:** a `Curve`; after Ctrl-C its part until then.
     """
     parts: dict[int, list[Spot]] = {1: [], -1: []}
     ends = {1: "", -1: ""}
     for way in ways:
         first = start._replace(tangent=way * start.tangent)
         walk = Walk(equations, first, low, high, Pace() if pace is None else pace, tolerance, secant=secant)
-        found = parts[way]
+        spots = parts[way]
         try:
-            while len(found) < points and (spot := walk.advance()) is not None:
-                before = found[-1] if found else first
-                found.append(spot)
+            while len(spots) < points and (spot := walk.advance()) is not None:
+                before = spots[-1] if spots else first
+                spots.append(spot)
                 if on_point is not None:
                     on_point(spot)
-                if len(found) > 2 and passes(first, before, spot):
+                if len(spots) > 2 and passes(first, before, spot):
                     walk.ended = "closed"
         except KeyboardInterrupt:
             walk.ended = "interrupted"

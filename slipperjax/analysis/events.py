@@ -1,4 +1,4 @@
-"""What happens between two points of a branch of periodic motions: detected by multipliers and located."""
+"""Events between two points of a branch of periodic motions, detected by multipliers and located."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple, cast
@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Complex
 
-from .curves import AbstractEquations, Spot, between, evaluated, weighted_size
+from .curves import Spot, between, evaluated
 from .floquet import multipliers
+from .newton import AbstractEquations, weighted_size
 
 MEANINGS = {
     "LP": "fold: a multiplier +1 where the branch turns back",
@@ -20,59 +21,59 @@ MEANINGS = {
     "MX": "end: no convergence at the least step",
 }
 """Labels of events, as AUTO's and COCO's users know them."""
-NARROW = 1e-10
+NARROWEST = 1e-10
 """Share of a step to which an event is located."""
-SURE = 1e-9
-"""Share of a step on both sides of a smooth event at which its sign is confirmed, for its bracket."""
-APART = 0.2, 0.3, 0.5
-"""Shares of a step on both sides of a branch point from which it is interpolated; more where it is not there."""
-ALONG = 0.95
-"""Least cosine between the tangent at a point and the chord on which it was looked for, beside a branch point."""
+BRACKET = 1e-9
+"""Share of a step on both sides of a smooth event at which its sign is confirmed."""
+SPREADS = 0.2, 0.3, 0.5
+"""Shares of a step on both sides of a branch point from which it is interpolated; the next where one fails."""
+SAME_BRANCH = 0.95
+"""Least cosine between the tangent at a point and the chord on which it was looked for, near a branch point."""
 TOUCHING = 1e-5
 """Greatest distance and slope of a multiplier at +1 that counts as touching, over its distance nearby."""
-POLISHED = 1e-3
-"""Residual aimed at near events, over the one that suffices."""
-NEAR = 1e-6
-"""Greatest distance of the critical multiplier's modulus from 1 at an event that counts as converged."""
+POLISH = 1e-3
+"""Residual aimed at near events, over the tolerance."""
+CRITICAL_DISTANCE = 1e-6
+"""Greatest distance of a critical multiplier's modulus from 1."""
 
 
 class Observation(NamedTuple):
-    """What changes at grazings, as a user's function finds it at a point."""
+    """A user's view of a point, by which grazings are detected."""
 
     counts: tuple[int, ...] = ()
     """Numbers of events in a period, by kind, such as the touchdowns of each point. Where one changes, there is a
     grazing."""
     margins: tuple[float, ...] = ()
-    """For each kind, how far the orbit is from such a change: zero there, and continuous in its neighbourhood."""
+    """Distance of the orbit from such a change, for each kind: zero there, and continuous in its neighbourhood."""
     data: Any = None
-    """Whatever else is to be kept."""
+    """Anything else to keep."""
 
 
 Observe = Callable[[Spot], Observation]
 
 
 class Node(NamedTuple):
-    """A point of a branch with what was found of it."""
+    """A point of a branch with its multipliers and the user's view of it."""
 
     spot: Spot
     multipliers: Complex[np.ndarray, " size"]
     """The largest modulus first."""
-    seen: Observation
+    view: Observation
     label: str = ""
     """Of the event that it is, empty for others."""
 
     @property
     def outside(self) -> int:
-        """Multipliers outside the unit circle."""
+        """Number of multipliers outside the unit circle."""
         return int(np.sum(np.abs(self.multipliers) > 1))
 
     def real_beyond(self, sign: int) -> int:
-        """Real multipliers beyond +1 or -1."""
+        """Counts the real multipliers beyond +1 or -1."""
         return int(np.sum((self.multipliers.imag == 0) & (sign * self.multipliers.real > 1)))
 
 
 class Event(NamedTuple):
-    """Something that happens on a branch."""
+    """A bifurcation, grazing or end point of a branch."""
 
     label: str
     """One of `MEANINGS`."""
@@ -85,17 +86,17 @@ class Event(NamedTuple):
     converged: bool
     note: str
     change: tuple[int, ...] = ()
-    """How `Observation.counts` change at a grazing, in the direction of the branch."""
+    """Changes of `Observation.counts` at a grazing, in the direction of the branch."""
 
 
 def as_node(spot: Spot, observe: Observe | None) -> Node:
-    """A point with its multipliers and what `observe` gives."""
-    seen = Observation() if observe is None else observe(spot)
-    return Node(spot, np.asarray(multipliers(np.asarray(spot.extra))), seen)
+    """Makes a node with the multipliers and the observation of a point."""
+    view = Observation() if observe is None else observe(spot)
+    return Node(spot, np.asarray(multipliers(np.asarray(spot.extra))), view)
 
 
 def changes(one: Node, other: Node) -> list[str]:
-    """Labels of what happens between two near points of a branch; a pair that comes and goes again is not seen.
+    """Gives the labels of events between two near points of a branch; a pair that comes and goes again is missed.
 
     A real multiplier passes +1 where the parity of those beyond changes: at a fold where the parameter turns, else at
     a branch point. Likewise for -1. What is left of the change in the number outside are pairs: complex ones, unless
@@ -104,190 +105,198 @@ def changes(one: Node, other: Node) -> list[str]:
     beyond = lambda sign: abs(one.real_beyond(sign) - other.real_beyond(sign))
     parity = lambda sign: beyond(sign) % 2
     turns = int(one.spot.tangent[-1] * other.spot.tangent[-1] < 0)
-    found = [] if one.seen.counts == other.seen.counts else ["GR"]
-    found += ["LP"] * turns + ["BP"] * (parity(1) != turns) + ["PD"] * parity(-1)
+    labels = [] if one.view.counts == other.view.counts else ["GR"]
+    labels += ["LP"] * turns + ["BP"] * (parity(1) != turns) + ["PD"] * parity(-1)
     left = abs(one.outside - other.outside) - parity(1) - parity(-1)
     pairs = max(-(-left // 2), 0)
     flips = min(beyond(-1) // 2, pairs)
     folds = min(beyond(1) // 2, pairs - flips)
-    return found + ["PD", "PD"] * flips + ["BP", "BP"] * folds + ["NS"] * (pairs - flips - folds)
+    return labels + ["PD", "PD"] * flips + ["BP", "BP"] * folds + ["NS"] * (pairs - flips - folds)
 
 
 def events_between(
-    one: Node,
-    other: Node,
-    equations: AbstractEquations,
-    observe: Observe | None,
-    tolerance: float,
+    one: Node, other: Node, equations: AbstractEquations, observe: Observe | None, tolerance: float
 ) -> list[Event]:
-    """The events between two consecutive points of a branch, in their order."""
-
-    def at(share: float, a: Node, b: Node) -> Node | None:
-        spot = between(equations, a.spot, b.spot, share, tolerance * POLISHED)
-        chord = np.linalg.norm(spot.weights * (b.spot.z - a.spot.z))
-        strayed = np.linalg.norm(spot.weights * (spot.z - a.spot.z - share * (b.spot.z - a.spot.z)))
-        return as_node(spot, observe) if spot.residual <= tolerance and strayed <= chord else None
-
-    def placed(node: Node, z: np.ndarray, tangent: np.ndarray) -> Node:
-        now = evaluated(equations, z)
-        size = weighted_size(now.residual, equations.weights(jnp.asarray(z))[0])
-        return as_node(node.spot._replace(z=z, tangent=tangent, residual=np.asarray(size), extra=now.extra), observe)
-
-    def search(a: Node, b: Node, width: float) -> list[Event]:
-        labels = changes(a, b)
-        if not labels:
-            return []
-        if labels == ["BP"]:
-            return [_crossing(a, b, at, placed) or _inseparable(labels, a, b, width)]
-        if labels == ["LP", "BP"] and (event := _crossing(a, b, at, placed, turning=True)) is not None:
-            return [event]
-        if labels in (["LP"], ["PD"], ["NS"]):
-            event = _located(labels[0], a, b, at)
-            # what looks like a flip from both ends may be a Neimark-Sacker and a flip
-            if event.converged or width <= NARROW:
-                return [event]
-        if labels == ["GR"] and (event := _grazing(a, b, at)) is not None:
-            return [event]
-        middle = at(0.5, a, b) if width > NARROW else None
-        if middle is None:
-            return [_inseparable(labels, a, b, width)]
-        return search(a, middle, width / 2) + search(middle, b, width / 2)
-
-    return search(one, other, 1.0)
-
-
-def _test(label: str, a: Node, b: Node) -> Callable[[Node], float]:
-    """A continuous function of a point that is zero at the event."""
-    if label == "LP":
-        return lambda node: float(node.spot.tangent[-1] * node.spot.weights[-1])
-    place = min(a.outside, b.outside)  # sorted moduli are continuous
-    return lambda node: float(np.abs(node.multipliers[place]) - 1)
+    """Locates the events between two consecutive points of a branch, in their order."""
+    return _Search(equations, observe, tolerance).events(one, other, 1.0)
 
 
 class _Lost(Exception):
     """There is no point of the branch between two of its points."""
 
 
-def _located(label: str, a: Node, b: Node, at: Callable) -> Event:
-    from scipy.optimize import brentq  # here, because importing it takes time that most runs need not spend
+class _Search(NamedTuple):
+    """The search for events between points of a branch."""
 
-    test, seen = _test(label, a, b), {0.0: a, 1.0: b}
+    equations: AbstractEquations
+    observe: Observe | None
+    tolerance: float
 
-    def value(share: float) -> float:
-        if share not in seen:
-            node = at(share, a, b)
-            if node is None:
-                raise _Lost
-            seen[share] = node
-        return test(seen[share])
+    def at(self, share: float, a: Node, b: Node) -> Node | None:
+        """Gives the branch's point at a share of the way from a to b; None where none is found nearby."""
+        spot = between(self.equations, a.spot, b.spot, share, self.tolerance * POLISH)
+        chord = np.linalg.norm(spot.weights * (b.spot.z - a.spot.z))
+        strayed = np.linalg.norm(spot.weights * (spot.z - a.spot.z - share * (b.spot.z - a.spot.z)))
+        return as_node(spot, self.observe) if spot.residual <= self.tolerance and strayed <= chord else None
 
-    try:
-        # where the test jumps, the bracket may still be wide at the end: `converged` tells
-        how: dict[str, Any] = dict(xtol=NARROW / 100, rtol=1e-14, maxiter=60, full_output=True, disp=False)
-        root = cast(float, brentq(value, 0.0, 1.0, **how)[0])
-        value(root)
-        for near in (max(root - SURE, 0.0), min(root + SURE, 1.0)):
-            value(near)
-    except (_Lost, ValueError):
-        root = min(seen, key=lambda share: abs(test(seen[share])))
-    node = seen[root]
-    signs = {share: test(n) > 0 for share, n in seen.items()}
-    low = max((s for s in seen if signs[s] == signs[0.0] and s <= root), default=0.0)
-    high = min((s for s in seen if signs[s] == signs[1.0] and s >= root), default=1.0)
-    values = [float(seen[s].spot.z[-1]) for s in (low, high, root)]
-    critical = _critical(label, node, min(a.outside, b.outside))
-    on_circle = complex(np.exp(1j * np.angle(critical)))
-    target = {"LP": 1.0, "PD": -1.0}.get(label, on_circle)
-    converged = high - low <= 4 * SURE and abs(critical - target) < NEAR and (label != "NS" or critical.imag != 0)
-    return Event(label, node._replace(label=label), min(values), max(values), critical, bool(converged), "")
+    def placed(self, node: Node, z: np.ndarray, tangent: np.ndarray) -> Node:
+        """Gives a node like another one at interpolated unknowns, without Newton's method."""
+        now = evaluated(self.equations, z)
+        size = weighted_size(now.residual, self.equations.weights(jnp.asarray(z))[0])
+        spot = node.spot._replace(z=z, tangent=tangent, residual=np.asarray(size), extra=now.extra)
+        return as_node(spot, self.observe)
+
+    def events(self, a: Node, b: Node, width: float) -> list[Event]:
+        """Locates the events between a and b, `width` of the step apart: halves it until each is alone."""
+        labels = changes(a, b)
+        if not labels:
+            return []
+        if labels == ["BP"]:
+            return [self.crossing(a, b) or _inseparable(labels, a, b, width)]
+        if labels == ["LP", "BP"] and (event := self.crossing(a, b, turning=True)) is not None:
+            return [event]
+        if labels in (["LP"], ["PD"], ["NS"]):
+            event = self.located(labels[0], a, b)
+            # what looks like a flip from both ends may be a Neimark-Sacker and a flip
+            if event.converged or width <= NARROWEST:
+                return [event]
+        if labels == ["GR"] and (event := self.grazing(a, b)) is not None:
+            return [event]
+        middle = self.at(0.5, a, b) if width > NARROWEST else None
+        if middle is None:
+            return [_inseparable(labels, a, b, width)]
+        return self.events(a, middle, width / 2) + self.events(middle, b, width / 2)
+
+    def located(self, label: str, a: Node, b: Node) -> Event:
+        """Locates a fold, flip or Neimark-Sacker by the sign of its test function."""
+        from scipy.optimize import brentq  # here, because importing it takes time that most runs need not spend
+
+        test, nodes = _test(label, a, b), {0.0: a, 1.0: b}  # nodes by share of the way
+
+        def value(share: float) -> float:
+            if share not in nodes:
+                node = self.at(share, a, b)
+                if node is None:
+                    raise _Lost
+                nodes[share] = node
+            return test(nodes[share])
+
+        try:
+            # where the test jumps, the bracket may still be wide at the end: `converged` tells
+            options: dict[str, Any] = dict(xtol=NARROWEST / 100, rtol=1e-14, maxiter=60, full_output=True, disp=False)
+            root = cast(float, brentq(value, 0.0, 1.0, **options)[0])
+            for share in (root, max(root - BRACKET, 0.0), min(root + BRACKET, 1.0)):
+                value(share)
+        except (_Lost, ValueError):
+            root = min(nodes, key=lambda share: abs(test(nodes[share])))
+        positive = {share: test(node) > 0 for share, node in nodes.items()}
+        low = max((s for s in nodes if positive[s] == positive[0.0] and s <= root), default=0.0)
+        high = min((s for s in nodes if positive[s] == positive[1.0] and s >= root), default=1.0)
+        values = [float(nodes[share].spot.z[-1]) for share in (low, high, root)]
+        critical = _critical(label, nodes[root], min(a.outside, b.outside))
+        on_circle = complex(np.exp(1j * np.angle(critical)))
+        near = abs(critical - {"LP": 1.0, "PD": -1.0}.get(label, on_circle)) < CRITICAL_DISTANCE
+        converged = high - low <= 4 * BRACKET and near and (label != "NS" or critical.imag != 0)
+        node = nodes[root]._replace(label=label)
+        return Event(label, node, min(values), max(values), critical, bool(converged), "")
+
+    def crossing(self, a: Node, b: Node, turning: bool = False) -> Event | None:
+        """Locates a branch point by interpolation from both sides: there itself Newton's method is singular.
+
+        With `turning` that of a pitchfork, on the branch that turns back there; None where the fold is elsewhere.
+        """
+        test, index = _test("LP" if turning else "BP", a, b), min(a.outside, b.outside)
+        rough = test(a) / (test(a) - test(b))
+        for spread in SPREADS:
+            shares = rough + spread * np.linspace(-1, 1, 8)  # also beyond a or b where these are the branch point
+            nodes = [self.at(share, a, b) for share in shares]
+            nodes = [node for node in nodes if node is not None and _along(node, a, b)]
+            tests = np.array([test(node) for node in nodes])
+            if len(nodes) < 4 or np.all(tests > 0) or np.all(tests < 0):
+                continue
+            beyond = np.array([[_critical("BP", node, index).real - 1] for node in nodes])
+            touches = np.abs(_polynomials(tests, beyond)[:2]).max() < TOUCHING * np.abs(beyond).max()
+            if np.abs(tests).min() > 1e-3 * np.abs(tests).max() and (touches or not turning):
+                break
+        else:
+            return None
+        unknowns, tangents = (np.array([getattr(node.spot, name) for node in nodes]) for name in ("z", "tangent"))
+        z, fewer = _polynomials(tests, unknowns)[0], _polynomials(tests[1:-1], unknowns[1:-1])[0]
+        node = self.placed(nodes[len(nodes) // 2], z, _polynomials(tests, tangents)[0])._replace(label="BP")
+        error = float(abs(z[-1] - fewer[-1]))
+        critical = _critical("BP", node, index)
+        return Event("BP", node, float(z[-1] - error), float(z[-1] + error), critical, True, "")
+
+    def grazing(self, a: Node, b: Node) -> Event | None:
+        """Locates a single grazing; None where there are several, or other events near it."""
+        from scipy.optimize import brentq
+
+        kinds = [k for k, (m, n) in enumerate(zip(a.view.counts, b.view.counts, strict=True)) if m != n]
+        nodes = {0.0: a, 1.0: b}  # by share of the way
+
+        def value(share: float) -> float:
+            if share not in nodes:
+                node = self.at(share, a, b)
+                if node is None or (node.view.counts != b.view.counts and changes(a, node)):
+                    raise _Lost
+                nodes[share] = node
+            # the margin has no sign: that is whether the counts are still those of a
+            sign = 1.0 if nodes[share].view.counts == a.view.counts else -1.0
+            return sign * min(nodes[share].view.margins[k] for k in kinds)
+
+        try:
+            brentq(value, 0.0, 1.0, xtol=NARROWEST, rtol=1e-14, maxiter=60, disp=False)
+            before = max(share for share in nodes if value(share) > 0)
+            value(before + BRACKET)
+        except (_Lost, ValueError):
+            return None
+        low = max(share for share in nodes if value(share) > 0)
+        high = min(share for share in nodes if value(share) < 0)
+        if high - low > 4 * BRACKET or changes(nodes[low], nodes[high]) != ["GR"]:
+            return None
+        return _inseparable(["GR"], nodes[low], nodes[high], NARROWEST)
 
 
-def _crossing(a: Node, b: Node, at: Callable, placed: Callable, turning: bool = False) -> Event | None:
-    """A branch point, by interpolation from both sides: there itself Newton's method is singular.
-
-    With `turning` that of a pitchfork, on the branch that turns back there; None where the fold is another place.
-    """
-    test, place = _test("LP" if turning else "BP", a, b), min(a.outside, b.outside)
-    rough = test(a) / (test(a) - test(b))
-    for spread in APART:
-        shares = rough + spread * np.linspace(-1, 1, 8)  # also beyond a or b where these are the branch point
-        found = [node for node in (at(share, a, b) for share in shares) if node is not None and _along(node, a, b)]
-        tests = np.array([test(node) for node in found])
-        if len(found) < 4 or np.all(tests > 0) or np.all(tests < 0):
-            continue
-        beyond = np.array([[_critical("BP", node, place).real - 1] for node in found])
-        touches = np.abs(_polynomials(tests, beyond)[:2]).max() < TOUCHING * np.abs(beyond).max()
-        if np.abs(tests).min() > 1e-3 * np.abs(tests).max() and (touches or not turning):
-            break
-    else:
-        return None
-    places, tangents = (np.array([getattr(node.spot, name) for node in found]) for name in ("z", "tangent"))
-    z, fewer = _polynomials(tests, places)[0], _polynomials(tests[1:-1], places[1:-1])[0]
-    node = placed(found[len(found) // 2], z, _polynomials(tests, tangents)[0])._replace(label="BP")
-    error = float(abs(z[-1] - fewer[-1]))
-    return Event("BP", node, float(z[-1] - error), float(z[-1] + error), _critical("BP", node, place), True, "")
+def _test(label: str, a: Node, b: Node) -> Callable[[Node], float]:
+    """Gives a continuous function of a point that is zero at the event."""
+    if label == "LP":
+        return lambda node: float(node.spot.tangent[-1] * node.spot.weights[-1])
+    index = min(a.outside, b.outside)  # sorted moduli are continuous
+    return lambda node: float(np.abs(node.multipliers[index]) - 1)
 
 
 def _along(node: Node, a: Node, b: Node) -> bool:
-    """Whether a point lies on the branch from a to b, and not on one that crosses it."""
+    """Tells whether a point lies on the branch from a to b, and not on one that crosses it."""
     chord = a.spot.weights * (b.spot.z - a.spot.z)
-    return bool(abs(chord @ (node.spot.weights * node.spot.tangent)) > ALONG * np.linalg.norm(chord))
+    return bool(abs(chord @ (node.spot.weights * node.spot.tangent)) > SAME_BRANCH * np.linalg.norm(chord))
 
 
 def _polynomials(tests: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Coefficients of the polynomials in `tests` (count,), over its greatest, that go through `values` (count, more).
-    The first row is what they are where the test is zero."""
+    """Gives the coefficients of polynomials in `tests` (count,), over its greatest, through `values` (count, more).
+    The first row has their values where the test is zero."""
     return np.linalg.solve(np.vander(tests / np.abs(tests).max(), increasing=True), values)
 
 
-def _grazing(a: Node, b: Node, at: Callable) -> Event | None:
-    """A single grazing; None where there are several, or other events beside it."""
-    from scipy.optimize import brentq
-
-    kinds = [k for k, (m, n) in enumerate(zip(a.seen.counts, b.seen.counts, strict=True)) if m != n]
-    seen = {0.0: a, 1.0: b}
-
-    def value(share: float) -> float:
-        if share not in seen:
-            node = at(share, a, b)
-            if node is None or (node.seen.counts != b.seen.counts and changes(a, node)):
-                raise _Lost
-            seen[share] = node
-        sign = 1.0 if seen[share].seen.counts == a.seen.counts else -1.0
-        return sign * min(seen[share].seen.margins[k] for k in kinds)
-
-    try:
-        brentq(value, 0.0, 1.0, xtol=NARROW, rtol=1e-14, maxiter=60, disp=False)
-        before = max(share for share in seen if value(share) > 0)
-        value(before + SURE)
-    except (_Lost, ValueError):
-        return None
-    low = max(share for share in seen if value(share) > 0)
-    high = min(share for share in seen if value(share) < 0)
-    if high - low > 4 * SURE or changes(seen[low], seen[high]) != ["GR"]:
-        return None
-    return _inseparable(["GR"], seen[low], seen[high], NARROW)
-
-
-def _critical(label: str, node: Node, place: int) -> complex:
-    """The multiplier that is critical at an event; `place`: of the pair's among them."""
-    found = node.multipliers
+def _critical(label: str, node: Node, index: int) -> complex:
+    """Gives the multiplier that is critical at an event; `index`: of a pair among the multipliers."""
+    mu = node.multipliers
     if label == "NS":
-        return complex(found[place].real, abs(found[place].imag))
-    return complex(found[np.argmin(np.abs(found - (-1.0 if label == "PD" else 1.0)))])
+        return complex(mu[index].real, abs(mu[index].imag))
+    return complex(mu[np.argmin(np.abs(mu - (-1.0 if label == "PD" else 1.0)))])
 
 
 def _inseparable(labels: list[str], a: Node, b: Node, width: float) -> Event:
-    """Several events, or a grazing, that no further point of the branch parts."""
+    """Makes one event of several, or of a grazing, that no further point of the branch separates."""
     others = [label for label in labels if label != "GR"]
     label = "GR" if "GR" in labels else labels[0]
     notes = [f"multipliers jump from {_leading(a)} to {_leading(b)}"] if others else []
-    notes += [f"{width:.1g} of a step could not be divided"] if width > NARROW else []
+    notes += [f"{width:.1g} of a step could not be divided"] if width > NARROWEST else []
     low, high = sorted((float(a.spot.z[-1]), float(b.spot.z[-1])))
     critical = complex(np.nan) if label == "GR" else _critical(label, a, min(a.outside, b.outside))
-    change = tuple(n - m for m, n in zip(a.seen.counts, b.seen.counts, strict=True))
-    return Event(label, a._replace(label=label), low, high, critical, width <= NARROW, "; ".join(notes), change)
+    change = tuple(n - m for m, n in zip(a.view.counts, b.view.counts, strict=True))
+    return Event(label, a._replace(label=label), low, high, critical, width <= NARROWEST, "; ".join(notes), change)
 
 
 def _leading(node: Node) -> str:
+    """Gives the two leading multipliers in words."""
     return ", ".join(f"{m:.4g}" for m in node.multipliers[:2])

@@ -15,7 +15,7 @@ from .lyapunov import Step, check_functions, check_state
 
 
 def solve(matrix: Inexact[Array, "n n"], rhs: Inexact[Array, "n ..."]) -> Inexact[Array, "n ..."]:
-    """The solution of `matrix @ x = rhs`, by Gauss and Jordan's elimination with partial pivoting. Pure.
+    """Solves `matrix @ x = rhs` by Gauss and Jordan's elimination with partial pivoting. Pure.
 
     NaN or infinite where the matrix is singular to rounding.
     """
@@ -34,18 +34,33 @@ def solve(matrix: Inexact[Array, "n n"], rhs: Inexact[Array, "n ..."]) -> Inexac
 
 
 def jacobians(step: Step, state: Any, intervals: int, *, index: Any = 0.0) -> Float[Array, "intervals size size"]:
-    """Jacobians of `intervals` successive applications of `step`, along the motion from `state`. Pure.
+    """Computes Jacobians of `intervals` successive applications of `step`, along the motion from `state`. Pure.
 
     **Arguments:** `step(state, k)`: the state one interval later, differentiable in forward mode; `state`: a pytree
     of floats with `size` values in all; `index`: index of the first interval.
     """
+    return linearise(step, state, intervals, index=index)[1]
+
+
+def linearise(
+    step: Step, state: Any, intervals: int, *, index: Any = 0.0
+) -> tuple[Float[Array, " size"], Float[Array, "intervals size size"]]:
+    """Computes the state at the end as one array, and `jacobians`. Pure."""
     flat, unravel = ravel_pytree(state)
 
     def interval(x, k):
+        # in each direction the end is the same, so that it is computed once
         flow = lambda x: ravel_pytree(step(unravel(x), k))[0]
         return jax.vmap(lambda t: jax.jvp(flow, (x,), (t,)), out_axes=(None, 1))(jnp.eye(x.size))
 
-    return jax.lax.scan(interval, flat, index + jnp.arange(float(intervals)))[1]
+    return jax.lax.scan(interval, flat, index + jnp.arange(float(intervals)))
+
+
+def product(matrices: Any) -> Any:
+    """Gives the product of successive matrices, the first applied first."""
+    if is_traced(matrices):
+        return jax.lax.scan(lambda total, m: (_after(total, m), None), jnp.eye(matrices.shape[1]), matrices)[0]
+    return functools.reduce(_after, np.asarray(matrices))
 
 
 def multipliers(
@@ -58,15 +73,15 @@ def multipliers(
     Under a transformation the product is formed.
     """
     if is_traced(matrices):
-        found = jnp.linalg.eigvals(functools.reduce(_after, jnp.asarray(matrices))).astype(complex)
-        return found[jnp.argsort(-jnp.abs(found))]
+        mu = jnp.linalg.eigvals(product(matrices)).astype(complex)
+        return mu[jnp.argsort(-jnp.abs(mu))]
     matrices = np.asarray(matrices)
     blocks = [matrices] if len(matrices) == 1 or not np.all(np.isfinite(matrices)) else _blocks(matrices)
-    found = np.concatenate([_eigenvalues(functools.reduce(_after, block)) for block in blocks])
-    return found[np.argsort(-np.abs(found), kind="stable")]
+    mu = np.concatenate([_eigenvalues(product(block)) for block in blocks])
+    return mu[np.argsort(-np.abs(mu), kind="stable")]
 
 
-SWEEPS = 30
+QR_PASSES = 30
 """Passages through all intervals in which the QR factors separate moduli."""
 SEPARATED = 1e-12
 """Greatest entry that couples separated moduli, over the norm of the block of the larger ones. Over many intervals
@@ -86,9 +101,10 @@ def _eigenvalues(matrix: np.ndarray) -> np.ndarray:
 
 
 def _blocks(matrices: np.ndarray) -> list[np.ndarray]:
-    """Diagonal blocks of successive matrices in bases in which all are block triangular, each (intervals, k, k)."""
+    """Gives the diagonal blocks of matrices in bases in which all are block triangular, each (intervals, k, k)."""
+    # orthogonal iteration: the bases converge to those of subspaces of falling moduli
     basis = np.eye(matrices.shape[1])
-    for _ in range(SWEEPS):
+    for _ in range(QR_PASSES):
         bases = [basis]
         for matrix in matrices:
             bases.append(np.linalg.qr(matrix @ bases[-1])[0])
@@ -97,7 +113,7 @@ def _blocks(matrices: np.ndarray) -> list[np.ndarray]:
     inside = [
         then.T @ matrix @ now for now, then, matrix in zip(bases, [*bases[1:], bases[0]], matrices, strict=True)
     ]
-    # a cut between two places is good where all that is below left of it is about rounding error
+    # a cut is good where the entries below left of it are about rounding error in all matrices
     size, cuts = matrices.shape[1], [0]
     for k in range(1, size):
         if all(np.abs(m[k:, :k]).max() <= SEPARATED * max(np.linalg.norm(m[:k, :k], 2), 1e-300) for m in inside):
@@ -106,7 +122,7 @@ def _blocks(matrices: np.ndarray) -> list[np.ndarray]:
 
 
 def largest_exponent(matrices: Any, period: int) -> float:
-    """ln |largest Floquet multiplier| per interval of a motion that recurs after `period` intervals.
+    """Computes ln |largest Floquet multiplier| per interval of a motion that recurs after `period` intervals.
 
     **Arguments:** `matrices`: Jacobians of `period` or more successive intervals, (intervals, size, size).
     """
@@ -114,7 +130,7 @@ def largest_exponent(matrices: Any, period: int) -> float:
 
 
 def floquet(step: Step, state: Any, *, index: Any = 0.0, intervals: int = 1) -> Complex[Array | np.ndarray, " size"]:
-    """Floquet multipliers of a motion that recurs after `intervals` intervals of `step`, the largest modulus first.
+    """Computes Floquet multipliers of a motion that recurs after some intervals of `step`, the largest modulus first.
 
     The logarithms of their moduli, divided by `intervals`, are the exponents per interval.
 

@@ -21,6 +21,8 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import finite, positive, require, shown_number, unless_traced, whole
 from ..tools.compile import call_compiled, is_traced
+from .kinds import REGIMES as REGIMES
+from .kinds import Regime
 
 Step = Callable[[Any, Any], Any]
 """The state at the end of an interval, from the state at its start and its index, a float."""
@@ -83,7 +85,7 @@ class LyapunovSpectrum(eqx.Module):
 
 
 def weights_of(state: Any, scale: Scale | None) -> Float[Array, " size"] | None:
-    """The weights of all components in one array; None if all are one."""
+    """Gives the weights of all components in one array; None if all are one."""
     if scale is None:
         return None
     full = jax.tree.map(lambda s, w: jnp.broadcast_to(jnp.asarray(w, s.dtype), s.shape), state, scale(state))
@@ -91,7 +93,7 @@ def weights_of(state: Any, scale: Scale | None) -> Float[Array, " size"] | None:
 
 
 def fixed_directions(seed: int, count: int, size: int, weights: Array | None) -> Float[Array, "count size"]:
-    """Random directions, the same in every run; their parts in components of weight zero are zero."""
+    """Makes random directions, the same in every run; their parts in components of weight zero are zero."""
     normal = jnp.asarray(np.random.default_rng(seed).standard_normal((count, size)))
     if weights is None:
         return normal
@@ -99,7 +101,7 @@ def fixed_directions(seed: int, count: int, size: int, weights: Array | None) ->
 
 
 def gram_schmidt(rows: Array, weights: Array | None) -> tuple[Float[Array, "count size"], Float[Array, " count"]]:
-    """Orthonormal rows, and the logarithms of the diagonal of R: Gram-Schmidt, each row projected twice.
+    """Makes rows orthonormal by Gram-Schmidt, each projected twice; also the logarithms of the diagonal of R.
 
     A row that vanishes gives a logarithm of about -354 (of the root of the smallest number in double precision) and
     is replaced by a fixed direction, made orthogonal to the rows before it.
@@ -109,23 +111,24 @@ def gram_schmidt(rows: Array, weights: Array | None) -> tuple[Float[Array, "coun
     dual = (lambda a: a) if weights is None else (lambda a: weights[None] ** 2 * a)
     spare = fixed_directions(1, count, size, weights)
     basis, logs = [], []
+    # each row beside its spare direction, which replaces it where it vanishes
     for row, other in zip(rows, spare, strict=True):
         pair = jnp.stack([row, other])
         if basis:
             before = jnp.stack(basis)
             for _ in range(2):
                 pair = pair - (dual(pair) @ before.T) @ before
-        square, anew = jnp.sum(dual(pair) * pair, axis=1)
-        dead, hopeless = square <= tiny, ~(anew > tiny)
+        square, spare_square = jnp.sum(dual(pair) * pair, axis=1)
+        vanished, spare_vanished = square <= tiny, ~(spare_square > tiny)
         length = jnp.sqrt(jnp.where(jnp.isfinite(square), jnp.maximum(square, tiny), jnp.nan))
-        again = jnp.where(hopeless, 0.0, pair[1] / jnp.sqrt(jnp.where(hopeless, 1.0, anew)))
-        basis.append(jnp.where(dead, again, pair[0] / length))
+        fresh = jnp.where(spare_vanished, 0.0, pair[1] / jnp.sqrt(jnp.where(spare_vanished, 1.0, spare_square)))
+        basis.append(jnp.where(vanished, fresh, pair[0] / length))
         logs.append(jnp.log(length))
     return jnp.stack(basis), jnp.stack(logs)
 
 
 def orthonormalise(tangents: Any, state: Any, scale: Scale | None = None) -> tuple[Any, Float[Array, " count"]]:
-    """Orthonormal tangents at `state`, and the logarithms of their lengths; NaN where `state` is not finite."""
+    """Makes tangents orthonormal at `state`, and gives the logarithms of their lengths; NaN after lost states."""
     flat, unravel = ravel_pytree(state)
     rows = jax.vmap(lambda t: ravel_pytree(t)[0])(tangents)
     rows = jnp.where(jnp.all(jnp.isfinite(flat)), rows, jnp.nan)
@@ -134,7 +137,7 @@ def orthonormalise(tangents: Any, state: Any, scale: Scale | None = None) -> tup
 
 
 def first_tangents(state: Any, count: int, scale: Scale | None = None) -> Any:
-    """`count` orthonormal tangents in fixed general directions; zero in the components of weight zero."""
+    """Makes `count` orthonormal tangents in fixed general directions; zero in the components of weight zero."""
     flat, unravel = ravel_pytree(state)
     directions = fixed_directions(0, count, flat.size, weights_of(state, scale))
     return orthonormalise(jax.vmap(unravel)(directions), state, scale)[0]
@@ -164,7 +167,7 @@ def push_tangents(
     **Returns:** the state and the tangents at the end, and the logarithms of the growth in each interval.
     """
 
-    def moved(state, tangent, k):  # unbatched outputs, independent of the tangent, are computed once for all
+    def push(state, tangent, k):  # unbatched outputs, independent of the tangent, are computed once for all
         if distance is None:
             return jax.jvp(lambda s: step(s, k), (state,), (tangent,))
         end = step(state, k)
@@ -173,7 +176,7 @@ def push_tangents(
 
     def interval(carry, k):
         state, tangents = carry
-        state, tangents = jax.vmap(moved, in_axes=(None, 0, None), out_axes=(None, 0))(state, tangents, k)
+        state, tangents = jax.vmap(push, in_axes=(None, 0, None), out_axes=(None, 0))(state, tangents, k)
         tangents, logs = orthonormalise(tangents, state, scale)
         return (state, tangents), logs
 
@@ -195,7 +198,7 @@ def map_spectrum(
     period: Any = 1.0,
     distance: Any = None,
 ) -> LyapunovSpectrum:
-    """Lyapunov spectrum of a map, or of a flow that `step` integrates.
+    """Computes the Lyapunov spectrum of a map, or of a flow that `step` integrates.
 
     Compiled once for each `step`: a new lambda is compiled again, an `equinox.Module` with other values in its arrays
     is not. For many starts, `jax.jit(jax.vmap(...))` over this function.
@@ -242,7 +245,7 @@ def map_spectrum(
 def two_trajectory_exponent(
     step: Step, state: Any, intervals: int, *, distance: Any = 1e-7, scale: Scale | None = None, **options: Any
 ) -> LyapunovSpectrum:
-    """The largest exponent from two trajectories, the second rescaled to `distance` after each interval.
+    """Computes the largest exponent from two trajectories, the second rescaled to `distance` after each interval.
 
     Needs no derivative of `step`, and is therefore correct even if the derivative of `step` is wrong. The relative
     error is about `distance`, in the norm of `scale`, plus the rounding error over `distance`.
@@ -275,7 +278,7 @@ def check_functions(step: Any, scale: Any) -> None:
 
 
 def check_state(state: Any) -> Any:
-    """`state` as arrays of floats; raises `ValueError` unless it is a pytree of finite real numbers."""
+    """Gives `state` as arrays of floats; raises `ValueError` unless it is a pytree of finite real numbers."""
     require(jax.tree.leaves(state), "state", "be a pytree of real numbers", state)
     return jax.tree.map(lambda leaf: unless_traced(finite("state"), leaf), state)
 
@@ -284,21 +287,17 @@ SURE = 3.0
 """Number of standard errors by which an exponent must exceed zero to count as positive."""
 LEAST = 1e-3
 """Exponents up to this count as zero [1/period]."""
-WIDE = 0.01
-"""An exponent that is not positive is known where `SURE` standard errors are less than itself, or than this
-[1/period]."""
-REGIMES = ("periodic", "regular", "chaotic", "unresolved", "transient chaos")
-"""Names of the regimes, in the order of the indices from `regime`. "regular" is neither chaotic nor periodic;
-"transient chaos" is chaotic for long, and regular in the end."""
+WIDEST = 0.01
+"""Bound of `SURE` standard errors of exponents near zero, for these to be sure [1/period]."""
 
 
 def is_chaotic(exponent: Any, stderr: Any) -> np.ndarray:
-    """Whether a largest Lyapunov exponent [1/period] exceeds both `SURE` standard errors and `LEAST`."""
+    """Tells whether a largest Lyapunov exponent [1/period] exceeds both `SURE` standard errors and `LEAST`."""
     return np.asarray(np.asarray(exponent) > np.maximum(SURE * np.asarray(stderr), LEAST))
 
 
 def regime(exponent: Any, stderr: Any, kind: Any, trusted: Any, escapes: Any = 0) -> np.ndarray:
-    """Index into `REGIMES` of each case.
+    """Gives the word of `slipperjax.analysis.REGIMES` for each case.
 
     A case is unresolved where it is not trusted, where exponent and recurrence contradict each other, and where the
     exponent is neither positive nor known well enough to be called zero or negative.
@@ -308,15 +307,17 @@ def regime(exponent: Any, stderr: Any, kind: Any, trusted: Any, escapes: Any = 0
     became regular in the end. All have the same shape.
     """
     exponent, stderr, kind = np.asarray(exponent), np.asarray(stderr), np.asarray(kind)
-    chaotic, periodic = is_chaotic(exponent, stderr), kind == "period"
-    known = chaotic | (SURE * stderr <= np.maximum(np.abs(exponent), WIDE))
-    contradicts = (chaotic & periodic) | (~chaotic & (kind == "chaotic"))
-    found = np.where(chaotic, np.where(np.asarray(escapes) > 0, 4, 2), np.where(periodic, 0, 1))
-    return np.where(np.asarray(trusted) & np.isfinite(exponent) & known & ~contradicts, found, 3)
+    chaotic, periodic = is_chaotic(exponent, stderr), kind == Regime.PERIODIC.kind
+    sure = chaotic | (SURE * stderr <= np.maximum(np.abs(exponent), WIDEST))
+    contradicts = (chaotic & periodic) | (~chaotic & (kind == Regime.CHAOTIC.kind))
+    lasting = np.where(np.asarray(escapes) > 0, Regime.TRANSIENT, Regime.CHAOTIC)
+    numbers = np.where(chaotic, lasting, np.where(periodic, Regime.PERIODIC, Regime.REGULAR))
+    good = np.asarray(trusted) & np.isfinite(exponent) & sure & ~contradicts
+    return Regime.regimes(np.where(good, numbers, Regime.UNRESOLVED))
 
 
 def kaplan_yorke(exponents: Any) -> Float[np.ndarray, "*lanes"]:
-    """Kaplan-Yorke dimension of spectra along the last axis, in any order and unit (doi:10.1007/BFb0064319).
+    """Computes Kaplan-Yorke dimensions along the last axis, in any order and unit (doi:10.1007/BFb0064319).
 
     0 where all exponents are negative; the number of exponents, a lower bound, where their sum is positive. An
     exponent whose exact value is zero is used as measured: the dimension of a limit cycle of an ODE is 1 for a
@@ -333,7 +334,7 @@ def kaplan_yorke(exponents: Any) -> Float[np.ndarray, "*lanes"]:
 
 
 def weighted_mean(history: Any) -> Float[np.ndarray, "*lanes count"]:
-    """Mean over the axis before the last, with the smooth weights exp(-1 / (t (1 - t))) that vanish at both ends.
+    """Computes the mean over the axis before the last, with weights exp(-1 / (t (1 - t))) that vanish at both ends.
 
     For a regular motion the local exponents are a quasi-periodic series: the error of the plain mean falls as the
     reciprocal of its length, the error of this one faster than any power of it (doi:10.1088/1361-6544/aa84c2). For
@@ -348,7 +349,7 @@ def weighted_mean(history: Any) -> Float[np.ndarray, "*lanes count"]:
 
 
 def standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
-    """Standard error of the mean over the axis before the last, with autocorrelation taken into account.
+    """Computes the standard error of the mean over the axis before the last, with autocorrelation.
 
     Means over 100 to 199 blocks remove most of the correlation, of any length and kind (doi:10.1063/1.457480). An
     autoregression of these means, of the order that minimises Akaike's criterion, accounts for the remaining
@@ -373,8 +374,8 @@ def standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
         noise, weights = covariance[0], []
         densities, criteria = [noise * n / (n - 1)], [n * np.log(noise)]
         for order in range(1, top + 1):  # Levinson and Durbin
-            known = sum(w * covariance[order - 1 - lag] for lag, w in enumerate(weights))
-            last = (covariance[order] - known) / noise
+            predicted = sum(w * covariance[order - 1 - lag] for lag, w in enumerate(weights))
+            last = (covariance[order] - predicted) / noise
             weights = [w - last * v for w, v in zip(weights, weights[::-1], strict=True)] + [last]
             noise = noise * (1 - last**2)
             densities.append(noise * n / (n - order - 1) / (1 - sum(weights)) ** 2)
@@ -385,7 +386,7 @@ def standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
 
 
 def pooled_standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
-    """Standard error of the mean over several independent motions on one attractor.
+    """Computes the standard error of the mean over several independent motions on one attractor.
 
     The larger of two estimates. One is that of `standard_error` within the motions. The other is the scatter of the
     means of their halves about the mean of all, which sees correlations that are as long as a motion's record: with

@@ -54,7 +54,7 @@ def ode_step(
     args: Any = None,
     t0: Any = 0.0,
 ) -> OdeStep:
-    """`step` of the ODE y' = vector_field(t, y, args): `steps` steps of `dt` per interval, the first at time `t0`.
+    """Makes `step` of y' = vector_field(t, y, args): `steps` steps of `dt` per interval, the first at time `t0`.
 
     **Arguments:** `solver`: any diffrax solver; default `diffrax.Tsit5()`.
 
@@ -80,7 +80,7 @@ def ode_spectrum(
     t0: Any = 0.0,
     **options: Any,
 ) -> LyapunovSpectrum:
-    """Lyapunov spectrum of an ODE. Its `per_second` is per unit of the ODE's time.
+    """Computes the Lyapunov spectrum of an ODE. Its `per_second` is per unit of the ODE's time.
 
     **Arguments:** up to `t0` as for `ode_step`; `options` as for `map_spectrum`. If `period` is given, an
     interval has `dt * steps / period` periods; by default a period is one interval.
@@ -93,7 +93,7 @@ def ode_spectrum(
 
 Field = Callable[[Any, Any], Any]
 """y' at (t, y)."""
-NEWTON = 5
+CROSSING_ITERATIONS = 5
 """Newton iterations for the instant of a crossing from the chord; converged, so that the derivative is exact too."""
 
 
@@ -114,6 +114,7 @@ class SwitchedStep(eqx.Module):
         return jax.lax.fori_loop(0, self.steps, one, state)
 
     def _across(self, t, y):
+        """Gives the state after one step, split where it crosses the surface."""
         up = self.surface(t, y) >= 0
         here = lambda part: self._rk4(up, t, y, part * self.dt)
         height = lambda part: self.surface(t + part * self.dt, here(part))
@@ -125,7 +126,7 @@ class SwitchedStep(eqx.Module):
             return jnp.clip(part - value / jnp.where(slope == 0, jnp.inf, slope), 0.0, 1.0)
 
         chord = jnp.where(crossed, start / jnp.where(crossed, start - end, 1.0), 1.0)
-        part = jnp.where(crossed, jax.lax.fori_loop(0, NEWTON, closer, chord), 1.0)
+        part = jnp.where(crossed, jax.lax.fori_loop(0, CROSSING_ITERATIONS, closer, chord), 1.0)
         return self._rk4(~up, t + part * self.dt, here(part), (1 - part) * self.dt)
 
     def _rk4(self, up, t, y, h):
@@ -143,7 +144,7 @@ class SwitchedStep(eqx.Module):
 def switched_step(
     above: Field, below: Field, surface: Callable[[Any, Any], Any], *, dt: Any, steps: int, t0: Any = 0.0
 ) -> SwitchedStep:
-    """`step` for `map_spectrum` of an ODE whose right-hand side jumps where `surface` changes its sign.
+    """Makes `step` for `map_spectrum` of an ODE whose right-hand side jumps where `surface` changes its sign.
 
     Each integration step (classical Runge-Kutta) that crosses the surface is split at the instant of the crossing.
     That instant depends on the state in a differentiable way, so tangents include the saltation term. Crossings must

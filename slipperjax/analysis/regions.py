@@ -45,18 +45,18 @@ def regions(
 def holding(
     x: Float[np.ndarray, " n"], y: Float[np.ndarray, " m"], curves: Sequence[Points], known: Points
 ) -> Bool[np.ndarray, "n m"]:
-    """The grid points in those regions of `regions` that hold one of the `known` places.
+    """Gives the grid points in those regions of `regions` that hold one of the `known` points.
 
-    A known place counts for the nearest grid point, if no curve passes between the two.
+    A known point counts for the nearest grid point, if no curve passes between the two.
     """
     label = regions(x, y, curves)
-    found = set()
-    for place in np.asarray(known, float):
-        i, j = int(np.argmin(np.abs(x - place[0]))), int(np.argmin(np.abs(y - place[1])))
-        inside = x[0] <= place[0] <= x[-1] and y[0] <= place[1] <= y[-1]
-        if inside and not any(_crosses(curve, place, np.array([x[i], y[j]])) for curve in curves):
-            found.add(int(label[i, j]))
-    return np.isin(label, list(found))
+    holders = set()
+    for point in np.asarray(known, float):
+        i, j = int(np.argmin(np.abs(x - point[0]))), int(np.argmin(np.abs(y - point[1])))
+        inside = x[0] <= point[0] <= x[-1] and y[0] <= point[1] <= y[-1]
+        if inside and not any(_crosses(curve, point, np.array([x[i], y[j]])) for curve in curves):
+            holders.add(int(label[i, j]))
+    return np.isin(label, list(holders))
 
 
 def _rising(name: str, values: np.ndarray) -> np.ndarray:
@@ -66,7 +66,7 @@ def _rising(name: str, values: np.ndarray) -> np.ndarray:
 
 
 def _blocked(x: np.ndarray, y: np.ndarray, curves: Sequence[Points]) -> tuple[np.ndarray, np.ndarray]:
-    """Whether a curve passes between neighbours along x, shape (n - 1, m), and along y, (n, m - 1)."""
+    """Tells whether a curve passes between neighbours along x, shape (n - 1, m), and along y, (n, m - 1)."""
     along_x, along_y = np.zeros((len(x) - 1, len(y)), bool), np.zeros((len(x), len(y) - 1), bool)
     for curve in curves:
         points = np.asarray(curve, float)
@@ -79,8 +79,8 @@ def _blocked(x: np.ndarray, y: np.ndarray, curves: Sequence[Points]) -> tuple[np
 
 
 def _meetings(across: np.ndarray, along: np.ndarray, lines: np.ndarray) -> list[tuple[int, np.ndarray]]:
-    """Per line, where a curve meets it: line number, and places along it."""
-    found = []
+    """Gives the lines that a curve meets: line number, and positions along it."""
+    meetings = []
     a, b = across[:-1], across[1:]
     for k, line in enumerate(lines):
         # a curve that ends on the line meets it, too
@@ -88,18 +88,18 @@ def _meetings(across: np.ndarray, along: np.ndarray, lines: np.ndarray) -> list[
         if len(hit):
             step = b[hit] - a[hit]
             share = np.where(step == 0, 0.0, (line - a[hit]) / np.where(step == 0, 1.0, step))
-            found.append((k, along[hit] + share * (along[hit + 1] - along[hit])))
-    return found
+            meetings.append((k, along[hit] + share * (along[hit + 1] - along[hit])))
+    return meetings
 
 
-def _between(values: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Numbers k of the gaps values[k]..values[k + 1] that hold the places; those outside are left out."""
-    k = np.searchsorted(values, places, side="right") - 1
+def _between(values: np.ndarray, positions: np.ndarray) -> np.ndarray:
+    """Gives the numbers k of the gaps values[k]..values[k + 1] that hold positions; those outside are left out."""
+    k = np.searchsorted(values, positions, side="right") - 1
     return k[(k >= 0) & (k < len(values) - 1)]
 
 
 def _crosses(curve: Points, start: np.ndarray, end: np.ndarray) -> bool:
-    """Whether a curve crosses the straight line between two places."""
+    """Tells whether a curve crosses the straight line between two points."""
     a, b = np.asarray(curve, float)[:-1], np.asarray(curve, float)[1:]
     area = lambda p, q, r: (
         (q[..., 0] - p[..., 0]) * (r[..., 1] - p[..., 1]) - (q[..., 1] - p[..., 1]) * (r[..., 0] - p[..., 0])

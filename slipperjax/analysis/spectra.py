@@ -51,15 +51,15 @@ class Line(NamedTuple):
     frequency: float
     """Refined frequency of the peak, or of the strongest bin where there is no peak [Hz]."""
     power: float
-    """Mean square in the bins of the main lobe [unit^2], whether or not there is a line."""
+    """Mean square in the bins of the main lobe [unit^2], with or without a line."""
     prominence: float
-    """Height above the local floor [dB], whether or not there is a line."""
+    """Height above the local floor [dB], with or without a line."""
     present: bool
-    """Whether there is a line, as defined by `spectral_lines`."""
+    """True where there is a line, as defined by `spectral_lines`."""
 
 
 def power_spectral_density(signal, sampling_rate, *, axis=-1, window="hann", detrend="constant") -> Spectrum:
-    """One-sided power spectral density of evenly spaced samples, by one periodogram over the whole record.
+    """Computes the one-sided power spectral density of evenly spaced samples, by one periodogram of the record.
 
     With w the window and x the detrended signal, the density at f_k is 2 |sum_j w_j x_j exp(-2 pi i j k / N)|^2 /
     (sampling_rate sum_j w_j^2), without the 2 at zero and at the Nyquist frequency (`scipy.signal.periodogram`,
@@ -91,7 +91,7 @@ def power_spectral_density(signal, sampling_rate, *, axis=-1, window="hann", det
 
 
 def spectral_lines(spectrum: Spectrum, *, threshold=THRESHOLD, lobe=2, span=65, dynamic_range=DYNAMIC_RANGE) -> Lines:
-    """The lines of one spectrum.
+    """Finds the lines of one spectrum.
 
     A line is a local maximum of the density that falls by `DIP` on both sides and stands `threshold` above the local
     floor, the running median over `span` bins. Lines must therefore be about 4 `lobe` bins apart or more. Frequencies
@@ -122,7 +122,7 @@ def find_line(
     span=65,
     dynamic_range=DYNAMIC_RANGE,
 ) -> Line:
-    """Whether a spectrum shows a line at one frequency, and how strong it is.
+    """Tells whether a spectrum shows a line at one frequency, and how strong it is.
 
     **Arguments:** `frequency` [Hz]; `tolerance`: greatest distance of the line from it [Hz], by default one bin; the
     others as for `spectral_lines`, which also defines a line.
@@ -148,7 +148,7 @@ def find_line(
 
 
 def combination(m: int, n: int) -> str:
-    """The name of m f1 + n f2: "f1", "f1+2f2", "2f2-f1"; the positive term comes first."""
+    """Gives the name of m f1 + n f2: "f1", "f1+2f2", "2f2-f1"; the positive term comes first."""
     terms = [(count, f) for count, f in ((m, "f1"), (n, "f2")) if count]
     terms.sort(key=lambda term: term[0] < 0)
     signed = (("-" if count < 0 else "+") + (str(abs(count)) if abs(count) > 1 else "") + f for count, f in terms)
@@ -156,7 +156,7 @@ def combination(m: int, n: int) -> str:
 
 
 def name_lines(lines: Lines, f1, f2=None, max_order=6, tolerance=None) -> list[str | None]:
-    """The name of every line: the combination of the forcing frequencies that matches it.
+    """Names every line by the combination of the forcing frequencies that matches it.
 
     With two frequencies, the m f1 + n f2 of the least order |m| + |n| within `tolerance` ("f1", "2f2-f1"), and of
     equal orders the nearest. With one frequency, harmonics and sub-harmonics by the least denominator up to
@@ -196,7 +196,7 @@ def _fraction(frequency: float, f: float, order: int, within: float) -> str | No
 
 
 def _peaks(spectrum, threshold, lobe, span, dynamic_range):
-    """Density and floor of every bin [dB], and the bins where lines peak."""
+    """Gives density and floor of every bin [dB], and the bins where lines peak."""
     import scipy.ndimage
     import scipy.signal
 

@@ -32,20 +32,20 @@ from .work_precision import Point, mbdyn_points
 
 REFERENCE_STEPS = 12_800
 """Steps per period of the reference, RK4 with the event latch."""
-ENOUGH = 10.0
+ENOUGH_SECONDS = 10.0
 """Seconds of one point's timed runs after which it is not repeated."""
 SPREAD = 0.02
 """The batch's speeds reach from 1 - SPREAD to 1 + SPREAD times the scene's."""
-FIRST = 200
+FIRST_STEPS = 200
 """Adaptive runs begin each period with a step of one period over this."""
 
 
 def run(
     case: Case, method: Method, setting: float, speeds: np.ndarray, workers: int | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Integrates a batch period by period, its chunks side by side; in one chunk where `calls_lapack`.
+    """Integrates a batch period by period, its chunks concurrently; in one chunk where `calls_lapack`.
 
-    **Returns:** the states (lanes, periods, 10), and what each period took [s].
+    **Returns:** the states (lanes, periods, 10), and the time of each period [s].
     """
     scene = dataclasses.replace(case.scene, memory=method.memory)
     grid, options = Grid(scene, {"speed": speeds}, product=False), RunOptions(0, case.periods, 1, None, method.solver)
@@ -54,41 +54,41 @@ def run(
     if method.adaptive:
         # rtol, atol and norm are properties of it, and no arguments
         controller = AdaptiveSteps(jnp.asarray(setting))  # pyright: ignore[reportCallIssue]
-        stepping = ControlledSteps(1, FIRST, controller)
+        stepping = ControlledSteps(1, FIRST_STEPS, controller)
     else:
         stepping = ConstantSteps(steps=jnp.asarray(setting))  # an array: one program serves every number
     batches = [plan.cases.take(chunk.index) for chunk in chunks]
     states = [initial_states(*batch) for batch in batches]
 
     def one_period(batch, state, epoch):
-        done = advance(batch[0], state, epoch, stepping, solver=plan.solver, periods=1)
-        return jax.block_until_ready(done.state)
+        end = advance(batch[0], state, epoch, stepping, solver=plan.solver, periods=1)
+        return jax.block_until_ready(end.state)
 
-    kept, seconds = [], []
+    saved, seconds = [], []
     with ThreadPoolExecutor(threads) as pool:
-        side_by_side = pool.map if threads > 1 else map
+        over_chunks = pool.map if threads > 1 else map
         for k in range(case.periods):
             begin = time.perf_counter()
-            states = list(side_by_side(functools.partial(one_period, epoch=float(k)), batches, states))
+            states = list(over_chunks(functools.partial(one_period, epoch=float(k)), batches, states))
             seconds.append(time.perf_counter() - begin)
             ends = [coordinates(s)[: c.cases] for s, c in zip(states, chunks, strict=True)]
-            kept.append(np.concatenate(ends))
-    return np.stack(kept, axis=1), np.array(seconds)
+            saved.append(np.concatenate(ends))
+    return np.stack(saved, axis=1), np.array(seconds)
 
 
 def batch_speeds(case: Case, lanes: int) -> np.ndarray:
-    """Speeds [m/s] of a batch about the scene's own, which is the only one of a batch of one."""
+    """Gives the speeds [m/s] of a batch about the scene's own, which is the only one of a batch of one."""
     return float(case.scene.speed) * (1 + (np.linspace(-SPREAD, SPREAD, lanes) if lanes > 1 else np.zeros(1)))
 
 
 def errors(states: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Worst scaled error of each case, infinite where it is not finite; states are (cases, periods, 10)."""
+    """Gives the worst scaled error of each case, infinite where it is not finite; states are (cases, periods, 10)."""
     worst = np.max(np.abs(states - truth) / COORDINATE_SCALES, axis=(1, 2))
     return np.where(np.isfinite(worst), worst, np.inf)
 
 
 def cost_of(seconds: np.ndarray, lanes: int) -> tuple[float, float]:
-    """Best and median microseconds per trajectory and period from the periods' seconds (repeats, periods)."""
+    """Gives best and median microseconds per trajectory and period from the periods' seconds (repeats, periods)."""
     of = lambda pick: float(1e6 * np.mean(pick(seconds, axis=0)) / lanes)
     return of(np.min), of(np.median)
 
@@ -103,48 +103,49 @@ def measure(
     workers: int | None = None,
     settings: slice = slice(None),
 ) -> Iterator[Point]:
-    """The points of one scene.
+    """Measures the points of one scene.
 
     All errors come first. Then all costs are measured `repeats` times in rounds over all points, so that slow changes
-    of the machine's speed affect all points alike. After an interrupt the points are given that were timed once at
-    least, and it is raised again.
+    of the machine's speed affect all points alike. An interrupt is raised again after the points that were timed once
+    at least.
 
     **Arguments:** `batches`: numbers of trajectories to time, the first of which gives the errors; `repeats`: timed
-    runs of each, fewer where they take longer than `ENOUGH`; `workers`: threads, as for `sweep`; `settings`: which
-    of each method's settings.
+    runs of each, fewer where they take longer than `ENOUGH_SECONDS`; `workers`: threads, as for `sweep`; `settings`:
+    slice of each method's settings.
     """
     speeds = batch_speeds(case, batches[0])
     truth, _ = run(case, METHODS[0], float(reference_steps), speeds, workers)
-    found, runs = [], []
+    points, runs = [], []
     for method in methods:
         for value in method.settings[settings]:
             setting = method.setting(case, value)
             if not method.adaptive and setting > reference_steps / 2:
                 continue
-            some = {lanes: batch_speeds(case, lanes)[:: method.stride] for lanes in batches}
-            own = {n: functools.partial(run, case, method, setting, some[n], workers) for n in batches}
-            states = [go()[0] for go in own.values()]  # compiles, too
+            speeds_of = {lanes: batch_speeds(case, lanes)[:: method.stride] for lanes in batches}
+            of_point = {n: functools.partial(run, case, method, setting, speeds_of[n], workers) for n in batches}
+            states = [go()[0] for go in of_point.values()]  # compiles, too
             error = np.median(errors(states[0], truth[:: method.stride]))
-            found.append((method.name, method.label(case, value), error, {n: len(some[n]) for n in batches}))
-            runs.append(own)
-            print(f"{case.name}: {', '.join(found[-1][:2])}: error {found[-1][2]:.1e}", file=sys.stderr)
-    seconds, stop = [{lanes: [] for lanes in own} for own in runs], None
+            points.append((method.name, method.label(case, value), error, {n: len(speeds_of[n]) for n in batches}))
+            runs.append(of_point)
+            print(f"{case.name}: {', '.join(points[-1][:2])}: error {error:.1e}", file=sys.stderr)
+    seconds, interrupt = [{lanes: [] for lanes in of_point} for of_point in runs], None
+    # each round times every batch of every point once
     for k in range(repeats):
         try:
-            for own, mine in zip(runs, seconds, strict=True):
-                for lanes, go in own.items():
-                    if np.sum(mine[lanes]) < ENOUGH:
-                        mine[lanes].append(go()[1])
+            for of_point, times in zip(runs, seconds, strict=True):
+                for lanes, go in of_point.items():
+                    if np.sum(times[lanes]) < ENOUGH_SECONDS:
+                        times[lanes].append(go()[1])
         except KeyboardInterrupt as error:
-            stop = error
-            break  # what was timed until then counts
+            interrupt = error
+            break
         print(f"{case.name}: timed round {k + 1} of {repeats}", file=sys.stderr)
-    for (name, label, error, run_lanes), mine in zip(found, seconds, strict=True):
-        cost = {lanes: cost_of(np.array(taken), run_lanes[lanes]) for lanes, taken in mine.items() if taken}
+    for (name, label, error, run_lanes), times in zip(points, seconds, strict=True):
+        cost = {n: cost_of(np.array(of_batch), run_lanes[n]) for n, of_batch in times.items() if of_batch}
         if cost:
             yield Point(case.name, name, label, float(error), cost)
-    if stop is not None:
-        raise stop
+    if interrupt is not None:
+        raise interrupt
 
 
 def bench(
@@ -158,10 +159,10 @@ def bench(
 ) -> Iterator[tuple[list[Point], tuple[int, ...]]]:
     """Measures, and yields the points so far and the batch sizes whenever a scene is done, and after an interrupt.
 
-    **Arguments:** `quick`: two scenes, the methods marked so, and the batch alone; `cases`, `methods`: names of some
-    only; `batches`: numbers of trajectories to run at once, the first of which gives the errors, by default 241 and
-    1, and 241 where quick; `repeats`: timed runs of each point, by default 5, and 2 where
-    quick; `report`: called with each point.
+    **Arguments:** `quick`: two scenes, the methods marked so, and the batch alone; `cases`, `methods`: names, default
+    all; `batches`: numbers of trajectories to run at once, the first of which gives the errors, by default 241 and 1,
+    and 241 where quick; `repeats`: timed runs of each point, by default 5, and 2 where quick; `report`: called with
+    each point.
 
     **Raises:** `ValueError` where a name is unknown, before anything is measured.
     """
@@ -176,6 +177,7 @@ def bench(
 
 
 def _scenes(cases, methods, options, report):
+    """Measures scene after scene, and yields all points so far after each."""
     points, batches = [], options["batches"]
     shown = batches if 1 in batches else (*batches, 1)
     for case in cases:
@@ -192,11 +194,12 @@ def _scenes(cases, methods, options, report):
 
 
 def _named(argument: str, rows: Iterable[Any], names: Iterable[str] | None, otherwise: Callable) -> list:
+    """Gives the rows with some names, or those that meet a condition where there are no names."""
     rows = list(rows)
     if names is None:
         return [row for row in rows if otherwise(row)]
-    known = {row.name: row for row in rows}
+    by_name = {row.name: row for row in rows}
     for name in names:
-        if name not in known:
-            raise ValueError(f"Argument `{argument}` must be of {'; '.join(known)}, but has {name!r}.")
-    return [known[name] for name in names]
+        if name not in by_name:
+            raise ValueError(f"Argument `{argument}` must be of {'; '.join(by_name)}, but has {name!r}.")
+    return [by_name[name] for name in names]

@@ -1,10 +1,9 @@
-"""What the benchmark compares: scenes from easy to hard, and ways to integrate them.
+"""Scenes from easy to hard, and ways to integrate them, which the benchmark compares.
 
-A method is a row of `METHODS`: a solver, how the contact remembers its touchdowns, and the settings to go through,
+A method is a row of `METHODS`: a solver, the contact's memory of its touchdowns, and the settings to go through,
 which are numbers of steps or tolerances. To compare one more solver, add a row.
 """
 
-import dataclasses
 from typing import NamedTuple
 
 import diffrax
@@ -32,29 +31,25 @@ class Case(NamedTuple):
     start: Motion
 
 
-def _with_gravity(scene: Scene, gravity: float) -> Scene:
-    return dataclasses.replace(scene, gravity=gravity)
-
-
 def all_cases() -> list[Case]:
-    """The scenes, from easy to hard. All but the last have the same structure, and so share compiled programs."""
-    plain = lambda **options: _with_gravity(paper_scene(**options), 0.0)
+    """Makes the scenes, from easy to hard. All but the last have one structure, and so share compiled programs."""
+    weightless = lambda **options: paper_scene(**options).replace(gravity=0.0)
     still = dict(amplitude=0.0, roll_amplitude=0.0)
     resting = Motion(z=-5e-4, v_z=-1e-3, w_x=1e-2, w_y=1e-2)
     start = table_2_start()
     return [
-        Case("nominal", plain(), 6, start),
-        Case("V = 2300 m/s", plain(speed=2300.0), 6, start),
-        Case("C = 4 mm", plain(clearance=4e-3), 6, start),
-        Case("K = 1e10", plain(stiffness=1e10), 2, start),
-        Case("K = 1e12", plain(stiffness=1e12), 2, start),
-        Case("resting", _with_gravity(paper_scene(**still), 9.81), 6, resting),
-        Case("two waves", plain(speed=1500.0, wavelengths=(10.0, 12.0)), 6, start),
+        Case("nominal", weightless(), 6, start),
+        Case("V = 2300 m/s", weightless(speed=2300.0), 6, start),
+        Case("C = 4 mm", weightless(clearance=4e-3), 6, start),
+        Case("K = 1e10", weightless(stiffness=1e10), 2, start),
+        Case("K = 1e12", weightless(stiffness=1e12), 2, start),
+        Case("resting", paper_scene(**still).replace(gravity=9.81), 6, resting),
+        Case("two waves", weightless(speed=1500.0, wavelengths=(10.0, 12.0)), 6, start),
     ]
 
 
 class Method(NamedTuple):
-    """A way to integrate a scene."""
+    """Solver with a memory, and its settings."""
 
     name: str
     solver: diffrax.AbstractSolver
@@ -63,24 +58,24 @@ class Method(NamedTuple):
     """Steps per period as multiples of the scene's default; or tolerances of `AdaptiveSteps`, where `adaptive`."""
     adaptive: bool = False
     quick: bool = False
-    """Whether it is part of the quick run."""
+    """True where it is part of the quick run."""
 
     @property
     def stride(self) -> int:
-        """Which of a batch's cases are run: every one, or every sixteenth where LAPACK solves a system for each.
+        """Stride through a batch's cases: one, or sixteen where LAPACK solves a system for each.
 
         That takes milliseconds per case and period, however many there are.
         """
         return 16 if calls_lapack(self.solver) else 1
 
     def setting(self, case: Case, value: float) -> float:
-        """The number that the program is given: steps per period, or the tolerance."""
+        """Gives the number that the program takes: steps per period, or the tolerance."""
         if self.adaptive:
             return value
         return float(max(1, round(value * default_steps_per_period(case.scene))))
 
     def label(self, case: Case, value: float) -> str:
-        """How a setting is named in the table."""
+        """Gives the name of a setting in the table."""
         return f"tolerance {value:.0e}" if self.adaptive else f"{self.setting(case, value):.0f} steps"
 
 

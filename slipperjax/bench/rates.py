@@ -1,7 +1,7 @@
 """Trajectory-periods per second over the batch, on whatever JAX runs on: a CPU's cores, or a GPU.
 
 The same programs as in sweeps are timed: a period map of a batch, and the same with a tangent, as Lyapunov exponents
-need it. What a program asks of a device is counted in its optimised text: each fusion, reduction, copy or call in the
+need it. The kernels of a program are counted in its optimised text: each fusion, reduction, copy or call in the
 body of the loop over steps is one kernel there, on a GPU one launch.
 """
 
@@ -36,18 +36,18 @@ from ..tools.limits import cores
 
 BATCHES = (100, 1_000, 10_000, 100_000, 1_000_000)
 """Default batches."""
-STEPS = 50
+NOMINAL_STEPS = 50
 """Steps per forcing period: the default of the nominal scene."""
-PERIODS = 4
+CALL_PERIODS = 4
 """Forcing periods in a call."""
 ENGINES = ("RK4", "Rodas4", "Lyapunov")
-"""What is timed: two solvers, and RK4 with one tangent that is orthonormalised after each period."""
+"""Programs to time: two solvers, and RK4 with one tangent that is orthonormalised after each period."""
 EVALUATIONS = {"RK4": 4, "Rodas4": 7, "Lyapunov": 4}
 """Right-hand sides in a step: of Rodas4 its six stages and the one at the end."""
 LIMIT = 58e-9
 """Seconds of a right-hand side on one core of the machine of docs/speed.md, every operation running at full rate."""
-SECONDS = 1.0
-"""About how long a timing takes: calls are repeated until then, at least twice."""
+TIMING_SECONDS = 1.0
+"""Least time of a timing: calls are repeated until then, at least twice [s]."""
 KERNEL = re.compile(
     r"= (?:\(.*?\)|\S+) (fusion|reduce|copy|custom-call|call|dynamic-update-slice|gather|scatter|sort|while)\("
 )
@@ -55,10 +55,10 @@ KERNEL = re.compile(
 
 
 class Rate(NamedTuple):
-    """How fast one engine is with one batch."""
+    """Speed of one engine with one batch."""
 
     device: str
-    """What JAX ran on, and how many of its cores."""
+    """Device that JAX ran on, and the number of its cores."""
     engine: str
     batch: int
     rate: float
@@ -86,12 +86,12 @@ def throughput(
     """
     sizes = [whole("batches", batch, 1) for batch in (BATCHES if batches is None else batches)]
     names = [one_of("engines", name, ENGINES) for name in (ENGINES if engines is None else engines)]
-    found = []
+    rates = []
     for rate in _rates(sizes, names, beside_cpu and jax.default_backend() != "cpu"):
-        found.append(rate)
+        rates.append(rate)
         if report is not None:
             report(rate)
-    return found
+    return rates
 
 
 def _rates(batches: list[int], engines: list[str], beside_cpu: bool) -> Iterable[Rate]:
@@ -99,21 +99,21 @@ def _rates(batches: list[int], engines: list[str], beside_cpu: bool) -> Iterable
         for batch in batches:
             yield _timed(engine, batch)
     if beside_cpu:
-        asked = json.dumps(dict(batches=batches, engines=engines))
-        code = f"from slipperjax.bench.rates import print_rates; print_rates({asked!r})"
-        done = subprocess.run(
+        options = json.dumps(dict(batches=batches, engines=engines))
+        code = f"from slipperjax.bench.rates import print_rates; print_rates({options!r})"
+        process = subprocess.run(
             [sys.executable, "-c", code],
             env={**os.environ, "JAX_PLATFORMS": "cpu"},
             capture_output=True,
             text=True,
             check=True,
         )
-        yield from (Rate(*json.loads(line)) for line in done.stdout.splitlines())
+        yield from (Rate(*json.loads(line)) for line in process.stdout.splitlines())
 
 
-def print_rates(asked: str) -> None:
+def print_rates(options: str) -> None:
     """Prints the rates of this process as JSON, one per line, for `throughput` in another one."""
-    throughput(**json.loads(asked), report=lambda rate: print(json.dumps(rate), flush=True))
+    throughput(**json.loads(options), report=lambda rate: print(json.dumps(rate), flush=True))
 
 
 def _timed(engine: str, batch: int) -> Rate:
@@ -127,20 +127,20 @@ def _timed(engine: str, batch: int) -> Rate:
         call = lambda: list(pool.map(lambda k: jax.block_until_ready(run()), range(chunks)))
         call()
         times: list[float] = []
-        while len(times) < 2 or sum(times) < SECONDS:
+        while len(times) < 2 or sum(times) < TIMING_SECONDS:
             begin = time.perf_counter()
             call()
             times.append(time.perf_counter() - begin)
-    rate = lanes * chunks * PERIODS / statistics.median(times)
+    rate = lanes * chunks * CALL_PERIODS / statistics.median(times)
     share = None
     if backend == "cpu" and engine != "Lyapunov":
-        share = rate * STEPS * EVALUATIONS[engine] * LIMIT / threads
+        share = rate * NOMINAL_STEPS * EVALUATIONS[engine] * LIMIT / threads
     name = f"{jax.devices()[0].device_kind}, {threads} cores" if backend == "cpu" else jax.devices()[0].device_kind
     return Rate(name, engine, batch, rate, kernels_per_step(run.text()), share)
 
 
 class _Program:
-    """A compiled call on a batch, with its inputs."""
+    """Compiled call on a batch, with its inputs."""
 
     def __init__(self, fun: Callable, arguments: tuple):
         options = compiler_options(jax.default_backend())
@@ -151,7 +151,7 @@ class _Program:
         return self.compiled(*self.arguments)
 
     def text(self) -> str:
-        """The optimised program."""
+        """Gives the optimised program."""
         return self.compiled.as_text() or ""
 
 
@@ -160,33 +160,33 @@ def _program(engine: str, lanes: int) -> _Program:
     speeds = float(scene.speed) * np.linspace(0.98, 1.02, lanes)
     scenes, starts = Cases(scene, {"speed": speeds}, table_2_start()).take(np.arange(lanes))
     states = initial_states(scenes, starts)
-    solver, stepping = (Rodas4() if engine == "Rodas4" else RK4()), ConstantSteps(STEPS)
+    solver, stepping = (Rodas4() if engine == "Rodas4" else RK4()), ConstantSteps(NOMINAL_STEPS)
     if engine != "Lyapunov":
-        plain = functools.partial(advance.__wrapped__, stepping=stepping, solver=solver, periods=PERIODS)
-        return _Program(lambda scenes, states: plain(scenes, states, 0.0).state, (scenes, states))
+        untraced = functools.partial(advance.__wrapped__, stepping=stepping, solver=solver, periods=CALL_PERIODS)
+        return _Program(lambda scenes, states: untraced(scenes, states, 0.0).state, (scenes, states))
 
     first = lambda state: first_tangents(state, 1, tangent_weights(scene))
     tangents = jax.vmap(first)(states)
-    carried = functools.partial(advance_tangents.__wrapped__, stepping=stepping, solver=solver, periods=PERIODS)
-    with_tangents = lambda scenes, states, tangents: carried(scenes, states, tangents, jnp.asarray(0.0)).history
+    untraced = functools.partial(advance_tangents.__wrapped__, stepping=stepping, solver=solver, periods=CALL_PERIODS)
+    with_tangents = lambda scenes, states, tangents: untraced(scenes, states, tangents, jnp.asarray(0.0)).history
     return _Program(with_tangents, (scenes, states, tangents))
 
 
 def kernels_per_step(text: str) -> int | None:
-    """Kernels in the innermost loop of an optimised program, the one with most of them; None where there is none."""
+    """Counts the kernels of the innermost loop with most of them in an optimised program; None without a loop."""
     bodies = set(re.findall(r"body=%?([\w.\-]+)", text))
     parts = re.split(r"\n(?=(?:ENTRY )?%?[\w.\-]+ [({])", text)
     counts = []
     for part in parts:
         name = re.match(r"(?:ENTRY )?%?([\w.\-]+)", part)
-        found = KERNEL.findall(part)
-        if name and name[1] in bodies and "while" not in found:
-            counts.append(len(found))
+        kernels = KERNEL.findall(part)
+        if name and name[1] in bodies and "while" not in kernels:
+            counts.append(len(kernels))
     return max(counts, default=None)
 
 
 def rows(rates: Sequence[Rate]) -> list[str]:
-    """The rates as lines of a table in Markdown."""
+    """Gives the rates as lines of a table in Markdown."""
     require(rates, "rates", "hold a rate", rates)
     return table_lines(
         [

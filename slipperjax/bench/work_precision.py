@@ -35,26 +35,26 @@ MBDYN_MS = {"fastest settings": 24.3, "default Newton": 108.0}
 
 
 def mbdyn_points(scenes: Iterable[str]) -> list[Point]:
-    """MBDyn's points for scenes by name. They are quoted, not measured by the benchmark."""
+    """Gives MBDyn's points for scenes by name. They are quoted, not measured by the benchmark."""
     return [
-        Point(scene, MBDYN_NAME, f"1000 steps, {how}", MBDYN[scene], {1: (1e3 * ms,) * 2})
+        Point(scene, MBDYN_NAME, f"1000 steps, {settings}", MBDYN[scene], {1: (1e3 * ms,) * 2})
         for scene in scenes
         if scene in MBDYN
-        for how, ms in MBDYN_MS.items()
+        for settings, ms in MBDYN_MS.items()
     ]
 
 
 def cost_at(points: Iterable[Point], error: float, lanes: int) -> float:
-    """Microseconds per trajectory and period at which a method reaches an error, by its best times.
+    """Gives the microseconds per trajectory and period at which a method reaches an error, by its best times.
 
     Between points logarithms are interpolated; infinite where no point is that accurate.
     """
-    known = sorted((p.error, p.cost[lanes][0]) for p in points if lanes in p.cost and np.isfinite(p.error))
-    reach = [(e, c) for e, c in known if e <= error]
-    if not reach:
+    rows = sorted((p.error, p.cost[lanes][0]) for p in points if lanes in p.cost and np.isfinite(p.error))
+    accurate = [(e, c) for e, c in rows if e <= error]
+    if not accurate:
         return float("inf")
-    best = min(c for _, c in reach)
-    for (e0, c0), (e1, c1) in itertools.pairwise(known):
+    best = min(c for _, c in accurate)
+    for (e0, c0), (e1, c1) in itertools.pairwise(rows):
         if e0 <= error < e1 and c1 < c0:
             share = np.log(error / e0) / np.log(e1 / e0)
             best = min(best, float(np.exp((1 - share) * np.log(c0) + share * np.log(c1))))
@@ -62,7 +62,7 @@ def cost_at(points: Iterable[Point], error: float, lanes: int) -> float:
 
 
 def table(points: list[Point], batches: tuple[int, ...]) -> str:
-    """All points as a Markdown table, then what an error of 1e-3 costs."""
+    """Gives all points as a Markdown table, then the cost of an error of 1e-3."""
     shown = lambda p, n: f"{p.cost[n][0]:.3g} ({p.cost[n][1]:.3g})" if n in p.cost else "-"
     every = [
         dict(scene=p.case, method=p.method, setting=p.setting, error=f"{p.error:.1e}")
@@ -101,7 +101,7 @@ def draw(
     *,
     others: Mapping[str, tuple[str, str]] = OTHERS,
 ) -> Any:
-    """Error against cost on one scene: a few methods, labelled at their lines. See `draw_all` for everything.
+    """Draws error against cost on one scene: a few methods, labelled at their lines. See `draw_all` for all.
 
     **Arguments:** `batches`: the first is drawn; `scene`: by name, the first measured one where it has no points;
     `others`: as `OTHERS`. Where none of `SHOWN` was measured, the methods that were are drawn instead.
@@ -135,9 +135,9 @@ def draw(
 
 
 def _curve(points: Iterable[Point], lanes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Cost and error of the points that can be drawn on logarithmic axes."""
-    found = [(p.cost[lanes][0], p.error) for p in points if lanes in p.cost and 0 < p.error < np.inf]
-    cost, error = np.array(found).reshape(-1, 2).T
+    """Gives cost and error of the points that can be drawn on logarithmic axes."""
+    rows = [(p.cost[lanes][0], p.error) for p in points if lanes in p.cost and 0 < p.error < np.inf]
+    cost, error = np.array(rows).reshape(-1, 2).T
     return cost, error
 
 
@@ -154,15 +154,15 @@ def _label(ax: Any, drawn: list[tuple[str, str, np.ndarray, bool]]) -> None:
         label = ax.annotate(text, data[0], (0, 0), textcoords="offset points", color=color, fontsize=8)
         label.set_in_layout(False)
 
-        def put(place: Any, label: Any = label) -> Any:
+        def put(position: Any, label: Any = label) -> Any:
             """Moves the label to an offset from a point, and gives its box in pixels."""
-            label.xy, (ha, va, x, y) = place
+            label.xy, (ha, va, x, y) = position
             label.set(position=(x, y), ha=ha, va=va)
             return label.get_window_extent()
 
-        def hidden(place: Any, put: Callable = put) -> Any:
-            """Points of curves under the label; other labels, and the outside of the frame, count for many."""
-            box = put(place)
+        def hidden(position: Any, put: Callable = put) -> Any:
+            """Counts points of curves under the label; other labels, and the outside of the frame, count for many."""
+            box = put(position)
             outside = frame.count_contains(box.corners()) < 4
             return box.padded(2).count_contains(ink) + 1000 * (sum(map(box.overlaps, boxes)) + outside)
 
@@ -181,17 +181,17 @@ _OFFSETS = (
 
 
 def _dense(at: np.ndarray) -> np.ndarray:
-    """Points (n, 2) on a polygon of straight lines."""
+    """Gives points (n, 2) on a polygon of straight lines."""
     where = np.linspace(0, len(at) - 1, 40 * len(at))
     return np.stack([np.interp(where, np.arange(len(at)), column) for column in at.T], axis=1)
 
 
 LINES = {"full": "-", "dashed": "--", "dotted": ":"}
-"""Line styles of the batches in `draw_all`, by what they are called."""
+"""Line styles of the batches in `draw_all`, by their names."""
 
 
 def draw_all(points: list[Point], batches: tuple[int, ...]) -> Any:
-    """Error against cost of every method, one panel per scene; full lines for the first batch, dashed for the next.
+    """Draws error against cost of every method, a panel per scene, with full, dashed and dotted lines for batches.
 
     **Returns:** the axes, an array.
     """

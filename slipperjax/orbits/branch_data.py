@@ -7,17 +7,17 @@ import jax
 import numpy as np
 
 from ..analysis.continuation import Branch
-from ..analysis.events import MEANINGS, Event
+from ..analysis.events import CRITICAL_DISTANCE, MEANINGS, Event
 from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.series import SectionPoints, Sections, Strobe, coordinates
 from ..model.dynamics import State
 from ..model.paths import parameter
 from ..model.scene import Scene
-from .signature import Grazing, Signature
+from .signature import Grazing, Signature, contact_names
 
 
-class View(NamedTuple):
-    """What is looked at on each orbit of a branch."""
+class OrbitView(NamedTuple):
+    """Contacts and sections of one orbit of a branch."""
 
     grazing: Grazing
     signature: Signature
@@ -26,27 +26,26 @@ class View(NamedTuple):
 
 
 class BranchEvent(NamedTuple):
-    """Something that happens on a branch."""
+    """A bifurcation, grazing or end point of a branch."""
 
     label: str
     """One of `slipperjax.analysis.events.MEANINGS`."""
     value: float
     """The parameter's value there [its SI unit]."""
     low: float
-    """The values between which it lies."""
+    """Lower bound of it."""
     high: float
+    """Upper bound of it."""
     multiplier: complex
     """The critical multiplier [1]; NaN where there is none."""
     converged: bool
     note: str
     point: int
-    """Its place among the branch's points."""
+    """Its index among the branch's points."""
 
 
 BIFURCATIONS = ("LP", "PD", "NS", "BP")
 """Events with a critical multiplier."""
-NEAR = 1e-6
-"""Distance from the unit circle within which a multiplier is critical there [1]."""
 FIELDS = {
     "value": "parameter's value at the event",
     "low": "lower bound of it",
@@ -59,15 +58,15 @@ FIELDS = {
 
 
 def branch_dataset(branch: Branch, scene: Scene, name: str, states: State, call: Mapping[str, Any]) -> Any:
-    """A branch as an `xarray.Dataset`, from which it can be made again.
+    """Makes an `xarray.Dataset` of a branch, from which the branch can be made again.
 
     **Arguments:** `scene`, `name`: the scene and its parameter that varies; `states`: those of the points, with a
     leading axis; `call`: arguments of `continue_orbit`.
     """
     import xarray as xr
 
-    nodes, known = branch.nodes, parameter(name, scene)
-    views = [node.seen.data for node in nodes]
+    nodes, varied = branch.nodes, parameter(name, scene)
+    views: list[OrbitView] = [node.view.data for node in nodes]
     z = np.array([node.spot.z for node in nodes])
 
     def of_points(values: Sequence[Any], text: str, unit: str = "1", dims: tuple[str, ...] = ()) -> tuple:
@@ -76,7 +75,7 @@ def branch_dataset(branch: Branch, scene: Scene, name: str, states: State, call:
     multipliers = np.array([node.multipliers for node in nodes])
     # at a bifurcation rounding decides on which side the critical multiplier lies
     critical = np.array([node.label in BIFURCATIONS for node in nodes])
-    outside = np.sum(np.abs(multipliers) > 1 + NEAR * critical[:, None], axis=1)
+    outside = np.sum(np.abs(multipliers) > 1 + CRITICAL_DISTANCE * critical[:, None], axis=1)
     data = {
         "state": of_points(z[:, :-1], "all numbers of the state, as in slipperjax.State", dims=("number",)),
         "tangent": of_points(
@@ -102,7 +101,7 @@ def branch_dataset(branch: Branch, scene: Scene, name: str, states: State, call:
     sections, _ = Sections().label(scene, ("point",), together)
     strobe, coords = Strobe().label(scene, ("point",), coordinates(states)[:, None])
     coords |= {
-        name: ("point", z[:, -1], known.attributes),
+        name: ("point", z[:, -1], varied.attributes),
         "end": ["front", "rear"],
         "contact": list(scene.section.names),
     }
@@ -115,7 +114,7 @@ def branch_dataset(branch: Branch, scene: Scene, name: str, states: State, call:
         "next_steps": [end.step for end in branch.ends],
     }
     return xr.Dataset(
-        data | sections | strobe | _event_variables(events_of(branch, scene), known.unit), coords, attrs
+        data | sections | strobe | _event_variables(events_of(branch, scene), varied.unit), coords, attrs
     )
 
 
@@ -127,32 +126,23 @@ def _texts(words: Any) -> np.ndarray:
 
 
 def events_of(branch: Branch, scene: Scene) -> tuple[BranchEvent, ...]:
-    """The events of a branch, with the touchdowns that a grazing changes in words."""
+    """Gives the events of a branch, with the touchdowns that a grazing changes in words."""
     # by identity: a bound and a grazing may share a value
-    places = {id(node.spot.z): k for k, node in enumerate(branch.nodes)}
-    found = []
+    index = {id(node.spot.z): k for k, node in enumerate(branch.nodes)}
+    events = []
     for event in branch.events:
-        notes = [*_touches(event, scene), *([event.note] if event.note else [])]
-        spot, value = event.node.spot, float(event.node.spot.z[-1])
-        found.append(
-            BranchEvent(
-                event.label,
-                value,
-                event.low,
-                event.high,
-                event.multiplier,
-                event.converged,
-                "; ".join(notes),
-                places[id(spot.z)],
-            )
+        z, note = event.node.spot.z, "; ".join([*_touches(event, scene), *([event.note] if event.note else [])])
+        bounds = event.low, event.high
+        events.append(
+            BranchEvent(event.label, float(z[-1]), *bounds, event.multiplier, event.converged, note, index[id(z)])
         )
-    return tuple(found)
+    return tuple(events)
 
 
 def _touches(event: Event, scene: Scene) -> list[str]:
-    """What a grazing changes, in the direction of the branch."""
-    names = [f"{name}{end}" for end in (1, 2) for name in scene.section.names]
-    view: View | None = event.node.seen.data
+    """Gives the touchdowns that a grazing changes, in words, in the direction of the branch."""
+    names = contact_names(scene)
+    view: OrbitView | None = event.node.view.data
     if view is None:
         return []
     return [
@@ -163,6 +153,7 @@ def _touches(event: Event, scene: Scene) -> list[str]:
 
 
 def _event_variables(events: Sequence[BranchEvent], unit: str) -> dict[str, Any]:
+    """Gives the variables of the table of events."""
     critical = np.array([event.multiplier for event in events], complex)
     words = lambda text: {"units": unit if text in ("value", "low", "high") else "1", "long_name": FIELDS[text]}
     data: dict[str, Any] = {f"event_{name}": ("event", _column(events, name), words(name)) for name in FIELDS}
@@ -179,19 +170,8 @@ def _column(events: Sequence[BranchEvent], name: str) -> np.ndarray:
 
 
 def events_from(ds: Any) -> tuple[BranchEvent, ...]:
-    """The events of a branch's dataset."""
-    columns = {name: ds[f"event_{name}"].values for name in ("label", *FIELDS)}
-    critical = ds["event_multiplier_real"].values + 1j * ds["event_multiplier_imag"].values
-    return tuple(
-        BranchEvent(
-            str(columns["label"][k]),
-            float(columns["value"][k]),
-            float(columns["low"][k]),
-            float(columns["high"][k]),
-            complex(critical[k]),
-            bool(columns["converged"][k]),
-            str(columns["note"][k]),
-            int(columns["point"][k]),
-        )
-        for k in range(len(critical))
-    )
+    """Reads the events of a branch's dataset."""
+    columns = {name: ds[f"event_{name}"].values.tolist() for name in ("label", *FIELDS)}
+    columns["multiplier"] = (ds["event_multiplier_real"].values + 1j * ds["event_multiplier_imag"].values).tolist()
+    rows = zip(*(columns[name] for name in BranchEvent._fields), strict=True)
+    return tuple(BranchEvent(*row) for row in rows)

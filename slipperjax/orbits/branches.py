@@ -28,12 +28,12 @@ from ..solvers.named import resolve_solver
 from ..tools.checks import brief, number, positive, shown_number, whole
 from ..tools.compile import call_compiled
 from ..tools.files import write_whole
-from .branch_data import BranchEvent, View, branch_dataset, events_from
+from .branch_data import BranchEvent, OrbitView, branch_dataset, events_from
 from .motions import SlipperMotions, check_forcing, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit, periodic_orbit
 from .signature import Gaps, GapSamples, grazing, signature
 
-PACE = Pace(first=0.02, least=1e-6, most=0.3)
+BRANCH_PACE = Pace(first=0.02, least=1e-6, most=0.3)
 """Steps along a branch: 1 is the whole range of the parameter, or 1 mm, 10 mrad, 1 m/s, 10 rad/s of the state."""
 
 FINER = 4
@@ -53,12 +53,12 @@ class OrbitBranch:
 
     @property
     def scene(self) -> Scene:
-        """The scene whose parameter varies."""
+        """Scene whose parameter varies."""
         return load_base(self.points)[0]
 
     @property
     def parameter(self) -> Parameter:
-        """The parameter that varies."""
+        """Parameter that varies."""
         return parameter(load_call(self.points)["parameter"], self.scene)
 
     @property
@@ -68,32 +68,32 @@ class OrbitBranch:
 
     @property
     def events(self) -> tuple[BranchEvent, ...]:
-        """What happens on the branch, in the order of its points."""
+        """Events of the branch, in the order of its points."""
         return events_from(self.points)
 
     def events_named(self, label: str) -> tuple[BranchEvent, ...]:
-        """The events with a label such as "PD"."""
+        """Gives the events with a label such as "PD"."""
         return tuple(event for event in self.events if event.label == label)
 
     def __repr__(self) -> str:
         return self.summary()
 
     def summary(self) -> str:
-        """The branch in words, with a table of its events."""
-        known, ds = self.parameter, self.points
-        values = ds[known.name].values
-        shown = lambda value: f"{known.shown(value):.8g}"
+        """Gives the branch in words, with a table of its events."""
+        varied, ds = self.parameter, self.points
+        values = ds[varied.name].values
+        shown = lambda value: f"{varied.shown(value):.8g}"
         reasons = [reason or "start" for reason in ds.attrs["ended"]]
         ends = [f"{shown(values[k])} ({reason})" for k, reason in zip((0, -1), reasons, strict=True)]
-        title = f"{known.name} [{known.display_unit}]"
+        title = f"{varied.name} [{varied.display_unit}]"
         lines = [
-            f"OrbitBranch of period {self.period} over {known.name}: {len(values)} points, "
-            f"{int(np.sum(ds['stable'].values))} stable, from {ends[0]} to {ends[1]} {known.display_unit}",
+            f"OrbitBranch of period {self.period} over {varied.name}: {len(values)} points, "
+            f"{int(np.sum(ds['stable'].values))} stable, from {ends[0]} to {ends[1]} {varied.display_unit}",
             f"  {'label':5}  {title:>20}  {'+-':>7}  {'multiplier':>22}  outside",
         ]
         outside = ds["outside"].values
         for event in self.events:
-            mu, error = event.multiplier, known.shown(event.high - event.low) / 2
+            mu, error = event.multiplier, varied.shown(event.high - event.low) / 2
             critical = "" if np.isnan(mu.real) else f"{mu.real:.5f}" + (f"{mu.imag:+.5f}i" if mu.imag else "")
             sure = f"{error:.0e}" if event.converged else "unsure"
             lines.append(
@@ -107,24 +107,23 @@ class OrbitBranch:
         write_whole(Path(path), self.points.to_netcdf(engine="h5netcdf"))
 
     def orbit(self, point: int | BranchEvent) -> PeriodicOrbit:
-        """The orbit at a point, or at an event."""
+        """Gives the orbit at a point, or at an event."""
         ds = self.points.isel(point=point.point if isinstance(point, BranchEvent) else point)
-        call = load_call(self.points)
-        found = ds["multiplier_real"].values + 1j * ds["multiplier_imag"].values
+        run = _Run.again(self, None)
         return PeriodicOrbit(
-            self.parameter.replaced(self.scene, ds[self.parameter.name].values),
-            self._like(ds["state"].values),
-            jnp.asarray(found),
-            jnp.asarray(ds["residual"].values),
-            jnp.asarray(ds["iterations"].values),
-            jnp.asarray(0),
-            self.period,
-            call["steps_per_period"],
-            call["solver"],
+            scene=self.parameter.replaced(self.scene, ds[self.parameter.name].values),
+            state=run.equations.state(jnp.asarray(ds["state"].values)),
+            multipliers=jnp.asarray(ds["multiplier_real"].values + 1j * ds["multiplier_imag"].values),
+            residual=jnp.asarray(ds["residual"].values),
+            iterations=jnp.asarray(ds["iterations"].values),
+            status=jnp.asarray(0),
+            period=self.period,
+            steps_per_period=run.steps,
+            solver=run.solver,
         )
 
     def extended(self, bounds: tuple[float, float] | None = None, **options: Any) -> "OrbitBranch":
-        """The branch followed further: where it was interrupted, met an event of `until`, ended for the number of its
+        """Follows the branch further: where it was interrupted, met an event of `until`, ended for the number of its
         points, or met a bound.
 
         **Arguments:** `bounds`: of the parameter, default as before; `options`: `points`, `until` and `progress` of
@@ -136,49 +135,48 @@ class OrbitBranch:
     def switched(
         self, event: BranchEvent, *, bounds: tuple[float, float] | None = None, **options: Any
     ) -> "OrbitBranch":
-        """The branch that leaves at a flip, of twice the period, or at a branch point.
+        """Follows the branch that leaves at a flip, of twice the period, or at a branch point.
 
         **Arguments:** as for `extended`.
 
-        **Raises:** `ValueError` for other events, or where no orbit is found beside this branch.
+        **Raises:** `ValueError` for other events, or where no orbit is found off this branch.
         """
         run = _Run.again(self, bounds)
         node = self.branch.nodes[event.point]
         equations, spot = switch(self.branch, _analysed(event, node))
         run = dataclasses.replace(run, equations=equations)
-        return run.follow(lambda **how: continue_motion(equations, spot, run.bounds, ways=(1,), **how), **options)
+        walk = lambda **settings: continue_motion(equations, spot, run.bounds, ways=(1,), **settings)
+        return run.follow(walk, **options)
 
     @property
     def branch(self) -> Branch:
-        """The branch as `slipperjax.analysis` has it; that of a file is computed once more at its points."""
+        """Branch as `slipperjax.analysis` has it; that of a file is computed once more at its points."""
         if self._branch is not None:
             return self._branch
         run, ds = _Run.again(self, None), self.points
         z = np.column_stack([ds["state"].values, ds[self.parameter.name].values])
-        weights = np.array([np.asarray(run.equations.weights(jnp.asarray(one))[1]) for one in z])
+        weights = np.array([np.asarray(run.equations.weights(jnp.asarray(unknowns))[1]) for unknowns in z])
         rows = weights**2 * ds["tangent"].values
         nodes = []
-        for place, row, label in zip(z, rows, ds["label"].values, strict=True):
-            spot = jax.device_get(correct(run.equations, place, row, tolerance=1.0))
+        for unknowns, row, label in zip(z, rows, ds["label"].values, strict=True):
+            spot = jax.device_get(correct(run.equations, unknowns, row, tolerance=1.0))
             nodes.append(as_node(spot, run.observe)._replace(label=str(label)))
         events = tuple(_analysed(event, nodes[event.point]) for event in self.events)
         ends = tuple(map(End, ds.attrs["ended"], np.asarray(ds.attrs["next_steps"], float).tolist()))
-        found = Branch(run.equations, tuple(nodes), events, (ends[0], ends[1]))
-        object.__setattr__(self, "_branch", found)
-        return found
-
-    def _like(self, numbers: Any) -> State:
-        return _Run.again(self, None).equations.state(jnp.asarray(numbers))
+        branch = Branch(run.equations, tuple(nodes), events, (ends[0], ends[1]))
+        object.__setattr__(self, "_branch", branch)  # a cache in a frozen dataclass
+        return branch
 
 
 def _analysed(event: BranchEvent, node: Node) -> Event:
+    """Gives an event as `slipperjax.analysis` has it."""
     return Event(event.label, node, event.low, event.high, event.multiplier, event.converged, event.note)
 
 
 def load_branch(source: Any) -> OrbitBranch:
-    """A branch from a netCDF file or the dataset of one.
+    """Loads a branch from a netCDF file, or from the dataset of one.
 
-    **Raises:** `ValueError` for what is no branch; `OSError` for a file that cannot be read.
+    **Raises:** `ValueError` for other files and datasets; `OSError` for a file that cannot be read.
     """
     ds = dataset_of(source)
     if "call" not in ds.attrs or load_call(ds)["function"] != "continue_orbit":
@@ -188,7 +186,7 @@ def load_branch(source: Any) -> OrbitBranch:
 
 @dataclasses.dataclass(frozen=True)
 class _Run:
-    """How a branch is computed."""
+    """Settings with which a branch is computed."""
 
     scene: Scene
     name: str
@@ -200,6 +198,7 @@ class _Run:
 
     @classmethod
     def new(cls, scene, name, bounds, period, steps, solver, tolerance, like) -> "_Run":
+        """Makes those of a new branch."""
         stepping = flexible_steps(steps)
         reach = (bounds[1] - bounds[0],)
         equations = slipper_motions(scene, (name,), reach, like, stepping=stepping, solver=solver, period=period)
@@ -207,64 +206,70 @@ class _Run:
 
     @classmethod
     def again(cls, branch: OrbitBranch, bounds: tuple[float, float] | None) -> "_Run":
-        """As before, with other bounds."""
+        """Makes those of a branch, with other bounds. Lengths along the branch stay those of the first bounds."""
         call, (scene, start) = load_call(branch.points), load_base(branch.points)
-        before = tuple(call["bounds"])
-        name, period = call["parameter"], branch.period
-        how = call["steps_per_period"], call["solver"], call["tolerance"]
-        found = cls.new(scene, name, before, period, *how, initial_state(scene, start))
-        return found if bounds is None else dataclasses.replace(found, bounds=bounds_of(branch.parameter, bounds))
+        settings = call["steps_per_period"], call["solver"], call["tolerance"]
+        first = tuple(call["bounds"])
+        run = cls.new(scene, call["parameter"], first, branch.period, *settings, initial_state(scene, start))
+        return run if bounds is None else dataclasses.replace(run, bounds=bounds_of(branch.parameter, bounds))
 
     def observe(self, spot: Spot) -> Observation:
-        """Looks at an orbit's contacts and sections."""
-        step = self.equations.family
+        """Observes the contacts and sections of an orbit."""
+        # the same equations with samples inside the periods, as one program for all points
         stepping = flexible_steps(self.steps, inside=True)
-        look = dataclasses.replace(self.equations, family=dataclasses.replace(step, stepping=stepping))
+        equations = dataclasses.replace(
+            self.equations, family=dataclasses.replace(self.equations.family, stepping=stepping)
+        )
         sections = Sections()
         records = RecordSet((GapSamples(), sections))
-        ((gap, rate), crossed), period = call_compiled(_viewed, look, (records,), jnp.asarray(spot.z))
+        ((gap, rate), crossed), period = call_compiled(_samples, equations, (records,), jnp.asarray(spot.z))
         one_case = jax.tree.map(lambda a: np.asarray(a)[None], crossed)
         span = RecordedSpan(self.equations.intervals, self.steps, 0.0, np.zeros(1, int))
         crossings = jax.tree.map(lambda a: a[0], sections.finish(None, one_case, span))
         gaps = Gaps.of(gap, rate, self.steps, float(period))
-        near = grazing(gaps)
-        view = View(near, signature(self.scene, gaps), crossings)
-        return Observation(tuple(near.touchdowns.tolist()), tuple(near.margin.tolist()), view)
+        touches = grazing(gaps)
+        view = OrbitView(touches, signature(self.scene, gaps), crossings)
+        return Observation(tuple(touches.touchdowns.tolist()), tuple(touches.margin.tolist()), view)
 
     def follow(
         self, walk: Any, *, points: int = 400, until: Sequence[str] = (), progress: bool = False
     ) -> OrbitBranch:
-        """What `walk` finds, as a result."""
-        known = parameter(self.name, self.scene)
-        with Bar(progress, f"branch over {known.name}", known) as bar:
+        """Gives the branch that `walk` makes as a result; after Ctrl-C raises `Interrupted` with it."""
+        varied, until = parameter(self.name, self.scene), labels(until)
+        with Bar(progress, f"branch over {varied.name}", varied) as bar:
             show = lambda node: bar.show(node.spot.z[-1])
-            how: dict[str, Any] = dict(tolerance=self.tolerance, pace=PACE, points=points, until=labels(until))
-            found = walk(observe=self.observe, on_point=show, **how)
-        states = jax.vmap(self.equations.state)(jnp.asarray(np.array([node.spot.z for node in found.nodes])))
+            settings: dict[str, Any] = dict(tolerance=self.tolerance, pace=BRANCH_PACE, points=points, until=until)
+            branch = walk(observe=self.observe, on_point=show, **settings)
+        states = jax.vmap(self.equations.state)(jnp.asarray(np.array([node.spot.z for node in branch.nodes])))
         call = dict(
             bounds=list(self.bounds),
-            period=found.equations.intervals,
+            period=branch.equations.intervals,
             steps_per_period=self.steps,
             solver=self.solver,
             tolerance=self.tolerance,
         )
-        result = OrbitBranch(branch_dataset(found, self.scene, self.name, states, call), found)
-        if "interrupted" in found.ended:
-            raise Interrupted(result, result.points.sizes["point"], unit="points")
-        return result
+        return finished(OrbitBranch(branch_dataset(branch, self.scene, self.name, states, call), branch))
 
 
-def _viewed(equations: SlipperMotions, static: tuple, z: Any) -> tuple:
+def _samples(equations: SlipperMotions, static: tuple, z: Any) -> tuple:
+    """Gives the samples of records along an orbit, and the length of a period [s]."""
     step: PeriodMap = equations.step(z)  # type: ignore[assignment]
     passage = step.run(equations.state(z), periods=equations.intervals, records=static[0])
     return passage.samples, step.scene.period
 
 
-class Bar:
-    """A progress bar of points; Ctrl-C of a command is heard at each."""
+def finished(result: Any) -> Any:
+    """Gives a branch or curve back; raises `Interrupted` with it where it ended by Ctrl-C."""
+    if "interrupted" in result.points.attrs["ended"]:
+        raise Interrupted(result, result.points.sizes["point"], unit="points")
+    return result
 
-    def __init__(self, shown: bool, text: str, known: Parameter):
-        self.known, self.bar = known, None
+
+class Bar:
+    """Progress bar of points, at each of which Ctrl-C of a command is polled."""
+
+    def __init__(self, shown: bool, text: str, varied: Parameter):
+        self.varied, self.bar = varied, None
         if shown:  # in a notebook without widgets the import alone gives a warning
             from tqdm.auto import tqdm
 
@@ -278,39 +283,50 @@ class Bar:
             self.bar.close()
 
     def show(self, value: Any) -> None:
-        """One more point, with this value of the parameter [SI unit]."""
+        """Counts one more point, with this value of the parameter [SI unit]."""
         if ASKED.is_set():
             raise KeyboardInterrupt
         if self.bar is None:
             return
-        self.bar.set_postfix_str(f"{self.known.shown(float(value)):.6g} {self.known.display_unit}", refresh=False)
+        self.bar.set_postfix_str(f"{self.varied.shown(float(value)):.6g} {self.varied.display_unit}", refresh=False)
         self.bar.update()
 
 
-def bounds_of(known: Parameter, bounds: Any) -> tuple[float, float]:
-    """Two values of a parameter, the smaller first; raises `ValueError` for others."""
+def bounds_of(varied: Parameter, bounds: Any) -> tuple[float, float]:
+    """Gives two values of a parameter, the smaller first; raises `ValueError` for others."""
     if not (isinstance(bounds, Sequence | np.ndarray) and len(bounds) == 2 and float(bounds[0]) < float(bounds[1])):
         raise ValueError(
-            f"Argument `bounds` must be two values of {known.name} [{known.unit}], the smaller first, but is "
+            f"Argument `bounds` must be two values of {varied.name} [{varied.unit}], the smaller first, but is "
             f"{bounds!r}."
         )
-    low, high = (float(known.checked(value)) for value in bounds)
+    low, high = (float(varied.checked(value)) for value in bounds)
     return low, high
 
 
+def value_within(scene: Scene, name: str, varied: Parameter, bounds: tuple[float, float]) -> float:
+    """Gives the scene's value of a parameter; raises `ValueError` where it lies outside the bounds."""
+    value = float(scene.value(name))
+    if not bounds[0] <= value <= bounds[1]:
+        raise ValueError(
+            f"Argument `bounds` must hold the scene's {name}, {shown_number(value)} {varied.unit}, but is "
+            f"{shown_number(bounds[0])} to {shown_number(bounds[1])}."
+        )
+    return value
+
+
 def labels(until: Any) -> tuple[str, ...]:
-    """Labels of events; raises `ValueError` for others."""
-    known = tuple(label for label in MEANINGS if label not in ("EP", "MX"))
-    if isinstance(until, str) or not all(label in known for label in until):
-        raise ValueError(f"Argument `until` must be a tuple of labels of {', '.join(known)}, but is {until!r}.")
+    """Gives labels of events; raises `ValueError` for others."""
+    choices = tuple(label for label in MEANINGS if label not in ("EP", "MX"))
+    if isinstance(until, str) or not all(label in choices for label in until):
+        raise ValueError(f"Argument `until` must be a tuple of labels of {', '.join(choices)}, but is {until!r}.")
     return tuple(until)
 
 
-def steps_of_branch(scene: Scene, known: Parameter, bounds: tuple[float, float], steps: int | None) -> int:
-    """Integration steps per forcing period of a branch, as given or by default, see `continue_orbit`."""
+def steps_of_branch(scene: Scene, varied: Parameter, bounds: tuple[float, float], steps: int | None) -> int:
+    """Gives the integration steps per forcing period of a branch, as given or by default, see `continue_orbit`."""
     if steps is not None:
         return whole("steps_per_period", steps, 1)
-    at = (scene, *(known.replaced(scene, value) for value in bounds))
+    at = (scene, *(varied.replaced(scene, value) for value in bounds))
     return FINER * max(default_steps(one, None) for one in at)
 
 
@@ -328,7 +344,7 @@ def continue_orbit(
     until: Sequence[str] = (),
     progress: bool = False,
 ) -> OrbitBranch:
-    """Follows an orbit through a parameter both ways, stable or not, past folds, and names what happens on the way.
+    """Follows an orbit through a parameter both ways, stable or not, past folds, and names and locates events.
 
     Folds (LP), flips (PD), Neimark-Sackers (NS) and branch points (BP) are detected by the multipliers, grazings (GR)
     by the touchdowns of each contact point and by extremes of its gap within steps; all are located, and no grazing
@@ -351,21 +367,15 @@ def continue_orbit(
     """
     check_scene(scene)
     check_forcing(scene)
-    known = parameter(name, scene)
-    bounds, until = bounds_of(known, bounds), labels(until)
+    varied = parameter(name, scene)
+    bounds, until = bounds_of(varied, bounds), labels(until)
     tolerance, points = number(positive, "tolerance", tolerance), whole("points", points, 1)
-    value = float(scene.value(name))
-    if not bounds[0] <= value <= bounds[1]:
-        raise ValueError(
-            f"Argument `bounds` must hold the scene's {name}, {shown_number(value)} {known.unit}, but is "
-            f"{shown_number(bounds[0])} to {shown_number(bounds[1])}."
-        )
-    solver = resolve_solver(scene, solver)
-    steps = steps_of_branch(scene, known, bounds, steps_per_period)
+    value, solver = value_within(scene, name, varied, bounds), resolve_solver(scene, solver)
+    steps = steps_of_branch(scene, varied, bounds, steps_per_period)
     if not isinstance(start, PeriodicOrbit):
         start = periodic_orbit(scene, period, start=start, steps_per_period=steps, solver=solver, tolerance=tolerance)
         if int(start.status):
             raise ValueError(f"Argument `start` must be near a periodic orbit, but: {start!r}")
     run = _Run.new(scene, name, bounds, start.period, steps, solver, tolerance, start.state)
-    walk = lambda **how: continue_motion(run.equations, (start.state, value), bounds, **how)
+    walk = lambda **settings: continue_motion(run.equations, (start.state, value), bounds, **settings)
     return run.follow(walk, points=points, until=until, progress=progress)

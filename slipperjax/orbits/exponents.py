@@ -22,7 +22,7 @@ from ..tools.compile import is_traced
 
 
 def check_count(scene: Scene, count: int) -> int:
-    """The number of exponents asked for, at most as many as the scene's motion has dimensions.
+    """Gives the number of exponents, at most as many as the scene's motion has dimensions.
 
     Ten, and the memory of each point where that is integrated. A latched memory adds none: it follows from the motion
     at the touchdown.
@@ -48,7 +48,7 @@ def lyapunov_spectrum(
     solver: diffrax.AbstractSolver | str | None = None,
     start: Motion | State | Trajectory | None = None,
 ) -> LyapunovSpectrum:
-    """Lyapunov exponents of one scene by Benettin's method (doi:10.1007/BF02128236), with exact tangents.
+    """Computes Lyapunov exponents of one scene by Benettin's method (doi:10.1007/BF02128236), with exact tangents.
 
     **Arguments:**
 
@@ -71,7 +71,7 @@ def lyapunov_spectrum(
     count = check_count(scene, count)
     # differentiated in both modes, or by one program for all numbers of steps
     stepping = steps_of_program(steps) if is_traced((scene, start)) else flexible_steps(steps)
-    found = map_spectrum(
+    spectrum = map_spectrum(
         PeriodMap(scene, stepping, resolve_solver(scene, solver), periods=every),
         initial_state(scene, start),
         blocks("periods", periods, 1),
@@ -82,5 +82,5 @@ def lyapunov_spectrum(
         periods=float(every),
         period=scene.period,
     )
-    code = with_growth(with_resolution(status_of(found.state), scene, steps), found.history / every)
-    return dataclasses.replace(found, status=code)
+    code = with_growth(with_resolution(status_of(spectrum.state), scene, steps), spectrum.history / every)
+    return dataclasses.replace(spectrum, status=code)

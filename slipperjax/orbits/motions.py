@@ -1,4 +1,4 @@
-"""Orbits of slippers as equations: the period map over parameters, and states that the latch agrees with."""
+"""Orbits of slippers as equations: the period map over parameters, and states whose memory fits their gaps."""
 
 from typing import Any
 
@@ -15,6 +15,7 @@ from ..model.contact import EventLatch
 from ..model.dynamics import State
 from ..model.kinematics import contacts, rail_frame
 from ..model.paths import parameter
+from ..model.quantities import COORDINATES
 from ..model.scene import Scene
 from ..tools.checks import shown_number
 from ..tools.compile import is_traced
@@ -30,7 +31,7 @@ class ScenePath(eqx.Module):
     solver: diffrax.AbstractSolver = eqx.field(static=True)
 
     def at(self, *values: Any) -> Scene:
-        """The scene with these values."""
+        """Gives the scene with these values."""
         scene = self.scene
         for name, value in zip(self.names, values, strict=True):
             scene = parameter(name, scene).replaced(scene, value)
@@ -44,15 +45,15 @@ class SlipperMotions(PeriodicMotions):
     """Periodic motions of a slipper; lengths of curves are measured by the motion and the parameters alone."""
 
     def measure(self, weights: Array) -> Array:
-        motion = len(MOTION)
+        motion = len(COORDINATES)  # of a state's numbers, the memory's come after
         return jnp.zeros_like(weights).at[:motion].set(weights[:motion] / np.sqrt(motion))
 
     def settle(self, step: PeriodMap, proposed: State, mapped: State) -> State:
-        return Settled(step.scene)(proposed, mapped)
+        return ConsistentMemory(step.scene)(proposed, mapped)
 
 
-SHARE = 0.1
-"""Weight of the motion beside that of the parameters in the length of a curve of events."""
+MOTION_SHARE = 0.1
+"""Weight of the motion over that of the parameters in the length of a curve of events."""
 
 
 class EventMotions(SlipperMotions):
@@ -64,11 +65,7 @@ class EventMotions(SlipperMotions):
     """
 
     def measure(self, weights: Array) -> Array:
-        return SHARE * super().measure(weights)
-
-
-MOTION = np.arange(10)
-"""Places of the motion among the numbers of a state; the memory's come after."""
+        return MOTION_SHARE * super().measure(weights)
 
 
 def slipper_motions(
@@ -82,13 +79,13 @@ def slipper_motions(
     period: int,
     of: type[SlipperMotions] = SlipperMotions,
 ) -> SlipperMotions:
-    """The equations of orbits over some parameters, with changes `reach` that count as one."""
+    """Makes the equations of orbits over some parameters, with changes `reach` that count as one."""
     path = ScenePath(scene, stepping, names, solver)
     return of(path, like, jnp.asarray(reach, float), tangent_weights(scene), intervals=period)
 
 
-class Settled(eqx.Module):
-    """Makes the memory of a proposed state agree with its gaps: zero where open, latched where newly closed."""
+class ConsistentMemory(eqx.Module):
+    """Function that makes the memory of a proposed state fit its gaps: zero where open, latched where just closed."""
 
     scene: Scene
 
@@ -98,8 +95,9 @@ class Settled(eqx.Module):
         assert mapped.memory is not None  # that of the same scene
         now = contacts(rail_frame(self.scene, 0.0), proposed.motion)
         fresh = self.scene.memory.initial(now.gap, now.rate)
-        kept = jnp.where(proposed.memory < 0, proposed.memory, jnp.where(mapped.memory < 0, mapped.memory, fresh))
-        return State(proposed.motion, jnp.where(now.gap < 0, kept, 0.0))
+        # of a contact that was open at the section, the memory latched since is better than that of a fresh start
+        memory = jnp.where(proposed.memory < 0, proposed.memory, jnp.where(mapped.memory < 0, mapped.memory, fresh))
+        return State(proposed.motion, jnp.where(now.gap < 0, memory, 0.0))
 
 
 def check_forcing(scene: Scene) -> None:
@@ -115,16 +113,16 @@ def check_forcing(scene: Scene) -> None:
         )
 
 
-MANY = 1000
+RECURRENCES = 1000
 """Forcing periods over which a track must recur."""
 
 
 def recurs(scene: Scene) -> Bool[Array, ""]:
-    """Whether a scene's track recurs with the forcing period, at once and after `MANY` periods."""
+    """Tells whether a scene's track recurs with the forcing period, at once and after `RECURRENCES` periods."""
     length = scene.track.wavelength
     heights = lambda shift: jnp.stack(
         [h for h in scene.track.irregularity(length * (jnp.arange(64) / 64 + shift)) if h is not None]
     )
     here = heights(0.0)
     within = 1e-6 * jnp.max(jnp.abs(here), axis=1, keepdims=True)
-    return jnp.all((jnp.abs(heights(1.0) - here) <= within) & (jnp.abs(heights(float(MANY)) - here) <= within))
+    return jnp.all((jnp.abs(heights(1.0) - here) <= within) & (jnp.abs(heights(float(RECURRENCES)) - here) <= within))

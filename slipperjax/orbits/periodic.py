@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..analysis.floquet import multipliers
+from ..analysis.newton import without_derivatives
 from ..analysis.shooting import Shot, minimal_period, shoot
 from ..flow.period_map import PeriodMap, tangent_weights
 from ..flow.record import RecordSet
@@ -29,7 +30,7 @@ from ..model.scene import Scene, check_scene
 from ..solvers.named import resolve_solver
 from ..tools.checks import number, positive, shown_number, whole
 from ..tools.compile import is_traced
-from .motions import Settled, check_forcing
+from .motions import ConsistentMemory, check_forcing
 from .signature import Gaps, GapSamples, Signature, signature
 
 TOLERANCE = 1e-10
@@ -49,11 +50,11 @@ class PeriodicOrbit(eqx.Module):
     multipliers: Any
     """Floquet multipliers over the orbit's period [1], complex, the largest modulus first, shape (size,)."""
     residual: Float[Array, ""]
-    """What the state misses after the period, in multiples of `slipperjax.model.MOTION_SCALES` [1]."""
+    """Greatest change of the state over the period, in multiples of `slipperjax.model.MOTION_SCALES` [1]."""
     iterations: Any
-    """Newton iterations taken."""
+    """Iterations of Newton's method."""
     status: Any
-    """0 where nothing is wrong, else see `slipperjax.Status`."""
+    """0 for an orbit, else see `slipperjax.Status`."""
     period: int = eqx.field(static=True)
     """Forcing periods after which the motion recurs [1]: the least, unless the scene was traced."""
     steps_per_period: Any
@@ -73,33 +74,27 @@ class PeriodicOrbit(eqx.Module):
 
     @property
     def stable(self) -> Any:
-        """Whether all multipliers lie inside the unit circle."""
+        """True where all multipliers lie inside the unit circle."""
         inside = abs(self.multipliers[..., 0]) < 1
         return inside if is_traced(inside) else bool(np.all(inside))
 
     @property
     def exponent(self) -> Any:
-        """The largest Lyapunov exponent [1/period], ln |largest multiplier| per forcing period."""
+        """Largest Lyapunov exponent [1/period], ln |largest multiplier| per forcing period."""
         return jnp.log(jnp.abs(self.multipliers[..., 0])) / self.period
 
     def trajectory(self, periods: int | None = None, **options: Any) -> Trajectory:
-        """The orbit in time, by default over its period; `options`: of `slipperjax.simulate`."""
+        """Simulates the orbit, by default over its period; `options`: of `slipperjax.simulate`."""
         count = self.period if periods is None else periods
-        given = dict(steps_per_period=int(self.steps_per_period), solver=self.solver) | options
-        return simulate(self.scene, count, start=self.state, **given)
+        options = dict(steps_per_period=int(self.steps_per_period), solver=self.solver) | options
+        return simulate(self.scene, count, start=self.state, **options)
 
     def to_xarray(self) -> Any:
-        """The dataset of `trajectory()`, with `multiplier_real` and `multiplier_imag` [1] along `multiplier`, and
+        """Gives the dataset of `trajectory`, with `multiplier_real` and `multiplier_imag` [1] along `multiplier` and
         attributes orbit_period [forcing periods], stable, residual and signature."""
-        found = np.asarray(self.multipliers)
-        words = {"units": "1", "long_name": "Floquet multiplier"}
-        ds = (
-            self.trajectory()
-            .to_xarray()
-            .assign(
-                multiplier_real=("multiplier", found.real, words), multiplier_imag=("multiplier", found.imag, words)
-            )
-        )
+        mu, words = np.asarray(self.multipliers), {"units": "1", "long_name": "Floquet multiplier"}
+        parts = {"multiplier_real": ("multiplier", mu.real, words), "multiplier_imag": ("multiplier", mu.imag, words)}
+        ds = self.trajectory().to_xarray().assign(parts)
         return ds.assign_attrs(
             orbit_period=self.period,
             stable=int(self.stable),
@@ -110,7 +105,7 @@ class PeriodicOrbit(eqx.Module):
 
     @property
     def signature(self) -> Signature:
-        """Which points touch down, in which order and how fast; not for use under a transformation."""
+        """Touchdowns of the points in their order, with their rates; not for use under a transformation."""
         records, steps = RecordSet((GapSamples(),)), int(self.steps_per_period)
         map_ = PeriodMap(self.scene, flexible_steps(steps, inside=True), self.solver)
         ((gap, rate),) = run_eagerly(map_, self.state, self.period, records).samples
@@ -128,9 +123,9 @@ def periodic_orbit(
     tolerance: float = TOLERANCE,
     max_iterations: int = 30,
 ) -> PeriodicOrbit:
-    """A periodic motion of one scene, stable or not, by Newton's method with derivatives through every touchdown.
+    """Finds a periodic motion of one scene, stable or not, by Newton's method with derivatives through touchdowns.
 
-    Which points touch, and when, is found and not given: the set of closed contacts may change between iterations.
+    The set of closed contacts may change between iterations: which points touch, and when, need not be given.
     The state has the exact motion's derivatives with respect to all numbers of the scene, in both modes.
 
     **Arguments:**
@@ -163,9 +158,9 @@ def periodic_orbit(
     # differentiated in both modes, or by one program for all numbers of steps
     stepping = steps_of_program(steps) if traced else flexible_steps(steps)
     step, state = PeriodMap(scene, stepping, solver), initial_state(scene, begin)
-    options = dict(scale=tangent_weights(scene), settle=Settled(scene))
-    for passed in tries:
-        state = _passed(step, state, passed, traced)
+    options = dict(scale=tangent_weights(scene), settle=ConsistentMemory(scene))
+    for count in tries:
+        state = _simulated(step, state, count, traced)
         if not traced and int(status_of(state)) == Status.NOT_FINITE:
             shot = _lost(state, period)
             break
@@ -173,27 +168,27 @@ def periodic_orbit(
         if traced or bool(shot.residual <= tolerance):
             break
     if not traced and period > 1 and bool(shot.residual <= tolerance):
-        missed = minimal_period(step, shot.state, period, scale=tangent_weights(scene))
-        period = min((n for n, residual in missed.items() if float(residual) < DIVISOR), default=period)
+        residuals = minimal_period(step, shot.state, period, scale=tangent_weights(scene))
+        period = min((n for n, residual in residuals.items() if float(residual) < DIVISOR), default=period)
     matrices = shot.matrices[:period]
-    found = multipliers(matrices if traced else np.asarray(matrices))
+    mu = multipliers(matrices if traced else np.asarray(matrices))
     code = status_of(shot.state)
     code = jnp.where((code == int(Status.FINITE)) & ~(shot.residual <= tolerance), int(Status.NO_ORBIT), code)
     return PeriodicOrbit(
-        scene, shot.state, jnp.asarray(found), shot.residual, shot.iterations, code, period, steps, solver
+        scene, shot.state, jnp.asarray(mu), shot.residual, shot.iterations, code, period, steps, solver
     )
 
 
-def _passed(step: PeriodMap, state: State, periods: int, traced: bool) -> State:
-    """The state some forcing periods on, without derivatives."""
+def _simulated(step: PeriodMap, state: State, periods: int, traced: bool) -> State:
+    """Gives the state some forcing periods later, without derivatives."""
     if not periods:
         return state
-    step, state = jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_array(a) else a, (step, state))
+    step, state = without_derivatives((step, state))
     return step.run(state, periods=periods).state if traced else run_eagerly(step, state, periods, RecordSet()).state
 
 
 def _lost(state: State, period: int) -> Shot:
-    """What is found where the motion left the finite numbers before Newton's method."""
+    """Gives the result where the motion left the finite numbers before Newton's method."""
     size = sum(np.size(leaf) for leaf in jax.tree.leaves(state))
     none = jnp.full((period, size, size), jnp.nan)
     return Shot(state, jnp.asarray(jnp.nan), jnp.asarray(0), none)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..analysis.attractor import KINDS
+from ..analysis.kinds import Regime
 from ..analysis.lyapunov import kaplan_yorke, pooled_standard_error, regime, standard_error, weighted_mean
 from ..flow.status import Status
 from ..model.dynamics import State
@@ -32,7 +32,7 @@ class Measured(NamedTuple):
 
     status: Int[np.ndarray, " cases"]
     kind: Int[np.ndarray, " cases"]
-    """Index into `slipperjax.analysis.KINDS`."""
+    """Numbers of `slipperjax.analysis.Regime`."""
     period: Int[np.ndarray, " cases"]
     """Forcing periods of a periodic motion, 0 for others."""
     history: Float[np.ndarray, "cases periods count"]
@@ -70,7 +70,7 @@ def labels_of(count: int, certify: bool) -> dict[str, tuple[tuple[str, ...], str
 def certified(
     passed: int, measured: Measured, by_orbit: Bool[np.ndarray, " cases"], votes: Votes | None
 ) -> dict[str, np.ndarray]:
-    """Gives the variables of `labels_of` by name; kinds and regimes as indices into `KINDS` and `REGIMES`.
+    """Gives the variables of `labels_of` by name.
 
     **Arguments:** `passed`: forcing periods before the measurement; `by_orbit`: cases whose rows of the history, all
     alike, are exponents of their orbit.
@@ -80,7 +80,7 @@ def certified(
     # an orbit's are exact
     exponent[by_orbit] = weighted[by_orbit] = history[by_orbit, 0]
     error[by_orbit] = 0.0
-    kind = np.where(good, measured.kind, KINDS.index("unresolved"))
+    kind = np.where(good, Regime.kinds(measured.kind), Regime.UNRESOLVED.kind)
     trusted, escapes = good, np.zeros(len(good), int)
     variables: dict[str, np.ndarray] = {}
     if measured.checks is not None:
@@ -101,7 +101,7 @@ def certified(
         "by_orbit": by_orbit,
         "kind": kind,
         "period": np.where(good, measured.period, 0),
-        "regime": regime(exponent[:, 0], error[:, 0], np.array(KINDS)[kind], trusted, escapes),
+        "regime": regime(exponent[:, 0], error[:, 0], kind, trusted, escapes),
     }
 
 

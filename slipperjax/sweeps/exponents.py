@@ -12,9 +12,10 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
-from ..analysis.attractor import KINDS, classify
+from ..analysis.attractor import classify
 from ..analysis.floquet import largest_exponent
-from ..analysis.lyapunov import REGIMES, is_chaotic, standard_error
+from ..analysis.kinds import Regime
+from ..analysis.lyapunov import is_chaotic, standard_error
 from ..flow.record import AbstractRecord, Labelled
 from ..flow.series import coordinates
 from ..flow.status import Status, first_problem
@@ -186,7 +187,7 @@ class LyapunovExponents(AbstractRecord):
         alike = lambda rows: np.repeat(rows[:, None], periods, axis=1)
         status = np.where(by_orbit, int(Status.FINITE), int(Status.NOT_RUN))
         checks = Checks(alike(half_step), status.copy(), exponents[:, 0].copy()) if self.certify else None
-        kind = np.where(by_orbit, KINDS.index("period"), KINDS.index("unresolved"))
+        kind = np.where(by_orbit, int(Regime.PERIODIC), int(Regime.UNRESOLVED))
         period = np.where(by_orbit, settled.reached.period, 0)
         return Measured(status, kind, period, alike(exponents), settled.state, checks)
 
@@ -210,15 +211,12 @@ class LyapunovExponents(AbstractRecord):
             matrices = maps._replace(periods=motion.period).jacobians(periodic, rows[periodic])
             floquet[periodic] = [largest_exponent(of_case, len(of_case)) for of_case in matrices]
             checks = Checks(half.history, half.status, floquet)
-        kind = np.array([KINDS.index(name) for name in motion.kind])
+        kind = np.array([Regime.of_kind(word) for word in motion.kind.tolist()], int)
         return Measured(status, kind, motion.period, local.history, states, checks)
 
     def label(self, scene, dims, values: dict[str, np.ndarray]) -> Labelled:
         data = {}
         for name, (over, unit, text) in labels_of(self.count, self.certify).items():
-            numbers = values[name]
-            if name in ("kind", "regime"):
-                numbers = np.array(KINDS if name == "kind" else REGIMES)[numbers]
             label = {"units": unit, "long_name": text} if unit else {"long_name": text}
-            data[name] = ((*dims, *over), numbers, label)
+            data[name] = ((*dims, *over), values[name], label)
         return data, {}

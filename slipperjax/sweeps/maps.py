@@ -17,7 +17,7 @@ from ..flow.status import most_stability_number, status_of
 from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State
 from ..model.scene import Scene
-from ..orbits.motions import Settled
+from ..orbits.motions import ConsistentMemory
 from ..tools.batching import Batched
 from ..tools.compile import jit
 from .grid import filled
@@ -166,7 +166,7 @@ class Maps(NamedTuple):
 
 @jit
 def _settled(scenes: Batched[Scene], proposed: State, mapped: State) -> State:
-    return scenes.map(lambda scene, p, m: Settled(scene)(p, m), proposed, mapped)
+    return scenes.map(lambda scene, p, m: ConsistentMemory(scene)(p, m), proposed, mapped)
 
 
 @jit

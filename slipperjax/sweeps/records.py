@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..analysis.attractor import KINDS, MIN_TEST, classify
+from ..analysis.attractor import MIN_TEST, classify
+from ..analysis.kinds import Regime
 from ..analysis.lyapunov import standard_error
 from ..flow.record import AbstractRecord, Labelled, RecordedSpan, RecordSet, attributes
 from ..flow.records import ALIASES, RECORDS, ContactChecks, OnePoint
@@ -31,7 +32,7 @@ class Motions(NamedTuple):
     """Kind code and period of motions."""
 
     kind: Int[Any, "*cases"]
-    """0 for "unresolved", otherwise the place in `slipperjax.analysis.KINDS` and one more."""
+    """Numbers of `slipperjax.analysis.Regime`."""
     period: Int[Any, "*cases"]
 
 
@@ -82,12 +83,11 @@ class MotionKind(AbstractRecord):
         states = coordinates(State(samples, None))
         states = np.where((span.status == Status.FINITE)[:, None, None], states, np.nan)
         found = classify(states, scales=COORDINATE_SCALES, floor=FLOOR)
-        # zero, which stands for cases that were not run, is "unresolved"
-        known = [0 if kind == "unresolved" else KINDS.index(kind) + 1 for kind in found.kind.tolist()]
-        return Motions(np.array(known, int), np.asarray(found.period, int))
+        numbers = [Regime.of_kind(word) for word in found.kind.tolist()]
+        return Motions(np.array(numbers, int), np.asarray(found.period, int))
 
     def label(self, scene, dims, found: Motions) -> Labelled:
-        words = np.array(("unresolved", *KINDS))[found.kind]
+        words = Regime.kinds(found.kind)
         return {
             "kind": (dims, words, {"long_name": "kind of motion, by recurrence"}),
             "period": (dims, found.period, attributes("1", "forcing periods of a periodic motion, 0 for others")),

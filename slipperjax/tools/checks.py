@@ -21,7 +21,7 @@ from .compile import is_traced
 
 
 def brief(value: Any) -> str:
-    """`repr` of a value on one line, cut where it is long."""
+    """Gives `repr` of a value on one line, cut where it is long."""
     text = " ".join(repr(value).split())
     return text if len(text) <= 80 else f"{text[:77]}..."
 
@@ -43,7 +43,7 @@ def require(ok: Any, name: str, need: str, value: Any) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class Check:
-    """A field converter to an array of any shape, which requires numbers of some kind; `optional` lets None pass."""
+    """Field converter to an array of any shape, which requires numbers of some kind; `optional` lets None pass."""
 
     name: str
     unit: str
@@ -58,7 +58,7 @@ class Check:
         if isinstance(value, jax.core.Tracer):
             return eqx.error_if(value, self.is_bad(value), f"Argument `{name}` must be {need}{suffix}.")
         try:
-            # NumPy makes numbers of None, bools and some texts, which is not what was meant
+            # NumPy makes numbers of None, bools and some texts: refuse these
             if value is None or (np.size(value) and np.asarray(value).dtype.kind not in "fiu"):
                 raise TypeError
             array = np.asarray(value, dtype=float)
@@ -72,57 +72,57 @@ class Check:
 
 
 def positive(name: str, unit: str = "") -> Check:
-    """A field converter to an array of any shape, which requires finite numbers > 0 [`unit`]."""
+    """Makes a field converter to an array of any shape, which requires finite numbers > 0 [`unit`]."""
     return Check(name, unit, "positive", lambda x: ~((x > 0) & (x < np.inf)))
 
 
 def not_negative(name: str, unit: str = "") -> Check:
-    """A field converter to an array of any shape, which requires finite numbers >= 0 [`unit`]."""
+    """Makes a field converter to an array of any shape, which requires finite numbers >= 0 [`unit`]."""
     return Check(name, unit, "zero or positive", lambda x: ~((x >= 0) & (x < np.inf)))
 
 
 def finite(name: str, unit: str = "") -> Check:
-    """A field converter to an array of any shape, which requires finite numbers [`unit`]."""
+    """Makes a field converter to an array of any shape, which requires finite numbers [`unit`]."""
     return Check(name, unit, "finite", lambda x: ~(abs(x) < np.inf))
 
 
 def fraction(name: str, unit: str = "") -> Check:
-    """A field converter to an array of any shape, which requires numbers in (0, 1] [`unit`]."""
+    """Makes a field converter to an array of any shape, which requires numbers in (0, 1] [`unit`]."""
     return Check(name, unit, "above 0 and at most 1", lambda x: ~((x > 0) & (x <= 1)))
 
 
 def optional(check: Check) -> Check:
-    """A converter that also accepts `None`, unchecked."""
+    """Makes a converter that also accepts `None`, unchecked."""
     return dataclasses.replace(check, optional=True)
 
 
 def unit_of(kind: type, field: str) -> str:
-    """The unit of a module's field, from its metadata or its converter; empty where it has none."""
-    known = {f.name: f.metadata for f in dataclasses.fields(kind)}.get(field, {})
-    return known.get("unit", getattr(known.get("converter"), "unit", ""))
+    """Gives the unit of a module's field, from its metadata or its converter; empty where it has none."""
+    metadata = {f.name: f.metadata for f in dataclasses.fields(kind)}.get(field, {})
+    return metadata.get("unit", getattr(metadata.get("converter"), "unit", ""))
 
 
 def number(check: Callable[[str, str], Check], name: str, value: Any, unit: str = "") -> float:
-    """A single number that passes `check`, such as `positive`; raises `ValueError` otherwise."""
-    found = check(name, unit)(value)
-    require(found.ndim == 0, name, "be one number", value)
-    return float(np.asarray(value, float))  # and not of `found`, which inside jit is traced
+    """Gives a single number that passes `check`, such as `positive`; raises `ValueError` otherwise."""
+    array = check(name, unit)(value)
+    require(array.ndim == 0, name, "be one number", value)
+    return float(np.asarray(value, float))  # and not of `array`, which inside jit is traced
 
 
 def yes_or_no(name: str, value: Any) -> bool:
-    """`value`, which must be True or False; raises `ValueError` otherwise."""
+    """Gives `value`, which must be True or False; raises `ValueError` otherwise."""
     require(isinstance(value, bool | np.bool_), name, "be True or False", value)
     return bool(value)
 
 
 def instance(name: str, value: Any, kind: type, text: str) -> Any:
-    """`value`, which must be of a class, called `text` in the `ValueError` otherwise."""
+    """Gives `value`, which must be of a class, called `text` in the `ValueError` otherwise."""
     require(isinstance(value, kind), name, f"be {text}", value)
     return value
 
 
 class ImplausibleWarning(UserWarning):
-    """A value is allowed, but so far from what is usual that its unit may be wrong."""
+    """Warning of a value that is allowed, but so implausible that its unit may be wrong."""
 
 
 def warn_unless_within(name: str, value: Any, low: float, high: float, unit: str) -> None:
@@ -150,29 +150,29 @@ _OWN = (__name__.split(".")[0], "equinox", "jax")
 
 
 def unless_traced(check: Callable[[Any], jax.Array], value: Any) -> jax.Array:
-    """`check(value)`; a traced value is converted without the check."""
+    """Gives `check(value)`; a traced value is converted without the check."""
     return jnp.asarray(value, float) if is_traced(value) else check(value)
 
 
 def whole(name: str, value: Any, least: int) -> int:
-    """`value` as an `int` of at least `least`; raises `ValueError` otherwise."""
+    """Gives `value` as an `int` of at least `least`; raises `ValueError` otherwise."""
     ok = isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least
     require(ok, name, f"be a whole number of {least} or more", value)
     return int(value)
 
 
 def one_of(name: str, value: Any, choices: tuple[str, ...]) -> str:
-    """`value`, which must be one of `choices`; raises `ValueError` otherwise."""
+    """Gives `value`, which must be one of `choices`; raises `ValueError` otherwise."""
     require(isinstance(value, str) and value in choices, name, f"be one of {', '.join(choices)}", value)
     return value
 
 
-LONGEST = 6
+SHOWN_ENTRIES = 6
 """Entries up to which an array is written out."""
 
 
 def shown_number(value: Any) -> str:
-    """A number, or a small array of them, with five digits; of a large one its shape and range."""
+    """Formats a number, or a small array of them, with five digits; of a large one its shape and range."""
     if isinstance(value, jax.core.Tracer):
         return f"<traced {value.dtype}{list(value.shape)}>"
     if not isinstance(value, jax.Array | np.ndarray | np.generic | float):
@@ -182,13 +182,13 @@ def shown_number(value: Any) -> str:
         return brief(value)
     if array.ndim == 0:
         return f"{array:.5g}"
-    if array.size <= LONGEST:
+    if array.size <= SHOWN_ENTRIES:
         return str([shown_number(part) for part in array]).replace("'", "")
     return f"<{' x '.join(map(str, array.shape))}, {array.min():.5g} to {array.max():.5g}>"
 
 
 def shown_module(module: eqx.Module) -> str:
-    """A module on one line: its class, and its fields with their units; those that are None are left out."""
+    """Formats a module on one line: its class, and its fields with their units; those that are None are left out."""
     kind, parts = type(module), []
     for field in dataclasses.fields(module):
         value, unit = getattr(module, field.name), unit_of(kind, field.name)
@@ -198,21 +198,21 @@ def shown_module(module: eqx.Module) -> str:
 
 
 def axes_of(kind: type, name: str, default: int) -> int:
-    """The number of axes that the annotation of a module's field gives it, or `default` where it gives none."""
+    """Gives the number of axes in the annotation of a module's field, or `default` where it has none."""
     field = {f.name: f for f in dataclasses.fields(kind)}[name]
     shapes = _shapes(field)
     return len(shapes[0].dim_str.split()) if shapes else default
 
 
 def _shapes(field: dataclasses.Field) -> list[Any]:
-    """The array types in a field's annotation."""
+    """Gives the array types in a field's annotation."""
     return [a for a in (field.type, *typing.get_args(field.type)) if hasattr(a, "dim_str")]
 
 
 class ShapeChecked(eqx.Module):
-    """A module that checks on construction that its array fields have the shapes of their annotations.
+    """Base of modules that check on construction that their array fields have the shapes of their annotations.
 
-    Its `repr` is one line, with units.
+    Their `repr` is one line, with units.
     """
 
     def __repr__(self) -> str:

@@ -30,11 +30,11 @@ LOOP_BYTES = 64_000_000
 _EXTRA = "--xla_backend_extra_options"
 
 TRACING = "/slipperjax/tracing"
-"""Event of `jax.monitoring` when the making of a program begins, for those who show what is waited for."""
+"""Event of `jax.monitoring` when tracing of a program begins, for displays of progress."""
 
 
 def compiler_options(backend: str | None = None) -> dict[str, Any]:
-    """The XLA options for a backend, by default the one that JAX uses now."""
+    """Gives the XLA options for a backend, by default the one that JAX uses now."""
     return COMPILER_OPTIONS.get(jax.default_backend() if backend is None else backend, {})
 
 
@@ -52,7 +52,7 @@ def loops_in_one_kernel() -> None:
 
 
 def jit(fun: Callable, **kwargs: Any) -> Callable:
-    """`jax.jit` with `compiler_options` of the backend in use.
+    """Makes `jax.jit` of a function with `compiler_options` of the backend in use.
 
     JAX accepts compiler options for the outermost program only. Inside another transformation (jit, grad, vmap, ...)
     this is a plain `jax.jit`.
@@ -61,13 +61,13 @@ def jit(fun: Callable, **kwargs: Any) -> Callable:
     """
     inner = jax.jit(fun, **kwargs)
 
-    def announced(*args: Any, **options: Any) -> Any:
+    def traced(*args: Any, **options: Any) -> Any:
         jax.monitoring.record_event(TRACING)  # this body runs only when a program is made
         return fun(*args, **options)
 
     @functools.cache
     def outermost(backend: str) -> Callable:
-        return jax.jit(functools.wraps(fun)(announced), compiler_options=compiler_options(backend), **kwargs)
+        return jax.jit(functools.wraps(fun)(traced), compiler_options=compiler_options(backend), **kwargs)
 
     @functools.wraps(fun)
     def call(*args: Any, **options: Any) -> Any:
@@ -79,19 +79,19 @@ def jit(fun: Callable, **kwargs: Any) -> Callable:
 
 
 def is_traced(tree: Any) -> bool:
-    """Whether any leaf is a tracer, that is, whether the call is inside a JAX transformation."""
+    """Tells whether any leaf is a tracer, that is, whether the call is inside a JAX transformation."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def call_compiled(fun: Callable, functions: Any, static: tuple, *arrays: Any) -> Any:
-    """`fun(functions, static, *arrays)`, compiled; inside another transformation it is a part of that program.
+    """Calls `fun(functions, static, *arrays)`, compiled; inside another transformation it is a part of that program.
 
     **Arguments:** `functions`: a pytree of callables, such as `equinox.Module`s, whose array leaves become arguments
     of the compiled program, so that new values need no compilation. `static`: hashable; a new value is compiled
     again. `arrays`: pytrees of arrays.
     """
-    numbers, rest = eqx.partition(functions, lambda leaf: isinstance(leaf, jax.Array | np.ndarray))
-    leaves, structure = jax.tree.flatten(rest)
+    numbers, others = eqx.partition(functions, lambda leaf: isinstance(leaf, jax.Array | np.ndarray))
+    leaves, structure = jax.tree.flatten(others)
     return _call(fun, tuple(leaves), structure, static, numbers, arrays)
 
 

@@ -16,14 +16,14 @@ from .checks import brief
 TYPE = "type"
 """Key of a description that holds the name of the class."""
 OPAQUE = "opaque"
-"""Key that stands in place of a value which plain data cannot hold, such as a function."""
+"""Key in place of a value that plain data cannot hold, such as a function."""
 
 NORMS = {f"optimistix.{f.__name__}": f for f in (optimistix.max_norm, optimistix.rms_norm, optimistix.two_norm)}
 """Functions that solvers of diffrax hold, by the names that descriptions give them."""
 
 
 def type_name(kind: type) -> str:
-    """The name of a class in descriptions; those of other packages begin with the package, as in diffrax.Tsit5."""
+    """Gives the name of a class in descriptions, for other packages with the package, as in diffrax.Tsit5."""
     package = kind.__module__.split(".")[0]
     return (
         kind.__name__ if package == __name__.split(".")[0] or package == "__main__" else f"{package}.{kind.__name__}"
@@ -38,7 +38,7 @@ def subclasses(base: type) -> Iterator[type]:
 
 
 def describe(value: Any) -> Any:
-    """A module, or a dataclass, as nested dicts of plain values, which `build` turns into an equal module.
+    """Gives a module, or a dataclass, as nested dicts of plain values, which `build` turns into an equal module.
 
     Arrays become lists of numbers; 64-bit numbers come back to the last bit. A module that holds what is no plain
     value, such as a function, but equals the one that is made without arguments, is described by its name alone.
@@ -60,11 +60,11 @@ def describe(value: Any) -> Any:
     if isinstance(value, dict):
         return {name: describe(part) for name, part in value.items()}
     name = next((name for name, norm in NORMS.items() if norm is value), None)
-    return {OPAQUE: _known_as(value)} if name is None else name
+    return {OPAQUE: _text_of(value)} if name is None else name
 
 
-def _known_as(value: Any) -> str:
-    """What stands for a value that plain data cannot hold: of a function its name and a digest, in any process."""
+def _text_of(value: Any) -> str:
+    """Gives a text for a value that plain data cannot hold: of a function its name and a digest, in any process."""
     if not isinstance(value, types.FunctionType):
         return brief(value)
     inside = [cell.cell_contents for cell in value.__closure__ or ()] + list(value.__defaults__ or ())
@@ -73,7 +73,7 @@ def _known_as(value: Any) -> str:
 
 
 def _code_text(code: types.CodeType) -> str:
-    """What a function does, without where its code stands."""
+    """Gives the code of a function as text, without its file and lines."""
     parts = [_code_text(part) if isinstance(part, types.CodeType) else repr(part) for part in code.co_consts]
     return f"{code.co_code.hex()} {code.co_names} {parts}"
 
@@ -92,7 +92,7 @@ def _is_default(module: eqx.Module) -> bool:
 
 
 def build(description: Any, bases: tuple[type, ...], where: str = "") -> Any:
-    """The module of a description.
+    """Makes the module of a description.
 
     **Arguments:** `bases`: classes; those that descriptions name must be subclasses of them, defined in this process.
     `where`: what the description is of, for errors.
@@ -116,18 +116,18 @@ def build(description: Any, bases: tuple[type, ...], where: str = "") -> Any:
 
 
 def known_type(name: str, bases: tuple[type, ...], where: str) -> type:
-    """The class of a name in descriptions: the one defined last.
+    """Finds the class of a name in descriptions: the one defined last.
 
     **Raises:** `ValueError` where no concrete subclass of `bases` has it.
     """
-    found = {type_name(k): k for base in bases for k in (base, *subclasses(base)) if _is_concrete(k)}
-    if name not in found:
-        own = ", ".join(sorted(k for k in found if "." not in k))
+    classes = {type_name(k): k for base in bases for k in (base, *subclasses(base)) if _is_concrete(k)}
+    if name not in classes:
+        own = ", ".join(sorted(k for k in classes if "." not in k))
         raise ValueError(
             f"Argument `{where}.{TYPE}` must be one of {own}, but is {name!r}. A class of your own must be imported "
             f"before."
         )
-    return found[name]
+    return classes[name]
 
 
 def _is_concrete(kind: type) -> bool:

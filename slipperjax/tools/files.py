@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 Content = bytes | memoryview
-"""What a file is to hold."""
+"""Content of a file."""
 
 
 class NotWritten(OSError):
-    """Some files could not be written; the message says which, why, and what was written nevertheless."""
+    """Error where files could not be written; the message names them, the reasons, and the files written."""
 
 
 def write_whole(path: Path, content: Content) -> bool:
@@ -46,10 +46,10 @@ def write_whole(path: Path, content: Content) -> bool:
 def write_each(contents: Mapping[Path, Callable[[], Content]]) -> dict[Path, bool]:
     """Writes several files whole, each whether or not the others can be written.
 
-    A file that cannot be written goes to the folder for temporary files instead, so that what took long to compute is
-    not lost with it.
+    A file that cannot be written goes to the folder for temporary files instead, so that long computations are not
+    lost with it.
 
-    **Arguments:** `contents`: by path, functions that make what the file is to hold.
+    **Arguments:** `contents`: by path, functions that make the content.
 
     **Returns:** by path, whether a file was replaced.
 
@@ -80,17 +80,17 @@ def _kept_elsewhere(path: Path, content: Content) -> str:
 
 
 def said(done: Mapping[Path, bool]) -> str:
-    """What `write_each` did, in words: "wrote a.nc and replaced b.png"."""
+    """Gives the result of `write_each` in words: "wrote a.nc and replaced b.png"."""
     names = {verb: [str(p) for p, old in done.items() if old == was] for verb, was in (("wrote", 0), ("replaced", 1))}
     return " and ".join(f"{verb} {listed(paths)}" for verb, paths in names.items() if paths)
 
 
 def listed(names: list[str]) -> str:
-    """Names as text: "a, b and c"."""
+    """Joins names: "a, b and c"."""
     return " and ".join([", ".join(names[:-1])] * (len(names) > 1) + names[-1:])
 
 
 def table_lines(table: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Rows with the same keys as a table in Markdown, by lines; none without rows."""
+    """Gives rows with the same keys as a table in Markdown, by lines; none without rows."""
     line = lambda cells: "| " + " | ".join(str(c).replace("|", "/") for c in cells) + " |"
     return [line(table[0]), line("---" for _ in table[0]), *(line(row.values()) for row in table)] if table else []

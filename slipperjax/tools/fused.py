@@ -21,7 +21,7 @@ from jax.interpreters import ad, batching, mlir
 
 
 def sums(*operands):
-    """Sum of each operand over its last axis; the operands share one shape.
+    """Sums each operand over its last axis; the operands share one shape.
 
     **Arguments:** arrays of shape `(*batch, n)` and of one floating-point type.
 
@@ -31,7 +31,7 @@ def sums(*operands):
 
 
 def spread(n: int, *scalars):
-    """Each value repeated along a new last axis of length n, which is the transpose of `sums`.
+    """Repeats each value along a new last axis of length n, which is the transpose of `sums`.
 
     **Returns:** a list with one array of shape `(*batch, n)` per value, where `batch` is the shape to which all of
     them broadcast.
@@ -41,7 +41,7 @@ def spread(n: int, *scalars):
 
 
 def materialise(tree):
-    """The same values, each computed once and stored.
+    """Gives the same values, each computed once and stored.
 
     XLA recomputes an elementwise value in every kernel that uses it, which multiplies the work of an unrolled
     elimination.
@@ -56,18 +56,18 @@ def _of_leaves(primitive: Primitive, tree):
     leaves, structure = jax.tree.flatten(tree)
     once = {id(x): x for x in leaves}  # leaves that occur twice are computed once
     shape = jnp.broadcast_shapes(*(jnp.shape(x) for x in once.values()))
-    found = primitive.bind(*(jnp.broadcast_to(jnp.asarray(x, float), shape) for x in once.values()))
-    of = dict(zip(once, found, strict=True))
+    results = primitive.bind(*(jnp.broadcast_to(jnp.asarray(x, float), shape) for x in once.values()))
+    of = dict(zip(once, results, strict=True))
     return jax.tree.unflatten(structure, [of[id(x)] for x in leaves])
 
 
 def held(tree):
-    """The same values, whose cotangents are stored: reverse mode does not compute them again for each input."""
+    """Gives the same values, whose cotangents are stored: reverse mode does not compute them again for each input."""
     return _of_leaves(_held, tree)
 
 
 def _linear(name: str, implementation: Callable, shape: Callable, transpose: Callable) -> Primitive:
-    """A linear primitive of operands of one shape, with one result for each of them, which depends on it alone.
+    """Makes a linear primitive of operands of one shape, with one result for each of them, which depends on it alone.
 
     **Arguments:** `shape`: gives a result's shape from an operand's; `transpose`: gives the operands' cotangents from
     those of the results and the operands' shape. Operands without tangent or cotangent are left out.
@@ -75,15 +75,17 @@ def _linear(name: str, implementation: Callable, shape: Callable, transpose: Cal
     primitive = Primitive(name)
     primitive.multiple_results = True
 
-    def jvp(primals, tangents, **how):
-        found = primitive.bind(*primals, **how)
-        out = [ad.Zero(jax.typeof(x).to_tangent_aval()) for x in found]
+    def jvp(primals, tangents, **parameters):
+        results = primitive.bind(*primals, **parameters)
+        out = [ad.Zero(jax.typeof(x).to_tangent_aval()) for x in results]
+        # only operands that have a tangent
         live = [k for k, t in enumerate(tangents) if type(t) is not ad.Zero]
-        for k, t in zip(live, primitive.bind(*(tangents[k] for k in live), **how) if live else (), strict=True):
+        pushed = primitive.bind(*(tangents[k] for k in live), **parameters) if live else ()
+        for k, t in zip(live, pushed, strict=True):
             out[k] = t
-        return found, out
+        return results, out
 
-    def transposed(cotangents, *operands, **how):
+    def transposed(cotangents, *operands, **parameters):
         linear = [k for k, x in enumerate(operands) if ad.is_undefined_primal(x)]
         out: list[Any] = [ad.Zero(x.aval) if ad.is_undefined_primal(x) else None for x in operands]
         live = [k for k in linear if type(cotangents[k]) is not ad.Zero]
@@ -93,16 +95,18 @@ def _linear(name: str, implementation: Callable, shape: Callable, transpose: Cal
                 out[k] = c
         return out
 
-    def batch(operands, axes, **how):
+    def batch(operands, axes, **parameters):
         size = next(x.shape[a] for x, a in zip(operands, axes, strict=True) if a is not batching.not_mapped)
         moved = [
             jnp.broadcast_to(x, (size, *x.shape)) if a is batching.not_mapped else jnp.moveaxis(x, a, 0)
             for x, a in zip(operands, axes, strict=True)
         ]
-        return primitive.bind(*moved, **how), [0] * len(moved)
+        return primitive.bind(*moved, **parameters), [0] * len(moved)
 
     primitive.def_impl(implementation)
-    primitive.def_abstract_eval(lambda *avals, **how: [a.update(shape=shape(a.shape, **how)) for a in avals])
+    primitive.def_abstract_eval(
+        lambda *avals, **parameters: [a.update(shape=shape(a.shape, **parameters)) for a in avals]
+    )
     ad.primitive_jvps[primitive] = jvp
     ad.primitive_transposes[primitive] = transposed
     batching.primitive_batchers[primitive] = batch
@@ -125,7 +129,7 @@ def _repeated(*operands, n):
 
 
 def _reduced(*operands):
-    """Storing on any backend: XLA never recomputes a reduction, here over two entries, one of which is zero."""
+    """Stores on any backend: XLA never recomputes a reduction, here over two entries, one of which is zero."""
     shape = operands[0].shape
     wide = (*shape, 2)
     first = jnp.broadcast_to(np.array([True, False]), wide)
@@ -134,7 +138,7 @@ def _reduced(*operands):
 
 
 def _passed_on(context, *operands):
-    """Storing on a CPU: a call that XLA does not inline, of a function that returns its arguments.
+    """Stores on a CPU: a call that XLA does not inline, of a function that returns its arguments.
 
     LLVM gets some four instructions for each value, where it gets fifty for the reduction.
     """
@@ -151,11 +155,15 @@ def _passed_on(context, *operands):
     return list(call.results)
 
 
-_sums = _linear("slipperjax_sums", _summed, lambda s: s[:-1], lambda found, shape: _spread.bind(*found, n=shape[-1]))
-_spread = _linear("slipperjax_spread", _repeated, lambda s, n: (*s, n), lambda found, shape: _sums.bind(*found))
-_stored = _linear("slipperjax_stored", _reduced, lambda s: s, lambda found, _: _stored.bind(*found))
+_sums = _linear(
+    "slipperjax_sums", _summed, lambda s: s[:-1], lambda cotangents, shape: _spread.bind(*cotangents, n=shape[-1])
+)
+_spread = _linear(
+    "slipperjax_spread", _repeated, lambda s, n: (*s, n), lambda cotangents, shape: _sums.bind(*cotangents)
+)
+_stored = _linear("slipperjax_stored", _reduced, lambda s: s, lambda cotangents, _: _stored.bind(*cotangents))
 _held = _linear(
-    "slipperjax_held", lambda *operands: list(operands), lambda s: s, lambda found, _: _stored.bind(*found)
+    "slipperjax_held", lambda *operands: list(operands), lambda s: s, lambda cotangents, _: _stored.bind(*cotangents)
 )
 
 mlir.register_lowering(_stored, _passed_on, platform="cpu")
@@ -163,7 +171,7 @@ mlir.register_lowering(_stored, _passed_on, platform="cpu")
 
 @jax.custom_jvp
 def kept(tree):
-    """The same values, which are stored, as `materialise` does, where they are differentiated."""
+    """Gives the same values, which are stored, as `materialise` does, where they are differentiated."""
     return tree
 
 

@@ -9,7 +9,7 @@ from scipy.optimize import root
 
 from slipperjax.analysis.continuation import continue_motion
 from slipperjax.analysis.curves import Pace, Spot
-from slipperjax.analysis.events import Node, Observation, _located
+from slipperjax.analysis.events import Node, Observation, _Search
 
 from .systems import Polynomial, Stopped, follow, labels, motions, one_touch, only, where
 
@@ -86,7 +86,7 @@ def test_a_grazing_is_located():
     assert abs(where(event) - grazing) < 1e-8  # measured: 7e-13
     for node in branch.nodes:
         if not node.label:
-            assert node.seen.counts == (int(node.spot.z[-1] > grazing),)
+            assert node.view.counts == (int(node.spot.z[-1] > grazing),)
 
     # the flip behind it, from the instants and speeds at the stop
     def flipping(unknowns):
@@ -187,11 +187,13 @@ def test_grazings_and_flips_within_one_step_are_separated():
 def test_an_event_whose_condition_jumps_is_kept_but_not_converged():
     """Of brentq's iterations a jump takes more than are allowed."""
 
-    def at(share, *_):
-        spot = Spot(np.array([0.0, share]), np.array([0.0, 1.0]), np.ones(2), np.array(0.0), np.array(1), None)
-        return Node(spot, np.array([1 - 1e-8 if share < 0.3 else 2.0], complex), Observation())
+    class Jumping(_Search):
+        def at(self, share, a, b):
+            spot = Spot(np.array([0.0, share]), np.array([0.0, 1.0]), np.ones(2), np.array(0.0), np.array(1), None)
+            return Node(spot, np.array([1 - 1e-8 if share < 0.3 else 2.0], complex), Observation())
 
-    found = _located("NS", at(0.0), at(1.0), at)
+    search = Jumping(motions(twin), None, 1e-10)
+    found = search.located("NS", search.at(0.0, None, None), search.at(1.0, None, None))
     assert not found.converged
     assert found.low <= 0.3 <= found.high
     assert found.high - found.low < 1e-6

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from slipperjax.analysis.lyapunov import REGIMES, pooled_standard_error, regime, standard_error
+from slipperjax.analysis.kinds import KINDS, REGIMES, Regime
+from slipperjax.analysis.lyapunov import pooled_standard_error, regime, standard_error
 
 
 @pytest.mark.parametrize(
@@ -22,7 +23,7 @@ from slipperjax.analysis.lyapunov import REGIMES, pooled_standard_error, regime,
     ],
 )
 def test_a_name_needs_an_exponent_that_is_known_and_agrees(exponent, stderr, kind, trusted, escapes, name):
-    assert REGIMES[int(regime(exponent, stderr, kind, trusted, escapes))] == name
+    assert regime(exponent, stderr, kind, trusted, escapes) == name
 
 
 def test_several_motions_show_correlations_as_long_as_a_record():
@@ -41,3 +42,13 @@ def test_several_motions_show_correlations_as_long_as_a_record():
     # measured: 1.05 of several motions, 1.20 of each alone
     assert 0.8 < scatter / stated < 1.25
     assert scatter / alone > 1.1
+
+
+def test_one_number_stands_for_both_words():
+    assert KINDS == ("period", "torus", "chaotic", "unresolved")
+    assert REGIMES == ("periodic", "regular", "chaotic", "unresolved", "transient chaos")
+    numbers = [Regime.of_kind(word) for word in KINDS]
+    assert Regime.kinds(numbers).tolist() == list(KINDS)
+    assert Regime.regimes([*numbers, Regime.TRANSIENT]).tolist() == list(REGIMES)
+    # arrays of cases that were not run are zero
+    assert Regime.kinds(np.zeros(2, int)).tolist() == ["unresolved"] * 2
