@@ -23,6 +23,7 @@ from ..flow.simulate import flexible_steps
 from ..flow.status import Status, first_problem
 from ..model.dynamics import State
 from ..model.kinematics import MOTION_SCALES, Motion
+from ..model.quantities import MOTION_NUMBERS
 from ..model.scene import Scene
 from ..sweeps.executors import in_order, run_chunk, run_chunks
 from ..sweeps.grid import Cases
@@ -90,7 +91,7 @@ def averages(
     repeats = max(1, -(-whole("members", spread.members, 4) // len(corners)))
     signs = np.repeat(corners, repeats, axis=0)
     members = len(signs)
-    draws = np.random.default_rng(spread.seed).normal(size=(repeats, 10)) * DISTURBED
+    draws = np.random.default_rng(spread.seed).normal(size=(repeats, len(MOTION_NUMBERS))) * DISTURBED
     draws[:, :5] = 0.0
     kicks = np.tile(draws, (len(corners), 1))
     flat = {name: np.repeat(np.asarray(values, float), members) for name, values in grid.items()}

@@ -22,6 +22,7 @@ from ..flow.status import Status
 from ..model.dang2024 import table_2_start
 from ..model.dynamics import State, initial_state
 from ..model.kinematics import Motion
+from ..model.quantities import MOTION_NUMBERS
 from ..model.scene import Scene
 from ..orbits.periodic import TOLERANCE
 from ..sweeps.executors import records_in_order, run_chunk, run_chunks
@@ -246,8 +247,8 @@ class _Batch:
         """Orbits near the last known ones, and their periods, 0 where there is none that is stable."""
         found = self._orbits(period, inverse)
         rows = rows_of(found.state)
-        weights = self.maps(period).weights(np.arange(self.count), rows)[:, :10]
-        near = np.max(np.abs(weights * (rows - self.rows)[:, :10]), axis=1) <= SAME
+        weights = self.maps(period).weights(np.arange(self.count), rows)[:, : len(MOTION_NUMBERS)]
+        near = np.max(np.abs(weights * (rows - self.rows)[:, : len(MOTION_NUMBERS)]), axis=1) <= SAME
         ok = (found.status == Status.FINITE) & found.stable & near
         return found, np.where(ok, period, 0)
 

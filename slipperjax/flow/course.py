@@ -15,7 +15,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped
 
 from ..model.dynamics import Args, State, contact_forces, motion_rates, per_period
-from ..model.kinematics import Contacts, Motion, contacts, euler_angles
+from ..model.kinematics import Contacts, Motion, contacts
+from ..model.layout import coordinate_rows
 from ..model.scene import Scene
 from ..tools.fused import materialise
 from .loads import Loads, contact_loads, contact_rate, step_slopes
@@ -23,12 +24,6 @@ from .poincare import Crossings, hermite, highest_point, section_crossings
 
 PLACES = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
 """Places inside a step at which curves are sampled [steps]: those of Gauss's formula with two points."""
-
-
-def stacked(state: State) -> Float[Array, "*batch 10"]:
-    """The ten coordinates and velocities of a state (*batch), in the order of `slipperjax.model.COORDINATES`."""
-    m = state.motion
-    return jnp.stack([m.y, m.z, *euler_angles(m), m.v_y, m.v_z, m.w_x, m.w_y, m.w_z], axis=-1)
 
 
 class Curve:
@@ -159,15 +154,15 @@ class Course:
 
     @functools.cached_property
     def coordinates(self) -> Curve:
-        """(ends, 10), in the order of `slipperjax.model.COORDINATES`."""
+        """(ends, coordinates), in the order of `slipperjax.model.COORDINATES`."""
         moving = jax.tree.map(lambda rate: rate / self.steps, self.rates)
-        with_slopes = lambda m, rate: jax.jvp(lambda m: stacked(State(m, None)), (m,), (rate,))
+        with_slopes = lambda m, rate: jax.jvp(lambda m: coordinate_rows(State(m, None)), (m,), (rate,))
         values, slopes = jax.vmap(with_slopes)(self.states.motion, moving)
         return Curve(materialise(values), materialise(slopes), self)
 
     @functools.cached_property
     def acceleration(self) -> Curve:
-        """(ends, 5), in the order of `slipperjax.model.ACCELERATIONS`."""
+        """(ends, accelerations), in the order of `slipperjax.model.ACCELERATIONS`."""
         m = jax.tree.map(lambda rate: rate / self.scene.period, self.rates)
         return self._curve(materialise(jnp.stack([m.v_y, m.v_z, m.w_x, m.w_y, m.w_z], axis=-1)))
 

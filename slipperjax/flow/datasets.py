@@ -13,6 +13,7 @@ import numpy as np
 
 from ..model.dynamics import State
 from ..model.kinematics import Motion
+from ..model.layout import coordinates
 from ..model.paths import parameter
 from ..model.quantities import ACCELERATIONS, COORDINATES, LOADS, PARAMETERS, REACTIONS, STARTS, Quantity
 from ..model.scene import Scene
@@ -20,7 +21,6 @@ from ..model.scene_files import scene_to_json
 from ..tools.compile import jit
 from ..tools.description import build, describe
 from .loads import over_periods
-from .series import coordinates
 from .status import MEANINGS
 
 

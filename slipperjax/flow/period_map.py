@@ -18,12 +18,13 @@ from ..analysis.floquet import jacobians
 from ..analysis.lyapunov import first_tangents, push_tangents
 from ..model.dynamics import Args, SmoothField, State, state_and_penetration, vector_field, warn_if_outside
 from ..model.kinematics import MOTION_SCALES, Motion, contact_points
+from ..model.layout import coordinate_rows
 from ..model.scene import Scene
 from ..model.step_size import settle_memory
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.compile import call_compiled, jit
-from .course import Course, stacked
+from .course import Course
 from .record import RecordSet
 from .status import Status, status_of, with_growth, with_resolution
 from .stepping import AbstractStepping, as_stepping
@@ -227,7 +228,7 @@ class TangentPassage(NamedTuple):
     tangents: State
     history: Float[Array, "cases periods count"]
     """Logarithm of the tangents' growth in each period."""
-    strobe: Float[Array, "cases periods 10"]
+    strobe: Float[Array, "cases periods coordinates"]
     """The state at the end of each period, in the order of `slipperjax.model.COORDINATES`."""
     status: Int[Array, " cases"]
     """`Status` code of the state at the end; what happens between is not looked at."""
@@ -254,7 +255,7 @@ def advance_tangents(
         def period(carry, epoch):
             state, tangents = carry
             state, tangents, logs = push_tangents(step, state, tangents, 1, index=epoch, **options)
-            return (state, tangents), (logs[0], stacked(state))
+            return (state, tangents), (logs[0], coordinate_rows(state))
 
         epochs = epoch + jnp.arange(float(periods))
         (state, tangents), (history, strobe) = jax.lax.scan(period, (state, tangents), epochs)

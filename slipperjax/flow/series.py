@@ -10,20 +10,12 @@ from jaxtyping import Float, Int
 
 from ..model.dynamics import State, reactions
 from ..model.kinematics import Motion
+from ..model.layout import coordinate_rows, coordinates
 from ..model.quantities import ACCELERATIONS, COORDINATES, REACTIONS, SECTIONS
 from ..tools.checks import require, whole
-from ..tools.compile import jit
-from .course import stacked
 from .loads import Loads
 from .record import AbstractRecord, Unlabelled, attributes, point_labels
 from .status import Status
-
-_stacked = jit(stacked)
-
-
-def coordinates(states: State) -> Float[np.ndarray, "*batch 10"]:
-    """`stacked` as a NumPy array."""
-    return np.asarray(_stacked(states))
 
 
 @dataclass(frozen=True)
@@ -64,7 +56,7 @@ class Strobe(AbstractRecord):
     def finish(self, carried, samples: Motion, span):
         return coordinates(State(samples, None))
 
-    def label(self, scene, dims, values: Float[Any, "*cases periods 10"]):
+    def label(self, scene, dims, values: Float[Any, "*cases periods coordinates"]):
         text = "; ".join(f"{name} [{q.unit}]" for name, q in COORDINATES.items())
         data = {
             "strobe": (
@@ -167,11 +159,11 @@ def _packed(time: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndar
 class HistoryValues(NamedTuple):
     """States, accelerations, contact forces, gaps and drive force at constant intervals."""
 
-    states: Float[Any, "*cases saves 10"]
+    states: Float[Any, "*cases saves coordinates"]
     """In the order of `slipperjax.model.COORDINATES`."""
     period: Float[Any, "*cases saves"]
     """Time [forcing periods]."""
-    acceleration: Float[Any, "*cases saves 5"]
+    acceleration: Float[Any, "*cases saves accelerations"]
     """In the order of `slipperjax.model.ACCELERATIONS`."""
     contact_force: Float[Any, "*cases saves 2 points"]
     """Normal forces at the front and the rear points [N]."""
@@ -212,7 +204,7 @@ class History(AbstractRecord):
         period = jnp.arange(1, self.saves + 1) / self.saves
         now = jax.vmap(lambda t, s: reactions(t, s, course.args))(period, saved)
         forces = now.contact_force, now.gap, now.drive_force
-        return HistoryValues(stacked(saved), period + course.args.epoch, now.acceleration, *forces)
+        return HistoryValues(coordinate_rows(saved), period + course.args.epoch, now.acceleration, *forces)
 
     def finish(self, carried, samples: HistoryValues, span) -> HistoryValues:
         found = jax.tree.map(lambda a: a.reshape(a.shape[0], -1, *a.shape[3:]), samples)

@@ -12,7 +12,7 @@ g'_0 is the contact's memory: one number per point, which changes at touchdowns 
 """
 
 import abc
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -179,6 +179,9 @@ WIDTH_PER_DEPTH = 0.01
 class AbstractMemory(ShapeChecked):
     """A model of the contact memory, which keeps the gap rate at touchdown."""
 
+    unit: ClassVar[str] = ""
+    """SI unit of the memory of a point."""
+
     @abc.abstractmethod
     def initial(self, gap: Array, rate: Array) -> Array:
         """The memory at the start, from gap [m] and gap rate [m/s] of the points there, all of shape (points,)."""
@@ -208,6 +211,7 @@ class EventLatch(AbstractMemory):
     `slipperjax.Latching`.
     """
 
+    unit: ClassVar = "s/m"
     slowest: float = eqx.field(static=True, default=SLOWEST_IMPACT, metadata={"unit": "m/s"})
     """Least approach rate at touchdown [m/s], see `SLOWEST_IMPACT`."""
 
@@ -296,6 +300,7 @@ class SmoothSwitch(AbstractMemory):
     prints the table from which the scaling was chosen.
     """
 
+    unit: ClassVar = "m/s"
     width: Float[Array, ""] | None = eqx.field(converter=optional(positive("width", "m")), default=None)
     """Width of the switch about g = 0 [m]."""
     relaxation: Float[Array, ""] | None = eqx.field(converter=optional(positive("relaxation", "s")), default=None)

@@ -36,7 +36,7 @@ class State(eqx.Module):
     """The state of one case."""
 
     motion: Motion
-    """The ten states of the rigid slipper, in SI units."""
+    """Position, attitude and velocities of the slipper, in SI units."""
     memory: Float[Array, " points"] | None
     """Memory of each contact point, with the unit of `slipperjax.model.contact`; None for laws without memory."""
 

@@ -18,12 +18,12 @@ from jaxtyping import Array, Float
 from ..tools.checks import brief, require, shown_number
 from ..tools.compile import is_traced
 from ..tools.fused import held, kept, materialise, spread
-from .quantities import COORDINATES
+from .quantities import COORDINATES, MOTION_NUMBERS
 from .scene import Scene
 
 
 class Motion(eqx.Module):
-    """The ten states of a rigid slipper, each a scalar."""
+    """Position, attitude and velocities of a rigid slipper, each a scalar."""
 
     y: Any = 0.0
     """Lateral displacement of the centre, positive to the left [m]."""
@@ -51,7 +51,8 @@ class Motion(eqx.Module):
         zero = lambda v: not is_traced(v) and np.all(np.asarray(v) == 0)
         parts = {name: shown_number(v) for name, v in vars(self).items() if not zero(v)}
         text = ", ".join(f"{name}={v} {units.get(name, '')}".rstrip() for name, v in parts.items())
-        return f"Motion({text}{', ' if text else ''}{'others 0' if len(parts) < 10 else ''})".replace(", )", ")")
+        others = [] if len(parts) == len(vars(self)) else ["others 0"]
+        return f"Motion({', '.join([text] * bool(text) + others)})"
 
     @staticmethod
     def from_euler(*, y=0.0, z=0.0, roll=0.0, pitch=0.0, yaw=0.0, v_y=0.0, v_z=0.0, w_x=0.0, w_y=0.0, w_z=0.0):
@@ -77,15 +78,8 @@ def check_motion(name: str, motion: Any) -> Motion:
     return motion
 
 
-def _motion_scales() -> Motion:
-    scale = {name: q.scale for name, q in COORDINATES.items()}
-    # a small rotation changes the quaternion's vector part by half its angle
-    attitude = [scale[angle] / 2 for angle in ("roll", "pitch", "yaw")]
-    return Motion(scale["y"], scale["z"], *attitude, *(scale[v] for v in ("v_y", "v_z", "w_x", "w_y", "w_z")))
-
-
-MOTION_SCALES = _motion_scales()
-"""Scales of the ten states, those of `COORDINATES`: 1 mm, 10 mrad as 5e-3 of the quaternion, 1 m/s, 10 rad/s."""
+MOTION_SCALES = Motion(*(q.scale for q in MOTION_NUMBERS.values()))
+"""Scales of the motion, those of `COORDINATES`: 1 mm, 10 mrad as 5e-3 of the quaternion, 1 m/s, 10 rad/s."""
 
 
 def scaled_size(motion: Motion, scales: Motion = MOTION_SCALES) -> Float[Array, ""]:

@@ -95,16 +95,16 @@ def dense_linearised(rates: Callable[[Motion], Motion], m: Motion, unit: Any) ->
 
     **Arguments:** `rates(m)`: derivative of the motion per `unit`; `m`: the motion; `unit`: unit of time [s].
     """
-    turned = _attitude_by_turn(m)
-    zero = jnp.zeros(10)
+    turned, tree = _attitude_by_turn(m), jax.tree.structure(m)
+    half = tree.num_leaves // 2  # positions, then their velocities
+    zero = jnp.zeros(2 * half)
     tangents = [zero.at[k].set(1.0) for k in range(2)]
-    tangents += [jnp.stack([0.0, 0.0, *(turned[i][k] for i in range(3)), *[0.0] * 5]) for k in range(3)]
-    tangents += [zero.at[k].set(1.0) for k in range(5, 10)]
-    tree = jax.tree.structure(m)
+    tangents += [jnp.stack([0.0, 0.0, *(turned[i][k] for i in range(3)), *[0.0] * half]) for k in range(3)]
+    tangents += [zero.at[k].set(1.0) for k in range(half, 2 * half)]
     column = lambda v: jax.jvp(rates, (m,), (jax.tree.unflatten(tree, list(v)),))[1]
-    columns = jax.tree.leaves(jax.vmap(column)(jnp.stack(tangents)))[5:]
-    part = lambda at: [[row[at + k] for k in range(5)] for row in columns]
-    return Linearised(part(0), part(5), m, unit)
+    columns = jax.tree.leaves(jax.vmap(column)(jnp.stack(tangents)))[half:]
+    part = lambda at: [[row[at + k] for k in range(half)] for row in columns]
+    return Linearised(part(0), part(half), m, unit)
 
 
 class LinearSystem(eqx.Module):

@@ -221,10 +221,18 @@ COORDINATES: dict[str, Quantity] = _named(
     Quantity("w_y", "rad/s", "pitch rate, slipper frame", r"\omega_Y", 10.0),
     Quantity("w_z", "rad/s", "yaw rate, slipper frame", r"\omega_Z", 10.0),
 )
-"""The slipper's coordinates and velocities, in the order of every array with ten columns."""
+"""The slipper's coordinates and velocities, in the order of every array of coordinates."""
 
 COORDINATE_SCALES = np.array([q.scale for q in COORDINATES.values()])
 """Scales of `COORDINATES`: 1 mm, 10 mrad, 1 m/s and 10 rad/s. Scaled errors and distances are multiples of them."""
+
+# a small rotation changes the quaternion's vector part by half its angle
+_ATTITUDE: dict[str, Quantity] = {
+    angle: Quantity(f"q_{axis}", "1", f"{axis} of the attitude quaternion", f"q_{axis}", COORDINATES[angle].scale / 2)
+    for angle, axis in (("roll", "x"), ("pitch", "y"), ("yaw", "z"))
+}
+MOTION_NUMBERS: dict[str, Quantity] = _named(*(_ATTITUDE.get(name, q) for name, q in COORDINATES.items()))
+"""The numbers of a `Motion`, in its order: `COORDINATES` with a quaternion for the attitude."""
 
 ACCELERATIONS: dict[str, Quantity] = _named(
     Quantity("a_y", "m/s^2", "lateral acceleration", "A_Y"),

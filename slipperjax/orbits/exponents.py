@@ -13,8 +13,9 @@ from ..analysis.lyapunov import LyapunovSpectrum, map_spectrum
 from ..flow.period_map import PeriodMap, tangent_weights
 from ..flow.simulate import Trajectory, default_steps, first_of, flexible_steps, steps_of_program
 from ..flow.status import status_of, with_growth, with_resolution
-from ..model.dynamics import SmoothField, State, initial_state, vector_field
+from ..model.dynamics import State, initial_state
 from ..model.kinematics import Motion
+from ..model.layout import StateLayout
 from ..model.scene import Scene, check_scene
 from ..solvers.named import resolve_solver
 from ..tools.checks import whole
@@ -29,8 +30,7 @@ def check_count(scene: Scene, count: int) -> int:
 
     **Raises:** `ValueError` for more.
     """
-    integrated = isinstance(vector_field(scene), SmoothField)
-    size = 10 + (scene.points if integrated else 0)
+    size = StateLayout.of(scene).dimension
     if whole("count", count, 1) > size:
         raise ValueError(f"Argument `count` must be at most {size}, the dimension of the motion, but is {count}.")
     return int(count)

@@ -15,6 +15,7 @@ from ..model.contact import EventLatch
 from ..model.dynamics import State
 from ..model.kinematics import contacts, rail_frame
 from ..model.paths import parameter
+from ..model.quantities import MOTION_NUMBERS
 from ..model.scene import Scene
 from ..tools.checks import shown_number
 from ..tools.compile import is_traced
@@ -44,7 +45,7 @@ class SlipperMotions(PeriodicMotions):
     """Periodic motions of a slipper; lengths of curves are measured by the motion and the parameters alone."""
 
     def measure(self, weights: Array) -> Array:
-        motion = len(MOTION)
+        motion = len(MOTION_NUMBERS)
         return jnp.zeros_like(weights).at[:motion].set(weights[:motion] / np.sqrt(motion))
 
     def settle(self, step: PeriodMap, proposed: State, mapped: State) -> State:
@@ -65,10 +66,6 @@ class EventMotions(SlipperMotions):
 
     def measure(self, weights: Array) -> Array:
         return SHARE * super().measure(weights)
-
-
-MOTION = np.arange(10)
-"""Places of the motion among the numbers of a state; the memory's come after."""
 
 
 def slipper_motions(

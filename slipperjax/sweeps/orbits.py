@@ -17,11 +17,11 @@ from jaxtyping import Complex, Float, Int
 
 from ..analysis.floquet import multipliers
 from ..flow.period_map import initial_states
-from ..flow.series import coordinates
 from ..flow.simulate import Trajectory, first_of
 from ..flow.status import Status
 from ..model.dynamics import State
 from ..model.kinematics import Motion
+from ..model.layout import coordinates
 from ..model.quantities import COORDINATES
 from ..model.scene import Scene
 from ..orbits.motions import check_forcing

@@ -12,10 +12,11 @@ from ..analysis.lyapunov import standard_error
 from ..flow.period_map import advance_tangents, initial_tangents
 from ..flow.record import AbstractRecord, Labelled, RecordedSpan, RecordSet, attributes
 from ..flow.records import ALIASES, RECORDS, ContactChecks, OnePoint
-from ..flow.series import History, Sections, Strobe, coordinates
+from ..flow.series import History, Sections, Strobe
 from ..flow.status import Status, first_problem
 from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State
+from ..model.layout import coordinates
 from ..model.quantities import COORDINATE_SCALES, LOADS, Quantity
 from ..model.scene import Scene
 from ..tools.batching import Batched
@@ -48,7 +49,7 @@ class Local(NamedTuple):
 
     history: Float[np.ndarray, "cases periods count"]
     status: Int[np.ndarray, " cases"]
-    strobe: Float[np.ndarray, "cases last 10"]
+    strobe: Float[np.ndarray, "cases last coordinates"]
     """States once per period in the last `LAST` counted periods, or in all if they are fewer."""
     state: State
     """The states at the end."""
@@ -153,7 +154,7 @@ class MotionKind(AbstractRecord):
         return min(self.latest, periods)
 
     def values(self, periods):
-        return 10 * self.last(periods)
+        return len(COORDINATE_SCALES) * self.last(periods)
 
     def sample(self, course):
         return course.end.motion

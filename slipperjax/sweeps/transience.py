@@ -37,7 +37,7 @@ APART = 1e-6
 class _Motions(NamedTuple):
     """What a chunk of motions showed."""
 
-    strobe: Float[np.ndarray, "lanes last 10"]
+    strobe: Float[np.ndarray, "lanes last coordinates"]
     history: Float[np.ndarray, "lanes periods count"]
     status: Int[np.ndarray, " lanes"]
 
