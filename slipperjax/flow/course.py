@@ -18,6 +18,7 @@ from ..model.dynamics import Args, State, contact_forces, motion_rates, per_peri
 from ..model.kinematics import Contacts, Motion, contacts
 from ..model.layout import coordinate_rows
 from ..model.scene import Scene
+from ..model.travel import Travel
 from ..tools.fused import materialise
 from .loads import Loads, contact_loads, contact_rate, step_slopes
 from .poincare import Crossings, hermite, highest_point, section_crossings
@@ -126,6 +127,16 @@ class Course:
         """Instants of the samples of curves [forcing periods since the start of this one]."""
         return ((jnp.arange(self.capacity)[:, None] + PLACES[None]) / self.steps).ravel()
 
+    @property
+    def travel(self) -> Travel:
+        """Speed and pace in the middle of the period."""
+        return self.args.travel(0.5)
+
+    @property
+    def _instants(self) -> Array:
+        """Both ends of every step [forcing periods since the start of this one]."""
+        return jnp.arange(self.capacity + 1) / self.steps
+
     @functools.cached_property
     def _contacts(self) -> tuple[Any, Contacts]:
         """Rail and contacts at both ends of every step."""
@@ -150,7 +161,8 @@ class Course:
             return self._rates
         frame, now = self._contacts
         of_one = lambda frame, now, m, force: motion_rates(self.scene, frame, now, m, force)
-        return per_period(self.scene, jax.vmap(of_one)(frame, now, self.states.motion, self._forces))
+        travel = self.args.travel(self._instants)
+        return per_period(travel, jax.vmap(of_one)(frame, now, self.states.motion, self._forces))
 
     @functools.cached_property
     def coordinates(self) -> Curve:
@@ -163,7 +175,8 @@ class Course:
     @functools.cached_property
     def acceleration(self) -> Curve:
         """(ends, accelerations), in the order of `slipperjax.model.ACCELERATIONS`."""
-        m = jax.tree.map(lambda rate: rate / self.scene.period, self.rates)
+        travel = self.args.travel(self._instants)
+        m = jax.tree.map(lambda rate: rate / travel.period, self.rates)
         return self._curve(materialise(jnp.stack([m.v_y, m.v_z, m.w_x, m.w_y, m.w_z], axis=-1)))
 
     @functools.cached_property

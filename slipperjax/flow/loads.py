@@ -88,7 +88,8 @@ def contact_loads(
     `steps` + 1 count; `args`: scene and epoch; `steps`: integration steps per period, may be traced; 3 at least.
     """
     most, step = len(force) - 1, 1 / steps
-    fastest = jnp.max(jnp.where(jnp.arange(most + 1) <= steps, rate, 0.0)) * args.scene.period
+    period = args.travel(0.5).period
+    fastest = jnp.max(jnp.where(jnp.arange(most + 1) <= steps, rate, 0.0)) * period
     # all points in one row, which is faster than two
     flat = lambda a: a.reshape(most + 1, -1)
     values = continued(jnp.stack((flat(force), flat(-gap)), axis=1), steps)
@@ -114,7 +115,7 @@ def contact_loads(
     # step by step, so that what is computed stays in the cache
     (found, _), _ = jax.lax.scan(one, (found, _slope(*values[:5])), jnp.arange(most))
     highest, when, impulse, contact, depth = (a.reshape(force.shape[1:]) for a in found)
-    return Loads(highest, when, step * args.scene.period * impulse, step * contact, depth, step * fastest)
+    return Loads(highest, when, step * period * impulse, step * contact, depth, step * fastest)
 
 
 def over_periods(loads: Loads) -> Loads:

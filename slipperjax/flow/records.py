@@ -554,7 +554,7 @@ _TABLE = (
     ),
     Record(
         Quantity("contact_work", "J/m", "energy lost in contacts per metre of travel", "W"),
-        lambda c: jnp.sum(c.power.mean) / c.scene.speed,
+        lambda c: jnp.sum(c.power.mean) / c.travel.speed,
         "mean",
     ),
     Record(

@@ -30,6 +30,7 @@ from .kinematics import (
 from .linearised import Linearised, contact_linearised, dense_linearised
 from .scene import Scene, check_scene
 from .step_size import contact_depth, settle_memory
+from .travel import Travel
 
 
 class State(eqx.Module):
@@ -57,6 +58,10 @@ class Args(NamedTuple):
     def frame(self, t: Any) -> RailFrame:
         """The rail under the slipper at time `t` [forcing periods]."""
         return rail_frame(self.scene, phase(t, self.epoch), self.points)
+
+    def travel(self, t: Any) -> Travel:
+        """Speed and pace at time `t` [forcing periods]."""
+        return self.scene.travel(phase(t, self.epoch))
 
 
 def phase(t: Any, epoch: Any) -> Any:
@@ -169,9 +174,9 @@ def motion_rates(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force
     return newton_euler(scene, m, resultant(frame, now, force))
 
 
-def per_period(scene: Scene, rates: Motion) -> Motion:
+def per_period(travel: Travel, rates: Motion) -> Motion:
     """Rates [per second] as rates [per forcing period]."""
-    period = kept(scene.period)  # else each of the ten rates has the derivatives of a division
+    period = kept(travel.period)  # else each of the ten rates has the derivatives of a division
     return jax.tree.map(lambda r: period * r, rates)
 
 
@@ -195,12 +200,12 @@ class AbstractVectorField(eqx.Module):
         """The derivative [per forcing period] from known rail and contacts."""
         scene = args.scene
         rates = motion_rates(scene, frame, now, state.motion, contact_forces(scene, now, state.memory))
-        return State(per_period(scene, rates), None)
+        return State(per_period(args.travel(t), rates), None)
 
     def linearised(self, t: Any, state: State, args: Args) -> Linearised:
         """The motion's derivative, linearised [per forcing period]; the memory is frozen."""
         rates = lambda m: self.evaluate(t, State(m, state.memory), args).motion
-        return dense_linearised(rates, state.motion, args.scene.period)
+        return dense_linearised(rates, state.motion, args.travel(t).period)
 
     def memory_decay(self, t: Any, state: State, args: Args) -> Any:
         """Derivative of an integrated memory's rate with respect to the memory [per forcing period], per point."""
@@ -230,7 +235,7 @@ class ContactField(AbstractVectorField):
         frame = args.frame(t)
         now = contacts(frame, m)
         force = lambda gap, rate: contact_forces(scene, Contacts(gap, rate, now.lever), state.memory)
-        return contact_linearised(scene, frame, now, m, force)
+        return contact_linearised(scene, args.travel(t), frame, now, m, force)
 
 
 class MemorylessField(ContactField):
@@ -249,7 +254,7 @@ class LatchedField(ContactField):
         now = contacts(frame, state.motion)
         before, earlier_step = before
         step = t1 - t0
-        seconds = step * args.scene.period
+        seconds = step * args.travel(t1 - 0.5 * step).period
         memory = args.scene.memory.latch(state.memory, before, now.gap, now.rate, seconds, step / earlier_step)
         state = State(state.motion, memory)
         after = Before(now.gap, now.rate, before.rate), step
@@ -267,13 +272,14 @@ class SmoothField(ContactField):
             return contacts(args.frame(t), motion).rate
 
         _, acceleration = jax.jvp(gap_rate, (jnp.asarray(t, float), state.motion), (jnp.ones(()), rates))
-        memory = scene.memory.derivative(state.memory, now.gap, now.rate, acceleration / scene.period)
-        return State(rates, scene.period * memory)
+        travel = args.travel(t)
+        memory = scene.memory.derivative(state.memory, now.gap, now.rate, acceleration / travel.period)
+        return State(rates, travel.period * memory)
 
     def memory_decay(self, t, state, args):
         scene = settle_memory(args.scene)
         now = contacts(args.frame(t), state.motion)
-        return scene.period * scene.memory.decay(now.gap)
+        return args.travel(t).period * scene.memory.decay(now.gap)
 
 
 def vector_field(scene: Scene) -> AbstractVectorField:

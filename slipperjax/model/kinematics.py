@@ -185,7 +185,7 @@ def rail_frame(scene: Scene, phase: Any, points: Points | None = None) -> RailFr
     per_norm = materialise(1 / jnp.sqrt(1 + n_x * n_x))
     # stored, so that the loop over lanes and points does not compute it again
     n_x, n_y, n_z, position, slope = materialise([v * per_norm for v in (n_x, n_y, n_z, position, slope)])
-    return RailFrame((n_x, n_y, n_z), position, slope * scene.speed, points.arm)
+    return RailFrame((n_x, n_y, n_z), position, slope * scene.travel(phase).speed, points.arm)
 
 
 class _Node(NamedTuple):

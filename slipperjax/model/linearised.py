@@ -25,6 +25,7 @@ from jaxtyping import Array
 from ..tools.fused import materialise, sums
 from .kinematics import Contacts, Motion, RailFrame, rotation, scalar_part
 from .scene import Scene
+from .travel import Travel
 
 Matrix = list[list[Any]]
 """Rows of scalars."""
@@ -44,11 +45,11 @@ class Linearised(NamedTuple):
 
 
 def contact_linearised(
-    scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force: Callable[[Array, Array], Array]
+    scene: Scene, travel: Travel, frame: RailFrame, now: Contacts, m: Motion, force: Callable[[Array, Array], Array]
 ) -> Linearised:
     """The slipper's linearised motion [per forcing period].
 
-    **Arguments:** `frame`, `now`: rail and contacts at the same instant; `m`: the motion there; `force(gap, rate)`:
+    **Arguments:** `travel`, `frame`, `now`: travel, rail and contacts at the same instant; `m`: the motion there; `force(gap, rate)`:
     normal forces [N] from gaps [m] and gap rates [m/s], all of shape (2 points,).
     """
     one = jnp.ones_like(now.gap)
@@ -80,14 +81,14 @@ def contact_linearised(
 
     moments = [scene.slipper.inertia[k] for k in range(3)]
     inertia = [scene.slipper.mass, scene.slipper.mass, *moments]
-    scaled = lambda entries: [[scene.period / inertia[i] * entries[i, k] for k in range(5)] for i in range(5)]
+    scaled = lambda entries: [[travel.period / inertia[i] * entries[i, k] for k in range(5)] for i in range(5)]
     stiffness, damping = scaled(stiff), scaled(damp)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3  # Euler's equation: J_i w_i' = ... - (J_k - J_j) w_j w_k
-        gyro = scene.period * (moments[k] - moments[j]) / moments[i]
+        gyro = travel.period * (moments[k] - moments[j]) / moments[i]
         damping[2 + i][2 + j] = damping[2 + i][2 + j] - gyro * spin[k]
         damping[2 + i][2 + k] = damping[2 + i][2 + k] - gyro * spin[j]
-    return Linearised(stiffness, damping, m, scene.period)
+    return Linearised(stiffness, damping, m, travel.period)
 
 
 def dense_linearised(rates: Callable[[Motion], Motion], m: Motion, unit: Any) -> Linearised:

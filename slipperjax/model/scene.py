@@ -28,6 +28,7 @@ from .quantities import PARAMETERS, Parameter
 from .scene_text import scene_to_toml
 from .section import Section
 from .tracks import AbstractTrack
+from .travel import Travel
 
 
 class Slipper(ShapeChecked):
@@ -91,7 +92,12 @@ class Scene(ShapeChecked):
     @property
     def period(self) -> Float[Array, ""]:
         """The forcing period [s]: the time to travel the track's (first) wavelength."""
-        return self.track.wavelength / self.speed
+        return self.travel(0.0).period
+
+    def travel(self, phase: Any) -> Travel:
+        """Speed and pace after `phase` forcing periods: the same everywhere at constant speed."""
+        del phase
+        return Travel(self.speed, self.track.wavelength)
 
     @property
     def points(self) -> int:

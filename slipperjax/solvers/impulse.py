@@ -91,22 +91,23 @@ class ImpulseRK4(AbstractLatchingSolver):
         t0 = jnp.asarray(t0, float)
         frame = args.frame(t0)
         now = contacts(frame, y0.motion)
-        return _ended(args.scene, frame, now, _turning(args, t0, frame, y0.motion), y0)
+        return _ended(args, t0, frame, now, _turning(args, t0, frame, y0.motion), y0)
 
     @jax.jit  # diffrax traces it more than once
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         del terms, made_jump
         k1, before = solver_state
         scene, m0, dt = args.scene, y0.motion, t1 - t0
-        middle, last = args.frame(t0 + 0.5 * dt), args.frame(t1)
+        middle, last = ((args.frame(t), args.travel(t)) for t in (t0 + 0.5 * dt, t1))
 
-        def stage(frame, rates, share):
+        def stage(place, rates, share):
             """A stage's motion, its derivative, and the wrench of its forces along the directions at the start."""
+            frame, travel = place
             m = materialise(jax.tree.map(lambda a, k: a + share * dt * k, m0, rates))
             now = contacts(frame, m)
             force = contact_forces(scene, now, y0.memory)
             wrenches = sums(*(force * d for d in (*frame.normal[1:], *now.lever, *before.directions)))
-            return m, per_period(scene, newton_euler(scene, m, wrenches[:5])), wrenches[5:]
+            return m, per_period(travel, newton_euler(scene, m, wrenches[:5])), wrenches[5:]
 
         y2, k2, f2 = stage(middle, k1, 0.5)
         y3, k3, f3 = stage(middle, k2, 0.5)
@@ -116,7 +117,7 @@ class ImpulseRK4(AbstractLatchingSolver):
         early = [(a + b + c) / 6 for a, b, c in zip(before.wrench, f2, f3, strict=True)]
         mean = [e + (b + c + d) / 6 for e, b, c, d in zip(early, f2, f3, f4, strict=True)]
         state = State(materialise(end), y0.memory)
-        y1, rates, after = _corrected(args, last, before, t1, dt, state, mean, early)
+        y1, rates, after = _corrected(args, last[0], before, t1, dt, state, mean, early)
         rates = materialise(rates)
         dense = dense_info(dt, y0, y1, State(k1, None), State(rates, None))
         return y1, None, dense, (rates, after), RESULTS.successful
@@ -130,7 +131,7 @@ def _corrected(
     **Arguments:** `mean`, `early`: RK4's means over the step of the contacts' wrench and of that times the part of
     the step that is left, from which velocities and positions follow.
     """
-    scene, m, memory, seconds = args.scene, state.motion, state.memory, dt * args.scene.period
+    scene, m, memory, seconds = args.scene, state.motion, state.memory, dt * args.travel(t1 - 0.5 * dt).period
     now = contacts(frame, m)
     lever = materialise(now.lever)
     gap, turning = materialise((now.gap, _turning(args, t1, frame, m)))
@@ -169,13 +170,14 @@ def _corrected(
     m, kick, move = materialise((jax.tree.map(jnp.add, m, Motion(move[0], move[1], *turn, *kick)), kick, move))
     end = Contacts(gap + along(move), rate + along(kick), lever)
     state = State(m, None if memory is None else jnp.where(end.gap >= 0, 0.0, memory))
-    return state, *_ended(scene, frame, end, turning, state)
+    return state, *_ended(args, t1, frame, end, turning, state)
 
 
-def _ended(scene: Scene, frame: RailFrame, now: Contacts, turning: Array, state: State) -> tuple[Motion, Ends]:
+def _ended(args: Args, t: Any, frame: RailFrame, now: Contacts, turning: Array, state: State) -> tuple[Motion, Ends]:
     """The derivative [per forcing period] and the contacts at the end of a step."""
+    scene = args.scene
     wrench = resultant(frame, now, contact_forces(scene, now, state.memory))
-    rates = per_period(scene, newton_euler(scene, state.motion, wrench))
+    rates = per_period(args.travel(t), newton_euler(scene, state.motion, wrench))
     return rates, Ends(now.gap, now.rate, turning, (*frame.normal[1:], *now.lever), wrench)
 
 
@@ -273,4 +275,4 @@ def _quotient_jvp(primals, tangents):
 def _turning(args: Args, t: Any, frame: RailFrame, m: Motion) -> Array:
     """The gap's true rate less Eq. (8)'s [m/s]."""
     _, change = jax.jvp(args.frame, (t,), (jnp.ones_like(t),))
-    return contacts(change._replace(arm=frame.arm), m).gap * (1 / args.scene.period) + frame.velocity
+    return contacts(change._replace(arm=frame.arm), m).gap * (1 / args.travel(t).period) + frame.velocity
