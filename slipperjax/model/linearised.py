@@ -49,8 +49,8 @@ def contact_linearised(
 ) -> Linearised:
     """The slipper's linearised motion [per forcing period].
 
-    **Arguments:** `travel`, `frame`, `now`: travel, rail and contacts at the same instant; `m`: the motion there; `force(gap, rate)`:
-    normal forces [N] from gaps [m] and gap rates [m/s], all of shape (2 points,).
+    **Arguments:** `travel`, `frame`, `now`: travel, rail and contacts at the same instant; `m`: the motion there;
+    `force(gap, rate)`: normal forces [N] from gaps [m] and gap rates [m/s], all of shape (2 points,).
     """
     one = jnp.ones_like(now.gap)
     forces, by_gap = jax.jvp(lambda g: force(g, now.rate), (now.gap,), (one,))

@@ -15,6 +15,8 @@ SLOWEST_APPROACH = 0.1
 """Lower bound on the approach speed of a typical impact [m/s]."""
 PER_CONTACT = 10
 """Default number of steps per typical impact, chosen by `tests/benchmarks/test_steps.py`."""
+PER_WAVE = 10
+"""Least default number of steps per shortest wavelength of the track."""
 DAMPED = 2.0
 """Damping force over elastic force at a typical touchdown, above which steps are shortened in proportion [1].
 
@@ -63,9 +65,13 @@ def settle_memory(scene: Scene) -> Scene:
 
 
 def steps_needed(scene: Scene) -> Float[Array, ""]:
-    """Steps per forcing period such that a typical impact takes `PER_CONTACT` steps, more where it is damped [1]."""
+    """Steps per forcing period such that a typical impact takes `PER_CONTACT` steps, more where it is damped [1].
+
+    And such that the track's shortest wave takes `PER_WAVE` of them.
+    """
     damping = jnp.asarray(scene.contact.damping(-_approach(scene), jnp.ones(())))
-    return PER_CONTACT * impacts_per_period(scene) * jnp.maximum(damping / DAMPED, 1.0)
+    waves = scene.track.wavelength / scene.track.shortest_wavelength
+    return jnp.maximum(PER_CONTACT * impacts_per_period(scene) * jnp.maximum(damping / DAMPED, 1.0), PER_WAVE * waves)
 
 
 _steps_needed = jit(steps_needed)
@@ -74,7 +80,8 @@ _steps_needed = jit(steps_needed)
 def default_steps_per_period(scene: Scene) -> int:
     """Steps per forcing period such that a typical impact takes `PER_CONTACT` steps, and at least `LEAST_STEPS`.
 
-    More where the damping force at a touchdown exceeds `DAMPED` times the elastic one, for restitutions below 0.44.
+    More where the track's shortest wave would take less than `PER_WAVE` steps, or where the damping force at a
+    touchdown exceeds `DAMPED` times the elastic one, for restitutions below 0.44.
     Rounded up: to a multiple of 40 up to 240 steps, of 80 up to 480, of 160 up to 960, and so on.
 
     **Raises:** `ValueError` for a traced scene, whose values are unknown.
