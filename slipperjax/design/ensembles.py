@@ -19,7 +19,7 @@ from jaxtyping import Float, Int
 from ..flow.period_map import advance_tangents, initial_tangents, states_and_penetrations
 from ..flow.record import RecordSet
 from ..flow.records import AbstractNumber
-from ..flow.simulate import flexible_steps
+from ..flow.simulate import dynamic_steps
 from ..flow.status import Status, first_problem
 from ..model.dynamics import State
 from ..model.kinematics import MOTION_SCALES, Motion
@@ -166,7 +166,7 @@ def _exponents(scenes: Any, states: State, periods: int, steps: int, solver: Any
     tangents, logs, status = initial_tangents(scenes, states, 1), [], np.zeros(len(states.motion.y), int)
     for k in range(-(-periods // SETTLED) + 1):
         options: dict[str, Any] = dict(solver=solver, periods=SETTLED)
-        done = advance_tangents(scenes, states, tangents, float(k * SETTLED), flexible_steps(steps), **options)
+        done = advance_tangents(scenes, states, tangents, float(k * SETTLED), dynamic_steps(steps), **options)
         states, tangents = done.state, done.tangents
         status = first_problem(status, np.asarray(done.status))
         logs += [np.asarray(done.history)[..., 0]] if k else []

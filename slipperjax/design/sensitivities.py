@@ -12,7 +12,7 @@ from jax.flatten_util import ravel_pytree
 
 from ..analysis.attractor import classify
 from ..flow.datasets import scene_attributes
-from ..flow.simulate import Trajectory, default_steps, first_of, flexible_steps, simulate
+from ..flow.simulate import Trajectory, default_steps, dynamic_steps, first_of, simulate
 from ..flow.status import Status
 from ..flow.stepping import ConstantSteps
 from ..model.dang2024 import table_2_start
@@ -180,7 +180,7 @@ def _of_run(scene: Scene, known: list[Parameter], question: Question, begin: Any
     how: dict[str, Any] = dict(names=question.names, objectives=question.of_courses, solver=question.solver)
     for epoch in range(periods):
         states = jax.vmap(unravel)(jnp.asarray(rows))
-        stepping = flexible_steps(question.steps, inside=True)
+        stepping = dynamic_steps(question.steps, inside=True)
         done = push_period(batch, states, jnp.asarray(moved), float(epoch), stepping, **how)
         rows, moved = np.asarray(done.end), np.asarray(done.moved)
         kept.append(done.kept)

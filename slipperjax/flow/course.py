@@ -23,7 +23,7 @@ from ..tools.fused import materialise
 from .loads import Loads, contact_loads, contact_rate, step_slopes
 from .poincare import Crossings, hermite, highest_point, section_crossings
 
-PLACES = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
+GAUSS_PLACES = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
 """Places inside a step at which curves are sampled [steps]: those of Gauss's formula with two points."""
 
 
@@ -36,9 +36,9 @@ class Curve:
 
     @functools.cached_property
     def samples(self) -> Float[Array, "samples ..."]:
-        """Values at `PLACES` of every step, in the order of time."""
-        found = jnp.stack([hermite(x, *self._ends) for x in PLACES], axis=1)
-        return found.reshape(-1, *self.values.shape[1:])
+        """Values at `GAUSS_PLACES` of every step, in the order of time."""
+        values = jnp.stack([hermite(x, *self._ends) for x in GAUSS_PLACES], axis=1)
+        return values.reshape(-1, *self.values.shape[1:])
 
     @functools.cached_property
     def mean(self) -> Float[Array, "..."]:
@@ -88,9 +88,8 @@ class Curve:
 class Course:
     """One forcing period of a motion, as records see it inside the compiled program.
 
-    Each quantity is computed where it is first asked for, once for all records: what none of them asks for costs
-    nothing. Arrays over steps have room for more of them than there are, see `taken`; means and extremes leave the
-    others out.
+    Each quantity is computed at its first use, once for all records: one that none of them uses costs nothing. Arrays
+    over steps have a capacity for more steps than are `used`; means and extremes leave the others out.
     """
 
     def __init__(self, end: State, inside: State | None, args: Args, steps: Any, rates: Motion | None = None):
@@ -114,18 +113,18 @@ class Course:
 
     @property
     def capacity(self) -> int:
-        """Number of steps that there is room for."""
+        """Number of steps that arrays have room for."""
         return self.states.motion.y.shape[0] - 1
 
     @property
-    def taken(self) -> Bool[Array, " steps"]:
-        """Which steps there are: the first ones."""
+    def used(self) -> Bool[Array, " steps"]:
+        """Whether each step is one of the period's, which are the first ones."""
         return jnp.arange(self.capacity) < self.steps
 
     @property
     def times(self) -> Float[Array, " samples"]:
         """Instants of the samples of curves [forcing periods since the start of this one]."""
-        return ((jnp.arange(self.capacity)[:, None] + PLACES[None]) / self.steps).ravel()
+        return ((jnp.arange(self.capacity)[:, None] + GAUSS_PLACES[None]) / self.steps).ravel()
 
     @property
     def travel(self) -> Travel:
@@ -230,12 +229,12 @@ class Course:
 
     def mean(self, samples: Float[Array, "samples ..."]) -> Float[Array, "..."]:
         """The mean over time of what was computed from samples of curves."""
-        return jnp.sum(self.counted(samples, 0.0), axis=0) / (self.steps * len(PLACES))
+        return jnp.sum(self.counted(samples, 0.0), axis=0) / (self.steps * len(GAUSS_PLACES))
 
-    def counted(self, values: Shaped[Array, "samples ..."], rest: float) -> Shaped[Array, "samples ..."]:
-        """Values of steps, or samples, with `rest` in place of those of steps that there is only room for."""
-        taken = jnp.repeat(self.taken, len(values) // self.capacity)
-        return jnp.where(taken.reshape(-1, *[1] * (values.ndim - 1)), values, rest)
+    def counted(self, values: Shaped[Array, "samples ..."], filler: float) -> Shaped[Array, "samples ..."]:
+        """Values of steps, or samples, with `filler` in place of those of unused steps."""
+        used = jnp.repeat(self.used, len(values) // self.capacity)
+        return jnp.where(used.reshape(-1, *[1] * (values.ndim - 1)), values, filler)
 
     def _of_points(self, values: Array) -> Array:
         return values.reshape(len(values), 2, -1)

@@ -27,13 +27,13 @@ from .status import MEANINGS
 @functools.cache
 def versions() -> dict[str, str]:
     """Versions of slipperjax, of the packages it computes with, and of Python."""
-    found = {"python": platform.python_version()}
+    numbers = {"python": platform.python_version()}
     for name in ("slipperjax", "jax", "jaxlib", "diffrax", "equinox", "numpy"):
         try:
-            found[name] = importlib.metadata.version(name)
+            numbers[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
-            found[name] = "unknown"
-    return found
+            numbers[name] = "unknown"
+    return numbers
 
 
 def run_attributes(scene: Scene, start: Motion | State, call: Mapping[str, Any], varied: Any = ()) -> dict[str, str]:
@@ -67,8 +67,8 @@ def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, A
     **Arguments:** `without`: names and paths of parameters which a dataset has as coordinates. All that depend on
     them are left out, as the clearance where section.play.2 is varied, and so are those with several values.
     """
-    for known in (parameter(name, scene) for name in without if name not in STARTS):
-        scene = known.replaced(scene, np.nan)
+    for p in (parameter(name, scene) for name in without if name not in STARTS):
+        scene = p.replaced(scene, np.nan)
     out: dict[str, Any] = {
         "contact_law": type(scene.contact).__name__,
         "contact_memory": type(scene.memory).__name__,

@@ -94,10 +94,10 @@ def _read_toml(source: Any) -> SceneFile:
     return scene_from_toml(text, str(source))
 
 
-def _chosen_none(found: SceneFile, chosen: Mapping[str, Any]) -> SceneFile:
+def _chosen_none(file: SceneFile, chosen: Mapping[str, Any]) -> SceneFile:
     if chosen:
         raise ValueError(f"Argument `{next(iter(chosen))}` must not be given for a TOML file, which has one scene.")
-    return found
+    return file
 
 
 def dataset_of(source: Any) -> Any:
@@ -142,24 +142,24 @@ def _varied(ds: Any, chosen: Mapping[str, float], wanted: Callable[[str], bool])
     unknown = [name for name in chosen if name not in names]
     if unknown:
         raise ValueError(f"Argument `{unknown[0]}` must be one of what was varied, {', '.join(names) or 'nothing'}.")
-    found = {name: np.asarray(ds.coords[name].values, float) for name in names}
-    fits = {name: np.abs(found[name] - value) <= SAME * abs(value) for name, value in chosen.items()}
+    values = {name: np.asarray(ds.coords[name].values, float) for name in names}
+    fits = {name: np.abs(values[name] - value) <= SAME * abs(value) for name, value in chosen.items()}
     for name, hits in fits.items():
         if not np.any(hits):
-            nearest = found[name].ravel()[np.argmin(np.abs(found[name].ravel() - chosen[name]))]
+            nearest = values[name].ravel()[np.argmin(np.abs(values[name].ravel() - chosen[name]))]
             raise ValueError(
                 f"Argument `{name}` must be one of the result's, but is {chosen[name]:g}; nearest is {nearest:.10g}."
             )
-    beside = [name for name in names if ds.coords[name].dims == ("case",)]  # lists that were read side by side
-    if beside:
-        keep = np.logical_and.reduce([fits[name] for name in beside if name in fits] or [np.ones(1, bool)])
-        found |= {name: found[name][np.broadcast_to(keep, found[name].shape)] for name in beside}
-    found |= {name: found[name][hits] for name, hits in fits.items() if name not in beside and found[name].ndim}
-    found = {name: values for name, values in found.items() if wanted(name)}
-    several = [name for name, values in found.items() if values.size != 1]
+    listed = [name for name in names if ds.coords[name].dims == ("case",)]  # lists that were read side by side
+    if listed:
+        keep = np.logical_and.reduce([fits[name] for name in listed if name in fits] or [np.ones(1, bool)])
+        values |= {name: values[name][np.broadcast_to(keep, values[name].shape)] for name in listed}
+    values |= {name: values[name][hits] for name, hits in fits.items() if name not in listed and values[name].ndim}
+    values = {name: v for name, v in values.items() if wanted(name)}
+    several = [name for name, v in values.items() if v.size != 1]
     if several:
         raise ValueError(
-            f"Argument `{several[0]}` must be given, as the result has {found[several[0]].size} values of it; or "
+            f"Argument `{several[0]}` must be given, as the result has {values[several[0]].size} values of it; or "
             f"select a case, as by ds.isel({several[0]}=0)."
         )
-    return {name: float(values.ravel()[0]) for name, values in found.items()}
+    return {name: float(v.ravel()[0]) for name, v in values.items()}

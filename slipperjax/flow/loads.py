@@ -111,10 +111,10 @@ def contact_loads(
         return (jax.tree.map(lambda n, old: jnp.where(place < steps, n, old), new, carry[0]), next_slope), None
 
     nothing = jnp.zeros(values.shape[-1])
-    found = nothing - jnp.inf, nothing + jnp.nan, nothing, nothing, nothing - jnp.inf
+    totals = nothing - jnp.inf, nothing + jnp.nan, nothing, nothing, nothing - jnp.inf
     # step by step, so that what is computed stays in the cache
-    (found, _), _ = jax.lax.scan(one, (found, _slope(*values[:5])), jnp.arange(most))
-    highest, when, impulse, contact, depth = (a.reshape(force.shape[1:]) for a in found)
+    (totals, _), _ = jax.lax.scan(one, (totals, _slope(*values[:5])), jnp.arange(most))
+    highest, when, impulse, contact, depth = (a.reshape(force.shape[1:]) for a in totals)
     return Loads(highest, when, step * period * impulse, step * contact, depth, step * fastest)
 
 

@@ -60,7 +60,7 @@ def initial_tangents(scenes: Batched[Scene], states: State, count: int) -> State
 
 
 class Passage(NamedTuple):
-    """What a run over some forcing periods gives."""
+    """Result of a run over some forcing periods."""
 
     state: State
     """The state at the end."""
@@ -103,11 +103,11 @@ class PeriodMap(eqx.Module):
         used: Any = None,
         earlier: Any = None,
     ) -> Passage:
-        """Integrates some forcing periods, by default one application's, with what records keep of each.
+        """Integrates some forcing periods, by default one application's, with the samples of records.
 
         **Arguments:** `state`: at the start of the forcing period number `epoch`; `used`: how many of `periods`
-        are integrated, which may be traced, so that one program serves several numbers: what the result holds for
-        the others counts for nothing; `earlier`: the records' carries after earlier periods, by default initial ones.
+        are integrated, which may be traced, so that one program serves several numbers: entries of the others are
+        meaningless; `earlier`: the records' carries after earlier periods, by default initial ones.
 
         **Returns:** a `Passage` with scalar status. Where solver or controller gave up, the motion is NaN from there
         on.
@@ -127,18 +127,18 @@ class PeriodMap(eqx.Module):
             end = _lost_where(done.failed, done.end)
             inside = _lost_where(done.failed, done.inside) if records.inside else None
             course = Course(end, inside, args, self.stepping.number, done.rates)
-            carry = end, done.carried, records.add(carried, course)
-            return carry, (records.sample(course), status_of(end), jnp.asarray(done.taken, int))
+            carry = end, done.solver_state, records.add(carried, course)
+            return carry, (records.sample(course), status_of(end), jnp.asarray(done.steps_taken, int))
 
         def period_if_used(carry, epoch_now):
             none = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(period, carry, epoch_now)[1])
             return jax.lax.cond(epoch_now < epoch + used, period, lambda c, _: (c, none), carry, epoch_now)
 
         count = self.periods if periods is None else periods
-        first = self.stepping.first(terms, solver, state, Args(scene, epoch, points))
+        solver_state = self.stepping.begin(terms, solver, state, Args(scene, epoch, points))
         epochs = epoch + jnp.arange(float(count))
         one = period if used is None else period_if_used
-        (end, _, carried), (samples, codes, taken) = jax.lax.scan(one, (state, first, earlier), epochs)
+        (end, _, carried), (samples, codes, taken) = jax.lax.scan(one, (state, solver_state, earlier), epochs)
         if used is not None:
             taken = jnp.where(jnp.arange(count) < used, taken, jnp.max(taken))
         code = codes[jnp.argmax(codes != int(Status.FINITE))]
@@ -222,7 +222,7 @@ def advance(
 
 
 class TangentPassage(NamedTuple):
-    """What carrying tangents over some forcing periods gives, with a leading axis of cases."""
+    """Result of carrying tangents over some forcing periods, with a leading axis of cases."""
 
     state: State
     tangents: State

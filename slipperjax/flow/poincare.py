@@ -72,7 +72,7 @@ def section_crossings(motion: Motion, rates: Motion, args: Args, steps: Any) -> 
     leading axis `most` + 1, of which the first `steps` + 1 count; `args`: with the epoch; `steps`: integration steps
     per period, may be traced.
     """
-    places = jnp.arange(motion.y.shape[0])
+    index = jnp.arange(motion.y.shape[0])
 
     def sample(m, rate):
         angles, angle_rates = jax.jvp(euler_angles, (m,), (rate,))
@@ -84,6 +84,6 @@ def section_crossings(motion: Motion, rates: Motion, args: Args, steps: Any) -> 
 
     q, d, v, a = jax.vmap(sample, out_axes=1)(motion, rates)
     place, velocity = crossing(q[:, :-1], d[:, :-1], q[:, 1:], d[:, 1:], v[:, :-1], a[:, :-1], v[:, 1:], a[:, 1:])
-    taken = (places[:-1] < steps)[None]
-    time = (places[:-1][None] + place) / steps + args.epoch
-    return Crossings(jnp.where(taken, time, jnp.nan), jnp.where(taken, velocity, jnp.nan))
+    used = (index[:-1] < steps)[None]
+    time = (index[:-1][None] + place) / steps + args.epoch
+    return Crossings(jnp.where(used, time, jnp.nan), jnp.where(used, velocity, jnp.nan))

@@ -23,7 +23,7 @@ from ..model.scene import Scene
 from ..tools.batching import Batched
 from ..tools.checks import brief, instance, number, one_of, positive, require
 from ..tools.compile import jit
-from .course import PLACES, Course
+from .course import GAUSS_PLACES, Course
 from .record import AbstractRecord, RecordedSpan, Unlabelled, attributes, point_labels
 from .status import Status, most_stability_number, with_loads
 
@@ -416,7 +416,7 @@ class ForcePercentile(AbstractRecord):
         return carried.at[ends[None, :, None], points[None, None, :], found].add(one)
 
     def finish(self, carried, samples, span: RecordedSpan):
-        count = span.periods * span.steps * len(PLACES)
+        count = span.periods * span.steps * len(GAUSS_PLACES)
         place = np.array(self.percentiles) / 100 * (count - 1)
         below = np.floor(place).astype(int)
         lower, upper = (np.asarray(_ranked(carried, np.minimum(k, count - 1))) for k in (below, below + 1))
@@ -505,7 +505,7 @@ class SpectrumLines(AbstractNumber):
         before = (frequencies * course.args.epoch % 1)[:, None]
         angle = 2 * jnp.pi * (frequencies[:, None] * course.times[None] + before)
         sums = jnp.stack([jnp.cos(angle) @ signal, -jnp.sin(angle) @ signal])
-        return sums * jnp.where(frequencies > 0, 2, 1)[None] / (course.steps * len(PLACES))
+        return sums * jnp.where(frequencies > 0, 2, 1)[None] / (course.steps * len(GAUSS_PLACES))
 
 
 def _of_points(name: str, over: str, function: Callable[[Course], Any], **more: Any) -> Record:

@@ -249,24 +249,24 @@ class EventLatch(AbstractMemory):
 
 
 @jax.custom_jvp
-def _falling_zero(a: Array, b: Array, slope: Array, start: Array, end: Array, asked: Any) -> Array:
+def _falling_zero(a: Array, b: Array, slope: Array, start: Array, end: Array, wanted: Any) -> Array:
     """Where ((a x + b) x + slope) x + start, which is `end` at 1, falls through zero between 0 and 1."""
     fall = start - end
-    x = start / jnp.where(asked & (fall > 0), fall, jnp.inf)
+    x = start / jnp.where(wanted & (fall > 0), fall, jnp.inf)
     for _ in range(3):  # Newton's method from the chord
         value, steep = ((a * x + b) * x + slope) * x + start, (3 * a * x + 2 * b) * x + slope
-        x = jnp.clip(x - value / jnp.where(asked & (steep < 0), steep, -jnp.inf), 0.0, 1.0)
+        x = jnp.clip(x - value / jnp.where(wanted & (steep < 0), steep, -jnp.inf), 0.0, 1.0)
     return x
 
 
 @_falling_zero.defjvp
 def _falling_zero_jvp(primals, tangents):
     # that of the zero itself: one division, where the iterations have six
-    a, b, slope, _, _, asked = primals
+    a, b, slope, _, _, wanted = primals
     x = _falling_zero(*primals)
     a1, b1, slope1, start1, _, _ = tangents
     steep = (3 * a * x + 2 * b) * x + slope
-    inside = asked & (steep < 0) & (x > 0) & (x < 1)
+    inside = wanted & (steep < 0) & (x > 0) & (x < 1)
     return x, (((a1 * x + b1) * x + slope1) * x + start1) / jnp.where(inside, -steep, jnp.inf)
 
 
@@ -281,7 +281,7 @@ class Before(NamedTuple):
     """Gap rate at the start of the previous step [m/s]."""
 
 
-def _settled(value: Array | None) -> Array:
+def _number(value: Array | None) -> Array:
     if value is None:
         raise ValueError("Arguments `width` and `relaxation` must be numbers here: call settle_memory(scene) before.")
     return value
@@ -344,12 +344,12 @@ class SmoothSwitch(AbstractMemory):
 
         **Raises:** `ValueError` if width or relaxation is None.
         """
-        return self._switch(gap) * ((rate - memory) / _settled(self.relaxation) + acceleration)
+        return self._switch(gap) * ((rate - memory) / _number(self.relaxation) + acceleration)
 
     def decay(self, gap: Array) -> Array:
         """Derivative of m' with respect to m at a constant acceleration [1/s], shape (points,)."""
-        return -self._switch(gap) / _settled(self.relaxation)
+        return -self._switch(gap) / _number(self.relaxation)
 
     def _switch(self, gap: Array) -> Array:
-        u = jnp.clip(gap / _settled(self.width) + 0.5, 0.0, 1.0)
+        u = jnp.clip(gap / _number(self.width) + 0.5, 0.0, 1.0)
         return u**3 * (10 + u * (6 * u - 15))

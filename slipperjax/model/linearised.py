@@ -118,7 +118,7 @@ class LinearSystem(eqx.Module):
     factor: Any
     stiffness: Matrix
     matrix: Matrix
-    carried: Matrix
+    transport: Matrix
     turn: Matrix
     attitude: Matrix
 
@@ -127,15 +127,15 @@ class LinearSystem(eqx.Module):
         self.step = factor * at.unit
         self.factor = factor
         self.stiffness = at.stiffness
-        carried = _inverse(_unit_minus(_spin_of_turn(m), self.step))
-        by_turn = [[sum(row[2 + k] * carried[k][j] for k in range(3)) for j in range(3)] for row in at.stiffness]
+        transport = _inverse(_unit_minus(_spin_of_turn(m), self.step))
+        by_turn = [[sum(row[2 + k] * transport[k][j] for k in range(3)) for j in range(3)] for row in at.stiffness]
         by_place = [[*row[:2], *turn] for row, turn in zip(at.stiffness, by_turn, strict=True)]
         both = [
             [d + self.step * s for d, s in zip(*rows, strict=True)] for rows in zip(at.damping, by_place, strict=True)
         ]
         matrix = _factored(_unit_minus(both, factor))
-        turn = _product(carried, _turn_by_attitude(m))
-        self.matrix, self.carried, self.turn = materialise((matrix, carried, turn))
+        turn = _product(transport, _turn_by_attitude(m))
+        self.matrix, self.transport, self.turn = materialise((matrix, transport, turn))
         self.attitude = _attitude_by_turn(m)
 
     def solve(self, right: Motion) -> Motion:
@@ -151,7 +151,7 @@ class LinearSystem(eqx.Module):
         for i in reversed(range(5)):
             for j in range(i + 1, 5):
                 x[i] = x[i] - self.matrix[i][j] * x[j]
-        turn = [a + self.step * b for a, b in zip(turn, _times(self.carried, x[2:]), strict=True)]
+        turn = [a + self.step * b for a, b in zip(turn, _times(self.transport, x[2:]), strict=True)]
         place = [leaves[k] + self.step * x[k] for k in range(2)]
         return materialise(jax.tree.unflatten(tree, [*place, *_times(self.attitude, turn), *x]))
 

@@ -58,10 +58,10 @@ def _at_path(path: str, scene: Any) -> Parameter:
     owner, field = None, ""
     while words and hasattr(type(part), "__dataclass_fields__"):
         owner, field = part, words.pop(0)
-        known = [name for name, f in part.__dataclass_fields__.items() if not f.metadata.get("static", False)]
-        if field not in known:
+        numbers = [name for name, f in part.__dataclass_fields__.items() if not f.metadata.get("static", False)]
+        if field not in numbers:
             raise ValueError(
-                f"Argument `{path}` leads to no number: {type(part).__name__} has {', '.join(known)}, "
+                f"Argument `{path}` leads to no number: {type(part).__name__} has {', '.join(numbers)}, "
                 f"but not {brief(field)}."
             )
         fields.append(field)
@@ -76,8 +76,8 @@ def _at_path(path: str, scene: Any) -> Parameter:
     shape = shape[len(shape) - rank :]  # without axes of cases
     index = tuple(_place(path, word, size, owner) for word, size in zip(words, shape, strict=True))
     unit = unit_of(type(owner), field)
-    known = {f.name: f for f in type(owner).__dataclass_fields__.values()}[field].metadata.get("converter")
-    need = finite if known is None else lambda name, unit: replace(known, name=name, unit=unit, optional=False)
+    check = {f.name: f for f in type(owner).__dataclass_fields__.values()}[field].metadata.get("converter")
+    need = finite if check is None else lambda name, unit: replace(check, name=name, unit=unit, optional=False)
 
     def where(scene: Any) -> Any:
         for name in fields:

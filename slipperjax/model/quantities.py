@@ -72,9 +72,9 @@ class Parameter(Quantity):
 
     def checked(self, value: Any) -> jax.Array:
         """`value` [unit] as an array; raises `ValueError` where it is out of range, warns where it is implausible."""
-        found = self.check(self.name, self.unit)(value)
-        self.warn_unless_plausible(found)
-        return found
+        array = self.check(self.name, self.unit)(value)
+        self.warn_unless_plausible(array)
+        return array
 
     def warn_unless_plausible(self, value: Any) -> None:
         """Gives an `ImplausibleWarning` where `value` [unit], one or more, lies outside `plausible`."""
@@ -294,7 +294,7 @@ def quantity(name: str) -> Quantity:
     """
     if name.startswith("start_"):
         return STARTS[name.removeprefix("start_")]
-    for known in (PARAMETERS, COORDINATES, ACCELERATIONS, REACTIONS, LOADS):
-        if name in known:
-            return known[name]
+    for quantities in (PARAMETERS, COORDINATES, ACCELERATIONS, REACTIONS, LOADS):
+        if name in quantities:
+            return quantities[name]
     raise KeyError(name)

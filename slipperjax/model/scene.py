@@ -80,10 +80,10 @@ class Scene(ShapeChecked):
 
     def warn_unless_plausible(self, parameters: Iterable[Parameter]) -> None:
         """Gives an `ImplausibleWarning` where a parameter is far from what is usual. Traced ones are let through."""
-        for known in parameters:
-            if not is_traced(known.leaf(self)):
-                known.warn_unless_plausible(known.of(self))
-        if any(known.name == "clearance" for known in parameters) and not is_traced(self.section):
+        for p in parameters:
+            if not is_traced(p.leaf(self)):
+                p.warn_unless_plausible(p.of(self))
+        if any(p.name == "clearance" for p in parameters) and not is_traced(self.section):
             points, clearance = np.asarray(self.section.points), 2 * np.max(np.asarray(self.section.play))
             smallest = float(np.min(np.ptp(points, axis=0)))
             # with more play than half its head on each side, the slipper can leave the rail
@@ -116,12 +116,12 @@ class Scene(ShapeChecked):
         **Raises:** `ValueError` for an unknown name, a value that is out of range, a value that a later one would
         undo, or if the scene has no such part.
         """
-        scene, known = self, [parameter(name, self) for name in values]
-        refuse_undone(known, self)
-        for one, value in zip(known, values.values(), strict=True):
-            require(np.size(value) != 0, one.name, "be one or more values", value)
-            scene = one.replaced(scene, unless_traced(one.check(one.name, one.unit), value))
-        scene.warn_unless_plausible(known)
+        scene, parameters = self, [parameter(name, self) for name in values]
+        refuse_undone(parameters, self)
+        for p, value in zip(parameters, values.values(), strict=True):
+            require(np.size(value) != 0, p.name, "be one or more values", value)
+            scene = p.replaced(scene, unless_traced(p.check(p.name, p.unit), value))
+        scene.warn_unless_plausible(parameters)
         return scene
 
     def to_toml(self, file: Any = None, *, start: Any = None) -> str:
@@ -141,12 +141,12 @@ class Scene(ShapeChecked):
 
         **Raises:** `ValueError` for an unknown name, or if the scene has no such part.
         """
-        known = parameter(name, self)
-        known.check_exists(self)
-        found = known.of(self)
-        if found is None:
-            raise ValueError(f"Argument `{name}` has no value: the scene has no {known.long_name}.")
-        return jnp.asarray(found)
+        p = parameter(name, self)
+        p.check_exists(self)
+        value = p.of(self)
+        if value is None:
+            raise ValueError(f"Argument `{name}` has no value: the scene has no {p.long_name}.")
+        return jnp.asarray(value)
 
 
 def check_scene(scene: Any) -> Scene:

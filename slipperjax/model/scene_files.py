@@ -41,7 +41,7 @@ BASES = {"paper": paper_scene}
 
 
 class SceneFile(NamedTuple):
-    """What a scene's file holds."""
+    """Contents of a scene's file."""
 
     scene: Scene
     start: Motion | None
@@ -98,10 +98,10 @@ class _Reader:
         self.lines, self.file, self.tables = text.splitlines(), file, tables
 
     def read(self) -> SceneFile:
-        known = ("base", *NUMBERS, *PARTS, "start")
+        names = ("base", *NUMBERS, *PARTS, "start")
         for name in self.tables:
-            if name not in known:
-                raise self.error("", name, f"`{name}` is none of {', '.join(known)}.")
+            if name not in names:
+                raise self.error("", name, f"`{name}` is none of {', '.join(names)}.")
         base = self.base()
         values = {name: self.quantity("", name, unit_of(Scene, name)) for name in NUMBERS if name in self.tables}
         parts = {name: self.part(name, base.get(name)) for name in PARTS if name in self.tables or name in base}
@@ -112,9 +112,9 @@ class _Reader:
         ]
         if missing:
             raise ValueError(f'{self.file}: `{missing[0]}` is missing; or write base = "paper" at the top.')
-        rest = {name: base[name] for name in NUMBERS if name in base and name not in values}
+        inherited = {name: base[name] for name in NUMBERS if name in base and name not in values}
         try:
-            scene = Scene(**(rest | values | parts))
+            scene = Scene(**(inherited | values | parts))
         except ValueError as error:
             raise self.placed("", error) from None
         return SceneFile(scene, self.start() if "start" in self.tables else None)
@@ -140,9 +140,9 @@ class _Reader:
             elif TYPE in table:
                 raise ValueError(f"`{TYPE}` must not be given: there is one kind of {name}.")
             fields = {f for f in kind.__dataclass_fields__}
-            given = {k: self.value(name, k, unit_of(kind, k) or ("m" if k == "clearance" else "")) for k in table}
-            values = {k: v for k, v in (inherited or {}).items() if k in fields} | given
-            if kind is Section and "clearance" in given:
+            written = {k: self.value(name, k, unit_of(kind, k) or ("m" if k == "clearance" else "")) for k in table}
+            values = {k: v for k, v in (inherited or {}).items() if k in fields} | written
+            if kind is Section and "clearance" in written:
                 if "play" in table:
                     raise ValueError("`clearance` and `play` must not both be given.")
                 play = half_play(values.pop("clearance"), len(values.get("faces", Section.faces)))
@@ -168,10 +168,10 @@ class _Reader:
             raise self.placed("start", error) from None
 
     def table(self, name: str) -> Mapping[str, Any]:
-        found = self.tables.get(name, {})
-        if not isinstance(found, dict):
-            raise self.error("", name, f"`{name}` must be a table, [{name}], but is {brief(found)}.")
-        return found
+        table = self.tables.get(name, {})
+        if not isinstance(table, dict):
+            raise self.error("", name, f"`{name}` must be a table, [{name}], but is {brief(table)}.")
+        return table
 
     def value(self, table: str, name: str, unit: str) -> Any:
         return self.quantity(table, name, unit) if unit else self.table(table)[name]
@@ -197,16 +197,16 @@ class _Reader:
     def placed(self, table: str, error: Exception) -> "_PlacedError":
         """An error with the line of the name that it mentions, or of the table."""
         named = re.findall(r"`(?:\w+\.)*(\w+)`", str(error))
-        given = [name for name in named if name in (self.table(table) if table else self.tables)]
-        return self.error(table, given[0] if given else "", str(error))
+        present = [name for name in named if name in (self.table(table) if table else self.tables)]
+        return self.error(table, present[0] if present else "", str(error))
 
     def line_of(self, table: str, name: str) -> int | None:
         """The line where a name gets its value, or else where its table begins."""
         now, header = "", None
         for number, line in enumerate(self.lines, 1):
-            found = re.match(r"\s*\[\s*([\w.\"']+)\s*\]", line)
-            if found:
-                now = found.group(1).strip("\"'")
+            title = re.match(r"\s*\[\s*([\w.\"']+)\s*\]", line)
+            if title:
+                now = title.group(1).strip("\"'")
                 header = number if now == table else header
                 if name == now and not table:
                     return number

@@ -86,10 +86,10 @@ def default_steps_per_period(scene: Scene) -> int:
 
     **Raises:** `ValueError` for a traced scene, whose values are unknown.
     """
-    found = traced_steps_per_period(check_scene(scene))
-    if is_traced(found):
+    steps = traced_steps_per_period(check_scene(scene))
+    if is_traced(steps):
         raise ValueError("Argument `steps_per_period` must be given where the scene is traced (jit, vmap).")
-    return int(found)
+    return int(steps)
 
 
 def traced_steps_per_period(scene: Scene) -> Any:

@@ -56,9 +56,9 @@ class AbstractTrack(ShapeChecked):
 
         By default 1 or infinite, from samples one and `MANY` wavelengths apart.
         """
-        places = jnp.arange(HEIGHTS) / HEIGHTS
+        shares = jnp.arange(HEIGHTS) / HEIGHTS
         heights = lambda shift: jnp.stack(
-            [h for h in self.irregularity(self.wavelength * (places + shift)) if h is not None]
+            [h for h in self.irregularity(self.wavelength * (shares + shift)) if h is not None]
         )
         here = heights(0.0)
         within = 1e-6 * jnp.max(jnp.abs(here), axis=1, keepdims=True)

@@ -17,7 +17,7 @@ from ..flow.load import dataset_of, load_base, load_call
 from ..flow.period_map import PeriodMap
 from ..flow.record import RecordedSpan, RecordSet
 from ..flow.series import Sections
-from ..flow.simulate import Trajectory, default_steps, flexible_steps
+from ..flow.simulate import Trajectory, default_steps, dynamic_steps
 from ..flow.status import ASKED, Interrupted
 from ..model.dynamics import State, initial_state
 from ..model.kinematics import Motion
@@ -200,7 +200,7 @@ class _Run:
 
     @classmethod
     def new(cls, scene, name, bounds, period, steps, solver, tolerance, like) -> "_Run":
-        stepping = flexible_steps(steps)
+        stepping = dynamic_steps(steps)
         reach = (bounds[1] - bounds[0],)
         equations = slipper_motions(scene, (name,), reach, like, stepping=stepping, solver=solver, period=period)
         return cls(scene, name, equations, bounds, steps, solver, tolerance)
@@ -218,7 +218,7 @@ class _Run:
     def observe(self, spot: Spot) -> Observation:
         """Looks at an orbit's contacts and sections."""
         step = self.equations.family
-        stepping = flexible_steps(self.steps, inside=True)
+        stepping = dynamic_steps(self.steps, inside=True)
         look = dataclasses.replace(self.equations, family=dataclasses.replace(step, stepping=stepping))
         sections = Sections()
         records = RecordSet((GapSamples(), sections))

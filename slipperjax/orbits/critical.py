@@ -19,7 +19,7 @@ from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.load import load_call, varied_names
 from ..flow.period_map import PeriodMap
 from ..flow.record import RecordSet
-from ..flow.simulate import flexible_steps, steps_of_program
+from ..flow.simulate import dynamic_steps, static_steps
 from ..flow.status import Interrupted
 from ..model.dynamics import State
 from ..model.paths import parameter
@@ -115,7 +115,7 @@ def critical_orbit(
     solver = start.solver if solver is None else resolve_solver(scene, solver)
     value = jax.lax.stop_gradient(known.of(start.scene))
     # differentiated in both modes, or by one program for all numbers of steps
-    stepping = steps_of_program(steps) if is_traced(scene) else flexible_steps(steps)
+    stepping = static_steps(steps) if is_traced(scene) else dynamic_steps(steps)
     how = dict(stepping=stepping, solver=solver, period=start.period)
     motions = slipper_motions(scene, (name,), (jnp.abs(value),), start.state, **how)
     if angle is None:
@@ -249,7 +249,7 @@ def continue_event(
             f"{shown_number(limits[1][0])} to {shown_number(limits[1][1])}."
         )
     orbit, node = branch.orbit(event), branch.branch.nodes[event.point]
-    stepping = flexible_steps(call["steps_per_period"])
+    stepping = dynamic_steps(call["steps_per_period"])
     how = dict(solver=call["solver"], period=branch.period)
     reach = [high - low for low, high in limits]
     motions = slipper_motions(scene, (own.name, name), reach, orbit.state, stepping=stepping, of=EventMotions, **how)
@@ -276,7 +276,7 @@ def _extreme_at(motions: SlipperMotions, branch: OrbitBranch, node: Node, call: 
     """The extreme that is zero at a grazing."""
     near: Grazing = node.seen.data.grazing
     point = int(np.argmin(near.margin))
-    inside = flexible_steps(call["steps_per_period"], inside=True)
+    inside = dynamic_steps(call["steps_per_period"], inside=True)
     family = dataclasses.replace(motions.family, stepping=inside)  # type: ignore[type-var]
     time, greatest = jnp.asarray(near.time[point]), jnp.asarray(near.opening[point])
     return GapExtreme(family, jnp.asarray(point), time, greatest, branch.period)

@@ -11,7 +11,7 @@ import diffrax
 
 from ..analysis.lyapunov import LyapunovSpectrum, map_spectrum
 from ..flow.period_map import PeriodMap, tangent_weights
-from ..flow.simulate import Trajectory, default_steps, first_of, flexible_steps, steps_of_program
+from ..flow.simulate import Trajectory, default_steps, dynamic_steps, first_of, static_steps
 from ..flow.status import status_of, with_growth, with_resolution
 from ..model.dynamics import State, initial_state
 from ..model.kinematics import Motion
@@ -70,7 +70,7 @@ def lyapunov_spectrum(
     blocks = lambda name, value, least: -(-whole(name, value, least) // every)
     count = check_count(scene, count)
     # differentiated in both modes, or by one program for all numbers of steps
-    stepping = steps_of_program(steps) if is_traced((scene, start)) else flexible_steps(steps)
+    stepping = static_steps(steps) if is_traced((scene, start)) else dynamic_steps(steps)
     found = map_spectrum(
         PeriodMap(scene, stepping, resolve_solver(scene, solver), periods=every),
         initial_state(scene, start),

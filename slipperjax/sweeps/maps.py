@@ -11,7 +11,7 @@ from jaxtyping import Int
 from ..flow.period_map import advance, batch_jacobians, tangent_weights
 from ..flow.record import RecordSet
 from ..flow.records import ContactChecks, judged_by_contacts
-from ..flow.simulate import flexible_steps
+from ..flow.simulate import dynamic_steps
 from ..flow.status import most_stability_number, status_of
 from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State
@@ -124,10 +124,10 @@ class Maps(NamedTuple):
         return ConstantSteps(room, jnp.asarray(float(self.steps)))
 
     def _advanced(self, scenes: Batched[Scene], states: State, at: float) -> np.ndarray:
-        return rows_of(advance(scenes, states, at, flexible_steps(self.steps), **self._once).state)
+        return rows_of(advance(scenes, states, at, dynamic_steps(self.steps), **self._once).state)
 
     def _derived(self, scenes: Batched[Scene], states: State, at: float) -> np.ndarray:
-        return np.asarray(batch_jacobians(scenes, states, at, flexible_steps(self.steps), **self._once))[:, 0]
+        return np.asarray(batch_jacobians(scenes, states, at, dynamic_steps(self.steps), **self._once))[:, 0]
 
     def _looked(self, scenes: Batched[Scene], states: State, room: int) -> np.ndarray:
         seen = advance(scenes, states, self.epoch, self._roomy(room), **self._looking)

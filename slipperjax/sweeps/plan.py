@@ -12,10 +12,9 @@ from jaxtyping import Int
 
 from ..flow.record import RecordSet
 from ..flow.series import Strobe
-from ..flow.simulate import default_saves, step_plan
-from ..flow.stepping import room_for
+from ..flow.simulate import step_plan
+from ..flow.stepping import capacity_for
 from ..model.scene import Scene
-from ..model.step_size import LEAST_STEPS
 from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
 from ..tools.checks import whole
@@ -47,8 +46,8 @@ class Calls(NamedTuple):
 
     @property
     def room(self) -> int:
-        """Forcing periods that the program has room for, `PAUSE` or those of `slipperjax.flow.stepping.room_for`."""
-        return PAUSE if self.length == PAUSE else room_for(self.length)
+        """Forcing periods that the program has room for, `PAUSE` or as by `slipperjax.flow.stepping.capacity_for`."""
+        return PAUSE if self.length == PAUSE else capacity_for(self.length)
 
 
 class Chunk(NamedTuple):
@@ -165,14 +164,13 @@ def make_plan(
     **Raises:** `ValueError` that names the argument which is wrong, or memory and time of an impossible run.
     """
     transient, periods = whole("transient", transient, 0), whole("periods", periods, 1)
-    if steps_per_period is None:
-        saves = LEAST_STEPS if saves_per_period is None else whole("saves_per_period", saves_per_period, 1)
-        steps = -(-cases.default_steps() // saves) * saves
-    elif np.ndim(steps_per_period):
-        steps, saves = _steps_of_cases(cases, steps_per_period, saves_per_period)
-    else:
-        fixed, saves = step_plan(scene, steps_per_period, saves_per_period)
-        steps = np.full(cases.count, fixed)
+    if np.ndim(steps_per_period) and (shape := np.asarray(steps_per_period).shape) != cases.shape:
+        raise ValueError(
+            f"Argument `steps_per_period` must be one number or one for each case, {cases.shape}, "
+            f"but has shape {shape}."
+        )
+    steps, saves = step_plan(cases.default_steps, steps_per_period, saves_per_period)
+    steps = np.full(cases.count, steps)
     records = records.with_saves(saves)
     taken = ("status", "steps_per_period", *cases.dims, *map(cases.label, cases.axes))
     records.check(scene, periods, int(steps.min()), taken)
@@ -188,24 +186,6 @@ def make_plan(
     )
     refuse_run(cases.count, plan.work, plan.values, float(steps.sum()))
     return plan
-
-
-def _steps_of_cases(cases: Cases, given: Any, saves: int | None) -> tuple[np.ndarray, int]:
-    """Steps per period of each case from an array of them, and saves per period, which divide them all."""
-    given = np.asarray(given)
-    if given.shape != cases.shape:
-        raise ValueError(
-            f"Argument `steps_per_period` must be one number or one for each case, {cases.shape}, "
-            f"but has shape {given.shape}."
-        )
-    steps = np.array([whole("steps_per_period", n, 1) for n in given.ravel().tolist()])
-    if saves is None:
-        return steps, default_saves(int(np.gcd.reduce(steps)))
-    saves = whole("saves_per_period", saves, 1)
-    if np.any(steps % saves):
-        worst = steps[steps % saves != 0][0]
-        raise ValueError(f"Argument `saves_per_period` must divide steps_per_period = {worst}, but is {saves}.")
-    return steps, saves
 
 
 def strobe_plan(plan: Plan, periods: int) -> Plan:
