@@ -15,12 +15,14 @@ from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.layout import coordinates
 from ..model.paths import parameter
-from ..model.quantities import ACCELERATIONS, COORDINATES, LOADS, PARAMETERS, REACTIONS, STARTS, Quantity
+from ..model.quantities import LOADS, PARAMETERS, STARTS
 from ..model.scene import Scene
 from ..model.scene_files import scene_to_json
 from ..tools.compile import jit
 from ..tools.description import build, describe
 from .loads import over_periods
+from .record import attributes
+from .series import History, HistoryValues
 from .status import MEANINGS
 
 
@@ -115,23 +117,11 @@ def trajectory_dataset(trajectory: Any) -> Any:
     """
     import xarray as xr  # here, because importing it takes longer than a small simulation
 
-    reactions = trajectory.reactions
-    data: dict[str, Any] = {}
-    for quantities, values in (
-        (COORDINATES, coordinates(trajectory.state)),
-        (ACCELERATIONS, np.asarray(reactions.acceleration)),
-    ):
-        for k, (name, q) in enumerate(quantities.items()):
-            data[name] = ("time", values[:, k], q.attributes)
-    at_points = ("time", "end", "point")
-    for name, dims in (("contact_force", at_points), ("gap", at_points), ("drive_force", ("time",))):
-        data[name] = (dims, np.asarray(getattr(reactions, name)), REACTIONS[name].attributes)
-    coords = {
-        "time": ("time", np.asarray(trajectory.time), Quantity("time", "s", "time").attributes),
-        "period": ("time", np.asarray(trajectory.period), Quantity("", "1", "time in forcing periods").attributes),
-        "end": ["front", "rear"],
-        "point": list(trajectory.scene.section.names),
-    }
+    now = trajectory.reactions
+    parts = trajectory.period, now.acceleration, now.contact_force, now.gap, now.drive_force
+    history = HistoryValues(coordinates(trajectory.state), *map(np.asarray, parts))
+    data, coords = History().label(trajectory.scene, (), history)
+    coords = {"time": ("time", np.asarray(trajectory.time), attributes("s", "time")), **coords}
     start = jax.tree.map(lambda a: np.asarray(a)[0], trajectory.state)
     call = {"function": "simulate", **json.loads(trajectory.call)}
     attrs = (

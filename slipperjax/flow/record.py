@@ -1,4 +1,4 @@
-"""What is kept of each case: the contract of records, and several records as one.
+"""The contract of records, which keep something of each case, and several records as one.
 
 A record looks at the course of each forcing period inside the compiled program. Its carry makes numbers of one size,
 however long the run is (peaks, means, percentiles); its samples of each period are joined end to end (sections,
@@ -50,9 +50,9 @@ class AbstractRecord(abc.ABC):
     """The name in the attribute `record` of datasets."""
 
     @property
-    @abc.abstractmethod
     def variables(self) -> tuple[str, ...]:
         """The data variables that it makes."""
+        return (self.name,)
 
     @property
     def inside(self) -> bool:
@@ -122,9 +122,7 @@ class AbstractRecord(abc.ABC):
 class Unlabelled(AbstractRecord):
     """A record whose samples are used as they are, and not labelled."""
 
-    @property
-    def name(self):
-        return ""
+    name = ""
 
     @property
     def variables(self):
@@ -207,11 +205,11 @@ class RecordSet:
 
     def after(self, carried: tuple[Any, ...], status: np.ndarray, run: Any) -> tuple[tuple[Any, ...], np.ndarray]:
         """Carries and `Status` codes after the recorded span."""
-        found = []
+        carries = []
         for r, mine in zip(self.records, carried, strict=True):
             mine, status = r.after(mine, status, run)
-            found.append(mine)
-        return tuple(found), status
+            carries.append(mine)
+        return tuple(carries), status
 
     def finish(self, carried: tuple[Any, ...], samples: Sequence[Any], span: RecordedSpan) -> tuple[Any, ...]:
         """The arrays of each record, with a leading axis of cases."""
@@ -251,8 +249,8 @@ class Samples:
 
     def _of(self, record: AbstractRecord) -> Any:
         def end_to_end(*parts: np.ndarray) -> np.ndarray:
-            found = np.concatenate(parts, axis=1)
-            return found if record.from_start else found[:, -record.last(self._periods) :]
+            samples = np.concatenate(parts, axis=1)
+            return samples if record.from_start else samples[:, -record.last(self._periods) :]
 
         return jax.tree.map(end_to_end, *self._calls[record]) if self._calls[record] else None
 

@@ -30,7 +30,7 @@ from .status import Status, most_stability_number, with_loads
 ORDER = 32
 """Default order of the power means that stand for greatest values [1]."""
 POINTS = ("end", "point")
-"""Dimensions of what is given at each contact point."""
+"""Dimensions of values at each contact point."""
 
 
 class Join(NamedTuple):
@@ -70,14 +70,40 @@ JOINS: dict[str, Join] = {
 """Ways in which periods join, by name."""
 
 
-class AbstractNumber(AbstractRecord):
-    """A number, or an array of them, of each forcing period, joined over the periods."""
-
-    dims: tuple[str | tuple[str, tuple], ...] = ()
-    """Dimensions of what `of` gives: "end", "point", or a name of one's own with its labels."""
+class AbstractQuantityRecord(AbstractRecord):
+    """A record of one variable: a quantity with dimensions of its own."""
 
     quantity: Quantity
     """Name, unit and description."""
+    dims: tuple[Any, ...] = ()
+    """Dimensions: "end", "point", or a name of one's own with its labels, and attributes if there are any."""
+
+    @property
+    def name(self) -> str:
+        return self.quantity.name
+
+    @property
+    def unit(self) -> str:
+        """SI unit."""
+        return self.quantity.unit
+
+    def shape(self, scene: Scene) -> tuple[int, ...]:
+        """Shape of one value."""
+        of_points = {"end": 2, "point": scene.points // 2}
+        return tuple(of_points[d] if isinstance(d, str) else len(d[1]) for d in self.dims)
+
+    def values(self, periods):
+        return 20
+
+    def label(self, scene, dims, values):
+        names = [d if isinstance(d, str) else d[0] for d in self.dims]
+        own = {d[0]: (d[0], np.array(d[1]), *d[2:]) for d in self.dims if not isinstance(d, str)}
+        along = {name: labels for name, labels in point_labels(scene).items() if name in names}
+        return {self.name: ((*dims, *names), values, self.quantity.attributes)}, along | own
+
+
+class AbstractNumber(AbstractQuantityRecord):
+    """A number, or an array of them, of each forcing period, joined over the periods."""
 
     @property
     @abc.abstractmethod
@@ -89,34 +115,13 @@ class AbstractNumber(AbstractRecord):
         """The value of one forcing period, an array with axes `dims`; for "rms" its square."""
 
     @property
-    def name(self) -> str:
-        return self.quantity.name
-
-    @property
-    def unit(self) -> str:
-        """SI unit."""
-        return self.quantity.unit
-
-    @property
-    def variables(self):
-        return (self.name,)
-
-    @property
     def smooth(self) -> "AbstractNumber":
-        """What stands for it in descents: itself, or a power mean near a greatest value."""
+        """Its stand-in for descents: itself, or a power mean near a greatest value."""
         return self
 
     def total(self, values: Array) -> Array:
         """The number [`unit`] from the values of periods, along the first axis."""
         return self.join.value(self.join.reduce(values, axis=0), len(values))
-
-    def shape(self, scene: Scene) -> tuple[int, ...]:
-        """Of one value."""
-        of_points = {"end": 2, "point": scene.points // 2}
-        return tuple(of_points[d] if isinstance(d, str) else len(d[1]) for d in self.dims)
-
-    def values(self, periods):
-        return 20
 
     def begin(self, scene, state):
         return np.full(self.shape(scene), self.join.empty)
@@ -126,12 +131,6 @@ class AbstractNumber(AbstractRecord):
 
     def finish(self, carried, samples, span):
         return np.asarray(self.join.value(np.asarray(carried), span.periods))
-
-    def label(self, scene, dims, values):
-        names = [d if isinstance(d, str) else d[0] for d in self.dims]
-        own = {d[0]: (d[0], np.array(d[1])) for d in self.dims if not isinstance(d, str)}
-        along = {name: labels for name, labels in point_labels(scene).items() if name in names}
-        return {self.name: ((*dims, *names), values, self.quantity.attributes)}, along | own
 
 
 @dataclass(frozen=True)
@@ -232,7 +231,7 @@ class PowerMean(AbstractNumber):
         assert self.record.samples is not None
         size = jnp.abs(self.record.samples(course))
         size = size.reshape(len(size), -1)
-        # samples of steps that there is only room for are no part of the scale
+        # samples of unused steps are no part of the scale
         counted = course.counted(size, 0.0)
         most = jax.lax.stop_gradient(jnp.max(counted))  # a scale alone: the result does not depend on it
         scale = jnp.where(most > 0, most, 1.0)
@@ -274,8 +273,8 @@ class OnePoint(AbstractNumber):
         return _at_point(course, self.record.samples(course), self.point)
 
     def of(self, course):
-        found = _at_point(course, self.record.of(course), self.point)
-        return self.join.reduce(found.ravel(), axis=0)
+        values = _at_point(course, self.record.of(course), self.point)
+        return self.join.reduce(values.ravel(), axis=0)
 
 
 def _at_point(course: Course, values: Float[Array, "*first 2 points"], point: str | None) -> Array:
@@ -283,28 +282,20 @@ def _at_point(course: Course, values: Float[Array, "*first 2 points"], point: st
     if point is None:
         return values
     names = course.scene.section.names
-    places = {f"{name}{end + 1}": (end, k) for end in range(2) for k, name in enumerate(names)}
-    require(point in places, "point", f"be one of {', '.join(places)}", point)
-    return values[..., *places[point]]
+    indices = {f"{name}{end + 1}": (end, k) for end in range(2) for k, name in enumerate(names)}
+    require(point in indices, "point", f"be one of {', '.join(indices)}", point)
+    return values[..., *indices[point]]
 
 
 @dataclass(frozen=True)
-class PeakPeriod(AbstractRecord):
+class PeakPeriod(AbstractQuantityRecord):
     """The instant of the highest normal force of each point; NaN where it is open throughout."""
 
-    @property
-    def name(self):
-        return "peak_period"
-
-    @property
-    def variables(self):
-        return (self.name,)
-
-    def values(self, periods):
-        return 20
+    quantity = LOADS["peak_period"]
+    dims = POINTS
 
     def begin(self, scene, state):
-        none = np.zeros((2, scene.points // 2))
+        none = np.zeros(self.shape(scene))
         return none, np.full_like(none, np.nan)
 
     def add(self, carried, course):
@@ -315,9 +306,6 @@ class PeakPeriod(AbstractRecord):
 
     def finish(self, carried, samples, span):
         return np.asarray(carried[1]) - span.start
-
-    def label(self, scene, dims, values):
-        return {self.name: ((*dims, *POINTS), values, LOADS[self.name].attributes)}, point_labels(scene)
 
 
 @jit
@@ -368,16 +356,16 @@ CLASSES = _class_of(MOST) - _class_of(LEAST) + 2
 """Number of classes, the first for zero and the last for infinite forces."""
 
 
-def _each_once(name: str, given: Any, good: Callable[[Any], bool], need: str) -> tuple[float, ...]:
+def _each_once(name: str, values: Any, good: Callable[[Any], bool], need: str) -> tuple[float, ...]:
     """One or several numbers as a tuple; raises `ValueError` where one is not good, or given twice."""
-    found = np.atleast_1d(np.asarray(given if np.size(given) else None, dtype=object))
-    fits = [isinstance(x, int | float | np.number) and not isinstance(x, bool) and good(x) for x in found]
-    require(found.ndim == 1 and all(fits) and len(set(found.tolist())) == len(found), name, need, given)
-    return tuple(float(x) for x in found)
+    numbers = np.atleast_1d(np.asarray(values if np.size(values) else None, dtype=object))
+    fits = [isinstance(x, int | float | np.number) and not isinstance(x, bool) and good(x) for x in numbers]
+    require(numbers.ndim == 1 and all(fits) and len(set(numbers.tolist())) == len(numbers), name, need, values)
+    return tuple(float(x) for x in numbers)
 
 
 @dataclass(frozen=True)
-class ForcePercentile(AbstractRecord):
+class ForcePercentile(AbstractQuantityRecord):
     """Percentiles of the normal contact force over time, at each contact point [N].
 
     Forces at the two Gauss points of each step are counted in classes of their leading digits, and each is placed
@@ -391,16 +379,14 @@ class ForcePercentile(AbstractRecord):
 
     def __post_init__(self):
         need = "be numbers from 0 to 100, each once"
-        found = _each_once("percentiles", self.percentiles, lambda q: 0 <= q <= 100, need)
-        object.__setattr__(self, "percentiles", found)
+        percentiles = _each_once("percentiles", self.percentiles, lambda q: 0 <= q <= 100, need)
+        object.__setattr__(self, "percentiles", percentiles)
+
+    quantity = Quantity("contact_force_percentile", "N", "percentile over time of the normal contact force")
 
     @property
-    def name(self):
-        return "contact_force_percentile"
-
-    @property
-    def variables(self):
-        return (self.name,)
+    def dims(self):
+        return ("percentile", self.percentiles, attributes("percent", "percentile")), *POINTS
 
     def values(self, periods):
         return 20 * len(self.percentiles)
@@ -410,10 +396,10 @@ class ForcePercentile(AbstractRecord):
 
     def add(self, carried: Int[Array, "2 points classes"], course):
         bits = jax.lax.bitcast_convert_type(course.force.samples, jnp.int64)
-        found = jnp.clip((bits >> _SHIFT) - (_class_of(LEAST) - 1), 0, CLASSES - 1)
+        index = jnp.clip((bits >> _SHIFT) - (_class_of(LEAST) - 1), 0, CLASSES - 1)
         ends, points = (jnp.arange(n) for n in carried.shape[:2])
-        one = course.counted(jnp.ones_like(found, jnp.int32), 0)
-        return carried.at[ends[None, :, None], points[None, None, :], found].add(one)
+        one = course.counted(jnp.ones_like(index, jnp.int32), 0)
+        return carried.at[ends[None, :, None], points[None, None, :], index].add(one)
 
     def finish(self, carried, samples, span: RecordedSpan):
         count = span.periods * span.steps * len(GAUSS_PLACES)
@@ -421,16 +407,10 @@ class ForcePercentile(AbstractRecord):
         below = np.floor(place).astype(int)
         lower, upper = (np.asarray(_ranked(carried, np.minimum(k, count - 1))) for k in (below, below + 1))
         with np.errstate(invalid="ignore"):
-            found = np.where(lower == upper, lower, lower + (upper - lower) * (place - below))
+            forces = np.where(lower == upper, lower, lower + (upper - lower) * (place - below))
         # a force that is no number is in the last class
-        found[span.status == Status.NOT_FINITE] = np.nan
-        return np.moveaxis(found, -1, 1)
-
-    def label(self, scene, dims, values):
-        text = attributes("N", "percentile over time of the normal contact force")
-        percentile = "percentile", np.array(self.percentiles), attributes("percent", "percentile")
-        data = {self.name: ((*dims, "percentile", *POINTS), values, text)}
-        return data, point_labels(scene) | {"percentile": percentile}
+        forces[span.status == Status.NOT_FINITE] = np.nan
+        return np.moveaxis(forces, -1, 1)
 
 
 @jit
@@ -472,8 +452,8 @@ class SpectrumLines(AbstractNumber):
     def __post_init__(self):
         one_of("coordinate", self.coordinate, (*COORDINATES, *ACCELERATIONS))
         need = "be numbers of zero or more, each once"
-        found = _each_once("frequencies", self.frequencies, lambda f: 0 <= f < np.inf, need)
-        object.__setattr__(self, "frequencies", found)
+        frequencies = _each_once("frequencies", self.frequencies, lambda f: 0 <= f < np.inf, need)
+        object.__setattr__(self, "frequencies", frequencies)
 
     @property
     def quantity(self):

@@ -31,13 +31,7 @@ class Strobe(AbstractRecord):
         if self.latest is not None:
             whole("latest", self.latest, 1)
 
-    @property
-    def name(self):
-        return "strobe"
-
-    @property
-    def variables(self):
-        return ("strobe",)
+    name = "strobe"
 
     @property
     def inside(self):
@@ -95,9 +89,7 @@ class Sections(AbstractRecord):
     def __post_init__(self):
         whole("capacity", self.capacity, 1)
 
-    @property
-    def name(self):
-        return "sections"
+    name = "sections"
 
     @property
     def variables(self):
@@ -137,12 +129,12 @@ class Sections(AbstractRecord):
         for k, (name, coordinate) in enumerate(SECTIONS.items()):
             q, across = COORDINATES[name], f"upward zero crossings of {COORDINATES[coordinate].long_name}"
             # results on disk have room for as many crossings as could be
-            room = {"capacity": values.time.shape[-1]}
+            capacity = {"capacity": values.time.shape[-1]}
             for suffix, of, unit, text in (
                 ("", values.velocity, q.unit, f"{q.long_name} at {across}"),
                 ("_period", values.time, "1", f"forcing periods passed at {across}"),
             ):
-                data[f"{name}{suffix}"] = ((*dims, "crossing"), of[..., k, :most], attributes(unit, text) | room)
+                data[f"{name}{suffix}"] = ((*dims, "crossing"), of[..., k, :most], attributes(unit, text) | capacity)
             data[f"crossings_{name}"] = (dims, values.count[..., k], attributes("1", f"number of {across}"))
         return data, {}
 
@@ -180,9 +172,7 @@ class History(AbstractRecord):
     saves: int | None = None
     """A divisor of the steps per period; None for the run's `saves_per_period`."""
 
-    @property
-    def name(self):
-        return "history"
+    name = "history"
 
     def with_saves(self, saves):
         return History(saves) if self.saves is None else self
@@ -207,8 +197,8 @@ class History(AbstractRecord):
         return HistoryValues(coordinate_rows(saved), period + course.args.epoch, now.acceleration, *forces)
 
     def finish(self, carried, samples: HistoryValues, span) -> HistoryValues:
-        found = jax.tree.map(lambda a: a.reshape(a.shape[0], -1, *a.shape[3:]), samples)
-        return found._replace(period=found.period - span.start)
+        joined = jax.tree.map(lambda a: a.reshape(a.shape[0], -1, *a.shape[3:]), samples)
+        return joined._replace(period=joined.period - span.start)
 
     def label(self, scene, dims, values: HistoryValues):
         data: dict[str, Any] = {}

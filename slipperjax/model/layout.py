@@ -66,7 +66,7 @@ class StateLayout:
     def unpack(self, rows: Any) -> State:
         """States from rows of their numbers (*batch, size)."""
         count = len(self.motion)
-        like = State(Motion(), None if self.memory is None else jnp.zeros(len(self.memory)))
+        like = State(Motion(), None if self.memory is None else jnp.asarray(np.zeros(len(self.memory))))
         parts = [rows[..., k] for k in range(count)] + [rows[..., count:]] * (self.memory is not None)
         return jax.tree.unflatten(jax.tree.structure(like), parts)
 

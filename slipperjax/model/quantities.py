@@ -4,6 +4,7 @@ Checks, datasets, plots, the command line and the solvers look up parameters of 
 outputs and sections here.
 """
 
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -131,8 +132,17 @@ def _named(*quantities: Any) -> dict[str, Any]:
 _MM = dict(shown_unit="mm", per_shown=1e-3)
 _MRAD = dict(shown_unit="mrad", per_shown=1e-3)
 
+
+def _parameter(path: str, unit: str, text: str, symbol: str, check: Any, *plausible: float, **more: Any) -> Parameter:
+    """The parameter at a path of fields in a scene, by the last of which it is named."""
+    more |= dict(where=operator.attrgetter(path), check=check) | (dict(plausible=plausible) if plausible else {})
+    return Parameter(path.rpartition(".")[2], unit, text, symbol, **more)
+
+
+_DEGREES = dict(shown_unit="degrees", per_shown=np.pi / 180)
+
 PARAMETERS: dict[str, Parameter] = _named(
-    Parameter("speed", "m/s", "travelling speed", "V", where=lambda s: s.speed, check=positive, plausible=(1, 1e4)),
+    _parameter("speed", "m/s", "travelling speed", "V", positive, 1, 1e4),
     Parameter(
         "clearance",
         "m",
@@ -144,12 +154,8 @@ PARAMETERS: dict[str, Parameter] = _named(
         read=lambda play: 2 * (jnp.mean(play) if is_traced(play) else np.mean(np.asarray(play))),
         write=lambda clearance, play: half_play(clearance, play.shape[-1]),
     ),
-    Parameter(
-        "length", "m", "slipper length", "L", where=lambda s: s.slipper.length, check=positive, plausible=(0.005, 20)
-    ),
-    Parameter(
-        "mass", "kg", "slipper mass", "m", where=lambda s: s.slipper.mass, check=positive, plausible=(1e-3, 1e5)
-    ),
+    _parameter("slipper.length", "m", "slipper length", "L", positive, 0.005, 20),
+    _parameter("slipper.mass", "kg", "slipper mass", "m", positive, 1e-3, 1e5),
     *(
         Parameter(
             f"inertia_{axis}",
@@ -164,48 +170,11 @@ PARAMETERS: dict[str, Parameter] = _named(
         )
         for k, axis in enumerate("xyz")
     ),
-    Parameter(
-        "stiffness",
-        "N/m^1.5",
-        "contact stiffness",
-        "K",
-        where=lambda s: s.contact.stiffness,
-        check=positive,
-        plausible=(1e4, 1e14),
-    ),
-    Parameter(
-        "restitution", "1", "coefficient of restitution", "c_r", where=lambda s: s.contact.restitution, check=fraction
-    ),
-    Parameter(
-        "amplitude",
-        "m",
-        "irregularity amplitude",
-        "A",
-        **_MM,
-        where=lambda s: s.track.amplitude,
-        check=not_negative,
-        plausible=(0, 0.1),
-    ),
-    Parameter(
-        "roll_amplitude",
-        "rad",
-        "irregularity roll amplitude",
-        "A_R",
-        shown_unit="degrees",
-        per_shown=np.pi / 180,
-        where=lambda s: s.track.roll_amplitude,
-        check=not_negative,
-        plausible=(0, 0.1),
-    ),
-    Parameter(
-        "gravity",
-        "m/s^2",
-        "gravitational acceleration",
-        "g",
-        where=lambda s: s.gravity,
-        check=not_negative,
-        plausible=(0, 1e3),
-    ),
+    _parameter("contact.stiffness", "N/m^1.5", "contact stiffness", "K", positive, 1e4, 1e14),
+    _parameter("contact.restitution", "1", "coefficient of restitution", "c_r", fraction),
+    _parameter("track.amplitude", "m", "irregularity amplitude", "A", not_negative, 0, 0.1, **_MM),
+    _parameter("track.roll_amplitude", "rad", "irregularity roll amplitude", "A_R", not_negative, 0, 0.1, **_DEGREES),
+    _parameter("gravity", "m/s^2", "gravitational acceleration", "g", not_negative, 0, 1e3),
 )
 """The parameters of a scene by name, for `Scene.replace` and `sweep`."""
 
@@ -264,23 +233,15 @@ LOADS: dict[str, Quantity] = _named(
 _FARTHEST = {"m": 0.02, "m/s": 100.0, "rad/s": 1e3}
 """Greatest plausible magnitudes at the start, by unit."""
 
-STARTS: dict[str, Parameter] = _named(
-    *(
-        Parameter(
-            name,
-            q.unit,
-            f"{q.long_name.split(',')[0]} at the start",
-            q.symbol,
-            q.scale,
-            q.shown_unit,
-            q.per_shown,
-            check=finite,
-            plausible=(-_FARTHEST[q.unit], _FARTHEST[q.unit]),
-        )
-        for name, q in COORDINATES.items()
-        if name not in ("roll", "pitch", "yaw")
-    )
-)
+
+def _at_start(q: Quantity) -> Parameter:
+    far, text = _FARTHEST[q.unit], f"{q.long_name.split(',')[0]} at the start"
+    return Parameter(**vars(q) | dict(long_name=text, plausible=(-far, far)))
+
+
+STARTS: dict[str, Parameter] = {
+    name: _at_start(q) for name, q in COORDINATES.items() if name not in ("roll", "pitch", "yaw")
+}
 """The coordinates of the start that a grid may vary besides `PARAMETERS`, for basins of attraction."""
 
 SECTIONS = {"v_y": "y", "v_z": "z", "w_x": "roll", "w_y": "pitch", "w_z": "yaw"}
