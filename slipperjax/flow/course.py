@@ -218,7 +218,7 @@ class Course:
         return section_crossings(self.states.motion, self.rates, self.args, self.steps)
 
     def saved(self, saves: int) -> State:
-        """The states at the ends of `saves` equal parts of the period, with a leading axis."""
+        """Returns the states at the ends of `saves` equal parts of the period, with a leading axis."""
         if saves == 1:
             return jax.tree.map(lambda a: a[None], self.end)
         if isinstance(self.steps, int):
@@ -228,11 +228,11 @@ class Course:
         return jax.tree.map(lambda a: a[at], self.states)
 
     def mean(self, samples: Float[Array, "samples ..."]) -> Float[Array, "..."]:
-        """The mean over time of what was computed from samples of curves."""
+        """Returns the mean over time of what was computed from samples of curves."""
         return jnp.sum(self.counted(samples, 0.0), axis=0) / (self.steps * len(GAUSS_PLACES))
 
     def counted(self, values: Shaped[Array, "samples ..."], filler: float) -> Shaped[Array, "samples ..."]:
-        """Values of steps, or samples, with `filler` in place of those of unused steps."""
+        """Returns values of steps, or samples, with `filler` in place of those of unused steps."""
         used = jnp.repeat(self.used, len(values) // self.capacity)
         return jnp.where(used.reshape(-1, *[1] * (values.ndim - 1)), values, filler)
 
@@ -243,6 +243,6 @@ class Course:
         return Curve(values, step_slopes(values, self.steps), self)
 
     def _where_closed(self, curve: Curve) -> Curve:
-        """With slope zero where the force is zero: it begins or ends there, or is zero throughout."""
+        """Sets slopes to zero where the force is zero: it begins or ends there, or is zero throughout."""
         closed = self._of_points(self._forces) > 0
         return Curve(curve.values, jnp.where(closed, curve.slopes, 0.0), self)

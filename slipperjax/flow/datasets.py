@@ -28,7 +28,7 @@ from .status import MEANINGS
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Versions of slipperjax, of the packages it computes with, and of Python."""
+    """Returns versions of slipperjax, of the packages it computes with, and of Python."""
     numbers = {"python": platform.python_version()}
     for name in ("slipperjax", "jax", "jaxlib", "diffrax", "equinox", "numpy"):
         try:
@@ -39,7 +39,7 @@ def versions() -> dict[str, str]:
 
 
 def run_attributes(scene: Scene, start: Motion | State, call: Mapping[str, Any], varied: Any = ()) -> dict[str, str]:
-    """Attributes, JSON each, from which `load_scene`, `load_start` and `load_call` read.
+    """Returns attributes, JSON each, from which `load_scene`, `load_start` and `load_call` read.
 
     **Arguments:** `call`: the function's name as `function`, and its arguments; `varied`: names of the coordinates
     that hold what differs between cases.
@@ -54,7 +54,7 @@ def run_attributes(scene: Scene, start: Motion | State, call: Mapping[str, Any],
 
 
 def start_from_json(text: str) -> Motion | State:
-    """The start of an attribute of `run_attributes`."""
+    """Returns the start of an attribute of `run_attributes`."""
     description = json.loads(text)
     if "motion" not in description:
         return build(description, (Motion,), "start")
@@ -64,7 +64,7 @@ def start_from_json(text: str) -> Motion | State:
 
 
 def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, Any]:
-    """The scene's parameters, as attributes of a dataset.
+    """Returns the scene's parameters, as attributes of a dataset.
 
     **Arguments:** `without`: names and paths of parameters which a dataset has as coordinates. All that depend on
     them are left out, as the clearance where section.play.2 is varied, and so are those with several values.
@@ -86,7 +86,7 @@ def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, A
 
 
 def open_result(path: Any) -> Any:
-    """A result's netCDF file or zarr store, opened.
+    """Returns a result's netCDF file or zarr store, opened.
 
     **Raises:** `ValueError` for a file that is none; `OSError` where it cannot be read.
     """
@@ -108,7 +108,7 @@ _over_periods = jit(over_periods)
 
 
 def trajectory_dataset(trajectory: Any) -> Any:
-    """A `Trajectory` as an `xarray.Dataset`.
+    """Returns a `Trajectory` as an `xarray.Dataset`.
 
     Dimensions time, end (front, rear) and point (A..J); variables y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z,
     a_y, a_z, alpha_x, alpha_y, alpha_z, contact_force, gap and drive_force, and over all steps of the run, by end and

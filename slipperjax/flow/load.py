@@ -20,12 +20,12 @@ from ..tools.description import build
 from .datasets import open_result, start_from_json
 from .record import AbstractRecord
 
-SAME = 1e-9
+SAME_VALUE = 1e-9
 """Relative difference up to which a value asked for is one of a dataset's."""
 
 
 def load_scene(source: Any, **chosen: float) -> Scene:
-    """The scene of a TOML file, of a result's netCDF file, or of a dataset; exactly as it was.
+    """Returns the scene of a TOML file, of a result's netCDF file, or of a dataset; exactly as it was.
 
     **Arguments:** `source`: a path or an `xarray.Dataset`. `chosen`: for a result of many cases, the values of what
     was varied, by name [SI units], unless the dataset is of one case already, as by `ds.isel(speed=3)`.
@@ -42,7 +42,7 @@ def load_scene(source: Any, **chosen: float) -> Scene:
 
 
 def load_start(source: Any, **chosen: float) -> Motion | State | None:
-    """The start of a TOML file, a netCDF file or a dataset; None where a TOML file has none.
+    """Returns the start of a TOML file, a netCDF file or a dataset; None where a TOML file has none.
 
     **Arguments:** and **Raises:** as for `load_scene`.
     """
@@ -57,13 +57,13 @@ def load_start(source: Any, **chosen: float) -> Motion | State | None:
 
 
 def load_base(source: Any) -> tuple[Scene, Motion | State]:
-    """The scene and the start of which a result's cases are variations; raises `ValueError` as `load_scene`."""
+    """Gives the scene and the start of which a result's cases are variations; raises `ValueError` as `load_scene`."""
     ds = dataset_of(source)
     return scene_from_json(_attribute(ds, "scene")), start_from_json(_attribute(ds, "start"))
 
 
 def load_call(source: Any) -> dict[str, Any]:
-    """The function that made a result, as `function`, and its arguments besides scene, grid and start.
+    """Returns the function that made a result, as `function`, and its arguments besides scene, grid and start.
 
     **Raises:** `ValueError` where a solver, controller or record cannot be rebuilt.
     """
@@ -101,7 +101,7 @@ def _chosen_none(file: SceneFile, chosen: Mapping[str, Any]) -> SceneFile:
 
 
 def dataset_of(source: Any) -> Any:
-    """A dataset as it is, or that of a file."""
+    """Returns a dataset as it is, or that of a file."""
     if isinstance(source, str | os.PathLike):
         return open_result(Path(source))
     if not hasattr(source, "attrs") or not hasattr(source, "coords"):
@@ -121,7 +121,7 @@ def _attribute(ds: Any, name: str) -> str:
 
 
 def varied_names(ds: Any) -> list[str]:
-    """Names of the coordinates that were varied; raises `ValueError` where one of them is lost."""
+    """Returns names of the coordinates that were varied; raises `ValueError` where one of them is lost."""
     names = json.loads(_attribute(ds, "varied"))
     for name in names:
         if name not in ds.coords:
@@ -137,13 +137,13 @@ def _of_start(name: str) -> bool:
 
 
 def _varied(ds: Any, chosen: Mapping[str, float], wanted: Callable[[str], bool]) -> dict[str, float]:
-    """The wanted values of what was varied, for one case: chosen, or the dataset's own where it is of one case."""
+    """Gives wanted values of what was varied, for one case: chosen, or the dataset's own if it is of one case."""
     names = varied_names(ds)
     unknown = [name for name in chosen if name not in names]
     if unknown:
         raise ValueError(f"Argument `{unknown[0]}` must be one of what was varied, {', '.join(names) or 'nothing'}.")
     values = {name: np.asarray(ds.coords[name].values, float) for name in names}
-    fits = {name: np.abs(values[name] - value) <= SAME * abs(value) for name, value in chosen.items()}
+    fits = {name: np.abs(values[name] - value) <= SAME_VALUE * abs(value) for name, value in chosen.items()}
     for name, hits in fits.items():
         if not np.any(hits):
             nearest = values[name].ravel()[np.argmin(np.abs(values[name].ravel() - chosen[name]))]

@@ -55,7 +55,7 @@ def _smooth_weights(state: State) -> State:
 
 @functools.partial(jit, static_argnames=("count",))
 def initial_tangents(scenes: Batched[Scene], states: State, count: int) -> State:
-    """`count` orthonormal tangents for each case of a batch, with axes (cases, count, ...)."""
+    """Returns `count` orthonormal tangents for each case of a batch, with axes (cases, count, ...)."""
     return scenes.map(lambda scene, state: first_tangents(state, count, tangent_weights(scene)), states)
 
 
@@ -90,7 +90,7 @@ class PeriodMap(eqx.Module):
     """Forcing periods in one application."""
 
     def __call__(self, state: State, k: Any = 0.0) -> State:
-        """The state after one application, the one number `k`."""
+        """Returns the state after one application, the one number `k`."""
         return self.run(state, k * self.periods).state
 
     def run(
@@ -138,21 +138,21 @@ class PeriodMap(eqx.Module):
         solver_state = self.stepping.begin(terms, solver, state, Args(scene, epoch, points))
         epochs = epoch + jnp.arange(float(count))
         one = period if used is None else period_if_used
-        (end, _, carried), (samples, codes, taken) = jax.lax.scan(one, (state, solver_state, earlier), epochs)
+        (end, _, carried), (samples, codes, steps_taken) = jax.lax.scan(one, (state, solver_state, earlier), epochs)
         if used is not None:
-            taken = jnp.where(jnp.arange(count) < used, taken, jnp.max(taken))
+            steps_taken = jnp.where(jnp.arange(count) < used, steps_taken, jnp.max(steps_taken))
         code = codes[jnp.argmax(codes != int(Status.FINITE))]
-        return Passage(end, samples, with_resolution(code, scene, jnp.min(taken)), taken, carried)
+        return Passage(end, samples, with_resolution(code, scene, jnp.min(steps_taken)), steps_taken, carried)
 
 
 def _lost_where(failed: Any, state: State) -> State:
-    """The state or states with a motion of NaN where solver or controller gave up."""
+    """Returns the state or states with a motion of NaN where solver or controller gave up."""
     lost = jax.tree.map(lambda v: jnp.where(failed, jnp.nan, v), state.motion)
     return eqx.tree_at(lambda s: s.motion, state, lost)
 
 
 def map_compiled(period_map: PeriodMap, state: State) -> State:
-    """`period_map(state)`, compiled once for all numbers of a scene."""
+    """Returns `period_map(state)`, compiled once for all numbers of a scene."""
     return call_compiled(_map, period_map, (), state)
 
 
@@ -168,7 +168,7 @@ def run_compiled(
     epoch: Any = 0.0,
     used: Any = None,
 ) -> Passage:
-    """`period_map.run` of one case, compiled; see there."""
+    """Returns `period_map.run` of one case, compiled; see there."""
     return call_compiled(_run, period_map, (periods, records), state, epoch, used)
 
 
@@ -178,7 +178,7 @@ def _run(period_map: PeriodMap, static: tuple, state: State, epoch: Any, used: A
 
 
 def initial_states(scenes: Batched[Scene], starts: Motion | State) -> State:
-    """The states at time zero of a batch; `starts` has a leading axis of cases.
+    """Returns the states at time zero of a batch; `starts` has a leading axis of cases.
 
     Gives an `ImplausibleWarning` where slippers begin far outside their play.
     """
@@ -190,7 +190,7 @@ def initial_states(scenes: Batched[Scene], starts: Motion | State) -> State:
 
 @jit
 def states_and_penetrations(scenes: Batched[Scene], starts: Motion | State) -> tuple[State, Float[Array, " cases"]]:
-    """The states at time zero of a batch, and penetrations: `slipperjax.model.dynamics.state_and_penetration`."""
+    """Gives a batch's states at time zero and penetrations: `slipperjax.model.dynamics.state_and_penetration`."""
     return scenes.map(state_and_penetration, starts)
 
 
@@ -275,7 +275,7 @@ def batch_jacobians(
     solver: diffrax.AbstractSolver,
     periods: int,
 ) -> Float[Array, "cases periods size size"]:
-    """Jacobians of a batch's successive period maps, for Floquet multipliers."""
+    """Returns Jacobians of a batch's successive period maps, for Floquet multipliers."""
     return scenes.map(
         lambda scene, state: jacobians(PeriodMap(scene, stepping, solver), state, periods, index=epoch), states
     )

@@ -25,13 +25,13 @@ class Crossings(NamedTuple):
 
 
 def hermite(x, f0, d0, f1, d1):
-    """The cubic on [0, 1] with values f0, f1 and slopes d0, d1 at the ends."""
+    """Returns the cubic on [0, 1] with values f0, f1 and slopes d0, d1 at the ends."""
     a, b = 2 * (f0 - f1) + d0 + d1, 3 * (f1 - f0) - 2 * d0 - d1
     return ((a * x + b) * x + d0) * x + f0
 
 
 def highest_point(f0: Array, d0: Array, f1: Array, d1: Array) -> tuple[Array, Array]:
-    """Place in [0, 1] and value of the highest point of a cubic with the values f and slopes d at its ends."""
+    """Gives the place in [0, 1] and value of the highest point of a cubic with the values f and slopes d at its ends."""
     a, b = 2 * (f0 - f1) + d0 + d1, 3 * (f1 - f0) - 2 * d0 - d1
     inside = (d0 > 0) & (d1 < 0)
     # zero of the slope 3 a x^2 + 2 b x + d0; real, as the slope changes its sign
@@ -41,7 +41,7 @@ def highest_point(f0: Array, d0: Array, f1: Array, d1: Array) -> tuple[Array, Ar
 
 
 def crossing(q0, d0, q1, d1, v0, a0, v1, a1):
-    """Where in a step a coordinate crosses zero upwards, and the velocity there.
+    """Tells where in a step a coordinate crosses zero upwards, and the velocity there.
 
     **Arguments:** coordinate and its slope at both ends, velocity and its slope at both ends; slopes are per step.
 
@@ -66,7 +66,7 @@ def crossing(q0, d0, q1, d1, v0, a0, v1, a1):
 
 
 def section_crossings(motion: Motion, rates: Motion, args: Args, steps: Any) -> Crossings:
-    """Crossings of all five sections in one period.
+    """Returns crossings of all five sections in one period.
 
     **Arguments:** `motion`, `rates`: the motion at both ends of every step and its derivatives [per forcing period],
     leading axis `most` + 1, of which the first `steps` + 1 count; `args`: with the epoch; `steps`: integration steps

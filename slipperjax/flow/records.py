@@ -27,7 +27,7 @@ from .course import GAUSS_PLACES, Course
 from .record import AbstractRecord, RecordedSpan, Unlabelled, attributes, point_labels
 from .status import Status, most_stability_number, with_loads
 
-ORDER = 32
+POWER_ORDER = 32
 """Default order of the power means that stand for greatest values [1]."""
 POINTS = ("end", "point")
 """Dimensions of values at each contact point."""
@@ -53,7 +53,7 @@ def _root_mean(joined: Any, periods: Any) -> Any:
 
 
 def _log_sum(values: Array, axis: int = 0) -> Array:
-    """ln of the sum of exp(values), which may be minus infinity."""
+    """Returns ln of the sum of exp(values), which may be minus infinity."""
     most = jax.lax.stop_gradient(jnp.max(values, axis=axis))
     scale = jnp.where(jnp.isfinite(most), most, 0.0)
     total = jnp.sum(jnp.exp(values - scale), axis=axis)
@@ -88,7 +88,7 @@ class AbstractQuantityRecord(AbstractRecord):
         return self.quantity.unit
 
     def shape(self, scene: Scene) -> tuple[int, ...]:
-        """Shape of one value."""
+        """Returns the shape of one value."""
         of_points = {"end": 2, "point": scene.points // 2}
         return tuple(of_points[d] if isinstance(d, str) else len(d[1]) for d in self.dims)
 
@@ -112,7 +112,7 @@ class AbstractNumber(AbstractQuantityRecord):
 
     @abc.abstractmethod
     def of(self, course: Course) -> Any:
-        """The value of one forcing period, an array with axes `dims`; for "rms" its square."""
+        """Returns the value of one forcing period, an array with axes `dims`; for "rms" its square."""
 
     @property
     def smooth(self) -> "AbstractNumber":
@@ -120,7 +120,7 @@ class AbstractNumber(AbstractQuantityRecord):
         return self
 
     def total(self, values: Array) -> Array:
-        """The number [`unit`] from the values of periods, along the first axis."""
+        """Returns the number [`unit`] from the values of periods, along the first axis."""
         return self.join.value(self.join.reduce(values, axis=0), len(values))
 
     def begin(self, scene, state):
@@ -194,7 +194,7 @@ class Record(AbstractNumber):
 
 
 def _value(record: Record, scene: Scene) -> Any:
-    """The value of some period, to look at its shape."""
+    """Returns the value of some period, to look at its shape."""
     state, _ = state_and_penetration(scene, table_2_start())
     inside = jax.tree.map(lambda a: jnp.broadcast_to(a, (5, *jnp.shape(a))), state)
     return record.function(Course(state, inside, Args(scene, 0.0, contact_points(scene)), 4))
@@ -208,7 +208,7 @@ class PowerMean(AbstractNumber):
     """
 
     record: "Record | OnePoint"
-    order: float = ORDER
+    order: float = POWER_ORDER
 
     def __post_init__(self):
         number(positive, "order", self.order)
@@ -227,7 +227,7 @@ class PowerMean(AbstractNumber):
         return Join(-np.inf, _log_sum, value)
 
     def of(self, course):
-        """ln of the mean over time of the sum of x^order, without overflow."""
+        """Returns ln of the mean over time of the sum of x^order, without overflow."""
         assert self.record.samples is not None
         size = jnp.abs(self.record.samples(course))
         size = size.reshape(len(size), -1)
@@ -268,7 +268,7 @@ class OnePoint(AbstractNumber):
         return self if self.record.samples is None else PowerMean(self)
 
     def samples(self, course: Course) -> Array:
-        """Those of the record at this point."""
+        """Returns those of the record at this point."""
         assert self.record.samples is not None
         return _at_point(course, self.record.samples(course), self.point)
 
@@ -278,7 +278,7 @@ class OnePoint(AbstractNumber):
 
 
 def _at_point(course: Course, values: Float[Array, "*first 2 points"], point: str | None) -> Array:
-    """Values of one point, or of all."""
+    """Returns values of one point, or of all."""
     if point is None:
         return values
     names = course.scene.section.names
@@ -310,7 +310,7 @@ class PeakPeriod(AbstractQuantityRecord):
 
 @jit
 def judged_by_contacts(scenes: Batched[Scene], codes: Any, carried: Any, limit: Any) -> Int[Array, " cases"]:
-    """Codes of a batch after `with_loads`, from a carry of `ContactChecks` and the greatest stability number."""
+    """Judges a batch by `with_loads`, from a carry of `ContactChecks` and the greatest stability number."""
 
     def judge(scene, code, loads):
         closed, deepest, stability_number = loads
@@ -341,23 +341,23 @@ class ContactChecks(Unlabelled):
         return carried, np.asarray(judged_by_contacts(run.scenes, jnp.asarray(status), carried, limit))
 
 
-LEAST, MOST = 1.0, 2.0**28
+LEAST_FORCE, MOST_FORCE = 1.0, 2.0**28
 """Forces between which percentiles are resolved [N]: smaller ones count as zero, larger ones as infinite."""
-BITS = 5
+FRACTION_BITS = 5
 """A class is told by so many leading bits of a number's fraction: its width is 1/64 to 1/32 of the force."""
-_SHIFT = 52 - BITS
+_SHIFT = 52 - FRACTION_BITS
 
 
 def _class_of(force: float) -> int:
     return int(np.float64(force).view(np.int64)) >> _SHIFT
 
 
-CLASSES = _class_of(MOST) - _class_of(LEAST) + 2
+FORCE_CLASSES = _class_of(MOST_FORCE) - _class_of(LEAST_FORCE) + 2
 """Number of classes, the first for zero and the last for infinite forces."""
 
 
 def _each_once(name: str, values: Any, good: Callable[[Any], bool], need: str) -> tuple[float, ...]:
-    """One or several numbers as a tuple; raises `ValueError` where one is not good, or given twice."""
+    """Returns one or several numbers as a tuple; raises `ValueError` where one is not good, or given twice."""
     numbers = np.atleast_1d(np.asarray(values if np.size(values) else None, dtype=object))
     fits = [isinstance(x, int | float | np.number) and not isinstance(x, bool) and good(x) for x in numbers]
     require(numbers.ndim == 1 and all(fits) and len(set(numbers.tolist())) == len(numbers), name, need, values)
@@ -392,11 +392,11 @@ class ForcePercentile(AbstractQuantityRecord):
         return 20 * len(self.percentiles)
 
     def begin(self, scene, state):
-        return np.zeros((2, scene.points // 2, CLASSES), np.int32)
+        return np.zeros((2, scene.points // 2, FORCE_CLASSES), np.int32)
 
     def add(self, carried: Int[Array, "2 points classes"], course):
         bits = jax.lax.bitcast_convert_type(course.force.samples, jnp.int64)
-        index = jnp.clip((bits >> _SHIFT) - (_class_of(LEAST) - 1), 0, CLASSES - 1)
+        index = jnp.clip((bits >> _SHIFT) - (_class_of(LEAST_FORCE) - 1), 0, FORCE_CLASSES - 1)
         ends, points = (jnp.arange(n) for n in carried.shape[:2])
         one = course.counted(jnp.ones_like(index, jnp.int32), 0)
         return carried.at[ends[None, :, None], points[None, None, :], index].add(one)
@@ -417,8 +417,8 @@ class ForcePercentile(AbstractQuantityRecord):
 def _ranked(
     counts: Int[Any, "*cases 2 points classes"], ranks: Int[Any, " percentiles"]
 ) -> Float[Array, "*cases 2 points percentiles"]:
-    """The forces of some ranks, 0 for the smallest [N]."""
-    edges = ((np.arange(CLASSES - 1) + _class_of(LEAST)) << _SHIFT).view(np.float64)
+    """Returns the forces of some ranks, 0 for the smallest [N]."""
+    edges = ((np.arange(FORCE_CLASSES - 1) + _class_of(LEAST_FORCE)) << _SHIFT).view(np.float64)
     low = jnp.array([0.0, *edges[:-1], np.inf])
     width = jnp.array([0.0, *np.diff(edges), 0.0])
     total = jnp.cumsum(counts, axis=-1)
@@ -493,7 +493,7 @@ def _of_points(name: str, over: str, function: Callable[[Course], Any], **more: 
 
 
 def _of_coordinate(k: int, q: Quantity) -> tuple[Record, ...]:
-    """The records of one of `COORDINATES`."""
+    """Returns the records of one of `COORDINATES`."""
 
     def about(prefix: str, text: str, symbol: str = "") -> Quantity:
         return dataclasses.replace(q, name=f"{prefix}_{q.name}", long_name=f"{text} {q.long_name}", symbol=symbol)

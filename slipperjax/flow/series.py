@@ -143,7 +143,7 @@ _SECTION_NAMES = ("", ""), ("", "_period"), ("crossings_", "")
 
 
 def _packed(time: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Crossings moved to the front of the last axis."""
+    """Returns crossings moved to the front of the last axis."""
     order = np.argsort(np.isnan(velocity), axis=-1, kind="stable")
     return np.take_along_axis(time, order, axis=-1), np.take_along_axis(velocity, order, axis=-1)
 

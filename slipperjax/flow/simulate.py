@@ -48,7 +48,7 @@ class Probe(NamedTuple):
 
 
 def check_probe(probe: Any, *values: Any) -> int:
-    """The number of periods to repeat; raises `ValueError` where it is none, or positive under a transformation."""
+    """Returns the periods to repeat; raises `ValueError` for no such number, or one under a transformation."""
     probe = whole("probe", probe, 0)
     require(not (probe and is_traced(values)), "probe", "be 0 under jit, vmap or grad", probe)
     return probe
@@ -103,7 +103,7 @@ def period_map(
     stepsize_controller: diffrax.AbstractStepSizeController | None = None,
     adjoint: diffrax.AbstractAdjoint | None = None,
 ) -> State:
-    """The state `periods` forcing periods after `state`: the stroboscopic map. Pure; jit, vmap or differentiate it.
+    """Maps `state` to that `periods` forcing periods later, stroboscopically. Pure; jit, vmap or differentiate it.
 
     **Arguments:** as for `simulate`; `state` comes from `initial_state` or an earlier call.
     """
@@ -117,7 +117,7 @@ def period_map(
 
 
 def default_steps(scene: Scene, steps: int | None) -> Any:
-    """Steps per period from what the caller gave; a traced number where that is nothing and the scene is traced."""
+    """Returns the caller's steps per period, or the default, which is traced where the scene is."""
     if steps is not None:
         return whole("steps_per_period", steps, 1)
     needed = traced_steps_per_period(scene)  # a plain number where the scene is merely differentiated
@@ -125,7 +125,7 @@ def default_steps(scene: Scene, steps: int | None) -> Any:
 
 
 def dynamic_steps(steps: int, *, inside: bool = False, finer: bool = False) -> ConstantSteps:
-    """Constant steps whose number is an argument of the program: one for many numbers; for forward mode.
+    """Returns constant steps whose number is an argument of the program: one for many numbers; for forward mode.
 
     **Arguments:** `inside`: whether states inside periods are recorded, which takes capacity; `finer`: whether it is
     to suffice for steps of half the length.
@@ -135,7 +135,7 @@ def dynamic_steps(steps: int, *, inside: bool = False, finer: bool = False) -> C
 
 
 def static_steps(steps: Any) -> ConstantSteps:
-    """Constant steps that are differentiated in both modes: a part of the program unless their number is traced."""
+    """Returns constant steps for both modes of derivatives: part of the program unless their number is traced."""
     return UnknownSteps(MOST_UNKNOWN, steps) if is_traced(steps) else ConstantSteps(steps)
 
 
@@ -162,7 +162,7 @@ class Peak(NamedTuple):
     """Index of the point in `Section.names`."""
 
     def text(self, scene: Scene) -> str:
-        """In words: how high, where and when."""
+        """Says in words how high, where and when."""
         if not float(self.force) > 0:
             return "no contact"
         where = f"{scene.section.names[int(self.point)]}{int(self.end) + 1}"
@@ -234,7 +234,7 @@ class Trajectory(eqx.Module):
         return _reactions(self.scene, self.period, self.state)
 
     def to_xarray(self):
-        """The trajectory as an `xarray.Dataset` with units: see `slipperjax.flow.datasets.trajectory_dataset`."""
+        """Gives the trajectory as an `xarray.Dataset`, see `slipperjax.flow.datasets.trajectory_dataset`."""
         from .datasets import trajectory_dataset
 
         return trajectory_dataset(self)
@@ -260,7 +260,7 @@ def _peak(loads: Loads) -> Peak:
 
 @functools.partial(jit, static_argnames=("saves",))
 def _finished(first: State, passage: Passage, scene: Scene, most_stability_number: Any, *, saves: int) -> tuple:
-    """All states, loads, instants [forcing periods] and the status of a run; one program, not one per operation."""
+    """Gives states, loads, instants [forcing periods] and status of a run; one program, not one per operation."""
     saved, *loads = passage.samples
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b.reshape(-1, *b.shape[2:])]), first, saved)
     times = jnp.arange(passage.steps_taken.shape[0] * saves + 1) / saves
@@ -372,7 +372,7 @@ def run_eagerly(
     epoch: float = 0.0,
     like: int | None = None,
 ) -> Passage:
-    """A run with a program that serves other numbers of periods, too; that of a run of `like` periods if given."""
+    """Runs with a program that serves other numbers of periods, too; that of a run of `like` periods if given."""
     size = capacity_for(periods if like is None else like)
     passage = run_compiled(run, state, size, records, jnp.asarray(epoch), jnp.asarray(float(periods)))
     # on the host, where a slice of another length needs no compilation
@@ -381,7 +381,7 @@ def run_eagerly(
 
 
 def step_plan(default: Callable[[], Any], steps: Any, saves: int | None) -> tuple[Any, int]:
-    """Integration steps per period, and saves per period, which divide them.
+    """Returns integration steps per period, and saves per period, which divide them.
 
     **Arguments:** `default`: gives steps where the caller gave none, which are rounded up to a multiple of the saves;
     `steps`: one number, an array of them, or None; `saves`: by default 40, or of given steps 50, 40 or all, the first

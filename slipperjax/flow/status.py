@@ -102,7 +102,7 @@ MEANINGS = "; ".join(f"{int(s)}: {s}" for s in Status)
 
 
 def status_of(states: State) -> Int[Array, ""]:
-    """`Status` code of a case from its states, over any leading axes: `FINITE`, `NOT_FINITE` or `DERAILED`."""
+    """Gives the `Status` code of a case from its states, over any leading axes: `FINITE`, `NOT_FINITE` or `DERAILED`."""
     leaves = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(states.motion)])
     m = states.motion
     turned = jnp.any(m.q_x**2 + m.q_y**2 + m.q_z**2 > 0.5)  # half the angle's sine is sqrt(1/2) at 90 degrees
@@ -111,7 +111,7 @@ def status_of(states: State) -> Int[Array, ""]:
 
 
 def with_resolution(code: Array, scene: Scene, steps: Any) -> Int[Array, ""]:
-    """A code of `status_of`, or `UNRESOLVED` where `steps` per period are too few for the scene's impacts.
+    """Returns a code of `status_of`, or `UNRESOLVED` where `steps` per period are too few for the scene's impacts.
 
     `UNRESOLVED` comes before `DERAILED`, which too few steps can bring about.
     """
@@ -125,7 +125,7 @@ def _unresolved_where(problem: Any, code: Any) -> Array:
 def with_loads(
     code: Any, closed: Any, penetration: Any, stability_number: Any, scene: Scene, most: Any = jnp.inf
 ) -> Int[Array, ""]:
-    """A code as `with_resolution` gives it, or that of a problem which the loads of a whole run show.
+    """Returns a code as `with_resolution` gives it, or that of a problem which the loads of a whole run show.
 
     **Arguments:** `closed`: sum of the points' contact fractions; `penetration`: the greatest; `stability_number`:
     the greatest, see `Loads`, and `most` that the solver bears.
@@ -140,7 +140,7 @@ def with_loads(
 
 
 def with_growth(code: Any, history: Any) -> Int[Array, ""]:
-    """A code, or `UNRESOLVED` where a tangent grew faster in some period than any motion's can.
+    """Returns a code, or `UNRESOLVED` where a tangent grew faster in some period than any motion's can.
 
     **Arguments:** `history`: logarithms of the growth per period, of shape (periods, count).
     """
@@ -148,12 +148,12 @@ def with_growth(code: Any, history: Any) -> Int[Array, ""]:
 
 
 def most_stability_number(solver: diffrax.AbstractSolver, controller: Any = None) -> float:
-    """`UNSTABLE` for explicit solvers with constant steps, infinite for others."""
+    """Returns `UNSTABLE` for explicit solvers with constant steps, infinite for others."""
     return UNSTABLE if controller is None and is_explicit(solver) else float("inf")
 
 
 def first_problem(earlier: Any, later: Any) -> np.ndarray:
-    """Codes of two successive stretches of a run as one: the first that is not `FINITE`.
+    """Returns codes of two successive stretches of a run as one: the first that is not `FINITE`.
 
     `NOT_FINITE` comes before `UNRESOLVED`, as within a stretch.
     """
@@ -208,7 +208,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 def blank(result, lanes: int):
-    """A result of a chunk that was not finished, in the shape of another chunk's: NaN and zeros, with its status.
+    """Makes the result of an unfinished chunk, in the shape of another chunk's: NaN and zeros, with its status.
 
     **Arguments:** `result`: a named tuple of arrays (lanes, ...) that has a field `status`; `lanes`: how many there
     are.

@@ -1,4 +1,4 @@
-"""How one forcing period is integrated: by constant steps, or by a step size controller."""
+"""Steppings: one forcing period integrated by constant steps, or by a step size controller."""
 
 import abc
 import functools
@@ -46,7 +46,7 @@ class AbstractStepping(eqx.Module):
 
     @abc.abstractmethod
     def prepared(self, solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:
-        """The solver in a form that can be differentiated with this stepping."""
+        """Returns the solver in a form that can be differentiated with this stepping."""
 
     @abc.abstractmethod
     def begin(self, terms: diffrax.AbstractTerm, solver: diffrax.AbstractSolver, state: State, args: Args) -> PyTree:
@@ -71,7 +71,7 @@ class AbstractStepping(eqx.Module):
 
     @abc.abstractmethod
     def finer(self) -> "AbstractStepping":
-        """A stepping whose error is a fraction of this one's, to measure the error by."""
+        """Returns a stepping whose error is a fraction of this one's, to measure the error by."""
 
 
 class ConstantSteps(AbstractStepping):
@@ -122,7 +122,7 @@ class ConstantSteps(AbstractStepping):
             return state, solver_state, failed | (may_fail and result != diffrax.RESULTS.successful)
 
         def ends_of(carry):
-            """State and rates at a step's end, for records."""
+            """Returns state and rates at a step's end, for records."""
             return carry[0], solver.rates(carry[1]) if isinstance(solver, AbstractLatchingSolver) else None
 
         carry = state, solver_state, jnp.zeros((), bool)
@@ -211,7 +211,7 @@ class ControlledSteps(AbstractStepping):
         return differentiable(solver, self.adjoint)
 
     def finer(self):
-        """With a tenth of the tolerances.
+        """Returns one with a tenth of the tolerances.
 
         **Raises:** `ValueError` for a controller without tolerances.
         """
@@ -263,12 +263,12 @@ class ControlledSteps(AbstractStepping):
 
 
 def as_stepping(stepping: Any) -> AbstractStepping:
-    """A stepping as it is, and a whole number as so many constant steps."""
+    """Returns a stepping as it is, and a whole number as so many constant steps."""
     return stepping if isinstance(stepping, AbstractStepping) else ConstantSteps(stepping)
 
 
 def capacity_for(count: int) -> int:
-    """The smallest of 1, 2, 4, 8, 16, 32, 50, 100, 200, 400, ... that is not below: few sizes, so few programs."""
+    """Gives the least of 1, 2, 4, 8, 16, 32, 50, 100, 200, ... that is not below: few sizes, so few programs."""
     if count <= 32:
         return 1 << (count - 1).bit_length()
     return 50 * (1 << max(-(-count // 50) - 1, 0).bit_length())

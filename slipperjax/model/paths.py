@@ -18,7 +18,7 @@ from .quantities import PARAMETERS, Parameter, with_entry
 
 
 def parameter(name: Any, scene: Any = None) -> Parameter:
-    """A scene's parameter by name or path.
+    """Returns a scene's parameter by name or path.
 
     **Arguments:** `scene`: where a path leads; without it paths are unknown.
 
@@ -53,7 +53,7 @@ def refuse_undone(parameters: Sequence[Parameter], scene: Any) -> None:
 
 
 def _at_path(path: str, scene: Any) -> Parameter:
-    """The parameter at a path: fields of modules, then indices into an array, the first by name for points."""
+    """Gives the parameter at a path: fields of modules, then indices into an array, the first by name for points."""
     words, part, fields = path.split("."), scene, []
     owner, field = None, ""
     while words and hasattr(type(part), "__dataclass_fields__"):
@@ -93,7 +93,7 @@ def _at_path(path: str, scene: Any) -> Parameter:
 
 
 def _place(path: str, word: str, size: int, owner: Any) -> int:
-    """An index into an array, as a number or, for points of a section, as a name."""
+    """Returns an index into an array, as a number or, for points of a section, as a name."""
     names = getattr(owner, "names", ())
     if word in names:
         return names.index(word)

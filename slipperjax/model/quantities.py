@@ -48,11 +48,11 @@ class Quantity:
         return {"units": self.unit, "long_name": self.long_name}
 
     def shown(self, value: Any) -> Any:
-        """A value in SI units [unit] converted to the display unit."""
+        """Returns a value in SI units [unit] converted to the display unit."""
         return value / self.per_shown
 
     def from_shown(self, value: Any) -> Any:
-        """A value in the display unit converted to SI units [unit]."""
+        """Returns a value in the display unit converted to SI units [unit]."""
         return value * self.per_shown
 
 
@@ -72,7 +72,7 @@ class Parameter(Quantity):
     """Values outside this range [unit] are allowed, with a warning that the unit may be wrong."""
 
     def checked(self, value: Any) -> jax.Array:
-        """`value` [unit] as an array; raises `ValueError` where it is out of range, warns where it is implausible."""
+        """Makes `value` [unit] an array; raises `ValueError` where out of range, warns where implausible."""
         array = self.check(self.name, self.unit)(value)
         self.warn_unless_plausible(array)
         return array
@@ -82,14 +82,14 @@ class Parameter(Quantity):
         warn_unless_within(self.name, value, *self.plausible, self.unit)
 
     def leaf(self, scene: Any) -> Any:
-        """The leaf in a scene; None where the scene has no such part, or does without it."""
+        """Returns the leaf in a scene; None where the scene has no such part, or does without it."""
         try:
             return self.where(scene)
         except AttributeError:
             return None
 
     def of(self, scene: Any) -> Any:
-        """The value in a scene [unit]; None where the scene has no such part, or does without it."""
+        """Returns the value in a scene [unit]; None where the scene has no such part, or does without it."""
         leaf = self.leaf(scene)
         return None if leaf is None else self.read(leaf)
 
@@ -101,7 +101,7 @@ class Parameter(Quantity):
             raise ValueError(f"Argument `{self.name}` cannot be set: the scene has no {self.long_name}.") from None
 
     def replaced(self, scene: Any, value: Any) -> Any:
-        """A copy of `scene` with another value, unchecked; `value` may have leading axes of cases.
+        """Returns a copy of `scene` with another value, unchecked; `value` may have leading axes of cases.
 
         **Raises:** `ValueError` where the scene has no such part.
         """
@@ -111,7 +111,7 @@ class Parameter(Quantity):
 
 
 def half_play(clearance: jax.Array, faces: int) -> Float[Array, "*cases faces"]:
-    """A total play of `clearance` [m], shape (*cases,), as the play of each face [m]."""
+    """Returns a total play of `clearance` [m], shape (*cases,), as the play of each face [m]."""
     if not is_traced(clearance):  # on the host, where nothing is compiled
         half = np.asarray(clearance)[..., None] / 2
         return jnp.asarray(np.broadcast_to(half, (*half.shape[:-1], faces)))
@@ -119,7 +119,7 @@ def half_play(clearance: jax.Array, faces: int) -> Float[Array, "*cases faces"]:
 
 
 def with_entry(array: Any, value: Any, index: tuple[int, ...]) -> jax.Array:
-    """A copy of `array` with another entry; `value`, of shape (*cases,), and the array may have leading axes."""
+    """Copies `array` with another entry; `value`, of shape (*cases,), and the array may have leading axes."""
     shape = np.shape(array)[np.ndim(array) - len(index) :]
     cases = jnp.broadcast_shapes(np.shape(value), np.shape(array)[: np.ndim(array) - len(index)])
     return jnp.broadcast_to(array, (*cases, *shape)).at[(..., *index)].set(value)
@@ -134,7 +134,7 @@ _MRAD = dict(shown_unit="mrad", per_shown=1e-3)
 
 
 def _parameter(path: str, unit: str, text: str, symbol: str, check: Any, *plausible: float, **more: Any) -> Parameter:
-    """The parameter at a path of fields in a scene, by the last of which it is named."""
+    """Returns the parameter at a path of fields in a scene, by the last of which it is named."""
     more |= dict(where=operator.attrgetter(path), check=check) | (dict(plausible=plausible) if plausible else {})
     return Parameter(path.rpartition(".")[2], unit, text, symbol, **more)
 
@@ -249,7 +249,7 @@ SECTIONS = {"v_y": "y", "v_z": "z", "w_x": "roll", "w_y": "pitch", "w_z": "yaw"}
 
 
 def quantity(name: str) -> Quantity:
-    """A quantity by its name in datasets, where a start's coordinate x is `start_x`.
+    """Returns a quantity by its name in datasets, where a start's coordinate x is `start_x`.
 
     **Raises:** `KeyError` for an unknown name.
     """

@@ -95,7 +95,7 @@ class Scene(ShapeChecked):
         return self.travel(0.0).period
 
     def travel(self, phase: Any) -> Travel:
-        """Speed and pace after `phase` forcing periods: the same everywhere at constant speed."""
+        """Returns speed and pace after `phase` forcing periods: the same everywhere at constant speed."""
         del phase
         return Travel(self.speed, self.track.wavelength)
 
@@ -105,7 +105,7 @@ class Scene(ShapeChecked):
         return 2 * len(self.section.names)
 
     def replace(self, **values: Any) -> "Scene":
-        """A copy with other values of named parameters; see `PARAMETERS` for the names and units.
+        """Returns a copy with other values of named parameters; see `PARAMETERS` for the names and units.
 
         Other numbers are named by their path, as in `replace(**{"section.play.2": 4e-4})`, see `parameter`. A part
         that is None, such as gravity, is added.
@@ -125,7 +125,7 @@ class Scene(ShapeChecked):
         return scene
 
     def to_toml(self, file: Any = None, *, start: Any = None) -> str:
-        """The scene as TOML text, exact to the last bit, which `slipperjax.load_scene` reads.
+        """Returns the scene as TOML text, exact to the last bit, which `slipperjax.load_scene` reads.
 
         **Arguments:** `file`: where to write it, too; default nowhere. `start`: a motion to add.
 
@@ -137,7 +137,7 @@ class Scene(ShapeChecked):
         return text
 
     def value(self, name: str) -> Array:
-        """The value of a named parameter; see `PARAMETERS` for the names and units.
+        """Returns the value of a named parameter; see `PARAMETERS` for the names and units.
 
         **Raises:** `ValueError` for an unknown name, or if the scene has no such part.
         """
@@ -150,5 +150,5 @@ class Scene(ShapeChecked):
 
 
 def check_scene(scene: Any) -> Scene:
-    """`scene`; raises `ValueError` where it is none."""
+    """Returns `scene`; raises `ValueError` where it is none."""
     return instance("scene", scene, Scene, "a slipperjax.Scene")

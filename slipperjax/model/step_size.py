@@ -31,7 +31,7 @@ LEAST_STEPS = 40
 
 
 def contact_duration(scene: Scene) -> Float[Array, ""]:
-    """Duration of a typical impact [s], from Hertz's theory without damping.
+    """Returns the duration of a typical impact [s], from Hertz's theory without damping.
 
     The approach speed is the track's, see `AbstractTrack.approach_speed` (0.1 m/s at least); the mass is the
     effective mass at a corner, from translation and rotation. It is used to choose step sizes and the smooth switch,
@@ -42,12 +42,12 @@ def contact_duration(scene: Scene) -> Float[Array, ""]:
 
 @jax.jit  # one small program instead of one for each operation
 def impacts_per_period(scene: Scene) -> Float[Array, ""]:
-    """The forcing period over the duration of a typical impact [1], see `contact_duration`."""
+    """Returns the forcing period over the duration of a typical impact [1], see `contact_duration`."""
     return scene.period / contact_duration(scene)
 
 
 def contact_depth(scene: Scene) -> Float[Array, ""]:
-    """Depth of a typical impact [m], see `contact_duration`."""
+    """Returns the depth of a typical impact [m], see `contact_duration`."""
     slipper = scene.slipper
     reach = jnp.max(jnp.abs(scene.section.points))
     mass = 1 / (1 / slipper.mass + reach**2 / slipper.inertia[0] + slipper.length**2 / 4 / slipper.inertia[1])
@@ -59,15 +59,15 @@ def _approach(scene: Scene) -> Float[Array, ""]:
 
 
 def settle_memory(scene: Scene) -> Scene:
-    """A copy with settings of None in the contact memory replaced by values for the scene, see `SmoothSwitch`."""
+    """Copies a scene with the contact memory's settings of None filled in for it, see `SmoothSwitch`."""
     memory = scene.memory.scaled(contact_depth(scene), contact_duration(scene), scene.period)
     return scene if memory is scene.memory else eqx.tree_at(lambda s: s.memory, scene, memory)
 
 
 def steps_needed(scene: Scene) -> Float[Array, ""]:
-    """Steps per forcing period such that a typical impact takes `PER_CONTACT` steps, more where it is damped [1].
+    """Returns steps per forcing period with which a typical impact takes `PER_CONTACT` of them [1].
 
-    And such that the track's shortest wave takes `PER_WAVE` of them.
+    There are more where it is damped, and such that the track's shortest wave takes `PER_WAVE`.
     """
     damping = jnp.asarray(scene.contact.damping(-_approach(scene), jnp.ones(())))
     waves = scene.track.wavelength / scene.track.shortest_wavelength
@@ -78,7 +78,7 @@ _steps_needed = jit(steps_needed)
 
 
 def default_steps_per_period(scene: Scene) -> int:
-    """Steps per forcing period such that a typical impact takes `PER_CONTACT` steps, and at least `LEAST_STEPS`.
+    """Returns steps per forcing period, at least `LEAST_STEPS`: a typical impact takes `PER_CONTACT` of them.
 
     More where the track's shortest wave would take less than `PER_WAVE` steps, or where the damping force at a
     touchdown exceeds `DAMPED` times the elastic one, for restitutions below 0.44.
@@ -93,13 +93,13 @@ def default_steps_per_period(scene: Scene) -> int:
 
 
 def traced_steps_per_period(scene: Scene) -> Any:
-    """`default_steps_per_period` as an array, traced where the scene's values are unknown."""
+    """Returns `default_steps_per_period` as an array, traced where the scene's values are unknown."""
     # without its tangent, a number that is differentiated is a plain number
     return rounded_steps(_steps_needed(jax.lax.stop_gradient(scene))) * 1.0
 
 
 def rounded_steps(needed: Any) -> Any:
-    """Steps per forcing period as in `default_steps_per_period`, from `steps_needed` of shape (*cases,).
+    """Returns steps per forcing period as in `default_steps_per_period`, from `steps_needed` of shape (*cases,).
 
     **Raises:** `ValueError` above `MOST_STEPS`.
     """

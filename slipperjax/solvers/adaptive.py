@@ -101,5 +101,5 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
 
 
 def _fitted(wanted: Any, left: Any) -> Any:
-    """The next step with `left` remaining; avoids a tiny last step, which would spoil the latch's parabola."""
+    """Gives the next step with `left` remaining; avoids a tiny last step, which would spoil the latch's parabola."""
     return jnp.where(left <= wanted, left, jnp.where(left < 2 * wanted, left / 2, wanted))
