@@ -31,7 +31,7 @@ def hermite(x, f0, d0, f1, d1):
 
 
 def highest_point(f0: Array, d0: Array, f1: Array, d1: Array) -> tuple[Array, Array]:
-    """Gives the place in [0, 1] and value of the highest point of a cubic with the values f and slopes d at its ends."""
+    """Gives place in [0, 1] and value of a cubic's highest point, from its values f and slopes d at the ends."""
     a, b = 2 * (f0 - f1) + d0 + d1, 3 * (f1 - f0) - 2 * d0 - d1
     inside = (d0 > 0) & (d1 < 0)
     # zero of the slope 3 a x^2 + 2 b x + d0; real, as the slope changes its sign

@@ -102,7 +102,7 @@ MEANINGS = "; ".join(f"{int(s)}: {s}" for s in Status)
 
 
 def status_of(states: State) -> Int[Array, ""]:
-    """Gives the `Status` code of a case from its states, over any leading axes: `FINITE`, `NOT_FINITE` or `DERAILED`."""
+    """Judges a case by its states, over any leading axes: `Status` code `FINITE`, `NOT_FINITE` or `DERAILED`."""
     leaves = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(states.motion)])
     m = states.motion
     turned = jnp.any(m.q_x**2 + m.q_y**2 + m.q_z**2 > 0.5)  # half the angle's sine is sqrt(1/2) at 90 degrees

@@ -170,7 +170,7 @@ def newton_euler(scene: Scene, m: Motion, wrench: list[Array]) -> Motion:
 
 
 def motion_rates(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force: Array) -> Motion:
-    """Returns the derivative of the motion [per second], from rail, contacts and their forces [N] at the same instant."""
+    """Returns the motion's derivative [per second], from rail, contacts and their forces [N] at one instant."""
     return newton_euler(scene, m, resultant(frame, now, force))
 
 

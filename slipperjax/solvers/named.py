@@ -30,8 +30,8 @@ def solver_named(name: str) -> diffrax.AbstractSolver:
     kind = getattr(diffrax, plain, None) if kind is None and package in ("", "diffrax") else kind
     if not (isinstance(kind, type) and issubclass(kind, diffrax.AbstractSolver)) or plain.startswith("Abstract"):
         raise ValueError(
-            f"Argument `solver` must be one of {', '.join(OWN_SOLVERS)}, or a solver of diffrax such as Kvaerno5, but "
-            f"is {brief(name)}."
+            f"Argument `solver` must be one of {', '.join(OWN_SOLVERS)}, or a solver of diffrax such as Kvaerno5, "
+            f"but is {brief(name)}."
         )
     try:
         return kind()
