@@ -134,13 +134,13 @@ tests/flow/test_records.py -k beyond_the_capacity
 
 steps counted that there is only room for
 tests/flow/test_records.py -k joined_over_all_periods
--return jnp.where(taken.reshape(-1, *[1] * (values.ndim - 1)), values, rest)
+-return jnp.where(used.reshape(-1, *[1] * (values.ndim - 1)), values, filler)
 +return values
 
 unfinished lanes without their mark
 tests/sweeps/test_interrupts.py -k finished_chunks_are_kept
--return empty._replace(status=np.full(lanes, int(Status.NOT_RUN)))
-+return empty
+-return jax.tree.map(empty, result)._replace(status=np.full(lanes, int(Status.NOT_RUN)))
++return jax.tree.map(empty, result)
 
 # orbits
 touchdown rates in metres per step

@@ -20,8 +20,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..flow.period_map import advance, initial_states
-from ..flow.series import coordinates
 from ..flow.stepping import ConstantSteps, ControlledSteps
+from ..model.layout import coordinates
 from ..model.quantities import COORDINATE_SCALES
 from ..solvers.adaptive import AdaptiveSteps
 from ..sweeps.grid import Grid

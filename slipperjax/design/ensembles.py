@@ -19,10 +19,11 @@ from jaxtyping import Float, Int
 from ..flow.period_map import advance_tangents, initial_tangents, states_and_penetrations
 from ..flow.record import RecordSet
 from ..flow.records import AbstractNumber
-from ..flow.simulate import flexible_steps
+from ..flow.simulate import dynamic_steps
 from ..flow.status import Status, first_problem
 from ..model.dynamics import State
 from ..model.kinematics import MOTION_SCALES, Motion
+from ..model.quantities import MOTION_NUMBERS
 from ..model.scene import Scene
 from ..sweeps.grid import Cases
 from ..sweeps.records import LargestExponent
@@ -89,7 +90,7 @@ def averages(
     repeats = max(1, -(-whole("members", spread.members, 4) // len(corners)))
     signs = np.repeat(corners, repeats, axis=0)
     members = len(signs)
-    draws = np.random.default_rng(spread.seed).normal(size=(repeats, 10)) * DISTURBED
+    draws = np.random.default_rng(spread.seed).normal(size=(repeats, len(MOTION_NUMBERS))) * DISTURBED
     draws[:, :5] = 0.0
     kicks = np.tile(draws, (len(corners), 1))
     flat = {name: np.repeat(np.asarray(values, float), members) for name, values in grid.items()}
@@ -162,7 +163,7 @@ def _exponents(scenes: Any, states: State, periods: int, steps: int, solver: Any
     tangents, logs, status = initial_tangents(scenes, states, 1), [], np.zeros(len(states.motion.y), int)
     for k in range(-(-periods // SETTLED) + 1):
         options: dict[str, Any] = dict(solver=solver, periods=SETTLED)
-        done = advance_tangents(scenes, states, tangents, float(k * SETTLED), flexible_steps(steps), **options)
+        done = advance_tangents(scenes, states, tangents, float(k * SETTLED), dynamic_steps(steps), **options)
         states, tangents = done.state, done.tangents
         status = first_problem(status, np.asarray(done.status))
         logs += [np.asarray(done.history)[..., 0]] if k else []

@@ -17,11 +17,12 @@ from jaxtyping import Float, Int
 
 from ..flow.period_map import initial_states
 from ..flow.records import AbstractNumber
-from ..flow.simulate import flexible_steps
+from ..flow.simulate import dynamic_steps
 from ..flow.status import Status
 from ..model.dang2024 import table_2_start
 from ..model.dynamics import State, initial_state
 from ..model.kinematics import Motion
+from ..model.quantities import MOTION_NUMBERS
 from ..model.scene import Scene
 from ..orbits.periodic import TOLERANCE
 from ..sweeps.grid import Grid, filled
@@ -243,8 +244,8 @@ class _Batch:
         """Orbits near the last known ones, and their periods, 0 where there is none that is stable."""
         found = self._orbits(period, inverse)
         rows = rows_of(found.state)
-        weights = self.maps(period).weights(np.arange(self.count), rows)[:, :10]
-        near = np.max(np.abs(weights * (rows - self.rows)[:, :10]), axis=1) <= SAME
+        weights = self.maps(period).weights(np.arange(self.count), rows)[:, : len(MOTION_NUMBERS)]
+        near = np.max(np.abs(weights * (rows - self.rows)[:, : len(MOTION_NUMBERS)]), axis=1) <= SAME
         ok = (found.status == Status.FINITE) & found.stable & near
         return found, np.where(ok, period, 0)
 
@@ -296,7 +297,7 @@ class _Batch:
     def _pushed(self, index: np.ndarray, period: np.ndarray, moved: np.ndarray) -> list["_Stretch"]:
         """The forcing periods along the orbits of some cases, while their starts move."""
         q, rows = self.question, self.rows
-        stepping = flexible_steps(q.steps, inside=True)
+        stepping = dynamic_steps(q.steps, inside=True)
         options: dict[str, Any] = dict(names=q.names, objectives=q.of_courses, solver=q.solver)
         maps, found = self.maps(period), []
         for epoch in range(int(period[index].max())):
@@ -325,7 +326,7 @@ class _Batch:
             more = filled(going, self.count)
             at = self.scenes.take(more), maps.states(stretch.begin[more]), jnp.asarray(stretch.begins[more])
             options: dict[str, Any] = dict(names=q.names, solver=q.solver)
-            found = np.asarray(matrix_slopes(*at, float(epoch), flexible_steps(q.steps), **options))
+            found = np.asarray(matrix_slopes(*at, float(epoch), dynamic_steps(q.steps), **options))
             for place, k in enumerate(going):
                 slopes[int(k)].append(found[place])
         self.simulated[index] += (1 + 2 * len(q.names)) * JACOBIAN * period[index]

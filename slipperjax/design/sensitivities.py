@@ -12,13 +12,13 @@ from jax.flatten_util import ravel_pytree
 
 from ..analysis.attractor import classify
 from ..flow.datasets import scene_attributes
-from ..flow.series import coordinates
-from ..flow.simulate import Trajectory, default_steps, first_of, flexible_steps, simulate
+from ..flow.simulate import Trajectory, default_steps, dynamic_steps, first_of, simulate
 from ..flow.status import Status
 from ..flow.stepping import ConstantSteps
 from ..model.dang2024 import table_2_start
 from ..model.dynamics import State, initial_state
 from ..model.kinematics import MOTION_SCALES, Motion
+from ..model.layout import coordinates
 from ..model.paths import parameter, refuse_undone
 from ..model.quantities import COORDINATE_SCALES, Parameter
 from ..model.scene import Scene, check_scene
@@ -174,17 +174,18 @@ def _of_run(scene: Scene, known: list[Parameter], question: Question, begin: Any
         raise ValueError("Argument `method` must be 'orbit' or 'ensemble' for exponents, but is 'run'.")
     batch = Batched(None, scene)
     flat, unravel = ravel_pytree(initial_state(scene, begin))
+    scales = np.array(jax.tree.leaves(MOTION_SCALES))
     rows, moved = np.asarray(flat)[None], np.zeros((1, len(known), flat.size))
     kept, slopes, sizes = [], [], []
     how: dict[str, Any] = dict(names=question.names, objectives=question.of_courses, solver=question.solver)
     for epoch in range(periods):
         states = jax.vmap(unravel)(jnp.asarray(rows))
-        stepping = flexible_steps(question.steps, inside=True)
+        stepping = dynamic_steps(question.steps, inside=True)
         done = push_period(batch, states, jnp.asarray(moved), float(epoch), stepping, **how)
         rows, moved = np.asarray(done.end), np.asarray(done.moved)
         kept.append(done.kept)
         slopes.append(done.slopes)
-        sizes.append(np.max(np.abs(moved[0, :, :10] / np.array(jax.tree.leaves(MOTION_SCALES))), axis=1))
+        sizes.append(np.max(np.abs(moved[0, :, : len(scales)] / scales), axis=1))
         growth = float(np.max(sizes[-1] / np.maximum(sizes[0], 1e-300)))
         if not growth < FASTEST:
             raise ValueError(

@@ -15,20 +15,16 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped
 
 from ..model.dynamics import Args, State, contact_forces, motion_rates, per_period
-from ..model.kinematics import Contacts, Motion, contacts, euler_angles
+from ..model.kinematics import Contacts, Motion, contacts
+from ..model.layout import coordinate_rows
 from ..model.scene import Scene
+from ..model.travel import Travel
 from ..tools.fused import materialise
 from .loads import Loads, contact_loads, contact_rate, step_slopes
 from .poincare import Crossings, hermite, highest_point, section_crossings
 
-PLACES = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
+GAUSS_PLACES = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
 """Places inside a step at which curves are sampled [steps]: those of Gauss's formula with two points."""
-
-
-def stacked(state: State) -> Float[Array, "*batch 10"]:
-    """The ten coordinates and velocities of a state (*batch), in the order of `slipperjax.model.COORDINATES`."""
-    m = state.motion
-    return jnp.stack([m.y, m.z, *euler_angles(m), m.v_y, m.v_z, m.w_x, m.w_y, m.w_z], axis=-1)
 
 
 class Curve:
@@ -40,9 +36,9 @@ class Curve:
 
     @functools.cached_property
     def samples(self) -> Float[Array, "samples ..."]:
-        """Values at `PLACES` of every step, in the order of time."""
-        found = jnp.stack([hermite(x, *self._ends) for x in PLACES], axis=1)
-        return found.reshape(-1, *self.values.shape[1:])
+        """Values at `GAUSS_PLACES` of every step, in the order of time."""
+        values = jnp.stack([hermite(x, *self._ends) for x in GAUSS_PLACES], axis=1)
+        return values.reshape(-1, *self.values.shape[1:])
 
     @functools.cached_property
     def mean(self) -> Float[Array, "..."]:
@@ -92,9 +88,8 @@ class Curve:
 class Course:
     """One forcing period of a motion, as records see it inside the compiled program.
 
-    Each quantity is computed where it is first asked for, once for all records: what none of them asks for costs
-    nothing. Arrays over steps have room for more of them than there are, see `taken`; means and extremes leave the
-    others out.
+    Each quantity is computed at its first use, once for all records: one that none of them uses costs nothing. Arrays
+    over steps have a capacity for more steps than are `used`; means and extremes leave the others out.
     """
 
     def __init__(self, end: State, inside: State | None, args: Args, steps: Any, rates: Motion | None = None):
@@ -118,18 +113,28 @@ class Course:
 
     @property
     def capacity(self) -> int:
-        """Number of steps that there is room for."""
+        """Number of steps that arrays have room for."""
         return self.states.motion.y.shape[0] - 1
 
     @property
-    def taken(self) -> Bool[Array, " steps"]:
-        """Which steps there are: the first ones."""
+    def used(self) -> Bool[Array, " steps"]:
+        """Whether each step is one of the period's, which are the first ones."""
         return jnp.arange(self.capacity) < self.steps
 
     @property
     def times(self) -> Float[Array, " samples"]:
         """Instants of the samples of curves [forcing periods since the start of this one]."""
-        return ((jnp.arange(self.capacity)[:, None] + PLACES[None]) / self.steps).ravel()
+        return ((jnp.arange(self.capacity)[:, None] + GAUSS_PLACES[None]) / self.steps).ravel()
+
+    @property
+    def travel(self) -> Travel:
+        """Speed and pace in the middle of the period."""
+        return self.args.travel(0.5)
+
+    @property
+    def _instants(self) -> Array:
+        """Both ends of every step [forcing periods since the start of this one]."""
+        return jnp.arange(self.capacity + 1) / self.steps
 
     @functools.cached_property
     def _contacts(self) -> tuple[Any, Contacts]:
@@ -155,20 +160,22 @@ class Course:
             return self._rates
         frame, now = self._contacts
         of_one = lambda frame, now, m, force: motion_rates(self.scene, frame, now, m, force)
-        return per_period(self.scene, jax.vmap(of_one)(frame, now, self.states.motion, self._forces))
+        travel = self.args.travel(self._instants)
+        return per_period(travel, jax.vmap(of_one)(frame, now, self.states.motion, self._forces))
 
     @functools.cached_property
     def coordinates(self) -> Curve:
-        """(ends, 10), in the order of `slipperjax.model.COORDINATES`."""
+        """(ends, coordinates), in the order of `slipperjax.model.COORDINATES`."""
         moving = jax.tree.map(lambda rate: rate / self.steps, self.rates)
-        with_slopes = lambda m, rate: jax.jvp(lambda m: stacked(State(m, None)), (m,), (rate,))
+        with_slopes = lambda m, rate: jax.jvp(lambda m: coordinate_rows(State(m, None)), (m,), (rate,))
         values, slopes = jax.vmap(with_slopes)(self.states.motion, moving)
         return Curve(materialise(values), materialise(slopes), self)
 
     @functools.cached_property
     def acceleration(self) -> Curve:
-        """(ends, 5), in the order of `slipperjax.model.ACCELERATIONS`."""
-        m = jax.tree.map(lambda rate: rate / self.scene.period, self.rates)
+        """(ends, accelerations), in the order of `slipperjax.model.ACCELERATIONS`."""
+        travel = self.args.travel(self._instants)
+        m = jax.tree.map(lambda rate: rate / travel.period, self.rates)
         return self._curve(materialise(jnp.stack([m.v_y, m.v_z, m.w_x, m.w_y, m.w_z], axis=-1)))
 
     @functools.cached_property
@@ -211,7 +218,7 @@ class Course:
         return section_crossings(self.states.motion, self.rates, self.args, self.steps)
 
     def saved(self, saves: int) -> State:
-        """The states at the ends of `saves` equal parts of the period, with a leading axis."""
+        """Returns the states at the ends of `saves` equal parts of the period, with a leading axis."""
         if saves == 1:
             return jax.tree.map(lambda a: a[None], self.end)
         if isinstance(self.steps, int):
@@ -221,13 +228,13 @@ class Course:
         return jax.tree.map(lambda a: a[at], self.states)
 
     def mean(self, samples: Float[Array, "samples ..."]) -> Float[Array, "..."]:
-        """The mean over time of what was computed from samples of curves."""
-        return jnp.sum(self.counted(samples, 0.0), axis=0) / (self.steps * len(PLACES))
+        """Returns the mean over time of what was computed from samples of curves."""
+        return jnp.sum(self.counted(samples, 0.0), axis=0) / (self.steps * len(GAUSS_PLACES))
 
-    def counted(self, values: Shaped[Array, "samples ..."], rest: float) -> Shaped[Array, "samples ..."]:
-        """Values of steps, or samples, with `rest` in place of those of steps that there is only room for."""
-        taken = jnp.repeat(self.taken, len(values) // self.capacity)
-        return jnp.where(taken.reshape(-1, *[1] * (values.ndim - 1)), values, rest)
+    def counted(self, values: Shaped[Array, "samples ..."], filler: float) -> Shaped[Array, "samples ..."]:
+        """Returns values of steps, or samples, with `filler` in place of those of unused steps."""
+        used = jnp.repeat(self.used, len(values) // self.capacity)
+        return jnp.where(used.reshape(-1, *[1] * (values.ndim - 1)), values, filler)
 
     def _of_points(self, values: Array) -> Array:
         return values.reshape(len(values), 2, -1)
@@ -236,6 +243,6 @@ class Course:
         return Curve(values, step_slopes(values, self.steps), self)
 
     def _where_closed(self, curve: Curve) -> Curve:
-        """With slope zero where the force is zero: it begins or ends there, or is zero throughout."""
+        """Sets slopes to zero where the force is zero: it begins or ends there, or is zero throughout."""
         closed = self._of_points(self._forces) > 0
         return Curve(curve.values, jnp.where(closed, curve.slopes, 0.0), self)

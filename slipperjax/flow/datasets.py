@@ -13,31 +13,33 @@ import numpy as np
 
 from ..model.dynamics import State
 from ..model.kinematics import Motion
+from ..model.layout import coordinates
 from ..model.paths import parameter
-from ..model.quantities import ACCELERATIONS, COORDINATES, LOADS, PARAMETERS, REACTIONS, STARTS, Quantity
+from ..model.quantities import LOADS, PARAMETERS, STARTS
 from ..model.scene import Scene
 from ..model.scene_files import scene_to_json
 from ..tools.compile import jit
 from ..tools.description import build, describe
 from .loads import over_periods
-from .series import coordinates
+from .record import attributes
+from .series import History, HistoryValues
 from .status import MEANINGS
 
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Versions of slipperjax, of the packages it computes with, and of Python."""
-    found = {"python": platform.python_version()}
+    """Returns versions of slipperjax, of the packages it computes with, and of Python."""
+    numbers = {"python": platform.python_version()}
     for name in ("slipperjax", "jax", "jaxlib", "diffrax", "equinox", "numpy"):
         try:
-            found[name] = importlib.metadata.version(name)
+            numbers[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
-            found[name] = "unknown"
-    return found
+            numbers[name] = "unknown"
+    return numbers
 
 
 def run_attributes(scene: Scene, start: Motion | State, call: Mapping[str, Any], varied: Any = ()) -> dict[str, str]:
-    """Attributes, JSON each, from which `load_scene`, `load_start` and `load_call` read.
+    """Returns attributes, JSON each, from which `load_scene`, `load_start` and `load_call` read.
 
     **Arguments:** `call`: the function's name as `function`, and its arguments; `varied`: names of the coordinates
     that hold what differs between cases.
@@ -52,7 +54,7 @@ def run_attributes(scene: Scene, start: Motion | State, call: Mapping[str, Any],
 
 
 def start_from_json(text: str) -> Motion | State:
-    """The start of an attribute of `run_attributes`."""
+    """Returns the start of an attribute of `run_attributes`."""
     description = json.loads(text)
     if "motion" not in description:
         return build(description, (Motion,), "start")
@@ -62,13 +64,13 @@ def start_from_json(text: str) -> Motion | State:
 
 
 def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, Any]:
-    """The scene's parameters, as attributes of a dataset.
+    """Returns the scene's parameters, as attributes of a dataset.
 
     **Arguments:** `without`: names and paths of parameters which a dataset has as coordinates. All that depend on
     them are left out, as the clearance where section.play.2 is varied, and so are those with several values.
     """
-    for known in (parameter(name, scene) for name in without if name not in STARTS):
-        scene = known.replaced(scene, np.nan)
+    for p in (parameter(name, scene) for name in without if name not in STARTS):
+        scene = p.replaced(scene, np.nan)
     out: dict[str, Any] = {
         "contact_law": type(scene.contact).__name__,
         "contact_memory": type(scene.memory).__name__,
@@ -84,7 +86,7 @@ def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, A
 
 
 def open_result(path: Any) -> Any:
-    """A result's netCDF file or zarr store, opened.
+    """Returns a result's netCDF file or zarr store, opened.
 
     **Raises:** `ValueError` for a file that is none; `OSError` where it cannot be read.
     """
@@ -106,7 +108,7 @@ _over_periods = jit(over_periods)
 
 
 def trajectory_dataset(trajectory: Any) -> Any:
-    """A `Trajectory` as an `xarray.Dataset`.
+    """Returns a `Trajectory` as an `xarray.Dataset`.
 
     Dimensions time, end (front, rear) and point (A..J); variables y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z,
     a_y, a_z, alpha_x, alpha_y, alpha_z, contact_force, gap and drive_force, and over all steps of the run, by end and
@@ -115,23 +117,11 @@ def trajectory_dataset(trajectory: Any) -> Any:
     """
     import xarray as xr  # here, because importing it takes longer than a small simulation
 
-    reactions = trajectory.reactions
-    data: dict[str, Any] = {}
-    for quantities, values in (
-        (COORDINATES, coordinates(trajectory.state)),
-        (ACCELERATIONS, np.asarray(reactions.acceleration)),
-    ):
-        for k, (name, q) in enumerate(quantities.items()):
-            data[name] = ("time", values[:, k], q.attributes)
-    at_points = ("time", "end", "point")
-    for name, dims in (("contact_force", at_points), ("gap", at_points), ("drive_force", ("time",))):
-        data[name] = (dims, np.asarray(getattr(reactions, name)), REACTIONS[name].attributes)
-    coords = {
-        "time": ("time", np.asarray(trajectory.time), Quantity("time", "s", "time").attributes),
-        "period": ("time", np.asarray(trajectory.period), Quantity("", "1", "time in forcing periods").attributes),
-        "end": ["front", "rear"],
-        "point": list(trajectory.scene.section.names),
-    }
+    now = trajectory.reactions
+    parts = trajectory.period, now.acceleration, now.contact_force, now.gap, now.drive_force
+    history = HistoryValues(coordinates(trajectory.state), *map(np.asarray, parts))
+    data, coords = History().label(trajectory.scene, (), history)
+    coords = {"time": ("time", np.asarray(trajectory.time), attributes("s", "time")), **coords}
     start = jax.tree.map(lambda a: np.asarray(a)[0], trajectory.state)
     call = {"function": "simulate", **json.loads(trajectory.call)}
     attrs = (

@@ -20,12 +20,12 @@ from ..tools.description import build
 from .datasets import open_result, start_from_json
 from .record import AbstractRecord
 
-SAME = 1e-9
+SAME_VALUE = 1e-9
 """Relative difference up to which a value asked for is one of a dataset's."""
 
 
 def load_scene(source: Any, **chosen: float) -> Scene:
-    """The scene of a TOML file, of a result's netCDF file, or of a dataset; exactly as it was.
+    """Returns the scene of a TOML file, of a result's netCDF file, or of a dataset; exactly as it was.
 
     **Arguments:** `source`: a path or an `xarray.Dataset`. `chosen`: for a result of many cases, the values of what
     was varied, by name [SI units], unless the dataset is of one case already, as by `ds.isel(speed=3)`.
@@ -42,7 +42,7 @@ def load_scene(source: Any, **chosen: float) -> Scene:
 
 
 def load_start(source: Any, **chosen: float) -> Motion | State | None:
-    """The start of a TOML file, a netCDF file or a dataset; None where a TOML file has none.
+    """Returns the start of a TOML file, a netCDF file or a dataset; None where a TOML file has none.
 
     **Arguments:** and **Raises:** as for `load_scene`.
     """
@@ -57,13 +57,13 @@ def load_start(source: Any, **chosen: float) -> Motion | State | None:
 
 
 def load_base(source: Any) -> tuple[Scene, Motion | State]:
-    """The scene and the start of which a result's cases are variations; raises `ValueError` as `load_scene`."""
+    """Gives the scene and the start of which a result's cases are variations; raises `ValueError` as `load_scene`."""
     ds = dataset_of(source)
     return scene_from_json(_attribute(ds, "scene")), start_from_json(_attribute(ds, "start"))
 
 
 def load_call(source: Any) -> dict[str, Any]:
-    """The function that made a result, as `function`, and its arguments besides scene, grid and start.
+    """Returns the function that made a result, as `function`, and its arguments besides scene, grid and start.
 
     **Raises:** `ValueError` where a solver, controller or record cannot be rebuilt.
     """
@@ -94,14 +94,14 @@ def _read_toml(source: Any) -> SceneFile:
     return scene_from_toml(text, str(source))
 
 
-def _chosen_none(found: SceneFile, chosen: Mapping[str, Any]) -> SceneFile:
+def _chosen_none(file: SceneFile, chosen: Mapping[str, Any]) -> SceneFile:
     if chosen:
         raise ValueError(f"Argument `{next(iter(chosen))}` must not be given for a TOML file, which has one scene.")
-    return found
+    return file
 
 
 def dataset_of(source: Any) -> Any:
-    """A dataset as it is, or that of a file."""
+    """Returns a dataset as it is, or that of a file."""
     if isinstance(source, str | os.PathLike):
         return open_result(Path(source))
     if not hasattr(source, "attrs") or not hasattr(source, "coords"):
@@ -121,7 +121,7 @@ def _attribute(ds: Any, name: str) -> str:
 
 
 def varied_names(ds: Any) -> list[str]:
-    """Names of the coordinates that were varied; raises `ValueError` where one of them is lost."""
+    """Returns names of the coordinates that were varied; raises `ValueError` where one of them is lost."""
     names = json.loads(_attribute(ds, "varied"))
     for name in names:
         if name not in ds.coords:
@@ -137,29 +137,29 @@ def _of_start(name: str) -> bool:
 
 
 def _varied(ds: Any, chosen: Mapping[str, float], wanted: Callable[[str], bool]) -> dict[str, float]:
-    """The wanted values of what was varied, for one case: chosen, or the dataset's own where it is of one case."""
+    """Gives wanted values of what was varied, for one case: chosen, or the dataset's own if it is of one case."""
     names = varied_names(ds)
     unknown = [name for name in chosen if name not in names]
     if unknown:
         raise ValueError(f"Argument `{unknown[0]}` must be one of what was varied, {', '.join(names) or 'nothing'}.")
-    found = {name: np.asarray(ds.coords[name].values, float) for name in names}
-    fits = {name: np.abs(found[name] - value) <= SAME * abs(value) for name, value in chosen.items()}
+    values = {name: np.asarray(ds.coords[name].values, float) for name in names}
+    fits = {name: np.abs(values[name] - value) <= SAME_VALUE * abs(value) for name, value in chosen.items()}
     for name, hits in fits.items():
         if not np.any(hits):
-            nearest = found[name].ravel()[np.argmin(np.abs(found[name].ravel() - chosen[name]))]
+            nearest = values[name].ravel()[np.argmin(np.abs(values[name].ravel() - chosen[name]))]
             raise ValueError(
                 f"Argument `{name}` must be one of the result's, but is {chosen[name]:g}; nearest is {nearest:.10g}."
             )
-    beside = [name for name in names if ds.coords[name].dims == ("case",)]  # lists that were read side by side
-    if beside:
-        keep = np.logical_and.reduce([fits[name] for name in beside if name in fits] or [np.ones(1, bool)])
-        found |= {name: found[name][np.broadcast_to(keep, found[name].shape)] for name in beside}
-    found |= {name: found[name][hits] for name, hits in fits.items() if name not in beside and found[name].ndim}
-    found = {name: values for name, values in found.items() if wanted(name)}
-    several = [name for name, values in found.items() if values.size != 1]
+    listed = [name for name in names if ds.coords[name].dims == ("case",)]  # lists that were read side by side
+    if listed:
+        keep = np.logical_and.reduce([fits[name] for name in listed if name in fits] or [np.ones(1, bool)])
+        values |= {name: values[name][np.broadcast_to(keep, values[name].shape)] for name in listed}
+    values |= {name: values[name][hits] for name, hits in fits.items() if name not in listed and values[name].ndim}
+    values = {name: v for name, v in values.items() if wanted(name)}
+    several = [name for name, v in values.items() if v.size != 1]
     if several:
         raise ValueError(
-            f"Argument `{several[0]}` must be given, as the result has {found[several[0]].size} values of it; or "
+            f"Argument `{several[0]}` must be given, as the result has {values[several[0]].size} values of it; or "
             f"select a case, as by ds.isel({several[0]}=0)."
         )
-    return {name: float(values.ravel()[0]) for name, values in found.items()}
+    return {name: float(v.ravel()[0]) for name, v in values.items()}

@@ -19,7 +19,7 @@ from ..model.kinematics import Contacts
 from ..tools.fused import sums
 from .poincare import hermite, highest_point
 
-MARGIN = 2
+DIFFERENCE_MARGIN = 2
 """Values that a central difference needs before and after its place."""
 
 _NEXT = {2: (-1, 2), 3: (1, -3, 3), 4: (-1, 4, -6, 4)}
@@ -27,7 +27,7 @@ _NEXT = {2: (-1, 2), 3: (1, -3, 3), 4: (-1, 4, -6, 4)}
 
 
 def continued(values: Float[Array, "ends ..."], steps: Any) -> Float[Array, "ends+4 ..."]:
-    """Values at the ends of steps, of which the first `steps` + 1 count, with two before and two after those.
+    """Returns values at the ends of steps, of which the first `steps` + 1 count, with two before and two after those.
 
     Before and after the period, values go on as the cubics through the nearest four.
     """
@@ -35,22 +35,22 @@ def continued(values: Float[Array, "ends ..."], steps: Any) -> Float[Array, "end
     earlier = _two_more(values[few - 1 :: -1])[::-1]
     later = _two_more(jax.lax.dynamic_slice_in_dim(values, last + 1 - few, few))
     values = jnp.concatenate([earlier, values, later])
-    return jax.lax.dynamic_update_slice_in_dim(values, later, last + 1 + MARGIN, 0)
+    return jax.lax.dynamic_update_slice_in_dim(values, later, last + 1 + DIFFERENCE_MARGIN, 0)
 
 
 def central_difference(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """The slope [per step] amid four values: two samples before the place and two after it."""
+    """Returns the slope [per step] amid four values: two samples before the place and two after it."""
     return (8 * (c - b) + a - d) / 12
 
 
 def step_slopes(values: Float[Array, "ends ..."], steps: Any) -> Float[Array, "ends ..."]:
-    """Slopes [per step] at the ends of steps, of which the first `steps` + 1 count."""
-    a, b, _, c, d = (continued(values, steps)[k : k + len(values)] for k in range(2 * MARGIN + 1))
+    """Returns slopes [per step] at the ends of steps, of which the first `steps` + 1 count."""
+    a, b, _, c, d = (continued(values, steps)[k : k + len(values)] for k in range(2 * DIFFERENCE_MARGIN + 1))
     return central_difference(a, b, c, d)
 
 
 def _two_more(values: Array) -> Array:
-    """The next two values of the polynomial through two to four equidistant ones, along the first axis."""
+    """Returns the next two values of the polynomial through two to four equidistant ones, along the first axis."""
     weights = np.array(_NEXT[len(values)])
     following = lambda v: jnp.tensordot(weights, v[-len(weights) :], 1)
     values = jnp.stack([*values, following(values)])
@@ -82,13 +82,14 @@ def contact_loads(
     args: Args,
     steps: Any,
 ) -> Loads:
-    """Loads of one period.
+    """Returns loads of one period.
 
     **Arguments:** forces [N], gaps [m] and `contact_rate` [1/s] at both ends of every step, of which the first
     `steps` + 1 count; `args`: scene and epoch; `steps`: integration steps per period, may be traced; 3 at least.
     """
     most, step = len(force) - 1, 1 / steps
-    fastest = jnp.max(jnp.where(jnp.arange(most + 1) <= steps, rate, 0.0)) * args.scene.period
+    period = args.travel(0.5).period
+    fastest = jnp.max(jnp.where(jnp.arange(most + 1) <= steps, rate, 0.0)) * period
     # all points in one row, which is faster than two
     flat = lambda a: a.reshape(most + 1, -1)
     values = continued(jnp.stack((flat(force), flat(-gap)), axis=1), steps)
@@ -110,15 +111,15 @@ def contact_loads(
         return (jax.tree.map(lambda n, old: jnp.where(place < steps, n, old), new, carry[0]), next_slope), None
 
     nothing = jnp.zeros(values.shape[-1])
-    found = nothing - jnp.inf, nothing + jnp.nan, nothing, nothing, nothing - jnp.inf
+    totals = nothing - jnp.inf, nothing + jnp.nan, nothing, nothing, nothing - jnp.inf
     # step by step, so that what is computed stays in the cache
-    (found, _), _ = jax.lax.scan(one, (found, _slope(*values[:5])), jnp.arange(most))
-    highest, when, impulse, contact, depth = (a.reshape(force.shape[1:]) for a in found)
-    return Loads(highest, when, step * args.scene.period * impulse, step * contact, depth, step * fastest)
+    (totals, _), _ = jax.lax.scan(one, (totals, _slope(*values[:5])), jnp.arange(most))
+    highest, when, impulse, contact, depth = (a.reshape(force.shape[1:]) for a in totals)
+    return Loads(highest, when, step * period * impulse, step * contact, depth, step * fastest)
 
 
 def over_periods(loads: Loads) -> Loads:
-    """Loads of several periods from those of each, along the first axis. Contact fractions are means."""
+    """Returns loads of several periods from those of each, along the first axis. Contact fractions are means."""
     highest = jnp.max(loads.peak_force, 0)
     when = jnp.where(loads.peak_force == highest[None], loads.peak_period, jnp.inf)
     when = jnp.min(jnp.where(jnp.isnan(when), jnp.inf, when), 0)
@@ -133,7 +134,7 @@ def over_periods(loads: Loads) -> Loads:
 
 
 def _slope(a: Array, b: Array, here: Array, c: Array, d: Array) -> Array:
-    """Slopes of force and penetration [per step] from the values of two samples before and two after.
+    """Returns slopes of force and penetration [per step] from the values of two samples before and two after.
 
     A force that is zero begins or ends there, or is zero throughout: its slope is zero in each case.
     """
@@ -142,7 +143,7 @@ def _slope(a: Array, b: Array, here: Array, c: Array, d: Array) -> Array:
 
 
 def contact_rate(now: Contacts, memory: Any, args: Args) -> Array:
-    """The greatest rate of the contacts [1/s]: the sum of their decay rates, or the frequency of their springs.
+    """Gives the greatest rate of the contacts [1/s]: the sum of their decay rates, or the frequency of their springs.
 
     For one point of effective mass m these are (dF/dg')/m and sqrt((dF/dg)/m); the sum over the points bounds the
     greatest rate of all together.
@@ -159,7 +160,7 @@ def contact_rate(now: Contacts, memory: Any, args: Args) -> Array:
 
 
 def _share_closed(g0: Array, d0: Array, g1: Array, d1: Array) -> Array:
-    """Share of a step in which a gap is negative [1]."""
+    """Returns the share of a step in which a gap is negative [1]."""
     changes = (g0 < 0) != (g1 < 0)
     x = g0 / jnp.where(changes, g0 - g1, 1.0)
     a, b = 2 * (g0 - g1) + d0 + d1, 3 * (g1 - g0) - 2 * d0 - d1

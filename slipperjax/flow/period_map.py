@@ -18,12 +18,13 @@ from ..analysis.floquet import jacobians
 from ..analysis.lyapunov import first_tangents, push_tangents
 from ..model.dynamics import Args, SmoothField, State, state_and_penetration, vector_field, warn_if_outside
 from ..model.kinematics import MOTION_SCALES, Motion, contact_points
+from ..model.layout import coordinate_rows
 from ..model.scene import Scene
 from ..model.step_size import settle_memory
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.compile import call_compiled, jit
-from .course import Course, stacked
+from .course import Course
 from .record import RecordSet
 from .status import Status, status_of, with_growth, with_resolution
 from .stepping import AbstractStepping, as_stepping
@@ -54,12 +55,12 @@ def _smooth_weights(state: State) -> State:
 
 @functools.partial(jit, static_argnames=("count",))
 def initial_tangents(scenes: Batched[Scene], states: State, count: int) -> State:
-    """`count` orthonormal tangents for each case of a batch, with axes (cases, count, ...)."""
+    """Returns `count` orthonormal tangents for each case of a batch, with axes (cases, count, ...)."""
     return scenes.map(lambda scene, state: first_tangents(state, count, tangent_weights(scene)), states)
 
 
 class Passage(NamedTuple):
-    """What a run over some forcing periods gives."""
+    """Result of a run over some forcing periods."""
 
     state: State
     """The state at the end."""
@@ -89,7 +90,7 @@ class PeriodMap(eqx.Module):
     """Forcing periods in one application."""
 
     def __call__(self, state: State, k: Any = 0.0) -> State:
-        """The state after one application, the one number `k`."""
+        """Returns the state after one application, the one number `k`."""
         return self.run(state, k * self.periods).state
 
     def run(
@@ -102,11 +103,11 @@ class PeriodMap(eqx.Module):
         used: Any = None,
         earlier: Any = None,
     ) -> Passage:
-        """Integrates some forcing periods, by default one application's, with what records keep of each.
+        """Integrates some forcing periods, by default one application's, with the samples of records.
 
         **Arguments:** `state`: at the start of the forcing period number `epoch`; `used`: how many of `periods`
-        are integrated, which may be traced, so that one program serves several numbers: what the result holds for
-        the others counts for nothing; `earlier`: the records' carries after earlier periods, by default initial ones.
+        are integrated, which may be traced, so that one program serves several numbers: entries of the others are
+        meaningless; `earlier`: the records' carries after earlier periods, by default initial ones.
 
         **Returns:** a `Passage` with scalar status. Where solver or controller gave up, the motion is NaN from there
         on.
@@ -126,32 +127,32 @@ class PeriodMap(eqx.Module):
             end = _lost_where(done.failed, done.end)
             inside = _lost_where(done.failed, done.inside) if records.inside else None
             course = Course(end, inside, args, self.stepping.number, done.rates)
-            carry = end, done.carried, records.add(carried, course)
-            return carry, (records.sample(course), status_of(end), jnp.asarray(done.taken, int))
+            carry = end, done.solver_state, records.add(carried, course)
+            return carry, (records.sample(course), status_of(end), jnp.asarray(done.steps_taken, int))
 
         def period_if_used(carry, epoch_now):
             none = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(period, carry, epoch_now)[1])
             return jax.lax.cond(epoch_now < epoch + used, period, lambda c, _: (c, none), carry, epoch_now)
 
         count = self.periods if periods is None else periods
-        first = self.stepping.first(terms, solver, state, Args(scene, epoch, points))
+        solver_state = self.stepping.begin(terms, solver, state, Args(scene, epoch, points))
         epochs = epoch + jnp.arange(float(count))
         one = period if used is None else period_if_used
-        (end, _, carried), (samples, codes, taken) = jax.lax.scan(one, (state, first, earlier), epochs)
+        (end, _, carried), (samples, codes, steps_taken) = jax.lax.scan(one, (state, solver_state, earlier), epochs)
         if used is not None:
-            taken = jnp.where(jnp.arange(count) < used, taken, jnp.max(taken))
+            steps_taken = jnp.where(jnp.arange(count) < used, steps_taken, jnp.max(steps_taken))
         code = codes[jnp.argmax(codes != int(Status.FINITE))]
-        return Passage(end, samples, with_resolution(code, scene, jnp.min(taken)), taken, carried)
+        return Passage(end, samples, with_resolution(code, scene, jnp.min(steps_taken)), steps_taken, carried)
 
 
 def _lost_where(failed: Any, state: State) -> State:
-    """The state or states with a motion of NaN where solver or controller gave up."""
+    """Returns the state or states with a motion of NaN where solver or controller gave up."""
     lost = jax.tree.map(lambda v: jnp.where(failed, jnp.nan, v), state.motion)
     return eqx.tree_at(lambda s: s.motion, state, lost)
 
 
 def map_compiled(period_map: PeriodMap, state: State) -> State:
-    """`period_map(state)`, compiled once for all numbers of a scene."""
+    """Returns `period_map(state)`, compiled once for all numbers of a scene."""
     return call_compiled(_map, period_map, (), state)
 
 
@@ -167,7 +168,7 @@ def run_compiled(
     epoch: Any = 0.0,
     used: Any = None,
 ) -> Passage:
-    """`period_map.run` of one case, compiled; see there."""
+    """Returns `period_map.run` of one case, compiled; see there."""
     return call_compiled(_run, period_map, (periods, records), state, epoch, used)
 
 
@@ -177,7 +178,7 @@ def _run(period_map: PeriodMap, static: tuple, state: State, epoch: Any, used: A
 
 
 def initial_states(scenes: Batched[Scene], starts: Motion | State) -> State:
-    """The states at time zero of a batch; `starts` has a leading axis of cases.
+    """Returns the states at time zero of a batch; `starts` has a leading axis of cases.
 
     Gives an `ImplausibleWarning` where slippers begin far outside their play.
     """
@@ -189,7 +190,7 @@ def initial_states(scenes: Batched[Scene], starts: Motion | State) -> State:
 
 @jit
 def states_and_penetrations(scenes: Batched[Scene], starts: Motion | State) -> tuple[State, Float[Array, " cases"]]:
-    """The states at time zero of a batch, and penetrations: `slipperjax.model.dynamics.state_and_penetration`."""
+    """Gives a batch's states at time zero and penetrations: `slipperjax.model.dynamics.state_and_penetration`."""
     return scenes.map(state_and_penetration, starts)
 
 
@@ -221,13 +222,13 @@ def advance(
 
 
 class TangentPassage(NamedTuple):
-    """What carrying tangents over some forcing periods gives, with a leading axis of cases."""
+    """Result of carrying tangents over some forcing periods, with a leading axis of cases."""
 
     state: State
     tangents: State
     history: Float[Array, "cases periods count"]
     """Logarithm of the tangents' growth in each period."""
-    strobe: Float[Array, "cases periods 10"]
+    strobe: Float[Array, "cases periods coordinates"]
     """The state at the end of each period, in the order of `slipperjax.model.COORDINATES`."""
     status: Int[Array, " cases"]
     """`Status` code of the state at the end; what happens between is not looked at."""
@@ -254,7 +255,7 @@ def advance_tangents(
         def period(carry, epoch):
             state, tangents = carry
             state, tangents, logs = push_tangents(step, state, tangents, 1, index=epoch, **options)
-            return (state, tangents), (logs[0], stacked(state))
+            return (state, tangents), (logs[0], coordinate_rows(state))
 
         epochs = epoch + jnp.arange(float(periods))
         (state, tangents), (history, strobe) = jax.lax.scan(period, (state, tangents), epochs)
@@ -274,7 +275,7 @@ def batch_jacobians(
     solver: diffrax.AbstractSolver,
     periods: int,
 ) -> Float[Array, "cases periods size size"]:
-    """Jacobians of a batch's successive period maps, for Floquet multipliers."""
+    """Returns Jacobians of a batch's successive period maps, for Floquet multipliers."""
     return scenes.map(
         lambda scene, state: jacobians(PeriodMap(scene, stepping, solver), state, periods, index=epoch), states
     )

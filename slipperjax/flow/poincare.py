@@ -25,13 +25,13 @@ class Crossings(NamedTuple):
 
 
 def hermite(x, f0, d0, f1, d1):
-    """The cubic on [0, 1] with values f0, f1 and slopes d0, d1 at the ends."""
+    """Returns the cubic on [0, 1] with values f0, f1 and slopes d0, d1 at the ends."""
     a, b = 2 * (f0 - f1) + d0 + d1, 3 * (f1 - f0) - 2 * d0 - d1
     return ((a * x + b) * x + d0) * x + f0
 
 
 def highest_point(f0: Array, d0: Array, f1: Array, d1: Array) -> tuple[Array, Array]:
-    """Place in [0, 1] and value of the highest point of a cubic with the values f and slopes d at its ends."""
+    """Gives place in [0, 1] and value of a cubic's highest point, from its values f and slopes d at the ends."""
     a, b = 2 * (f0 - f1) + d0 + d1, 3 * (f1 - f0) - 2 * d0 - d1
     inside = (d0 > 0) & (d1 < 0)
     # zero of the slope 3 a x^2 + 2 b x + d0; real, as the slope changes its sign
@@ -41,7 +41,7 @@ def highest_point(f0: Array, d0: Array, f1: Array, d1: Array) -> tuple[Array, Ar
 
 
 def crossing(q0, d0, q1, d1, v0, a0, v1, a1):
-    """Where in a step a coordinate crosses zero upwards, and the velocity there.
+    """Tells where in a step a coordinate crosses zero upwards, and the velocity there.
 
     **Arguments:** coordinate and its slope at both ends, velocity and its slope at both ends; slopes are per step.
 
@@ -66,13 +66,13 @@ def crossing(q0, d0, q1, d1, v0, a0, v1, a1):
 
 
 def section_crossings(motion: Motion, rates: Motion, args: Args, steps: Any) -> Crossings:
-    """Crossings of all five sections in one period.
+    """Returns crossings of all five sections in one period.
 
     **Arguments:** `motion`, `rates`: the motion at both ends of every step and its derivatives [per forcing period],
     leading axis `most` + 1, of which the first `steps` + 1 count; `args`: with the epoch; `steps`: integration steps
     per period, may be traced.
     """
-    places = jnp.arange(motion.y.shape[0])
+    index = jnp.arange(motion.y.shape[0])
 
     def sample(m, rate):
         angles, angle_rates = jax.jvp(euler_angles, (m,), (rate,))
@@ -84,6 +84,6 @@ def section_crossings(motion: Motion, rates: Motion, args: Args, steps: Any) -> 
 
     q, d, v, a = jax.vmap(sample, out_axes=1)(motion, rates)
     place, velocity = crossing(q[:, :-1], d[:, :-1], q[:, 1:], d[:, 1:], v[:, :-1], a[:, :-1], v[:, 1:], a[:, 1:])
-    taken = (places[:-1] < steps)[None]
-    time = (places[:-1][None] + place) / steps + args.epoch
-    return Crossings(jnp.where(taken, time, jnp.nan), jnp.where(taken, velocity, jnp.nan))
+    used = (index[:-1] < steps)[None]
+    time = (index[:-1][None] + place) / steps + args.epoch
+    return Crossings(jnp.where(used, time, jnp.nan), jnp.where(used, velocity, jnp.nan))

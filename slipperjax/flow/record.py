@@ -1,4 +1,4 @@
-"""What is kept of each case: the contract of records, and several records as one.
+"""The contract of records, which keep something of each case, and several records as one.
 
 A record looks at the course of each forcing period inside the compiled program. Its carry makes numbers of one size,
 however long the run is (peaks, means, percentiles); its samples of each period are joined end to end (sections,
@@ -50,9 +50,9 @@ class AbstractRecord(abc.ABC):
     """The name in the attribute `record` of datasets."""
 
     @property
-    @abc.abstractmethod
     def variables(self) -> tuple[str, ...]:
         """The data variables that it makes."""
+        return (self.name,)
 
     @property
     def inside(self) -> bool:
@@ -71,36 +71,36 @@ class AbstractRecord(abc.ABC):
 
     @abc.abstractmethod
     def values(self, periods: int) -> int:
-        """About how many numbers of a case are kept, of so many periods."""
+        """Estimates how many numbers of a case are kept, of so many periods."""
 
     def last(self, periods: int) -> int:
-        """How many of the last recorded periods samples are needed of."""
+        """Returns how many of the last recorded periods need their samples kept."""
         return periods
 
     def with_saves(self, saves: int) -> "AbstractRecord":
-        """The same, of so many saves per period where it leaves that to the run."""
+        """Returns the same, of so many saves per period where it leaves that to the run."""
         return self
 
     def check(self, scene: Scene, periods: int, steps: int) -> None:  # noqa: B027
         """Raises `ValueError` where a run of so many recorded periods, of `steps` at least, does not suit."""
 
     def begin(self, scene: Scene, state: State) -> Any:
-        """Initial carry of one case, in NumPy arrays; None where nothing is carried.
+        """Returns the initial carry of one case, in NumPy arrays; None where nothing is carried.
 
         **Arguments:** `scene`, `state`: shapes count, numbers do not.
         """
         return None
 
     def add(self, carried: Any, course: Course) -> Any:
-        """The carry after one more period, inside the compiled program."""
+        """Returns the carry after one more period, inside the compiled program."""
         return carried
 
     def sample(self, course: Course) -> Any:
-        """The arrays that are kept of each period, inside the compiled program; None where there are none."""
+        """Returns the arrays that are kept of each period, inside the compiled program; None where there are none."""
         return None
 
     def cost_after(self, periods: int) -> float:
-        """Cost of the work after so many recorded periods, in unrecorded ones."""
+        """Returns the cost of the work after so many recorded periods, in unrecorded ones."""
         return 0.0
 
     def after(self, carried: Any, samples: Any, status: np.ndarray, run: Any) -> tuple[Any, np.ndarray]:
@@ -132,19 +132,17 @@ class AbstractRecord(abc.ABC):
 
     @abc.abstractmethod
     def finish(self, carried: Any, samples: Any, span: RecordedSpan) -> Any:
-        """Arrays with a leading axis of cases, from the carry (cases, ...) and samples (cases, periods, ...)."""
+        """Returns arrays (cases, ...) from the carry (cases, ...) and samples (cases, periods, ...)."""
 
     @abc.abstractmethod
     def label(self, scene: Scene, dims: tuple[str, ...], values: Any) -> Labelled:
-        """Data variables and coordinates of a dataset, from the arrays of `finish` in the shape (*grid, ...)."""
+        """Returns a dataset's variables and coordinates, from the arrays of `finish` of shape (*grid, ...)."""
 
 
 class Unlabelled(AbstractRecord):
     """A record whose samples are used as they are, and not labelled."""
 
-    @property
-    def name(self):
-        return ""
+    name = ""
 
     @property
     def variables(self):
@@ -189,15 +187,15 @@ class RecordSet:
         return RECORDED if self.inside else 1.0
 
     def cost_after(self, periods: int) -> float:
-        """Cost of the work after so many recorded periods, in unrecorded ones."""
+        """Returns the cost of the work after so many recorded periods, in unrecorded ones."""
         return sum((r.cost_after(periods) for r in self.records), 0.0)
 
     def values(self, transient: int, periods: int) -> int:
-        """About how many numbers are kept of a case."""
+        """Estimates how many numbers of a case are kept."""
         return sum(r.values(periods + (transient if r.from_start else 0)) for r in self.records)
 
     def with_saves(self, saves: int) -> "RecordSet":
-        """The same, of so many saves per period where they leave that to the run."""
+        """Returns the same, of so many saves per period where they leave that to the run."""
         return RecordSet(tuple(r.with_saves(saves) for r in self.records))
 
     def check(self, scene: Scene, periods: int, steps: int, taken: Collection[str] = ()) -> None:
@@ -214,15 +212,15 @@ class RecordSet:
             r.check(scene, periods, steps)
 
     def begin(self, scene: Scene, state: State) -> tuple[Any, ...]:
-        """Initial carries of one case."""
+        """Returns initial carries of one case."""
         return tuple(r.begin(scene, state) for r in self.records)
 
     def add(self, carried: tuple[Any, ...], course: Course) -> tuple[Any, ...]:
-        """The carries after one more period."""
+        """Returns the carries after one more period."""
         return tuple(r.add(mine, course) for r, mine in zip(self.records, carried, strict=True))
 
     def sample(self, course: Course) -> tuple[Any, ...]:
-        """The arrays that are kept of each period."""
+        """Returns the arrays that are kept of each period."""
         return tuple(r.sample(course) for r in self.records)
 
     def after(
@@ -255,12 +253,12 @@ class RecordSet:
         return tuple(whole), status, interrupted
 
     def finish(self, carried: tuple[Any, ...], samples: Sequence[Any], span: RecordedSpan) -> tuple[Any, ...]:
-        """The arrays of each record, with a leading axis of cases."""
+        """Returns the arrays of each record, with a leading axis of cases."""
         parts = zip(self.records, carried, samples, strict=True)
         return tuple(r.finish(mine, kept, span) for r, mine, kept in parts)
 
     def label(self, scene: Scene, dims: tuple[str, ...], values: tuple[Any, ...]) -> Labelled:
-        """Data variables and coordinates of a dataset."""
+        """Returns data variables and coordinates of a dataset."""
         data, coords = {}, {}
         for r, mine in zip(self.records, values, strict=True):
             more, along = r.label(scene, dims, mine)
@@ -287,22 +285,22 @@ class Samples:
                     del calls[0], lengths[0]
 
     def joined(self) -> tuple[Any, ...]:
-        """Of each record, its samples in the order of time."""
+        """Returns each record's samples in the order of time."""
         return tuple(self._of(r) for r in self._records.records)
 
     def _of(self, record: AbstractRecord) -> Any:
         def end_to_end(*parts: np.ndarray) -> np.ndarray:
-            found = np.concatenate(parts, axis=1)
-            return found if record.from_start else found[:, -record.last(self._periods) :]
+            samples = np.concatenate(parts, axis=1)
+            return samples if record.from_start else samples[:, -record.last(self._periods) :]
 
         return jax.tree.map(end_to_end, *self._calls[record]) if self._calls[record] else None
 
 
 def attributes(unit: str, long_name: str) -> dict[str, str]:
-    """Those of a data variable."""
+    """Returns the attributes of a data variable."""
     return Quantity("", unit, long_name).attributes
 
 
 def point_labels(scene: Scene) -> dict[str, Any]:
-    """Coordinates of what is given at each contact point."""
+    """Returns the coordinates of variables at each contact point."""
     return {"end": ["front", "rear"], "point": list(scene.section.names)}

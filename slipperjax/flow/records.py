@@ -23,14 +23,14 @@ from ..model.scene import Scene
 from ..tools.batching import Batched
 from ..tools.checks import brief, instance, number, one_of, positive, require
 from ..tools.compile import jit
-from .course import PLACES, Course
+from .course import GAUSS_PLACES, Course
 from .record import AbstractRecord, RecordedSpan, Unlabelled, attributes, point_labels
 from .status import Status, most_stability_number, with_loads
 
-ORDER = 32
+POWER_ORDER = 32
 """Default order of the power means that stand for greatest values [1]."""
 POINTS = ("end", "point")
-"""Dimensions of what is given at each contact point."""
+"""Dimensions of values at each contact point."""
 
 
 class Join(NamedTuple):
@@ -53,7 +53,7 @@ def _root_mean(joined: Any, periods: Any) -> Any:
 
 
 def _log_sum(values: Array, axis: int = 0) -> Array:
-    """ln of the sum of exp(values), which may be minus infinity."""
+    """Returns ln of the sum of exp(values), which may be minus infinity."""
     most = jax.lax.stop_gradient(jnp.max(values, axis=axis))
     scale = jnp.where(jnp.isfinite(most), most, 0.0)
     total = jnp.sum(jnp.exp(values - scale), axis=axis)
@@ -70,23 +70,13 @@ JOINS: dict[str, Join] = {
 """Ways in which periods join, by name."""
 
 
-class AbstractNumber(AbstractRecord):
-    """A number, or an array of them, of each forcing period, joined over the periods."""
-
-    dims: tuple[str | tuple[str, tuple], ...] = ()
-    """Dimensions of what `of` gives: "end", "point", or a name of one's own with its labels."""
+class AbstractQuantityRecord(AbstractRecord):
+    """A record of one variable: a quantity with dimensions of its own."""
 
     quantity: Quantity
     """Name, unit and description."""
-
-    @property
-    @abc.abstractmethod
-    def join(self) -> Join:
-        """How periods join."""
-
-    @abc.abstractmethod
-    def of(self, course: Course) -> Any:
-        """The value of one forcing period, an array with axes `dims`; for "rms" its square."""
+    dims: tuple[Any, ...] = ()
+    """Dimensions: "end", "point", or a name of one's own with its labels, and attributes if there are any."""
 
     @property
     def name(self) -> str:
@@ -97,26 +87,41 @@ class AbstractNumber(AbstractRecord):
         """SI unit."""
         return self.quantity.unit
 
-    @property
-    def variables(self):
-        return (self.name,)
-
-    @property
-    def smooth(self) -> "AbstractNumber":
-        """What stands for it in descents: itself, or a power mean near a greatest value."""
-        return self
-
-    def total(self, values: Array) -> Array:
-        """The number [`unit`] from the values of periods, along the first axis."""
-        return self.join.value(self.join.reduce(values, axis=0), len(values))
-
     def shape(self, scene: Scene) -> tuple[int, ...]:
-        """Of one value."""
+        """Returns the shape of one value."""
         of_points = {"end": 2, "point": scene.points // 2}
         return tuple(of_points[d] if isinstance(d, str) else len(d[1]) for d in self.dims)
 
     def values(self, periods):
         return 20
+
+    def label(self, scene, dims, values):
+        names = [d if isinstance(d, str) else d[0] for d in self.dims]
+        own = {d[0]: (d[0], np.array(d[1]), *d[2:]) for d in self.dims if not isinstance(d, str)}
+        along = {name: labels for name, labels in point_labels(scene).items() if name in names}
+        return {self.name: ((*dims, *names), values, self.quantity.attributes)}, along | own
+
+
+class AbstractNumber(AbstractQuantityRecord):
+    """A number, or an array of them, of each forcing period, joined over the periods."""
+
+    @property
+    @abc.abstractmethod
+    def join(self) -> Join:
+        """How periods join."""
+
+    @abc.abstractmethod
+    def of(self, course: Course) -> Any:
+        """Returns the value of one forcing period, an array with axes `dims`; for "rms" its square."""
+
+    @property
+    def smooth(self) -> "AbstractNumber":
+        """Its stand-in for descents: itself, or a power mean near a greatest value."""
+        return self
+
+    def total(self, values: Array) -> Array:
+        """Returns the number [`unit`] from the values of periods, along the first axis."""
+        return self.join.value(self.join.reduce(values, axis=0), len(values))
 
     def begin(self, scene, state):
         return np.full(self.shape(scene), self.join.empty)
@@ -126,12 +131,6 @@ class AbstractNumber(AbstractRecord):
 
     def finish(self, carried, samples, span):
         return np.asarray(self.join.value(np.asarray(carried), span.periods))
-
-    def label(self, scene, dims, values):
-        names = [d if isinstance(d, str) else d[0] for d in self.dims]
-        own = {d[0]: (d[0], np.array(d[1])) for d in self.dims if not isinstance(d, str)}
-        along = {name: labels for name, labels in point_labels(scene).items() if name in names}
-        return {self.name: ((*dims, *names), values, self.quantity.attributes)}, along | own
 
 
 @dataclass(frozen=True)
@@ -195,7 +194,7 @@ class Record(AbstractNumber):
 
 
 def _value(record: Record, scene: Scene) -> Any:
-    """The value of some period, to look at its shape."""
+    """Returns the value of some period, to look at its shape."""
     state, _ = state_and_penetration(scene, table_2_start())
     inside = jax.tree.map(lambda a: jnp.broadcast_to(a, (5, *jnp.shape(a))), state)
     return record.function(Course(state, inside, Args(scene, 0.0, contact_points(scene)), 4))
@@ -209,7 +208,7 @@ class PowerMean(AbstractNumber):
     """
 
     record: "Record | OnePoint"
-    order: float = ORDER
+    order: float = POWER_ORDER
 
     def __post_init__(self):
         number(positive, "order", self.order)
@@ -228,11 +227,11 @@ class PowerMean(AbstractNumber):
         return Join(-np.inf, _log_sum, value)
 
     def of(self, course):
-        """ln of the mean over time of the sum of x^order, without overflow."""
+        """Returns ln of the mean over time of the sum of x^order, without overflow."""
         assert self.record.samples is not None
         size = jnp.abs(self.record.samples(course))
         size = size.reshape(len(size), -1)
-        # samples of steps that there is only room for are no part of the scale
+        # samples of unused steps are no part of the scale
         counted = course.counted(size, 0.0)
         most = jax.lax.stop_gradient(jnp.max(counted))  # a scale alone: the result does not depend on it
         scale = jnp.where(most > 0, most, 1.0)
@@ -269,42 +268,34 @@ class OnePoint(AbstractNumber):
         return self if self.record.samples is None else PowerMean(self)
 
     def samples(self, course: Course) -> Array:
-        """Those of the record at this point."""
+        """Returns those of the record at this point."""
         assert self.record.samples is not None
         return _at_point(course, self.record.samples(course), self.point)
 
     def of(self, course):
-        found = _at_point(course, self.record.of(course), self.point)
-        return self.join.reduce(found.ravel(), axis=0)
+        values = _at_point(course, self.record.of(course), self.point)
+        return self.join.reduce(values.ravel(), axis=0)
 
 
 def _at_point(course: Course, values: Float[Array, "*first 2 points"], point: str | None) -> Array:
-    """Values of one point, or of all."""
+    """Returns values of one point, or of all."""
     if point is None:
         return values
     names = course.scene.section.names
-    places = {f"{name}{end + 1}": (end, k) for end in range(2) for k, name in enumerate(names)}
-    require(point in places, "point", f"be one of {', '.join(places)}", point)
-    return values[..., *places[point]]
+    indices = {f"{name}{end + 1}": (end, k) for end in range(2) for k, name in enumerate(names)}
+    require(point in indices, "point", f"be one of {', '.join(indices)}", point)
+    return values[..., *indices[point]]
 
 
 @dataclass(frozen=True)
-class PeakPeriod(AbstractRecord):
+class PeakPeriod(AbstractQuantityRecord):
     """The instant of the highest normal force of each point; NaN where it is open throughout."""
 
-    @property
-    def name(self):
-        return "peak_period"
-
-    @property
-    def variables(self):
-        return (self.name,)
-
-    def values(self, periods):
-        return 20
+    quantity = LOADS["peak_period"]
+    dims = POINTS
 
     def begin(self, scene, state):
-        none = np.zeros((2, scene.points // 2))
+        none = np.zeros(self.shape(scene))
         return none, np.full_like(none, np.nan)
 
     def add(self, carried, course):
@@ -316,13 +307,10 @@ class PeakPeriod(AbstractRecord):
     def finish(self, carried, samples, span):
         return np.asarray(carried[1]) - span.start
 
-    def label(self, scene, dims, values):
-        return {self.name: ((*dims, *POINTS), values, LOADS[self.name].attributes)}, point_labels(scene)
-
 
 @jit
 def judged_by_contacts(scenes: Batched[Scene], codes: Any, carried: Any, limit: Any) -> Int[Array, " cases"]:
-    """Codes of a batch after `with_loads`, from a carry of `ContactChecks` and the greatest stability number."""
+    """Judges a batch by `with_loads`, from a carry of `ContactChecks` and the greatest stability number."""
 
     def judge(scene, code, loads):
         closed, deepest, stability_number = loads
@@ -353,31 +341,31 @@ class ContactChecks(Unlabelled):
         return carried, np.asarray(judged_by_contacts(run.scenes, jnp.asarray(status), carried, limit))
 
 
-LEAST, MOST = 1.0, 2.0**28
+LEAST_FORCE, MOST_FORCE = 1.0, 2.0**28
 """Forces between which percentiles are resolved [N]: smaller ones count as zero, larger ones as infinite."""
-BITS = 5
+FRACTION_BITS = 5
 """A class is told by so many leading bits of a number's fraction: its width is 1/64 to 1/32 of the force."""
-_SHIFT = 52 - BITS
+_SHIFT = 52 - FRACTION_BITS
 
 
 def _class_of(force: float) -> int:
     return int(np.float64(force).view(np.int64)) >> _SHIFT
 
 
-CLASSES = _class_of(MOST) - _class_of(LEAST) + 2
+FORCE_CLASSES = _class_of(MOST_FORCE) - _class_of(LEAST_FORCE) + 2
 """Number of classes, the first for zero and the last for infinite forces."""
 
 
-def _each_once(name: str, given: Any, good: Callable[[Any], bool], need: str) -> tuple[float, ...]:
-    """One or several numbers as a tuple; raises `ValueError` where one is not good, or given twice."""
-    found = np.atleast_1d(np.asarray(given if np.size(given) else None, dtype=object))
-    fits = [isinstance(x, int | float | np.number) and not isinstance(x, bool) and good(x) for x in found]
-    require(found.ndim == 1 and all(fits) and len(set(found.tolist())) == len(found), name, need, given)
-    return tuple(float(x) for x in found)
+def _each_once(name: str, values: Any, good: Callable[[Any], bool], need: str) -> tuple[float, ...]:
+    """Returns one or several numbers as a tuple; raises `ValueError` where one is not good, or given twice."""
+    numbers = np.atleast_1d(np.asarray(values if np.size(values) else None, dtype=object))
+    fits = [isinstance(x, int | float | np.number) and not isinstance(x, bool) and good(x) for x in numbers]
+    require(numbers.ndim == 1 and all(fits) and len(set(numbers.tolist())) == len(numbers), name, need, values)
+    return tuple(float(x) for x in numbers)
 
 
 @dataclass(frozen=True)
-class ForcePercentile(AbstractRecord):
+class ForcePercentile(AbstractQuantityRecord):
     """Percentiles of the normal contact force over time, at each contact point [N].
 
     Forces at the two Gauss points of each step are counted in classes of their leading digits, and each is placed
@@ -391,54 +379,46 @@ class ForcePercentile(AbstractRecord):
 
     def __post_init__(self):
         need = "be numbers from 0 to 100, each once"
-        found = _each_once("percentiles", self.percentiles, lambda q: 0 <= q <= 100, need)
-        object.__setattr__(self, "percentiles", found)
+        percentiles = _each_once("percentiles", self.percentiles, lambda q: 0 <= q <= 100, need)
+        object.__setattr__(self, "percentiles", percentiles)
+
+    quantity = Quantity("contact_force_percentile", "N", "percentile over time of the normal contact force")
 
     @property
-    def name(self):
-        return "contact_force_percentile"
-
-    @property
-    def variables(self):
-        return (self.name,)
+    def dims(self):
+        return ("percentile", self.percentiles, attributes("percent", "percentile")), *POINTS
 
     def values(self, periods):
         return 20 * len(self.percentiles)
 
     def begin(self, scene, state):
-        return np.zeros((2, scene.points // 2, CLASSES), np.int32)
+        return np.zeros((2, scene.points // 2, FORCE_CLASSES), np.int32)
 
     def add(self, carried: Int[Array, "2 points classes"], course):
         bits = jax.lax.bitcast_convert_type(course.force.samples, jnp.int64)
-        found = jnp.clip((bits >> _SHIFT) - (_class_of(LEAST) - 1), 0, CLASSES - 1)
+        index = jnp.clip((bits >> _SHIFT) - (_class_of(LEAST_FORCE) - 1), 0, FORCE_CLASSES - 1)
         ends, points = (jnp.arange(n) for n in carried.shape[:2])
-        one = course.counted(jnp.ones_like(found, jnp.int32), 0)
-        return carried.at[ends[None, :, None], points[None, None, :], found].add(one)
+        one = course.counted(jnp.ones_like(index, jnp.int32), 0)
+        return carried.at[ends[None, :, None], points[None, None, :], index].add(one)
 
     def finish(self, carried, samples, span: RecordedSpan):
-        count = span.periods * span.steps * len(PLACES)
+        count = span.periods * span.steps * len(GAUSS_PLACES)
         place = np.array(self.percentiles) / 100 * (count - 1)
         below = np.floor(place).astype(int)
         lower, upper = (np.asarray(_ranked(carried, np.minimum(k, count - 1))) for k in (below, below + 1))
         with np.errstate(invalid="ignore"):
-            found = np.where(lower == upper, lower, lower + (upper - lower) * (place - below))
+            forces = np.where(lower == upper, lower, lower + (upper - lower) * (place - below))
         # a force that is no number is in the last class
-        found[span.status == Status.NOT_FINITE] = np.nan
-        return np.moveaxis(found, -1, 1)
-
-    def label(self, scene, dims, values):
-        text = attributes("N", "percentile over time of the normal contact force")
-        percentile = "percentile", np.array(self.percentiles), attributes("percent", "percentile")
-        data = {self.name: ((*dims, "percentile", *POINTS), values, text)}
-        return data, point_labels(scene) | {"percentile": percentile}
+        forces[span.status == Status.NOT_FINITE] = np.nan
+        return np.moveaxis(forces, -1, 1)
 
 
 @jit
 def _ranked(
     counts: Int[Any, "*cases 2 points classes"], ranks: Int[Any, " percentiles"]
 ) -> Float[Array, "*cases 2 points percentiles"]:
-    """The forces of some ranks, 0 for the smallest [N]."""
-    edges = ((np.arange(CLASSES - 1) + _class_of(LEAST)) << _SHIFT).view(np.float64)
+    """Returns the forces of some ranks, 0 for the smallest [N]."""
+    edges = ((np.arange(FORCE_CLASSES - 1) + _class_of(LEAST_FORCE)) << _SHIFT).view(np.float64)
     low = jnp.array([0.0, *edges[:-1], np.inf])
     width = jnp.array([0.0, *np.diff(edges), 0.0])
     total = jnp.cumsum(counts, axis=-1)
@@ -472,8 +452,8 @@ class SpectrumLines(AbstractNumber):
     def __post_init__(self):
         one_of("coordinate", self.coordinate, (*COORDINATES, *ACCELERATIONS))
         need = "be numbers of zero or more, each once"
-        found = _each_once("frequencies", self.frequencies, lambda f: 0 <= f < np.inf, need)
-        object.__setattr__(self, "frequencies", found)
+        frequencies = _each_once("frequencies", self.frequencies, lambda f: 0 <= f < np.inf, need)
+        object.__setattr__(self, "frequencies", frequencies)
 
     @property
     def quantity(self):
@@ -505,7 +485,7 @@ class SpectrumLines(AbstractNumber):
         before = (frequencies * course.args.epoch % 1)[:, None]
         angle = 2 * jnp.pi * (frequencies[:, None] * course.times[None] + before)
         sums = jnp.stack([jnp.cos(angle) @ signal, -jnp.sin(angle) @ signal])
-        return sums * jnp.where(frequencies > 0, 2, 1)[None] / (course.steps * len(PLACES))
+        return sums * jnp.where(frequencies > 0, 2, 1)[None] / (course.steps * len(GAUSS_PLACES))
 
 
 def _of_points(name: str, over: str, function: Callable[[Course], Any], **more: Any) -> Record:
@@ -513,7 +493,7 @@ def _of_points(name: str, over: str, function: Callable[[Course], Any], **more: 
 
 
 def _of_coordinate(k: int, q: Quantity) -> tuple[Record, ...]:
-    """The records of one of `COORDINATES`."""
+    """Returns the records of one of `COORDINATES`."""
 
     def about(prefix: str, text: str, symbol: str = "") -> Quantity:
         return dataclasses.replace(q, name=f"{prefix}_{q.name}", long_name=f"{text} {q.long_name}", symbol=symbol)
@@ -554,7 +534,7 @@ _TABLE = (
     ),
     Record(
         Quantity("contact_work", "J/m", "energy lost in contacts per metre of travel", "W"),
-        lambda c: jnp.sum(c.power.mean) / c.scene.speed,
+        lambda c: jnp.sum(c.power.mean) / c.travel.speed,
         "mean",
     ),
     Record(

@@ -10,20 +10,12 @@ from jaxtyping import Float, Int
 
 from ..model.dynamics import State, reactions
 from ..model.kinematics import Motion
+from ..model.layout import coordinate_rows, coordinates
 from ..model.quantities import ACCELERATIONS, COORDINATES, REACTIONS, SECTIONS
 from ..tools.checks import require, whole
-from ..tools.compile import jit
-from .course import stacked
 from .loads import Loads
 from .record import AbstractRecord, Unlabelled, attributes, point_labels
 from .status import Status
-
-_stacked = jit(stacked)
-
-
-def coordinates(states: State) -> Float[np.ndarray, "*batch 10"]:
-    """`stacked` as a NumPy array."""
-    return np.asarray(_stacked(states))
 
 
 @dataclass(frozen=True)
@@ -39,13 +31,7 @@ class Strobe(AbstractRecord):
         if self.latest is not None:
             whole("latest", self.latest, 1)
 
-    @property
-    def name(self):
-        return "strobe"
-
-    @property
-    def variables(self):
-        return ("strobe",)
+    name = "strobe"
 
     @property
     def inside(self):
@@ -64,7 +50,7 @@ class Strobe(AbstractRecord):
     def finish(self, carried, samples: Motion, span):
         return coordinates(State(samples, None))
 
-    def label(self, scene, dims, values: Float[Any, "*cases periods 10"]):
+    def label(self, scene, dims, values: Float[Any, "*cases periods coordinates"]):
         text = "; ".join(f"{name} [{q.unit}]" for name, q in COORDINATES.items())
         data = {
             "strobe": (
@@ -103,9 +89,7 @@ class Sections(AbstractRecord):
     def __post_init__(self):
         whole("capacity", self.capacity, 1)
 
-    @property
-    def name(self):
-        return "sections"
+    name = "sections"
 
     @property
     def variables(self):
@@ -145,12 +129,12 @@ class Sections(AbstractRecord):
         for k, (name, coordinate) in enumerate(SECTIONS.items()):
             q, across = COORDINATES[name], f"upward zero crossings of {COORDINATES[coordinate].long_name}"
             # results on disk have room for as many crossings as could be
-            room = {"capacity": values.time.shape[-1]}
+            capacity = {"capacity": values.time.shape[-1]}
             for suffix, of, unit, text in (
                 ("", values.velocity, q.unit, f"{q.long_name} at {across}"),
                 ("_period", values.time, "1", f"forcing periods passed at {across}"),
             ):
-                data[f"{name}{suffix}"] = ((*dims, "crossing"), of[..., k, :most], attributes(unit, text) | room)
+                data[f"{name}{suffix}"] = ((*dims, "crossing"), of[..., k, :most], attributes(unit, text) | capacity)
             data[f"crossings_{name}"] = (dims, values.count[..., k], attributes("1", f"number of {across}"))
         return data, {}
 
@@ -159,7 +143,7 @@ _SECTION_NAMES = ("", ""), ("", "_period"), ("crossings_", "")
 
 
 def _packed(time: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Crossings moved to the front of the last axis."""
+    """Returns crossings moved to the front of the last axis."""
     order = np.argsort(np.isnan(velocity), axis=-1, kind="stable")
     return np.take_along_axis(time, order, axis=-1), np.take_along_axis(velocity, order, axis=-1)
 
@@ -167,11 +151,11 @@ def _packed(time: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndar
 class HistoryValues(NamedTuple):
     """States, accelerations, contact forces, gaps and drive force at constant intervals."""
 
-    states: Float[Any, "*cases saves 10"]
+    states: Float[Any, "*cases saves coordinates"]
     """In the order of `slipperjax.model.COORDINATES`."""
     period: Float[Any, "*cases saves"]
     """Time [forcing periods]."""
-    acceleration: Float[Any, "*cases saves 5"]
+    acceleration: Float[Any, "*cases saves accelerations"]
     """In the order of `slipperjax.model.ACCELERATIONS`."""
     contact_force: Float[Any, "*cases saves 2 points"]
     """Normal forces at the front and the rear points [N]."""
@@ -188,9 +172,7 @@ class History(AbstractRecord):
     saves: int | None = None
     """A divisor of the steps per period; None for the run's `saves_per_period`."""
 
-    @property
-    def name(self):
-        return "history"
+    name = "history"
 
     def with_saves(self, saves):
         return History(saves) if self.saves is None else self
@@ -212,11 +194,11 @@ class History(AbstractRecord):
         period = jnp.arange(1, self.saves + 1) / self.saves
         now = jax.vmap(lambda t, s: reactions(t, s, course.args))(period, saved)
         forces = now.contact_force, now.gap, now.drive_force
-        return HistoryValues(stacked(saved), period + course.args.epoch, now.acceleration, *forces)
+        return HistoryValues(coordinate_rows(saved), period + course.args.epoch, now.acceleration, *forces)
 
     def finish(self, carried, samples: HistoryValues, span) -> HistoryValues:
-        found = jax.tree.map(lambda a: a.reshape(a.shape[0], -1, *a.shape[3:]), samples)
-        return found._replace(period=found.period - span.start)
+        joined = jax.tree.map(lambda a: a.reshape(a.shape[0], -1, *a.shape[3:]), samples)
+        return joined._replace(period=joined.period - span.start)
 
     def label(self, scene, dims, values: HistoryValues):
         data: dict[str, Any] = {}

@@ -1,7 +1,8 @@
-"""One scene, simulated: trajectories with the error of some periods, and the plain period map."""
+"""One scene, simulated: trajectories with the error of some periods, and the period map without records."""
 
 import functools
 import json
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -28,11 +29,11 @@ from .period_map import Passage, PeriodMap, map_compiled, run_compiled
 from .record import RecordSet
 from .series import PeriodLoads, States
 from .status import INACCURATE, Status, most_stability_number, status_of, with_loads, with_resolution
-from .stepping import AbstractStepping, ConstantSteps, ControlledSteps, UnknownSteps, room_for
+from .stepping import AbstractStepping, ConstantSteps, ControlledSteps, UnknownSteps, capacity_for
 
 
 class Probe(NamedTuple):
-    """What half the step changes in some periods of a run, each repeated from the state at its start.
+    """Errors of some periods of a run, measured by half the step, each repeated from the state at its start.
 
     The error of a whole run is larger where errors grow from period to period: slowly decaying motions keep them
     for as long as they decay, chaotic ones multiply them.
@@ -47,7 +48,7 @@ class Probe(NamedTuple):
 
 
 def check_probe(probe: Any, *values: Any) -> int:
-    """The number of periods to repeat; raises `ValueError` where it is none, or positive under a transformation."""
+    """Returns the periods to repeat; raises `ValueError` for no such number, or one under a transformation."""
     probe = whole("probe", probe, 0)
     require(not (probe and is_traced(values)), "probe", "be 0 under jit, vmap or grad", probe)
     return probe
@@ -73,7 +74,7 @@ def probed(
         errors.append(np.asarray(_difference(coarse.state, fine.state)))
         highest = [float(_highest(passage)) for passage in (coarse, fine)]
         peaks.append(abs(highest[0] - highest[1]) / highest[1] if highest[1] > 0 else np.nan)
-    return Probe(*(jnp.asarray(np.asarray(found, float)) for found in (chosen, errors, peaks)))
+    return Probe(*(jnp.asarray(np.asarray(values, float)) for values in (chosen, errors, peaks)))
 
 
 @jit
@@ -102,7 +103,7 @@ def period_map(
     stepsize_controller: diffrax.AbstractStepSizeController | None = None,
     adjoint: diffrax.AbstractAdjoint | None = None,
 ) -> State:
-    """The state `periods` forcing periods after `state`: the stroboscopic map. Pure; jit, vmap or differentiate it.
+    """Maps `state` to that `periods` forcing periods later, stroboscopically. Pure; jit, vmap or differentiate it.
 
     **Arguments:** as for `simulate`; `state` comes from `initial_state` or an earlier call.
     """
@@ -111,30 +112,30 @@ def period_map(
     steps, periods = default_steps(scene, steps_per_period), whole("periods", periods, 1)
     solver, controller = resolve_solver(scene, solver), resolve_controller(stepsize_controller)
     check_error_estimate(solver, controller)
-    stepping = steps_of_program(steps) if controller is None else _controlled(1, steps, controller, adjoint)
+    stepping = static_steps(steps) if controller is None else _controlled(1, steps, controller, adjoint)
     return map_compiled(PeriodMap(scene, stepping, solver, periods), state)
 
 
 def default_steps(scene: Scene, steps: int | None) -> Any:
-    """Steps per period from what the caller gave; a traced number where that is nothing and the scene is traced."""
+    """Returns the caller's steps per period, or the default, which is traced where the scene is."""
     if steps is not None:
         return whole("steps_per_period", steps, 1)
     needed = traced_steps_per_period(scene)  # a plain number where the scene is merely differentiated
     return jnp.minimum(needed, MOST_UNKNOWN) if is_traced(needed) else int(needed)
 
 
-def flexible_steps(steps: int, *, inside: bool = False, finer: bool = False) -> ConstantSteps:
-    """Constant steps of one program for many numbers of them; for forward mode.
+def dynamic_steps(steps: int, *, inside: bool = False, finer: bool = False) -> ConstantSteps:
+    """Returns constant steps whose number is an argument of the program: one for many numbers; for forward mode.
 
-    **Arguments:** `inside`: whether states inside periods are recorded, which needs room for them; `finer`: whether
-    there is to be room for steps of half the length.
+    **Arguments:** `inside`: whether states inside periods are recorded, which takes capacity; `finer`: whether it is
+    to suffice for steps of half the length.
     """
-    room = room_for(steps * (2 if finer else 1)) if inside else None
-    return ConstantSteps(room, jnp.asarray(np.float64(steps)))
+    capacity = capacity_for(steps * (2 if finer else 1)) if inside else None
+    return ConstantSteps(capacity, jnp.asarray(np.float64(steps)))
 
 
-def steps_of_program(steps: Any) -> ConstantSteps:
-    """Constant steps that can be differentiated in both modes, of a number that may be traced."""
+def static_steps(steps: Any) -> ConstantSteps:
+    """Returns constant steps for both modes of derivatives: part of the program unless their number is traced."""
     return UnknownSteps(MOST_UNKNOWN, steps) if is_traced(steps) else ConstantSteps(steps)
 
 
@@ -161,7 +162,7 @@ class Peak(NamedTuple):
     """Index of the point in `Section.names`."""
 
     def text(self, scene: Scene) -> str:
-        """In words: how high, where and when."""
+        """Says in words how high, where and when."""
         if not float(self.force) > 0:
             return "no contact"
         where = f"{scene.section.names[int(self.point)]}{int(self.end) + 1}"
@@ -187,7 +188,7 @@ class Trajectory(eqx.Module):
     call: str = eqx.field(static=True, default="{}")
     """The arguments of `simulate` besides scene and start, as JSON, for datasets and files."""
     probe: Probe | None = None
-    """What half the step changes in some periods; None where it was not asked for."""
+    """Errors of some periods, measured by half the step; None without `probe`."""
 
     def __repr__(self) -> str:
         if is_traced(self.state) or np.ndim(self.status):
@@ -233,7 +234,7 @@ class Trajectory(eqx.Module):
         return _reactions(self.scene, self.period, self.state)
 
     def to_xarray(self):
-        """The trajectory as an `xarray.Dataset` with units: see `slipperjax.flow.datasets.trajectory_dataset`."""
+        """Gives the trajectory as an `xarray.Dataset`, see `slipperjax.flow.datasets.trajectory_dataset`."""
         from .datasets import trajectory_dataset
 
         return trajectory_dataset(self)
@@ -259,7 +260,7 @@ def _peak(loads: Loads) -> Peak:
 
 @functools.partial(jit, static_argnames=("saves",))
 def _finished(first: State, passage: Passage, scene: Scene, most_stability_number: Any, *, saves: int) -> tuple:
-    """All states, loads, instants [forcing periods] and the status of a run; one program, not one per operation."""
+    """Gives states, loads, instants [forcing periods] and status of a run; one program, not one per operation."""
     saved, *loads = passage.samples
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b.reshape(-1, *b.shape[2:])]), first, saved)
     times = jnp.arange(passage.steps_taken.shape[0] * saves + 1) / saves
@@ -318,7 +319,7 @@ def simulate(
     """
     check_scene(scene)
     periods, loads = whole("periods", periods, 1), yes_or_no("loads", loads)
-    steps, saves = step_plan(scene, steps_per_period, saves_per_period)
+    steps, saves = step_plan(lambda: default_steps(scene, None), steps_per_period, saves_per_period)
     solver = resolve_solver(scene, solver)
     start = first_of(start)
     controller = resolve_controller(stepsize_controller)
@@ -332,16 +333,16 @@ def simulate(
     if controller is not None:
         stepping = _controlled(steps if loads else saves, steps, controller, adjoint)
     elif traced:
-        stepping = steps_of_program(steps)
+        stepping = static_steps(steps)
     else:
-        stepping = flexible_steps(steps, inside=records.inside, finer=bool(probe))
+        stepping = dynamic_steps(steps, inside=records.inside, finer=bool(probe))
     run = PeriodMap(scene, stepping, solver)
     passage = run_compiled(run, first, periods, records) if traced else run_eagerly(run, first, periods, records)
     limit = most_stability_number(solver, controller)
-    states, found, times, status = _finished(first, passage, scene, limit, saves=saves)
-    taken = passage.steps_taken
+    states, loads_of_periods, times, status = _finished(first, passage, scene, limit, saves=saves)
+    steps_taken = passage.steps_taken
     shown = steps if controller is None or loads or saves == 1 else saves
-    asked = dict(
+    options = dict(
         periods=periods,
         steps_per_period=steps,
         saves_per_period=saves,
@@ -350,8 +351,8 @@ def simulate(
         loads=loads,
         probe=probe,
     )
-    call = json.dumps({name: describe(value) for name, value in asked.items()})
-    trajectory = Trajectory(scene, times, states, shown, taken, status, found, call)
+    call = json.dumps({name: describe(value) for name, value in options.items()})
+    trajectory = Trajectory(scene, times, states, shown, steps_taken, status, loads_of_periods, call)
     if not probe:
         return trajectory
     one = lambda stepping, state, epoch: run_eagerly(
@@ -371,35 +372,36 @@ def run_eagerly(
     epoch: float = 0.0,
     like: int | None = None,
 ) -> Passage:
-    """A run with a program that serves other numbers of periods, too; that of a run of `like` periods if given."""
-    size = room_for(periods if like is None else like)
-    found = run_compiled(run, state, size, records, jnp.asarray(epoch), jnp.asarray(float(periods)))
+    """Runs with a program that serves other numbers of periods, too; that of a run of `like` periods if given."""
+    size = capacity_for(periods if like is None else like)
+    passage = run_compiled(run, state, size, records, jnp.asarray(epoch), jnp.asarray(float(periods)))
     # on the host, where a slice of another length needs no compilation
     cut = lambda tree: jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[:periods]), tree)
-    return Passage(found.state, cut(found.samples), found.status, cut(found.steps_taken))
+    return Passage(passage.state, cut(passage.samples), passage.status, cut(passage.steps_taken))
 
 
-def step_plan(scene: Scene, steps: int | None, saves: int | None) -> tuple[Any, int]:
-    """Integration steps and saves per period from what the caller gave; the second divides the first."""
-    if saves is not None:
-        saves = whole("saves_per_period", saves, 1)
+def step_plan(default: Callable[[], Any], steps: Any, saves: int | None) -> tuple[Any, int]:
+    """Returns integration steps per period, and saves per period, which divide them.
+
+    **Arguments:** `default`: gives steps where the caller gave none, which are rounded up to a multiple of the saves;
+    `steps`: one number, an array of them, or None; `saves`: by default 40, or of given steps 50, 40 or all, the first
+    that divides them.
+    """
+    saves = None if saves is None else whole("saves_per_period", saves, 1)
     if steps is None:
         saves = LEAST_STEPS if saves is None else saves
-        return -(-default_steps(scene, None) // saves) * saves, saves
-    steps = whole("steps_per_period", steps, 1)
+        return -(-default() // saves) * saves, saves
+    numbers = [whole("steps_per_period", n, 1) for n in (np.ravel(steps).tolist() if np.ndim(steps) else [steps])]
     if saves is None:
-        return steps, default_saves(steps)
-    require(steps % saves == 0, "saves_per_period", f"divide steps_per_period = {steps}", saves)
-    return steps, saves
-
-
-def default_saves(steps: int) -> int:
-    """Saves per period where steps per period are given: the first of 50, 40 and all that divides them."""
-    return next(saves for saves in (50, LEAST_STEPS, steps) if steps % saves == 0)
+        common = math.gcd(*numbers)
+        saves = next(n for n in (50, LEAST_STEPS, common) if common % n == 0)
+    for n in numbers:
+        require(n % saves == 0, "saves_per_period", f"divide steps_per_period = {n}", saves)
+    return (np.array(numbers) if np.ndim(steps) else numbers[0]), saves
 
 
 def first_of(start: Any) -> Motion | State:
-    """What a run starts with: None is Table 2's start, a `Trajectory` goes on from its end.
+    """Returns the start of a run: None is Table 2's, a `Trajectory` goes on from its end.
 
     **Raises:** `ValueError` for what is no start, or has a number that is not finite.
     """

@@ -1,4 +1,4 @@
-"""What can go wrong with a case: one enumeration, carried by every result, and what an interrupt leaves."""
+"""Statuses of cases: one enumeration, carried by every result, and the exception of an interrupt."""
 
 import enum
 import threading
@@ -102,7 +102,7 @@ MEANINGS = "; ".join(f"{int(s)}: {s}" for s in Status)
 
 
 def status_of(states: State) -> Int[Array, ""]:
-    """`Status` code of a case from its states, over any leading axes: `FINITE`, `NOT_FINITE` or `DERAILED`."""
+    """Judges a case by its states, over any leading axes: `Status` code `FINITE`, `NOT_FINITE` or `DERAILED`."""
     leaves = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(states.motion)])
     m = states.motion
     turned = jnp.any(m.q_x**2 + m.q_y**2 + m.q_z**2 > 0.5)  # half the angle's sine is sqrt(1/2) at 90 degrees
@@ -111,18 +111,21 @@ def status_of(states: State) -> Int[Array, ""]:
 
 
 def with_resolution(code: Array, scene: Scene, steps: Any) -> Int[Array, ""]:
-    """A code of `status_of`, or `UNRESOLVED` where `steps` per period are too few for the scene's impacts.
+    """Returns a code of `status_of`, or `UNRESOLVED` where `steps` per period are too few for the scene's impacts.
 
     `UNRESOLVED` comes before `DERAILED`, which too few steps can bring about.
     """
-    unresolved = contact_duration(scene) * steps < LEAST_PER_CONTACT * scene.period
-    return jnp.where(unresolved & (code != int(Status.NOT_FINITE)), int(Status.UNRESOLVED), code)
+    return _unresolved_where(contact_duration(scene) * steps < LEAST_PER_CONTACT * scene.period, code)
+
+
+def _unresolved_where(problem: Any, code: Any) -> Array:
+    return jnp.where(problem & (code != int(Status.NOT_FINITE)), int(Status.UNRESOLVED), code)
 
 
 def with_loads(
     code: Any, closed: Any, penetration: Any, stability_number: Any, scene: Scene, most: Any = jnp.inf
 ) -> Int[Array, ""]:
-    """A code as `with_resolution` gives it, or what the loads of a whole run show to be wrong.
+    """Returns a code as `with_resolution` gives it, or that of a problem which the loads of a whole run show.
 
     **Arguments:** `closed`: sum of the points' contact fractions; `penetration`: the greatest; `stability_number`:
     the greatest, see `Loads`, and `most` that the solver bears.
@@ -133,25 +136,24 @@ def with_loads(
     code = at(closed == 0, code, Status.NO_CONTACT)
     code = at(penetration > PRESSED * extent, code, Status.PRESSED_IN)
     # before the two of above, which too long steps can bring about
-    return jnp.where((stability_number > most) & (code != int(Status.NOT_FINITE)), int(Status.UNRESOLVED), code)
+    return _unresolved_where(stability_number > most, code)
 
 
 def with_growth(code: Any, history: Any) -> Int[Array, ""]:
-    """A code, or `UNRESOLVED` where a tangent grew faster in some period than any motion's can.
+    """Returns a code, or `UNRESOLVED` where a tangent grew faster in some period than any motion's can.
 
     **Arguments:** `history`: logarithms of the growth per period, of shape (periods, count).
     """
-    absurd = jnp.max(jnp.where(jnp.isfinite(history), history, -jnp.inf)) > FASTEST_GROWTH
-    return jnp.where(absurd & (code != int(Status.NOT_FINITE)), int(Status.UNRESOLVED), code)
+    return _unresolved_where(jnp.max(jnp.where(jnp.isfinite(history), history, -jnp.inf)) > FASTEST_GROWTH, code)
 
 
 def most_stability_number(solver: diffrax.AbstractSolver, controller: Any = None) -> float:
-    """`UNSTABLE` for explicit solvers with constant steps, infinite for others."""
+    """Returns `UNSTABLE` for explicit solvers with constant steps, infinite for others."""
     return UNSTABLE if controller is None and is_explicit(solver) else float("inf")
 
 
 def first_problem(earlier: Any, later: Any) -> np.ndarray:
-    """Codes of two successive stretches of a run as one: the first that is not `FINITE`.
+    """Returns codes of two successive stretches of a run as one: the first that is not `FINITE`.
 
     `NOT_FINITE` comes before `UNRESOLVED`, as within a stretch.
     """
@@ -205,15 +207,15 @@ class Interrupted(KeyboardInterrupt):
         )
 
 
-def blank(found, lanes: int):
-    """A result of a chunk that was not finished, in the shape of another chunk's: NaN and zeros, with its status.
+def blank(result, lanes: int):
+    """Makes the result of an unfinished chunk, in the shape of another chunk's: NaN and zeros, with its status.
 
-    **Arguments:** `found`: a named tuple of arrays (lanes, ...) that has a field `status`; `lanes`: how many there
+    **Arguments:** `result`: a named tuple of arrays (lanes, ...) that has a field `status`; `lanes`: how many there
     are.
     """
-    empty = jax.tree.map(lambda a: _empty(np.asarray(a), lanes), found)
-    return empty._replace(status=np.full(lanes, int(Status.NOT_RUN)))
 
+    def empty(leaf):
+        like = np.asarray(leaf)
+        return np.full((lanes, *like.shape[1:]), np.nan if like.dtype.kind in "fc" else 0, like.dtype)
 
-def _empty(like: np.ndarray, lanes: int) -> np.ndarray:
-    return np.full((lanes, *like.shape[1:]), np.nan if like.dtype.kind in "fc" else 0, like.dtype)
+    return jax.tree.map(empty, result)._replace(status=np.full(lanes, int(Status.NOT_RUN)))

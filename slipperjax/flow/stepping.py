@@ -1,4 +1,4 @@
-"""How one forcing period is integrated: by constant steps, or by a step size controller."""
+"""Steppings: one forcing period integrated by constant steps, or by a step size controller."""
 
 import abc
 import functools
@@ -28,12 +28,12 @@ class Period(NamedTuple):
     """The states at both ends of all steps, leading axis `most` + 1; None where they were not asked for."""
     rates: Motion | None
     """The motion's derivatives there [per forcing period], where the solver leaves them."""
-    taken: Any
+    steps_taken: Any
     """Steps tried."""
     failed: Bool[Array, ""]
     """Whether solver or controller gave up."""
-    carried: PyTree
-    """What the next period starts with beside the state."""
+    solver_state: PyTree
+    """Solver state carried over to the next period."""
 
 
 class AbstractStepping(eqx.Module):
@@ -46,11 +46,11 @@ class AbstractStepping(eqx.Module):
 
     @abc.abstractmethod
     def prepared(self, solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:
-        """The solver in a form that can be differentiated with this stepping."""
+        """Returns the solver in a form that can be differentiated with this stepping."""
 
     @abc.abstractmethod
-    def first(self, terms: diffrax.AbstractTerm, solver: diffrax.AbstractSolver, state: State, args: Args) -> PyTree:
-        """What the first period starts with beside the state."""
+    def begin(self, terms: diffrax.AbstractTerm, solver: diffrax.AbstractSolver, state: State, args: Args) -> PyTree:
+        """Returns the solver state with which a run begins, for its first `period`."""
 
     @abc.abstractmethod
     def period(
@@ -58,7 +58,7 @@ class AbstractStepping(eqx.Module):
         terms: diffrax.AbstractTerm,
         solver: diffrax.AbstractSolver,
         state: State,
-        carried: PyTree,
+        solver_state: PyTree,
         args: Args,
         inside: bool,
     ) -> Period:
@@ -71,7 +71,7 @@ class AbstractStepping(eqx.Module):
 
     @abc.abstractmethod
     def finer(self) -> "AbstractStepping":
-        """A stepping whose error is a fraction of this one's, to measure the error by."""
+        """Returns a stepping whose error is a fraction of this one's, to measure the error by."""
 
 
 class ConstantSteps(AbstractStepping):
@@ -102,17 +102,17 @@ class ConstantSteps(AbstractStepping):
         kind = diffrax.DirectAdjoint() if self.steps is None else diffrax.ForwardMode()
         return differentiable(solver, kind)
 
-    def first(self, terms, solver, state, args):
+    def begin(self, terms, solver, state, args):
         # a stock solver that integrates the memory begins each period anew, too
-        goes_on = isinstance(solver, AbstractLatchingSolver) and not solver.renewed
-        return self._init(terms, solver, state, args) if goes_on else None
+        continues = isinstance(solver, AbstractLatchingSolver) and not solver.renewed
+        return self._init(terms, solver, state, args) if continues else None
 
     def _init(self, terms, solver, state, args):
         return solver.init(terms, 0.0, 1 / self.number, state, args)
 
-    def period(self, terms, solver, state, carried, args, inside):
-        begins = carried is None
-        solver_state = self._init(terms, solver, state, args) if begins else carried
+    def period(self, terms, solver, state, solver_state, args, inside):
+        begins = solver_state is None
+        solver_state = self._init(terms, solver, state, args) if begins else solver_state
         may_fail = not getattr(solver, "explicit", False)
 
         def step(carry, k):
@@ -121,12 +121,12 @@ class ConstantSteps(AbstractStepping):
             state, _, _, solver_state, result = solver.step(terms, *ends, state, args, solver_state, False)
             return state, solver_state, failed | (may_fail and result != diffrax.RESULTS.successful)
 
-        def look(carry):
-            """State and rates at a step's end, for records."""
+        def ends_of(carry):
+            """Returns state and rates at a step's end, for records."""
             return carry[0], solver.rates(carry[1]) if isinstance(solver, AbstractLatchingSolver) else None
 
         carry = state, solver_state, jnp.zeros((), bool)
-        first = look(carry)
+        start = ends_of(carry)
         if self.steps is None:
             assert self.most is not None
 
@@ -135,14 +135,14 @@ class ConstantSteps(AbstractStepping):
             @functools.partial(jax.checkpoint, prevent_cse=False)
             def one(carry, k):
                 carry = step(carry, k)
-                return carry, look(carry) if inside else None
+                return carry, ends_of(carry) if inside else None
 
-            carry, seen = jax.lax.scan(one, carry, jnp.arange(float(self.most)))
+            carry, ends = jax.lax.scan(one, carry, jnp.arange(float(self.most)))
         else:
-            carry, seen = self._counted(step, carry, look if inside else None)
+            carry, ends = self._counted(step, carry, ends_of if inside else None)
         if inside:
-            seen = jax.tree.map(lambda a, rest: jnp.concatenate([a[None], rest]), first, seen)
-        states, rates = (None, None) if seen is None else seen
+            ends = jax.tree.map(lambda a, others: jnp.concatenate([a[None], others]), start, ends)
+        states, rates = (None, None) if ends is None else ends
         end, solver_state, failed = carry
         return Period(end, states, rates, self.number, failed, None if begins else solver_state)
 
@@ -152,22 +152,22 @@ class ConstantSteps(AbstractStepping):
             return ConstantSteps(2 * self.most)
         return type(self)(self.most, 2 * self.steps)
 
-    def _counted(self, step, carry, look):
-        """A loop over a number of steps that the program does not know; entries beyond the last count for nothing.
+    def _counted(self, step, carry, ends_of):
+        """Loops over a number of steps that the program does not know; entries beyond the last are meaningless.
 
-        `look`: makes what is kept of each step; None where nothing is.
+        `ends_of`: makes what is kept of each step from the carry; None where nothing is.
         """
         steps = jnp.asarray(self.steps).astype(int)
-        if look is None:
+        if ends_of is None:
             return jax.lax.fori_loop(0, steps, lambda k, c: step(c, k * 1.0), carry), None
 
         def one(k, both):
-            carry, seen = both
+            carry, ends = both
             carry = step(carry, k * 1.0)
-            return carry, jax.tree.map(lambda room, a: room.at[k].set(a), seen, look(carry))
+            return carry, jax.tree.map(lambda array, a: array.at[k].set(a), ends, ends_of(carry))
 
-        room = jax.tree.map(lambda a: jnp.broadcast_to(a[None], (self.most_inside, *a.shape)), look(carry))
-        return jax.lax.fori_loop(0, steps, one, (carry, room))
+        ends = jax.tree.map(lambda a: jnp.broadcast_to(a[None], (self.most_inside, *a.shape)), ends_of(carry))
+        return jax.lax.fori_loop(0, steps, one, (carry, ends))
 
 
 class UnknownSteps(ConstantSteps):
@@ -180,11 +180,11 @@ class UnknownSteps(ConstantSteps):
     def prepared(self, solver):
         return differentiable(solver, diffrax.DirectAdjoint())
 
-    def _counted(self, step, carry, look):
+    def _counted(self, step, carry, ends_of):
         @jax.checkpoint
         def one(carry, k):
             carry = jax.lax.cond(k < self.steps, lambda c: step(c, k), lambda c: c, carry)
-            return carry, None if look is None else look(carry)
+            return carry, None if ends_of is None else ends_of(carry)
 
         return jax.lax.scan(one, carry, jnp.arange(float(self.most)))
 
@@ -211,7 +211,7 @@ class ControlledSteps(AbstractStepping):
         return differentiable(solver, self.adjoint)
 
     def finer(self):
-        """With a tenth of the tolerances.
+        """Returns one with a tenth of the tolerances.
 
         **Raises:** `ValueError` for a controller without tolerances.
         """
@@ -223,13 +223,13 @@ class ControlledSteps(AbstractStepping):
         at = lambda s: [getattr(s.controller, name) for name in fields]
         return eqx.tree_at(at, self, [v / 10 for v in at(self)])
 
-    def first(self, terms, solver, state, args):
+    def begin(self, terms, solver, state, args):
         carries = isinstance(solver, AbstractLatchingSolver)
         wanted = jnp.asarray(1 / self.first_steps, float) if isinstance(self.controller, AdaptiveSteps) else None
         return solver.init(terms, 0.0, 1 / self.first_steps, state, args) if carries else None, wanted
 
-    def period(self, terms, solver, state, carried, args, inside):
-        solver_state, wanted = carried
+    def period(self, terms, solver, state, solver_state, args, inside):
+        solver_state, wanted = solver_state
         subs = {"end": diffrax.SubSaveAt(t1=True)}
         if inside:
             subs["inside"] = diffrax.SubSaveAt(ts=jnp.arange(1, self.samples + 1) / self.samples)
@@ -258,17 +258,17 @@ class ControlledSteps(AbstractStepping):
             states = jax.tree.map(join, state, solution.ys["inside"])
         failed = solution.result != diffrax.RESULTS.successful
         wanted = None if solution.controller_state is None else solution.controller_state[0]
-        carried = None if solver_state is None else solution.solver_state, wanted
-        return Period(end, states, None, solution.stats["num_steps"], failed, carried)
+        solver_state = None if solver_state is None else solution.solver_state, wanted
+        return Period(end, states, None, solution.stats["num_steps"], failed, solver_state)
 
 
 def as_stepping(stepping: Any) -> AbstractStepping:
-    """A stepping as it is, and a whole number as so many constant steps."""
+    """Returns a stepping as it is, and a whole number as so many constant steps."""
     return stepping if isinstance(stepping, AbstractStepping) else ConstantSteps(stepping)
 
 
-def room_for(count: int) -> int:
-    """The smallest of 1, 2, 4, 8, 16, 32, 50, 100, 200, 400, ... that is not below: few sizes, so few programs."""
+def capacity_for(count: int) -> int:
+    """Gives the least of 1, 2, 4, 8, 16, 32, 50, 100, 200, ... that is not below: few sizes, so few programs."""
     if count <= 32:
         return 1 << (count - 1).bit_length()
     return 50 * (1 << max(-(-count // 50) - 1, 0).bit_length())

@@ -9,6 +9,7 @@ from .kinematics import euler_angles as euler_angles
 from .kinematics import quaternion_from_euler as quaternion_from_euler
 from .kinematics import rail_frame as rail_frame
 from .kinematics import scaled_size as scaled_size
+from .layout import StateLayout as StateLayout
 from .paths import parameter as parameter
 from .quantities import ACCELERATIONS as ACCELERATIONS
 from .quantities import COORDINATE_SCALES as COORDINATE_SCALES

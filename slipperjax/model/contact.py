@@ -12,7 +12,7 @@ g'_0 is the contact's memory: one number per point, which changes at touchdowns 
 """
 
 import abc
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -44,7 +44,7 @@ class AbstractContactLaw(ShapeChecked):
 
     @abc.abstractmethod
     def damping(self, rate: Array, rate_ratio: Array | None) -> Array | float:
-        """The damping force as a multiple of the elastic force [1].
+        """Returns the damping force as a multiple of the elastic force [1].
 
         **Arguments:** `rate`: g' [m/s]; `rate_ratio`: g' / g'_0 [1], None for a law without memory.
         """
@@ -53,7 +53,7 @@ class AbstractContactLaw(ShapeChecked):
         yes_or_no("clamp", self.clamp)
 
     def force(self, gap: Array, rate: Array, rate_ratio: Array | None) -> Array:
-        """Normal force [N]; zero where the gap is open.
+        """Returns the normal force [N]; zero where the gap is open.
 
         **Arguments:** `gap`: g [m]; `rate`: g' [m/s]; `rate_ratio`: g' / g'_0 [1] or None. All have the same shape.
         """
@@ -64,7 +64,7 @@ class AbstractContactLaw(ShapeChecked):
 
 @jax.custom_jvp
 def _hertz(gap: Array) -> Array:
-    """d^(3/2) of penetrations d = -gap, 0 where open."""
+    """Returns d^(3/2) of penetrations d = -gap, 0 where open."""
     return jnp.where(gap < 0, -gap, 0.0) * jnp.sqrt(jnp.where(gap < 0, -gap, 1.0))
 
 
@@ -179,16 +179,19 @@ WIDTH_PER_DEPTH = 0.01
 class AbstractMemory(ShapeChecked):
     """A model of the contact memory, which keeps the gap rate at touchdown."""
 
+    unit: ClassVar[str] = ""
+    """SI unit of the memory of a point."""
+
     @abc.abstractmethod
     def initial(self, gap: Array, rate: Array) -> Array:
-        """The memory at the start, from gap [m] and gap rate [m/s] of the points there, all of shape (points,)."""
+        """Returns the memory at the start, from gap [m] and gap rate [m/s] of the points, of shape (points,)."""
 
     @abc.abstractmethod
     def rate_ratio(self, memory: Array, rate: Array) -> Array:
-        """g' / g'_0 [1] of points in contact, from the memory and g' [m/s], all of shape (points,)."""
+        """Returns g' / g'_0 [1] of points in contact, from the memory and g' [m/s], all of shape (points,)."""
 
     def scaled(self, depth: Array, duration: Array, period: Array) -> "AbstractMemory":
-        """A copy with settings of None replaced by values for the scene. Here unchanged.
+        """Returns a copy with settings of None replaced by values for the scene. Here unchanged.
 
         **Arguments:** depth [m] and duration [s] of a typical impact; the forcing period [s].
         """
@@ -208,6 +211,7 @@ class EventLatch(AbstractMemory):
     `slipperjax.Latching`.
     """
 
+    unit: ClassVar = "s/m"
     slowest: float = eqx.field(static=True, default=SLOWEST_IMPACT, metadata={"unit": "m/s"})
     """Least approach rate at touchdown [m/s], see `SLOWEST_IMPACT`."""
 
@@ -222,7 +226,7 @@ class EventLatch(AbstractMemory):
         return jnp.where(memory < 0, rate * memory, 1.0)
 
     def latch(self, memory: Array, before: "Before", gap: Array, rate: Array, step: Any, ratio: Any) -> Array:
-        """The memory after a step [s/m], shape (points,).
+        """Returns the memory after a step [s/m], shape (points,).
 
         The zero of the gap is found on the cubic through both ends of the step. The rate there is taken from the
         parabola through both ends and the start of the previous step; a linear interpolation would limit the whole
@@ -245,24 +249,24 @@ class EventLatch(AbstractMemory):
 
 
 @jax.custom_jvp
-def _falling_zero(a: Array, b: Array, slope: Array, start: Array, end: Array, asked: Any) -> Array:
-    """Where ((a x + b) x + slope) x + start, which is `end` at 1, falls through zero between 0 and 1."""
+def _falling_zero(a: Array, b: Array, slope: Array, start: Array, end: Array, wanted: Any) -> Array:
+    """Tells where ((a x + b) x + slope) x + start, which is `end` at 1, falls through zero between 0 and 1."""
     fall = start - end
-    x = start / jnp.where(asked & (fall > 0), fall, jnp.inf)
+    x = start / jnp.where(wanted & (fall > 0), fall, jnp.inf)
     for _ in range(3):  # Newton's method from the chord
         value, steep = ((a * x + b) * x + slope) * x + start, (3 * a * x + 2 * b) * x + slope
-        x = jnp.clip(x - value / jnp.where(asked & (steep < 0), steep, -jnp.inf), 0.0, 1.0)
+        x = jnp.clip(x - value / jnp.where(wanted & (steep < 0), steep, -jnp.inf), 0.0, 1.0)
     return x
 
 
 @_falling_zero.defjvp
 def _falling_zero_jvp(primals, tangents):
     # that of the zero itself: one division, where the iterations have six
-    a, b, slope, _, _, asked = primals
+    a, b, slope, _, _, wanted = primals
     x = _falling_zero(*primals)
     a1, b1, slope1, start1, _, _ = tangents
     steep = (3 * a * x + 2 * b) * x + slope
-    inside = asked & (steep < 0) & (x > 0) & (x < 1)
+    inside = wanted & (steep < 0) & (x > 0) & (x < 1)
     return x, (((a1 * x + b1) * x + slope1) * x + start1) / jnp.where(inside, -steep, jnp.inf)
 
 
@@ -277,7 +281,7 @@ class Before(NamedTuple):
     """Gap rate at the start of the previous step [m/s]."""
 
 
-def _settled(value: Array | None) -> Array:
+def _number(value: Array | None) -> Array:
     if value is None:
         raise ValueError("Arguments `width` and `relaxation` must be numbers here: call settle_memory(scene) before.")
     return value
@@ -296,6 +300,7 @@ class SmoothSwitch(AbstractMemory):
     prints the table from which the scaling was chosen.
     """
 
+    unit: ClassVar = "m/s"
     width: Float[Array, ""] | None = eqx.field(converter=optional(positive("width", "m")), default=None)
     """Width of the switch about g = 0 [m]."""
     relaxation: Float[Array, ""] | None = eqx.field(converter=optional(positive("relaxation", "s")), default=None)
@@ -335,16 +340,16 @@ class SmoothSwitch(AbstractMemory):
         return eqx.tree_at(fields, self, (width, relaxation), is_leaf=lambda x: x is None)
 
     def derivative(self, memory: Array, gap: Array, rate: Array, acceleration: Array) -> Array:
-        """m' [m/s^2] from gap g [m], g' [m/s] and d(g')/dt along the flow [m/s^2], all of shape (points,).
+        """Returns m' [m/s^2] from gap g [m], g' [m/s] and d(g')/dt along the flow [m/s^2], all of shape (points,).
 
         **Raises:** `ValueError` if width or relaxation is None.
         """
-        return self._switch(gap) * ((rate - memory) / _settled(self.relaxation) + acceleration)
+        return self._switch(gap) * ((rate - memory) / _number(self.relaxation) + acceleration)
 
     def decay(self, gap: Array) -> Array:
-        """Derivative of m' with respect to m at a constant acceleration [1/s], shape (points,)."""
-        return -self._switch(gap) / _settled(self.relaxation)
+        """Returns the derivative of m' with respect to m at a constant acceleration [1/s], shape (points,)."""
+        return -self._switch(gap) / _number(self.relaxation)
 
     def _switch(self, gap: Array) -> Array:
-        u = jnp.clip(gap / _settled(self.width) + 0.5, 0.0, 1.0)
+        u = jnp.clip(gap / _number(self.width) + 0.5, 0.0, 1.0)
         return u**3 * (10 + u * (6 * u - 15))

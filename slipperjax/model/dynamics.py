@@ -30,13 +30,14 @@ from .kinematics import (
 from .linearised import Linearised, contact_linearised, dense_linearised
 from .scene import Scene, check_scene
 from .step_size import contact_depth, settle_memory
+from .travel import Travel
 
 
 class State(eqx.Module):
     """The state of one case."""
 
     motion: Motion
-    """The ten states of the rigid slipper, in SI units."""
+    """Position, attitude and velocities of the slipper, in SI units."""
     memory: Float[Array, " points"] | None
     """Memory of each contact point, with the unit of `slipperjax.model.contact`; None for laws without memory."""
 
@@ -55,17 +56,21 @@ class Args(NamedTuple):
 
     @jax.jit
     def frame(self, t: Any) -> RailFrame:
-        """The rail under the slipper at time `t` [forcing periods]."""
+        """Returns the rail under the slipper at time `t` [forcing periods]."""
         return rail_frame(self.scene, phase(t, self.epoch), self.points)
+
+    def travel(self, t: Any) -> Travel:
+        """Returns speed and pace at time `t` [forcing periods]."""
+        return self.scene.travel(phase(t, self.epoch))
 
 
 def phase(t: Any, epoch: Any) -> Any:
-    """Forcing periods travelled since the start [1], the phase of the forcing."""
+    """Returns forcing periods travelled since the start [1], the phase of the forcing."""
     return epoch + t
 
 
 def initial_state(scene: Scene, motion: Motion | State, epoch: Any = 0) -> State:
-    """The state of `motion` at the start of the period `epoch`, with the matching contact memory.
+    """Returns the state of `motion` at the start of the period `epoch`, with the matching contact memory.
 
     A `State`, such as a run ended with, keeps its memory, which must be of the scene's kind; contacts of a `Motion`
     that are closed begin here.
@@ -91,7 +96,7 @@ def initial_state(scene: Scene, motion: Motion | State, epoch: Any = 0) -> State
 
 
 def check_start(name: str, start: Any) -> Motion | State:
-    """`start`, a motion or a state whose numbers must be finite or traced; raises `ValueError` otherwise."""
+    """Returns `start`, a motion or a state whose numbers must be finite or traced; raises `ValueError` otherwise."""
     motion = start.motion if isinstance(start, State) else start
     if not isinstance(motion, Motion):
         kinds = "a slipperjax.Motion, a slipperjax.State or a slipperjax.Trajectory"
@@ -106,7 +111,7 @@ def check_start(name: str, start: Any) -> Motion | State:
 
 @jit  # compiled once for all calls from Python; inside programs it is a part of them
 def state_and_penetration(scene: Scene, start: Motion | State, epoch: Any = 0) -> tuple[State, Float[Array, ""]]:
-    """The state of a start, and its greatest penetration in multiples of that of a typical impact [1]."""
+    """Returns the state of a start, and its greatest penetration in multiples of that of a typical impact [1]."""
     motion, memory = (start.motion, start.memory) if isinstance(start, State) else (start, None)
     now = contacts(rail_frame(scene, phase(0.0, epoch)), motion)
     outside = -jnp.min(now.gap) / contact_depth(scene)
@@ -135,19 +140,19 @@ def warn_if_outside(penetration: Any) -> None:
 
 
 def contact_forces(scene: Scene, now: Contacts, memory: Array | None) -> Float[Array, " points"]:
-    """Normal forces [N] on the slipper, Eq. (12); `memory`: shape (points,), or None."""
+    """Returns normal forces [N] on the slipper, Eq. (12); `memory`: shape (points,), or None."""
     ratio = None if memory is None else scene.memory.rate_ratio(memory, now.rate)
     return held(scene.contact.force(now.gap, now.rate, ratio))
 
 
 def resultant(frame: RailFrame, now: Contacts, force: Array) -> list[Array]:
-    """Force along y and z [N] and moment about the slipper's x, y and z [N m] of normal forces at the points [N]."""
+    """Gives force along y and z [N] and moment about the slipper's x, y and z [N m] of the points' forces [N]."""
     _, n_y, n_z = frame.normal
     return sums(force * n_y, force * n_z, *(force * lever for lever in now.lever))
 
 
 def newton_euler(scene: Scene, m: Motion, wrench: list[Array]) -> Motion:
-    """Derivative of the motion [per second] under the contacts' `resultant`."""
+    """Returns the derivative of the motion [per second] under the contacts' `resultant`."""
     f_y, f_z, t_x, t_y, t_z = wrench
     per_mass, (j_x, j_y, j_z) = 1 / scene.slipper.mass, scene.slipper.inertia
     per_x, per_y, per_z = 1 / j_x, 1 / j_y, 1 / j_z
@@ -165,13 +170,13 @@ def newton_euler(scene: Scene, m: Motion, wrench: list[Array]) -> Motion:
 
 
 def motion_rates(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force: Array) -> Motion:
-    """Derivative of the motion [per second], from rail, contacts and their forces [N] at the same instant."""
+    """Returns the motion's derivative [per second], from rail, contacts and their forces [N] at one instant."""
     return newton_euler(scene, m, resultant(frame, now, force))
 
 
-def per_period(scene: Scene, rates: Motion) -> Motion:
-    """Rates [per second] as rates [per forcing period]."""
-    period = kept(scene.period)  # else each of the ten rates has the derivatives of a division
+def per_period(travel: Travel, rates: Motion) -> Motion:
+    """Returns rates [per second] as rates [per forcing period]."""
+    period = kept(travel.period)  # else each of the ten rates has the derivatives of a division
     return jax.tree.map(lambda r: period * r, rates)
 
 
@@ -179,12 +184,12 @@ class AbstractVectorField(eqx.Module):
     """The right-hand side of a scene for `diffrax.ODETerm`, with the methods that latching solvers call."""
 
     def __call__(self, t: Any, state: State, args: Args) -> State:
-        """Derivative of the whole state [per forcing period]."""
+        """Returns the derivative of the whole state [per forcing period]."""
         return fill_frozen(self.evaluate(t, state, args), state)
 
     @jax.jit  # traced once for all stages of all steps, which halves the tracing
     def evaluate(self, t: Any, state: State, args: Args, frame: RailFrame | None = None) -> State:
-        """The derivative [per forcing period], with None for parts that are frozen over a step.
+        """Returns the derivative [per forcing period], with None for parts that are frozen over a step.
 
         **Arguments:** `frame`: `args.frame(t)`, if already computed.
         """
@@ -192,22 +197,22 @@ class AbstractVectorField(eqx.Module):
         return self.from_contacts(t, frame, contacts(frame, state.motion), state, args)
 
     def from_contacts(self, t: Any, frame: RailFrame, now: Contacts, state: State, args: Args) -> State:
-        """The derivative [per forcing period] from known rail and contacts."""
+        """Returns the derivative [per forcing period] from known rail and contacts."""
         scene = args.scene
         rates = motion_rates(scene, frame, now, state.motion, contact_forces(scene, now, state.memory))
-        return State(per_period(scene, rates), None)
+        return State(per_period(args.travel(t), rates), None)
 
     def linearised(self, t: Any, state: State, args: Args) -> Linearised:
-        """The motion's derivative, linearised [per forcing period]; the memory is frozen."""
+        """Returns the motion's derivative, linearised [per forcing period]; the memory is frozen."""
         rates = lambda m: self.evaluate(t, State(m, state.memory), args).motion
-        return dense_linearised(rates, state.motion, args.scene.period)
+        return dense_linearised(rates, state.motion, args.travel(t).period)
 
     def memory_decay(self, t: Any, state: State, args: Args) -> Any:
-        """Derivative of an integrated memory's rate with respect to the memory [per forcing period], per point."""
+        """Returns the derivative of a point's memory rate by the memory [per forcing period]; None if latched."""
         return None
 
     def open_step(self, t0: Any, state: State, args: Args) -> Any:
-        """`before` of the first step, for `close_step`. Here None."""
+        """Returns `before` of the first step, for `close_step`. Here None."""
         return None
 
     def close_step(
@@ -230,7 +235,7 @@ class ContactField(AbstractVectorField):
         frame = args.frame(t)
         now = contacts(frame, m)
         force = lambda gap, rate: contact_forces(scene, Contacts(gap, rate, now.lever), state.memory)
-        return contact_linearised(scene, frame, now, m, force)
+        return contact_linearised(scene, args.travel(t), frame, now, m, force)
 
 
 class MemorylessField(ContactField):
@@ -249,7 +254,7 @@ class LatchedField(ContactField):
         now = contacts(frame, state.motion)
         before, earlier_step = before
         step = t1 - t0
-        seconds = step * args.scene.period
+        seconds = step * args.travel(t1 - 0.5 * step).period
         memory = args.scene.memory.latch(state.memory, before, now.gap, now.rate, seconds, step / earlier_step)
         state = State(state.motion, memory)
         after = Before(now.gap, now.rate, before.rate), step
@@ -267,17 +272,18 @@ class SmoothField(ContactField):
             return contacts(args.frame(t), motion).rate
 
         _, acceleration = jax.jvp(gap_rate, (jnp.asarray(t, float), state.motion), (jnp.ones(()), rates))
-        memory = scene.memory.derivative(state.memory, now.gap, now.rate, acceleration / scene.period)
-        return State(rates, scene.period * memory)
+        travel = args.travel(t)
+        memory = scene.memory.derivative(state.memory, now.gap, now.rate, acceleration / travel.period)
+        return State(rates, travel.period * memory)
 
     def memory_decay(self, t, state, args):
         scene = settle_memory(args.scene)
         now = contacts(args.frame(t), state.motion)
-        return scene.period * scene.memory.decay(now.gap)
+        return args.travel(t).period * scene.memory.decay(now.gap)
 
 
 def vector_field(scene: Scene) -> AbstractVectorField:
-    """The right-hand side for a scene, chosen by its contact law and memory."""
+    """Returns the right-hand side for a scene, chosen by its contact law and memory."""
     if not scene.contact.has_memory:
         return MemorylessField()
     return SmoothField() if isinstance(scene.memory, SmoothSwitch) else LatchedField()
@@ -312,7 +318,7 @@ class Reactions(NamedTuple):
 
 @jax.jit
 def reactions(t: Any, state: State, args: Args) -> Reactions:
-    """Contact forces, and the constraint reactions of Eq. (13): the drive force and the loads on the track nodes."""
+    """Returns contact forces, and Eq. (13)'s reactions: the drive force and the loads on the track nodes."""
     scene, m = args.scene, state.motion
     frame = args.frame(t)
     now = contacts(frame, m)

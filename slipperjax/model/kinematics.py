@@ -18,12 +18,12 @@ from jaxtyping import Array, Float
 from ..tools.checks import brief, require, shown_number
 from ..tools.compile import is_traced
 from ..tools.fused import held, kept, materialise, spread
-from .quantities import COORDINATES
+from .quantities import COORDINATES, MOTION_NUMBERS
 from .scene import Scene
 
 
 class Motion(eqx.Module):
-    """The ten states of a rigid slipper, each a scalar."""
+    """Position, attitude and velocities of a rigid slipper, each a scalar."""
 
     y: Any = 0.0
     """Lateral displacement of the centre, positive to the left [m]."""
@@ -51,11 +51,12 @@ class Motion(eqx.Module):
         zero = lambda v: not is_traced(v) and np.all(np.asarray(v) == 0)
         parts = {name: shown_number(v) for name, v in vars(self).items() if not zero(v)}
         text = ", ".join(f"{name}={v} {units.get(name, '')}".rstrip() for name, v in parts.items())
-        return f"Motion({text}{', ' if text else ''}{'others 0' if len(parts) < 10 else ''})".replace(", )", ")")
+        others = [] if len(parts) == len(vars(self)) else ["others 0"]
+        return f"Motion({', '.join([text] * bool(text) + others)})"
 
     @staticmethod
     def from_euler(*, y=0.0, z=0.0, roll=0.0, pitch=0.0, yaw=0.0, v_y=0.0, v_z=0.0, w_x=0.0, w_y=0.0, w_z=0.0):
-        """A motion from positions [m], Euler angles of Eq. (2) [rad], velocities [m/s] and spins [rad/s]."""
+        """Returns a motion from positions [m], Euler angles of Eq. (2) [rad], velocities [m/s] and spins [rad/s]."""
         for name, angle in (("roll", roll), ("pitch", pitch), ("yaw", yaw)):
             require(is_traced(angle) or _is_real(angle), name, "be a real number [rad]", angle)
         q = quaternion_from_euler(roll, pitch, yaw)
@@ -63,12 +64,12 @@ class Motion(eqx.Module):
 
 
 def _is_real(value: Any) -> bool:
-    """Whether a value is one real number, or an array of them."""
+    """Tells whether a value is one real number, or an array of them."""
     return value is not None and np.asarray(value).dtype.kind in "fiu"
 
 
 def check_motion(name: str, motion: Any) -> Motion:
-    """`motion`, whose coordinates must be finite numbers or traced; raises `ValueError` otherwise."""
+    """Returns `motion`, whose coordinates must be finite numbers or traced; raises `ValueError` otherwise."""
     for coordinate, value in vars(motion).items():
         if is_traced(value):
             continue
@@ -77,25 +78,18 @@ def check_motion(name: str, motion: Any) -> Motion:
     return motion
 
 
-def _motion_scales() -> Motion:
-    scale = {name: q.scale for name, q in COORDINATES.items()}
-    # a small rotation changes the quaternion's vector part by half its angle
-    attitude = [scale[angle] / 2 for angle in ("roll", "pitch", "yaw")]
-    return Motion(scale["y"], scale["z"], *attitude, *(scale[v] for v in ("v_y", "v_z", "w_x", "w_y", "w_z")))
-
-
-MOTION_SCALES = _motion_scales()
-"""Scales of the ten states, those of `COORDINATES`: 1 mm, 10 mrad as 5e-3 of the quaternion, 1 m/s, 10 rad/s."""
+MOTION_SCALES = Motion(*(q.scale for q in MOTION_NUMBERS.values()))
+"""Scales of the motion, those of `COORDINATES`: 1 mm, 10 mrad as 5e-3 of the quaternion, 1 m/s, 10 rad/s."""
 
 
 def scaled_size(motion: Motion, scales: Motion = MOTION_SCALES) -> Float[Array, ""]:
-    """The largest magnitude in a difference of two motions, in multiples of `scales` [1]."""
+    """Returns the largest magnitude in a difference of two motions, in multiples of `scales` [1]."""
     scaled = jax.tree.map(lambda d, s: jnp.abs(d) / s, motion, scales)
     return jnp.max(jnp.stack(jax.tree.leaves(scaled)))
 
 
 def quaternion_from_euler(roll, pitch, yaw):
-    """Vector part (q_x, q_y, q_z) of the quaternion of Rz(yaw) Ry(pitch) Rx(roll), with q_0 >= 0; angles in rad."""
+    """Gives (q_x, q_y, q_z) of the quaternion of Rz(yaw) Ry(pitch) Rx(roll), with q_0 >= 0; angles in rad."""
     cr, sr = jnp.cos(roll / 2), jnp.sin(roll / 2)
     cp, sp = jnp.cos(pitch / 2), jnp.sin(pitch / 2)
     cy, sy = jnp.cos(yaw / 2), jnp.sin(yaw / 2)
@@ -108,12 +102,12 @@ def quaternion_from_euler(roll, pitch, yaw):
 
 
 def scalar_part(m: Motion):
-    """q_0 of the attitude quaternion [1]; about zero from 180 degrees on, so that derailed states stay finite."""
+    """Returns q_0 of the quaternion [1]; about zero from 180 degrees on, so that derailed states stay finite."""
     return materialise(jnp.sqrt(jnp.maximum(1 - (m.q_x * m.q_x + m.q_y * m.q_y + m.q_z * m.q_z), 1e-30)))
 
 
 def rotation(m: Motion):
-    """The rotation matrix R_S of the attitude, as rows of scalars."""
+    """Returns the rotation matrix R_S of the attitude, as rows of scalars."""
     x, y, z, w = m.q_x, m.q_y, m.q_z, scalar_part(m)
     xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
     return (
@@ -124,13 +118,13 @@ def rotation(m: Motion):
 
 
 def euler_angles(m: Motion):
-    """Roll, pitch and yaw of Eq. (2) [rad]."""
+    """Returns roll, pitch and yaw of Eq. (2) [rad]."""
     r = rotation(m)
     return jnp.arctan2(r[2][1], r[2][2]), jnp.arcsin(-r[2][0]), jnp.arctan2(r[1][0], r[0][0])
 
 
 def attitude_rates(m: Motion):
-    """Rates of (q_x, q_y, q_z) [1/s] from the angular velocity in the slipper's frame."""
+    """Returns rates of (q_x, q_y, q_z) [1/s] from the angular velocity in the slipper's frame."""
     w = scalar_part(m)
     return (
         0.5 * (w * m.w_x + m.q_y * m.w_z - m.q_z * m.w_y),
@@ -151,7 +145,7 @@ class Points(NamedTuple):
 
 
 def contact_points(scene: Scene) -> Points:
-    """The scene's contact points, computed once per run because they cost as much as a rail frame."""
+    """Returns the scene's contact points, computed once per run because they cost as much as a rail frame."""
     section = scene.section
     both = lambda a: jnp.tile(a, (2, 1)).T
     # A constant array: an index computed inside the loop over lanes and points would prevent vectorisation.
@@ -173,7 +167,7 @@ class RailFrame(NamedTuple):
 
 
 def rail_frame(scene: Scene, phase: Any, points: Points | None = None) -> RailFrame:
-    """The rail under the slipper after `phase` forcing periods, Eqs. (1), (4), (7), (10), (11).
+    """Returns the rail under the slipper after `phase` forcing periods, Eqs. (1), (4), (7), (10), (11).
 
     **Arguments:** `points`: `contact_points(scene)`, if already computed.
     """
@@ -191,7 +185,7 @@ def rail_frame(scene: Scene, phase: Any, points: Points | None = None) -> RailFr
     per_norm = materialise(1 / jnp.sqrt(1 + n_x * n_x))
     # stored, so that the loop over lanes and points does not compute it again
     n_x, n_y, n_z, position, slope = materialise([v * per_norm for v in (n_x, n_y, n_z, position, slope)])
-    return RailFrame((n_x, n_y, n_z), position, slope * scene.speed, points.arm)
+    return RailFrame((n_x, n_y, n_z), position, slope * scene.travel(phase).speed, points.arm)
 
 
 class _Node(NamedTuple):
@@ -207,7 +201,7 @@ class _Node(NamedTuple):
 
 
 def _node(scene: Scene, points: Points, distance: Array) -> _Node:
-    """The section at the track node that travelled `distance` [m], Eqs. (7), (10), (11)."""
+    """Returns the section at the track node that travelled `distance` [m], Eqs. (7), (10), (11)."""
     rail, slope = materialise(scene.track.motion(distance))
     (n_y, n_z), (y, z) = points.normal, points.track
     v_y, v_z = slope.lateral, slope.vertical
@@ -231,7 +225,7 @@ class Contacts(NamedTuple):
 
 
 def contacts(frame: RailFrame, m: Motion) -> Contacts:
-    """Gaps, gap rates and levers of all points, at both ends."""
+    """Returns gaps, gap rates and levers of all points, at both ends."""
     # stored, as XLA does not move it out of the loop over the points
     r = materialise(rotation(m))
     (n_x, n_y, n_z), (a_x, a_y, a_z) = frame.normal, frame.arm
@@ -246,7 +240,7 @@ def contacts(frame: RailFrame, m: Motion) -> Contacts:
 
 
 def face_offsets(scene: Scene, phase: Any, m: Motion) -> Float[Array, " points"]:
-    """How far the slipper's points have moved along their faces, as seen from the rail's points [m].
+    """Tells how far the slipper's points have moved along their faces, as seen from the rail's points [m].
 
     Front ones first. Counted in the plane of the section, along the direction from a face's first corner to its
     second. With the gap, across the face, it tells where each point is relative to the rail head.

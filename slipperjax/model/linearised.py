@@ -25,6 +25,7 @@ from jaxtyping import Array
 from ..tools.fused import materialise, sums
 from .kinematics import Contacts, Motion, RailFrame, rotation, scalar_part
 from .scene import Scene
+from .travel import Travel
 
 Matrix = list[list[Any]]
 """Rows of scalars."""
@@ -44,12 +45,12 @@ class Linearised(NamedTuple):
 
 
 def contact_linearised(
-    scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force: Callable[[Array, Array], Array]
+    scene: Scene, travel: Travel, frame: RailFrame, now: Contacts, m: Motion, force: Callable[[Array, Array], Array]
 ) -> Linearised:
-    """The slipper's linearised motion [per forcing period].
+    """Returns the slipper's linearised motion [per forcing period].
 
-    **Arguments:** `frame`, `now`: rail and contacts at the same instant; `m`: the motion there; `force(gap, rate)`:
-    normal forces [N] from gaps [m] and gap rates [m/s], all of shape (2 points,).
+    **Arguments:** `travel`, `frame`, `now`: travel, rail and contacts at the same instant; `m`: the motion there;
+    `force(gap, rate)`: normal forces [N] from gaps [m] and gap rates [m/s], all of shape (2 points,).
     """
     one = jnp.ones_like(now.gap)
     forces, by_gap = jax.jvp(lambda g: force(g, now.rate), (now.gap,), (one,))
@@ -80,31 +81,31 @@ def contact_linearised(
 
     moments = [scene.slipper.inertia[k] for k in range(3)]
     inertia = [scene.slipper.mass, scene.slipper.mass, *moments]
-    scaled = lambda entries: [[scene.period / inertia[i] * entries[i, k] for k in range(5)] for i in range(5)]
+    scaled = lambda entries: [[travel.period / inertia[i] * entries[i, k] for k in range(5)] for i in range(5)]
     stiffness, damping = scaled(stiff), scaled(damp)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3  # Euler's equation: J_i w_i' = ... - (J_k - J_j) w_j w_k
-        gyro = scene.period * (moments[k] - moments[j]) / moments[i]
+        gyro = travel.period * (moments[k] - moments[j]) / moments[i]
         damping[2 + i][2 + j] = damping[2 + i][2 + j] - gyro * spin[k]
         damping[2 + i][2 + k] = damping[2 + i][2 + k] - gyro * spin[j]
-    return Linearised(stiffness, damping, m, scene.period)
+    return Linearised(stiffness, damping, m, travel.period)
 
 
 def dense_linearised(rates: Callable[[Motion], Motion], m: Motion, unit: Any) -> Linearised:
-    """The linearised motion by ten Jacobian-vector products, for any forces.
+    """Returns the linearised motion by ten Jacobian-vector products, for any forces.
 
     **Arguments:** `rates(m)`: derivative of the motion per `unit`; `m`: the motion; `unit`: unit of time [s].
     """
-    turned = _attitude_by_turn(m)
-    zero = jnp.zeros(10)
+    turned, tree = _attitude_by_turn(m), jax.tree.structure(m)
+    half = tree.num_leaves // 2  # positions, then their velocities
+    zero = jnp.zeros(2 * half)
     tangents = [zero.at[k].set(1.0) for k in range(2)]
-    tangents += [jnp.stack([0.0, 0.0, *(turned[i][k] for i in range(3)), *[0.0] * 5]) for k in range(3)]
-    tangents += [zero.at[k].set(1.0) for k in range(5, 10)]
-    tree = jax.tree.structure(m)
+    tangents += [jnp.stack([0.0, 0.0, *(turned[i][k] for i in range(3)), *[0.0] * half]) for k in range(3)]
+    tangents += [zero.at[k].set(1.0) for k in range(half, 2 * half)]
     column = lambda v: jax.jvp(rates, (m,), (jax.tree.unflatten(tree, list(v)),))[1]
-    columns = jax.tree.leaves(jax.vmap(column)(jnp.stack(tangents)))[5:]
-    part = lambda at: [[row[at + k] for k in range(5)] for row in columns]
-    return Linearised(part(0), part(5), m, unit)
+    columns = jax.tree.leaves(jax.vmap(column)(jnp.stack(tangents)))[half:]
+    part = lambda at: [[row[at + k] for k in range(half)] for row in columns]
+    return Linearised(part(0), part(half), m, unit)
 
 
 class LinearSystem(eqx.Module):
@@ -117,7 +118,7 @@ class LinearSystem(eqx.Module):
     factor: Any
     stiffness: Matrix
     matrix: Matrix
-    carried: Matrix
+    transport: Matrix
     turn: Matrix
     attitude: Matrix
 
@@ -126,19 +127,19 @@ class LinearSystem(eqx.Module):
         self.step = factor * at.unit
         self.factor = factor
         self.stiffness = at.stiffness
-        carried = _inverse(_unit_minus(_spin_of_turn(m), self.step))
-        by_turn = [[sum(row[2 + k] * carried[k][j] for k in range(3)) for j in range(3)] for row in at.stiffness]
+        transport = _inverse(_unit_minus(_spin_of_turn(m), self.step))
+        by_turn = [[sum(row[2 + k] * transport[k][j] for k in range(3)) for j in range(3)] for row in at.stiffness]
         by_place = [[*row[:2], *turn] for row, turn in zip(at.stiffness, by_turn, strict=True)]
         both = [
             [d + self.step * s for d, s in zip(*rows, strict=True)] for rows in zip(at.damping, by_place, strict=True)
         ]
         matrix = _factored(_unit_minus(both, factor))
-        turn = _product(carried, _turn_by_attitude(m))
-        self.matrix, self.carried, self.turn = materialise((matrix, carried, turn))
+        turn = _product(transport, _turn_by_attitude(m))
+        self.matrix, self.transport, self.turn = materialise((matrix, transport, turn))
         self.attitude = _attitude_by_turn(m)
 
     def solve(self, right: Motion) -> Motion:
-        """The solution x, a `Motion`, for one right-hand side."""
+        """Returns the solution x, a `Motion`, for one right-hand side."""
         leaves, tree = jax.tree.flatten(right)
         turn = _times(self.turn, leaves[2:5])
         push = _times(self.stiffness, [*leaves[:2], *turn])
@@ -150,13 +151,13 @@ class LinearSystem(eqx.Module):
         for i in reversed(range(5)):
             for j in range(i + 1, 5):
                 x[i] = x[i] - self.matrix[i][j] * x[j]
-        turn = [a + self.step * b for a, b in zip(turn, _times(self.carried, x[2:]), strict=True)]
+        turn = [a + self.step * b for a, b in zip(turn, _times(self.transport, x[2:]), strict=True)]
         place = [leaves[k] + self.step * x[k] for k in range(2)]
         return materialise(jax.tree.unflatten(tree, [*place, *_times(self.attitude, turn), *x]))
 
 
 def _factored(a: Matrix) -> Matrix:
-    """LU factors in one matrix, unrolled; its diagonal is that of L, the diagonal of U is all ones."""
+    """Returns LU factors in one matrix, unrolled; its diagonal is that of L, the diagonal of U is all ones."""
     n = len(a)
     a = [list(row) for row in a]
     for k in range(n):
@@ -169,7 +170,7 @@ def _factored(a: Matrix) -> Matrix:
 
 
 def _inverse(a: Matrix) -> Matrix:
-    """The inverse of a 3 x 3 matrix by its cofactors."""
+    """Returns the inverse of a 3 x 3 matrix by its cofactors."""
     nexts = [(1, 2), (2, 0), (0, 1)]
     minor = lambda i, j: (
         a[nexts[i][0]][nexts[j][0]] * a[nexts[i][1]][nexts[j][1]]
@@ -193,18 +194,18 @@ def _product(a: Matrix, b: Matrix) -> Matrix:
 
 
 def _cross_matrix(v) -> Matrix:
-    """[v]x, so that [v]x u = v x u."""
+    """Returns [v]x, so that [v]x u = v x u."""
     return [[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]]
 
 
 def _attitude_by_turn(m: Motion) -> Matrix:
-    """Derivative of the quaternion's vector part q with respect to a rotation: (q_0 + [q]x) / 2."""
+    """Returns the derivative of the quaternion's vector part q with respect to a rotation: (q_0 + [q]x) / 2."""
     cross, q_0 = _cross_matrix((m.q_x, m.q_y, m.q_z)), scalar_part(m)
     return [[0.5 * (q_0 if i == j else cross[i][j]) for j in range(3)] for i in range(3)]
 
 
 def _turn_by_attitude(m: Motion) -> Matrix:
-    """The inverse of `_attitude_by_turn`: 2 (q_0 - [q]x + q q^T / q_0)."""
+    """Returns the inverse of `_attitude_by_turn`: 2 (q_0 - [q]x + q q^T / q_0)."""
     q, q_0 = (m.q_x, m.q_y, m.q_z), scalar_part(m)
     cross = _cross_matrix(q)
     one = 1 / q_0
@@ -212,7 +213,7 @@ def _turn_by_attitude(m: Motion) -> Matrix:
 
 
 def _spin_of_turn(m: Motion) -> Matrix:
-    """B of the module's docstring [1/s], from q' = (q_0 w + q x w) / 2.
+    """Returns B of the module's docstring [1/s], from q' = (q_0 w + q x w) / 2.
 
     The change of q' with q, expressed as a rotation, is ([d]x w - (d . w) q / q_0) / 2.
     """

@@ -18,7 +18,7 @@ from .quantities import PARAMETERS, Parameter, with_entry
 
 
 def parameter(name: Any, scene: Any = None) -> Parameter:
-    """A scene's parameter by name or path.
+    """Returns a scene's parameter by name or path.
 
     **Arguments:** `scene`: where a path leads; without it paths are unknown.
 
@@ -53,15 +53,15 @@ def refuse_undone(parameters: Sequence[Parameter], scene: Any) -> None:
 
 
 def _at_path(path: str, scene: Any) -> Parameter:
-    """The parameter at a path: fields of modules, then indices into an array, the first by name for points."""
+    """Gives the parameter at a path: fields of modules, then indices into an array, the first by name for points."""
     words, part, fields = path.split("."), scene, []
     owner, field = None, ""
     while words and hasattr(type(part), "__dataclass_fields__"):
         owner, field = part, words.pop(0)
-        known = [name for name, f in part.__dataclass_fields__.items() if not f.metadata.get("static", False)]
-        if field not in known:
+        numbers = [name for name, f in part.__dataclass_fields__.items() if not f.metadata.get("static", False)]
+        if field not in numbers:
             raise ValueError(
-                f"Argument `{path}` leads to no number: {type(part).__name__} has {', '.join(known)}, "
+                f"Argument `{path}` leads to no number: {type(part).__name__} has {', '.join(numbers)}, "
                 f"but not {brief(field)}."
             )
         fields.append(field)
@@ -76,8 +76,8 @@ def _at_path(path: str, scene: Any) -> Parameter:
     shape = shape[len(shape) - rank :]  # without axes of cases
     index = tuple(_place(path, word, size, owner) for word, size in zip(words, shape, strict=True))
     unit = unit_of(type(owner), field)
-    known = {f.name: f for f in type(owner).__dataclass_fields__.values()}[field].metadata.get("converter")
-    need = finite if known is None else lambda name, unit: replace(known, name=name, unit=unit, optional=False)
+    check = {f.name: f for f in type(owner).__dataclass_fields__.values()}[field].metadata.get("converter")
+    need = finite if check is None else lambda name, unit: replace(check, name=name, unit=unit, optional=False)
 
     def where(scene: Any) -> Any:
         for name in fields:
@@ -93,7 +93,7 @@ def _at_path(path: str, scene: Any) -> Parameter:
 
 
 def _place(path: str, word: str, size: int, owner: Any) -> int:
-    """An index into an array, as a number or, for points of a section, as a name."""
+    """Returns an index into an array, as a number or, for points of a section, as a name."""
     names = getattr(owner, "names", ())
     if word in names:
         return names.index(word)

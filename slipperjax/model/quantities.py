@@ -4,6 +4,7 @@ Checks, datasets, plots, the command line and the solvers look up parameters of 
 outputs and sections here.
 """
 
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -47,11 +48,11 @@ class Quantity:
         return {"units": self.unit, "long_name": self.long_name}
 
     def shown(self, value: Any) -> Any:
-        """A value in SI units [unit] converted to the display unit."""
+        """Returns a value in SI units [unit] converted to the display unit."""
         return value / self.per_shown
 
     def from_shown(self, value: Any) -> Any:
-        """A value in the display unit converted to SI units [unit]."""
+        """Returns a value in the display unit converted to SI units [unit]."""
         return value * self.per_shown
 
 
@@ -71,24 +72,24 @@ class Parameter(Quantity):
     """Values outside this range [unit] are allowed, with a warning that the unit may be wrong."""
 
     def checked(self, value: Any) -> jax.Array:
-        """`value` [unit] as an array; raises `ValueError` where it is out of range, warns where it is implausible."""
-        found = self.check(self.name, self.unit)(value)
-        self.warn_unless_plausible(found)
-        return found
+        """Makes `value` [unit] an array; raises `ValueError` where out of range, warns where implausible."""
+        array = self.check(self.name, self.unit)(value)
+        self.warn_unless_plausible(array)
+        return array
 
     def warn_unless_plausible(self, value: Any) -> None:
         """Gives an `ImplausibleWarning` where `value` [unit], one or more, lies outside `plausible`."""
         warn_unless_within(self.name, value, *self.plausible, self.unit)
 
     def leaf(self, scene: Any) -> Any:
-        """The leaf in a scene; None where the scene has no such part, or does without it."""
+        """Returns the leaf in a scene; None where the scene has no such part, or does without it."""
         try:
             return self.where(scene)
         except AttributeError:
             return None
 
     def of(self, scene: Any) -> Any:
-        """The value in a scene [unit]; None where the scene has no such part, or does without it."""
+        """Returns the value in a scene [unit]; None where the scene has no such part, or does without it."""
         leaf = self.leaf(scene)
         return None if leaf is None else self.read(leaf)
 
@@ -100,7 +101,7 @@ class Parameter(Quantity):
             raise ValueError(f"Argument `{self.name}` cannot be set: the scene has no {self.long_name}.") from None
 
     def replaced(self, scene: Any, value: Any) -> Any:
-        """A copy of `scene` with another value, unchecked; `value` may have leading axes of cases.
+        """Returns a copy of `scene` with another value, unchecked; `value` may have leading axes of cases.
 
         **Raises:** `ValueError` where the scene has no such part.
         """
@@ -110,7 +111,7 @@ class Parameter(Quantity):
 
 
 def half_play(clearance: jax.Array, faces: int) -> Float[Array, "*cases faces"]:
-    """A total play of `clearance` [m], shape (*cases,), as the play of each face [m]."""
+    """Returns a total play of `clearance` [m], shape (*cases,), as the play of each face [m]."""
     if not is_traced(clearance):  # on the host, where nothing is compiled
         half = np.asarray(clearance)[..., None] / 2
         return jnp.asarray(np.broadcast_to(half, (*half.shape[:-1], faces)))
@@ -118,7 +119,7 @@ def half_play(clearance: jax.Array, faces: int) -> Float[Array, "*cases faces"]:
 
 
 def with_entry(array: Any, value: Any, index: tuple[int, ...]) -> jax.Array:
-    """A copy of `array` with another entry; `value`, of shape (*cases,), and the array may have leading axes."""
+    """Copies `array` with another entry; `value`, of shape (*cases,), and the array may have leading axes."""
     shape = np.shape(array)[np.ndim(array) - len(index) :]
     cases = jnp.broadcast_shapes(np.shape(value), np.shape(array)[: np.ndim(array) - len(index)])
     return jnp.broadcast_to(array, (*cases, *shape)).at[(..., *index)].set(value)
@@ -131,8 +132,17 @@ def _named(*quantities: Any) -> dict[str, Any]:
 _MM = dict(shown_unit="mm", per_shown=1e-3)
 _MRAD = dict(shown_unit="mrad", per_shown=1e-3)
 
+
+def _parameter(path: str, unit: str, text: str, symbol: str, check: Any, *plausible: float, **more: Any) -> Parameter:
+    """Returns the parameter at a path of fields in a scene, by the last of which it is named."""
+    more |= dict(where=operator.attrgetter(path), check=check) | (dict(plausible=plausible) if plausible else {})
+    return Parameter(path.rpartition(".")[2], unit, text, symbol, **more)
+
+
+_DEGREES = dict(shown_unit="degrees", per_shown=np.pi / 180)
+
 PARAMETERS: dict[str, Parameter] = _named(
-    Parameter("speed", "m/s", "travelling speed", "V", where=lambda s: s.speed, check=positive, plausible=(1, 1e4)),
+    _parameter("speed", "m/s", "travelling speed", "V", positive, 1, 1e4),
     Parameter(
         "clearance",
         "m",
@@ -144,12 +154,8 @@ PARAMETERS: dict[str, Parameter] = _named(
         read=lambda play: 2 * (jnp.mean(play) if is_traced(play) else np.mean(np.asarray(play))),
         write=lambda clearance, play: half_play(clearance, play.shape[-1]),
     ),
-    Parameter(
-        "length", "m", "slipper length", "L", where=lambda s: s.slipper.length, check=positive, plausible=(0.005, 20)
-    ),
-    Parameter(
-        "mass", "kg", "slipper mass", "m", where=lambda s: s.slipper.mass, check=positive, plausible=(1e-3, 1e5)
-    ),
+    _parameter("slipper.length", "m", "slipper length", "L", positive, 0.005, 20),
+    _parameter("slipper.mass", "kg", "slipper mass", "m", positive, 1e-3, 1e5),
     *(
         Parameter(
             f"inertia_{axis}",
@@ -164,48 +170,11 @@ PARAMETERS: dict[str, Parameter] = _named(
         )
         for k, axis in enumerate("xyz")
     ),
-    Parameter(
-        "stiffness",
-        "N/m^1.5",
-        "contact stiffness",
-        "K",
-        where=lambda s: s.contact.stiffness,
-        check=positive,
-        plausible=(1e4, 1e14),
-    ),
-    Parameter(
-        "restitution", "1", "coefficient of restitution", "c_r", where=lambda s: s.contact.restitution, check=fraction
-    ),
-    Parameter(
-        "amplitude",
-        "m",
-        "irregularity amplitude",
-        "A",
-        **_MM,
-        where=lambda s: s.track.amplitude,
-        check=not_negative,
-        plausible=(0, 0.1),
-    ),
-    Parameter(
-        "roll_amplitude",
-        "rad",
-        "irregularity roll amplitude",
-        "A_R",
-        shown_unit="degrees",
-        per_shown=np.pi / 180,
-        where=lambda s: s.track.roll_amplitude,
-        check=not_negative,
-        plausible=(0, 0.1),
-    ),
-    Parameter(
-        "gravity",
-        "m/s^2",
-        "gravitational acceleration",
-        "g",
-        where=lambda s: s.gravity,
-        check=not_negative,
-        plausible=(0, 1e3),
-    ),
+    _parameter("contact.stiffness", "N/m^1.5", "contact stiffness", "K", positive, 1e4, 1e14),
+    _parameter("contact.restitution", "1", "coefficient of restitution", "c_r", fraction),
+    _parameter("track.amplitude", "m", "irregularity amplitude", "A", not_negative, 0, 0.1, **_MM),
+    _parameter("track.roll_amplitude", "rad", "irregularity roll amplitude", "A_R", not_negative, 0, 0.1, **_DEGREES),
+    _parameter("gravity", "m/s^2", "gravitational acceleration", "g", not_negative, 0, 1e3),
 )
 """The parameters of a scene by name, for `Scene.replace` and `sweep`."""
 
@@ -221,10 +190,18 @@ COORDINATES: dict[str, Quantity] = _named(
     Quantity("w_y", "rad/s", "pitch rate, slipper frame", r"\omega_Y", 10.0),
     Quantity("w_z", "rad/s", "yaw rate, slipper frame", r"\omega_Z", 10.0),
 )
-"""The slipper's coordinates and velocities, in the order of every array with ten columns."""
+"""The slipper's coordinates and velocities, in the order of every array of coordinates."""
 
 COORDINATE_SCALES = np.array([q.scale for q in COORDINATES.values()])
 """Scales of `COORDINATES`: 1 mm, 10 mrad, 1 m/s and 10 rad/s. Scaled errors and distances are multiples of them."""
+
+# a small rotation changes the quaternion's vector part by half its angle
+_ATTITUDE: dict[str, Quantity] = {
+    angle: Quantity(f"q_{axis}", "1", f"{axis} of the attitude quaternion", f"q_{axis}", COORDINATES[angle].scale / 2)
+    for angle, axis in (("roll", "x"), ("pitch", "y"), ("yaw", "z"))
+}
+MOTION_NUMBERS: dict[str, Quantity] = _named(*(_ATTITUDE.get(name, q) for name, q in COORDINATES.items()))
+"""The numbers of a `Motion`, in its order: `COORDINATES` with a quaternion for the attitude."""
 
 ACCELERATIONS: dict[str, Quantity] = _named(
     Quantity("a_y", "m/s^2", "lateral acceleration", "A_Y"),
@@ -256,23 +233,15 @@ LOADS: dict[str, Quantity] = _named(
 _FARTHEST = {"m": 0.02, "m/s": 100.0, "rad/s": 1e3}
 """Greatest plausible magnitudes at the start, by unit."""
 
-STARTS: dict[str, Parameter] = _named(
-    *(
-        Parameter(
-            name,
-            q.unit,
-            f"{q.long_name.split(',')[0]} at the start",
-            q.symbol,
-            q.scale,
-            q.shown_unit,
-            q.per_shown,
-            check=finite,
-            plausible=(-_FARTHEST[q.unit], _FARTHEST[q.unit]),
-        )
-        for name, q in COORDINATES.items()
-        if name not in ("roll", "pitch", "yaw")
-    )
-)
+
+def _at_start(q: Quantity) -> Parameter:
+    far, text = _FARTHEST[q.unit], f"{q.long_name.split(',')[0]} at the start"
+    return Parameter(**vars(q) | dict(long_name=text, plausible=(-far, far)))
+
+
+STARTS: dict[str, Parameter] = {
+    name: _at_start(q) for name, q in COORDINATES.items() if name not in ("roll", "pitch", "yaw")
+}
 """The coordinates of the start that a grid may vary besides `PARAMETERS`, for basins of attraction."""
 
 SECTIONS = {"v_y": "y", "v_z": "z", "w_x": "roll", "w_y": "pitch", "w_z": "yaw"}
@@ -280,13 +249,13 @@ SECTIONS = {"v_y": "y", "v_z": "z", "w_x": "roll", "w_y": "pitch", "w_z": "yaw"}
 
 
 def quantity(name: str) -> Quantity:
-    """A quantity by its name in datasets, where a start's coordinate x is `start_x`.
+    """Returns a quantity by its name in datasets, where a start's coordinate x is `start_x`.
 
     **Raises:** `KeyError` for an unknown name.
     """
     if name.startswith("start_"):
         return STARTS[name.removeprefix("start_")]
-    for known in (PARAMETERS, COORDINATES, ACCELERATIONS, REACTIONS, LOADS):
-        if name in known:
-            return known[name]
+    for quantities in (PARAMETERS, COORDINATES, ACCELERATIONS, REACTIONS, LOADS):
+        if name in quantities:
+            return quantities[name]
     raise KeyError(name)

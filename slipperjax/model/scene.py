@@ -28,6 +28,7 @@ from .quantities import PARAMETERS, Parameter
 from .scene_text import scene_to_toml
 from .section import Section
 from .tracks import AbstractTrack
+from .travel import Travel
 
 
 class Slipper(ShapeChecked):
@@ -79,10 +80,10 @@ class Scene(ShapeChecked):
 
     def warn_unless_plausible(self, parameters: Iterable[Parameter]) -> None:
         """Gives an `ImplausibleWarning` where a parameter is far from what is usual. Traced ones are let through."""
-        for known in parameters:
-            if not is_traced(known.leaf(self)):
-                known.warn_unless_plausible(known.of(self))
-        if any(known.name == "clearance" for known in parameters) and not is_traced(self.section):
+        for p in parameters:
+            if not is_traced(p.leaf(self)):
+                p.warn_unless_plausible(p.of(self))
+        if any(p.name == "clearance" for p in parameters) and not is_traced(self.section):
             points, clearance = np.asarray(self.section.points), 2 * np.max(np.asarray(self.section.play))
             smallest = float(np.min(np.ptp(points, axis=0)))
             # with more play than half its head on each side, the slipper can leave the rail
@@ -91,7 +92,12 @@ class Scene(ShapeChecked):
     @property
     def period(self) -> Float[Array, ""]:
         """The forcing period [s]: the time to travel the track's (first) wavelength."""
-        return self.track.wavelength / self.speed
+        return self.travel(0.0).period
+
+    def travel(self, phase: Any) -> Travel:
+        """Returns speed and pace after `phase` forcing periods: the same everywhere at constant speed."""
+        del phase
+        return Travel(self.speed, self.track.wavelength)
 
     @property
     def points(self) -> int:
@@ -99,7 +105,7 @@ class Scene(ShapeChecked):
         return 2 * len(self.section.names)
 
     def replace(self, **values: Any) -> "Scene":
-        """A copy with other values of named parameters; see `PARAMETERS` for the names and units.
+        """Returns a copy with other values of named parameters; see `PARAMETERS` for the names and units.
 
         Other numbers are named by their path, as in `replace(**{"section.play.2": 4e-4})`, see `parameter`. A part
         that is None, such as gravity, is added.
@@ -110,16 +116,16 @@ class Scene(ShapeChecked):
         **Raises:** `ValueError` for an unknown name, a value that is out of range, a value that a later one would
         undo, or if the scene has no such part.
         """
-        scene, known = self, [parameter(name, self) for name in values]
-        refuse_undone(known, self)
-        for one, value in zip(known, values.values(), strict=True):
-            require(np.size(value) != 0, one.name, "be one or more values", value)
-            scene = one.replaced(scene, unless_traced(one.check(one.name, one.unit), value))
-        scene.warn_unless_plausible(known)
+        scene, parameters = self, [parameter(name, self) for name in values]
+        refuse_undone(parameters, self)
+        for p, value in zip(parameters, values.values(), strict=True):
+            require(np.size(value) != 0, p.name, "be one or more values", value)
+            scene = p.replaced(scene, unless_traced(p.check(p.name, p.unit), value))
+        scene.warn_unless_plausible(parameters)
         return scene
 
     def to_toml(self, file: Any = None, *, start: Any = None) -> str:
-        """The scene as TOML text, exact to the last bit, which `slipperjax.load_scene` reads.
+        """Returns the scene as TOML text, exact to the last bit, which `slipperjax.load_scene` reads.
 
         **Arguments:** `file`: where to write it, too; default nowhere. `start`: a motion to add.
 
@@ -131,18 +137,18 @@ class Scene(ShapeChecked):
         return text
 
     def value(self, name: str) -> Array:
-        """The value of a named parameter; see `PARAMETERS` for the names and units.
+        """Returns the value of a named parameter; see `PARAMETERS` for the names and units.
 
         **Raises:** `ValueError` for an unknown name, or if the scene has no such part.
         """
-        known = parameter(name, self)
-        known.check_exists(self)
-        found = known.of(self)
-        if found is None:
-            raise ValueError(f"Argument `{name}` has no value: the scene has no {known.long_name}.")
-        return jnp.asarray(found)
+        p = parameter(name, self)
+        p.check_exists(self)
+        value = p.of(self)
+        if value is None:
+            raise ValueError(f"Argument `{name}` has no value: the scene has no {p.long_name}.")
+        return jnp.asarray(value)
 
 
 def check_scene(scene: Any) -> Scene:
-    """`scene`; raises `ValueError` where it is none."""
+    """Returns `scene`; raises `ValueError` where it is none."""
     return instance("scene", scene, Scene, "a slipperjax.Scene")

@@ -41,7 +41,7 @@ BASES = {"paper": paper_scene}
 
 
 class SceneFile(NamedTuple):
-    """What a scene's file holds."""
+    """Contents of a scene's file."""
 
     scene: Scene
     start: Motion | None
@@ -49,12 +49,12 @@ class SceneFile(NamedTuple):
 
 
 def scene_to_json(scene: Scene) -> str:
-    """A scene as JSON, exact to the last bit; see `scene_from_json`."""
+    """Returns a scene as JSON, exact to the last bit; see `scene_from_json`."""
     return json.dumps(describe(scene))
 
 
 def scene_from_json(text: str) -> Scene:
-    """The scene of `scene_to_json`.
+    """Returns the scene of `scene_to_json`.
 
     **Raises:** `ValueError` for a text that describes none, or a class that is not defined in this process.
     """
@@ -66,7 +66,7 @@ def scene_from_json(text: str) -> Scene:
 
 
 def motion_from(values: Mapping[str, Any]) -> Motion:
-    """A motion from its fields, or from coordinates with Euler angles, see `Motion.from_euler`."""
+    """Returns a motion from its fields, or from coordinates with Euler angles, see `Motion.from_euler`."""
     angles, quaternion = ([name for name in names if name in values] for names in (ANGLES, QUATERNION))
     if angles and quaternion:
         raise ValueError(f"`{angles[0]}` and `{quaternion[0]}` must not both be given.")
@@ -74,7 +74,7 @@ def motion_from(values: Mapping[str, Any]) -> Motion:
 
 
 def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
-    """The scene of a TOML text, and its start.
+    """Returns the scene of a TOML text, and its start.
 
     Quantities have units, as in "1250 m/s"; `values` with one `unit` make an array. The table `section` takes
     `clearance` in place of the `play` of each face; `start` takes y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z.
@@ -98,10 +98,10 @@ class _Reader:
         self.lines, self.file, self.tables = text.splitlines(), file, tables
 
     def read(self) -> SceneFile:
-        known = ("base", *NUMBERS, *PARTS, "start")
+        names = ("base", *NUMBERS, *PARTS, "start")
         for name in self.tables:
-            if name not in known:
-                raise self.error("", name, f"`{name}` is none of {', '.join(known)}.")
+            if name not in names:
+                raise self.error("", name, f"`{name}` is none of {', '.join(names)}.")
         base = self.base()
         values = {name: self.quantity("", name, unit_of(Scene, name)) for name in NUMBERS if name in self.tables}
         parts = {name: self.part(name, base.get(name)) for name in PARTS if name in self.tables or name in base}
@@ -112,15 +112,15 @@ class _Reader:
         ]
         if missing:
             raise ValueError(f'{self.file}: `{missing[0]}` is missing; or write base = "paper" at the top.')
-        rest = {name: base[name] for name in NUMBERS if name in base and name not in values}
+        inherited = {name: base[name] for name in NUMBERS if name in base and name not in values}
         try:
-            scene = Scene(**(rest | values | parts))
+            scene = Scene(**(inherited | values | parts))
         except ValueError as error:
             raise self.placed("", error) from None
         return SceneFile(scene, self.start() if "start" in self.tables else None)
 
     def base(self) -> dict[str, Any]:
-        """The description of the scene that the file is based on, empty without one."""
+        """Returns the description of the scene that the file is based on, empty without one."""
         name = self.tables.get("base")
         if name is None:
             return {}
@@ -129,7 +129,7 @@ class _Reader:
         return describe(BASES[name]())
 
     def part(self, name: str, inherited: dict[str, Any] | None) -> Any:
-        """One part of the scene, from its table and what it inherits."""
+        """Returns one part of the scene, from its table and what it inherits."""
         kind, table = PARTS[name], dict(self.table(name))
         try:
             if kind not in SINGLE:
@@ -140,9 +140,9 @@ class _Reader:
             elif TYPE in table:
                 raise ValueError(f"`{TYPE}` must not be given: there is one kind of {name}.")
             fields = {f for f in kind.__dataclass_fields__}
-            given = {k: self.value(name, k, unit_of(kind, k) or ("m" if k == "clearance" else "")) for k in table}
-            values = {k: v for k, v in (inherited or {}).items() if k in fields} | given
-            if kind is Section and "clearance" in given:
+            written = {k: self.value(name, k, unit_of(kind, k) or ("m" if k == "clearance" else "")) for k in table}
+            values = {k: v for k, v in (inherited or {}).items() if k in fields} | written
+            if kind is Section and "clearance" in written:
                 if "play" in table:
                     raise ValueError("`clearance` and `play` must not both be given.")
                 play = half_play(values.pop("clearance"), len(values.get("faces", Section.faces)))
@@ -155,7 +155,7 @@ class _Reader:
             raise self.placed(name, error) from None
 
     def start(self) -> Motion:
-        """The motion at time zero."""
+        """Returns the motion at time zero."""
         table = self.table("start")
         for name in table:
             if name not in START_UNITS:
@@ -168,16 +168,16 @@ class _Reader:
             raise self.placed("start", error) from None
 
     def table(self, name: str) -> Mapping[str, Any]:
-        found = self.tables.get(name, {})
-        if not isinstance(found, dict):
-            raise self.error("", name, f"`{name}` must be a table, [{name}], but is {brief(found)}.")
-        return found
+        table = self.tables.get(name, {})
+        if not isinstance(table, dict):
+            raise self.error("", name, f"`{name}` must be a table, [{name}], but is {brief(table)}.")
+        return table
 
     def value(self, table: str, name: str, unit: str) -> Any:
         return self.quantity(table, name, unit) if unit else self.table(table)[name]
 
     def quantity(self, table: str, name: str, unit: str) -> Any:
-        """A number, or nested lists of numbers, in the SI unit `unit`."""
+        """Returns a number, or nested lists of numbers, in the SI unit `unit`."""
         raw = (self.table(table) if table else self.tables)[name]
         try:
             if isinstance(raw, dict):
@@ -195,18 +195,18 @@ class _Reader:
         return _PlacedError(f"{self.file}{'' if line is None else f', line {line}'}: {text}")
 
     def placed(self, table: str, error: Exception) -> "_PlacedError":
-        """An error with the line of the name that it mentions, or of the table."""
+        """Returns an error with the line of the name that it mentions, or of the table."""
         named = re.findall(r"`(?:\w+\.)*(\w+)`", str(error))
-        given = [name for name in named if name in (self.table(table) if table else self.tables)]
-        return self.error(table, given[0] if given else "", str(error))
+        present = [name for name in named if name in (self.table(table) if table else self.tables)]
+        return self.error(table, present[0] if present else "", str(error))
 
     def line_of(self, table: str, name: str) -> int | None:
-        """The line where a name gets its value, or else where its table begins."""
+        """Returns the line where a name gets its value, or else where its table begins."""
         now, header = "", None
         for number, line in enumerate(self.lines, 1):
-            found = re.match(r"\s*\[\s*([\w.\"']+)\s*\]", line)
-            if found:
-                now = found.group(1).strip("\"'")
+            title = re.match(r"\s*\[\s*([\w.\"']+)\s*\]", line)
+            if title:
+                now = title.group(1).strip("\"'")
                 header = number if now == table else header
                 if name == now and not table:
                     return number
@@ -238,7 +238,7 @@ def _number(name: str, value: Any) -> float:
 
 
 def parsed(name: str, value: Any, unit: str) -> float:
-    """A text such as "1.5 mm" in the SI unit `unit`; raises `ValueError` for other texts, and for bare numbers."""
+    """Reads a text such as "1.5 mm" in the SI unit `unit`; raises `ValueError` for others, and bare numbers."""
     text = value if isinstance(value, str) else ""
     words = re.fullmatch(r"\s*([-+]?[\d_.]+(?:[eE][-+]?\d+)?)(\s+\S.*?|[^\W\d_].*?|°)\s*", text)
     try:
@@ -251,7 +251,7 @@ def parsed(name: str, value: Any, unit: str) -> float:
 
 
 def in_si(name: str, number: float, unit: str, si: str) -> float:
-    """A number in a unit, converted to the SI unit `si`; raises `ValueError` for a unit of another kind."""
+    """Returns a number in a unit, converted to the SI unit `si`; raises `ValueError` for a unit of another kind."""
     return number if unit == si else number * _factor(name, unit, si)
 
 

@@ -18,7 +18,7 @@ START_UNITS: dict[str, str] = {name: q.unit for name, q in COORDINATES.items()} 
 
 
 def scene_to_toml(scene: Any, start: Any = None) -> str:
-    """A scene, and a motion at the start if given, as TOML text in SI units, exact to the last bit.
+    """Returns a scene, and a motion at the start if given, as TOML text in SI units, exact to the last bit.
 
     **Raises:** `ValueError` for a part that has parts of its own, or holds what is no plain value.
     """
@@ -52,13 +52,13 @@ class _Written(str):
 
 
 def _written(value: Any) -> str:
-    """A value as TOML; JSON writes texts, numbers, booleans and lists alike."""
+    """Returns a value as TOML; JSON writes texts, numbers, booleans and lists alike."""
     require(not isinstance(value, dict), "scene", "have no parts within parts in TOML", value)
     return json.dumps(value)
 
 
 def _shown(value: Any, unit: str) -> Any:
-    """A value with its unit: a text for a number, an inline table for an array."""
+    """Returns a value with its unit: a text for a number, an inline table for an array."""
     if not unit:
         return value
     if isinstance(value, list):

@@ -15,6 +15,8 @@ SLOWEST_APPROACH = 0.1
 """Lower bound on the approach speed of a typical impact [m/s]."""
 PER_CONTACT = 10
 """Default number of steps per typical impact, chosen by `tests/benchmarks/test_steps.py`."""
+PER_WAVE = 10
+"""Least default number of steps per shortest wavelength of the track."""
 DAMPED = 2.0
 """Damping force over elastic force at a typical touchdown, above which steps are shortened in proportion [1].
 
@@ -29,7 +31,7 @@ LEAST_STEPS = 40
 
 
 def contact_duration(scene: Scene) -> Float[Array, ""]:
-    """Duration of a typical impact [s], from Hertz's theory without damping.
+    """Returns the duration of a typical impact [s], from Hertz's theory without damping.
 
     The approach speed is the track's, see `AbstractTrack.approach_speed` (0.1 m/s at least); the mass is the
     effective mass at a corner, from translation and rotation. It is used to choose step sizes and the smooth switch,
@@ -40,12 +42,12 @@ def contact_duration(scene: Scene) -> Float[Array, ""]:
 
 @jax.jit  # one small program instead of one for each operation
 def impacts_per_period(scene: Scene) -> Float[Array, ""]:
-    """The forcing period over the duration of a typical impact [1], see `contact_duration`."""
+    """Returns the forcing period over the duration of a typical impact [1], see `contact_duration`."""
     return scene.period / contact_duration(scene)
 
 
 def contact_depth(scene: Scene) -> Float[Array, ""]:
-    """Depth of a typical impact [m], see `contact_duration`."""
+    """Returns the depth of a typical impact [m], see `contact_duration`."""
     slipper = scene.slipper
     reach = jnp.max(jnp.abs(scene.section.points))
     mass = 1 / (1 / slipper.mass + reach**2 / slipper.inertia[0] + slipper.length**2 / 4 / slipper.inertia[1])
@@ -57,42 +59,47 @@ def _approach(scene: Scene) -> Float[Array, ""]:
 
 
 def settle_memory(scene: Scene) -> Scene:
-    """A copy with settings of None in the contact memory replaced by values for the scene, see `SmoothSwitch`."""
+    """Copies a scene with the contact memory's settings of None filled in for it, see `SmoothSwitch`."""
     memory = scene.memory.scaled(contact_depth(scene), contact_duration(scene), scene.period)
     return scene if memory is scene.memory else eqx.tree_at(lambda s: s.memory, scene, memory)
 
 
 def steps_needed(scene: Scene) -> Float[Array, ""]:
-    """Steps per forcing period such that a typical impact takes `PER_CONTACT` steps, more where it is damped [1]."""
+    """Returns steps per forcing period with which a typical impact takes `PER_CONTACT` of them [1].
+
+    There are more where it is damped, and such that the track's shortest wave takes `PER_WAVE`.
+    """
     damping = jnp.asarray(scene.contact.damping(-_approach(scene), jnp.ones(())))
-    return PER_CONTACT * impacts_per_period(scene) * jnp.maximum(damping / DAMPED, 1.0)
+    waves = scene.track.wavelength / scene.track.shortest_wavelength
+    return jnp.maximum(PER_CONTACT * impacts_per_period(scene) * jnp.maximum(damping / DAMPED, 1.0), PER_WAVE * waves)
 
 
 _steps_needed = jit(steps_needed)
 
 
 def default_steps_per_period(scene: Scene) -> int:
-    """Steps per forcing period such that a typical impact takes `PER_CONTACT` steps, and at least `LEAST_STEPS`.
+    """Returns steps per forcing period, at least `LEAST_STEPS`: a typical impact takes `PER_CONTACT` of them.
 
-    More where the damping force at a touchdown exceeds `DAMPED` times the elastic one, for restitutions below 0.44.
+    More where the track's shortest wave would take less than `PER_WAVE` steps, or where the damping force at a
+    touchdown exceeds `DAMPED` times the elastic one, for restitutions below 0.44.
     Rounded up: to a multiple of 40 up to 240 steps, of 80 up to 480, of 160 up to 960, and so on.
 
     **Raises:** `ValueError` for a traced scene, whose values are unknown.
     """
-    found = traced_steps_per_period(check_scene(scene))
-    if is_traced(found):
+    steps = traced_steps_per_period(check_scene(scene))
+    if is_traced(steps):
         raise ValueError("Argument `steps_per_period` must be given where the scene is traced (jit, vmap).")
-    return int(found)
+    return int(steps)
 
 
 def traced_steps_per_period(scene: Scene) -> Any:
-    """`default_steps_per_period` as an array, traced where the scene's values are unknown."""
+    """Returns `default_steps_per_period` as an array, traced where the scene's values are unknown."""
     # without its tangent, a number that is differentiated is a plain number
     return rounded_steps(_steps_needed(jax.lax.stop_gradient(scene))) * 1.0
 
 
 def rounded_steps(needed: Any) -> Any:
-    """Steps per forcing period as in `default_steps_per_period`, from `steps_needed` of shape (*cases,).
+    """Returns steps per forcing period as in `default_steps_per_period`, from `steps_needed` of shape (*cases,).
 
     **Raises:** `ValueError` above `MOST_STEPS`.
     """

@@ -6,12 +6,20 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import ShapeChecked, finite, instance, optional, positive, warn_unless_within
+from ..tools.compile import is_traced
 
-SAMPLES = 512
-"""Points per wavelength at which `AbstractTrack.approach_speed` samples the slope."""
+SLOPE_SAMPLES = 512
+"""Points per first wavelength at which the slope of a track is sampled."""
+HEIGHT_SAMPLES = 64
+"""Points per first wavelength at which displacements are compared, a number of first wavelengths apart."""
+MANY_WAVELENGTHS = 1000
+"""First wavelengths over which a track must recur."""
+MOST_RECURRENCE = 100
+"""First wavelengths up to which the recurrence of several wavelengths is looked for."""
 
 
 class Irregularity(NamedTuple):
@@ -35,23 +43,46 @@ class AbstractTrack(ShapeChecked):
 
     @abc.abstractmethod
     def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
-        """Displacements of the rail at `distance` [m]; differentiable, and precise after any number of periods."""
+        """Returns the rail's displacements at `distance` [m]; differentiable, precise after any number of periods."""
 
     def motion(self, distance: Float[Array, "*places"]) -> tuple[Irregularity, Irregularity]:
-        """Displacements at `distance` [m], and their slopes per metre of travel."""
-        found, slope = jax.jvp(self.irregularity, (distance,), (jnp.ones_like(distance),))
-        return instance("irregularity", found, Irregularity, "a slipperjax.Irregularity"), slope
+        """Returns displacements at `distance` [m], and their slopes per metre of travel."""
+        here, slope = jax.jvp(self.irregularity, (distance,), (jnp.ones_like(distance),))
+        return instance("irregularity", here, Irregularity, "a slipperjax.Irregularity"), slope
+
+    @property
+    def recurrence(self) -> Float[Array, ""]:
+        """Number of first wavelengths after which the irregularity recurs [1]; infinite where it does not.
+
+        By default 1 or infinite, from samples one and `MANY_WAVELENGTHS` wavelengths apart.
+        """
+        shares = jnp.arange(HEIGHT_SAMPLES) / HEIGHT_SAMPLES
+        heights = lambda shift: jnp.stack(
+            [h for h in self.irregularity(self.wavelength * (shares + shift)) if h is not None]
+        )
+        here = heights(0.0)
+        within = 1e-6 * jnp.max(jnp.abs(here), axis=1, keepdims=True)
+        equal = [jnp.abs(heights(shift) - here) <= within for shift in (1.0, float(MANY_WAVELENGTHS))]
+        return jnp.where(jnp.all(equal[0] & equal[1]), 1.0, jnp.inf)
+
+    @property
+    def steepest_slope(self) -> Float[Array, ""]:
+        """Greatest lateral or vertical slope [1], by default of samples in the first wavelength."""
+        _, slope = self.motion(self.wavelength * jnp.arange(SLOPE_SAMPLES) / SLOPE_SAMPLES)
+        return jnp.maximum(jnp.max(jnp.abs(slope.lateral)), jnp.max(jnp.abs(slope.vertical)))
+
+    @property
+    def shortest_wavelength(self) -> Float[Array, ""]:
+        """Shortest wavelength of the irregularity [m], by default the first."""
+        return self.wavelength
 
     def approach_speed(self, speed: Float[Array, ""]) -> Float[Array, ""]:
-        """Typical speed at which the rail approaches the slipper [m/s], used to choose step sizes.
-
-        By default the steepest lateral or vertical slope in the first wavelength times the travelling `speed` [m/s].
-        """
-        _, slope = self.motion(self.wavelength * jnp.arange(SAMPLES) / SAMPLES)
-        steepest = lambda s: jnp.max(jnp.abs(s))
-        return speed * jnp.maximum(steepest(slope.lateral), steepest(slope.vertical))
+        """Returns a typical speed at which the rail approaches the slipper at `speed` [m/s], for step sizes."""
+        return speed * self.steepest_slope
 
 
+WHOLE_WITHIN = 1e-9
+"""Distance from a whole number up to which a ratio of wavelengths counts as one [1]."""
 PLAUSIBLE_LENGTHS = 0.02, 2000.0
 """Wavelengths beyond these [m] are allowed with a warning."""
 
@@ -92,8 +123,26 @@ class HarmonicTrack(AbstractTrack):
         offset = self.amplitude * shape
         return Irregularity(offset, offset, None if self.roll_amplitude is None else self.roll_amplitude * shape)
 
+    @property
+    def recurrence(self) -> Float[Array, ""]:
+        # on the host where nothing is traced, which compiles nothing
+        xp, lengths = (jnp, self.wavelengths) if is_traced(self.wavelengths) else (np, np.asarray(self.wavelengths))
+        counts = xp.arange(1.0, MOST_RECURRENCE + 1)
+        waves = xp.outer(counts, lengths[0] / lengths)
+        whole = xp.all(xp.abs(waves - xp.round(waves)) <= WHOLE_WITHIN, axis=1)
+        return jnp.asarray(xp.min(xp.where(whole, counts, xp.inf)))
+
+    @property
+    def steepest_slope(self) -> Float[Array, ""]:
+        """An upper bound, attained where the slopes of all waves are greatest at one place, as at the start [1]."""
+        return jnp.sum(2 * jnp.pi * jnp.abs(self.amplitude) / self.wavelengths)
+
+    @property
+    def shortest_wavelength(self) -> Float[Array, ""]:
+        return jnp.min(self.wavelengths)
+
     def approach_speed(self, speed: Float[Array, ""]) -> Float[Array, ""]:
-        """Peak lateral speed of the rail from the first wavelength alone [m/s]."""
+        """Returns the peak lateral speed of the rail from the first wavelength alone [m/s]."""
         return 2 * jnp.pi * jnp.abs(self.amplitude) * speed / self.wavelength
 
 
@@ -114,5 +163,10 @@ class StraightTrack(AbstractTrack):
         zero = jnp.zeros_like(distance)
         return Irregularity(zero, zero, None)
 
-    def approach_speed(self, speed: Float[Array, ""]) -> Float[Array, ""]:
-        return 0.0 * speed
+    @property
+    def recurrence(self) -> Float[Array, ""]:
+        return jnp.ones(())
+
+    @property
+    def steepest_slope(self) -> Float[Array, ""]:
+        return jnp.zeros(())

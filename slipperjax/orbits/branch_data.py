@@ -9,8 +9,9 @@ import numpy as np
 from ..analysis.continuation import Branch
 from ..analysis.events import CRITICAL_DISTANCE, MEANINGS, Event
 from ..flow.datasets import run_attributes, scene_attributes
-from ..flow.series import SectionPoints, Sections, Strobe, coordinates
+from ..flow.series import SectionPoints, Sections, Strobe
 from ..model.dynamics import State
+from ..model.layout import coordinates
 from ..model.paths import parameter
 from ..model.scene import Scene
 from .signature import Grazing, Signature, contact_names

@@ -17,7 +17,7 @@ from ..flow.load import dataset_of, load_base, load_call
 from ..flow.period_map import PeriodMap
 from ..flow.record import RecordedSpan, RecordSet
 from ..flow.series import Sections
-from ..flow.simulate import Trajectory, default_steps, flexible_steps
+from ..flow.simulate import Trajectory, default_steps, dynamic_steps
 from ..flow.status import ASKED, Interrupted
 from ..model.dynamics import State, initial_state
 from ..model.kinematics import Motion
@@ -199,7 +199,7 @@ class _Run:
     @classmethod
     def new(cls, scene, name, bounds, period, steps, solver, tolerance, like) -> "_Run":
         """Makes those of a new branch."""
-        stepping = flexible_steps(steps)
+        stepping = dynamic_steps(steps)
         reach = (bounds[1] - bounds[0],)
         equations = slipper_motions(scene, (name,), reach, like, stepping=stepping, solver=solver, period=period)
         return cls(scene, name, equations, bounds, steps, solver, tolerance)
@@ -216,7 +216,7 @@ class _Run:
     def observe(self, spot: Spot) -> Observation:
         """Observes the contacts and sections of an orbit."""
         # the same equations with samples inside the periods, as one program for all points
-        stepping = flexible_steps(self.steps, inside=True)
+        stepping = dynamic_steps(self.steps, inside=True)
         equations = dataclasses.replace(
             self.equations, family=dataclasses.replace(self.equations.family, stepping=stepping)
         )

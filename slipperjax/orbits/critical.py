@@ -19,7 +19,7 @@ from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.load import load_call, varied_names
 from ..flow.period_map import PeriodMap
 from ..flow.record import RecordSet
-from ..flow.simulate import flexible_steps, steps_of_program
+from ..flow.simulate import dynamic_steps, static_steps
 from ..model.dynamics import State
 from ..model.paths import parameter
 from ..model.quantities import Parameter
@@ -114,7 +114,7 @@ def critical_orbit(
     solver = start.solver if solver is None else resolve_solver(scene, solver)
     value = jax.lax.stop_gradient(varied.of(start.scene))
     # differentiated in both modes, or by one program for all numbers of steps
-    stepping = steps_of_program(steps) if is_traced(scene) else flexible_steps(steps)
+    stepping = static_steps(steps) if is_traced(scene) else dynamic_steps(steps)
     motions = slipper_motions(
         scene, (name,), (jnp.abs(value),), start.state, stepping=stepping, solver=solver, period=start.period
     )
@@ -239,7 +239,7 @@ def continue_event(
     limits = (bounds_of(own, call["bounds"] if first_bounds is None else first_bounds), bounds_of(other, bounds))
     value = value_within(scene, name, other, limits[1])
     orbit, node = branch.orbit(event), branch.branch.nodes[event.point]
-    stepping, reach = flexible_steps(call["steps_per_period"]), [high - low for low, high in limits]
+    stepping, reach = dynamic_steps(call["steps_per_period"]), [high - low for low, high in limits]
     settings = dict(stepping=stepping, solver=call["solver"], period=branch.period, of=EventMotions)
     motions = slipper_motions(scene, (own.name, name), reach, orbit.state, **settings)
     if event.label == "GR":
@@ -262,7 +262,7 @@ def _extreme_at(motions: SlipperMotions, branch: OrbitBranch, node: Node, call: 
     """Gives the extreme that is zero at a grazing."""
     touches: Grazing = node.view.data.grazing
     point = int(np.argmin(touches.margin))
-    inside = flexible_steps(call["steps_per_period"], inside=True)
+    inside = dynamic_steps(call["steps_per_period"], inside=True)
     family = dataclasses.replace(motions.family, stepping=inside)  # type: ignore[type-var]
     time, greatest = jnp.asarray(touches.time[point]), jnp.asarray(touches.opening[point])
     return GapExtreme(family, jnp.asarray(point), time, greatest, branch.period)

@@ -11,10 +11,11 @@ import diffrax
 
 from ..analysis.lyapunov import LyapunovSpectrum, map_spectrum
 from ..flow.period_map import PeriodMap, tangent_weights
-from ..flow.simulate import Trajectory, default_steps, first_of, flexible_steps, steps_of_program
+from ..flow.simulate import Trajectory, default_steps, dynamic_steps, first_of, static_steps
 from ..flow.status import status_of, with_growth, with_resolution
-from ..model.dynamics import SmoothField, State, initial_state, vector_field
+from ..model.dynamics import State, initial_state
 from ..model.kinematics import Motion
+from ..model.layout import StateLayout
 from ..model.scene import Scene, check_scene
 from ..solvers.named import resolve_solver
 from ..tools.checks import whole
@@ -29,8 +30,7 @@ def check_count(scene: Scene, count: int) -> int:
 
     **Raises:** `ValueError` for more.
     """
-    integrated = isinstance(vector_field(scene), SmoothField)
-    size = 10 + (scene.points if integrated else 0)
+    size = StateLayout.of(scene).dimension
     if whole("count", count, 1) > size:
         raise ValueError(f"Argument `count` must be at most {size}, the dimension of the motion, but is {count}.")
     return int(count)
@@ -70,7 +70,7 @@ def lyapunov_spectrum(
     blocks = lambda name, value, least: -(-whole(name, value, least) // every)
     count = check_count(scene, count)
     # differentiated in both modes, or by one program for all numbers of steps
-    stepping = steps_of_program(steps) if is_traced((scene, start)) else flexible_steps(steps)
+    stepping = static_steps(steps) if is_traced((scene, start)) else dynamic_steps(steps)
     spectrum = map_spectrum(
         PeriodMap(scene, stepping, resolve_solver(scene, solver), periods=every),
         initial_state(scene, start),

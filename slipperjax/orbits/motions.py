@@ -17,7 +17,7 @@ from ..model.kinematics import contacts, rail_frame
 from ..model.paths import parameter
 from ..model.quantities import COORDINATES
 from ..model.scene import Scene
-from ..tools.checks import shown_number
+from ..tools.checks import require
 from ..tools.compile import is_traced
 
 
@@ -101,28 +101,12 @@ class ConsistentMemory(eqx.Module):
 
 
 def check_forcing(scene: Scene) -> None:
-    """Raises `ValueError` for a track of several wavelengths that does not recur with the first."""
-    waves = getattr(scene.track, "wavelengths", None)
-    if waves is None or is_traced(waves) or np.size(waves) < 2:
-        return
-    ratios = np.asarray(waves)[0] / np.asarray(waves)
-    if np.any(np.abs(ratios - np.round(ratios)) > 1e-9):
-        raise ValueError(
-            f"Argument `scene` must have a track that recurs with its first wavelength, but its wavelengths are "
-            f"{shown_number(np.asarray(waves))} m."
-        )
-
-
-RECURRENCES = 1000
-"""Forcing periods over which a track must recur."""
+    """Raises `ValueError` for a track that does not recur with its first wavelength, unless it is traced."""
+    if not is_traced(scene.track):
+        need = "have a track that recurs with its first wavelength"
+        require(float(scene.track.recurrence) == 1, "scene", need, scene.track)
 
 
 def recurs(scene: Scene) -> Bool[Array, ""]:
-    """Tells whether a scene's track recurs with the forcing period, at once and after `RECURRENCES` periods."""
-    length = scene.track.wavelength
-    heights = lambda shift: jnp.stack(
-        [h for h in scene.track.irregularity(length * (jnp.arange(64) / 64 + shift)) if h is not None]
-    )
-    here = heights(0.0)
-    within = 1e-6 * jnp.max(jnp.abs(here), axis=1, keepdims=True)
-    return jnp.all((jnp.abs(heights(1.0) - here) <= within) & (jnp.abs(heights(float(RECURRENCES)) - here) <= within))
+    """Tells whether a scene's track recurs with the forcing period."""
+    return scene.track.recurrence == 1

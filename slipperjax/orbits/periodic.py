@@ -17,11 +17,11 @@ from ..flow.record import RecordSet
 from ..flow.simulate import (
     Trajectory,
     default_steps,
+    dynamic_steps,
     first_of,
-    flexible_steps,
     run_eagerly,
     simulate,
-    steps_of_program,
+    static_steps,
 )
 from ..flow.status import Status, status_of
 from ..model.dynamics import State, initial_state
@@ -107,7 +107,7 @@ class PeriodicOrbit(eqx.Module):
     def signature(self) -> Signature:
         """Touchdowns of the points in their order, with their rates; not for use under a transformation."""
         records, steps = RecordSet((GapSamples(),)), int(self.steps_per_period)
-        map_ = PeriodMap(self.scene, flexible_steps(steps, inside=True), self.solver)
+        map_ = PeriodMap(self.scene, dynamic_steps(steps, inside=True), self.solver)
         ((gap, rate),) = run_eagerly(map_, self.state, self.period, records).samples
         return signature(self.scene, Gaps.of(gap, rate, steps, float(self.scene.period)))
 
@@ -156,7 +156,7 @@ def periodic_orbit(
     else:
         tries = (0,) if isinstance(begin, State) else TRANSIENTS[: 1 if traced else None]
     # differentiated in both modes, or by one program for all numbers of steps
-    stepping = steps_of_program(steps) if traced else flexible_steps(steps)
+    stepping = static_steps(steps) if traced else dynamic_steps(steps)
     step, state = PeriodMap(scene, stepping, solver), initial_state(scene, begin)
     options = dict(scale=tangent_weights(scene), settle=ConsistentMemory(scene))
     for count in tries:

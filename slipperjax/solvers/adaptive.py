@@ -70,7 +70,7 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
 
     def init(self, terms, t0, t1, y0, dt0, args, func, error_order):
         del terms, y0, func, error_order
-        longest = self._longest(args)
+        longest = self._longest(args, t0)
         wanted = longest if dt0 is None else jnp.minimum(dt0, longest)
         wanted = jax.lax.stop_gradient(wanted)
         return t0 + _fitted(wanted, t1 - t0), (wanted, jnp.asarray(t1, float))
@@ -90,17 +90,16 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         keep = size <= 1
         factor = self.safety * jnp.maximum(size, 1e-12) ** (-1 / error_order)
         factor = jnp.clip(factor, self.least_factor, jnp.where(keep, self.most_factor, self.safety))
-        wanted = jax.lax.stop_gradient(jnp.minimum((t1 - t0) * factor, self._longest(args)))
+        wanted = jax.lax.stop_gradient(jnp.minimum((t1 - t0) * factor, self._longest(args, t1)))
         at = jnp.where(keep, t1, t0)
         underflow = wanted < self.shortest
         result = RESULTS.where(underflow & ~keep, RESULTS.dt_min_reached, RESULTS.successful)
         return keep, at, at + _fitted(wanted, end - at), False, (wanted, end), result
 
-    def _longest(self, args):
-        scene = args.scene
-        return jax.lax.stop_gradient(contact_duration(scene) / scene.period / self.per_contact)
+    def _longest(self, args, t):
+        return jax.lax.stop_gradient(contact_duration(args.scene) / args.travel(t).period / self.per_contact)
 
 
 def _fitted(wanted: Any, left: Any) -> Any:
-    """The next step with `left` remaining; avoids a tiny last step, which would spoil the latch's parabola."""
+    """Gives the next step with `left` remaining; avoids a tiny last step, which would spoil the latch's parabola."""
     return jnp.where(left <= wanted, left, jnp.where(left < 2 * wanted, left / 2, wanted))

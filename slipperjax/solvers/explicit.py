@@ -19,7 +19,7 @@ from .latching import AbstractLatchingSolver, dense_info, field_of
 
 
 def _step(y: State, dt: Any, stages: list[State], weights: np.ndarray) -> State:
-    """y + dt sum(weights k), with parts of derivative None unchanged, which are frozen."""
+    """Returns y + dt sum(weights k), with parts of derivative None unchanged, which are frozen."""
     used = [(float(w), k) for w, k in zip(weights, stages, strict=False) if w != 0]
 
     def leaf(k0, y, *ks):
@@ -34,7 +34,7 @@ def _step(y: State, dt: Any, stages: list[State], weights: np.ndarray) -> State:
 
 
 def _stored(state: State) -> State:
-    """The same state, with its motion computed in one kernel instead of again in each kernel that uses it."""
+    """Returns the same state, with its motion computed in one kernel instead of again in each kernel that uses it."""
     return State(materialise(state.motion), state.memory)
 
 

@@ -30,9 +30,9 @@ from ..model.scene import Scene
 from ..tools.fused import held, kept, materialise, sums
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
-THROUGH = (0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0))
+NODES_THROUGH = (0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0))
 """Nodes of steps through which a force acts or in which its damping lets it end: Gauss's, of equal weights."""
-CROSSING = ((0.40746008687889573, 0.5), (0.8620943387027721, 0.33725413294672596))
+NODES_CROSSING = ((0.40746008687889573, 0.5), (0.8620943387027721, 0.33725413294672596))
 """Nodes and weights from where a gap closes or opens: exact for powers 1.5, 2.5 and 3.5 of that distance."""
 STIFFEST, DAMPEST = 0.2, 1.0
 """About where corrections fade to none, because the cubics of gaps tell nothing: the square of the step times a
@@ -40,7 +40,7 @@ contact's frequency, and the step times the decay rate of its damping. Errors ha
 
 
 def knows_contacts(scene: Scene) -> bool:
-    """Whether `ImpulseRK4` integrates a scene's contacts: those with `EventLatch`'s own latch, or without memory.
+    """Tells whether `ImpulseRK4` integrates a scene's contacts: with `EventLatch`'s own latch or without memory.
 
     With `SmoothSwitch` there are no kinks to know.
     """
@@ -91,22 +91,23 @@ class ImpulseRK4(AbstractLatchingSolver):
         t0 = jnp.asarray(t0, float)
         frame = args.frame(t0)
         now = contacts(frame, y0.motion)
-        return _ended(args.scene, frame, now, _turning(args, t0, frame, y0.motion), y0)
+        return _ended(args, t0, frame, now, _turning(args, t0, frame, y0.motion), y0)
 
     @jax.jit  # diffrax traces it more than once
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         del terms, made_jump
         k1, before = solver_state
         scene, m0, dt = args.scene, y0.motion, t1 - t0
-        middle, last = args.frame(t0 + 0.5 * dt), args.frame(t1)
+        middle, last = ((args.frame(t), args.travel(t)) for t in (t0 + 0.5 * dt, t1))
 
-        def stage(frame, rates, share):
-            """A stage's motion, its derivative, and the wrench of its forces along the directions at the start."""
+        def stage(place, rates, share):
+            """Computes a stage's motion, its derivative, and its forces' wrench along the start's directions."""
+            frame, travel = place
             m = materialise(jax.tree.map(lambda a, k: a + share * dt * k, m0, rates))
             now = contacts(frame, m)
             force = contact_forces(scene, now, y0.memory)
             wrenches = sums(*(force * d for d in (*frame.normal[1:], *now.lever, *before.directions)))
-            return m, per_period(scene, newton_euler(scene, m, wrenches[:5])), wrenches[5:]
+            return m, per_period(travel, newton_euler(scene, m, wrenches[:5])), wrenches[5:]
 
         y2, k2, f2 = stage(middle, k1, 0.5)
         y3, k3, f3 = stage(middle, k2, 0.5)
@@ -116,7 +117,7 @@ class ImpulseRK4(AbstractLatchingSolver):
         early = [(a + b + c) / 6 for a, b, c in zip(before.wrench, f2, f3, strict=True)]
         mean = [e + (b + c + d) / 6 for e, b, c, d in zip(early, f2, f3, f4, strict=True)]
         state = State(materialise(end), y0.memory)
-        y1, rates, after = _corrected(args, last, before, t1, dt, state, mean, early)
+        y1, rates, after = _corrected(args, last[0], before, t1, dt, state, mean, early)
         rates = materialise(rates)
         dense = dense_info(dt, y0, y1, State(k1, None), State(rates, None))
         return y1, None, dense, (rates, after), RESULTS.successful
@@ -125,12 +126,12 @@ class ImpulseRK4(AbstractLatchingSolver):
 def _corrected(
     args: Args, frame: RailFrame, before: Ends, t1: Any, dt: Any, state: State, mean: list[Array], early: list[Array]
 ) -> tuple[State, Motion, Ends]:
-    """The state, its derivative and the contacts at the end of a step that RK4 ends at `state`.
+    """Returns the state, its derivative and the contacts at the end of a step that RK4 ends at `state`.
 
     **Arguments:** `mean`, `early`: RK4's means over the step of the contacts' wrench and of that times the part of
     the step that is left, from which velocities and positions follow.
     """
-    scene, m, memory, seconds = args.scene, state.motion, state.memory, dt * args.scene.period
+    scene, m, memory, seconds = args.scene, state.motion, state.memory, dt * args.travel(t1 - 0.5 * dt).period
     now = contacts(frame, m)
     lever = materialise(now.lever)
     gap, turning = materialise((now.gap, _turning(args, t1, frame, m)))
@@ -148,7 +149,7 @@ def _corrected(
 
     # as `mean` and `early`, of each contact
     means = earlies = 0.0
-    for through, (crossing, weight) in zip(THROUGH, CROSSING, strict=True):
+    for through, (crossing, weight) in zip(NODES_THROUGH, NODES_CROSSING, strict=True):
         x = held(place + length * jnp.where(bends, crossing, through))
         force = contact_forces(scene, Contacts(path.gap_at(x), path.rate_at(x), lever), memory)
         part = held(jnp.abs(length) * jnp.where(bends, weight, 0.5) * force)
@@ -169,13 +170,14 @@ def _corrected(
     m, kick, move = materialise((jax.tree.map(jnp.add, m, Motion(move[0], move[1], *turn, *kick)), kick, move))
     end = Contacts(gap + along(move), rate + along(kick), lever)
     state = State(m, None if memory is None else jnp.where(end.gap >= 0, 0.0, memory))
-    return state, *_ended(scene, frame, end, turning, state)
+    return state, *_ended(args, t1, frame, end, turning, state)
 
 
-def _ended(scene: Scene, frame: RailFrame, now: Contacts, turning: Array, state: State) -> tuple[Motion, Ends]:
-    """The derivative [per forcing period] and the contacts at the end of a step."""
+def _ended(args: Args, t: Any, frame: RailFrame, now: Contacts, turning: Array, state: State) -> tuple[Motion, Ends]:
+    """Returns the derivative [per forcing period] and the contacts at the end of a step."""
+    scene = args.scene
     wrench = resultant(frame, now, contact_forces(scene, now, state.memory))
-    rates = per_period(scene, newton_euler(scene, state.motion, wrench))
+    rates = per_period(args.travel(t), newton_euler(scene, state.motion, wrench))
     return rates, Ends(now.gap, now.rate, turning, (*frame.normal[1:], *now.lever), wrench)
 
 
@@ -200,7 +202,7 @@ class _Path(NamedTuple):
 
 
 def _path(before: Ends, gap: Array, rate: Array, turning: Array, seconds: Any) -> _Path:
-    """Gaps over a step of some seconds, from both of its ends; `turning` is taken to be linear."""
+    """Returns the gaps over a step of some seconds, from both of its ends; `turning` is taken to be linear."""
     rise, slope, per_second = gap - before.gap, seconds * (before.rate + before.turning), 1 / seconds
     a = slope + seconds * (rate + turning) - 2 * rise
     b = rise - slope - a
@@ -209,7 +211,7 @@ def _path(before: Ends, gap: Array, rate: Array, turning: Array, seconds: Any) -
 
 
 def _edge(scene: Scene, path: _Path, gap: Array, rate: Array, memory: Array | None) -> tuple[Array, ...]:
-    """Where each force begins or ends in a step, and 0 where it does neither.
+    """Tells where each force begins or ends in a step, and 0 where it does neither.
 
     **Returns:** that place, from 0 to 1; the length from there over which the force acts, negative if before it;
     whether the contact begins; whether the force has the kink of a gap that opens or closes.
@@ -217,7 +219,7 @@ def _edge(scene: Scene, path: _Path, gap: Array, rate: Array, memory: Array | No
     begins = touches = (gap < 0) & ((path.start >= 0) if memory is None else (memory == 0))
     ends = (gap >= 0) & (path.start < 0)
     bends, zero_of = begins | ends, (path.start, path.slope, path.b, path.a, path.start - gap)
-    asked = bends
+    wanted = bends
     if scene.contact.clamp:
         # the damping ends the force of a closed contact, or lets it begin again, where their sum is zero
         one, other = (1 + _damping(scene, v, memory) for v in (path.rate, rate))
@@ -225,13 +227,13 @@ def _edge(scene: Scene, path: _Path, gap: Array, rate: Array, memory: Array | No
         begins, ends = jnp.where(limited, other > 0, begins), jnp.where(limited, other < 0, ends)
         line = one, other - one, 0.0, 0.0, one - other
         zero_of = [jnp.where(limited, v, u) for u, v in zip(zero_of, line, strict=True)]
-        asked, bends = bends | limited, bends & ~limited
-    place = _zero(asked, *zero_of)
+        wanted, bends = bends | limited, bends & ~limited
+    place = _zero(wanted, *zero_of)
     return place, jnp.where(ends, -place, 1 - place), touches, bends
 
 
 def _pressing(scene: Scene, path: _Path, gap: Array, rate: Array, x: Array) -> Array:
-    """Force [N], a mean over the step, that the cubic's slope at x has from the force of a contact that begins there.
+    """Gives the mean force over the step [N] in the cubic's slope at x, of a contact that begins there.
 
     From that force in the middle and at the end of the step, as RK4 counts them, at the damping of touchdowns.
     """
@@ -241,20 +243,20 @@ def _pressing(scene: Scene, path: _Path, gap: Array, rate: Array, x: Array) -> A
 
 
 def _damping(scene: Scene, rate: Any, memory: Array | None) -> Any:
-    """The damping force over the elastic one [1]."""
+    """Returns the damping force over the elastic one [1]."""
     return scene.contact.damping(rate, None if memory is None else scene.memory.rate_ratio(memory, rate))
 
 
-def _zero(asked: Array, start: Array, s: Array, b: Array, a: Array, fall: Array) -> Array:
-    """Where start + s x + b x^2 + a x^3, which falls by `fall` from 0 to 1, is zero [1]; 0 where not `asked`.
+def _zero(wanted: Array, start: Array, s: Array, b: Array, a: Array, fall: Array) -> Array:
+    """Tells where start + s x + b x^2 + a x^3, which falls by `fall` from 0 to 1, is zero [1]; 0 where not `wanted`.
 
     A step of Newton's method from the chord, with both divisions in one.
     """
     curve, turn, slope = a * start * start, b * start * fall, s * fall * fall
     steep = 3 * curve + 2 * turn + slope
-    good = asked & (steep * fall < 0)
-    over = jnp.where(good, start * (2 * curve + turn - fall * fall * fall), jnp.where(asked, start, 0.0))
-    under = jnp.where(good, fall * steep, jnp.where(asked, fall, 1.0))
+    good = wanted & (steep * fall < 0)
+    over = jnp.where(good, start * (2 * curve + turn - fall * fall * fall), jnp.where(wanted, start, 0.0))
+    under = jnp.where(good, fall * steep, jnp.where(wanted, fall, 1.0))
     return jax.lax.clamp(0.0, _quotient(over, under), 1.0)
 
 
@@ -266,11 +268,11 @@ def _quotient(over: Array, under: Array) -> Array:
 @_quotient.defjvp
 def _quotient_jvp(primals, tangents):
     # with one division where JAX's has two
-    found = _quotient(*primals)
-    return found, (tangents[0] - found * tangents[1]) / primals[1]
+    ratio = _quotient(*primals)
+    return ratio, (tangents[0] - ratio * tangents[1]) / primals[1]
 
 
 def _turning(args: Args, t: Any, frame: RailFrame, m: Motion) -> Array:
-    """The gap's true rate less Eq. (8)'s [m/s]."""
+    """Returns the gap's true rate less Eq. (8)'s [m/s]."""
     _, change = jax.jvp(args.frame, (t,), (jnp.ones_like(t),))
-    return contacts(change._replace(arm=frame.arm), m).gap * (1 / args.scene.period) + frame.velocity
+    return contacts(change._replace(arm=frame.arm), m).gap * (1 / args.travel(t).period) + frame.velocity

@@ -33,7 +33,7 @@ class StateInterpolation(diffrax.ThirdOrderHermitePolynomialInterpolation):
 
 
 def field_of(terms: Any) -> AbstractVectorField:
-    """The vector field inside diffrax's terms; raises `ValueError` if it is not a scene's."""
+    """Returns the vector field inside diffrax's terms; raises `ValueError` if it is not a scene's."""
     while hasattr(terms, "term"):  # diffrax wraps terms to run backwards in time
         terms = terms.term
     field = getattr(terms, "vector_field", None)
@@ -46,7 +46,7 @@ def field_of(terms: Any) -> AbstractVectorField:
 
 
 def dense_info(dt: Any, y0: State, y1: State, rates0: State, rates1: State) -> dict[str, Any]:
-    """Data of a step for `StateInterpolation`; `rates0`, `rates1`: derivatives at its ends [per forcing period]."""
+    """Packs a step for `StateInterpolation`; `rates0`, `rates1`: derivatives at its ends [per forcing period]."""
     return dict(
         y0=y0,
         y1=y1,
@@ -70,7 +70,7 @@ class AbstractLatchingSolver(diffrax.AbstractSolver):
     """Whether forcing periods of equal steps begin with `init`, so that they are functions of the state alone."""
 
     def rates(self, solver_state: Any) -> Any:
-        """The motion's derivative at a step's end [per forcing period], if the solver's state has it. Here None."""
+        """Returns the motion's derivative at a step's end [per forcing period], if known to it. Here None."""
         return None
 
     def func(self, terms, t0, y0, args):
@@ -137,26 +137,26 @@ class Latching(AbstractLatchingSolver):
 
 
 def estimates_error(solver: diffrax.AbstractSolver) -> bool:
-    """Whether a solver has an error estimate, as adaptive steps require."""
+    """Tells whether a solver has an error estimate, as adaptive steps require."""
     inner = solver.solver if isinstance(solver, Latching) else solver
     return isinstance(inner, diffrax.AbstractAdaptiveSolver)
 
 
 def _inside(solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver | None:
-    """The solver inside a wrapper, None where there is none."""
+    """Returns the solver inside a wrapper, None where there is none."""
     inner = getattr(solver, "solver", None)
     return inner if isinstance(inner, diffrax.AbstractSolver) else None
 
 
 def solver_name(solver: diffrax.AbstractSolver) -> str:
-    """How a solver is named in results: its class, and in brackets that of the solver inside it."""
+    """Tells how a solver is named in results: its class, and in brackets that of the solver inside it."""
     inner = _inside(solver)
     own = type(solver).__name__
     return own if inner is None else f"{own}({solver_name(inner)})"
 
 
 def differentiable(solver: diffrax.AbstractSolver, adjoint: diffrax.AbstractAdjoint) -> diffrax.AbstractSolver:
-    """A solver whose loop over its stages can be differentiated as `adjoint` requires.
+    """Returns a solver whose loop over its stages can be differentiated as `adjoint` requires.
 
     diffrax does this for its own Runge-Kutta methods; here it is done for those inside a wrapper, too.
     """
@@ -170,7 +170,7 @@ def differentiable(solver: diffrax.AbstractSolver, adjoint: diffrax.AbstractAdjo
 
 
 def is_explicit(solver: diffrax.AbstractSolver) -> bool:
-    """Whether stability bounds a solver's steps, none of which fails: it solves no systems of equations."""
+    """Tells whether stability bounds a solver's steps, none of which fails: it solves no systems of equations."""
     inner = _inside(solver)
     if inner is not None:
         return is_explicit(inner)
@@ -178,8 +178,9 @@ def is_explicit(solver: diffrax.AbstractSolver) -> bool:
 
 
 def calls_lapack(solver: diffrax.AbstractSolver, tangents: bool = False) -> bool:
-    """Whether a solver's linear systems go to LAPACK, as those of diffrax's own root finders do, and those of the
-    derivatives (`tangents`) of all its implicit methods.
+    """Tells whether a solver's linear systems go to LAPACK.
+
+    Those of diffrax's own root finders do, and those of derivatives (`tangents`) of all its implicit methods.
 
     Such programs must run one at a time: jaxlib splits a batch of systems among the threads of a pool, and waits for
     them in one of those threads, so that as many simultaneous batches as there are threads cause a deadlock.

@@ -16,22 +16,22 @@ from .rosenbrock import ROS34PW2, Rodas4
 from .simplified_newton import with_root_finder
 from .twostep import TwoStep
 
-OWN = {kind.__name__: kind for kind in (RK4, ImpulseRK4, Tsit5, Rodas4, ROS34PW2, TwoStep)}
+OWN_SOLVERS = {kind.__name__: kind for kind in (RK4, ImpulseRK4, Tsit5, Rodas4, ROS34PW2, TwoStep)}
 """The solvers of this package by name."""
 
 
 def solver_named(name: str) -> diffrax.AbstractSolver:
-    """A solver by its name: of slipperjax, or else of diffrax; diffrax.Tsit5 is diffrax's where both have one.
+    """Gives a solver by its name: of slipperjax, or else of diffrax; diffrax.Tsit5 is diffrax's where both have one.
 
     **Raises:** `ValueError` for a name that is no solver's, or one that needs arguments.
     """
     package, _, plain = name.rpartition(".")
-    kind = OWN.get(name) if not package else None
+    kind = OWN_SOLVERS.get(name) if not package else None
     kind = getattr(diffrax, plain, None) if kind is None and package in ("", "diffrax") else kind
     if not (isinstance(kind, type) and issubclass(kind, diffrax.AbstractSolver)) or plain.startswith("Abstract"):
         raise ValueError(
-            f"Argument `solver` must be one of {', '.join(OWN)}, or a solver of diffrax such as Kvaerno5, but "
-            f"is {brief(name)}."
+            f"Argument `solver` must be one of {', '.join(OWN_SOLVERS)}, or a solver of diffrax such as Kvaerno5, "
+            f"but is {brief(name)}."
         )
     try:
         return kind()
@@ -42,7 +42,7 @@ def solver_named(name: str) -> diffrax.AbstractSolver:
 
 
 def resolve_solver(scene: Scene, solver: diffrax.AbstractSolver | str | None) -> diffrax.AbstractSolver:
-    """The solver to use; one of diffrax is wrapped in `Latching` if the scene latches touchdowns.
+    """Returns the solver to use; one of diffrax is wrapped in `Latching` if the scene latches touchdowns.
 
     None is `ImpulseRK4()`, or `RK4()` for contacts that the former does not know, such as those with `SmoothSwitch`.
 
@@ -63,7 +63,7 @@ def resolve_solver(scene: Scene, solver: diffrax.AbstractSolver | str | None) ->
 
 
 def resolve_controller(controller: Any) -> diffrax.AbstractStepSizeController | None:
-    """The step size controller, None for constant steps; floats become arrays: new values need no compilation.
+    """Gives the step size controller, None for constant steps; floats become arrays: new values need no compilation.
 
     **Raises:** `ValueError` for an object that is not a controller.
     """

@@ -56,7 +56,7 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
             _, drift = jax.jvp(at, (jnp.asarray(t0, float),), (jnp.ones(()),))
 
         def stage(stages, row):
-            """One stage, the body of a loop, because unrolled stages take minutes to compile."""
+            """Computes one stage, as the body of a loop: unrolled stages take minutes to compile."""
             point = combine(y0, stages, row["a"])
             # exactly t1 at the end, so that the rail there equals that at the next step's start
             f = field.evaluate(jnp.where(row["node"] == 1, t1, t0 + row["node"] * h), point, args)
@@ -83,7 +83,7 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
         return y1, jax.tree.map(jnp.abs, error), dense, after, RESULTS.successful
 
     def _rows(self) -> dict[str, Any]:
-        """The tableau by stages, for a loop over them."""
+        """Returns the tableau by stages, for a loop over them."""
         count = len(self.nodes)
         square = lambda rows: jnp.array([[*row, *[0.0] * (count - len(row))] for row in ((), *rows)])
         return dict(
@@ -96,7 +96,7 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
 
 
 def combine(y: State, stages: State, weights: Any) -> State:
-    """y + sum(weights u) over the stages u; parts that are None in the stages are frozen and unchanged."""
+    """Returns y + sum(weights u) over the stages u; parts that are None in the stages are frozen and unchanged."""
     used = [k for k in range(len(weights)) if not isinstance(weights[k], float) or weights[k]]
     add = lambda y, u: y + sum(weights[k] * u[k] for k in used)
     return State(
@@ -134,7 +134,7 @@ class Rodas4(AbstractRosenbrock):
 
 
 def _transformed(alpha: list, gamma: list, b: list, b_hat: list) -> tuple[Rows, Rows, tuple, tuple]:
-    """(a, c, m, e) of the form above from the coefficients of the k form."""
+    """Returns (a, c, m, e) of the form above from the coefficients of the k form."""
     inverse = np.linalg.inv(np.array(gamma))
     a, c = np.array(alpha) @ inverse, np.diag(np.diag(inverse)) - inverse
     below = lambda x: tuple(tuple(float(v) if abs(v) > 1e-14 else 0.0 for v in x[i, :i]) for i in range(1, len(x)))

@@ -18,14 +18,14 @@ from ..model.dynamics import Args, State, vector_field
 from ..model.kinematics import Motion, scaled_size
 from ..model.linearised import LinearSystem
 
-TOLERANCE = 1e-7
+NEWTON_TOLERANCE = 1e-7
 """Default of `SimplifiedNewton.tolerance`."""
 LEAST_ITERATIONS = 2
 """Iterations before the rate of convergence is known."""
 
 
 class _Stage(NamedTuple):
-    """What diffrax hands to a root finder, by name."""
+    """Arguments that diffrax hands to a root finder, by name."""
 
     t: Any
     y: Any
@@ -62,9 +62,9 @@ class _Stage(NamedTuple):
         return cls(t, y, inner, memory, share, factor, sign)
 
     def at(self, unknown: Any) -> State:
-        """The stage's state for a value of the unknown."""
-        found = jax.tree.map(lambda a, k: a + self.share * k, self.y, unknown)
-        return State(found, self.frozen) if isinstance(found, Motion) else found
+        """Returns the stage's state for a value of the unknown."""
+        state = jax.tree.map(lambda a, k: a + self.share * k, self.y, unknown)
+        return State(state, self.frozen) if isinstance(state, Motion) else state
 
 
 class _Iteration(eqx.Module):
@@ -85,7 +85,7 @@ class SimplifiedNewton(optx.AbstractRootFinder):
     with a dense Jacobian.
     """
 
-    tolerance: float = eqx.field(static=True, default=TOLERANCE)
+    tolerance: float = eqx.field(static=True, default=NEWTON_TOLERANCE)
     """Greatest estimated error of a stage, in multiples of `slipperjax.model.MOTION_SCALES` [1]."""
     rtol: float = eqx.field(static=True, default=0.0)
     """Not used; here because every root finder has it."""
@@ -136,7 +136,7 @@ class SimplifiedNewton(optx.AbstractRootFinder):
 
 
 def _size(change: Motion | State) -> Array:
-    """Scaled size of a change; that of an integrated memory [m/s] counts, too."""
+    """Returns the scaled size of a change; that of an integrated memory [m/s] counts, too."""
     if isinstance(change, Motion):
         return scaled_size(change)
     size = scaled_size(change.motion)
@@ -144,7 +144,7 @@ def _size(change: Motion | State) -> Array:
 
 
 def with_root_finder(solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:
-    """A diffrax solver whose stages are solved by `SimplifiedNewton`, unless another root finder was given.
+    """Returns a diffrax solver whose stages are solved by `SimplifiedNewton`, unless another root finder was given.
 
     diffrax's default root finder takes its tolerances from an adaptive controller; that one is replaced.
     """

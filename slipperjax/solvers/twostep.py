@@ -23,7 +23,7 @@ from .latching import AbstractLatchingSolver, dense_info, field_of
 
 
 def two_step_weights(rho_inf: Any, alpha: Any) -> tuple[Any, Any, Any, Any, Any]:
-    """a_1, a_2, b_0, b_1, b_2 of Eqs. (19)-(20), the last three per present step.
+    """Returns a_1, a_2, b_0, b_1, b_2 of Eqs. (19)-(20), the last three per present step.
 
     **Arguments:** `rho_inf`: see `TwoStep`; `alpha`: the present step over the previous one.
     """
@@ -88,7 +88,7 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
         crank_nicolson = (1.0, 0.0, 0.5, 0.5, 0.0)
         weights = two_step_weights(self.rho_inf, alpha)
         a1, a2, b0, b1, b2 = (jnp.where(first, c, w) for c, w in zip(crank_nicolson, weights, strict=True))
-        known = jax.tree.map(
+        explicit = jax.tree.map(
             lambda x1, x2, f1, f2: a1 * x1 + a2 * x2 + h * (b1 * f1 + b2 * f2),
             y0.motion,
             earlier,
@@ -102,14 +102,14 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
 
         still = lambda tree: jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_inexact_array(a) else a, tree)
 
-        def correction(x, known, args, memory):
-            """Newton's correction at x."""
+        def correction(x, explicit, args, memory):
+            """Returns Newton's correction at x."""
             at = State(x, memory)
             f = field.evaluate(t1, at, args).motion
-            rest = jax.tree.map(lambda k, x, f: k + h * b0 * f - x, known, x, f)
-            return LinearSystem(still(field.linearised(t1, at, args)), still(h * b0)).solve(rest)
+            residual = jax.tree.map(lambda k, x, f: k + h * b0 * f - x, explicit, x, f)
+            return LinearSystem(still(field.linearised(t1, at, args)), still(h * b0)).solve(residual)
 
-        fixed = still((known, args, y0.memory))
+        fixed = still((explicit, args, y0.memory))
 
         def again(carry):
             _, size, count = carry
@@ -122,7 +122,7 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
 
         x, size, _ = jax.lax.while_loop(again, iterate, (still(guess), jnp.asarray(jnp.inf), 0))
         # One more iteration adds the derivatives of the implicit function, because x itself has none.
-        x = jax.tree.map(jnp.add, x, correction(still(x), known, args, y0.memory))
+        x = jax.tree.map(jnp.add, x, correction(still(x), explicit, args, y0.memory))
         # written so that NaN does not count as convergence
         result = RESULTS.where(size <= self.tolerance, RESULTS.successful, RESULTS.nonlinear_max_steps_reached)
         y1, rates1, after = field.close_step(before, t0, t1, State(x, y0.memory), args)

@@ -15,7 +15,7 @@ FLOOR = 1e-5
 """Distances below it are zero when motions are classified, in multiples of `COORDINATE_SCALES`: 10 nm."""
 
 
-def strobe_states(ds: xr.Dataset, last: int | None = None) -> Float[np.ndarray, "*cases periods 10"]:
+def strobe_states(ds: xr.Dataset, last: int | None = None) -> Float[np.ndarray, "*cases periods coordinates"]:
     """States once per forcing period, of the `last` periods of a sweep's result.
 
     Cases with a status other than 0 are NaN throughout: nothing is concluded from them.

@@ -6,16 +6,16 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from ..flow.period_map import advance, batch_jacobians, tangent_weights
 from ..flow.record import RecordSet
 from ..flow.records import ContactChecks, judged_by_contacts
-from ..flow.series import coordinates
-from ..flow.simulate import flexible_steps
+from ..flow.simulate import dynamic_steps
 from ..flow.status import most_stability_number, status_of
 from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State
+from ..model.layout import StateLayout, coordinates
 from ..model.scene import Scene
 from ..orbits.motions import ConsistentMemory
 from ..tools.batching import Batched
@@ -29,19 +29,7 @@ LANES = 32
 """Cases in one call. A program of another size takes as long to compile as hundreds of Jacobians take to compute."""
 
 
-def rows_of(states: State) -> Float[np.ndarray, "cases size"]:
-    """States with a leading axis of cases as rows of all their numbers."""
-    leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(states)]
-    return np.concatenate([leaf.reshape(len(leaf), -1) for leaf in leaves], axis=1)
-
-
-def states_of(rows: np.ndarray, like: State) -> State:
-    """Rows of numbers (cases, size) as states with a leading axis, of the structure of `like`."""
-    leaves, structure = jax.tree.flatten(like)
-    ends = np.cumsum([np.size(leaf) for leaf in leaves])
-    parts = np.split(rows, ends[:-1], axis=1)
-    shaped = [part.reshape(len(rows), *np.shape(leaf)) for part, leaf in zip(parts, leaves, strict=True)]
-    return jax.tree.unflatten(structure, shaped)
+rows_of = StateLayout.pack
 
 
 class Maps(NamedTuple):
@@ -70,7 +58,7 @@ class Maps(NamedTuple):
 
     def states(self, rows: np.ndarray) -> State:
         """Rows of numbers as states."""
-        return states_of(rows, jax.tree.map(lambda leaf: np.asarray(leaf)[0], self.like))
+        return StateLayout.of(self.scenes.shared).unpack(rows)
 
     def mapped(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """States after each case's period."""
@@ -137,10 +125,10 @@ class Maps(NamedTuple):
         return ConstantSteps(room, jnp.asarray(float(self.steps)))
 
     def _advanced(self, scenes: Batched[Scene], states: State, at: float) -> np.ndarray:
-        return rows_of(advance(scenes, states, at, flexible_steps(self.steps), **self._once).state)
+        return rows_of(advance(scenes, states, at, dynamic_steps(self.steps), **self._once).state)
 
     def _derived(self, scenes: Batched[Scene], states: State, at: float) -> np.ndarray:
-        return np.asarray(batch_jacobians(scenes, states, at, flexible_steps(self.steps), **self._once))[:, 0]
+        return np.asarray(batch_jacobians(scenes, states, at, dynamic_steps(self.steps), **self._once))[:, 0]
 
     def _looked(self, scenes: Batched[Scene], states: State, room: int) -> np.ndarray:
         seen = advance(scenes, states, self.epoch, self._roomy(room), **self._looking)

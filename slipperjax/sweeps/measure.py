@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..flow.period_map import advance_tangents, initial_tangents
-from ..flow.simulate import flexible_steps
+from ..flow.simulate import dynamic_steps
 from ..flow.status import first_problem
 from ..model.dynamics import State
 from ..model.scene import Scene
@@ -67,7 +67,7 @@ class Measure(NamedTuple):
         for k in range(self.blocks + 1):
             at = self.epoch + k * BLOCK
             states, tangents, history, strobe, codes = advance_tangents(
-                self.scenes, states, tangents, at, flexible_steps(steps), solver=self.solver, periods=BLOCK
+                self.scenes, states, tangents, at, dynamic_steps(steps), solver=self.solver, periods=BLOCK
             )
             rows.append(np.asarray(history))
             strobes = [*strobes, np.asarray(strobe)][-LAST // BLOCK :] if k else []

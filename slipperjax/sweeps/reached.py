@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from ..analysis.attractor import recurrence
 from ..flow.status import FASTEST_GROWTH, Status
 from ..model.dynamics import State
-from ..model.quantities import COORDINATE_SCALES
+from ..model.quantities import COORDINATE_SCALES, COORDINATES
 from ..model.scene import Scene
 from ..orbits.motions import recurs
 from ..orbits.periodic import DIVISOR, TOLERANCE
@@ -55,7 +55,7 @@ def nothing_reached(states: State, count: int) -> Reached:
 def reached_orbits(
     scenes: Batched[Scene],
     states: State,
-    strobe: Float[np.ndarray, "cases periods 10"],
+    strobe: Float[np.ndarray, "cases periods coordinates"],
     steps: int,
     *,
     solver: diffrax.AbstractSolver,
@@ -103,7 +103,7 @@ def reached_orbits(
     )
 
 
-def likely_periods(strobe: Float[np.ndarray, "cases periods 10"]) -> Int[np.ndarray, " cases"]:
+def likely_periods(strobe: Float[np.ndarray, "cases periods coordinates"]) -> Int[np.ndarray, " cases"]:
     """Forcing periods after which motions seem to recur, 0 where they do not within `RECURS`.
 
     The least after which they recur about as closely as after any: a motion that approaches an orbit of period 1
@@ -120,14 +120,14 @@ def likely_periods(strobe: Float[np.ndarray, "cases periods 10"]) -> Int[np.ndar
     return np.where(best[:, 0] <= RECURS, np.argmax(close, axis=1) + 1, 0)
 
 
-def least_period(path: Float[np.ndarray, "periods 10"]) -> int:
+def least_period(path: Float[np.ndarray, "periods coordinates"]) -> int:
     """The divisor of the path's length after which it recurs already, or the length."""
     n = len(path)
     missed = lambda m: np.max(np.abs(path[m] - path[0]) / COORDINATE_SCALES)
     return next((m for m in range(1, n) if n % m == 0 and missed(m) < DIVISOR), n)
 
 
-def is_near(strobe: Float[np.ndarray, "periods 10"], path: Float[np.ndarray, "period 10"]) -> bool:
+def is_near(strobe: Float[np.ndarray, "periods coordinates"], path: Float[np.ndarray, "period coordinates"]) -> bool:
     """Whether a motion that ends at the path's start is within `NEAR` of it, and was no nearer before."""
     back = -np.arange(len(strobe))
     apart = np.max(np.abs(strobe[back - 1] - path[back % len(path)]) / COORDINATE_SCALES, axis=1)
@@ -146,10 +146,10 @@ def _sound(orbits: Orbits) -> np.ndarray:
 
 
 def _along(maps: Maps, states: State) -> np.ndarray:
-    """Coordinates at the start of each forcing period, (cases, periods, 10); 0 for cases without a period."""
+    """Coordinates at the start of each forcing period, (cases, periods, coordinates); 0 without a period."""
     index = np.flatnonzero(maps.periods)
     rows = rows_of(states)[index]
-    found = np.zeros((maps.count, max(int(maps.periods.max(initial=1)), 1), 10))
+    found = np.zeros((maps.count, max(int(maps.periods.max(initial=1)), 1), len(COORDINATES)))
     if len(index):
         path = maps.path(index, rows)[0]
         for k in range(path.shape[1]):

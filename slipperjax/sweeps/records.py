@@ -11,9 +11,10 @@ from ..analysis.kinds import Regime
 from ..analysis.lyapunov import standard_error
 from ..flow.record import AbstractRecord, Labelled, RecordedSpan, RecordSet, attributes
 from ..flow.records import ALIASES, RECORDS, ContactChecks, OnePoint
-from ..flow.series import History, Sections, Strobe, coordinates
+from ..flow.series import History, Sections, Strobe
 from ..flow.status import Status, first_problem
 from ..model.dynamics import State
+from ..model.layout import coordinates
 from ..model.quantities import COORDINATE_SCALES, LOADS, Quantity
 from ..tools.checks import brief, require, whole, yes_or_no
 from .attractors import FLOOR
@@ -67,7 +68,7 @@ class MotionKind(AbstractRecord):
         return min(self.latest, periods)
 
     def values(self, periods):
-        return 10 * self.last(periods)
+        return len(COORDINATE_SCALES) * self.last(periods)
 
     def sample(self, course):
         return course.end.motion

@@ -19,13 +19,12 @@ from jaxtyping import Bool, Int
 from ..flow.period_map import Passage, advance
 from ..flow.record import RecordedSpan, RecordSet, Samples
 from ..flow.series import Strobe
-from ..flow.simulate import default_saves, step_plan
+from ..flow.simulate import step_plan
 from ..flow.status import ASKED, Interrupted, blank, first_problem
-from ..flow.stepping import ConstantSteps, room_for
+from ..flow.stepping import ConstantSteps, capacity_for
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene
-from ..model.step_size import LEAST_STEPS
 from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
@@ -100,7 +99,7 @@ class Calls(NamedTuple):
     @property
     def capacity(self) -> int:
         """Most forcing periods of one call of the program, which serves other lengths, too."""
-        return PERIODS_PER_CALL if self.length == PERIODS_PER_CALL else room_for(self.length)
+        return PERIODS_PER_CALL if self.length == PERIODS_PER_CALL else capacity_for(self.length)
 
 
 class Chunk(NamedTuple):
@@ -223,54 +222,30 @@ def make_plan(grid: Grid, start: Motion | State, options: RunOptions, records: R
     if transient > PERIODS_PER_CALL:
         transient = math.ceil(transient / PERIODS_PER_CALL) * PERIODS_PER_CALL
     before, during = (Calls(_call_length(max(n, 1)), n // _call_length(max(n, 1))) for n in (transient, recorded))
-    solver, (rule, saves) = resolve_solver(grid.scene, options.solver), _steps_rule(grid, options)
+    given: Any = options.steps_per_period
+    if np.ndim(given) and (shape := np.shape(given)) != grid.shape:
+        raise ValueError(
+            f"Argument `steps_per_period` must be one number or one for each case, {grid.shape}, "
+            f"but has shape {shape}."
+        )
+    solver, cases = resolve_solver(grid.scene, options.solver), grid.sample(start, SAMPLED_CASES)
+    steps, saves = step_plan(cases.default_steps, given, options.saves_per_period)
     records = records.with_saves(saves)
-    # before the cases are made, which may not fit into memory
-    cases = grid.sample(start, SAMPLED_CASES)
+    # before all cases are made, which may not fit into memory
     cost = _cost(records, before, during) + records.cost_completing(during.periods)
     values = records.values(before.periods, during.periods)
     refuse_impossible(
         f"{grid.count} cases of {cost:.3g} forcing periods",
         (2 * 8.0 * values + LEAST_BYTES) * grid.count,  # twice while it is put together and written
-        SECONDS_PER_STEP * cost * float(rule(cases).mean()) * grid.count / cores(),
+        SECONDS_PER_STEP * cost * float(np.mean(steps)) * grid.count / cores(),
     )
     if cases.count < grid.count:
         cases = grid.sample(start, grid.count)
-    plan = Plan(cases, solver, records, rule(cases), before, during)
+        steps, _ = step_plan(cases.default_steps, given, options.saves_per_period)
+    plan = Plan(cases, solver, records, np.broadcast_to(steps, cases.count), before, during)
     labels = ("status", "steps_per_period", *grid.dims, *map(grid.label, grid.axes))
     records.check(grid.scene, recorded, int(plan.steps.min()), labels)
     return plan
-
-
-def _steps_rule(grid: Grid, options: RunOptions) -> tuple[Callable[[Cases], np.ndarray], int]:
-    """Gives a function from cases to their steps per period, and saves per period, which divide all of them."""
-    given, saves = options.steps_per_period, options.saves_per_period
-    if given is None:
-        saves = LEAST_STEPS if saves is None else whole("saves_per_period", saves, 1)
-        return lambda cases: -(-cases.default_steps() // saves) * saves, saves
-    if np.ndim(given):
-        steps, saves = _steps_of_cases(grid, given, saves)
-        return lambda cases: steps, saves
-    fixed, saves = step_plan(grid.scene, given, saves)
-    return lambda cases: np.full(cases.count, fixed), saves
-
-
-def _steps_of_cases(grid: Grid, given: Any, saves: int | None) -> tuple[np.ndarray, int]:
-    """Checks an array of steps per period, one number a case; gives it flat, and saves, which divide them all."""
-    given = np.asarray(given)
-    if given.shape != grid.shape:
-        raise ValueError(
-            f"Argument `steps_per_period` must be one number or one for each case, {grid.shape}, "
-            f"but has shape {given.shape}."
-        )
-    steps = np.array([whole("steps_per_period", n, 1) for n in given.ravel().tolist()])
-    if saves is None:
-        return steps, default_saves(int(np.gcd.reduce(steps)))
-    saves = whole("saves_per_period", saves, 1)
-    if np.any(steps % saves):
-        worst = steps[steps % saves != 0][0]
-        raise ValueError(f"Argument `saves_per_period` must divide steps_per_period = {worst}, but is {saves}.")
-    return steps, saves
 
 
 def _call_length(periods: int) -> int:

@@ -13,7 +13,7 @@ from slipperjax.design.ensembles import Spread, averages
 from slipperjax.design.objectives import OBJECTIVES
 from slipperjax.design.sensitivities import RELATIVE_REACH
 from slipperjax.flow.period_map import advance, initial_states
-from slipperjax.flow.simulate import flexible_steps
+from slipperjax.flow.simulate import dynamic_steps
 from slipperjax.sweeps.grid import Cases
 
 STEPS = 50
@@ -69,7 +69,7 @@ def settled(cases, periods=200):
     runs = Cases(sj.paper_scene(), grid_of(cases), sj.table_2_start(), product=False)
     scenes, starts = runs.take(np.arange(len(cases)))
     how = dict(solver=sj.RK4(), periods=periods)
-    return advance(scenes, initial_states(scenes, starts), 0.0, flexible_steps(STEPS), **how).state.motion
+    return advance(scenes, initial_states(scenes, starts), 0.0, dynamic_steps(STEPS), **how).state.motion
 
 
 def calibration(cases, objectives=ASKED, seeds=SEEDS, spread=Spread()):

@@ -12,7 +12,7 @@ from jax.flatten_util import ravel_pytree
 import slipperjax as sj
 from slipperjax.design.gradients import at_values, period_values
 from slipperjax.flow.period_map import PeriodMap
-from slipperjax.flow.simulate import flexible_steps
+from slipperjax.flow.simulate import dynamic_steps
 from slipperjax.model.dynamics import State, initial_state
 from slipperjax.model.kinematics import MOTION_SCALES
 
@@ -97,7 +97,7 @@ def slipper_slopes(cases):
         scene = at_values(sj.paper_scene(), NAMES, values)
 
         def step(x, p):
-            period_map = PeriodMap(at_values(scene, ("length",), p[None]), flexible_steps(STEPS, inside=True))
+            period_map = PeriodMap(at_values(scene, ("length",), p[None]), dynamic_steps(STEPS, inside=True))
             passage = period_map.run(unravel(x), periods=1, records=records)
             return ravel_pytree(passage.state)[0], jnp.stack([a[0] for a in passage.samples[0]])
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slipperjax.flow import loads
-from slipperjax.flow.loads import MARGIN
+from slipperjax.flow.loads import DIFFERENCE_MARGIN
 
 continued, slopes = (
     jax.jit(loads.continued),
@@ -16,9 +16,9 @@ continued, slopes = (
 
 @pytest.mark.parametrize(("degree", "ends"), [(1, 2), (2, 3), (3, 4), (3, 5), (3, 30)])
 def test_polynomials_go_on_and_have_exact_slopes(degree, ends):
-    place = np.arange(-MARGIN, ends + MARGIN, dtype=float)
+    place = np.arange(-DIFFERENCE_MARGIN, ends + DIFFERENCE_MARGIN, dtype=float)
     values, rates = place**degree - 3 * place, degree * place ** (degree - 1) - 3
-    inner = slice(MARGIN, -MARGIN)
+    inner = slice(DIFFERENCE_MARGIN, -DIFFERENCE_MARGIN)
     scale = np.abs(values).max()  # measured: no difference at all
     np.testing.assert_allclose(continued(jnp.asarray(values[inner]), ends - 1), values, atol=1e-14 * scale)
     np.testing.assert_allclose(slopes(jnp.asarray(values[inner]), ends - 1), rates[inner], atol=1e-14 * scale)

@@ -7,13 +7,13 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 import slipperjax as sj
-from slipperjax.flow.course import stacked
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.record import RecordedSpan, RecordSet
 from slipperjax.flow.records import ALIASES, RECORDS, ForcePercentile, Record, SpectrumLines
 from slipperjax.flow.series import Sections
 from slipperjax.flow.status import Status
 from slipperjax.flow.stepping import ConstantSteps
+from slipperjax.model.layout import coordinate_rows
 from slipperjax.model.quantities import COORDINATES, Quantity
 
 from ..common import STEPS, fine
@@ -63,7 +63,7 @@ def coordinates_and_slopes(scene, periods, states):
 
     def one(period, state):
         rates = sj.vector_field(scene)(0.0, state, sj.Args(scene, period)).motion
-        return jax.jvp(lambda m: stacked(sj.State(m, None)), (state.motion,), (rates,))
+        return jax.jvp(lambda m: coordinate_rows(sj.State(m, None)), (state.motion,), (rates,))
 
     return jax.vmap(one)(periods, states)
 

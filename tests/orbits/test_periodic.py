@@ -11,7 +11,7 @@ import slipperjax as sj
 from slipperjax.analysis.floquet import jacobians, multipliers
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.record import RecordSet
-from slipperjax.flow.simulate import flexible_steps, run_eagerly
+from slipperjax.flow.simulate import dynamic_steps, run_eagerly
 from slipperjax.flow.status import Status
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.orbits import periodic
@@ -34,7 +34,7 @@ def test_the_nominal_orbit_recurs_and_has_its_multipliers(nominal):
 def test_multipliers_are_those_of_differences(nominal):
     """Of runs from states beside the orbit's, by the program that Newton's method begins with."""
     flat, unravel = ravel_pytree(nominal.state)
-    step, none = PeriodMap(SCENE, flexible_steps(STEPS), nominal.solver), RecordSet()
+    step, none = PeriodMap(SCENE, dynamic_steps(STEPS), nominal.solver), RecordSet()
     end = lambda x: ravel_pytree(run_eagerly(step, unravel(x), 1, none, like=100).state)[0]
     np.testing.assert_allclose(end(flat), flat, atol=1e-12)
     matrix = np.zeros((flat.size, flat.size))

@@ -94,7 +94,7 @@ def after_impact(relative, stepping, solver, law=sj.Flores):
     motion = jax.tree.map(lambda v: jnp.asarray(v, float), sj.Motion(z=1e-3, v_z=-approach))
     state = sj.State(motion, jnp.zeros(1))
     terms, args, solver = diffrax.ODETerm(Ball()), sj.Args(scene), stepping.prepared(solver)
-    begin = stepping.first(terms, solver, state, args)
+    begin = stepping.begin(terms, solver, state, args)
     return stepping.period(terms, solver, state, begin, args, False).end.motion.v_z
 
 

@@ -1,13 +1,12 @@
 """Periodic orbits of a grid as one batch."""
 
 import equinox as eqx
-import jax
 import numpy as np
 import pytest
 
 import slipperjax as sj
 from slipperjax.flow.status import Status
-from slipperjax.sweeps.maps import rows_of, states_of
+from slipperjax.model.layout import StateLayout
 
 from ..common import columns
 
@@ -34,8 +33,7 @@ def test_orbits_recur_and_neighbours_approach_as_their_multipliers_say(found, sp
     case, scene = found.sel(speed=speed), SCENE.replace(speed=speed)
     assert (int(case["status"]), bool(case["stable"])) == (Status.FINITE, True)
     assert float(case["residual"]) < 1e-10
-    state = states_of(case["orbit_state"].values[None], sj.initial_state(scene, sj.Motion()))
-    state = jax.tree.map(lambda a: a[0], state)
+    state = StateLayout.of(scene).unpack(case["orbit_state"].values)
     orbit = case["orbit"].values
     # measured: 1e-13
     np.testing.assert_allclose(strobe(scene, state, 1), np.tile(orbit, (20, 1)), atol=1e-10)
@@ -69,12 +67,3 @@ def test_wrong_arguments_are_named():
         sj.orbit_sweep(SCENE, GRID, period=0)
     with pytest.raises(ValueError, match="must have a track that recurs"):
         sj.orbit_sweep(sj.paper_scene(wavelengths=(8.0, 3.0)), GRID)
-
-
-def test_rows_are_states():
-    start = sj.initial_state(SCENE, sj.Motion())
-    both = jax.tree.map(lambda a: np.stack([np.asarray(a), np.asarray(a) + 1]), start)
-    rows = rows_of(both)
-    assert rows.shape == (2, 30)
-    for a, b in zip(jax.tree.leaves(states_of(rows, start)), jax.tree.leaves(both), strict=True):
-        np.testing.assert_array_equal(a, b)

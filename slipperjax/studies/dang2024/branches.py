@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...analysis.events import MEANINGS
-from ...flow.series import coordinates
 from ...flow.simulate import simulate
 from ...flow.status import Status
 from ...model.dang2024 import paper_scene
+from ...model.layout import coordinates
 from ...model.quantities import COORDINATE_SCALES, COORDINATES
 from ...model.scene import Scene
 from ...orbits.branch_data import BranchEvent

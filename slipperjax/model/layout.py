@@ -1,0 +1,85 @@
+"""The layout of a scene's state: its numbers by name, unit and scale, and states as rows of arrays."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..tools.compile import is_traced, jit
+from .dynamics import SmoothField, State, vector_field
+from .kinematics import Motion, euler_angles
+from .quantities import MOTION_NUMBERS, Quantity
+from .scene import Scene
+
+
+@dataclass(frozen=True)
+class StateLayout:
+    """The numbers of a state in a row: those of the motion, then those of each part that the scene has."""
+
+    motion: tuple[Quantity, ...]
+    """The motion's numbers, in the order of `Motion`."""
+    memory: tuple[Quantity, ...] | None
+    """The memory of each contact point, front ones first; None for laws without memory."""
+    integrated: bool
+    """Whether the memory is integrated, and not latched."""
+
+    @classmethod
+    def of(cls, scene: Scene) -> "StateLayout":
+        """Returns the layout of a scene's states."""
+        memory = None
+        if scene.contact.has_memory:
+            points = [f"{name}{end}" for end in (1, 2) for name in scene.section.names]
+            unit = scene.memory.unit
+            memory = tuple(Quantity(f"memory_{point}", unit, f"contact memory at {point}") for point in points)
+        return cls(tuple(MOTION_NUMBERS.values()), memory, isinstance(vector_field(scene), SmoothField))
+
+    @property
+    def numbers(self) -> tuple[Quantity, ...]:
+        """All numbers, in the order of a row."""
+        return (*self.motion, *(self.memory or ()))
+
+    @property
+    def size(self) -> int:
+        """Length of a row."""
+        return len(self.numbers)
+
+    @property
+    def dimension(self) -> int:
+        """Number of integrated states: a latched memory follows from the motion at the touchdown."""
+        return self.size if self.integrated else len(self.motion)
+
+    @property
+    def scales(self) -> Float[np.ndarray, " size"]:
+        """Typical size of each number."""
+        return np.array([q.scale for q in self.numbers])
+
+    @staticmethod
+    def pack(states: State) -> Any:
+        """Returns states (*batch) as rows of all their numbers (*batch, size), in NumPy unless traced."""
+        xp = jnp if is_traced(states) else np
+        columns = [xp.asarray(v)[..., None] for v in vars(states.motion).values()]
+        return xp.concatenate(columns if states.memory is None else [*columns, xp.asarray(states.memory)], axis=-1)
+
+    def unpack(self, rows: Any) -> State:
+        """Returns states from rows of their numbers (*batch, size)."""
+        count = len(self.motion)
+        like = State(Motion(), None if self.memory is None else jnp.asarray(np.zeros(len(self.memory))))
+        parts = [rows[..., k] for k in range(count)] + [rows[..., count:]] * (self.memory is not None)
+        return jax.tree.unflatten(jax.tree.structure(like), parts)
+
+
+def coordinate_rows(state: State) -> Float[Array, "*batch coordinates"]:
+    """Returns coordinates and velocities of states (*batch), in the order of `slipperjax.model.COORDINATES`."""
+    m = state.motion
+    return jnp.stack([m.y, m.z, *euler_angles(m), m.v_y, m.v_z, m.w_x, m.w_y, m.w_z], axis=-1)
+
+
+_coordinate_rows = jit(coordinate_rows)
+
+
+def coordinates(states: State) -> Float[np.ndarray, "*batch coordinates"]:
+    """Returns `coordinate_rows` as a NumPy array."""
+    return np.asarray(_coordinate_rows(states))
