@@ -8,7 +8,8 @@ from jaxtyping import Float, Int
 from ..model.quantities import quantity
 from ..model.scene import Scene, check_scene
 from ..model.section import Section
-from .style import COLORS, POINT_COLORS, new_axes
+from ..tools.checks import require
+from .style import COLORS, POINT_COLORS, drawing
 
 RAIL_STYLE = {"facecolor": "#d9d9d9", "edgecolor": "#8a8a8a", "lw": 0.8}
 SLIPPER_STYLE = {"facecolor": "#12355b66", "edgecolor": "#12355b", "lw": 0.9}
@@ -33,18 +34,19 @@ def section(scene: Scene, ax: Any = None, *, magnify: float | None = None) -> An
     **Raises:** `ValueError` for a `magnify` that is not positive.
     """
     shape = check_scene(scene).section
-    magnify = default_magnification(shape) if magnify is None else checked_magnification(magnify)
-    if ax is None:
-        ax = new_axes(3.5, 2.35)
-        clearance = quantity("clearance").shown(float(scene.value("clearance")))
-        ax.figure.suptitle(f"total play $C$ = {clearance:.3g} mm, drawn {magnify:g} times as wide", fontsize=7)
+    magnify = default_magnification(shape) if magnify is None else positive_number("magnify", magnify)
     still = drawn_points(shape, np.asarray(shape.play)[shape.face_of_point], np.zeros(len(shape.names)), magnify)
-    draw_rail(shape, ax, shape.names)
-    draw_slipper(shape, still, ax)
-    normals, reach = np.asarray(shape.normals), 1e3 * THICKNESS * height(shape)
-    ax.quiver(*(1e3 * still.T), *(reach * normals.T), color=colors_of(shape), **ARROWS)
-    ax.scatter(*(1e3 * still.T), s=12, color=colors_of(shape), zorder=4)
-    frame(ax, still[None], 1e3 * 1.3 * THICKNESS * height(shape))
+    reach = 1e3 * THICKNESS * height(shape)
+    own = ax is None
+    with drawing(ax, None, 3.5, 2.35) as ax:
+        if own:
+            clearance = quantity("clearance").shown(float(scene.value("clearance")))
+            ax.figure.suptitle(f"total play $C$ = {clearance:.3g} mm, drawn {magnify:g} times as wide", fontsize=7)
+        draw_rail(shape, ax, shape.names)
+        draw_slipper(shape, still, ax)
+        ax.quiver(*(1e3 * still.T), *(reach * np.asarray(shape.normals).T), color=colors_of(shape), **ARROWS)
+        ax.scatter(*(1e3 * still.T), s=12, color=colors_of(shape), zorder=4)
+        frame(ax, still[None], 1.3 * reach)
     return ax
 
 
@@ -54,11 +56,11 @@ ARROWS: dict[str, Any] = dict(
 """Arrows whose length is in units of the axes; none where it is zero."""
 
 
-def checked_magnification(magnify: Any) -> float:
-    """`magnify`; raises `ValueError` where it is no positive number."""
-    if isinstance(magnify, bool) or not isinstance(magnify, int | float) or not 0 < magnify < np.inf:
-        raise ValueError(f"Argument `magnify` must be a positive number, but is {magnify!r}.")
-    return float(magnify)
+def positive_number(name: str, value: Any) -> float:
+    """`value`; raises `ValueError` where it is no positive number."""
+    valid = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < np.inf
+    require(valid, name, "be a positive number", value)
+    return float(value)
 
 
 def default_magnification(shape: Section, gaps: Any = 0.0) -> float:

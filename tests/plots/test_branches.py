@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.colors import to_hex
 
 from slipperjax import plots
-from slipperjax.plots.branches import Thread, crossing_threads, joined, scalar_threads, stable_parts
+from slipperjax.plots.branches import crossing_threads, joined, stable_parts
 
 from .shown import bar_of, check_legend_fits, labels, legend, marked
 
@@ -121,14 +121,17 @@ def texts(ax):
     ],
 )
 def test_crossings_follow_one_another(velocity, time, period, threads):
-    found = crossing_threads(np.array(velocity), np.array(time), period)
-    assert found == [Thread(*thread) for thread in threads]
+    expected = np.full((len(threads), len(velocity)), NAN)
+    for line, (first, values) in zip(expected, threads, strict=True):
+        line[first : first + len(values)] = values
+    np.testing.assert_array_equal(crossing_threads(np.array(velocity), np.array(time), period), expected)
 
 
-def test_scalars_break_where_they_are_not_finite_or_told_to():
-    values = np.array([1.0, 2.0, np.inf, 4.0, 5.0, 6.0])
-    breaks = np.array([False, False, False, False, True])
-    assert scalar_threads(values, breaks) == [Thread(0, [1.0, 2.0]), Thread(3, [4.0, 5.0]), Thread(5, [6.0])]
+def test_lines_break_where_values_are_not_finite_or_parts_are_left_out():
+    values = np.array([[1.0, 2.0, NAN, 4.0, 5.0, 6.0]])
+    x, y = joined(np.arange(6.0), values, np.array([True, True, True, True, False]))
+    np.testing.assert_array_equal(x, [0, 1, NAN, 3, 4, NAN])
+    np.testing.assert_array_equal(y, [1, 2, NAN, 4, 5, NAN])
 
 
 def test_events_take_the_stability_of_what_is_beside_them():
@@ -138,7 +141,7 @@ def test_events_take_the_stability_of_what_is_beside_them():
 
 
 def test_parts_are_joined_with_gaps():
-    x, y = joined(np.arange(4.0), [Thread(0, [5.0, 6.0, 7.0, 8.0])], np.array([True, False, True]))
+    x, y = joined(np.arange(4.0), np.array([[5.0, 6.0, 7.0, 8.0]]), np.array([True, False, True]))
     assert np.isnan(x).tolist() == np.isnan(y).tolist() == [False, False, True, False, False, True]
     assert y[~np.isnan(y)].tolist() == [5.0, 6.0, 7.0, 8.0]
 

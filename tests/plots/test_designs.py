@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.colors import LogNorm, to_hex
 
 from slipperjax import plots
-from slipperjax.plots.design_data import color_norm, log_ticks
+from slipperjax.plots.style import color_norm, round_ticks
 
 from .shown import bar_of, check_legend_fits, drawn, labels, legend, marked
 
@@ -272,7 +272,7 @@ def test_wide_values_have_a_logarithmic_scale():
     ds = design()
     ds["trial_smooth"][0] *= 30
     assert plots.design_progress(ds).get_yscale() == "log"
-    assert log_ticks(1.0, 1000.0) == [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000]
+    assert round_ticks(LogNorm(1.0, 1000.0)) == [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000]
 
 
 def margins():
