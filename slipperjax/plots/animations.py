@@ -117,14 +117,14 @@ class _Picture:
         highest = float(self.force.max())
         self.newton = LONGEST_ARROW * height(self.shape) / max(highest, 1e-9)  # metres drawn per newton
         with styled():
-            panels = [["front", "rear"], ["history", "history"]]
-            options: dict[str, Any] = dict(figsize=(7.2, 4.3), height_ratios=(2.4, 1), layout="constrained")
-            self.figure, axes = plt.subplot_mosaic(panels, **options)
-            self.ends = [self._draw_end(axes[end], end, k) for k, end in enumerate(("front", "rear"))]
-            axes["rear"].set_ylabel("")
-            contact_forces(ds, axes["history"], most=most, last=None)
-            self.cursor = axes["history"].axvline(self.period[0], lw=0.9, color="black")
-            self.time = axes["front"].text(0.02, 0.97, "", transform=axes["front"].transAxes, va="top", fontsize=7)
+            shape: dict[str, Any] = dict(figsize=(7.2, 4.3), layout="constrained")
+            self.figure, axes = plt.subplot_mosaic("FR;HH", height_ratios=(2.4, 1), **shape)
+            front, rear, forces = (axes[panel] for panel in "FRH")
+            self.ends = [self._draw_end(front, "front", 0), self._draw_end(rear, "rear", 1)]
+            rear.set_ylabel("")
+            contact_forces(ds, forces, most=most, last=None)
+            self.cursor = forces.axvline(self.period[0], lw=0.9, color="black")
+            self.time = front.text(0.02, 0.97, "", transform=front.transAxes, va="top", fontsize=7)
             scales = f"play and displacement × {magnify:g}, longest arrow {highest / 1e3:.3g} kN"
             self.figure.suptitle("; ".join(text for text in (case_title(ds), scales) if text), fontsize=7.5)
         self.figure.draw_without_rendering()

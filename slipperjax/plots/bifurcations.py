@@ -23,8 +23,6 @@ from .style import (
     swept,
 )
 
-SECTIONS_SOURCE = "sweep or follow"
-"""Functions that make the datasets drawn here, for errors."""
 FOLLOWED = {"up": COLORS["orange"], "down": COLORS["green"]}
 """Colours of the motions that are followed with the parameter raised and lowered."""
 
@@ -45,7 +43,7 @@ def bifurcation(ds: xr.Dataset, section: str, ax: Any = None, **style: Any) -> A
 
     **Raises:** `ValueError` where `ds` is not swept over one parameter.
     """
-    check_dataset(ds, SECTIONS_SOURCE, section)
+    check_dataset(ds, "sweep or follow", section)
     swept(ds[section], "crossing")
     with drawing(ax, ds) as ax:
         if _draw_dots(ds, section, ax, style):
@@ -65,7 +63,7 @@ def bifurcations(ds: xr.Dataset, axes: Any = None, followed: xr.Dataset | None =
 
     **Returns:** the Axes, an array.
     """
-    check_dataset(ds, SECTIONS_SOURCE, *SECTIONS)
+    check_dataset(ds, "sweep or follow", *SECTIONS)
     with styled():
         if axes is None:
             figure, axes = plt.subplots(5, 1, figsize=(3.5, 7.9), sharex=True, layout="constrained")

@@ -32,18 +32,12 @@ from .style import (
     swept,
 )
 
-BRANCH_SOURCE = "continue_orbit"
-"""Function that makes the datasets of branches, for errors."""
-CURVE_SOURCE = "continue_event"
-"""Function that makes the datasets of curves, for errors."""
 VELOCITY_JUMP = 0.8
 """Change of a crossing's velocity between neighbouring points, over the larger one, beyond which no line is drawn."""
 SMALL_JUMP = 0.05
 """Change over the range of all velocities that is no jump, however small the velocities are."""
 TIME_JUMP = 0.1
 """Change of a crossing's time [forcing periods] beyond which no line is drawn."""
-NO_MATCH = 1e6
-"""Cost of a match that is not to be made."""
 EVENT_MARKERS = {"LP": "D", "BP": "s", "PD": "^", "NS": "o", "GR": "|", "MX": "x"}
 """Markers of events; ends on a bound have none."""
 EVENT_NAMES = {label: text.partition(":")[0] for label, text in MEANINGS.items()} | {"MX": "no convergence"}
@@ -98,7 +92,7 @@ def branches(ds: Any, quantity: str = "v_z", brute: xr.Dataset | None = None, ax
 
     **Raises:** `ValueError` for another kind of dataset, an unknown quantity, or where the parameters differ.
     """
-    points = _branch_points(ds)
+    points = _datasets(ds, "branch", "continue_orbit", "stable", "event_point")
     name = _parameter(points)
     lines = [_lines_of(one, quantity) for one in points]
     if brute is not None:
@@ -162,8 +156,10 @@ def multiplier_circle(ds: Any, ax: Any = None) -> Any:
 
     **Raises:** `ValueError` for another kind of dataset.
     """
-    (one,) = points = _branch_points(ds, most=1)
-    name = _parameter(points)
+    points = _datasets(ds, "branch", "continue_orbit", "stable", "event_point")
+    if len(points) > 1:
+        raise ValueError(f"Argument `ds` must be one branch, not {len(points)}.")
+    (one,), name = points, _parameter(points)
     mu = one["multiplier_real"].values + 1j * one["multiplier_imag"].values
     values, modulus = np.broadcast_to(shown(one, name)[:, None], mu.shape), np.abs(mu)
     far, reach = modulus > FARTHEST, min(FARTHEST, max(1.0, float(np.max(modulus))))
@@ -221,28 +217,27 @@ def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> 
 
     **Raises:** `ValueError` for another kind of dataset, or where the parameters differ.
     """
-    curves = _curve_points(ds)
+    curves = _datasets(ds, "curve", "continue_event", "outside")
     over = _two_parameters(curves[0])
-    for one in curves[1:]:
-        if set(_two_parameters(one)) != set(over):
-            raise ValueError(
-                f"Argument `ds` must be curves over {' and '.join(over)}, but one is over {_two_parameters(one)}."
-            )
+    for one in curves:
+        label, names = one.attrs.get("label"), _two_parameters(one)
+        require(label in CURVE_COLORS, "ds", f"have a label of {', '.join(CURVE_COLORS)}", label)
+        check_dataset(one, "continue_event", *names)
+        if set(names) != set(over):
+            raise ValueError(f"Argument `ds` must be curves over {' and '.join(over)}, but one is over {names}.")
     if regimes is not None:
         over = _map_parameters(regimes, over)
     base = curves[0] if regimes is None else regimes
     with drawing(ax, base, 3.5, 3.3 if regimes is None else 3.9) as ax:
-        handles = []
-        if regimes is not None:
-            handles = (draw_regimes if "regime" in regimes else draw_attractors)(regimes, over, ax)
-            frame = ax.axis()
-        for one in curves:
-            _draw_curve(ax, one, over)
-        if regimes is not None:
-            ax.axis(frame)
-        else:
+        if regimes is None:
             ax.set(xlabel=axis_label(over[1], base), ylabel=axis_label(over[0], base))
             ax.margins(0.05)
+            handles = []
+        else:
+            handles = (draw_regimes if "regime" in regimes else draw_attractors)(regimes, over, ax)
+            ax.axis(ax.axis())  # only the area of the map is shown
+        for one in curves:
+            _draw_curve(ax, one, over)
         legend_above(ax, _curve_entries(curves) + handles)
         write_labels(ax, [mark for one in curves for mark in _curve_marks(ax, one, over)])
     return ax
@@ -275,12 +270,10 @@ def _draw_curve(ax: Any, ds: xr.Dataset, over: Sequence[str]) -> None:
     x, y = shown(ds, over[1]), shown(ds, over[0])
     single = ds["outside"].values == 0
     solid = single[1:] & single[:-1]
-    for parts, style in ((solid, {"ls": SOLID, "lw": 1.4}), (~solid, {"ls": DASHED, "lw": 1.1})):
-        line = Line2D(*joined(x, y[None], parts), color=CURVE_COLORS[ds.attrs["label"]], zorder=4, **style)
-        line.set_path_effects([withStroke(linewidth=2.6, foreground="white"), Normal()])
-        ax.add_line(line)
-    ax.update_datalim(np.stack([x, y], axis=1))
-    ax.autoscale_view()
+    style = dict(color=CURVE_COLORS[ds.attrs["label"]], zorder=4)
+    style["path_effects"] = [withStroke(linewidth=2.6, foreground="white"), Normal()]
+    ax.plot(*joined(x, y[None], solid), lw=1.4, ls=SOLID, **style)
+    ax.plot(*joined(x, y[None], ~solid), lw=1.1, ls=DASHED, **style)
 
 
 def _curve_marks(ax: Any, ds: xr.Dataset, over: Sequence[str]) -> Iterator[Mark]:
@@ -317,33 +310,15 @@ def _event_entries(marks: Sequence[Mark]) -> list[Line2D]:
     return [Line2D([], [], **_marker(label, "black"), label=f"{label} {EVENT_NAMES[label]}") for label in names]
 
 
-def _datasets(ds: Any) -> list[Any]:
-    """The datasets of one result or several."""
+def _datasets(ds: Any, kind: str, source: str, *names: str) -> list[xr.Dataset]:
+    """The datasets, with the variables `names`, of one result or several."""
     several = list(ds) if isinstance(ds, list | tuple) else [ds]
-    return [one if isinstance(one, xr.Dataset) else getattr(one, "points", one) for one in several]
-
-
-def _branch_points(ds: Any, most: int | None = None) -> list[xr.Dataset]:
-    """The datasets of one branch or several."""
-    points = _datasets(ds)
-    for one in points:
-        check_dataset(one, BRANCH_SOURCE, "stable", "event_point")
-    if not points or (most is not None and len(points) > most):
-        raise ValueError(f"Argument `ds` must be one branch{'' if most else ' or more'}, not {len(points)}.")
-    return points
-
-
-def _curve_points(ds: Any) -> list[xr.Dataset]:
-    """The datasets of one curve or several."""
-    curves = _datasets(ds)
-    if not curves:
-        raise ValueError("Argument `ds` must be one curve or more, but has none.")
-    for one in curves:
-        check_dataset(one, CURVE_SOURCE, "outside")
-        label = one.attrs.get("label")
-        require(label in CURVE_COLORS, "ds", f"have a label of {', '.join(CURVE_COLORS)}", label)
-        check_dataset(one, CURVE_SOURCE, *_two_parameters(one))
-    return curves
+    if not several:
+        raise ValueError(f"Argument `ds` must be one {kind} or more, not 0.")
+    datasets = [one if isinstance(one, xr.Dataset) else getattr(one, "points", one) for one in several]
+    for one in datasets:
+        check_dataset(one, source, *names)
+    return datasets
 
 
 def _parameter(points: Sequence[xr.Dataset]) -> str:
@@ -366,7 +341,7 @@ def _lines_of(ds: xr.Dataset, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Lines of a branch in display units (lines, points), NaN where absent, and the parts to draw (points - 1,)."""
     linked = np.ones(ds.sizes["point"] - 1, bool)
     if name in SECTIONS:
-        check_dataset(ds, BRANCH_SOURCE, name, f"{name}_period")
+        check_dataset(ds, "continue_orbit", name, f"{name}_period")
         velocity, time = (ds[n].transpose("point", "crossing").values for n in (name, f"{name}_period"))
         return crossing_threads(velocity, time, int(ds.attrs["orbit_period"])), linked
     coordinate = name.removeprefix("start_")
@@ -419,9 +394,8 @@ def _matches(before: tuple, now: tuple, period: int, span: float) -> tuple[np.nd
     jump = np.abs(v1.T - v0) / np.maximum(np.maximum(VELOCITY_JUMP * larger, SMALL_JUMP * span), 1e-300)
     shift = np.abs((t1.T - t0 + period / 2) % period - period / 2) / TIME_JUMP
     cost = np.hypot(jump, shift)
-    cost = np.where(cost <= 1, cost, NO_MATCH)
-    old, new = linear_sum_assignment(cost)
-    matched = cost[old, new] < NO_MATCH
+    old, new = linear_sum_assignment(np.where(cost <= 1, cost, 1e6))  # at any price as many matches as possible
+    matched = cost[old, new] <= 1
     return old[matched], new[matched]
 
 
@@ -450,10 +424,8 @@ def joined(x: np.ndarray, threads: np.ndarray, parts: np.ndarray) -> tuple[np.nd
     end, begin = _ends(threads, parts)
     # each point that a part touches, and a NaN after it where no part goes on
     keep = np.stack([end | begin, end & ~begin], axis=-1)
-    return tuple(
-        np.stack([values, np.full_like(values, np.nan)], axis=-1)[keep]
-        for values in (np.broadcast_to(x, threads.shape).astype(float), threads)
-    )
+    xs, gap = np.broadcast_to(x, threads.shape), np.full(threads.shape, np.nan)
+    return np.stack([xs, gap], axis=-1)[keep], np.stack([threads, gap], axis=-1)[keep]
 
 
 def _draw_lines(
@@ -509,14 +481,14 @@ def write_labels(ax: Any, marks: Iterable[Mark], fontsize: float = 6.5) -> None:
     boxes, grazings = np.zeros((2, 0, 2)), np.zeros(0)
     for label, x, values, color in sorted(marks, key=lambda mark: mark.label == "GR"):
         at = np.array([(x, value) for value in sorted(values, reverse=True)])
-        places = ax.transData.transform(at)
+        positions = ax.transData.transform(at)
         if label == "GR":
-            if np.any(np.abs(grazings - places[0, 0]) < CROWDED * pixel):
+            if np.any(np.abs(grazings - positions[0, 0]) < CROWDED * pixel):
                 continue
-            grazings = np.append(grazings, places[0, 0])
+            grazings = np.append(grazings, positions[0, 0])
         # boxes of all offsets from all values, and what each of them hides
         half = np.array([0.36 * len(label), 0.5]) * fontsize * pixel
-        middles = (places[:, None] + pixel * LABEL_OFFSETS).reshape(-1, 1, 2)
+        middles = (positions[:, None] + pixel * LABEL_OFFSETS).reshape(-1, 1, 2)
         lower, upper = middles - half, middles + half
         free = np.all((lower > low) & (upper < high), axis=(1, 2))
         free &= ~np.any(np.all((boxes[0] < upper) & (boxes[1] > lower), axis=-1), axis=1)

@@ -35,8 +35,6 @@ from .style import (
     with_unit,
 )
 
-DESIGN_SOURCE = "optimise_design"
-"""Function that makes the datasets drawn here, for errors."""
 REGIME_MARKERS = {"period 1": "o", "period n": "s", "irregular": "D"}
 """Markers of cases by their kind of motion; n is above 1."""
 REGIME_HATCHES = {
@@ -79,10 +77,10 @@ def design_overview(
     draws += [partial(draw, dataset) for draw, dataset in checks if dataset is not None]
     with styled():
         if axes is None:
-            rows = [[0, 1], [2, 3], [4, len(draws) - 1]][: (len(draws) + 1) // 2]
-            figure, panels = plt.subplot_mosaic(rows, figsize=(7.2, 2.9 * len(rows)), layout="constrained")
+            rows = {4: "AB;CD", 5: "AB;CD;EE", 6: "AB;CD;EF"}[len(draws)]
+            figure, panels = plt.subplot_mosaic(rows, figsize=(7.2, 2.9 * (len(rows) // 3 + 1)), layout="constrained")
             figure.suptitle(_title(ds), fontsize=7)
-            axes = np.array([panels[k] for k in range(len(draws))])
+            axes = np.array([panels[label] for label in sorted(panels)])
         # legends come last: their columns follow from widths that each panel changes
         legends_above([(ax, draw(ds, ax)) for ax, draw in zip(np.ravel(axes), draws, strict=True)])
     return axes
@@ -91,7 +89,7 @@ def design_overview(
 def design_dataset(ds: Any) -> xr.Dataset:
     """The dataset of a design, or of a result that has one."""
     ds = ds if isinstance(ds, xr.Dataset) or not hasattr(ds, "to_xarray") else ds.to_xarray()
-    check_dataset(ds, DESIGN_SOURCE, "trial_design", "objective", "design")
+    check_dataset(ds, "optimise_design", "trial_design", "objective", "design")
     return ds
 
 
@@ -163,10 +161,10 @@ def _draw_trials(ds: xr.Dataset, ax: Any) -> list[Any]:
     trials = [_in_shown(ds, name, ds["trial_design"].sel(variable=name)) for name in names]
     plane, norm, finite = len(names) > 1, color_norm(total), np.isfinite(total)
     x, y = trials if plane else (*trials, total)
-    taken, start = ds["trial_taken"].values.astype(bool), ds["trial_start"].values
+    accepted, start = ds["trial_taken"].values.astype(bool), ds["trial_start"].values
     for number in np.unique(start):
         own = start == number
-        ax.plot(x[own & taken & finite], y[own & taken & finite], lw=0.7, color=COLORS["grey"], zorder=1)
+        ax.plot(x[own & accepted & finite], y[own & accepted & finite], lw=0.7, color=COLORS["grey"], zorder=1)
         ax.plot(x[own][:1], y[own][:1], **FIRST)
     if plane:
         colors = plt.get_cmap("viridis")(norm(np.where(finite, total, float(norm.vmin or 0.0))))
@@ -175,31 +173,33 @@ def _draw_trials(ds: xr.Dataset, ax: Any) -> list[Any]:
     else:
         colors = np.tile(to_rgba(COLORS["blue"]), (len(x), 1))
         mark_cases(ax, x[~finite])
-        fit_scale(ax, total)
     ax.plot(*_best_place(ds, names), **OPTIMUM)
+    handles = [Line2D([], [], label="best", **OPTIMUM), Line2D([], [], label="start", **FIRST)]
+    handles += _scatter_trials(ds, ax, x, y, colors, "black")
     for name, set_limits in zip(names, (ax.set_xlim, ax.set_ylim), strict=False):
         low, high = _in_shown(ds, name, [ds[end].sel(variable=name) for end in ("low", "high")])
         set_limits(low - 0.04 * (high - low), high + 0.04 * (high - low))
     ax.set(xlabel=_variable_label(ds, names[0]))
     ax.set(ylabel=_variable_label(ds, names[1]) if plane else _total_label(ds))
-    handles = [Line2D([], [], label="best", **OPTIMUM), Line2D([], [], label="start", **FIRST)]
-    return handles + _scatter_trials(ds, ax, x, y, colors, "black")
+    if not plane:
+        fit_scale(ax, total)
+    return handles
 
 
 def _scatter_trials(
     ds: xr.Dataset, ax: Any, x: np.ndarray, y: np.ndarray, colors: np.ndarray, legend_color: str
 ) -> list[Any]:
-    """Trials as dots, filled where taken, triangles where they violate a constraint; gives entries of a legend."""
-    finite, taken = np.isfinite(ds["trial_smooth"].values), ds["trial_taken"].values.astype(bool)
+    """Trials as dots, filled where accepted, triangles where they violate a constraint; gives entries of a legend."""
+    finite, accepted = np.isfinite(ds["trial_smooth"].values), ds["trial_taken"].values.astype(bool)
     kept = ds["trial_violation"].values <= VIOLATED
     for filled in (True, False):
         for good, marker in ((True, "o"), (False, "v")):
-            at = finite & (taken == filled) & (kept == good)
+            at = finite & (accepted == filled) & (kept == good)
             face = colors[at] if filled else "none"
             ax.scatter(x[at], y[at], 16, facecolors=face, edgecolors=colors[at], marker=marker, lw=0.9, zorder=3)
     entries = (
-        ("taken", "o", legend_color, taken[finite].any()),
-        ("not taken", "o", "none", not taken[finite].all()),
+        ("taken", "o", legend_color, accepted[finite].any()),
+        ("not taken", "o", "none", not accepted[finite].all()),
         ("constraint violated", "v", "none", not kept[finite].all()),
     )
     style = dict(ls="", ms=3.8, mew=0.8, mec=legend_color)
@@ -416,11 +416,7 @@ def _over_cases(ds: xr.Dataset) -> tuple[np.ndarray, str]:
 def _case_text(ds: xr.Dataset, case: int) -> str:
     """A case in words."""
     names = varied_names(ds) if "varied" in ds.attrs else []
-    texts = [
-        with_unit(f"{name.replace('_', ' ')} {shown(ds, name)[case]:.5g}", PARAMETERS[name].display_unit)
-        for name in names
-    ]
-    return ", ".join(texts) or "the case"
+    return ", ".join(_stated(ds, name, ds[name].values[case]) for name in names) or "the case"
 
 
 def _per_shown(array: xr.DataArray) -> float:
@@ -470,6 +466,12 @@ def _variable_label(ds: xr.Dataset, name: str) -> str:
     )
 
 
+def _stated(ds: xr.Dataset, name: str, value: float) -> str:
+    """A variable or parameter in words, with its value [SI unit] in the display unit."""
+    q = _variable(ds, name)
+    return with_unit(f"{name.replace('_', ' ')} {q.shown(value):.5g}", q.display_unit)
+
+
 def _in_shown(ds: xr.Dataset, name: str, values: Any) -> np.ndarray:
     """Values of a variable [SI unit] in its display unit."""
     return np.asarray(_variable(ds, name).shown(np.asarray(values, float)))
@@ -483,10 +485,7 @@ def _best_place(ds: xr.Dataset, names: list[str], objective: str = "smooth") -> 
 
 def _title(ds: xr.Dataset) -> str:
     """The fixed parameters, and the best design."""
-    texts = []
-    for name, value in zip(map(str, ds["variable"].values), ds["design"].values, strict=True):
-        q = _variable(ds, name)
-        texts.append(with_unit(f"{name.replace('_', ' ')} {q.shown(value):.4g}", q.display_unit))
+    texts = [_stated(ds, str(n), x) for n, x in zip(ds["variable"].values, ds["design"].values, strict=True)]
     total, objective = ds.attrs["objective"] / _per_shown(ds["objective"]), ds["objective"]
     number = with_unit(f"{_name_of(objective)} {total:.4g}", objective.attrs.get("shown_unit", "1"))
     reduction = f", {_over_all(ds)}" if ds.sizes["case"] > 1 else ""
