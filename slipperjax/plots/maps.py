@@ -43,17 +43,17 @@ _LONGEST_NAMED = 4
 """Longest period with a colour of its own."""
 MOTION_COLORS = {
     "period 1": "#d6e6f4",
-    "period 2": "#a9cce6",
-    "period 3": "#7fb2d9",
-    "period 4": "#5797c4",
-    "other periods": "#3f7396",
+    "period 2": "#8fc1de",
+    "period 3": "#cbc3e8",
+    "period 4": "#4a94c5",
+    "other periods": "#9a86cc",
     "quasi-periodic": "#8fd0b0",
     "regular": "#c9ebd9",
     "chaotic": "#e8a090",
     "transient chaos": "#f5cf9f",
     "unresolved": "#e4e4e4",
 }
-"""Colours of motions: lighter shades of their regime's in `REGIME_COLORS`, so that curves are seen above them."""
+"""Colours of motions, near those of their regimes in `REGIME_COLORS`, but lighter, so that curves are seen above."""
 
 
 def regimes_of(ds: xr.Dataset, *dims: str) -> np.ndarray:

@@ -141,7 +141,8 @@ def drawing(
 
 def legend_above(ax: Any, handles: list[Any], fontsize: float = 6.5) -> None:
     """A legend above the axes, with as many columns as make it no wider than they are; none without `handles`."""
-    legends_above([(ax, handles)], fontsize)
+    if handles:
+        legends_above([(ax, handles)], fontsize)
 
 
 def legends_above(entries: list[tuple[Any, list[Any]]], fontsize: float = 6.5) -> None:

@@ -72,7 +72,7 @@ def _draw_contact_forces(ds: xr.Dataset, ax: Any, most: int = 4, last: float | N
     drawn = period >= (-np.inf if last is None else period[-1] - last - 1e-9)
     for line in _most_loaded(ds, most):
         instant = f" at {line.instant:.4g}" if np.isfinite(line.instant) else ""
-        label = f"{line.style.pop('label')}, peak {line.peak:.3g} kN{instant}"
+        label = f"{line.name}, peak {line.peak:.3g} kN{instant}"
         ax.plot(period[drawn], line.force[drawn], lw=0.9, label=label, **line.style)
         if np.any(drawn) and period[drawn][0] <= line.instant <= period[-1]:
             ax.plot(line.instant, line.peak, "o", ms=3, mew=0, color=line.style["color"])
@@ -103,7 +103,7 @@ def _draw_highest_forces(ds: xr.Dataset, ax: Any, most: int = 4) -> list[Any]:
     number = np.maximum(np.ceil(period - 1e-9), 1)  # a period has its end, not its beginning
     starts = np.flatnonzero(np.diff(number, prepend=-np.inf))
     for line in _most_loaded(ds, most):
-        ax.plot(number[starts] - 0.5, np.maximum.reduceat(line.force, starts), lw=0.9, **line.style)
+        ax.plot(number[starts] - 0.5, np.maximum.reduceat(line.force, starts), lw=0.9, label=line.name, **line.style)
         ax.plot(line.instant, line.peak, "o", ms=3, mew=0, color=line.style["color"])
     margin = 0.01 * np.ptp(period)
     ax.margins(y=0.1)
@@ -115,14 +115,16 @@ def _draw_highest_forces(ds: xr.Dataset, ax: Any, most: int = 4) -> list[Any]:
 class PointForce(NamedTuple):
     """The contact force of one point."""
 
+    name: str
+    """The point's letter, and 1 at the front or 2 at the rear."""
     force: np.ndarray
     """[kN], of the saved states."""
     peak: float
     """[kN], over every integration step where the dataset has that."""
     instant: float
-    """Time of the peak [forcing periods], NaN where it is not known."""
+    """Time of the peak [forcing periods], NaN where the dataset lacks it."""
     style: dict[str, Any]
-    """Colour, dashes and name, the same in every picture."""
+    """Colour and dashes, the same in every picture."""
 
 
 def _most_loaded(ds: xr.Dataset, most: int) -> list[PointForce]:
@@ -138,9 +140,9 @@ def _most_loaded(ds: xr.Dataset, most: int) -> list[PointForce]:
     for end, point in stacked.sortby(stacked, ascending=False)["at"].values[:most]:
         at, (number, dashes) = {"end": end, "point": point}, (1, "-") if end == "front" else (2, (0, (3, 1.5)))
         color = POINT_COLORS[list(ds["point"].values).index(point) % len(POINT_COLORS)]
-        style = {"color": color, "ls": dashes, "label": f"{point}{number}"}
-        peak = float(quantity("peak_force").shown(peaks.sel(at)))
-        lines.append(PointForce(shown(ds.sel(at), "contact_force"), peak, float(instants.sel(at)), style))
+        force, peak = shown(ds.sel(at), "contact_force"), float(quantity("peak_force").shown(peaks.sel(at)))
+        style = {"color": color, "ls": dashes}
+        lines.append(PointForce(f"{point}{number}", force, peak, float(instants.sel(at)), style))
     return lines
 
 
