@@ -43,7 +43,7 @@ def animate(
     fps: float = 20.0,
     most: int = 4,
 ) -> Any:
-    """The slipper's front and rear section around the rail head, with the play magnified, over time.
+    """Animates the slipper's front and rear section around the rail head, with the play magnified.
 
     The rail head is drawn to scale and stands still: what moves is the slipper relative to it. That displacement is
     drawn `magnify` times as large, so that the drawn gap of every point is `magnify` times its gap: a point is drawn
@@ -86,7 +86,7 @@ def instant(
     last: float | None = 2.0,
     most: int = 4,
 ) -> Any:
-    """One picture of `animate`: that of the saved state nearest to `at` [forcing periods], default the last one.
+    """Draws one picture of `animate`: the saved state nearest to `at` [forcing periods], default the last one.
 
     **Arguments:** as for `animate`. **Returns:** the figure.
     """
@@ -156,7 +156,7 @@ class _Picture:
 
 
 def _one_case(run: Any, scene: Scene | None) -> tuple[xr.Dataset, Scene]:
-    """One case over time, and its scene."""
+    """Gives one case over time, and its scene."""
     if isinstance(run, Trajectory):
         return run.to_xarray(), run.scene if scene is None else check_scene(scene)
     if not isinstance(run, xr.Dataset):
@@ -170,7 +170,7 @@ def _one_case(run: Any, scene: Scene | None) -> tuple[xr.Dataset, Scene]:
 
 
 def _displacements(ds: xr.Dataset, scene: Scene) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-    """Gaps and displacements along the faces [m] by the model's own kinematics, (time, end, point)."""
+    """Gives the gaps and displacements along the faces [m] by the model's own kinematics, (time, end, point)."""
     at = lambda name: np.asarray(ds[name].values, float)
     attitude = quaternion_from_euler(at("roll"), at("pitch"), at("yaw"))
     still = np.zeros_like(at("y"))

@@ -28,7 +28,7 @@ FOLLOWED = {"up": COLORS["orange"], "down": COLORS["green"]}
 
 
 def bifurcation(ds: xr.Dataset, section: str, ax: Any = None, **style: Any) -> Any:
-    """One bifurcation diagram: a section's velocities over the swept parameter, in display units.
+    """Draws one bifurcation diagram: a section's velocities over the swept parameter, in display units.
 
     Cases with a status other than 0 have no dots, but a grey cross at the bottom.
 
@@ -52,7 +52,7 @@ def bifurcation(ds: xr.Dataset, section: str, ax: Any = None, **style: Any) -> A
 
 
 def bifurcations(ds: xr.Dataset, axes: Any = None, followed: xr.Dataset | None = None) -> Any:
-    """All five bifurcation diagrams above each other, at column width, as in Figs. 5, 8 and 10 of the paper.
+    """Draws all five bifurcation diagrams above each other, at column width, as in Figs. 5, 8 and 10 of the paper.
 
     **Arguments:**
 
@@ -107,12 +107,12 @@ def _draw_dots(
 
 
 def _dot_size(array: xr.DataArray) -> float:
-    """Marker size [points] of dots that can be seen, and hardly overlap where cases are few."""
+    """Gives the marker size [points] of dots that can be seen, and hardly overlap where cases are few."""
     return float(np.clip(700 / array[swept(array, "crossing")[0]].size, 3.4, 5.0))
 
 
 def _show_legend(ax: Any, lost: bool) -> None:
-    """A legend of the dots, and of the crosses where cases are left out."""
+    """Draws a legend of the dots, and of the crosses where cases are left out."""
     legend_above(ax, ax.get_legend_handles_labels()[0] + [cross(label=FLAGGED_LABEL)] * lost)
     for handle in ax.get_legend().legend_handles:
         handle.set_markersize(5 if handle.get_marker() == "." else 4)

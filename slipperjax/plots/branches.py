@@ -52,8 +52,6 @@ CROWDED = 22.0
 _ASIDE = np.array([(0, 1), (0, -1), (1.2, 0), (-1.2, 0), (0.9, 0.8), (-0.9, 0.8), (0.9, -0.8), (-0.9, -0.8)])
 LABEL_OFFSETS = np.concatenate([8.0 * _ASIDE, 13.0 * _ASIDE])
 """Offsets [points] of labels from their markers, the best first."""
-_SHOWN_AS = {"grazing_gap": "gap"}
-"""Variables of branches that are shown in the unit of a quantity with another name."""
 QUANTITIES = (
     *SECTIONS,
     *(f"start_{name}" for name in COORDINATES),
@@ -74,7 +72,7 @@ class Mark(NamedTuple):
 
 
 def branches(ds: Any, quantity: str = "v_z", brute: xr.Dataset | None = None, ax: Any = None) -> Any:
-    """Branches of periodic motions over their parameter: stable parts solid, unstable ones dashed, events marked.
+    """Draws branches of periodic motions over a parameter: stable parts solid, unstable ones dashed, events marked.
 
     Colours tell periods apart. An event has a marker at each value that its orbit has, and its label next to one of
     them where there is space.
@@ -144,7 +142,7 @@ def check_brute(brute: Any, name: str, quantity: str) -> None:
 
 
 def multiplier_circle(ds: Any, ax: Any = None) -> Any:
-    """Floquet multipliers of a branch in the complex plane, coloured by its parameter, with the unit circle.
+    """Draws Floquet multipliers of a branch in the complex plane, coloured by its parameter, with the unit circle.
 
     Critical multipliers of events have a marker and a label. Multipliers of a modulus above 2 are squares on an outer
     circle, in their direction.
@@ -188,7 +186,7 @@ def multiplier_circle(ds: Any, ax: Any = None) -> Any:
 
 
 def _critical_marks(ds: xr.Dataset) -> list[Mark]:
-    """Critical multipliers of events, alike ones once, since all folds of a branch have +1."""
+    """Gives the critical multipliers of events, alike ones once, since all folds of a branch have +1."""
     parts = [ds[f"event_multiplier_{part}"].values.round(3).tolist() for part in ("real", "imag")]
     alike = dict.fromkeys(zip(ds["event_label"].values.astype(str), *parts, strict=True))
     return [
@@ -199,7 +197,7 @@ def _critical_marks(ds: xr.Dataset) -> list[Mark]:
 
 
 def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> Any:
-    """Curves of folds, flips, Neimark-Sacker points and grazings over two parameters.
+    """Draws curves of folds, flips, Neimark-Sacker points and grazings over two parameters.
 
     A curve is solid where all other multipliers lie inside the unit circle, so that the motion changes there that is
     met in simulations, and dashed elsewhere.
@@ -244,7 +242,7 @@ def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> 
 
 
 def _map_parameters(regimes: xr.Dataset, over: tuple[str, ...]) -> tuple[str, ...]:
-    """The parameters of a map, the one drawn upwards first; raises `ValueError` where the curves have others."""
+    """Gives the parameters of a map, the one upwards first; raises `ValueError` where the curves have others."""
     kinds = isinstance(regimes, xr.Dataset) and "regime" not in regimes and "kind" in regimes
     check_dataset(regimes, "lyapunov_sweep", "kind" if kinds else "regime")
     own = swept(regimes["kind" if kinds else "regime"], count=2)
@@ -257,7 +255,7 @@ def _map_parameters(regimes: xr.Dataset, over: tuple[str, ...]) -> tuple[str, ..
 
 
 def _two_parameters(ds: xr.Dataset) -> tuple[str, ...]:
-    """The two parameters that vary along a curve."""
+    """Gives the two parameters that vary along a curve."""
     names = ds.attrs.get("varied", ())
     names = tuple(map(str, json.loads(names) if isinstance(names, str) else names))
     if len(names) != 2:
@@ -266,7 +264,7 @@ def _two_parameters(ds: xr.Dataset) -> tuple[str, ...]:
 
 
 def _draw_curve(ax: Any, ds: xr.Dataset, over: Sequence[str]) -> None:
-    """One curve, its points in their order; a part is solid where both its ends are."""
+    """Draws one curve, its points in their order; a part is solid where both its ends are."""
     x, y = shown(ds, over[1]), shown(ds, over[0])
     single = ds["outside"].values == 0
     solid = single[1:] & single[:-1]
@@ -277,7 +275,7 @@ def _draw_curve(ax: Any, ds: xr.Dataset, over: Sequence[str]) -> None:
 
 
 def _curve_marks(ax: Any, ds: xr.Dataset, over: Sequence[str]) -> Iterator[Mark]:
-    """The event's name at the middle of the curve's part inside the axes, of its solid part if it has one."""
+    """Gives the event's name at the middle of a curve's part inside the axes, of its solid part if it has one."""
     x, y = shown(ds, over[1]), shown(ds, over[0])
     (left, right), (low, high) = sorted(ax.get_xlim()), sorted(ax.get_ylim())
     inside = (x >= left) & (x <= right) & (y >= low) & (y <= high)
@@ -291,7 +289,7 @@ def _curve_marks(ax: Any, ds: xr.Dataset, over: Sequence[str]) -> Iterator[Mark]
 
 
 def _curve_entries(curves: Sequence[xr.Dataset]) -> list[Line2D]:
-    """Entries of a legend for curves."""
+    """Gives entries of a legend for curves."""
     used = {one.attrs["label"] for one in curves}
     lines = [
         Line2D([], [], color=color, lw=1.4, label=f"{label} {EVENT_NAMES[label]}")
@@ -304,14 +302,14 @@ def _curve_entries(curves: Sequence[xr.Dataset]) -> list[Line2D]:
 
 
 def _event_entries(marks: Sequence[Mark]) -> list[Line2D]:
-    """Entries of a legend that give the meaning of labels."""
+    """Gives entries of a legend with the meaning of labels."""
     used = {mark.label for mark in marks}
     names = [label for label in EVENT_MARKERS if label in used]
     return [Line2D([], [], **_marker(label, "black"), label=f"{label} {EVENT_NAMES[label]}") for label in names]
 
 
 def _datasets(ds: Any, kind: str, source: str, *names: str) -> list[xr.Dataset]:
-    """The datasets, with the variables `names`, of one result or several."""
+    """Gives the datasets, with the variables `names`, of one result or several."""
     several = list(ds) if isinstance(ds, list | tuple) else [ds]
     if not several:
         raise ValueError(f"Argument `ds` must be one {kind} or more, not 0.")
@@ -322,7 +320,7 @@ def _datasets(ds: Any, kind: str, source: str, *names: str) -> list[xr.Dataset]:
 
 
 def _parameter(points: Sequence[xr.Dataset]) -> str:
-    """The parameter of all branches."""
+    """Gives the parameter of all branches."""
     names = {varied_names(one)[0] for one in points}
     if len(names) > 1:
         raise ValueError(f"Argument `ds` must be branches over one parameter, but they are over {sorted(names)}.")
@@ -330,15 +328,15 @@ def _parameter(points: Sequence[xr.Dataset]) -> str:
 
 
 def _quantity_label(name: str, ds: xr.Dataset) -> str:
-    """The axis label of a quantity."""
-    if name in _SHOWN_AS:
-        return f"{name.replace('_', ' ')} [{registered(_SHOWN_AS[name]).display_unit}]"
+    """Gives the axis label of a quantity."""
+    if name == "grazing_gap":
+        return f"grazing gap [{registered('gap').display_unit}]"
     coordinate = name.removeprefix("start_")
     return f"start {axis_label(coordinate)}" if name != coordinate else axis_label(name, ds)
 
 
 def _lines_of(ds: xr.Dataset, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Lines of a branch in display units (lines, points), NaN where absent, and the parts to draw (points - 1,)."""
+    """Gives lines of a branch [display unit] (lines, points), NaN where absent, and the parts to draw (points - 1,)."""
     linked = np.ones(ds.sizes["point"] - 1, bool)
     if name in SECTIONS:
         check_dataset(ds, "continue_orbit", name, f"{name}_period")
@@ -353,12 +351,12 @@ def _lines_of(ds: xr.Dataset, name: str) -> tuple[np.ndarray, np.ndarray]:
         raise ValueError(f"Argument `quantity` must have one value per point, such as {usual}, but is {name!r}.")
     if name == "slowest_touchdown":  # it becomes another one where a touchdown comes or goes
         linked = np.all(np.diff(ds["touchdowns"].values.reshape(len(linked) + 1, -1), axis=0) == 0, axis=1)
-    values = registered(_SHOWN_AS[name]).shown(ds[name].values) if name in _SHOWN_AS else shown(ds, name)
+    values = registered("gap").shown(ds[name].values) if name == "grazing_gap" else shown(ds, name)
     return np.where(np.isfinite(values), values, np.nan)[None], linked
 
 
 def crossing_threads(velocity: np.ndarray, time: np.ndarray, period: int) -> np.ndarray:
-    """The velocities of a section's crossings as lines (lines, points), NaN where a line is absent.
+    """Gives the velocities of a section's crossings as lines (lines, points), NaN where a line is absent.
 
     The number of crossings changes from point to point, and their order where one appears or passes the start of the
     period. Those of neighbouring points are matched by velocity and time; where the match is poor, a line ends and
@@ -386,7 +384,7 @@ def crossing_threads(velocity: np.ndarray, time: np.ndarray, period: int) -> np.
 
 
 def _matches(before: tuple, now: tuple, period: int, span: float) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of matching crossings, velocities and times, of two neighbouring points."""
+    """Gives the indices of matching crossings, velocities and times, of two neighbouring points."""
     from scipy.optimize import linear_sum_assignment  # here, because its import takes long
 
     (v0, t0), (v1, t1) = ((v[:, None], t[:, None]) for v, t in (before, now))
@@ -400,7 +398,7 @@ def _matches(before: tuple, now: tuple, period: int, span: float) -> tuple[np.nd
 
 
 def stable_parts(ds: xr.Dataset) -> np.ndarray:
-    """Whether a branch is stable between its points, of shape (points - 1,).
+    """Returns whether a branch is stable between its points, of shape (points - 1,).
 
     An event has multipliers on the unit circle, or those of one side of a grazing: its other neighbour decides.
     """
@@ -410,14 +408,14 @@ def stable_parts(ds: xr.Dataset) -> np.ndarray:
 
 
 def _ends(threads: np.ndarray, parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Whether a part of a line ends at each of its points, and whether one begins there, (lines, points)."""
+    """Returns whether a part of a line ends at each of its points, and whether one begins there, (lines, points)."""
     finite = np.isfinite(threads)
     drawn = parts & finite[:, 1:] & finite[:, :-1]
     return np.pad(drawn, ((0, 0), (1, 0))), np.pad(drawn, ((0, 0), (0, 1)))
 
 
 def joined(x: np.ndarray, threads: np.ndarray, parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """One curve of the chosen `parts` (points - 1,) of lines (lines, points), with NaN after each.
+    """Gives one curve of the chosen `parts` (points - 1,) of lines (lines, points), with NaN after each.
 
     **Arguments:** `x`: (points,).
     """
@@ -431,7 +429,7 @@ def joined(x: np.ndarray, threads: np.ndarray, parts: np.ndarray) -> tuple[np.nd
 def _draw_lines(
     ax: Any, x: np.ndarray, threads: np.ndarray, linked: np.ndarray, stable: np.ndarray, color: str
 ) -> None:
-    """The stable and the unstable parts; a value without neighbours is a dot."""
+    """Draws the stable and the unstable parts; a value without neighbours is a dot."""
     style: dict[str, Any] = dict(color=color, zorder=3, solid_capstyle="butt")
     ax.plot(*joined(x, threads, linked & ~stable), lw=0.8, ls=DASHED, **style)
     ax.plot(*joined(x, threads, linked & stable), lw=1.3, ls=SOLID, **style)
@@ -442,7 +440,7 @@ def _draw_lines(
 
 
 def _draw_brute(ax: Any, brute: xr.Dataset, name: str, quantity: str) -> list[Any]:
-    """Grey dots of simulations; gives the entries of the legend."""
+    """Draws grey dots of simulations; gives the entries of the legend."""
     style: dict[str, Any] = {"color": COLORS["grey"], "zorder": 1, "ms": 3.4}
     if quantity in SECTIONS:
         bifurcation(brute, quantity, ax, **style)
@@ -457,14 +455,14 @@ def _draw_brute(ax: Any, brute: xr.Dataset, name: str, quantity: str) -> list[An
 
 
 def _marker(label: str, color: str) -> dict[str, Any]:
-    """The style of an event's marker."""
+    """Gives the style of an event's marker."""
     thin = EVENT_MARKERS[label] in "|x"
     size, edge = (5.5, 0.9) if thin else (4.4, 0.6)
     return dict(ls="", marker=EVENT_MARKERS[label], ms=size, mew=edge, mec=color if thin else "white", mfc=color)
 
 
 def write_labels(ax: Any, marks: Iterable[Mark], fontsize: float = 6.5) -> None:
-    """Labels next to the markers, where they hide neither each other nor, if possible, a line.
+    """Writes labels next to the markers, where they hide neither each other nor, if possible, a line.
 
     Where grazings crowd, one label stands for them.
     """

@@ -56,7 +56,7 @@ LOWEST: dict[str, Any] = dict(ls="", marker="P", ms=6, mfc="white", mec="black",
 def design_overview(
     ds: Any, surroundings: xr.Dataset | None = None, axes: Any = None, *, margins: xr.Dataset | None = None
 ) -> Any:
-    """A design on one page: objective in each case, trials, progress of the search, sensitivities, and checks.
+    """Draws a design on one page: objective by case, trials, progress of the search, sensitivities, and checks.
 
     The title states what is fixed, and the best design.
 
@@ -87,14 +87,14 @@ def design_overview(
 
 
 def design_dataset(ds: Any) -> xr.Dataset:
-    """The dataset of a design, or of a result that has one."""
+    """Gives the dataset of a design, or of a result that has one."""
     ds = ds if isinstance(ds, xr.Dataset) or not hasattr(ds, "to_xarray") else ds.to_xarray()
     check_dataset(ds, "optimise_design", "trial_design", "objective", "design")
     return ds
 
 
 def _panel(draw: Callable[[xr.Dataset, Any], list[Any]], ds: Any, ax: Any) -> Any:
-    """One picture of a design, with a legend of the entries that `draw` returns, in Axes that are given or new."""
+    """Draws one panel, with a legend of the entries that `draw` returns, in Axes that are given or new."""
     ds = design_dataset(ds)
     with drawing(ax, None, 3.5, 2.9) as ax:
         legend_above(ax, draw(ds, ax))
@@ -102,7 +102,7 @@ def _panel(draw: Callable[[xr.Dataset, Any], list[Any]], ds: Any, ax: Any) -> An
 
 
 def design_cases(ds: Any, ax: Any = None) -> Any:
-    """The objective in each case, at the best design and at the first one that was tried, marked by regime.
+    """Draws the objective in each case, at the best design and at the first one that was tried, marked by regime.
 
     Bars are standard errors. A cross at the bottom is a case without a motion.
 
@@ -146,7 +146,7 @@ def _draw_cases(ds: xr.Dataset, ax: Any) -> list[Any]:
 
 
 def design_trials(ds: Any, ax: Any = None) -> Any:
-    """The designs that were tried, in the plane of the first two variables, coloured by the objective.
+    """Draws the trials in the plane of the first two variables, coloured by the objective.
 
     Filled ones were taken, and lines join them; hollow ones were not. With one variable the objective is drawn over
     it.
@@ -189,7 +189,7 @@ def _draw_trials(ds: xr.Dataset, ax: Any) -> list[Any]:
 def _scatter_trials(
     ds: xr.Dataset, ax: Any, x: np.ndarray, y: np.ndarray, colors: np.ndarray, legend_color: str
 ) -> list[Any]:
-    """Trials as dots, filled where accepted, triangles where they violate a constraint; gives entries of a legend."""
+    """Draws trials as dots, filled where accepted, triangles where they violate a constraint; gives entries."""
     finite, accepted = np.isfinite(ds["trial_smooth"].values), ds["trial_taken"].values.astype(bool)
     kept = ds["trial_violation"].values <= VIOLATED
     for filled in (True, False):
@@ -208,7 +208,7 @@ def _scatter_trials(
 
 
 def design_progress(ds: Any, ax: Any = None) -> Any:
-    """The objective of each trial, and the lowest until then that violates no constraint, over what was simulated.
+    """Draws the objective of each trial, and the lowest until then without violations, over the simulated periods.
 
     **Arguments:**, **Returns:** and **Raises:** as for `design_cases`.
     """
@@ -230,7 +230,7 @@ def _draw_progress(ds: xr.Dataset, ax: Any) -> list[Any]:
 
 
 def design_slopes(ds: Any, ax: Any = None) -> Any:
-    """Relative sensitivities of the objective at the best design: its change in percent by one percent of a variable.
+    """Draws relative sensitivities at the best design: percent of the objective by one percent of a variable.
 
     Bars are standard errors.
 
@@ -256,7 +256,7 @@ def _draw_slopes(ds: xr.Dataset, ax: Any) -> list[Any]:
 
 
 def design_margins(ds: Any, margins: xr.Dataset, ax: Any = None) -> Any:
-    """Bars that say how far parameters may change, either way, before the orbit of a case meets an event.
+    """Draws bars of how far parameters may change, either way, before the orbit of a case meets an event.
 
     A marker at the end of a bar is the event, with the parameter's value there; a bar without one ends where the
     search ended.
@@ -300,7 +300,7 @@ def _draw_margins(margins: xr.Dataset, ds: xr.Dataset, ax: Any) -> list[Any]:
 
 
 def design_map(ds: Any, surroundings: xr.Dataset, ax: Any = None) -> Any:
-    """A grid around the best design: the objective as colours, hatched where not all cases move with period 1.
+    """Draws a grid around the best design: the objective as colours, hatched where not all cases have period 1.
 
     With one variable the objective is drawn over it. The grid's lowest value is marked, too.
 
@@ -361,7 +361,7 @@ def _draw_map(surroundings: xr.Dataset, ds: xr.Dataset, ax: Any) -> list[Any]:
 
 
 def _grid(ds: xr.Dataset, surroundings: Any) -> tuple[str, list[str], xr.Dataset]:
-    """The objective that is drawn, "smooth" or "objective", one or two variables, and the grid at the best others."""
+    """Gives the drawn objective, "smooth" or "objective", one or two variables, and the grid at the best others."""
     quantities = {name: str(ds[name].attrs["quantity"]) for name in ("smooth", "objective")}
     is_dataset = isinstance(surroundings, xr.Dataset)
     objective = next((name for name, of in quantities.items() if is_dataset and of in surroundings), None)
@@ -378,7 +378,7 @@ def _grid(ds: xr.Dataset, surroundings: Any) -> tuple[str, list[str], xr.Dataset
 
 
 def _least_regular(grid: xr.Dataset, values: xr.DataArray, names: list[str]) -> np.ndarray:
-    """The least regular kind of motion among the cases of each design."""
+    """Gives the least regular kind of motion among the cases of each design."""
     order = np.array(["period 1", *REGIME_HATCHES])
     period = grid["period"].transpose(*values.dims).values if "period" in grid else np.ones(values.shape)
     rank = np.where(period == 1, 0, np.where(period > 1, 1, 2))
@@ -387,26 +387,26 @@ def _least_regular(grid: xr.Dataset, values: xr.DataArray, names: list[str]) -> 
 
 
 def _kinds_of(regimes: Any) -> np.ndarray:
-    """Regimes in words, all periods above 1 as one."""
+    """Gives regimes in words, all periods above 1 as one."""
     words = np.asarray(regimes).astype(str)
     return np.where(np.char.startswith(words, "period ") & (words != "period 1"), "period n", words)
 
 
 def _mark_kinds(ax: Any, x: np.ndarray, y: np.ndarray, kinds: np.ndarray, color: str) -> None:
-    """Markers by kind of motion."""
+    """Draws markers by kind of motion."""
     for kind, marker in REGIME_MARKERS.items():
         at = (kinds == kind) & np.isfinite(y)
         ax.plot(x[at], y[at], ls="", marker=marker, ms=4.5, mew=0.5, mec="white", color=color, zorder=4)
 
 
 def _kind_entries(kinds: Iterable[str], color: str) -> list[Line2D]:
-    """Entries of a legend for markers by kind of motion."""
+    """Gives entries of a legend for markers by kind of motion."""
     present, style = set(kinds), dict(ls="", ms=4, mew=0, color=color)
     return [Line2D([], [], marker=m, label=kind, **style) for kind, m in REGIME_MARKERS.items() if kind in present]
 
 
 def _over_cases(ds: xr.Dataset) -> tuple[np.ndarray, str]:
-    """The parameter that differs between the cases, and its label; their numbers where there are none or several."""
+    """Gives the parameter that differs between the cases, and its label; their numbers for none or several."""
     names = varied_names(ds) if "varied" in ds.attrs else []
     if len(names) == 1:
         return shown(ds, names[0]), axis_label(names[0], ds)
@@ -414,77 +414,77 @@ def _over_cases(ds: xr.Dataset) -> tuple[np.ndarray, str]:
 
 
 def _case_text(ds: xr.Dataset, case: int) -> str:
-    """A case in words."""
+    """Gives a case in words."""
     names = varied_names(ds) if "varied" in ds.attrs else []
     return ", ".join(_stated(ds, name, ds[name].values[case]) for name in names) or "the case"
 
 
 def _per_shown(array: xr.DataArray) -> float:
-    """SI units in one display unit."""
+    """Gives the SI units in one display unit."""
     return float(array.attrs.get("per_shown", 1.0))
 
 
 def _scaled(array: xr.DataArray, like: xr.DataArray | None = None) -> np.ndarray:
-    """Values in the display unit, of `like` where the array has none; NaN in place of infinities."""
+    """Gives values in the display unit, of `like` where the array has none; NaN in place of infinities."""
     values = np.asarray(array.values, float) / _per_shown(array if like is None else like)
     return np.where(np.isfinite(values), values, np.nan)
 
 
 def _name_of(array: xr.DataArray) -> str:
-    """The name of an objective in words."""
+    """Gives the name of an objective in words."""
     return str(array.attrs.get("quantity", array.name)).replace("_", " ")
 
 
 def _label_of(array: xr.DataArray) -> str:
-    """The axis label of an objective: name, symbol and display unit."""
+    """Gives the axis label of an objective: name, symbol and display unit."""
     symbol = f" ${array.attrs['symbol']}$" if array.attrs.get("symbol") else ""
     unit = array.attrs.get("shown_unit", array.attrs.get("units", "1"))
     return with_unit(_name_of(array) + symbol, unit, brackets=True)
 
 
 def _total_label(ds: xr.Dataset, name: str = "smooth") -> str:
-    """The axis label of an objective over all cases, in two lines where they are several."""
+    """Gives the axis label of an objective over all cases, in two lines where they are several."""
     return _label_of(ds[name]) + (f"\n{_over_all(ds)}" if ds.sizes["case"] > 1 else "")
 
 
 def _over_all(ds: xr.Dataset) -> str:
-    """The reduction of several cases to one number."""
+    """Gives the reduction of several cases to one number."""
     return f"{'worst' if ds.attrs['robust'] == 'worst' else 'mean'} of {ds.sizes['case']} cases"
 
 
 def _variable(ds: xr.Dataset, name: str) -> Quantity:
-    """A variable of a design; that of a path has its unit from the dataset."""
+    """Gives a variable of a design; that of a path has its unit from the dataset."""
     if name in PARAMETERS:
         return quantity(name)
     return Quantity(name, str(ds["variable_unit"].sel(variable=name).item()), name)
 
 
 def _variable_label(ds: xr.Dataset, name: str) -> str:
-    """The axis label of a variable."""
+    """Gives the axis label of a variable."""
     return (
         axis_label(name) if name in PARAMETERS else with_unit(name, _variable(ds, name).display_unit, brackets=True)
     )
 
 
 def _stated(ds: xr.Dataset, name: str, value: float) -> str:
-    """A variable or parameter in words, with its value [SI unit] in the display unit."""
+    """Gives a variable or parameter in words, with its value [SI unit] in the display unit."""
     q = _variable(ds, name)
     return with_unit(f"{name.replace('_', ' ')} {q.shown(value):.5g}", q.display_unit)
 
 
 def _in_shown(ds: xr.Dataset, name: str, values: Any) -> np.ndarray:
-    """Values of a variable [SI unit] in its display unit."""
+    """Gives values of a variable [SI unit] in its display unit."""
     return np.asarray(_variable(ds, name).shown(np.asarray(values, float)))
 
 
 def _best_place(ds: xr.Dataset, names: list[str], objective: str = "smooth") -> list[float]:
-    """Coordinates of the best design [display units]: two variables, or one and the objective."""
+    """Gives the coordinates of the best design [display units]: two variables, or one and the objective."""
     place = [float(_in_shown(ds, name, ds["design"].sel(variable=name))) for name in names]
     return place if len(names) > 1 else [*place, ds.attrs[objective] / _per_shown(ds[objective])]
 
 
 def _title(ds: xr.Dataset) -> str:
-    """The fixed parameters, and the best design."""
+    """Gives the fixed parameters, and the best design."""
     texts = [_stated(ds, str(n), x) for n, x in zip(ds["variable"].values, ds["design"].values, strict=True)]
     total, objective = ds.attrs["objective"] / _per_shown(ds["objective"]), ds["objective"]
     number = with_unit(f"{_name_of(objective)} {total:.4g}", objective.attrs.get("shown_unit", "1"))

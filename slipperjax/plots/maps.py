@@ -57,7 +57,7 @@ MOTION_COLORS = {
 
 
 def regimes_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
-    """The name in `REGIMES` of each case, shape as `dims`; "unresolved" where the status is not 0.
+    """Gives the name in `REGIMES` of each case, shape as `dims`; "unresolved" where the status is not 0.
 
     Without the variable `regime` it is read from `kind`.
     """
@@ -69,7 +69,7 @@ def regimes_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
 
 
 def motions_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
-    """The name in `MOTION_COLORS` of each case, shape as `dims`: its regime, with the period where it is periodic."""
+    """Gives the name in `MOTION_COLORS` of each case, shape as `dims`: its regime, or its period."""
     regime = regimes_of(ds, *dims)
     kind, period = (ds[name].transpose(*dims).values for name in ("kind", "period"))
     number = np.char.add("period ", period.astype(int).astype(str))
@@ -121,7 +121,7 @@ def map_over(
 
 
 def regime_map(ds: xr.Dataset, ax: Any = None) -> Any:
-    """The largest Lyapunov exponent [1/period] over two parameters: red above zero, blue below, white at zero.
+    """Draws the largest Lyapunov exponent [1/period] over two parameters: red above zero, blue below, white at zero.
 
     Each colour ends at the largest exponent of its sign and goes as the square root, so that exponents slightly below
     zero differ from zero. Unresolved cases have a cross. Cases with a status other than 0 are unresolved, and grey
@@ -142,7 +142,7 @@ def regime_map(ds: xr.Dataset, ax: Any = None) -> Any:
 
 
 def draw_regimes(ds: xr.Dataset, over: Sequence[str], ax: Any) -> list[Any]:
-    """As `regime_map`, without the legend, whose entries are returned."""
+    """Draws as `regime_map`, without the legend, whose entries are returned."""
     exponent = ds["exponent"].isel(count=0).transpose(*over).values
     drawn, handles = map_over(ds, over, exponent, ax, plt.get_cmap("RdBu_r"), _signed_norm)
     color_bar(ax, drawn, EXPONENT_LABEL)
@@ -155,7 +155,7 @@ def draw_regimes(ds: xr.Dataset, over: Sequence[str], ax: Any) -> list[Any]:
 
 
 def _signed_norm(values: np.ma.MaskedArray) -> FuncNorm:
-    """Colours that are white at zero only: each sign has its own half of them, by the square root."""
+    """Gives colours that are white at zero only: each sign has its own half of them, by the square root."""
     top, bottom = (max(float(np.max(sign * values)), LEAST) if values.count() else 1.0 for sign in (1, -1))
     scale = lambda v: np.where(v < 0, bottom, top)
     forward = lambda v: np.sign(v) * np.sqrt(np.abs(v) / scale(v))
@@ -164,7 +164,7 @@ def _signed_norm(values: np.ma.MaskedArray) -> FuncNorm:
 
 
 def attractor_map(ds: xr.Dataset, ax: Any = None) -> Any:
-    """The kind of motion over two parameters: periods 1 to 4, others, quasi-periodic, chaotic or unresolved.
+    """Draws the kind of motion over two parameters: periods 1 to 4, others, quasi-periodic, chaotic or unresolved.
 
     Of a dataset of `lyapunov_sweep` they are chaotic, regular and unresolved as in `regime_map`.
 
@@ -184,7 +184,7 @@ def attractor_map(ds: xr.Dataset, ax: Any = None) -> Any:
 
 
 def draw_attractors(ds: xr.Dataset, over: Sequence[str], ax: Any) -> list[Any]:
-    """As `attractor_map`, without the legend, whose entries are returned."""
+    """Draws as `attractor_map`, without the legend, whose entries are returned."""
     names, motions = list(MOTION_COLORS), motions_of(ds, *over)
     norm = BoundaryNorm(np.arange(len(names) + 1) - 0.5, len(names))
     index = np.vectorize(names.index)(motions)
@@ -196,7 +196,7 @@ def draw_attractors(ds: xr.Dataset, over: Sequence[str], ax: Any) -> list[Any]:
 
 
 def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Any = None) -> Any:
-    """A quantity over one parameter as dots, or over two as colours, in its display unit.
+    """Draws a quantity over one parameter as dots, or over two as colours, in its display unit.
 
     Of a quantity with several values in each case, such as one for each contact point, the largest is drawn. Cases
     with a status other than 0 are grey, those that a growing store does not have yet white. The scale is logarithmic
@@ -230,7 +230,7 @@ def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Any = None) -> An
 
 
 def _draw_line(ds: xr.Dataset, name: str, along: str, over: Sequence[str], values: np.ndarray, ax: Any) -> list[Any]:
-    """Dots over one parameter; gives the entries of a legend."""
+    """Draws dots over one parameter; gives the entries of a legend."""
     x, lost = shown(ds, along), flagged(ds, *over)
     values = np.where(lost, np.nan, values)
     bad = lost & (status_of(ds, *over) != Status.NOT_RUN)
@@ -243,7 +243,7 @@ def _draw_line(ds: xr.Dataset, name: str, along: str, over: Sequence[str], value
 
 
 def exponents(ds: xr.Dataset, ax: Any = None) -> Any:
-    """The largest Lyapunov exponent [1/period] over one parameter, with three standard errors, coloured by regime.
+    """Draws the largest Lyapunov exponent [1/period] over one parameter, with three standard errors, by regime.
 
     Cases with a status other than 0 count as unresolved; where they have no finite exponent, a cross at the bottom
     stands for them.

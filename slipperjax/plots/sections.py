@@ -18,7 +18,7 @@ THICKNESS = 0.2
 
 
 def section(scene: Scene, ax: Any = None, *, magnify: float | None = None) -> Any:
-    """The cross section, with slipper and rail centred: where the contact points are, and the normals of their faces.
+    """Draws the cross section, with slipper and rail centred: contact points, and the normals of their faces.
 
     Rail head and web are grey, the slipper blue. Its wall and the web are no part of the model. y points to the
     right, as seen against the direction of travel.
@@ -57,14 +57,14 @@ ARROWS: dict[str, Any] = dict(
 
 
 def positive_number(name: str, value: Any) -> float:
-    """`value`; raises `ValueError` where it is no positive number."""
+    """Returns `value`; raises `ValueError` where it is no positive number."""
     valid = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < np.inf
     require(valid, name, "be a positive number", value)
     return float(value)
 
 
 def default_magnification(shape: Section, gaps: Any = 0.0) -> float:
-    """The magnification that draws the mean play as 8 % of the section's height, and no gap above a quarter of it.
+    """Gives the magnification for a mean play of 8 % of the section's height, and no gap above a quarter of it.
 
     **Arguments:** `gaps`: those to be drawn [m]. **Returns:** two digits, 1 or more.
     """
@@ -74,7 +74,7 @@ def default_magnification(shape: Section, gaps: Any = 0.0) -> float:
 
 
 def height(shape: Section) -> float:
-    """Height of the section [m], or 0.3 of its width where that is more, as for a single face."""
+    """Gives the height of the section [m], or 0.3 of its width where that is more, as for a single face."""
     width, tall = np.ptp(np.asarray(shape.points), axis=0)
     return float(max(tall, 0.3 * width))
 
@@ -82,7 +82,7 @@ def height(shape: Section) -> float:
 def drawn_points(
     shape: Section, gap: Float[np.ndarray, "*n points"], offset: Float[np.ndarray, "*n points"], magnify: float
 ) -> Float[np.ndarray, "*n points 2"]:
-    """Where the slipper's points are drawn [m]: the rail's points, moved by the magnified displacement from them.
+    """Gives the slipper's points as drawn [m]: the rail's points, moved by the magnified displacement from them.
 
     Across its face a point moves by `magnify` times its gap, exactly: it is drawn on its face where it touches, and
     inside the rail head where it penetrates. The rail head stays where it is.
@@ -96,7 +96,7 @@ def drawn_points(
 
 
 def contour(shape: Section) -> Int[np.ndarray, " points"]:
-    """Indices of the points clockwise around the rail head, from one side of the slipper's opening to the other.
+    """Gives the points' indices clockwise around the rail head, from one side of the slipper's opening to the other.
 
     The opening is the widest space between two faces.
     """
@@ -109,12 +109,12 @@ def contour(shape: Section) -> Int[np.ndarray, " points"]:
 
 
 def colors_of(shape: Section) -> list[str]:
-    """The colour of each point."""
+    """Gives the colour of each point."""
     return [POINT_COLORS[k % len(POINT_COLORS)] for k in range(len(shape.names))]
 
 
 def draw_rail(shape: Section, ax: Any, labels: Any) -> None:
-    """The rail head with a web through the slipper's opening, and a label inside it at each point."""
+    """Draws the rail head with a web through the slipper's opening, and a label inside it at each point."""
     order, rail, tall = contour(shape), 1e3 * np.asarray(shape.track_points), 1e3 * height(shape)
     head = rail[order]
     across = head[0] - head[-1]  # of the opening
@@ -129,13 +129,13 @@ def draw_rail(shape: Section, ax: Any, labels: Any) -> None:
 
 
 def draw_slipper(shape: Section, points: Float[np.ndarray, "points 2"], ax: Any) -> Any:
-    """The slipper's outline with its points at `points` [m]; gives the patch."""
+    """Draws the slipper's outline with its points at `points` [m]; gives the patch."""
     (patch,) = ax.fill(*outline(shape, points).T, **SLIPPER_STYLE, zorder=2)
     return patch
 
 
 def outline(shape: Section, points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "corners 2"]:
-    """Corners of the slipper with its points at `points` [m], in mm: its inside, and back along its outside."""
+    """Gives the corners of the slipper with its points at `points` [m], in mm: its inside, and back along its outside."""
     order = contour(shape)
     inner = 1e3 * points[order]
     outer = inner + 1e3 * THICKNESS * height(shape) * np.asarray(shape.normals)[order]
@@ -143,7 +143,7 @@ def outline(shape: Section, points: Float[np.ndarray, "points 2"]) -> Float[np.n
 
 
 def frame(ax: Any, points: Float[np.ndarray, "n points 2"], margin: float) -> None:
-    """Axes in mm with equal scales, that hold all points [m] and a margin [mm] around."""
+    """Sets axes in mm with equal scales, that hold all points [m] and a margin [mm] around."""
     low, high = 1e3 * points.min(axis=(0, 1)) - margin, 1e3 * points.max(axis=(0, 1)) + margin
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="$y$ [mm]", ylabel="$z$ [mm]", aspect="equal")
     ax.grid(False)

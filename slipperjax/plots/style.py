@@ -52,7 +52,7 @@ TICK_DISTANCE = 0.08
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Applies `STYLE`, and nothing else, to what is drawn inside.
+    """Applies `STYLE`, and nothing else, to the pictures drawn inside.
 
     `plt.rc_context` restores every setting at its end. The first figure of a session starts matplotlib's backend,
     which may switch interactive mode on, and a notebook would show no further picture once that is undone.
@@ -67,22 +67,22 @@ def styled() -> Iterator[None]:
 
 
 def line_color(number: int) -> str:
-    """The colour of a line by its number: blue, red, green, orange, and anew."""
+    """Gives the colour of a line by its number: blue, red, green, orange, and anew."""
     return COLORS[("blue", "red", "green", "orange")[number % 4]]
 
 
 def typeset(unit: str) -> str:
-    """A unit of a dataset, as in m/s^2, with its exponents raised."""
+    """Gives a unit of a dataset, as in m/s^2, with its exponents raised."""
     return re.sub(r"\^(-?[\d.]+)", r"$^{\1}$", unit)
 
 
 def with_unit(text: str, unit: str, *, brackets: bool = False) -> str:
-    """A text and a unit after it; a pure number has none."""
+    """Gives a text and a unit after it; a pure number has none."""
     return text if unit == "1" else f"{text} [{typeset(unit)}]" if brackets else f"{text} {typeset(unit)}"
 
 
 def axis_label(name: str, ds: xr.Dataset | None = None) -> str:
-    """The axis label of a quantity: name or symbol, and display unit in brackets; a pure number has no brackets.
+    """Gives the axis label of a quantity: name or symbol, and display unit in brackets; a pure number has none.
 
     **Arguments:**
 
@@ -106,7 +106,7 @@ def axis_label(name: str, ds: xr.Dataset | None = None) -> str:
 
 
 def shown(ds: xr.Dataset, name: str) -> np.ndarray:
-    """The values of a variable or coordinate in the display unit of its quantity, as its axis label names it."""
+    """Gives the values of a variable or coordinate in its display unit, as its axis label names it."""
     values = ds[name].values
     try:
         return quantity(name).shown(values)
@@ -140,13 +140,13 @@ def drawing(
 
 
 def legend_above(ax: Any, handles: list[Any], fontsize: float = 6.5) -> None:
-    """A legend above the axes, with as many columns as make it no wider than they are; none without `handles`."""
+    """Draws a legend above the axes, with as many columns as fit their width; none without `handles`."""
     if handles:
         legends_above([(ax, handles)], fontsize)
 
 
 def legends_above(entries: list[tuple[Any, list[Any]]], fontsize: float = 6.5) -> None:
-    """A legend above each of several axes of one figure, which is laid out only once, because that takes long."""
+    """Draws a legend above each of several axes of one figure, which is laid out once, because that takes long."""
     figure = entries[0][0].figure.canvas.figure
     # the width of axes is known once they are laid out; measuring the labels of all others would take longest
     others = [ax for ax in figure.axes if ax not in dict(entries) and ax.get_in_layout()]
@@ -171,13 +171,13 @@ def layout_now(figure: Any) -> None:
 
 
 def is_wide(values: np.ndarray) -> bool:
-    """Whether values are drawn on a logarithmic scale."""
+    """Returns whether values are drawn on a logarithmic scale."""
     finite = values[np.isfinite(values)]
     return bool(len(finite) and np.min(finite) > 0 and np.max(finite) > WIDE_RATIO * np.min(finite))
 
 
 def color_norm(values: np.ndarray) -> Normalize:
-    """Colours over finite values, logarithmic where they are wide."""
+    """Gives colours over finite values, logarithmic where they are wide."""
     finite = values[np.isfinite(values)]
     low, high = (float(np.min(finite)), float(np.max(finite))) if len(finite) else (0.0, 1.0)
     if not high > low:
@@ -186,7 +186,7 @@ def color_norm(values: np.ndarray) -> Normalize:
 
 
 def color_bar(ax: Any, mappable: Any, label: str) -> None:
-    """A colour bar with plain numbers."""
+    """Draws a colour bar with plain numbers."""
     bar = ax.figure.colorbar(mappable, ax=ax, label=label)
     if type(mappable.norm) is not Normalize:
         ticks = round_ticks(mappable.norm)
@@ -195,7 +195,7 @@ def color_bar(ax: Any, mappable: Any, label: str) -> None:
 
 
 def fit_scale(ax: Any, values: np.ndarray) -> None:
-    """A logarithmic vertical axis with plain numbers where values are wide."""
+    """Makes the vertical axis logarithmic, with plain numbers, where values are wide."""
     if is_wide(values):
         ax.set_yscale("log")
         ax.set_yticks(ticks := round_ticks(LogNorm(*ax.get_ylim())), labels=[f"{tick:g}" for tick in ticks])
@@ -203,7 +203,7 @@ def fit_scale(ax: Any, values: np.ndarray) -> None:
 
 
 def round_ticks(norm: Normalize) -> list[float]:
-    """Round numbers that lie apart on an uneven scale, the roundest first chosen."""
+    """Gives round numbers that lie apart on an uneven scale, the roundest first chosen."""
     low, high = float(norm.vmin or 0.0), float(norm.vmax or 0.0)
     ticks: list[float] = []
     for steps in ((0,), (1,), (2, 5), (3, 7), (1.5, 4, 6)):
@@ -216,7 +216,7 @@ def round_ticks(norm: Normalize) -> list[float]:
 
 
 def swept(array: xr.DataArray, *inner: str, count: int = 1) -> tuple[str, ...]:
-    """The dimensions over which an array was swept: all but `inner`.
+    """Gives the dimensions over which an array was swept: all but `inner`.
 
     **Raises:** `ValueError` where they are not `count`.
     """
@@ -227,30 +227,30 @@ def swept(array: xr.DataArray, *inner: str, count: int = 1) -> tuple[str, ...]:
 
 
 def status_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
-    """The status of each case, shape as `dims`; 0 where the dataset has none."""
+    """Gives the status of each case, shape as `dims`; 0 where the dataset has none."""
     if "status" not in ds:
         return np.zeros([ds.sizes[d] for d in dims], int)
     return ds["status"].transpose(*dims).values
 
 
 def flagged(ds: xr.Dataset, *dims: str) -> np.ndarray:
-    """Whether each case has a status other than 0, shape as `dims`."""
+    """Returns whether each case has a status other than 0, shape as `dims`."""
     return status_of(ds, *dims) != Status.FINITE
 
 
 def cross(x: Any = (), y: Any = (), **style: Any) -> Line2D:
-    """Small grey crosses, for cases without results; without `x` and `y` they are an entry of a legend."""
+    """Gives small grey crosses, for cases without results; without `x` and `y` they are an entry of a legend."""
     return Line2D(x, y, **{"ls": "", "marker": "x", "ms": 3, "mew": 0.7, "color": COLORS["grey"]} | style)
 
 
 def mark_cases(ax: Any, x: np.ndarray, color: str = COLORS["grey"], height: float = 0.04) -> None:
-    """Crosses near the bottom of the axes at `x` [display unit], `height` in fractions of the axes."""
+    """Draws crosses near the bottom of the axes at `x` [display unit], `height` in fractions of the axes."""
     if len(x):
         ax.add_line(cross(x, np.full(len(x), height), color=color, transform=ax.get_xaxis_transform()))
 
 
 def png(figure: Any, dpi: int) -> bytes:
-    """A figure as the content of a PNG file, of `dpi` pixels per inch; the figure is closed."""
+    """Gives a figure as the content of a PNG file, of `dpi` pixels per inch; the figure is closed."""
     content = io.BytesIO()
     # level 3 takes a quarter less time than 6, matplotlib's, for files that are a fifth larger
     figure.savefig(content, dpi=dpi, format="png", pil_kwargs={"compress_level": 3})
@@ -266,7 +266,7 @@ _FULL_TITLE = (
 
 
 def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
-    """The fixed parameters of a dataset, as in "V = 1250 m/s, C = 1 mm, L = 0.2 m" with typeset symbols.
+    """Gives the fixed parameters of a dataset, as in "V = 1250 m/s, C = 1 mm, L = 0.2 m" with typeset symbols.
 
     Parameters are read from the attributes, and from coordinates with one value, such as those of one case of a
     sweep. Those that vary or are absent are left out.
@@ -294,7 +294,7 @@ def name_case(figure: Any, ds: xr.Dataset, *, full: bool = False) -> None:
 
 
 def _number(ds: xr.Dataset, name: str) -> float | None:
-    """A parameter's one value [SI unit]; None where it has several, or none."""
+    """Gives a parameter's one value [SI unit]; None where it has several, or none."""
     if name in ds.coords:
         return ds[name].item() if ds[name].size == 1 else None
     unit = PARAMETERS[name].unit
@@ -303,13 +303,13 @@ def _number(ds: xr.Dataset, name: str) -> float | None:
 
 
 def _stated(name: str, value: float) -> str:
-    """A parameter as symbol, number and display unit."""
+    """Gives a parameter as symbol, number and display unit."""
     q = PARAMETERS[name]
     return with_unit(f"${q.symbol}$ = {_digits(float(q.shown(value)))}", q.display_unit).replace(" degrees", "°")
 
 
 def _digits(value: float) -> str:
-    """A number with four digits; large and small ones with a power of ten."""
+    """Gives a number with four digits; large and small ones with a power of ten."""
     text = f"{value:.4g}"
     mantissa, _, power = text.partition("e")
     if not power:

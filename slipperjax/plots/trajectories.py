@@ -31,7 +31,7 @@ LAST_PERIODS = 4.0
 
 
 def history(ds: xr.Dataset, name: str, ax: Any = None) -> Any:
-    """One output over time.
+    """Draws one output over time.
 
     **Arguments:**
 
@@ -50,7 +50,7 @@ def history(ds: xr.Dataset, name: str, ax: Any = None) -> Any:
 
 
 def contact_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4, last: float | None = LAST_PERIODS) -> Any:
-    """The contact forces [kN] of the points with the highest peaks over time: front ones solid, rear ones dashed.
+    """Draws the contact forces [kN] of the points with the highest peaks: front ones solid, rear ones dashed.
 
     The legend gives the highest force of each in the whole run, over every integration step where `ds` has that, and
     its instant; a dot marks it where it lies in what is drawn. The saved states may miss it.
@@ -67,7 +67,7 @@ def contact_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4, last: float
 
 
 def _draw_contact_forces(ds: xr.Dataset, ax: Any, most: int = 4, last: float | None = LAST_PERIODS) -> list[Any]:
-    """Draws them, and gives the entries of a legend."""
+    """Draws the forces of `contact_forces`; gives the entries of a legend."""
     period = ds["period"].values
     drawn = period >= (-np.inf if last is None else period[-1] - last - 1e-9)
     for line in _most_loaded(ds, most):
@@ -82,7 +82,7 @@ def _draw_contact_forces(ds: xr.Dataset, ax: Any, most: int = 4, last: float | N
 
 
 def highest_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4) -> Any:
-    """The highest contact force [kN] of each forcing period, of the points with the highest peaks.
+    """Draws the highest contact force [kN] of each forcing period, of the points with the highest peaks.
 
     It is found among the saved states; a dot marks the highest force of each point over every integration step. Lines
     as in `contact_forces`.
@@ -98,7 +98,7 @@ def highest_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4) -> Any:
 
 
 def _draw_highest_forces(ds: xr.Dataset, ax: Any, most: int = 4) -> list[Any]:
-    """Draws them, and gives the entries of a legend."""
+    """Draws the forces of `highest_forces`; gives the entries of a legend."""
     period = ds["period"].values
     number = np.maximum(np.ceil(period - 1e-9), 1)  # a period has its end, not its beginning
     starts = np.flatnonzero(np.diff(number, prepend=-np.inf))
@@ -128,7 +128,7 @@ class PointForce(NamedTuple):
 
 
 def _most_loaded(ds: xr.Dataset, most: int) -> list[PointForce]:
-    """Forces of the points with the highest peaks, the highest first."""
+    """Gives forces of the points with the highest peaks, the highest first."""
     if "peak_force" in ds:
         peaks = ds["peak_force"]
         instants = ds["peak_period"] if "peak_period" in ds else np.nan * peaks
@@ -147,7 +147,7 @@ def _most_loaded(ds: xr.Dataset, most: int) -> list[PointForce]:
 
 
 def overview(ds: xr.Dataset, axes: Any = None) -> Any:
-    """A trajectory on one page: displacements [mm], angles [mrad], velocities, contact forces and drive force.
+    """Draws a trajectory on one page: displacements [mm], angles [mrad], velocities, contact forces and drive force.
 
     The title states the case; a status other than 0 is named in it. The last two panels show the last periods only.
 
@@ -181,7 +181,7 @@ def overview(ds: xr.Dataset, axes: Any = None) -> Any:
 
 
 def phase_portrait(ds: xr.Dataset, coordinate: str, velocity: str, ax: Any = None) -> Any:
-    """The orbit in the plane of a coordinate and its velocity, in red its section by upward zero crossings.
+    """Draws the orbit in the plane of a coordinate and its velocity, in red its section by upward zero crossings.
 
     **Arguments:** `ds`, `ax`: as for `history`; `coordinate`, `velocity`: variables, drawn in their display units.
 
@@ -199,7 +199,7 @@ def phase_portrait(ds: xr.Dataset, coordinate: str, velocity: str, ax: Any = Non
 
 
 def spectrum(frequency: Any, density: Any, ax: Any = None, *, unit: str = "", highest: float | None = None) -> Any:
-    """A power spectral density over frequency, with a logarithmic scale.
+    """Draws a power spectral density over frequency, with a logarithmic scale.
 
     **Arguments:**
 

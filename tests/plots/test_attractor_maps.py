@@ -31,7 +31,7 @@ def curve(period=1):
 
 
 def measured():
-    """As of `lyapunov_sweep`: the exponents tell more than the recurrence."""
+    """Gives a dataset as of `lyapunov_sweep`: the exponents tell more than the recurrence."""
     ds = attractor_map()
     regime = np.array(
         [["periodic", "periodic", "regular", "chaotic"], ["transient chaos", "chaotic", "periodic", "regular"]]

@@ -29,7 +29,7 @@ def branch(
     multipliers=None,
     over="clearance",
 ):
-    """A branch over clearance that folds back at 3 mm; one crossing of velocity 10, 11, ..."""
+    """Gives a branch over clearance that folds back at 3 mm; one crossing of velocity 10, 11, ..."""
     points = len(values)
     velocity = 10.0 + np.arange(points)[:, None] if velocity is None else np.array(velocity, float)
     time = np.where(np.isfinite(velocity), 0.3, NAN) if time is None else np.array(time, float)
@@ -37,7 +37,7 @@ def branch(
         multipliers = np.tile([0.5 + 0.5j, 0.5 - 0.5j, 0.1], (points, 1))
     at = [k for k, label in enumerate(labels) if label]
     critical = {"LP": 1.0, "BP": 1.0, "PD": -1.0, "NS": 0.6 + 0.8j}
-    found = np.array([critical.get(labels[k], NAN) for k in at], complex)
+    criticals = np.array([critical.get(labels[k], NAN) for k in at], complex)
     data = {name: (("point", "crossing"), velocity) for name in ("v_y", "v_z", "w_x", "w_y", "w_z")}
     data |= {f"{name}_period": (("point", "crossing"), time) for name in list(data)}
     data |= {
@@ -55,8 +55,8 @@ def branch(
         ),
         "event_label": ("event", np.array([labels[k] for k in at], str)),
         "event_point": ("event", np.array(at, int)),
-        "event_multiplier_real": ("event", found.real),
-        "event_multiplier_imag": ("event", found.imag),
+        "event_multiplier_real": ("event", criticals.real),
+        "event_multiplier_imag": ("event", criticals.imag),
     }
     coords = {over: ("point", np.array(values)), "coordinate": ["y", "v_y"], "strobe_period": [1]}
     attrs = {"varied": json.dumps([over]), "orbit_period": period, "length [m]": 0.2}
@@ -73,14 +73,14 @@ def simulated(over="clearance"):
 
 
 def lines(ax, style):
-    """The parts of lines of a style, points each."""
+    """Gives the parts of lines of a style, points each."""
     return [part for line in ax.lines if line.get_linestyle() == style for part in _parts(line.get_xydata())]
 
 
-def _parts(places):
-    there = np.isfinite(np.asarray(places)).all(axis=1)
-    cuts = np.flatnonzero(~there)
-    return [part[np.isfinite(part).all(axis=1)].tolist() for part in np.split(places, cuts) if len(part) > 1]
+def _parts(points):
+    finite = np.isfinite(np.asarray(points)).all(axis=1)
+    cuts = np.flatnonzero(~finite)
+    return [part[np.isfinite(part).all(axis=1)].tolist() for part in np.split(points, cuts) if len(part) > 1]
 
 
 def markers(ax, marker):
