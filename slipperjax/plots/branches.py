@@ -52,11 +52,8 @@ CROWDED = 22.0
 _ASIDE = np.array([(0, 1), (0, -1), (1.2, 0), (-1.2, 0), (0.9, 0.8), (-0.9, 0.8), (0.9, -0.8), (-0.9, -0.8)])
 LABEL_OFFSETS = np.concatenate([8.0 * _ASIDE, 13.0 * _ASIDE])
 """Offsets [points] of labels from their markers, the best first."""
-QUANTITIES = (
-    *SECTIONS,
-    *(f"start_{name}" for name in COORDINATES),
-    *("slowest_touchdown", "grazing_gap", "outside", "residual"),
-)
+_POINT_VALUES = "slowest_touchdown", "grazing_gap", "outside", "residual"
+QUANTITIES = (*SECTIONS, *(f"start_{name}" for name in COORDINATES), *_POINT_VALUES)
 """Variables of `continue_orbit` that can be drawn."""
 
 
@@ -247,10 +244,8 @@ def _map_parameters(regimes: xr.Dataset, over: tuple[str, ...]) -> tuple[str, ..
     check_dataset(regimes, "lyapunov_sweep", "kind" if kinds else "regime")
     own = swept(regimes["kind" if kinds else "regime"], count=2)
     if set(own) != set(over):
-        raise ValueError(
-            f"Argument `regimes` must be swept over {' and '.join(over)}, as the curves are, but is over "
-            f"{' and '.join(own)}."
-        )
+        names = f"{' and '.join(over)}, as the curves are, but is over {' and '.join(own)}"
+        raise ValueError(f"Argument `regimes` must be swept over {names}.")
     return own
 
 
@@ -336,7 +331,7 @@ def _quantity_label(name: str, ds: xr.Dataset) -> str:
 
 
 def _lines_of(ds: xr.Dataset, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Gives lines of a branch [display unit] (lines, points), NaN where absent, and the parts to draw (points - 1,)."""
+    """Gives lines of a branch (lines, points) [display unit], NaN for none, and the parts to draw (points - 1,)."""
     linked = np.ones(ds.sizes["point"] - 1, bool)
     if name in SECTIONS:
         check_dataset(ds, "continue_orbit", name, f"{name}_period")

@@ -129,10 +129,8 @@ def _draw_cases(ds: xr.Dataset, ax: Any) -> list[Any]:
     unsure = (error > 0) & np.isfinite(best)
     if unsure.any():
         ax.errorbar(x[unsure], best[unsure], error[unsure], fmt="none", lw=0.8, capsize=2, color=blue)
-    handles = [
-        Line2D([], [], lw=1, color=blue, label="best design"),
-        Line2D([], [], lw=1, color=COLORS["grey"], label="first design"),
-    ]
+    words = ("best design", blue), ("first design", COLORS["grey"])
+    handles = [Line2D([], [], lw=1, color=color, label=text) for text, color in words]
     if ds.sizes["case"] > 1 and np.isfinite(ds.attrs["objective"]):
         total, text = ds.attrs["objective"] / _per_shown(ds["objective"]), str(ds.attrs["robust"])
         handles.append(ax.axhline(total, lw=0.7, ls=":", color=blue, zorder=1, label=text))

@@ -84,7 +84,7 @@ def map_over(
     values: np.ndarray,
     ax: Any,
     colors: Colormap,
-    norm: Callable[[np.ndarray], Normalize],
+    norm: Callable[[Any], Normalize],
 ) -> tuple[Any, list[Any]]:
     """Draws values over two parameters as colours: cells of a grid, or dots of a sample over the dimension `case`.
 

@@ -135,7 +135,7 @@ def draw_slipper(shape: Section, points: Float[np.ndarray, "points 2"], ax: Any)
 
 
 def outline(shape: Section, points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "corners 2"]:
-    """Gives the corners of the slipper with its points at `points` [m], in mm: its inside, and back along its outside."""
+    """Gives the corners [mm] of the slipper with its points at `points` [m]: inside, and back along the outside."""
     order = contour(shape)
     inner = 1e3 * points[order]
     outer = inner + 1e3 * THICKNESS * height(shape) * np.asarray(shape.normals)[order]

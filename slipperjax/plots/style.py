@@ -259,10 +259,7 @@ def png(figure: Any, dpi: int) -> bytes:
 
 
 _TITLE = ("speed", "clearance", "length")
-_FULL_TITLE = (
-    (*_TITLE, "mass", "gravity"),
-    ("stiffness", "restitution", "amplitude", "roll_amplitude"),
-)
+_FULL_TITLE = (*_TITLE, "mass", "gravity"), ("stiffness", "restitution", "amplitude", "roll_amplitude")
 
 
 def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
@@ -275,11 +272,8 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
 
     **Returns:** the text, empty where it has no parameter.
     """
-    values = {name: _number(ds, name) for name in PARAMETERS}
-    lines = [
-        [_stated(name, value) for name in names if (value := values[name]) is not None]
-        for names in (_FULL_TITLE if full else (_TITLE,))
-    ]
+    rows = _FULL_TITLE if full else (_TITLE,)
+    lines = [[_stated(n, value) for n in row if (value := _number(ds, n)) is not None] for row in rows]
     waves = np.ravel(ds.attrs.get("wavelengths [m]", []))
     if full and len(waves):
         lines[-1].append(f"$L_X$ = {' and '.join(_digits(float(w)) for w in waves)} m")
@@ -310,9 +304,8 @@ def _stated(name: str, value: float) -> str:
 
 def _digits(value: float) -> str:
     """Gives a number with four digits; large and small ones with a power of ten."""
-    text = f"{value:.4g}"
-    mantissa, _, power = text.partition("e")
+    mantissa, _, power = f"{value:.4g}".partition("e")
     if not power:
-        return text
+        return mantissa
     factor = "" if mantissa == "1" else rf"{mantissa}\cdot"
     return rf"${factor}10^{{{int(power)}}}$"
