@@ -23,7 +23,7 @@ from .style import (
     swept,
 )
 
-FOLLOWED = {"up": COLORS["orange"], "down": COLORS["green"]}
+DIRECTION_COLORS = {"up": COLORS["orange"], "down": COLORS["green"]}
 """Colours of the motions that are followed with the parameter raised and lowered."""
 
 
@@ -71,7 +71,7 @@ def bifurcations(ds: xr.Dataset, axes: Any = None, followed: xr.Dataset | None =
         lost = False
         for tag, section, ax in zip("abcde", SECTIONS, axes, strict=True):
             size = _dot_size(ds[section])
-            for k, (way, color) in enumerate(FOLLOWED.items(), 1):
+            for k, (way, color) in enumerate(DIRECTION_COLORS.items(), 1):
                 if followed is not None and way in followed["direction"]:
                     style = {"ms": 1.1 * size, "color": color, "label": f"followed {way}"}
                     lost |= _draw_dots(followed.sel(direction=way), section, ax, style, color, 0.04 + 0.06 * k)

@@ -45,9 +45,9 @@ CURVE_COLORS = {"LP": "black", "PD": "#2a9d6f", "NS": "#7b4ea3", "GR": "#e07a1f"
 """Colours of curves by label, other than those of regime maps."""
 SOLID, DASHED = "-", (0, (3.0, 1.4))
 """Line styles of stable and unstable motions."""
-FARTHEST = 2.0
+LARGEST_MODULUS = 2.0
 """Greatest modulus of a multiplier that is drawn at its place."""
-CROWDED = 22.0
+CROWDED_DISTANCE = 22.0
 """Distance [points] between grazings within which one label stands for them."""
 _ASIDE = np.array([(0, 1), (0, -1), (1.2, 0), (-1.2, 0), (0.9, 0.8), (-0.9, 0.8), (0.9, -0.8), (-0.9, -0.8)])
 LABEL_OFFSETS = np.concatenate([8.0 * _ASIDE, 13.0 * _ASIDE])
@@ -157,7 +157,7 @@ def multiplier_circle(ds: Any, ax: Any = None) -> Any:
     (one,), name = points, _parameter(points)
     mu = one["multiplier_real"].values + 1j * one["multiplier_imag"].values
     values, modulus = np.broadcast_to(shown(one, name)[:, None], mu.shape), np.abs(mu)
-    far, reach = modulus > FARTHEST, min(FARTHEST, max(1.0, float(np.max(modulus))))
+    far, reach = modulus > LARGEST_MODULUS, min(LARGEST_MODULUS, max(1.0, float(np.max(modulus))))
     with drawing(ax, one, 3.5, 3.3) as ax:
         style = dict(cmap="viridis", vmin=np.min(values), vmax=np.max(values), linewidths=0, zorder=2)
         ax.add_patch(Circle((0, 0), 1.0, fill=False, lw=0.8, ec="black", zorder=1))
@@ -165,8 +165,8 @@ def multiplier_circle(ds: Any, ax: Any = None) -> Any:
         grey: dict[str, Any] = dict(ls="", color=COLORS["grey"])
         handles = [Line2D([], [], marker=".", ms=5, label="multiplier", **grey)]
         if far.any():
-            ax.add_patch(Circle((0, 0), FARTHEST, fill=False, lw=0.4, ls=":", ec=COLORS["grey"], zorder=1))
-            rim = FARTHEST * mu[far] / modulus[far]
+            ax.add_patch(Circle((0, 0), LARGEST_MODULUS, fill=False, lw=0.4, ls=":", ec=COLORS["grey"], zorder=1))
+            rim = LARGEST_MODULUS * mu[far] / modulus[far]
             ax.scatter(rim.real, rim.imag, c=values[far], s=12, marker="s", **style)
             text = f"beyond, up to {np.max(modulus):.3g}"
             handles.append(Line2D([], [], marker="s", ms=3.2, label=text, **grey))
@@ -476,7 +476,7 @@ def write_labels(ax: Any, marks: Iterable[Mark], fontsize: float = 6.5) -> None:
         at = np.array([(x, value) for value in sorted(values, reverse=True)])
         positions = ax.transData.transform(at)
         if label == "GR":
-            if np.any(np.abs(grazings - positions[0, 0]) < CROWDED * pixel):
+            if np.any(np.abs(grazings - positions[0, 0]) < CROWDED_DISTANCE * pixel):
                 continue
             grazings = np.append(grazings, positions[0, 0])
         # boxes of all offsets from all values, and what each of them hides

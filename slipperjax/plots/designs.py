@@ -47,9 +47,9 @@ VIOLATED = 1e-6
 """Violation from which a trial counts as breaking a constraint."""
 OPTIMUM: dict[str, Any] = dict(ls="", marker="*", ms=10, mfc="#ffd23f", mec="black", mew=0.7, zorder=6)
 """Marker of the best design."""
-FIRST: dict[str, Any] = dict(ls="", marker="s", ms=6.5, mfc="none", mec="black", mew=0.8, zorder=4)
+FIRST_TRIAL: dict[str, Any] = dict(ls="", marker="s", ms=6.5, mfc="none", mec="black", mew=0.8, zorder=4)
 """Marker of the first trial of a start."""
-LOWEST: dict[str, Any] = dict(ls="", marker="P", ms=6, mfc="white", mec="black", mew=0.7, zorder=5)
+GRID_MINIMUM: dict[str, Any] = dict(ls="", marker="P", ms=6, mfc="white", mec="black", mew=0.7, zorder=5)
 """Marker of the lowest value of a grid."""
 
 
@@ -163,7 +163,7 @@ def _draw_trials(ds: xr.Dataset, ax: Any) -> list[Any]:
     for number in np.unique(start):
         own = start == number
         ax.plot(x[own & accepted & finite], y[own & accepted & finite], lw=0.7, color=COLORS["grey"], zorder=1)
-        ax.plot(x[own][:1], y[own][:1], **FIRST)
+        ax.plot(x[own][:1], y[own][:1], **FIRST_TRIAL)
     if plane:
         colors = plt.get_cmap("viridis")(norm(np.where(finite, total, float(norm.vmin or 0.0))))
         ax.add_line(cross(x[~finite], y[~finite], zorder=3))
@@ -172,7 +172,7 @@ def _draw_trials(ds: xr.Dataset, ax: Any) -> list[Any]:
         colors = np.tile(to_rgba(COLORS["blue"]), (len(x), 1))
         mark_cases(ax, x[~finite])
     ax.plot(*_best_place(ds, names), **OPTIMUM)
-    handles = [Line2D([], [], label="best", **OPTIMUM), Line2D([], [], label="start", **FIRST)]
+    handles = [Line2D([], [], label="best", **OPTIMUM), Line2D([], [], label="start", **FIRST_TRIAL)]
     handles += _scatter_trials(ds, ax, x, y, colors, "black")
     for name, set_limits in zip(names, (ax.set_xlim, ax.set_ylim), strict=False):
         low, high = _in_shown(ds, name, [ds[end].sel(variable=name) for end in ("low", "high")])
@@ -350,8 +350,8 @@ def _draw_map(surroundings: xr.Dataset, ds: xr.Dataset, ax: Any) -> list[Any]:
         ax.grid(False)
     handles = [Line2D([], [], label="best design", **OPTIMUM)]
     if finite.any():
-        ax.plot(*lowest, **LOWEST)
-        handles.append(Line2D([], [], label=f"lowest of the grid, {np.min(total[finite]):.4g}", **LOWEST))
+        ax.plot(*lowest, **GRID_MINIMUM)
+        handles.append(Line2D([], [], label=f"lowest of the grid, {np.min(total[finite]):.4g}", **GRID_MINIMUM))
     ax.plot(*_best_place(ds, names, objective), **OPTIMUM)
     ax.set(xlabel=_variable_label(ds, names[0]))
     ax.set(ylabel=_variable_label(ds, names[1]) if len(names) > 1 else _total_label(ds, objective))
