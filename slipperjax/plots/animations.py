@@ -1,6 +1,6 @@
 """The slipper around the rail head in motion: both end sections, forces as arrows, and their history."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import matplotlib.pyplot as plt
@@ -16,7 +16,6 @@ from ..tools.checks import whole
 from .sections import (
     ARROWS,
     THICKNESS,
-    checked_magnification,
     colors_of,
     default_magnification,
     draw_rail,
@@ -25,11 +24,12 @@ from .sections import (
     frame,
     height,
     outline,
+    positive_number,
 )
 from .style import case_title, styled
 from .trajectories import contact_forces
 
-LONGEST = 0.5
+LONGEST_ARROW = 0.5
 """Length of the longest arrow, in heights of the section."""
 
 
@@ -43,7 +43,7 @@ def animate(
     fps: float = 20.0,
     most: int = 4,
 ) -> Any:
-    """The slipper's front and rear section around the rail head, with the play magnified, over time.
+    """Animates the slipper's front and rear section around the rail head, with the play magnified.
 
     The rail head is drawn to scale and stands still: what moves is the slipper relative to it. That displacement is
     drawn `magnify` times as large, so that the drawn gap of every point is `magnify` times its gap: a point is drawn
@@ -69,9 +69,9 @@ def animate(
 
     **Raises:** `ValueError` that names the argument, for a dataset of several cases or without its scene.
     """
-    every, interval = whole("every", every, 1), 1e3 / _rate(fps)
+    every, interval = whole("every", every, 1), 1e3 / positive_number("fps", fps)
     picture = _Picture(run, scene, magnify, last, most)
-    frames = range(0, len(picture.moments.period), every)
+    frames = range(0, len(picture.period), every)
     from matplotlib.animation import FuncAnimation  # here, because its import takes long
 
     return FuncAnimation(picture.figure, picture.show, frames, init_func=lambda: [], interval=interval)
@@ -86,43 +86,13 @@ def instant(
     last: float | None = 2.0,
     most: int = 4,
 ) -> Any:
-    """One picture of `animate`: that of the saved state nearest to `at` [forcing periods], default the last one.
+    """Draws one picture of `animate`: the saved state nearest to `at` [forcing periods], default the last one.
 
     **Arguments:** as for `animate`. **Returns:** the figure.
     """
     picture = _Picture(run, scene, magnify, last, most)
-    period = picture.moments.period
-    picture.show(len(period) - 1 if at is None else int(np.argmin(np.abs(period - at))))
+    picture.show(-1 if at is None else int(np.argmin(np.abs(picture.period - at))))
     return picture.figure
-
-
-class Moments(NamedTuple):
-    """What is drawn at each instant."""
-
-    period: Float[np.ndarray, " frames"]
-    """Time [forcing periods]."""
-    gap: Float[np.ndarray, "frames 2 points"]
-    """Front and rear [m]."""
-    offset: Float[np.ndarray, "frames 2 points"]
-    """Displacement along the faces [m]."""
-    force: Float[np.ndarray, "frames 2 points"]
-    """Contact forces [N]."""
-
-
-def moments(ds: xr.Dataset, scene: Scene) -> Moments:
-    """Gaps and displacements from a dataset's coordinates, by the model's own kinematics, and its forces."""
-    at = lambda name: np.asarray(ds[name].values, float)
-    attitude = quaternion_from_euler(at("roll"), at("pitch"), at("yaw"))
-    still = np.zeros_like(at("y"))
-    motion = Motion(at("y"), at("z"), *attitude, *[still] * 5)
-    gap, offset = (np.asarray(a).reshape(len(still), 2, -1) for a in _relative(scene, at("period"), motion))
-    return Moments(at("period"), gap, offset, ds["contact_force"].transpose("time", "end", "point").values)
-
-
-@jax.jit
-def _relative(scene: Scene, period: Any, motion: Motion) -> Any:
-    at_one = lambda p, m: (contacts(rail_frame(scene, p), m).gap, face_offsets(scene, p, m))
-    return jax.vmap(at_one)(period, motion)
 
 
 class _Picture:
@@ -130,35 +100,33 @@ class _Picture:
 
     def __init__(self, run: Any, scene: Scene | None, magnify: float | None, last: float | None, most: int):
         ds, scene = _one_case(run, scene)
-        # peaks are those of what is shown
+        # peaks are those of the periods that are shown
         ds = ds.drop_vars(["peak_force", "peak_period"], errors="ignore")
         if last is not None:
             ds = ds.isel(time=ds["period"].values > ds["period"].values[-1] - last + 1e-9)
-        self.shape, self.moments = scene.section, moments(ds, scene)
-        gap, offset, force = self.moments.gap, self.moments.offset, self.moments.force
-        if not (np.isfinite(gap).all() and np.isfinite(force).all()):
+        self.shape, self.period = scene.section, ds["period"].values
+        self.force = ds["contact_force"].transpose("time", "end", "point").values
+        gap, offset = _displacements(ds, scene)
+        if not (np.isfinite(gap).all() and np.isfinite(self.force).all()):
             raise ValueError(
                 "Argument `run` must have finite motions in what is drawn, but has NaN; shorten the run."
             )
-        auto = magnify is None
-        self.magnify = default_magnification(self.shape, gap) if auto else checked_magnification(magnify)
-        self.points = drawn_points(self.shape, gap, offset, self.magnify)
-        self.newton = LONGEST * height(self.shape) / max(float(force.max()), 1e-9)  # metres drawn per newton
+        if magnify is None:
+            magnify = default_magnification(self.shape, gap)
+        self.points = drawn_points(self.shape, gap, offset, positive_number("magnify", magnify))
+        highest = float(self.force.max())
+        self.newton = LONGEST_ARROW * height(self.shape) / max(highest, 1e-9)  # metres drawn per newton
         with styled():
-            self.figure, axes = plt.subplot_mosaic(
-                [["front", "rear"], ["history", "history"]],
-                figsize=(7.2, 4.3),
-                height_ratios=(2.4, 1),
-                layout="constrained",
-            )
-            self.ends = [self._draw_end(axes[end], end, k) for k, end in enumerate(("front", "rear"))]
-            axes["rear"].set_ylabel("")
-            contact_forces(ds, axes["history"], most=most, last=None)
-            self.cursor = axes["history"].axvline(self.moments.period[0], lw=0.9, color="black")
-            self.time = axes["front"].text(0.02, 0.97, "", transform=axes["front"].transAxes, va="top", fontsize=7)
-
-            drawn = f"play and displacement × {self.magnify:g}, longest arrow {force.max() / 1e3:.3g} kN"
-            self.figure.suptitle("; ".join(t for t in (case_title(ds), drawn) if t), fontsize=7.5)
+            shape: dict[str, Any] = dict(figsize=(7.2, 4.3), layout="constrained")
+            self.figure, axes = plt.subplot_mosaic("FR;HH", height_ratios=(2.4, 1), **shape)
+            front, rear, forces = (axes[panel] for panel in "FRH")
+            self.ends = [self._draw_end(front, "front", 0), self._draw_end(rear, "rear", 1)]
+            rear.set_ylabel("")
+            contact_forces(ds, forces, most=most, last=None)
+            self.cursor = forces.axvline(self.period[0], lw=0.9, color="black")
+            self.time = front.text(0.02, 0.97, "", transform=front.transAxes, va="top", fontsize=7)
+            scales = f"play and displacement × {magnify:g}, longest arrow {highest / 1e3:.3g} kN"
+            self.figure.suptitle("; ".join(text for text in (case_title(ds), scales) if text), fontsize=7.5)
         self.figure.draw_without_rendering()
         self.figure.set_layout_engine("none")  # the panels stay where they are while the picture changes
 
@@ -169,28 +137,26 @@ class _Picture:
         patch = draw_slipper(self.shape, points, ax)
         dots = ax.scatter(*(1e3 * points.T), s=14, edgecolors=colors, lw=1.0, zorder=4)
         arrows = ax.quiver(*(1e3 * points.T), *np.zeros((2, len(points))), color=colors, **ARROWS)
-        frame(ax, self.points.reshape(-1, *points.shape), (LONGEST / 2 + THICKNESS) * tall)
+        frame(ax, self.points.reshape(-1, *points.shape), (LONGEST_ARROW / 2 + THICKNESS) * tall)
         ax.set_title(end, fontsize=8)
         return patch, dots, arrows
 
     def show(self, k: int) -> list[Any]:
         """Draws the instant with index `k`; gives the artists that changed."""
         for end, (patch, dots, arrows) in enumerate(self.ends):
-            points, force = self.points[k, end], self.moments.force[k, end]
+            points, force = self.points[k, end], self.force[k, end]
             patch.set_xy(outline(self.shape, points))
             dots.set_offsets(1e3 * points)
-            filled = [c if f > 0 else "white" for c, f in zip(colors_of(self.shape), force, strict=True)]
-            dots.set_facecolors(filled)
+            dots.set_facecolors(np.where(force > 0, colors_of(self.shape), "white"))
             arrows.set_offsets(1e3 * points)
             arrows.set_UVC(*(1e3 * self.newton * force[:, None] * np.asarray(self.shape.normals)).T)
-        period = self.moments.period[k]
-        self.cursor.set_xdata([period, period])
-        self.time.set_text(f"forcing period {period:.2f}")
+        self.cursor.set_xdata([self.period[k]] * 2)
+        self.time.set_text(f"forcing period {self.period[k]:.2f}")
         return [self.cursor, self.time, *(artist for end in self.ends for artist in end)]
 
 
 def _one_case(run: Any, scene: Scene | None) -> tuple[xr.Dataset, Scene]:
-    """One case over time, and its scene."""
+    """Gives one case over time, and its scene."""
     if isinstance(run, Trajectory):
         return run.to_xarray(), run.scene if scene is None else check_scene(scene)
     if not isinstance(run, xr.Dataset):
@@ -203,7 +169,17 @@ def _one_case(run: Any, scene: Scene | None) -> tuple[xr.Dataset, Scene]:
     return ds, load_scene(ds) if scene is None else check_scene(scene)
 
 
-def _rate(fps: Any) -> float:
-    if isinstance(fps, bool) or not isinstance(fps, int | float) or not 0 < fps < np.inf:
-        raise ValueError(f"Argument `fps` must be a positive number, but is {fps!r}.")
-    return float(fps)
+def _displacements(ds: xr.Dataset, scene: Scene) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+    """Gives the gaps and displacements along the faces [m] by the model's own kinematics, (time, end, point)."""
+    at = lambda name: np.asarray(ds[name].values, float)
+    attitude = quaternion_from_euler(at("roll"), at("pitch"), at("yaw"))
+    still = np.zeros_like(at("y"))
+    both = _relative(scene, at("period"), Motion(at("y"), at("z"), *attitude, *[still] * 5))
+    gap, offset = (np.asarray(a).reshape(len(still), 2, -1) for a in both)
+    return gap, offset
+
+
+@jax.jit
+def _relative(scene: Scene, period: Any, motion: Motion) -> Any:
+    at_one = lambda p, m: (contacts(rail_frame(scene, p), m).gap, face_offsets(scene, p, m))
+    return jax.vmap(at_one)(period, motion)

@@ -13,24 +13,22 @@ from .style import (
     axis_label,
     check_dataset,
     cross,
+    drawing,
     flagged,
     legend_above,
     mark_cases,
     name_case,
-    new_axes,
     shown,
     styled,
     swept,
 )
 
-SOURCE = "sweep or follow"
-"""What makes the datasets drawn here, for errors."""
-FOLLOWED = {"up": COLORS["orange"], "down": COLORS["green"]}
+DIRECTION_COLORS = {"up": COLORS["orange"], "down": COLORS["green"]}
 """Colours of the motions that are followed with the parameter raised and lowered."""
 
 
 def bifurcation(ds: xr.Dataset, section: str, ax: Any = None, **style: Any) -> Any:
-    """One bifurcation diagram: a section's velocities over the swept parameter, in display units.
+    """Draws one bifurcation diagram: a section's velocities over the swept parameter, in display units.
 
     Cases with a status other than 0 have no dots, but a grey cross at the bottom.
 
@@ -45,17 +43,16 @@ def bifurcation(ds: xr.Dataset, section: str, ax: Any = None, **style: Any) -> A
 
     **Raises:** `ValueError` where `ds` is not swept over one parameter.
     """
-    check_dataset(ds, SOURCE, section)
-    if ax is None:
-        ax = new_axes()
-        name_case(ax.figure, ds, full=True)
-    if _dots(ds, section, ax, style):
-        _legend(ax, True)
+    check_dataset(ds, "sweep or follow", section)
+    swept(ds[section], "crossing")
+    with drawing(ax, ds) as ax:
+        if _draw_dots(ds, section, ax, style):
+            _show_legend(ax, True)
     return ax
 
 
 def bifurcations(ds: xr.Dataset, axes: Any = None, followed: xr.Dataset | None = None) -> Any:
-    """All five bifurcation diagrams above each other, at column width, as in Figs. 5, 8 and 10 of the paper.
+    """Draws all five bifurcation diagrams above each other, at column width, as in Figs. 5, 8 and 10 of the paper.
 
     **Arguments:**
 
@@ -66,7 +63,7 @@ def bifurcations(ds: xr.Dataset, axes: Any = None, followed: xr.Dataset | None =
 
     **Returns:** the Axes, an array.
     """
-    check_dataset(ds, SOURCE, *SECTIONS)
+    check_dataset(ds, "sweep or follow", *SECTIONS)
     with styled():
         if axes is None:
             figure, axes = plt.subplots(5, 1, figsize=(3.5, 7.9), sharex=True, layout="constrained")
@@ -74,27 +71,22 @@ def bifurcations(ds: xr.Dataset, axes: Any = None, followed: xr.Dataset | None =
         lost = False
         for tag, section, ax in zip("abcde", SECTIONS, axes, strict=True):
             size = _dot_size(ds[section])
-            for k, (way, color) in enumerate(FOLLOWED.items(), 1):
+            for k, (way, color) in enumerate(DIRECTION_COLORS.items(), 1):
                 if followed is not None and way in followed["direction"]:
                     style = {"ms": 1.1 * size, "color": color, "label": f"followed {way}"}
-                    lost |= _dots(followed.sel(direction=way), section, ax, style, color, 0.04 + 0.06 * k)
-            share = 1.0 if followed is None else 0.7  # what lies beneath stays visible
-            lost |= _dots(ds, section, ax, {"ms": share * size, "label": "from one start"})
+                    lost |= _draw_dots(followed.sel(direction=way), section, ax, style, color, 0.04 + 0.06 * k)
+            share = 1.0 if followed is None else 0.7  # the dots beneath stay visible
+            lost |= _draw_dots(ds, section, ax, {"ms": share * size, "label": "from one start"})
             ax.text(0.012, 0.94, f"({tag})", transform=ax.transAxes, va="top", fontsize=8)
             if ax is not axes[-1]:
                 ax.set_xlabel("")
         if followed is not None or lost:
-            _legend(axes[0], lost)
+            _show_legend(axes[0], lost)
     return axes
 
 
-def _dots(
-    ds: xr.Dataset,
-    section: str,
-    ax: Any,
-    style: dict[str, Any],
-    color: str = COLORS["grey"],
-    height: float = 0.04,
+def _draw_dots(
+    ds: xr.Dataset, section: str, ax: Any, style: dict[str, Any], color: str = COLORS["grey"], height: float = 0.04
 ) -> bool:
     """Draws the dots of one section, and crosses of a colour and height for cases that are left out.
 
@@ -107,7 +99,7 @@ def _dots(
     ax.plot(at[case], values[case, crossing], ".", **style)
     mark_cases(ax, at[bad], color, height)
     ax.set(xlabel=axis_label(over, ds), ylabel=axis_label(section))
-    # room for the dots of the first and the last case
+    # margins hold the dots of the first and the last case
     ax.margins(x=max(0.5 / max(len(at) - 1, 1), 0.015) if len(at) > 10 else 0.05)
     ax.update_datalim(np.stack([at, at], axis=1), updatey=False)
     ax.autoscale_view()
@@ -115,12 +107,12 @@ def _dots(
 
 
 def _dot_size(array: xr.DataArray) -> float:
-    """Marker size [points] of dots that can be seen, and hardly overlap where cases are few."""
+    """Gives the marker size [points] of dots that can be seen, and hardly overlap where cases are few."""
     return float(np.clip(700 / array[swept(array, "crossing")[0]].size, 3.4, 5.0))
 
 
-def _legend(ax: Any, lost: bool) -> None:
-    """A legend of the dots, and of the crosses where cases are left out."""
-    handles = ax.get_legend_handles_labels()[0] + [cross(label=FLAGGED_LABEL)] * lost
-    for handle in legend_above(ax, handles).legend_handles:
+def _show_legend(ax: Any, lost: bool) -> None:
+    """Draws a legend of the dots, and of the crosses where cases are left out."""
+    legend_above(ax, ax.get_legend_handles_labels()[0] + [cross(label=FLAGGED_LABEL)] * lost)
+    for handle in ax.get_legend().legend_handles:
         handle.set_markersize(5 if handle.get_marker() == "." else 4)

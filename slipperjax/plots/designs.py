@@ -1,5 +1,6 @@
-"""Designs: the objective in each case, the trials on the way, the progress of the search, and sensitivities."""
+"""Designs: objective in each case, trials, progress, sensitivities, margins to events, and the objective nearby."""
 
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
@@ -9,44 +10,53 @@ import xarray as xr
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
-from ..model.quantities import PARAMETERS
-from .design_data import (
-    OPTIMUM,
-    REGIME_MARKERS,
+from ..flow.load import varied_names
+from ..model.quantities import PARAMETERS, Quantity, quantity
+from .branches import EVENT_MARKERS, EVENT_NAMES
+from .maps import FLAGGED_COLOR
+from .style import (
+    COLORS,
+    axis_label,
+    case_title,
+    check_dataset,
     color_bar,
     color_norm,
-    design_dataset,
+    cross,
+    drawing,
     fit_scale,
-    in_shown,
-    kinds_of,
-    label_of,
-    many,
-    name_of,
-    over_cases,
-    panel,
-    per_shown,
-    scaled,
-    total_label,
-    variable,
-    variable_label,
+    legend_above,
+    legends_above,
+    line_color,
+    mark_cases,
+    shown,
+    styled,
+    with_unit,
 )
-from .design_panels import draw_map, draw_margins
-from .style import COLORS, case_title, cross, legends_above, mark_cases, styled, typeset
 
-VARIABLE_COLORS = ("blue", "red", "green", "orange")
-"""Colours of variables in their order; further ones begin anew."""
+REGIME_MARKERS = {"period 1": "o", "period n": "s", "irregular": "D"}
+"""Markers of cases by their kind of motion; n is above 1."""
+REGIME_HATCHES = {
+    "period n": ("...", "a case of period above 1"),
+    "irregular": ("////", "a case irregular"),
+    "lost": ("xxxx", "a case lost"),
+}
+"""Hatches of designs by their least regular case, and their entries in a legend; none where all have period 1."""
 VIOLATED = 1e-6
 """Violation from which a trial counts as breaking a constraint."""
-FIRST: dict[str, Any] = dict(ls="", marker="s", ms=6.5, mfc="none", mec="black", mew=0.8, zorder=4)
-_SHAPES = ((True, "o"), (False, "v"))
-"""Markers of trials that keep the constraints, and of those that do not."""
+OPTIMUM: dict[str, Any] = dict(ls="", marker="*", ms=10, mfc="#ffd23f", mec="black", mew=0.7, zorder=6)
+"""Marker of the best design."""
+FIRST_TRIAL: dict[str, Any] = dict(ls="", marker="s", ms=6.5, mfc="none", mec="black", mew=0.8, zorder=4)
+"""Marker of the first trial of a start."""
+GRID_MINIMUM: dict[str, Any] = dict(ls="", marker="P", ms=6, mfc="white", mec="black", mew=0.7, zorder=5)
+"""Marker of the lowest value of a grid."""
 
 
 def design_overview(
     ds: Any, surroundings: xr.Dataset | None = None, axes: Any = None, *, margins: xr.Dataset | None = None
 ) -> Any:
-    """A design on one page: objective in each case, trials, progress of the search, sensitivities, and checks.
+    """Draws a design on one page: objective by case, trials, progress of the search, sensitivities, and checks.
 
     The title states what is fixed, and the best design.
 
@@ -62,26 +72,37 @@ def design_overview(
     **Raises:** `ValueError` for another kind of dataset.
     """
     ds = design_dataset(ds)
+    draws: list[Any] = [_draw_cases, _draw_trials, _draw_progress, _draw_slopes]
+    checks = [(_draw_map, surroundings), (_draw_margins, margins)]
+    draws += [partial(draw, dataset) for draw, dataset in checks if dataset is not None]
     with styled():
         if axes is None:
-            more = [name for name, given in (("map", surroundings), ("margins", margins)) if given is not None]
-            below = [[more[0], more[-1]]] if more else []
-            places: Any = [["cases", "trials"], ["progress", "slopes"], *below]
-            figure, found = plt.subplot_mosaic(places, figsize=(7.2, 2.9 * len(places)), layout="constrained")
+            rows = {4: "AB;CD", 5: "AB;CD;EE", 6: "AB;CD;EF"}[len(draws)]
+            figure, panels = plt.subplot_mosaic(rows, figsize=(7.2, 2.9 * (len(rows) // 3 + 1)), layout="constrained")
             figure.suptitle(_title(ds), fontsize=7)
-            axes = np.array([found[name] for row in places for name in dict.fromkeys(row)])
-        draws = [_cases, _trials, _progress, _slopes]
-        if surroundings is not None:
-            draws.append(partial(draw_map, surroundings))
-        if margins is not None:
-            draws.append(partial(draw_margins, margins))
+            axes = np.array([panels[label] for label in sorted(panels)])
         # legends come last: their columns follow from widths that each panel changes
         legends_above([(ax, draw(ds, ax)) for ax, draw in zip(np.ravel(axes), draws, strict=True)])
     return axes
 
 
+def design_dataset(ds: Any) -> xr.Dataset:
+    """Gives the dataset of a design, or of a result that has one."""
+    ds = ds if isinstance(ds, xr.Dataset) or not hasattr(ds, "to_xarray") else ds.to_xarray()
+    check_dataset(ds, "optimise_design", "trial_design", "objective", "design")
+    return ds
+
+
+def _panel(draw: Callable[[xr.Dataset, Any], list[Any]], ds: Any, ax: Any) -> Any:
+    """Draws one panel, with a legend of the entries that `draw` returns, in Axes that are given or new."""
+    ds = design_dataset(ds)
+    with drawing(ax, None, 3.5, 2.9) as ax:
+        legend_above(ax, draw(ds, ax))
+    return ax
+
+
 def design_cases(ds: Any, ax: Any = None) -> Any:
-    """The objective in each case, at the best design and at the first one that was tried, marked by regime.
+    """Draws the objective in each case, at the best design and at the first one that was tried, marked by regime.
 
     Bars are standard errors. A cross at the bottom is a case without a motion.
 
@@ -92,174 +113,379 @@ def design_cases(ds: Any, ax: Any = None) -> Any:
 
     **Raises:** `ValueError` for another kind of dataset.
     """
-    return panel(_cases, ds, ax)
+    return _panel(_draw_cases, ds, ax)
 
 
-def _cases(ds: xr.Dataset, ax: Any) -> list[Any]:
-    x, label = over_cases(ds)
-    order = np.argsort(x)
-    before = scaled(ds["trial_objective"].isel(trial=0), ds["objective"]), kinds_of(ds["trial_regime"].values[0])
-    best = scaled(ds["objective"]), kinds_of(ds["regime"].values)
-    error = np.nan_to_num(ds["objective_stderr"].values / per_shown(ds["objective"]))
-    for (y, kinds), color in ((before, COLORS["grey"]), (best, COLORS["blue"])):
+def _draw_cases(ds: xr.Dataset, ax: Any) -> list[Any]:
+    x, label = _over_cases(ds)
+    order, blue = np.argsort(x), COLORS["blue"]
+    first, best = _scaled(ds["trial_objective"].isel(trial=0), ds["objective"]), _scaled(ds["objective"])
+    kinds = _kinds_of(ds["trial_regime"].values[0]), _kinds_of(ds["regime"].values)
+    for y, of_cases, color in zip((first, best), kinds, (COLORS["grey"], blue), strict=True):
         ax.plot(x[order], y[order], lw=0.8, color=color, zorder=2)
-        for kind, marker in REGIME_MARKERS.items():
-            at = (kinds == kind) & np.isfinite(y)
-            ax.plot(x[at], y[at], ls="", marker=marker, ms=4.5, mew=0.5, mec="white", color=color, zorder=4)
+        _mark_kinds(ax, x, y, of_cases, color)
         mark_cases(ax, x[~np.isfinite(y)], color)
-    unsure = (error > 0) & np.isfinite(best[0])
+    error = np.nan_to_num(ds["objective_stderr"].values / _per_shown(ds["objective"]))
+    unsure = (error > 0) & np.isfinite(best)
     if unsure.any():
-        ax.errorbar(x[unsure], best[0][unsure], error[unsure], fmt="none", lw=0.8, capsize=2, color=COLORS["blue"])
-    words = (("best design", "blue"), ("first design", "grey"))
-    handles = [Line2D([], [], lw=1, color=COLORS[color], label=text) for text, color in words]
+        ax.errorbar(x[unsure], best[unsure], error[unsure], fmt="none", lw=0.8, capsize=2, color=blue)
+    words = ("best design", blue), ("first design", COLORS["grey"])
+    handles = [Line2D([], [], lw=1, color=color, label=text) for text, color in words]
     if ds.sizes["case"] > 1 and np.isfinite(ds.attrs["objective"]):
-        total = ds.attrs["objective"] / per_shown(ds["objective"])
-        handles.append(
-            ax.axhline(total, lw=0.7, ls=":", color=COLORS["blue"], zorder=1, label=str(ds.attrs["robust"]))
-        )
-    present = {kind for y, kinds in (before, best) for kind in kinds[np.isfinite(y)]}
-    style = dict(ls="", ms=4, color="black", mew=0)
-    handles += [
-        Line2D([], [], marker=m, label=kind, **style) for kind, m in REGIME_MARKERS.items() if kind in present
-    ]
-    every = np.concatenate([before[0], best[0]])
-    handles += [cross(label="no motion")] * bool(np.isnan(every).any())
+        total, text = ds.attrs["objective"] / _per_shown(ds["objective"]), str(ds.attrs["robust"])
+        handles.append(ax.axhline(total, lw=0.7, ls=":", color=blue, zorder=1, label=text))
+    values = np.concatenate([first, best])
+    handles += _kind_entries(np.concatenate(kinds)[np.isfinite(values)], "black")
+    handles += [cross(label="no motion")] * bool(np.isnan(values).any())
     ax.margins(x=0.04, y=0.1)
-    ax.set(xlabel=label, ylabel=label_of(ds["objective"]))
-    fit_scale(ax, every)
+    ax.set(xlabel=label, ylabel=_label_of(ds["objective"]))
+    fit_scale(ax, values)
     return handles
 
 
 def design_trials(ds: Any, ax: Any = None) -> Any:
-    """The designs that were tried, in the plane of the first two variables, coloured by the objective.
+    """Draws the trials in the plane of the first two variables, coloured by the objective.
 
     Filled ones were taken, and lines join them; hollow ones were not. With one variable the objective is drawn over
     it.
 
     **Arguments:**, **Returns:** and **Raises:** as for `design_cases`.
     """
-    return panel(_trials, ds, ax)
+    return _panel(_draw_trials, ds, ax)
 
 
-def _trials(ds: xr.Dataset, ax: Any) -> list[Any]:
-    names, total = [str(name) for name in ds["variable"].values[:2]], scaled(ds["trial_smooth"])
-    tried = [in_shown(ds, name, ds["trial_design"].sel(variable=name)) for name in names]
-    best = [float(in_shown(ds, name, ds["design"].sel(variable=name))) for name in names]
-    plane, norm = len(names) > 1, color_norm(total)
-    if not plane:
-        tried.append(total)
-        best.append(ds.attrs["smooth"] / per_shown(ds["smooth"]))
-    x, y = tried
-    taken, start, there = ds["trial_taken"].values.astype(bool), ds["trial_start"].values, np.isfinite(total)
-    kept = ds["trial_violation"].values <= VIOLATED
-    colors = plt.get_cmap("viridis")(norm(np.where(there, total, float(norm.vmin or 0.0))))
-    colors = colors if plane else np.tile(to_rgba(COLORS["blue"]), (len(x), 1))
+def _draw_trials(ds: xr.Dataset, ax: Any) -> list[Any]:
+    names, total = [str(name) for name in ds["variable"].values[:2]], _scaled(ds["trial_smooth"])
+    trials = [_in_shown(ds, name, ds["trial_design"].sel(variable=name)) for name in names]
+    plane, norm, finite = len(names) > 1, color_norm(total), np.isfinite(total)
+    x, y = trials if plane else (*trials, total)
+    accepted, start = ds["trial_taken"].values.astype(bool), ds["trial_start"].values
     for number in np.unique(start):
-        of, way = start == number, (start == number) & taken & there
-        ax.plot(x[way], y[way], lw=0.7, color=COLORS["grey"], zorder=1)
-        ax.plot(x[of][:1], y[of][:1], **FIRST)
-    for filled in (True, False):
-        for good, marker in _SHAPES:
-            at = there & (taken == filled) & (kept == good)
-            face = colors[at] if filled else "none"
-            ax.scatter(x[at], y[at], 16, facecolors=face, edgecolors=colors[at], marker=marker, lw=0.9, zorder=3)
+        own = start == number
+        ax.plot(x[own & accepted & finite], y[own & accepted & finite], lw=0.7, color=COLORS["grey"], zorder=1)
+        ax.plot(x[own][:1], y[own][:1], **FIRST_TRIAL)
     if plane:
-        ax.add_line(cross(x[~there], y[~there], zorder=3))
+        colors = plt.get_cmap("viridis")(norm(np.where(finite, total, float(norm.vmin or 0.0))))
+        ax.add_line(cross(x[~finite], y[~finite], zorder=3))
+        color_bar(ax, ScalarMappable(norm, "viridis"), _total_label(ds))
     else:
-        mark_cases(ax, x[~there])
-    ax.plot(*best, **OPTIMUM)
-    handles = [Line2D([], [], label="best", **OPTIMUM), Line2D([], [], label="start", **FIRST)]
-    handles += _trial_entries(taken[there], kept[there], "black") + [cross(label="no motion")] * bool(not there.all())
-    ends = [in_shown(ds, name, [ds[end].sel(variable=name) for end in ("low", "high")]) for name in names]
-    for (low, high), set_limits in zip(ends, (ax.set_xlim, ax.set_ylim), strict=False):
+        colors = np.tile(to_rgba(COLORS["blue"]), (len(x), 1))
+        mark_cases(ax, x[~finite])
+    ax.plot(*_best_place(ds, names), **OPTIMUM)
+    handles = [Line2D([], [], label="best", **OPTIMUM), Line2D([], [], label="start", **FIRST_TRIAL)]
+    handles += _scatter_trials(ds, ax, x, y, colors, "black")
+    for name, set_limits in zip(names, (ax.set_xlim, ax.set_ylim), strict=False):
+        low, high = _in_shown(ds, name, [ds[end].sel(variable=name) for end in ("low", "high")])
         set_limits(low - 0.04 * (high - low), high + 0.04 * (high - low))
-    ax.set(xlabel=variable_label(ds, names[0]))
-    if plane:
-        ax.set(ylabel=variable_label(ds, names[1]))
-        color_bar(ax, ScalarMappable(norm, "viridis"), total_label(ds))
-    else:
-        ax.set(ylabel=total_label(ds))
+    ax.set(xlabel=_variable_label(ds, names[0]))
+    ax.set(ylabel=_variable_label(ds, names[1]) if plane else _total_label(ds))
+    if not plane:
         fit_scale(ax, total)
     return handles
 
 
+def _scatter_trials(
+    ds: xr.Dataset, ax: Any, x: np.ndarray, y: np.ndarray, colors: np.ndarray, legend_color: str
+) -> list[Any]:
+    """Draws trials as dots, filled where accepted, triangles where they violate a constraint; gives entries."""
+    finite, accepted = np.isfinite(ds["trial_smooth"].values), ds["trial_taken"].values.astype(bool)
+    kept = ds["trial_violation"].values <= VIOLATED
+    for filled in (True, False):
+        for good, marker in ((True, "o"), (False, "v")):
+            at = finite & (accepted == filled) & (kept == good)
+            face = colors[at] if filled else "none"
+            ax.scatter(x[at], y[at], 16, facecolors=face, edgecolors=colors[at], marker=marker, lw=0.9, zorder=3)
+    entries = (
+        ("taken", "o", legend_color, accepted[finite].any()),
+        ("not taken", "o", "none", not accepted[finite].all()),
+        ("constraint violated", "v", "none", not kept[finite].all()),
+    )
+    style = dict(ls="", ms=3.8, mew=0.8, mec=legend_color)
+    handles = [Line2D([], [], marker=m, mfc=face, label=text, **style) for text, m, face, drawn in entries if drawn]
+    return handles + [cross(label="no motion")] * bool(not finite.all())
+
+
 def design_progress(ds: Any, ax: Any = None) -> Any:
-    """The objective of each trial, and the lowest until then that violates no constraint, over what was simulated.
+    """Draws the objective of each trial, and the lowest until then without violations, over the simulated periods.
 
     **Arguments:**, **Returns:** and **Raises:** as for `design_cases`.
     """
-    return panel(_progress, ds, ax)
+    return _panel(_draw_progress, ds, ax)
 
 
-def _progress(ds: xr.Dataset, ax: Any) -> list[Any]:
-    x, total = ds["trial_simulated"].values, scaled(ds["trial_smooth"])
-    taken, kept = ds["trial_taken"].values.astype(bool), ds["trial_violation"].values <= VIOLATED
-    there, blue = np.isfinite(total), COLORS["blue"]
-    lowest = np.minimum.accumulate(np.where(kept & there, total, np.inf))
+def _draw_progress(ds: xr.Dataset, ax: Any) -> list[Any]:
+    x, total, blue = ds["trial_simulated"].values, _scaled(ds["trial_smooth"]), COLORS["blue"]
+    kept = (ds["trial_violation"].values <= VIOLATED) & np.isfinite(total)
+    lowest = np.minimum.accumulate(np.where(kept, total, np.inf))
     begun = np.isfinite(lowest)
     handles = ax.plot(x[begun], lowest[begun], lw=1.2, color=blue, drawstyle="steps-post", label="lowest")
-    for filled in (True, False):
-        for good, marker in _SHAPES:
-            at = there & (taken == filled) & (kept == good)
-            ax.plot(x[at], total[at], **_trial(marker, filled, blue), zorder=3)
-    mark_cases(ax, x[~there])
-    handles += _trial_entries(taken[there], kept[there], blue) + [cross(label="no motion")] * bool(not there.all())
+    handles += _scatter_trials(ds, ax, x, total, np.tile(to_rgba(blue), (len(x), 1)), blue)
+    mark_cases(ax, x[~np.isfinite(total)])
     ax.margins(x=0.04, y=0.1)
-    ax.set(xlabel="forcing periods simulated", ylabel=total_label(ds))
+    ax.set(xlabel="forcing periods simulated", ylabel=_total_label(ds))
     fit_scale(ax, total)
     return handles
 
 
 def design_slopes(ds: Any, ax: Any = None) -> Any:
-    """Relative sensitivities of the objective at the best design: its change in percent by one percent of a variable.
+    """Draws relative sensitivities at the best design: percent of the objective by one percent of a variable.
 
     Bars are standard errors.
 
     **Arguments:**, **Returns:** and **Raises:** as for `design_cases`.
     """
-    return panel(_slopes, ds, ax)
+    return _panel(_draw_slopes, ds, ax)
 
 
-def _slopes(ds: xr.Dataset, ax: Any) -> list[Any]:
-    x, label = over_cases(ds)
-    order = np.argsort(x)
-    per = ds["design"] / ds["smooth"]
+def _draw_slopes(ds: xr.Dataset, ax: Any) -> list[Any]:
+    x, label = _over_cases(ds)
+    order, per = np.argsort(x), ds["design"] / ds["smooth"]
     slopes, errors = ((ds[f"gradient{s}"] * per).transpose("case", "variable").values for s in ("", "_stderr"))
     ax.axhline(0, lw=0.5, color="black")
     handles = []
     for k, name in enumerate(map(str, ds["variable"].values)):
         error = np.nan_to_num(np.abs(errors[order, k]))
+        text = name.replace("_", " ") + (f" ${PARAMETERS[name].symbol}$" if name in PARAMETERS else "")
         style = dict(fmt="o-", ms=3, mew=0, lw=0.8, elinewidth=0.8, capsize=2 if error.any() else 0)
-        color, text = COLORS[VARIABLE_COLORS[k % len(VARIABLE_COLORS)]], name.replace("_", " ")
-        if name in PARAMETERS:
-            text += f" ${PARAMETERS[name].symbol}$"
-        handles.append(ax.errorbar(x[order], slopes[order, k], error, color=color, label=text, **style))
+        handles.append(ax.errorbar(x[order], slopes[order, k], error, color=line_color(k), label=text, **style))
     ax.margins(x=0.04, y=0.1)
-    ax.set(xlabel=label, ylabel=f"change of {name_of(ds['smooth'])}\nby 1 % of a variable [%]")
+    ax.set(xlabel=label, ylabel=f"change of {_name_of(ds['smooth'])}\nby 1 % of a variable [%]")
     return handles
 
 
-def _trial(marker: str, filled: bool, color: str) -> dict[str, Any]:
-    """How a trial is drawn."""
-    return dict(ls="", marker=marker, ms=3.8, mew=0.8, mec=color, mfc=color if filled else "none")
+def design_margins(ds: Any, margins: xr.Dataset, ax: Any = None) -> Any:
+    """Draws bars of how far parameters may change, either way, before the orbit of a case meets an event.
+
+    A marker at the end of a bar is the event, with the parameter's value there; a bar without one ends where the
+    search ended.
+
+    **Arguments:**
+
+    - `ds`: a result of `optimise_design`, or its dataset.
+    - `margins`: of it, by `event_margins`.
+    - `ax`: the Axes to draw into, default those of a new figure.
+
+    **Returns:** the Axes.
+
+    **Raises:** `ValueError` for another kind of dataset.
+    """
+    return _panel(partial(_draw_margins, margins), ds, ax)
 
 
-def _trial_entries(taken: np.ndarray, kept: np.ndarray, color: str) -> list[Line2D]:
-    """Entries of a legend for the trials that there are."""
-    some = [("taken", "o", True, taken.any()), ("not taken", "o", False, not taken.all())]
-    some.append(("constraint violated", "v", False, not kept.all()))
-    return [Line2D([], [], label=text, **_trial(m, filled, color)) for text, m, filled, there in some if there]
+def _draw_margins(margins: xr.Dataset, ds: xr.Dataset, ax: Any) -> list[Any]:
+    check_dataset(margins, "event_margins", "parameter", "relative", "label")
+    pairs = list(zip(margins["case"].values.tolist(), margins["parameter"].values.astype(str), strict=True))
+    rows = {pair: row for row, pair in enumerate(dict.fromkeys(pairs))}
+    colors = {case: line_color(k) for k, case in enumerate(dict.fromkeys(case for case, _ in rows))}
+    changes, labels = 100 * margins["relative"].values, margins["label"].values.astype(str)
+    for pair, change, label, value in zip(pairs, changes, labels, margins["value"].values, strict=True):
+        color, row = colors[pair[0]], rows[pair]
+        ax.plot([0, change], [row] * 2, lw=3.5, alpha=0.35, color=color, solid_capstyle="butt", zorder=2)
+        if label:
+            ax.plot([change], [row], ls="", marker=EVENT_MARKERS[label], ms=5, mew=0.9, color=color, zorder=3)
+            text, sign = f"{_variable(ds, pair[1]).shown(value):.4g}", np.sign(change) or 1.0
+            style: dict[str, Any] = dict(textcoords="offset points", va="center", fontsize=6)
+            ax.annotate(text, (change, row), (5 * sign, 0), ha="left" if sign > 0 else "right", **style)
+    ax.axvline(0, lw=0.5, color="black", zorder=1)
+    names = [with_unit(n.replace("_", " "), _variable(ds, n).display_unit, brackets=True) for _, n in rows]
+    ax.set_yticks(list(rows.values()), names)
+    farthest = 1.35 * max(float(np.nanmax(np.abs(changes), initial=0.0)), 1e-9)
+    ax.set(xlabel="change of the parameter [%]", xlim=(-farthest, farthest), ylim=(len(rows) - 0.5, -0.5))
+    handles = [Line2D([], [], lw=3.5, alpha=0.35, color=c, label=_case_text(ds, case)) for case, c in colors.items()]
+    dark: dict[str, Any] = dict(ls="", ms=5, mew=0.9, color="black")
+    present = [label for label in EVENT_MARKERS if label in labels]
+    return handles + [Line2D([], [], marker=EVENT_MARKERS[m], label=f"{m} {EVENT_NAMES[m]}", **dark) for m in present]
+
+
+def design_map(ds: Any, surroundings: xr.Dataset, ax: Any = None) -> Any:
+    """Draws a grid around the best design: the objective as colours, hatched where not all cases have period 1.
+
+    With one variable the objective is drawn over it. The grid's lowest value is marked, too.
+
+    **Arguments:**
+
+    - `ds`: a result of `optimise_design`, or its dataset.
+    - `surroundings`: over one variable or several by name, and over cases: what was minimised, by its name such as
+        soft_peak_force, or else the objective itself, and if available `period`, 0 for irregular motions. Of more
+        than two variables the further ones are taken as near the best design as the grid has them.
+    - `ax`: the Axes to draw into, default those of a new figure.
+
+    **Returns:** the Axes.
+
+    **Raises:** `ValueError` for another kind of dataset.
+    """
+    return _panel(partial(_draw_map, surroundings), ds, ax)
+
+
+def _draw_map(surroundings: xr.Dataset, ds: xr.Dataset, ax: Any) -> list[Any]:
+    objective, names, grid = _grid(ds, surroundings)
+    values = grid[str(ds[objective].attrs["quantity"])]
+    cases = [d for d in values.dims if d not in names]
+    total = values.max(cases, skipna=False) if ds.attrs["robust"] == "worst" else values.mean(cases, skipna=False)
+    total = _scaled(total.transpose(*names), ds[objective])
+    kinds, finite = _least_regular(grid, values, names), np.isfinite(total)
+    axes = [_in_shown(ds, name, grid[name].values) for name in names]
+    least = np.unravel_index(np.argmin(np.where(finite, total, np.inf)), total.shape)
+    lowest = [values[k] for values, k in zip(axes, least, strict=True)]
+    if len(names) == 1:
+        blue = COLORS["blue"]
+        ax.plot(axes[0], total, lw=0.8, color=COLORS["grey"], zorder=1)
+        _mark_kinds(ax, axes[0], total, kinds, blue)
+        mark_cases(ax, axes[0][~finite])
+        fit_scale(ax, total)
+        lowest.append(total[least])
+        entries = _kind_entries(kinds, blue) + [cross(label="no motion")] * bool(not finite.all())
+    else:
+        colors = plt.get_cmap("viridis").with_extremes(bad=FLAGGED_COLOR)
+        masked = np.ma.masked_invalid(total.T)
+        mesh = ax.pcolormesh(*axes, masked, cmap=colors, norm=color_norm(total), shading="nearest")
+        entries = []
+        for kind, (hatch, text) in REGIME_HATCHES.items():
+            if np.any(kinds == kind):
+                cells = np.ma.masked_where(kinds != kind, np.zeros(kinds.shape)).T
+                style: dict[str, Any] = dict(facecolors="none", edgecolors="white", linewidths=0, zorder=2)
+                ax.pcolor(*axes, cells, shading="nearest", hatch=hatch, **style)
+                entries.append(Patch(hatch=hatch, label=text, facecolor=COLORS["grey"], edgecolor="white", lw=0))
+        color_bar(ax, mesh, _total_label(ds, objective))
+        ax.grid(False)
+    handles = [Line2D([], [], label="best design", **OPTIMUM)]
+    if finite.any():
+        ax.plot(*lowest, **GRID_MINIMUM)
+        handles.append(Line2D([], [], label=f"lowest of the grid, {np.min(total[finite]):.4g}", **GRID_MINIMUM))
+    ax.plot(*_best_place(ds, names, objective), **OPTIMUM)
+    ax.set(xlabel=_variable_label(ds, names[0]))
+    ax.set(ylabel=_variable_label(ds, names[1]) if len(names) > 1 else _total_label(ds, objective))
+    return handles + entries
+
+
+def _grid(ds: xr.Dataset, surroundings: Any) -> tuple[str, list[str], xr.Dataset]:
+    """Gives the drawn objective, "smooth" or "objective", one or two variables, and the grid at the best others."""
+    quantities = {name: str(ds[name].attrs["quantity"]) for name in ("smooth", "objective")}
+    is_dataset = isinstance(surroundings, xr.Dataset)
+    objective = next((name for name, of in quantities.items() if is_dataset and of in surroundings), None)
+    if objective is None:
+        words = " or ".join(f"`{name}`" for name in dict.fromkeys(quantities.values()))
+        raise ValueError(f"Argument `surroundings` must be a dataset with {words} over variables and cases.")
+    dims, variables = surroundings[quantities[objective]].dims, [str(name) for name in ds["variable"].values]
+    names = [name for name in variables if name in dims]
+    if not names:
+        over = ", ".join(map(str, dims)) or "nothing"
+        raise ValueError(f"Argument `surroundings` must be over some of {', '.join(variables)}, but is over {over}.")
+    further = {name: float(ds["design"].sel(variable=name)) for name in names[2:]}
+    return objective, names[:2], surroundings.sel(further, method="nearest") if further else surroundings
+
+
+def _least_regular(grid: xr.Dataset, values: xr.DataArray, names: list[str]) -> np.ndarray:
+    """Gives the least regular kind of motion among the cases of each design."""
+    order = np.array(["period 1", *REGIME_HATCHES])
+    period = grid["period"].transpose(*values.dims).values if "period" in grid else np.ones(values.shape)
+    rank = np.where(period == 1, 0, np.where(period > 1, 1, 2))
+    ranks = values.copy(data=np.where(np.isfinite(values), rank, 3))
+    return order[ranks.max([d for d in values.dims if d not in names]).transpose(*names).values.astype(int)]
+
+
+def _kinds_of(regimes: Any) -> np.ndarray:
+    """Gives regimes in words, all periods above 1 as one."""
+    words = np.asarray(regimes).astype(str)
+    return np.where(np.char.startswith(words, "period ") & (words != "period 1"), "period n", words)
+
+
+def _mark_kinds(ax: Any, x: np.ndarray, y: np.ndarray, kinds: np.ndarray, color: str) -> None:
+    """Draws markers by kind of motion."""
+    for kind, marker in REGIME_MARKERS.items():
+        at = (kinds == kind) & np.isfinite(y)
+        ax.plot(x[at], y[at], ls="", marker=marker, ms=4.5, mew=0.5, mec="white", color=color, zorder=4)
+
+
+def _kind_entries(kinds: Iterable[str], color: str) -> list[Line2D]:
+    """Gives entries of a legend for markers by kind of motion."""
+    present, style = set(kinds), dict(ls="", ms=4, mew=0, color=color)
+    return [Line2D([], [], marker=m, label=kind, **style) for kind, m in REGIME_MARKERS.items() if kind in present]
+
+
+def _over_cases(ds: xr.Dataset) -> tuple[np.ndarray, str]:
+    """Gives the parameter that differs between the cases, and its label; their numbers for none or several."""
+    names = varied_names(ds) if "varied" in ds.attrs else []
+    if len(names) == 1:
+        return shown(ds, names[0]), axis_label(names[0], ds)
+    return np.arange(1, ds.sizes["case"] + 1), "case" if not names else f"case, over {' and '.join(names)}"
+
+
+def _case_text(ds: xr.Dataset, case: int) -> str:
+    """Gives a case in words."""
+    names = varied_names(ds) if "varied" in ds.attrs else []
+    return ", ".join(_stated(ds, name, ds[name].values[case]) for name in names) or "the case"
+
+
+def _per_shown(array: xr.DataArray) -> float:
+    """Gives the SI units in one display unit."""
+    return float(array.attrs.get("per_shown", 1.0))
+
+
+def _scaled(array: xr.DataArray, like: xr.DataArray | None = None) -> np.ndarray:
+    """Gives values in the display unit, of `like` where the array has none; NaN in place of infinities."""
+    values = np.asarray(array.values, float) / _per_shown(array if like is None else like)
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def _name_of(array: xr.DataArray) -> str:
+    """Gives the name of an objective in words."""
+    return str(array.attrs.get("quantity", array.name)).replace("_", " ")
+
+
+def _label_of(array: xr.DataArray) -> str:
+    """Gives the axis label of an objective: name, symbol and display unit."""
+    symbol = f" ${array.attrs['symbol']}$" if array.attrs.get("symbol") else ""
+    unit = array.attrs.get("shown_unit", array.attrs.get("units", "1"))
+    return with_unit(_name_of(array) + symbol, unit, brackets=True)
+
+
+def _total_label(ds: xr.Dataset, name: str = "smooth") -> str:
+    """Gives the axis label of an objective over all cases, in two lines where they are several."""
+    return _label_of(ds[name]) + (f"\n{_over_all(ds)}" if ds.sizes["case"] > 1 else "")
+
+
+def _over_all(ds: xr.Dataset) -> str:
+    """Gives the reduction of several cases to one number."""
+    return f"{'worst' if ds.attrs['robust'] == 'worst' else 'mean'} of {ds.sizes['case']} cases"
+
+
+def _variable(ds: xr.Dataset, name: str) -> Quantity:
+    """Gives a variable of a design; that of a path has its unit from the dataset."""
+    if name in PARAMETERS:
+        return quantity(name)
+    return Quantity(name, str(ds["variable_unit"].sel(variable=name).item()), name)
+
+
+def _variable_label(ds: xr.Dataset, name: str) -> str:
+    """Gives the axis label of a variable."""
+    return (
+        axis_label(name) if name in PARAMETERS else with_unit(name, _variable(ds, name).display_unit, brackets=True)
+    )
+
+
+def _stated(ds: xr.Dataset, name: str, value: float) -> str:
+    """Gives a variable or parameter in words, with its value [SI unit] in the display unit."""
+    q = _variable(ds, name)
+    return with_unit(f"{name.replace('_', ' ')} {q.shown(value):.5g}", q.display_unit)
+
+
+def _in_shown(ds: xr.Dataset, name: str, values: Any) -> np.ndarray:
+    """Gives values of a variable [SI unit] in its display unit."""
+    return np.asarray(_variable(ds, name).shown(np.asarray(values, float)))
+
+
+def _best_place(ds: xr.Dataset, names: list[str], objective: str = "smooth") -> list[float]:
+    """Gives the coordinates of the best design [display units]: two variables, or one and the objective."""
+    place = [float(_in_shown(ds, name, ds["design"].sel(variable=name))) for name in names]
+    return place if len(names) > 1 else [*place, ds.attrs[objective] / _per_shown(ds[objective])]
 
 
 def _title(ds: xr.Dataset) -> str:
-    """What is fixed, and the best design."""
-    found = []
-    for name, value in zip(map(str, ds["variable"].values), ds["design"].values, strict=True):
-        q = variable(ds, name)
-        unit = "" if q.display_unit == "1" else f" {typeset(q.display_unit)}"
-        found.append(f"{name.replace('_', ' ')} {q.shown(value):.4g}{unit}")
-    total, unit = ds.attrs["objective"] / per_shown(ds["objective"]), ds["objective"].attrs.get("shown_unit", "1")
-    number = f"{name_of(ds['objective'])} {total:.4g}{'' if unit == '1' else f' {typeset(unit)}'}"
-    of = f", {many(ds)}" if ds.sizes["case"] > 1 else ""
-    best = f"{ds.attrs['status']}: {', '.join(found)}; {number}{of}"
+    """Gives the fixed parameters, and the best design."""
+    texts = [_stated(ds, str(n), x) for n, x in zip(ds["variable"].values, ds["design"].values, strict=True)]
+    total, objective = ds.attrs["objective"] / _per_shown(ds["objective"]), ds["objective"]
+    number = with_unit(f"{_name_of(objective)} {total:.4g}", objective.attrs.get("shown_unit", "1"))
+    reduction = f", {_over_all(ds)}" if ds.sizes["case"] > 1 else ""
+    best = f"{ds.attrs['status']}: {', '.join(texts)}; {number}{reduction}"
     return "\n".join(line for line in (case_title(ds, full=True), best) if line)

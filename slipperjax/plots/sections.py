@@ -8,7 +8,8 @@ from jaxtyping import Float, Int
 from ..model.quantities import quantity
 from ..model.scene import Scene, check_scene
 from ..model.section import Section
-from .style import COLORS, POINT_COLORS, new_axes
+from ..tools.checks import require
+from .style import COLORS, POINT_COLORS, drawing
 
 RAIL_STYLE = {"facecolor": "#d9d9d9", "edgecolor": "#8a8a8a", "lw": 0.8}
 SLIPPER_STYLE = {"facecolor": "#12355b66", "edgecolor": "#12355b", "lw": 0.9}
@@ -17,7 +18,7 @@ THICKNESS = 0.2
 
 
 def section(scene: Scene, ax: Any = None, *, magnify: float | None = None) -> Any:
-    """The cross section, with slipper and rail centred: where the contact points are, and the normals of their faces.
+    """Draws the cross section, with slipper and rail centred: contact points, and the normals of their faces.
 
     Rail head and web are grey, the slipper blue. Its wall and the web are no part of the model. y points to the
     right, as seen against the direction of travel.
@@ -33,18 +34,19 @@ def section(scene: Scene, ax: Any = None, *, magnify: float | None = None) -> An
     **Raises:** `ValueError` for a `magnify` that is not positive.
     """
     shape = check_scene(scene).section
-    magnify = default_magnification(shape) if magnify is None else checked_magnification(magnify)
-    if ax is None:
-        ax = new_axes(3.5, 2.35)
-        clearance = quantity("clearance").shown(float(scene.value("clearance")))
-        ax.figure.suptitle(f"total play $C$ = {clearance:.3g} mm, drawn {magnify:g} times as wide", fontsize=7)
+    magnify = default_magnification(shape) if magnify is None else positive_number("magnify", magnify)
     still = drawn_points(shape, np.asarray(shape.play)[shape.face_of_point], np.zeros(len(shape.names)), magnify)
-    draw_rail(shape, ax, shape.names)
-    draw_slipper(shape, still, ax)
-    normals, reach = np.asarray(shape.normals), 1e3 * THICKNESS * height(shape)
-    ax.quiver(*(1e3 * still.T), *(reach * normals.T), color=colors_of(shape), **ARROWS)
-    ax.scatter(*(1e3 * still.T), s=12, color=colors_of(shape), zorder=4)
-    frame(ax, still[None], 1e3 * 1.3 * THICKNESS * height(shape))
+    reach = 1e3 * THICKNESS * height(shape)
+    own = ax is None
+    with drawing(ax, None, 3.5, 2.35) as ax:
+        if own:
+            clearance = quantity("clearance").shown(float(scene.value("clearance")))
+            ax.figure.suptitle(f"total play $C$ = {clearance:.3g} mm, drawn {magnify:g} times as wide", fontsize=7)
+        draw_rail(shape, ax, shape.names)
+        draw_slipper(shape, still, ax)
+        ax.quiver(*(1e3 * still.T), *(reach * np.asarray(shape.normals).T), color=colors_of(shape), **ARROWS)
+        ax.scatter(*(1e3 * still.T), s=12, color=colors_of(shape), zorder=4)
+        frame(ax, still[None], 1.3 * reach)
     return ax
 
 
@@ -54,15 +56,15 @@ ARROWS: dict[str, Any] = dict(
 """Arrows whose length is in units of the axes; none where it is zero."""
 
 
-def checked_magnification(magnify: Any) -> float:
-    """`magnify`; raises `ValueError` where it is no positive number."""
-    if isinstance(magnify, bool) or not isinstance(magnify, int | float) or not 0 < magnify < np.inf:
-        raise ValueError(f"Argument `magnify` must be a positive number, but is {magnify!r}.")
-    return float(magnify)
+def positive_number(name: str, value: Any) -> float:
+    """Returns `value`; raises `ValueError` where it is no positive number."""
+    valid = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < np.inf
+    require(valid, name, "be a positive number", value)
+    return float(value)
 
 
 def default_magnification(shape: Section, gaps: Any = 0.0) -> float:
-    """The magnification that draws the mean play as 8 % of the section's height, and no gap above a quarter of it.
+    """Gives the magnification for a mean play of 8 % of the section's height, and no gap above a quarter of it.
 
     **Arguments:** `gaps`: those to be drawn [m]. **Returns:** two digits, 1 or more.
     """
@@ -72,7 +74,7 @@ def default_magnification(shape: Section, gaps: Any = 0.0) -> float:
 
 
 def height(shape: Section) -> float:
-    """Height of the section [m], or 0.3 of its width where that is more, as for a single face."""
+    """Gives the height of the section [m], or 0.3 of its width where that is more, as for a single face."""
     width, tall = np.ptp(np.asarray(shape.points), axis=0)
     return float(max(tall, 0.3 * width))
 
@@ -80,7 +82,7 @@ def height(shape: Section) -> float:
 def drawn_points(
     shape: Section, gap: Float[np.ndarray, "*n points"], offset: Float[np.ndarray, "*n points"], magnify: float
 ) -> Float[np.ndarray, "*n points 2"]:
-    """Where the slipper's points are drawn [m]: the rail's points, moved by the magnified displacement from them.
+    """Gives the slipper's points as drawn [m]: the rail's points, moved by the magnified displacement from them.
 
     Across its face a point moves by `magnify` times its gap, exactly: it is drawn on its face where it touches, and
     inside the rail head where it penetrates. The rail head stays where it is.
@@ -94,7 +96,7 @@ def drawn_points(
 
 
 def contour(shape: Section) -> Int[np.ndarray, " points"]:
-    """Indices of the points clockwise around the rail head, from one side of the slipper's opening to the other.
+    """Gives the points' indices clockwise around the rail head, from one side of the slipper's opening to the other.
 
     The opening is the widest space between two faces.
     """
@@ -107,12 +109,12 @@ def contour(shape: Section) -> Int[np.ndarray, " points"]:
 
 
 def colors_of(shape: Section) -> list[str]:
-    """The colour of each point."""
+    """Gives the colour of each point."""
     return [POINT_COLORS[k % len(POINT_COLORS)] for k in range(len(shape.names))]
 
 
 def draw_rail(shape: Section, ax: Any, labels: Any) -> None:
-    """The rail head with a web through the slipper's opening, and a label inside it at each point."""
+    """Draws the rail head with a web through the slipper's opening, and a label inside it at each point."""
     order, rail, tall = contour(shape), 1e3 * np.asarray(shape.track_points), 1e3 * height(shape)
     head = rail[order]
     across = head[0] - head[-1]  # of the opening
@@ -127,13 +129,13 @@ def draw_rail(shape: Section, ax: Any, labels: Any) -> None:
 
 
 def draw_slipper(shape: Section, points: Float[np.ndarray, "points 2"], ax: Any) -> Any:
-    """The slipper's outline with its points at `points` [m]; gives the patch."""
+    """Draws the slipper's outline with its points at `points` [m]; gives the patch."""
     (patch,) = ax.fill(*outline(shape, points).T, **SLIPPER_STYLE, zorder=2)
     return patch
 
 
 def outline(shape: Section, points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "corners 2"]:
-    """Corners of the slipper with its points at `points` [m], in mm: its inside, and back along its outside."""
+    """Gives the corners [mm] of the slipper with its points at `points` [m]: inside, and back along the outside."""
     order = contour(shape)
     inner = 1e3 * points[order]
     outer = inner + 1e3 * THICKNESS * height(shape) * np.asarray(shape.normals)[order]
@@ -141,7 +143,7 @@ def outline(shape: Section, points: Float[np.ndarray, "points 2"]) -> Float[np.n
 
 
 def frame(ax: Any, points: Float[np.ndarray, "n points 2"], margin: float) -> None:
-    """Axes in mm with equal scales, that hold all points [m] and a margin [mm] around."""
+    """Sets axes in mm with equal scales, that hold all points [m] and a margin [mm] around."""
     low, high = 1e3 * points.min(axis=(0, 1)) - margin, 1e3 * points.max(axis=(0, 1)) + margin
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="$y$ [mm]", ylabel="$z$ [mm]", aspect="equal")
     ax.grid(False)

@@ -9,7 +9,9 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullLocator
 
 from ..analysis.lyapunov import REGIMES
 from ..flow.status import Status
@@ -35,26 +37,22 @@ REGIME_COLORS = dict(zip(REGIMES, (COLORS[name] for name in ("blue", "green", "r
 """Colours of periodic, regular, chaotic, unresolved and transiently chaotic cases."""
 
 POINT_COLORS = (
-    "#1f77b4",
-    "#e07a1f",
-    "#c1121f",
-    "#7b4ea3",
-    "#2a9d6f",
-    "#17a2b8",
-    "#8c564b",
-    "#d6589f",
-    "#7f8c1f",
-    "#12355b",
+    *("#1f77b4", "#e07a1f", "#c1121f", "#7b4ea3", "#2a9d6f"),
+    *("#17a2b8", "#8c564b", "#d6589f", "#7f8c1f", "#12355b"),
 )
 """Colours of the contact points, in the order of `Section.names`; further ones begin anew."""
 
 FLAGGED_LABEL = "status not 0"
 """Legend entry of cases that are left out because of their status."""
+WIDE_RATIO = 8.0
+"""Ratio of the greatest to the least value from which a scale is logarithmic."""
+TICK_DISTANCE = 0.08
+"""Least distance between labelled ticks of an uneven scale, in lengths of their axis."""
 
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Applies `STYLE`, and nothing else, to what is drawn inside.
+    """Applies `STYLE`, and nothing else, to the pictures drawn inside.
 
     `plt.rc_context` restores every setting at its end. The first figure of a session starts matplotlib's backend,
     which may switch interactive mode on, and a notebook would show no further picture once that is undone.
@@ -68,13 +66,23 @@ def styled() -> Iterator[None]:
         settings.update(before)
 
 
+def line_color(number: int) -> str:
+    """Gives the colour of a line by its number: blue, red, green, orange, and anew."""
+    return COLORS[("blue", "red", "green", "orange")[number % 4]]
+
+
 def typeset(unit: str) -> str:
-    """A unit of a dataset, as in m/s^2, with its exponents raised."""
+    """Gives a unit of a dataset, as in m/s^2, with its exponents raised."""
     return re.sub(r"\^(-?[\d.]+)", r"$^{\1}$", unit)
 
 
+def with_unit(text: str, unit: str, *, brackets: bool = False) -> str:
+    """Gives a text and a unit after it; a pure number has none."""
+    return text if unit == "1" else f"{text} [{typeset(unit)}]" if brackets else f"{text} {typeset(unit)}"
+
+
 def axis_label(name: str, ds: xr.Dataset | None = None) -> str:
-    """The axis label of a quantity: name or symbol, and display unit in brackets; a pure number has no brackets.
+    """Gives the axis label of a quantity: name or symbol, and display unit in brackets; a pure number has none.
 
     **Arguments:**
 
@@ -86,7 +94,7 @@ def axis_label(name: str, ds: xr.Dataset | None = None) -> str:
         q = quantity(name)
     except KeyError:
         unit = "1" if ds is None or name not in ds else ds[name].attrs.get("units", "1")
-        return name.replace("_", " ") + _bracketed(unit)
+        return with_unit(name.replace("_", " "), unit, brackets=True)
     symbol = f"${q.symbol}$" if q.symbol else ""
     if name in PARAMETERS or name in REACTIONS:
         text = f"{name.replace('_', ' ')} {symbol}"
@@ -94,16 +102,11 @@ def axis_label(name: str, ds: xr.Dataset | None = None) -> str:
         text = f"start {symbol or q.name}"
     else:
         text = symbol or name.replace("_", " ")
-    return text.strip() + _bracketed(q.display_unit)
-
-
-def _bracketed(unit: str) -> str:
-    """A unit after a label; nothing for a pure number."""
-    return "" if unit == "1" else f" [{typeset(unit)}]"
+    return with_unit(text.strip(), q.display_unit, brackets=True)
 
 
 def shown(ds: xr.Dataset, name: str) -> np.ndarray:
-    """The values of a variable or coordinate in the display unit of its quantity, as its axis label names it."""
+    """Gives the values of a variable or coordinate in its display unit, as its axis label names it."""
     values = ds[name].values
     try:
         return quantity(name).shown(values)
@@ -117,61 +120,103 @@ def check_dataset(ds: Any, source: str, *names: str) -> None:
         raise ValueError(f"Argument `ds` must be a dataset of {source}, but is {type(ds).__name__}.")
     for name in names:
         if name not in ds:
-            found = listed([str(known) for known in ds])
-            raise ValueError(f"Argument `ds` must be a dataset of {source}, with `{name}`, but has {found}.")
-
-
-def new_axes(width: float = 3.5, height: float = 2.4) -> Any:
-    """The Axes of a new figure of `width` and `height` [inches]."""
-    with styled():
-        return plt.subplots(figsize=(width, height), layout="constrained")[1]
-
-
-def legend_above(ax: Any, handles: list[Any], fontsize: float = 6.5) -> Any:
-    """A legend above the axes, with as many columns as make it no wider than they are.
-
-    **Returns:** the legend.
-    """
-    return legends_above([(ax, handles)], fontsize)[0]
-
-
-def legends_above(wanted: list[tuple[Any, list[Any]]], fontsize: float = 6.5) -> list[Any]:
-    """A legend above each of some axes of one figure, which is laid out only once, because that takes long."""
-    figure = wanted[0][0].figure.canvas.figure
-    layout = figure.get_layout_engine()
-    if layout is not None:
-        with _left_out([ax for ax in figure.axes if ax not in [one for one, _ in wanted]]):
-            layout.execute(figure)  # the axes' width is known once they are laid out
-    return [_legend_above(ax, handles, fontsize) for ax, handles in wanted]
+            variables = listed([str(variable) for variable in ds])
+            raise ValueError(f"Argument `ds` must be a dataset of {source}, with `{name}`, but has {variables}.")
 
 
 @contextmanager
-def _left_out(several: list[Any]) -> Iterator[None]:
-    """Leaves some axes out of the layout inside: measuring their labels takes most of its time."""
-    before = [ax.get_in_layout() for ax in several]
-    for ax in several:
-        ax.set_in_layout(False)
-    try:
-        yield
-    finally:
-        for ax, was in zip(several, before, strict=True):
-            ax.set_in_layout(was)
+def drawing(
+    ax: Any, ds: xr.Dataset | None = None, width: float = 3.5, height: float = 2.4, *, full: bool = True
+) -> Iterator[Any]:
+    """Yields `ax`, or in `STYLE` the Axes of a new figure [inches] with the fixed parameters of `ds` as its title."""
+    if ax is not None:
+        yield ax
+        return
+    with styled():
+        figure, ax = plt.subplots(figsize=(width, height), layout="constrained")
+        if ds is not None:
+            name_case(figure, ds, full=full)
+        yield ax
 
 
-def _legend_above(ax: Any, handles: list[Any], fontsize: float) -> Any:
-    canvas = ax.figure.canvas
+def legend_above(ax: Any, handles: list[Any], fontsize: float = 6.5) -> None:
+    """Draws a legend above the axes, with as many columns as fit their width; none without `handles`."""
+    if handles:
+        legends_above([(ax, handles)], fontsize)
+
+
+def legends_above(entries: list[tuple[Any, list[Any]]], fontsize: float = 6.5) -> None:
+    """Draws a legend above each of several axes of one figure, which is laid out once, because that takes long."""
+    figure = entries[0][0].figure.canvas.figure
+    # the width of axes is known once they are laid out; measuring the labels of all others would take longest
+    others = [ax for ax in figure.axes if ax not in dict(entries) and ax.get_in_layout()]
+    plt.setp(others, in_layout=False)
+    layout_now(figure)
+    plt.setp(others, in_layout=True)
     above = dict(loc="lower center", bbox_to_anchor=(0.5, 1.0), borderaxespad=0.3, frameon=False)
     spacing = dict(handletextpad=0.4, columnspacing=1.2, handlelength=1.6)
-    legend = None
-    for columns in range(len(handles), 0, -1):
-        legend = ax.legend(handles=handles, fontsize=fontsize, ncols=columns, **above, **spacing)
-        if legend.get_window_extent(canvas.get_renderer()).width <= ax.get_window_extent().width:
-            break
-    return legend
+    for ax, handles in entries:
+        for columns in range(len(handles), 0, -1):
+            legend = ax.legend(handles=handles, fontsize=fontsize, ncols=columns, **above, **spacing)
+            width = legend.get_window_extent(figure.canvas.get_renderer()).width
+            if width <= ax.get_window_extent().width:
+                break
+
+
+def layout_now(figure: Any) -> None:
+    """Lays out a figure, so that positions in its axes are final."""
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        layout.execute(figure)
+
+
+def is_wide(values: np.ndarray) -> bool:
+    """Returns whether values are drawn on a logarithmic scale."""
+    finite = values[np.isfinite(values)]
+    return bool(len(finite) and np.min(finite) > 0 and np.max(finite) > WIDE_RATIO * np.min(finite))
+
+
+def color_norm(values: np.ndarray) -> Normalize:
+    """Gives colours over finite values, logarithmic where they are wide."""
+    finite = values[np.isfinite(values)]
+    low, high = (float(np.min(finite)), float(np.max(finite))) if len(finite) else (0.0, 1.0)
+    if not high > low:
+        low, high = low - 0.01 * abs(low) - 1e-12, high + 0.01 * abs(high) + 1e-12
+    return LogNorm(low, high) if is_wide(values) else Normalize(low, high)
+
+
+def color_bar(ax: Any, mappable: Any, label: str) -> None:
+    """Draws a colour bar with plain numbers."""
+    bar = ax.figure.colorbar(mappable, ax=ax, label=label)
+    if type(mappable.norm) is not Normalize:
+        ticks = round_ticks(mappable.norm)
+        bar.set_ticks(ticks, labels=[f"{tick:g}".replace("-", "−") for tick in ticks])
+        bar.minorticks_off()
+
+
+def fit_scale(ax: Any, values: np.ndarray) -> None:
+    """Makes the vertical axis logarithmic, with plain numbers, where values are wide."""
+    if is_wide(values):
+        ax.set_yscale("log")
+        ax.set_yticks(ticks := round_ticks(LogNorm(*ax.get_ylim())), labels=[f"{tick:g}" for tick in ticks])
+        ax.yaxis.set_minor_locator(NullLocator())
+
+
+def round_ticks(norm: Normalize) -> list[float]:
+    """Gives round numbers that lie apart on an uneven scale, the roundest first chosen."""
+    low, high = float(norm.vmin or 0.0), float(norm.vmax or 0.0)
+    ticks: list[float] = []
+    for steps in ((0,), (1,), (2, 5), (3, 7), (1.5, 4, 6)):
+        numbers = [sign * step * 10.0**power for power in range(12, -12, -1) for step in steps for sign in (-1, 1)]
+        for tick in numbers:
+            inside = low - 1e-9 * abs(low) <= tick <= high + 1e-9 * abs(high)
+            if inside and all(abs(norm(tick) - norm(other)) > TICK_DISTANCE for other in ticks):
+                ticks.append(tick)
+    return sorted(ticks)
 
 
 def swept(array: xr.DataArray, *inner: str, count: int = 1) -> tuple[str, ...]:
-    """The dimensions over which an array was swept: all but `inner`.
+    """Gives the dimensions over which an array was swept: all but `inner`.
 
     **Raises:** `ValueError` where they are not `count`.
     """
@@ -181,55 +226,54 @@ def swept(array: xr.DataArray, *inner: str, count: int = 1) -> tuple[str, ...]:
     return dims
 
 
-def flagged(ds: xr.Dataset, *dims: str) -> np.ndarray:
-    """Whether each case has a status other than 0, shape as `dims`; nowhere where the dataset has no status."""
+def status_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
+    """Gives the status of each case, shape as `dims`; 0 where the dataset has none."""
     if "status" not in ds:
-        return np.zeros([ds.sizes[d] for d in dims], bool)
-    return ds["status"].transpose(*dims).values != Status.FINITE
+        return np.zeros([ds.sizes[d] for d in dims], int)
+    return ds["status"].transpose(*dims).values
+
+
+def flagged(ds: xr.Dataset, *dims: str) -> np.ndarray:
+    """Returns whether each case has a status other than 0, shape as `dims`."""
+    return status_of(ds, *dims) != Status.FINITE
 
 
 def cross(x: Any = (), y: Any = (), **style: Any) -> Line2D:
-    """Small grey crosses, for cases without results; without `x` and `y` they are an entry of a legend."""
+    """Gives small grey crosses, for cases without results; without `x` and `y` they are an entry of a legend."""
     return Line2D(x, y, **{"ls": "", "marker": "x", "ms": 3, "mew": 0.7, "color": COLORS["grey"]} | style)
 
 
 def mark_cases(ax: Any, x: np.ndarray, color: str = COLORS["grey"], height: float = 0.04) -> None:
-    """Crosses near the bottom of the axes at `x` [display unit], `height` in fractions of the axes."""
+    """Draws crosses near the bottom of the axes at `x` [display unit], `height` in fractions of the axes."""
     if len(x):
         ax.add_line(cross(x, np.full(len(x), height), color=color, transform=ax.get_xaxis_transform()))
 
 
 def png(figure: Any, dpi: int) -> bytes:
-    """A figure as the content of a PNG file, of `dpi` pixels per inch; the figure is closed."""
-    found = io.BytesIO()
+    """Gives a figure as the content of a PNG file, of `dpi` pixels per inch; the figure is closed."""
+    content = io.BytesIO()
     # level 3 takes a quarter less time than 6, matplotlib's, for files that are a fifth larger
-    figure.savefig(found, dpi=dpi, format="png", pil_kwargs={"compress_level": 3})
+    figure.savefig(content, dpi=dpi, format="png", pil_kwargs={"compress_level": 3})
     plt.close(figure)
-    return found.getvalue()
+    return content.getvalue()
 
 
-_SHORT = ("speed", "clearance", "length")
-_LONG = (
-    (*_SHORT, "mass", "gravity"),
-    ("stiffness", "restitution", "amplitude", "roll_amplitude"),
-)
-_SIGNS = {"degrees": "°"}
+_TITLE = ("speed", "clearance", "length")
+_FULL_TITLE = (*_TITLE, "mass", "gravity"), ("stiffness", "restitution", "amplitude", "roll_amplitude")
 
 
 def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
-    """The fixed parameters of a dataset, as in "V = 1250 m/s, C = 1 mm, L = 0.2 m" with typeset symbols.
+    """Gives the fixed parameters of a dataset, as in "V = 1250 m/s, C = 1 mm, L = 0.2 m" with typeset symbols.
 
     Parameters are read from the attributes, and from coordinates with one value, such as those of one case of a
-    sweep. Those that vary or are not known are left out.
+    sweep. Those that vary or are absent are left out.
 
     **Arguments:** `ds`: of any run; `full`: all parameters and wavelengths, in two lines.
 
-    **Returns:** the text, empty where no parameter is known.
+    **Returns:** the text, empty where it has no parameter.
     """
-    found = {name: _number(ds, name) for name in PARAMETERS}
-    lines = [
-        [_stated(n, found[n]) for n in names if found[n] is not None] for names in (_LONG if full else (_SHORT,))
-    ]
+    rows = _FULL_TITLE if full else (_TITLE,)
+    lines = [[_stated(n, value) for n in row if (value := _number(ds, n)) is not None] for row in rows]
     waves = np.ravel(ds.attrs.get("wavelengths [m]", []))
     if full and len(waves):
         lines[-1].append(f"$L_X$ = {' and '.join(_digits(float(w)) for w in waves)} m")
@@ -244,7 +288,7 @@ def name_case(figure: Any, ds: xr.Dataset, *, full: bool = False) -> None:
 
 
 def _number(ds: xr.Dataset, name: str) -> float | None:
-    """A parameter's one value [SI unit]; None where it has several, or is not known."""
+    """Gives a parameter's one value [SI unit]; None where it has several, or none."""
     if name in ds.coords:
         return ds[name].item() if ds[name].size == 1 else None
     unit = PARAMETERS[name].unit
@@ -253,17 +297,15 @@ def _number(ds: xr.Dataset, name: str) -> float | None:
 
 
 def _stated(name: str, value: float) -> str:
-    """A parameter as symbol, number and display unit."""
+    """Gives a parameter as symbol, number and display unit."""
     q = PARAMETERS[name]
-    unit = _SIGNS.get(q.display_unit, "" if q.display_unit == "1" else f" {typeset(q.display_unit)}")
-    return f"${q.symbol}$ = {_digits(float(q.shown(value)))}{unit}"
+    return with_unit(f"${q.symbol}$ = {_digits(float(q.shown(value)))}", q.display_unit).replace(" degrees", "°")
 
 
 def _digits(value: float) -> str:
-    """A number with four digits; large and small ones with a power of ten."""
-    text = f"{value:.4g}"
-    mantissa, _, power = text.partition("e")
+    """Gives a number with four digits; large and small ones with a power of ten."""
+    mantissa, _, power = f"{value:.4g}".partition("e")
     if not power:
-        return text
+        return mantissa
     factor = "" if mantissa == "1" else rf"{mantissa}\cdot"
     return rf"${factor}10^{{{int(power)}}}$"

@@ -1,7 +1,7 @@
 """Pictures of one trajectory: histories, contact forces, phase portraits and spectra."""
 
 import textwrap
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -14,24 +14,24 @@ from .style import (
     POINT_COLORS,
     axis_label,
     check_dataset,
+    drawing,
     legend_above,
     legends_above,
     name_case,
-    new_axes,
     shown,
     styled,
     typeset,
 )
 
 TIME_LABEL = "time [forcing periods]"
-SOURCE = "one case over time, such as run.to_xarray()"
-"""What makes the datasets drawn here, for errors."""
-LAST = 4.0
+TRAJECTORY_SOURCE = "one case over time, such as run.to_xarray()"
+"""Kind of the datasets drawn here, for errors."""
+LAST_PERIODS = 4.0
 """Forcing periods at the end of a run in which single impacts are drawn."""
 
 
 def history(ds: xr.Dataset, name: str, ax: Any = None) -> Any:
-    """One output over time.
+    """Draws one output over time.
 
     **Arguments:**
 
@@ -41,16 +41,16 @@ def history(ds: xr.Dataset, name: str, ax: Any = None) -> Any:
 
     **Returns:** the Axes, with time in forcing periods.
     """
-    check_dataset(ds, SOURCE, "period", name)
-    ax = _axes_of(ds) if ax is None else ax
-    ax.plot(ds["period"].values, shown(ds, name), lw=0.7, color=COLORS["blue"])
-    ax.set(xlabel=TIME_LABEL, ylabel=axis_label(name, ds))
-    ax.margins(x=0.01)
+    check_dataset(ds, TRAJECTORY_SOURCE, "period", name)
+    with drawing(ax, ds, full=False) as ax:
+        ax.plot(ds["period"].values, shown(ds, name), lw=0.7, color=COLORS["blue"])
+        ax.set(xlabel=TIME_LABEL, ylabel=axis_label(name, ds))
+        ax.margins(x=0.01)
     return ax
 
 
-def contact_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4, last: float | None = LAST) -> Any:
-    """The contact forces [kN] of the points with the highest peaks over time: front ones solid, rear ones dashed.
+def contact_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4, last: float | None = LAST_PERIODS) -> Any:
+    """Draws the contact forces [kN] of the points with the highest peaks: front ones solid, rear ones dashed.
 
     The legend gives the highest force of each in the whole run, over every integration step where `ds` has that, and
     its instant; a dot marks it where it lies in what is drawn. The saved states may miss it.
@@ -60,32 +60,29 @@ def contact_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4, last: float
 
     **Returns:** the Axes. Points are named by their letter and 1 at the front or 2 at the rear.
     """
-    check_dataset(ds, SOURCE, "period", "contact_force")
-    ax = _axes_of(ds) if ax is None else ax
-    legend_above(ax, _draw_contact_forces(ds, ax, most, last))
+    check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
+    with drawing(ax, ds, full=False) as ax:
+        legend_above(ax, _draw_contact_forces(ds, ax, most, last))
     return ax
 
 
-def _draw_contact_forces(ds: xr.Dataset, ax: Any, most: int = 4, last: float | None = LAST) -> list[Any]:
-    """Draws them, and gives the entries of a legend."""
-    peaks, when = _peaks(ds)
+def _draw_contact_forces(ds: xr.Dataset, ax: Any, most: int = 4, last: float | None = LAST_PERIODS) -> list[Any]:
+    """Draws the forces of `contact_forces`; gives the entries of a legend."""
     period = ds["period"].values
     drawn = period >= (-np.inf if last is None else period[-1] - last - 1e-9)
-    for end, point in _most_loaded(peaks, most):
-        here, style = ds.sel(end=end, point=point), _line_of(ds, end, point)
-        peak = float(quantity("peak_force").shown(peaks.sel(end=end, point=point)))
-        at = float(when.sel(end=end, point=point))
-        label = f"{style.pop('label')}, peak {peak:.3g} kN" + (f" at {at:.4g}" if np.isfinite(at) else "")
-        ax.plot(period[drawn], shown(here, "contact_force")[drawn], lw=0.9, label=label, **style)
-        if np.any(drawn) and period[drawn][0] <= at <= period[-1]:
-            ax.plot(at, peak, "o", ms=3, mew=0, color=style["color"])
+    for line in _most_loaded(ds, most):
+        instant = f" at {line.instant:.4g}" if np.isfinite(line.instant) else ""
+        label = f"{line.name}, peak {line.peak:.3g} kN{instant}"
+        ax.plot(period[drawn], line.force[drawn], lw=0.9, label=label, **line.style)
+        if np.any(drawn) and period[drawn][0] <= line.instant <= period[-1]:
+            ax.plot(line.instant, line.peak, "o", ms=3, mew=0, color=line.style["color"])
     ax.set(xlabel=TIME_LABEL, ylabel=axis_label("contact_force"))
     ax.margins(x=0.01)
     return ax.get_legend_handles_labels()[0]
 
 
 def highest_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4) -> Any:
-    """The highest contact force [kN] of each forcing period, of the points with the highest peaks.
+    """Draws the highest contact force [kN] of each forcing period, of the points with the highest peaks.
 
     It is found among the saved states; a dot marks the highest force of each point over every integration step. Lines
     as in `contact_forces`.
@@ -94,32 +91,63 @@ def highest_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4) -> Any:
 
     **Returns:** the Axes.
     """
-    check_dataset(ds, SOURCE, "period", "contact_force")
-    ax = _axes_of(ds) if ax is None else ax
-    legend_above(ax, _draw_highest_forces(ds, ax, most))
+    check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
+    with drawing(ax, ds, full=False) as ax:
+        legend_above(ax, _draw_highest_forces(ds, ax, most))
     return ax
 
 
 def _draw_highest_forces(ds: xr.Dataset, ax: Any, most: int = 4) -> list[Any]:
-    """Draws them, and gives the entries of a legend."""
-    peaks, when = _peaks(ds)
-    number = np.maximum(np.ceil(ds["period"].values - 1e-9), 1)  # a period has its end, not its beginning
+    """Draws the forces of `highest_forces`; gives the entries of a legend."""
+    period = ds["period"].values
+    number = np.maximum(np.ceil(period - 1e-9), 1)  # a period has its end, not its beginning
     starts = np.flatnonzero(np.diff(number, prepend=-np.inf))
-    for end, point in _most_loaded(peaks, most):
-        style, here = _line_of(ds, end, point), {"end": end, "point": point}
-        highest = np.maximum.reduceat(shown(ds.sel(here), "contact_force"), starts)
-        ax.plot(number[starts] - 0.5, highest, lw=0.9, **style)
-        peak = quantity("peak_force").shown(peaks.sel(here))
-        ax.plot(float(when.sel(here)), float(peak), "o", ms=3, mew=0, color=style["color"])
-    period, room = ds["period"].values, 0.01 * np.ptp(ds["period"].values)
+    for line in _most_loaded(ds, most):
+        ax.plot(number[starts] - 0.5, np.maximum.reduceat(line.force, starts), lw=0.9, label=line.name, **line.style)
+        ax.plot(line.instant, line.peak, "o", ms=3, mew=0, color=line.style["color"])
+    margin = 0.01 * np.ptp(period)
     ax.margins(y=0.1)
     ax.set(xlabel=TIME_LABEL, ylabel="peak force $F$ [kN]", ylim=(0, None))
-    ax.set_xlim(period[0] - room, period[-1] + room)  # as that of histories
+    ax.set_xlim(period[0] - margin, period[-1] + margin)  # as that of histories
     return ax.get_legend_handles_labels()[0]
 
 
+class PointForce(NamedTuple):
+    """The contact force of one point."""
+
+    name: str
+    """The point's letter, and 1 at the front or 2 at the rear."""
+    force: np.ndarray
+    """[kN], of the saved states."""
+    peak: float
+    """[kN], over every integration step where the dataset has that."""
+    instant: float
+    """Time of the peak [forcing periods], NaN where the dataset lacks it."""
+    style: dict[str, Any]
+    """Colour and dashes, the same in every picture."""
+
+
+def _most_loaded(ds: xr.Dataset, most: int) -> list[PointForce]:
+    """Gives forces of the points with the highest peaks, the highest first."""
+    if "peak_force" in ds:
+        peaks = ds["peak_force"]
+        instants = ds["peak_period"] if "peak_period" in ds else np.nan * peaks
+    else:
+        force = ds["contact_force"].fillna(-np.inf)
+        peaks, instants = force.max("time"), ds["period"].isel(time=force.argmax("time"))
+    stacked = peaks.stack(at=("end", "point"))
+    lines = []
+    for end, point in stacked.sortby(stacked, ascending=False)["at"].values[:most]:
+        at, (number, dashes) = {"end": end, "point": point}, (1, "-") if end == "front" else (2, (0, (3, 1.5)))
+        color = POINT_COLORS[list(ds["point"].values).index(point) % len(POINT_COLORS)]
+        force, peak = shown(ds.sel(at), "contact_force"), float(quantity("peak_force").shown(peaks.sel(at)))
+        style = {"color": color, "ls": dashes}
+        lines.append(PointForce(f"{point}{number}", force, peak, float(instants.sel(at)), style))
+    return lines
+
+
 def overview(ds: xr.Dataset, axes: Any = None) -> Any:
-    """A trajectory on one page: displacements [mm], angles [mrad], velocities, contact forces and drive force.
+    """Draws a trajectory on one page: displacements [mm], angles [mrad], velocities, contact forces and drive force.
 
     The title states the case; a status other than 0 is named in it. The last two panels show the last periods only.
 
@@ -127,7 +155,7 @@ def overview(ds: xr.Dataset, axes: Any = None) -> Any:
 
     **Returns:** the Axes, an array.
     """
-    check_dataset(ds, SOURCE, "period", "contact_force")
+    check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
     with styled():
         if axes is None:
             figure, axes = plt.subplots(7, 2, figsize=(7.2, 9.4), layout="constrained")
@@ -136,75 +164,42 @@ def overview(ds: xr.Dataset, axes: Any = None) -> Any:
         for name, ax in zip(names, axes.flat, strict=False):
             history(ds, name, ax).set_xlabel("")
             ax.tick_params(labelbottom=False)
-        forces = [
-            draw(ds, ax) for draw, ax in zip((_draw_highest_forces, _draw_contact_forces), axes[5], strict=True)
-        ]
-        for ax in axes[5]:
+        left, right = axes[5]
+        forces = [(left, _draw_highest_forces(ds, left)), (right, _draw_contact_forces(ds, right))]
+        for ax in (left, right):
             ax.set_xlabel("")
         history(ds, "drive_force", axes[6, 0])
         period = ds["period"].values
-        history(ds.isel(time=period >= period[-1] - LAST - 1e-9), "drive_force", axes[6, 1])
-        legends_above(list(zip(axes[5], forces, strict=True)))
+        history(ds.isel(time=period >= period[-1] - LAST_PERIODS - 1e-9), "drive_force", axes[6, 1])
+        legends_above(forces)
         status = Status(int(ds.attrs.get("status", Status.FINITE)))
         if status != Status.FINITE:
-            _warn_of(axes[0, 0].figure, status)
+            figure = axes[0, 0].figure
+            lines = [figure.get_suptitle(), textwrap.fill(f"status: {status}", 90)]
+            figure.suptitle("\n".join(line for line in lines if line), color=COLORS["red"], fontsize=7)
     return axes
 
 
-def _warn_of(figure: Any, status: Status) -> None:
-    """Adds a status to a figure's title, in red."""
-    lines = [figure.get_suptitle(), textwrap.fill(f"status: {status}", 90)]
-    figure.suptitle("\n".join(line for line in lines if line), color=COLORS["red"], fontsize=7)
-
-
-def _axes_of(ds: xr.Dataset, *size: float) -> Any:
-    """The Axes of a new figure, with the case as its title."""
-    ax = new_axes(*size)
-    name_case(ax.figure, ds)
-    return ax
-
-
-def _peaks(ds: xr.Dataset) -> tuple[xr.DataArray, xr.DataArray]:
-    """The highest force [N] of each point and its instant [forcing periods], of the saved states if need be."""
-    if "peak_force" in ds:
-        return ds["peak_force"], ds["peak_period"] if "peak_period" in ds else np.nan * ds["peak_force"]
-    force = ds["contact_force"].fillna(-np.inf)
-    return force.max("time"), ds["period"].isel(time=force.argmax("time"))
-
-
-def _most_loaded(peaks: xr.DataArray, most: int) -> list[tuple[str, str]]:
-    """End and name of the points with the highest peaks, the highest first."""
-    stacked = peaks.stack(at=("end", "point"))
-    return list(stacked.sortby(stacked, ascending=False)["at"].values[:most])
-
-
-def _line_of(ds: xr.Dataset, end: str, point: str) -> dict[str, Any]:
-    """Colour, dashes and name of a point's line, the same in every picture."""
-    color = POINT_COLORS[list(ds["point"].values).index(point) % len(POINT_COLORS)]
-    front = end == "front"
-    return {"color": color, "ls": "-" if front else (0, (3, 1.5)), "label": f"{point}{1 if front else 2}"}
-
-
 def phase_portrait(ds: xr.Dataset, coordinate: str, velocity: str, ax: Any = None) -> Any:
-    """The orbit in the plane of a coordinate and its velocity, in red its section by upward zero crossings.
+    """Draws the orbit in the plane of a coordinate and its velocity, in red its section by upward zero crossings.
 
     **Arguments:** `ds`, `ax`: as for `history`; `coordinate`, `velocity`: variables, drawn in their display units.
 
     **Returns:** the Axes.
     """
-    check_dataset(ds, SOURCE, coordinate, velocity)
-    ax = _axes_of(ds, 3.5, 3.0) if ax is None else ax
+    check_dataset(ds, TRAJECTORY_SOURCE, coordinate, velocity)
     q, v = shown(ds, coordinate), shown(ds, velocity)
-    ax.plot(q, v, lw=0.35, color=COLORS["blue"])
     at = np.flatnonzero((q[:-1] < 0) & (q[1:] >= 0))
     share = q[at] / (q[at] - q[at + 1])
-    ax.plot(0 * at, v[at] + share * (v[at + 1] - v[at]), ".", color=COLORS["red"], ms=4, mew=0)
-    ax.set(xlabel=axis_label(coordinate), ylabel=axis_label(velocity))
+    with drawing(ax, ds, 3.5, 3.0, full=False) as ax:
+        ax.plot(q, v, lw=0.35, color=COLORS["blue"])
+        ax.plot(0 * at, v[at] + share * (v[at + 1] - v[at]), ".", color=COLORS["red"], ms=4, mew=0)
+        ax.set(xlabel=axis_label(coordinate), ylabel=axis_label(velocity))
     return ax
 
 
 def spectrum(frequency: Any, density: Any, ax: Any = None, *, unit: str = "", highest: float | None = None) -> Any:
-    """A power spectral density over frequency, with a logarithmic scale.
+    """Draws a power spectral density over frequency, with a logarithmic scale.
 
     **Arguments:**
 
@@ -215,9 +210,9 @@ def spectrum(frequency: Any, density: Any, ax: Any = None, *, unit: str = "", hi
 
     **Returns:** the Axes.
     """
-    ax = new_axes() if ax is None else ax
     frequency, density = np.asarray(frequency), np.asarray(density)
     drawn = (frequency > 0) & (frequency <= (np.inf if highest is None else highest))
-    ax.semilogy(frequency[drawn], density[drawn], lw=0.6, color=COLORS["blue"])
-    ax.set(xlabel="frequency [Hz]", ylabel=f"PSD [{typeset(unit)}]" if unit else "PSD")
+    with drawing(ax) as ax:
+        ax.semilogy(frequency[drawn], density[drawn], lw=0.6, color=COLORS["blue"])
+        ax.set(xlabel="frequency [Hz]", ylabel=f"PSD [{typeset(unit)}]" if unit else "PSD")
     return ax

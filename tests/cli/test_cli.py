@@ -249,7 +249,7 @@ def test_two_parameters_make_a_regime_map(replaced, tmp_path, capsys):
     assert f"; {counted}; 1 cases flagged (1 not finite" in text
     xr.testing.assert_identical(dataset(out), made)
     pixels = picture(out, 3.5, 3.3)
-    assert share(pixels, "#d0d0d0") > 0.02  # the case without an exponent, a quarter of the map
+    assert share(pixels, COLORS["grey"]) > 0.02  # the case without an exponent, a quarter of the map
     assert share(pixels, matplotlib.colormaps["RdBu_r"](1.0)[:3]) > 0.02  # and the highest exponent
 
 

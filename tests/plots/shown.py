@@ -1,15 +1,15 @@
-"""What a picture shows, as numbers and words."""
+"""Numbers and words that a picture shows."""
 
 import numpy as np
 
 
 def drawn(line):
-    """The points of a line, (points, 2)."""
+    """Gives the points of a line, (points, 2)."""
     return np.array(line.get_xydata())
 
 
 def marked(ax, marker):
-    """The lines with a marker that have points."""
+    """Gives the lines with a marker that have points."""
     return [line for line in ax.lines if line.get_marker() in marker and len(line.get_xdata())]
 
 
@@ -22,11 +22,11 @@ def labels(ax):
 
 
 def bar_of(ax):
-    """The axes of the colour bar."""
+    """Gives the axes of the colour bar."""
     return next(other for other in ax.figure.axes if other is not ax)
 
 
 def check_legend_fits(ax):
-    """That a legend is no wider than its axes."""
+    """Checks that a legend is no wider than its axes."""
     ax.figure.draw_without_rendering()
     assert ax.get_legend().get_window_extent().width <= 1.001 * ax.get_window_extent().width

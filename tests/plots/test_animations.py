@@ -28,30 +28,30 @@ def run():
 
 @pytest.fixture(scope="module")
 def animation(run):
-    """The last period, that is being drawn: matplotlib warns of animations that never were."""
+    """Gives the last period while it is drawn: matplotlib warns of animations that never were."""
     animation = plots.animate(run, magnify=2.5, last=1.0, every=5, fps=10)
     animation._init_draw()
     return animation
 
 
 def panels(figure):
-    """The front and the rear panel, and the history."""
+    """Gives the front and the rear panel, and the history."""
     return figure.axes[:3]
 
 
 def points_of(ax):
-    """Where the slipper's points are drawn [mm]."""
+    """Gives the slipper's points as drawn [mm]."""
     return np.asarray(ax.collections[0].get_offsets())
 
 
 def arrows_of(ax):
-    """The arrows [mm]."""
+    """Gives the arrows [mm]."""
     quiver = ax.collections[1]
     return np.stack([quiver.U, quiver.V], axis=1)
 
 
 def drawn_gaps(ax):
-    """Distances of the drawn points from the drawn rail head along the normals [m]."""
+    """Gives distances of the drawn points from the drawn rail head along the normals [m]."""
     return 1e-3 * np.sum((points_of(ax) - 1e3 * RAIL) * NORMALS, axis=1)
 
 
@@ -64,8 +64,8 @@ def test_offsets_along_the_faces_are_those_of_the_vectors():
         rail = SCENE.track.irregularity(jnp.asarray(0.3 * 8.0 - 0.2 * k))
         c, s = np.cos(rail.roll), np.sin(rail.roll)
         rolled = np.array([[c, -s], [s, c]])
-        places = np.column_stack([np.full(10, x), SCENE.section.points])
-        apart = (places @ turn.T)[:, 1:] + [2e-3, -1e-3] - [rail.lateral, rail.vertical] - RAIL @ rolled.T
+        points = np.column_stack([np.full(10, x), SCENE.section.points])
+        apart = (points @ turn.T)[:, 1:] + [2e-3, -1e-3] - [rail.lateral, rail.vertical] - RAIL @ rolled.T
         along = np.column_stack([NORMALS[:, 1], -NORMALS[:, 0]]) @ rolled.T
         here = slice(10 * k, 10 * k + 10)
         np.testing.assert_allclose(offset[here], np.sum(apart * along, axis=1), atol=1e-12)
@@ -79,12 +79,12 @@ def test_each_frame_has_magnified_gaps_forces_at_one_scale_and_its_time(run, ani
     longest = 0.5 * 42.0  # mm: half of the section's height for the highest force
     most = int(np.unravel_index(np.argmax(force), force.shape)[0])
     front, rear, history = panels(animation._fig)
-    seen = []
+    gaps = []
     for k in (0, 17, most):
         animation._draw_frame(k)
         for end, ax in enumerate((front, rear)):
-            seen.append(drawn_gaps(ax))
-            np.testing.assert_allclose(seen[-1], 2.5 * gap[k, end], atol=1e-9)
+            gaps.append(drawn_gaps(ax))
+            np.testing.assert_allclose(gaps[-1], 2.5 * gap[k, end], atol=1e-9)
             expected = longest * force[k, end][:, None] / force.max() * NORMALS
             np.testing.assert_allclose(arrows_of(ax), expected, atol=1e-9)
             np.testing.assert_allclose(ax.collections[1].get_offsets(), points_of(ax))
@@ -93,7 +93,7 @@ def test_each_frame_has_magnified_gaps_forces_at_one_scale_and_its_time(run, ani
         period = float(run.period[101 + k])
         assert history.lines[-1].get_xdata() == [period, period]
         assert front.texts[10].get_text() == f"forcing period {period:.2f}"
-    assert np.min(seen) < 0 < np.max(seen)  # both open and penetrating
+    assert np.min(gaps) < 0 < np.max(gaps)  # both open and penetrating
     assert np.ptp(force) > 1e3
     assert [t.get_text() for t in front.texts[:10]] == [f"{p}1" for p in "ABCDEFGHIJ"]
     assert [t.get_text() for t in rear.texts[:10]] == [f"{p}2" for p in "ABCDEFGHIJ"]
@@ -103,7 +103,7 @@ def test_each_frame_has_magnified_gaps_forces_at_one_scale_and_its_time(run, ani
 
 
 def test_a_point_that_touches_is_drawn_on_its_face(run):
-    """A motion that is pushed along its normal until one gap is zero."""
+    """Pushes a motion along its normal until one gap is zero."""
     ds = run.to_xarray().isel(time=slice(101, None)).copy()
     for name in ("y", "z", "roll", "pitch", "yaw"):
         ds[name] = 0 * ds[name]
@@ -156,7 +156,7 @@ def test_frames_are_the_saved_states_that_are_asked_for(animation, tmp_path):
 
 def test_datasets_are_shown_with_their_scene(run):
     ds = run.to_xarray()
-    of_run, of_data = (panels(plots.instant(*given, at=2.4, last=1.0)) for given in ((run,), (ds, SCENE)))
+    of_run, of_data = (panels(plots.instant(*arguments, at=2.4, last=1.0)) for arguments in ((run,), (ds, SCENE)))
     for one, other in zip(of_run[:2], of_data[:2], strict=True):
         np.testing.assert_allclose(points_of(one), points_of(other), atol=1e-6)
     case = ds.assign_coords(clearance=3e-3)
@@ -164,13 +164,13 @@ def test_datasets_are_shown_with_their_scene(run):
     wide = SCENE.replace(clearance=3e-3)
     motion = sj.Motion.from_euler(**{name: float(ds[name][120]) for name in ("y", "z", "roll", "pitch", "yaw")})
     gap = contacts(rail_frame(wide, 2.4), motion).gap[:10]
-    found = 1e-3 * np.sum((points_of(front) - 1e3 * np.asarray(wide.section.track_points)) * NORMALS, axis=1)
-    np.testing.assert_allclose(found, gap, atol=1e-9)
+    drawn_gap = 1e-3 * np.sum((points_of(front) - 1e3 * np.asarray(wide.section.track_points)) * NORMALS, axis=1)
+    np.testing.assert_allclose(drawn_gap, gap, atol=1e-9)
 
 
 def test_wrong_arguments_of_an_animation_are_named(run):
     ds = run.to_xarray()
-    for given, words in (
+    for arguments, words in (
         (dict(run=ds.drop_attrs(), scene=None), "has no attribute `scene`"),
         (dict(run=ds["y"]), "`run` must be a Trajectory or a dataset"),
         (dict(run=ds.drop_vars("contact_force")), "`run` must be one case with contact forces"),
@@ -182,26 +182,26 @@ def test_wrong_arguments_of_an_animation_are_named(run):
         (dict(scene=3), "`scene` must be a slipperjax.Scene"),
     ):
         with pytest.raises(ValueError, match=words):
-            plots.animate(**dict(run=ds, scene=SCENE, last=1.0) | given)
+            plots.animate(**dict(run=ds, scene=SCENE, last=1.0) | arguments)
     assert not plt.get_fignums()
 
 
 def test_a_section_shows_where_the_points_are():
     ax = plots.section(SCENE, magnify=4.0)
-    found = {t.get_text(): np.array(t.get_position()) for t in ax.texts}
-    assert list(found) == list("ABCDEFGHIJ")
+    positions = {t.get_text(): np.array(t.get_position()) for t in ax.texts}
+    assert list(positions) == list("ABCDEFGHIJ")
     for name, point in zip(SCENE.section.names, np.asarray(SCENE.section.points), strict=True):
-        nearest = np.argmin(np.linalg.norm(1e3 * RAIL - found[name], axis=1))
+        nearest = np.argmin(np.linalg.norm(1e3 * RAIL - positions[name], axis=1))
         assert SCENE.section.names[nearest] == name
-        assert np.linalg.norm(found[name] - 1e3 * point) < 8
+        assert np.linalg.norm(positions[name] - 1e3 * point) < 8
     quiver, dots = ax.collections
     assert (np.asarray(dots.get_offsets()) - 1e3 * RAIL) == pytest.approx(4.0 * 0.5 * NORMALS)
     lengths = np.hypot(quiver.U, quiver.V)
     assert np.stack([quiver.U, quiver.V], 1) / lengths[:, None] == pytest.approx(NORMALS)
     assert ax.figure.get_suptitle() == "total play $C$ = 1 mm, drawn 4 times as wide"
     assert labels(ax) == ("$y$ [mm]", "$z$ [mm]")
-    _, given = plt.subplots()
-    assert plots.section(SCENE, given) is given
+    _, own = plt.subplots()
+    assert plots.section(SCENE, own) is own
     with pytest.raises(ValueError, match="`magnify` must be a positive number"):
         plots.section(SCENE, magnify=-1.0)
 

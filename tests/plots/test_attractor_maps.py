@@ -5,11 +5,13 @@ import json
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.colors import to_hex, to_rgb
 
 from slipperjax import plots
-from slipperjax.plots.maps import motion_names
+from slipperjax.flow.status import Status
+from slipperjax.plots.maps import MOTION_COLORS, motions_of
 
-from .shown import check_legend_fits, labels, legend
+from .shown import check_legend_fits, labels, legend, marked
 
 
 def attractor_map():
@@ -28,13 +30,25 @@ def curve(period=1):
     return xr.Dataset({"outside": ("point", np.zeros(5, int))}, coords, attrs)
 
 
-def test_cases_have_names_and_a_legend_of_what_occurs():
-    found = motion_names(attractor_map(), "clearance", "speed")
-    assert found.tolist() == [
+def measured():
+    """Gives a dataset as of `lyapunov_sweep`: the exponents tell more than the recurrence."""
+    ds = attractor_map()
+    regime = np.array(
+        [["periodic", "periodic", "regular", "chaotic"], ["transient chaos", "chaotic", "periodic", "regular"]]
+    )
+    ds["kind"][1] = np.array(["unresolved", "unresolved", "period", "unresolved"])
+    ds["regime"] = ds["kind"].dims, regime
+    ds["exponent"] = (*ds["kind"].dims, "count"), np.where(regime == "chaotic", 0.3, -0.1)[..., None]
+    return ds
+
+
+def test_cases_have_names_and_a_legend_of_the_kinds_that_occur():
+    names = motions_of(attractor_map(), "clearance", "speed")
+    assert names.tolist() == [
         ["period 1", "period 2", "quasi-periodic", "chaotic"],
-        ["other periods", "unresolved", "status not 0", "period 3"],
+        ["other periods", "unresolved", "unresolved", "period 3"],
     ]
-    assert motion_names(attractor_map(), "speed", "clearance").tolist() == found.T.tolist()
+    assert motions_of(attractor_map(), "speed", "clearance").tolist() == names.T.tolist()
     ax = plots.attractor_map(attractor_map())
     names = ["period 1", "period 2", "period 3", "other periods", "quasi-periodic", "chaotic", "unresolved"]
     assert legend(ax) == [*names, "status not 0"]
@@ -43,6 +57,34 @@ def test_cases_have_names_and_a_legend_of_what_occurs():
     colors = mesh.cmap(mesh.norm(mesh.get_array().reshape(2, 4)))
     assert len(np.unique(colors.reshape(8, 4), axis=0)) == 8
     check_legend_fits(ax)
+
+
+def test_a_map_of_attractors_agrees_with_the_map_of_exponents():
+    ds = measured()
+    assert motions_of(ds, "clearance", "speed").tolist() == [
+        ["period 1", "period 2", "quasi-periodic", "chaotic"],
+        ["transient chaos", "chaotic", "unresolved", "regular"],
+    ]
+    kinds, exponents = plots.attractor_map(ds), plots.regime_map(ds)
+    assert marked(exponents, "x")[0].get_xydata().tolist() == [[3.0, 2.0]]  # the flagged case
+    for ax in (kinds, exponents):
+        mesh = ax.collections[0]
+        mesh.update_scalarmappable()
+        assert to_hex(mesh.get_facecolors()[6]) == plots.COLORS["grey"]
+        assert legend(ax)[-1] == "status not 0"
+    for name, color in MOTION_COLORS.items():
+        regime = "periodic" if name[:6] in ("period", "other ") else "regular" if name == "quasi-periodic" else name
+        base = to_rgb(plots.REGIME_COLORS[regime])
+        assert np.argmax(to_rgb(color)) == np.argmax(base)  # a lighter shade
+
+
+def test_cases_that_a_store_lacks_are_white():
+    ds = attractor_map()
+    ds["status"][0, 0] = Status.NOT_RUN
+    ax = plots.attractor_map(ds)
+    _, white = ax.collections
+    assert white.get_array().mask.ravel().tolist() == [False] + [True] * 7
+    assert legend(ax)[-2:] == ["status not 0", "not computed yet"]
 
 
 def test_curves_lie_over_a_map_of_attractors_and_are_named():

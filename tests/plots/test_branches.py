@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.colors import to_hex
 
 from slipperjax import plots
-from slipperjax.plots.branches import Thread, crossing_threads, joined, scalar_threads, stable_parts
+from slipperjax.plots.branches import crossing_threads, joined, stable_parts
 
 from .shown import bar_of, check_legend_fits, labels, legend, marked
 
@@ -29,7 +29,7 @@ def branch(
     multipliers=None,
     over="clearance",
 ):
-    """A branch over clearance that folds back at 3 mm; one crossing of velocity 10, 11, ..."""
+    """Gives a branch over clearance that folds back at 3 mm; one crossing of velocity 10, 11, ..."""
     points = len(values)
     velocity = 10.0 + np.arange(points)[:, None] if velocity is None else np.array(velocity, float)
     time = np.where(np.isfinite(velocity), 0.3, NAN) if time is None else np.array(time, float)
@@ -37,7 +37,7 @@ def branch(
         multipliers = np.tile([0.5 + 0.5j, 0.5 - 0.5j, 0.1], (points, 1))
     at = [k for k, label in enumerate(labels) if label]
     critical = {"LP": 1.0, "BP": 1.0, "PD": -1.0, "NS": 0.6 + 0.8j}
-    found = np.array([critical.get(labels[k], NAN) for k in at], complex)
+    criticals = np.array([critical.get(labels[k], NAN) for k in at], complex)
     data = {name: (("point", "crossing"), velocity) for name in ("v_y", "v_z", "w_x", "w_y", "w_z")}
     data |= {f"{name}_period": (("point", "crossing"), time) for name in list(data)}
     data |= {
@@ -55,8 +55,8 @@ def branch(
         ),
         "event_label": ("event", np.array([labels[k] for k in at], str)),
         "event_point": ("event", np.array(at, int)),
-        "event_multiplier_real": ("event", found.real),
-        "event_multiplier_imag": ("event", found.imag),
+        "event_multiplier_real": ("event", criticals.real),
+        "event_multiplier_imag": ("event", criticals.imag),
     }
     coords = {over: ("point", np.array(values)), "coordinate": ["y", "v_y"], "strobe_period": [1]}
     attrs = {"varied": json.dumps([over]), "orbit_period": period, "length [m]": 0.2}
@@ -73,14 +73,14 @@ def simulated(over="clearance"):
 
 
 def lines(ax, style):
-    """The parts of lines of a style, points each."""
+    """Gives the parts of lines of a style, points each."""
     return [part for line in ax.lines if line.get_linestyle() == style for part in _parts(line.get_xydata())]
 
 
-def _parts(places):
-    there = np.isfinite(np.asarray(places)).all(axis=1)
-    cuts = np.flatnonzero(~there)
-    return [part[np.isfinite(part).all(axis=1)].tolist() for part in np.split(places, cuts) if len(part) > 1]
+def _parts(points):
+    finite = np.isfinite(np.asarray(points)).all(axis=1)
+    cuts = np.flatnonzero(~finite)
+    return [part[np.isfinite(part).all(axis=1)].tolist() for part in np.split(points, cuts) if len(part) > 1]
 
 
 def markers(ax, marker):
@@ -121,14 +121,17 @@ def texts(ax):
     ],
 )
 def test_crossings_follow_one_another(velocity, time, period, threads):
-    found = crossing_threads(np.array(velocity), np.array(time), period)
-    assert found == [Thread(*thread) for thread in threads]
+    expected = np.full((len(threads), len(velocity)), NAN)
+    for line, (first, values) in zip(expected, threads, strict=True):
+        line[first : first + len(values)] = values
+    np.testing.assert_array_equal(crossing_threads(np.array(velocity), np.array(time), period), expected)
 
 
-def test_scalars_break_where_they_are_not_finite_or_told_to():
-    values = np.array([1.0, 2.0, np.inf, 4.0, 5.0, 6.0])
-    breaks = np.array([False, False, False, False, True])
-    assert scalar_threads(values, breaks) == [Thread(0, [1.0, 2.0]), Thread(3, [4.0, 5.0]), Thread(5, [6.0])]
+def test_lines_break_where_values_are_not_finite_or_parts_are_left_out():
+    values = np.array([[1.0, 2.0, NAN, 4.0, 5.0, 6.0]])
+    x, y = joined(np.arange(6.0), values, np.array([True, True, True, True, False]))
+    np.testing.assert_array_equal(x, [0, 1, NAN, 3, 4, NAN])
+    np.testing.assert_array_equal(y, [1, 2, NAN, 4, 5, NAN])
 
 
 def test_events_take_the_stability_of_what_is_beside_them():
@@ -138,7 +141,7 @@ def test_events_take_the_stability_of_what_is_beside_them():
 
 
 def test_parts_are_joined_with_gaps():
-    x, y = joined(np.arange(4.0), [Thread(0, [5.0, 6.0, 7.0, 8.0])], np.array([True, False, True]))
+    x, y = joined(np.arange(4.0), np.array([[5.0, 6.0, 7.0, 8.0]]), np.array([True, False, True]))
     assert np.isnan(x).tolist() == np.isnan(y).tolist() == [False, False, True, False, False, True]
     assert y[~np.isnan(y)].tolist() == [5.0, 6.0, 7.0, 8.0]
 

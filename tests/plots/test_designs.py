@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.colors import LogNorm, to_hex
 
 from slipperjax import plots
-from slipperjax.plots.design_data import color_norm, log_ticks
+from slipperjax.plots.style import color_norm, round_ticks
 
 from .shown import bar_of, check_legend_fits, drawn, labels, legend, marked
 
@@ -32,17 +32,17 @@ def design(
     robust="worst",
     spoilt=None,
 ):
-    """Three starts of six trials each; the objective is a bowl over the variables, and grows with speed."""
+    """Gives three starts of six trials each; the objective is a bowl over the variables, and grows with speed."""
     cases, trials = len(regimes), 18
     low, high = np.array([BOUNDS[name][:2] for name in variables]).T
     start = np.tile(np.arange(3), 6)
     begin = np.array([0.9, 0.2, 0.55])[start]
     way = np.repeat(np.arange(6) / 5, 3)
-    places = np.stack([begin + (0.3 - begin) * way**0.5, 1 - begin + (begin - 0.5) * way], axis=1)
-    unit = np.hstack([places, 0.5 * np.ones((trials, 1))])[:, : len(variables)]
+    path = np.stack([begin + (0.3 - begin) * way**0.5, 1 - begin + (begin - 0.5) * way], axis=1)
+    unit = np.hstack([path, 0.5 * np.ones((trials, 1))])[:, : len(variables)]
     rise = 1 + 0.3 * np.arange(cases) / cases
     smooth = 9e3 * (1 + 4 * np.sum((unit - [0.3, 0.5, 0.5][: len(variables)]) ** 2, axis=1))
-    taken = np.arange(trials) % 4 != 3
+    accepted = np.arange(trials) % 4 != 3
     violation = np.where(np.arange(trials) % 7 == 2, 0.1, 0.0)
     objective = 1.2 * smooth[:, None] * rise
     if spoilt is not None:
@@ -64,7 +64,7 @@ def design(
         "trial_design": (("trial", "variable"), low + unit * (high - low)),
         "trial_smooth": ("trial", smooth, FORCE | {"quantity": "soft_peak_force", "symbol": r"\|F\|"}),
         "trial_violation": ("trial", violation),
-        "trial_taken": ("trial", taken),
+        "trial_taken": ("trial", accepted),
         "trial_objective": (("trial", "case"), objective, FORCE),
         "trial_regime": (("trial", "case"), kinds),
         "trial_simulated": ("trial", 900.0 * (1 + np.arange(trials) // 3)),
@@ -78,7 +78,7 @@ def design(
 
 
 def surroundings(ds, size=9, names=None, name="soft_peak_force"):
-    """A grid of the same bowl."""
+    """Gives a grid of the same bowl."""
     names = [str(name) for name in ds["variable"].values] if names is None else names
     axes = {name: np.linspace(*BOUNDS[name][:2], size) for name in names}
     mesh = np.meshgrid(*(np.linspace(0, 1, size) for _ in names), np.arange(2), indexing="ij")
@@ -92,7 +92,7 @@ def surroundings(ds, size=9, names=None, name="soft_peak_force"):
 
 
 def dots(ax, marker):
-    """Places of lines' markers."""
+    """Gives the positions of lines' markers."""
     return np.concatenate([np.zeros((0, 2)), *map(drawn, marked(ax, marker))])
 
 
@@ -234,9 +234,9 @@ def test_a_page_has_all_panels():
         check_legend_fits(ax)
     assert len(plots.design_overview(ds)) == 4
     assert len(plots.design_overview(ds, margins=margins())) == 5
-    given = plt.subplots(2, 2)[1]
-    assert plots.design_overview(ds, axes=given) is given
-    assert given[0, 0].figure.get_suptitle() == ""
+    panels = plt.subplots(2, 2)[1]
+    assert plots.design_overview(ds, axes=panels) is panels
+    assert panels[0, 0].figure.get_suptitle() == ""
 
 
 @pytest.mark.parametrize(
@@ -272,11 +272,11 @@ def test_wide_values_have_a_logarithmic_scale():
     ds = design()
     ds["trial_smooth"][0] *= 30
     assert plots.design_progress(ds).get_yscale() == "log"
-    assert log_ticks(1.0, 1000.0) == [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000]
+    assert round_ticks(LogNorm(1.0, 1000.0)) == [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000]
 
 
 def margins():
-    """Events on both sides of two parameters of two cases; one side of one has none."""
+    """Gives events on both sides of two parameters of two cases; one side of one has none."""
     rows = [
         (2, "clearance", -1, "GR", 0.9e-3, -0.10),
         (2, "clearance", 1, "", 1.2e-3, 0.20),

@@ -1,4 +1,4 @@
-"""What is drawn: dots, values in display units, labels, colours and marks, from datasets made by hand."""
+"""Pictures of datasets made by hand: dots, values in display units, labels, colours and marks."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -13,11 +13,11 @@ from .shown import bar_of, check_legend_fits, drawn, labels, legend, marked
 
 
 def sections(over="clearance", values=(0.5e-3, 1e-3, 1.5e-3, 2e-3), status=(0, 0, 0, 0), shift=0.0):
-    """A sweep's sections: crossing c of case k has velocity 10 k + c, and case k has k + 1 crossings."""
+    """Gives a sweep's sections: crossing c of case k has velocity 10 k + c, and case k has k + 1 crossings."""
     cases, crossings = len(values), len(values)
-    found = 10.0 * np.arange(cases)[:, None] + np.arange(crossings) + shift
-    found = np.where(np.arange(crossings) <= np.arange(cases)[:, None], found, np.nan)
-    data = {name: ((over, "crossing"), found) for name in SECTIONS}
+    velocity = 10.0 * np.arange(cases)[:, None] + np.arange(crossings) + shift
+    velocity = np.where(np.arange(crossings) <= np.arange(cases)[:, None], velocity, np.nan)
+    data = {name: ((over, "crossing"), velocity) for name in SECTIONS}
     data |= {"status": (over, np.array(status)), "steps_per_period": (over, np.full(cases, 50))}
     return xr.Dataset(data, {over: list(values)})
 
@@ -28,7 +28,7 @@ def followed(status):
 
 
 def trajectory(status=0):
-    """Two periods: y = sin, v_y = cos, in mm and m/s; the force of point k is k kN after time zero."""
+    """Gives two periods: y = sin, v_y = cos, in mm and m/s; the force of point k is k kN after time zero."""
     period = np.linspace(0, 2, 401)
     angle = 2 * np.pi * period
     data = {name: ("time", np.full(401, float(k))) for k, name in enumerate(COORDINATES)}
@@ -49,7 +49,7 @@ GRID = {"clearance": [1e-3, 2e-3], "speed": [1.0, 2.0, 3.0]}
 
 
 def measured(over, status=(0,) * 6, exponent=EXPONENTS):
-    """A `lyapunov_sweep` of six cases."""
+    """Gives a `lyapunov_sweep` of six cases."""
     dims, shape = tuple(over), tuple(map(len, over.values()))
     data = {
         "exponent": ((*dims, "count"), np.reshape(exponent, (*shape, 1))),
@@ -79,10 +79,10 @@ def test_axis_labels_name_quantity_and_display_unit():
     }
     assert {name: plots.axis_label(name) for name in wanted} == wanted
     path = "contact.hysteresis"  # which has the unit of its values
-    ds, found = sections(path), measured({path: np.arange(6.0)})
-    ds[path].attrs["units"] = found[path].attrs["units"] = "s/m"
-    assert plots.bifurcation(ds, "w_x").get_xlabel() == plots.exponents(found).get_xlabel() == f"{path} [s/m]"
-    assert plots.axis_label(path, found.drop_vars(path)) == path
+    ds, measurement = sections(path), measured({path: np.arange(6.0)})
+    ds[path].attrs["units"] = measurement[path].attrs["units"] = "s/m"
+    assert plots.bifurcation(ds, "w_x").get_xlabel() == plots.exponents(measurement).get_xlabel() == f"{path} [s/m]"
+    assert plots.axis_label(path, measurement.drop_vars(path)) == path
 
 
 @pytest.mark.parametrize(
@@ -186,14 +186,14 @@ def test_exponents_are_coloured_by_regime_with_three_standard_errors():
     assert labels(ax) == ("clearance $C$ [mm]", "largest exponent [1/period]")
     assert legend(ax) == ["periodic", "regular", "chaotic", "unresolved"]
     lines = [line for line in ax.lines if line.get_marker() in "oDs^v"]
-    found = {to_hex(line.get_color()): drawn(line) for line in lines}
+    markers = {to_hex(line.get_color()): drawn(line) for line in lines}
     assert len({line.get_marker() for line in lines}) == 4
-    assert list(found) == list(plots.REGIME_COLORS.values())[:4]  # a regime that is rare is drawn where it occurs
-    assert len(set(found)) == 4
+    assert list(markers) == list(plots.REGIME_COLORS.values())[:4]  # a regime that is rare is drawn where it occurs
+    assert len(set(markers)) == 4
     for name, color in list(plots.REGIME_COLORS.items())[:4]:
         at = [k for k, regime in enumerate(REGIME_NAMES) if regime == name]
-        assert found[color][:, 0] == pytest.approx(np.array(at) + 1)
-        assert found[color][:, 1] == pytest.approx(EXPONENTS[at])
+        assert markers[color][:, 0] == pytest.approx(np.array(at) + 1)
+        assert markers[color][:, 1] == pytest.approx(EXPONENTS[at])
     chaotic = ax.containers[2].lines[2][0].get_segments()
     assert chaotic[0][:, 1] == pytest.approx([0.3 - 0.03, 0.3 + 0.03])
 
@@ -201,8 +201,8 @@ def test_exponents_are_coloured_by_regime_with_three_standard_errors():
 def test_flagged_exponents_are_unresolved():
     exponent = np.where(np.arange(6) == 4, np.nan, EXPONENTS)
     ax = plots.exponents(measured(LINE, [0, 0, 1, 0, 1, 0], exponent))
-    found = [drawn(line)[:, 0].tolist() for line in ax.lines if line.get_marker() in "oDs^v"]
-    assert found == [[1, 6], [2], [], [3, 4]]  # periodic, regular, chaotic, unresolved
+    speeds = [drawn(line)[:, 0].tolist() for line in ax.lines if line.get_marker() in "oDs^v"]
+    assert speeds == [[1, 6], [2], [], [3, 4]]  # periodic, regular, chaotic, unresolved
     (marks,) = marked(ax, "x")
     assert drawn(marks)[:, 0].tolist() == [5]
     assert legend(ax)[-1] == "no exponent"
@@ -250,7 +250,7 @@ def test_flagged_cases_of_a_regime_map_have_a_cross_and_no_colour():
     assert mesh.get_clim() == pytest.approx((-0.2, 0.2))  # without the flagged case
     assert drawn(marked(ax, "x")[0]) == pytest.approx(np.array([[3.0, 1.0], [1.0, 2.0]]))
     mesh.update_scalarmappable()
-    assert to_hex(mesh.get_facecolors()[2]) == "#d0d0d0"
+    assert to_hex(mesh.get_facecolors()[2]) == plots.COLORS["grey"]  # as the crosses of other pictures
     assert legend(ax)[1] == "status not 0"
     with pytest.raises(ValueError, match=r"`ds` must be swept over 2 parameter"):
         plots.regime_map(measured(LINE))

@@ -14,7 +14,7 @@ from .shown import legend, marked
 
 
 def swept(dims=("clearance", "speed"), sizes=(3, 4), side_by_side=False):
-    """Peak forces [N] at two points, the second larger; one case is flagged and one is not there yet."""
+    """Gives peak forces [N] at two points, the second larger; one case is flagged and one is not there yet."""
     values = {"clearance": np.linspace(1e-3, 2e-3, sizes[0]), "speed": np.linspace(1000.0, 1300.0, sizes[-1])}
     over = ("case",) if side_by_side else dims
     shape = (sizes[0],) if side_by_side else sizes
