@@ -15,7 +15,7 @@ from ..model.contact import EventLatch
 from ..model.dynamics import State
 from ..model.kinematics import contacts, rail_frame
 from ..model.paths import parameter
-from ..model.quantities import COORDINATES
+from ..model.quantities import MOTION_NUMBERS
 from ..model.scene import Scene
 from ..tools.checks import require
 from ..tools.compile import is_traced
@@ -45,7 +45,7 @@ class SlipperMotions(PeriodicMotions):
     """Periodic motions of a slipper; lengths of curves are measured by the motion and the parameters alone."""
 
     def measure(self, weights: Array) -> Array:
-        motion = len(COORDINATES)  # of a state's numbers, the memory's come after
+        motion = len(MOTION_NUMBERS)  # of a state's numbers, the memory's come after
         return jnp.zeros_like(weights).at[:motion].set(weights[:motion] / np.sqrt(motion))
 
     def settle(self, step: PeriodMap, proposed: State, mapped: State) -> State:
