@@ -9,6 +9,7 @@ import xarray as xr
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
+from ..analysis.attractor import KINDS
 from ..flow.load import varied_names
 from ..model.quantities import PARAMETERS, Quantity, quantity
 from .style import axis_label, check_dataset, legend_above, new_axes, shown, styled, typeset
@@ -42,8 +43,9 @@ def panel(draw: Callable[[xr.Dataset, Any], list[Any]], ds: Any, ax: Any) -> Any
 
 
 def kinds_of(regimes: Any) -> np.ndarray:
-    """Regimes in words, all periods above 1 as one."""
+    """Regimes in words, all periods above 1 as one, and all motions without a period."""
     words = np.asarray(regimes).astype(str)
+    words = np.where(np.isin(words, KINDS[1:]), "irregular", words)
     return np.where(np.char.startswith(words, "period ") & (words != "period 1"), "period n", words)
 
 

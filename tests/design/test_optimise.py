@@ -5,7 +5,7 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.design.checks import event_margins, surroundings
-from slipperjax.design.judge import Memory, judge_on_orbits
+from slipperjax.design.judge import judge_on_orbits
 from slipperjax.design.methods import Descent
 from slipperjax.design.objectives import OBJECTIVES
 from slipperjax.design.optimise import optimise_design
@@ -41,13 +41,12 @@ def test_the_objective_is_that_of_the_worst_orbit(small):
 
 def test_derivatives_are_those_of_orbits_found_anew(small):
     """Away from the optimum, of the peak and of its power mean, by the clearance."""
-    question = small.problem.question
+    plan = small.problem.plan
     at = lambda clearance: {"clearance": np.full(2, clearance), "speed": np.array([1250.0, 1500.0])}
-    found = judge_on_orbits(small.problem.scene, at(1e-3), question)
-    memory = Memory(found.state, found.period, found.inverse)
-    near = [judge_on_orbits(small.problem.scene, at(1e-3 + h), question, memory=memory).value for h in (-1e-8, 1e-8)]
+    here = judge_on_orbits(plan, at(1e-3))
+    near = [judge_on_orbits(plan, at(1e-3 + h), warm_start=here).value for h in (-1e-8, 1e-8)]
     # measured 3e-8, the difference's own error
-    np.testing.assert_allclose(found.gradient[:, :, 0], (near[1] - near[0]) / 2e-8, rtol=1e-6)
+    np.testing.assert_allclose(here.gradient[:, :, 0], (near[1] - near[0]) / 2e-8, rtol=1e-6)
 
 
 def test_the_history_is_that_of_the_search(small):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.design.ensembles import Spread
+from slipperjax.design.evaluation import EnsembleSettings
 from slipperjax.design.objectives import OBJECTIVES
 from slipperjax.design.sensitivities import sensitivities
 
@@ -124,7 +124,7 @@ def test_ensembles_and_runs_agree_with_orbits_where_motions_are_periodic(nominal
     scene, ds = nominal
     asked = ["peak_force", "rms_a_z"]
     ensemble = sensitivities(
-        scene, asked, NAMES, method="ensemble", steps_per_period=STEPS, spread=Spread(16, 400, 50)
+        scene, asked, NAMES, method="ensemble", steps_per_period=STEPS, ensemble=EnsembleSettings(16, 400, 50)
     )
     away = np.abs(ensemble["gradient"] - ds["gradient"]) / np.abs(ds["gradient"])
     assert float(away.max()) < 0.02, away
