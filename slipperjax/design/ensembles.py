@@ -34,9 +34,7 @@ LEAST_SHARE = 0.5
 """Share of the runs that must stay on the rail."""
 
 
-def ensemble_averages(
-    plan: EvaluationPlan, grid: Mapping[str, Any], evaluation: Evaluation, *, progress: bool = False
-) -> Evaluation:
+def ensemble_averages(plan: EvaluationPlan, grid: Mapping[str, Any], evaluation: Evaluation) -> Evaluation:
     """Returns an evaluation with objectives and derivatives from ensembles in place of its own.
 
     Where less than half of the runs stay on the rail, the status is that of a run that does not.
@@ -60,7 +58,7 @@ def ensemble_averages(
     runs = Cases(plan.scene, grid, plan.start, product=False)
     motions = np.repeat(evaluation.state[:, :10], members, axis=0) + kicks
     runs.starts = jax.tree.unflatten(structure, list(motions.T))
-    values, status = _run(plan, runs, progress)
+    values, status = _run(plan, runs)
     values, status = values.reshape(cases, members, -1), status.reshape(cases, members)
     fits = [fit_plane(signs, v, code == Status.FINITE) for v, code in zip(values, status, strict=True)]
     value, stderr, slope, slope_stderr = (np.stack(part) for part in zip(*fits, strict=True))
@@ -84,7 +82,7 @@ class _RunValues(NamedTuple):
     status: np.ndarray
 
 
-def _run(plan: EvaluationPlan, runs: Cases, progress: bool) -> tuple[np.ndarray, np.ndarray]:
+def _run(plan: EvaluationPlan, runs: Cases) -> tuple[np.ndarray, np.ndarray]:
     """The objectives of each run (runs, objectives), and the runs' statuses."""
     courses, exponents = plan.of_courses, [one for one in plan.objectives if isinstance(one, LargestExponent)]
     records = RecordSet((*([PeriodValues(courses)] if courses else []), *exponents))
@@ -105,7 +103,7 @@ def _run(plan: EvaluationPlan, runs: Cases, progress: bool) -> tuple[np.ndarray,
             values[:, k] = record.exponent
         return _RunValues(values, run.status)
 
-    done = run_chunks(chunks, workers, work, periods=run_plan.work, progress=progress, name="ensembles")
+    done = run_chunks(chunks, workers, work, periods=run_plan.work, progress=False)
     values = in_order(chunks, [one.value for one in done.results])
     return done.checked((values, in_order(chunks, [one.status for one in done.results])))
 

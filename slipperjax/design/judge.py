@@ -4,6 +4,7 @@ A case whose motion is a stable periodic orbit is judged on the orbit, by exact 
 stays on the rail is judged by an ensemble of runs, see `slipperjax.design.ensembles`.
 """
 
+import functools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -49,28 +50,18 @@ LARGEST_GROWTH = 1e4
 """Growth of a run's derivatives, over that of the first period, from which on they say nothing of averages."""
 
 
-def judge(
-    plan: EvaluationPlan,
-    grid: Mapping[str, Any],
-    *,
-    warm_start: Evaluation | None = None,
-    progress: bool = False,
-) -> Evaluation:
+def judge(plan: EvaluationPlan, grid: Mapping[str, Any], warm_start: Evaluation | None = None) -> Evaluation:
     """Evaluates cases, on orbits or by ensembles. Arguments as for `judge_on_orbits`."""
-    evaluation = judge_on_orbits(plan, grid, warm_start=warm_start, progress=progress)
+    evaluation = judge_on_orbits(plan, grid, warm_start)
     index = evaluation.without_orbit
     if len(index):
         of_cases = {name: np.asarray(values)[index] for name, values in grid.items()}
-        evaluation.put(index, ensemble_averages(plan, of_cases, evaluation.take(index), progress=progress))
+        evaluation.put(index, ensemble_averages(plan, of_cases, evaluation.take(index)))
     return evaluation
 
 
 def judge_on_orbits(
-    plan: EvaluationPlan,
-    grid: Mapping[str, Any],
-    *,
-    warm_start: Evaluation | None = None,
-    progress: bool = False,
+    plan: EvaluationPlan, grid: Mapping[str, Any], warm_start: Evaluation | None = None
 ) -> Evaluation:
     """Evaluates cases on the stable periodic orbits that they settle to; values of the others are NaN.
 
@@ -92,7 +83,7 @@ def judge_on_orbits(
         return batch.evaluated(transient, None if warm_start is None else warm_start.take(chunk.index))
 
     periods = (transient.work if warm_start is None else 0) + 2 * JACOBIAN + 2 * COST_OF_DERIVATIVES
-    runs = run_chunks(chunks, min(cores(), len(chunks)), work, periods=periods, progress=progress, name="orbits")
+    runs = run_chunks(chunks, min(cores(), len(chunks)), work, periods=periods, progress=False)
     return runs.checked(records_in_order(chunks, runs.results))
 
 
@@ -262,16 +253,15 @@ class _Batch:
         plan = self.plan
         value = np.zeros((len(index), len(plan.objectives)))
         gradient, courses = np.zeros((*value.shape, len(plan.names))), plan.indices(exponents=False)
-        for row, lane in enumerate(index):
-            if not courses:
-                break
-            own = spans[: self.cases.period[lane]]
-            # of one case, periods along axis 0 of values and axis 1 of derivatives
-            join = lambda trees, axis, lane=lane: jax.tree.map(
-                lambda *arrays: np.stack([a[lane] for a in arrays], axis=axis)[None], *trees
-            )
-            kept, slopes = join([span.kept for span in own], 0), join([span.kept_slopes for span in own], 1)
-            (value[row, courses],), (gradient[row, courses],) = total_slopes(plan.of_courses, kept, slopes)
+        if courses:
+            for row, lane in enumerate(index):
+                of_lane = lambda *arrays, axis, lane=lane: np.stack([a[lane] for a in arrays], axis=axis)[None]
+                own = spans[: int(self.cases.period[lane])]
+                # periods lie along axis 0 of a case's values and axis 1 of their derivatives
+                kept = jax.tree.map(functools.partial(of_lane, axis=0), *(span.kept for span in own))
+                slopes = jax.tree.map(functools.partial(of_lane, axis=1), *(span.kept_slopes for span in own))
+                totals = total_slopes(plan.of_courses, kept, slopes)
+                value[row, courses], gradient[row, courses] = (np.asarray(array)[0] for array in totals)
         return value, gradient
 
     def _exponents(self, index: np.ndarray, spans: Sequence[_Span]) -> tuple[np.ndarray, np.ndarray]:

@@ -101,7 +101,7 @@ class Problem:
         values = np.repeat(self.in_units(designs), self.count, axis=0)
         grid = {name: values[:, k] for k, name in enumerate(self.names)}
         grid |= {name: np.tile(v, len(designs)) for name, v in self.cases.items()}
-        return judge(self.plan, grid, warm_start=warm_start)
+        return judge(self.plan, grid, warm_start)
 
     def case_values(self, evaluation: Evaluation) -> CaseValues:
         """Returns objective and constraints of one design from the evaluation of its cases."""

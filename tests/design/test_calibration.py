@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.design.ensembles import Spread, averages
+from slipperjax.design.ensembles import ensemble_averages
+from slipperjax.design.evaluation import EnsembleSettings, Evaluation, EvaluationPlan
 from slipperjax.design.objectives import OBJECTIVES
 from slipperjax.design.sensitivities import RELATIVE_REACH
 from slipperjax.flow.period_map import advance, initial_states
 from slipperjax.flow.simulate import flexible_steps
 from slipperjax.sweeps.grid import Cases
+from slipperjax.sweeps.maps import rows_of
 
 STEPS = 50
 SEEDS = 17
@@ -65,25 +67,25 @@ def kinds(cases):
 
 
 def settled(cases, periods=200):
-    """Motions of cases after some forcing periods, as `sensitivities` begins with."""
+    """States of cases after some forcing periods."""
     runs = Cases(sj.paper_scene(), grid_of(cases), sj.table_2_start(), product=False)
     scenes, starts = runs.take(np.arange(len(cases)))
     how = dict(solver=sj.RK4(), periods=periods)
-    return advance(scenes, initial_states(scenes, starts), 0.0, flexible_steps(STEPS), **how).state.motion
+    return advance(scenes, initial_states(scenes, starts), 0.0, flexible_steps(STEPS), **how).state
 
 
-def calibration(cases, objectives=ASKED, seeds=SEEDS, spread=Spread()):
+def calibration(cases, objectives=ASKED, seeds=SEEDS, settings=EnsembleSettings()):
     """Slopes by `seeds` ensembles of each case, one after the other."""
     # one reach for all, the default at their median length
     reach = {"length": RELATIVE_REACH * float(np.median(cases[:, 0]))}
-    starts, grid, how = settled(cases), grid_of(cases), dict(steps=STEPS, solver=sj.RK4())
-    found = []
+    rows, evaluations = rows_of(settled(cases)), []
+    how = dict(solver=sj.RK4(), steps=STEPS, start=sj.table_2_start(), reach=reach, transient=200)
     for seed in range(seeds):
-        options = spread._replace(seed=seed)
-        found.append(averages(sj.paper_scene(), grid, ("length",), reach, objectives, starts, options, **how))
-    value = np.mean([one.value for one in found], axis=0)
+        plan = EvaluationPlan(sj.paper_scene(), ("length",), objectives, ensemble=settings._replace(seed=seed), **how)
+        evaluations.append(ensemble_averages(plan, grid_of(cases), Evaluation.of_states(plan, rows)))
+    value = np.mean([one.value for one in evaluations], axis=0)
     size = value / cases[:, :1]
-    of = lambda name: np.stack([getattr(one, name)[..., 0] for one in found]) / size
+    of = lambda name: np.stack([getattr(one, name)[..., 0] for one in evaluations]) / size
     return Calibration(of("gradient"), of("gradient_stderr"))
 
 

@@ -70,9 +70,8 @@ def test_a_front_has_two_objectives():
 
 def problem(**change):
     given = dict(over={"speed": [1000.0, 1600.0], "restitution": [0.8, 0.9, 1.0]}, robust="worst", constraints=None)
-    given |= dict(
-        periodic=False, transient=200, ensemble=sj.design.EnsembleSettings(), steps=None, solver=None, start=None
-    )
+    given |= dict(periodic=False, transient=200, ensemble=sj.design.EnsembleSettings())
+    given |= dict(steps=None, solver=None, start=None)
     return checked_problem(sj.paper_scene(), "peak_force", BOX, **(given | change))
 
 

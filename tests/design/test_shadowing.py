@@ -105,7 +105,7 @@ def slipper_slopes(cases):
         how = dict(count=TANGENTS, segments=SEGMENTS, length=LENGTH, align=ALIGN)
         return segments_of(step, x, values[0], weights, **how)
 
-    found = jax.tree.map(np.asarray, sj.jit(jax.vmap(one))(jnp.asarray(cases), settled(cases)))
+    found = jax.tree.map(np.asarray, sj.jit(jax.vmap(one))(jnp.asarray(cases), settled(cases).motion))
     pick = lambda k: jax.tree.map(lambda a: a[k], found)
     value, slope = found.average.mean(axis=1), np.array([slope_of(pick(k)) for k in range(len(cases))])
     growth = np.log(np.abs(np.diagonal(found.factor, axis1=2, axis2=3))).mean(axis=1) / LENGTH
