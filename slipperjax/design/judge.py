@@ -17,7 +17,7 @@ from ..analysis.attractor import KINDS, classify
 from ..flow.period_map import initial_states
 from ..flow.simulate import flexible_steps
 from ..flow.status import Status
-from ..model.dynamics import State
+from ..model.dynamics import State, initial_state
 from ..model.kinematics import MOTION_SCALES
 from ..model.quantities import COORDINATE_SCALES
 from ..model.scene import Scene
@@ -38,7 +38,7 @@ from .gradients import matrix_slopes, push_period, total_slopes
 
 LANES_PER_CALL = 32
 """Most cases in one call."""
-COST_OF_DERIVATIVES = 8.0
+SLOPES_COST = 8.0
 """Cost of a period with its derivatives by two parameters, in unrecorded periods: measured."""
 SAME_ORBIT = 1.0
 """Greatest distance of an orbit from a neighbour's to be its continuation, in multiples of the scales."""
@@ -82,24 +82,23 @@ def judge_on_orbits(
         batch = _Batch(plan, scenes, initial_states(scenes, starts), on_progress)
         return batch.evaluated(transient, None if warm_start is None else warm_start.take(chunk.index))
 
-    periods = (transient.work if warm_start is None else 0) + 2 * JACOBIAN + 2 * COST_OF_DERIVATIVES
+    periods = (transient.work if warm_start is None else 0) + 2 * JACOBIAN + 2 * SLOPES_COST
     runs = run_chunks(chunks, min(cores(), len(chunks)), work, periods=periods, progress=False)
     return runs.checked(records_in_order(chunks, runs.results))
 
 
-def judge_run(plan: EvaluationPlan, grid: Mapping[str, Any], periods: int) -> tuple[Evaluation, float]:
-    """Evaluates one case along a run of some forcing periods from a fixed start, by forward mode.
+def judge_run(plan: EvaluationPlan, periods: int) -> tuple[Evaluation, float]:
+    """Evaluates the plan's scene along a run of some forcing periods from the start, by forward mode.
 
     **Returns:** the evaluation, and the growth of the derivatives from the first period to the last [1].
 
-    **Raises:** `ValueError` where they grow by more than `LARGEST_GROWTH`.
+    **Raises:** `ValueError` where they grow by `LARGEST_GROWTH` or more.
     """
-    cases, index = Cases(plan.scene, grid, plan.start, product=False), np.zeros(1, int)
-    scenes, starts = cases.take(index)
-    batch = _Batch(plan, scenes, initial_states(scenes, starts), lambda _: None)
+    states = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], initial_state(plan.scene, plan.start))
+    batch, index = _Batch(plan, Batched(None, plan.scene), states, lambda _: None), np.zeros(1, int)
     run, spans, sizes = batch.cases, [], []
-    run.period[:] = periods
-    for span in batch.pushed(index, np.zeros_like(run.state, shape=(1, len(plan.names), run.state.shape[1]))):
+    run.period[:], run.simulated[:], run.stderr[:], run.gradient_stderr[:] = periods, periods * SLOPES_COST, 0.0, 0.0
+    for span in batch.pushed(index, np.zeros((1, len(plan.names), run.state.shape[1]))):
         spans.append(span)
         sizes.append(np.max(np.abs(span.end_slopes[0, :, :10] / np.array(jax.tree.leaves(MOTION_SCALES))), axis=1))
         growth = float(np.max(sizes[-1] / np.maximum(sizes[0], 1e-300)))
@@ -109,10 +108,7 @@ def judge_run(plan: EvaluationPlan, grid: Mapping[str, Any], periods: int) -> tu
                 f"the run have grown {growth:.1g}-fold, and say nothing of averages; method='ensemble' does."
             )
     value, gradient = batch.totals(index, spans)
-    simulated = np.full(1, float(periods * COST_OF_DERIVATIVES))
-    errors = np.zeros_like(value), np.zeros_like(gradient)
-    evaluation = run._replace(period=np.zeros(1, int), state=spans[-1].end, value=value, gradient=gradient)
-    return evaluation._replace(stderr=errors[0], gradient_stderr=errors[1], simulated=simulated), growth
+    return run._replace(period=np.zeros(1, int), state=spans[-1].end, value=value, gradient=gradient), growth
 
 
 class _Span(NamedTuple):
@@ -224,7 +220,7 @@ class _Batch:
         if exponents:
             exponent, slope = self._exponents(index, spans)
             value[:, exponents], gradient[:, exponents] = exponent[:, None], slope[:, None]
-        cases.simulated[index] += 2 * COST_OF_DERIVATIVES * cases.period[index]
+        cases.simulated[index] += 2 * SLOPES_COST * cases.period[index]
         return value, gradient
 
     def pushed(self, index: np.ndarray, slopes: np.ndarray) -> Iterator[_Span]:
@@ -238,7 +234,7 @@ class _Batch:
         for epoch in range(int(period[index].max())):
             # cases of shorter periods stay where they are
             going = index[period[index] > epoch]
-            lanes = filled(going, self.count)
+            lanes = _padded(going, self.count)
             states, directions = maps.states(rows[lanes]), jnp.asarray(slopes[lanes])
             pushed = push_period(self.scenes.take(lanes), states, directions, float(epoch), stepping, **options)
             end, end_slopes = _replaced(rows, going, pushed.end), _replaced(slopes, going, pushed.end_slopes)
@@ -246,7 +242,7 @@ class _Batch:
             kept, kept_slopes = jax.tree.map(of_lanes, (pushed.kept, pushed.kept_slopes))
             yield _Span(rows, slopes, end, end_slopes, kept, kept_slopes)
             rows, slopes = end, end_slopes
-            self.on_progress(COST_OF_DERIVATIVES * len(going) / self.count)
+            self.on_progress(SLOPES_COST * len(going) / self.count)
 
     def totals(self, index: np.ndarray, spans: Sequence[_Span]) -> tuple[np.ndarray, np.ndarray]:
         """Objectives of the cases at `index` over their forcing periods, and their derivatives; exponents are 0."""
@@ -272,7 +268,7 @@ class _Batch:
         slopes: dict[int, list] = {int(lane): [] for lane in index}
         for epoch, span in enumerate(spans):
             going = index[period[index] > epoch]
-            lanes = filled(going, self.count)
+            lanes = _padded(going, self.count)
             at = self.scenes.take(lanes), maps.states(span.begin[lanes]), jnp.asarray(span.begin_slopes[lanes])
             of_period = np.asarray(matrix_slopes(*at, float(epoch), stepping, names=plan.names, solver=plan.solver))
             for k, lane in enumerate(going):
@@ -282,8 +278,13 @@ class _Batch:
         return np.array([value for value, _ in pairs]), np.array([slope for _, slope in pairs])
 
 
+def _padded(index: np.ndarray, count: int) -> np.ndarray:
+    """Returns indices with the last one repeated until there are `count`."""
+    return index[np.minimum(np.arange(count), len(index) - 1)]
+
+
 def _replaced(rows: np.ndarray, index: np.ndarray, others: Any) -> np.ndarray:
-    """A copy of rows with those at `index` replaced by the first of others."""
+    """Returns a copy of rows with those at `index` replaced by the first of others."""
     copy = rows.copy()
     copy[index] = np.asarray(others)[: len(index)]
     return copy

@@ -97,7 +97,7 @@ def sensitivities(
     if method == "run":
         if plan.indices(exponents=True):
             raise ValueError("Argument `method` must be 'orbit' or 'ensemble' for exponents, but is 'run'.")
-        evaluation, growth = judge_run(plan, grid, whole("periods", periods, 1))
+        evaluation, growth = judge_run(plan, whole("periods", periods, 1))
         facts = dict(method="run", regime="run", growth=growth, periods=periods)
         return _dataset(scene, parameters, objectives, evaluation, unbounded, facts)
     reverse = yes_or_no("reverse", reverse) and method != "ensemble"
