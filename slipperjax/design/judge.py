@@ -34,7 +34,7 @@ from ..tools.batching import Batched
 from ..tools.limits import cores
 from .ensembles import ensemble_averages
 from .evaluation import Evaluation, EvaluationPlan
-from .gradients import matrix_slopes, push_period, total_slopes
+from .gradients import PeriodDerivatives, matrix_slopes, push_period, total_slopes
 
 LANES_PER_CALL = 32
 """Most cases in one call."""
@@ -100,7 +100,9 @@ def judge_run(plan: EvaluationPlan, periods: int) -> tuple[Evaluation, float]:
     run.period[:], run.simulated[:], run.stderr[:], run.gradient_stderr[:] = periods, periods * SLOPES_COST, 0.0, 0.0
     for span in batch.pushed(index, np.zeros((1, len(plan.names), run.state.shape[1]))):
         spans.append(span)
-        sizes.append(np.max(np.abs(span.end_slopes[0, :, :10] / np.array(jax.tree.leaves(MOTION_SCALES))), axis=1))
+        sizes.append(
+            np.max(np.abs(span.after.end_slopes[0, :, :10] / np.array(jax.tree.leaves(MOTION_SCALES))), axis=1)
+        )
         growth = float(np.max(sizes[-1] / np.maximum(sizes[0], 1e-300)))
         if not growth < LARGEST_GROWTH:
             raise ValueError(
@@ -108,7 +110,7 @@ def judge_run(plan: EvaluationPlan, periods: int) -> tuple[Evaluation, float]:
                 f"the run have grown {growth:.1g}-fold, and say nothing of averages; method='ensemble' does."
             )
     value, gradient = batch.totals(index, spans)
-    return run._replace(period=np.zeros(1, int), state=spans[-1].end, value=value, gradient=gradient), growth
+    return run._replace(period=np.zeros(1, int), state=spans[-1].after.end, value=value, gradient=gradient), growth
 
 
 class _Span(NamedTuple):
@@ -118,11 +120,7 @@ class _Span(NamedTuple):
     """All numbers of the states at its start, (lanes, size)."""
     begin_slopes: np.ndarray
     """Their derivatives, (lanes, parameters, size)."""
-    end: np.ndarray
-    end_slopes: np.ndarray
-    kept: Any
-    """Values of the objectives in the period."""
-    kept_slopes: Any
+    after: PeriodDerivatives
 
 
 class _Batch:
@@ -150,7 +148,7 @@ class _Batch:
         return Maps(self.scenes, self.states, self.plan.steps, self.plan.solver, period, self.on_progress)
 
     def _orbits(self, period: np.ndarray, inverse: np.ndarray | None = None) -> Orbits:
-        """Periodic orbits near the states, of cases whose `period` is not 0."""
+        """Finds periodic orbits near the states, of cases whose `period` is not 0."""
         options: dict[str, Any] = dict(solver=self.plan.solver, tolerance=TOLERANCE, max_iterations=NEWTON_ITERATIONS)
         options |= dict(period=period, inverse=inverse, on_progress=self.on_progress)
         orbits = find_orbits(self.scenes, self._maps(period).states(self.cases.state), self.plan.steps, **options)
@@ -158,7 +156,7 @@ class _Batch:
         return orbits
 
     def _adopt(self, orbits: Orbits, period: np.ndarray) -> None:
-        """Takes the stable ones among the orbits of cases whose `period` is not 0 as their motions."""
+        """Takes the stable ones of the orbits of cases whose `period` is not 0 as their motions."""
         cases, stable = self.cases, (period > 0) & (orbits.status == Status.FINITE) & orbits.stable
         cases.period[stable], cases.kind[stable] = period[stable], KINDS.index("period")
         cases.state[stable], cases.inverse[stable] = rows_of(orbits.state)[stable], orbits.inverse[stable]
@@ -185,17 +183,11 @@ class _Batch:
         scenes, states = self.scenes.take(lanes), self._maps(cases.period).states(cases.state[lanes])
         run = run_chunk(transient, scenes, states, steps, self.on_progress)
         strobe = run.record[0][:, -LAST:]
-        reached = reached_orbits(
-            scenes,
-            jax.tree.map(np.asarray, run.state),
-            strobe,
-            steps,
-            solver=self.plan.solver,
-            count=1,
-            half_step=False,
-            wanted=run.status == Status.FINITE,
-            on_progress=self.on_progress,
+        options: dict[str, Any] = dict(
+            solver=self.plan.solver, count=1, half_step=False, on_progress=self.on_progress
         )
+        ends = jax.tree.map(np.asarray, run.state)
+        reached = reached_orbits(scenes, ends, strobe, steps, wanted=run.status == Status.FINITE, **options)
         cases.simulated[index] += transient.work + np.where(reached.period, JACOBIAN, 0)[:count]
         cases.state[index], cases.status[index] = rows_of(reached.state)[:count], run.status[:count]
         period = np.zeros(self.count, int)
@@ -210,11 +202,13 @@ class _Batch:
             cases.kind[index[others]] = [KINDS.index(kind) for kind in kinds]
 
     def _on_orbits(self, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Objectives on the orbits of the cases at `index`, and their derivatives."""
+        """Computes objectives on the orbits of the cases at `index`, and their derivatives."""
         plan, cases = self.plan, self.cases
-        fixed = np.zeros((self.count, len(plan.names), cases.state.shape[1]))
-        by_parameters = list(self.pushed(index, fixed))[-1].end_slopes
-        spans = list(self.pushed(index, np.einsum("cij,ckj->cki", cases.inverse, by_parameters)))
+        slopes = np.zeros((self.count, len(plan.names), cases.state.shape[1]))
+        spans = list(self.pushed(index, slopes))
+        for lane in index:
+            slopes[lane] = spans[cases.period[lane] - 1].after.end_slopes[lane] @ cases.inverse[lane].T
+        spans = list(self.pushed(index, slopes))
         value, gradient = self.totals(index, spans)
         exponents = plan.indices(exponents=True)
         if exponents:
@@ -228,24 +222,26 @@ class _Batch:
 
         **Arguments:** `slopes`: derivatives of the states at the start, (lanes, parameters, size).
         """
-        plan, period, rows = self.plan, self.cases.period, self.cases.state
+        plan, period = self.plan, self.cases.period
         stepping, maps = flexible_steps(plan.steps, inside=True), self._maps(period)
         options: dict[str, Any] = dict(names=plan.names, objectives=plan.of_courses, solver=plan.solver)
+        scenes, lanes = self._lanes(index)
+        rows, slopes = self.cases.state[lanes], slopes[lanes]
         for epoch in range(int(period[index].max())):
-            # cases of shorter periods stay where they are
-            going = index[period[index] > epoch]
-            lanes = _padded(going, self.count)
-            states, directions = maps.states(rows[lanes]), jnp.asarray(slopes[lanes])
-            pushed = push_period(self.scenes.take(lanes), states, directions, float(epoch), stepping, **options)
-            end, end_slopes = _replaced(rows, going, pushed.end), _replaced(slopes, going, pushed.end_slopes)
-            of_lanes = lambda a, going=going: _replaced(np.full((self.count, *a.shape[1:]), np.nan), going, a)
-            kept, kept_slopes = jax.tree.map(of_lanes, (pushed.kept, pushed.kept_slopes))
-            yield _Span(rows, slopes, end, end_slopes, kept, kept_slopes)
-            rows, slopes = end, end_slopes
-            self.on_progress(SLOPES_COST * len(going) / self.count)
+            after = push_period(scenes, maps.states(rows), jnp.asarray(slopes), float(epoch), stepping, **options)
+            after = jax.tree.map(np.asarray, after)
+            yield _Span(rows, slopes, after)
+            rows, slopes = after.end, after.end_slopes
+            self.on_progress(SLOPES_COST)
+
+    def _lanes(self, index: np.ndarray) -> tuple[Batched[Scene], np.ndarray]:
+        """Scenes and indices of a batch in which the last case at `index` stands for the cases elsewhere."""
+        lanes = np.full(self.count, index[-1])
+        lanes[index] = index
+        return self.scenes.take(lanes), lanes
 
     def totals(self, index: np.ndarray, spans: Sequence[_Span]) -> tuple[np.ndarray, np.ndarray]:
-        """Objectives of the cases at `index` over their forcing periods, and their derivatives; exponents are 0."""
+        """Computes objectives of the cases at `index` over their periods, and their derivatives; exponents are 0."""
         plan = self.plan
         value = np.zeros((len(index), len(plan.objectives)))
         gradient, courses = np.zeros((*value.shape, len(plan.names))), plan.indices(exponents=False)
@@ -254,44 +250,29 @@ class _Batch:
                 of_lane = lambda *arrays, axis, lane=lane: np.stack([a[lane] for a in arrays], axis=axis)[None]
                 own = spans[: int(self.cases.period[lane])]
                 # periods lie along axis 0 of a case's values and axis 1 of their derivatives
-                kept = jax.tree.map(functools.partial(of_lane, axis=0), *(span.kept for span in own))
-                slopes = jax.tree.map(functools.partial(of_lane, axis=1), *(span.kept_slopes for span in own))
+                kept = jax.tree.map(functools.partial(of_lane, axis=0), *(span.after.kept for span in own))
+                slopes = jax.tree.map(functools.partial(of_lane, axis=1), *(span.after.kept_slopes for span in own))
                 totals = total_slopes(plan.of_courses, kept, slopes)
                 value[row, courses], gradient[row, courses] = (np.asarray(array)[0] for array in totals)
         return value, gradient
 
     def _exponents(self, index: np.ndarray, spans: Sequence[_Span]) -> tuple[np.ndarray, np.ndarray]:
-        """ln |largest multiplier| per period on the orbits of the cases at `index`, and its derivatives."""
+        """Computes ln |largest multiplier| per period on the orbits of the cases at `index`, and its derivatives."""
         plan, period = self.plan, self.cases.period
-        maps, stepping = self._maps(period), flexible_steps(plan.steps)
+        maps, stepping, (scenes, _) = self._maps(period), flexible_steps(plan.steps), self._lanes(index)
         matrices = maps.jacobians(index, self.cases.state[index])
-        slopes: dict[int, list] = {int(lane): [] for lane in index}
+        slopes = []
         for epoch, span in enumerate(spans):
-            going = index[period[index] > epoch]
-            lanes = _padded(going, self.count)
-            at = self.scenes.take(lanes), maps.states(span.begin[lanes]), jnp.asarray(span.begin_slopes[lanes])
-            of_period = np.asarray(matrix_slopes(*at, float(epoch), stepping, names=plan.names, solver=plan.solver))
-            for k, lane in enumerate(going):
-                slopes[int(lane)].append(of_period[k])
+            at = scenes, maps.states(span.begin), jnp.asarray(span.begin_slopes), float(epoch), stepping
+            slopes.append(np.asarray(matrix_slopes(*at, names=plan.names, solver=plan.solver)))
         self.cases.simulated[index] += (1 + 2 * len(plan.names)) * JACOBIAN * period[index]
-        pairs = [_exponent(m, np.stack(slopes[int(lane)])) for lane, m in zip(index, matrices, strict=True)]
+        of_case = lambda lane: np.stack([of_period[lane] for of_period in slopes[: int(period[lane])]])
+        pairs = [_exponent(m, of_case(lane)) for lane, m in zip(index, matrices, strict=True)]
         return np.array([value for value, _ in pairs]), np.array([slope for _, slope in pairs])
 
 
-def _padded(index: np.ndarray, count: int) -> np.ndarray:
-    """Returns indices with the last one repeated until there are `count`."""
-    return index[np.minimum(np.arange(count), len(index) - 1)]
-
-
-def _replaced(rows: np.ndarray, index: np.ndarray, others: Any) -> np.ndarray:
-    """Returns a copy of rows with those at `index` replaced by the first of others."""
-    copy = rows.copy()
-    copy[index] = np.asarray(others)[: len(index)]
-    return copy
-
-
 def _exponent(matrices: np.ndarray, slopes: np.ndarray) -> tuple[float, np.ndarray]:
-    """ln |largest multiplier| per period of successive Jacobians (periods, size, size), and its derivatives.
+    """Computes ln |largest multiplier| per period of successive Jacobians (periods, size, size), and its derivatives.
 
     **Arguments:** `slopes`: derivatives of the Jacobians (periods, parameters, size, size).
     """
