@@ -96,13 +96,11 @@ def judge_run(plan: EvaluationPlan, periods: int) -> tuple[Evaluation, float]:
     """
     states = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], initial_state(plan.scene, plan.start))
     batch, index = _Batch(plan, Batched(None, plan.scene), states, lambda _: None), np.zeros(1, int)
-    run, spans, sizes = batch.cases, [], []
+    run, spans, sizes, scales = batch.cases, [], [], np.array(jax.tree.leaves(MOTION_SCALES))
     run.period[:], run.simulated[:], run.stderr[:], run.gradient_stderr[:] = periods, periods * SLOPES_COST, 0.0, 0.0
     for span in batch.pushed(index, np.zeros((1, len(plan.names), run.state.shape[1]))):
         spans.append(span)
-        sizes.append(
-            np.max(np.abs(span.after.end_slopes[0, :, :10] / np.array(jax.tree.leaves(MOTION_SCALES))), axis=1)
-        )
+        sizes.append(np.max(np.abs(span.after.end_slopes[0, :, :10] / scales), axis=1))
         growth = float(np.max(sizes[-1] / np.maximum(sizes[0], 1e-300)))
         if not growth < LARGEST_GROWTH:
             raise ValueError(
@@ -183,11 +181,10 @@ class _Batch:
         scenes, states = self.scenes.take(lanes), self._maps(cases.period).states(cases.state[lanes])
         run = run_chunk(transient, scenes, states, steps, self.on_progress)
         strobe = run.record[0][:, -LAST:]
-        options: dict[str, Any] = dict(
-            solver=self.plan.solver, count=1, half_step=False, on_progress=self.on_progress
-        )
         ends = jax.tree.map(np.asarray, run.state)
-        reached = reached_orbits(scenes, ends, strobe, steps, wanted=run.status == Status.FINITE, **options)
+        options: dict[str, Any] = dict(solver=self.plan.solver, count=1, half_step=False)
+        options |= dict(wanted=run.status == Status.FINITE, on_progress=self.on_progress)
+        reached = reached_orbits(scenes, ends, strobe, steps, **options)
         cases.simulated[index] += transient.work + np.where(reached.period, JACOBIAN, 0)[:count]
         cases.state[index], cases.status[index] = rows_of(reached.state)[:count], run.status[:count]
         period = np.zeros(self.count, int)
@@ -207,8 +204,8 @@ class _Batch:
         slopes = np.zeros((self.count, len(plan.names), cases.state.shape[1]))
         spans = list(self.pushed(index, slopes))
         for lane in index:
-            slopes[lane] = spans[cases.period[lane] - 1].after.end_slopes[lane] @ cases.inverse[lane].T
-        spans = list(self.pushed(index, slopes))
+            slopes[lane] = spans[cases.period[lane] - 1].after.end_slopes[lane]
+        spans = list(self.pushed(index, np.einsum("cij,ckj->cki", cases.inverse, slopes)))
         value, gradient = self.totals(index, spans)
         exponents = plan.indices(exponents=True)
         if exponents:
