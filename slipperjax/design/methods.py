@@ -151,18 +151,18 @@ def _linear_step(at: np.ndarray, values: CaseValues, radius: float, size: float,
     """
     value_added, excess_added = curvature or (0.0, 0.0)
     count, worst = len(at), values.weight is None
-    known = np.isfinite(values.value) & np.all(np.isfinite(values.slope), axis=1)
+    finite = np.isfinite(values.value) & np.all(np.isfinite(values.slope), axis=1)
     usable = np.isfinite(values.excess) & np.all(np.isfinite(values.excess_slope), axis=1)
-    mean_slope = np.zeros(count) if values.weight is None else values.weight[known] @ values.slope[known]
+    mean_slope = np.zeros(count) if values.weight is None else values.weight[finite] @ values.slope[finite]
     column = lambda rows, value: np.full((len(rows), 1), value)
     # slope @ step + excess <= slack, and in the worst case slope @ step + value <= bound in every case
     slopes = values.excess_slope[usable]
     rows = np.hstack([slopes, column(slopes, 0.0), column(slopes, -1.0)])
     limits = -(values.excess + excess_added)[usable]
     if worst:
-        slopes = values.slope[known] / size
+        slopes = values.slope[finite] / size
         rows = np.vstack([np.hstack([slopes, column(slopes, -1.0), column(slopes, 0.0)]), rows])
-        limits = np.concatenate([-(values.value + value_added)[known] / size, limits])
+        limits = np.concatenate([-(values.value + value_added)[finite] / size, limits])
     aim = [*(mean_slope / size), float(worst), VIOLATION_PRICE]
     box = [(max(-radius, -x), min(radius, 1 - x)) for x in at]
     box += [(None, None) if worst and len(rows) else (0.0, 0.0), (0.0, None)]

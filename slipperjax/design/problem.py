@@ -163,14 +163,14 @@ def _checked_bounds(scene: Scene, variables: Any) -> dict[str, tuple[float, floa
     require(isinstance(variables, Mapping) and variables, "variables", "name parameters with their bounds", variables)
     bounds = {}
     for name, pair in variables.items():
-        known = parameter(name, scene)
-        known.check_exists(scene)
+        variable = parameter(name, scene)
+        variable.check_exists(scene)
         require(np.shape(pair) == (2,), name, "be a lower and an upper bound", pair)
-        low, high = (float(v) for v in np.asarray(known.checked(pair)))
+        low, high = (float(v) for v in np.asarray(variable.checked(pair)))
         if not low < high:
             raise ValueError(
                 f"Argument `{name}` must have a lower bound below the upper one, but is {low:g} to {high:g} "
-                f"{known.unit}."
+                f"{variable.unit}."
             )
         bounds[name] = low, high
     return bounds

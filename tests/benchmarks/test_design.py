@@ -13,47 +13,40 @@ from slipperjax.design import Descent, TrustRegion
 from slipperjax.design.optimise import optimise_design
 
 pytestmark = pytest.mark.benchmark
-METHODS = {
-    "TrustRegion()": TrustRegion(),
-    "Descent(steps=15)": Descent(steps=15),
-    "Descent(steps=40)": Descent(steps=40),
-}
 
 
-def compare(scene, objective, variables, **options):
-    """Prints a row for each method: the objective at the ends of the starts, trials and forcing periods."""
-    print(
-        "\nmethod               mean and least end, over the mean of the first designs    trials    forcing periods"
-    )
-    ends = {}
-    for name, method in METHODS.items():
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", sj.ImplausibleWarning)  # of tight designs' first transients
-            how = dict(method=method, max_trials=40, steps_per_period=50)
-            best = optimise_design(scene, objective, variables, **how, **options)
-        first = best.history["smooth"].values[: best.starts.sizes["start"]].mean()
-        ends[name] = best.starts["smooth"].values / first
-        row = (
-            f"{ends[name].mean():.5f}  {ends[name].min():.5f}{best.history.sizes['trial']:48d}{best.simulated:19.0f}"
-        )
-        print(f"{name:20} {row}")
+def ends_of(scene, objective, variables, method, starts, **options):
+    """Prints a row for a method, and returns the objective at the ends of the starts [SI unit]."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", sj.ImplausibleWarning)  # of tight designs' first transients
+        call = dict(method=method, starts=starts, max_trials=40, steps_per_period=50)
+        best = optimise_design(scene, objective, variables, **call, **options)
+    ends, first = best.starts["smooth"].values, best.history["smooth"].values[:starts].mean()
+    name = f"Descent(steps={method.steps})" if isinstance(method, Descent) else "TrustRegion()"
+    work = f"{best.history.sizes['trial']:9d}{best.simulated:18.0f}"
+    print(f"{name:18}{starts:7d}{ends.mean() / first:11.5f}{ends.min():14.6g}{work}")
     return ends
+
+
+HEAD = "method             starts   mean end     least end   trials   forcing periods   (mean over that of first designs)"
 
 
 @pytest.mark.parametrize("robust", ["worst", "mean"])
 def test_on_orbits(robust):
     """The pitch excursion at two speeds, by length and clearance."""
     box, over = {"length": (0.18, 0.5), "clearance": (0.5e-3, 1.5e-3)}, {"speed": [1300.0, 1500.0]}
-    print(f"\n\nexcursion_pitch, {robust} of two speeds, three starts")
-    compare(sj.paper_scene(), "excursion_pitch", box, over=over, robust=robust, starts=3)
+    print(f"\n\nexcursion_pitch [rad], {robust} of two speeds\n\n{HEAD}")
+    for method in (TrustRegion(), Descent(steps=15), Descent(steps=40)):
+        ends_of(sj.paper_scene(), "excursion_pitch", box, method, 3, over=over, robust=robust)
 
 
 @pytest.mark.parametrize("objective", ["contact_load", "rms_a_z"])
 def test_in_chaos(objective):
-    """A short slipper by the plays of its five faces, eight starts."""
+    """A short slipper by the plays of its five faces."""
     plays = {f"section.play.{k}": (0.4e-3, 1.1e-3) for k in range(5)}
     scene = sj.paper_scene(speed=1200.0, length=0.12, clearance=1.5e-3)
-    print(f"\n\n{objective} by five plays, eight starts")
-    ends = compare(scene, objective, plays, starts=8, transient=100)
-    lower = np.sum(ends["Descent(steps=40)"] < ends["TrustRegion()"])
-    print(f"Descent(steps=40) ends lower than TrustRegion() from {lower} of 8 starts")
+    print(f"\n\n{objective} [SI unit] by five plays\n\n{HEAD}")
+    search = lambda method, starts: ends_of(scene, objective, plays, method, starts, transient=100)
+    region, _, descent = search(TrustRegion(), 8), search(Descent(steps=15), 8), search(Descent(steps=40), 8)
+    print(f"Descent(steps=40) ends lower than TrustRegion() from {np.sum(descent < region)} of 8 starts")
+    search(TrustRegion(), 21)  # about the forcing periods of Descent(steps=40)

@@ -54,8 +54,8 @@ def test_a_ridge_of_two_curved_cases_is_followed_to_its_end():
 @pytest.mark.parametrize("method", [TrustRegion(least=1e-4), Descent(steps=200)])
 def test_a_mean_has_its_least_inside(method):
     def mean(x):
-        values, slopes, *rest = bowls(x)
-        return values, slopes, *rest[:2], np.array([0.25, 0.75])
+        values, slopes, excess, excess_slope, _ = bowls(x)
+        return values, slopes, excess, excess_slope, np.array([0.25, 0.75])
 
     move, _ = minimise(method, mean, [0.9, 0.1], most=200)
     np.testing.assert_allclose(move.at, [0.65, 0.5], atol=5e-3)
