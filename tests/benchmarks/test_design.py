@@ -28,7 +28,8 @@ def ends_of(scene, objective, variables, method, starts, **options):
     return ends
 
 
-HEAD = "method             starts   mean end     least end   trials   forcing periods   (mean over that of first designs)"
+HEAD = "method             starts   mean end     least end   trials   forcing periods"
+"""Mean ends are over the mean of the first designs."""
 
 
 @pytest.mark.parametrize("robust", ["worst", "mean"])
