@@ -2,7 +2,7 @@
 
 from .checks import event_margins as event_margins
 from .checks import surroundings as surroundings
-from .ensembles import Spread as Spread
+from .evaluation import EnsembleSettings as EnsembleSettings
 from .methods import AbstractMethod as AbstractMethod
 from .methods import Descent as Descent
 from .methods import TrustRegion as TrustRegion

@@ -1,4 +1,4 @@
-"""What surrounds a design: brute force next to it, and how far the nearest events are."""
+"""Checks of a design: simulations of its neighbours, and distances to the nearest events."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -25,36 +25,36 @@ EVENTS = ("LP", "PD", "NS", "BP", "GR")
 def surroundings(
     design: Design, *, points: int = 5, width: float = 0.1, transient: int = 300, periods: int = 64, **options: Any
 ) -> xr.Dataset:
-    """The objective around a design by simulation alone, as one batch: a check by another way.
+    """Computes the objective around a design by simulation alone, as one batch: an independent check.
 
     **Arguments:** `points`: designs along each variable, rounded up to an odd number so that the design itself is
-    one; `width`: how far they reach on both sides, as a share of the box; those beyond a bound are moved to it.
+    one; `width`: their greatest distance on both sides, as a share of the box; those beyond a bound are moved to it.
     `transient`, `periods`, `options`: of `sweep`; the steps are those of the search.
 
     **Returns:** the dataset of `sweep` over variables and cases, with the objective and its smooth form,
-    and `total`, the worst or the mean of the cases, over the variables. Attribute `lower`: by how much the lowest
-    total there is below that of the design's own place, over it [1].
+    and `total`, the worst or the mean of the cases, over the variables. Attribute `lower`: difference of the lowest
+    total from the design's own, over it [1].
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
     """
-    problem = design.problem
+    problem, plan = design.problem, design.problem.plan
     count, far = whole("points", points, 1) | 1, number(positive, "width", width)
     grid: dict[str, Any] = {}
     for name, (low, high) in problem.bounds.items():
-        around = design.design[name] + far * (high - low) * np.linspace(-1, 1, count)
-        inside = around[(around > low) & (around < high)]
+        own = design.design[name]
+        around = own + far * (high - low) * np.linspace(-1, 1, count)
         ends = [end for end in (low, high) if around[0] <= end <= around[-1]]
-        grid[name] = np.unique(np.concatenate([inside, ends, [design.design[name]]]))
-    asked: list[Any] = [*dict.fromkeys([problem.objective, problem.objective.smooth]), "motion"]
-    how: dict[str, Any] = dict(steps_per_period=problem.question.steps, solver=problem.question.solver)
-    how |= dict(start=problem.start, transient=transient, periods=periods)
-    ds = sweep(problem.scene, grid | problem.over, record=asked, **(how | options))
-    for one in asked[:-1]:
-        ds[one.name] = ds[one.name].where(ds["status"] == Status.FINITE)
-    of_cases = list(problem.over)
-    values = ds[problem.objective.smooth.name]
+        grid[name] = np.unique([*around[(around > low) & (around < high)], *ends, own])
+    smooth = problem.objective.smooth
+    objectives = list(dict.fromkeys([problem.objective, smooth]))
+    call: dict[str, Any] = dict(steps_per_period=plan.steps, solver=plan.solver, start=plan.start)
+    call |= dict(transient=transient, periods=periods) | options
+    ds = sweep(problem.scene, grid | problem.over, record=[*objectives, "motion"], **call)
+    for objective in objectives:
+        ds[objective.name] = ds[objective.name].where(ds["status"] == Status.FINITE)
+    values, of_cases = ds[smooth.name], list(problem.over)
     total = values.max(of_cases, skipna=False) if problem.robust == "worst" else values.mean(of_cases, skipna=False)
-    total = total.assign_attrs(values.attrs | {"long_name": f"{problem.robust} {problem.objective.smooth.name}"})
+    total = total.assign_attrs(values.attrs | {"long_name": f"{problem.robust} {smooth.name}"})
     own = float(total.sel(design.design, method="nearest"))
     return ds.assign(total=total).assign_attrs(lower=float((own - np.nanmin(total.values)) / abs(own)))
 
@@ -68,13 +68,13 @@ def event_margins(
     points: int = 60,
     progress: bool = False,
 ) -> xr.Dataset:
-    """How far a parameter may change, either way, before the orbit of a case meets an event.
+    """Finds how far a parameter may change, either way, before the orbit of a case meets an event.
 
     The orbits are followed by `continue_orbit` from the design, one parameter at a time.
 
     **Arguments:** `names`: of the parameters, default the variables and those of `over`; `cases`: by number,
-    default the worst, and the one with the largest multiplier; `width`: how far is looked, over the parameter's value
-    [1]; `points`: most points of each way.
+    default the worst, and the one with the largest multiplier; `width`: greatest change, over the parameter's value
+    [1]; `points`: most points of each branch.
 
     **Returns:** an `xarray.Dataset` along `margin`: `case`, `parameter`, `direction` (-1 or 1), `label` of the event
     (empty where none was met), `value` of the parameter there, or where the branch ended, and `change` from the
@@ -82,63 +82,57 @@ def event_margins(
 
     **Raises:** `ValueError` where a case has no orbit.
     """
-    problem, far = design.problem, number(positive, "width", width)
-    chosen = [*problem.names, *problem.over] if names is None else list(names)
-    places = _telling_cases(design) if cases is None else list(cases)
+    problem, plan, far = design.problem, design.problem.plan, number(positive, "width", width)
+    names = [*problem.names, *problem.over] if names is None else list(names)
+    cases = _telling_cases(design) if cases is None else list(cases)
     rows = []
-    for case in places:
+    for case in cases:
         period = int(design.cases["period"].values[case])
         if period == 0:
             raise ValueError(f"Argument `cases` must be on orbits, but case {case} is {design.regime[case]}.")
-        of_case = {name: float(values[case]) for name, values in problem.cases.items()}
-        scene = design.scene.replace(**of_case)
+        scene = design.scene.replace(**{name: float(values[case]) for name, values in problem.cases.items()})
         _, unravel = ravel_pytree(initial_state(scene, table_2_start()))
-        how: dict[str, Any] = dict(steps_per_period=2 * problem.question.steps, solver=problem.question.solver)
+        # steps half as long, to resolve events
+        options: dict[str, Any] = dict(steps_per_period=2 * plan.steps, solver=plan.solver)
         start = unravel(jnp.asarray(design.cases["state"].values[case]))
-        orbit = periodic_orbit(scene, period, start=start, **how)
-        for name in chosen:
+        orbit = periodic_orbit(scene, period, start=start, **options)
+        options |= dict(points=points, until=EVENTS, progress=progress)
+        for name in names:
             value = float(scene.value(name))
-            bounds = value * (1 - far), value * (1 + far)
-            how_far: dict[str, Any] = dict(points=points, until=EVENTS, progress=progress)
-            branch = continue_orbit(scene, name, bounds, start=orbit, **how_far, **how)
-            for direction, label, met in _first_events(branch, value):
-                rows.append((case, name, direction, label, met, met - value, (met - value) / abs(value)))
+            branch = continue_orbit(scene, name, (value * (1 - far), value * (1 + far)), start=orbit, **options)
+            for direction, label, end in _first_events(branch, value):
+                rows.append((case, name, direction, label, end, end - value, (end - value) / abs(value)))
     require(rows, "cases", "name cases on orbits", cases)
     fields = ("case", "parameter", "direction", "label", "value", "change", "relative")
     columns = {name: ("margin", list(column)) for name, column in zip(fields, zip(*rows, strict=True), strict=True)}
-    units = [parameter(row[1], problem.scene).unit for row in rows]
-    ds = xr.Dataset(columns | {"unit": ("margin", units)})
-    words = {"value": "parameter at the event", "change": "distance to the event"}
-    for name, text in words.items():
-        ds[name].attrs["long_name"] = f"{text}, in the unit of each row"
+    ds = xr.Dataset(columns | {"unit": ("margin", [parameter(row[1], problem.scene).unit for row in rows])})
+    ds["value"].attrs["long_name"] = "parameter at the event, in the unit of each row"
+    ds["change"].attrs["long_name"] = "distance to the event, in the unit of each row"
     ds["relative"].attrs |= {"long_name": "distance to the event over the parameter's value", "units": "1"}
     return ds
 
 
 def _telling_cases(design: Design) -> list[int]:
-    """The worst case and the one nearest to instability, of those on orbits."""
+    """Returns the worst case and the one nearest to instability, of those on orbits."""
     ds = design.cases
-    on_orbit = ds["period"].values > 0
-    if not on_orbit.any():
+    period = ds["period"].values
+    if not period.any():
         return []
-    worst = int(np.argmax(np.where(on_orbit, ds["smooth"].values, -np.inf)))
-    least = int(np.argmax(np.where(on_orbit, ds["multiplier"].values ** (1 / np.maximum(ds["period"], 1)), -np.inf)))
-    return list(dict.fromkeys([worst, least]))
+    greatest = lambda values: int(np.argmax(np.where(period > 0, values, -np.inf)))
+    modulus = ds["multiplier"].values ** (1 / np.maximum(period, 1))
+    return list(dict.fromkeys([greatest(ds["smooth"].values), greatest(modulus)]))
 
 
 def _first_events(branch: OrbitBranch, value: float) -> list[tuple[int, str, float]]:
-    """Direction, label and parameter of the first event on each side of where a branch began."""
-    ds = branch.points
-    along = ds[branch.parameter.name].values
+    """Returns direction, label and parameter of the first event on each side of where a branch began."""
+    along = branch.points[branch.parameter.name].values
     begin = int(np.argmin(np.abs(along - value)))
-    found = []
+    events = []
     for side in (-1, 1):
-        rows = [event for event in branch.events if event.label in EVENTS and (event.point - begin) * side > 0]
-        last = 0 if side < 0 else len(along) - 1
-        direction = int(np.sign(along[min(max(begin + side, 0), len(along) - 1)] - value)) or side
-        if rows:
-            first = min(rows, key=lambda event: abs(event.point - begin))
-            found.append((direction, first.label, first.value))
-        else:
-            found.append((direction, "", float(along[last])))
-    return found
+        neighbour = along[min(max(begin + side, 0), len(along) - 1)]
+        direction = int(np.sign(neighbour - value)) or side
+        met = [event for event in branch.events if event.label in EVENTS and (event.point - begin) * side > 0]
+        first = min(met, key=lambda event: abs(event.point - begin), default=None)
+        end = along[0 if side < 0 else -1] if first is None else first.value
+        events.append((direction, "" if first is None else first.label, float(end)))
+    return events

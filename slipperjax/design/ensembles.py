@@ -1,4 +1,4 @@
-"""Objectives and their derivatives where motions are irregular: regression over many short runs.
+"""Objectives and their derivatives without a stable orbit: regression over many short runs.
 
 In chaos the derivative of one motion grows without bound, while an average over the attractor may change smoothly
 with a parameter. Many runs with parameters at the corners of a small box, and disturbed starts, are one batch; each
@@ -10,184 +10,120 @@ import itertools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from ..flow.period_map import advance_tangents, initial_tangents, states_and_penetrations
+from ..flow.period_map import states_and_penetrations
 from ..flow.record import RecordSet
-from ..flow.records import AbstractNumber
-from ..flow.simulate import dynamic_steps
-from ..flow.status import Status, first_problem
-from ..model.dynamics import State
-from ..model.kinematics import MOTION_SCALES, Motion
+from ..flow.status import Status
+from ..model.kinematics import MOTION_SCALES
 from ..model.quantities import MOTION_NUMBERS
-from ..model.scene import Scene
-from ..sweeps.grid import Cases
+from ..sweeps.grid import Grid
 from ..sweeps.records import LargestExponent
-from ..sweeps.run import Calls, OnProgress, Part, Plan, run_cases, run_chunk
+from ..sweeps.run import Part, Plan, RunOptions, make_plan, run_cases, run_chunk
 from ..tools.checks import whole
-from .gradients import Objectives, period_values, totals
-from .objectives import Objective
+from .evaluation import Evaluation, EvaluationPlan
+from .gradients import PeriodValues, totals
 
-DISTURBED = 0.1
+DISTURBANCE = 0.1
 """Standard deviation of the disturbances of the starts' velocities, in multiples of
-`slipperjax.model.MOTION_SCALES`. Places are left as they are: they could lie outside the play."""
-SETTLED = 20
-"""Forcing periods in one call of tangents; in the first they turn into their directions."""
-SURE = 0.5
+`slipperjax.model.MOTION_SCALES`. Displacements are left as they are: they could lie outside the play."""
+LEAST_SHARE = 0.5
 """Share of the runs that must stay on the rail."""
 
 
-class Spread(NamedTuple):
-    """How ensembles are made. The defaults give slopes to some 10 % where averages change by as much."""
+def ensemble_averages(plan: EvaluationPlan, grid: Mapping[str, Any], evaluation: Evaluation) -> Evaluation:
+    """Returns an evaluation with objectives and derivatives from ensembles in place of its own.
 
-    members: int = 32
-    """Runs of each case."""
-    transient: int = 60
-    """Forcing periods that pass before, so that disturbances have grown to the attractor's size."""
-    periods: int = 100
-    """Forcing periods over which a run is judged."""
-    seed: int = 0
+    Where less than half of the runs stay on the rail, the status is that of a run that does not.
 
-
-class Averages(NamedTuple):
-    """Averages over attractors, arrays with a leading axis of cases."""
-
-    value: Float[np.ndarray, "cases objectives"]
-    stderr: Float[np.ndarray, "cases objectives"]
-    gradient: Float[np.ndarray, "cases objectives parameters"]
-    gradient_stderr: Float[np.ndarray, "cases objectives parameters"]
-    status: Int[np.ndarray, " cases"]
-    """`Status` of the first run that did not stay on the rail, where too many did not."""
-    simulated: Float[np.ndarray, " cases"]
-    """Forcing periods."""
-
-
-def averages(
-    scene: Scene,
-    grid: Mapping[str, Any],
-    names: tuple[str, ...],
-    reach: Mapping[str, float],
-    objectives: tuple[Objective, ...],
-    starts: Motion,
-    spread: Spread,
-    *,
-    steps: int,
-    solver: diffrax.AbstractSolver,
-    progress: bool = False,
-) -> Averages:
-    """Averages of objectives and their derivatives by parameters.
-
-    **Arguments:** `grid`: values by name, read side by side; `names`: of it, to differentiate by; `reach`: how far
-    the runs' parameters are from the case's [their SI units]; `starts`: motions near the attractors, with a leading
-    axis of cases.
+    **Arguments:** `grid`: values by name, one for each case; `evaluation`: of the same cases, with states near their
+    attractors.
     """
-    cases, count = len(next(iter(grid.values()))), len(names)
-    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=count))).reshape(-1, count)
-    repeats = max(1, -(-whole("members", spread.members, 4) // len(corners)))
+    settings, names, cases = plan.ensemble, plan.names, len(evaluation.status)
+    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=len(names)))).reshape(-1, len(names))
+    repeats = max(1, -(-whole("members", settings.members, 4) // len(corners)))
     signs = np.repeat(corners, repeats, axis=0)
     members = len(signs)
-    draws = np.random.default_rng(spread.seed).normal(size=(repeats, len(MOTION_NUMBERS))) * DISTURBED
-    draws[:, :5] = 0.0
-    kicks = np.tile(draws, (len(corners), 1))
-    flat = {name: np.repeat(np.asarray(values, float), members) for name, values in grid.items()}
+    disturbances = np.random.default_rng(settings.seed).normal(size=(repeats, len(MOTION_NUMBERS))) * DISTURBANCE
+    disturbances[:, :5] = 0.0
+    # member by member for each case, as `signs`
+    grid = {name: np.repeat(np.asarray(values, float), members) for name, values in grid.items()}
     for k, name in enumerate(names):
-        flat[name] = flat[name] + np.tile(signs[:, k] * reach[name], cases)
-    runs = Cases(scene, flat, jax.tree.map(lambda a: np.asarray(a)[0], starts), product=False)
-    motions = jax.tree.map(lambda a: np.repeat(np.asarray(a), members, axis=0), starts)
-    leaves, structure = jax.tree.flatten(motions)
-    scales = jax.tree.leaves(MOTION_SCALES)
-    moved = [a + np.tile(kicks[:, k] * scales[k], cases) for k, a in enumerate(leaves)]
-    runs.starts = jax.tree.unflatten(structure, moved)
-    values, status = _run(runs, objectives, spread, steps, solver, progress)
-    values = values.reshape(cases, members, -1)
-    codes = status.reshape(cases, members)
-    found = [_fitted(signs, v, np.where(c == Status.FINITE, 1.0, 0.0)) for v, c in zip(values, codes, strict=True)]
-    value, stderr, slope, slope_stderr = (np.stack(part) for part in zip(*found, strict=True))
-    per = 1 / np.array([reach[name] for name in names])
-    good = np.mean(codes == Status.FINITE, axis=1) >= SURE
-    worst = np.where(good, int(Status.FINITE), codes.max(axis=1))
-    simulated = np.full(cases, float(members * (spread.transient + spread.periods)))
-    lost = lambda a: np.where(good.reshape(-1, *[1] * (a.ndim - 1)), a, np.nan)
-    return Averages(lost(value), lost(stderr), lost(slope * per), lost(slope_stderr * per), worst, simulated)
+        grid[name] = grid[name] + np.tile(signs[:, k] * plan.reach[name], cases)
+    scales, structure = jax.tree.flatten(MOTION_SCALES)
+    kicks = np.tile(disturbances * np.array(scales), (cases * len(corners), 1))
+    runs = _plan_of_runs(plan, grid)
+    motions = np.repeat(evaluation.state[:, : len(MOTION_NUMBERS)], members, axis=0) + kicks
+    runs.cases.starts = jax.tree.unflatten(structure, list(motions.T))
+    values, status = _run(plan, runs)
+    values, status = values.reshape(cases, members, -1), status.reshape(cases, members)
+    fits = [fit_plane(signs, v, code == Status.FINITE) for v, code in zip(values, status, strict=True)]
+    value, stderr, slope, slope_stderr = (np.stack(part) for part in zip(*fits, strict=True))
+    good = np.mean(status == Status.FINITE, axis=1) >= LEAST_SHARE
+    kept = lambda a: np.where(good.reshape(-1, *[1] * (a.ndim - 1)), a, np.nan)
+    per = 1 / np.array([plan.reach[name] for name in names])
+    return evaluation._replace(
+        value=kept(value),
+        stderr=kept(stderr),
+        gradient=kept(slope * per),
+        gradient_stderr=kept(slope_stderr * per),
+        status=np.where(good, int(Status.FINITE), status.max(axis=1)),
+        simulated=evaluation.simulated + members * (settings.transient + settings.periods),
+    )
 
 
-def _run(
-    runs: Cases,
-    objectives: tuple[Objective, ...],
-    spread: Spread,
-    steps: int,
-    solver: diffrax.AbstractSolver,
-    progress: bool,
-) -> tuple[np.ndarray, np.ndarray]:
-    """The objectives of each run (cases, objectives), and the runs' statuses."""
-    of_courses: Objectives = tuple(one for one in objectives if isinstance(one, AbstractNumber))
-    exponents = [isinstance(one, LargestExponent) for one in objectives]
-    records = period_values(of_courses) if of_courses else RecordSet()
-    passed, block = whole("transient", spread.transient, 0), _divisor(whole("periods", spread.periods, 1))
-    transient = Calls(10, -(-passed // 10))
-    plan = Plan(runs, solver, records, np.full(runs.count, steps), transient, Calls(block, spread.periods // block))
+class _RunValues(NamedTuple):
+    """Objectives (lanes, objectives) and statuses of the runs of a chunk."""
 
-    def work(part: Part) -> _Values:
-        scenes, on_progress = part.scenes, part.on_progress
-        # motions of runs may be deep inside contacts, which is no oversight
-        begin = states_and_penetrations(scenes, part.starts)[0]
-        run = run_chunk(plan, scenes, begin, steps, on_progress)
-        lanes = len(run.status)
-        kept = jax.tree.map(jnp.asarray, run.record)
-        found = np.asarray(totals(of_courses, *kept)) if of_courses else np.zeros((lanes, 0))
-        values, status = np.empty((lanes, len(objectives))), run.status
-        values[:, np.flatnonzero(np.logical_not(exponents))] = found
-        if any(exponents):
-            exponent, codes = _exponents(scenes, run.state, spread.periods, steps, solver, on_progress)
-            values[:, np.flatnonzero(exponents)] = exponent[:, None]
-            status = first_problem(status, codes)
-        return _Values(values, status)
-
-    cost = plan.cost + any(exponents) * 2.6 * spread.periods
-    run = run_cases(plan, work, cost=cost, progress=progress, name="ensembles")
-    return run.checked(lambda: tuple(run.results))
-
-
-class _Values(NamedTuple):
     value: np.ndarray
     status: np.ndarray
 
 
-def _exponents(scenes: Any, states: State, periods: int, steps: int, solver: Any, on_progress: OnProgress) -> tuple:
-    """Largest local exponents over some periods [1/period], after as many as `SETTLED` for the tangents to turn."""
-    states = jax.tree.map(jnp.asarray, states)
-    tangents, logs, status = initial_tangents(scenes, states, 1), [], np.zeros(len(states.motion.y), int)
-    for k in range(-(-periods // SETTLED) + 1):
-        options: dict[str, Any] = dict(solver=solver, periods=SETTLED)
-        done = advance_tangents(scenes, states, tangents, float(k * SETTLED), dynamic_steps(steps), **options)
-        states, tangents = done.state, done.tangents
-        status = first_problem(status, np.asarray(done.status))
-        logs += [np.asarray(done.history)[..., 0]] if k else []
-        on_progress(2.6 * SETTLED)
-    return np.concatenate(logs, axis=1).mean(axis=1), status
+def _plan_of_runs(plan: EvaluationPlan, grid: Mapping[str, Any]) -> Plan:
+    """Plans the runs of an ensemble, with records of all objectives."""
+    courses, exponents = plan.of_courses, [one for one in plan.objectives if isinstance(one, LargestExponent)]
+    records = RecordSet((*([PeriodValues(courses)] if courses else []), *exponents))
+    options = RunOptions(plan.ensemble.transient, plan.ensemble.periods, plan.steps, plan.steps, plan.solver)
+    return make_plan(Grid(plan.scene, grid, product=False), plan.start, options, records)
 
 
-def _divisor(periods: int) -> int:
-    return next(k for k in range(min(periods, 50), 0, -1) if periods % k == 0)
+def _run(plan: EvaluationPlan, runs: Plan) -> tuple[np.ndarray, np.ndarray]:
+    """The objectives of each run (runs, objectives), and the runs' statuses."""
+    courses = plan.of_courses
+
+    def work(part: Part) -> _RunValues:
+        # starts of runs may be deep inside contacts, which is no oversight
+        states = states_and_penetrations(part.scenes, part.starts)[0]
+        run = run_chunk(runs, part.scenes, states, plan.steps, part.on_progress)
+        values = np.empty((len(run.status), len(plan.objectives)))
+        if courses:
+            values[:, plan.indices(exponents=False)] = totals(courses, jax.tree.map(jnp.asarray, run.record[0]))
+        for k, record in zip(plan.indices(exponents=True), run.record[bool(courses) :], strict=True):
+            values[:, k] = record.exponent
+        return _RunValues(values, run.status)
+
+    run = run_cases(runs, work, cost=runs.cost)
+    return run.checked(lambda: tuple(run.results))
 
 
-def _fitted(signs: np.ndarray, values: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Intercepts and slopes of planes through values (members, objectives) over `signs`, with standard errors.
+def fit_plane(
+    signs: Float[np.ndarray, "members parameters"], values: Float[np.ndarray, "members objectives"], kept: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Fits planes through `values` over `signs`, to the members that are `kept` and finite.
 
-    Members of weight zero are left out.
+    **Returns:** intercepts (objectives,) and their standard errors, slopes (objectives, parameters) and theirs; NaN
+    where the members are too few.
     """
-    used = (weight > 0) & np.all(np.isfinite(values), axis=1)
-    count, places = values.shape[1], signs.shape[1]
-    if used.sum() <= places + 1:
-        nothing = np.full(count, np.nan), np.full((count, places), np.nan)
-        return nothing[0], nothing[0], nothing[1], nothing[1]
+    used = kept & np.all(np.isfinite(values), axis=1)
+    freedom = used.sum() - signs.shape[1] - 1
+    if freedom < 1:
+        intercept, slope = np.full(values.shape[1], np.nan), np.full((values.shape[1], signs.shape[1]), np.nan)
+        return intercept, intercept, slope, slope
     system = np.column_stack([np.ones(used.sum()), signs[used]])
-    found, *_ = np.linalg.lstsq(system, values[used], rcond=None)
-    left = values[used] - system @ found
-    variance = np.sum(left**2, axis=0) / (used.sum() - places - 1)
-    spread = np.sqrt(np.diag(np.linalg.pinv(system.T @ system))[:, None] * variance)
-    return found[0], spread[0], found[1:].T, spread[1:].T
+    plane, *_ = np.linalg.lstsq(system, values[used], rcond=None)
+    variance = np.sum((values[used] - system @ plane) ** 2, axis=0) / freedom
+    stderr = np.sqrt(np.diag(np.linalg.pinv(system.T @ system))[:, None] * variance)
+    return plane[0], stderr[0], plane[1:].T, stderr[1:].T

@@ -1,9 +1,9 @@
 """Derivatives of objectives along motions, and on periodic orbits by the theorem of implicit functions.
 
 An orbit x recurs, P(x, p) = x, so that its derivative by a parameter solves (I - P_x) dx/dp = P_p, of which Newton's
-method leaves the inverse. In forward mode the parameters are pushed through the motion once to find P_p, and again
-along (dx/dp, dp). In reverse mode each objective is pulled back once, and again from the adjoint state, whatever the
-number of parameters.
+method leaves the inverse. Forward mode pushes the parameters through the motion once to find P_p, and again along
+(dx/dp, dp). Reverse mode pulls each objective back once, and again from the adjoint state, whatever the number of
+parameters.
 """
 
 import functools
@@ -32,7 +32,7 @@ Objectives = tuple[AbstractNumber, ...]
 
 @dataclass(frozen=True)
 class PeriodValues(Unlabelled):
-    """The values of some numbers in each forcing period, from which their totals are differentiated."""
+    """The values of some numbers in each forcing period, whose totals are differentiated."""
 
     numbers: Objectives
 
@@ -44,32 +44,32 @@ class PeriodValues(Unlabelled):
 
 
 def period_values(objectives: Objectives) -> RecordSet:
-    """The record of objectives' values in each forcing period."""
+    """Returns the record of objectives' values in each forcing period."""
     return RecordSet((PeriodValues(objectives),))
 
 
 def at_values(scene: Scene, names: tuple[str, ...], values: Any) -> Scene:
-    """The scene with other values of named parameters, unchecked."""
+    """Returns the scene with other values of named parameters, unchecked."""
     for k, name in enumerate(names):
         scene = parameter(name, scene).replaced(scene, values[k])
     return scene
 
 
 def values_of(scene: Scene, names: tuple[str, ...]) -> Float[Array, " parameters"]:
-    """The values of named parameters [their SI units]."""
+    """Returns the values of named parameters [their SI units]."""
     return jnp.stack([jnp.asarray(parameter(name, scene).of(scene), float) for name in names])
 
 
-class Pushed(NamedTuple):
+class PeriodDerivatives(NamedTuple):
     """A forcing period of a batch, and its derivatives along directions of start and parameters."""
 
     end: Float[Array, "cases size"]
     """All numbers of the states at the end."""
-    moved: Float[Array, "cases directions size"]
+    end_slopes: Float[Array, "cases directions size"]
     """Their derivatives."""
     kept: Any
     """Value of each objective in the period, arrays (cases, ...)."""
-    slopes: Any
+    kept_slopes: Any
     """Derivatives of that, arrays (cases, directions, ...)."""
 
 
@@ -80,18 +80,21 @@ _STATIC = ("names", "objectives", "solver")
 def push_period(
     scenes: Batched[Scene],
     states: State,
-    moved: Float[Array, "cases directions size"],
+    slopes: Float[Array, "cases directions size"],
     epoch: Any,
     stepping: AbstractStepping,
     *,
     names: tuple[str, ...],
     objectives: Objectives,
     solver: diffrax.AbstractSolver,
-) -> Pushed:
-    """One forcing period, differentiated by each of the parameters `names` while the start moves by `moved`."""
+) -> PeriodDerivatives:
+    """Runs one forcing period, differentiated by the parameters `names`.
+
+    **Arguments:** `slopes`: derivatives of the states at the start.
+    """
     records = period_values(objectives)
 
-    def one(scene: Scene, state: State, moved: Array) -> Pushed:
+    def one(scene: Scene, state: State, slopes: Array) -> PeriodDerivatives:
         flat, unravel = ravel_pytree(state)
 
         def run(x: Array, p: Array) -> tuple[Array, Any]:
@@ -101,27 +104,29 @@ def push_period(
 
         p = values_of(scene, names)
         push = lambda dx, dp: jax.jvp(run, (flat, p), (dx, dp))
-        (end, kept), (ends, slopes) = jax.vmap(push, out_axes=((None, None), 0))(moved, jnp.eye(p.size))
-        return Pushed(end, ends, kept, slopes)
+        (end, kept), (end_slopes, kept_slopes) = jax.vmap(push, out_axes=((None, None), 0))(slopes, jnp.eye(p.size))
+        return PeriodDerivatives(end, end_slopes, kept, kept_slopes)
 
-    return scenes.map(one, states, moved)
+    return scenes.map(one, states, slopes)
 
 
 @functools.partial(jit, static_argnames=("objectives",))
 def totals(objectives: Objectives, kept: Any) -> Float[Array, "cases objectives"]:
-    """The objectives of a batch from their values in each period, arrays (cases, periods, ...)."""
+    """Computes the objectives of a batch from their values in each period, arrays (cases, periods, ...)."""
     return jax.vmap(lambda rows: _totals(objectives, rows))(kept)
 
 
 @functools.partial(jit, static_argnames=("objectives",))
 def total_slopes(objectives: Objectives, kept: Any, slopes: Any) -> tuple[Array, Array]:
-    """Objectives, and their derivatives (cases, objectives, directions), from `slopes` (cases, directions, periods,
-    ...)."""
+    """Computes objectives, and their derivatives (cases, objectives, directions) from those of `kept`.
+
+    **Arguments:** `kept`: values in each period, arrays (cases, periods, ...); `slopes`: their derivatives, arrays
+    (cases, directions, periods, ...).
+    """
 
     def one(kept: Any, slopes: Any) -> tuple[Array, Array]:
         push = lambda along: jax.jvp(functools.partial(_totals, objectives), (kept,), (along,))
-        value, found = jax.vmap(push, out_axes=(None, 1))(slopes)
-        return value, found
+        return jax.vmap(push, out_axes=(None, 1))(slopes)
 
     return jax.vmap(one)(kept, slopes)
 
@@ -142,7 +147,7 @@ def pulled_gradient(
     solver: diffrax.AbstractSolver,
     periods: int,
 ) -> tuple[Float[Array, " objectives"], Float[Array, "objectives parameters"]]:
-    """Objectives on an orbit and their derivatives, in reverse mode.
+    """Computes objectives on an orbit and their derivatives, in reverse mode.
 
     **Arguments:** `inverse`: of I - P_x over the orbit's `periods`; `stepping`: with a fixed number of steps.
     """
@@ -156,30 +161,33 @@ def pulled_gradient(
 
     (end, value), pull = jax.vjp(run, flat, values_of(scene, names))
     by_x, by_p = jax.vmap(lambda c: pull((jnp.zeros_like(end), c)))(jnp.eye(value.size))
-    more = jax.vmap(lambda c: pull((c, jnp.zeros_like(value)))[1])(by_x @ inverse)
-    return value, by_p + more
+    through_x = jax.vmap(lambda c: pull((c, jnp.zeros_like(value)))[1])(by_x @ inverse)
+    return value, by_p + through_x
 
 
 @functools.partial(jit, static_argnames=("names", "solver"))
 def matrix_slopes(
     scenes: Batched[Scene],
     states: State,
-    moved: Float[Array, "cases directions size"],
+    slopes: Float[Array, "cases directions size"],
     epoch: Any,
     stepping: AbstractStepping,
     *,
     names: tuple[str, ...],
     solver: diffrax.AbstractSolver,
 ) -> Float[Array, "cases directions size size"]:
-    """Derivatives of the Jacobian of one forcing period by parameters, while the start moves by `moved`."""
+    """Differentiates the Jacobian of one forcing period by parameters.
 
-    def one(scene: Scene, state: State, moved: Array) -> Array:
+    **Arguments:** `slopes`: derivatives of the states at the start.
+    """
+
+    def one(scene: Scene, state: State, slopes: Array) -> Array:
         flat, unravel = ravel_pytree(state)
 
         def matrix(x: Array, p: Array) -> Array:
             return jacobians(PeriodMap(at_values(scene, names, p), stepping, solver), unravel(x), 1, index=epoch)[0]
 
         p = values_of(scene, names)
-        return jax.vmap(lambda dx, dp: jax.jvp(matrix, (flat, p), (dx, dp))[1])(moved, jnp.eye(p.size))
+        return jax.vmap(lambda dx, dp: jax.jvp(matrix, (flat, p), (dx, dp))[1])(slopes, jnp.eye(p.size))
 
-    return scenes.map(one, states, moved)
+    return scenes.map(one, states, slopes)

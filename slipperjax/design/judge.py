@@ -4,377 +4,280 @@ A case whose motion is a stable periodic orbit is judged on the orbit, by exact 
 stays on the rail is judged by an ensemble of runs, see `slipperjax.design.ensembles`.
 """
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
-from jax.flatten_util import ravel_pytree
-from jaxtyping import Float, Int
 
+from ..analysis.attractor import classify
+from ..analysis.kinds import Regime
 from ..flow.period_map import initial_states
-from ..flow.records import AbstractNumber
 from ..flow.simulate import dynamic_steps
 from ..flow.status import Status
-from ..model.dang2024 import table_2_start
 from ..model.dynamics import State, initial_state
-from ..model.kinematics import Motion
-from ..model.quantities import MOTION_NUMBERS
+from ..model.kinematics import MOTION_SCALES
+from ..model.quantities import COORDINATE_SCALES, MOTION_NUMBERS
 from ..model.scene import Scene
 from ..orbits.periodic import TOLERANCE
+from ..sweeps.attractors import FLOOR
 from ..sweeps.grid import Grid, filled
 from ..sweeps.maps import JACOBIAN, Maps, rows_of
-from ..sweeps.orbits import find_orbits
+from ..sweeps.measure import LAST
+from ..sweeps.orbits import Orbits, find_orbits
 from ..sweeps.reached import reached_orbits
-from ..sweeps.records import LargestExponent
-from ..sweeps.run import Chunk, OnProgress, RunOptions, make_plan, run_chunk, run_chunks
+from ..sweeps.run import Chunk, OnProgress, Plan, RunOptions, make_plan, run_chunk, run_chunks
 from ..tools.batching import Batched
 from ..tools.limits import cores
-from .ensembles import Spread, averages
-from .gradients import matrix_slopes, push_period, total_slopes
-from .objectives import Objective
+from .ensembles import ensemble_averages
+from .evaluation import Evaluation, EvaluationPlan
+from .gradients import PeriodDerivatives, matrix_slopes, push_period, total_slopes
 
-LANES = 32
+LANES_PER_CALL = 32
 """Most cases in one call."""
-PUSH = 8.0
-"""What a period with its derivatives by two parameters costs, in plain ones: measured."""
-SAME = 1.0
-"""Greatest distance of an orbit from the last known one to be its continuation, in multiples of the scales."""
-SHORTEST = 20
+SLOPES_COST = 8.0
+"""Cost of a period with its derivatives by two parameters, in unrecorded periods: measured."""
+SAME_ORBIT = 1.0
+"""Greatest distance of an orbit from a neighbour's to be its continuation, in multiples of the scales."""
+SHORTEST_TRANSIENT = 20
 """Fewest forcing periods from which it can be told that an orbit was reached."""
-ITERATIONS = 20
-"""Of Newton's method from a neighbour."""
+NEWTON_ITERATIONS = 20
+"""Most iterations of Newton's method."""
+LARGEST_GROWTH = 1e4
+"""Growth of a run's derivatives, over that of the first period, from which on they say nothing of averages."""
 
 
-class Judged(NamedTuple):
-    """Cases and their objectives, arrays with a leading axis of cases."""
-
-    status: Int[np.ndarray, " cases"]
-    """`Status` codes."""
-    period: Int[np.ndarray, " cases"]
-    """Forcing periods after which the motion recurs; 0 for motions that are not on a stable periodic orbit."""
-    multiplier: Float[np.ndarray, " cases"]
-    """Modulus of the orbit's largest Floquet multiplier over its period [1]; NaN without an orbit."""
-    state: Float[np.ndarray, "cases size"]
-    """All numbers of the state at the start of a forcing period."""
-    value: Float[np.ndarray, "cases objectives"]
-    """NaN for cases that left the rail or the finite numbers."""
-    gradient: Float[np.ndarray, "cases objectives parameters"]
-    stderr: Float[np.ndarray, "cases objectives"]
-    """Standard errors of the values: 0 on orbits."""
-    gradient_stderr: Float[np.ndarray, "cases objectives parameters"]
-    inverse: Float[np.ndarray, "cases size size"]
-    """Of I - P_x over the orbit; NaN without one."""
-    simulated: Float[np.ndarray, " cases"]
-    """Forcing periods that were simulated, derivatives counted by what they cost."""
-
-    @property
-    def regime(self) -> np.ndarray:
-        """In words: "period n", "irregular" or "lost"."""
-        words = [
-            "lost" if code != Status.FINITE else f"period {n}" if n else "irregular"
-            for code, n in zip(self.status, self.period, strict=True)
-        ]
-        return np.array(words)
-
-
-class Question(NamedTuple):
-    """What cases are judged by, and how."""
-
-    names: tuple[str, ...]
-    """Parameters by which objectives are differentiated."""
-    objectives: tuple[Objective, ...]
-    solver: diffrax.AbstractSolver
-    steps: int
-    """Per forcing period, the same for all cases, so that objectives have no jumps where it would change."""
-    transient: int = 200
-    """Forcing periods to pass from a start before an orbit is looked for."""
-
-    @property
-    def of_courses(self) -> tuple[AbstractNumber, ...]:
-        """The objectives that are made of courses."""
-        return tuple(one for one in self.objectives if isinstance(one, AbstractNumber))
-
-    def places(self, exponents: bool) -> list[int]:
-        """The places of exponents among the objectives, or of all others."""
-        return [k for k, one in enumerate(self.objectives) if isinstance(one, LargestExponent) == exponents]
-
-
-class Memory(NamedTuple):
-    """Where cases were when they were judged last."""
-
-    state: Float[np.ndarray, "cases size"]
-    period: Int[np.ndarray, " cases"]
-    inverse: Float[np.ndarray, "cases size size"]
-    """As of `Judged`."""
-
-
-def judge(
-    scene: Scene,
-    grid: Mapping[str, Any],
-    question: Question,
-    *,
-    reach: Mapping[str, float],
-    spread: Spread | None = Spread(),
-    start: Motion | State | None = None,
-    memory: Memory | None = None,
-    progress: bool = False,
-) -> Judged:
-    """Judges cases, on orbits or by ensembles.
-
-    **Arguments:** `reach`: how far ensembles' parameters are from the cases' [their SI units]; `spread`: None leaves
-    irregular cases without values; others as for `judge_on_orbits`.
-    """
-    found = judge_on_orbits(scene, grid, question, start=start, memory=memory, progress=progress)
-    irregular = np.flatnonzero((found.period == 0) & (found.status == Status.FINITE))
-    if spread is None or not len(irregular):
-        return found
-    some = {name: np.asarray(values)[irregular] for name, values in grid.items()}
-    first = scene.replace(**{name: values[0] for name, values in some.items()})
-    _, unravel = ravel_pytree(initial_state(first, table_2_start()))
-    starts = jax.vmap(unravel)(jnp.asarray(found.state[irregular])).motion
-    how: dict[str, Any] = dict(steps=question.steps, solver=question.solver, progress=progress)
-    more = averages(scene, some, question.names, reach, question.objectives, starts, spread, **how)
-    for name in ("value", "stderr", "gradient", "gradient_stderr"):
-        getattr(found, name)[irregular] = getattr(more, name)
-    found.status[irregular] = more.status
-    found.simulated[irregular] += more.simulated
-    return found
+def judge(plan: EvaluationPlan, grid: Mapping[str, Any], warm_start: Evaluation | None = None) -> Evaluation:
+    """Evaluates cases, on orbits or by ensembles. Arguments as for `judge_on_orbits`."""
+    evaluation = judge_on_orbits(plan, grid, warm_start)
+    index = evaluation.without_orbit
+    if len(index):
+        of_cases = {name: np.asarray(values)[index] for name, values in grid.items()}
+        evaluation.put(index, ensemble_averages(plan, of_cases, evaluation.take(index)))
+    return evaluation
 
 
 def judge_on_orbits(
-    scene: Scene,
-    grid: Mapping[str, Any],
-    question: Question,
-    *,
-    start: Motion | State | None = None,
-    memory: Memory | None = None,
-    progress: bool = False,
-) -> Judged:
-    """Judges cases on the stable periodic orbits that they settle to; irregular ones have values of NaN so far.
+    plan: EvaluationPlan, grid: Mapping[str, Any], warm_start: Evaluation | None = None
+) -> Evaluation:
+    """Evaluates cases on the stable periodic orbits that they settle to; values of the others are NaN.
 
-    **Arguments:** `grid`: values by name, read side by side, one case each; `memory`: where the cases were
-    with parameters near these: an orbit is followed from there if it is still stable, and otherwise the motion
-    settles anew from there.
+    **Arguments:** `grid`: values by name, one for each case; `warm_start`: an evaluation of the same cases with
+    parameters near these. Its orbits are followed where they are still stable; elsewhere the motion settles anew
+    from its states.
     """
-    options = RunOptions(0, 1, question.steps, None, question.solver)
-    plan = make_plan(Grid(scene, grid, product=False), table_2_start() if start is None else start, options)
-    plan, cases = plan.strobes(max(question.transient, SHORTEST)), plan.cases
-    size = min(LANES, -(-cases.count // cores()))
-    places = [np.arange(at, min(at + size, cases.count)) for at in range(0, cases.count, size)]
-    chunks = [Chunk(filled(some, size), len(some), question.steps) for some in places]
+    options = RunOptions(0, 1, plan.steps, None, plan.solver)
+    transient = make_plan(Grid(plan.scene, grid, product=False), plan.start, options)
+    transient, cases = transient.strobes(max(plan.transient, SHORTEST_TRANSIENT)), transient.cases
+    size = min(LANES_PER_CALL, -(-cases.count // cores()))
+    parts = [np.arange(at, min(at + size, cases.count)) for at in range(0, cases.count, size)]
+    chunks = [Chunk(filled(index, size), len(index), plan.steps) for index in parts]
 
-    def work(chunk: Chunk, on_progress: OnProgress) -> Judged:
+    def work(chunk: Chunk, on_progress: OnProgress) -> Evaluation:
         scenes, starts = cases.take(chunk.index)
-        states = initial_states(scenes, starts)
-        known = None if memory is None else Memory(*(of_cases[chunk.index] for of_cases in memory))
-        return _Batch(scenes, states, question, on_progress).judged(plan, known)
+        batch = _Batch(plan, scenes, initial_states(scenes, starts), on_progress)
+        return batch.evaluated(transient, None if warm_start is None else warm_start.take(chunk.index))
 
-    periods = (0 if memory is not None else plan.cost) + 2 * JACOBIAN + 2 * PUSH
-    run = run_chunks(chunks, min(cores(), len(chunks)), work, cost=periods, progress=progress, name="orbits")
+    cost = (transient.cost if warm_start is None else 0) + 2 * JACOBIAN + 2 * SLOPES_COST
+    run = run_chunks(chunks, min(cores(), len(chunks)), work, cost=cost, progress=False)
     return run.checked(lambda: run.results)
 
 
-class _Batch:
-    """Cases of a chunk while they are judged."""
+def judge_run(plan: EvaluationPlan, periods: int) -> tuple[Evaluation, float]:
+    """Evaluates the plan's scene along a run of some forcing periods from the start, by forward mode.
 
-    def __init__(self, scenes: Batched[Scene], states: State, question: Question, on_progress: OnProgress):
-        self.scenes, self.states, self.question, self.on_progress = scenes, states, question, on_progress
-        self.rows = rows_of(states)
-        self.count = len(self.rows)
-        self.simulated = np.zeros(self.count)
+    **Returns:** the evaluation, and the growth of the derivatives from the first period to the last [1].
 
-    def maps(self, period: np.ndarray) -> Maps:
-        q = self.question
-        return Maps(self.scenes, self.states, q.steps, q.solver, period, self._hear)
-
-    def _hear(self, periods: float) -> None:
-        self.on_progress(periods)
-
-    def judged(self, plan: Any, known: Memory | None) -> Judged:
-        period, orbits = np.zeros(self.count, int), None
-        if known is not None:
-            there = np.all(np.isfinite(known.state), axis=1)
-            self.rows[there] = known.state[there]
-            # the gaps have changed with the parameters: a memory that agrees with them
-            self.rows = self.maps(period).settled(np.arange(self.count), self.rows, self.rows)
-            orbits, period = self._followed(np.where(there, known.period, 0), known.inverse)
-        left = np.flatnonzero(period == 0)
-        status = np.zeros(self.count, int)
-        if len(left):
-            status[left], period[left] = self._settled(plan, left)
-            again = np.where(np.isin(np.arange(self.count), left), period, 0)
-            found = self._orbits(again)
-            ok = (found.status == Status.FINITE) & found.stable
-            period[left] = np.where(ok[left], period[left], 0)
-            orbits = found if orbits is None else _merged(orbits, found, left)
-        assert orbits is not None
-        taken = period > 0
-        self.rows[taken] = rows_of(orbits.state)[taken]
-        shape = self.count, len(self.question.objectives)
-        value, gradient = np.full(shape, np.nan), np.full((*shape, len(self.question.names)), np.nan)
-        if taken.any() and self.question.names:
-            value[taken], gradient[taken] = self._gradients(np.flatnonzero(taken), period, orbits.inverse)
-        return Judged(
-            status,
-            period,
-            np.where(taken, np.abs(orbits.multipliers[:, 0]), np.nan),
-            self.rows,
-            value,
-            gradient,
-            np.where(taken[:, None], 0.0, np.nan) * np.ones(shape),
-            np.where(taken[:, None, None], 0.0, np.nan) * np.ones_like(gradient),
-            np.where(taken[:, None, None], orbits.inverse, np.nan),
-            self.simulated,
-        )
-
-    def _orbits(self, period: np.ndarray, inverse: np.ndarray | None = None) -> Any:
-        q = self.question
-        options: dict[str, Any] = dict(solver=q.solver, tolerance=TOLERANCE, max_iterations=ITERATIONS)
-        states = self.maps(period).states(self.rows)
-        options |= dict(period=period, inverse=inverse, on_progress=self._hear)
-        found = find_orbits(self.scenes, states, q.steps, **options)
-        self.simulated += period * (found.iterations + JACOBIAN * found.jacobians)
-        return found
-
-    def _followed(self, period: np.ndarray, inverse: np.ndarray) -> tuple[Any, np.ndarray]:
-        """Orbits near the last known ones, and their periods, 0 where there is none that is stable."""
-        found = self._orbits(period, inverse)
-        rows = rows_of(found.state)
-        weights = self.maps(period).weights(np.arange(self.count), rows)[:, : len(MOTION_NUMBERS)]
-        near = np.max(np.abs(weights * (rows - self.rows)[:, : len(MOTION_NUMBERS)]), axis=1) <= SAME
-        ok = (found.status == Status.FINITE) & found.stable & near
-        return found, np.where(ok, period, 0)
-
-    def _settled(self, plan: Any, left: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Simulates cases until they have settled: their statuses, and the periods of orbits that they reached."""
-        index = filled(left, min(LANES, self.count))
-        scenes, states = self.scenes.take(index), self.maps(np.zeros(self.count, int)).states(self.rows[index])
-        run = run_chunk(plan, scenes, states, self.question.steps, self.on_progress)
-        found = reached_orbits(
-            scenes,
-            jax.tree.map(np.asarray, run.state),
-            run.record[0][:, -200:],
-            self.question.steps,
-            solver=self.question.solver,
-            count=1,
-            half_step=False,
-            wanted=run.status == Status.FINITE,
-            on_progress=self.on_progress,
-        )
-        self.simulated[left] += plan.cost + np.where(found.period, JACOBIAN, 0)[: len(left)]
-        self.rows[left] = rows_of(found.state)[: len(left)]
-        return run.status[: len(left)], found.period[: len(left)]
-
-    def _gradients(self, index: np.ndarray, period: np.ndarray, inverse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Objectives on the orbits of some cases, and their derivatives."""
-        q = self.question
-        by_p = self._pushed(index, period, np.zeros((self.count, len(q.names), self.rows.shape[1])))[-1].moved
-        moved = np.einsum("cij,ckj->cki", inverse, by_p)
-        stretches = self._pushed(index, period, moved)
-        shape = len(index), len(q.objectives)
-        value, gradient = np.zeros(shape), np.zeros((*shape, len(q.names)))
-        for row, k in enumerate(index):
-            own = stretches[: period[k]]
-            kept = jax.tree.map(lambda *a, k=k: np.stack([x[k] for x in a])[None], *(s.kept for s in own))
-            slopes = jax.tree.map(lambda *a, k=k: np.stack([x[k] for x in a], axis=1)[None], *(s.slopes for s in own))
-            if not q.of_courses:
-                continue
-            found = total_slopes(q.of_courses, kept, slopes)
-            value[row, q.places(False)], gradient[row, q.places(False)] = (
-                np.asarray(found[0])[0],
-                np.asarray(found[1])[0],
+    **Raises:** `ValueError` where they grow by `LARGEST_GROWTH` or more.
+    """
+    states = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], initial_state(plan.scene, plan.start))
+    batch, index = _Batch(plan, Batched(None, plan.scene), states, lambda _: None), np.zeros(1, int)
+    run, spans, sizes, scales = batch.cases, [], [], np.array(jax.tree.leaves(MOTION_SCALES))
+    run.period[:], run.simulated[:], run.stderr[:], run.gradient_stderr[:] = periods, periods * SLOPES_COST, 0.0, 0.0
+    for span in batch.pushed(index, np.zeros((1, len(plan.names), run.state.shape[1]))):
+        spans.append(span)
+        sizes.append(np.max(np.abs(span.after.end_slopes[0, :, : len(scales)] / scales), axis=1))
+        growth = float(np.max(sizes[-1] / np.maximum(sizes[0], 1e-300)))
+        if not growth < LARGEST_GROWTH:
+            raise ValueError(
+                f"Argument `periods` must be fewer here, but is {periods}: after {len(spans)} the derivatives along "
+                f"the run have grown {growth:.1g}-fold, and say nothing of averages; method='ensemble' does."
             )
-        if q.places(True):
-            exponent, slope = self._exponents(index, period, stretches)
-            value[:, q.places(True)], gradient[:, q.places(True)] = exponent[:, None], slope[:, None]
-        self.simulated[index] += 2 * PUSH * period[index]
+    value, gradient = batch.totals(index, spans)
+    return run._replace(period=np.zeros(1, int), state=spans[-1].after.end, value=value, gradient=gradient), growth
+
+
+class _Span(NamedTuple):
+    """A forcing period of a batch and its derivatives by parameters; arrays with a leading axis of lanes."""
+
+    begin: np.ndarray
+    """All numbers of the states at its start, (lanes, size)."""
+    begin_slopes: np.ndarray
+    """Their derivatives, (lanes, parameters, size)."""
+    after: PeriodDerivatives
+
+
+class _Batch:
+    """Cases of a chunk while they are evaluated."""
+
+    def __init__(self, plan: EvaluationPlan, scenes: Batched[Scene], states: State, on_progress: OnProgress):
+        self.plan, self.scenes, self.states, self.on_progress = plan, scenes, states, on_progress
+        self.cases = Evaluation.of_states(plan, rows_of(states))
+        self.count = len(self.cases.status)
+
+    def evaluated(self, transient: Plan, warm_start: Evaluation | None) -> Evaluation:
+        """Returns the evaluation, on the orbits of the cases that have one."""
+        cases = self.cases
+        if warm_start is not None:
+            self._follow(warm_start)
+        if not np.all(cases.period):
+            self._settle(np.flatnonzero(cases.period == 0), transient)
+        index = np.flatnonzero(cases.period)
+        if len(index) and self.plan.names:
+            cases.value[index], cases.gradient[index] = self._on_orbits(index)
+        cases.stderr[index], cases.gradient_stderr[index] = 0.0, 0.0
+        return cases
+
+    def _maps(self, period: np.ndarray) -> Maps:
+        return Maps(self.scenes, self.states, self.plan.steps, self.plan.solver, period, self.on_progress)
+
+    def _orbits(self, period: np.ndarray, inverse: np.ndarray | None = None) -> Orbits:
+        """Finds periodic orbits near the states, of cases whose `period` is not 0."""
+        options: dict[str, Any] = dict(solver=self.plan.solver, tolerance=TOLERANCE, max_iterations=NEWTON_ITERATIONS)
+        options |= dict(period=period, inverse=inverse, on_progress=self.on_progress)
+        orbits = find_orbits(self.scenes, self._maps(period).states(self.cases.state), self.plan.steps, **options)
+        self.cases.simulated[:] += period * (orbits.iterations + JACOBIAN * orbits.jacobians)
+        return orbits
+
+    def _adopt(self, orbits: Orbits, period: np.ndarray) -> None:
+        """Takes the stable ones of the orbits of cases whose `period` is not 0 as their motions."""
+        cases, stable = self.cases, (period > 0) & (orbits.status == Status.FINITE) & orbits.stable
+        cases.period[stable], cases.kind[stable] = period[stable], Regime.PERIODIC
+        cases.state[stable], cases.inverse[stable] = rows_of(orbits.state)[stable], orbits.inverse[stable]
+        cases.multiplier[stable] = np.abs(orbits.multipliers[stable, 0])
+
+    def _follow(self, warm_start: Evaluation) -> None:
+        """Follows the orbits of a warm start to these parameters."""
+        state, every = self.cases.state, np.arange(self.count)
+        finite = np.all(np.isfinite(warm_start.state), axis=1)
+        state[finite] = warm_start.state[finite]
+        # gaps change with the parameters, so that the contacts' memory must be made to agree with them
+        state[:] = self._maps(self.cases.period).settled(every, state, state)
+        period = np.where(finite, warm_start.period, 0)
+        orbits = self._orbits(period, warm_start.inverse)
+        rows = rows_of(orbits.state)
+        weights = self._maps(period).weights(every, rows)[:, : len(MOTION_NUMBERS)]
+        near = np.max(np.abs(weights * (rows - state)[:, : len(MOTION_NUMBERS)]), axis=1) <= SAME_ORBIT
+        self._adopt(orbits, np.where(near, period, 0))
+
+    def _settle(self, index: np.ndarray, transient: Plan) -> None:
+        """Simulates cases until they have settled, and finds the orbits that they have reached."""
+        cases, steps, count = self.cases, self.plan.steps, len(index)
+        lanes = filled(index, min(LANES_PER_CALL, self.count))
+        scenes, states = self.scenes.take(lanes), self._maps(cases.period).states(cases.state[lanes])
+        run = run_chunk(transient, scenes, states, steps, self.on_progress)
+        strobe = run.record[0][:, -LAST:]
+        ends = jax.tree.map(np.asarray, run.state)
+        options: dict[str, Any] = dict(solver=self.plan.solver, count=1, half_step=False)
+        options |= dict(wanted=run.status == Status.FINITE, on_progress=self.on_progress)
+        reached = reached_orbits(scenes, ends, strobe, steps, **options)
+        cases.simulated[index] += transient.cost + np.where(reached.period, JACOBIAN, 0)[:count]
+        cases.state[index], cases.status[index] = rows_of(reached.state)[:count], run.status[:count]
+        period = np.zeros(self.count, int)
+        period[index] = reached.period[:count]
+        if period.any():
+            self._adopt(self._orbits(period), period)
+        others = np.flatnonzero(cases.period[index] == 0)
+        if len(others):
+            kinds = classify(strobe[others], scales=COORDINATE_SCALES, floor=FLOOR).kind
+            # recurrence without a stable orbit is a contradiction
+            kinds = np.where(kinds == "period", "unresolved", kinds)
+            cases.kind[index[others]] = [Regime.of_kind(word) for word in kinds.tolist()]
+
+    def _on_orbits(self, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Computes objectives on the orbits of the cases at `index`, and their derivatives."""
+        plan, cases = self.plan, self.cases
+        slopes = np.zeros((self.count, len(plan.names), cases.state.shape[1]))
+        spans = list(self.pushed(index, slopes))
+        for lane in index:
+            slopes[lane] = spans[cases.period[lane] - 1].after.end_slopes[lane]
+        spans = list(self.pushed(index, np.einsum("cij,ckj->cki", cases.inverse, slopes)))
+        value, gradient = self.totals(index, spans)
+        exponents = plan.indices(exponents=True)
+        if exponents:
+            exponent, slope = self._exponents(index, spans)
+            value[:, exponents], gradient[:, exponents] = exponent[:, None], slope[:, None]
+        cases.simulated[index] += 2 * SLOPES_COST * cases.period[index]
         return value, gradient
 
-    def _pushed(self, index: np.ndarray, period: np.ndarray, moved: np.ndarray) -> list["_Stretch"]:
-        """The forcing periods along the orbits of some cases, while their starts move."""
-        q, rows = self.question, self.rows
-        stepping = dynamic_steps(q.steps, inside=True)
-        options: dict[str, Any] = dict(names=q.names, objectives=q.of_courses, solver=q.solver)
-        maps, found = self.maps(period), []
-        for epoch in range(int(period[index].max())):
-            going = index[period[index] > epoch]
-            more = filled(going, self.count)
-            at = self.scenes.take(more), maps.states(rows[more]), jnp.asarray(moved[more])
-            pushed = push_period(*at, float(epoch), stepping, **options)
-            ends, then = rows.copy(), moved.copy()
-            ends[going], then[going] = (np.asarray(a)[: len(going)] for a in (pushed.end, pushed.moved))
-            of_cases = lambda a, going=going: _spread_out(np.asarray(a)[: len(going)], going, self.count)
-            kept, slopes = jax.tree.map(of_cases, (pushed.kept, pushed.slopes))
-            found.append(_Stretch(rows, moved, then, kept, slopes))
-            rows, moved = ends, then
-            self.on_progress(PUSH * len(going) / self.count)
-        return found
+    def pushed(self, index: np.ndarray, slopes: np.ndarray) -> Iterator[_Span]:
+        """Yields the forcing periods of the cases at `index`, as many as their `period`.
 
-    def _exponents(
-        self, index: np.ndarray, period: np.ndarray, stretches: list["_Stretch"]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """ln |largest multiplier| per period on the orbits of some cases, and its derivatives."""
-        q, maps = self.question, self.maps(period)
-        matrices = maps.jacobians(index, self.rows[index])
-        slopes: dict[int, list] = {int(k): [] for k in index}
-        for epoch, stretch in enumerate(stretches):
-            going = index[period[index] > epoch]
-            more = filled(going, self.count)
-            at = self.scenes.take(more), maps.states(stretch.begin[more]), jnp.asarray(stretch.begins[more])
-            options: dict[str, Any] = dict(names=q.names, solver=q.solver)
-            found = np.asarray(matrix_slopes(*at, float(epoch), dynamic_steps(q.steps), **options))
-            for place, k in enumerate(going):
-                slopes[int(k)].append(found[place])
-        self.simulated[index] += (1 + 2 * len(q.names)) * JACOBIAN * period[index]
-        pairs = [_exponent(m, np.stack(slopes[int(k)])) for k, m in zip(index, matrices, strict=True)]
+        **Arguments:** `slopes`: derivatives of the states at the start, (lanes, parameters, size).
+        """
+        plan, period = self.plan, self.cases.period
+        stepping, maps = dynamic_steps(plan.steps, inside=True), self._maps(period)
+        options: dict[str, Any] = dict(names=plan.names, objectives=plan.of_courses, solver=plan.solver)
+        scenes, lanes = self._lanes(index)
+        rows, slopes = self.cases.state[lanes], slopes[lanes]
+        for epoch in range(int(period[index].max())):
+            after = push_period(scenes, maps.states(rows), jnp.asarray(slopes), float(epoch), stepping, **options)
+            after = jax.tree.map(np.asarray, after)
+            yield _Span(rows, slopes, after)
+            rows, slopes = after.end, after.end_slopes
+            self.on_progress(SLOPES_COST)
+
+    def _lanes(self, index: np.ndarray) -> tuple[Batched[Scene], np.ndarray]:
+        """Scenes and indices of a batch in which the last case at `index` stands for the cases elsewhere."""
+        lanes = np.full(self.count, index[-1])
+        lanes[index] = index
+        return self.scenes.take(lanes), lanes
+
+    def totals(self, index: np.ndarray, spans: Sequence[_Span]) -> tuple[np.ndarray, np.ndarray]:
+        """Computes objectives of the cases at `index` over their periods, and their derivatives; exponents are 0."""
+        plan = self.plan
+        value = np.zeros((len(index), len(plan.objectives)))
+        gradient, courses = np.zeros((*value.shape, len(plan.names))), plan.indices(exponents=False)
+        if courses:
+            for row, lane in enumerate(index):
+                of_lane = lambda *arrays, axis, lane=lane: np.stack([a[lane] for a in arrays], axis=axis)[None]
+                own = spans[: int(self.cases.period[lane])]
+                # periods lie along axis 0 of a case's values and axis 1 of their derivatives
+                kept = jax.tree.map(functools.partial(of_lane, axis=0), *(span.after.kept for span in own))
+                slopes = jax.tree.map(functools.partial(of_lane, axis=1), *(span.after.kept_slopes for span in own))
+                totals = total_slopes(plan.of_courses, kept, slopes)
+                value[row, courses], gradient[row, courses] = (np.asarray(array)[0] for array in totals)
+        return value, gradient
+
+    def _exponents(self, index: np.ndarray, spans: Sequence[_Span]) -> tuple[np.ndarray, np.ndarray]:
+        """Computes ln |largest multiplier| per period on the orbits of the cases at `index`, and its derivatives."""
+        plan, period = self.plan, self.cases.period
+        maps, stepping, (scenes, _) = self._maps(period), dynamic_steps(plan.steps), self._lanes(index)
+        matrices = maps.jacobians(index, self.cases.state[index])
+        slopes = []
+        for epoch, span in enumerate(spans):
+            at = scenes, maps.states(span.begin), jnp.asarray(span.begin_slopes), float(epoch), stepping
+            slopes.append(np.asarray(matrix_slopes(*at, names=plan.names, solver=plan.solver)))
+        self.cases.simulated[index] += (1 + 2 * len(plan.names)) * JACOBIAN * period[index]
+        of_case = lambda lane: np.stack([of_period[lane] for of_period in slopes[: int(period[lane])]])
+        pairs = [_exponent(m, of_case(lane)) for lane, m in zip(index, matrices, strict=True)]
         return np.array([value for value, _ in pairs]), np.array([slope for _, slope in pairs])
 
 
-class _Stretch(NamedTuple):
-    """A forcing period of a batch, arrays with a leading axis of cases."""
-
-    begin: np.ndarray
-    """All numbers of the states at its start."""
-    begins: np.ndarray
-    """Their derivatives by the parameters."""
-    moved: np.ndarray
-    """Those at its end."""
-    kept: Any
-    slopes: Any
-
-
-def _spread_out(some: np.ndarray, index: np.ndarray, count: int) -> np.ndarray:
-    found = np.full((count, *some.shape[1:]), np.nan)
-    found[index] = some
-    return found
-
-
 def _exponent(matrices: np.ndarray, slopes: np.ndarray) -> tuple[float, np.ndarray]:
-    """ln |largest multiplier| per period of successive Jacobians (periods, size, size), and its derivatives.
+    """Computes ln |largest multiplier| per period of successive Jacobians (periods, size, size), and its derivatives.
 
     **Arguments:** `slopes`: derivatives of the Jacobians (periods, parameters, size, size).
     """
     count, size = matrices.shape[:2]
-    whole, moved = np.eye(size), np.zeros((slopes.shape[1], size, size))
+    product, change = np.eye(size), np.zeros((slopes.shape[1], size, size))
     for matrix, slope in zip(matrices, slopes, strict=True):
-        whole, moved = matrix @ whole, matrix @ moved + slope @ whole
-    mu, left, right = scipy.linalg.eig(whole, left=True, right=True)  # pyright: ignore[reportAssignmentType]
+        product, change = matrix @ product, matrix @ change + slope @ product
+    mu, left, right = scipy.linalg.eig(product, left=True, right=True)  # pyright: ignore[reportAssignmentType]
     k = int(np.argmax(np.abs(mu)))
     w, v = left[:, k].conj(), right[:, k]
-    change = np.einsum("i,pij,j->p", w, moved, v) / (w @ v)
-    return float(np.log(np.abs(mu[k])) / count), np.real(change / mu[k]) / count
-
-
-def _merged(first: Any, second: Any, index: np.ndarray) -> Any:
-    """Orbits, those of some cases replaced by others."""
-
-    def put(a: Any, b: Any) -> np.ndarray:
-        found = np.array(a)
-        found[index] = np.asarray(b)[index]
-        return found
-
-    return jax.tree.map(put, first, second)
+    mu_slope = np.einsum("i,pij,j->p", w, change, v) / (w @ v)
+    return float(np.log(np.abs(mu[k])) / count), np.real(mu_slope / mu[k]) / count

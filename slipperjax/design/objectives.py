@@ -12,7 +12,7 @@ Objective = AbstractNumber | LargestExponent
 
 
 def _scalar(record: AbstractNumber) -> AbstractNumber:
-    """A record as one number: the greatest or least of all points."""
+    """Returns a record as one number: the greatest or least of all points."""
     of_points = isinstance(record, Record) and record.dims == POINTS and record.over in ("max", "min")
     return OnePoint(record) if of_points else record
 
@@ -31,25 +31,25 @@ OBJECTIVES: dict[str, Objective] = {name: _scalar(RECORDS[name]) for name in _NA
 """Objectives by name; with a point behind, such as peak_force_A1, of one contact point."""
 
 
-def objective_named(given: Any) -> Objective:
-    """An objective from a record, its name, or a function of a course, of which the mean over periods is taken.
+def objective_named(objective: Any) -> Objective:
+    """Returns the objective of a name, a record, or a function of a course, averaged over periods.
 
     **Raises:** `ValueError` for anything else, with the names.
     """
-    if isinstance(given, LargestExponent):
-        return given
-    if isinstance(given, AbstractNumber) and not (found := _scalar(given)).dims:
-        return found
-    if isinstance(given, str):
-        of_point = [n for n in _NAMES if RECORDS[n].dims == POINTS and given.startswith(f"{n}_")]
-        if of_point:
-            return OnePoint(RECORDS[of_point[0]], given.removeprefix(f"{of_point[0]}_"))
-        if given in OBJECTIVES:
-            return OBJECTIVES[given]
-    if callable(given) and not isinstance(given, type):
-        name = getattr(given, "__name__", "functional").strip("<>")
-        return Record(Quantity(name, "1", name), given, "mean")
+    if isinstance(objective, LargestExponent):
+        return objective
+    if isinstance(objective, AbstractNumber) and not _scalar(objective).dims:
+        return _scalar(objective)
+    if isinstance(objective, str):
+        if objective in OBJECTIVES:
+            return OBJECTIVES[objective]
+        for name in _NAMES:
+            if RECORDS[name].dims == POINTS and objective.startswith(f"{name}_"):
+                return OnePoint(RECORDS[name], objective.removeprefix(f"{name}_"))
+    if callable(objective) and not isinstance(objective, type):
+        name = getattr(objective, "__name__", "functional").strip("<>")
+        return Record(Quantity(name, "1", name), objective, "mean")
     raise ValueError(
         f"Argument `objective` must be one of {', '.join(OBJECTIVES)}, a record of one number, or a function of a "
-        f"course, but is {brief(given)}."
+        f"course, but is {brief(objective)}."
     )

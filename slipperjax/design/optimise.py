@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import diffrax
 import numpy as np
@@ -13,7 +13,6 @@ import xarray as xr
 
 from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.status import Interrupted
-from ..model.dang2024 import table_2_start
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.paths import parameter
@@ -21,9 +20,8 @@ from ..model.quantities import Quantity
 from ..model.scene import Scene
 from ..tools.checks import instance, whole, yes_or_no
 from ..tools.files import write_whole
-from .ensembles import Spread
-from .judge import Judged, Memory
-from .methods import AbstractMethod, AbstractMove, Step, TrustRegion, inside
+from .evaluation import EnsembleSettings, Evaluation
+from .methods import AbstractMethod, AbstractMove, CaseValues, TrustRegion, inside
 from .objectives import Objective
 from .problem import Problem, checked_problem, first_designs
 
@@ -31,45 +29,48 @@ SAME_DESIGN = 0.02
 """Distance within which two optima are one [unit box]."""
 SAME_VALUE = 0.005
 """Relative difference of objectives within which two optima are equally good [1]."""
-ACTIVE = 1e-3
+ACTIVE_CASE = 1e-3
 """Relative distance from the worst case within which cases count as worst [1]."""
+VIOLATED = 1e-6
+"""Violation from which a design counts as infeasible, in multiples of the limit."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Design:
-    """An optimal design, as far as it was found, with what was tried on the way."""
+    """An optimal design, as far as the search went, and the trials on the way."""
 
     problem: Problem
     design: dict[str, float]
     """The best design: values by name [their SI units]."""
     objective: float
-    """The objective there [its unit], worst case or mean; hard, where its smooth form was descended on."""
+    """The objective there [its unit], in the worst case or the mean."""
     smooth: float
-    """Its smooth form, which was minimised."""
+    """Its smooth form, which was minimised [its unit]."""
     stderr: float
     """Standard error of `smooth` [its unit]: 0 on orbits."""
     gradient_norm: float
-    """Relative change of the objective across the unit box, of the coordinates that are not at a bound [1]; for
-    worst cases, of the best combination of the cases' derivatives that are within 0.1 % of the worst."""
+    """Relative change of `smooth` across the unit box, along the variables that are not at a bound [1]; for a worst
+    case, of the best combination of the derivatives of the cases within 0.1 % of the worst."""
     cases: xr.Dataset
     """Over the cases: `objective`, `smooth`, their standard errors `objective_stderr` and `stderr`, `gradient` of
     `smooth` by variable and `gradient_stderr`, `regime`, `multiplier`, `status`, `constraint`."""
     starts: xr.Dataset
-    """Over the starts: where each began and ended, and its objective."""
+    """Over the starts: first and last design, and objective, violation and convergence of the last."""
     history: xr.Dataset
     """Along `trial`: start, design, smooth objective, violation, whether it was taken, objective and regime in each
     case, and forcing periods simulated until then."""
     status: str
-    """What became of it: "converged", "not converged", "infeasible" or "no motion"."""
+    """One of "converged", "not converged", "infeasible" and "no motion"."""
 
     @property
     def regime(self) -> np.ndarray:
-        """The regime in each case, in words."""
+        """The kind of motion in each case, in words: "period n", another one of `slipperjax.analysis.KINDS`, or
+        "lost"."""
         return self.cases["regime"].values
 
     @property
     def simulated(self) -> float:
-        """Forcing periods that were simulated in all, derivatives counted by what they cost."""
+        """Simulated forcing periods in all, derivatives counted by their cost."""
         return float(self.history["simulated"].values[-1])
 
     @property
@@ -82,15 +83,13 @@ class Design:
 
     def __repr__(self) -> str:
         problem, q = self.problem, self.problem.objective.quantity
-        known = {name: parameter(name, problem.scene) for name in problem.names}
-        at = ", ".join(
-            f"{name} {known[name].shown(v):.5g} {known[name].display_unit}" for name, v in self.design.items()
-        )
+        variables = [(parameter(name, problem.scene), value) for name, value in self.design.items()]
+        at = ", ".join(f"{one.name} {one.shown(value):.5g} {one.display_unit}" for one, value in variables)
         words, counts = np.unique(self.regime, return_counts=True)
-        many = "worst" if problem.robust == "worst" else "mean"
-        of = f"{many} of {problem.count} cases" if problem.count > 1 else "one case"
+        cases = f"{problem.robust} of {problem.count} cases" if problem.count > 1 else "one case"
         return (
-            f"Design({at},\n  {q.name} {q.shown(self.objective):.5g} {q.display_unit}, {of}, status: {self.status},\n"
+            f"Design({at},\n  {q.name} {q.shown(self.objective):.5g} {q.display_unit}, {cases}, "
+            f"status: {self.status},\n"
             f"  regimes: {', '.join(f'{n} x {w}' for w, n in zip(words, counts, strict=True))},\n"
             f"  {self.history.sizes['trial']} trials from {self.starts.sizes['start']} starts, "
             f"{self.simulated:.3g} forcing periods)"
@@ -102,17 +101,43 @@ class Design:
         return self.problem.scene.replace(**self.design)
 
     def to_xarray(self, margins: xr.Dataset | None = None) -> xr.Dataset:
-        """One dataset for files and pictures: `cases` as they are, `starts` and `history` with the prefixes start_
-        and trial_, `design` with its bounds `low` and `high`, and scene, call and outcome as attributes.
+        """Returns one dataset for files and pictures: `cases` as they are, `starts` and `history` with the prefixes
+        start_ and trial_, `design` with its bounds `low` and `high`, and scene, call and outcome as attributes.
 
         **Arguments:** `margins`: of `event_margins`, kept with the prefix margin_.
         """
-        outcome = ("objective", "smooth", "stderr", "gradient_norm", "status", "several")
-        summary = {name: getattr(self, name) for name in outcome}
-        tables = {"": self.cases, "start": self.starts, "trial": self.history}
-        if margins is not None:
-            tables["margin"] = margins
-        return _merged(self.problem, self.scene, self.design, tables, summary)
+        problem, plan, names = self.problem, self.problem.plan, self.problem.names
+        tables = {"start": self.starts, "trial": self.history} | ({} if margins is None else {"margin": margins})
+        renamed = [ds.rename({name: f"{prefix}_{name}" for name in ds.data_vars}) for prefix, ds in tables.items()]
+        words = lambda text: {"long_name": f"{text}, in the unit of each variable"}
+        units = [parameter(name, problem.scene).unit for name in names]
+        variables = xr.Dataset(
+            {
+                "design": ("variable", [self.design[name] for name in names], words("best design")),
+                "low": ("variable", problem.low, words("lower bound")),
+                "high": ("variable", problem.low + problem.width, words("upper bound")),
+            },
+            {"variable": list(names), "variable_unit": ("variable", units)},
+        )
+        finite = lambda v: v if math.isfinite(v) else None
+        call = {
+            "function": "optimise_design",
+            "objective": problem.objective.name,
+            "variables": [[name, *bounds] for name, bounds in problem.bounds.items()],
+            "over": [[name, values] for name, values in problem.over.items()],
+            "robust": problem.robust,
+            "constraints": [[c.objective.name, finite(c.low), finite(c.high)] for c in problem.constraints],
+            "periodic": problem.periodic,
+            "transient": plan.transient,
+            "steps_per_period": plan.steps,
+            "solver": plan.solver,
+            "ensemble": list(plan.ensemble),
+        }
+        attrs = scene_attributes(self.scene, without=(*problem.over, *names))
+        attrs |= run_attributes(self.scene, plan.start, call, tuple(problem.over)) | {"robust": problem.robust}
+        attrs |= {name: getattr(self, name) for name in ("objective", "smooth", "stderr", "gradient_norm", "status")}
+        ds = xr.merge([variables, self.cases, *renamed], join="exact", compat="equals")
+        return ds.assign_attrs(attrs | {"several": np.int8(self.several)})
 
     def to_netcdf(self, path: Any) -> None:
         """Writes `to_xarray()`, whole or not at all; `load_scene` reads the best design's scene from it."""
@@ -132,7 +157,7 @@ def optimise_design(
     method: AbstractMethod | None = None,
     max_trials: int = 60,
     transient: int = 200,
-    spread: Spread = Spread(),
+    ensemble: EnsembleSettings = EnsembleSettings(),
     steps_per_period: int | None = None,
     solver: diffrax.AbstractSolver | str | None = None,
     start: Motion | State | None = None,
@@ -143,7 +168,7 @@ def optimise_design(
 
     Each case of each trial is judged on the stable periodic orbit that it settles to, which is followed from trial to
     trial, with exact derivatives. Where there is none, an ensemble of runs gives value and slope with their standard
-    errors. So a trial costs some hundred forcing periods a case, whatever the number of variables.
+    errors.
 
     **Arguments:**
 
@@ -157,64 +182,66 @@ def optimise_design(
         spread by a Latin hypercube of `seed`; or the designs themselves, as mappings.
     - `method`: how designs move, default `TrustRegion()`; `Descent(...)` takes an optimiser of optax. `max_trials`:
         of each start.
-    - `transient`: forcing periods to pass before an orbit is looked for; `start`: as for `simulate`; `spread`: how
-        ensembles are made.
+    - `transient`: forcing periods before an orbit is looked for; `start`: as for `simulate`; `ensemble`: sizes of
+        ensembles.
     - `steps_per_period`: the same for all, by default the most that a corner of the box needs; `solver`: as for
         `simulate`.
-    - `progress`: shows where the search is.
+    - `progress`: shows a bar.
 
     **Returns:** a `Design`; look at its `status`.
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C,
     with the best design until then as its `result`.
     """
-    problem = checked_problem(
-        scene,
-        objective,
-        variables,
-        over=over,
-        robust=robust,
-        constraints=constraints,
-        periodic=periodic,
-        transient=transient,
-        spread=spread,
-        steps=steps_per_period,
-        solver=solver,
-        start=start,
-    )
-    method = (
-        TrustRegion() if method is None else instance("method", method, AbstractMethod, "a slipperjax.design method")
-    )
+    options = dict(over=over, robust=robust, constraints=constraints, periodic=periodic, transient=transient)
+    options |= dict(ensemble=ensemble, steps=steps_per_period, solver=solver, start=start)
+    problem = checked_problem(scene, objective, variables, **options)
+    method = TrustRegion() if method is None else method
+    instance("method", method, AbstractMethod, "a slipperjax.design method")
     limit = whole("max_trials", max_trials, 1)
-    first = first_designs(problem, starts, whole("seed", seed, 0))
-    search = _Search(problem, method, first, yes_or_no("progress", progress))
+    designs = first_designs(problem, starts, whole("seed", seed, 0))
+    search = _Search(problem, method, designs, yes_or_no("progress", progress))
     try:
         search.begin()
-        while search.moving and search.trials < limit:
+        while search.moving and search.rounds < limit:
             search.go_on()
     except KeyboardInterrupt:
-        best = search.result() if search.moves else None
-        raise Interrupted(best, len(search.rows), unit="trials") from None
+        best = search.result() if search.trials else None
+        raise Interrupted(best, len(search.trials), unit="trials") from None
     finally:
         search.close()
     return search.result()
 
 
+class Trial(NamedTuple):
+    """A design that was tried: a row of `Design.history`."""
+
+    start: int
+    """Index of the start that it belongs to."""
+    at: np.ndarray
+    """The design [unit box]."""
+    values: CaseValues
+    evaluation: Evaluation
+    taken: bool
+    simulated: float
+    """Forcing periods simulated by all trials until then."""
+
+
 class _Search:
     """Several starts on their way, judged together."""
 
-    def __init__(self, problem: Problem, method: AbstractMethod, first: np.ndarray, shown: bool):
-        self.problem, self.method, self.first = problem, method, first
+    def __init__(self, problem: Problem, method: AbstractMethod, designs: np.ndarray, shown: bool):
+        self.problem, self.method, self.designs = problem, method, designs
         self.moves: list[AbstractMove] = []
-        self.judged: list[Judged] = []
-        self.rows: list[dict[str, Any]] = []
-        self.trials, self.simulated, self.bar = 0, 0.0, None
+        self.trials: list[Trial] = []
+        self.rounds, self.simulated, self.bar = 0, 0.0, None
         if shown:
             from tqdm.auto import tqdm
 
             self.bar = tqdm(desc=f"design for {problem.objective.name}", unit=" trials")
 
     def close(self) -> None:
+        """Closes the progress bar."""
         if self.bar is not None:
             self.bar.close()
 
@@ -223,222 +250,156 @@ class _Search:
         """The starts that still move."""
         return [k for k, move in enumerate(self.moves) if not move.finished]
 
+    def taken(self, start: int) -> list[Trial]:
+        """Returns the trials of a start that were taken, the first design included."""
+        return [trial for trial in self.trials if trial.start == start and trial.taken]
+
     def begin(self) -> None:
-        """Judges where each start begins."""
-        for k, judged in enumerate(self._judge(self.first, None)):
-            faced = self.problem.faced(judged)
-            self.moves.append(self.method.start(self.first[k], faced))
-            self.judged.append(judged)
-            self._note(k, self.first[k], judged, True)
-            if not np.isfinite(faced.total):
-                self.moves[k].finished = True
+        """Judges the first design of each start."""
+        for start, evaluation in enumerate(self._evaluate(self.designs, None)):
+            values = self.problem.case_values(evaluation)
+            self.moves.append(self.method.start(self.designs[start], values))
+            self.moves[start].finished = not np.isfinite(values.total)
+            self._add(start, self.designs[start], values, evaluation, True)
 
     def go_on(self) -> None:
-        """One trial of each start that still moves."""
-        steps: dict[int, Step] = {k: self.moves[k].propose() for k in self.moving}
+        """Makes one trial of each start that still moves."""
+        steps = {k: self.moves[k].propose() for k in self.moving}
         steps = {k: step for k, step in steps.items() if not self.moves[k].finished}
         if not steps:
             return
-        known = [self.judged[k] for k in steps]
-        memory = Memory(*(np.concatenate([getattr(j, name) for j in known]) for name in Memory._fields))
-        found = self._judge(np.stack([step.to for step in steps.values()]), memory)
-        self.trials += 1
-        for (k, step), judged in zip(steps.items(), found, strict=True):
-            taken = self.moves[k].hear(step, self.problem.faced(judged))
-            if taken:
-                self.judged[k] = judged
-            self._note(k, step.to, judged, taken)
+        before = [self.taken(k)[-1].evaluation for k in steps]
+        warm_start = Evaluation(*(np.concatenate(arrays) for arrays in zip(*before, strict=True)))
+        evaluations = self._evaluate(np.stack([step.to for step in steps.values()]), warm_start)
+        self.rounds += 1
+        for (k, step), evaluation in zip(steps.items(), evaluations, strict=True):
+            values = self.problem.case_values(evaluation)
+            self._add(k, step.to, values, evaluation, self.moves[k].update(step, values))
 
-    def _judge(self, designs: np.ndarray, memory: Memory | None) -> list[Judged]:
-        found = self.problem.judged(designs, memory)
-        self.simulated += float(np.sum(found.simulated))
-        count = self.problem.count
-        parts = [Judged(*(a[k * count : (k + 1) * count] for a in found)) for k in range(len(designs))]
-        return parts
+    def _evaluate(self, designs: np.ndarray, warm_start: Evaluation | None) -> list[Evaluation]:
+        """Returns an evaluation for each design."""
+        evaluation = self.problem.evaluate(designs, warm_start)
+        self.simulated += float(np.sum(evaluation.simulated))
+        return [evaluation.take(index) for index in np.arange(len(evaluation.status)).reshape(len(designs), -1)]
 
-    def _note(self, start: int, at: np.ndarray, judged: Judged, taken: bool) -> None:
-        faced = self.problem.faced(judged)
-        hard = self.problem.question.objectives.index(self.problem.objective)
-        row = dict(start=start, design=self.problem.values(at), smooth=faced.total, violation=faced.violation)
-        row |= dict(taken=taken, regime=judged.regime, objective=judged.value[:, hard], simulated=self.simulated)
-        self.rows.append(row)
+    def _add(self, start: int, at: np.ndarray, values: CaseValues, evaluation: Evaluation, taken: bool) -> None:
+        """Adds a trial and shows it."""
+        self.trials.append(Trial(start, at, values, evaluation, taken, self.simulated))
         if self.bar is not None:
             q = self.problem.objective.quantity
-            best = min((r["smooth"] for r in self.rows if r["taken"] and r["violation"] <= 0), default=np.nan)
-            words = f"{len(self.moving)} starts move, lowest {q.shown(best):.5g} {q.display_unit}"
+            feasible = [trial.values.total for trial in self.trials if trial.taken and trial.values.violation <= 0]
+            best = q.shown(min(feasible, default=np.nan))
+            words = f"{len(self.moving)} starts move, lowest {best:.5g} {q.display_unit}"
             self.bar.set_postfix_str(words, refresh=False)
             self.bar.update()
 
-    def best(self) -> int:
-        """The start with the lowest objective among those that violate least."""
-        merit = [(max(m.faced.violation, 0.0) > 1e-6, m.faced.total) for m in self.moves]
-        return min(range(len(merit)), key=lambda k: merit[k])
-
     def result(self) -> Design:
-        """What was found so far."""
-        problem, best = self.problem, self.best()
-        move, judged = self.moves[best], self.judged[best]
-        q = problem.objective.quantity
-        places = {objective: k for k, objective in enumerate(problem.question.objectives)}
-        hard, soft = judged.value[:, places[problem.objective]], move.faced.value
-        worst = problem.robust == "worst"
-        total = float(np.max(hard) if worst else np.mean(hard))
-        errors = judged.stderr[:, places[problem.objective.smooth]]
-        at = int(np.argmax(np.where(np.isfinite(soft), soft, -np.inf)))
-        stderr = float(errors[at] if worst else np.sqrt(np.sum(errors**2)) / len(errors))
-        if not np.isfinite(move.faced.total):
+        """Returns the best design until now: the lowest objective among those that violate least."""
+        problem, of_starts = self.problem, [self.taken(start) for start in range(len(self.moves))]
+        rank = lambda k: (of_starts[k][-1].values.violation > VIOLATED, of_starts[k][-1].values.total)
+        best = min(range(len(of_starts)), key=rank)
+        trial, finished = of_starts[best][-1], self.moves[best].finished
+        values, evaluation = trial.values, trial.evaluation
+        errors = evaluation.stderr[:, problem.index(problem.objective.smooth)]
+        worst = int(np.argmax(np.where(np.isfinite(values.value), values.value, -np.inf)))
+        if not np.isfinite(values.total):
             status = "no motion"
-        elif move.faced.violation > 1e-6:
+        elif values.violation > VIOLATED:
             status = "infeasible"
         else:
-            status = "converged" if move.finished else "not converged"
-        label, of_smooth = _labels(q), _labels(problem.objective.smooth.quantity)
-        error = lambda text: {"units": q.unit, "long_name": f"standard error of {text}"}
-        of_cases = {name: ("case", v, parameter(name, problem.scene).attributes) for name, v in problem.cases.items()}
-        variables = {"variable": list(problem.names)}
-        cases = xr.Dataset(
-            {
-                "objective": ("case", hard, label),
-                "smooth": ("case", soft, of_smooth),
-                "stderr": ("case", errors, error("smooth")),
-                "objective_stderr": ("case", judged.stderr[:, places[problem.objective]], error("objective")),
-                "gradient": (
-                    ("case", "variable"),
-                    judged.gradient[:, places[problem.objective.smooth]],
-                    {"units": f"{q.unit} per SI unit of the variable", "long_name": "derivative of smooth"},
-                ),
-                "gradient_stderr": (
-                    ("case", "variable"),
-                    judged.gradient_stderr[:, places[problem.objective.smooth]],
-                    {"units": f"{q.unit} per SI unit of the variable", "long_name": "standard error of gradient"},
-                ),
-                "regime": ("case", judged.regime, {"long_name": "kind of motion"}),
-                "multiplier": (
-                    "case",
-                    judged.multiplier,
-                    {"units": "1", "long_name": "largest multiplier's modulus"},
-                ),
-                "period": ("case", judged.period, {"units": "1", "long_name": "forcing periods to recur, or 0"}),
-                "state": (("case", "number"), judged.state, {"long_name": "all numbers of the state"}),
-                "status": ("case", judged.status, {"long_name": "status"}),
-            }
-            | {
-                f"constraint_{one.objective.name}": (
-                    "case",
-                    judged.value[:, places[one.objective]],
-                    _labels(one.objective.quantity),
-                )
-                for one in problem.constraints
-            },
-            of_cases | variables,
-        )
-        ends = np.stack([m.at for m in self.moves])
-        each = lambda values: (("start", "variable"), values)
-        starts = xr.Dataset(
-            {
-                "first": each(problem.values(self.first)),
-                "end": each(problem.values(ends)),
-                "end_unit": each(ends),
-                "smooth": ("start", [m.faced.total for m in self.moves], of_smooth),
-                "violation": ("start", [m.faced.violation for m in self.moves], {"units": "1"}),
-                "converged": ("start", [m.finished for m in self.moves]),
-            },
-            variables,
-        )
-        history = xr.Dataset(
-            {
-                "start": ("trial", [r["start"] for r in self.rows]),
-                "design": (("trial", "variable"), np.stack([r["design"] for r in self.rows])),
-                "smooth": ("trial", [r["smooth"] for r in self.rows], of_smooth),
-                "violation": ("trial", [r["violation"] for r in self.rows], {"units": "1"}),
-                "taken": ("trial", [r["taken"] for r in self.rows]),
-                "objective": (("trial", "case"), np.stack([r["objective"] for r in self.rows]), label),
-                "regime": (("trial", "case"), np.stack([r["regime"] for r in self.rows])),
-                "simulated": ("trial", [r["simulated"] for r in self.rows], {"units": "forcing periods"}),
-            },
-            variables,
-        )
-        design = dict(zip(problem.names, map(float, problem.values(move.at)), strict=True))
+            status = "converged" if finished else "not converged"
         return Design(
-            problem, design, total, move.faced.total, stderr, _gradient_norm(move), cases, starts, history, status
+            problem,
+            dict(zip(problem.names, map(float, problem.in_units(trial.at)), strict=True)),
+            problem.joined(evaluation.value[:, problem.index(problem.objective)]),
+            values.total,
+            float(errors[worst] if problem.robust == "worst" else np.sqrt(np.sum(errors**2)) / len(errors)),
+            _gradient_norm(trial),
+            _cases(problem, evaluation),
+            _starts(problem, of_starts, [move.finished for move in self.moves]),
+            _history(problem, self.trials),
+            status,
         )
 
 
-def _gradient_norm(move: AbstractMove) -> float:
-    """The relative slope that is left at a design, see `Design.gradient_norm`."""
-    faced, free = move.faced, inside(move.at)
-    if not np.isfinite(faced.total):
+def _cases(problem: Problem, evaluation: Evaluation) -> xr.Dataset:
+    """Returns the dataset of the cases of a design."""
+    q, of_smooth = problem.objective.quantity, problem.objective.smooth.quantity
+    hard, smooth = problem.index(problem.objective), problem.index(problem.objective.smooth)
+    words = lambda text, unit=q.unit: {"units": unit, "long_name": text}
+    slope, per = ("case", "variable"), f"{q.unit} per SI unit of the variable"
+    data = {
+        "objective": ("case", evaluation.value[:, hard], _labels(q)),
+        "smooth": ("case", evaluation.value[:, smooth], _labels(of_smooth)),
+        "stderr": ("case", evaluation.stderr[:, smooth], words("standard error of smooth")),
+        "objective_stderr": ("case", evaluation.stderr[:, hard], words("standard error of objective")),
+        "gradient": (slope, evaluation.gradient[:, smooth], words("derivative of smooth", per)),
+        "gradient_stderr": (slope, evaluation.gradient_stderr[:, smooth], words("standard error of gradient", per)),
+        "regime": ("case", evaluation.regime, {"long_name": "kind of motion"}),
+        "multiplier": ("case", evaluation.multiplier, words("largest multiplier's modulus", "1")),
+        "period": ("case", evaluation.period, words("forcing periods to recur, or 0", "1")),
+        "state": (("case", "number"), evaluation.state, {"long_name": "all numbers of the state"}),
+        "status": ("case", evaluation.status, {"long_name": "status"}),
+    }
+    for one in problem.constraints:
+        labels = _labels(one.objective.quantity)
+        data[f"constraint_{one.objective.name}"] = ("case", evaluation.value[:, problem.index(one.objective)], labels)
+    coords = {name: ("case", v, parameter(name, problem.scene).attributes) for name, v in problem.cases.items()}
+    return xr.Dataset(data, coords | {"variable": list(problem.names)})
+
+
+def _starts(problem: Problem, of_starts: list[list[Trial]], finished: list[bool]) -> xr.Dataset:
+    """Returns the dataset of the starts from the trials that each took."""
+    first, end = (np.stack([trials[k].at for trials in of_starts]) for k in (0, -1))
+    values, each = [trials[-1].values for trials in of_starts], ("start", "variable")
+    labels = _labels(problem.objective.smooth.quantity)
+    data = {
+        "first": (each, problem.in_units(first)),
+        "end": (each, problem.in_units(end)),
+        "end_unit": (each, end),
+        "smooth": ("start", [one.total for one in values], labels),
+        "violation": ("start", [one.violation for one in values], {"units": "1"}),
+        "converged": ("start", finished),
+    }
+    return xr.Dataset(data, {"variable": list(problem.names)})
+
+
+def _history(problem: Problem, trials: list[Trial]) -> xr.Dataset:
+    """Returns the dataset of trials, a row each."""
+    hard, of_smooth = problem.index(problem.objective), problem.objective.smooth.quantity
+    objective = np.stack([trial.evaluation.value[:, hard] for trial in trials])
+    data = {
+        "start": ("trial", [trial.start for trial in trials]),
+        "design": (("trial", "variable"), problem.in_units(np.stack([trial.at for trial in trials]))),
+        "smooth": ("trial", [trial.values.total for trial in trials], _labels(of_smooth)),
+        "violation": ("trial", [trial.values.violation for trial in trials], {"units": "1"}),
+        "taken": ("trial", [trial.taken for trial in trials]),
+        "objective": (("trial", "case"), objective, _labels(problem.objective.quantity)),
+        "regime": (("trial", "case"), np.stack([trial.evaluation.regime for trial in trials])),
+        "simulated": ("trial", [trial.simulated for trial in trials], {"units": "forcing periods"}),
+    }
+    return xr.Dataset(data, {"variable": list(problem.names)})
+
+
+def _gradient_norm(trial: Trial) -> float:
+    """Returns the relative slope that is left at a design, see `Design.gradient_norm`."""
+    values, free = trial.values, inside(trial.at)
+    if not np.isfinite(values.total):
         return np.nan
-    if faced.weight is not None:
-        left = faced.total_slope[free]
+    if values.weight is not None:
+        slope = values.total_slope[free]
     else:
-        active = faced.value >= faced.total - ACTIVE * abs(faced.total)
-        rows = faced.slope[active][:, free]
-        # the point of least norm in the hull of the worst cases' derivatives
-        count = len(rows)
-        system = np.vstack([rows.T, 1e3 * np.abs(rows).max(initial=1e-300) * np.ones((1, count))])
-        goal = np.append(np.zeros(rows.shape[1]), 1e3 * np.abs(rows).max(initial=1e-300))
-        share, _ = scipy.optimize.nnls(system, goal)
-        left = rows.T @ share
-    return float(np.linalg.norm(left) / max(abs(faced.total), 1e-300))
+        active = values.value >= values.total - ACTIVE_CASE * abs(values.total)
+        rows = values.slope[active][:, free]
+        # the point of least norm in the hull of the worst cases' derivatives: shares of sum one, by a large weight
+        weight = 1e3 * np.abs(rows).max(initial=1e-300)
+        system = np.vstack([rows.T, np.full(len(rows), weight)])
+        share, _ = scipy.optimize.nnls(system, np.append(np.zeros(rows.shape[1]), weight))
+        slope = rows.T @ share
+    return float(np.linalg.norm(slope) / max(abs(values.total), 1e-300))
 
 
 def _labels(q: Quantity) -> dict[str, Any]:
-    """Attributes of a variable of a dataset from which pictures label and scale it, whatever its name."""
-    return {
-        "units": q.unit,
-        "long_name": q.long_name,
-        "quantity": q.name,
-        "symbol": q.symbol,
-        "shown_unit": q.display_unit,
-        "per_shown": q.per_shown,
-    }
-
-
-def _merged(
-    problem: Problem,
-    scene: Scene,
-    values: dict[str, float],
-    tables: dict[str, xr.Dataset],
-    summary: dict[str, Any],
-) -> xr.Dataset:
-    """Several tables as one dataset, each variable with its table's prefix.
-
-    **Arguments:** `scene` and `values`: of the best design; `tables`: datasets by prefix, such as "trial" for
-    trial_smooth, or "" for none; `summary`: further attributes.
-    """
-    renamed = [
-        ds.rename({name: f"{prefix}_{name}" for name in ds.data_vars}) if prefix else ds
-        for prefix, ds in tables.items()
-    ]
-    names, over = problem.names, tuple(problem.over)
-    known = [parameter(name, problem.scene) for name in names]
-    words = lambda text: {"long_name": f"{text}, in the unit of each variable"}
-    own = xr.Dataset(
-        {
-            "design": ("variable", [values[name] for name in names], words("best design")),
-            "low": ("variable", problem.low, words("lower bound")),
-            "high": ("variable", problem.low + problem.width, words("upper bound")),
-        },
-        {"variable": list(names), "variable_unit": ("variable", [q.unit for q in known])},
-    )
-    ds = xr.merge([own, *renamed], join="exact", compat="equals")
-    question = problem.question
-    finite = lambda v: v if math.isfinite(v) else None
-    call = {
-        "function": "optimise_design",
-        "objective": problem.objective.name,
-        "variables": [[name, *bounds] for name, bounds in problem.bounds.items()],
-        "over": [[name, values] for name, values in problem.over.items()],
-        "robust": problem.robust,
-        "constraints": [[c.objective.name, finite(c.low), finite(c.high)] for c in problem.constraints],
-        "periodic": problem.periodic,
-        "transient": question.transient,
-        "steps_per_period": question.steps,
-        "solver": question.solver,
-        "spread": list(problem.spread),
-    }
-    start = table_2_start() if problem.start is None else problem.start
-    attrs = scene_attributes(scene, without=(*over, *names)) | run_attributes(scene, start, call, over)
-    numbers = {name: np.int8(v) if isinstance(v, bool) else v for name, v in summary.items()}
-    return ds.assign_attrs(attrs | {"robust": problem.robust} | numbers)
+    """Returns attributes from which pictures label and scale a variable, whatever its name."""
+    shown = {"symbol": q.symbol, "shown_unit": q.display_unit, "per_shown": q.per_shown}
+    return {"units": q.unit, "long_name": q.long_name, "quantity": q.name} | shown

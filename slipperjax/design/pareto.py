@@ -1,4 +1,4 @@
-"""Trade-offs: designs of which no other one is better in both of two objectives."""
+"""Pareto fronts: designs of which no other one is better in both of two objectives."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,7 +8,7 @@ import xarray as xr
 
 from ..model.paths import parameter
 from ..model.scene import Scene
-from ..tools.checks import whole
+from ..tools.checks import require, whole
 from .methods import TrustRegion
 from .objectives import Objective, objective_named
 from .optimise import Design, optimise_design
@@ -24,7 +24,7 @@ def pareto_front(
     constraints: Mapping[Any, Any] | None = None,
     **options: Any,
 ) -> xr.Dataset:
-    """The front of two objectives, followed from the best design of the second to that of the first.
+    """Follows the front of two objectives from the best design of the second to that of the first.
 
     Between, the first objective is minimised while the second stays below limits that rise evenly, each search
     beginning from the last design (Haimes, Lasdon and Wismer 1971, doi:10.1109/TSMC.1971.4308298).
@@ -38,55 +38,40 @@ def pareto_front(
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
-    if not isinstance(objectives, tuple | list) or len(objectives) != 2:
-        raise ValueError(f"Argument `objectives` must be two objectives, but is {objectives!r}.")
+    pair = isinstance(objectives, tuple | list) and len(objectives) == 2
+    require(pair, "objectives", "be two objectives", objectives)
     first, second = map(objective_named, objectives)
     count, limits = whole("points", points, 3), {} if constraints is None else dict(constraints)
-    # what is not minimised is only looked at: a limit that nothing meets
-    seen = lambda one: {one: (None, np.finfo(float).max)}
-    least_second = optimise_design(
-        scene, second, variables, starts=starts, constraints=limits | seen(first), **options
+    # the other objective is evaluated, too, as a limit that nothing exceeds
+    observed = lambda one: {one: (None, np.finfo(float).max)}
+    lowest_second, lowest_first = (
+        optimise_design(scene, one, variables, starts=starts, constraints=limits | observed(other), **options)
+        for one, other in ((second, first), (first, second))
     )
-    least_first = optimise_design(
-        scene, first, variables, starts=starts, constraints=limits | seen(second), **options
-    )
-    found = [least_second]
-    low, high = _value(least_second, second), _value(least_first, second)
-    short = TrustRegion(radius=0.05)
-    for limit in np.linspace(low, high, count)[1:-1]:
-        near = dict(method=short, starts=[found[-1].design])
-        found.append(
-            optimise_design(scene, first, variables, constraints=limits | {second: limit}, **(options | near))
-        )
-    found.append(least_first)
-    return _front(scene, found, first, second)
+    designs = [lowest_second]
+    for limit in np.linspace(_value(lowest_second, second), _value(lowest_first, second), count)[1:-1]:
+        near = dict(method=TrustRegion(radius=0.05), starts=[designs[-1].design])
+        limited = limits | {second: limit}
+        designs.append(optimise_design(scene, first, variables, constraints=limited, **(options | near)))
+    return _front(scene, [*designs, lowest_first], first, second)
 
 
 def _value(design: Design, objective: Objective) -> float:
-    """An objective at a design, in the worst of the cases or their mean."""
-    ds = design.cases
-    own = design.problem.objective
-    values = ds["objective"].values if objective == own else ds[f"constraint_{objective.name}"].values
-    return float(np.max(values) if design.problem.robust == "worst" else np.mean(values))
+    """Returns an objective at a design, in the worst of the cases or their mean."""
+    name = "objective" if objective == design.problem.objective else f"constraint_{objective.name}"
+    return design.problem.joined(design.cases[name].values)
 
 
-def _front(scene: Scene, found: list[Design], first: Objective, second: Objective) -> xr.Dataset:
-    values = {one: np.array([_value(design, one) for design in found]) for one in (first, second)}
-    beaten = [
-        any(values[first][j] < values[first][k] and values[second][j] < values[second][k] for j in range(len(found)))
-        for k in range(len(found))
-    ]
-    names = found[0].problem.names
+def _front(scene: Scene, designs: list[Design], first: Objective, second: Objective) -> xr.Dataset:
+    """Returns the dataset of a front."""
+    values = {one: np.array([_value(design, one) for design in designs]) for one in (first, second)}
+    # row k, column j: whether design j beats design k in both
+    beaten = np.all([v[None, :] < v[:, None] for v in values.values()], axis=0).any(axis=1)
     data = {one.name: ("point", v, one.quantity.attributes) for one, v in values.items()}
-    for name in names:
-        data[name] = ("point", [one.design[name] for one in found], parameter(name, scene).attributes)
-    return xr.Dataset(
-        data
-        | {
-            "periodic": ("point", [float(np.mean(one.cases["period"] > 0)) for one in found], {"units": "1"}),
-            "status": ("point", [one.status for one in found]),
-            "ideal": ("point", np.logical_not(beaten)),
-            "simulated": ("point", [one.simulated for one in found], {"units": "forcing periods"}),
-        },
-        attrs={"objectives": [first.name, second.name], "robust": found[0].problem.robust},
-    )
+    for name in designs[0].problem.names:
+        data[name] = ("point", [one.design[name] for one in designs], parameter(name, scene).attributes)
+    data["periodic"] = ("point", [float(np.mean(one.cases["period"] > 0)) for one in designs], {"units": "1"})
+    data["status"] = ("point", [one.status for one in designs])
+    data["ideal"] = ("point", ~beaten)
+    data["simulated"] = ("point", [one.simulated for one in designs], {"units": "forcing periods"})
+    return xr.Dataset(data, attrs={"objectives": [first.name, second.name], "robust": designs[0].problem.robust})

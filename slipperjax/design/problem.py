@@ -1,4 +1,4 @@
-"""What is asked of a design: objective, variables, cases, constraints; checked before anything is compiled."""
+"""The problem of a search: objective, variables, cases and constraints, checked before anything is compiled."""
 
 import dataclasses
 import math
@@ -9,22 +9,20 @@ import numpy as np
 import scipy.stats.qmc
 from jaxtyping import Float
 
-from ..model.dang2024 import table_2_start
-from ..model.dynamics import State
-from ..model.kinematics import Motion
+from ..flow.simulate import first_of
 from ..model.paths import parameter, refuse_undone
 from ..model.scene import Scene, check_scene
 from ..orbits.motions import check_forcing
 from ..solvers.named import resolve_solver
 from ..sweeps.grid import Cases
 from ..tools.checks import brief, instance, one_of, require, whole, yes_or_no
-from .ensembles import Spread
-from .judge import Judged, Memory, Question, judge
-from .methods import Faced
+from .evaluation import EnsembleSettings, Evaluation, EvaluationPlan
+from .judge import judge
+from .methods import CaseValues
 from .objectives import Objective, objective_named
 
 REACH = 0.005
-"""How far ensembles' parameters are from a design [unit box]."""
+"""Distance of ensembles' parameters from a design's [unit box]."""
 
 
 class Limits(NamedTuple):
@@ -36,31 +34,34 @@ class Limits(NamedTuple):
 
     @property
     def scale(self) -> float:
-        """What counts as a violation of one [unit]."""
+        """A violation that counts as one [unit of the objective]."""
         return max(abs(v) for v in (self.low, self.high) if math.isfinite(v)) or 1.0
 
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """What is asked of a design."""
+    """The problem of a search for a design."""
 
-    scene: Scene
+    plan: EvaluationPlan
     objective: Objective
     bounds: dict[str, tuple[float, float]]
     """Of each variable [its SI unit]."""
     over: dict[str, np.ndarray]
     """Values of other parameters that the design must serve, every combination."""
     robust: str
+    """How the cases are joined, "worst" or "mean"."""
     constraints: tuple[Limits, ...]
     periodic: bool
-    question: Question
-    spread: Spread
-    start: Motion | State | None
+
+    @property
+    def scene(self) -> Scene:
+        """The scene whose parameters are varied."""
+        return self.plan.scene
 
     @property
     def names(self) -> tuple[str, ...]:
         """The variables."""
-        return tuple(self.bounds)
+        return self.plan.names
 
     @property
     def cases(self) -> dict[str, np.ndarray]:
@@ -83,61 +84,47 @@ class Problem:
         """Widths of the box [SI units]."""
         return np.array([high - low for low, high in self.bounds.values()])
 
-    def values(self, at: Float[np.ndarray, "... parameters"]) -> Float[np.ndarray, "... parameters"]:
-        """Designs of the unit box in SI units."""
+    def index(self, objective: Objective) -> int:
+        """Returns the index of an objective in evaluations."""
+        return self.plan.objectives.index(objective)
+
+    def joined(self, values: Float[np.ndarray, " cases"]) -> float:
+        """Returns the worst or the mean of the cases' values."""
+        return float(np.max(values) if self.robust == "worst" else np.mean(values))
+
+    def in_units(self, at: Float[np.ndarray, "*designs parameters"]) -> Float[np.ndarray, "*designs parameters"]:
+        """Returns designs of the unit box in SI units."""
         return self.low + at * self.width
 
-    def judged(self, designs: Float[np.ndarray, "designs parameters"], memory: Memory | None) -> Judged:
-        """All cases of some designs of the unit box, design by design."""
-        values = np.repeat(self.values(designs), self.count, axis=0)
+    def evaluate(self, designs: Float[np.ndarray, "designs parameters"], warm_start: Evaluation | None) -> Evaluation:
+        """Evaluates all cases of some designs of the unit box, design by design."""
+        values = np.repeat(self.in_units(designs), self.count, axis=0)
         grid = {name: values[:, k] for k, name in enumerate(self.names)}
         grid |= {name: np.tile(v, len(designs)) for name, v in self.cases.items()}
-        reach = dict(zip(self.names, REACH * self.width, strict=True))
-        return judge(
-            self.scene, grid, self.question, reach=reach, spread=self.spread, start=self.start, memory=memory
-        )
+        return judge(self.plan, grid, warm_start)
 
-    def faced(self, judged: Judged) -> Faced:
-        """What one design faces, from its cases."""
-        slope = judged.gradient * self.width
-        places = {objective: k for k, objective in enumerate(self.question.objectives)}
-        at = places[self.objective.smooth]
-        excess, excess_slope = [], []
+    def case_values(self, evaluation: Evaluation) -> CaseValues:
+        """Returns objective and constraints of one design from the evaluation of its cases."""
+        slope, at = evaluation.gradient * self.width, self.index(self.objective.smooth)
+        excess, excess_slope = [np.empty(0)], [np.empty((0, len(self.names)))]
         for limits in self.constraints:
-            k = places[limits.objective]
+            k = self.index(limits.objective)
             for sign, limit in ((1.0, limits.high), (-1.0, limits.low)):
                 if math.isfinite(limit):
-                    excess.append(sign * (judged.value[:, k] - limit) / limits.scale)
+                    excess.append(sign * (evaluation.value[:, k] - limit) / limits.scale)
                     excess_slope.append(sign * slope[:, k] / limits.scale)
         if self.periodic:
-            excess.append(np.where(judged.period == 0, 1.0, -1.0))
-            excess_slope.append(np.zeros((len(judged.status), len(self.names))))
-        size = len(self.names)
-        return Faced(
-            judged.value[:, at],
-            slope[:, at],
-            np.concatenate(excess) if excess else np.empty(0),
-            np.concatenate(excess_slope) if excess else np.empty((0, size)),
-            None if self.robust == "worst" else np.full(self.count, 1 / self.count),
-        )
+            excess.append(np.where(evaluation.period == 0, 1.0, -1.0))
+            excess_slope.append(np.zeros((self.count, len(self.names))))
+        weight = None if self.robust == "worst" else np.full(self.count, 1 / self.count)
+        value = evaluation.value[:, at]
+        return CaseValues(value, slope[:, at], np.concatenate(excess), np.concatenate(excess_slope), weight)
 
 
 def checked_problem(
-    scene: Any,
-    objective: Any,
-    variables: Any,
-    *,
-    over: Any,
-    robust: Any,
-    constraints: Any,
-    periodic: Any,
-    transient: Any,
-    spread: Any,
-    steps: Any,
-    solver: Any,
-    start: Any,
+    scene, objective, variables, *, over, robust, constraints, periodic, transient, ensemble, steps, solver, start
 ) -> Problem:
-    """The problem that a user's arguments state, see `optimise_design`.
+    """Returns the problem that a user's arguments state, see `optimise_design`.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
@@ -150,80 +137,81 @@ def checked_problem(
     both = [name for name in over if name in bounds]
     if both:
         raise ValueError(f"Argument `over` must name other parameters than `variables`, but has {both[0]}.")
-    known = [parameter(name, scene) for name in (*bounds, *over)]
-    refuse_undone(known, scene)
-    values = {name: np.atleast_1d(np.asarray(parameter(name, scene).checked(v), float)) for name, v in over.items()}
+    refuse_undone([parameter(name, scene) for name in (*bounds, *over)], scene)
+    over = {name: np.atleast_1d(np.asarray(parameter(name, scene).checked(v), float)) for name, v in over.items()}
     limits = _checked_limits(constraints)
     one_of("robust", robust, ("worst", "mean"))
-    objectives = tuple(dict.fromkeys([objective.smooth, objective, *(one.objective for one in limits)]))
-    solver = resolve_solver(scene, solver)
-    corners = {**{name: list(pair) for name, pair in bounds.items()}, **values}
+    solver, start = resolve_solver(scene, solver), first_of(start)
     if steps is None:
-        steps = int(Cases(scene, corners, table_2_start() if start is None else start).default_steps().max())
-    question = Question(
-        tuple(bounds), objectives, solver, whole("steps_per_period", steps, 1), whole("transient", transient, 0)
+        corners = {name: list(pair) for name, pair in bounds.items()} | over
+        steps = int(Cases(scene, corners, start).default_steps().max())
+    plan = EvaluationPlan(
+        scene,
+        tuple(bounds),
+        tuple(dict.fromkeys([objective.smooth, objective, *(one.objective for one in limits)])),
+        solver,
+        whole("steps_per_period", steps, 1),
+        start,
+        {name: REACH * (high - low) for name, (low, high) in bounds.items()},
+        whole("transient", transient, 0),
+        instance("ensemble", ensemble, EnsembleSettings, "a slipperjax.design.EnsembleSettings"),
     )
-    instance("spread", spread, Spread, "a slipperjax.design.Spread")
-    return Problem(
-        scene, objective, bounds, values, robust, limits, yes_or_no("periodic", periodic), question, spread, start
-    )
+    return Problem(plan, objective, bounds, over, robust, limits, yes_or_no("periodic", periodic))
 
 
 def _checked_bounds(scene: Scene, variables: Any) -> dict[str, tuple[float, float]]:
     require(isinstance(variables, Mapping) and variables, "variables", "name parameters with their bounds", variables)
-    found = {}
+    bounds = {}
     for name, pair in variables.items():
-        known = parameter(name, scene)
-        known.check_exists(scene)
+        variable = parameter(name, scene)
+        variable.check_exists(scene)
         require(np.shape(pair) == (2,), name, "be a lower and an upper bound", pair)
-        low, high = (float(v) for v in np.asarray(known.checked(pair)))
+        low, high = (float(v) for v in np.asarray(variable.checked(pair)))
         if not low < high:
             raise ValueError(
                 f"Argument `{name}` must have a lower bound below the upper one, but is {low:g} to {high:g} "
-                f"{known.unit}."
+                f"{variable.unit}."
             )
-        found[name] = low, high
-    return found
+        bounds[name] = low, high
+    return bounds
 
 
 def _checked_limits(constraints: Any) -> tuple[Limits, ...]:
-    if constraints is None:
-        return ()
+    constraints = {} if constraints is None else constraints
     require(isinstance(constraints, Mapping), "constraints", "map objectives to limits", constraints)
-    found = []
-    for name, given in constraints.items():
+    limits = []
+    for name, pair in constraints.items():
         objective = objective_named(name)
-        pair = given if isinstance(given, Sequence) else (None, given)
+        ends = pair if isinstance(pair, Sequence) else (None, pair)
         try:
             low, high = (
-                default if v is None else float(v) for v, default in zip(pair, (-np.inf, np.inf), strict=True)
+                default if v is None else float(v) for v, default in zip(ends, (-np.inf, np.inf), strict=True)
             )
         except (TypeError, ValueError):
             low, high = np.nan, np.nan
         if not low < high or (math.isinf(low) and math.isinf(high)):
             raise ValueError(
                 f"Argument `constraints` must have a highest value or (low, high) for {objective.name} "
-                f"[{objective.quantity.unit}], but has {brief(given)}."
+                f"[{objective.quantity.unit}], but has {brief(pair)}."
             )
-        found.append(Limits(objective, low, high))
-    return tuple(found)
+        limits.append(Limits(objective, low, high))
+    return tuple(limits)
 
 
 def first_designs(problem: Problem, starts: Any, seed: int) -> Float[np.ndarray, "starts parameters"]:
-    """Where a search begins, designs of the unit box; see `optimise_design`."""
+    """Returns the designs of the unit box from which a search begins, see `optimise_design`."""
     names = problem.names
     if isinstance(starts, Sequence) and not isinstance(starts, str):
         if not starts or any(not isinstance(one, Mapping) or set(one) != set(names) for one in starts):
             raise ValueError(
                 f"Argument `starts` must be designs that give {', '.join(names)}, but is {brief(starts)}."
             )
-        given = np.array([[float(one[name]) for name in names] for one in starts])
-        found = (given - problem.low) / problem.width
-        require(not np.any((found < 0) | (found > 1) | np.isnan(found)), "starts", "lie within the bounds", starts)
-        return found
-    count = whole("starts", starts, 1)
+        values = np.array([[float(one[name]) for name in names] for one in starts])
+        designs = (values - problem.low) / problem.width
+        require(np.all((designs >= 0) & (designs <= 1)), "starts", "lie within the bounds", starts)
+        return designs
+    designs = scipy.stats.qmc.LatinHypercube(len(names), rng=seed).random(whole("starts", starts, 1))
     own = (np.array([float(problem.scene.value(name)) for name in names]) - problem.low) / problem.width
-    spread = scipy.stats.qmc.LatinHypercube(len(names), rng=seed).random(count)
     if np.all((own >= 0) & (own <= 1)):
-        spread[0] = own
-    return spread
+        designs[0] = own
+    return designs

@@ -12,6 +12,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from ..analysis.kinds import KINDS
 from ..flow.load import varied_names
 from ..model.quantities import PARAMETERS, Quantity, quantity
 from .branches import EVENT_MARKERS, EVENT_NAMES
@@ -385,8 +386,9 @@ def _least_regular(grid: xr.Dataset, values: xr.DataArray, names: list[str]) -> 
 
 
 def _kinds_of(regimes: Any) -> np.ndarray:
-    """Gives regimes in words, all periods above 1 as one."""
+    """Gives regimes in words, all periods above 1 as one, and all motions without a period."""
     words = np.asarray(regimes).astype(str)
+    words = np.where(np.isin(words, KINDS[1:]), "irregular", words)
     return np.where(np.char.startswith(words, "period ") & (words != "period 1"), "period n", words)
 
 

@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.colors import BoundaryNorm, Colormap, FuncNorm, ListedColormap, Normalize
 from matplotlib.patches import Patch
 
-from ..analysis.attractor import KINDS
+from ..analysis.kinds import REGIMES, Regime
 from ..analysis.lyapunov import LEAST, REGIMES, SURE
 from ..flow.load import varied_names
 from ..flow.status import Status
@@ -38,7 +38,6 @@ NOT_RUN_LABEL = "not computed yet"
 """Legend entry of cases that a store does not have yet; they are left white."""
 FLAGGED_COLOR = COLORS["grey"]
 _MARKERS = dict(zip(REGIMES, "oDs^v", strict=True))
-_REGIME_OF_KIND = dict(zip(KINDS, ("periodic", "regular", "chaotic", "unresolved"), strict=True))
 _LONGEST_NAMED = 4
 """Longest period with a colour of its own."""
 MOTION_COLORS = {
@@ -64,7 +63,8 @@ def regimes_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
     if "regime" in ds:
         names = ds["regime"].transpose(*dims).values
     else:
-        names = np.vectorize(_REGIME_OF_KIND.get, otypes=[object])(ds["kind"].transpose(*dims).values)
+        words = ds["kind"].transpose(*dims).values
+        names = np.vectorize(lambda word: Regime.of_kind(word).regime, otypes=[object])(words)
     return np.where(flagged(ds, *dims), "unresolved", names)
 
 

@@ -6,13 +6,13 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.cli.design import OBJECTIVE_UNITS
-from slipperjax.design.ensembles import Spread
+from slipperjax.design.evaluation import EnsembleSettings
 from slipperjax.design.objectives import OBJECTIVES
 from slipperjax.design.optimise import optimise_design
 from slipperjax.design.problem import Problem
 from slipperjax.flow.load import load_call
 
-from ..design.bowl import judged
+from ..design.bowl import evaluate
 from .commands import call, dataset, error_of, names, picture
 
 VARIED = ["--vary", "clearance", 0.2, 3, "--vary", "length", 0.12, 0.5]
@@ -22,7 +22,7 @@ GIVEN = ["design", "--minimise", "peak_force", *VARIED, "--no-check", "--no-marg
 
 @pytest.fixture
 def bowl(monkeypatch):
-    monkeypatch.setattr(Problem, "judged", judged)
+    monkeypatch.setattr(Problem, "evaluate", evaluate)
 
 
 # options
@@ -106,13 +106,13 @@ def test_a_design_is_found_written_and_drawn(bowl, tmp_path, capsys):
     text, error = call([*GIVEN, "--speeds", 1000, 1600, 3, "--out", out], capsys)
     assert error == ""  # a bar on terminals only
     assert text.startswith("Design(clearance 1")
-    assert "regimes: 1 x irregular, 2 x period 1" in text
+    assert "regimes: 1 x chaotic, 2 x period 1" in text
     lines = text.splitlines()
     assert [line.split() for line in lines[-5:-1]] == [
         ["speed", "[m/s]", "peak_force", "[kN]", "regime"],
         ["1000", "10", "period", "1"],
         ["1300", "13", "period", "1"],
-        ["1600", "16", "+-", "0.1", "irregular"],
+        ["1600", "16", "+-", "0.1", "chaotic"],
     ]
     assert lines[-1] == f"wrote {out}.nc and {out}.png"
     assert "standard error 0.1 kN" in text
@@ -130,7 +130,7 @@ def test_a_design_is_found_written_and_drawn(bowl, tmp_path, capsys):
     assert made["function"] == "optimise_design"
     assert [name for name, *_ in made["variables"]] == ["clearance", "length"]
     np.testing.assert_allclose([pair for _, *pair in made["variables"]], [[0.2e-3, 3e-3], [0.12, 0.5]])
-    assert Spread(*made["spread"]) == Spread()
+    assert EnsembleSettings(*made["ensemble"]) == EnsembleSettings()
     # the same from Python
     variables = {name: bounds for name, *bounds in made["variables"]}
     again = optimise_design(sj.paper_scene(), "peak_force", variables, over=dict(made["over"]), steps_per_period=50)
@@ -158,11 +158,11 @@ def test_an_interrupted_search_gets_a_name_of_its_own(bowl, replaced, tmp_path, 
 
 
 def test_no_motion_is_exit_code_1(monkeypatch, tmp_path, capsys):
-    def lost(self, designs, memory):
-        found = judged(self, designs, memory)
-        return found._replace(value=np.nan * found.value, status=found.status + 1)
+    def lost(self, designs, warm_start):
+        cases = evaluate(self, designs, warm_start)
+        return cases._replace(value=np.nan * cases.value, status=cases.status + 1)
 
-    monkeypatch.setattr(Problem, "judged", lost)
+    monkeypatch.setattr(Problem, "evaluate", lost)
     text, _ = call([*GIVEN, "--speeds", 1000, 1200, 2, "--out", tmp_path / "run"], capsys, 1)
     assert "status: no motion" in text
     assert (tmp_path / "run.png").exists()

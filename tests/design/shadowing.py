@@ -74,22 +74,22 @@ def segments_of(
 
     q, _ = jnp.linalg.qr((w * weights[None]).T)
     begin = x, q.T / weights[None], jnp.zeros_like(x)
-    _, found = jax.lax.scan(segment, begin, None, length=align + segments)
-    return jax.tree.map(lambda a: a[align:], found)
+    _, tangents = jax.lax.scan(segment, begin, None, length=align + segments)
+    return jax.tree.map(lambda a: a[align:], tangents)
 
 
-def slope_of(found: Segments) -> np.ndarray:
+def slope_of(tangents: Segments) -> np.ndarray:
     """The derivative of the outputs' averages: the combination of tangents, continuous between segments, that is
     least in the mean square."""
-    segments, count = found.mixed.shape
+    segments, count = tangents.mixed.shape
     # a_{i+1} = R_i a_i + b_i, with the mean of a_i C_i a_i + 2 a_i d_i least: (C B^T; B 0) (a; l) = (-d; b)
-    gram = scipy.sparse.block_diag(list(found.gram))
+    gram = scipy.sparse.block_diag(list(tangents.gram))
     rows = scipy.sparse.lil_matrix((count * (segments - 1), count * segments))
     for k in range(segments - 1):
         at = slice(k * count, (k + 1) * count)
-        rows[at, at] = -found.factor[k]
+        rows[at, at] = -tangents.factor[k]
         rows[at, (k + 1) * count : (k + 2) * count] = np.eye(count)
     system = scipy.sparse.bmat([[gram, rows.T], [rows, None]], format="csc")
-    right = np.concatenate([-found.mixed.ravel(), found.shift[:-1].ravel()])
+    right = np.concatenate([-tangents.mixed.ravel(), tangents.shift[:-1].ravel()])
     a = scipy.sparse.linalg.spsolve(system, right)[: count * segments].reshape(segments, count)
-    return np.mean(found.forced + np.einsum("sk,sko->so", a, found.inside), axis=0)
+    return np.mean(tangents.forced + np.einsum("sk,sko->so", a, tangents.inside), axis=0)

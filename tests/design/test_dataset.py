@@ -11,32 +11,32 @@ from slipperjax.design.objectives import OBJECTIVES
 from slipperjax.design.optimise import optimise_design
 from slipperjax.design.problem import Problem
 
-from .bowl import judged
+from .bowl import evaluate
 
 BOUNDS = {"clearance": (0.2e-3, 3e-3), "section.points.D.1": (0.01, 0.05)}
 
 
 @pytest.fixture
-def found(monkeypatch):
-    monkeypatch.setattr(Problem, "judged", judged)
+def best(monkeypatch):
+    monkeypatch.setattr(Problem, "evaluate", evaluate)
     options = dict(over={"speed": [1000.0, 1600.0]}, constraints={"drive_force": (None, 5.0)}, max_trials=4)
     return optimise_design(sj.paper_scene(), "peak_force", BOUNDS, steps_per_period=50, starts=2, **options)
 
 
 @pytest.mark.parametrize("calls", [0, 2])
 def test_an_interrupted_search_keeps_its_best_design(monkeypatch, calls):
-    seen = []
+    trials = []
 
-    def interrupted(self, designs, memory):
-        seen.append(len(designs))
-        if len(seen) > calls:
+    def interrupted(self, designs, warm_start):
+        trials.append(len(designs))
+        if len(trials) > calls:
             raise KeyboardInterrupt
-        return judged(self, designs, memory)
+        return evaluate(self, designs, warm_start)
 
-    monkeypatch.setattr(Problem, "judged", interrupted)
+    monkeypatch.setattr(Problem, "evaluate", interrupted)
     with pytest.raises(sj.Interrupted) as stop:
         optimise_design(sj.paper_scene(), "peak_force", BOUNDS, steps_per_period=50, starts=2)
-    assert stop.value.finished == sum(seen[:calls])
+    assert stop.value.finished == sum(trials[:calls])
     assert stop.value.unit == "trials"
     if not calls:
         assert stop.value.result is None
@@ -46,16 +46,16 @@ def test_an_interrupted_search_keeps_its_best_design(monkeypatch, calls):
     assert design.smooth == design.history["smooth"].values.min()
 
 
-def test_tables_have_prefixes_and_units(found):
-    ds = found.to_xarray()
+def test_tables_have_prefixes_and_units(best):
+    ds = best.to_xarray()
     # the bowl's states are 20 numbers
-    sizes = {"variable": 2, "case": 2, "number": 20, "start": 2, "trial": found.history.sizes["trial"]}
+    sizes = {"variable": 2, "case": 2, "number": 20, "start": 2, "trial": best.history.sizes["trial"]}
     assert dict(ds.sizes) == sizes
     assert list(ds["variable"].values) == list(BOUNDS)
     assert list(ds["variable_unit"].values) == ["m", "m"]
     np.testing.assert_allclose(ds["low"], [low for low, _ in BOUNDS.values()])
     np.testing.assert_allclose(ds["high"], [high for _, high in BOUNDS.values()])
-    for prefix, table in (("start", found.starts), ("trial", found.history)):
+    for prefix, table in (("start", best.starts), ("trial", best.history)):
         for name in table.data_vars:
             xr.testing.assert_equal(ds[f"{prefix}_{name}"].variable, table[name].variable)
     assert ds["objective"].attrs["units"] == "N"
@@ -65,25 +65,25 @@ def test_tables_have_prefixes_and_units(found):
     assert ds["speed"].attrs["units"] == "m/s"
 
 
-def test_objectives_in_each_case_are_kept_of_every_trial(found):
-    ds = found.to_xarray()
+def test_objectives_in_each_case_are_kept_of_every_trial(best):
+    ds = best.to_xarray()
     assert ds["trial_objective"].shape == (ds.sizes["trial"], 2)
     np.testing.assert_allclose(ds["trial_objective"].max("case"), ds["trial_smooth"])  # equal in the bowl
-    best = ds["trial_objective"].where(ds["trial_start"] == int(np.argmin(found.starts["smooth"].values)))
-    assert np.any(np.all(np.isclose(best, ds["objective"]), axis=1))
+    tried = ds["trial_objective"].where(ds["trial_start"] == int(np.argmin(best.starts["smooth"].values)))
+    assert np.any(np.all(np.isclose(tried, ds["objective"]), axis=1))
     np.testing.assert_allclose(ds["objective_stderr"], [0, 100])
     np.testing.assert_allclose(ds["gradient_stderr"], [[0, 0], [100, 100]])
 
 
-def test_a_file_has_the_best_design_as_its_scene(found, tmp_path):
-    found.to_netcdf(tmp_path / "design.nc")
+def test_a_file_has_the_best_design_as_its_scene(best, tmp_path):
+    best.to_netcdf(tmp_path / "design.nc")
     with xr.open_dataset(tmp_path / "design.nc", engine="h5netcdf") as ds:
-        xr.testing.assert_equal(ds.load(), found.to_xarray())
+        xr.testing.assert_equal(ds.load(), best.to_xarray())
     scene = sj.load_scene(tmp_path / "design.nc", speed=1600.0)
-    for name, value in found.design.items():
+    for name, value in best.design.items():
         assert float(scene.value(name)) == pytest.approx(value)
-    assert ds.attrs["objective"] == pytest.approx(found.objective)
-    assert (ds.attrs["robust"], ds.attrs["status"]) == ("worst", found.status)
+    assert ds.attrs["objective"] == pytest.approx(best.objective)
+    assert (ds.attrs["robust"], ds.attrs["status"]) == ("worst", best.status)
     assert json.loads(ds.attrs["varied"]) == ["speed"]
     assert json.loads(ds.attrs["call"])["constraints"] == [["drive_force", None, 5.0]]
     # no value of what was chosen or varied stands as that of all

@@ -4,14 +4,14 @@ import itertools
 
 import numpy as np
 
-from slipperjax.design.ensembles import _fitted
+from slipperjax.design.ensembles import fit_plane
 
 SIGNS = np.repeat(np.array(list(itertools.product((-1.0, 1.0), repeat=2))), 8, axis=0)
 
 
 def test_a_plane_without_noise_is_found_exactly():
     values = np.stack([3 + 2 * SIGNS[:, 0] - SIGNS[:, 1], 5 - SIGNS[:, 1]], axis=1)
-    value, error, slope, slope_error = _fitted(SIGNS, values, np.ones(len(SIGNS)))
+    value, error, slope, slope_error = fit_plane(SIGNS, values, np.ones(len(SIGNS), bool))
     np.testing.assert_allclose(value, [3, 5], atol=1e-13)
     np.testing.assert_allclose(slope, [[2, -1], [0, -1]], atol=1e-13)
     assert np.max(error) < 1e-13
@@ -23,7 +23,7 @@ def test_two_standard_errors_hold_the_truth_in_95_percent_of_cases():
     inside = []
     for _ in range(2000):
         values = (3 + 2 * SIGNS[:, 0] - SIGNS[:, 1] + draws.normal(size=len(SIGNS)))[:, None]
-        value, error, slope, slope_error = _fitted(SIGNS, values, np.ones(len(SIGNS)))
+        value, error, slope, slope_error = fit_plane(SIGNS, values, np.ones(len(SIGNS), bool))
         inside.append([abs(value[0] - 3) < 2 * error[0], *(np.abs(slope[0] - [2, -1]) < 2 * slope_error[0])])
     share = np.mean(inside, axis=0)
     # Student's t with 29 degrees of freedom: 94.5 %; measured 94.4, 94.7 and 94.0
@@ -33,9 +33,9 @@ def test_two_standard_errors_hold_the_truth_in_95_percent_of_cases():
 def test_runs_that_were_lost_are_left_out():
     values = (3 + 2 * SIGNS[:, 0])[:, None]
     values[:5] = np.nan
-    weight = np.ones(len(SIGNS))
-    weight[5:7], values[5:7] = 0.0, 1e9
-    value, _, slope, _ = _fitted(SIGNS, values, weight)
+    kept = np.ones(len(SIGNS), bool)
+    kept[5:7], values[5:7] = False, 1e9
+    value, _, slope, _ = fit_plane(SIGNS, values, kept)
     np.testing.assert_allclose([value[0], *slope[0]], [3, 2, 0], atol=1e-12)
-    nothing = _fitted(SIGNS, values, np.zeros(len(SIGNS)))
+    nothing = fit_plane(SIGNS, values, np.zeros(len(SIGNS), bool))
     assert all(np.all(np.isnan(part)) for part in nothing)

@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from slipperjax.design.methods import Descent, Faced, TrustRegion, inside
+from slipperjax.design.methods import CaseValues, Descent, TrustRegion, inside
 
 
 def minimise(method, function, at, most=80):
     """Runs one start to its end; `function(x)` gives values, slopes, excess, excess slopes and weights."""
     x = np.asarray(at, float)
-    move = method.start(x, Faced(*function(x)))
+    move = method.start(x, CaseValues(*function(x)))
     trials = 0
     while not move.finished and trials < most:
         step = move.propose()
         if move.finished:
             break
-        move.hear(step, Faced(*function(step.to)))
+        move.update(step, CaseValues(*function(step.to)))
         trials += 1
     return move, trials
 
@@ -35,7 +35,7 @@ def test_the_worst_of_linear_functions_is_least_where_they_meet():
     """A linear program: x + y = 1 - 2x = 1 - y at x = 1/5, y = 2/5, value 3/5."""
     move, _ = minimise(TrustRegion(least=1e-9), three_planes, [0.9, 0.9])
     np.testing.assert_allclose(move.at, [0.2, 0.4], atol=1e-9)
-    assert move.faced.total == pytest.approx(0.6, abs=1e-9)
+    assert move.values.total == pytest.approx(0.6, abs=1e-9)
 
 
 def bowls(x):
@@ -54,8 +54,8 @@ def test_a_ridge_of_two_curved_cases_is_followed_to_its_end():
 @pytest.mark.parametrize("method", [TrustRegion(least=1e-4), Descent(steps=200)])
 def test_a_mean_has_its_least_inside(method):
     def mean(x):
-        values, slopes, *rest = bowls(x)
-        return values, slopes, *rest[:2], np.array([0.25, 0.75])
+        values, slopes, excess, excess_slope, _ = bowls(x)
+        return values, slopes, excess, excess_slope, np.array([0.25, 0.75])
 
     move, _ = minimise(method, mean, [0.9, 0.1], most=200)
     np.testing.assert_allclose(move.at, [0.65, 0.5], atol=5e-3)
@@ -76,9 +76,9 @@ def test_a_constraint_is_kept_where_the_objective_is_lower_beyond():
         return np.array([x.sum()]), np.ones((1, 2)), excess, -np.array([[x[1], x[0]]]) / 0.04, None
 
     move, _ = minimise(TrustRegion(least=1e-6), limited, [0.9, 0.3], most=200)
-    assert move.faced.violation < 1e-4
+    assert move.values.violation < 1e-4
     np.testing.assert_allclose(move.at.prod(), 0.04, rtol=1e-3)
-    np.testing.assert_allclose(move.faced.total, 0.4, rtol=1e-3)
+    np.testing.assert_allclose(move.values.total, 0.4, rtol=1e-3)
 
 
 def test_from_a_forbidden_design_the_way_leads_out():

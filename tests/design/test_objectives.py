@@ -81,9 +81,9 @@ def test_objectives_of_sines_are_those_in_closed_form():
 
 @pytest.mark.parametrize("shift", [0.5, -0.5])
 def test_an_excursion_counts_both_sides(shift):
-    found = values([ROLL, ROLL.smooth], dict(coordinates=spread(wave(2e-3, shift), (10,))))
-    np.testing.assert_allclose(found[0], 3e-3, rtol=3e-6)  # 1 mrad to the other side
-    assert 0.9 < found[1] / found[0] < 1
+    result = values([ROLL, ROLL.smooth], dict(coordinates=spread(wave(2e-3, shift), (10,))))
+    np.testing.assert_allclose(result[0], 3e-3, rtol=3e-6)  # 1 mrad to the other side
+    assert 0.9 < result[1] / result[0] < 1
 
 
 def test_the_greatest_of_several_periods_counts_and_means_are_taken():
@@ -104,11 +104,11 @@ def test_without_contact_forces_are_zero_and_have_a_derivative():
         less = lambda curve: tuple(a * scale for a in curve)
         course = some_course(force=less(force), acceleration=less(acceleration))
         objectives = PEAK.smooth, OBJECTIVES["rms_a_z"], OBJECTIVES["impact_impulse"].smooth
-        found = jnp.stack([one.total(one.of(course)[None]) for one in objectives])
-        return found, found
+        result = jnp.stack([one.total(one.of(course)[None]) for one in objectives])
+        return result, result
 
-    slopes, found = jax.jit(jax.jacrev(scaled, has_aux=True))(0.0)
-    np.testing.assert_array_equal(found, 0.0)
+    slopes, result = jax.jit(jax.jacrev(scaled, has_aux=True))(0.0)
+    np.testing.assert_array_equal(result, 0.0)
     assert np.all(np.isfinite(slopes)), slopes
 
 
@@ -124,9 +124,9 @@ def test_names_are_those_of_the_table_and_equal_objectives_are_one():
     assert hash(PowerMean(PEAK, 16)) == hash(PowerMean(PEAK, 16))
     assert objective_named("peak_force_A1").name == "peak_force_A1"
     assert objective_named(RECORDS["peak_force"]) == PEAK
-    found = objective_named(lambda course: course.steps * 1.0)
-    assert isinstance(found, Record)
-    assert found.unit == "1"
+    result = objective_named(lambda course: course.steps * 1.0)
+    assert isinstance(result, Record)
+    assert result.unit == "1"
 
 
 def test_wrong_choices_are_refused():
@@ -146,12 +146,12 @@ def test_on_a_motion_they_agree_with_its_loads():
     """Peaks, impulses and impulses' sums of `simulate`, over the same steps and cubics."""
     scene = sj.paper_scene()
     run = fine(scene)
-    asked = PEAK, OBJECTIVES["impact_impulse"], OBJECTIVES["contact_load"]
+    objectives = PEAK, OBJECTIVES["impact_impulse"], OBJECTIVES["contact_load"]
     step = PeriodMap(scene, ConstantSteps(FINE))
-    records = period_values(asked)
+    records = period_values(objectives)
     start = jax.tree.map(lambda a: a[0], run.state)
     (kept,) = sj.jit(lambda: step.run(start, periods=PERIODS, records=records).samples)()
-    peak, impulse, load = (float(one.total(rows)) for one, rows in zip(asked, kept, strict=True))
+    peak, impulse, load = (float(one.total(rows)) for one, rows in zip(objectives, kept, strict=True))
     assert peak == pytest.approx(float(run.peak.force), rel=1e-9)
     assert impulse == pytest.approx(float(jnp.max(run.loads.impulse)), rel=1e-9)
     assert load == pytest.approx(float(jnp.sum(run.loads.impulse) / (PERIODS * scene.period)), rel=1e-9)

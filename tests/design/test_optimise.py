@@ -1,11 +1,11 @@
-"""Designs that are found, against orbits, brute force and what a gradient leaves."""
+"""Designs that are best, against orbits, brute force and what a gradient leaves."""
 
 import numpy as np
 import pytest
 
 import slipperjax as sj
 from slipperjax.design.checks import event_margins, surroundings
-from slipperjax.design.judge import Memory, judge_on_orbits
+from slipperjax.design.judge import judge_on_orbits
 from slipperjax.design.methods import Descent
 from slipperjax.design.objectives import OBJECTIVES
 from slipperjax.design.optimise import optimise_design
@@ -41,13 +41,12 @@ def test_the_objective_is_that_of_the_worst_orbit(small):
 
 def test_derivatives_are_those_of_orbits_found_anew(small):
     """Away from the optimum, of the peak and of its power mean, by the clearance."""
-    question = small.problem.question
+    plan = small.problem.plan
     at = lambda clearance: {"clearance": np.full(2, clearance), "speed": np.array([1250.0, 1500.0])}
-    found = judge_on_orbits(small.problem.scene, at(1e-3), question)
-    memory = Memory(found.state, found.period, found.inverse)
-    near = [judge_on_orbits(small.problem.scene, at(1e-3 + h), question, memory=memory).value for h in (-1e-8, 1e-8)]
+    here = judge_on_orbits(plan, at(1e-3))
+    near = [judge_on_orbits(plan, at(1e-3 + h), here).value for h in (-1e-8, 1e-8)]
     # measured 3e-8, the difference's own error
-    np.testing.assert_allclose(found.gradient[:, :, 0], (near[1] - near[0]) / 2e-8, rtol=1e-6)
+    np.testing.assert_allclose(here.gradient[:, :, 0], (near[1] - near[0]) / 2e-8, rtol=1e-6)
 
 
 def test_the_history_is_that_of_the_search(small):
@@ -90,9 +89,9 @@ def test_the_nearest_events_are_those_of_the_branch(small):
 def test_a_mean_has_its_own_least_and_adam_agrees():
     """A roll excursion that a length of the slipper minimises, by two methods."""
     box, over = {"length": (0.18, 0.5)}, {"speed": [1300.0, 1500.0]}
-    how = dict(over=over, robust="mean", starts=2, steps_per_period=STEPS)
-    first = optimise_design(sj.paper_scene(), "excursion_pitch", box, **how)
-    other = optimise_design(sj.paper_scene(), "excursion_pitch", box, method=Descent(steps=40), **how)
+    options = dict(over=over, robust="mean", starts=2, steps_per_period=STEPS)
+    first = optimise_design(sj.paper_scene(), "excursion_pitch", box, **options)
+    other = optimise_design(sj.paper_scene(), "excursion_pitch", box, method=Descent(steps=40), **options)
     assert first.smooth <= other.smooth * 1.001
     assert first.smooth == pytest.approx(other.smooth, rel=5e-3)
 
@@ -102,17 +101,17 @@ def test_a_limit_is_kept():
     """Peaks are lowest without play; a highest drive force... is asked of the slipper's excursion instead."""
     box, over = {"clearance": (0.5e-3, 2e-3), "length": (0.18, 0.4)}, {"speed": [1250.0, 1500.0]}
     limits = {"excursion_pitch": 1.2e-3}
-    found = optimise_design(
+    best = optimise_design(
         sj.paper_scene(), "peak_force", box, over=over, constraints=limits, starts=2, steps_per_period=STEPS
     )
-    assert found.status == "converged"
-    assert float(found.cases["constraint_excursion_pitch"].max()) <= 1.2e-3 * (1 + 1e-5)
+    assert best.status == "converged"
+    assert float(best.cases["constraint_excursion_pitch"].max()) <= 1.2e-3 * (1 + 1e-5)
 
 
 @pytest.mark.slow
 def test_what_cannot_be_met_is_infeasible():
     box, limits = {"clearance": (0.5e-3, 1.5e-3)}, {"peak_force": 10.0}
-    found = optimise_design(
+    best = optimise_design(
         sj.paper_scene(),
         OBJECTIVES["peak_force"].smooth,
         box,
@@ -121,4 +120,4 @@ def test_what_cannot_be_met_is_infeasible():
         max_trials=8,
         steps_per_period=STEPS,
     )
-    assert found.status == "infeasible"
+    assert best.status == "infeasible"

@@ -34,16 +34,16 @@ BOX = {"clearance": (0.2e-3, 3e-3), "length": (0.12, 0.5)}
         (dict(starts=[{"clearance": 1e-3, "length": 5.0}]), "Argument `starts` must lie within the bounds"),
         (dict(method="adam"), "Argument `method` must be a slipperjax.design method"),
         (dict(max_trials=0), "Argument `max_trials` must be a whole number of 1 or more"),
-        (dict(spread=3), "Argument `spread` must be a slipperjax.design.Spread"),
+        (dict(ensemble=3), "Argument `ensemble` must be a slipperjax.design.EnsembleSettings"),
         (dict(steps_per_period=0), "Argument `steps_per_period` must be a whole number of 1 or more"),
         (dict(solver="RK5"), "Argument `solver`"),
         (dict(periodic=2), "Argument `periodic` must be True or False"),
     ],
 )
 def test_a_bad_question_names_what_is_wrong(change, words):
-    asked = dict(objective="peak_force", variables=BOX) | change
+    arguments = dict(objective="peak_force", variables=BOX) | change
     with pytest.raises(ValueError, match="^" + words.replace("(", r"\(")):
-        optimise_design(sj.paper_scene(), **asked)
+        optimise_design(sj.paper_scene(), **arguments)
 
 
 @pytest.mark.parametrize(
@@ -69,30 +69,33 @@ def test_a_front_has_two_objectives():
 
 
 def problem(**change):
-    given = dict(over={"speed": [1000.0, 1600.0], "restitution": [0.8, 0.9, 1.0]}, robust="worst", constraints=None)
-    given |= dict(periodic=False, transient=200, spread=sj.design.Spread(), steps=None, solver=None, start=None)
-    return checked_problem(sj.paper_scene(), "peak_force", BOX, **(given | change))
+    arguments = dict(
+        over={"speed": [1000.0, 1600.0], "restitution": [0.8, 0.9, 1.0]}, robust="worst", constraints=None
+    )
+    arguments |= dict(periodic=False, transient=200, ensemble=sj.design.EnsembleSettings())
+    arguments |= dict(steps=None, solver=None, start=None)
+    return checked_problem(sj.paper_scene(), "peak_force", BOX, **(arguments | change))
 
 
 def test_the_cases_are_every_combination():
-    found = problem()
-    assert found.count == 6
-    np.testing.assert_array_equal(found.cases["speed"], [1000.0] * 3 + [1600.0] * 3)
-    np.testing.assert_array_equal(found.cases["restitution"], [0.8, 0.9, 1.0] * 2)
+    search = problem()
+    assert search.count == 6
+    np.testing.assert_array_equal(search.cases["speed"], [1000.0] * 3 + [1600.0] * 3)
+    np.testing.assert_array_equal(search.cases["restitution"], [0.8, 0.9, 1.0] * 2)
 
 
 def test_searches_begin_with_the_scene_s_own_design_and_spread():
-    found = problem()
-    first = found.values(first_designs(found, 8, 0))
+    search = problem()
+    first = search.in_units(first_designs(search, 8, 0))
     np.testing.assert_allclose(first[0], [1e-3, 0.2])
     for k in (0, 1):  # a Latin hypercube: one in each eighth, but for the one that the own design replaced
-        eighths = np.floor(8 * (first[1:, k] - found.low[k]) / found.width[k])
+        eighths = np.floor(8 * (first[1:, k] - search.low[k]) / search.width[k])
         assert len(set(eighths)) == 7
-    given = first_designs(found, [{"clearance": 1e-3, "length": 0.31}], 0)
-    np.testing.assert_allclose(found.values(given), [[1e-3, 0.31]])
+    arguments = first_designs(search, [{"clearance": 1e-3, "length": 0.31}], 0)
+    np.testing.assert_allclose(search.in_units(arguments), [[1e-3, 0.31]])
 
 
 def test_steps_are_those_that_the_worst_corner_needs():
-    slow = problem(over={"speed": [100.0, 1600.0]}).question.steps
-    assert slow > problem().question.steps
-    assert problem(steps=123).question.steps == 123
+    slow = problem(over={"speed": [100.0, 1600.0]}).plan.steps
+    assert slow > problem().plan.steps
+    assert problem(steps=123).plan.steps == 123

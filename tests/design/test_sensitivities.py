@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.design.ensembles import Spread
+from slipperjax.design.evaluation import EnsembleSettings
 from slipperjax.design.objectives import OBJECTIVES
 from slipperjax.design.sensitivities import sensitivities
 
@@ -15,11 +15,11 @@ NAMES = ("clearance", "length")
 def differences(scene, objectives, name, start, relative, **options):
     """Central differences by one parameter, of orbits found from their neighbour."""
     value = float(scene.value(name))
-    found = []
+    values = []
     for side in (-1, 1):
         near = scene.replace(**{name: value * (1 + side * relative)})
-        found.append(sensitivities(near, objectives, NAMES, start=start, transient=0, **options)["value"].values)
-    return (found[1] - found[0]) / (2 * relative * value)
+        values.append(sensitivities(near, objectives, NAMES, start=start, transient=0, **options)["value"].values)
+    return (values[1] - values[0]) / (2 * relative * value)
 
 
 @pytest.fixture(scope="module")
@@ -58,14 +58,14 @@ def test_a_motion_off_the_orbit_is_not_taken_for_one():
 def random_scenes(count, seed=3):
     """Scenes with a stable orbit of period 1, of random speed, clearance, length and per-face play."""
     draws = np.random.default_rng(seed)
-    found = []
-    while len(found) < count:
+    scenes = []
+    while len(scenes) < count:
         scene = sj.paper_scene(draws.uniform(1150, 1900), draws.uniform(0.4e-3, 2e-3), draws.uniform(0.18, 0.4))
         scene = scene.replace(**{"section.play.2": float(scene.section.play[2]) * draws.uniform(0.8, 1.2)})
         orbit = sj.periodic_orbit(scene, steps_per_period=100)
         if int(orbit.status) == 0 and orbit.stable and orbit.period == 1:
-            found.append((scene, orbit))
-    return found
+            scenes.append((scene, orbit))
+    return scenes
 
 
 EVERY = ("speed", "length", "mass", "inertia_y", "stiffness", "restitution", "amplitude", "roll_amplitude")
@@ -76,10 +76,10 @@ STEPS_ASIDE = (1e-5, 1e-6, 1e-4, 1e-7)
 """Relative changes of a parameter, in the order in which they are tried."""
 
 
-def slopes_by_differences(scene, name, objectives, how):
+def slopes_by_differences(scene, name, objectives, options):
     """Central differences of fourth order, for one step after the other."""
     value = float(scene.value(name))
-    at = lambda change: sensitivities(scene.replace(**{name: value * (1 + change)}), objectives, (name,), **how)[
+    at = lambda change: sensitivities(scene.replace(**{name: value * (1 + change)}), objectives, (name,), **options)[
         "value"
     ]
     for h in STEPS_ASIDE:
@@ -91,15 +91,15 @@ def slopes_by_differences(scene, name, objectives, how):
 def test_every_objective_by_every_parameter_at_ten_random_designs():
     names, objectives, worst = (*EVERY, *FACES), list(OBJECTIVES), {}
     for scene, orbit in random_scenes(10):
-        how = dict(start=orbit.state, transient=0, steps_per_period=100)
-        ds = sensitivities(scene, objectives, names, **how)
+        options = dict(start=orbit.state, transient=0, steps_per_period=100)
+        ds = sensitivities(scene, objectives, names, **options)
         assert ds.attrs["method"] == "orbit"
         for name in names:
-            found, errors = ds["gradient"].sel(parameter=name).values, np.inf
+            gradient, errors = ds["gradient"].sel(parameter=name).values, np.inf
             # values have 12 digits, so that of slopes far below value / parameter differences have fewer
             least = 0.1 * np.abs(ds["value"].values / float(scene.value(name)))
-            for slope in slopes_by_differences(scene, name, objectives, how):
-                errors = np.minimum(errors, np.abs(found - slope) / np.maximum(np.abs(slope), least))
+            for slope in slopes_by_differences(scene, name, objectives, options):
+                errors = np.minimum(errors, np.abs(gradient - slope) / np.maximum(np.abs(slope), least))
                 if np.max(errors) < 1e-7:
                     break
             for objective, error in zip(objectives, errors, strict=True):
@@ -122,13 +122,15 @@ def test_reverse_mode_agrees_with_forward_mode():
 @pytest.mark.slow
 def test_ensembles_and_runs_agree_with_orbits_where_motions_are_periodic(nominal):
     scene, ds = nominal
-    asked = ["peak_force", "rms_a_z"]
+    objectives = ["peak_force", "rms_a_z"]
     ensemble = sensitivities(
-        scene, asked, NAMES, method="ensemble", steps_per_period=STEPS, spread=Spread(16, 400, 50)
+        scene, objectives, NAMES, method="ensemble", steps_per_period=STEPS, ensemble=EnsembleSettings(16, 400, 50)
     )
     away = np.abs(ensemble["gradient"] - ds["gradient"]) / np.abs(ds["gradient"])
     assert float(away.max()) < 0.02, away
     orbit = sj.periodic_orbit(scene, steps_per_period=STEPS)
-    run = sensitivities(scene, asked, NAMES, method="run", periods=400, start=orbit.state, steps_per_period=STEPS)
+    run = sensitivities(
+        scene, objectives, NAMES, method="run", periods=400, start=orbit.state, steps_per_period=STEPS
+    )
     # the run's start stays where it is, and its derivative dies out as the multipliers' powers do
     np.testing.assert_allclose(run["gradient"][1], ds["gradient"][1], rtol=0.1)

@@ -17,8 +17,7 @@ from slipperjax.model.dynamics import State, initial_state
 from slipperjax.model.kinematics import MOTION_SCALES
 
 from .shadowing import segments_of, slope_of
-from .test_calibration import ASKED as ALL
-from .test_calibration import STEPS, settled
+from .test_calibration import OBJECTIVES_IN_CHAOS, STEPS, settled
 
 pytestmark = pytest.mark.slow
 TURN = 2 * jnp.pi
@@ -41,9 +40,9 @@ def kicked(x, p):
 
 def slopes(step, p, starts, segments=300, length=8):
     """Derivatives by shadowing from each start."""
-    how = dict(count=1, segments=segments, length=length, align=5)
-    found = jax.jit(jax.vmap(lambda x: segments_of(step, x, p, jnp.ones(2), **how)))(starts)
-    return np.array([slope_of(jax.tree.map(lambda a, k=k: np.asarray(a)[k], found)) for k in range(len(starts))])
+    options = dict(count=1, segments=segments, length=length, align=5)
+    tangents = jax.jit(jax.vmap(lambda x: segments_of(step, x, p, jnp.ones(2), **options)))(starts)
+    return np.array([slope_of(jax.tree.map(lambda a, k=k: np.asarray(a)[k], tangents)) for k in range(len(starts))])
 
 
 def averages_of(step, p, starts, periods):
@@ -58,9 +57,9 @@ STARTS = np.random.default_rng(0).uniform(size=(16, 2))
 
 
 def test_shadowing_is_exact_where_a_parameter_moves_points_only():
-    found = slopes(conjugate, 0.0, STARTS)
+    shadowing = slopes(conjugate, 0.0, STARTS)
     # -1/2 each; measured -0.502 and -0.501, with a standard error of 0.002
-    np.testing.assert_allclose(found.mean(axis=0), -0.5, atol=0.01)
+    np.testing.assert_allclose(shadowing.mean(axis=0), -0.5, atol=0.01)
 
 
 def test_shadowing_misses_what_changes_the_density():
@@ -70,23 +69,23 @@ def test_shadowing_misses_what_changes_the_density():
     sides = [averages_of(kicked, p + side, starts, 20000) for side in (-h, h)]
     slope = (sides[1] - sides[0]) / (2 * h)
     mean, error = slope.mean(axis=0), slope.std(axis=0) / np.sqrt(len(slope))
-    found = slopes(kicked, p, STARTS)
-    print(f"\ndifferences {mean} +- {error}; shadowing {found.mean(axis=0)} +- {found.std(axis=0) / 4}")
-    assert abs(found.mean(axis=0)[0] - mean[0]) > 5 * error[0]
+    shadowing = slopes(kicked, p, STARTS)
+    print(f"\ndifferences {mean} +- {error}; shadowing {shadowing.mean(axis=0)} +- {shadowing.std(axis=0) / 4}")
+    assert abs(shadowing.mean(axis=0)[0] - mean[0]) > 5 * error[0]
     # measured 0.137 for -0.003 +- 0.005
 
 
 # length [m], speed [m/s], clearance [m]: of `CASES`
 SLIPPERS = np.array([(0.10, 1000, 1e-3), (0.11, 1200, 1e-3), (0.12, 1000, 1.5e-3), (0.13, 1300, 1.5e-3)])
 NAMES = ("length", "speed", "clearance")
-ASKED = ALL[:2]
+OBJECTIVES = OBJECTIVES_IN_CHAOS[:2]
 TRAJECTORIES, SEGMENTS, LENGTH, ALIGN, TANGENTS = 4, 80, 5, 4, 4
 """400 forcing periods that count, with five tangents: 2520 with those that pass first, half of a default ensemble."""
 
 
 def slipper_slopes(cases):
-    """ASKED and their slopes by length from one trajectory each, (cases, objectives)."""
-    records = period_values(ASKED)
+    """OBJECTIVES and their slopes by length from one trajectory each, (cases, objectives)."""
+    records = period_values(OBJECTIVES)
     start = initial_state(sj.paper_scene(), sj.table_2_start())
     _, unravel = ravel_pytree(start)
     # 1 m/s of a contact's memory counts as one
@@ -102,13 +101,13 @@ def slipper_slopes(cases):
             return ravel_pytree(passage.state)[0], jnp.stack([a[0] for a in passage.samples[0]])
 
         x = ravel_pytree(initial_state(scene, motion))[0]
-        how = dict(count=TANGENTS, segments=SEGMENTS, length=LENGTH, align=ALIGN)
-        return segments_of(step, x, values[0], weights, **how)
+        options = dict(count=TANGENTS, segments=SEGMENTS, length=LENGTH, align=ALIGN)
+        return segments_of(step, x, values[0], weights, **options)
 
-    found = jax.tree.map(np.asarray, sj.jit(jax.vmap(one))(jnp.asarray(cases), settled(cases)))
-    pick = lambda k: jax.tree.map(lambda a: a[k], found)
-    value, slope = found.average.mean(axis=1), np.array([slope_of(pick(k)) for k in range(len(cases))])
-    growth = np.log(np.abs(np.diagonal(found.factor, axis1=2, axis2=3))).mean(axis=1) / LENGTH
+    tangents = jax.tree.map(np.asarray, sj.jit(jax.vmap(one))(jnp.asarray(cases), settled(cases).motion))
+    pick = lambda k: jax.tree.map(lambda a: a[k], tangents)
+    value, slope = tangents.average.mean(axis=1), np.array([slope_of(pick(k)) for k in range(len(cases))])
+    growth = np.log(np.abs(np.diagonal(tangents.factor, axis1=2, axis2=3))).mean(axis=1) / LENGTH
     # the first objective is kept as a mean square
     value[:, 0], slope[:, 0] = np.sqrt(value[:, 0]), slope[:, 0] / (2 * np.sqrt(value[:, 0]))
     return slope / value * cases[:, :1], growth
@@ -123,6 +122,6 @@ def test_shadowing_of_slippers():
     for j, (length, speed, clearance) in enumerate(SLIPPERS):
         rows = slice(j * TRAJECTORIES, (j + 1) * TRAJECTORIES)
         print(f"{length:.2f} m {speed:5.0f} m/s {clearance * 1e3:.1f} mm", np.round(growth[rows].mean(axis=0), 2))
-        for k, one in enumerate(ASKED):
+        for k, one in enumerate(OBJECTIVES):
             print(f"  {one.name:14s}", " ".join(f"{v:11.4g}" for v in slope[rows, k]))
     assert np.all(np.isfinite(slope))
