@@ -175,16 +175,21 @@ tests/plots/test_plots.py -k flagged_exponents
 +ax.plot(x, np.where(flagged(ds, over), 0.0, y), lw=0.5
 
 # sweeps
-status written first
-tests/sweeps/test_stores.py -k full_disk
--for name in [*sorted(name for name in found if name != LAST), LAST]}
-+for name in [LAST, *sorted(name for name in found if name != LAST)]}
+an old worker writes into a new store
+tests/sweeps/test_stores.py -k old_worker
+-            if _open_archive(self.path).mark == self.mark:
++            if _open_archive(self.path).mark.keys() == self.mark.keys():
+
+missing files of a complete tile not seen
+tests/sweeps/test_stores.py -k damaged_tile
+-        complete = lambda number: self.digest_file(number).is_file() and all(map(Path.is_file, files(number)))
++        complete = lambda number: self.digest_file(number).is_file() or all(map(Path.is_file, files(number)))
 
 lock taken only by who waits
 tests/sweeps/test_stores.py -k two_processes_cannot_write
--        lock.acquire(timeout=wait)
-+        if wait > 1:
-+            lock.acquire(timeout=wait)
+-        lock.acquire(timeout=seconds)
++        if seconds > 1:
++            lock.acquire(timeout=seconds)
 
 resumed by the number of tiles
 tests/sweeps/test_stores.py -k damaged_tile
@@ -193,10 +198,10 @@ tests/sweeps/test_stores.py -k damaged_tile
 
 Ctrl-C swallowed
 tests/sweeps/test_interrupts.py -k finished_chunks_are_kept
--    except KeyboardInterrupt:
--        interrupted = True
-+    except KeyboardInterrupt:
-+        interrupted = False
+-        except KeyboardInterrupt:
+-            interrupted = True
++        except KeyboardInterrupt:
++            interrupted = False
 
 # design
 cases with their axes exchanged

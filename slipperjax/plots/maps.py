@@ -10,7 +10,7 @@ from matplotlib.colors import BoundaryNorm, Colormap, FuncNorm, ListedColormap, 
 from matplotlib.patches import Patch
 
 from ..analysis.kinds import REGIMES, Regime
-from ..analysis.lyapunov import LEAST, REGIMES, SURE
+from ..analysis.lyapunov import LEAST, SURE
 from ..flow.load import varied_names
 from ..flow.status import Status
 from .style import (
