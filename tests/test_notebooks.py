@@ -12,7 +12,7 @@ NOTEBOOKS = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
 LARGEST = 400e3
 """Bytes of a notebook with its pictures."""
 DRAWS = re.compile(r"\bplots\.(?!styled)[a-z_]+\(|\bplt\.(subplots|figure|plot)\(")
-"""What makes a picture."""
+"""Functions that make a picture."""
 each = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
 
 
@@ -21,7 +21,7 @@ def code_cells(notebook):
 
 
 def faults(notebook):
-    """What is wrong with a kept notebook, a line each."""
+    """Lists faults of a kept notebook, a line each."""
     found, code = [], code_cells(notebook)
     if [cell["execution_count"] for cell in code] != list(range(1, len(code) + 1)):
         found.append("cells were not executed in order")

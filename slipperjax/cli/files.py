@@ -1,4 +1,4 @@
-"""What a command writes: OUT with endings, whole or not at all, and what an interrupt leaves."""
+"""Files of a command: OUT with endings, written whole or not at all, also after an interrupt."""
 
 import importlib
 import sys
@@ -18,7 +18,7 @@ Draw = Callable[[Any], Any]
 """Makes a picture of a dataset."""
 
 PARTIAL = "_partial"
-"""What is added to the name of what an interrupt left: a name without it is that of a whole result."""
+"""Added to the name of a result that an interrupt cut short: a name without it is that of a whole one."""
 
 
 def make_folder(folder: Path, out: Path) -> None:
@@ -67,7 +67,7 @@ def _import_writers() -> None:
 
 
 def _picture(ds: Any, draw: Draw) -> bytes:
-    """What `draw` makes of a dataset, as the content of a PNG file."""
+    """Draws a dataset by `draw`, as the content of a PNG file."""
     import matplotlib
     import numpy as np
 

@@ -47,7 +47,7 @@ def simulate(case: Case, periods: int, saves_per_period: int | None, probe: int,
 
 
 def _error(probe: Any) -> str:
-    """What half the step changes, in words."""
+    """Says by how much half the step changes a result."""
     import numpy as np
 
     most, peaks = float(np.max(probe.error)), np.asarray(probe.peak_error)

@@ -167,7 +167,7 @@ def _share(text: str) -> tuple[int, int]:
 
 @contextmanager
 def _executor(count: int | None, address: str | None) -> Iterator[Any]:
-    """What computes tiles, or None for threads of this process."""
+    """Makes the executor of tiles, or None for threads of this process."""
     from ..sweeps.store import processes
 
     if address is None:
@@ -217,7 +217,7 @@ def _swept(
 
 
 def _draw(ds: Any, show: str | None = None) -> Callable[[Any], Any] | None:
-    """What draws a sweep, where it has few enough parameters for a picture."""
+    """Gives the function that draws a sweep, where it has few enough parameters for a picture."""
     return partial(picture, show=show) if ds["status"].ndim <= 2 else None
 
 
@@ -255,7 +255,7 @@ def summary(ds: Any, seconds: float) -> str:
 
 
 def picture(ds: Any, show: str | None = None) -> Any:
-    """What suits a dataset: a named variable, exponents, bifurcation diagrams, motions or peak forces."""
+    """Draws what suits a dataset: a named variable, exponents, bifurcation diagrams, motions or peak forces."""
     from ..plots.bifurcations import bifurcations
     from ..plots.maps import attractor_map, exponents, quantity_map, regime_map
 

@@ -1,4 +1,4 @@
-"""What the cases of a sweep settle to, and which starts share a basin of attraction."""
+"""Attractors of the cases of a sweep, and which starts share a basin of attraction."""
 
 from typing import Any
 
@@ -33,7 +33,9 @@ def strobe_states(ds: xr.Dataset, last: int | None = None) -> Float[np.ndarray, 
 
 
 def attractors(ds: xr.Dataset, last: int = 200, floor: float = FLOOR, **options: Any) -> Attractors:
-    """What each case of a sweep settled to, from its `last` strobe states: see `slipperjax.analysis.attractor`.
+    """Classifies the motion that each case of a sweep settled to, from its `last` strobe states.
+
+    See `slipperjax.analysis.attractor`.
 
     Cases with a status other than 0 are "unresolved", and the evidence names the status. `slipperjax.lyapunov_sweep`
     says which periodic ones are on exact orbits of that period.

@@ -1,4 +1,4 @@
-"""What a sweep will take, before it is begun: counted, and measured by a probe of a few of its cases."""
+"""Time, memory and disk of a sweep before it is begun, from a probe of a few of its cases."""
 
 import math
 import shutil
@@ -23,7 +23,7 @@ from .store import COPIES, Store, Tiling
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a sweep will take."""
+    """Time, memory and disk of a sweep."""
 
     function: str
     cases: int
@@ -102,7 +102,7 @@ def explain(
     workers: int | None = None,
     **options: Any,
 ) -> Estimate:
-    """What a sweep will take: cases, tiles, time, memory and disk, from a probe of some of its cases.
+    """Estimates cases, tiles, time, memory and disk of a sweep, from a probe of some of its cases.
 
     The probe runs `LARGEST_CHUNK` cases spread over the grid, once to compile and once to be timed.
 

@@ -63,7 +63,7 @@ class Grid:
 
     @staticmethod
     def label(name: str) -> str:
-        """What an axis is called in a dataset, where y is the displacement and not the start's."""
+        """Names an axis in a dataset, where y is the displacement and not the start's."""
         return f"start_{name}" if name in STARTS else name
 
     def coordinates(self) -> dict[str, Any]:

@@ -101,7 +101,7 @@ class Maps(NamedTuple):
         return self._of_blocks(lambda _, states: coordinates(states), index, rows)
 
     def look(self, index: np.ndarray, rows: np.ndarray, room: int) -> Int[np.ndarray, " some"]:
-        """What the contact loads of some periods from states on show to be wrong, as `Status` codes.
+        """Judges states by the contact loads of some periods from there on, as `Status` codes.
 
         **Arguments:** `room`: steps per period that the program has room for, of `Plan.room`.
         """

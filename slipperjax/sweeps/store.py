@@ -222,7 +222,7 @@ class Archive(NamedTuple):
 
     path: Path
     mark: dict[str, Any]
-    """What its attribute `MARK` holds: `identity`, `call`, `dims`, `shape`, `tile`, `axes`, `coords`."""
+    """Content of its attribute `MARK`: `identity`, `call`, `dims`, `shape`, `tile`, `axes`, `coords`."""
 
     @property
     def tiles(self) -> Tiling:

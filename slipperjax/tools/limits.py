@@ -1,4 +1,4 @@
-"""What a run will need, told before it is begun: impossible ones are refused, very long ones warned of."""
+"""Limits of memory and time: impossible runs are refused before they begin, very long ones warned of."""
 
 import os
 

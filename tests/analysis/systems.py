@@ -130,7 +130,7 @@ def linear(stiffness, damping, shift, force, frequency):
 
 
 def one_touch(damping, frequency, gap, stop, force, up, down, rising, falling):
-    """What a motion that touches a spring once misses, in its instants and speeds at the gap; its matrix over a
+    """Gives the residual of a motion that touches a spring once, by instants and speeds at the gap; its matrix over a
     period; and its state at t = 0 in contact."""
     period = 2 * np.pi / frequency
     free, slow = linear(1.0, damping, 0.0, force, frequency)

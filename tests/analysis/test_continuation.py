@@ -162,7 +162,7 @@ def duffing(w):
 
 
 def balance(both, w):
-    """What the coefficients of cosines and sines miss, and its derivative."""
+    """Gives the residual of coefficients of cosines and sines, and its derivative."""
     x, n = both @ WAVES, w * HARMONICS
     linear = np.kron(np.eye(2), np.diag(1 - n**2)) + np.kron([[0, 1], [-1, 0]], np.diag(DAMPING * n))
     share = 2 * WAVES / ANGLES.shape[1] * CUBIC
@@ -170,7 +170,7 @@ def balance(both, w):
 
 
 def at_fold(unknowns):
-    """What a frequency, the coefficients and a null vector of length one miss at a fold."""
+    """Gives the residual of a frequency, the coefficients and a null vector of length one at a fold."""
     w, both, null = unknowns[0], *np.split(unknowns[1:], 2)
     missed, slope = balance(both, w)
     return np.concatenate([missed, slope @ null, [null @ null - 1]])

@@ -51,7 +51,7 @@ def test_time_to_first_derivative():
 
 @pytest.mark.benchmark
 def test_second_process_takes_programs_from_the_cache(tmp_path):
-    """What is left to the second of two processes that share JAX's cache."""
+    """Times the second of two processes that share JAX's cache."""
     kept = dict(JAX_COMPILATION_CACHE_DIR=str(tmp_path), JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS="0")
     rows = []
     for what, mode in (row for row in ROWS if row[1] in ("jacfwd", "grad", "hessian")):

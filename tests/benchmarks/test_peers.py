@@ -20,7 +20,7 @@ NOMINAL, LANES = all_cases()[0], 241
 
 
 def peer_points(case, speeds, truth):
-    """What each of the other codes costs one by one, and its error."""
+    """Cost and error of each of the other codes, one by one."""
     for peer in PEERS:
         for setting, states, taken, picked in peer.runs(case, speeds):
             error = float(np.median(errors(states, truth[picked])))

@@ -1,4 +1,4 @@
-"""What `ImpulseRK4` and the default steps per period are chosen by: errors, lost cases, orders, derivatives, cost.
+"""Tables behind `ImpulseRK4` and the default steps: errors, lost cases, orders, derivatives, cost.
 
     pytest -m benchmark -s tests/benchmarks/test_steps.py
 

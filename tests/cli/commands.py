@@ -18,7 +18,7 @@ DPI = 300
 
 
 def call(arguments, capsys, code=0):
-    """What a command prints, on standard output and on standard error."""
+    """Runs a command; gives its standard output and standard error."""
     capsys.readouterr()
     with pytest.raises(SystemExit) as stopped:
         main(list(map(str, arguments)))

@@ -30,7 +30,7 @@ class Segments(NamedTuple):
     factor: np.ndarray
     """R of the tangents' QR at the end of each segment, (segments, count, count)."""
     shift: np.ndarray
-    """What of the inhomogeneous tangent lay along Q there, (segments, count)."""
+    """Component of the inhomogeneous tangent along Q there, (segments, count)."""
 
 
 def segments_of(

@@ -1,4 +1,4 @@
-"""What a dataset says of its scene."""
+"""Datasets and their scenes."""
 
 import pytest
 

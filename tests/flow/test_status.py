@@ -1,4 +1,4 @@
-"""What went wrong is said, and stays said."""
+"""Failures are marked, and stay marked."""
 
 import pickle
 

@@ -52,7 +52,7 @@ class OneStep:
         return (state.motion, state.memory) if self.frozen else (state, None)
 
     def misses(self, t, state, h=STEP):
-        """What the stages miss in their equations, scaled, and whether all converged."""
+        """Gives the scaled residual of the stages' equations, and whether all converged."""
         y, memory = self.start(state)
         y1, k, result = self.step(t, h, y, memory)
         if k is None:  # the implicit Euler method

@@ -70,7 +70,7 @@ def call(path, **more):
 
 
 def first_half(path):
-    """What a process does that computes a share, without a word."""
+    """Computes a share, without a word."""
     with warnings.catch_warnings(action="error"):
         call(path, share=(1, 2), workers=1)
 

@@ -1,4 +1,4 @@
-"""What a sweep will take, and points spread over a box."""
+"""Estimates of sweeps, and points spread over a box."""
 
 import sys
 

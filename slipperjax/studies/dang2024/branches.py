@@ -135,7 +135,7 @@ class Edge(NamedTuple):
     value: float
     """The parameter's value [SI unit]."""
     event: BranchEvent | None
-    """What happens there; None at the first orbit of a branch that begins at another one's flip."""
+    """Label of the event there; None at the first orbit of a branch that begins at another one's flip."""
 
 
 class Part(NamedTuple):
@@ -230,7 +230,7 @@ def crossed(branch: OrbitBranch, name: str, part: Part, section: str, times: int
 
 
 def over_speed(branches: Branches) -> dict[str, str]:
-    """What the branches over speed say about the claims, by key."""
+    """Answers the claims by the branches over speed, by key."""
     branch, name = branches["branch"], "speed"
     part = stable_part(branch, name, NOMINAL[name])
     found = {"N4 period-1": f"orbits of period 1: {part_text(name, part)}"}
@@ -272,7 +272,7 @@ def _apart(branch: OrbitBranch, part: Part, section: str) -> float:
 
 
 def over_clearance(branches: Branches) -> dict[str, str]:
-    """What the branches over clearance say about the claims, by key."""
+    """Answers the claims by the branches over clearance, by key."""
     branch, name = branches["branch"], "clearance"
     part = stable_part(branch, name, NOMINAL[name])
     first = f"orbits of period 1: {part_text(name, part)}"
@@ -309,7 +309,7 @@ def _other(branch: OrbitBranch, name: str, at: float) -> str:
 
 
 def over_length(branches: Branches) -> dict[str, str]:
-    """What the branch over length says about the claims, by key."""
+    """Answers the claims by the branch over length, by key."""
     branch, name = branches["branch"], "length"
     part = stable_part(branch, name, NOMINAL[name])
     found = {"N12 chaos": f"orbits of period 1: {part_text(name, part)}"}
@@ -324,4 +324,4 @@ OVER: dict[str, Callable[[Branches], dict[str, str]]] = {
     "clearance": over_clearance,
     "length": over_length,
 }
-"""What branches say, by parameter."""
+"""Functions from branches to answers, by parameter."""

@@ -106,7 +106,7 @@ def near(ours: float | None, paper: float, step: float) -> bool:
 
 
 def named(kinds: Any, k: int) -> str:
-    """What case number k settled to, from `Attractors`."""
+    """Describes the attractor of case number k, from `Attractors`."""
     period = int(kinds.period[k])
     return f"period-{period}" if period else str(kinds.kind[k])
 

@@ -134,7 +134,7 @@ def histories(history: xr.Dataset, sections: xr.Dataset, judged: int) -> dict[st
 
 
 def _unless_flagged(status: np.ndarray, answer: Callable[[], Answer]) -> Answer:
-    """What `answer` gives, or a negative one where a case that it needs is flagged."""
+    """Gives the answer of `answer`, or a negative one where a case that it needs is flagged."""
     flagged = status[status != Status.FINITE]
     if not flagged.size:
         return answer()
