@@ -16,7 +16,11 @@ SLOWEST_APPROACH = 0.1
 PER_CONTACT = 10
 """Default number of steps per typical impact, chosen by `tests/benchmarks/test_steps.py`."""
 PER_WAVE = 10
-"""Least default number of steps per shortest wavelength of the track."""
+"""Least default number of steps per shortest wavelength of the track.
+
+With a second wave of 0.5 or 1 m and amplitudes of 0.1 to 0.3 mm, the error after two periods was 1e-4 to 0.05 scales,
+and 0.6 to 4 with half as many steps or fewer.
+"""
 DAMPED = 2.0
 """Damping force over elastic force at a typical touchdown, above which steps are shortened in proportion [1].
 
