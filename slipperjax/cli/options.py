@@ -250,7 +250,7 @@ def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = ()) -> dict[str, Any
     """
     import numpy as np
 
-    from ..sweeps.grid import refuse_cases
+    from ..sweeps.run import refuse_cases
 
     grid = {}
     for name, first, last, count in axes:

@@ -25,12 +25,13 @@ def _overview(ds: Any) -> Any:
 @takes_case
 def simulate(case: Case, periods: int, saves_per_period: int | None, probe: int, out: Path) -> int:
     """Simulate one case and write its trajectory."""
+    from ..flow.simulate import default_steps, step_plan
     from ..flow.simulate import simulate as run
-    from ..flow.simulate import step_plan
     from ..flow.status import Status
 
     scene, files = case.scene, Outputs(out, ".nc", ".png")
-    step_plan(scene, case.steps_per_period, saves_per_period)  # here, too, so that an error is the only line
+    # here, too, so that an error is the only line
+    step_plan(lambda: default_steps(scene, None), case.steps_per_period, saves_per_period)
     print(f"simulating {periods} periods of {float(scene.period) * 1e3:.4g} ms ...", file=sys.stderr)
     options = dict(saves_per_period=saves_per_period, probe=probe, **case.options)
     found = on_thread(lambda: run(scene, periods, **options))

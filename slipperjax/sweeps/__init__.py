@@ -7,7 +7,7 @@ from .explain import Estimate as Estimate
 from .exponents import LyapunovExponents as LyapunovExponents
 from .follow import Jump as Jump
 from .follow import find_jump as find_jump
-from .orbits import PeriodicOrbit as PeriodicOrbit
+from .orbits import NearestOrbit as NearestOrbit
 from .records import LargestExponent as LargestExponent
 from .records import MotionKind as MotionKind
 from .store import StoreInUse as StoreInUse

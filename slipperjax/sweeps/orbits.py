@@ -203,7 +203,7 @@ class CaseOrbits(NamedTuple):
 
 
 @dataclass(frozen=True)
-class PeriodicOrbit(AbstractRecord):
+class NearestOrbit(AbstractRecord):
     """The periodic orbit near the end of each motion, by Newton's method, with its Floquet multipliers.
 
     Cases whose iterations end elsewhere have `Status.NO_ORBIT`.

@@ -20,7 +20,7 @@ from ..tools.checks import brief, require, whole, yes_or_no
 from .attractors import FLOOR
 from .exponents import LyapunovExponents
 from .measure import BLOCK, LAST, Measure, measured_periods, tangents_cost
-from .orbits import PeriodicOrbit
+from .orbits import NearestOrbit
 from .run import RecordedChunk
 
 LEAST_PERIODS = 16
@@ -178,7 +178,7 @@ _OTHERS: dict[str, tuple[AbstractRecord, ...]] = {
     "motion": (MotionKind(),),
     "exponent": (LargestExponent(),),
     "exponents": (LyapunovExponents(),),
-    "orbits": (PeriodicOrbit(),),
+    "orbits": (NearestOrbit(),),
 }
 """Records by name that are no numbers of a period."""
 NAMES = (*_OTHERS, *ALIASES, *RECORDS)

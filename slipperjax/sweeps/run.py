@@ -25,6 +25,7 @@ from ..flow.stepping import ConstantSteps, capacity_for
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.scene import Scene
+from ..model.step_size import LEAST_STEPS
 from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
@@ -82,6 +83,15 @@ def call_of(function: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
 KEPT_ELSEWHERE = ("scene", "grid", "path", "start", "steps_per_period", "solver", "chunk", "workers", "progress")
 KEPT_ELSEWHERE += ("store", "executor")
 """Arguments that results keep as attributes or variables of their own, or that change no number."""
+
+
+def refuse_cases(count: int) -> None:
+    """Refuses more cases than fit into memory or into a year, whatever is run and kept of them.
+
+    **Raises:** `ValueError` that names memory and time.
+    """
+    seconds = SECONDS_PER_STEP * LEAST_STEPS * count / cores()
+    refuse_impossible(f"{count} cases of one forcing period at least", LEAST_BYTES * count, seconds)
 
 
 class Calls(NamedTuple):

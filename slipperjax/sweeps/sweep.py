@@ -17,7 +17,7 @@ from ..flow.simulate import Trajectory, first_of
 from ..flow.status import MEANINGS, Status
 from ..model.dynamics import State
 from ..model.kinematics import Motion
-from ..model.scene import Scene
+from ..model.scene import Scene, check_scene
 from ..orbits.exponents import check_count
 from ..orbits.periodic import TOLERANCE
 from ..solvers.latching import solver_name
@@ -25,7 +25,7 @@ from ..tools.checks import whole
 from .exponents import LyapunovExponents
 from .grid import Grid
 from .measure import BLOCK
-from .orbits import PeriodicOrbit
+from .orbits import NearestOrbit
 from .records import resolved_record
 from .run import PERIODS_PER_CALL, Part, Plan, Run, RunOptions, call_of, make_plan, run_cases, run_chunk
 from .store import Store, storable
@@ -162,7 +162,7 @@ def lyapunov_sweep(
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C. Chaotic cases whose
     longer motions were not finished then have the exponents that were measured, and `Status.NOT_RUN`.
     """
-    record = LyapunovExponents(check_count(scene, count), periods, certify, orbits)
+    record = LyapunovExponents(check_count(check_scene(scene), count), periods, certify, orbits)
     return sweep(scene, grid, record=record, **_before(whole("transient", transient, BLOCK)), **options)
 
 
@@ -190,7 +190,7 @@ def orbit_sweep(
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
     """
-    record = PeriodicOrbit(period, tolerance, max_iterations)
+    record = NearestOrbit(period, tolerance, max_iterations)
     return sweep(scene, grid, record=record, **_before(whole("transient", transient, 1)), **options)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from slipperjax.analysis.attractor import KINDS
+from slipperjax.analysis.kinds import Regime
 from slipperjax.design.evaluation import Evaluation
 
 
@@ -18,7 +18,7 @@ def evaluate(self, designs, warm_start):
     error = np.where(chaotic, 100.0, 0.0)[:, None]
     return cases._replace(
         period=np.where(chaotic, 0, 1),
-        kind=np.where(chaotic, KINDS.index("chaotic"), KINDS.index("period")),
+        kind=np.where(chaotic, Regime.CHAOTIC, Regime.PERIODIC),
         multiplier=np.where(chaotic, np.nan, 0.5),
         value=np.broadcast_to(total[:, None], cases.value.shape),
         gradient=np.broadcast_to(slope[:, None, :], cases.gradient.shape),

@@ -141,7 +141,7 @@ def test_crossings_beyond_the_capacity_are_counted_and_flagged():
     np.testing.assert_array_equal(found.velocity[4], [1.0, 3.0])
     assert found.count.tolist() == [3] * 5
     carried = record.add(record.begin(sj.paper_scene(), None), course)
-    status = record.after(np.array([int(carried), 2]), np.zeros(2, int), None)[1]
+    status = record.after(np.array([int(carried), 2]), None, np.zeros(2, int), None)[1]
     assert status.tolist() == [Status.POINTS_DROPPED, 0]
 
 

@@ -282,7 +282,10 @@ def drive(course):
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (bad("peak"), "`record` must be one of sections, strobe, history, motion, exponent, loads"),
+        (
+            bad("peak"),
+            "`record` must be one of sections, strobe, history, motion, exponent, exponents, orbits, loads",
+        ),
         (bad(["peak"]), "`record` must be one of sections, "),
         (bad([]), "`record` must name at least one of sections, "),
         (bad([["rms"]]), "but is ['rms']"),
