@@ -228,6 +228,7 @@ def make_plan(grid: Grid, start: Motion | State, options: RunOptions, records: R
 
     **Raises:** `ValueError` that names the argument which is wrong, or memory and time of an impossible run.
     """
+    cases = grid.sample(start, SAMPLED_CASES)  # first of all, so that implausible values are told
     transient, recorded = whole("transient", options.transient, 0), whole("periods", options.periods, 1)
     if transient > PERIODS_PER_CALL:
         transient = math.ceil(transient / PERIODS_PER_CALL) * PERIODS_PER_CALL
@@ -238,7 +239,7 @@ def make_plan(grid: Grid, start: Motion | State, options: RunOptions, records: R
             f"Argument `steps_per_period` must be one number or one for each case, {grid.shape}, "
             f"but has shape {shape}."
         )
-    solver, cases = resolve_solver(grid.scene, options.solver), grid.sample(start, SAMPLED_CASES)
+    solver = resolve_solver(grid.scene, options.solver)
     steps, saves = step_plan(cases.default_steps, given, options.saves_per_period)
     records = records.with_saves(saves)
     # before all cases are made, which may not fit into memory

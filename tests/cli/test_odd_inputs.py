@@ -332,7 +332,7 @@ WARNINGS = [
     implausible("y", "1 m", lambda: stopped(sweep, {"y": [1.0]})),
     implausible("v_y", "500 m/s", lambda: stopped(sweep, {"v_y": [500.0]})),
     implausible("length", "200 m", lambda: stopped(follow, {"length": [200.0]})),
-    implausible("amplitude", "2 m", lambda: stopped(exponents, {"amplitude": [1.0, 2.0]})),
+    implausible("amplitude", "2 m", lambda: stopped(exponents, {"amplitude": [1.0, 2.0]}, "steps_per_period")),
     # starts outside the play
     (*given(outside, y=1.0), "start lies outside the play"),
     (*given(outside, z=5e-3), "start lies outside the play"),
@@ -342,9 +342,9 @@ WARNINGS = [
 ]
 
 
-def stopped(run, grid):
-    with pytest.raises(ValueError, match="`periods` must be"):
-        run(grid, periods=0)
+def stopped(run, grid, wrong="periods"):
+    with pytest.raises(ValueError, match=f"`{wrong}` must be"):
+        run(grid, **{wrong: 0})
 
 
 @pytest.mark.parametrize(("label", "call", "words"), WARNINGS, ids=[row[0] for row in WARNINGS])
