@@ -516,8 +516,9 @@ def progress_shown(total: float, cases: int, name: str, wanted: bool) -> Iterato
     from tqdm.auto import tqdm  # only here, because its import warns in notebooks without widgets
 
     live = sys.stderr.isatty() or "ipykernel" in sys.modules
-    layout = "{desc}{percentage:3.0f}%|{bar}| {elapsed}, {remaining} left{postfix}"
-    options: Any = dict(bar_format=layout, mininterval=TICK if live else 10.0, dynamic_ncols=live, file=sys.stderr)
+    layout = "{desc}{percentage:3.0f}%" + ("|{bar}|" if live else ",") + " {elapsed}, {remaining} left{postfix}"
+    options: Any = dict(bar_format=layout, mininterval=TICK if live else 10.0, dynamic_ncols=live)
+    options["file"] = sys.stderr if live else _Lines()
     lock, finished = threading.Lock(), 0
     with tqdm(total=total, desc=f"{name} (compiling)".strip(), disable=not wanted, **options) as bar:
 
@@ -532,6 +533,16 @@ def progress_shown(total: float, cases: int, name: str, wanted: bool) -> Iterato
                 bar.update(min(work, total - bar.n))
 
         yield add
+
+
+class _Lines:
+    """Standard error for a bar in files and pipes, where each of its states gets a line of its own."""
+
+    def write(self, text: str) -> None:
+        sys.stderr.write(text.replace("\r", "\n"))
+
+    def flush(self) -> None:
+        sys.stderr.flush()
 
 
 def concurrently(*calls: Callable[[], Any]) -> list[Any]:
