@@ -7,7 +7,7 @@ import numpy as np
 
 
 class Regime(enum.IntEnum):
-    """Kind of a motion: a number for arrays in memory, where zero means not computed, too; results have its words."""
+    """Code of a kind of motion, whose words results have; 0 also marks cases that were not computed."""
 
     UNRESOLVED = 0, "unresolved", "unresolved"
     """None of the others with certainty."""

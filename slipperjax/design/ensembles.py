@@ -22,7 +22,7 @@ from ..model.kinematics import MOTION_SCALES
 from ..model.quantities import MOTION_NUMBERS
 from ..sweeps.grid import Grid
 from ..sweeps.records import LargestExponent
-from ..sweeps.run import Part, Plan, RunOptions, make_plan, run_cases, run_chunk
+from ..sweeps.run import ChunkInputs, Plan, RunOptions, make_plan, run_cases, run_chunk
 from ..tools.checks import whole
 from .evaluation import Evaluation, EvaluationPlan
 from .gradients import PeriodValues, totals
@@ -94,7 +94,7 @@ def _run(plan: EvaluationPlan, runs: Plan) -> tuple[np.ndarray, np.ndarray]:
     """The objectives of each run (runs, objectives), and the runs' statuses."""
     courses = plan.of_courses
 
-    def work(part: Part) -> _RunValues:
+    def work(part: ChunkInputs) -> _RunValues:
         # starts of runs may be deep inside contacts, which is no oversight
         states = states_and_penetrations(part.scenes, part.starts)[0]
         run = run_chunk(runs, part.scenes, states, plan.steps, part.on_progress)

@@ -43,7 +43,8 @@ class AbstractRecord(abc.ABC):
     """Something to keep of each case of a run.
 
     Subclasses are frozen dataclasses: equal ones share a compiled program. One that carries numbers defines `begin`
-    and `add`, one that samples periods defines `sample`; both define `finish` and `label`.
+    and `add`, one that samples periods defines `sample`; both define `finish` and `label`. Of a chunk `begin`, `add`
+    and `sample` of each period, `after` and `finish` are called in this order, then `continue_cases` and `label`.
     """
 
     name: str
@@ -104,29 +105,29 @@ class AbstractRecord(abc.ABC):
         return 0.0
 
     def after(self, carried: Any, samples: Any, status: np.ndarray, run: Any) -> tuple[Any, np.ndarray]:
-        """Judges a chunk, or runs on with it, from the end of the recorded span; gives carry and `Status` codes.
+        """Continues the motions of a chunk after the recorded span, or judges them; gives carry and `Status` codes.
 
         **Arguments:** `samples`: (cases, periods, ...); `run`: the chunk, a `slipperjax.sweeps.run.RecordedChunk`.
         """
         return carried, status
 
     @property
-    def completes(self) -> bool:
-        """Whether it runs on with some of the cases, in chunks of their own, after all chunks."""
+    def continues(self) -> bool:
+        """Whether it simulates some of the cases further, in chunks of their own, after all chunks."""
         return False
 
-    def cost_completing(self, periods: int) -> float:
+    def cost_continuing(self, periods: int) -> float:
         """Cost of running on after all chunks, in unrecorded periods."""
         return 0.0
 
-    def complete(
+    def continue_cases(
         self, values: Any, status: np.ndarray, plan: Any, options: Any, interrupted: bool
     ) -> tuple[Any, np.ndarray, bool]:
-        """Runs on with some of the cases after all chunks; gives values, `Status` codes, and whether the run was
+        """Simulates some of the cases further after all chunks; gives values, `Status` codes, and whether the run was
         interrupted. Cases that were not finished have `Status.NOT_RUN`.
 
         **Arguments:** `values`: of `finish`, (cases, ...); `plan`: a `slipperjax.sweeps.run.Plan`; `options`: for
-        `slipperjax.sweeps.run.run_cases`; `interrupted`: whether nothing more is to be run.
+        `slipperjax.sweeps.run.run_cases`; `interrupted`: whether the run was, so that nothing is simulated.
         """
         return values, status, interrupted
 
@@ -234,21 +235,21 @@ class RecordSet:
         return tuple(carries), status
 
     @property
-    def completes(self) -> bool:
+    def continues(self) -> bool:
         """Whether any runs on after all chunks."""
-        return any(r.completes for r in self.records)
+        return any(r.continues for r in self.records)
 
-    def cost_completing(self, periods: int) -> float:
+    def cost_continuing(self, periods: int) -> float:
         """Cost of running on after all chunks, in unrecorded periods."""
-        return sum((r.cost_completing(periods) for r in self.records), 0.0)
+        return sum((r.cost_continuing(periods) for r in self.records), 0.0)
 
-    def complete(
+    def continue_cases(
         self, values: tuple[Any, ...], status: np.ndarray, plan: Any, options: Any, interrupted: bool
     ) -> tuple[tuple[Any, ...], np.ndarray, bool]:
         """Values and `Status` codes after all that runs on, and whether the run was interrupted."""
         whole = []
         for r, mine in zip(self.records, values, strict=True):
-            mine, status, interrupted = r.complete(mine, status, plan, options, interrupted)
+            mine, status, interrupted = r.continue_cases(mine, status, plan, options, interrupted)
             whole.append(mine)
         return tuple(whole), status, interrupted
 

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 
 class Travel(NamedTuple):
-    """Speed and pace at a phase of the run, a number of forcing periods travelled."""
+    """Speed, and length of a forcing period, at a time given in forcing periods since the start."""
 
     speed: Any
     """Travelling speed [m/s]."""

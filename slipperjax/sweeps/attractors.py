@@ -43,13 +43,13 @@ def attractors(ds: xr.Dataset, last: int = 200, floor: float = FLOOR, **options:
     **Arguments:** `floor`: distances below it are zero, in multiples of `slipperjax.model.COORDINATE_SCALES`: by
     default 10 nm.
     """
-    found = classify(strobe_states(ds, last), scales=COORDINATE_SCALES, floor=floor, **options)
+    motions = classify(strobe_states(ds, last), scales=COORDINATE_SCALES, floor=floor, **options)
     if "status" not in ds:
-        return found
-    evidence = np.asarray(found.evidence, dtype=object)
+        return motions
+    evidence = np.asarray(motions.evidence, dtype=object)
     for place in np.argwhere(ds["status"].values != Status.FINITE):
         evidence[tuple(place)] = f"status {Status(int(ds['status'].values[tuple(place)]))}"
-    return found._replace(evidence=evidence.astype(str))
+    return motions._replace(evidence=evidence.astype(str))
 
 
 def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05) -> Int[np.ndarray, "*cases"]:
@@ -64,20 +64,20 @@ def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05) -> Int[np.nd
     """
     states = strobe_states(ds, last) / COORDINATE_SCALES
     flat = np.array([_mark(case, tolerance / 10) for case in states.reshape(-1, *states.shape[-2:])])
-    found = np.full(len(flat), -1)
+    numbers = np.full(len(flat), -1)
     centres: list[np.ndarray] = []
     for k, mark in enumerate(flat):
         if not np.all(np.isfinite(mark)):
             continue
         near = [np.max(np.abs(mark - c)) for c in centres]
         if near and min(near) < tolerance:
-            found[k] = int(np.argmin(near))
+            numbers[k] = int(np.argmin(near))
         else:
-            found[k] = len(centres)
+            numbers[k] = len(centres)
             centres.append(mark)
-    order = np.argsort([-np.sum(found == k) for k in range(len(centres))], kind="stable")
+    order = np.argsort([-np.sum(numbers == k) for k in range(len(centres))], kind="stable")
     rank = {int(old): new for new, old in enumerate(order)} | {-1: -1}
-    return np.array([rank[int(k)] for k in found]).reshape(states.shape[:-2])
+    return np.array([rank[int(k)] for k in numbers]).reshape(states.shape[:-2])
 
 
 def _mark(states: np.ndarray, near: float) -> np.ndarray:

@@ -10,7 +10,7 @@ from ..analysis.lyapunov import kaplan_yorke, pooled_standard_error, regime, sta
 from ..flow.status import Status
 from ..model.dynamics import State
 from .measure import BLOCK
-from .transience import HOLD, MOTIONS, Votes
+from .transience import HOLD, MOTIONS, LongerMotions
 
 AGREE = 1e-3
 """Differences between exponents [1/period] that are accepted whatever the standard errors."""
@@ -27,7 +27,7 @@ class Checks(NamedTuple):
     """ln |largest multiplier| per forcing period of periodic motions [1/period], NaN for others."""
 
 
-class Measured(NamedTuple):
+class CaseExponents(NamedTuple):
     """Exponents of cases."""
 
     status: Int[np.ndarray, " cases"]
@@ -67,13 +67,13 @@ def labels_of(count: int, certify: bool) -> dict[str, tuple[tuple[str, ...], str
     return labels
 
 
-def certified(
-    passed: int, measured: Measured, by_orbit: Bool[np.ndarray, " cases"], votes: Votes | None
+def exponent_variables(
+    passed: int, measured: CaseExponents, by_orbit: Bool[np.ndarray, " cases"], longer: LongerMotions | None
 ) -> dict[str, np.ndarray]:
-    """Gives the variables of `labels_of` by name.
+    """Makes all variables of `labels_of` by name, with the certificate where checks were made.
 
-    **Arguments:** `passed`: forcing periods before the measurement; `by_orbit`: cases whose rows of the history, all
-    alike, are exponents of their orbit.
+    **Arguments:** `passed`: forcing periods before the measurement; `by_orbit`: cases with the exponents of their
+    orbit, which all rows of their history repeat; `longer`: longer motions of chaotic cases.
     """
     good, history = measured.status == Status.FINITE, measured.history
     exponent, error, weighted = history.mean(axis=1), standard_error(history), weighted_mean(history)
@@ -84,14 +84,14 @@ def certified(
     trusted, escapes = good, np.zeros(len(good), int)
     variables: dict[str, np.ndarray] = {}
     if measured.checks is not None:
-        if votes is not None:
-            escapes[votes.chosen] = votes.escapes
-            lasting = votes.escapes == 0
-            exponent[votes.chosen[lasting]] = votes.history[lasting].mean(axis=(1, 2))
-            error[votes.chosen[lasting]] = pooled_standard_error(votes.history[lasting])
-        variables = _checked(measured, measured.checks, by_orbit, votes, exponent[:, 0], error[:, 0])
+        if longer is not None:
+            escapes[longer.chosen] = longer.escapes
+            lasting = longer.escapes == 0
+            exponent[longer.chosen[lasting]] = longer.history[lasting].mean(axis=(1, 2))
+            error[longer.chosen[lasting]] = pooled_standard_error(longer.history[lasting])
+        variables = _checked(measured, measured.checks, by_orbit, longer, exponent[:, 0], error[:, 0])
         trusted = variables["resolved"]
-        variables |= {"escapes": escapes, "chaotic_for": _lasting(passed, measured, votes, escapes)}
+        variables |= {"escapes": escapes, "chaotic_for": _lasting(passed, measured, longer, escapes)}
     if exponent.shape[1] > 1:
         variables["kaplan_yorke"] = kaplan_yorke(exponent)
     return variables | {
@@ -106,10 +106,10 @@ def certified(
 
 
 def _checked(
-    measured: Measured,
+    measured: CaseExponents,
     checks: Checks,
     by_orbit: np.ndarray,
-    votes: Votes | None,
+    longer: LongerMotions | None,
     exponent: np.ndarray,
     error: np.ndarray,
 ) -> dict[str, np.ndarray]:
@@ -118,9 +118,9 @@ def _checked(
     agree = good & (checks.half_step_status == Status.FINITE)
     # of one record, where the error of several is known, and so that of one
     of_one = np.zeros_like(error)
-    if votes is not None:
-        agree[votes.chosen] &= votes.status == Status.FINITE
-        of_one[votes.chosen] = np.sqrt(MOTIONS) * error[votes.chosen] * (votes.escapes == 0)
+    if longer is not None:
+        agree[longer.chosen] &= longer.status == Status.FINITE
+        of_one[longer.chosen] = np.sqrt(MOTIONS) * error[longer.chosen] * (longer.escapes == 0)
     half, half_error = (
         checks.half_step.mean(axis=1)[:, 0],
         np.maximum(standard_error(checks.half_step)[:, 0], of_one),
@@ -140,11 +140,11 @@ def _checked(
     return {"half_step": half, "half_step_stderr": half_error, "floquet": floquet, "resolved": agree}
 
 
-def _lasting(passed: int, measured: Measured, votes: Votes | None, escapes: np.ndarray) -> np.ndarray:
+def _lasting(passed: int, measured: CaseExponents, longer: LongerMotions | None, escapes: np.ndarray) -> np.ndarray:
     """Forcing periods for which chaos was seen to last."""
     periods = np.zeros(len(escapes), int)
-    if votes is not None:
+    if longer is not None:
         before = passed + measured.history.shape[1] + BLOCK
-        longer = HOLD + measured.history.shape[1] + BLOCK
-        periods[votes.chosen] = before + longer * (votes.escapes == 0)
+        more = HOLD + measured.history.shape[1] + BLOCK
+        periods[longer.chosen] = before + more * (longer.escapes == 0)
     return periods

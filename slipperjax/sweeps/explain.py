@@ -58,24 +58,24 @@ class Estimate:
     @property
     def problems(self) -> list[str]:
         """Why it cannot be done like that, with advice; nothing where it can."""
-        found, room = [], available_memory()
-        if room is not None and self.memory > room:
-            found.append(
-                f"a worker needs {shown_bytes(self.memory)} of memory, of which {shown_bytes(float(room))} are "
+        problems, memory = [], available_memory()
+        if memory is not None and self.memory > memory:
+            problems.append(
+                f"a worker needs {shown_bytes(self.memory)} of memory, of which {shown_bytes(float(memory))} are "
                 "available: take smaller tiles, sj.Store(path, tile=...), or keep less of each case"
             )
         if self.free is not None and self.stored > self.free:
-            found.append(
+            problems.append(
                 f"the store needs {shown_bytes(self.stored)}, of which its disk has {shown_bytes(self.free)}: "
                 "keep less of each case, such as record=['peak_force'], or take another disk"
             )
         if self.seconds > LONGEST:
-            found.append(
+            problems.append(
                 f"it takes {shown_time(self.seconds)} on {self.workers} cores: "
                 f"{math.ceil(self.workers * self.seconds / (7 * 86400)):.3g} cores would be done in a week, see "
                 "`executor` and shares"
             )
-        return found
+        return problems
 
     def __str__(self) -> str:
         low, high = self.steps_per_period
@@ -162,8 +162,8 @@ def _steps(grid: Grid, options: Mapping[str, Any]) -> np.ndarray:
 
 def _timed(call: Callable[[], xr.Dataset]) -> tuple[float, xr.Dataset]:
     begin = time.perf_counter()
-    found = call()
-    return time.perf_counter() - begin, found
+    result = call()
+    return time.perf_counter() - begin, result
 
 
 def _existing(path: Any) -> Any:

@@ -24,12 +24,12 @@ from ..model.quantities import COORDINATE_SCALES
 from ..orbits.exponents import check_count
 from ..tools.checks import whole, yes_or_no
 from .attractors import FLOOR
-from .certificate import Checks, Measured, certified, labels_of
+from .certificate import CaseExponents, Checks, exponent_variables, labels_of
 from .maps import JACOBIAN, LOOK, Maps, rows_of
 from .measure import BLOCK, LAST, Measure, measured_periods, tangents_cost
-from .reached import Reached, nothing_reached, reached_orbits
-from .run import PERIODS_PER_CALL, Part, Plan, RecordedChunk, run_cases
-from .transience import take_votes
+from .reached import ReachedOrbits, nothing_reached, reached_orbits
+from .run import PERIODS_PER_CALL, ChunkInputs, Plan, RecordedChunk, run_cases
+from .transience import run_longer_motions
 
 SEARCH = 4
 """Jacobians that the search for an orbit takes, about; as many again with steps half as long."""
@@ -37,12 +37,12 @@ LEAST_MEASURED = 8
 """Periods without which an exponent has no standard error, see `slipperjax.analysis.standard_error`."""
 
 
-class Settled(NamedTuple):
+class CasesAfterRecord(NamedTuple):
     """Cases after the recorded periods."""
 
     status: Int[np.ndarray, " cases"]
     state: State
-    reached: Reached
+    reached: ReachedOrbits
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class LyapunovExponents(AbstractRecord):
         return True
 
     @property
-    def completes(self):
+    def continues(self):
         return True
 
     def last(self, periods):
@@ -110,7 +110,7 @@ class LyapunovExponents(AbstractRecord):
         search = SEARCH * JACOBIAN * (3 if self.certify else 1) + LOOK * PERIODS_PER_CALL
         return search if self.orbits else 0.0
 
-    def cost_completing(self, periods):
+    def cost_continuing(self, periods):
         half_step = 2 * tangents_cost(1) if self.certify else 0.0
         measured = (tangents_cost(self.count) + half_step) * measured_periods(self.blocks(periods))
         return measured + LOOK * PERIODS_PER_CALL
@@ -119,7 +119,7 @@ class LyapunovExponents(AbstractRecord):
         """Looks for the orbits that cases have reached."""
         states, plan, scenes, steps = jax.tree.map(np.asarray, run.states), run.plan, run.scenes, run.steps
         if not self.orbits:
-            return Settled(status, states, nothing_reached(states, self.count)), status
+            return CasesAfterRecord(status, states, nothing_reached(states, self.count)), status
         reached = reached_orbits(
             scenes,
             states,
@@ -137,17 +137,17 @@ class LyapunovExponents(AbstractRecord):
             codes = maps.look(periodic, rows_of(reached.state)[periodic], plan.capacity(steps))
             # the measurement says what is wrong with a case
             reached.period[periodic[codes != Status.FINITE]] = 0
-        return Settled(status, states, reached), status
+        return CasesAfterRecord(status, states, reached), status
 
-    def finish(self, carried, samples, span) -> Settled:
+    def finish(self, carried, samples, span) -> CasesAfterRecord:
         return carried
 
-    def complete(self, values: Settled, status, plan: Plan, options: Mapping[str, Any], interrupted):
-        """Measures the cases that have not reached an orbit, and runs chaotic ones for longer."""
-        no_orbit = status == Status.NO_ORBIT  # which another record looked for, and which says nothing of the motion
+    def continue_cases(self, values: CasesAfterRecord, status, plan: Plan, options: Mapping[str, Any], interrupted):
+        """Measures the cases that have not reached an orbit; with `certify`, runs chaotic ones for longer."""
+        no_orbit = status == Status.NO_ORBIT  # the orbit's record found none; the motion itself may be good
         values = values._replace(status=np.where(no_orbit, int(Status.FINITE), status))
         by_orbit = (values.reached.period > 0) & (values.status == Status.FINITE)
-        blocks, votes = self.blocks(plan.recorded.periods), None
+        blocks, longer = self.blocks(plan.recorded.periods), None
         measured = self._of_orbits(values, by_orbit, BLOCK * blocks)
         index = np.flatnonzero(~by_orbit)
         if len(index) and not interrupted:
@@ -157,28 +157,35 @@ class LyapunovExponents(AbstractRecord):
             chosen = np.flatnonzero(is_chaotic(exponent, error) & (measured.status == Status.FINITE))
             if len(chosen):
                 epoch = plan.periods + measured_periods(blocks)
-                votes, interrupted = take_votes(plan, chosen, measured.state, epoch, blocks, self.count, options)
-                unfinished = votes.status == Status.NOT_RUN
+                longer, interrupted = run_longer_motions(
+                    plan, chosen, measured.state, epoch, blocks, self.count, options
+                )
+                unfinished = longer.status == Status.NOT_RUN
                 measured.status[chosen[unfinished]] = Status.NOT_RUN
-                votes = votes.of(np.flatnonzero(~unfinished))
+                longer = longer.of(np.flatnonzero(~unfinished))
         good = measured.status == Status.FINITE
         status = np.where(good & no_orbit, int(Status.NO_ORBIT), measured.status)
-        return certified(plan.periods, measured, by_orbit, votes), status, interrupted
+        return exponent_variables(plan.periods, measured, by_orbit, longer), status, interrupted
 
     def _put_measured(
-        self, measured: Measured, index: np.ndarray, plan: Plan, settled: Settled, options: Mapping[str, Any]
+        self,
+        measured: CaseExponents,
+        index: np.ndarray,
+        plan: Plan,
+        settled: CasesAfterRecord,
+        options: Mapping[str, Any],
     ) -> bool:
         """Measures the cases at `index`, and fills them in; gives whether the run was interrupted."""
         work = lambda part: self._measure(plan, part, jax.tree.map(lambda a: a[part.index], settled))
         name = f"exponents of {len(index)} cases"
-        cost = self.cost_completing(plan.recorded.periods)
+        cost = self.cost_continuing(plan.recorded.periods)
         run = run_cases(plan, work, cost=cost, index=index, tangents=True, name=name, **options)
         if run.results is not None:
             for of_all, of_index in zip(jax.tree.leaves(measured), jax.tree.leaves(run.results), strict=True):
                 of_all[index] = of_index
         return run.interrupted
 
-    def _of_orbits(self, settled: Settled, by_orbit: np.ndarray, periods: int) -> Measured:
+    def _of_orbits(self, settled: CasesAfterRecord, by_orbit: np.ndarray, periods: int) -> CaseExponents:
         """Exponents of the cases that have reached an orbit; the others are not measured yet."""
         exponents, half_step = (
             np.where(by_orbit[:, None], rows.reshape(len(by_orbit), -1), np.nan)
@@ -189,9 +196,9 @@ class LyapunovExponents(AbstractRecord):
         checks = Checks(alike(half_step), status.copy(), exponents[:, 0].copy()) if self.certify else None
         kind = np.where(by_orbit, int(Regime.PERIODIC), int(Regime.UNRESOLVED))
         period = np.where(by_orbit, settled.reached.period, 0)
-        return Measured(status, kind, period, alike(exponents), settled.state, checks)
+        return CaseExponents(status, kind, period, alike(exponents), settled.state, checks)
 
-    def _measure(self, plan: Plan, part: Part, settled: Settled) -> Measured:
+    def _measure(self, plan: Plan, part: ChunkInputs, settled: CasesAfterRecord) -> CaseExponents:
         """Measures a chunk of cases after the recorded periods."""
         steps, epoch, blocks = part.steps, float(plan.periods), self.blocks(plan.recorded.periods)
         measure = Measure(plan.solver, part.scenes, settled.state, epoch, blocks, steps, part.on_progress)
@@ -212,7 +219,7 @@ class LyapunovExponents(AbstractRecord):
             floquet[periodic] = [largest_exponent(of_case, len(of_case)) for of_case in matrices]
             checks = Checks(half.history, half.status, floquet)
         kind = np.array([Regime.of_kind(word) for word in motion.kind.tolist()], int)
-        return Measured(status, kind, motion.period, local.history, states, checks)
+        return CaseExponents(status, kind, motion.period, local.history, states, checks)
 
     def label(self, scene, dims, values: dict[str, np.ndarray]) -> Labelled:
         data = {}

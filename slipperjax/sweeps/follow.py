@@ -67,7 +67,7 @@ def follow(
     ways = [DIRECTIONS[one_of("directions", d, tuple(DIRECTIONS))] for d in directions]
     options = RunOptions(transient, periods, steps_per_period, saves_per_period, solver)
     records = resolved_record(record)
-    if records.completes:
+    if records.continues:
         raise ValueError(f"Argument `record` must not run on where cases follow one another, but is {brief(record)}.")
     plan = make_plan(grid, start, options, records)
     cases, lanes = plan.cases, np.arange(len(ways))

@@ -68,11 +68,12 @@ class Grid:
 
     def coordinates(self) -> dict[str, Any]:
         """The axes as coordinates of a dataset."""
-        found = {}
+        coordinates = {}
         for name, values in self.axes.items():
             label = self.label(name)
-            found[label] = (label if label in self.dims else "case", values, _parameter(self.scene, name).attributes)
-        return found
+            dim, known = label if label in self.dims else "case", _parameter(self.scene, name)
+            coordinates[label] = (dim, values, known.attributes)
+        return coordinates
 
     def sample(self, start: Motion | State, count: int) -> "Cases":
         """Makes `count` cases spread evenly over the grid, or all where there are no more."""
@@ -106,7 +107,7 @@ def _values(scene: Scene, name: str, raw: Any) -> np.ndarray:
     return values
 
 
-LANES = 8
+VECTOR_LANES = 8
 """Batches are filled up to multiples of this, a vector register's worth. Those of several registers round alike."""
 
 
@@ -176,7 +177,7 @@ def batch_size(count: int) -> int:
 
     Few sizes, four in an octave, so that sweeps of other numbers of cases meet programs that are compiled already.
     """
-    unit = LANES * max(1, 1 << max((max(count, 1) - 1).bit_length() - 6, 0))
+    unit = VECTOR_LANES * max(1, 1 << max((max(count, 1) - 1).bit_length() - 6, 0))
     return -(-max(count, 1) // unit) * unit
 
 
@@ -246,12 +247,12 @@ def sample_box(
     unknown = [name for name in log if name not in box]
     if unknown:
         raise ValueError(f"Argument `log` must name parameters of `box`, but has {unknown[0]!r}.")
-    found = {}
+    lists = {}
     for name, a, b, share in zip(box, low, high, points.T, strict=True):
         if name in log and not a > 0:
             raise ValueError(f"Argument `log` must name parameters above zero, but {name} begins at {a:g}.")
-        found[name] = a * (b / a) ** share if name in log else a + (b - a) * share
-    return found
+        lists[name] = a * (b / a) ** share if name in log else a + (b - a) * share
+    return lists
 
 
 def _bounds(scene: Scene, name: str, ends: Any) -> tuple[float, float]:

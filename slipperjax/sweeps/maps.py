@@ -25,7 +25,7 @@ from .run import PERIODS_PER_CALL, OnProgress
 
 JACOBIAN, LOOK = 35.0, 2.4
 """Cost of a period with its Jacobian, and with its loads, in unrecorded ones: measured."""
-LANES = 32
+LANES_PER_CALL = 32
 """Cases in one call. A program of another size takes as long to compile as hundreds of Jacobians take to compute."""
 
 
@@ -69,13 +69,13 @@ class Maps(NamedTuple):
 
         Beyond a case's own period its row after it is repeated.
         """
-        found, rows = [], rows.copy()
+        along, rows = [], rows.copy()
         for k in range(self.periods[index].max(initial=1)):
-            found.append(rows.copy())
+            along.append(rows.copy())
             going = np.flatnonzero(self.periods[index] > k)
             rows[going] = self._of_blocks(self._advanced, index[going], rows[going], at=self.epoch + k)
             self.on_progress(len(going) / self.count)
-        return np.stack(found, axis=1), rows
+        return np.stack(along, axis=1), rows
 
     def jacobians(self, index: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
         """Jacobians of each case's forcing periods, (period, size, size) each; for a forcing that recurs."""
@@ -84,9 +84,9 @@ class Maps(NamedTuple):
         along, counts = self.path(index, rows)[0], self.periods[index]
         # the periods of all cases at once, because few cases have many
         lane, period = np.nonzero(np.arange(along.shape[1]) < counts[:, None])
-        found = self._of_blocks(self._derived, index[lane], along[lane, period], at=self.epoch)
+        matrices = self._of_blocks(self._derived, index[lane], along[lane, period], at=self.epoch)
         self.on_progress(JACOBIAN * len(lane) / self.count)
-        return np.split(found, np.cumsum(counts)[:-1])
+        return np.split(matrices, np.cumsum(counts)[:-1])
 
     def settled(self, index: np.ndarray, proposed: np.ndarray, mapped: np.ndarray) -> np.ndarray:
         """Proposed states that the latch agrees with."""
@@ -100,14 +100,14 @@ class Maps(NamedTuple):
         """Coordinates and velocities of states, in the order of `slipperjax.model.COORDINATES`."""
         return self._of_blocks(lambda _, states: coordinates(states), index, rows)
 
-    def look(self, index: np.ndarray, rows: np.ndarray, room: int) -> Int[np.ndarray, " some"]:
+    def look(self, index: np.ndarray, rows: np.ndarray, capacity: int) -> Int[np.ndarray, " some"]:
         """Judges states by the contact loads of some periods from there on, as `Status` codes.
 
-        **Arguments:** `room`: steps per period that the program has room for, of `Plan.room`.
+        **Arguments:** `capacity`: steps per period that the program has capacity for, of `Plan.capacity`.
         """
-        found = self._of_blocks(self._looked, index, rows, room=room)
+        codes = self._of_blocks(self._looked, index, rows, capacity=capacity)
         self.on_progress(LOOK * PERIODS_PER_CALL * len(index) / self.count)
-        return found
+        return codes
 
     def statuses(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """`Status` codes of states."""
@@ -121,8 +121,8 @@ class Maps(NamedTuple):
     def _looking(self) -> dict[str, Any]:
         return dict(solver=self.solver, periods=PERIODS_PER_CALL, records=RecordSet((ContactChecks(),)))
 
-    def _roomy(self, room: int) -> ConstantSteps:
-        return ConstantSteps(room, jnp.asarray(float(self.steps)))
+    def _stepping(self, capacity: int) -> ConstantSteps:
+        return ConstantSteps(capacity, jnp.asarray(float(self.steps)))
 
     def _advanced(self, scenes: Batched[Scene], states: State, at: float) -> np.ndarray:
         return rows_of(advance(scenes, states, at, dynamic_steps(self.steps), **self._once).state)
@@ -130,24 +130,24 @@ class Maps(NamedTuple):
     def _derived(self, scenes: Batched[Scene], states: State, at: float) -> np.ndarray:
         return np.asarray(batch_jacobians(scenes, states, at, dynamic_steps(self.steps), **self._once))[:, 0]
 
-    def _looked(self, scenes: Batched[Scene], states: State, room: int) -> np.ndarray:
-        seen = advance(scenes, states, self.epoch, self._roomy(room), **self._looking)
+    def _looked(self, scenes: Batched[Scene], states: State, capacity: int) -> np.ndarray:
+        seen = advance(scenes, states, self.epoch, self._stepping(capacity), **self._looking)
         return np.asarray(judged_by_contacts(scenes, seen.status, *seen.carried, most_stability_number(self.solver)))
 
     def _of_blocks(self, call: Any, index: np.ndarray, *rows: np.ndarray, **options: Any) -> np.ndarray:
         """`call(scenes, *states)` over the cases in blocks of one size."""
         if not len(index):
             return np.empty((0, *rows[0].shape[1:]))
-        found = []
+        parts = []
         for count, more in self._blocks(index):
-            found.append(
+            parts.append(
                 call(self.scenes.take(index[more]), *(self.states(r[more]) for r in rows), **options)[:count]
             )
-        return np.concatenate(found)
+        return np.concatenate(parts)
 
     def _blocks(self, index: np.ndarray) -> list[tuple[int, np.ndarray]]:
         """How many of `index` are in each call, and their places in it, filled up to one size."""
-        size = LANES if self.count > 8 else 8
+        size = LANES_PER_CALL if self.count > 8 else 8
         parts = [np.arange(at, min(at + size, len(index))) for at in range(0, len(index), size)]
         return [(len(some), filled(some, size)) for some in parts]
 
@@ -160,8 +160,8 @@ def _settled(scenes: Batched[Scene], proposed: State, mapped: State) -> State:
 @jit
 def _weights(scenes: Batched[Scene], states: State) -> State:
     def one(scene, state):
-        found = tangent_weights(scene)(state)
-        return jax.tree.map(lambda s, w: jnp.broadcast_to(jnp.asarray(w, float), s.shape), state, found)
+        weights = tangent_weights(scene)(state)
+        return jax.tree.map(lambda s, w: jnp.broadcast_to(jnp.asarray(w, float), s.shape), state, weights)
 
     return scenes.map(one, states)
 

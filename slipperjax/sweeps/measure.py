@@ -1,4 +1,4 @@
-"""Local Lyapunov exponents of a chunk of cases, block by block."""
+"""LocalExponents Lyapunov exponents of a chunk of cases, block by block."""
 
 from typing import NamedTuple
 
@@ -30,8 +30,8 @@ def measured_periods(blocks: int) -> int:
     return BLOCK * (blocks + 1)
 
 
-class Local(NamedTuple):
-    """Local exponents of a chunk."""
+class LocalExponents(NamedTuple):
+    """LocalExponents exponents of a chunk."""
 
     history: Float[np.ndarray, "cases periods count"]
     status: Int[np.ndarray, " cases"]
@@ -59,7 +59,7 @@ class Measure(NamedTuple):
         """Forcing periods of one measurement, those in which tangents turn into their directions included."""
         return measured_periods(self.blocks)
 
-    def __call__(self, steps: int, count: int) -> Local:
+    def __call__(self, steps: int, count: int) -> LocalExponents:
         """Measures local exponents with `steps` per period."""
         states, tangents = self.states, initial_tangents(self.scenes, self.states, count)
         weight = tangents_cost(count) * steps / self.steps
@@ -73,4 +73,4 @@ class Measure(NamedTuple):
             strobes = [*strobes, np.asarray(strobe)][-LAST // BLOCK :] if k else []
             status = first_problem(status, codes)
             self.on_progress(weight * BLOCK)
-        return Local(np.concatenate(rows[1:], axis=1), status, np.concatenate(strobes, axis=1), states)
+        return LocalExponents(np.concatenate(rows[1:], axis=1), status, np.concatenate(strobes, axis=1), states)

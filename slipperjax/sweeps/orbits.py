@@ -259,8 +259,8 @@ class NearestOrbit(AbstractRecord):
             on_progress=run.on_progress,
         )
         states = coordinates(orbits.state), rows_of(orbits.state)
-        found = CaseOrbits(*states, orbits.multipliers, orbits.residual, orbits.iterations)
-        return found, first_problem(status, orbits.status)
+        arrays = CaseOrbits(*states, orbits.multipliers, orbits.residual, orbits.iterations)
+        return arrays, first_problem(status, orbits.status)
 
     def finish(self, carried, samples, span) -> CaseOrbits:
         return carried

@@ -33,7 +33,7 @@ ITERATIONS = 20
 """Of Newton's method; from so near, three to eight are typical."""
 
 
-class Reached(NamedTuple):
+class ReachedOrbits(NamedTuple):
     """Orbits that cases have reached."""
 
     period: Int[np.ndarray, " cases"]
@@ -46,10 +46,10 @@ class Reached(NamedTuple):
     """At the start of a forcing period; without an orbit, where the motion is."""
 
 
-def nothing_reached(states: State, count: int) -> Reached:
+def nothing_reached(states: State, count: int) -> ReachedOrbits:
     """Of cases for which no orbit was looked for."""
     cases = len(states.motion.y)
-    return Reached(np.zeros(cases, int), np.full((cases, count), np.nan), np.full(cases, np.nan), states)
+    return ReachedOrbits(np.zeros(cases, int), np.full((cases, count), np.nan), np.full(cases, np.nan), states)
 
 
 def reached_orbits(
@@ -63,7 +63,7 @@ def reached_orbits(
     half_step: bool,
     wanted: Bool[np.ndarray, " cases"],
     on_progress: OnProgress,
-) -> Reached:
+) -> ReachedOrbits:
     """The orbits that motions have reached, of the cases for which that is certain.
 
     It is where the motion recurs within `RECURS`, Newton's method finds an orbit, all its multipliers lie inside the
@@ -73,10 +73,10 @@ def reached_orbits(
     **Arguments:** `states`: at the end of the record `strobe`, which has 20 periods or more; `count`: number of
     exponents; `wanted`: cases that are looked at.
     """
-    found = nothing_reached(states, count)
+    nothing = nothing_reached(states, count)
     period = np.where(wanted & np.asarray(_recurs(scenes, states)), likely_periods(strobe), 0)
     if not period.any():
-        return found
+        return nothing
     options = dict(solver=solver, tolerance=TOLERANCE, max_iterations=ITERATIONS)
     orbits = find_orbits(scenes, states, steps, period=period, on_progress=on_progress, **options)
     exponents = _exponents(orbits, period, count)
@@ -85,7 +85,7 @@ def reached_orbits(
     for k in np.flatnonzero(period):
         path = along[k, : period[k]]
         period[k] = least_period(path) if is_near(strobe[k], path) else 0
-    half = found.half_step
+    half = nothing.half_step
     if half_step and period.any():
         twice = lambda periods: on_progress(2 * periods)
         finer = find_orbits(scenes, orbits.state, 2 * steps, period=period, on_progress=twice, **options)
@@ -95,7 +95,7 @@ def reached_orbits(
         period = np.where(_sound(finer) & (apart <= NEAR), period, 0)
     taken = period > 0
     at = np.where(taken[:, None], rows_of(orbits.state), rows_of(states))
-    return Reached(
+    return ReachedOrbits(
         period,
         np.where(taken[:, None], exponents, np.nan),
         np.where(taken, half, np.nan),
@@ -149,12 +149,12 @@ def _along(maps: Maps, states: State) -> np.ndarray:
     """Coordinates at the start of each forcing period, (cases, periods, coordinates); 0 without a period."""
     index = np.flatnonzero(maps.periods)
     rows = rows_of(states)[index]
-    found = np.zeros((maps.count, max(int(maps.periods.max(initial=1)), 1), len(COORDINATES)))
+    along = np.zeros((maps.count, max(int(maps.periods.max(initial=1)), 1), len(COORDINATES)))
     if len(index):
         path = maps.path(index, rows)[0]
         for k in range(path.shape[1]):
-            found[index, k] = maps.coordinates(index, path[:, k])
-    return found
+            along[index, k] = maps.coordinates(index, path[:, k])
+    return along
 
 
 @jit

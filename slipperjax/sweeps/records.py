@@ -83,15 +83,15 @@ class MotionKind(AbstractRecord):
     def finish(self, carried, samples, span: RecordedSpan) -> Motions:
         states = coordinates(State(samples, None))
         states = np.where((span.status == Status.FINITE)[:, None, None], states, np.nan)
-        found = classify(states, scales=COORDINATE_SCALES, floor=FLOOR)
-        numbers = [Regime.of_kind(word) for word in found.kind.tolist()]
-        return Motions(np.array(numbers, int), np.asarray(found.period, int))
+        motions = classify(states, scales=COORDINATE_SCALES, floor=FLOOR)
+        numbers = [Regime.of_kind(word) for word in motions.kind.tolist()]
+        return Motions(np.array(numbers, int), np.asarray(motions.period, int))
 
-    def label(self, scene, dims, found: Motions) -> Labelled:
-        words = Regime.kinds(found.kind)
+    def label(self, scene, dims, values: Motions) -> Labelled:
+        words = Regime.kinds(values.kind)
         return {
             "kind": (dims, words, {"long_name": "kind of motion, by recurrence"}),
-            "period": (dims, found.period, attributes("1", "forcing periods of a periodic motion, 0 for others")),
+            "period": (dims, values.period, attributes("1", "forcing periods of a periodic motion, 0 for others")),
         }, {}
 
 
@@ -156,19 +156,18 @@ class LargestExponent(AbstractRecord):
 
     def after(self, carried, samples, status, run: RecordedChunk):
         blocks = self.blocks(run.plan.recorded.periods)
-        found = Measure(run.plan.solver, run.scenes, run.states, run.epoch, blocks, run.steps, run.on_progress)(
-            run.steps, 1
-        )
-        return found.history, first_problem(status, found.status)
+        measure = Measure(run.plan.solver, run.scenes, run.states, run.epoch, blocks, run.steps, run.on_progress)
+        local = measure(run.steps, 1)
+        return local.history, first_problem(status, local.status)
 
     def finish(self, carried, samples, span) -> OneExponent:
         history = np.asarray(carried)
         return OneExponent(history.mean(axis=1)[:, 0], standard_error(history)[:, 0])
 
-    def label(self, scene, dims, found: OneExponent) -> Labelled:
+    def label(self, scene, dims, values: OneExponent) -> Labelled:
         label = attributes("1/period", "largest Lyapunov exponent, uncertified")
         error = attributes("1/period", "standard error of the largest Lyapunov exponent")
-        return {"exponent": (dims, found.exponent, label), "exponent_stderr": (dims, found.stderr, error)}, {}
+        return {"exponent": (dims, values.exponent, label), "exponent_stderr": (dims, values.stderr, error)}, {}
 
 
 _OTHERS: dict[str, tuple[AbstractRecord, ...]] = {
@@ -195,13 +194,13 @@ def resolved_record(record: Any, loads: bool | None = None) -> RecordSet:
     """
     asked = list(record) if isinstance(record, list | tuple) else [record]
     require(asked, "record", f"name at least one of {', '.join(NAMES)}", record)
-    found = [one for given in asked for one in _records(given)]
-    series = any(isinstance(one, Sections | History) for one in found)
+    records = [one for given in asked for one in _records(given)]
+    series = any(isinstance(one, Sections | History) for one in records)
     if yes_or_no("loads", series if loads is None else loads):
-        found += [RECORDS[name] for name in LOADS]
-    if any((one.record if isinstance(one, OnePoint) else one) in _OF_LOADS for one in found):
-        found.append(ContactChecks())
-    return RecordSet(tuple(dict.fromkeys(found)))
+        records += [RECORDS[name] for name in LOADS]
+    if any((one.record if isinstance(one, OnePoint) else one) in _OF_LOADS for one in records):
+        records.append(ContactChecks())
+    return RecordSet(tuple(dict.fromkeys(records)))
 
 
 _OF_LOADS = {RECORDS[name] for name in (*LOADS, "impact_impulse")}

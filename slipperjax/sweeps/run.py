@@ -31,7 +31,7 @@ from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.checks import whole
 from ..tools.limits import cores, refuse_impossible
-from .grid import LANES, Cases, Grid, batch_size, filled
+from .grid import VECTOR_LANES, Cases, Grid, batch_size, filled
 
 LARGEST_CHUNK = 128
 """Cases in one call: enough for vectors to pay, few enough to stay in a core's cache. A step of a case takes 0.43 us
@@ -63,7 +63,7 @@ OnProgress = Callable[[float], Any]
 
 
 class RunOptions(NamedTuple):
-    """The arguments of a run that a user gives, see `slipperjax.sweep`."""
+    """Lengths, steps, saves and solver of a run as a user gives them, see `slipperjax.sweep`."""
 
     transient: int
     periods: int
@@ -77,11 +77,23 @@ def call_of(function: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
 
     **Arguments:** `arguments`: `locals()` at the function's first line.
     """
-    return {"function": function} | {name: value for name, value in arguments.items() if name not in KEPT_ELSEWHERE}
+    return {"function": function} | {
+        name: value for name, value in arguments.items() if name not in ARGUMENTS_NOT_IN_CALL
+    }
 
 
-KEPT_ELSEWHERE = ("scene", "grid", "path", "start", "steps_per_period", "solver", "chunk", "workers", "progress")
-KEPT_ELSEWHERE += ("store", "executor")
+ARGUMENTS_NOT_IN_CALL = (
+    "scene",
+    "grid",
+    "path",
+    "start",
+    "steps_per_period",
+    "solver",
+    "chunk",
+    "workers",
+    "progress",
+)
+ARGUMENTS_NOT_IN_CALL += ("store", "executor")
 """Arguments that results keep as attributes or variables of their own, or that change no number."""
 
 
@@ -108,7 +120,7 @@ class Calls(NamedTuple):
 
     @property
     def capacity(self) -> int:
-        """Most forcing periods of one call of the program, which serves other lengths, too."""
+        """Forcing periods for which the program of one call is compiled; it serves shorter calls, too."""
         return PERIODS_PER_CALL if self.length == PERIODS_PER_CALL else capacity_for(self.length)
 
 
@@ -147,7 +159,7 @@ class Plan:
         return int(self.steps.max())
 
     def capacity(self, steps: int) -> int:
-        """Most steps of a recording program, so that it serves `steps` and other numbers.
+        """Steps per period for which a recording program is compiled that takes `steps`.
 
         At most 8 times `steps`: one program serves all cases of a sweep unless their steps differ more than that.
         """
@@ -193,7 +205,7 @@ class Plan:
         if chunk is None:
             chunk = min(int(sizes.max()), CHUNK_OF_DEVICE) if on_device else _best_chunk(counts, sizes, workers)
         # eight lanes round differently from more, so that they are for runs that have no more cases
-        least = 1 if len(self.steps) <= LANES else LANES + 1
+        least = 1 if len(self.steps) <= VECTOR_LANES else VECTOR_LANES + 1
         chunk = batch_size(max(whole("chunk", chunk, 1), least))
         chunks = []
         for steps in counts[::-1]:
@@ -243,7 +255,7 @@ def make_plan(grid: Grid, start: Motion | State, options: RunOptions, records: R
     steps, saves = step_plan(cases.default_steps, given, options.saves_per_period)
     records = records.with_saves(saves)
     # before all cases are made, which may not fit into memory
-    cost = _cost(records, before, during) + records.cost_completing(during.periods)
+    cost = _cost(records, before, during) + records.cost_continuing(during.periods)
     values = records.values(before.periods, during.periods)
     refuse_impossible(
         f"{grid.count} cases of {cost:.3g} forcing periods",
@@ -360,15 +372,15 @@ def _advance(calls: Calls, *arguments: Any, **options: Any) -> Passage:
 # --- all chunks -----------------------------------------------------------------------------------------------------
 
 
-class Part(NamedTuple):
-    """A chunk at work."""
+class ChunkInputs(NamedTuple):
+    """Inputs of a chunk's work."""
 
     scenes: Batched[Scene]
     starts: Motion | State
     index: Int[np.ndarray, " lanes"]
     """Indices into the list of all cases."""
     place: Int[np.ndarray, " lanes"]
-    """Indices into the list of those that are run."""
+    """Indices into the list of those that this run takes, in whose order the results are."""
     cases: int
     """How many lanes count; the others fill the batch up."""
     steps: int
@@ -395,7 +407,7 @@ class Run(NamedTuple):
 
 def run_cases(
     plan: Plan,
-    work: Callable[[Part], Any],
+    work: Callable[[ChunkInputs], Any],
     *,
     cost: float,
     index: Int[np.ndarray, " some"] | None = None,
@@ -414,7 +426,7 @@ def run_cases(
 
     def of_chunk(chunk: Chunk, on_progress: OnProgress) -> Any:
         lanes = listed[chunk.index]
-        return work(Part(*plan.cases.take(lanes), lanes, chunk.index, chunk.cases, chunk.steps, on_progress))
+        return work(ChunkInputs(*plan.cases.take(lanes), lanes, chunk.index, chunk.cases, chunk.steps, on_progress))
 
     return run_chunks(chunks, threads, of_chunk, cost=cost, progress=progress, name=name)
 
@@ -434,8 +446,8 @@ def run_chunks(
 
     **Arguments:** `work`: gives a named tuple of arrays with a leading axis of lanes and a field `status`; it calls
     `on_progress(n)` when work is done that takes as long as n forcing periods of the chunk without a record. That
-    raises where another chunk failed or the user interrupted, so that a chunk stops at its next call. `cost`: how
-    many such one case takes in all. `progress`, `name`: whether progress is shown, and as what.
+    raises where another chunk failed or the user interrupted, so that a chunk stops at its next call. `cost`: of
+    one case in all, in such periods. `progress`, `name`: whether progress is shown, and as what.
     """
     stop, interrupted = threading.Event(), False
     cases = sum(chunk.cases for chunk in chunks)

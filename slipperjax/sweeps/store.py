@@ -1,7 +1,7 @@
 """Sweeps on disk: a zarr store whose tiles any executor computes, each complete or absent.
 
-A tile is a block of the grid: one task, and one chunk of every array. Its digest is written last: a tile whose digest
-is there is complete. The same call goes on where the last one ended, whatever ended it.
+A tile is a block of the grid: one task, and one chunk of every array. It is complete where its digest and all of its
+files are there; the digest is written last. The same call goes on where the last one ended, whatever ended it.
 """
 
 import errno
@@ -46,7 +46,7 @@ from .run import LARGEST_CHUNK, TICK, all_stopped, heed_interrupts, progress_sho
 MARK = "slipperjax_store"
 """Attribute by which a store of ours is known: its identity, the call as JSON, and its tiles."""
 DIGEST = "digest_of_tile"
-"""Array of the tiles' digests: a tile is complete when its digest is there."""
+"""Array of the tiles' digests, which are written last."""
 COPIES = 3.0
 """How often results are in memory while a tile is put together and written."""
 SMALLEST_TILE, LARGEST_TILE = 2048, 65_536
@@ -166,7 +166,7 @@ class Tiling(NamedTuple):
 
 # --- the call that a store is of ------------------------------------------------------------------------------------
 
-UNSEEN = ("progress", "workers", "chunk", "store", "executor")
+ARGUMENTS_WITHOUT_EFFECT = ("progress", "workers", "chunk", "store", "executor")
 """Arguments that change no result."""
 LONGEST_TEXT = 60
 """Length from which a value is cut in a message."""
@@ -174,7 +174,7 @@ LONGEST_TEXT = 60
 
 def _fingerprint(function: Any, grid: Grid, options: Mapping[str, Any], tiles: Tiling) -> dict[str, Any]:
     """The call as JSON, to recognise a store: all that determines its numbers."""
-    arguments = {name: value for name, value in options.items() if name not in (*UNSEEN, "product")}
+    arguments = {name: value for name, value in options.items() if name not in (*ARGUMENTS_WITHOUT_EFFECT, "product")}
     return {
         "function": function.__name__,
         "scene": json.loads(scene_to_json(grid.scene)),
@@ -235,19 +235,19 @@ class Archive(NamedTuple):
         return self.path.joinpath(name, "c", *(at.get(d, "0") for d in dims))
 
     def digest_file(self, number: int) -> Path:
-        """The file whose presence says that a tile is complete."""
+        """The file that is written last of a tile."""
         return self.file(DIGEST, number, self.mark["dims"])
 
-    def done(self) -> np.ndarray:
+    def complete_tiles(self) -> np.ndarray:
         """Whether each tile is complete: its digest is there, and so are all of its files."""
         count, variables = self.tiles.count, self.variables()
         files = lambda number: (self.file(name, number, dims) for name, dims in variables.items())
         complete = lambda number: self.digest_file(number).is_file() and all(map(Path.is_file, files(number)))
         return np.fromiter(map(complete, range(count)), bool, count)
 
-    def finished(self, done: np.ndarray | None = None) -> int:
-        """How many cases are in complete tiles, or in those of an earlier `done()`."""
-        return sum(self.tiles.cases(int(k)) for k in np.flatnonzero(self.done() if done is None else done))
+    def complete_cases(self, done: np.ndarray | None = None) -> int:
+        """How many cases are in complete tiles, or in those of an earlier `complete_tiles()`."""
+        return sum(self.tiles.cases(int(k)) for k in np.flatnonzero(self.complete_tiles() if done is None else done))
 
     def open(self) -> xr.Dataset:
         """All of it, digests and texts as they are stored."""
@@ -270,7 +270,7 @@ class Archive(NamedTuple):
         return int.from_bytes(total.digest()[:8], "big") >> 1
 
     def check_same(self) -> None:
-        """Refuses to write where another store was put in this one's place, so that no old worker harms a new one.
+        """Checks that no other store was put in this one's place, into which a worker of this one must not write.
 
         **Raises:** `OSError`.
         """
@@ -437,9 +437,9 @@ def store_status(path: Any) -> StoreStatus:
     **Raises:** `ValueError` for a path that is no store of slipperjax.
     """
     archive = _open_archive(Path(path))
-    done = archive.done()
+    done = archive.complete_tiles()
     size = sum(file.stat().st_size for file in archive.path.rglob("*") if file.is_file())
-    return StoreStatus(len(done), int(done.sum()), math.prod(archive.tiles.shape), archive.finished(done), size)
+    return StoreStatus(len(done), int(done.sum()), math.prod(archive.tiles.shape), archive.complete_cases(done), size)
 
 
 def check_store(path: Any, *, repair: bool = False) -> list[str]:
@@ -576,7 +576,7 @@ class _Task:
         try:
             self.archive.write(number, ds)
         except OSError as error:
-            cases = f"{self.archive.finished()} of {math.prod(self.archive.tiles.shape)} cases are stored"
+            cases = f"{self.archive.complete_cases()} of {math.prod(self.archive.tiles.shape)} cases are stored"
             raise OSError(
                 error.errno,
                 f"cannot write to {self.archive.path}: {error.strerror or error}; {cases}, call again to go on",
@@ -623,7 +623,7 @@ def _stored(
     call = json.loads(json.dumps(_fingerprint(function, known, options, tiles)))
     if not store.fresh and store.path.exists():
         archive = _checked_archive(store.path, call)
-        if archive.done().all():
+        if archive.complete_tiles().all():
             return open_store(store.path)  # on a disk, perhaps, that is protected against writing
     # threads of this process compute a tile each; other processes may have several cores. Chunks are of one size, so
     # that a worker compiles its programs once
@@ -648,15 +648,20 @@ def _stored(
                 archive = _make_archive(store.path, known, tiles, call, like)
             else:
                 archive = _checked_archive(store.path, call)
-        task, done = _Task(archive._replace(path=store.path.absolute()), name, scene, inside, alone), archive.done()
+        task, done = (
+            _Task(archive._replace(path=store.path.absolute()), name, scene, inside, alone),
+            archive.complete_tiles(),
+        )
         share, shares = store.share or (1, 1)
         todo = [k for k in range(tiles.count) if not done[k] and k % shares == share - 1]
         archive.tidy(None if store.share is None else todo)
         parts = ((k, known.part(tiles.region(k)), steps_of(tiles.region(k))) for k in todo)
         try:
-            _run_tasks(task, list(parts), executor, workers, bool(options.get("progress")), archive.finished(done))
+            _run_tasks(
+                task, list(parts), executor, workers, bool(options.get("progress")), archive.complete_cases(done)
+            )
         except KeyboardInterrupt:
-            raise Interrupted(open_store(store.path), archive.finished(), known.count) from None
+            raise Interrupted(open_store(store.path), archive.complete_cases(), known.count) from None
     return open_store(store.path)
 
 
@@ -747,7 +752,7 @@ def _run_tasks(task: _Task, parts: list, executor: Any, workers: int | None, pro
             for future in futures:
                 future.cancel()
             if isinstance(error, BrokenExecutor):
-                stored = f"{task.archive.finished()} cases or more are stored, call again to go on"
+                stored = f"{task.archive.complete_cases()} cases or more are stored, call again to go on"
                 raise WorkerLost(f"a worker process ended abruptly, for want of memory perhaps; {stored}") from error
             raise
 

@@ -27,7 +27,7 @@ from .grid import Grid
 from .measure import BLOCK
 from .orbits import NearestOrbit
 from .records import resolved_record
-from .run import PERIODS_PER_CALL, Part, Plan, Run, RunOptions, call_of, make_plan, run_cases, run_chunk
+from .run import PERIODS_PER_CALL, ChunkInputs, Plan, Run, RunOptions, call_of, make_plan, run_cases, run_chunk
 from .store import Store, storable
 
 
@@ -97,15 +97,15 @@ def sweep(
     options = RunOptions(transient, periods, steps_per_period, saves_per_period, solver)
     plan = make_plan(cases, start, options, resolved_record(record, loads))
 
-    def work(part: Part) -> CaseResults:
+    def work(part: ChunkInputs) -> CaseResults:
         states = initial_states(part.scenes, part.starts)
         run = run_chunk(plan, part.scenes, states, part.steps, part.on_progress, cases=part.cases)
         return CaseResults(run.status, run.record)
 
     how: dict[str, Any] = dict(chunk=chunk, workers=workers, progress=progress)
     run = run_cases(plan, work, cost=plan.cost, **how)
-    if run.results is not None and plan.records.completes:
-        record, status, interrupted = plan.records.complete(
+    if run.results is not None and plan.records.continues:
+        record, status, interrupted = plan.records.continue_cases(
             run.results.record, run.results.status, plan, how, run.interrupted
         )
         run = Run(CaseResults(status, record), status != Status.NOT_RUN, interrupted)

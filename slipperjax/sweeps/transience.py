@@ -21,7 +21,7 @@ from ..model.dynamics import State
 from ..model.quantities import COORDINATE_SCALES
 from .attractors import FLOOR
 from .measure import LAST, Measure, measured_periods, tangents_cost
-from .run import PERIODS_PER_CALL, Part, Plan, run_cases, run_chunk
+from .run import PERIODS_PER_CALL, ChunkInputs, Plan, run_cases, run_chunk
 
 MOTIONS = 4
 """Motions for each case."""
@@ -41,7 +41,7 @@ class _LongMotions(NamedTuple):
     history: Float[np.ndarray, "lanes periods count"]
 
 
-class Votes(NamedTuple):
+class LongerMotions(NamedTuple):
     """Longer motions of some cases."""
 
     chosen: Int[np.ndarray, " cases"]
@@ -53,12 +53,12 @@ class Votes(NamedTuple):
     status: Int[np.ndarray, " cases"]
     """`Status` code of the first motion that went wrong, `NOT_RUN` where one was not finished."""
 
-    def of(self, index: Int[np.ndarray, " some"]) -> "Votes":
-        """The votes at some places of `chosen`."""
-        return Votes(*(values[index] for values in self))
+    def of(self, index: Int[np.ndarray, " some"]) -> "LongerMotions":
+        """The longer at some places of `chosen`."""
+        return LongerMotions(*(values[index] for values in self))
 
 
-def take_votes(
+def run_longer_motions(
     plan: Plan,
     chosen: Int[np.ndarray, " cases"],
     states: State,
@@ -66,13 +66,13 @@ def take_votes(
     blocks: int,
     count: int,
     options: Mapping[str, Any],
-) -> tuple[Votes, bool]:
+) -> tuple[LongerMotions, bool]:
     """Runs `MOTIONS` motions of each chosen case, for `HOLD` periods and a measurement.
 
     **Arguments:** `plan`: of the sweep; `chosen`: indices of the cases; `states`: of all cases at the start of the
     period `epoch`; `blocks`, `count`: of the measurement, see `Measure`; `options`: for `run_cases`.
 
-    **Returns:** the votes, and whether the run was interrupted.
+    **Returns:** the longer, and whether the run was interrupted.
     """
     plan = plan.strobes(HOLD)
     calls = plan.recorded
@@ -82,7 +82,7 @@ def take_votes(
     )
     plan = replace(plan, transient=before, recorded=during)
 
-    def work(part: Part) -> _LongMotions:
+    def work(part: ChunkInputs) -> _LongMotions:
         begin = jax.tree.map(lambda a: a[part.index], states)
         # the motions of a case follow one another in the list
         apart = APART * (part.place % MOTIONS)
@@ -100,7 +100,7 @@ def take_votes(
     run = run_cases(plan, work, cost=cost, index=np.repeat(chosen, MOTIONS), name=name, **options)
     if run.results is None:
         nothing = np.full(len(chosen), int(Status.NOT_RUN))
-        return Votes(chosen, np.full((len(chosen), MOTIONS, 1, count), np.nan), 0 * nothing, nothing), True
+        return LongerMotions(chosen, np.full((len(chosen), MOTIONS, 1, count), np.nan), 0 * nothing, nothing), True
     status, strobe, history = run.results
     finite = (status == Status.FINITE)[:, None, None]
     motions = classify(np.where(finite, strobe, np.nan), scales=COORDINATE_SCALES, floor=FLOOR)
@@ -111,4 +111,4 @@ def take_votes(
     # a motion may escape while it is measured, and what it escapes to may be a torus
     late = history[:, history.shape[1] // 2 :, 0].mean(axis=1)
     regular = (motions.kind == "period") | (late <= CALM)
-    return Votes(chosen, by_case(history), np.sum(by_case(regular), axis=1), first), run.interrupted
+    return LongerMotions(chosen, by_case(history), np.sum(by_case(regular), axis=1), first), run.interrupted

@@ -13,7 +13,7 @@ from slipperjax.sweeps import exponents, reached
 from slipperjax.sweeps.attractors import attractors, strobe_states
 from slipperjax.sweeps.exponents import LyapunovExponents
 from slipperjax.sweeps.run import Run
-from slipperjax.sweeps.transience import MOTIONS, Votes
+from slipperjax.sweeps.transience import MOTIONS, LongerMotions
 
 TWO = [1250.0, 2100.0]  # periodic and chaotic
 LOST = 1e-3  # hours in 50 steps: thrown out of the finite numbers
@@ -54,12 +54,12 @@ def test_wrong_arguments_are_named():
 
 @pytest.mark.parametrize("finished", [0, 1])
 def test_an_interrupt_during_the_longer_motions_keeps_what_was_measured(monkeypatch, finished):
-    def take_votes(plan, chosen, states, epoch, blocks, count, options):
+    def run_longer_motions(plan, chosen, states, epoch, blocks, count, options):
         history = np.full((len(chosen), MOTIONS, 40, count), 0.5)
         status = np.array([0 if finished else int(Status.NOT_RUN), int(Status.NOT_RUN)])
-        return Votes(chosen, history, np.zeros(len(chosen), int), status), True
+        return LongerMotions(chosen, history, np.zeros(len(chosen), int), status), True
 
-    monkeypatch.setattr("slipperjax.sweeps.exponents.take_votes", take_votes)
+    monkeypatch.setattr("slipperjax.sweeps.exponents.run_longer_motions", run_longer_motions)
     with pytest.raises(sj.Interrupted) as stop:
         swept([2100.0, 1250.0, 2100.0])
     found = stop.value.result
