@@ -124,7 +124,7 @@ class _Batch:
     """Cases of a chunk while they are evaluated."""
 
     def __init__(self, plan: EvaluationPlan, scenes: Batched[Scene], states: State, on_progress: OnProgress):
-        self.plan, self.scenes, self.states, self.on_progress = plan, scenes, states, on_progress
+        self.plan, self.scenes, self.on_progress = plan, scenes, on_progress
         self.cases = Evaluation.of_states(plan, rows_of(states))
         self.count = len(self.cases.status)
 
@@ -142,7 +142,7 @@ class _Batch:
         return cases
 
     def _maps(self, period: np.ndarray) -> Maps:
-        return Maps(self.scenes, self.states, self.plan.steps, self.plan.solver, period, self.on_progress)
+        return Maps(self.scenes, self.plan.steps, self.plan.solver, period, self.on_progress)
 
     def _orbits(self, period: np.ndarray, inverse: np.ndarray | None = None) -> Orbits:
         """Finds periodic orbits near the states, of cases whose `period` is not 0."""

@@ -241,7 +241,6 @@ def advance_tangents(
     tangents: State,
     epoch: Any,
     stepping: AbstractStepping,
-    distance: Any = None,
     *,
     solver: diffrax.AbstractSolver,
     periods: int,
@@ -250,11 +249,11 @@ def advance_tangents(
 
     def one(scene, state, tangents):
         step = PeriodMap(scene, stepping, solver)
-        options = dict(scale=tangent_weights(scene), distance=distance)
+        scale = tangent_weights(scene)
 
         def period(carry, epoch):
             state, tangents = carry
-            state, tangents, logs = push_tangents(step, state, tangents, 1, index=epoch, **options)
+            state, tangents, logs = push_tangents(step, state, tangents, 1, index=epoch, scale=scale)
             return (state, tangents), (logs[0], coordinate_rows(state))
 
         epochs = epoch + jnp.arange(float(periods))

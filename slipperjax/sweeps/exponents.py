@@ -16,7 +16,7 @@ from ..analysis.attractor import classify
 from ..analysis.floquet import largest_exponent
 from ..analysis.kinds import Regime
 from ..analysis.lyapunov import is_chaotic, standard_error
-from ..flow.record import AbstractRecord, Labelled
+from ..flow.record import Labelled
 from ..flow.series import coordinates
 from ..flow.status import Status, first_problem
 from ..model.dynamics import State
@@ -28,7 +28,7 @@ from .certificate import CaseExponents, Checks, exponent_variables, labels_of
 from .maps import JACOBIAN, LOOK, Maps, rows_of
 from .measure import BLOCK, LAST, Measure, measured_periods, tangents_cost
 from .reached import ReachedOrbits, nothing_reached, reached_orbits
-from .run import PERIODS_PER_CALL, ChunkInputs, Plan, RecordedChunk, run_cases
+from .run import PERIODS_PER_CALL, ChunkInputs, ContinuedRecord, Plan, RecordedChunk, run_cases
 from .transience import run_longer_motions
 
 SEARCH = 4
@@ -46,7 +46,7 @@ class CasesAfterRecord(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LyapunovExponents(AbstractRecord):
+class LyapunovExponents(ContinuedRecord):
     """The largest Lyapunov exponents of each case, each with its certificate, see `slipperjax.lyapunov_sweep`.
 
     They are those of the orbit that a case has reached, or measured after the recorded periods.
@@ -76,14 +76,6 @@ class LyapunovExponents(AbstractRecord):
     @property
     def variables(self):
         return tuple(labels_of(self.count, self.certify))
-
-    @property
-    def inside(self):
-        return False
-
-    @property
-    def tangents(self):
-        return True
 
     @property
     def continues(self):
@@ -128,12 +120,12 @@ class LyapunovExponents(AbstractRecord):
             solver=plan.solver,
             count=self.count,
             half_step=self.certify,
-            wanted=(status == Status.FINITE) & (np.arange(len(status)) < run.cases),
+            wanted=run.good(status),
             on_progress=run.on_progress,
         )
         periodic = np.flatnonzero(reached.period)
         if len(periodic):
-            maps = Maps(scenes, states, steps, plan.solver, reached.period, run.on_progress, run.epoch)
+            maps = Maps(scenes, steps, plan.solver, reached.period, run.on_progress, run.epoch)
             codes = maps.look(periodic, rows_of(reached.state)[periodic], plan.capacity(steps))
             # the measurement says what is wrong with a case
             reached.period[periodic[codes != Status.FINITE]] = 0
@@ -206,7 +198,7 @@ class LyapunovExponents(AbstractRecord):
         states = jax.tree.map(np.asarray, local.state)
         everyone, rows = np.arange(len(settled.status)), rows_of(states)
         end = epoch + measure.periods
-        maps = Maps(part.scenes, states, steps, plan.solver, 0 * everyone, part.on_progress, end)
+        maps = Maps(part.scenes, steps, plan.solver, 0 * everyone, part.on_progress, end)
         status = first_problem(settled.status, local.status)
         status = np.asarray(first_problem(status, maps.look(everyone, rows, plan.capacity(steps))))
         strobe = np.where((status == Status.FINITE)[:, None, None], local.strobe, np.nan)

@@ -75,6 +75,14 @@ class Grid:
             coordinates[label] = (dim, values, known.attributes)
         return coordinates
 
+    def check_steps(self, steps: Any) -> None:
+        """Raises `ValueError` where steps per period are neither one number nor one for each case."""
+        if np.ndim(steps) and np.shape(steps) != self.shape:
+            raise ValueError(
+                f"Argument `steps_per_period` must be one number or one for each case, {self.shape}, but has shape "
+                f"{np.shape(steps)}."
+            )
+
     def sample(self, start: Motion | State, count: int) -> "Cases":
         """Makes `count` cases spread evenly over the grid, or all where there are no more."""
         if count >= self.count:

@@ -40,8 +40,6 @@ class Maps(NamedTuple):
     """
 
     scenes: Batched[Scene]
-    like: State
-    """States of all cases."""
     steps: int
     """Per forcing period."""
     solver: diffrax.AbstractSolver

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 
 from ..analysis.floquet import multipliers
-from ..flow.record import AbstractRecord, Labelled, attributes
+from ..flow.record import Labelled, attributes
 from ..flow.series import coordinates
 from ..flow.status import Status, first_problem
 from ..model.dynamics import State
@@ -26,7 +26,7 @@ from ..orbits.periodic import TOLERANCE
 from ..tools.batching import Batched
 from ..tools.checks import number, positive, whole
 from .maps import JACOBIAN, Maps, rows_of
-from .run import OnProgress, RecordedChunk
+from .run import ContinuedRecord, OnProgress, RecordedChunk
 
 HALVINGS = 5
 """How often a step is halved before it is taken whatever it gives."""
@@ -81,7 +81,8 @@ def find_orbits(
     all or of each case, 0 for those without a search; `steps`: per forcing period; `inverse`: guesses of
     `Orbits.inverse`, such as neighbours', NaN where there is none.
     """
-    search = _Search(Maps(scenes, states, steps, solver, np.broadcast_to(period, len(states.motion.y)), on_progress))
+    rows = rows_of(states)
+    search = _Search(Maps(scenes, steps, solver, np.broadcast_to(period, len(rows)), on_progress), rows)
     if inverse is not None:
         search.inverse = inverse.copy()
         search.stale = ~np.all(np.isfinite(inverse), axis=(1, 2))
@@ -94,9 +95,9 @@ def find_orbits(
 class _Search:
     """Newton's method for all cases of a batch; its arrays have a leading axis of cases."""
 
-    def __init__(self, maps: Maps):
-        self.maps, self.rows = maps, rows_of(maps.like)
-        cases, size = self.rows.shape
+    def __init__(self, maps: Maps, rows: np.ndarray):
+        self.maps, self.rows = maps, rows
+        cases, size = rows.shape
         self.miss, self.residual = np.zeros_like(self.rows), np.full(cases, np.inf)
         self.share = np.ones(cases)
         """Of a full step that is tried next."""
@@ -203,7 +204,7 @@ class CaseOrbits(NamedTuple):
 
 
 @dataclass(frozen=True)
-class NearestOrbit(AbstractRecord):
+class NearestOrbit(ContinuedRecord):
     """The periodic orbit near the end of each motion, by Newton's method, with its Floquet multipliers.
 
     Cases whose iterations end elsewhere have `Status.NO_ORBIT`.
@@ -229,14 +230,6 @@ class NearestOrbit(AbstractRecord):
         names = ("orbit", "orbit_state", "multiplier_real", "multiplier_imag", "orbit_exponent", "stable")
         return (*names, "residual", "iterations")
 
-    @property
-    def inside(self):
-        return False
-
-    @property
-    def tangents(self):
-        return True
-
     def values(self, periods):
         return 150
 
@@ -247,13 +240,12 @@ class NearestOrbit(AbstractRecord):
         return self.period * (2 * JACOBIAN + TYPICAL_ITERATIONS)
 
     def after(self, carried, samples, status, run: RecordedChunk):
-        counted = (np.arange(len(status)) < run.cases) & (status == Status.FINITE)
         orbits = find_orbits(
             run.scenes,
             jax.tree.map(np.asarray, run.states),
             run.steps,
             solver=run.plan.solver,
-            period=np.where(counted, self.period, 0),
+            period=np.where(run.good(status), self.period, 0),
             tolerance=self.tolerance,
             max_iterations=self.max_iterations,
             on_progress=run.on_progress,

@@ -81,7 +81,7 @@ def reached_orbits(
     orbits = find_orbits(scenes, states, steps, period=period, on_progress=on_progress, **options)
     exponents = _exponents(orbits, period, count)
     period = np.where(_sound(orbits) & np.all(exponents > np.log(SMALLEST_MULTIPLIER), axis=1), period, 0)
-    along = _along(Maps(scenes, states, steps, solver, period, on_progress), orbits.state)
+    along = _along(Maps(scenes, steps, solver, period, on_progress), orbits.state)
     for k in np.flatnonzero(period):
         path = along[k, : period[k]]
         period[k] = least_period(path) if is_near(strobe[k], path) else 0
@@ -89,7 +89,7 @@ def reached_orbits(
     if half_step and period.any():
         twice = lambda periods: on_progress(2 * periods)
         finer = find_orbits(scenes, orbits.state, 2 * steps, period=period, on_progress=twice, **options)
-        there = _along(Maps(scenes, states, 2 * steps, solver, period, twice), finer.state)
+        there = _along(Maps(scenes, 2 * steps, solver, period, twice), finer.state)
         apart = np.max(np.abs(there[:, 0] - along[:, 0]) / COORDINATE_SCALES, axis=1)
         half = _exponents(finer, period, 1)[:, 0]
         period = np.where(_sound(finer) & (apart <= NEAR), period, 0)
@@ -99,7 +99,7 @@ def reached_orbits(
         period,
         np.where(taken[:, None], exponents, np.nan),
         np.where(taken, half, np.nan),
-        Maps(scenes, states, steps, solver, period, on_progress).states(at),
+        Maps(scenes, steps, solver, period, on_progress).states(at),
     )
 
 

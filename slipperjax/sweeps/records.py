@@ -21,7 +21,7 @@ from .attractors import FLOOR
 from .exponents import LyapunovExponents
 from .measure import BLOCK, LAST, Measure, measured_periods, tangents_cost
 from .orbits import NearestOrbit
-from .run import RecordedChunk
+from .run import ContinuedRecord, RecordedChunk
 
 LEAST_PERIODS = 16
 """Recorded periods without which nothing is classified, see `slipperjax.analysis.classify`."""
@@ -103,7 +103,7 @@ class OneExponent(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LargestExponent(AbstractRecord):
+class LargestExponent(ContinuedRecord):
     """The largest Lyapunov exponent [1/period] with its standard error, uncertified.
 
     It is measured by a tangent after the recorded span, over as many periods again and 20 more before, in which
@@ -135,14 +135,6 @@ class LargestExponent(AbstractRecord):
     @property
     def variables(self):
         return "exponent", "exponent_stderr"
-
-    @property
-    def inside(self):
-        return False
-
-    @property
-    def tangents(self):
-        return True
 
     def values(self, periods):
         return 2

@@ -17,10 +17,10 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from ..flow.period_map import Passage, advance
-from ..flow.record import RecordedSpan, RecordSet, Samples
+from ..flow.record import AbstractRecord, RecordedSpan, RecordSet, Samples
 from ..flow.series import Strobe
 from ..flow.simulate import step_plan
-from ..flow.status import ASKED, Interrupted, blank, first_problem
+from ..flow.status import ASKED, Interrupted, Status, blank, first_problem
 from ..flow.stepping import ConstantSteps, capacity_for
 from ..model.dynamics import State
 from ..model.kinematics import Motion
@@ -77,24 +77,14 @@ def call_of(function: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
 
     **Arguments:** `arguments`: `locals()` at the function's first line.
     """
-    return {"function": function} | {
-        name: value for name, value in arguments.items() if name not in ARGUMENTS_NOT_IN_CALL
-    }
+    kept = {name: value for name, value in arguments.items() if name not in ARGUMENTS_NOT_IN_CALL}
+    return {"function": function, **kept}
 
 
-ARGUMENTS_NOT_IN_CALL = (
-    "scene",
-    "grid",
-    "path",
-    "start",
-    "steps_per_period",
-    "solver",
-    "chunk",
-    "workers",
-    "progress",
-)
-ARGUMENTS_NOT_IN_CALL += ("store", "executor")
-"""Arguments that results keep as attributes or variables of their own, or that change no number."""
+ARGUMENTS_WITHOUT_EFFECT = ("progress", "workers", "chunk", "store", "executor")
+"""Arguments that change no number."""
+ARGUMENTS_NOT_IN_CALL = ("scene", "grid", "path", "start", "steps_per_period", "solver", *ARGUMENTS_WITHOUT_EFFECT)
+"""Those, and what results keep as attributes or variables of their own."""
 
 
 def refuse_cases(count: int) -> None:
@@ -112,6 +102,14 @@ class Calls(NamedTuple):
     length: int
     """Forcing periods in one call. Progress and Ctrl-C are polled between calls."""
     count: int
+
+    @classmethod
+    def of(cls, periods: int) -> "Calls":
+        """Calls of 50 periods at most, or of all where `periods` has no divisor from 10 to 50."""
+        length = max(periods, 1)
+        if periods > 50:
+            length = next((k for k in range(50, 9, -1) if periods % k == 0), periods)
+        return cls(length, periods // length)
 
     @property
     def periods(self) -> int:
@@ -244,13 +242,9 @@ def make_plan(grid: Grid, start: Motion | State, options: RunOptions, records: R
     transient, recorded = whole("transient", options.transient, 0), whole("periods", options.periods, 1)
     if transient > PERIODS_PER_CALL:
         transient = math.ceil(transient / PERIODS_PER_CALL) * PERIODS_PER_CALL
-    before, during = (Calls(_call_length(max(n, 1)), n // _call_length(max(n, 1))) for n in (transient, recorded))
-    given: Any = options.steps_per_period
-    if np.ndim(given) and (shape := np.shape(given)) != grid.shape:
-        raise ValueError(
-            f"Argument `steps_per_period` must be one number or one for each case, {grid.shape}, "
-            f"but has shape {shape}."
-        )
+    before, during = Calls.of(transient), Calls.of(recorded)
+    given = options.steps_per_period
+    grid.check_steps(given)
     solver = resolve_solver(grid.scene, options.solver)
     steps, saves = step_plan(cases.default_steps, given, options.saves_per_period)
     records = records.with_saves(saves)
@@ -269,13 +263,6 @@ def make_plan(grid: Grid, start: Motion | State, options: RunOptions, records: R
     labels = ("status", "steps_per_period", *grid.dims, *map(grid.label, grid.axes))
     records.check(grid.scene, recorded, int(plan.steps.min()), labels)
     return plan
-
-
-def _call_length(periods: int) -> int:
-    """Forcing periods in one call of a stretch: a divisor of `periods`, 50 at most if it has one."""
-    if periods <= 50:
-        return periods
-    return next((k for k in range(50, 9, -1) if periods % k == 0), periods)
 
 
 # --- one chunk ------------------------------------------------------------------------------------------------------
@@ -305,6 +292,22 @@ class RecordedChunk(NamedTuple):
     cases: int
     """How many lanes count; the others fill the batch up."""
     on_progress: OnProgress
+
+    def good(self, status: Int[np.ndarray, " lanes"]) -> Bool[np.ndarray, " lanes"]:
+        """Whether each lane counts, and nothing is wrong with it."""
+        return (status == Status.FINITE) & (np.arange(len(status)) < self.cases)
+
+
+class ContinuedRecord(AbstractRecord):
+    """A record of what the motions are after the recorded span, for which derivatives are taken there."""
+
+    @property
+    def inside(self):
+        return False
+
+    @property
+    def tangents(self):
+        return True
 
 
 def heed_interrupts(periods: float = 0.0) -> None:

@@ -41,7 +41,7 @@ from ..tools.checks import brief, require, warn, whole, yes_or_no
 from ..tools.description import describe
 from ..tools.limits import available_memory, cores, shown_bytes
 from .grid import Grid
-from .run import LARGEST_CHUNK, TICK, all_stopped, heed_interrupts, progress_shown
+from .run import ARGUMENTS_WITHOUT_EFFECT, LARGEST_CHUNK, TICK, all_stopped, heed_interrupts, progress_shown
 
 MARK = "slipperjax_store"
 """Attribute by which a store of ours is known: its identity, the call as JSON, and its tiles."""
@@ -166,8 +166,6 @@ class Tiling(NamedTuple):
 
 # --- the call that a store is of ------------------------------------------------------------------------------------
 
-ARGUMENTS_WITHOUT_EFFECT = ("progress", "workers", "chunk", "store", "executor")
-"""Arguments that change no result."""
 LONGEST_TEXT = 60
 """Length from which a value is cut in a message."""
 
@@ -222,7 +220,7 @@ class Archive(NamedTuple):
 
     path: Path
     mark: dict[str, Any]
-    """Content of its attribute `MARK`: `identity`, `call`, `dims`, `shape`, `tile`, `axes`, `coords`."""
+    """Content of its attribute `MARK`: `identity`, `call`, `dims`, `shape`, `tile`, `axes`, `coords`, `variables`."""
 
     @property
     def tiles(self) -> Tiling:
@@ -240,8 +238,8 @@ class Archive(NamedTuple):
 
     def complete_tiles(self) -> np.ndarray:
         """Whether each tile is complete: its digest is there, and so are all of its files."""
-        count, variables = self.tiles.count, self.variables()
-        files = lambda number: (self.file(name, number, dims) for name, dims in variables.items())
+        count = self.tiles.count
+        files = lambda number: (self.file(name, number, dims) for name, dims in self.variables.items())
         complete = lambda number: self.digest_file(number).is_file() and all(map(Path.is_file, files(number)))
         return np.fromiter(map(complete, range(count)), bool, count)
 
@@ -253,19 +251,18 @@ class Archive(NamedTuple):
         """All of it, digests and texts as they are stored."""
         return xr.open_zarr(self.path, chunks=None, mask_and_scale=False, **ZARR)
 
-    def variables(self) -> dict[str, tuple[str, ...]]:
+    @property
+    def variables(self) -> dict[str, list[str]]:
         """Dimensions by name of the variables that tiles have a chunk of."""
-        dims = {str(name): tuple(map(str, variable.dims)) for name, variable in self.open().variables.items()}
-        of_tile = lambda name: name not in (*self.mark["axes"], DIGEST) and set(self.mark["dims"]) <= set(dims[name])
-        return {name: dims[name] for name in sorted(dims) if of_tile(name)}
+        return self.mark["variables"]
 
-    def digest(self, number: int, variables: Mapping[str, Sequence[str]]) -> int:
+    def digest(self, number: int) -> int:
         """The digest of a tile, of the bytes of its files.
 
         **Raises:** `FileNotFoundError` where one is missing.
         """
         total = hashlib.sha256(str(number).encode())
-        for name, dims in variables.items():
+        for name, dims in self.variables.items():
             total.update(name.encode() + hashlib.sha256(self.file(name, number, dims).read_bytes()).digest())
         return int.from_bytes(total.digest()[:8], "big") >> 1
 
@@ -284,14 +281,14 @@ class Archive(NamedTuple):
 
         **Raises:** `OSError` where the disk is full or protected; the tile is absent then.
         """
-        dims, variables = self.mark["dims"], self.variables()
+        dims = self.mark["dims"]
         region = dict(zip(dims, self.tiles.region(number), strict=True))
         capacity = {str(d): n for d, n in self.open().sizes.items() if d not in dims}
         self.check_same()
-        part = xr.Dataset({name: _fitted(name, ds.variables[name], capacity) for name in variables})
+        part = xr.Dataset({name: _fitted(name, ds.variables[name], capacity) for name in self.variables})
         part.to_zarr(self.path, region=region, write_empty_chunks=True, **ZARR)
         self.check_same()
-        value = np.full((1,) * len(dims), self.digest(number, variables))
+        value = np.full((1,) * len(dims), self.digest(number))
         place = {f"tile_{d}": slice(k, k + 1) for d, k in zip(dims, self.tiles.place(number), strict=True)}
         digest = xr.Dataset({DIGEST: (tuple(place), value)})
         digest.to_zarr(self.path, region=place, write_empty_chunks=True, **ZARR)
@@ -303,7 +300,7 @@ class Archive(NamedTuple):
         """
         parts = self.path.rglob("*.partial")
         if numbers is not None:
-            variables = self.variables() | {DIGEST: tuple(self.mark["dims"])}
+            variables = self.variables | {DIGEST: self.mark["dims"]}
             files = (self.file(name, number, dims) for number in numbers for name, dims in variables.items())
             parts = (part for file in files for part in file.parent.glob(f"{file.name}.*.partial"))
         for part in parts:
@@ -358,6 +355,7 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, Any], like
     encoding[DIGEST] = {"chunks": ones, "fill_value": 0}
     shape: dict[str, Any] = {"dims": dims, "shape": list(tiles.shape), "tile": list(tiles.tile)}
     names: dict[str, Any] = {"axes": list(axes), "coords": [n for n in like.coords if n not in axes]}
+    names["variables"] = {name: list(data[name].dims) for name in sorted(shapes) if name != DIGEST}
     mark = {"identity": uuid.uuid4().hex, "call": dict(call), **shape, **names}
     for name in data:
         encoding.setdefault(name, {})["_FillValue"] = None  # else it would be an attribute, too
@@ -450,7 +448,7 @@ def check_store(path: Any, *, repair: bool = False) -> list[str]:
     **Raises:** `ValueError` for a path that is no store of slipperjax.
     """
     archive, lines = _open_archive(Path(path)), []
-    variables, ds = archive.variables(), archive.open()
+    ds = archive.open()
     for name, axis in zip(archive.mark["axes"], archive.mark["call"]["grid"].values(), strict=True):
         if _summary(ds[name].values) != axis:
             lines.append(f"the values of {name} are not those of the call: start over with fresh=True")
@@ -459,8 +457,8 @@ def check_store(path: Any, *, repair: bool = False) -> list[str]:
             continue
         try:
             place = archive.tiles.place(number)
-            stored, actual = int(ds[DIGEST].variable[place].values), archive.digest(number, variables)
-            problem = None if stored == actual else _culprit(archive, number, variables)
+            stored, actual = int(ds[DIGEST].variable[place].values), archive.digest(number)
+            problem = None if stored == actual else _culprit(archive, number)
         except FileNotFoundError as error:
             problem = f"{error.filename} is missing"
         if problem is not None:
@@ -470,10 +468,10 @@ def check_store(path: Any, *, repair: bool = False) -> list[str]:
     return lines
 
 
-def _culprit(archive: Archive, number: int, variables: Mapping[str, Sequence[str]]) -> str:
+def _culprit(archive: Archive, number: int) -> str:
     """Says which file of a tile is not as it was written, as far as checksums tell."""
     ds, region = archive.open(), dict(zip(archive.mark["dims"], archive.tiles.region(number), strict=True))
-    for name, dims in variables.items():
+    for name, dims in archive.variables.items():
         try:
             ds[name].isel(region).load()
         except Exception as error:  # codecs raise many kinds of errors
@@ -610,11 +608,7 @@ def _stored(
         )
     known = Grid(scene, grid, product=options.get("product", True))
     steps: Any = options.get("steps_per_period")
-    if np.ndim(steps) and np.shape(steps) != known.shape:
-        raise ValueError(
-            f"Argument `steps_per_period` must be one number or one for each case, {known.shape}, but has shape "
-            f"{np.shape(steps)}."
-        )
+    known.check_steps(steps)
     workers = options.get("workers")
     workers = None if workers is None else whole("workers", workers, 1)
     # a trajectory may be long, and every worker gets its first state only
@@ -648,10 +642,8 @@ def _stored(
                 archive = _make_archive(store.path, known, tiles, call, like)
             else:
                 archive = _checked_archive(store.path, call)
-        task, done = (
-            _Task(archive._replace(path=store.path.absolute()), name, scene, inside, alone),
-            archive.complete_tiles(),
-        )
+        task = _Task(archive._replace(path=store.path.absolute()), name, scene, inside, alone)
+        done = archive.complete_tiles()
         share, shares = store.share or (1, 1)
         todo = [k for k in range(tiles.count) if not done[k] and k % shares == share - 1]
         archive.tidy(None if store.share is None else todo)
