@@ -1,10 +1,10 @@
 """One case through time: the period map, trajectories, records, statuses and datasets."""
 
 from .course import Course as Course
+from .course import Loads as Loads
 from .datasets import versions as versions
 from .load import dataset_of as dataset_of
 from .load import load_call as load_call
-from .loads import Loads as Loads
 from .record import AbstractRecord as AbstractRecord
 from .record import RecordedSpan as RecordedSpan
 from .records import RECORDS as RECORDS

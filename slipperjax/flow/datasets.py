@@ -20,7 +20,7 @@ from ..model.scene import Scene
 from ..model.scene_files import scene_to_json
 from ..tools.compile import jit
 from ..tools.description import build, describe
-from .loads import over_periods
+from .course import over_periods
 from .record import attributes
 from .series import History, HistoryValues
 from .status import MEANINGS

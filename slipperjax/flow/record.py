@@ -49,26 +49,19 @@ class AbstractRecord(abc.ABC):
 
     name: str
     """The name in the attribute `record` of datasets."""
+    inside: bool = True
+    """Whether it looks at states inside periods, and not only at their ends."""
+    from_start: bool = False
+    """Whether it samples the transient, too."""
+    tangents: bool = False
+    """Whether derivatives are taken after the recorded span."""
+    continues: bool = False
+    """Whether it simulates some of the cases further, in chunks of their own, after all chunks."""
 
     @property
     def variables(self) -> tuple[str, ...]:
         """The data variables that it makes."""
         return (self.name,)
-
-    @property
-    def inside(self) -> bool:
-        """Whether it looks at states inside periods, and not only at their ends."""
-        return True
-
-    @property
-    def from_start(self) -> bool:
-        """Whether it samples the transient, too."""
-        return False
-
-    @property
-    def tangents(self) -> bool:
-        """Whether derivatives are taken after the recorded span."""
-        return False
 
     @abc.abstractmethod
     def values(self, periods: int) -> int:
@@ -111,11 +104,6 @@ class AbstractRecord(abc.ABC):
         """
         return carried, status
 
-    @property
-    def continues(self) -> bool:
-        """Whether it simulates some of the cases further, in chunks of their own, after all chunks."""
-        return False
-
     def cost_continuing(self, periods: int) -> float:
         """Cost of running on after all chunks, in unrecorded periods."""
         return 0.0
@@ -144,10 +132,7 @@ class Unlabelled(AbstractRecord):
     """A record whose samples are used as they are, and not labelled."""
 
     name = ""
-
-    @property
-    def variables(self):
-        return ()
+    variables = ()
 
     def finish(self, carried, samples, span):
         return samples
@@ -272,7 +257,7 @@ class Samples:
 
     def __init__(self, records: RecordSet, periods: int):
         """**Arguments:** `periods`: recorded in all."""
-        self._records, self._periods = records, periods
+        self._periods = periods
         self._calls: dict[AbstractRecord, list[Any]] = {r: [] for r in records.records}
 
     def add(self, records: RecordSet, samples: tuple[Any, ...]) -> None:
@@ -280,21 +265,24 @@ class Samples:
         for r, new in zip(records.records, samples, strict=True):
             calls = self._calls[r]
             calls.append(jax.tree.map(np.asarray, new))
-            if not r.from_start and jax.tree.leaves(new):
-                lengths = [jax.tree.leaves(call)[0].shape[1] for call in calls]
-                while sum(lengths[1:]) >= r.last(self._periods):
-                    del calls[0], lengths[0]
+            while not r.from_start and _periods_in(calls[1:]) >= r.last(self._periods):
+                del calls[0]
 
     def joined(self) -> tuple[Any, ...]:
         """Returns each record's samples in the order of time."""
-        return tuple(self._of(r) for r in self._records.records)
+        return tuple(self._joined(*pair) for pair in self._calls.items())
 
-    def _of(self, record: AbstractRecord) -> Any:
+    def _joined(self, record: AbstractRecord, calls: list[Any]) -> Any:
         def end_to_end(*parts: np.ndarray) -> np.ndarray:
             samples = np.concatenate(parts, axis=1)
             return samples if record.from_start else samples[:, -record.last(self._periods) :]
 
-        return jax.tree.map(end_to_end, *self._calls[record]) if self._calls[record] else None
+        return jax.tree.map(end_to_end, *calls) if calls else None
+
+
+def _periods_in(calls: list[Any]) -> int:
+    """Returns the number of periods that the samples of some calls are of."""
+    return sum(leaf.shape[1] for call in calls for leaf in jax.tree.leaves(call)[:1])
 
 
 def attributes(unit: str, long_name: str) -> dict[str, str]:

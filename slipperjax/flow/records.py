@@ -36,8 +36,7 @@ POINTS = ("end", "point")
 class Join(NamedTuple):
     """A way in which the values of forcing periods become one number."""
 
-    empty: float
-    """The value of no period."""
+    empty: float  # the value of no period
     reduce: Callable[..., Any]
     """Joins values along axis 0; what it gives can be joined with others again."""
     value: Callable[[Any, Any], Any] = lambda joined, periods: joined
@@ -105,10 +104,10 @@ class AbstractQuantityRecord(AbstractRecord):
 class AbstractNumber(AbstractQuantityRecord):
     """A number, or an array of them, of each forcing period, joined over the periods."""
 
-    @property
-    @abc.abstractmethod
-    def join(self) -> Join:
-        """How periods join."""
+    join: Join
+    """How periods join."""
+    samples: Callable[[Course], Any] | None = None
+    """Gives values whose greatest magnitude the number is, along the first axis in time; None where it is none."""
 
     @abc.abstractmethod
     def of(self, course: Course) -> Any:
@@ -116,8 +115,8 @@ class AbstractNumber(AbstractQuantityRecord):
 
     @property
     def smooth(self) -> "AbstractNumber":
-        """Its stand-in for descents: itself, or a power mean near a greatest value."""
-        return self
+        """Its stand-in for descents: a power mean near a greatest magnitude, or itself."""
+        return self if self.samples is None else PowerMean(self)
 
     def total(self, values: Array) -> Array:
         """Returns the number [`unit`] from the values of periods, along the first axis."""
@@ -170,34 +169,26 @@ class Record(AbstractNumber):
     def of(self, course):
         return jnp.asarray(self.function(course), float)
 
-    @property
-    def smooth(self):
-        return self if self.samples is None else PowerMean(self)
-
     def check(self, scene, periods, steps):
         if RECORDS.get(self.name) is self:
             return
+
+        def value():
+            """Returns the value of some period, to look at its shape."""
+            state, _ = state_and_penetration(scene, table_2_start())
+            inside = jax.tree.map(lambda a: jnp.broadcast_to(a, (5, *jnp.shape(a))), state)
+            return self.function(Course(state, inside, Args(scene, 0.0, contact_points(scene)), 4))
+
+        must = f"Argument `function` of `{self.name}` must"
         try:
-            made = jax.eval_shape(lambda: _value(self, scene))
+            made = jax.eval_shape(value)
         except Exception as error:
-            raise ValueError(
-                f"Argument `function` of `{self.name}` must take a course, but raised {type(error).__name__}: "
-                f"{' '.join(str(error).split())[:200]}"
-            ) from error
+            reason = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+            raise ValueError(f"{must} take a course, but raised {reason}") from error
         if not (isinstance(made, jax.ShapeDtypeStruct) and made.dtype.kind in "fiub"):
-            raise ValueError(f"Argument `function` of `{self.name}` must give real numbers, but gives {brief(made)}.")
+            raise ValueError(f"{must} give real numbers, but gives {brief(made)}.")
         if made.shape != (shape := self.shape(scene)):
-            raise ValueError(
-                f"Argument `function` of `{self.name}` must give numbers of the shape of `dims`, {shape}, but gives "
-                f"{made.shape}."
-            )
-
-
-def _value(record: Record, scene: Scene) -> Any:
-    """Returns the value of some period, to look at its shape."""
-    state, _ = state_and_penetration(scene, table_2_start())
-    inside = jax.tree.map(lambda a: jnp.broadcast_to(a, (5, *jnp.shape(a))), state)
-    return record.function(Course(state, inside, Args(scene, 0.0, contact_points(scene)), 4))
+            raise ValueError(f"{must} give numbers of the shape of `dims`, {shape}, but gives {made.shape}.")
 
 
 @dataclass(frozen=True)
@@ -207,7 +198,7 @@ class PowerMean(AbstractNumber):
     Of magnitudes x it is (mean over time of the sum over points of x^order)^(1/order).
     """
 
-    record: "Record | OnePoint"
+    record: AbstractNumber
     order: float = POWER_ORDER
 
     def __post_init__(self):
@@ -264,27 +255,20 @@ class OnePoint(AbstractNumber):
         return self.record.join
 
     @property
-    def smooth(self):
-        return self if self.record.samples is None else PowerMean(self)
-
-    def samples(self, course: Course) -> Array:
-        """Returns those of the record at this point."""
-        assert self.record.samples is not None
-        return _at_point(course, self.record.samples(course), self.point)
+    def samples(self):
+        of_points = self.record.samples
+        return None if of_points is None else lambda course: self._at_point(course, of_points(course))
 
     def of(self, course):
-        values = _at_point(course, self.record.of(course), self.point)
-        return self.join.reduce(values.ravel(), axis=0)
+        return self.join.reduce(self._at_point(course, self.record.of(course)).ravel(), axis=0)
 
-
-def _at_point(course: Course, values: Float[Array, "*first 2 points"], point: str | None) -> Array:
-    """Returns values of one point, or of all."""
-    if point is None:
-        return values
-    names = course.scene.section.names
-    indices = {f"{name}{end + 1}": (end, k) for end in range(2) for k, name in enumerate(names)}
-    require(point in indices, "point", f"be one of {', '.join(indices)}", point)
-    return values[..., *indices[point]]
+    def _at_point(self, course: Course, values: Float[Array, "*first 2 points"]) -> Array:
+        if self.point is None:
+            return values
+        names = course.scene.section.names
+        indices = {f"{name}{end + 1}": (end, k) for end in range(2) for k, name in enumerate(names)}
+        require(self.point in indices, "point", f"be one of {', '.join(indices)}", self.point)
+        return values[..., *indices[self.point]]
 
 
 @dataclass(frozen=True)
@@ -311,12 +295,7 @@ class PeakPeriod(AbstractQuantityRecord):
 @jit
 def judged_by_contacts(scenes: Batched[Scene], codes: Any, carried: Any, limit: Any) -> Int[Array, " cases"]:
     """Judges a batch by `with_loads`, from a carry of `ContactChecks` and the greatest stability number."""
-
-    def judge(scene, code, loads):
-        closed, deepest, stability_number = loads
-        return with_loads(code, closed, deepest, stability_number, scene, limit)
-
-    return scenes.map(judge, codes, carried)
+    return scenes.map(lambda scene, code, loads: with_loads(code, *loads, scene, limit), codes, carried)
 
 
 @dataclass(frozen=True)
@@ -341,18 +320,12 @@ class ContactChecks(Unlabelled):
         return carried, np.asarray(judged_by_contacts(run.scenes, jnp.asarray(status), carried, limit))
 
 
-LEAST_FORCE, MOST_FORCE = 1.0, 2.0**28
-"""Forces between which percentiles are resolved [N]: smaller ones count as zero, larger ones as infinite."""
 FRACTION_BITS = 5
-"""A class is told by so many leading bits of a number's fraction: its width is 1/64 to 1/32 of the force."""
+"""A class is told by so many leading bits of a force's fraction: its width is 1/64 to 1/32 of the force."""
 _SHIFT = 52 - FRACTION_BITS
-
-
-def _class_of(force: float) -> int:
-    return int(np.float64(force).view(np.int64)) >> _SHIFT
-
-
-FORCE_CLASSES = _class_of(MOST_FORCE) - _class_of(LEAST_FORCE) + 2
+# between these forces [N] percentiles are resolved: smaller ones count as zero, larger ones as infinite
+_LEAST_CLASS, _MOST_CLASS = (np.array([1.0, 2.0**28]).view(np.int64) >> _SHIFT).tolist()
+FORCE_CLASSES = _MOST_CLASS - _LEAST_CLASS + 2
 """Number of classes, the first for zero and the last for infinite forces."""
 
 
@@ -396,7 +369,7 @@ class ForcePercentile(AbstractQuantityRecord):
 
     def add(self, carried: Int[Array, "2 points classes"], course):
         bits = jax.lax.bitcast_convert_type(course.force.samples, jnp.int64)
-        index = jnp.clip((bits >> _SHIFT) - (_class_of(LEAST_FORCE) - 1), 0, FORCE_CLASSES - 1)
+        index = jnp.clip((bits >> _SHIFT) - (_LEAST_CLASS - 1), 0, FORCE_CLASSES - 1)
         ends, points = (jnp.arange(n) for n in carried.shape[:2])
         one = course.counted(jnp.ones_like(index, jnp.int32), 0)
         return carried.at[ends[None, :, None], points[None, None, :], index].add(one)
@@ -418,7 +391,7 @@ def _ranked(
     counts: Int[Any, "*cases 2 points classes"], ranks: Int[Any, " percentiles"]
 ) -> Float[Array, "*cases 2 points percentiles"]:
     """Returns the forces of some ranks, 0 for the smallest [N]."""
-    edges = ((np.arange(FORCE_CLASSES - 1) + _class_of(LEAST_FORCE)) << _SHIFT).view(np.float64)
+    edges = ((np.arange(FORCE_CLASSES - 1) + _LEAST_CLASS) << _SHIFT).view(np.float64)
     low = jnp.array([0.0, *edges[:-1], np.inf])
     width = jnp.array([0.0, *np.diff(edges), 0.0])
     total = jnp.cumsum(counts, axis=-1)
@@ -449,6 +422,8 @@ class SpectrumLines(AbstractNumber):
     frequencies: tuple[float, ...]
     """Multiples of the forcing frequency [1/period]: 1 for the forcing, 0.5 for what recurs after two periods."""
 
+    join = JOINS["mean"]
+
     def __post_init__(self):
         one_of("coordinate", self.coordinate, (*COORDINATES, *ACCELERATIONS))
         need = "be numbers of zero or more, each once"
@@ -464,10 +439,6 @@ class SpectrumLines(AbstractNumber):
     @property
     def dims(self):
         return ("part", ("real", "imag")), (f"frequency_{self.coordinate}", self.frequencies)
-
-    @property
-    def join(self):
-        return JOINS["mean"]
 
     def check(self, scene, periods, steps):
         if max(self.frequencies) >= steps / 2:
@@ -486,10 +457,6 @@ class SpectrumLines(AbstractNumber):
         angle = 2 * jnp.pi * (frequencies[:, None] * course.times[None] + before)
         sums = jnp.stack([jnp.cos(angle) @ signal, -jnp.sin(angle) @ signal])
         return sums * jnp.where(frequencies > 0, 2, 1)[None] / (course.steps * len(GAUSS_PLACES))
-
-
-def _of_points(name: str, over: str, function: Callable[[Course], Any], **more: Any) -> Record:
-    return Record(LOADS[name], function, over, POINTS, **more)
 
 
 def _of_coordinate(k: int, q: Quantity) -> tuple[Record, ...]:
@@ -514,11 +481,11 @@ def _rms(k: int, q: Quantity) -> Record:
 
 _KN: dict[str, Any] = dict(shown_unit="kN", per_shown=1e3)
 _TABLE = (
-    _of_points("peak_force", "max", lambda c: c.loads.peak_force, samples=lambda c: c.force.samples),
+    Record(LOADS["peak_force"], lambda c: c.loads.peak_force, "max", POINTS, lambda c: c.force.samples),
     PeakPeriod(),
-    _of_points("impulse", "sum", lambda c: c.loads.impulse),
-    _of_points("contact_fraction", "mean", lambda c: c.loads.contact_fraction),
-    _of_points("penetration", "max", lambda c: c.loads.penetration),
+    Record(LOADS["impulse"], lambda c: c.loads.impulse, "sum", POINTS),
+    Record(LOADS["contact_fraction"], lambda c: c.loads.contact_fraction, "mean", POINTS),
+    Record(LOADS["penetration"], lambda c: c.loads.penetration, "max", POINTS),
     Record(
         Quantity("impact_impulse", "N s", "greatest impulse of a point in a forcing period", "I"),
         lambda c: c.loads.impulse,

@@ -13,7 +13,7 @@ from ..model.kinematics import Motion
 from ..model.layout import coordinate_rows, coordinates
 from ..model.quantities import ACCELERATIONS, COORDINATES, REACTIONS, SECTIONS
 from ..tools.checks import require, whole
-from .loads import Loads
+from .course import Loads
 from .record import AbstractRecord, Unlabelled, attributes, point_labels
 from .status import Status
 
@@ -22,20 +22,17 @@ from .status import Status
 class Strobe(AbstractRecord):
     """The state at the end of each forcing period, as the variable `strobe`. Nothing is stored inside periods."""
 
-    from_start: bool = False  # pyright: ignore[reportIncompatibleMethodOverride, reportAssignmentType]
+    from_start: bool = False
     """Whether states of the transient are kept, too."""
     latest: int | None = None
     """How many of the recorded periods are kept at their end; None for all."""
 
+    name = "strobe"
+    inside = False
+
     def __post_init__(self):
         if self.latest is not None:
             whole("latest", self.latest, 1)
-
-    name = "strobe"
-
-    @property
-    def inside(self):
-        return False
 
     def values(self, periods):
         return len(COORDINATES) * self.last(periods)
@@ -52,25 +49,18 @@ class Strobe(AbstractRecord):
 
     def label(self, scene, dims, values: Float[Any, "*cases periods coordinates"]):
         text = "; ".join(f"{name} [{q.unit}]" for name, q in COORDINATES.items())
-        data = {
-            "strobe": (
-                (*dims, "strobe_period", "coordinate"),
-                values,
-                {"long_name": f"state once per period: {text}"},
-            )
-        }
+        words = {"long_name": f"state once per period: {text}"}
         numbers = np.arange(1 - values.shape[-2], 1)
         since = attributes("1", "forcing periods since the end of the record")
-        return data, {"coordinate": list(COORDINATES), "strobe_period": ("strobe_period", numbers, since)}
+        coords = {"coordinate": list(COORDINATES), "strobe_period": ("strobe_period", numbers, since)}
+        return {"strobe": ((*dims, "strobe_period", "coordinate"), values, words)}, coords
 
 
 class SectionPoints(NamedTuple):
-    """Points of all sections, in the order of `slipperjax.model.SECTIONS`."""
+    """Points of all sections, in the order of `slipperjax.model.SECTIONS`; NaN where there are fewer crossings."""
 
-    time: Float[Any, "*cases 5 crossings"]
-    """Instants of the crossings [forcing periods]; NaN where there are fewer."""
-    velocity: Float[Any, "*cases 5 crossings"]
-    """Velocities there [m/s], [rad/s]."""
+    time: Float[Any, "*cases 5 crossings"]  # [forcing periods]
+    velocity: Float[Any, "*cases 5 crossings"]  # [m/s], [rad/s]
     count: Int[Any, "*cases 5"]
     """How many crossings there were, also those that were not kept."""
 
@@ -120,7 +110,10 @@ class Sections(AbstractRecord):
 
     def finish(self, carried, samples: SectionPoints, span) -> SectionPoints:
         in_time = lambda a: np.moveaxis(a, 1, 2).reshape(a.shape[0], a.shape[2], -1)
-        time, velocity = _packed(in_time(samples.time), in_time(samples.velocity))
+        time, velocity = in_time(samples.time), in_time(samples.velocity)
+        # crossings to the front
+        order = np.argsort(np.isnan(velocity), axis=-1, kind="stable")
+        time, velocity = (np.take_along_axis(a, order, axis=-1) for a in (time, velocity))
         return SectionPoints(time - span.start, velocity, np.sum(samples.count, axis=1))
 
     def label(self, scene, dims, values: SectionPoints):
@@ -128,7 +121,7 @@ class Sections(AbstractRecord):
         data = {}
         for k, (name, coordinate) in enumerate(SECTIONS.items()):
             q, across = COORDINATES[name], f"upward zero crossings of {COORDINATES[coordinate].long_name}"
-            # results on disk have room for as many crossings as could be
+            # results on disk have a capacity for as many crossings as could be
             capacity = {"capacity": values.time.shape[-1]}
             for suffix, of, unit, text in (
                 ("", values.velocity, q.unit, f"{q.long_name} at {across}"),
@@ -142,27 +135,15 @@ class Sections(AbstractRecord):
 _SECTION_NAMES = ("", ""), ("", "_period"), ("crossings_", "")
 
 
-def _packed(time: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns crossings moved to the front of the last axis."""
-    order = np.argsort(np.isnan(velocity), axis=-1, kind="stable")
-    return np.take_along_axis(time, order, axis=-1), np.take_along_axis(velocity, order, axis=-1)
-
-
 class HistoryValues(NamedTuple):
-    """States, accelerations, contact forces, gaps and drive force at constant intervals."""
+    """States, accelerations, contact forces, gaps and drive force at constant intervals, as datasets have them."""
 
     states: Float[Any, "*cases saves coordinates"]
-    """In the order of `slipperjax.model.COORDINATES`."""
     period: Float[Any, "*cases saves"]
-    """Time [forcing periods]."""
     acceleration: Float[Any, "*cases saves accelerations"]
-    """In the order of `slipperjax.model.ACCELERATIONS`."""
     contact_force: Float[Any, "*cases saves 2 points"]
-    """Normal forces at the front and the rear points [N]."""
     gap: Float[Any, "*cases saves 2 points"]
-    """Gaps there, negative where penetrating [m]."""
     drive_force: Float[Any, "*cases saves"]
-    """Force along x that keeps the speed constant [N]."""
 
 
 @dataclass(frozen=True)
@@ -183,7 +164,7 @@ class History(AbstractRecord):
 
     @property
     def variables(self):
-        return (*COORDINATES, *ACCELERATIONS, *_AT_POINTS, "drive_force")
+        return (*COORDINATES, *ACCELERATIONS, *_INNER_DIMS)
 
     def values(self, periods):
         return 57 * (self.saves or 1) * periods
@@ -205,7 +186,7 @@ class History(AbstractRecord):
         for quantities, rows in ((COORDINATES, values.states), (ACCELERATIONS, values.acceleration)):
             for k, (name, q) in enumerate(quantities.items()):
                 data[name] = ((*dims, "time"), rows[..., k], q.attributes)
-        for name, inner in (*((name, ("end", "point")) for name in _AT_POINTS), ("drive_force", ())):
+        for name, inner in _INNER_DIMS.items():
             data[name] = ((*dims, "time", *inner), getattr(values, name), REACTIONS[name].attributes)
         # the same for all cases, but NaN for those that were not run
         period = np.fmin.reduce(values.period.reshape(-1, values.period.shape[-1]))
@@ -213,7 +194,7 @@ class History(AbstractRecord):
         return data, coords | point_labels(scene)
 
 
-_AT_POINTS = "contact_force", "gap"
+_INNER_DIMS = {"contact_force": ("end", "point"), "gap": ("end", "point"), "drive_force": ()}
 
 
 @dataclass(frozen=True)
