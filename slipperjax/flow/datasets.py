@@ -48,7 +48,7 @@ def run_attributes(scene: Scene, start: Motion | State, call: Mapping[str, Any],
         "scene": scene_to_json(scene),
         "start": json.dumps(describe(start)),
         "varied": json.dumps(list(varied)),
-        "call": json.dumps({name: describe(value) for name, value in call.items()}),
+        "call": json.dumps(describe(dict(call))),
         "versions": json.dumps(versions()),
     }
 
@@ -71,10 +71,8 @@ def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, A
     """
     for p in (parameter(name, scene) for name in without if name not in STARTS):
         scene = p.replaced(scene, np.nan)
-    out: dict[str, Any] = {
-        "contact_law": type(scene.contact).__name__,
-        "contact_memory": type(scene.memory).__name__,
-    }
+    parts = {"contact_law": scene.contact, "contact_memory": scene.memory}
+    out: dict[str, Any] = {name: type(part).__name__ for name, part in parts.items()}
     for name, q in PARAMETERS.items():
         value = q.of(scene)
         if value is not None and np.ndim(value) == 0 and not np.isnan(value):
@@ -124,15 +122,9 @@ def trajectory_dataset(trajectory: Any) -> Any:
     coords = {"time": ("time", np.asarray(trajectory.time), attributes("s", "time")), **coords}
     start = jax.tree.map(lambda a: np.asarray(a)[0], trajectory.state)
     call = {"function": "simulate", **json.loads(trajectory.call)}
-    attrs = (
-        scene_attributes(trajectory.scene)
-        | run_attributes(trajectory.scene, start, call)
-        | {
-            "steps_per_period": int(trajectory.steps_per_period),
-            "status": int(trajectory.status),
-            "status_meaning": MEANINGS,
-        }
-    )
+    attrs = scene_attributes(trajectory.scene) | run_attributes(trajectory.scene, start, call)
+    attrs |= {"steps_per_period": int(trajectory.steps_per_period), "status": int(trajectory.status)}
+    attrs["status_meaning"] = MEANINGS
     if trajectory.loads is not None:
         total = _over_periods(trajectory.loads)
         data |= {n: (("end", "point"), np.asarray(getattr(total, n)), q.attributes) for n, q in LOADS.items()}

@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -33,11 +33,12 @@ def load_scene(source: Any, **chosen: float) -> Scene:
     **Raises:** `ValueError` where the source holds no scene, or several and none is chosen; `OSError` for a file that
     cannot be read.
     """
-    if _is_toml(source):
-        return _chosen_none(_read_toml(source), chosen).scene
+    file = _scene_file(source, chosen)
+    if file is not None:
+        return file.scene
     ds = dataset_of(source)
     scene, _ = load_base(ds)
-    values = _varied(ds, chosen, lambda name: not _of_start(name))
+    values = _varied(ds, chosen, of_start=False)
     return scene.replace(**values) if values else scene
 
 
@@ -46,11 +47,12 @@ def load_start(source: Any, **chosen: float) -> Motion | State | None:
 
     **Arguments:** and **Raises:** as for `load_scene`.
     """
-    if _is_toml(source):
-        return _chosen_none(_read_toml(source), chosen).start
+    file = _scene_file(source, chosen)
+    if file is not None:
+        return file.start
     ds = dataset_of(source)
     _, start = load_base(ds)
-    values = {name.removeprefix("start_"): v for name, v in _varied(ds, chosen, _of_start).items()}
+    values = {name.removeprefix("start_"): v for name, v in _varied(ds, chosen, of_start=True).items()}
     if isinstance(start, State):
         return State(Motion(**(vars(start.motion) | values)), start.memory)
     return Motion(**(vars(start) | values))
@@ -68,33 +70,22 @@ def load_call(source: Any) -> dict[str, Any]:
     **Raises:** `ValueError` where a solver, controller or record cannot be rebuilt.
     """
     call = json.loads(_attribute(dataset_of(source), "call"))
-    kinds = (
-        diffrax.AbstractSolver,
-        diffrax.AbstractStepSizeController,
-        diffrax.AbstractAdjoint,
-        optimistix.AbstractRootFinder,
-        lineax.AbstractLinearSolver,
-        Motion,
-        AbstractRecord,
-    )
+    of_diffrax = diffrax.AbstractSolver, diffrax.AbstractStepSizeController, diffrax.AbstractAdjoint
+    kinds = (*of_diffrax, optimistix.AbstractRootFinder, lineax.AbstractLinearSolver, Motion, AbstractRecord)
     return {name: build(value, kinds, name) for name, value in call.items()}
 
 
-def _is_toml(source: Any) -> bool:
-    return isinstance(source, str | os.PathLike) and Path(source).suffix.lower() == ".toml"
-
-
-def _read_toml(source: Any) -> SceneFile:
+def _scene_file(source: Any, chosen: Mapping[str, Any]) -> SceneFile | None:
+    """Returns what a TOML file holds; None for another source."""
+    if not isinstance(source, str | os.PathLike) or Path(source).suffix.lower() != ".toml":
+        return None
     try:
         text = Path(source).read_text(encoding="utf-8")
     except FileNotFoundError:
         raise FileNotFoundError(f"No such file: {source}") from None
     except UnicodeDecodeError as error:
         raise ValueError(f"{source}: must be UTF-8 text, but is not: {error}.") from None
-    return scene_from_toml(text, str(source))
-
-
-def _chosen_none(file: SceneFile, chosen: Mapping[str, Any]) -> SceneFile:
+    file = scene_from_toml(text, str(source))
     if chosen:
         raise ValueError(f"Argument `{next(iter(chosen))}` must not be given for a TOML file, which has one scene.")
     return file
@@ -132,34 +123,29 @@ def varied_names(ds: Any) -> list[str]:
     return names
 
 
-def _of_start(name: str) -> bool:
-    return name.startswith("start_")
-
-
-def _varied(ds: Any, chosen: Mapping[str, float], wanted: Callable[[str], bool]) -> dict[str, float]:
-    """Gives wanted values of what was varied, for one case: chosen, or the dataset's own if it is of one case."""
+def _varied(ds: Any, chosen: Mapping[str, float], of_start: bool) -> dict[str, float]:
+    """Gives the values of one case of what was varied of the start, or of the scene: chosen, or the dataset's own if
+    it is of one case."""
     names = varied_names(ds)
     unknown = [name for name in chosen if name not in names]
     if unknown:
         raise ValueError(f"Argument `{unknown[0]}` must be one of what was varied, {', '.join(names) or 'nothing'}.")
-    values = {name: np.asarray(ds.coords[name].values, float) for name in names}
-    fits = {name: np.abs(values[name] - value) <= SAME_VALUE * abs(value) for name, value in chosen.items()}
-    for name, hits in fits.items():
+    cases = ds.coords.to_dataset()[names]
+    for name, value in chosen.items():
+        values = np.asarray(cases[name].values, float)
+        hits = np.abs(values - value) <= SAME_VALUE * abs(value)
         if not np.any(hits):
-            nearest = values[name].ravel()[np.argmin(np.abs(values[name].ravel() - chosen[name]))]
+            nearest = values.ravel()[np.argmin(np.abs(values.ravel() - value))]
             raise ValueError(
-                f"Argument `{name}` must be one of the result's, but is {chosen[name]:g}; nearest is {nearest:.10g}."
+                f"Argument `{name}` must be one of the result's, but is {value:g}; nearest is {nearest:.10g}."
             )
-    listed = [name for name in names if ds.coords[name].dims == ("case",)]  # lists that were read side by side
-    if listed:
-        keep = np.logical_and.reduce([fits[name] for name in listed if name in fits] or [np.ones(1, bool)])
-        values |= {name: values[name][np.broadcast_to(keep, values[name].shape)] for name in listed}
-    values |= {name: values[name][hits] for name, hits in fits.items() if name not in listed and values[name].ndim}
-    values = {name: v for name, v in values.items() if wanted(name)}
-    several = [name for name, v in values.items() if v.size != 1]
-    if several:
-        raise ValueError(
-            f"Argument `{several[0]}` must be given, as the result has {values[several[0]].size} values of it; or "
-            f"select a case, as by ds.isel({several[0]}=0)."
-        )
-    return {name: float(v.ravel()[0]) for name, v in values.items()}
+        # of several names along one dimension, such as lists that were read side by side, the other ones, too
+        cases = cases.isel({dim: np.flatnonzero(hits) for dim in cases[name].dims})
+    columns = {name: cases[name].values.ravel() for name in names if name.startswith("start_") == of_start}
+    for name, values in columns.items():
+        if values.size != 1:
+            raise ValueError(
+                f"Argument `{name}` must be given, as the result has {values.size} values of it; or select a case, "
+                f"as by ds.isel({name}=0)."
+            )
+    return {name: float(values[0]) for name, values in columns.items()}

@@ -225,9 +225,7 @@ class Trajectory(eqx.Module):
         return trajectory_dataset(self)
 
 
-@jit
-def _euler_angles(motion):
-    return jax.vmap(euler_angles)(motion)
+_euler_angles = jit(jax.vmap(euler_angles))
 
 
 @jit

@@ -65,11 +65,9 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         return lambda error: scaled_size(error if isinstance(error, Motion) else error.motion, self.scales)
 
     def wrap(self, direction):
-        del direction
         return self
 
     def init(self, terms, t0, t1, y0, dt0, args, func, error_order):
-        del terms, y0, func, error_order
         longest = self._longest(args, t0)
         wanted = longest if dt0 is None else jnp.minimum(dt0, longest)
         wanted = jax.lax.stop_gradient(wanted)
