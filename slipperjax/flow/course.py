@@ -408,17 +408,8 @@ class Course:
     @functools.cached_property
     def crossings(self) -> Crossings:
         """Upward zero crossings."""
-
-        def sample(m, rate):
-            """Gives coordinates and velocities with their slopes per step."""
-            angles, angle_rates = jax.jvp(euler_angles, (m,), (rate,))
-            coordinate = jnp.stack([m.y, m.z, *angles])
-            slope = jnp.stack([rate.y, rate.z, *angle_rates])
-            velocity = jnp.stack([m.v_y, m.v_z, m.w_x, m.w_y, m.w_z])
-            acceleration = jnp.stack([rate.v_y, rate.v_z, rate.w_x, rate.w_y, rate.w_z])
-            return coordinate, slope / self.steps, velocity, acceleration / self.steps
-
-        q, d, v, a = jax.vmap(sample, out_axes=1)(self.states.motion, self.rates)
+        # the first half are coordinates, the second their velocities; sections first, then the ends of steps
+        (q, v), (d, a) = (jnp.split(part.T, 2) for part in (self.coordinates.values, self.coordinates.slopes))
         place, velocity = crossing(q[:, :-1], d[:, :-1], q[:, 1:], d[:, 1:], v[:, :-1], a[:, :-1], v[:, 1:], a[:, 1:])
         time = (jnp.arange(self.capacity)[None] + place) / self.steps + self.args.epoch
         used = self.used[None]
