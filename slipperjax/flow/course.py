@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped
 
 from ..model.dynamics import Args, State, contact_forces, motion_rates, per_period
-from ..model.kinematics import Contacts, Motion, contacts, euler_angles
+from ..model.kinematics import Contacts, Motion, contacts
 from ..model.layout import coordinate_rows
 from ..model.scene import Scene
 from ..model.travel import Travel

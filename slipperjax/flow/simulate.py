@@ -19,15 +19,14 @@ from ..model.kinematics import Motion, euler_angles, scaled_size
 from ..model.quantities import quantity
 from ..model.scene import Scene, check_scene
 from ..model.step_size import LEAST_STEPS, traced_steps_per_period
-from ..solvers.named import check_error_estimate, resolve_controller, resolve_solver
+from ..solvers.named import resolve_controller, resolve_solver
 from ..tools.checks import instance, require, shown_number, whole, yes_or_no
 from ..tools.compile import call_compiled, is_traced, jit
 from ..tools.description import describe
 from ..tools.limits import refuse_impossible
 from .course import Loads, over_periods
 from .period_map import Passage, PeriodMap, run_compiled
-from .record import RecordSet
-from .series import PeriodLoads, States
+from .record import PeriodLoads, RecordSet, States
 from .status import INACCURATE, Status, most_stability_number, status_of, with_loads, with_resolution
 from .stepping import AbstractStepping, ConstantSteps, ControlledSteps, UnknownSteps, capacity_for
 
@@ -95,8 +94,8 @@ def period_map(
     check_scene(scene)
     instance("state", state, State, "a slipperjax.State")
     steps, periods = default_steps(scene, steps_per_period), whole("periods", periods, 1)
-    solver, controller = resolve_solver(scene, solver), resolve_controller(stepsize_controller)
-    check_error_estimate(solver, controller)
+    solver = resolve_solver(scene, solver)
+    controller = resolve_controller(stepsize_controller, solver)
     stepping = static_steps(steps) if controller is None else _controlled(1, steps, controller, adjoint)
     return call_compiled(_mapped, PeriodMap(scene, stepping, solver, periods), (), state)
 
@@ -305,8 +304,7 @@ def simulate(
     steps, saves = step_plan(lambda: default_steps(scene, None), steps_per_period, saves_per_period)
     solver = resolve_solver(scene, solver)
     start = first_of(start)
-    controller = resolve_controller(stepsize_controller)
-    check_error_estimate(solver, controller)
+    controller = resolve_controller(stepsize_controller, solver)
     probe, traced = whole("probe", probe, 0), is_traced((scene, start))
     require(not (probe and traced), "probe", "be 0 under jit, vmap or grad", probe)
     records = RecordSet((States(saves), *([PeriodLoads()] if loads else [])))

@@ -204,15 +204,15 @@ def _edge(scene: Scene, path: _Path, gap: Array, rate: Array, memory: Array | No
     whether the contact begins; whether the force has the kink of a gap that opens or closes.
     """
     start = path.gap.start
-    begins = touches = (gap < 0) & ((start >= 0) if memory is None else (memory == 0))
+    touches = (gap < 0) & ((start >= 0) if memory is None else (memory == 0))
     ends = (gap >= 0) & (start < 0)
-    bends, zero_of = begins | ends, (*path.gap, start - gap)
-    wanted = bends
+    wanted = bends = touches | ends
+    zero_of = (*path.gap, start - gap)
     if scene.contact.clamp:
         # the damping ends the force of a closed contact, or lets it begin again, where their sum is zero
         one, other = (1 + _damping(scene, v, memory) for v in (path.rate, rate))
         limited = (start < 0) & (one * other < 0)
-        begins, ends = jnp.where(limited, other > 0, begins), jnp.where(limited, other < 0, ends)
+        ends = jnp.where(limited, other < 0, ends)
         line = one, other - one, 0.0, 0.0, one - other
         zero_of = [jnp.where(limited, v, u) for u, v in zip(zero_of, line, strict=True)]
         wanted, bends = bends | limited, bends & ~limited

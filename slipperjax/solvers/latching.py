@@ -136,12 +136,6 @@ class Latching(AbstractLatchingSolver):
         return y1, error, dense, after, result
 
 
-def estimates_error(solver: diffrax.AbstractSolver) -> bool:
-    """Tells whether a solver has an error estimate, as adaptive steps require."""
-    inner = solver.solver if isinstance(solver, Latching) else solver
-    return isinstance(inner, diffrax.AbstractAdaptiveSolver)
-
-
 def _innermost(solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:
     """Returns the solver inside all wrappers."""
     inner = getattr(solver, "solver", None)

@@ -16,8 +16,7 @@ from ..analysis.attractor import classify
 from ..analysis.floquet import largest_exponent
 from ..analysis.kinds import Regime
 from ..analysis.lyapunov import is_chaotic, standard_error
-from ..flow.record import Labelled
-from ..flow.series import coordinates
+from ..flow.record import Labelled, coordinates
 from ..flow.status import Status, first_problem
 from ..model.dynamics import State
 from ..model.quantities import COORDINATE_SCALES

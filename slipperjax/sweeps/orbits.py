@@ -15,8 +15,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 
 from ..analysis.floquet import multipliers
-from ..flow.record import Labelled, attributes
-from ..flow.series import coordinates
+from ..flow.record import Labelled, attributes, coordinates
 from ..flow.status import Status, first_problem
 from ..model.dynamics import State
 from ..model.quantities import COORDINATES
