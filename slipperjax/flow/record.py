@@ -137,7 +137,10 @@ class Unlabelled(AbstractRecord):
     """A record whose samples are used as they are, and not labelled."""
 
     name = ""
-    variables = ()
+
+    @property
+    def variables(self):
+        return ()
 
     def finish(self, carried, samples, span):
         return samples

@@ -295,7 +295,7 @@ class PeakPeriod(AbstractQuantityRecord):
 @jit
 def judged_by_contacts(scenes: Batched[Scene], codes: Any, carried: Any, limit: Any) -> Int[Array, " cases"]:
     """Judges a batch by `with_loads`, from a carry of `ContactChecks` and the greatest stability number."""
-    return scenes.map(lambda scene, code, loads: with_loads(code, *loads, scene, limit), codes, carried)
+    return scenes.map(lambda scene, code, loads: with_loads(code, *loads, scene=scene, most=limit), codes, carried)
 
 
 @dataclass(frozen=True)

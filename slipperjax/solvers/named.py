@@ -26,8 +26,8 @@ def solver_named(name: str) -> diffrax.AbstractSolver:
     **Raises:** `ValueError` for a name that is no solver's, or one that needs arguments.
     """
     package, _, plain = name.rpartition(".")
-    kind = OWN_SOLVERS.get(name) if not package else None
-    kind = getattr(diffrax, plain, None) if kind is None and package in ("", "diffrax") else kind
+    solvers = {"": vars(diffrax) | OWN_SOLVERS, "diffrax": vars(diffrax)}
+    kind: Any = solvers.get(package, {}).get(plain)
     is_solver = isinstance(kind, type) and issubclass(kind, diffrax.AbstractSolver)
     need = f"be one of {', '.join(OWN_SOLVERS)}, or a solver of diffrax such as Kvaerno5"
     require(is_solver and not plain.startswith("Abstract"), "solver", need, name)
