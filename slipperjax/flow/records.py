@@ -378,7 +378,7 @@ class ForcePercentile(AbstractQuantityRecord):
         count = span.periods * span.steps * len(GAUSS_PLACES)
         place = np.array(self.percentiles) / 100 * (count - 1)
         below = np.floor(place).astype(int)
-        lower, upper = (np.asarray(_ranked(carried, np.minimum(k, count - 1))) for k in (below, below + 1))
+        lower, upper = (_ranked(np.asarray(carried), np.minimum(k, count - 1)) for k in (below, below + 1))
         with np.errstate(invalid="ignore"):
             forces = np.where(lower == upper, lower, lower + (upper - lower) * (place - below))
         # a force that is no number is in the last class
@@ -386,24 +386,14 @@ class ForcePercentile(AbstractQuantityRecord):
         return np.moveaxis(forces, -1, 1)
 
 
-@jit
-def _ranked(
-    counts: Int[Any, "*cases 2 points classes"], ranks: Int[Any, " percentiles"]
-) -> Float[Array, "*cases 2 points percentiles"]:
-    """Returns the forces of some ranks, 0 for the smallest [N]."""
+def _ranked(counts: Int[np.ndarray, "*cases 2 points classes"], ranks: Int[np.ndarray, " percentiles"]) -> np.ndarray:
+    """Returns the forces of some ranks, 0 for the smallest [N], of shape (*cases, 2, points, percentiles)."""
     edges = ((np.arange(FORCE_CLASSES - 1) + _LEAST_CLASS) << _SHIFT).view(np.float64)
-    low = jnp.array([0.0, *edges[:-1], np.inf])
-    width = jnp.array([0.0, *np.diff(edges), 0.0])
-    total = jnp.cumsum(counts, axis=-1)
-
-    def one(rank):
-        k = jnp.sum(total <= rank, axis=-1, keepdims=True)
-        take = lambda a: jnp.take_along_axis(a, k, axis=-1)[..., 0]
-        share = (rank - take(total) + take(counts) + 0.5) / take(counts)
-        at = k[..., 0]
-        return low[at] + width[at] * share
-
-    return jnp.stack([one(rank) for rank in ranks], axis=-1)
+    low, width = np.array([0.0, *edges[:-1], np.inf]), np.array([0.0, *np.diff(edges), 0.0])
+    total = np.cumsum(counts, axis=-1)
+    at = np.stack([np.sum(total <= rank, axis=-1) for rank in ranks], axis=-1)
+    count, upto = np.take_along_axis(counts, at, axis=-1), np.take_along_axis(total, at, axis=-1)
+    return low[at] + width[at] * (ranks - upto + count + 0.5) / count
 
 
 @dataclass(frozen=True)
