@@ -23,7 +23,7 @@ from ..model.paths import parameter
 from ..model.quantities import LOADS, PARAMETERS, STARTS
 from ..model.scene import Scene
 from ..model.scene_files import SceneFile, scene_from_json, scene_from_toml, scene_to_json
-from ..tools.checks import brief
+from ..tools.checks import require
 from ..tools.compile import jit
 from ..tools.description import build, describe
 from .course import over_periods
@@ -190,18 +190,13 @@ def dataset_of(source: Any) -> Any:
 
     **Raises:** `ValueError` for something else; `OSError` for a file that cannot be read.
     """
-    if isinstance(source, str | os.PathLike):
-        return _opened(Path(source))
-    if not hasattr(source, "attrs") or not hasattr(source, "coords"):
-        raise ValueError(
-            f"Argument `source` must be a TOML or netCDF file, or a dataset of slipperjax, but is {brief(source)}."
-        )
-    return source
-
-
-def _opened(path: Path) -> Any:
     import xarray as xr
 
+    if not isinstance(source, str | os.PathLike):
+        is_dataset = hasattr(source, "attrs") and hasattr(source, "coords")
+        require(is_dataset, "source", "be a TOML or netCDF file, or a dataset of slipperjax", source)
+        return source
+    path = Path(source)
     if (path / "zarr.json").is_file():
         return xr.open_zarr(path, consolidated=False, chunks=None, zarr_format=3)
     if not path.is_file():

@@ -192,15 +192,15 @@ class RecordSet:
         """Returns the same, of so many saves per period where they leave that to the run."""
         return RecordSet(tuple(r.with_saves(saves) for r in self.records))
 
-    def check(self, scene: Scene, periods: int, steps: int, taken: Collection[str] = ()) -> None:
+    def check(self, scene: Scene, periods: int, steps: int, existing: Collection[str] = ()) -> None:
         """Raises `ValueError` where records do not suit a run, or each other.
 
-        **Arguments:** `periods`: recorded; `steps`: in each, at least; `taken`: names that the dataset has already.
+        **Arguments:** `periods`: recorded; `steps`: in each, at least; `existing`: names that the dataset has.
         """
         for name, count in Counter(name for r in self.records for name in r.variables).items():
             if count > 1:
                 raise ValueError(f"Argument `record` must give each variable once, but gives `{name}` {count} times.")
-            if name in taken:
+            if name in existing:
                 raise ValueError(f"Argument `record` must not give `{name}`, a name which the dataset has already.")
         for r in self.records:
             r.check(scene, periods, steps)

@@ -45,10 +45,9 @@ class Join(NamedTuple):
 
 def _root_mean(joined: Any, periods: Any) -> Any:
     square = joined / periods
-    if isinstance(square, np.ndarray):
-        return np.sqrt(square)
+    xp = np if isinstance(square, np.ndarray) else jnp  # on the host nothing is compiled
     # the square root has no derivative at zero
-    return jnp.where(square == 0, 0.0, jnp.sqrt(jnp.where(square == 0, 1.0, square)))
+    return xp.where(square == 0, 0.0, xp.sqrt(xp.where(square == 0, 1.0, square)))
 
 
 def _log_sum(values: Array, axis: int = 0) -> Array:
@@ -213,7 +212,7 @@ class PowerMean(AbstractNumber):
 
     @property
     def join(self):
-        exp = lambda x: np.exp(x) if isinstance(x, np.ndarray) else jnp.exp(x)  # on the host nothing is compiled
+        exp = lambda x: np.exp(x) if isinstance(x, np.ndarray) else jnp.exp(x)
         value = lambda joined, periods: exp((joined - np.log(periods)) / self.order)
         return Join(-np.inf, _log_sum, value)
 

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from equinox.internal import ω
 
 from ..model.dynamics import AbstractVectorField, State, fill_frozen
+from ..tools.checks import require
 from .simplified_newton import SimplifiedNewton, with_root_finder
 
 
@@ -37,11 +38,8 @@ def field_of(terms: Any) -> AbstractVectorField:
     while hasattr(terms, "term"):  # diffrax wraps terms to run backwards in time
         terms = terms.term
     field = getattr(terms, "vector_field", None)
-    if not isinstance(field, AbstractVectorField):
-        raise ValueError(
-            f"Argument `terms` must be a diffrax.ODETerm of slipperjax.vector_field(scene) for this solver, "
-            f"but is {terms!r}."
-        )
+    need = "be a diffrax.ODETerm of slipperjax.vector_field(scene) for this solver"
+    require(isinstance(field, AbstractVectorField), "terms", need, terms)
     return field
 
 
@@ -72,6 +70,9 @@ class AbstractLatchingSolver(diffrax.AbstractSolver):
     def rates(self, solver_state: Any) -> Any:
         """Returns the motion's derivative at a step's end [per forcing period], if known to it. Here None."""
         return None
+
+    def init(self, terms, t0, t1, y0, args):
+        return field_of(terms).open_step(t0, y0, args)
 
     def func(self, terms, t0, y0, args):
         return terms.vf(t0, y0, args)
@@ -118,9 +119,6 @@ class Latching(AbstractLatchingSolver):
 
     def error_order(self, terms):
         return self.solver.error_order(diffrax.ODETerm(_FrozenField(field_of(terms))))
-
-    def init(self, terms, t0, t1, y0, args):
-        return field_of(terms).open_step(t0, y0, args)
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         field = field_of(terms)

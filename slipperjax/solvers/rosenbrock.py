@@ -39,9 +39,6 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
     m: ClassVar[tuple[float, ...]]
     e: ClassVar[tuple[float, ...]]
 
-    def init(self, terms, t0, t1, y0, args):
-        return field_of(terms).open_step(t0, y0, args)
-
     @jax.jit  # diffrax traces it more than once
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         field = field_of(terms)
@@ -82,9 +79,9 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
         """Returns the tableau by stages, for a loop over them."""
         count = len(self.nodes)
         square = lambda rows: jnp.array([[*row, *[0.0] * (count - len(row))] for row in ((), *rows)])
-        slopes = jnp.array(self.slopes or [0.0] * count)
-        numbers = dict(node=jnp.array(self.nodes), slope=slopes, index=jnp.arange(count))
-        return dict(a=square(self.a), c=square(self.c)) | numbers
+        slopes = self.slopes or [0.0] * count
+        rows = dict(a=square(self.a), c=square(self.c), node=jnp.array(self.nodes), slope=jnp.array(slopes))
+        return rows | dict(index=jnp.arange(count))
 
 
 def combine(y: State, stages: State, weights: Any) -> State:
