@@ -37,7 +37,7 @@ def field_of(terms: Any) -> AbstractVectorField:
     """Returns the vector field inside diffrax's terms; raises `ValueError` if it is not a scene's."""
     while hasattr(terms, "term"):  # diffrax wraps terms to run backwards in time
         terms = terms.term
-    field = getattr(terms, "vector_field", None)
+    field: Any = getattr(terms, "vector_field", None)
     need = "be a diffrax.ODETerm of slipperjax.vector_field(scene) for this solver"
     require(isinstance(field, AbstractVectorField), "terms", need, terms)
     return field
