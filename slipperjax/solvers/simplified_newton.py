@@ -98,16 +98,16 @@ class SimplifiedNewton(optx.AbstractRootFinder):
         stage = _Stage.of(args)
         residual, aux = fn(y, args)
         residual = jax.tree.map(lambda r: stage.sign * r, residual)
-        if isinstance(residual, Motion):
-            change = state.system.solve(residual)
-        else:
-            memory = residual.memory
-            if memory is not None:  # at the iterate, because the switch may turn within a step
-                decay = vector_field(stage.args.scene).memory_decay(stage.t, stage.at(y), stage.args)
-                memory = memory / (1 - stage.factor * decay)
-            change = State(state.system.solve(residual.motion), memory)
-        new = jax.tree.map(jnp.subtract, y, change)
-        size = _size(jax.tree.map(lambda c: stage.share * c, change))
+        motion, memory = (residual, None) if isinstance(residual, Motion) else (residual.motion, residual.memory)
+        if memory is not None:  # at the iterate, because the switch may turn within a step
+            decay = vector_field(stage.args.scene).memory_decay(stage.t, stage.at(y), stage.args)
+            memory = memory / (1 - stage.factor * decay)
+        change = State(state.system.solve(motion), memory)
+        of_stage = jax.tree.map(lambda c: stage.share * c, change)
+        size = scaled_size(of_stage.motion)
+        if memory is not None:  # rates [m/s]
+            size = jnp.maximum(size, jnp.max(jnp.abs(of_stage.memory)))
+        new = jax.tree.map(jnp.subtract, y, change.motion if isinstance(y, Motion) else change)
         return new, _Iteration(state.system, size, state.size, state.count + 1), aux
 
     def terminate(self, fn, y, args, options, state, tags):
@@ -121,14 +121,6 @@ class SimplifiedNewton(optx.AbstractRootFinder):
 
     def postprocess(self, fn, y, aux, args, options, state, tags, result):
         return y, aux, {}
-
-
-def _size(change: Motion | State) -> Array:
-    """Returns the scaled size of a change; that of an integrated memory [m/s] counts, too."""
-    if isinstance(change, Motion):
-        return scaled_size(change)
-    size = scaled_size(change.motion)
-    return size if change.memory is None else jnp.maximum(size, jnp.max(jnp.abs(change.memory)))
 
 
 def with_root_finder(solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:
