@@ -129,16 +129,9 @@ def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Any)
 def over_periods(loads: Loads) -> Loads:
     """Returns loads of several periods from those of each, along the first axis. Contact fractions are means."""
     highest = jnp.max(loads.peak_force, 0)
-    when = jnp.where(loads.peak_force == highest[None], loads.peak_period, jnp.inf)
-    when = jnp.min(jnp.where(jnp.isnan(when), jnp.inf, when), 0)
-    return Loads(
-        highest,
-        jnp.where(jnp.isfinite(when), when, jnp.nan),
-        jnp.sum(loads.impulse, 0),
-        jnp.mean(loads.contact_fraction, 0),
-        jnp.max(loads.penetration, 0),
-        jnp.max(loads.stability_number, 0),
-    )
+    when = jnp.nanmin(jnp.where(loads.peak_force == highest[None], loads.peak_period, jnp.nan), 0)
+    deepest, fastest = jnp.max(loads.penetration, 0), jnp.max(loads.stability_number, 0)
+    return Loads(highest, when, jnp.sum(loads.impulse, 0), jnp.mean(loads.contact_fraction, 0), deepest, fastest)
 
 
 def _slope(a: Array, b: Array, here: Array, c: Array, d: Array) -> Array:

@@ -87,11 +87,8 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
 def combine(y: State, stages: State, weights: Any) -> State:
     """Returns y + sum(weights u) over the stages u; parts that are None in the stages are frozen and unchanged."""
     used = [k for k in range(len(weights)) if not isinstance(weights[k], float) or weights[k]]
-    add = lambda y, u: y + sum(weights[k] * u[k] for k in used)
-    return State(
-        jax.tree.map(add, y.motion, stages.motion),
-        y.memory if stages.memory is None else add(y.memory, stages.memory),
-    )
+    leaf = lambda y, u: y if u is None else y + sum(weights[k] * u[k] for k in used)
+    return jax.tree.map(leaf, y, stages)
 
 
 class Rodas4(AbstractRosenbrock):
