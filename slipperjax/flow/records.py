@@ -437,9 +437,9 @@ class SpectrumLines(AbstractNumber):
             )
 
     def of(self, course):
-        of = COORDINATES if self.coordinate in COORDINATES else ACCELERATIONS
-        curve = course.coordinates if of is COORDINATES else course.acceleration
-        signal = course.counted(curve.samples[:, list(of).index(self.coordinate)], 0.0)
+        is_acceleration = self.coordinate in ACCELERATIONS
+        curve, names = (course.acceleration, ACCELERATIONS) if is_acceleration else (course.coordinates, COORDINATES)
+        signal = course.counted(curve.samples[:, list(names).index(self.coordinate)], 0.0)
         frequencies = jnp.array(self.frequencies)
         # turns before the period are told apart, so that they are rounded once and not in each sample
         before = (frequencies * course.args.epoch % 1)[:, None]
@@ -463,47 +463,35 @@ def _of_coordinate(k: int, q: Quantity) -> tuple[Record, ...]:
     )
 
 
+def _impulse_samples(c: Course) -> Array:
+    return jnp.broadcast_to(c.loads.impulse, (len(c.times), *c.loads.impulse.shape))
+
+
 def _rms(k: int, q: Quantity) -> Record:
     text, symbol = f"root mean square of the {q.long_name}", rf"\mathrm{{RMS}}\,{q.symbol}"
     return Record(Quantity(f"rms_{q.name}", q.unit, text, symbol), lambda c: c.acceleration.mean_square[k], "rms")
 
 
-_KN: dict[str, Any] = dict(shown_unit="kN", per_shown=1e3)
+_IMPACT_IMPULSE = Quantity("impact_impulse", "N s", "greatest impulse of a point in a forcing period", "I")
+_CONTACT_LOAD = Quantity(
+    "contact_load", "N", "mean normal force of all points together", r"\sum\bar F", shown_unit="kN", per_shown=1e3
+)
+_CONTACT_WORK = Quantity("contact_work", "J/m", "energy lost in contacts per metre of travel", "W")
+_DRIVE_FORCE = Quantity("drive_force", "N", "mean force along x that keeps the speed constant", r"\bar F_X")
+_GRAZING = Quantity("grazing_distance", "m", "least distance of a gap's extreme from zero", "d", 1e-3, "mm", 1e-3)
 _TABLE = (
     Record(LOADS["peak_force"], lambda c: c.loads.peak_force, "max", POINTS, lambda c: c.force.samples),
     PeakPeriod(),
     Record(LOADS["impulse"], lambda c: c.loads.impulse, "sum", POINTS),
     Record(LOADS["contact_fraction"], lambda c: c.loads.contact_fraction, "mean", POINTS),
     Record(LOADS["penetration"], lambda c: c.loads.penetration, "max", POINTS),
-    Record(
-        Quantity("impact_impulse", "N s", "greatest impulse of a point in a forcing period", "I"),
-        lambda c: c.loads.impulse,
-        "max",
-        POINTS,
-        samples=lambda c: jnp.broadcast_to(c.loads.impulse, (len(c.times), *c.loads.impulse.shape)),
-    ),
+    Record(_IMPACT_IMPULSE, lambda c: c.loads.impulse, "max", POINTS, _impulse_samples),
     # by Archard's law (1953, doi:10.1063/1.1721448) the volume worn off in a metre of travel is proportional to it
-    Record(
-        Quantity("contact_load", "N", "mean normal force of all points together", r"\sum\bar F", **_KN),
-        lambda c: jnp.sum(c.force.mean),
-        "mean",
-    ),
-    Record(
-        Quantity("contact_work", "J/m", "energy lost in contacts per metre of travel", "W"),
-        lambda c: jnp.sum(c.power.mean) / c.travel.speed,
-        "mean",
-    ),
-    Record(
-        Quantity("drive_force", "N", "mean force along x that keeps the speed constant", r"\bar F_X"),
-        lambda c: c.drive_force.mean,
-        "mean",
-    ),
+    Record(_CONTACT_LOAD, lambda c: jnp.sum(c.force.mean), "mean"),
+    Record(_CONTACT_WORK, lambda c: jnp.sum(c.power.mean) / c.travel.speed, "mean"),
+    Record(_DRIVE_FORCE, lambda c: c.drive_force.mean, "mean"),
     # a contact that the motion almost makes, or almost loses, is as far from grazing as its gap's extreme from zero
-    Record(
-        Quantity("grazing_distance", "m", "least distance of a gap's extreme from zero", "d", 1e-3, "mm", 1e-3),
-        lambda c: jnp.min(c.gap.shallowest_turn),
-        "min",
-    ),
+    Record(_GRAZING, lambda c: jnp.min(c.gap.shallowest_turn), "min"),
     *(_rms(k, q) for k, q in enumerate(ACCELERATIONS.values())),
     *(record for k, q in enumerate(COORDINATES.values()) for record in _of_coordinate(k, q)),
 )
