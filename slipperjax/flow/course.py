@@ -299,7 +299,7 @@ class Course:
 
     @property
     def capacity(self) -> int:
-        """Number of steps that arrays have room for."""
+        """Number of steps that arrays have capacity for."""
         return self.states.motion.y.shape[0] - 1
 
     @property
