@@ -110,7 +110,7 @@ class AbstractRecord(abc.ABC):
         return carried, status
 
     def cost_continuing(self, periods: int) -> float:
-        """Cost of running on after all chunks, in unrecorded periods."""
+        """Returns the cost of running on after all chunks, in unrecorded periods."""
         return 0.0
 
     def continue_cases(
@@ -220,7 +220,7 @@ class RecordSet:
     def after(
         self, carried: tuple[Any, ...], samples: tuple[Any, ...], status: np.ndarray, run: Any
     ) -> tuple[tuple[Any, ...], np.ndarray]:
-        """Carries and `Status` codes after the recorded span."""
+        """Returns carries and `Status` codes after the recorded span."""
         carries = []
         for r, mine, kept in zip(self.records, carried, samples, strict=True):
             mine, status = r.after(mine, kept, status, run)
@@ -233,18 +233,18 @@ class RecordSet:
         return any(r.continues for r in self.records)
 
     def cost_continuing(self, periods: int) -> float:
-        """Cost of running on after all chunks, in unrecorded periods."""
+        """Returns the cost of running on after all chunks, in unrecorded periods."""
         return sum((r.cost_continuing(periods) for r in self.records), 0.0)
 
     def continue_cases(
         self, values: tuple[Any, ...], status: np.ndarray, plan: Any, options: Any, interrupted: bool
     ) -> tuple[tuple[Any, ...], np.ndarray, bool]:
-        """Values and `Status` codes after all that runs on, and whether the run was interrupted."""
-        whole = []
+        """Returns values and `Status` codes after all that runs on, and whether the run was interrupted."""
+        continued = []
         for r, mine in zip(self.records, values, strict=True):
             mine, status, interrupted = r.continue_cases(mine, status, plan, options, interrupted)
-            whole.append(mine)
-        return tuple(whole), status, interrupted
+            continued.append(mine)
+        return tuple(continued), status, interrupted
 
     def finish(self, carried: tuple[Any, ...], samples: Sequence[Any], span: RecordedSpan) -> tuple[Any, ...]:
         """Returns the arrays of each record, with a leading axis of cases."""
