@@ -13,8 +13,8 @@ from . import studies as studies
 from . import sweeps as sweeps
 from . import tools as tools
 from .design.optimise import optimise_design as optimise_design
-from .flow.load import load_scene as load_scene
-from .flow.load import load_start as load_start
+from .flow.datasets import load_scene as load_scene
+from .flow.datasets import load_start as load_start
 from .flow.simulate import Trajectory as Trajectory
 from .flow.simulate import period_map as period_map
 from .flow.simulate import simulate as simulate

@@ -119,7 +119,7 @@ def _further(source: Path, over: tuple[str, float, float] | None, options: dict[
 
 def _beneath(brute: Path | None, quantity: str, name: str) -> Any:
     """The diagram of --brute, checked before anything long is begun, as is the quantity."""
-    from ..flow.load import dataset_of
+    from ..flow.datasets import dataset_of
     from ..plots.branches import check_brute, check_quantity
 
     check_quantity(quantity)

@@ -169,7 +169,7 @@ def make_case(*, scene: Path | None, solver: str | None, steps_per_period: int |
 
     **Raises:** `ValueError` that names the argument or option which is wrong.
     """
-    from ..flow.load import load_scene, load_start
+    from ..flow.datasets import load_scene, load_start
     from ..model.dang2024 import paper_scene
     from ..solvers.named import resolve_solver
 

@@ -1,15 +1,20 @@
-"""Results as labelled xarray datasets, with the scene, the start, the call and the versions as attributes."""
+"""Results as labelled xarray datasets with all that made them; scenes, starts and calls from datasets and files."""
 
 import functools
 import importlib.metadata
 import json
+import os
 import platform
 from collections.abc import Collection, Mapping
+from pathlib import Path
 from typing import Any
 
+import diffrax
 import jax
 import jax.numpy as jnp
+import lineax
 import numpy as np
+import optimistix
 
 from ..model.dynamics import State
 from ..model.kinematics import Motion
@@ -17,13 +22,16 @@ from ..model.layout import coordinates
 from ..model.paths import parameter
 from ..model.quantities import LOADS, PARAMETERS, STARTS
 from ..model.scene import Scene
-from ..model.scene_files import scene_to_json
+from ..model.scene_files import SceneFile, scene_from_json, scene_from_toml, scene_to_json
+from ..tools.checks import require
 from ..tools.compile import jit
 from ..tools.description import build, describe
-from .loads import over_periods
-from .record import attributes
-from .series import History, HistoryValues
+from .course import over_periods
+from .record import AbstractRecord, History, HistoryValues, attributes
 from .status import MEANINGS
+
+SAME_VALUE = 1e-9
+"""Relative difference up to which a value asked for is one of a dataset's."""
 
 
 @functools.cache
@@ -48,19 +56,9 @@ def run_attributes(scene: Scene, start: Motion | State, call: Mapping[str, Any],
         "scene": scene_to_json(scene),
         "start": json.dumps(describe(start)),
         "varied": json.dumps(list(varied)),
-        "call": json.dumps({name: describe(value) for name, value in call.items()}),
+        "call": json.dumps(describe(dict(call))),
         "versions": json.dumps(versions()),
     }
-
-
-def start_from_json(text: str) -> Motion | State:
-    """Returns the start of an attribute of `run_attributes`."""
-    description = json.loads(text)
-    if "motion" not in description:
-        return build(description, (Motion,), "start")
-    memory = description["memory"]
-    motion = build(description["motion"], (Motion,), "start")
-    return State(motion, None if memory is None else jnp.asarray(memory))
 
 
 def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, Any]:
@@ -71,10 +69,8 @@ def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, A
     """
     for p in (parameter(name, scene) for name in without if name not in STARTS):
         scene = p.replaced(scene, np.nan)
-    out: dict[str, Any] = {
-        "contact_law": type(scene.contact).__name__,
-        "contact_memory": type(scene.memory).__name__,
-    }
+    parts = {"contact_law": scene.contact, "contact_memory": scene.memory}
+    out: dict[str, Any] = {name: type(part).__name__ for name, part in parts.items()}
     for name, q in PARAMETERS.items():
         value = q.of(scene)
         if value is not None and np.ndim(value) == 0 and not np.isnan(value):
@@ -83,25 +79,6 @@ def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, A
     if not np.isnan(wavelengths).any():
         out["wavelengths [m]"] = wavelengths
     return out
-
-
-def open_result(path: Any) -> Any:
-    """Returns a result's netCDF file or zarr store, opened.
-
-    **Raises:** `ValueError` for a file that is none; `OSError` where it cannot be read.
-    """
-    import xarray as xr
-
-    if (path / "zarr.json").is_file():
-        return xr.open_zarr(path, consolidated=False, chunks=None, zarr_format=3)
-    if not path.is_file():
-        raise FileNotFoundError(f"No such file: {path}")
-    try:
-        return xr.load_dataset(path, engine="h5netcdf")
-    except (OSError, ValueError) as error:
-        raise ValueError(
-            f"{path}: must be a TOML file or a netCDF file of slipperjax, but is neither: {error}"
-        ) from None
 
 
 _over_periods = jit(over_periods)
@@ -124,15 +101,9 @@ def trajectory_dataset(trajectory: Any) -> Any:
     coords = {"time": ("time", np.asarray(trajectory.time), attributes("s", "time")), **coords}
     start = jax.tree.map(lambda a: np.asarray(a)[0], trajectory.state)
     call = {"function": "simulate", **json.loads(trajectory.call)}
-    attrs = (
-        scene_attributes(trajectory.scene)
-        | run_attributes(trajectory.scene, start, call)
-        | {
-            "steps_per_period": int(trajectory.steps_per_period),
-            "status": int(trajectory.status),
-            "status_meaning": MEANINGS,
-        }
-    )
+    attrs = scene_attributes(trajectory.scene) | run_attributes(trajectory.scene, start, call)
+    attrs |= {"steps_per_period": int(trajectory.steps_per_period), "status": int(trajectory.status)}
+    attrs["status_meaning"] = MEANINGS
     if trajectory.loads is not None:
         total = _over_periods(trajectory.loads)
         data |= {n: (("end", "point"), np.asarray(getattr(total, n)), q.attributes) for n, q in LOADS.items()}
@@ -140,3 +111,148 @@ def trajectory_dataset(trajectory: Any) -> Any:
         attrs["probe_error [scales]"] = float(np.max(trajectory.probe.error))
         attrs["probe_peak_error"] = float(np.max(trajectory.probe.peak_error))
     return xr.Dataset(data, coords, attrs)
+
+
+def load_scene(source: Any, **chosen: float) -> Scene:
+    """Returns the scene of a TOML file, of a result's netCDF file, or of a dataset; exactly as it was.
+
+    **Arguments:** `source`: a path or an `xarray.Dataset`. `chosen`: for a result of many cases, the values of what
+    was varied, by name [SI units], unless the dataset is of one case already, as by `ds.isel(speed=3)`.
+
+    **Raises:** `ValueError` where the source holds no scene, or several and none is chosen; `OSError` for a file that
+    cannot be read.
+    """
+    file = _scene_file(source, chosen)
+    if file is not None:
+        return file.scene
+    ds = dataset_of(source)
+    scene, _ = load_base(ds)
+    values = _varied(ds, chosen, of_start=False)
+    return scene.replace(**values) if values else scene
+
+
+def load_start(source: Any, **chosen: float) -> Motion | State | None:
+    """Returns the start of a TOML file, a netCDF file or a dataset; None where a TOML file has none.
+
+    **Arguments:** and **Raises:** as for `load_scene`.
+    """
+    file = _scene_file(source, chosen)
+    if file is not None:
+        return file.start
+    ds = dataset_of(source)
+    _, start = load_base(ds)
+    values = {name.removeprefix("start_"): v for name, v in _varied(ds, chosen, of_start=True).items()}
+    if isinstance(start, State):
+        return State(Motion(**(vars(start.motion) | values)), start.memory)
+    return Motion(**(vars(start) | values))
+
+
+def load_base(source: Any) -> tuple[Scene, Motion | State]:
+    """Gives the scene and the start of which a result's cases are variations; raises `ValueError` as `load_scene`."""
+    ds = dataset_of(source)
+    scene, description = scene_from_json(_attribute(ds, "scene")), json.loads(_attribute(ds, "start"))
+    if "motion" not in description:
+        return scene, build(description, (Motion,), "start")
+    memory = description["memory"]
+    motion = build(description["motion"], (Motion,), "start")
+    return scene, State(motion, None if memory is None else jnp.asarray(memory))
+
+
+def load_call(source: Any) -> dict[str, Any]:
+    """Returns the function that made a result, as `function`, and its arguments besides scene, grid and start.
+
+    **Raises:** `ValueError` where a solver, controller or record cannot be rebuilt.
+    """
+    call = json.loads(_attribute(dataset_of(source), "call"))
+    of_diffrax = diffrax.AbstractSolver, diffrax.AbstractStepSizeController, diffrax.AbstractAdjoint
+    kinds = (*of_diffrax, optimistix.AbstractRootFinder, lineax.AbstractLinearSolver, Motion, AbstractRecord)
+    return {name: build(value, kinds, name) for name, value in call.items()}
+
+
+def _scene_file(source: Any, chosen: Mapping[str, Any]) -> SceneFile | None:
+    """Returns what a TOML file holds; None for another source."""
+    if not isinstance(source, str | os.PathLike) or Path(source).suffix.lower() != ".toml":
+        return None
+    try:
+        text = Path(source).read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise FileNotFoundError(f"No such file: {source}") from None
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{source}: must be UTF-8 text, but is not: {error}.") from None
+    file = scene_from_toml(text, str(source))
+    if chosen:
+        raise ValueError(f"Argument `{next(iter(chosen))}` must not be given for a TOML file, which has one scene.")
+    return file
+
+
+def dataset_of(source: Any) -> Any:
+    """Returns a dataset as it is, or that of a netCDF file or a zarr store.
+
+    **Raises:** `ValueError` for something else; `OSError` for a file that cannot be read.
+    """
+    import xarray as xr
+
+    if not isinstance(source, str | os.PathLike):
+        is_dataset = hasattr(source, "attrs") and hasattr(source, "coords")
+        require(is_dataset, "source", "be a TOML or netCDF file, or a dataset of slipperjax", source)
+        return source
+    path = Path(source)
+    if (path / "zarr.json").is_file():
+        return xr.open_zarr(path, consolidated=False, chunks=None, zarr_format=3)
+    if not path.is_file():
+        raise FileNotFoundError(f"No such file: {path}")
+    try:
+        return xr.load_dataset(path, engine="h5netcdf")
+    except (OSError, ValueError) as error:
+        raise ValueError(
+            f"{path}: must be a TOML file or a netCDF file of slipperjax, but is neither: {error}"
+        ) from None
+
+
+def _attribute(ds: Any, name: str) -> str:
+    if name not in ds.attrs:
+        raise ValueError(
+            f"Argument `source` must be a result of slipperjax, but has no attribute `{name}`. Single variables and "
+            f"results of calculations have none."
+        )
+    return ds.attrs[name]
+
+
+def varied_names(ds: Any) -> list[str]:
+    """Returns names of the coordinates that were varied; raises `ValueError` where one of them is lost."""
+    names = json.loads(_attribute(ds, "varied"))
+    for name in names:
+        if name not in ds.coords:
+            raise ValueError(
+                f"Argument `source` must have the coordinate `{name}`, which was varied; without it the scene is "
+                f"unknown."
+            )
+    return names
+
+
+def _varied(ds: Any, chosen: Mapping[str, float], of_start: bool) -> dict[str, float]:
+    """Gives the values of one case of what was varied of the start, or of the scene: chosen, or the dataset's own if
+    it is of one case."""
+    names = varied_names(ds)
+    unknown = [name for name in chosen if name not in names]
+    if unknown:
+        raise ValueError(f"Argument `{unknown[0]}` must be one of what was varied, {', '.join(names) or 'nothing'}.")
+    cases = ds.coords.to_dataset()[names]
+    for name, value in chosen.items():
+        values = np.asarray(cases[name].values, float)
+        hits = np.abs(values - value) <= SAME_VALUE * abs(value)
+        if not np.any(hits):
+            nearest = values.ravel()[np.argmin(np.abs(values.ravel() - value))]
+            raise ValueError(
+                f"Argument `{name}` must be one of the result's, but is {value:g}; nearest is {nearest:.10g}."
+            )
+        # of several names along one dimension, such as lists that were read side by side, the other ones, too
+        cases = cases.isel({dim: np.flatnonzero(hits) for dim in cases[name].dims})
+    columns = {name: cases[name].values.ravel() for name in names if name.startswith("start_") == of_start}
+    for name, values in columns.items():
+        if values.size != 1:
+            raise ValueError(
+                f"Argument `{name}` must be given, as the result has {values.size} values of it; or select a case, "
+                f"as by ds.isel({name}=0)."
+            )
+    return {name: float(values[0]) for name, values in columns.items()}

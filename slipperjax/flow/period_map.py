@@ -62,16 +62,14 @@ def initial_tangents(scenes: Batched[Scene], states: State, count: int) -> State
 class Passage(NamedTuple):
     """Result of a run over some forcing periods."""
 
-    state: State
-    """The state at the end."""
+    state: State  # at the end
     samples: tuple[Any, ...]
     """Samples of each record, with a leading axis of periods."""
     status: Int[Array, "*cases"]
     """`Status` code: the first that is not `FINITE` at the ends of the periods."""
     steps_taken: Int[Array, "*cases periods"]
     """Steps tried in each period, including those that an adaptive controller rejected."""
-    carried: tuple[Any, ...] = ()
-    """Carries of the records after all periods."""
+    carried: tuple[Any, ...]  # of the records after all periods
 
 
 class PeriodMap(eqx.Module):
@@ -151,22 +149,8 @@ def _lost_where(failed: Any, state: State) -> State:
     return eqx.tree_at(lambda s: s.motion, state, lost)
 
 
-def map_compiled(period_map: PeriodMap, state: State) -> State:
-    """Returns `period_map(state)`, compiled once for all numbers of a scene."""
-    return call_compiled(_map, period_map, (), state)
-
-
-def _map(period_map: PeriodMap, static: tuple, state: State) -> State:
-    return period_map(state)
-
-
 def run_compiled(
-    period_map: PeriodMap,
-    state: State,
-    periods: int,
-    records: RecordSet,
-    epoch: Any = 0.0,
-    used: Any = None,
+    period_map: PeriodMap, state: State, periods: int, records: RecordSet, epoch: Any = 0.0, used: Any = None
 ) -> Passage:
     """Returns `period_map.run` of one case, compiled; see there."""
     return call_compiled(_run, period_map, (periods, records), state, epoch, used)
@@ -213,11 +197,8 @@ def advance(
 
     `states`, `earlier` and the result have a leading axis of cases.
     """
-
-    def one(scene, state, earlier):
-        options = dict(periods=periods, records=records, used=used, earlier=earlier)
-        return PeriodMap(scene, stepping, solver).run(state, epoch, **options)
-
+    options = dict(epoch=epoch, periods=periods, records=records, used=used)
+    one = lambda scene, state, earlier: PeriodMap(scene, stepping, solver).run(state, earlier=earlier, **options)
     return scenes.map(one, states, earlier)
 
 
@@ -226,8 +207,7 @@ class TangentPassage(NamedTuple):
 
     state: State
     tangents: State
-    history: Float[Array, "cases periods count"]
-    """Logarithm of the tangents' growth in each period."""
+    history: Float[Array, "cases periods count"]  # logarithm of the tangents' growth in each period
     strobe: Float[Array, "cases periods coordinates"]
     """The state at the end of each period, in the order of `slipperjax.model.COORDINATES`."""
     status: Int[Array, " cases"]
@@ -266,15 +246,8 @@ def advance_tangents(
 
 @functools.partial(jit, static_argnames=("solver", "periods"))
 def batch_jacobians(
-    scenes: Batched[Scene],
-    states: State,
-    epoch: Any,
-    stepping: AbstractStepping,
-    *,
-    solver: diffrax.AbstractSolver,
-    periods: int,
+    scenes: Batched[Scene], states: State, epoch: Any, stepping: AbstractStepping, *, solver: Any, periods: int
 ) -> Float[Array, "cases periods size size"]:
     """Returns Jacobians of a batch's successive period maps, for Floquet multipliers."""
-    return scenes.map(
-        lambda scene, state: jacobians(PeriodMap(scene, stepping, solver), state, periods, index=epoch), states
-    )
+    of_one = lambda scene, state: jacobians(PeriodMap(scene, stepping, solver), state, periods, index=epoch)
+    return scenes.map(of_one, states)

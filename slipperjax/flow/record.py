@@ -1,8 +1,8 @@
-"""The contract of records, which keep something of each case, and several records as one.
+"""The contract of records, which keep something of each case; several records as one; and records of samples.
 
 A record looks at the course of each forcing period inside the compiled program. Its carry makes numbers of one size,
-however long the run is (peaks, means, percentiles); its samples of each period are joined end to end (sections,
-strobes, histories). Afterwards it may run on, and it names its arrays for datasets.
+however long the run is (peaks, means, percentiles); its samples of each period are joined end to end (strobes,
+Poincare sections, histories, loads of each period). Afterwards it may run on, and it names its arrays for datasets.
 """
 
 import abc
@@ -12,13 +12,18 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
-from ..model.dynamics import State
-from ..model.quantities import Quantity
+from ..model.dynamics import State, reactions
+from ..model.kinematics import Motion
+from ..model.layout import coordinate_rows, coordinates
+from ..model.quantities import ACCELERATIONS, COORDINATES, REACTIONS, SECTIONS, Quantity
 from ..model.scene import Scene
-from .course import Course
+from ..tools.checks import require, whole
+from .course import Course, Loads
+from .status import Status
 
 Labelled = tuple[dict[str, Any], dict[str, Any]]
 """Data variables and coordinates of a dataset, as xarray takes them."""
@@ -49,26 +54,19 @@ class AbstractRecord(abc.ABC):
 
     name: str
     """The name in the attribute `record` of datasets."""
+    inside: bool = True
+    """Whether it looks at states inside periods, and not only at their ends."""
+    from_start: bool = False
+    """Whether it samples the transient, too."""
+    tangents: bool = False
+    """Whether derivatives are taken after the recorded span."""
+    continues: bool = False
+    """Whether it simulates some of the cases further, in chunks of their own, after all chunks."""
 
     @property
     def variables(self) -> tuple[str, ...]:
         """The data variables that it makes."""
         return (self.name,)
-
-    @property
-    def inside(self) -> bool:
-        """Whether it looks at states inside periods, and not only at their ends."""
-        return True
-
-    @property
-    def from_start(self) -> bool:
-        """Whether it samples the transient, too."""
-        return False
-
-    @property
-    def tangents(self) -> bool:
-        """Whether derivatives are taken after the recorded span."""
-        return False
 
     @abc.abstractmethod
     def values(self, periods: int) -> int:
@@ -111,13 +109,8 @@ class AbstractRecord(abc.ABC):
         """
         return carried, status
 
-    @property
-    def continues(self) -> bool:
-        """Whether it simulates some of the cases further, in chunks of their own, after all chunks."""
-        return False
-
     def cost_continuing(self, periods: int) -> float:
-        """Cost of running on after all chunks, in unrecorded periods."""
+        """Returns the cost of running on after all chunks, in unrecorded periods."""
         return 0.0
 
     def continue_cases(
@@ -199,15 +192,15 @@ class RecordSet:
         """Returns the same, of so many saves per period where they leave that to the run."""
         return RecordSet(tuple(r.with_saves(saves) for r in self.records))
 
-    def check(self, scene: Scene, periods: int, steps: int, taken: Collection[str] = ()) -> None:
+    def check(self, scene: Scene, periods: int, steps: int, existing: Collection[str] = ()) -> None:
         """Raises `ValueError` where records do not suit a run, or each other.
 
-        **Arguments:** `periods`: recorded; `steps`: in each, at least; `taken`: names that the dataset has already.
+        **Arguments:** `periods`: recorded; `steps`: in each, at least; `existing`: names that the dataset has.
         """
         for name, count in Counter(name for r in self.records for name in r.variables).items():
             if count > 1:
                 raise ValueError(f"Argument `record` must give each variable once, but gives `{name}` {count} times.")
-            if name in taken:
+            if name in existing:
                 raise ValueError(f"Argument `record` must not give `{name}`, a name which the dataset has already.")
         for r in self.records:
             r.check(scene, periods, steps)
@@ -227,7 +220,7 @@ class RecordSet:
     def after(
         self, carried: tuple[Any, ...], samples: tuple[Any, ...], status: np.ndarray, run: Any
     ) -> tuple[tuple[Any, ...], np.ndarray]:
-        """Carries and `Status` codes after the recorded span."""
+        """Returns carries and `Status` codes after the recorded span."""
         carries = []
         for r, mine, kept in zip(self.records, carried, samples, strict=True):
             mine, status = r.after(mine, kept, status, run)
@@ -240,18 +233,18 @@ class RecordSet:
         return any(r.continues for r in self.records)
 
     def cost_continuing(self, periods: int) -> float:
-        """Cost of running on after all chunks, in unrecorded periods."""
+        """Returns the cost of running on after all chunks, in unrecorded periods."""
         return sum((r.cost_continuing(periods) for r in self.records), 0.0)
 
     def continue_cases(
         self, values: tuple[Any, ...], status: np.ndarray, plan: Any, options: Any, interrupted: bool
     ) -> tuple[tuple[Any, ...], np.ndarray, bool]:
-        """Values and `Status` codes after all that runs on, and whether the run was interrupted."""
-        whole = []
+        """Returns values and `Status` codes after all that runs on, and whether the run was interrupted."""
+        continued = []
         for r, mine in zip(self.records, values, strict=True):
             mine, status, interrupted = r.continue_cases(mine, status, plan, options, interrupted)
-            whole.append(mine)
-        return tuple(whole), status, interrupted
+            continued.append(mine)
+        return tuple(continued), status, interrupted
 
     def finish(self, carried: tuple[Any, ...], samples: Sequence[Any], span: RecordedSpan) -> tuple[Any, ...]:
         """Returns the arrays of each record, with a leading axis of cases."""
@@ -272,7 +265,7 @@ class Samples:
 
     def __init__(self, records: RecordSet, periods: int):
         """**Arguments:** `periods`: recorded in all."""
-        self._records, self._periods = records, periods
+        self._periods = periods
         self._calls: dict[AbstractRecord, list[Any]] = {r: [] for r in records.records}
 
     def add(self, records: RecordSet, samples: tuple[Any, ...]) -> None:
@@ -280,21 +273,24 @@ class Samples:
         for r, new in zip(records.records, samples, strict=True):
             calls = self._calls[r]
             calls.append(jax.tree.map(np.asarray, new))
-            if not r.from_start and jax.tree.leaves(new):
-                lengths = [jax.tree.leaves(call)[0].shape[1] for call in calls]
-                while sum(lengths[1:]) >= r.last(self._periods):
-                    del calls[0], lengths[0]
+            while not r.from_start and _periods_in(calls[1:]) >= r.last(self._periods):
+                del calls[0]
 
     def joined(self) -> tuple[Any, ...]:
         """Returns each record's samples in the order of time."""
-        return tuple(self._of(r) for r in self._records.records)
+        return tuple(self._joined(*pair) for pair in self._calls.items())
 
-    def _of(self, record: AbstractRecord) -> Any:
+    def _joined(self, record: AbstractRecord, calls: list[Any]) -> Any:
         def end_to_end(*parts: np.ndarray) -> np.ndarray:
             samples = np.concatenate(parts, axis=1)
             return samples if record.from_start else samples[:, -record.last(self._periods) :]
 
-        return jax.tree.map(end_to_end, *self._calls[record]) if self._calls[record] else None
+        return jax.tree.map(end_to_end, *calls) if calls else None
+
+
+def _periods_in(calls: list[Any]) -> int:
+    """Returns the number of periods that the samples of some calls are of."""
+    return sum(leaf.shape[1] for call in calls for leaf in jax.tree.leaves(call)[:1])
 
 
 def attributes(unit: str, long_name: str) -> dict[str, str]:
@@ -305,3 +301,213 @@ def attributes(unit: str, long_name: str) -> dict[str, str]:
 def point_labels(scene: Scene) -> dict[str, Any]:
     """Returns the coordinates of variables at each contact point."""
     return {"end": ["front", "rear"], "point": list(scene.section.names)}
+
+
+# --- records of samples ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Strobe(AbstractRecord):
+    """The state at the end of each forcing period, as the variable `strobe`. Nothing is stored inside periods."""
+
+    from_start: bool = False
+    """Whether states of the transient are kept, too."""
+    latest: int | None = None
+    """How many of the recorded periods are kept at their end; None for all."""
+
+    name = "strobe"
+    inside = False
+
+    def __post_init__(self):
+        if self.latest is not None:
+            whole("latest", self.latest, 1)
+
+    def values(self, periods):
+        return len(COORDINATES) * self.last(periods)
+
+    def last(self, periods):
+        return periods if self.latest is None else min(self.latest, periods)
+
+    def sample(self, course) -> Motion:
+        # as it is: Euler angles made here would be fused with the step, which then rounds differently in each batch
+        return course.end.motion
+
+    def finish(self, carried, samples: Motion, span):
+        return coordinates(State(samples, None))
+
+    def label(self, scene, dims, values: Float[Any, "*cases periods coordinates"]):
+        text = "; ".join(f"{name} [{q.unit}]" for name, q in COORDINATES.items())
+        words = {"long_name": f"state once per period: {text}"}
+        numbers = np.arange(1 - values.shape[-2], 1)
+        since = attributes("1", "forcing periods since the end of the record")
+        coords = {"coordinate": list(COORDINATES), "strobe_period": ("strobe_period", numbers, since)}
+        return {"strobe": ((*dims, "strobe_period", "coordinate"), values, words)}, coords
+
+
+class SectionPoints(NamedTuple):
+    """Points of all sections, in the order of `slipperjax.model.SECTIONS`; NaN where there are fewer crossings."""
+
+    time: Float[Any, "*cases 5 crossings"]  # [forcing periods]
+    velocity: Float[Any, "*cases 5 crossings"]  # [m/s], [rad/s]
+    count: Int[Any, "*cases 5"]
+    """How many crossings there were, also those that were not kept."""
+
+
+@dataclass(frozen=True)
+class Sections(AbstractRecord):
+    """Poincare sections: velocities at the upward zero crossings of each coordinate, and when they were.
+
+    `crossings_<velocity>` says how many there were. Where a period has more of them than `capacity`, its later ones
+    are dropped, and the case gets the status "points dropped".
+    """
+
+    capacity: int = 8
+    """Crossings of each coordinate that are kept of a forcing period; one or two are usual."""
+
+    def __post_init__(self):
+        whole("capacity", self.capacity, 1)
+
+    name = "sections"
+
+    @property
+    def variables(self):
+        return tuple(f"{before}{name}{behind}" for before, behind in _SECTION_NAMES for name in SECTIONS)
+
+    def values(self, periods):
+        return len(SECTIONS) * 2 * self.capacity * periods
+
+    def begin(self, scene, state):
+        return np.zeros((), int)
+
+    def add(self, carried, course):
+        return jnp.maximum(carried, jnp.max(jnp.sum(~jnp.isnan(course.crossings.time), axis=1)))
+
+    def sample(self, course) -> SectionPoints:
+        time, velocity = course.crossings
+        crossed = ~jnp.isnan(time)
+        # the crossings to the front; those beyond the capacity fall out
+        place = jnp.where(crossed, jnp.cumsum(crossed, axis=1) - 1, self.capacity)
+        at = jnp.arange(len(SECTIONS))[:, None], place
+        none = jnp.full((len(SECTIONS), self.capacity), jnp.nan)
+        packed = lambda values: none.at[at].set(values, mode="drop")
+        return SectionPoints(packed(time), packed(velocity), jnp.sum(crossed, axis=1))
+
+    def after(self, carried, samples, status, run):
+        dropped = (np.asarray(carried) > self.capacity) & (status == Status.FINITE)
+        return carried, np.where(dropped, int(Status.POINTS_DROPPED), status)
+
+    def finish(self, carried, samples: SectionPoints, span) -> SectionPoints:
+        in_time = lambda a: np.moveaxis(a, 1, 2).reshape(a.shape[0], a.shape[2], -1)
+        time, velocity = in_time(samples.time), in_time(samples.velocity)
+        # crossings to the front
+        order = np.argsort(np.isnan(velocity), axis=-1, kind="stable")
+        time, velocity = (np.take_along_axis(a, order, axis=-1) for a in (time, velocity))
+        return SectionPoints(time - span.start, velocity, np.sum(samples.count, axis=1))
+
+    def label(self, scene, dims, values: SectionPoints):
+        most = max(int(np.max(np.sum(~np.isnan(values.velocity), axis=-1), initial=0)), 1)
+        data = {}
+        for k, (name, coordinate) in enumerate(SECTIONS.items()):
+            q, across = COORDINATES[name], f"upward zero crossings of {COORDINATES[coordinate].long_name}"
+            # results on disk have a capacity for as many crossings as could be
+            capacity = {"capacity": values.time.shape[-1]}
+            for suffix, of, unit, text in (
+                ("", values.velocity, q.unit, f"{q.long_name} at {across}"),
+                ("_period", values.time, "1", f"forcing periods passed at {across}"),
+            ):
+                data[f"{name}{suffix}"] = ((*dims, "crossing"), of[..., k, :most], attributes(unit, text) | capacity)
+            data[f"crossings_{name}"] = (dims, values.count[..., k], attributes("1", f"number of {across}"))
+        return data, {}
+
+
+_SECTION_NAMES = ("", ""), ("", "_period"), ("crossings_", "")
+
+
+class HistoryValues(NamedTuple):
+    """States, accelerations, contact forces, gaps and drive force at constant intervals, as datasets have them."""
+
+    states: Float[Any, "*cases saves coordinates"]
+    period: Float[Any, "*cases saves"]
+    acceleration: Float[Any, "*cases saves accelerations"]
+    contact_force: Float[Any, "*cases saves 2 points"]
+    gap: Float[Any, "*cases saves 2 points"]
+    drive_force: Float[Any, "*cases saves"]
+
+
+@dataclass(frozen=True)
+class History(AbstractRecord):
+    """States, accelerations, contact forces, gaps and drive force `saves` times per period."""
+
+    saves: int | None = None
+    """A divisor of the steps per period; None for the run's `saves_per_period`."""
+
+    name = "history"
+
+    def with_saves(self, saves):
+        return History(saves) if self.saves is None else self
+
+    def check(self, scene, periods, steps):
+        divides = self.saves is not None and steps % self.saves == 0
+        require(divides, "saves", f"divide the {steps} steps per period", self.saves)
+
+    @property
+    def variables(self):
+        return (*COORDINATES, *ACCELERATIONS, *_INNER_DIMS)
+
+    def values(self, periods):
+        return 57 * (self.saves or 1) * periods
+
+    def sample(self, course) -> HistoryValues:
+        assert self.saves is not None  # see `check`
+        saved = course.saved(self.saves)
+        period = jnp.arange(1, self.saves + 1) / self.saves
+        now = jax.vmap(lambda t, s: reactions(t, s, course.args))(period, saved)
+        forces = now.contact_force, now.gap, now.drive_force
+        return HistoryValues(coordinate_rows(saved), period + course.args.epoch, now.acceleration, *forces)
+
+    def finish(self, carried, samples: HistoryValues, span) -> HistoryValues:
+        joined = jax.tree.map(lambda a: a.reshape(a.shape[0], -1, *a.shape[3:]), samples)
+        return joined._replace(period=joined.period - span.start)
+
+    def label(self, scene, dims, values: HistoryValues):
+        data: dict[str, Any] = {}
+        for quantities, rows in ((COORDINATES, values.states), (ACCELERATIONS, values.acceleration)):
+            for k, (name, q) in enumerate(quantities.items()):
+                data[name] = ((*dims, "time"), rows[..., k], q.attributes)
+        for name, inner in _INNER_DIMS.items():
+            data[name] = ((*dims, "time", *inner), getattr(values, name), REACTIONS[name].attributes)
+        # the same for all cases, but NaN for those that were not run
+        period = np.fmin.reduce(values.period.reshape(-1, values.period.shape[-1]))
+        coords = {"period": ("time", period, attributes("1", "time in forcing periods"))}
+        return data, coords | point_labels(scene)
+
+
+_INNER_DIMS = {"contact_force": ("end", "point"), "gap": ("end", "point"), "drive_force": ()}
+
+
+@dataclass(frozen=True)
+class States(Unlabelled):
+    """The states `saves` times per period, as they are."""
+
+    saves: int = 1
+
+    @property
+    def inside(self):
+        return self.saves > 1
+
+    def values(self, periods):
+        return 100 * self.saves * periods  # with the forces that follow from them
+
+    def sample(self, course):
+        return course.saved(self.saves)
+
+
+@dataclass(frozen=True)
+class PeriodLoads(Unlabelled):
+    """The contact loads of each period."""
+
+    def values(self, periods):
+        return 100 * periods
+
+    def sample(self, course) -> Loads:
+        return course.loads

@@ -36,8 +36,7 @@ POINTS = ("end", "point")
 class Join(NamedTuple):
     """A way in which the values of forcing periods become one number."""
 
-    empty: float
-    """The value of no period."""
+    empty: float  # the value of no period
     reduce: Callable[..., Any]
     """Joins values along axis 0; what it gives can be joined with others again."""
     value: Callable[[Any, Any], Any] = lambda joined, periods: joined
@@ -46,10 +45,9 @@ class Join(NamedTuple):
 
 def _root_mean(joined: Any, periods: Any) -> Any:
     square = joined / periods
-    if isinstance(square, np.ndarray):
-        return np.sqrt(square)
+    xp = np if isinstance(square, np.ndarray) else jnp  # on the host nothing is compiled
     # the square root has no derivative at zero
-    return jnp.where(square == 0, 0.0, jnp.sqrt(jnp.where(square == 0, 1.0, square)))
+    return xp.where(square == 0, 0.0, xp.sqrt(xp.where(square == 0, 1.0, square)))
 
 
 def _log_sum(values: Array, axis: int = 0) -> Array:
@@ -105,10 +103,10 @@ class AbstractQuantityRecord(AbstractRecord):
 class AbstractNumber(AbstractQuantityRecord):
     """A number, or an array of them, of each forcing period, joined over the periods."""
 
-    @property
-    @abc.abstractmethod
-    def join(self) -> Join:
-        """How periods join."""
+    join: Join
+    """How periods join."""
+    samples: Callable[[Course], Any] | None = None
+    """Gives values whose greatest magnitude the number is, along the first axis in time; None where it is none."""
 
     @abc.abstractmethod
     def of(self, course: Course) -> Any:
@@ -116,8 +114,8 @@ class AbstractNumber(AbstractQuantityRecord):
 
     @property
     def smooth(self) -> "AbstractNumber":
-        """Its stand-in for descents: itself, or a power mean near a greatest value."""
-        return self
+        """Its stand-in for descents: a power mean near a greatest magnitude, or itself."""
+        return self if self.samples is None else PowerMean(self)
 
     def total(self, values: Array) -> Array:
         """Returns the number [`unit`] from the values of periods, along the first axis."""
@@ -170,34 +168,26 @@ class Record(AbstractNumber):
     def of(self, course):
         return jnp.asarray(self.function(course), float)
 
-    @property
-    def smooth(self):
-        return self if self.samples is None else PowerMean(self)
-
     def check(self, scene, periods, steps):
         if RECORDS.get(self.name) is self:
             return
+
+        def value():
+            """Returns the value of some period, to look at its shape."""
+            state, _ = state_and_penetration(scene, table_2_start())
+            inside = jax.tree.map(lambda a: jnp.broadcast_to(a, (5, *jnp.shape(a))), state)
+            return self.function(Course(state, inside, Args(scene, 0.0, contact_points(scene)), 4))
+
+        must = f"Argument `function` of `{self.name}` must"
         try:
-            made = jax.eval_shape(lambda: _value(self, scene))
+            made = jax.eval_shape(value)
         except Exception as error:
-            raise ValueError(
-                f"Argument `function` of `{self.name}` must take a course, but raised {type(error).__name__}: "
-                f"{' '.join(str(error).split())[:200]}"
-            ) from error
+            reason = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+            raise ValueError(f"{must} take a course, but raised {reason}") from error
         if not (isinstance(made, jax.ShapeDtypeStruct) and made.dtype.kind in "fiub"):
-            raise ValueError(f"Argument `function` of `{self.name}` must give real numbers, but gives {brief(made)}.")
+            raise ValueError(f"{must} give real numbers, but gives {brief(made)}.")
         if made.shape != (shape := self.shape(scene)):
-            raise ValueError(
-                f"Argument `function` of `{self.name}` must give numbers of the shape of `dims`, {shape}, but gives "
-                f"{made.shape}."
-            )
-
-
-def _value(record: Record, scene: Scene) -> Any:
-    """Returns the value of some period, to look at its shape."""
-    state, _ = state_and_penetration(scene, table_2_start())
-    inside = jax.tree.map(lambda a: jnp.broadcast_to(a, (5, *jnp.shape(a))), state)
-    return record.function(Course(state, inside, Args(scene, 0.0, contact_points(scene)), 4))
+            raise ValueError(f"{must} give numbers of the shape of `dims`, {shape}, but gives {made.shape}.")
 
 
 @dataclass(frozen=True)
@@ -207,7 +197,7 @@ class PowerMean(AbstractNumber):
     Of magnitudes x it is (mean over time of the sum over points of x^order)^(1/order).
     """
 
-    record: "Record | OnePoint"
+    record: AbstractNumber
     order: float = POWER_ORDER
 
     def __post_init__(self):
@@ -222,7 +212,7 @@ class PowerMean(AbstractNumber):
 
     @property
     def join(self):
-        exp = lambda x: np.exp(x) if isinstance(x, np.ndarray) else jnp.exp(x)  # on the host nothing is compiled
+        exp = lambda x: np.exp(x) if isinstance(x, np.ndarray) else jnp.exp(x)
         value = lambda joined, periods: exp((joined - np.log(periods)) / self.order)
         return Join(-np.inf, _log_sum, value)
 
@@ -264,27 +254,20 @@ class OnePoint(AbstractNumber):
         return self.record.join
 
     @property
-    def smooth(self):
-        return self if self.record.samples is None else PowerMean(self)
-
-    def samples(self, course: Course) -> Array:
-        """Returns those of the record at this point."""
-        assert self.record.samples is not None
-        return _at_point(course, self.record.samples(course), self.point)
+    def samples(self):
+        of_points = self.record.samples
+        return None if of_points is None else lambda course: self._at_point(course, of_points(course))
 
     def of(self, course):
-        values = _at_point(course, self.record.of(course), self.point)
-        return self.join.reduce(values.ravel(), axis=0)
+        return self.join.reduce(self._at_point(course, self.record.of(course)).ravel(), axis=0)
 
-
-def _at_point(course: Course, values: Float[Array, "*first 2 points"], point: str | None) -> Array:
-    """Returns values of one point, or of all."""
-    if point is None:
-        return values
-    names = course.scene.section.names
-    indices = {f"{name}{end + 1}": (end, k) for end in range(2) for k, name in enumerate(names)}
-    require(point in indices, "point", f"be one of {', '.join(indices)}", point)
-    return values[..., *indices[point]]
+    def _at_point(self, course: Course, values: Float[Array, "*first 2 points"]) -> Array:
+        if self.point is None:
+            return values
+        names = course.scene.section.names
+        indices = {f"{name}{end + 1}": (end, k) for end in range(2) for k, name in enumerate(names)}
+        require(self.point in indices, "point", f"be one of {', '.join(indices)}", self.point)
+        return values[..., *indices[self.point]]
 
 
 @dataclass(frozen=True)
@@ -311,12 +294,7 @@ class PeakPeriod(AbstractQuantityRecord):
 @jit
 def judged_by_contacts(scenes: Batched[Scene], codes: Any, carried: Any, limit: Any) -> Int[Array, " cases"]:
     """Judges a batch by `with_loads`, from a carry of `ContactChecks` and the greatest stability number."""
-
-    def judge(scene, code, loads):
-        closed, deepest, stability_number = loads
-        return with_loads(code, closed, deepest, stability_number, scene, limit)
-
-    return scenes.map(judge, codes, carried)
+    return scenes.map(lambda scene, code, loads: with_loads(code, *loads, scene=scene, most=limit), codes, carried)
 
 
 @dataclass(frozen=True)
@@ -341,18 +319,12 @@ class ContactChecks(Unlabelled):
         return carried, np.asarray(judged_by_contacts(run.scenes, jnp.asarray(status), carried, limit))
 
 
-LEAST_FORCE, MOST_FORCE = 1.0, 2.0**28
-"""Forces between which percentiles are resolved [N]: smaller ones count as zero, larger ones as infinite."""
 FRACTION_BITS = 5
-"""A class is told by so many leading bits of a number's fraction: its width is 1/64 to 1/32 of the force."""
+"""A class is told by so many leading bits of a force's fraction: its width is 1/64 to 1/32 of the force."""
 _SHIFT = 52 - FRACTION_BITS
-
-
-def _class_of(force: float) -> int:
-    return int(np.float64(force).view(np.int64)) >> _SHIFT
-
-
-FORCE_CLASSES = _class_of(MOST_FORCE) - _class_of(LEAST_FORCE) + 2
+# between these forces [N] percentiles are resolved: smaller ones count as zero, larger ones as infinite
+_LEAST_CLASS, _MOST_CLASS = (np.array([1.0, 2.0**28]).view(np.int64) >> _SHIFT).tolist()
+FORCE_CLASSES = _MOST_CLASS - _LEAST_CLASS + 2
 """Number of classes, the first for zero and the last for infinite forces."""
 
 
@@ -396,7 +368,7 @@ class ForcePercentile(AbstractQuantityRecord):
 
     def add(self, carried: Int[Array, "2 points classes"], course):
         bits = jax.lax.bitcast_convert_type(course.force.samples, jnp.int64)
-        index = jnp.clip((bits >> _SHIFT) - (_class_of(LEAST_FORCE) - 1), 0, FORCE_CLASSES - 1)
+        index = jnp.clip((bits >> _SHIFT) - (_LEAST_CLASS - 1), 0, FORCE_CLASSES - 1)
         ends, points = (jnp.arange(n) for n in carried.shape[:2])
         one = course.counted(jnp.ones_like(index, jnp.int32), 0)
         return carried.at[ends[None, :, None], points[None, None, :], index].add(one)
@@ -405,7 +377,7 @@ class ForcePercentile(AbstractQuantityRecord):
         count = span.periods * span.steps * len(GAUSS_PLACES)
         place = np.array(self.percentiles) / 100 * (count - 1)
         below = np.floor(place).astype(int)
-        lower, upper = (np.asarray(_ranked(carried, np.minimum(k, count - 1))) for k in (below, below + 1))
+        lower, upper = (_ranked(np.asarray(carried), np.minimum(k, count - 1)) for k in (below, below + 1))
         with np.errstate(invalid="ignore"):
             forces = np.where(lower == upper, lower, lower + (upper - lower) * (place - below))
         # a force that is no number is in the last class
@@ -413,24 +385,14 @@ class ForcePercentile(AbstractQuantityRecord):
         return np.moveaxis(forces, -1, 1)
 
 
-@jit
-def _ranked(
-    counts: Int[Any, "*cases 2 points classes"], ranks: Int[Any, " percentiles"]
-) -> Float[Array, "*cases 2 points percentiles"]:
-    """Returns the forces of some ranks, 0 for the smallest [N]."""
-    edges = ((np.arange(FORCE_CLASSES - 1) + _class_of(LEAST_FORCE)) << _SHIFT).view(np.float64)
-    low = jnp.array([0.0, *edges[:-1], np.inf])
-    width = jnp.array([0.0, *np.diff(edges), 0.0])
-    total = jnp.cumsum(counts, axis=-1)
-
-    def one(rank):
-        k = jnp.sum(total <= rank, axis=-1, keepdims=True)
-        take = lambda a: jnp.take_along_axis(a, k, axis=-1)[..., 0]
-        share = (rank - take(total) + take(counts) + 0.5) / take(counts)
-        at = k[..., 0]
-        return low[at] + width[at] * share
-
-    return jnp.stack([one(rank) for rank in ranks], axis=-1)
+def _ranked(counts: Int[np.ndarray, "*cases 2 points classes"], ranks: Int[np.ndarray, " percentiles"]) -> np.ndarray:
+    """Returns the forces of some ranks, 0 for the smallest [N], of shape (*cases, 2, points, percentiles)."""
+    edges = ((np.arange(FORCE_CLASSES - 1) + _LEAST_CLASS) << _SHIFT).view(np.float64)
+    low, width = np.array([0.0, *edges[:-1], np.inf]), np.array([0.0, *np.diff(edges), 0.0])
+    total = np.cumsum(counts, axis=-1)
+    at = np.stack([np.sum(total <= rank, axis=-1) for rank in ranks], axis=-1)
+    count, upto = np.take_along_axis(counts, at, axis=-1), np.take_along_axis(total, at, axis=-1)
+    return low[at] + width[at] * (ranks - upto + count + 0.5) / count
 
 
 @dataclass(frozen=True)
@@ -449,6 +411,8 @@ class SpectrumLines(AbstractNumber):
     frequencies: tuple[float, ...]
     """Multiples of the forcing frequency [1/period]: 1 for the forcing, 0.5 for what recurs after two periods."""
 
+    join = JOINS["mean"]
+
     def __post_init__(self):
         one_of("coordinate", self.coordinate, (*COORDINATES, *ACCELERATIONS))
         need = "be numbers of zero or more, each once"
@@ -465,10 +429,6 @@ class SpectrumLines(AbstractNumber):
     def dims(self):
         return ("part", ("real", "imag")), (f"frequency_{self.coordinate}", self.frequencies)
 
-    @property
-    def join(self):
-        return JOINS["mean"]
-
     def check(self, scene, periods, steps):
         if max(self.frequencies) >= steps / 2:
             raise ValueError(
@@ -477,19 +437,15 @@ class SpectrumLines(AbstractNumber):
             )
 
     def of(self, course):
-        of = COORDINATES if self.coordinate in COORDINATES else ACCELERATIONS
-        curve = course.coordinates if of is COORDINATES else course.acceleration
-        signal = course.counted(curve.samples[:, list(of).index(self.coordinate)], 0.0)
+        is_acceleration = self.coordinate in ACCELERATIONS
+        curve, names = (course.acceleration, ACCELERATIONS) if is_acceleration else (course.coordinates, COORDINATES)
+        signal = course.counted(curve.samples[:, list(names).index(self.coordinate)], 0.0)
         frequencies = jnp.array(self.frequencies)
         # turns before the period are told apart, so that they are rounded once and not in each sample
         before = (frequencies * course.args.epoch % 1)[:, None]
         angle = 2 * jnp.pi * (frequencies[:, None] * course.times[None] + before)
         sums = jnp.stack([jnp.cos(angle) @ signal, -jnp.sin(angle) @ signal])
         return sums * jnp.where(frequencies > 0, 2, 1)[None] / (course.steps * len(GAUSS_PLACES))
-
-
-def _of_points(name: str, over: str, function: Callable[[Course], Any], **more: Any) -> Record:
-    return Record(LOADS[name], function, over, POINTS, **more)
 
 
 def _of_coordinate(k: int, q: Quantity) -> tuple[Record, ...]:
@@ -507,47 +463,35 @@ def _of_coordinate(k: int, q: Quantity) -> tuple[Record, ...]:
     )
 
 
+def _impulse_samples(c: Course) -> Array:
+    return jnp.broadcast_to(c.loads.impulse, (len(c.times), *c.loads.impulse.shape))
+
+
 def _rms(k: int, q: Quantity) -> Record:
     text, symbol = f"root mean square of the {q.long_name}", rf"\mathrm{{RMS}}\,{q.symbol}"
     return Record(Quantity(f"rms_{q.name}", q.unit, text, symbol), lambda c: c.acceleration.mean_square[k], "rms")
 
 
-_KN: dict[str, Any] = dict(shown_unit="kN", per_shown=1e3)
+_IMPACT_IMPULSE = Quantity("impact_impulse", "N s", "greatest impulse of a point in a forcing period", "I")
+_CONTACT_LOAD = Quantity(
+    "contact_load", "N", "mean normal force of all points together", r"\sum\bar F", shown_unit="kN", per_shown=1e3
+)
+_CONTACT_WORK = Quantity("contact_work", "J/m", "energy lost in contacts per metre of travel", "W")
+_DRIVE_FORCE = Quantity("drive_force", "N", "mean force along x that keeps the speed constant", r"\bar F_X")
+_GRAZING = Quantity("grazing_distance", "m", "least distance of a gap's extreme from zero", "d", 1e-3, "mm", 1e-3)
 _TABLE = (
-    _of_points("peak_force", "max", lambda c: c.loads.peak_force, samples=lambda c: c.force.samples),
+    Record(LOADS["peak_force"], lambda c: c.loads.peak_force, "max", POINTS, lambda c: c.force.samples),
     PeakPeriod(),
-    _of_points("impulse", "sum", lambda c: c.loads.impulse),
-    _of_points("contact_fraction", "mean", lambda c: c.loads.contact_fraction),
-    _of_points("penetration", "max", lambda c: c.loads.penetration),
-    Record(
-        Quantity("impact_impulse", "N s", "greatest impulse of a point in a forcing period", "I"),
-        lambda c: c.loads.impulse,
-        "max",
-        POINTS,
-        samples=lambda c: jnp.broadcast_to(c.loads.impulse, (len(c.times), *c.loads.impulse.shape)),
-    ),
+    Record(LOADS["impulse"], lambda c: c.loads.impulse, "sum", POINTS),
+    Record(LOADS["contact_fraction"], lambda c: c.loads.contact_fraction, "mean", POINTS),
+    Record(LOADS["penetration"], lambda c: c.loads.penetration, "max", POINTS),
+    Record(_IMPACT_IMPULSE, lambda c: c.loads.impulse, "max", POINTS, _impulse_samples),
     # by Archard's law (1953, doi:10.1063/1.1721448) the volume worn off in a metre of travel is proportional to it
-    Record(
-        Quantity("contact_load", "N", "mean normal force of all points together", r"\sum\bar F", **_KN),
-        lambda c: jnp.sum(c.force.mean),
-        "mean",
-    ),
-    Record(
-        Quantity("contact_work", "J/m", "energy lost in contacts per metre of travel", "W"),
-        lambda c: jnp.sum(c.power.mean) / c.travel.speed,
-        "mean",
-    ),
-    Record(
-        Quantity("drive_force", "N", "mean force along x that keeps the speed constant", r"\bar F_X"),
-        lambda c: c.drive_force.mean,
-        "mean",
-    ),
+    Record(_CONTACT_LOAD, lambda c: jnp.sum(c.force.mean), "mean"),
+    Record(_CONTACT_WORK, lambda c: jnp.sum(c.power.mean) / c.travel.speed, "mean"),
+    Record(_DRIVE_FORCE, lambda c: c.drive_force.mean, "mean"),
     # a contact that the motion almost makes, or almost loses, is as far from grazing as its gap's extreme from zero
-    Record(
-        Quantity("grazing_distance", "m", "least distance of a gap's extreme from zero", "d", 1e-3, "mm", 1e-3),
-        lambda c: jnp.min(c.gap.shallowest_turn),
-        "min",
-    ),
+    Record(_GRAZING, lambda c: jnp.min(c.gap.shallowest_turn), "min"),
     *(_rms(k, q) for k, q in enumerate(ACCELERATIONS.values())),
     *(record for k, q in enumerate(COORDINATES.values()) for record in _of_coordinate(k, q)),
 )

@@ -19,15 +19,14 @@ from ..model.kinematics import Motion, euler_angles, scaled_size
 from ..model.quantities import quantity
 from ..model.scene import Scene, check_scene
 from ..model.step_size import LEAST_STEPS, traced_steps_per_period
-from ..solvers.named import check_error_estimate, resolve_controller, resolve_solver
+from ..solvers.named import resolve_controller, resolve_solver
 from ..tools.checks import instance, require, shown_number, whole, yes_or_no
-from ..tools.compile import is_traced, jit
+from ..tools.compile import call_compiled, is_traced, jit
 from ..tools.description import describe
 from ..tools.limits import refuse_impossible
-from .loads import Loads, over_periods
-from .period_map import Passage, PeriodMap, map_compiled, run_compiled
-from .record import RecordSet
-from .series import PeriodLoads, States
+from .course import Loads, over_periods
+from .period_map import Passage, PeriodMap, run_compiled
+from .record import PeriodLoads, RecordSet, States
 from .status import INACCURATE, Status, most_stability_number, status_of, with_loads, with_resolution
 from .stepping import AbstractStepping, ConstantSteps, ControlledSteps, UnknownSteps, capacity_for
 
@@ -47,34 +46,20 @@ class Probe(NamedTuple):
     """Relative change of its highest contact force [1]; NaN without contact or without loads."""
 
 
-def check_probe(probe: Any, *values: Any) -> int:
-    """Returns the periods to repeat; raises `ValueError` for no such number, or one under a transformation."""
-    probe = whole("probe", probe, 0)
-    require(not (probe and is_traced(values)), "probe", "be 0 under jit, vmap or grad", probe)
-    return probe
-
-
-def probed(
-    stepping: AbstractStepping,
-    states: State,
-    saves: int,
-    count: int,
-    run: Callable[[AbstractStepping, State, float], Passage],
-) -> Probe:
+def _probed(stepping: AbstractStepping, states: State, saves: int, count: int, run: Callable[..., Passage]) -> Probe:
     """Repeats `count` periods of a run, or all if there are fewer, the first and others at equal distances.
 
     **Arguments:** `states`: saved ones, `saves` per period; `run(stepping, state, epoch)`: runs one period.
     """
     periods = (len(states.motion.y) - 1) // saves
-    chosen = np.unique(np.linspace(0, periods - 1, min(count, periods)).astype(int))
-    errors, peaks = [], []
-    for k in chosen:
+    rows = []
+    for k in np.unique(np.linspace(0, periods - 1, min(count, periods)).astype(int)):
         state = jax.tree.map(lambda a, at=k * saves: jnp.asarray(np.asarray(a)[at]), states)
         coarse, fine = (run(s, state, float(k)) for s in (stepping, stepping.finer()))
-        errors.append(np.asarray(_difference(coarse.state, fine.state)))
-        highest = [float(_highest(passage)) for passage in (coarse, fine)]
-        peaks.append(abs(highest[0] - highest[1]) / highest[1] if highest[1] > 0 else np.nan)
-    return Probe(*(jnp.asarray(np.asarray(values, float)) for values in (chosen, errors, peaks)))
+        peak, finer_peak = (_highest(*passage.samples) for passage in (coarse, fine))
+        peak_error = abs(peak - finer_peak) / finer_peak if finer_peak > 0 else np.nan
+        rows.append((k, np.asarray(_difference(coarse.state, fine.state)), peak_error))
+    return Probe(*map(jnp.asarray, np.array(rows, float).T))
 
 
 @jit
@@ -82,9 +67,8 @@ def _difference(a: State, b: State) -> Array:
     return scaled_size(jax.tree.map(jnp.subtract, a.motion, b.motion))
 
 
-def _highest(passage: Passage) -> Any:
-    _, *loads = passage.samples
-    return np.max(np.asarray(loads[0].peak_force)) if loads else np.nan
+def _highest(states: State, loads: Loads | None = None) -> float:
+    return np.nan if loads is None else np.max(np.asarray(loads.peak_force))
 
 
 MOST_UNKNOWN = 1600
@@ -110,10 +94,14 @@ def period_map(
     check_scene(scene)
     instance("state", state, State, "a slipperjax.State")
     steps, periods = default_steps(scene, steps_per_period), whole("periods", periods, 1)
-    solver, controller = resolve_solver(scene, solver), resolve_controller(stepsize_controller)
-    check_error_estimate(solver, controller)
+    solver = resolve_solver(scene, solver)
+    controller = resolve_controller(stepsize_controller, solver)
     stepping = static_steps(steps) if controller is None else _controlled(1, steps, controller, adjoint)
-    return map_compiled(PeriodMap(scene, stepping, solver, periods), state)
+    return call_compiled(_mapped, PeriodMap(scene, stepping, solver, periods), (), state)
+
+
+def _mapped(map_: PeriodMap, static: tuple, state: State) -> State:
+    return map_(state)
 
 
 def default_steps(scene: Scene, steps: int | None) -> Any:
@@ -139,9 +127,7 @@ def static_steps(steps: Any) -> ConstantSteps:
     return UnknownSteps(MOST_UNKNOWN, steps) if is_traced(steps) else ConstantSteps(steps)
 
 
-def _controlled(
-    samples: int, first_steps: Any, controller: Any, adjoint: diffrax.AbstractAdjoint | None
-) -> ControlledSteps:
+def _controlled(samples: int, first_steps: Any, controller: Any, adjoint: Any) -> ControlledSteps:
     if is_traced(first_steps):
         raise ValueError("Argument `steps_per_period` must be given for adaptive steps where the scene is traced.")
     adjoint = diffrax.ForwardMode() if adjoint is None else adjoint
@@ -196,15 +182,13 @@ class Trajectory(eqx.Module):
         status = Status(int(self.status))
         of_case = {name: quantity(name) for name in ("speed", "clearance", "length")}
         values = [f"{name} {q.shown(float(q.of(self.scene))):.5g} {q.display_unit}" for name, q in of_case.items()]
-        lines = [
-            f"Trajectory({', '.join(values)},",
+        judged = self.loads is not None and status != Status.NOT_FINITE
+        peak = f",\n  {self.peak.text(self.scene)}" if judged else ""
+        return (
+            f"Trajectory({', '.join(values)},\n"
             f"  {float(self.period[-1]):g} periods of {float(self.scene.period):.5g} s, {len(self.period)} saves, "
-            f"{shown_number(self.steps_per_period)} steps per period, status {int(status)}: {status}",
-        ]
-        if self.loads is not None and status != Status.NOT_FINITE:
-            lines[-1] += ","
-            lines.append(f"  {self.peak.text(self.scene)}")
-        return "\n".join(lines) + ")"
+            f"{shown_number(self.steps_per_period)} steps per period, status {int(status)}: {status}{peak})"
+        )
 
     @property
     def time(self) -> Float[Array, " saves"]:
@@ -240,9 +224,7 @@ class Trajectory(eqx.Module):
         return trajectory_dataset(self)
 
 
-@jit
-def _euler_angles(motion):
-    return jax.vmap(euler_angles)(motion)
+_euler_angles = jit(jax.vmap(euler_angles))
 
 
 @jit
@@ -322,14 +304,14 @@ def simulate(
     steps, saves = step_plan(lambda: default_steps(scene, None), steps_per_period, saves_per_period)
     solver = resolve_solver(scene, solver)
     start = first_of(start)
-    controller = resolve_controller(stepsize_controller)
-    check_error_estimate(solver, controller)
-    probe = check_probe(probe, scene, start)
+    controller = resolve_controller(stepsize_controller, solver)
+    probe, traced = whole("probe", probe, 0), is_traced((scene, start))
+    require(not (probe and traced), "probe", "be 0 under jit, vmap or grad", probe)
     records = RecordSet((States(saves), *([PeriodLoads()] if loads else [])))
     if not is_traced(steps):
         needed, seconds = 8.0 * records.values(0, periods), SECONDS_PER_STEP * steps * periods
         refuse_impossible(f"{periods} forcing periods of {steps} steps", needed, seconds)
-    first, traced = initial_state(scene, start), is_traced((scene, start))
+    first = initial_state(scene, start)
     if controller is not None:
         stepping = _controlled(steps if loads else saves, steps, controller, adjoint)
     elif traced:
@@ -340,44 +322,29 @@ def simulate(
     passage = run_compiled(run, first, periods, records) if traced else run_eagerly(run, first, periods, records)
     limit = most_stability_number(solver, controller)
     states, loads_of_periods, times, status = _finished(first, passage, scene, limit, saves=saves)
-    steps_taken = passage.steps_taken
     shown = steps if controller is None or loads or saves == 1 else saves
-    options = dict(
-        periods=periods,
-        steps_per_period=steps,
-        saves_per_period=saves,
-        solver=solver,
-        stepsize_controller=controller,
-        loads=loads,
-        probe=probe,
-    )
-    call = json.dumps({name: describe(value) for name, value in options.items()})
-    trajectory = Trajectory(scene, times, states, shown, steps_taken, status, loads_of_periods, call)
+    options = dict(periods=periods, steps_per_period=steps, saves_per_period=saves, solver=solver)
+    options |= dict(stepsize_controller=controller, loads=loads, probe=probe)
+    call = json.dumps(describe(options))
+    trajectory = Trajectory(scene, times, states, shown, passage.steps_taken, status, loads_of_periods, call)
     if not probe:
         return trajectory
-    one = lambda stepping, state, epoch: run_eagerly(
-        PeriodMap(scene, stepping, solver), state, 1, records, epoch, periods
-    )
-    measured = probed(stepping, trajectory.state, saves, probe, one)
+    repeat = lambda s, state, epoch: run_eagerly(PeriodMap(scene, s, solver), state, 1, records, epoch, periods)
+    measured = _probed(stepping, states, saves, probe, repeat)
     if int(status) == Status.FINITE and not np.max(np.asarray(measured.error)) <= INACCURATE:
         status = jnp.asarray(np.int64(Status.INACCURATE))
     return eqx.tree_at(lambda t: (t.status, t.probe), trajectory, (status, measured), is_leaf=lambda x: x is None)
 
 
 def run_eagerly(
-    run: PeriodMap,
-    state: State,
-    periods: int,
-    records: RecordSet,
-    epoch: float = 0.0,
-    like: int | None = None,
+    run: PeriodMap, state: State, periods: int, records: RecordSet, epoch: float = 0.0, like: int | None = None
 ) -> Passage:
     """Runs with a program that serves other numbers of periods, too; that of a run of `like` periods if given."""
     size = capacity_for(periods if like is None else like)
     passage = run_compiled(run, state, size, records, jnp.asarray(epoch), jnp.asarray(float(periods)))
     # on the host, where a slice of another length needs no compilation
     cut = lambda tree: jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[:periods]), tree)
-    return Passage(passage.state, cut(passage.samples), passage.status, cut(passage.steps_taken))
+    return passage._replace(samples=cut(passage.samples), steps_taken=cut(passage.steps_taken))
 
 
 def step_plan(default: Callable[[], Any], steps: Any, saves: int | None) -> tuple[Any, int]:

@@ -70,17 +70,12 @@ class Status(enum.IntEnum):
         "10 rad/s)",
         "raise steps_per_period, or take a solver of higher order",
     )
-    NOT_RUN = (
-        7,
-        "not run: the sweep was interrupted before this case was finished",
-        "run this case again",
-    )
+    NOT_RUN = 7, "not run: the sweep was interrupted before this case was finished", "run this case again"
     NO_ORBIT = (
         8,
         "no orbit: Newton's iterations ended without a periodic motion",
         "start nearer to one, by a longer transient or another start; try another period",
     )
-
     POINTS_DROPPED = (
         9,
         "points dropped: a coordinate crossed zero upwards more often in a forcing period than points are kept",

@@ -8,7 +8,7 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PyTree
+from jaxtyping import Array, Float, PyTree
 
 from ..model.dynamics import Args, State
 from ..model.kinematics import Motion
@@ -25,15 +25,12 @@ class Period(NamedTuple):
 
     end: State
     inside: State | None
-    """The states at both ends of all steps, leading axis `most` + 1; None where they were not asked for."""
+    """The states at both ends of all steps, leading axis `most` + 1; None where they were not wanted."""
     rates: Motion | None
     """The motion's derivatives there [per forcing period], where the solver leaves them."""
-    steps_taken: Any
-    """Steps tried."""
-    failed: Bool[Array, ""]
-    """Whether solver or controller gave up."""
-    solver_state: PyTree
-    """Solver state carried over to the next period."""
+    steps_taken: Any  # tried
+    failed: Any  # whether solver or controller gave up
+    solver_state: PyTree  # carried over to the next period
 
 
 class AbstractStepping(eqx.Module):
@@ -49,25 +46,13 @@ class AbstractStepping(eqx.Module):
         """Returns the solver in a form that can be differentiated with this stepping."""
 
     @abc.abstractmethod
-    def begin(self, terms: diffrax.AbstractTerm, solver: diffrax.AbstractSolver, state: State, args: Args) -> PyTree:
+    def begin(self, terms: Any, solver: Any, state: State, args: Args) -> PyTree:
         """Returns the solver state with which a run begins, for its first `period`."""
 
     @abc.abstractmethod
-    def period(
-        self,
-        terms: diffrax.AbstractTerm,
-        solver: diffrax.AbstractSolver,
-        state: State,
-        solver_state: PyTree,
-        args: Args,
-        inside: bool,
-    ) -> Period:
-        """Integrates one period; `inside`: whether the states at all steps are wanted."""
-
-    @property
-    def most_inside(self) -> int:
-        """Largest number of steps per period whose states can be stored."""
-        raise ValueError("Argument `most` must be given for records of states inside periods.")
+    def period(self, terms: Any, solver: Any, state: State, solver_state: PyTree, args: Args, inside: bool) -> Period:
+        """Integrates one period of diffrax's `terms` by a `solver`; `inside`: whether the states at all steps are
+        wanted."""
 
     @abc.abstractmethod
     def finer(self) -> "AbstractStepping":
@@ -94,10 +79,6 @@ class ConstantSteps(AbstractStepping):
     def number(self) -> Any:
         return self.most if self.steps is None else self.steps
 
-    @property
-    def most_inside(self) -> int:
-        return super().most_inside if self.most is None else self.most
-
     def prepared(self, solver):
         kind = diffrax.DirectAdjoint() if self.steps is None else diffrax.ForwardMode()
         return differentiable(solver, kind)
@@ -105,14 +86,12 @@ class ConstantSteps(AbstractStepping):
     def begin(self, terms, solver, state, args):
         # a stock solver that integrates the memory begins each period anew, too
         continues = isinstance(solver, AbstractLatchingSolver) and not solver.renewed
-        return self._init(terms, solver, state, args) if continues else None
-
-    def _init(self, terms, solver, state, args):
-        return solver.init(terms, 0.0, 1 / self.number, state, args)
+        return solver.init(terms, 0.0, 1 / self.number, state, args) if continues else None
 
     def period(self, terms, solver, state, solver_state, args, inside):
         begins = solver_state is None
-        solver_state = self._init(terms, solver, state, args) if begins else solver_state
+        if begins:
+            solver_state = solver.init(terms, 0.0, 1 / self.number, state, args)
         may_fail = not getattr(solver, "explicit", False)
 
         def step(carry, k):
@@ -122,52 +101,50 @@ class ConstantSteps(AbstractStepping):
             return state, solver_state, failed | (may_fail and result != diffrax.RESULTS.successful)
 
         def ends_of(carry):
-            """Returns state and rates at a step's end, for records."""
+            """Returns state and rates at a step's end, for records; None where they are not wanted."""
+            if not inside:
+                return None, None
             return carry[0], solver.rates(carry[1]) if isinstance(solver, AbstractLatchingSolver) else None
 
         carry = state, solver_state, jnp.zeros((), bool)
         start = ends_of(carry)
+        (end, solver_state, failed), ends = self._loop(step, carry, ends_of)
+        states, rates = jax.tree.map(lambda a, others: jnp.concatenate([a[None], others]), start, ends)
+        return Period(end, states, rates, self.number, failed, None if begins else solver_state)
+
+    def finer(self):
+        assert self.steps is not None  # only these are probed
+        return ConstantSteps(self.most, 2 * self.steps)
+
+    def _loop(self, step, carry, ends_of):
+        """Loops over the steps; gives the carry after the last and `ends_of` the carry after each.
+
+        Where the program does not know their number, entries beyond the last are meaningless.
+        """
         if self.steps is None:
             assert self.most is not None
 
             # Reverse mode keeps the state of each step and computes its stages once more. A loop needs no care that
             # XLA does not merge the two.
             @functools.partial(jax.checkpoint, prevent_cse=False)
-            def one(carry, k):
+            def scanned(carry, k):
                 carry = step(carry, k)
-                return carry, ends_of(carry) if inside else None
+                return carry, ends_of(carry)
 
-            carry, ends = jax.lax.scan(one, carry, jnp.arange(float(self.most)))
-        else:
-            carry, ends = self._counted(step, carry, ends_of if inside else None)
-        if inside:
-            ends = jax.tree.map(lambda a, others: jnp.concatenate([a[None], others]), start, ends)
-        states, rates = (None, None) if ends is None else ends
-        end, solver_state, failed = carry
-        return Period(end, states, rates, self.number, failed, None if begins else solver_state)
-
-    def finer(self):
-        if self.steps is None:
-            assert self.most is not None
-            return ConstantSteps(2 * self.most)
-        return type(self)(self.most, 2 * self.steps)
-
-    def _counted(self, step, carry, ends_of):
-        """Loops over a number of steps that the program does not know; entries beyond the last are meaningless.
-
-        `ends_of`: makes what is kept of each step from the carry; None where nothing is.
-        """
-        steps = jnp.asarray(self.steps).astype(int)
-        if ends_of is None:
-            return jax.lax.fori_loop(0, steps, lambda k, c: step(c, k * 1.0), carry), None
+            return jax.lax.scan(scanned, carry, jnp.arange(float(self.most)))
 
         def one(k, both):
             carry, ends = both
             carry = step(carry, k * 1.0)
             return carry, jax.tree.map(lambda array, a: array.at[k].set(a), ends, ends_of(carry))
 
-        ends = jax.tree.map(lambda a: jnp.broadcast_to(a[None], (self.most_inside, *a.shape)), ends_of(carry))
-        return jax.lax.fori_loop(0, steps, one, (carry, ends))
+        def repeated(end):
+            if self.most is None:
+                raise ValueError("Argument `most` must be given for records of states inside periods.")
+            return jnp.broadcast_to(end[None], (self.most, *end.shape))
+
+        steps = jnp.asarray(self.steps).astype(int)
+        return jax.lax.fori_loop(0, steps, one, (carry, jax.tree.map(repeated, ends_of(carry))))
 
 
 class UnknownSteps(ConstantSteps):
@@ -180,11 +157,11 @@ class UnknownSteps(ConstantSteps):
     def prepared(self, solver):
         return differentiable(solver, diffrax.DirectAdjoint())
 
-    def _counted(self, step, carry, ends_of):
+    def _loop(self, step, carry, ends_of):
         @jax.checkpoint
         def one(carry, k):
             carry = jax.lax.cond(k < self.steps, lambda c: step(c, k), lambda c: c, carry)
-            return carry, None if ends_of is None else ends_of(carry)
+            return carry, ends_of(carry)
 
         return jax.lax.scan(one, carry, jnp.arange(float(self.most)))
 
@@ -201,10 +178,6 @@ class ControlledSteps(AbstractStepping):
 
     @property
     def number(self) -> Any:
-        return self.samples
-
-    @property
-    def most_inside(self) -> int:
         return self.samples
 
     def prepared(self, solver):
@@ -233,23 +206,11 @@ class ControlledSteps(AbstractStepping):
         subs = {"end": diffrax.SubSaveAt(t1=True)}
         if inside:
             subs["inside"] = diffrax.SubSaveAt(ts=jnp.arange(1, self.samples + 1) / self.samples)
-        solution = diffrax.diffeqsolve(
-            terms,
-            solver,
-            t0=0.0,
-            t1=1.0,
-            dt0=1 / self.first_steps if wanted is None else wanted,
-            y0=state,
-            args=args,
-            saveat=diffrax.SaveAt(
-                subs=subs, solver_state=solver_state is not None, controller_state=wanted is not None
-            ),
-            stepsize_controller=self.controller,
-            adjoint=self.adjoint,
-            max_steps=MOST_ADAPTIVE_STEPS,
-            throw=False,
-            solver_state=solver_state,
-        )
+        saved = dict(solver_state=solver_state is not None, controller_state=wanted is not None)
+        first = 1 / self.first_steps if wanted is None else wanted
+        options = dict(stepsize_controller=self.controller, adjoint=self.adjoint, max_steps=MOST_ADAPTIVE_STEPS)
+        options |= dict(saveat=diffrax.SaveAt(subs=subs, **saved), solver_state=solver_state, throw=False)
+        solution = diffrax.diffeqsolve(terms, solver, 0.0, 1.0, first, state, args, **options)
         assert solution.ys is not None  # it is asked for
         end = jax.tree.map(lambda ys: ys[-1], solution.ys["end"])
         states = None

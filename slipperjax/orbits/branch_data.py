@@ -9,7 +9,7 @@ import numpy as np
 from ..analysis.continuation import Branch
 from ..analysis.events import CRITICAL_DISTANCE, MEANINGS, Event
 from ..flow.datasets import run_attributes, scene_attributes
-from ..flow.series import SectionPoints, Sections, Strobe
+from ..flow.record import SectionPoints, Sections, Strobe
 from ..model.dynamics import State
 from ..model.layout import coordinates
 from ..model.paths import parameter

@@ -13,10 +13,9 @@ import numpy as np
 from ..analysis.continuation import Branch, End, continue_motion, extend_motion, switch
 from ..analysis.curves import Pace, Spot, correct
 from ..analysis.events import MEANINGS, Event, Node, Observation, as_node
-from ..flow.load import dataset_of, load_base, load_call
+from ..flow.datasets import dataset_of, load_base, load_call
 from ..flow.period_map import PeriodMap
-from ..flow.record import RecordedSpan, RecordSet
-from ..flow.series import Sections
+from ..flow.record import RecordedSpan, RecordSet, Sections
 from ..flow.simulate import Trajectory, default_steps, dynamic_steps
 from ..flow.status import ASKED, Interrupted
 from ..model.dynamics import State, initial_state

@@ -15,8 +15,7 @@ from ..analysis.critical import ConditionedMotions, CriticalMotions, continue_cr
 from ..analysis.curves import Curve, Pace
 from ..analysis.events import CRITICAL_DISTANCE, Node
 from ..analysis.floquet import multipliers
-from ..flow.datasets import run_attributes, scene_attributes
-from ..flow.load import load_call, varied_names
+from ..flow.datasets import load_call, run_attributes, scene_attributes, varied_names
 from ..flow.period_map import PeriodMap
 from ..flow.record import RecordSet
 from ..flow.simulate import dynamic_steps, static_steps

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from ..flow.load import load_scene
+from ..flow.datasets import load_scene
 from ..flow.simulate import Trajectory
 from ..model.kinematics import Motion, contacts, face_offsets, quaternion_from_euler, rail_frame
 from ..model.scene import Scene, check_scene

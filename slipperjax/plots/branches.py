@@ -11,7 +11,7 @@ from matplotlib.patches import Circle
 from matplotlib.patheffects import Normal, withStroke
 
 from ..analysis.events import MEANINGS
-from ..flow.load import varied_names
+from ..flow.datasets import varied_names
 from ..model.quantities import COORDINATES, SECTIONS
 from ..model.quantities import quantity as registered
 from ..tools.checks import require

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ..analysis.kinds import KINDS
-from ..flow.load import varied_names
+from ..flow.datasets import varied_names
 from ..model.quantities import PARAMETERS, Quantity, quantity
 from .branches import EVENT_MARKERS, EVENT_NAMES
 from .maps import FLAGGED_COLOR

@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 
 from ..analysis.kinds import REGIMES, Regime
 from ..analysis.lyapunov import LEAST, SURE
-from ..flow.load import varied_names
+from ..flow.datasets import varied_names
 from ..flow.status import Status
 from .style import (
     COLORS,

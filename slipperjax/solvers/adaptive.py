@@ -65,18 +65,15 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         return lambda error: scaled_size(error if isinstance(error, Motion) else error.motion, self.scales)
 
     def wrap(self, direction):
-        del direction
         return self
 
     def init(self, terms, t0, t1, y0, dt0, args, func, error_order):
-        del terms, y0, func, error_order
         longest = self._longest(args, t0)
-        wanted = longest if dt0 is None else jnp.minimum(dt0, longest)
-        wanted = jax.lax.stop_gradient(wanted)
+        wanted = jax.lax.stop_gradient(longest if dt0 is None else jnp.minimum(dt0, longest))
         return t0 + _fitted(wanted, t1 - t0), (wanted, jnp.asarray(t1, float))
 
     def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):
-        assert y_error is not None  # see `check_error_estimate`
+        assert y_error is not None  # see `resolve_controller`
         _, end = controller_state
         size = scaled_size(y_error.motion, self.scales) / self.tolerance
         if y0.memory is not None and isinstance(args.scene.memory, EventLatch):

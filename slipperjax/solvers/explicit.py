@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 import diffrax
 import jax
 import jax.numpy as jnp
-import numpy as np
 from diffrax import RESULTS
 
 from ..model.dynamics import State
@@ -18,19 +17,14 @@ from ..tools.fused import materialise
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
 
-def _step(y: State, dt: Any, stages: list[State], weights: np.ndarray) -> State:
+def _step(y: State, dt: Any, stages: list[State], weights: tuple[float, ...]) -> State:
     """Returns y + dt sum(weights k), with parts of derivative None unchanged, which are frozen."""
-    used = [(float(w), k) for w, k in zip(weights, stages, strict=False) if w != 0]
+    used = [(w, k) for w, k in zip(weights, stages, strict=False) if w != 0]
 
-    def leaf(k0, y, *ks):
-        if k0 is None:
-            return y
-        total = sum(w * k for (w, _), k in zip(used, ks, strict=True))
-        return y + dt * total
+    def leaf(y, *ks):
+        return y if ks[0] is None else y + dt * sum(w * k for (w, _), k in zip(used, ks, strict=True))
 
-    trees = [k for _, k in used]
-    new = jax.tree.map(leaf, trees[0], y, *trees, is_leaf=lambda x: x is None)
-    return _stored(new)
+    return _stored(jax.tree.map(leaf, y, *(k for _, k in used)))
 
 
 def _stored(state: State) -> State:
@@ -57,7 +51,6 @@ class AbstractLatchingRungeKutta(AbstractLatchingSolver):
 
     @jax.jit  # diffrax traces it more than once
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
-        del made_jump
         field = field_of(terms)
         dt = t1 - t0
         rates, before = solver_state
@@ -68,14 +61,13 @@ class AbstractLatchingRungeKutta(AbstractLatchingSolver):
             at = t1 if node == 1 else t0 + node * dt  # exactly t1, so that rounding adds no further instant
             if node not in frames:
                 frames[node] = args.frame(at)
-            stages.append(field.evaluate(at, _step(y0, dt, stages, np.array(row)), args, frames[node]))
-        y1 = _step(y0, dt, stages, np.array(self.b))
+            stages.append(field.evaluate(at, _step(y0, dt, stages, row), args, frames[node]))
+        y1 = _step(y0, dt, stages, self.b)
         y1, rates1, after = field.close_step(before, t0, t1, y1, args, frames[1.0])
         rates1 = _stored(rates1)
-        if self.b_error is None:
-            error = None
-        else:
-            scaled = _step(jax.tree.map(jnp.zeros_like, y0), dt, [*stages, rates1], np.array(self.b_error))
+        error = None
+        if self.b_error is not None:
+            scaled = _step(jax.tree.map(jnp.zeros_like, y0), dt, [*stages, rates1], self.b_error)
             error = jax.tree.map(jnp.abs, scaled)
         dense = dense_info(dt, y0, y1, rates, rates1)
         return y1, error, dense, (rates1, after), RESULTS.successful
@@ -88,7 +80,6 @@ class RK4(AbstractLatchingRungeKutta):
     b: ClassVar = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
 
     def order(self, terms):
-        del terms
         return 4
 
 
@@ -100,9 +91,7 @@ class Tsit5(AbstractLatchingRungeKutta, diffrax.AbstractAdaptiveSolver):
     b_error: ClassVar = tuple(float(b) for b in diffrax.Tsit5.tableau.b_error)
 
     def order(self, terms):
-        del terms
         return 5
 
     def error_order(self, terms):
-        del terms
         return 4.0

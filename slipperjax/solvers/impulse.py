@@ -28,6 +28,7 @@ from ..model.dynamics import (
 from ..model.kinematics import Contacts, Motion, RailFrame, attitude_rates, contacts
 from ..model.scene import Scene
 from ..tools.fused import held, kept, materialise, sums
+from ..tools.hermite import Cubic
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
 NODES_THROUGH = (0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0))
@@ -50,15 +51,11 @@ def knows_contacts(scene: Scene) -> bool:
 class Ends(NamedTuple):
     """The contacts at the end of a step; arrays of shape (points,)."""
 
-    gap: Array
-    rate: Array
-    """Eq. (8)'s rate of the gap [m/s]."""
-    turning: Array
-    """The gap's true rate less Eq. (8)'s: that of the normals' own rotation [m/s]."""
-    directions: tuple[Array, ...]
-    """Force along y and z and moment about x, y and z of a unit force at each point."""
-    wrench: list[Array]
-    """Those of all contacts together, five scalars [N, N m]."""
+    gap: Array  # [m]
+    rate: Array  # Eq. (8)'s rate of the gap [m/s]
+    turning: Array  # the gap's true rate less Eq. (8)'s: that of the normals' own rotation [m/s]
+    directions: tuple[Array, ...]  # force along y and z and moment about x, y and z of a unit force
+    wrench: list[Array]  # those of all contacts together, five scalars [N, N m]
 
 
 class ImpulseRK4(AbstractLatchingSolver):
@@ -75,7 +72,6 @@ class ImpulseRK4(AbstractLatchingSolver):
     renewed: ClassVar = True  # what a step leaves follows its correction to first order only
 
     def order(self, terms):
-        del terms
         return 4
 
     def rates(self, solver_state):
@@ -95,7 +91,6 @@ class ImpulseRK4(AbstractLatchingSolver):
 
     @jax.jit  # diffrax traces it more than once
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
-        del terms, made_jump
         k1, before = solver_state
         scene, m0, dt = args.scene, y0.motion, t1 - t0
         middle, last = ((args.frame(t), args.travel(t)) for t in (t0 + 0.5 * dt, t1))
@@ -151,7 +146,7 @@ def _corrected(
     means = earlies = 0.0
     for through, (crossing, weight) in zip(NODES_THROUGH, NODES_CROSSING, strict=True):
         x = held(place + length * jnp.where(bends, crossing, through))
-        force = contact_forces(scene, Contacts(path.gap_at(x), path.rate_at(x), lever), memory)
+        force = contact_forces(scene, Contacts(path.gap.value(x), path.rate_at(x), lever), memory)
         part = held(jnp.abs(length) * jnp.where(bends, weight, 0.5) * force)
         means, earlies = means + part, earlies + (1 - x) * part
     # fourth powers of the step times the frequency, whose square is 3/2 K d^(1/2) over the mass, and times the decay
@@ -182,20 +177,12 @@ def _ended(args: Args, t: Any, frame: RailFrame, now: Contacts, turning: Array, 
 
 
 class _Path(NamedTuple):
-    """Gaps over a step, cubics start + slope x + b x^2 + a x^3 [m] of x from 0 to 1; arrays of shape (points,)."""
+    """Gaps over a step, of x from 0 to 1; arrays of shape (points,)."""
 
-    start: Array
-    slope: Array
-    b: Array
-    a: Array
-    rate: Array
-    """Eq. (8)'s rate of the gap at the step's start [m/s]."""
+    gap: Cubic  # [m]
+    rate: Array  # Eq. (8)'s rate of the gap [m/s] is rate + rise x + bend x^2
     rise: Array
     bend: Array
-    """That rate is rate + rise x + bend x^2."""
-
-    def gap_at(self, x: Any) -> Array:
-        return ((self.a * x + self.b) * x + self.slope) * x + self.start
 
     def rate_at(self, x: Any) -> Array:
         return (self.bend * x + self.rise) * x + self.rate
@@ -207,7 +194,7 @@ def _path(before: Ends, gap: Array, rate: Array, turning: Array, seconds: Any) -
     a = slope + seconds * (rate + turning) - 2 * rise
     b = rise - slope - a
     more = 2 * per_second * b + before.turning - turning
-    return _Path(before.gap, slope, b, a, before.rate, more, 3 * per_second * a)
+    return _Path(Cubic(before.gap, slope, b, a), before.rate, more, 3 * per_second * a)
 
 
 def _edge(scene: Scene, path: _Path, gap: Array, rate: Array, memory: Array | None) -> tuple[Array, ...]:
@@ -216,15 +203,16 @@ def _edge(scene: Scene, path: _Path, gap: Array, rate: Array, memory: Array | No
     **Returns:** that place, from 0 to 1; the length from there over which the force acts, negative if before it;
     whether the contact begins; whether the force has the kink of a gap that opens or closes.
     """
-    begins = touches = (gap < 0) & ((path.start >= 0) if memory is None else (memory == 0))
-    ends = (gap >= 0) & (path.start < 0)
-    bends, zero_of = begins | ends, (path.start, path.slope, path.b, path.a, path.start - gap)
-    wanted = bends
+    start = path.gap.start
+    touches = (gap < 0) & ((start >= 0) if memory is None else (memory == 0))
+    ends = (gap >= 0) & (start < 0)
+    wanted = bends = touches | ends
+    zero_of = (*path.gap, start - gap)
     if scene.contact.clamp:
         # the damping ends the force of a closed contact, or lets it begin again, where their sum is zero
         one, other = (1 + _damping(scene, v, memory) for v in (path.rate, rate))
-        limited = (path.start < 0) & (one * other < 0)
-        begins, ends = jnp.where(limited, other > 0, begins), jnp.where(limited, other < 0, ends)
+        limited = (start < 0) & (one * other < 0)
+        ends = jnp.where(limited, other < 0, ends)
         line = one, other - one, 0.0, 0.0, one - other
         zero_of = [jnp.where(limited, v, u) for u, v in zip(zero_of, line, strict=True)]
         wanted, bends = bends | limited, bends & ~limited
@@ -238,7 +226,7 @@ def _pressing(scene: Scene, path: _Path, gap: Array, rate: Array, x: Array) -> A
     From that force in the middle and at the end of the step, as RK4 counts them, at the damping of touchdowns.
     """
     first = jnp.ones_like(gap)
-    middle, last = (scene.contact.force(*at, first) for at in ((path.gap_at(0.5), path.rate_at(0.5)), (gap, rate)))
+    middle, last = (scene.contact.force(*at, first) for at in ((path.gap.value(0.5), path.rate_at(0.5)), (gap, rate)))
     return x * ((2 * middle - last) * (1 / 3) + (0.5 * x) * last)
 
 

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from equinox.internal import ω
 
 from ..model.dynamics import AbstractVectorField, State, fill_frozen
+from ..tools.checks import require
 from .simplified_newton import SimplifiedNewton, with_root_finder
 
 
@@ -36,12 +37,9 @@ def field_of(terms: Any) -> AbstractVectorField:
     """Returns the vector field inside diffrax's terms; raises `ValueError` if it is not a scene's."""
     while hasattr(terms, "term"):  # diffrax wraps terms to run backwards in time
         terms = terms.term
-    field = getattr(terms, "vector_field", None)
-    if not isinstance(field, AbstractVectorField):
-        raise ValueError(
-            f"Argument `terms` must be a diffrax.ODETerm of slipperjax.vector_field(scene) for this solver, "
-            f"but is {terms!r}."
-        )
+    field: Any = getattr(terms, "vector_field", None)
+    need = "be a diffrax.ODETerm of slipperjax.vector_field(scene) for this solver"
+    require(isinstance(field, AbstractVectorField), "terms", need, terms)
     return field
 
 
@@ -72,6 +70,9 @@ class AbstractLatchingSolver(diffrax.AbstractSolver):
     def rates(self, solver_state: Any) -> Any:
         """Returns the motion's derivative at a step's end [per forcing period], if known to it. Here None."""
         return None
+
+    def init(self, terms, t0, t1, y0, args):
+        return field_of(terms).open_step(t0, y0, args)
 
     def func(self, terms, t0, y0, args):
         return terms.vf(t0, y0, args)
@@ -119,9 +120,6 @@ class Latching(AbstractLatchingSolver):
     def error_order(self, terms):
         return self.solver.error_order(diffrax.ODETerm(_FrozenField(field_of(terms))))
 
-    def init(self, terms, t0, t1, y0, args):
-        return field_of(terms).open_step(t0, y0, args)
-
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         field = field_of(terms)
         inner = diffrax.ODETerm(_FrozenField(field))
@@ -136,23 +134,16 @@ class Latching(AbstractLatchingSolver):
         return y1, error, dense, after, result
 
 
-def estimates_error(solver: diffrax.AbstractSolver) -> bool:
-    """Tells whether a solver has an error estimate, as adaptive steps require."""
-    inner = solver.solver if isinstance(solver, Latching) else solver
-    return isinstance(inner, diffrax.AbstractAdaptiveSolver)
-
-
-def _inside(solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver | None:
-    """Returns the solver inside a wrapper, None where there is none."""
+def _innermost(solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:
+    """Returns the solver inside all wrappers."""
     inner = getattr(solver, "solver", None)
-    return inner if isinstance(inner, diffrax.AbstractSolver) else None
+    return _innermost(inner) if isinstance(inner, diffrax.AbstractSolver) else solver
 
 
 def solver_name(solver: diffrax.AbstractSolver) -> str:
     """Tells how a solver is named in results: its class, and in brackets that of the solver inside it."""
-    inner = _inside(solver)
-    own = type(solver).__name__
-    return own if inner is None else f"{own}({solver_name(inner)})"
+    inner, own = getattr(solver, "solver", None), type(solver).__name__
+    return f"{own}({solver_name(inner)})" if isinstance(inner, diffrax.AbstractSolver) else own
 
 
 def differentiable(solver: diffrax.AbstractSolver, adjoint: diffrax.AbstractAdjoint) -> diffrax.AbstractSolver:
@@ -160,21 +151,17 @@ def differentiable(solver: diffrax.AbstractSolver, adjoint: diffrax.AbstractAdjo
 
     diffrax does this for its own Runge-Kutta methods; here it is done for those inside a wrapper, too.
     """
-    inner = _inside(solver)
-    if inner is not None:
-        return eqx.tree_at(lambda s: s.solver, solver, differentiable(inner, adjoint))
-    kinds = {diffrax.ForwardMode: "lax", diffrax.DirectAdjoint: "bounded"}
-    if isinstance(solver, diffrax.AbstractRungeKutta) and solver.scan_kind is None and type(adjoint) in kinds:
-        return eqx.tree_at(lambda s: s.scan_kind, solver, kinds[type(adjoint)], is_leaf=lambda x: x is None)
+    inner, kinds = _innermost(solver), {diffrax.ForwardMode: "lax", diffrax.DirectAdjoint: "bounded"}
+    if isinstance(inner, diffrax.AbstractRungeKutta) and inner.scan_kind is None and type(adjoint) in kinds:
+        at = lambda s: _innermost(s).scan_kind
+        return eqx.tree_at(at, solver, kinds[type(adjoint)], is_leaf=lambda x: x is None)
     return solver
 
 
 def is_explicit(solver: diffrax.AbstractSolver) -> bool:
     """Tells whether stability bounds a solver's steps, none of which fails: it solves no systems of equations."""
-    inner = _inside(solver)
-    if inner is not None:
-        return is_explicit(inner)
-    return isinstance(solver, diffrax.AbstractERK | diffrax.Euler) or getattr(solver, "explicit", False)
+    inner = _innermost(solver)
+    return isinstance(inner, diffrax.AbstractERK | diffrax.Euler) or getattr(inner, "explicit", False)
 
 
 def calls_lapack(solver: diffrax.AbstractSolver, tangents: bool = False) -> bool:
@@ -185,8 +172,6 @@ def calls_lapack(solver: diffrax.AbstractSolver, tangents: bool = False) -> bool
     Such programs must run one at a time: jaxlib splits a batch of systems among the threads of a pool, and waits for
     them in one of those threads, so that as many simultaneous batches as there are threads cause a deadlock.
     """
-    inner = _inside(solver)
-    if inner is not None:
-        return calls_lapack(inner, tangents)
-    implicit = isinstance(solver, diffrax.AbstractImplicitSolver)
-    return implicit and (tangents or not isinstance(solver.root_finder, SimplifiedNewton))
+    inner = _innermost(solver)
+    implicit = isinstance(inner, diffrax.AbstractImplicitSolver)
+    return implicit and (tangents or not isinstance(inner.root_finder, SimplifiedNewton))

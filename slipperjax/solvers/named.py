@@ -8,10 +8,10 @@ import jax.numpy as jnp
 
 from ..model.dynamics import LatchedField, vector_field
 from ..model.scene import Scene
-from ..tools.checks import brief, require
+from ..tools.checks import brief, instance, require
 from .explicit import RK4, Tsit5
 from .impulse import ImpulseRK4, knows_contacts
-from .latching import AbstractLatchingSolver, Latching, estimates_error
+from .latching import AbstractLatchingSolver, Latching
 from .rosenbrock import ROS34PW2, Rodas4
 from .simplified_newton import with_root_finder
 from .twostep import TwoStep
@@ -26,13 +26,11 @@ def solver_named(name: str) -> diffrax.AbstractSolver:
     **Raises:** `ValueError` for a name that is no solver's, or one that needs arguments.
     """
     package, _, plain = name.rpartition(".")
-    kind = OWN_SOLVERS.get(name) if not package else None
-    kind = getattr(diffrax, plain, None) if kind is None and package in ("", "diffrax") else kind
-    if not (isinstance(kind, type) and issubclass(kind, diffrax.AbstractSolver)) or plain.startswith("Abstract"):
-        raise ValueError(
-            f"Argument `solver` must be one of {', '.join(OWN_SOLVERS)}, or a solver of diffrax such as Kvaerno5, "
-            f"but is {brief(name)}."
-        )
+    solvers = {"": vars(diffrax) | OWN_SOLVERS, "diffrax": vars(diffrax)}
+    kind: Any = solvers.get(package, {}).get(plain)
+    is_solver = isinstance(kind, type) and issubclass(kind, diffrax.AbstractSolver)
+    need = f"be one of {', '.join(OWN_SOLVERS)}, or a solver of diffrax such as Kvaerno5"
+    require(is_solver and not plain.startswith("Abstract"), "solver", need, name)
     try:
         return kind()
     except TypeError:
@@ -62,22 +60,20 @@ def resolve_solver(scene: Scene, solver: diffrax.AbstractSolver | str | None) ->
     return Latching(solver) if isinstance(vector_field(scene), LatchedField) else with_root_finder(solver)
 
 
-def resolve_controller(controller: Any) -> diffrax.AbstractStepSizeController | None:
+def resolve_controller(controller: Any, solver: diffrax.AbstractSolver) -> diffrax.AbstractStepSizeController | None:
     """Gives the step size controller, None for constant steps; floats become arrays: new values need no compilation.
 
-    **Raises:** `ValueError` for an object that is not a controller.
+    **Raises:** `ValueError` for an object that is not a controller, or an adaptive one with a solver that has no
+    error estimate.
     """
     if controller is None or isinstance(controller, diffrax.ConstantStepSize):
         return None
-    if not isinstance(controller, diffrax.AbstractStepSizeController):
-        raise ValueError(f"Argument `stepsize_controller` must be a diffrax controller, but is {controller!r}.")
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf) if isinstance(leaf, float) else leaf, controller)
-
-
-def check_error_estimate(solver: diffrax.AbstractSolver, controller: Any) -> None:
-    """Raises `ValueError` for an adaptive controller with a solver that has no error estimate."""
-    if isinstance(controller, diffrax.AbstractAdaptiveStepSizeController) and not estimates_error(solver):
+    instance("stepsize_controller", controller, diffrax.AbstractStepSizeController, "a diffrax controller")
+    inner = solver.solver if isinstance(solver, Latching) else solver
+    adaptive = isinstance(controller, diffrax.AbstractAdaptiveStepSizeController)
+    if adaptive and not isinstance(inner, diffrax.AbstractAdaptiveSolver):
         raise ValueError(
             f"Argument `solver` must be one with an error estimate for adaptive steps (Tsit5, ROS34PW2, Dopri8), "
             f"but is {type(solver).__name__}."
         )
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf) if isinstance(leaf, float) else leaf, controller)

@@ -39,19 +39,14 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
     m: ClassVar[tuple[float, ...]]
     e: ClassVar[tuple[float, ...]]
 
-    def init(self, terms, t0, t1, y0, args):
-        return field_of(terms).open_step(t0, y0, args)
-
     @jax.jit  # diffrax traces it more than once
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
-        del made_jump
         field = field_of(terms)
         h = t1 - t0
         system = LinearSystem(field.linearised(t0, y0, args), h * self.gamma)
         decay = field.memory_decay(t0, y0, args)
-        if self.slopes is None:
-            drift = None
-        else:
+        drift = None
+        if self.slopes is not None:
             at = lambda t: field.evaluate(t, y0, args).motion
             _, drift = jax.jvp(at, (jnp.asarray(t0, float),), (jnp.ones(()),))
 
@@ -70,10 +65,8 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
             new = State(system.solve(motion), memory)
             return jax.tree.map(lambda u, v: u.at[row["index"]].set(v), stages, new), None
 
-        count = len(self.nodes)
-        frozen = decay is None
-        blank = State(y0.motion, None) if frozen else y0
-        stages = jax.tree.map(lambda y: jnp.zeros((count, *jnp.shape(y))), blank)
+        integrated = State(y0.motion, None if decay is None else y0.memory)
+        stages = jax.tree.map(lambda y: jnp.zeros((len(self.nodes), *jnp.shape(y))), integrated)
         stages, _ = jax.lax.scan(stage, stages, self._rows())
         y1 = combine(y0, stages, self.m)
         error = combine(jax.tree.map(jnp.zeros_like, y0), stages, self.e)
@@ -86,23 +79,16 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
         """Returns the tableau by stages, for a loop over them."""
         count = len(self.nodes)
         square = lambda rows: jnp.array([[*row, *[0.0] * (count - len(row))] for row in ((), *rows)])
-        return dict(
-            a=square(self.a),
-            c=square(self.c),
-            node=jnp.array(self.nodes),
-            slope=jnp.array(self.slopes or [0.0] * count),
-            index=jnp.arange(count),
-        )
+        slopes = self.slopes or [0.0] * count
+        rows = dict(a=square(self.a), c=square(self.c), node=jnp.array(self.nodes), slope=jnp.array(slopes))
+        return rows | dict(index=jnp.arange(count))
 
 
 def combine(y: State, stages: State, weights: Any) -> State:
     """Returns y + sum(weights u) over the stages u; parts that are None in the stages are frozen and unchanged."""
     used = [k for k in range(len(weights)) if not isinstance(weights[k], float) or weights[k]]
-    add = lambda y, u: y + sum(weights[k] * u[k] for k in used)
-    return State(
-        jax.tree.map(add, y.motion, stages.motion),
-        y.memory if stages.memory is None else add(y.memory, stages.memory),
-    )
+    leaf = lambda y, u: y if u is None else y + sum(weights[k] * u[k] for k in used)
+    return jax.tree.map(leaf, y, stages)
 
 
 class Rodas4(AbstractRosenbrock):
@@ -129,7 +115,6 @@ class Rodas4(AbstractRosenbrock):
     e: ClassVar = (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
     def order(self, terms):
-        del terms
         return 4
 
 
@@ -179,5 +164,4 @@ class ROS34PW2(AbstractRosenbrock):
     e: ClassVar = _ROS34PW2[3]
 
     def order(self, terms):
-        del terms
         return 3

@@ -28,17 +28,12 @@ class _Stage(NamedTuple):
     """Arguments that diffrax hands to a root finder, by name."""
 
     t: Any
-    y: Any
-    """The stage's state, but for its own share."""
+    y: Any  # the stage's state, but for its own share
     args: Args
-    frozen: Any
-    """Memory that is frozen during the step, None where it is integrated."""
-    share: Any
-    """Change of the stage's state per change of the unknown."""
-    factor: Any
-    """The diagonal coefficient times the step."""
-    sign: float
-    """Of the residual: diffrax's implicit Euler has its own."""
+    frozen: Any  # memory that is frozen during the step, None where it is integrated
+    share: Any  # change of the stage's state per change of the unknown
+    factor: Any  # the diagonal coefficient times the step
+    sign: float  # of the residual: diffrax's implicit Euler has its own
 
     @classmethod
     def of(cls, args: Any) -> "_Stage":
@@ -71,8 +66,7 @@ class _Iteration(eqx.Module):
     """The state of an iteration."""
 
     system: LinearSystem
-    size: Array
-    """Of the last correction, see `scaled_size`."""
+    size: Array  # of the last correction, see `scaled_size`
     before: Array
     count: Array
 
@@ -87,15 +81,12 @@ class SimplifiedNewton(optx.AbstractRootFinder):
 
     tolerance: float = eqx.field(static=True, default=NEWTON_TOLERANCE)
     """Greatest estimated error of a stage, in multiples of `slipperjax.model.MOTION_SCALES` [1]."""
+    # not used; here because every root finder has them
     rtol: float = eqx.field(static=True, default=0.0)
-    """Not used; here because every root finder has it."""
     atol: float = eqx.field(static=True, default=0.0)
-    """Not used."""
     norm: Any = eqx.field(static=True, default=optx.max_norm)
-    """Not used."""
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags):
-        del fn, f_struct, aux_struct, tags
         if "init_state" in options:  # diffrax linearises once per step
             return options["init_state"]
         stage = _Stage.of(args)
@@ -104,24 +95,22 @@ class SimplifiedNewton(optx.AbstractRootFinder):
         return _Iteration(LinearSystem(linearised, stage.factor), begin, begin, jnp.asarray(0))
 
     def step(self, fn, y, args, options, state, tags):
-        del options, tags
         stage = _Stage.of(args)
         residual, aux = fn(y, args)
         residual = jax.tree.map(lambda r: stage.sign * r, residual)
-        if isinstance(residual, Motion):
-            change = state.system.solve(residual)
-        else:
-            memory = residual.memory
-            if memory is not None:  # at the iterate, because the switch may turn within a step
-                decay = vector_field(stage.args.scene).memory_decay(stage.t, stage.at(y), stage.args)
-                memory = memory / (1 - stage.factor * decay)
-            change = State(state.system.solve(residual.motion), memory)
-        new = jax.tree.map(jnp.subtract, y, change)
-        size = _size(jax.tree.map(lambda c: stage.share * c, change))
+        motion, memory = (residual, None) if isinstance(residual, Motion) else (residual.motion, residual.memory)
+        if memory is not None:  # at the iterate, because the switch may turn within a step
+            decay = vector_field(stage.args.scene).memory_decay(stage.t, stage.at(y), stage.args)
+            memory = memory / (1 - stage.factor * decay)
+        change = State(state.system.solve(motion), memory)
+        of_stage = jax.tree.map(lambda c: stage.share * c, change)
+        size = scaled_size(of_stage.motion)
+        if memory is not None:  # rates [m/s]
+            size = jnp.maximum(size, jnp.max(jnp.abs(of_stage.memory)))
+        new = jax.tree.map(jnp.subtract, y, change.motion if isinstance(y, Motion) else change)
         return new, _Iteration(state.system, size, state.size, state.count + 1), aux
 
     def terminate(self, fn, y, args, options, state, tags):
-        del fn, y, args, options, tags
         rate = state.size / state.before
         # the corrections still to come, as a geometric series
         error = jnp.where(rate < 1, state.size * rate / (1 - jnp.minimum(rate, 0.999)), jnp.inf)
@@ -131,16 +120,7 @@ class SimplifiedNewton(optx.AbstractRootFinder):
         return small | lost, result
 
     def postprocess(self, fn, y, aux, args, options, state, tags, result):
-        del fn, args, options, state, tags, result
         return y, aux, {}
-
-
-def _size(change: Motion | State) -> Array:
-    """Returns the scaled size of a change; that of an integrated memory [m/s] counts, too."""
-    if isinstance(change, Motion):
-        return scaled_size(change)
-    size = scaled_size(change.motion)
-    return size if change.memory is None else jnp.maximum(size, jnp.max(jnp.abs(change.memory)))
 
 
 def with_root_finder(solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:

@@ -18,7 +18,7 @@ from diffrax import RESULTS
 from ..model.dynamics import State
 from ..model.kinematics import scaled_size
 from ..model.linearised import LinearSystem
-from ..tools.checks import brief, number, positive, whole
+from ..tools.checks import number, positive, require, whole
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
 
@@ -53,17 +53,15 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
     """Newton iterations after which a step has failed."""
 
     def __check_init__(self):
-        if not isinstance(self.rho_inf, float | int) or not 0 <= self.rho_inf <= 1:
-            raise ValueError(f"Argument `rho_inf` must be from 0 to 1, but is {brief(self.rho_inf)}.")
+        is_share = isinstance(self.rho_inf, float | int) and 0 <= self.rho_inf <= 1
+        require(is_share, "rho_inf", "be from 0 to 1", self.rho_inf)
         number(positive, "tolerance", self.tolerance)
         whole("iterations", self.iterations, 1)
 
     def order(self, terms):
-        del terms
         return 2
 
     def error_order(self, terms):
-        del terms
         return 3.0
 
     def init(self, terms, t0, t1, y0, args):
@@ -79,7 +77,6 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
 
     @jax.jit  # diffrax traces it more than once
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
-        del made_jump
         field = field_of(terms)
         h = t1 - t0
         rates, before, (earlier, earlier_rates, earlier_step) = solver_state
@@ -88,17 +85,11 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
         crank_nicolson = (1.0, 0.0, 0.5, 0.5, 0.0)
         weights = two_step_weights(self.rho_inf, alpha)
         a1, a2, b0, b1, b2 = (jnp.where(first, c, w) for c, w in zip(crank_nicolson, weights, strict=True))
-        explicit = jax.tree.map(
-            lambda x1, x2, f1, f2: a1 * x1 + a2 * x2 + h * (b1 * f1 + b2 * f2),
-            y0.motion,
-            earlier,
-            rates.motion,
-            earlier_rates,
-        )
+        of_two_steps = lambda x1, x2, f1, f2: a1 * x1 + a2 * x2 + h * (b1 * f1 + b2 * f2)
+        explicit = jax.tree.map(of_two_steps, y0.motion, earlier, rates.motion, earlier_rates)
         bend = jnp.where(first, 0.0, 0.5 * alpha)
-        guess = jax.tree.map(
-            lambda x, f1, f2: x + h * (f1 + bend * (f1 - f2)), y0.motion, rates.motion, earlier_rates
-        )
+        predictor = lambda x, f1, f2: x + h * (f1 + bend * (f1 - f2))
+        guess = jax.tree.map(predictor, y0.motion, rates.motion, earlier_rates)
 
         still = lambda tree: jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_inexact_array(a) else a, tree)
 
@@ -110,10 +101,7 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
             return LinearSystem(still(field.linearised(t1, at, args)), still(h * b0)).solve(residual)
 
         fixed = still((explicit, args, y0.memory))
-
-        def again(carry):
-            _, size, count = carry
-            return (size > self.tolerance) & (count < self.iterations)
+        again = lambda carry: (carry[1] > self.tolerance) & (carry[2] < self.iterations)
 
         def iterate(carry):
             x, _, count = carry
@@ -126,8 +114,7 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
         # written so that NaN does not count as convergence
         result = RESULTS.where(size <= self.tolerance, RESULTS.successful, RESULTS.nonlinear_max_steps_reached)
         y1, rates1, after = field.close_step(before, t0, t1, State(x, y0.memory), args)
-        error = State(
-            jax.tree.map(lambda a, b: jnp.abs(a - b) / 6, x, guess), jax.tree.map(jnp.zeros_like, y0.memory)
-        )
+        apart = jax.tree.map(lambda a, b: jnp.abs(a - b) / 6, x, guess)
+        error = State(apart, jax.tree.map(jnp.zeros_like, y0.memory))
         dense = dense_info(h, y0, y1, rates, rates1)
         return y1, error, dense, (rates1, after, (y0.motion, rates.motion, jnp.asarray(h, float))), result

@@ -17,9 +17,9 @@ from ..analysis.floquet import largest_exponent
 from ..analysis.kinds import Regime
 from ..analysis.lyapunov import is_chaotic, standard_error
 from ..flow.record import Labelled
-from ..flow.series import coordinates
 from ..flow.status import Status, first_problem
 from ..model.dynamics import State
+from ..model.layout import coordinates
 from ..model.quantities import COORDINATE_SCALES
 from ..orbits.exponents import check_count
 from ..tools.checks import whole, yes_or_no

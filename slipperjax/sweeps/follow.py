@@ -8,8 +8,7 @@ import numpy as np
 import xarray as xr
 
 from ..flow.period_map import initial_states
-from ..flow.record import AbstractRecord, RecordSet
-from ..flow.series import Strobe
+from ..flow.record import AbstractRecord, RecordSet, Strobe
 from ..flow.simulate import Trajectory, first_of
 from ..flow.status import Status
 from ..model.dynamics import State

@@ -16,9 +16,9 @@ from jaxtyping import Complex, Float, Int
 
 from ..analysis.floquet import multipliers
 from ..flow.record import Labelled, attributes
-from ..flow.series import coordinates
 from ..flow.status import Status, first_problem
 from ..model.dynamics import State
+from ..model.layout import coordinates
 from ..model.quantities import COORDINATES
 from ..model.scene import Scene
 from ..orbits.motions import check_forcing

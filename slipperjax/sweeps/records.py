@@ -9,9 +9,8 @@ from jaxtyping import Float, Int
 from ..analysis.attractor import MIN_TEST, classify
 from ..analysis.kinds import Regime
 from ..analysis.lyapunov import standard_error
-from ..flow.record import AbstractRecord, Labelled, RecordedSpan, RecordSet, attributes
+from ..flow.record import AbstractRecord, History, Labelled, RecordedSpan, RecordSet, Sections, Strobe, attributes
 from ..flow.records import ALIASES, RECORDS, ContactChecks, OnePoint
-from ..flow.series import History, Sections, Strobe
 from ..flow.status import Status, first_problem
 from ..model.dynamics import State
 from ..model.layout import coordinates

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ..flow.load import dataset_of, load_base, load_call, varied_names
+from ..flow.datasets import dataset_of, load_base, load_call, varied_names
 from ..flow.simulate import simulate
 from ..tools.checks import brief
 from .follow import follow

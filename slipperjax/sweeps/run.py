@@ -17,8 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from ..flow.period_map import Passage, advance
-from ..flow.record import AbstractRecord, RecordedSpan, RecordSet, Samples
-from ..flow.series import Strobe
+from ..flow.record import AbstractRecord, RecordedSpan, RecordSet, Samples, Strobe
 from ..flow.simulate import step_plan
 from ..flow.status import ASKED, Interrupted, Status, blank, first_problem
 from ..flow.stepping import ConstantSteps, capacity_for

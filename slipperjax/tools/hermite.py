@@ -19,7 +19,7 @@ class Cubic(NamedTuple):
     @classmethod
     def through(cls, start: Any, slope: Any, end: Any, end_slope: Any) -> "Cubic":
         """Makes the cubics with these values and slopes at 0 and 1."""
-        square, cube = 3 * (end - start) - 2 * slope - end_slope, 2 * (start - end) + slope + end_slope
+        cube, square = 2 * (start - end) + slope + end_slope, 3 * (end - start) - 2 * slope - end_slope
         return cls(start, slope, square, cube)
 
     def value(self, x: Any) -> Any:
@@ -49,3 +49,13 @@ class Cubic(NamedTuple):
             q = -(b + np.where(b >= 0, 1, -1) * np.sqrt(b * b - 4 * a * c)) / 2
             both = np.stack([q / a, c / q])
             return np.sort(np.where((both > 0) & (both < 1), both, np.nan), axis=0)
+
+
+def highest_point(start: Array, slope: Array, end: Array, end_slope: Array) -> tuple[Array, Array]:
+    """Gives x from 0 to 1 and value of the highest point of `Cubic.through` these values and slopes. Pure."""
+    cubic = Cubic.through(start, slope, end, end_slope)
+    inside = (slope > 0) & (end_slope < 0)
+    # zero of the slope; real, as the slope changes its sign
+    root = jnp.sqrt(jnp.where(inside, cubic.square * cubic.square - 3 * cubic.cube * slope, 1.0))
+    x = jnp.where(inside, slope / jnp.where(inside, root - cubic.square, 1.0), jnp.where(end > start, 1.0, 0.0))
+    return x, jnp.where(inside, cubic.value(x), jnp.maximum(start, end))

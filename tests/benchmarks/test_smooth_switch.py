@@ -20,8 +20,7 @@ from slipperjax.bench import measure
 from slipperjax.bench.methods import Case, Method
 from slipperjax.bench.work_precision import Point, cost_at
 from slipperjax.flow.period_map import PeriodMap
-from slipperjax.flow.record import RecordSet
-from slipperjax.flow.series import States
+from slipperjax.flow.record import RecordSet, States
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.layout import coordinates
 from slipperjax.model.step_size import settle_memory

@@ -10,7 +10,7 @@ from slipperjax.design.evaluation import EnsembleSettings
 from slipperjax.design.objectives import OBJECTIVES
 from slipperjax.design.optimise import optimise_design
 from slipperjax.design.problem import Problem
-from slipperjax.flow.load import load_call
+from slipperjax.flow.datasets import load_call
 
 from ..design.bowl import evaluate
 from .commands import call, dataset, error_of, names, picture

@@ -6,9 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import slipperjax as sj
-from slipperjax.flow.course import Course, Curve
-from slipperjax.flow.loads import contact_loads
-from slipperjax.flow.poincare import Crossings
+from slipperjax.flow.course import Course, Crossings, Curve, contact_loads
 
 STEPS = 64
 

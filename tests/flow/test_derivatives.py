@@ -8,9 +8,8 @@ import pytest
 import slipperjax as sj
 from slipperjax.design.gradients import PeriodValues
 from slipperjax.flow.period_map import PeriodMap
-from slipperjax.flow.record import RecordSet
+from slipperjax.flow.record import PeriodLoads, RecordSet
 from slipperjax.flow.records import AbstractNumber
-from slipperjax.flow.series import PeriodLoads
 from slipperjax.flow.simulate import MOST_UNKNOWN, default_steps
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.kinematics import MOTION_SCALES

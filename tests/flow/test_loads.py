@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow.loads import over_periods
+from slipperjax.flow.course import over_periods
 from slipperjax.flow.status import Status
 
 from ..common import FINEST, PERIODS, STEPS, compilations, fine, finest

@@ -5,13 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from slipperjax.flow import loads
-from slipperjax.flow.loads import DIFFERENCE_MARGIN
+from slipperjax.flow import course
+from slipperjax.flow.course import DIFFERENCE_MARGIN
 
-continued, slopes = (
-    jax.jit(loads.continued),
-    jax.jit(loads.step_slopes),
-)  # few programs instead of one for each operation
+# few programs instead of one for each operation
+continued, slopes = jax.jit(course.continued), jax.jit(course.step_slopes)
 
 
 @pytest.mark.parametrize(("degree", "ends"), [(1, 2), (2, 3), (3, 4), (3, 5), (3, 30)])

@@ -4,17 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 
 import slipperjax as sj
-from slipperjax.flow import poincare
-from slipperjax.flow.poincare import hermite
+from slipperjax.flow import course
 
-crossing = sj.jit(poincare.crossing)  # one small program instead of one for each operation
-
-
-def test_hermite_is_exact_for_cubics():
-    f = lambda x: 2 * x**3 - x**2 + 0.3 * x - 0.7
-    df = lambda x: 6 * x**2 - 2 * x + 0.3
-    x = np.linspace(0, 1, 7)
-    np.testing.assert_allclose(hermite(x, f(0.0), df(0.0), f(1.0), df(1.0)), f(x), atol=1e-15)
+crossing = sj.jit(course.crossing)  # one small program instead of one for each operation
 
 
 def test_crossings_of_an_oscillation_converge_with_fourth_order():

@@ -8,9 +8,8 @@ from scipy.interpolate import CubicHermiteSpline
 
 import slipperjax as sj
 from slipperjax.flow.period_map import PeriodMap
-from slipperjax.flow.record import RecordedSpan, RecordSet
+from slipperjax.flow.record import RecordedSpan, RecordSet, Sections
 from slipperjax.flow.records import ALIASES, RECORDS, ForcePercentile, Record, SpectrumLines
-from slipperjax.flow.series import Sections
 from slipperjax.flow.status import Status
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.layout import coordinate_rows

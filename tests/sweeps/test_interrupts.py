@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow.series import History, HistoryValues
+from slipperjax.flow.record import History, HistoryValues
 from slipperjax.flow.status import Status
 from slipperjax.plots.bifurcations import bifurcations
 from slipperjax.sweeps import run as runs

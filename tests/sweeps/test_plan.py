@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow.record import RecordSet
-from slipperjax.flow.series import History
+from slipperjax.flow.record import History, RecordSet
 from slipperjax.sweeps.grid import Cases, Grid
 from slipperjax.sweeps.run import Calls, RunOptions, _best_chunk, make_plan
 

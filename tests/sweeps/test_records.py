@@ -8,9 +8,9 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.flow.load import load_call
+from slipperjax.flow.datasets import load_call
+from slipperjax.flow.record import History, Sections, Strobe
 from slipperjax.flow.records import RECORDS, ForcePercentile, PowerMean, Record, SpectrumLines
-from slipperjax.flow.series import History, Sections, Strobe
 from slipperjax.flow.status import Status
 from slipperjax.model.quantities import ACCELERATIONS, COORDINATES, LOADS, SECTIONS, Quantity
 from slipperjax.sweeps.attractors import attractors

@@ -9,8 +9,7 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.flow.datasets import run_attributes
-from slipperjax.flow.load import load_call
+from slipperjax.flow.datasets import load_call, run_attributes
 from slipperjax.solvers.named import resolve_controller, resolve_solver
 
 # other values than the nominal ones, other parts, and a start with closed contacts
@@ -119,9 +118,9 @@ def test_solvers_come_back_or_say_that_they_do_not():
     for name in ("RK4", "TwoStep", "Kvaerno3", "diffrax.Tsit5", sj.Rodas4()):
         solver = resolve_solver(SCENE, name)
         assert eqx.tree_equal(load_call(kept(solver=solver))["solver"], solver)
-    controller = resolve_controller(sj.AdaptiveSteps(1e-4))
+    controller = resolve_controller(sj.AdaptiveSteps(1e-4), sj.Tsit5())
     found = load_call(kept(stepsize_controller=controller))["stepsize_controller"]
-    assert eqx.tree_equal(resolve_controller(found), controller)
+    assert eqx.tree_equal(resolve_controller(found, sj.Tsit5()), controller)
     own = diffrax.PIDController(rtol=1e-4, atol=1e-6, norm=lambda x: sj.model.scaled_size(x.motion))
     ds = kept(stepsize_controller=own)
     assert eqx.tree_equal(sj.load_scene(ds), SCENE)
