@@ -92,7 +92,7 @@ class Event(NamedTuple):
 def as_node(spot: Spot, observe: Observe | None) -> Node:
     """Makes a node with the multipliers and the observation of a point."""
     view = Observation() if observe is None else observe(spot)
-    return Node(spot, np.asarray(multipliers(np.asarray(spot.extra))), view)
+    return Node(spot, np.asarray(multipliers(np.asarray(spot.matrices))), view)
 
 
 def changes(one: Node, other: Node) -> list[str]:
@@ -143,7 +143,7 @@ class _Search(NamedTuple):
         """Gives a node like another one at interpolated unknowns, without Newton's method."""
         now = evaluated(self.equations, z)
         size = weighted_size(now.residual, self.equations.weights(jnp.asarray(z))[0])
-        spot = node.spot._replace(z=z, tangent=tangent, residual=np.asarray(size), extra=now.extra)
+        spot = node.spot._replace(z=z, tangent=tangent, residual=np.asarray(size), matrices=now.matrices)
         return as_node(spot, self.observe)
 
     def events(self, a: Node, b: Node, width: float) -> list[Event]:

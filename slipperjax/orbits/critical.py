@@ -287,7 +287,7 @@ def _curve_dataset(
 
     names, size = [quantity.name for quantity in varied], motions.size
     z = np.array([spot.z for spot in curve.spots])
-    mu = np.array([multipliers(np.asarray(spot.extra.matrices)) for spot in curve.spots])
+    mu = np.array([multipliers(np.asarray(spot.matrices)) for spot in curve.spots])
     states = jax.vmap(motions.state)(jnp.asarray(z))
     words = lambda text, unit="1": {"units": unit, "long_name": text}
     data = {

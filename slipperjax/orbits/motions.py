@@ -48,9 +48,6 @@ class SlipperMotions(PeriodicMotions):
         motion = len(MOTION_NUMBERS)  # of a state's numbers, the memory's come after
         return jnp.zeros_like(weights).at[:motion].set(weights[:motion] / np.sqrt(motion))
 
-    def settle(self, step: PeriodMap, proposed: State, mapped: State) -> State:
-        return ConsistentMemory(step.scene)(proposed, mapped)
-
 
 MOTION_SHARE = 0.1
 """Weight of the motion over that of the parameters in the length of a curve of events."""
@@ -81,23 +78,27 @@ def slipper_motions(
 ) -> SlipperMotions:
     """Makes the equations of orbits over some parameters, with changes `reach` that count as one."""
     path = ScenePath(scene, stepping, names, solver)
-    return of(path, like, jnp.asarray(reach, float), tangent_weights(scene), intervals=period)
+    return of(path, like, jnp.asarray(reach, float), tangent_weights(scene), 0.0, period, consistent_state)
 
 
-class ConsistentMemory(eqx.Module):
-    """Function that makes the memory of a proposed state fit its gaps: zero where open, latched where just closed."""
+def consistent_memory(scene: Scene, proposed: State, mapped: State) -> State:
+    """Makes the memory of a proposed state fit its gaps: zero where open, latched where just closed. Pure.
 
-    scene: Scene
+    **Arguments:** `mapped`: what the last iterate is mapped to.
+    """
+    if proposed.memory is None or not isinstance(scene.memory, EventLatch):
+        return proposed
+    assert mapped.memory is not None  # that of the same scene
+    now = contacts(rail_frame(scene, 0.0), proposed.motion)
+    fresh = scene.memory.initial(now.gap, now.rate)
+    # of a contact that was open at the section, the memory latched since is better than that of a fresh start
+    memory = jnp.where(proposed.memory < 0, proposed.memory, jnp.where(mapped.memory < 0, mapped.memory, fresh))
+    return State(proposed.motion, jnp.where(now.gap < 0, memory, 0.0))
 
-    def __call__(self, proposed: State, mapped: State) -> State:
-        if proposed.memory is None or not isinstance(self.scene.memory, EventLatch):
-            return proposed
-        assert mapped.memory is not None  # that of the same scene
-        now = contacts(rail_frame(self.scene, 0.0), proposed.motion)
-        fresh = self.scene.memory.initial(now.gap, now.rate)
-        # of a contact that was open at the section, the memory latched since is better than that of a fresh start
-        memory = jnp.where(proposed.memory < 0, proposed.memory, jnp.where(mapped.memory < 0, mapped.memory, fresh))
-        return State(proposed.motion, jnp.where(now.gap < 0, memory, 0.0))
+
+def consistent_state(step: PeriodMap, proposed: State, mapped: State) -> State:
+    """Makes a proposed state consistent, see `slipperjax.analysis.shoot`."""
+    return consistent_memory(step.scene, proposed, mapped)
 
 
 def check_forcing(scene: Scene) -> None:

@@ -30,7 +30,7 @@ from ..model.scene import Scene, check_scene
 from ..solvers.named import resolve_solver
 from ..tools.checks import number, positive, shown_number, whole
 from ..tools.compile import is_traced
-from .motions import ConsistentMemory, check_forcing
+from .motions import check_forcing, consistent_state
 from .signature import Gaps, GapSamples, Signature, signature
 
 TOLERANCE = 1e-10
@@ -158,7 +158,7 @@ def periodic_orbit(
     # differentiated in both modes, or by one program for all numbers of steps
     stepping = static_steps(steps) if traced else dynamic_steps(steps)
     step, state = PeriodMap(scene, stepping, solver), initial_state(scene, begin)
-    options = dict(scale=tangent_weights(scene), settle=ConsistentMemory(scene))
+    options = dict(scale=tangent_weights(scene), consistent=consistent_state)
     for count in tries:
         state = _simulated(step, state, count, traced)
         if not traced and int(status_of(state)) == Status.NOT_FINITE:
