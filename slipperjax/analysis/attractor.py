@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..tools.checks import require, whole
-from .kinds import KINDS as KINDS
 from .kinds import Regime
 
 MIN_TEST = 200
@@ -189,12 +188,12 @@ def _classified(states, most, tolerance, floor, seed):
     finite = np.isfinite(states).all(-1)
     if not finite.all():
         text = f"non-finite states from period {int(np.argmin(finite))} on"
-        return Regime.UNRESOLVED.kind, 0, np.nan, np.nan, np.nan, np.nan, text
+        return Regime.UNRESOLVED.kind_name, 0, np.nan, np.nan, np.nan, np.nan, text
     case = _Case(states, most, tolerance, floor)
     k = case.chaos(seed)
     verdict = case.recurrent() or case.decaying() or case.irregular(k)
     decay = case.fit(verdict.lag) if verdict.decay is None else verdict.decay
-    kind, residual = verdict.regime.kind, case.at_end[verdict.lag]
+    kind, residual = verdict.regime.kind_name, case.at_end[verdict.lag]
     return kind, verdict.period, residual, float(decay.rate), verdict.growth, k, verdict.evidence
 
 

@@ -141,9 +141,7 @@ def newton(
     nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(evaluate, numbers, z))
     # of the types that a pass gives, because the loop would be traced again otherwise
     one, yes, count = jnp.ones(()), jnp.ones((), bool), jnp.zeros((), int) - updates
-    begin = _Carry(
-        z, z, nothing.residual, jnp.inf * one, jnp.zeros_like(z), one, nothing, count, ~yes, yes, numbers
-    )
+    begin = _Carry(z, z, nothing.residual, jnp.inf * one, jnp.zeros_like(z), one, nothing, count, ~yes, yes, numbers)
     end = jax.lax.while_loop(lambda carry: carry.going, advance, begin)
     return Root(end.z, end.linearisation, end.size, end.count, eqx.combine(end.numbers, fixed))
 

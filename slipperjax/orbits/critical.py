@@ -12,10 +12,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..analysis.critical import ConditionedMotions, CriticalMotions, continue_critical, critical_motion
-from ..analysis.curves import Curve, Pace
+from ..analysis.curves import Pace
 from ..analysis.events import CRITICAL_DISTANCE, Node
 from ..analysis.floquet import multipliers
-from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.load import load_call, varied_names
 from ..flow.period_map import PeriodMap
 from ..flow.record import RecordSet
@@ -29,8 +28,7 @@ from ..tools.checks import one_of, require, shown_number, whole
 from ..tools.compile import is_traced
 from ..tools.files import write_whole
 from ..tools.hermite import Cubic
-from .branch_data import BranchEvent
-from .branches import Bar, OrbitBranch, bounds_of, finished, value_within
+from .branches import BranchEvent, OrbitBranch, bounds_of, counted, finished, orbits_dataset, value_within
 from .motions import EventMotions, SlipperMotions, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit
 from .signature import GapSamples, Grazing
@@ -43,7 +41,7 @@ ROUGH = {"LP": 1e-3, "PD": 1e-4, "NS": 1e-4}
 """Distances of a multiplier from its critical value that are accepted along curves [1]. The derivatives of the period
 map jump where a touchdown passes from one integration step to the next. A fold's place depends on it to second
 order."""
-EASE = {"LP": 1e-2, "PD": 1e-3, "NS": 1e-3}
+RELAXED = {"LP": 1e-2, "PD": 1e-3, "NS": 1e-3}
 """Such distances at single points of a curve, where there is no other way on [1]."""
 CURVE_PACE = Pace(first=0.02, least=1e-4, most=0.2)
 """Steps along a curve: 1 is the whole range of a parameter; the state counts less, see `EventMotions`."""
@@ -150,7 +148,7 @@ class GapExtreme(eqx.Module):
         """Gives the gap [m]."""
         return self._extreme(state, *values)[0]
 
-    def renewed(self, state: State, *values: Any) -> "GapExtreme":
+    def update(self, state: State, *values: Any) -> "GapExtreme":
         """Gives the same extreme with its time on this orbit."""
         return dataclasses.replace(self, time=self._extreme(state, *values)[1])
 
@@ -226,7 +224,7 @@ def continue_event(
         own parameter, default those of the branch.
     - `points`: most points of each way. `progress`: shows a bar.
 
-    **Returns:** an `OrbitCurve`. It ends where it meets a bound, or where no step converges, also with `EASE`: at a
+    **Returns:** an `OrbitCurve`. It ends where it meets a bound, or where no step converges, also with `RELAXED`: at a
     grazing the multipliers' second derivatives jump.
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C,
@@ -246,16 +244,19 @@ def continue_event(
         equations = ConditionedMotions(motions, _extreme_at(motions, branch, node, call), GAP_UNIT)
     else:
         equations = CriticalMotions.of(
-            motions, event.label, call["tolerance"] / ROUGH[event.label], EASE[event.label]
+            motions, event.label, call["tolerance"] / ROUGH[event.label], RELAXED[event.label]
         )
     pace = FOLD_PACE if event.label == "LP" else CURVE_PACE
     options = dict(tolerance=call["tolerance"], pace=pace, points=points, secant=True)
-    with Bar(progress, f"{event.label} over {own.name} and {name}", own) as bar:
-        show = lambda spot: bar.show(spot.z[motions.size])
-        angle = abs(float(np.angle(event.multiplier)))
-        start = orbit.state, (event.value, value)
-        curve = continue_critical(equations, *start, limits, angle=angle, on_point=show, **options)
-    return finished(OrbitCurve(_curve_dataset(curve, motions, scene, (own, other), event.label)))
+    with counted(progress, f"{event.label} over {own.name} and {name}", own) as count:
+        options |= dict(
+            angle=abs(float(np.angle(event.multiplier))), on_point=lambda spot: count(spot.z[motions.size])
+        )
+        curve = continue_critical(equations, orbit.state, (event.value, value), limits, **options)
+    mu = np.array([multipliers(spot.matrices) for spot in curve.spots])
+    outside, call = [_outside(row, event.label) for row in mu], {"function": "continue_event", "label": event.label}
+    ds, _ = orbits_dataset(curve.spots, motions, scene, (own, other), mu, outside, call)
+    return finished(OrbitCurve(ds.assign_attrs(label=event.label, ended=list(curve.ended))))
 
 
 def _extreme_at(motions: SlipperMotions, branch: OrbitBranch, node: Node, call: Any) -> GapExtreme:
@@ -277,29 +278,3 @@ def _outside(mu: np.ndarray, label: str) -> int:
     values = {"LP": [1], "PD": [-1], "NS": [pair, np.conj(pair)], "GR": []}[label]
     critical = [int(np.argmin(np.abs(mu - value))) for value in values]
     return int(np.sum(np.abs(np.delete(mu, critical)) > 1 + CRITICAL_DISTANCE))
-
-
-def _curve_dataset(
-    curve: Curve, motions: SlipperMotions, scene: Scene, varied: tuple[Parameter, Parameter], label: str
-) -> Any:
-    """Makes an `xarray.Dataset` of a curve."""
-    import xarray as xr
-
-    names, size = [quantity.name for quantity in varied], motions.size
-    z = np.array([spot.z for spot in curve.spots])
-    mu = np.array([multipliers(np.asarray(spot.matrices)) for spot in curve.spots])
-    states = jax.vmap(motions.state)(jnp.asarray(z))
-    words = lambda text, unit="1": {"units": unit, "long_name": text}
-    data = {
-        "state": (("point", "number"), z[:, :size], words("all numbers of the state, as in slipperjax.State")),
-        "multiplier_real": (("point", "multiplier"), mu.real, words("Floquet multipliers, real parts")),
-        "multiplier_imag": (("point", "multiplier"), mu.imag, words("Floquet multipliers, imaginary parts")),
-        "outside": ("point", [_outside(row, label) for row in mu], words("other multipliers outside the circle")),
-        "residual": ("point", [float(spot.residual) for spot in curve.spots], words("scaled residual")),
-    }
-    coords = {quantity.name: ("point", z[:, size + k], quantity.attributes) for k, quantity in enumerate(varied)}
-    start = jax.tree.map(lambda a: np.asarray(a)[0], states)
-    call = {"function": "continue_event", "label": label}
-    attrs = scene_attributes(scene, without=names) | run_attributes(scene, start, call, names)
-    attrs |= {"label": label, "orbit_period": motions.intervals, "ended": list(curve.ended)}
-    return xr.Dataset(data, coords, attrs)

@@ -131,7 +131,7 @@ def test_curves_of_henons_map(label):
     low = {"LP": -0.9, "PD": 1 - np.sqrt(8 / 3)}[label]
     np.testing.assert_allclose(sorted(b[[0, -1]]), [low, 0.9], rtol=0, atol=1e-9)  # measured: 0
     for spot in found.spots[::5]:
-        mu = multipliers(np.asarray(spot.extra.matrices))
+        mu = multipliers(np.asarray(spot.matrices))
         assert np.abs(mu - CRITICAL[label]).min() < 1e-8  # measured: 2e-14
 
 
