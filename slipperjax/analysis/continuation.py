@@ -60,6 +60,13 @@ class Branch:
         """The reasons why the branch ends at its first and its last point, see `End`."""
         return self.ends[0].reason, self.ends[1].reason
 
+    def turned(self) -> "Branch":
+        """Gives the branch the other way round."""
+        turn = lambda node: node._replace(spot=node.spot._replace(tangent=-node.spot.tangent))
+        events = (e._replace(node=turn(e.node), change=tuple(-c for c in e.change)) for e in reversed(self.events))
+        nodes, (first, last) = map(turn, reversed(self.nodes)), self.ends
+        return Branch(self.equations, tuple(nodes), tuple(events), (last, first))
+
     def __repr__(self) -> str:
         labels = ", ".join(f"{e.label} at {shown_number(e.node.spot.z[-1])}" for e in self.events)
         return f"Branch({len(self.nodes)} points; {labels})"
@@ -126,78 +133,54 @@ def extend_motion(
     - `on_point`: is called with each point, for progress.
     """
     most, (low, high) = whole("points", points, 1), bounds_of_unknowns(branch.equations.size, bounds)
-    path, ends = _Path(list(branch.nodes), list(branch.events)), list(branch.ends)
+    interrupted = False
     # ahead from the last point, then turned around and ahead once more
-    for way in (1, 0):
-        wider = ends[way].reason == "bound" and low[-1] < path.nodes[-1].spot.z[-1] < high[-1]
-        if wider or ends[way].reason in UNFINISHED:
-            if wider:
-                path = path.without_end()
-            walk = Walk(branch.equations, path.nodes[-1].spot, low, high, pace, tolerance, step=ends[way].step)
-            reason = _walk(walk, path, observe, most, until, on_point)
-            ends[way] = End(reason, walk.step)
-            if reason == "closed":
-                ends[1 - way] = ends[1 - way]._replace(reason="")
-            if reason in ("closed", "interrupted"):
-                path = path if way else path.turned()
-                break
-        path = path.turned()
-    return Branch(branch.equations, tuple(path.nodes), tuple(path.events), (ends[0], ends[1]))
+    for _ in range(2):
+        end, last = branch.ends[1], branch.nodes[-1].spot
+        wider = end.reason == "bound" and low[-1] < last.z[-1] < high[-1]
+        if not interrupted and (wider or end.reason in UNFINISHED):
+            walk = Walk(branch.equations, last, low, high, pace, tolerance, step=end.step)
+            branch = _extended(branch, walk, observe, most, until, on_point)
+            interrupted = branch.ends[1].reason == "interrupted"
+        branch = branch.turned()
+    return branch
 
 
-class _Path(NamedTuple):
-    """Points and events of a branch that grows at its last point."""
-
-    nodes: list[Node]
-    events: list[Event]
-
-    def turned(self) -> "_Path":
-        """Gives the path the other way round."""
-        turn = lambda node: node._replace(spot=node.spot._replace(tangent=-node.spot.tangent))
-        back = [e._replace(node=turn(e.node), change=tuple(-c for c in e.change)) for e in reversed(self.events)]
-        return _Path([turn(node) for node in reversed(self.nodes)], back)
-
-    def without_end(self) -> "_Path":
-        """Gives the path without the end point on a bound at its last point."""
-        last = self.nodes[-1]._replace(label="")
-        value = last.spot.z[-1]
-        events = [event for event in self.events if not (event.label == "EP" and event.low == value)]
-        return _Path([*self.nodes[:-1], last], events)
-
-    def end(self, label: str) -> None:
-        """Makes the last point an end point, with its event."""
-        self.nodes[-1] = node = self.nodes[-1]._replace(label=label)
-        value = float(node.spot.z[-1])
-        self.events.append(Event(label, node, value, value, complex(np.nan), label == "EP", ""))
-
-
-def _walk(
-    walk: Walk, path: _Path, observe: Observe | None, most: int, until: Sequence[str], on_point: Callable | None
-) -> str:
-    """Adds up to `most` points and the events among them to a path, and gives the reason why it ends."""
-    start, limit = path.nodes[0], len(path.nodes) + most
+def _extended(
+    branch: Branch, walk: Walk, observe: Observe | None, most: int, until: Sequence[str], on_point: Callable | None
+) -> Branch:
+    """Gives a branch with up to `most` further points at its end, and the events among them."""
+    nodes, events = list(branch.nodes), list(branch.events)
+    if branch.ends[1].reason == "bound":  # which is wider now: the last point is no end point any more
+        nodes[-1] = nodes[-1]._replace(label="")
+        events = [event for event in events if not (event.label == "EP" and event.low == walk.spot.z[-1])]
+    limit = len(nodes) + most
 
     def add(spot: Spot) -> str:
-        node, new = path.nodes[-1], as_node(spot, observe)
-        events = events_between(node, new, walk.equations, observe, walk.tolerance)
-        path.events.extend(events)
-        path.nodes.extend(event.node for event in events)
+        last, new = nodes[-1], as_node(spot, observe)
+        between = events_between(last, new, walk.equations, observe, walk.tolerance)
+        events.extend(between)
+        nodes.extend(event.node for event in between)
         # the first points are near the start without a return to it
-        closed = len(path.nodes) > 3 and passes(start.spot, node.spot, spot)
+        closed = len(nodes) > 3 and passes(nodes[0].spot, last.spot, spot)
         if not closed:
-            path.nodes.append(new)
+            nodes.append(new)
         if on_point is not None:
             on_point(new)
         if closed:
             return "closed"
-        if any(event.label in until for event in events):
+        if any(event.label in until for event in between):
             return "event"
-        return "count" if len(path.nodes) >= limit and not walk.ended else ""
+        return "count" if len(nodes) >= limit and not walk.ended else ""
 
-    reason = walk.follow(most, add)
+    reason, back = walk.follow(most, add), branch.ends[0]
     if reason in ("bound", "no convergence"):
-        path.end("EP" if reason == "bound" else "MX")
-    return reason
+        label, value = "EP" if reason == "bound" else "MX", float(nodes[-1].spot.z[-1])
+        nodes[-1] = nodes[-1]._replace(label=label)
+        events.append(Event(label, nodes[-1], value, value, complex(np.nan), label == "EP", ""))
+    if reason == "closed":
+        back = back._replace(reason="")
+    return Branch(branch.equations, tuple(nodes), tuple(events), (back, End(reason, walk.step)))
 
 
 def switch(branch: Branch, event: Event, *, length: float = 0.05, tolerance: float = 1e-10) -> tuple[Any, Spot]:

@@ -132,14 +132,11 @@ class Pace:
 
 
 class Walk:
-    """Walk along a curve, point by point, with steps that adapt."""
+    """Walk along a curve, point by point, with steps that adapt.
 
-    spot: Spot
-    """The last point."""
-    step: float
-    """The step to be tried next."""
-    ended: str
-    """Why there is no next point: "bound" or "no convergence"; empty while there may be one."""
+    `spot` is its last point, `step` what is to be tried next, and `ended` says why there is no next point: "bound" or
+    "no convergence"; it is empty while there may be one.
+    """
 
     def __init__(
         self,
@@ -159,12 +156,10 @@ class Walk:
         are rough."""
         self.equations, self.pace, self.tolerance = equations, Pace() if pace is None else pace, tolerance
         self.low, self.high = np.asarray(low, float), np.asarray(high, float)
-        self.spot, self.step, self.ended = start, self.pace.first if step is None else step, ""
-        self.secant = secant
+        self.spot, self.step, self.ended, self.secant = start, step or self.pace.first, "", secant
+        # the equations proper, while relaxed ones are tried, and points in a row that were found by these
         self.strict: AbstractEquations | None = None
-        """The equations proper, while relaxed ones are tried."""
         self.relaxed = 0
-        """Points in a row that were found by relaxed equations."""
 
     def follow(self, most: int, add: Callable[[Spot], str]) -> str:
         """Walks on for up to `most` points, and gives the reason why it ends, see `Curve`.
@@ -316,8 +311,8 @@ def follow_curve(
 ) -> Curve:
     """Follows the curve through a point both ways, first that of its tangent.
 
-    **Arguments:** `low`, `high`: see `Walk`; `points`: most points of each way; `on_point`: is called with each point,
-    for progress; `options`: `pace`, `tolerance` and `secant` of `Walk`.
+    **Arguments:** `low`, `high`: see `Walk`; `points`: most points of each way; `on_point`: is called with each
+    point, for progress; `options`: `pace`, `tolerance` and `secant` of `Walk`.
 
     **Returns:** a `Curve`; after Ctrl-C its part until then.
     """

@@ -45,7 +45,6 @@ class AbstractEquations(eqx.Module):
 
     def project(self, z: Array, before: Array, residual: Array) -> Array:
         """Makes `z` consistent, which was proposed from `before`, where the residual was `residual`. Pure."""
-        del before, residual
         return z
 
     def relax(self) -> "AbstractEquations | None":
@@ -54,7 +53,6 @@ class AbstractEquations(eqx.Module):
 
     def update(self, z: Any, null_vectors: Any) -> "AbstractEquations":
         """Gives the same equations in a form that suits the neighbourhood of a point `z`. Here as they are."""
-        del z, null_vectors
         return self
 
 

@@ -78,16 +78,17 @@ def shoot(
 
 
 def _shoot(functions, static, state, index, tolerance):
-    intervals, limit, differentiable = static
+    (step, scale, consistent), (intervals, limit, differentiable) = functions, static
 
     def motions(step, scale, consistent, index):
+        # of one map, without parameters
         return PeriodicMotions(lambda: step, state, jnp.zeros(0), scale, index, intervals, consistent)
 
     # the iteration itself is not differentiated
-    constant, guess = without_derivatives(((*functions, index), ravel_pytree(state)[0]))
+    constant, guess = without_derivatives(((step, scale, consistent, index), ravel_pytree(state)[0]))
     options = dict(tolerance=tolerance, iterations=limit, halvings=STEP_HALVINGS, polish=True)
     root = newton(motions(*constant), guess, **options)
-    z, matrices, exact = root.z, root.linearisation.matrices, motions(*functions, index)
+    z, matrices, exact = root.z, root.linearisation.matrices, motions(step, scale, consistent, index)
     if differentiable:
         # one more step, of no length: with the derivatives of the map alone it has those of the exact motion
         miss = exact.mapped(z) - z
@@ -150,11 +151,6 @@ class PeriodicMotions(AbstractEquations):
         """Count of numbers in a state."""
         return sum(jnp.size(leaf) for leaf in jax.tree.leaves(self.like))
 
-    @property
-    def parameters(self) -> int:
-        """Count of parameters."""
-        return jnp.size(self.reach)
-
     def unknowns(self, state: Any, *values: Any) -> Array:
         """Gives the unknowns from a state and values of the parameters."""
         flat = ravel_pytree(state)[0]
@@ -167,7 +163,7 @@ class PeriodicMotions(AbstractEquations):
 
     def values(self, z: Array) -> tuple[Array, ...]:
         """Gives the values of the parameters at a point."""
-        return tuple(jnp.asarray(z)[self.size : self.size + self.parameters])
+        return tuple(jnp.asarray(z)[self.size : self.size + jnp.size(self.reach)])
 
     def step(self, z: Array) -> Step:
         """Gives the map at a point."""

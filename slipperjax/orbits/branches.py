@@ -406,7 +406,7 @@ def finished(result: Any) -> Any:
 
 @contextlib.contextmanager
 def counted(shown: bool, text: str, varied: Parameter) -> Iterator[Callable[[Any], None]]:
-    """Gives a function that counts points, with their values of the parameter [SI unit], in a progress bar if `shown`.
+    """Gives a function that counts points, with their values of a parameter [SI unit], in a progress bar if `shown`.
 
     At each point it polls Ctrl-C of a command.
     """

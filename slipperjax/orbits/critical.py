@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from ..analysis.critical import ConditionedMotions, CriticalMotions, continue_critical, critical_motion
 from ..analysis.curves import Pace
-from ..analysis.events import CRITICAL_DISTANCE, Node
+from ..analysis.events import CRITICAL_DISTANCE
 from ..analysis.floquet import multipliers
 from ..flow.load import load_call, varied_names
 from ..flow.period_map import PeriodMap
@@ -21,7 +21,6 @@ from ..flow.record import RecordSet
 from ..flow.simulate import dynamic_steps, static_steps
 from ..model.dynamics import State
 from ..model.paths import parameter
-from ..model.quantities import Parameter
 from ..model.scene import Scene, check_scene
 from ..solvers.named import resolve_solver
 from ..tools.checks import one_of, require, shown_number, whole
@@ -224,8 +223,8 @@ def continue_event(
         own parameter, default those of the branch.
     - `points`: most points of each way. `progress`: shows a bar.
 
-    **Returns:** an `OrbitCurve`. It ends where it meets a bound, or where no step converges, also with `RELAXED`: at a
-    grazing the multipliers' second derivatives jump.
+    **Returns:** an `OrbitCurve`. It ends where it meets a bound, or where no step converges, also with `RELAXED`: at
+    a grazing the multipliers' second derivatives jump.
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C,
     with the curve until then as its `result`.
@@ -236,12 +235,12 @@ def continue_event(
     require(other.name != own.name, "name", "be another parameter than the branch's", name)
     limits = (bounds_of(own, call["bounds"] if first_bounds is None else first_bounds), bounds_of(other, bounds))
     value = value_within(scene, name, other, limits[1])
-    orbit, node = branch.orbit(event), branch.branch.nodes[event.point]
-    stepping, reach = dynamic_steps(call["steps_per_period"]), [high - low for low, high in limits]
+    orbit, reach = branch.orbit(event), [high - low for low, high in limits]
+    stepping = dynamic_steps(call["steps_per_period"])
     settings = dict(stepping=stepping, solver=call["solver"], period=branch.period, of=EventMotions)
     motions = slipper_motions(scene, (own.name, name), reach, orbit.state, **settings)
     if event.label == "GR":
-        equations = ConditionedMotions(motions, _extreme_at(motions, branch, node, call), GAP_UNIT)
+        equations = ConditionedMotions(motions, _extreme_at(motions, branch, event, call), GAP_UNIT)
     else:
         equations = CriticalMotions.of(
             motions, event.label, call["tolerance"] / ROUGH[event.label], RELAXED[event.label]
@@ -249,9 +248,8 @@ def continue_event(
     pace = FOLD_PACE if event.label == "LP" else CURVE_PACE
     options = dict(tolerance=call["tolerance"], pace=pace, points=points, secant=True)
     with counted(progress, f"{event.label} over {own.name} and {name}", own) as count:
-        options |= dict(
-            angle=abs(float(np.angle(event.multiplier))), on_point=lambda spot: count(spot.z[motions.size])
-        )
+        on_point = lambda spot: count(spot.z[motions.size])
+        options |= dict(angle=abs(float(np.angle(event.multiplier))), on_point=on_point)
         curve = continue_critical(equations, orbit.state, (event.value, value), limits, **options)
     mu = np.array([multipliers(spot.matrices) for spot in curve.spots])
     outside, call = [_outside(row, event.label) for row in mu], {"function": "continue_event", "label": event.label}
@@ -259,9 +257,9 @@ def continue_event(
     return finished(OrbitCurve(ds.assign_attrs(label=event.label, ended=list(curve.ended))))
 
 
-def _extreme_at(motions: SlipperMotions, branch: OrbitBranch, node: Node, call: Any) -> GapExtreme:
+def _extreme_at(motions: SlipperMotions, branch: OrbitBranch, event: BranchEvent, call: Any) -> GapExtreme:
     """Gives the extreme that is zero at a grazing."""
-    touches: Grazing = node.view.data.grazing
+    touches: Grazing = branch.branch.nodes[event.point].view.data.grazing
     point = int(np.argmin(touches.margin))
     inside = dynamic_steps(call["steps_per_period"], inside=True)
     family = dataclasses.replace(motions.family, stepping=inside)  # type: ignore[type-var]

@@ -30,15 +30,11 @@ class ScenePath(eqx.Module):
     """Parameters by name or path; without any, the scene's own map."""
     solver: diffrax.AbstractSolver = eqx.field(static=True)
 
-    def at(self, *values: Any) -> Scene:
-        """Gives the scene with these values."""
+    def __call__(self, *values: Any) -> PeriodMap:
         scene = self.scene
         for name, value in zip(self.names, values, strict=True):
             scene = parameter(name, scene).replaced(scene, value)
-        return scene
-
-    def __call__(self, *values: Any) -> PeriodMap:
-        return PeriodMap(self.at(*values), self.stepping, self.solver)
+        return PeriodMap(scene, self.stepping, self.solver)
 
 
 class SlipperMotions(PeriodicMotions):
