@@ -9,7 +9,7 @@ import numpy as np
 
 from ..tools.checks import shown_number, whole
 from .curves import Pace, Spot, Walk, bounds_of_unknowns, check_within, checked_bounds, correct, evaluated, passes
-from .events import Event, Node, Observe, as_node, events_between
+from .events import Event, EventSearch, Node, Observe, as_node
 from .floquet import product
 from .shooting import PeriodicMotions
 
@@ -79,7 +79,7 @@ def continue_motion(
     *,
     ways: Sequence[int] = (1, -1),
     tolerance: float = 1e-10,
-    pace: Pace | None = None,
+    pace: Pace = Pace(),
     **options: Any,
 ) -> Branch:
     """Follows periodic motions through a parameter, past folds, and names and locates events on the way.
@@ -97,8 +97,7 @@ def continue_motion(
 
     **Raises:** `ValueError` where there is no motion near the start, or the bounds do not hold it.
     """
-    pace, limits = Pace() if pace is None else pace, checked_bounds(bounds)
-    check_within("start", start.z[-1] if isinstance(start, Spot) else start[1], limits)
+    check_within("start", start.z[-1] if isinstance(start, Spot) else start[1], checked_bounds(bounds))
     if not isinstance(start, Spot):
         z = equations.unknowns(*start)
         row = np.append(np.zeros(z.size - 1), 1.0)
@@ -119,7 +118,7 @@ def extend_motion(
     *,
     observe: Observe | None = None,
     tolerance: float = 1e-10,
-    pace: Pace | None = None,
+    pace: Pace = Pace(),
     points: int = 400,
     until: Sequence[str] = (),
     on_point: Callable[[Node], Any] | None = None,
@@ -154,11 +153,11 @@ def _extended(
     if branch.ends[1].reason == "bound":  # which is wider now: the last point is no end point any more
         nodes[-1] = nodes[-1]._replace(label="")
         events = [event for event in events if not (event.label == "EP" and event.low == walk.spot.z[-1])]
-    limit = len(nodes) + most
+    limit, search = len(nodes) + most, EventSearch(walk.equations, observe, walk.tolerance)
 
     def add(spot: Spot) -> str:
         last, new = nodes[-1], as_node(spot, observe)
-        between = events_between(last, new, walk.equations, observe, walk.tolerance)
+        between = search.events(last, new)
         events.extend(between)
         nodes.extend(event.node for event in between)
         # the first points are near the start without a return to it

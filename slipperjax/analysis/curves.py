@@ -144,7 +144,7 @@ class Walk:
         start: Spot,
         low: Any,
         high: Any,
-        pace: Pace | None = None,
+        pace: Pace = Pace(),
         tolerance: float = 1e-10,
         *,
         step: float | None = None,
@@ -154,7 +154,7 @@ class Walk:
         unknowns, infinite where there are none, of shape (more,); `step`: the first, by default that of `pace`;
         `secant`: whether to go on along the last chord and not along the tangent, for equations whose derivatives
         are rough."""
-        self.equations, self.pace, self.tolerance = equations, Pace() if pace is None else pace, tolerance
+        self.equations, self.pace, self.tolerance = equations, pace, tolerance
         self.low, self.high = np.asarray(low, float), np.asarray(high, float)
         self.spot, self.step, self.ended, self.secant = start, step or self.pace.first, "", secant
         # the equations proper, while relaxed ones are tried, and points in a row that were found by these
@@ -274,13 +274,6 @@ def bounds_of_unknowns(size: int, *bounds: Any) -> tuple[np.ndarray, np.ndarray]
     """Gives lower and upper bounds of all unknowns: those of parameters, checked, after `size` without bounds."""
     low, high = zip(*[(-np.inf, np.inf)] * size, *map(checked_bounds, bounds), strict=True)
     return np.array(low), np.array(high)
-
-
-def between(equations: AbstractEquations, one: Spot, other: Spot, share: float, tolerance: float = 1e-10) -> Spot:
-    """Finds the curve's point between two near ones, in the plane across their chord at a share of it."""
-    chord = other.z - one.z
-    near = one if share < 0.5 else other
-    return correct(equations, one.z + share * chord, near.weights**2 * chord, near.z, tolerance=tolerance)
 
 
 def passes(start: Spot, one: Spot, other: Spot) -> bool:

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Complex
 
-from .curves import Spot, between, evaluated
+from .curves import Spot, correct, evaluated
 from .floquet import multipliers
 from .newton import AbstractEquations, weighted_size
 
@@ -114,33 +114,33 @@ def changes(one: Node, other: Node) -> list[str]:
     return labels + ["PD", "PD"] * flips + ["BP", "BP"] * folds + ["NS"] * (pairs - flips - folds)
 
 
-def events_between(
-    one: Node, other: Node, equations: AbstractEquations, observe: Observe | None, tolerance: float
-) -> list[Event]:
-    """Locates the events between two consecutive points of a branch, in their order."""
-    return _Search(equations, observe, tolerance).events(one, other, 1.0)
-
-
 class _Lost(Exception):
     """There is no point of the branch between two of its points."""
 
 
-class _Search(NamedTuple):
-    """The search for events between points of a branch."""
+class EventSearch(NamedTuple):
+    """Search for events between points of a branch."""
 
     equations: AbstractEquations
     observe: Observe | None
     tolerance: float
 
     def at(self, share: float, a: Node, b: Node) -> Node | None:
-        """Gives the branch's point at a share of the way from a to b; None where none is found nearby."""
-        spot = between(self.equations, a.spot, b.spot, share, self.tolerance * POLISH)
-        chord = np.linalg.norm(spot.weights * (b.spot.z - a.spot.z))
-        strayed = np.linalg.norm(spot.weights * (spot.z - a.spot.z - share * (b.spot.z - a.spot.z)))
-        return as_node(spot, self.observe) if spot.residual <= self.tolerance and strayed <= chord else None
+        """Gives the branch's point in the plane across the chord at a share of the way from a to b.
 
-    def events(self, a: Node, b: Node, width: float) -> list[Event]:
-        """Locates the events between a and b, `width` of the step apart: halves it until each is alone."""
+        None where none is found nearby.
+        """
+        chord, near = b.spot.z - a.spot.z, a.spot if share < 0.5 else b.spot
+        guess, row = a.spot.z + share * chord, near.weights**2 * chord
+        spot = correct(self.equations, guess, row, near.z, tolerance=self.tolerance * POLISH)
+        length, strayed = (np.linalg.norm(spot.weights * way) for way in (chord, spot.z - guess))
+        return as_node(spot, self.observe) if spot.residual <= self.tolerance and strayed <= length else None
+
+    def events(self, a: Node, b: Node, width: float = 1.0) -> list[Event]:
+        """Locates the events between a and b in their order: halves the step until each is alone.
+
+        **Arguments:** `width`: share of the step between two consecutive points of the branch.
+        """
         labels = changes(a, b)
         if not labels:
             return []

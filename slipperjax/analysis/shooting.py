@@ -145,6 +145,8 @@ class PeriodicMotions(AbstractEquations):
     intervals: int = eqx.field(static=True, default=1)
     consistent: Consistent | None = None
     """Makes proposed states consistent, see `Consistent`; None leaves them."""
+    lengths: Any = 1.0
+    """Divisors of the state's weights in the length of a curve, infinite for components that do not count."""
 
     @property
     def size(self) -> int:
@@ -189,11 +191,7 @@ class PeriodicMotions(AbstractEquations):
     def weights(self, z: Array) -> tuple[Array, Array]:
         weights = weights_of(self.state(z), self.scale)
         of_state = jnp.ones(self.size) if weights is None else weights
-        return of_state, jnp.concatenate([self.measure(of_state), 1 / jnp.atleast_1d(self.reach)])
-
-    def measure(self, weights: Array) -> Array:
-        """Gives the weights of the state in the length of a curve, from those of the residual. Here the same."""
-        return weights
+        return of_state, jnp.concatenate([of_state / self.lengths, 1 / jnp.atleast_1d(self.reach)])
 
     def project(self, z: Array, before: Array, residual: Array) -> Array:
         if self.consistent is None:

@@ -33,7 +33,7 @@ from ..solvers.named import resolve_solver
 from ..tools.checks import brief, number, positive, shown_number, whole
 from ..tools.compile import call_compiled
 from ..tools.files import write_whole
-from .motions import SlipperMotions, check_forcing, slipper_motions
+from .motions import check_forcing, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit, periodic_orbit
 from .signature import Gaps, GapSamples, Grazing, Signature, contact_names, grazing, signature
 
@@ -241,7 +241,7 @@ class _Run:
     steps: int
     solver: Any
     tolerance: float
-    equations: SlipperMotions
+    equations: PeriodicMotions
 
     @classmethod
     def new(cls, scene, varied, bounds, steps, solver, tolerance, period, like) -> "_Run":
@@ -328,7 +328,7 @@ class _Run:
         return ds.assign_coords(coords).assign_attrs(ended=list(branch.ended), next_steps=next_steps)
 
 
-def _samples(equations: SlipperMotions, static: tuple, z: Any) -> tuple:
+def _samples(equations: PeriodicMotions, static: tuple, z: Any) -> tuple:
     """Gives the samples of records along an orbit, and the length of a period [s]."""
     step: PeriodMap = equations.step(z)  # type: ignore[assignment]
     passage = step.run(equations.state(z), periods=equations.intervals, records=static[0])

@@ -15,6 +15,7 @@ from ..analysis.critical import ConditionedMotions, CriticalMotions, continue_cr
 from ..analysis.curves import Pace
 from ..analysis.events import CRITICAL_DISTANCE
 from ..analysis.floquet import multipliers
+from ..analysis.shooting import PeriodicMotions
 from ..flow.load import load_call, varied_names
 from ..flow.period_map import PeriodMap
 from ..flow.record import RecordSet
@@ -28,7 +29,7 @@ from ..tools.compile import is_traced
 from ..tools.files import write_whole
 from ..tools.hermite import Cubic
 from .branches import BranchEvent, OrbitBranch, bounds_of, counted, finished, orbits_dataset, value_within
-from .motions import EventMotions, SlipperMotions, slipper_motions
+from .motions import MOTION_SHARE, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit
 from .signature import GapSamples, Grazing
 
@@ -43,7 +44,7 @@ order."""
 RELAXED = {"LP": 1e-2, "PD": 1e-3, "NS": 1e-3}
 """Such distances at single points of a curve, where there is no other way on [1]."""
 CURVE_PACE = Pace(first=0.02, least=1e-4, most=0.2)
-"""Steps along a curve: 1 is the whole range of a parameter; the state counts less, see `EventMotions`."""
+"""Steps along a curve: 1 is the whole range of a parameter; the state counts less, see `MOTION_SHARE`."""
 FOLD_PACE = Pace(first=0.02, least=2e-3, most=0.2)
 """Likewise for folds, where jumps of derivatives count most: short steps there are of no use."""
 
@@ -237,7 +238,7 @@ def continue_event(
     value = value_within(scene, name, other, limits[1])
     orbit, reach = branch.orbit(event), [high - low for low, high in limits]
     stepping = dynamic_steps(call["steps_per_period"])
-    settings = dict(stepping=stepping, solver=call["solver"], period=branch.period, of=EventMotions)
+    settings = dict(stepping=stepping, solver=call["solver"], period=branch.period, share=MOTION_SHARE)
     motions = slipper_motions(scene, (own.name, name), reach, orbit.state, **settings)
     if event.label == "GR":
         equations = ConditionedMotions(motions, _extreme_at(motions, branch, event, call), GAP_UNIT)
@@ -257,7 +258,7 @@ def continue_event(
     return finished(OrbitCurve(ds.assign_attrs(label=event.label, ended=list(curve.ended))))
 
 
-def _extreme_at(motions: SlipperMotions, branch: OrbitBranch, event: BranchEvent, call: Any) -> GapExtreme:
+def _extreme_at(motions: PeriodicMotions, branch: OrbitBranch, event: BranchEvent, call: Any) -> GapExtreme:
     """Gives the extreme that is zero at a grazing."""
     touches: Grazing = branch.branch.nodes[event.point].view.data.grazing
     point = int(np.argmin(touches.margin))

@@ -4,6 +4,7 @@ from typing import Any
 
 import diffrax
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
@@ -37,28 +38,8 @@ class ScenePath(eqx.Module):
         return PeriodMap(scene, self.stepping, self.solver)
 
 
-class SlipperMotions(PeriodicMotions):
-    """Periodic motions of a slipper; lengths of curves are measured by the motion and the parameters alone."""
-
-    def measure(self, weights: Array) -> Array:
-        motion = len(MOTION_NUMBERS)  # of a state's numbers, the memory's come after
-        return jnp.zeros_like(weights).at[:motion].set(weights[:motion] / np.sqrt(motion))
-
-
 MOTION_SHARE = 0.1
-"""Weight of the motion over that of the parameters in the length of a curve of events."""
-
-
-class EventMotions(SlipperMotions):
-    """Motions at events over two parameters.
-
-    Where the derivatives of the period map jump, the motion at a fold jumps in proportion, by up to 1e-2 of its
-    scale, and the parameters by the square of that. So lengths are measured by the parameters first of all; the
-    motion counts at cusps, where the curve of the parameters has no direction.
-    """
-
-    def measure(self, weights: Array) -> Array:
-        return MOTION_SHARE * super().measure(weights)
+"""Weight of the motion over that of the parameters in the length of a curve of events, see `slipper_motions`."""
 
 
 def slipper_motions(
@@ -70,11 +51,20 @@ def slipper_motions(
     stepping: AbstractStepping,
     solver: diffrax.AbstractSolver,
     period: int,
-    of: type[SlipperMotions] = SlipperMotions,
-) -> SlipperMotions:
-    """Makes the equations of orbits over some parameters, with changes `reach` that count as one."""
-    path = ScenePath(scene, stepping, names, solver)
-    return of(path, like, jnp.asarray(reach, float), tangent_weights(scene), 0.0, period, consistent_state)
+    share: float = 1.0,
+) -> PeriodicMotions:
+    """Makes the equations of orbits over some parameters, with changes `reach` that count as one.
+
+    Lengths of curves are measured by the parameters and, with a weight of `share`, by the motion. Where the
+    derivatives of the period map jump, the motion at a fold jumps in proportion, by up to 1e-2 of its scale, and the
+    parameters by the square of that. So curves of events are measured by the parameters first of all; the motion
+    counts at cusps, where the curve of the parameters has no direction.
+    """
+    path, scale = ScenePath(scene, stepping, names, solver), tangent_weights(scene)
+    size, motion = sum(map(np.size, jax.tree.leaves(like))), len(MOTION_NUMBERS)
+    # of a state's numbers, the memory's come after the motion's, and do not count
+    lengths = jnp.full(size, jnp.inf).at[:motion].set(np.sqrt(motion) / share)
+    return PeriodicMotions(path, like, jnp.asarray(reach, float), scale, 0.0, period, consistent_state, lengths)
 
 
 def consistent_memory(scene: Scene, proposed: State, mapped: State) -> State:
