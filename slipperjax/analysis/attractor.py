@@ -78,7 +78,7 @@ def recurrence(strobe, *, scales=None, max_period=16) -> np.ndarray:
 
     **Raises:** `ValueError` for arrays of other shapes, and scales that are not positive.
     """
-    x, _ = _scaled(strobe, scales)
+    x = _scaled(strobe, scales)
     most = whole("max_period", max_period, 1)
     periods = x.shape[-2]
     out = np.full((*x.shape[:-2], most, periods), np.nan)
@@ -159,7 +159,7 @@ def classify(strobe, *, scales=None, max_period=16, tolerance=1e-3, floor=1e-6, 
 
     **Raises:** `ValueError` for arrays of other shapes, too few periods and settings out of range.
     """
-    x, scales = _scaled(strobe, scales)
+    x = _scaled(strobe, scales)
     most = whole("max_period", max_period, 1)
     if x.shape[-2] < 16:
         raise ValueError(f"Argument `strobe` must be of 16 periods or more, but is of shape {x.shape}.")
@@ -180,7 +180,7 @@ def _scaled(strobe, scales):
     scales = np.asarray(scales, dtype=float)
     require(scales.shape in ((), x.shape[-1:]), "scales", f"be of shape {x.shape[-1:]}", scales.shape)
     require(np.all((scales > 0) & (scales < np.inf)), "scales", "be positive", scales)
-    return x / scales, scales
+    return x / scales
 
 
 def _classified(states, most, tolerance, floor, seed):

@@ -16,6 +16,8 @@ from .floquet import solve
 
 LEAST_FALL = 0.1
 """Share of a step by which the residual must fall for a damped step to be accepted."""
+POLISHED = 1e-3
+"""Residual over the tolerance below which a solution is not polished by one more step."""
 
 
 class Linearisation(NamedTuple):
@@ -105,7 +107,7 @@ def newton(
         it is accepted whatever it gives.
     - `updates`: how often the equations are updated at `z` before the first step; if at all, they are updated
         after each step, too.
-    - `polish`: whether one more step follows, which is not counted, where the tolerance is met.
+    - `polish`: whether one more step follows, which is not counted, where the tolerance is met, but not `POLISHED`.
 
     **Returns:** a `Root`; look at its `residual`.
     """
@@ -123,7 +125,7 @@ def newton(
         fell = size <= (1 - LEAST_FALL * carry.share) * carry.size
         accepted = fell | (carry.share <= 0.5**halvings) | carry.polishing
         ended = ~((size > tolerance) & (carry.count < iterations) & jnp.isfinite(size))
-        polishing = accepted & (size <= tolerance) & ~carry.polishing & polish
+        polishing = accepted & (size <= tolerance) & (size > POLISHED * tolerance) & ~carry.polishing & polish
         done = carry.polishing | (accepted & ~updating & ended & ~polishing)
         # from here, or half as far from where the step began
         pick = lambda here, before: jnp.where(accepted, here, before)

@@ -195,16 +195,12 @@ class _Bins:
         dynamic_range = number(positive, "dynamic_range", dynamic_range)
         self.lobe = whole("lobe", lobe, 1)
         span = whole("span", span, 4 * self.lobe + 3) | 1  # odd, to be centred
-        self.width = float(self.frequency[1] - self.frequency[0])
-        """[Hz]"""
+        self.width = float(self.frequency[1] - self.frequency[0])  # [Hz]
         top = self.density.max()
-        if top > 0:
-            self.level = 10 * np.log10(np.maximum(self.density, top * 10 ** (-dynamic_range / 10)))
-        else:
-            self.level = np.zeros(size)
-        """Density [dB]."""
+        # density [dB], and its height above the local floor [dB]
+        least = top * 10 ** (-dynamic_range / 10) if top > 0 else 1.0
+        self.level = 10 * np.log10(np.fmax(self.density, least))
         self.height = self.level - scipy.ndimage.median_filter(self.level, size=span, mode="reflect")
-        """Level above the local floor [dB]."""
         peaks, _ = scipy.signal.find_peaks(self.level, distance=self.lobe, prominence=DIP, wlen=span)
         inside = (peaks > self.lobe) & (peaks < size - 1 - self.lobe)
         self.peaks = peaks[inside & (self.height[peaks] >= threshold)]

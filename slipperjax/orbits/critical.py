@@ -104,7 +104,6 @@ def critical_orbit(
     **Raises:** `ValueError` that names the argument which is wrong.
     """
     check_scene(scene)
-    one_of("label", label, ("LP", "PD", "NS"))
     varied = parameter(name, scene)
     steps = (
         int(start.steps_per_period) if steps_per_period is None else whole("steps_per_period", steps_per_period, 1)
