@@ -28,7 +28,6 @@ MAY_BE_HEAVY = (
     "plots",
     "sweeps",
     "flow.datasets",
-    "orbits.branch_data",
     "orbits.branches",
     "orbits.critical",
     "studies",

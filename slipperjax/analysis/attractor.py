@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..tools.checks import require, whole
-from .kinds import KINDS as KINDS
 from .kinds import Regime
 
 MIN_TEST = 200
@@ -79,7 +78,7 @@ def recurrence(strobe, *, scales=None, max_period=16) -> np.ndarray:
 
     **Raises:** `ValueError` for arrays of other shapes, and scales that are not positive.
     """
-    x, _ = _scaled(strobe, scales)
+    x = _scaled(strobe, scales)
     most = whole("max_period", max_period, 1)
     periods = x.shape[-2]
     out = np.full((*x.shape[:-2], most, periods), np.nan)
@@ -160,7 +159,7 @@ def classify(strobe, *, scales=None, max_period=16, tolerance=1e-3, floor=1e-6, 
 
     **Raises:** `ValueError` for arrays of other shapes, too few periods and settings out of range.
     """
-    x, scales = _scaled(strobe, scales)
+    x = _scaled(strobe, scales)
     most = whole("max_period", max_period, 1)
     if x.shape[-2] < 16:
         raise ValueError(f"Argument `strobe` must be of 16 periods or more, but is of shape {x.shape}.")
@@ -181,7 +180,7 @@ def _scaled(strobe, scales):
     scales = np.asarray(scales, dtype=float)
     require(scales.shape in ((), x.shape[-1:]), "scales", f"be of shape {x.shape[-1:]}", scales.shape)
     require(np.all((scales > 0) & (scales < np.inf)), "scales", "be positive", scales)
-    return x / scales, scales
+    return x / scales
 
 
 def _classified(states, most, tolerance, floor, seed):
@@ -189,31 +188,15 @@ def _classified(states, most, tolerance, floor, seed):
     finite = np.isfinite(states).all(-1)
     if not finite.all():
         text = f"non-finite states from period {int(np.argmin(finite))} on"
-        return Regime.UNRESOLVED.kind, 0, np.nan, np.nan, np.nan, np.nan, text
-    case = _Case(states, most, tolerance, floor)
-    k = case.chaos(seed)
-    verdict = case.recurrent() or case.decaying() or case.irregular(k)
-    decay = case.fit(verdict.lag) if verdict.decay is None else verdict.decay
-    kind, residual = verdict.regime.kind, case.at_end[verdict.lag]
-    return kind, verdict.period, residual, float(decay.rate), verdict.growth, k, verdict.evidence
-
-
-class _Verdict(NamedTuple):
-    """Kind of a motion, by the criterion that decided."""
-
-    regime: Regime
-    period: int
-    lag: int
-    """Whose residual is reported."""
-    evidence: str
-    decay: Decay | None = None
-    growth: float = np.nan
+        return Regime.UNRESOLVED.kind_name, 0, np.nan, np.nan, np.nan, np.nan, text
+    case = _Case(states, most, tolerance, floor, seed)
+    return case.recurrent() or case.decaying() or case.irregular()
 
 
 class _Case:
     """The states of one motion, with the residuals of their recurrence over all lags."""
 
-    def __init__(self, states, most, tolerance, floor):
+    def __init__(self, states, most, tolerance, floor, seed):
         self.states, self.tolerance, self.floor, self.periods = states, tolerance, floor, len(states)
         self.quarter = self.periods // 4
         self.extent = float(np.ptp(states[-self.quarter :], axis=0).max())
@@ -223,6 +206,13 @@ class _Case:
         self.residuals = recurrence(states, scales=1.0, max_period=self.lags[-1])
         self.at_end = {n: float(self.residuals[n - 1, -self.tail(n) :].max()) for n in self.lags}
         self.best = min(self.lags, key=lambda n: self.at_end[n])
+        self.k = self.chaos(seed)
+
+    def result(self, regime, lag, evidence, decay=None, growth=np.nan):
+        """Gives the entries of `Attractors`, with the residual over `lag` periods, by the criterion that decided."""
+        decay = self.fit(lag) if decay is None else decay
+        period = lag if regime == Regime.PERIODIC else 0
+        return Attractors(regime.kind_name, period, self.at_end[lag], float(decay.rate), growth, self.k, evidence)
 
     def tail(self, n):
         """Gives the number of periods at the end over which a residual is judged."""
@@ -260,9 +250,9 @@ class _Case:
             growing = self.fit(n, 1e-14)  # departure from an unstable motion, from rounding errors on
             if growing.fall < -math.log(10) and growing.fit > 0.95:
                 text = f"recurs after {n} periods, but the residual grows by {-growing.rate:.2g} per period"
-                return _Verdict(Regime.UNRESOLVED, 0, n, text)
+                return self.result(Regime.UNRESOLVED, n, text)
             text = f"recurs after {n} periods within {self.at_end[n]:.1e}, of an extent of {self.extent:.1e}"
-            return _Verdict(Regime.PERIODIC, n, n, text)
+            return self.result(Regime.PERIODIC, n, text)
         return None
 
     def decaying(self):
@@ -276,12 +266,13 @@ class _Case:
                 if decay.convincing and all(lasting):
                     speed = f"{decay.rate:.2g} per period, to {self.at_end[n]:.1e} so far"
                     text = f"residual over {n} periods decays by {speed}"
-                    return _Verdict(Regime.PERIODIC, n, n, text, decay)
+                    return self.result(Regime.PERIODIC, n, text, decay)
         return None
 
-    def irregular(self, k):
+    def irregular(self):
         """Gives the verdict where no residual vanishes or decays: torus, chaos or unresolved."""
-        unresolved = lambda text, growth=np.nan: _Verdict(Regime.UNRESOLVED, 0, self.best, text, growth=growth)
+        k, best = self.k, self.best
+        unresolved = lambda text, growth=np.nan: self.result(Regime.UNRESOLVED, best, text, growth=growth)
         few = f"{self.periods} periods are too few to tell a torus from chaos ({MIN_TEST} needed)"
         if self.periods < MIN_TEST:
             return unresolved(f"no recurrence, and {few}")
@@ -291,7 +282,7 @@ class _Case:
         first, growth, gap, mixing = _neighbours(self.states)
         facts = f"K = {k:.2f}, ln growth of neighbours {first:.2f} in one period, then {growth:.2f}"
         if k > K_CHAOTIC and first + growth > WHOLE_GROWTH and growth > LATER_GROWTH:
-            return _Verdict(Regime.CHAOTIC, 0, self.best, facts, growth=growth)
+            return self.result(Regime.CHAOTIC, best, facts, growth=growth)
         if k >= K_REGULAR or growth >= LATER_GROWTH:
             return unresolved(f"{facts}: neither regular nor chaotic", growth)
         if gap < 0.05 * self.extent / self.periods:
@@ -302,7 +293,7 @@ class _Case:
         if _drift(self.states) > 0.01 or mixing > 3 or spiral:
             return unresolved(f"{facts}, but the states still drift or spiral", growth)
         text = f"{facts}, no recurrence up to {self.lags[-1]} periods, no decay, no drift"
-        return _Verdict(Regime.REGULAR, 0, self.best, text, growth=growth)
+        return self.result(Regime.REGULAR, best, text, growth=growth)
 
 
 def _divisors(n):
@@ -397,9 +388,8 @@ def _drift(x):
     half = len(x) // 2
     weight = np.sin(np.pi * (np.arange(half) + 0.5) / half) ** 2
     weight = weight / weight.sum()
-    means, spreads = [], []
-    for part in (x[:half], x[-half:]):
-        means.append(weight @ part)
-        spreads.append(np.sqrt(weight @ (part - means[-1]) ** 2))
+    halves = x[:half], x[-half:]
+    means = [weight @ part for part in halves]
+    spreads = [np.sqrt(weight @ (part - mean) ** 2) for part, mean in zip(halves, means, strict=True)]
     change = np.maximum(np.abs(np.subtract(*means)), np.abs(np.subtract(*spreads)))
     return float(change.max() / max(np.max(spreads), 1e-300))

@@ -4,13 +4,12 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..tools.checks import shown_number, whole
-from .curves import Pace, Spot, Walk, check_within, checked_bounds, correct, evaluated, passes
-from .events import Event, Node, Observe, as_node, events_between
+from .curves import Pace, Spot, Walk, bounds_of_unknowns, check_within, checked_bounds, correct, evaluated, passes
+from .events import Event, EventSearch, Node, Observe, as_node
 from .floquet import product
 from .shooting import PeriodicMotions
 
@@ -61,6 +60,13 @@ class Branch:
         """The reasons why the branch ends at its first and its last point, see `End`."""
         return self.ends[0].reason, self.ends[1].reason
 
+    def turned(self) -> "Branch":
+        """Gives the branch the other way round."""
+        turn = lambda node: node._replace(spot=node.spot._replace(tangent=-node.spot.tangent))
+        events = (e._replace(node=turn(e.node), change=tuple(-c for c in e.change)) for e in reversed(self.events))
+        nodes, (first, last) = map(turn, reversed(self.nodes)), self.ends
+        return Branch(self.equations, tuple(nodes), tuple(events), (last, first))
+
     def __repr__(self) -> str:
         labels = ", ".join(f"{e.label} at {shown_number(e.node.spot.z[-1])}" for e in self.events)
         return f"Branch({len(self.nodes)} points; {labels})"
@@ -72,12 +78,9 @@ def continue_motion(
     bounds: tuple[float, float],
     *,
     ways: Sequence[int] = (1, -1),
-    observe: Observe | None = None,
     tolerance: float = 1e-10,
-    pace: Pace | None = None,
-    points: int = 400,
-    until: Sequence[str] = (),
-    on_point: Callable[[Node], Any] | None = None,
+    pace: Pace = Pace(),
+    **options: Any,
 ) -> Branch:
     """Follows periodic motions through a parameter, past folds, and names and locates events on the way.
 
@@ -87,28 +90,26 @@ def continue_motion(
     - `start`: a state near a motion and the parameter's value there, or a point such as `switch` gives.
     - `bounds`: of the parameter. `ways`: 1 begins towards larger values or along the tangent of `start`, -1 the other
         way round.
-    - `observe`: makes an `Observation` of a point; where its counts change, there is a grazing.
-    - `tolerance`: greatest weighted residual. `pace`: of the steps. `points`: most points of each way.
-    - `until`: labels of events after which a way is not followed further.
-    - `on_point`: is called with each point, for progress.
+    - `tolerance`: greatest weighted residual. `pace`: of the steps.
+    - `options`: `observe`, `points`, `until` and `on_point` of `extend_motion`.
 
     **Returns:** a `Branch`; after Ctrl-C its part until then.
 
     **Raises:** `ValueError` where there is no motion near the start, or the bounds do not hold it.
     """
-    bounds, pace = checked_bounds(bounds), Pace() if pace is None else pace
-    check_within("start", start.z[-1] if isinstance(start, Spot) else start[1], bounds)
-    first = start if isinstance(start, Spot) else first_spot(equations, *start, tolerance=tolerance)
-    if not first.residual <= tolerance:
+    check_within("start", start.z[-1] if isinstance(start, Spot) else start[1], checked_bounds(bounds))
+    if not isinstance(start, Spot):
+        z = equations.unknowns(*start)
+        row = np.append(np.zeros(z.size - 1), 1.0)
+        start = correct(equations, z, row, tolerance=tolerance, iterations=BRANCH_START_ITERATIONS)
+    if not start.residual <= tolerance:
         raise ValueError(
             f"Argument `start` must be near a periodic motion, but Newton's method ended with a residual of "
-            f"{shown_number(first.residual)}."
+            f"{shown_number(start.residual)}."
         )
     back, ahead = (End("count" if way in ways else "", pace.first) for way in (-1, 1))
-    begin = Branch(equations, (as_node(first, observe),), (), (back, ahead))
-    return extend_motion(
-        begin, bounds, observe=observe, tolerance=tolerance, pace=pace, points=points, until=until, on_point=on_point
-    )
+    begin = Branch(equations, (as_node(start, options.get("observe")),), (), (back, ahead))
+    return extend_motion(begin, bounds, tolerance=tolerance, pace=pace, **options)
 
 
 def extend_motion(
@@ -117,101 +118,68 @@ def extend_motion(
     *,
     observe: Observe | None = None,
     tolerance: float = 1e-10,
-    pace: Pace | None = None,
+    pace: Pace = Pace(),
     points: int = 400,
     until: Sequence[str] = (),
     on_point: Callable[[Node], Any] | None = None,
 ) -> Branch:
     """Follows a branch further, from ends where it was not finished, and from those on bounds that are wider now.
 
-    **Arguments:** as for `continue_motion`.
+    **Arguments:** as for `continue_motion`, and
+
+    - `observe`: makes an `Observation` of a point; where its counts change, there is a grazing.
+    - `points`: most points of each way. `until`: labels of events after which a way is not followed further.
+    - `on_point`: is called with each point, for progress.
     """
-    pace, most = Pace() if pace is None else pace, whole("points", points, 1)
-    low, high = (np.full(branch.equations.size + 1, side * np.inf) for side in (-1, 1))
-    low[-1], high[-1] = checked_bounds(bounds)
-    path, ends = _Path(list(branch.nodes), list(branch.events)), list(branch.ends)
+    most, (low, high) = whole("points", points, 1), bounds_of_unknowns(branch.equations.size, bounds)
+    interrupted = False
     # ahead from the last point, then turned around and ahead once more
-    for way in (1, 0):
-        value = float(path.nodes[-1].spot.z[-1])
-        wider = ends[way].reason == "bound" and bounds[0] < value < bounds[1]
-        if wider or ends[way].reason in UNFINISHED:
-            if wider:
-                path = path.without_end()
-            walk = Walk(branch.equations, path.nodes[-1].spot, low, high, pace, tolerance, step=ends[way].step)
-            reason = _walk(walk, path, observe, most, until, on_point)
-            ends[way] = End(reason, walk.step)
-            if reason == "closed":
-                ends[1 - way] = ends[1 - way]._replace(reason="")
-            if reason in ("closed", "interrupted"):
-                path = path if way else path.turned()
-                break
-        path = path.turned()
-    return Branch(branch.equations, tuple(path.nodes), tuple(path.events), (ends[0], ends[1]))
+    for _ in range(2):
+        end, last = branch.ends[1], branch.nodes[-1].spot
+        wider = end.reason == "bound" and low[-1] < last.z[-1] < high[-1]
+        if not interrupted and (wider or end.reason in UNFINISHED):
+            walk = Walk(branch.equations, last, low, high, pace, tolerance, step=end.step)
+            branch = _extended(branch, walk, observe, most, until, on_point)
+            interrupted = branch.ends[1].reason == "interrupted"
+        branch = branch.turned()
+    return branch
 
 
-class _Path(NamedTuple):
-    """Points and events of a branch that grows at its last point."""
+def _extended(
+    branch: Branch, walk: Walk, observe: Observe | None, most: int, until: Sequence[str], on_point: Callable | None
+) -> Branch:
+    """Gives a branch with up to `most` further points at its end, and the events among them."""
+    nodes, events = list(branch.nodes), list(branch.events)
+    if branch.ends[1].reason == "bound":  # which is wider now: the last point is no end point any more
+        nodes[-1] = nodes[-1]._replace(label="")
+        events = [event for event in events if not (event.label == "EP" and event.low == walk.spot.z[-1])]
+    limit, search = len(nodes) + most, EventSearch(walk.equations, observe, walk.tolerance)
 
-    nodes: list[Node]
-    events: list[Event]
+    def add(spot: Spot) -> str:
+        last, new = nodes[-1], as_node(spot, observe)
+        between = search.events(last, new)
+        events.extend(between)
+        nodes.extend(event.node for event in between)
+        # the first points are near the start without a return to it
+        closed = len(nodes) > 3 and passes(nodes[0].spot, last.spot, spot)
+        if not closed:
+            nodes.append(new)
+        if on_point is not None:
+            on_point(new)
+        if closed:
+            return "closed"
+        if any(event.label in until for event in between):
+            return "event"
+        return "count" if len(nodes) >= limit and not walk.ended else ""
 
-    def turned(self) -> "_Path":
-        """Gives the path the other way round."""
-        turn = lambda node: node._replace(spot=node.spot._replace(tangent=-node.spot.tangent))
-        back = [e._replace(node=turn(e.node), change=tuple(-c for c in e.change)) for e in reversed(self.events)]
-        return _Path([turn(node) for node in reversed(self.nodes)], back)
-
-    def without_end(self) -> "_Path":
-        """Gives the path without the end point on a bound at its last point."""
-        last = self.nodes[-1]._replace(label="")
-        value = last.spot.z[-1]
-        events = [event for event in self.events if not (event.label == "EP" and event.low == value)]
-        return _Path([*self.nodes[:-1], last], events)
-
-    def end(self, label: str) -> None:
-        """Makes the last point an end point, with its event."""
-        self.nodes[-1] = node = self.nodes[-1]._replace(label=label)
-        value = float(node.spot.z[-1])
-        self.events.append(Event(label, node, value, value, complex(np.nan), label == "EP", ""))
-
-
-def _walk(
-    walk: Walk, path: _Path, observe: Observe | None, most: int, until: Sequence[str], on_point: Callable | None
-) -> str:
-    """Adds up to `most` points and the events among them to a path, and gives the reason why it ends."""
-    start, node, limit = path.nodes[0], path.nodes[-1], len(path.nodes) + most
-    try:
-        while len(path.nodes) < limit:
-            spot = walk.advance()
-            if spot is None:
-                break
-            new = as_node(spot, observe)
-            events = events_between(node, new, walk.equations, observe, walk.tolerance)
-            path.events.extend(events)
-            path.nodes.extend(event.node for event in events)
-            # the first points are near the start without a return to it
-            closed = len(path.nodes) > 3 and passes(start.spot, node.spot, spot)
-            if not closed:
-                path.nodes.append(new)
-            if on_point is not None:
-                on_point(new)
-            if closed:
-                return "closed"
-            if any(event.label in until for event in events):
-                return "event"
-            node = new
-    except KeyboardInterrupt:
-        return "interrupted"
-    if walk.ended:
-        path.end({"bound": "EP", "no convergence": "MX"}[walk.ended])
-    return walk.ended or "count"
-
-
-def first_spot(equations: PeriodicMotions, state: Any, value: Any, *, tolerance: float = 1e-10) -> Spot:
-    """Finds the motion at a parameter's value from a state near it; look at its `residual`."""
-    z = equations.unknowns(state, value)
-    row = jnp.zeros(z.size).at[-1].set(1.0)
-    return jax.device_get(correct(equations, z, row, tolerance=tolerance, iterations=BRANCH_START_ITERATIONS))
+    reason, back = walk.follow(most, add), branch.ends[0]
+    if reason in ("bound", "no convergence"):
+        label, value = "EP" if reason == "bound" else "MX", float(nodes[-1].spot.z[-1])
+        nodes[-1] = nodes[-1]._replace(label=label)
+        events.append(Event(label, nodes[-1], value, value, complex(np.nan), label == "EP", ""))
+    if reason == "closed":
+        back = back._replace(reason="")
+    return Branch(branch.equations, tuple(nodes), tuple(events), (back, End(reason, walk.step)))
 
 
 def switch(branch: Branch, event: Event, *, length: float = 0.05, tolerance: float = 1e-10) -> tuple[Any, Spot]:
@@ -229,32 +197,22 @@ def switch(branch: Branch, event: Event, *, length: float = 0.05, tolerance: flo
     equations, spot = branch.equations, event.node.spot
     if event.label == "PD":
         equations = dataclasses.replace(equations, intervals=2 * equations.intervals)
-        direction = np.append(_eigenvector(np.asarray(spot.extra), -1.0), 0.0)
+        values, vectors = np.linalg.eig(product(np.asarray(spot.matrices)))
+        direction = np.append(vectors[:, np.argmin(np.abs(values + 1))].real, 0.0)
     else:
         direction = _across(equations, spot)
     direction = direction / np.linalg.norm(spot.weights * direction)
     while length > 1e-6:
         guess = spot.z + length * direction
-        new = jax.device_get(correct(equations, guess, spot.weights**2 * direction, spot.z, tolerance=tolerance))
+        new = correct(equations, guess, spot.weights**2 * direction, spot.z, tolerance=tolerance)
         strayed = np.linalg.norm(new.weights * (new.z - guess))
         # a motion that still recurs after half the intervals is one of the old branch
-        left = event.label == "BP" or _missed(branch.equations, new) > SEPARATION * length
+        missed = evaluated(branch.equations, new.z).residual
+        left = event.label == "BP" or np.linalg.norm(new.weights[: missed.size] * missed) > SEPARATION * length
         if new.residual <= tolerance and strayed < 2 * length and left:
             return equations, new
         length /= 2
     raise ValueError(f"Argument `event` must have a branch that leaves it, but none was found at {event.label}.")
-
-
-def _missed(equations: PeriodicMotions, spot: Spot) -> float:
-    """Gives the weighted length of the residual of `equations` at a point."""
-    residual = evaluated(equations, spot.z).residual
-    return float(np.linalg.norm(spot.weights[: residual.size] * residual))
-
-
-def _eigenvector(matrices: np.ndarray, multiplier: float) -> np.ndarray:
-    """Gives the eigenvector of the multiplier nearest to a real number."""
-    values, vectors = np.linalg.eig(product(matrices))
-    return vectors[:, np.argmin(np.abs(values - multiplier))].real
 
 
 def _across(equations: PeriodicMotions, spot: Spot) -> np.ndarray:

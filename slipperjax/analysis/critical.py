@@ -11,7 +11,7 @@ map are needed along one direction only.
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -20,54 +20,48 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import one_of, shown_number
-from ..tools.compile import call_compiled
-from .curves import Curve, check_within, checked_bounds, correct, evaluated, follow_curve
+from ..tools.compile import call_compiled, is_transformed
+from .curves import Curve, bounds_of_unknowns, check_within, correct, evaluated, follow_curve
 from .floquet import product, solve
-from .newton import AbstractEquations, Evaluation, newton, without_derivatives
+from .newton import AbstractEquations, Linearisation, newton, without_derivatives
 from .shooting import PeriodicMotions
 
 CRITICAL_MULTIPLIERS = {"LP": 1.0, "PD": -1.0, "NS": None}
 """The critical multiplier by label; None for a pair of unknown angle."""
-RENEWALS = 3
-"""Solutions with renewed borders before Newton's method begins."""
+BORDER_UPDATES = 3
+"""Updates of the borders before Newton's method begins."""
 CURVE_START_ITERATIONS = 20
 """Newton iterations for the first point of a curve."""
 
 
-class NullVectors(NamedTuple):
-    """Null vectors of a critical motion, with the Jacobians that they belong to."""
-
-    matrices: Float[Array, "intervals size size"]
-    left: Array
-    """Null vectors of P_x - mu from the left and the right, of weighted length one."""
-    right: Array
-
-
 class CriticalMotions(AbstractEquations):
-    """Periodic motions with a critical multiplier. The unknowns are state, parameters, and for "NS" its angle."""
+    """Periodic motions with a critical multiplier. The unknowns are state, parameters, and for "NS" its angle.
+
+    The null vectors of its linearisations are those of P_x - mu from the left and the right, of weighted length one.
+    """
 
     motions: PeriodicMotions
     left: Array
-    """Borders, near the null vectors of `NullVectors`, of shape (size,)."""
+    """Borders, near the null vectors, of shape (size,)."""
     right: Array
     label: str = eqx.field(static=True)
     """One of `CRITICAL_MULTIPLIERS`."""
     sharpness: Any = 1.0
     """Weight of the equations for the multiplier in the residual: less than one where the map's derivatives are
     rough."""
-    ease: Any = 0.0
+    relaxed: Any = 0.0
     """Tolerance of these equations where a curve finds no other way on."""
     missed: Any = 0.0
     """Tolerance of these equations here: within it, Newton's method corrects the motion alone. Where the map's
     derivatives jump there may be no motion on which the equations vanish, and iterations go to and fro."""
 
     @classmethod
-    def of(cls, motions: PeriodicMotions, label: str, sharpness: Any = 1.0, ease: Any = 0.0) -> "CriticalMotions":
-        """Makes them with arbitrary borders; those of evaluations are better, see `renewed`."""
+    def of(cls, motions: PeriodicMotions, label: str, sharpness: Any = 1.0, relaxed: Any = 0.0) -> "CriticalMotions":
+        """Makes them with arbitrary borders; those of evaluations are better, see `update`."""
         dtype = complex if CRITICAL_MULTIPLIERS[label] is None else float
         one = jnp.asarray(np.random.default_rng(0).standard_normal(motions.size), dtype)
-        sharpness, ease = jnp.asarray(sharpness, float), jnp.asarray(ease, float)
-        return cls(motions, one, one, label, sharpness, ease, jnp.zeros(()))
+        tolerances = jnp.asarray(sharpness, float), jnp.asarray(relaxed, float), jnp.zeros(())
+        return cls(motions, one, one, label, *tolerances)
 
     @property
     def angled(self) -> bool:
@@ -83,10 +77,10 @@ class CriticalMotions(AbstractEquations):
         """Gives the critical multiplier."""
         return jnp.exp(1j * z[-1]) if self.angled else jnp.asarray(CRITICAL_MULTIPLIERS[self.label])
 
-    def evaluate(self, z: Array) -> Evaluation:
+    def evaluate(self, z: Array) -> Linearisation:
         of, mu, scale = self._of_motion(z), self.multiplier(z), self._scale(z)
         motion = self.motions.evaluate(of)
-        v, w, g = self._null(product(motion.extra), mu, scale)
+        v, w, g = self._null(product(motion.matrices), mu, scale)
         along = lambda t: jax.jvp(lambda of: self._pushed(of, v / scale), (of,), (t,))[1]
         slope = -jax.vmap(along)(jnp.eye(of.size)) @ jnp.conj(w * scale)
         jacobian = motion.jacobian
@@ -95,16 +89,17 @@ class CriticalMotions(AbstractEquations):
             jacobian = jnp.concatenate([jacobian, jnp.zeros((self.size, 1))], axis=1)
         unit = lambda a: a / jnp.linalg.norm(a)
         g = jnp.where(jnp.abs(g) <= self.missed, 0.0, g)
-        return Evaluation(
+        return Linearisation(
             jnp.concatenate([motion.residual, self._parts(g)]),
             jnp.concatenate([jacobian, self._parts(slope)]),
-            NullVectors(motion.extra, unit(w), unit(v)),
+            motion.matrices,
+            (unit(w), unit(v)),
         )
 
-    def defect(self, z: Array, now: NullVectors) -> Array:
+    def defect(self, z: Array, null_vectors: tuple[Array, Array]) -> Array:
         """Computes the residual for fixed null vectors. Its derivatives are those of the exact equations. Pure."""
         of, scale, mu = self._of_motion(z), self._scale(z), self.multiplier(z)
-        left, right = jax.lax.stop_gradient((now.left, now.right))
+        left, right = jax.lax.stop_gradient(null_vectors)
         miss = jnp.vdot(left * scale, self._pushed(of, right / scale) - mu * right / scale)
         factor = jnp.vdot(left, self.left) * jnp.vdot(self.right, right)  # of w and v over their lengths
         return jnp.concatenate([self.motions.mapped(of) - of[: self.size], self._parts(-miss / factor)])
@@ -114,19 +109,18 @@ class CriticalMotions(AbstractEquations):
         more = 2 if self.angled else 1
         return jnp.append(rows, jnp.full(more, self.sharpness)), jnp.append(columns, jnp.zeros(more - 1))
 
-    def settled(self, z: Array, before: Array, residual: Array) -> Array:
-        of = self.motions.settled(self._of_motion(z), self._of_motion(before), residual[: self.size])
+    def project(self, z: Array, before: Array, residual: Array) -> Array:
+        of = self.motions.project(self._of_motion(z), self._of_motion(before), residual[: self.size])
         return jnp.append(of, z[-1]) if self.angled else of
 
-    def eased(self) -> "CriticalMotions | None":
-        """Gives the equations with a tolerance of `ease` for the multiplier."""
-        if float(self.ease) <= float(self.missed):
-            return None
-        return dataclasses.replace(self, missed=self.ease)
+    def relax(self) -> "CriticalMotions | None":
+        """Gives the equations with a tolerance of `relaxed` for the multiplier."""
+        return dataclasses.replace(self, missed=self.relaxed) if float(self.relaxed) > float(self.missed) else None
 
-    def renewed(self, extra: NullVectors) -> "CriticalMotions":
+    def update(self, z: Any, null_vectors: tuple[Any, Any]) -> "CriticalMotions":
         """Gives the equations with the null vectors of a point as borders."""
-        return dataclasses.replace(self, left=jnp.asarray(extra.left), right=jnp.asarray(extra.right))
+        left, right = map(jnp.asarray, null_vectors)
+        return dataclasses.replace(self, left=left, right=right)
 
     def _of_motion(self, z: Array) -> Array:
         """Gives the unknowns of the motion's equations."""
@@ -194,27 +188,21 @@ def critical_motion(
     one_of("label", label, tuple(CRITICAL_MULTIPLIERS))
     z = motions.unknowns(state, value, *([angle] if CRITICAL_MULTIPLIERS[label] is None else []))
     limits = jnp.asarray(float(tolerance)), jnp.asarray(max_iterations)
-    z, residual, count, matrices, mu = call_compiled(_critical, motions, (label,), z, limits)
+    z, residual, count, matrices, mu = call_compiled(_critical, motions, (label, is_transformed()), z, limits)
     return CriticalMotion(motions.state(z), motions.values(z)[0], mu, residual, count, matrices)
 
 
 def _critical(exact: PeriodicMotions, static: tuple, z: Array, limits: tuple) -> tuple:
-    tolerance, most = limits
-    begin = CriticalMotions.of(without_derivatives(exact), *static)
-    options = dict(tolerance=tolerance, iterations=most, renewals=RENEWALS)
+    (label, differentiable), (tolerance, most) = static, limits
+    begin = CriticalMotions.of(without_derivatives(exact), label)
+    options = dict(tolerance=tolerance, iterations=most, updates=BORDER_UPDATES)
     root = newton(begin, jax.lax.stop_gradient(z), **options)
-    now, equations = root.evaluation, root.equations
-    # one more step, with the derivatives of the exact solution
-    miss = dataclasses.replace(equations, motions=exact).defect(root.z, now.extra)
-    z = root.z - solve(now.jacobian, miss - jax.lax.stop_gradient(miss))
-    return z, root.residual, root.iterations, now.extra.matrices, equations.multiplier(z)
-
-
-class ConditionPoint(NamedTuple):
-    """A motion with a condition: the Jacobians of its intervals, and the unknowns."""
-
-    matrices: Float[Array, "intervals size size"]
-    z: Array
+    z, now, equations = root.z, root.linearisation, root.equations
+    if differentiable:
+        # one more step, of no length, with the derivatives of the exact solution
+        miss = dataclasses.replace(equations, motions=exact).defect(z, now.null_vectors)
+        z = z - solve(now.jacobian, miss - jax.lax.stop_gradient(miss))
+    return z, root.residual, root.iterations, now.matrices, equations.multiplier(z)
 
 
 class ConditionedMotions(AbstractEquations):
@@ -223,36 +211,33 @@ class ConditionedMotions(AbstractEquations):
     motions: PeriodicMotions
     condition: Callable[..., Array]
     """`condition(state, *values)`: a number, differentiable; a pytree as `PeriodicMotions.family`. Where it has a
-    method `renewed(state, *values)`, that gives the condition for the neighbourhood of a point of the curve."""
+    method `update(state, *values)`, that gives the condition for the neighbourhood of a point of the curve."""
     unit: Any
     """Value of the condition that counts as one."""
 
-    def evaluate(self, z: Array) -> Evaluation:
+    def evaluate(self, z: Array) -> Linearisation:
         motion = self.motions.evaluate(z)
         condition = lambda z: self.condition(self.motions.state(z), *self.motions.values(z)) / self.unit
         value, slope = jax.vmap(lambda t: jax.jvp(condition, (z,), (t,)), out_axes=(None, 0))(jnp.eye(z.size))
-        return Evaluation(
-            jnp.append(motion.residual, value),
-            jnp.concatenate([motion.jacobian, slope[None]]),
-            ConditionPoint(motion.extra, z),
-        )
+        jacobian = jnp.concatenate([motion.jacobian, slope[None]])
+        return motion._replace(residual=jnp.append(motion.residual, value), jacobian=jacobian)
 
     def weights(self, z: Array) -> tuple[Array, Array]:
         rows, columns = self.motions.weights(z)
         return jnp.append(rows, 1.0), columns
 
-    def settled(self, z: Array, before: Array, residual: Array) -> Array:
-        return self.motions.settled(z, before, residual)
+    def project(self, z: Array, before: Array, residual: Array) -> Array:
+        return self.motions.project(z, before, residual)
 
-    def renewed(self, extra: ConditionPoint) -> "ConditionedMotions":
-        if not hasattr(self.condition, "renewed"):
+    def update(self, z: Any, null_vectors: Any) -> "ConditionedMotions":
+        if not hasattr(self.condition, "update"):
             return self
-        return dataclasses.replace(self, condition=call_compiled(_renewed, self, (), jnp.asarray(extra.z)))
+        return dataclasses.replace(self, condition=call_compiled(_updated, self, (), jnp.asarray(z)))
 
 
-def _renewed(equations: ConditionedMotions, static: tuple, z: Array) -> Any:
+def _updated(equations: ConditionedMotions, static: tuple, z: Array) -> Any:
     motions = equations.motions
-    return equations.condition.renewed(motions.state(z), *motions.values(z))  # type: ignore[attr-defined]
+    return equations.condition.update(motions.state(z), *motions.values(z))  # type: ignore[attr-defined]
 
 
 def continue_critical(
@@ -273,21 +258,20 @@ def continue_critical(
 
     **Raises:** `ValueError` where there is no such motion near the start, or the bounds do not hold it.
     """
-    limits, motions = [checked_bounds(pair) for pair in bounds], equations.motions
-    angled = isinstance(equations, CriticalMotions) and equations.angled
-    z = motions.unknowns(state, *values, *([angle] if angled else []))
-    if isinstance(equations, CriticalMotions):
-        for _ in range(RENEWALS):
-            equations = equations.renewed(evaluated(equations, z).extra)
+    motions, critical = equations.motions, isinstance(equations, CriticalMotions)
+    angles = [angle] if isinstance(equations, CriticalMotions) and equations.angled else []
+    low, high = bounds_of_unknowns(motions.size, *bounds, *[(-np.inf, np.inf) for _ in angles])
+    z = motions.unknowns(state, *values, *angles)
+    for _ in range(BORDER_UPDATES if critical else 0):
+        equations = equations.update(z, evaluated(equations, z).null_vectors)
     row = jnp.zeros(z.size).at[motions.size + 1].set(1.0)
-    first = jax.device_get(correct(equations, z, row, tolerance=tolerance, iterations=CURVE_START_ITERATIONS))
+    first = correct(equations, z, row, tolerance=tolerance, iterations=CURVE_START_ITERATIONS)
     if not first.residual <= tolerance:
         raise ValueError(
             f"Argument `state` must be near a motion of the curve, but Newton's method ended with a residual of "
             f"{shown_number(first.residual)}."
         )
-    low, high = (np.full(z.size, side * np.inf) for side in (-1, 1))
-    for index, pair in enumerate(limits, start=motions.size):
-        check_within("values", first.z[index], pair)
-        low[index], high[index] = pair
-    return follow_curve(equations.renewed(first.extra), first, low, high, tolerance=tolerance, **options)
+    for index in (motions.size, motions.size + 1):
+        check_within("values", first.z[index], (low[index], high[index]))
+    equations = equations.update(first.z, first.null_vectors)
+    return follow_curve(equations, first, low, high, tolerance=tolerance, **options)

@@ -5,7 +5,7 @@ tangent, corrects by Newton's method in the plane across it, and adapts its step
 1977; Allgower and Georg, Introduction to Numerical Continuation Methods, doi:10.1137/1.9780898719154).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ from jaxtyping import Array, Float, Int
 from ..tools.checks import require, shown_number
 from ..tools.compile import call_compiled
 from .floquet import solve
-from .newton import AbstractEquations, Evaluation, newton
+from .newton import AbstractEquations, Linearisation, newton
 
 CORRECTOR_ITERATIONS = 8
 """Newton iterations after which a correction counts as failed."""
@@ -32,8 +32,8 @@ LEAST_ARCH = 0.995
 where a step ends on a branch point, whose tangent is undetermined."""
 RETURN_DISTANCE = 0.1
 """Greatest distance from the start at which a curve counts as closed, over the step."""
-MOST_EASED = 8
-"""Points in a row that may solve eased equations only, see `AbstractEquations.eased`."""
+MOST_RELAXED = 8
+"""Points in a row that may solve relaxed equations only, see `AbstractEquations.relax`."""
 STRAY_SHARE = 0.5
 """Greatest distance of a corrected point from the predicted one, over the step."""
 CORNER_SHARE = 10.0
@@ -47,17 +47,17 @@ class _OnPlane(AbstractEquations):
     row: Array
     target: Array
 
-    def evaluate(self, z: Array) -> Evaluation:
+    def evaluate(self, z: Array) -> Linearisation:
         now = self.equations.evaluate(z)
         jacobian = jnp.concatenate([now.jacobian, self.row[None]])
-        return Evaluation(jnp.append(now.residual, self.row @ z - self.target), jacobian, now.extra)
+        return now._replace(residual=jnp.append(now.residual, self.row @ z - self.target), jacobian=jacobian)
 
     def weights(self, z: Array) -> tuple[Array, Array]:
         rows, columns = self.equations.weights(z)
         return jnp.append(rows, 0.0), columns
 
-    def settled(self, z: Array, before: Array, residual: Array) -> Array:
-        return self.equations.settled(z, before, residual[:-1])
+    def project(self, z: Array, before: Array, residual: Array) -> Array:
+        return self.equations.project(z, before, residual[:-1])
 
 
 class Spot(NamedTuple):
@@ -71,7 +71,9 @@ class Spot(NamedTuple):
     residual: Float[Array | np.ndarray, ""]
     """Greatest weighted component of the residual; infinite where that is not finite."""
     iterations: Int[Array | np.ndarray, ""]
-    extra: Any
+    matrices: Any = None
+    """As `null_vectors`, those of the `Linearisation` there."""
+    null_vectors: Any = None
 
     @property
     def row(self) -> Float[Array | np.ndarray, " more"]:
@@ -88,35 +90,35 @@ def correct(
     tolerance: float = 1e-10,
     iterations: int = CORRECTOR_ITERATIONS,
 ) -> Spot:
-    """Finds the curve's point on the plane through `z` across `row`, by Newton's method. Pure.
+    """Finds the curve's point on the plane through `z` across `row`, by Newton's method; in arrays of NumPy.
 
     **Arguments:** `z`, `row`: of shape (more,); the tangent of the result points to the side that `row` points to.
     `near`: a point of the curve that `z` was predicted from, if any. `tolerance`: residual at which the iteration
     ends; `iterations`: it ends then in any case.
     """
-    z, row = jnp.asarray(z), jnp.asarray(row)
-    near = z if near is None else jnp.asarray(near)
+    arrays = (jnp.asarray(a) for a in (z, row, z if near is None else near))
     limits = jnp.asarray(float(tolerance)), jnp.asarray(iterations)
-    return call_compiled(_correct, equations, (), z, row, near, limits)
+    return jax.device_get(call_compiled(_correct, equations, (), *arrays, limits))
 
 
 def _correct(equations: AbstractEquations, static: tuple, z: Array, row: Array, near: Array, limits: tuple) -> Spot:
     tolerance, most = limits
     row = row / jnp.sqrt(jnp.sum(row**2))
-    first = equations.settled(z, near, jnp.zeros(z.size - 1))
+    first = equations.project(z, near, jnp.zeros(z.size - 1))
     root = newton(_OnPlane(equations, row, row @ z), first, tolerance=tolerance, iterations=most)
-    tangent = solve(root.evaluation.jacobian, jnp.zeros(z.size).at[-1].set(1.0))
+    now = root.linearisation
+    tangent = solve(now.jacobian, jnp.zeros(z.size).at[-1].set(1.0))
     weights = equations.weights(root.z)[1]
     tangent = tangent / jnp.sqrt(jnp.sum((weights * tangent) ** 2))
-    return Spot(root.z, tangent, weights, root.residual, root.iterations, root.evaluation.extra)
+    return Spot(root.z, tangent, weights, root.residual, root.iterations, now.matrices, now.null_vectors)
 
 
-def evaluated(equations: AbstractEquations, z: Any) -> Evaluation:
-    """Gives `equations.evaluate(z)`, compiled."""
+def evaluated(equations: AbstractEquations, z: Any) -> Linearisation:
+    """Gives `equations.evaluate(z)`, compiled, in arrays of NumPy."""
     return jax.device_get(call_compiled(_evaluated, equations, (), jnp.asarray(z)))
 
 
-def _evaluated(equations: AbstractEquations, static: tuple, z: Array) -> Evaluation:
+def _evaluated(equations: AbstractEquations, static: tuple, z: Array) -> Linearisation:
     return equations.evaluate(z)
 
 
@@ -130,14 +132,11 @@ class Pace:
 
 
 class Walk:
-    """Walk along a curve, point by point, with steps that adapt."""
+    """Walk along a curve, point by point, with steps that adapt.
 
-    spot: Spot
-    """The last point."""
-    step: float
-    """The step to be tried next."""
-    ended: str
-    """Why there is no next point: "bound" or "no convergence"; empty while there may be one."""
+    `spot` is its last point, `step` what is to be tried next, and `ended` says why there is no next point: "bound" or
+    "no convergence"; it is empty while there may be one.
+    """
 
     def __init__(
         self,
@@ -145,7 +144,7 @@ class Walk:
         start: Spot,
         low: Any,
         high: Any,
-        pace: Pace,
+        pace: Pace = Pace(),
         tolerance: float = 1e-10,
         *,
         step: float | None = None,
@@ -157,26 +156,39 @@ class Walk:
         are rough."""
         self.equations, self.pace, self.tolerance = equations, pace, tolerance
         self.low, self.high = np.asarray(low, float), np.asarray(high, float)
-        self.spot, self.step, self.ended = start, pace.first if step is None else step, ""
-        self.secant = secant
+        self.spot, self.step, self.ended, self.secant = start, step or self.pace.first, "", secant
+        # the equations proper, while relaxed ones are tried, and points in a row that were found by these
         self.strict: AbstractEquations | None = None
-        """The equations proper, while eased ones are tried."""
-        self.eased = 0
-        """Points in a row that were found by eased equations."""
+        self.relaxed = 0
+
+    def follow(self, most: int, add: Callable[[Spot], str]) -> str:
+        """Walks on for up to `most` points, and gives the reason why it ends, see `Curve`.
+
+        **Arguments:** `add`: takes each point, and gives a reason why the walk is to end there, or an empty text.
+        """
+        try:
+            for _ in range(most):
+                if (spot := self.advance()) is None:
+                    return self.ended
+                if reason := add(spot):
+                    return reason
+        except KeyboardInterrupt:
+            return "interrupted"
+        return self.ended or "count"
 
     def advance(self) -> Spot | None:
         """Gives the next point, or None where the walk has ended. The last one lies on the bound that it meets."""
         while not self.ended:
             before, step = self.spot, self.step
             guess = before.z + step * before.tangent
-            spot = self._corrected(guess, before.row)
+            spot = correct(self.equations, guess, before.row, before.z, tolerance=self.tolerance)
             if not self._good(spot, guess, step):
                 self.step = step / 2
                 if self.step < self.pace.least:
-                    self._ease()
+                    self._relax()
                 continue
-            self.eased = 0 if self.strict is None else self.eased + 1
-            if self.strict is not None:  # one point of eased equations is enough to pass an obstacle
+            self.relaxed = 0 if self.strict is None else self.relaxed + 1
+            if self.strict is not None:  # one point of relaxed equations is enough to pass an obstacle
                 self.equations, self.strict = self.strict, None
             if spot.iterations <= EASY_ITERATIONS:
                 self.step = min(step * STEP_FACTOR, self.pace.most)
@@ -193,28 +205,24 @@ class Walk:
             self.ended = "bound"
             return None
         if np.any(beyond):
-            at_bound = self._at_bound(spot)
-            self.ended = "no convergence" if at_bound is None else "bound"
-            if at_bound is None:
+            spot = self._at_bound(spot)
+            if not spot.residual <= self.tolerance:
+                self.ended = "no convergence"
                 return None
-            spot = at_bound
+            self.ended = "bound"
         if self.secant:
             chord = spot.z - before.z
             spot = spot._replace(tangent=chord / np.linalg.norm(spot.weights * chord))
-        self.spot, self.equations = spot, self.equations.renewed(spot.extra)
+        self.spot, self.equations = spot, self.equations.update(spot.z, spot.null_vectors)
         return spot
 
-    def _ease(self) -> None:
+    def _relax(self) -> None:
         """Tries the equations that accept more, if there are any, and ends the way otherwise."""
-        eased = None if self.strict is not None or self.eased >= MOST_EASED else self.equations.eased()
-        if eased is None:
+        relaxed = None if self.strict is not None or self.relaxed >= MOST_RELAXED else self.equations.relax()
+        if relaxed is None:
             self.ended = "no convergence"
         else:
-            self.equations, self.strict, self.step = eased, self.equations, self.pace.first
-
-    def _corrected(self, guess: Any, row: Any, near: Any = None) -> Spot:
-        near = self.spot.z if near is None else near
-        return jax.device_get(correct(self.equations, guess, row, near, tolerance=self.tolerance))
+            self.equations, self.strict, self.step = relaxed, self.equations, self.pace.first
 
     def _good(self, spot: Spot, guess: np.ndarray, step: float) -> bool:
         """Tells whether a corrected point is the next one of the curve, and not one of another part of it."""
@@ -224,14 +232,14 @@ class Walk:
         if step < 2 * self.pace.least:
             return bool(strayed < CORNER_SHARE * step)
         if self.secant:
-            # eased equations end beside the curve, and the next point is on it again
-            return bool(strayed < (max(STRAY_SHARE * step, self.pace.first) if self.eased else STRAY_SHARE * step))
+            # relaxed equations end beside the curve, and the next point is on it again
+            return bool(strayed < max(STRAY_SHARE * step, self.pace.first if self.relaxed else 0.0))
         chord, mean = (spot.weights * a for a in (spot.z - self.spot.z, spot.tangent + self.spot.tangent))
         arched = chord @ mean > LEAST_ARCH * np.linalg.norm(chord) * np.linalg.norm(mean)
         return bool(spot.row @ self.spot.tangent > LEAST_TURN and strayed < STRAY_SHARE * step and arched)
 
-    def _at_bound(self, beyond: Spot) -> Spot | None:
-        """Finds the curve's point on the first bound before a point beyond; None where it does not converge."""
+    def _at_bound(self, beyond: Spot) -> Spot:
+        """Finds the curve's point on the first bound before a point beyond; look at its `residual`."""
         edges, chord = np.clip(beyond.z, self.low, self.high), beyond.z - self.spot.z
         with np.errstate(divide="ignore", invalid="ignore"):
             shares = np.where(edges == beyond.z, np.inf, (edges - self.spot.z) / chord)
@@ -240,17 +248,16 @@ class Walk:
         row[k] = np.sign(chord[k])
         guess = self.spot.z + shares[k] * chord
         guess[k] = edges[k]
-        spot = self._corrected(guess, row, beyond.z)
-        return spot if spot.residual <= self.tolerance else None
+        return correct(self.equations, guess, row, beyond.z, tolerance=self.tolerance)
 
 
-def checked_bounds(bounds: Any) -> tuple[float, float]:
+def checked_bounds(bounds: Any, text: str = "numbers") -> tuple[float, float]:
     """Gives two numbers, the smaller first, infinite where there is no bound; raises `ValueError` otherwise."""
     try:
         low, high = (float(bound) for bound in bounds)
     except (TypeError, ValueError):
         low, high = np.nan, np.nan
-    require(low < high, "bounds", "be two numbers, the smaller first", bounds)
+    require(low < high, "bounds", f"be two {text}, the smaller first", bounds)
     return low, high
 
 
@@ -263,12 +270,10 @@ def check_within(name: str, value: Any, bounds: tuple[float, float]) -> None:
         )
 
 
-def between(equations: AbstractEquations, one: Spot, other: Spot, share: float, tolerance: float = 1e-10) -> Spot:
-    """Finds the curve's point between two near ones, in the plane across their chord at a share of it."""
-    chord = other.z - one.z
-    near = one if share < 0.5 else other
-    spot = correct(equations, one.z + share * chord, near.weights**2 * chord, near.z, tolerance=tolerance)
-    return jax.device_get(spot)
+def bounds_of_unknowns(size: int, *bounds: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Gives lower and upper bounds of all unknowns: those of parameters, checked, after `size` without bounds."""
+    low, high = zip(*[(-np.inf, np.inf)] * size, *map(checked_bounds, bounds), strict=True)
+    return np.array(low), np.array(high)
 
 
 def passes(start: Spot, one: Spot, other: Spot) -> bool:
@@ -293,38 +298,29 @@ def follow_curve(
     low: Any,
     high: Any,
     *,
-    ways: Sequence[int] = (1, -1),
-    pace: Pace | None = None,
     points: int = 400,
-    tolerance: float = 1e-10,
-    secant: bool = False,
     on_point: Callable[[Spot], Any] | None = None,
+    **options: Any,
 ) -> Curve:
-    """Follows the curve through a point both ways: 1 is that of its tangent.
+    """Follows the curve through a point both ways, first that of its tangent.
 
-    **Arguments:** `low`, `high`, `secant`: see `Walk`; `points`: most points of each way; `on_point`: is called with
-    each point, for progress.
+    **Arguments:** `low`, `high`: see `Walk`; `points`: most points of each way; `on_point`: is called with each
+    point, for progress; `options`: `pace`, `tolerance` and `secant` of `Walk`.
 
     **Returns:** a `Curve`; after Ctrl-C its part until then.
     """
-    parts: dict[int, list[Spot]] = {1: [], -1: []}
-    ends = {1: "", -1: ""}
-    for way in ways:
-        first = start._replace(tangent=way * start.tangent)
-        walk = Walk(equations, first, low, high, Pace() if pace is None else pace, tolerance, secant=secant)
-        spots = parts[way]
-        try:
-            while len(spots) < points and (spot := walk.advance()) is not None:
-                before = spots[-1] if spots else first
-                spots.append(spot)
-                if on_point is not None:
-                    on_point(spot)
-                if len(spots) > 2 and passes(first, before, spot):
-                    walk.ended = "closed"
-        except KeyboardInterrupt:
-            walk.ended = "interrupted"
-        ends[way] = walk.ended or "count"
-        if ends[way] in ("closed", "interrupted"):
+    spots, ends = [start], ["", ""]
+
+    def add(spot: Spot) -> str:
+        spots.append(spot)
+        if on_point is not None:
+            on_point(spot)
+        return "closed" if len(spots) > 3 and passes(spots[0], *spots[-2:]) else ""
+
+    # ahead from the last point, then turned around and ahead once more
+    for way in (1, 0):
+        ends[way] = Walk(equations, spots[-1], low, high, **options).follow(points, add)
+        if way and ends[way] in ("closed", "interrupted"):
             break
-    back = [spot._replace(tangent=-spot.tangent) for spot in reversed(parts[-1])]
-    return Curve((*back, start, *parts[1]), (ends[-1], ends[1]))
+        spots[:] = [spot._replace(tangent=-spot.tangent) for spot in reversed(spots)]
+    return Curve(tuple(spots), (ends[0], ends[1]))

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Complex
 
-from .curves import Spot, between, evaluated
+from .curves import Spot, correct, evaluated
 from .floquet import multipliers
 from .newton import AbstractEquations, weighted_size
 
@@ -92,7 +92,7 @@ class Event(NamedTuple):
 def as_node(spot: Spot, observe: Observe | None) -> Node:
     """Makes a node with the multipliers and the observation of a point."""
     view = Observation() if observe is None else observe(spot)
-    return Node(spot, np.asarray(multipliers(np.asarray(spot.extra))), view)
+    return Node(spot, np.asarray(multipliers(np.asarray(spot.matrices))), view)
 
 
 def changes(one: Node, other: Node) -> list[str]:
@@ -114,40 +114,33 @@ def changes(one: Node, other: Node) -> list[str]:
     return labels + ["PD", "PD"] * flips + ["BP", "BP"] * folds + ["NS"] * (pairs - flips - folds)
 
 
-def events_between(
-    one: Node, other: Node, equations: AbstractEquations, observe: Observe | None, tolerance: float
-) -> list[Event]:
-    """Locates the events between two consecutive points of a branch, in their order."""
-    return _Search(equations, observe, tolerance).events(one, other, 1.0)
-
-
 class _Lost(Exception):
     """There is no point of the branch between two of its points."""
 
 
-class _Search(NamedTuple):
-    """The search for events between points of a branch."""
+class EventSearch(NamedTuple):
+    """Search for events between points of a branch."""
 
     equations: AbstractEquations
     observe: Observe | None
     tolerance: float
 
     def at(self, share: float, a: Node, b: Node) -> Node | None:
-        """Gives the branch's point at a share of the way from a to b; None where none is found nearby."""
-        spot = between(self.equations, a.spot, b.spot, share, self.tolerance * POLISH)
-        chord = np.linalg.norm(spot.weights * (b.spot.z - a.spot.z))
-        strayed = np.linalg.norm(spot.weights * (spot.z - a.spot.z - share * (b.spot.z - a.spot.z)))
-        return as_node(spot, self.observe) if spot.residual <= self.tolerance and strayed <= chord else None
+        """Gives the branch's point in the plane across the chord at a share of the way from a to b.
 
-    def placed(self, node: Node, z: np.ndarray, tangent: np.ndarray) -> Node:
-        """Gives a node like another one at interpolated unknowns, without Newton's method."""
-        now = evaluated(self.equations, z)
-        size = weighted_size(now.residual, self.equations.weights(jnp.asarray(z))[0])
-        spot = node.spot._replace(z=z, tangent=tangent, residual=np.asarray(size), extra=now.extra)
-        return as_node(spot, self.observe)
+        None where none is found nearby.
+        """
+        chord, near = b.spot.z - a.spot.z, a.spot if share < 0.5 else b.spot
+        guess, row = a.spot.z + share * chord, near.weights**2 * chord
+        spot = correct(self.equations, guess, row, near.z, tolerance=self.tolerance * POLISH)
+        length, strayed = (np.linalg.norm(spot.weights * way) for way in (chord, spot.z - guess))
+        return as_node(spot, self.observe) if spot.residual <= self.tolerance and strayed <= length else None
 
-    def events(self, a: Node, b: Node, width: float) -> list[Event]:
-        """Locates the events between a and b, `width` of the step apart: halves it until each is alone."""
+    def events(self, a: Node, b: Node, width: float = 1.0) -> list[Event]:
+        """Locates the events between a and b in their order: halves the step until each is alone.
+
+        **Arguments:** `width`: share of the step between two consecutive points of the branch.
+        """
         labels = changes(a, b)
         if not labels:
             return []
@@ -167,11 +160,16 @@ class _Search(NamedTuple):
             return [_inseparable(labels, a, b, width)]
         return self.events(a, middle, width / 2) + self.events(middle, b, width / 2)
 
-    def located(self, label: str, a: Node, b: Node) -> Event:
-        """Locates a fold, flip or Neimark-Sacker by the sign of its test function."""
+    def bracketed(
+        self, test: Callable[[Node], float], a: Node, b: Node, xtol: float
+    ) -> tuple[dict[float, Node], float | None]:
+        """Looks for a zero of `test` between a and b by Brent's method.
+
+        **Returns:** the points on the way, by their share of it, and the zero's share, None where it is not found.
+        """
         from scipy.optimize import brentq  # here, because importing it takes time that most runs need not spend
 
-        test, nodes = _test(label, a, b), {0.0: a, 1.0: b}  # nodes by share of the way
+        nodes = {0.0: a, 1.0: b}
 
         def value(share: float) -> float:
             if share not in nodes:
@@ -182,12 +180,20 @@ class _Search(NamedTuple):
             return test(nodes[share])
 
         try:
-            # where the test jumps, the bracket may still be wide at the end: `converged` tells
-            options: dict[str, Any] = dict(xtol=NARROWEST / 100, rtol=1e-14, maxiter=60, full_output=True, disp=False)
+            # where the test jumps, the bracket may still be wide at the end
+            options: dict[str, Any] = dict(xtol=xtol, rtol=1e-14, maxiter=60, full_output=True, disp=False)
             root = cast(float, brentq(value, 0.0, 1.0, **options)[0])
             for share in (root, max(root - BRACKET, 0.0), min(root + BRACKET, 1.0)):
                 value(share)
         except (_Lost, ValueError):
+            return nodes, None
+        return nodes, root
+
+    def located(self, label: str, a: Node, b: Node) -> Event:
+        """Locates a fold, flip or Neimark-Sacker by the sign of its test function."""
+        test = _test(label, a, b)
+        nodes, root = self.bracketed(test, a, b, NARROWEST / 100)
+        if root is None:
             root = min(nodes, key=lambda share: abs(test(nodes[share])))
         positive = {share: test(node) > 0 for share, node in nodes.items()}
         low = max((s for s in nodes if positive[s] == positive[0.0] and s <= root), default=0.0)
@@ -222,36 +228,31 @@ class _Search(NamedTuple):
             return None
         unknowns, tangents = (np.array([getattr(node.spot, name) for node in nodes]) for name in ("z", "tangent"))
         z, fewer = _polynomials(tests, unknowns)[0], _polynomials(tests[1:-1], unknowns[1:-1])[0]
-        node = self.placed(nodes[len(nodes) // 2], z, _polynomials(tests, tangents)[0])._replace(label="BP")
+        # the point there without Newton's method
+        now = evaluated(self.equations, z)
+        size = np.asarray(weighted_size(now.residual, self.equations.weights(jnp.asarray(z))[0]))
+        tangent = _polynomials(tests, tangents)[0]
+        spot = nodes[len(nodes) // 2].spot._replace(z=z, tangent=tangent, residual=size, matrices=now.matrices)
+        node = as_node(spot, self.observe)._replace(label="BP")
         error = float(abs(z[-1] - fewer[-1]))
-        critical = _critical("BP", node, index)
-        return Event("BP", node, float(z[-1] - error), float(z[-1] + error), critical, True, "")
+        return Event("BP", node, float(z[-1] - error), float(z[-1] + error), _critical("BP", node, index), True, "")
 
     def grazing(self, a: Node, b: Node) -> Event | None:
         """Locates a single grazing; None where there are several, or other events near it."""
-        from scipy.optimize import brentq
-
         kinds = [k for k, (m, n) in enumerate(zip(a.view.counts, b.view.counts, strict=True)) if m != n]
-        nodes = {0.0: a, 1.0: b}  # by share of the way
+        before = lambda node: node.view.counts == a.view.counts
 
-        def value(share: float) -> float:
-            if share not in nodes:
-                node = self.at(share, a, b)
-                if node is None or (node.view.counts != b.view.counts and changes(a, node)):
-                    raise _Lost
-                nodes[share] = node
+        def test(node: Node) -> float:
+            if not before(node) and node.view.counts != b.view.counts and changes(a, node):
+                raise _Lost
             # the margin has no sign: that is whether the counts are still those of a
-            sign = 1.0 if nodes[share].view.counts == a.view.counts else -1.0
-            return sign * min(nodes[share].view.margins[k] for k in kinds)
+            return (1.0 if before(node) else -1.0) * min(node.view.margins[k] for k in kinds)
 
-        try:
-            brentq(value, 0.0, 1.0, xtol=NARROWEST, rtol=1e-14, maxiter=60, disp=False)
-            before = max(share for share in nodes if value(share) > 0)
-            value(before + BRACKET)
-        except (_Lost, ValueError):
+        nodes, root = self.bracketed(test, a, b, NARROWEST)
+        if root is None:
             return None
-        low = max(share for share in nodes if value(share) > 0)
-        high = min(share for share in nodes if value(share) < 0)
+        low = max(share for share, node in nodes.items() if test(node) > 0)
+        high = min(share for share, node in nodes.items() if test(node) < 0)
         if high - low > 4 * BRACKET or changes(nodes[low], nodes[high]) != ["GR"]:
             return None
         return _inseparable(["GR"], nodes[low], nodes[high], NARROWEST)
@@ -289,14 +290,10 @@ def _inseparable(labels: list[str], a: Node, b: Node, width: float) -> Event:
     """Makes one event of several, or of a grazing, that no further point of the branch separates."""
     others = [label for label in labels if label != "GR"]
     label = "GR" if "GR" in labels else labels[0]
-    notes = [f"multipliers jump from {_leading(a)} to {_leading(b)}"] if others else []
+    leading = lambda node: ", ".join(f"{m:.4g}" for m in node.multipliers[:2])
+    notes = [f"multipliers jump from {leading(a)} to {leading(b)}"] if others else []
     notes += [f"{width:.1g} of a step could not be divided"] if width > NARROWEST else []
     low, high = sorted((float(a.spot.z[-1]), float(b.spot.z[-1])))
     critical = complex(np.nan) if label == "GR" else _critical(label, a, min(a.outside, b.outside))
     change = tuple(n - m for m, n in zip(a.view.counts, b.view.counts, strict=True))
     return Event(label, a._replace(label=label), low, high, critical, width <= NARROWEST, "; ".join(notes), change)
-
-
-def _leading(node: Node) -> str:
-    """Gives the two leading multipliers in words."""
-    return ", ".join(f"{m:.4g}" for m in node.multipliers[:2])

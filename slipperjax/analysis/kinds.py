@@ -1,4 +1,4 @@
-"""The kinds of motions: one code, with the words that results and pictures have for it."""
+"""The kinds of motions: one code, with the names that results and pictures have for it."""
 
 import enum
 from typing import Any
@@ -7,7 +7,7 @@ import numpy as np
 
 
 class Regime(enum.IntEnum):
-    """Code of a kind of motion, whose words results have; 0 also marks cases that were not computed."""
+    """Code of a kind of motion, with its names in results; 0 also marks cases that were not computed."""
 
     UNRESOLVED = 0, "unresolved", "unresolved"
     """None of the others with certainty."""
@@ -18,34 +18,34 @@ class Regime(enum.IntEnum):
     TRANSIENT = 4, "", "transient chaos"
     """Chaotic for long, and regular in the end."""
 
-    kind: str
-    """Word for it where motions are told apart by recurrence; empty where that cannot tell."""
-    regime: str
-    """Word for it where the largest Lyapunov exponent counts, too."""
+    kind_name: str
+    """Name where motions are told apart by recurrence; empty where that cannot tell."""
+    regime_name: str
+    """Name where the largest Lyapunov exponent counts, too."""
 
-    def __new__(cls, number: int, kind: str, regime: str) -> "Regime":
-        member = int.__new__(cls, number)
-        member._value_, member.kind, member.regime = number, kind, regime
+    def __new__(cls, code: int, kind_name: str, regime_name: str) -> "Regime":
+        member = int.__new__(cls, code)
+        member._value_, member.kind_name, member.regime_name = code, kind_name, regime_name
         return member
 
     @classmethod
-    def of_kind(cls, word: str) -> "Regime":
-        """Gives the member with a word of `KINDS`."""
-        return next(member for member in cls if member.kind == word)
+    def codes(cls, kind_names: Any) -> np.ndarray:
+        """Gives the codes for an array of names of `KINDS`."""
+        codes = {member.kind_name: int(member) for member in cls}
+        return np.array([codes[name] for name in np.ravel(kind_names)], int).reshape(np.shape(kind_names))
 
     @classmethod
-    def kinds(cls, numbers: Any) -> np.ndarray:
-        """Gives the words of `KINDS` for an array of numbers."""
-        return np.asarray(np.array([member.kind for member in cls])[numbers])
+    def kind_names(cls, codes: Any) -> np.ndarray:
+        """Gives the names of `KINDS` for an array of codes."""
+        return np.asarray(np.array([member.kind_name for member in cls])[codes])
 
     @classmethod
-    def regimes(cls, numbers: Any) -> np.ndarray:
-        """Gives the words of `REGIMES` for an array of numbers."""
-        return np.asarray(np.array([member.regime for member in cls])[numbers])
+    def regime_names(cls, codes: Any) -> np.ndarray:
+        """Gives the names of `REGIMES` for an array of codes."""
+        return np.asarray(np.array([member.regime_name for member in cls])[codes])
 
 
-_SHOWN = Regime.PERIODIC, Regime.REGULAR, Regime.CHAOTIC, Regime.UNRESOLVED, Regime.TRANSIENT
-KINDS = tuple(member.kind for member in _SHOWN if member.kind)
-"""Words for kinds of motions by recurrence, in the order of legends."""
-REGIMES = tuple(member.regime for member in _SHOWN)
-"""Words for kinds of motions by recurrence and the largest exponent, in the order of legends."""
+KINDS = "period", "torus", "chaotic", "unresolved"
+"""Names for kinds of motions by recurrence, in the order of legends."""
+REGIMES = "periodic", "regular", "chaotic", "unresolved", "transient chaos"
+"""Names for kinds of motions by recurrence and the largest exponent, in the order of legends."""

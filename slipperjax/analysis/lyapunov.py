@@ -21,7 +21,6 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import finite, positive, require, shown_number, unless_traced, whole
 from ..tools.compile import call_compiled, is_traced
-from .kinds import REGIMES as REGIMES
 from .kinds import Regime
 
 Step = Callable[[Any, Any], Any]
@@ -307,13 +306,13 @@ def regime(exponent: Any, stderr: Any, kind: Any, trusted: Any, escapes: Any = 0
     became regular in the end. All have the same shape.
     """
     exponent, stderr, kind = np.asarray(exponent), np.asarray(stderr), np.asarray(kind)
-    chaotic, periodic = is_chaotic(exponent, stderr), kind == Regime.PERIODIC.kind
+    chaotic, periodic = is_chaotic(exponent, stderr), kind == Regime.PERIODIC.kind_name
     sure = chaotic | (SURE * stderr <= np.maximum(np.abs(exponent), WIDEST))
-    contradicts = (chaotic & periodic) | (~chaotic & (kind == Regime.CHAOTIC.kind))
+    contradicts = (chaotic & periodic) | (~chaotic & (kind == Regime.CHAOTIC.kind_name))
     lasting = np.where(np.asarray(escapes) > 0, Regime.TRANSIENT, Regime.CHAOTIC)
     numbers = np.where(chaotic, lasting, np.where(periodic, Regime.PERIODIC, Regime.REGULAR))
     good = np.asarray(trusted) & np.isfinite(exponent) & sure & ~contradicts
-    return Regime.regimes(np.where(good, numbers, Regime.UNRESOLVED))
+    return Regime.regime_names(np.where(good, numbers, Regime.UNRESOLVED))
 
 
 def kaplan_yorke(exponents: Any) -> Float[np.ndarray, "*lanes"]:

@@ -16,24 +16,28 @@ from .floquet import solve
 
 LEAST_FALL = 0.1
 """Share of a step by which the residual must fall for a damped step to be accepted."""
+POLISHED = 1e-3
+"""Residual over the tolerance below which a solution is not polished by one more step."""
 
 
-class Evaluation(NamedTuple):
-    """Equations evaluated at one point."""
+class Linearisation(NamedTuple):
+    """Equations at one point, with their derivatives."""
 
     residual: Float[Array | np.ndarray, " n"]
     """Value of each equation, zero at a solution."""
     jacobian: Float[Array | np.ndarray, "n more"]
     """Its derivative with respect to all unknowns."""
-    extra: Any = None
-    """By-products, such as the Jacobians of the intervals."""
+    matrices: Any = None
+    """Jacobians of a motion's intervals, of shape (intervals, size, size)."""
+    null_vectors: Any = None
+    """Left and right ones of a critical motion, see `slipperjax.analysis.critical.CriticalMotions`."""
 
 
 class AbstractEquations(eqx.Module):
     """Equations for as many unknowns, or for one more where they are a curve's."""
 
     @abc.abstractmethod
-    def evaluate(self, z: Float[Array, " more"]) -> Evaluation:
+    def evaluate(self, z: Float[Array, " more"]) -> Linearisation:
         """Computes residual and derivative at `z`. Pure."""
 
     @abc.abstractmethod
@@ -41,19 +45,16 @@ class AbstractEquations(eqx.Module):
         """Gives factors of the residual's components, and of the unknowns in the measure of length; zero for those
         that are left out."""
 
-    def settled(self, z: Array, before: Array, residual: Array) -> Array:
+    def project(self, z: Array, before: Array, residual: Array) -> Array:
         """Makes `z` consistent, which was proposed from `before`, where the residual was `residual`. Pure."""
-        del before, residual
         return z
 
-    def eased(self) -> "AbstractEquations | None":
+    def relax(self) -> "AbstractEquations | None":
         """Gives equations that accept more, for a point where these have no solution. Here there are none."""
         return None
 
-    def renewed(self, extra: Any) -> "AbstractEquations":
-        """Gives the same equations in a form that suits the neighbourhood of a point, from its `Evaluation.extra`.
-        Here as they are."""
-        del extra
+    def update(self, z: Any, null_vectors: Any) -> "AbstractEquations":
+        """Gives the same equations in a form that suits the neighbourhood of a point `z`. Here as they are."""
         return self
 
 
@@ -61,32 +62,40 @@ class Root(NamedTuple):
     """A zero of equations, as far as Newton's method came."""
 
     z: Float[Array, " n"]
-    evaluation: Evaluation
+    linearisation: Linearisation
     """At `z`."""
     residual: Float[Array, ""]
     """Greatest weighted component of the residual; infinite where that is not finite."""
     iterations: Int[Array, ""]
     equations: AbstractEquations
-    """As last renewed."""
+    """As last updated."""
 
 
 class _Carry(NamedTuple):
     """State of the iteration."""
 
-    z: Array  # to be evaluated next; at the end that of the evaluation
+    z: Array  # to be evaluated next; at the end that of the linearisation
     start: Array  # where the current step begins, with the residual there, its size, and Newton's step
     missed: Array
     size: Array
     step: Array
     share: Array  # of the step, to which it was halved
-    evaluation: Evaluation
+    linearisation: Linearisation
     count: Array
+    polishing: Array
     going: Array
     numbers: Any  # array leaves of the equations
 
 
 def newton(
-    equations: AbstractEquations, z: Array, *, tolerance: Any, iterations: Any, halvings: int = 0, renewals: int = 0
+    equations: AbstractEquations,
+    z: Array,
+    *,
+    tolerance: Any,
+    iterations: Any,
+    halvings: int = 0,
+    updates: int = 0,
+    polish: bool = False,
 ) -> Root:
     """Solves as many equations as unknowns. Pure; not to be differentiated.
 
@@ -96,37 +105,45 @@ def newton(
     - `tolerance`: weighted residual at which the iterations end. `iterations`: they end then in any case.
     - `halvings`: how often a step may be halved until the residual falls by a share `LEAST_FALL` of it; after that
         it is accepted whatever it gives.
-    - `renewals`: how often the equations are renewed at `z` before the first step; if at all, they are renewed
+    - `updates`: how often the equations are updated at `z` before the first step; if at all, they are updated
         after each step, too.
+    - `polish`: whether one more step follows, which is not counted, where the tolerance is met, but not `POLISHED`.
 
     **Returns:** a `Root`; look at its `residual`.
     """
-    # arrays that renewals change are carried, all others are constants of the loop
-    numbers, fixed = eqx.partition(equations, eqx.is_array if renewals else False)
+    # arrays that updates change are carried, all others are constants of the loop
+    numbers, fixed = eqx.partition(equations, eqx.is_array if updates else False)
+    # traced once, for the shapes of its result and for the loop
+    evaluate = jax.jit(lambda numbers, z: eqx.combine(numbers, fixed).evaluate(z), inline=True)
 
     # each pass evaluates one point, whatever it was proposed for, so that the program has the equations once
     def advance(carry: _Carry) -> _Carry:
-        of_pass: AbstractEquations = eqx.combine(carry.numbers, fixed)
-        now = of_pass.evaluate(carry.z)
-        size = weighted_size(now.residual, of_pass.weights(carry.z)[0])
-        renewing = carry.count < 0  # passes that renew the equations and keep the point
-        accepted = (size <= (1 - LEAST_FALL * carry.share) * carry.size) | (carry.share <= 0.5**halvings)
-        done = accepted & ~renewing & ~((size > tolerance) & (carry.count < iterations) & jnp.isfinite(size))
+        current: AbstractEquations = eqx.combine(carry.numbers, fixed)
+        now = evaluate(carry.numbers, carry.z)
+        size = weighted_size(now.residual, current.weights(carry.z)[0])
+        updating = carry.count < 0  # passes that update the equations and keep the point
+        fell = size <= (1 - LEAST_FALL * carry.share) * carry.size
+        accepted = fell | (carry.share <= 0.5**halvings) | carry.polishing
+        ended = ~((size > tolerance) & (carry.count < iterations) & jnp.isfinite(size))
+        polishing = accepted & (size <= tolerance) & (size > POLISHED * tolerance) & ~carry.polishing & polish
+        done = carry.polishing | (accepted & ~updating & ended & ~polishing)
         # from here, or half as far from where the step began
         pick = lambda here, before: jnp.where(accepted, here, before)
         start, missed = pick(carry.z, carry.start), pick(now.residual, carry.missed)
         step, share = pick(solve(now.jacobian, -now.residual), carry.step), pick(1.0, carry.share / 2)
-        proposal = of_pass.settled(start + share * step, start, missed)
-        new = eqx.filter(of_pass.renewed(now.extra), eqx.is_array) if renewals else carry.numbers
-        renewed = jax.tree.map(lambda a, b: jnp.where(done, a, b), carry.numbers, new)
-        z, size = jnp.where(done | renewing, carry.z, proposal), jnp.where(renewing, jnp.inf, pick(size, carry.size))
-        return _Carry(z, start, missed, size, step, share, now, carry.count + ~done, ~done, renewed)
+        proposal = current.project(start + share * step, start, missed)
+        new = eqx.filter(current.update(carry.z, now.null_vectors), eqx.is_array) if updates else carry.numbers
+        updated = jax.tree.map(lambda a, b: jnp.where(done, a, b), carry.numbers, new)
+        z, size = jnp.where(done | updating, carry.z, proposal), jnp.where(updating, jnp.inf, pick(size, carry.size))
+        count = carry.count + ~(done | polishing)
+        return _Carry(z, start, missed, size, step, share, now, count, polishing, ~done, updated)
 
-    nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(equations.evaluate, z))
-    size, share, count, going = jnp.asarray(jnp.inf), jnp.ones(()), jnp.asarray(-renewals), jnp.asarray(True)
-    begin = _Carry(z, z, nothing.residual, size, jnp.zeros_like(z), share, nothing, count, going, numbers)
+    nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(evaluate, numbers, z))
+    # of the types that a pass gives, because the loop would be traced again otherwise
+    one, yes, count = jnp.ones(()), jnp.ones((), bool), jnp.zeros((), int) - updates
+    begin = _Carry(z, z, nothing.residual, jnp.inf * one, jnp.zeros_like(z), one, nothing, count, ~yes, yes, numbers)
     end = jax.lax.while_loop(lambda carry: carry.going, advance, begin)
-    return Root(end.z, end.evaluation, end.size, end.count, eqx.combine(end.numbers, fixed))
+    return Root(end.z, end.linearisation, end.size, end.count, eqx.combine(end.numbers, fixed))
 
 
 def weighted_size(residual: Array, weights: Array) -> Array:

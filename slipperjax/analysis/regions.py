@@ -29,12 +29,11 @@ def regions(
     """
     import scipy.sparse.csgraph  # here, because it is the only function that needs it
 
-    blocked = _blocked(_rising("x", x), _rising("y", y), curves)
+    x, y, curves = _rising("x", x), _rising("y", y), [np.asarray(curve, float) for curve in curves]
     number = np.arange(len(x) * len(y)).reshape(len(x), len(y))
-    ends = [
-        (number[:-1][~blocked[0]], number[1:][~blocked[0]]),
-        (number[:, :-1][~blocked[1]], number[:, 1:][~blocked[1]]),
-    ]
+    # neighbours along x and along y between which no curve passes
+    open_x, open_y = ~_passed(x, y, curves), ~_passed(y, x, [curve[:, ::-1] for curve in curves]).T
+    ends = [(number[:-1][open_x], number[1:][open_x]), (number[:, :-1][open_y], number[:, 1:][open_y])]
     rows, columns = (np.concatenate(parts) for parts in zip(*ends, strict=True))
     graph = scipy.sparse.coo_array((np.ones(len(rows)), (rows, columns)), shape=(number.size,) * 2)
     count, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
@@ -65,37 +64,19 @@ def _rising(name: str, values: np.ndarray) -> np.ndarray:
     return values
 
 
-def _blocked(x: np.ndarray, y: np.ndarray, curves: Sequence[Points]) -> tuple[np.ndarray, np.ndarray]:
-    """Tells whether a curve passes between neighbours along x, shape (n - 1, m), and along y, (n, m - 1)."""
-    along_x, along_y = np.zeros((len(x) - 1, len(y)), bool), np.zeros((len(x), len(y) - 1), bool)
-    for curve in curves:
-        points = np.asarray(curve, float)
-        # where the curve meets the line of grid points with one y, and those with one x
-        for j, at in _meetings(points[:, 1], points[:, 0], y):
-            along_x[_between(x, at), j] = True
-        for i, at in _meetings(points[:, 0], points[:, 1], x):
-            along_y[i, _between(y, at)] = True
-    return along_x, along_y
-
-
-def _meetings(across: np.ndarray, along: np.ndarray, lines: np.ndarray) -> list[tuple[int, np.ndarray]]:
-    """Gives the lines that a curve meets: line number, and positions along it."""
-    meetings = []
-    a, b = across[:-1], across[1:]
-    for k, line in enumerate(lines):
-        # a curve that ends on the line meets it, too
-        hit = np.flatnonzero((np.minimum(a, b) <= line) & (np.maximum(a, b) >= line))
-        if len(hit):
+def _passed(x: np.ndarray, y: np.ndarray, curves: Sequence[Points]) -> Bool[np.ndarray, "gaps lines"]:
+    """Tells whether a curve passes between neighbours along x, on each line of constant y."""
+    passed = np.zeros((len(x) - 1, len(y)), bool)
+    # where each curve meets each line; one that ends on the line meets it, too
+    for along, across in (curve.T for curve in curves):
+        a, b = across[:-1], across[1:]
+        for j, line in enumerate(y):
+            hit = np.flatnonzero((np.minimum(a, b) <= line) & (np.maximum(a, b) >= line))
             step = b[hit] - a[hit]
             share = np.where(step == 0, 0.0, (line - a[hit]) / np.where(step == 0, 1.0, step))
-            meetings.append((k, along[hit] + share * (along[hit + 1] - along[hit])))
-    return meetings
-
-
-def _between(values: np.ndarray, positions: np.ndarray) -> np.ndarray:
-    """Gives the numbers k of the gaps values[k]..values[k + 1] that hold positions; those outside are left out."""
-    k = np.searchsorted(values, positions, side="right") - 1
-    return k[(k >= 0) & (k < len(values) - 1)]
+            k = np.searchsorted(x, along[hit] + share * (along[hit + 1] - along[hit]), side="right") - 1
+            passed[k[(k >= 0) & (k < len(x) - 1)], j] = True
+    return passed
 
 
 def _crosses(curve: Points, start: np.ndarray, end: np.ndarray) -> bool:

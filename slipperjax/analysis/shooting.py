@@ -13,13 +13,13 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from ..tools.checks import finite, number, positive, require, unless_traced, whole
-from ..tools.compile import call_compiled
+from ..tools.compile import call_compiled, is_transformed
 from .floquet import linearise, product, solve
 from .lyapunov import Scale, Step, check_functions, check_state, weights_of
-from .newton import AbstractEquations, Evaluation, newton, weighted_size, without_derivatives
+from .newton import AbstractEquations, Linearisation, newton, weighted_size, without_derivatives
 
-Settle = Callable[[Any, Any], Any]
-"""A consistent state from one that Newton's method proposes, and from the one that the last iterate is mapped to."""
+Consistent = Callable[[Any, Any, Any], Any]
+"""A consistent state from the map, a state that Newton's method proposes, and what the last iterate is mapped to."""
 
 STEP_HALVINGS = 2
 """How often a step of Newton's method may be halved. Short steps get stuck where the map's derivative jumps: of 70
@@ -45,7 +45,7 @@ def shoot(
     intervals: int = 1,
     index: Any = 0.0,
     scale: Scale | None = None,
-    settle: Settle | None = None,
+    consistent: Consistent | None = None,
     tolerance: float = 1e-10,
     max_iterations: int = 30,
 ) -> Shot:
@@ -61,7 +61,7 @@ def shoot(
     - `intervals`: after how many the motion recurs; `index`: that of the first.
     - `scale`: gives the weights of the components at a state, which the residual's components are multiplied by; a
         component of weight zero is left out. Default all one.
-    - `settle`: makes proposed states consistent, see `Settle`; default leaves them.
+    - `consistent(step, proposed, mapped)`: makes proposed states consistent, see `Consistent`; default leaves them.
     - `tolerance`: residual at which the iteration ends. `max_iterations`: it ends then in any case.
 
     **Returns:** a `Shot`; look at its `residual`, which is NaN or large where there is no such motion nearby.
@@ -72,41 +72,29 @@ def shoot(
     state, count = check_state(state), whole("intervals", intervals, 1)
     limit = whole("max_iterations", max_iterations, 0)
     tolerance = number(positive, "tolerance", tolerance)
-    settle = _as_proposed if settle is None else settle
     index = unless_traced(finite("index"), index)
-    return call_compiled(_shoot, (step, scale, settle), (count, limit), state, index, jnp.asarray(tolerance))
-
-
-def _as_proposed(proposed: Any, mapped: Any) -> Any:
-    del mapped
-    return proposed
-
-
-class _Constant(eqx.Module):
-    """A family of one map, without parameters."""
-
-    step: Step
-
-    def __call__(self) -> Step:
-        return self.step
+    static = count, limit, is_transformed()
+    return call_compiled(_shoot, (step, scale, consistent), static, state, index, jnp.asarray(tolerance))
 
 
 def _shoot(functions, static, state, index, tolerance):
-    step, scale, settle = functions
-    intervals, limit = static
-    options = dict(intervals=intervals, consistent=settle)
-    exact = _Recurrence(_Constant(step), state, jnp.zeros(0), scale, index, **options)
-    guess = jax.lax.stop_gradient(exact.unknowns(state))
-    limits = dict(tolerance=tolerance, iterations=limit, halvings=STEP_HALVINGS)
+    (step, scale, consistent), (intervals, limit, differentiable) = functions, static
+
+    def motions(step, scale, consistent, index):
+        # of one map, without parameters
+        return PeriodicMotions(lambda: step, state, jnp.zeros(0), scale, index, intervals, consistent)
+
     # the iteration itself is not differentiated
-    root = newton(without_derivatives(exact), guess, **limits)
-    # one more step: with the derivatives of the map alone it has those of the exact motion
-    miss = exact.mapped(root.z) - root.z
-    miss = miss - jnp.where(root.residual <= tolerance, 0.0, jax.lax.stop_gradient(miss))
-    x = root.z - solve(root.evaluation.jacobian, miss)
-    end = exact.evaluate(x)
-    residual = jax.lax.stop_gradient(weighted_size(end.residual, exact.weights(x)[0]))
-    return Shot(exact.state(x), residual, root.iterations, end.extra)
+    constant, guess = without_derivatives(((step, scale, consistent, index), ravel_pytree(state)[0]))
+    options = dict(tolerance=tolerance, iterations=limit, halvings=STEP_HALVINGS, polish=True)
+    root = newton(motions(*constant), guess, **options)
+    z, matrices, exact = root.z, root.linearisation.matrices, motions(step, scale, consistent, index)
+    if differentiable:
+        # one more step, of no length: with the derivatives of the map alone it has those of the exact motion
+        miss = exact.mapped(z) - z
+        z = z - solve(root.linearisation.jacobian, miss - jax.lax.stop_gradient(miss))
+        matrices = exact.evaluate(z).matrices
+    return Shot(exact.state(z), root.residual, root.iterations, matrices)
 
 
 def minimal_period(step: Step, state: Any, intervals: int, *, index: Any = 0.0, scale: Scale | None = None) -> Any:
@@ -155,16 +143,15 @@ class PeriodicMotions(AbstractEquations):
     index: Any = 0.0
     """Number of the first interval."""
     intervals: int = eqx.field(static=True, default=1)
+    consistent: Consistent | None = None
+    """Makes proposed states consistent, see `Consistent`; None leaves them."""
+    lengths: Any = 1.0
+    """Divisors of the state's weights in the length of a curve, infinite for components that do not count."""
 
     @property
     def size(self) -> int:
         """Count of numbers in a state."""
         return sum(jnp.size(leaf) for leaf in jax.tree.leaves(self.like))
-
-    @property
-    def parameters(self) -> int:
-        """Count of parameters."""
-        return jnp.size(self.reach)
 
     def unknowns(self, state: Any, *values: Any) -> Array:
         """Gives the unknowns from a state and values of the parameters."""
@@ -178,7 +165,7 @@ class PeriodicMotions(AbstractEquations):
 
     def values(self, z: Array) -> tuple[Array, ...]:
         """Gives the values of the parameters at a point."""
-        return tuple(jnp.asarray(z)[self.size : self.size + self.parameters])
+        return tuple(jnp.asarray(z)[self.size : self.size + jnp.size(self.reach)])
 
     def step(self, z: Array) -> Step:
         """Gives the map at a point."""
@@ -189,7 +176,7 @@ class PeriodicMotions(AbstractEquations):
         step, ks = self.step(z), self.index + jnp.arange(float(self.intervals))
         return ravel_pytree(jax.lax.scan(lambda s, k: (step(s, k), None), self.state(z), ks)[0])[0]
 
-    def evaluate(self, z: Array) -> Evaluation:
+    def evaluate(self, z: Array) -> Linearisation:
         size, unravel = self.size, ravel_pytree(self.like)[1]
 
         def step(unknowns, k):
@@ -199,32 +186,16 @@ class PeriodicMotions(AbstractEquations):
 
         end, matrices = linearise(step, z, self.intervals, index=self.index)
         jacobian = product(matrices)[:size] - jnp.eye(size, z.size)
-        return Evaluation(end[:size] - z[:size], jacobian, matrices[:, :size, :size])
+        return Linearisation(end[:size] - z[:size], jacobian, matrices[:, :size, :size])
 
     def weights(self, z: Array) -> tuple[Array, Array]:
         weights = weights_of(self.state(z), self.scale)
         of_state = jnp.ones(self.size) if weights is None else weights
-        return of_state, jnp.concatenate([self.measure(of_state), 1 / jnp.atleast_1d(self.reach)])
+        return of_state, jnp.concatenate([of_state / self.lengths, 1 / jnp.atleast_1d(self.reach)])
 
-    def measure(self, weights: Array) -> Array:
-        """Gives the weights of the state in the length of a curve, from those of the residual. Here the same."""
-        return weights
-
-    def settled(self, z: Array, before: Array, residual: Array) -> Array:
-        mapped = before[: self.size] + residual[: self.size]
-        new = self.settle(self.step(z), self.state(z), ravel_pytree(self.like)[1](mapped))
-        return z.at[: self.size].set(ravel_pytree(new)[0])
-
-    def settle(self, step: Step, proposed: Any, mapped: Any) -> Any:
-        """Makes a proposed state consistent, from what the last iterate is mapped to. Here as proposed."""
-        del step, mapped
-        return proposed
-
-
-class _Recurrence(PeriodicMotions):
-    """Motions of one map; a function makes their states consistent."""
-
-    consistent: Settle = _as_proposed
-
-    def settle(self, step: Step, proposed: Any, mapped: Any) -> Any:
-        return self.consistent(proposed, mapped)
+    def project(self, z: Array, before: Array, residual: Array) -> Array:
+        if self.consistent is None:
+            return z
+        mapped = self.state(before[: self.size] + residual[: self.size])
+        consistent = self.consistent(self.step(z), self.state(z), mapped)
+        return z.at[: self.size].set(ravel_pytree(consistent)[0])

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..tools.checks import one_of, require, whole
+from ..tools.checks import number, one_of, positive, whole
 
 THRESHOLD = 15.0
 """Least height of a line above the local floor [dB]. Each bin of white noise exceeds its median by 15 dB with a
@@ -79,7 +79,7 @@ def power_spectral_density(signal, sampling_rate, *, axis=-1, window="hann", det
         raise ValueError(f"Argument `signal` must be 8 or more samples along axis {axis}, but is of shape {x.shape}.")
     if not np.isfinite(x).all():
         raise ValueError(f"Argument `signal` must be finite, but is {x[~np.isfinite(x)][0]:g}.")
-    rate = _positive("sampling_rate", sampling_rate)
+    rate = number(positive, "sampling_rate", sampling_rate)
     if detrend is not False:
         one_of("detrend", detrend, ("constant", "linear"))
     x = np.moveaxis(x, axis, -1)
@@ -105,46 +105,31 @@ def spectral_lines(spectrum: Spectrum, *, threshold=THRESHOLD, lobe=2, span=65, 
 
     **Raises:** `ValueError` for a density of several cases and settings out of range.
     """
-    level, floor, peaks = _peaks(spectrum, threshold, lobe, span, dynamic_range)
-    step = _resolution(spectrum)
-    frequency = [_refined(spectrum, level, k) for k in peaks]
-    power = [_power(spectrum, k, lobe) for k in peaks]
-    return Lines(np.array(frequency), np.array(power), level[peaks] - floor[peaks], step)
+    bins = _Bins(spectrum, threshold, lobe, span, dynamic_range)
+    frequency, power = ([of(k) for k in bins.peaks] for of in (bins.refined, bins.power))
+    return Lines(np.array(frequency), np.array(power), bins.height[bins.peaks], bins.width)
 
 
-def find_line(
-    spectrum: Spectrum,
-    frequency,
-    *,
-    tolerance=None,
-    threshold=THRESHOLD,
-    lobe=2,
-    span=65,
-    dynamic_range=DYNAMIC_RANGE,
-) -> Line:
+def find_line(spectrum: Spectrum, frequency, *, tolerance=None, **options) -> Line:
     """Tells whether a spectrum shows a line at one frequency, and how strong it is.
 
-    **Arguments:** `frequency` [Hz]; `tolerance`: greatest distance of the line from it [Hz], by default one bin; the
-    others as for `spectral_lines`, which also defines a line.
+    **Arguments:** `frequency` [Hz]; `tolerance`: greatest distance of the line from it [Hz], by default one bin;
+    `options`: as for `spectral_lines`, which also defines a line.
 
     **Raises:** `ValueError` for a frequency outside the spectrum, and as `spectral_lines`.
     """
-    level, floor, peaks = _peaks(spectrum, threshold, lobe, span, dynamic_range)
-    step, last = _resolution(spectrum), float(spectrum.frequency[-1])
-    frequency = _positive("frequency", frequency)
+    bins, last = _Bins(spectrum, **options), float(spectrum.frequency[-1])
+    frequency = number(positive, "frequency", frequency)
     if frequency > last:
         raise ValueError(f"Argument `frequency` must be at most {last:g} Hz, but is {frequency:g} Hz.")
     # half a bin more, because a line at the limit of the tolerance may have its peak in the next bin
-    within = (step if tolerance is None else _positive("tolerance", tolerance)) + step / 2
-    near = peaks[abs(spectrum.frequency[peaks] - frequency) <= within]
-    if near.size:
-        k = near[np.argmax(level[near])]
-        at = _refined(spectrum, level, k)
-    else:
-        bins = np.flatnonzero(abs(spectrum.frequency - frequency) <= within)
-        k = bins[np.argmax(level[bins])]
-        at = float(spectrum.frequency[k])
-    return Line(at, _power(spectrum, k, lobe), float(level[k] - floor[k]), bool(near.size))
+    within = (bins.width if tolerance is None else number(positive, "tolerance", tolerance)) + bins.width / 2
+    near = np.flatnonzero(abs(spectrum.frequency - frequency) <= within)
+    peaks = np.intersect1d(bins.peaks, near)
+    choice = peaks if peaks.size else near
+    k = choice[np.argmax(bins.level[choice])]
+    at = bins.refined(k) if peaks.size else float(spectrum.frequency[k])
+    return Line(at, bins.power(k), float(bins.height[k]), bool(peaks.size))
 
 
 def combination(m: int, n: int) -> str:
@@ -169,12 +154,12 @@ def name_lines(lines: Lines, f1, f2=None, max_order=6, tolerance=None) -> list[s
 
     **Raises:** `ValueError` for frequencies or a tolerance that are not positive, and a `max_order` below 1.
     """
-    f1 = _positive("f1", f1)
-    within = lines.resolution if tolerance is None else _positive("tolerance", tolerance)
+    f1 = number(positive, "f1", f1)
+    within = lines.resolution if tolerance is None else number(positive, "tolerance", tolerance)
     order = whole("max_order", max_order, 1)
     if f2 is None:
         return [_fraction(f, f1, order, within) for f in lines.frequency]
-    f2 = _positive("f2", f2)
+    f2 = number(positive, "f2", f2)
     pairs = [
         (m, n) for m in range(-order, order + 1) for n in range(-order, order + 1) if 0 < abs(m) + abs(n) <= order
     ]
@@ -195,46 +180,38 @@ def _fraction(frequency: float, f: float, order: int, within: float) -> str | No
     return None
 
 
-def _peaks(spectrum, threshold, lobe, span, dynamic_range):
-    """Gives density and floor of every bin [dB], and the bins where lines peak."""
-    import scipy.ndimage
-    import scipy.signal
+class _Bins:
+    """The bins of a spectrum of one signal, with their local floor and the lines that peak in some of them."""
 
-    frequency, density = (np.asarray(x, dtype=float) for x in spectrum)
-    if density.ndim != 1 or density.shape != frequency.shape or density.size < 5:
-        raise ValueError(f"Argument `spectrum` must be of one signal, but its density is of shape {density.shape}.")
-    threshold, dynamic_range = _positive("threshold", threshold), _positive("dynamic_range", dynamic_range)
-    lobe = whole("lobe", lobe, 1)
-    span = whole("span", span, 4 * lobe + 3) | 1  # odd, to be centred
-    top = density.max()
-    if not top > 0:
-        return np.zeros_like(density), np.zeros_like(density), np.zeros(0, dtype=int)
-    level = 10 * np.log10(np.maximum(density, top * 10 ** (-dynamic_range / 10)))
-    floor = scipy.ndimage.median_filter(level, size=span, mode="reflect")
-    peaks, _ = scipy.signal.find_peaks(level, distance=lobe, prominence=DIP, wlen=span)
-    inside = (peaks > lobe) & (peaks < density.size - 1 - lobe)
-    return level, floor, peaks[inside & (level[peaks] - floor[peaks] >= threshold)]
+    def __init__(self, spectrum, threshold=THRESHOLD, lobe=2, span=65, dynamic_range=DYNAMIC_RANGE):
+        import scipy.ndimage
+        import scipy.signal
 
+        self.frequency, self.density = (np.asarray(x, dtype=float) for x in spectrum)
+        size, shape = self.density.size, self.density.shape
+        if self.density.ndim != 1 or shape != self.frequency.shape or size < 5:
+            raise ValueError(f"Argument `spectrum` must be of one signal, but its density is of shape {shape}.")
+        threshold = number(positive, "threshold", threshold)
+        dynamic_range = number(positive, "dynamic_range", dynamic_range)
+        self.lobe = whole("lobe", lobe, 1)
+        span = whole("span", span, 4 * self.lobe + 3) | 1  # odd, to be centred
+        self.width = float(self.frequency[1] - self.frequency[0])  # [Hz]
+        top = self.density.max()
+        # density [dB], and its height above the local floor [dB]
+        least = top * 10 ** (-dynamic_range / 10) if top > 0 else 1.0
+        self.level = 10 * np.log10(np.fmax(self.density, least))
+        self.height = self.level - scipy.ndimage.median_filter(self.level, size=span, mode="reflect")
+        peaks, _ = scipy.signal.find_peaks(self.level, distance=self.lobe, prominence=DIP, wlen=span)
+        inside = (peaks > self.lobe) & (peaks < size - 1 - self.lobe)
+        self.peaks = peaks[inside & (self.height[peaks] >= threshold)]
 
-def _refined(spectrum, level, k) -> float:
-    left, top, right = level[k - 1 : k + 2]
-    bend = left - 2 * top + right
-    shift = 0.5 * (left - right) / bend if bend < 0 else 0.0
-    return float(spectrum.frequency[k] + shift * _resolution(spectrum))
+    def refined(self, k) -> float:
+        """Gives the frequency of the peak near a bin [Hz], by a parabola through the levels of three."""
+        left, top, right = self.level[k - 1 : k + 2]
+        bend = left - 2 * top + right
+        shift = 0.5 * (left - right) / bend if bend < 0 else 0.0
+        return float(self.frequency[k] + shift * self.width)
 
-
-def _power(spectrum, k, lobe) -> float:
-    return float(np.sum(spectrum.density[max(k - lobe, 0) : k + lobe + 1]) * _resolution(spectrum))
-
-
-def _resolution(spectrum) -> float:
-    return float(spectrum.frequency[1] - spectrum.frequency[0])
-
-
-def _positive(name: str, value) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise ValueError(f"Argument `{name}` must be a positive number, but is {value!r}.") from None
-    require(0 < number < np.inf, name, "be positive", number)
-    return number
+    def power(self, k) -> float:
+        """Gives the mean square in the main lobe around a bin [unit^2]."""
+        return float(np.sum(self.density[max(k - self.lobe, 0) : k + self.lobe + 1]) * self.width)

@@ -236,7 +236,7 @@ def summary(ds: Any, seconds: float) -> str:
     """A sweep in one line: cases, periods, steps, time, regimes, and how many cases have which status."""
     import numpy as np
 
-    from ..analysis.lyapunov import REGIMES
+    from ..analysis.kinds import REGIMES
     from ..flow.status import Status
 
     steps = np.unique([ds["steps_per_period"].min(), ds["steps_per_period"].max()])

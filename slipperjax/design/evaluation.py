@@ -96,10 +96,9 @@ class Evaluation(NamedTuple):
     @property
     def regime(self) -> np.ndarray:
         """Kinds of motion in words: "period n", another one of `slipperjax.analysis.KINDS`, or "lost"."""
-        rows = zip(self.status, self.period, self.kind, strict=True)
-        return np.array(
-            ["lost" if code != Status.FINITE else f"period {n}" if n else Regime(kind).kind for code, n, kind in rows]
-        )
+        rows = zip(self.status, self.period, Regime.kind_names(self.kind), strict=True)
+        names = ["lost" if code != Status.FINITE else f"period {n}" if n else name for code, n, name in rows]
+        return np.array(names)
 
     @property
     def without_orbit(self) -> np.ndarray:

@@ -195,7 +195,7 @@ class _Batch:
             kinds = classify(strobe[others], scales=COORDINATE_SCALES, floor=FLOOR).kind
             # recurrence without a stable orbit is a contradiction
             kinds = np.where(kinds == "period", "unresolved", kinds)
-            cases.kind[index[others]] = [Regime.of_kind(word) for word in kinds.tolist()]
+            cases.kind[index[others]] = Regime.codes(kinds)
 
     def _on_orbits(self, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Computes objectives on the orbits of the cases at `index`, and their derivatives."""

@@ -1,6 +1,6 @@
 """Periodic motions and Lyapunov exponents of one slipper."""
 
-from .branch_data import BranchEvent as BranchEvent
+from .branches import BranchEvent as BranchEvent
 from .critical import CriticalOrbit as CriticalOrbit
 from .critical import OrbitCurve as OrbitCurve
 from .critical import continue_event as continue_event

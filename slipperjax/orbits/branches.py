@@ -1,9 +1,11 @@
 """Branches of orbits over a parameter, through stable and unstable ones, with named and located events."""
 
+import contextlib
 import dataclasses
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import diffrax
 import jax
@@ -11,15 +13,17 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..analysis.continuation import Branch, End, continue_motion, extend_motion, switch
-from ..analysis.curves import Pace, Spot, correct
-from ..analysis.events import MEANINGS, Event, Node, Observation, as_node
-from ..flow.datasets import dataset_of, load_base, load_call
+from ..analysis.curves import Pace, Spot, checked_bounds, correct
+from ..analysis.events import CRITICAL_DISTANCE, MEANINGS, Event, Node, Observation, as_node
+from ..analysis.shooting import PeriodicMotions
+from ..flow.datasets import dataset_of, load_base, load_call, run_attributes, scene_attributes
 from ..flow.period_map import PeriodMap
-from ..flow.record import RecordedSpan, RecordSet, Sections
+from ..flow.record import RecordedSpan, RecordSet, SectionPoints, Sections, Strobe
 from ..flow.simulate import Trajectory, default_steps, dynamic_steps
 from ..flow.status import ASKED, Interrupted
 from ..model.dynamics import State, initial_state
 from ..model.kinematics import Motion
+from ..model.layout import coordinates
 from ..model.paths import parameter
 from ..model.quantities import Parameter
 from ..model.scene import Scene, check_scene
@@ -27,17 +31,57 @@ from ..solvers.named import resolve_solver
 from ..tools.checks import brief, number, positive, shown_number, whole
 from ..tools.compile import call_compiled
 from ..tools.files import write_whole
-from .branch_data import BranchEvent, OrbitView, branch_dataset, events_from
-from .motions import SlipperMotions, check_forcing, slipper_motions
+from .motions import check_forcing, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit, periodic_orbit
-from .signature import Gaps, GapSamples, grazing, signature
+from .signature import Gaps, GapSamples, Grazing, Signature, contact_names, grazing, signature
 
 BRANCH_PACE = Pace(first=0.02, least=1e-6, most=0.3)
 """Steps along a branch: 1 is the whole range of the parameter, or 1 mm, 10 mrad, 1 m/s, 10 rad/s of the state."""
-
 FINER = 4
 """Default steps per period over those of a simulation: multipliers jump a little where a touchdown passes from one
 step to the next. With 50 steps there were four folds at 2235 m/s; with 100 and more there is one."""
+BIFURCATIONS = ("LP", "PD", "NS", "BP")
+"""Events with a critical multiplier."""
+
+
+class BranchEvent(NamedTuple):
+    """A bifurcation, grazing or end point of a branch."""
+
+    label: str
+    """One of `slipperjax.analysis.events.MEANINGS`."""
+    value: float
+    """The parameter's value there [its SI unit]."""
+    low: float
+    """Lower bound of it."""
+    high: float
+    """Upper bound of it."""
+    multiplier: complex
+    """The critical multiplier [1]; NaN where there is none."""
+    converged: bool
+    note: str
+    point: int
+    """Its index among the branch's points."""
+
+
+EVENT_COLUMNS: dict[str, tuple[type, str]] = {
+    "label": (str, "event: " + "; ".join(f"{label}: {meaning}" for label, meaning in MEANINGS.items())),
+    "value": (float, "parameter's value at the event"),
+    "low": (float, "lower bound of it"),
+    "high": (float, "upper bound of it"),
+    "converged": (bool, "whether the event is located"),
+    "note": (str, "more about the event"),
+    "point": (int, "place of the event among the points"),
+}
+"""Fields of `BranchEvent` that are variables of a dataset as they are, with their types and descriptions."""
+
+
+class OrbitView(NamedTuple):
+    """Contacts and sections of one orbit of a branch."""
+
+    grazing: Grazing
+    signature: Signature
+    sections: SectionPoints
+    """Of this orbit alone."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,7 +112,12 @@ class OrbitBranch:
     @property
     def events(self) -> tuple[BranchEvent, ...]:
         """Events of the branch, in the order of its points."""
-        return events_from(self.points)
+        ds = self.points
+        columns = {name: ds[f"event_{name}"].values.tolist() for name in EVENT_COLUMNS}
+        columns["multiplier"] = (
+            ds["event_multiplier_real"].values + 1j * ds["event_multiplier_imag"].values
+        ).tolist()
+        return tuple(map(BranchEvent, *(columns[name] for name in BranchEvent._fields)))
 
     def events_named(self, label: str) -> tuple[BranchEvent, ...]:
         """Gives the events with a label such as "PD"."""
@@ -80,17 +129,17 @@ class OrbitBranch:
     def summary(self) -> str:
         """Gives the branch in words, with a table of its events."""
         varied, ds = self.parameter, self.points
-        values = ds[varied.name].values
+        values, outside = ds[varied.name].values, ds["outside"].values
         shown = lambda value: f"{varied.shown(value):.8g}"
-        reasons = [reason or "start" for reason in ds.attrs["ended"]]
-        ends = [f"{shown(values[k])} ({reason})" for k, reason in zip((0, -1), reasons, strict=True)]
+        first, last = (
+            f"{shown(values[k])} ({reason or 'start'})" for k, reason in zip((0, -1), ds.attrs["ended"], strict=True)
+        )
         title = f"{varied.name} [{varied.display_unit}]"
         lines = [
             f"OrbitBranch of period {self.period} over {varied.name}: {len(values)} points, "
-            f"{int(np.sum(ds['stable'].values))} stable, from {ends[0]} to {ends[1]} {varied.display_unit}",
+            f"{int(np.sum(ds['stable'].values))} stable, from {first} to {last} {varied.display_unit}",
             f"  {'label':5}  {title:>20}  {'+-':>7}  {'multiplier':>22}  outside",
         ]
-        outside = ds["outside"].values
         for event in self.events:
             mu, error = event.multiplier, varied.shown(event.high - event.low) / 2
             critical = "" if np.isnan(mu.real) else f"{mu.real:.5f}" + (f"{mu.imag:+.5f}i" if mu.imag else "")
@@ -108,9 +157,9 @@ class OrbitBranch:
     def orbit(self, point: int | BranchEvent) -> PeriodicOrbit:
         """Gives the orbit at a point, or at an event."""
         ds = self.points.isel(point=point.point if isinstance(point, BranchEvent) else point)
-        run = _Run.again(self, None)
+        run = _Run.of(self)
         return PeriodicOrbit(
-            scene=self.parameter.replaced(self.scene, ds[self.parameter.name].values),
+            scene=run.varied.replaced(run.scene, ds[run.varied.name].values),
             state=run.equations.state(jnp.asarray(ds["state"].values)),
             multipliers=jnp.asarray(ds["multiplier_real"].values + 1j * ds["multiplier_imag"].values),
             residual=jnp.asarray(ds["residual"].values),
@@ -128,8 +177,8 @@ class OrbitBranch:
         **Arguments:** `bounds`: of the parameter, default as before; `options`: `points`, `until` and `progress` of
         `continue_orbit`.
         """
-        run = _Run.again(self, bounds)
-        return run.follow(lambda **how: extend_motion(self.branch, run.bounds, **how), **options)
+        run = _Run.of(self, bounds)
+        return run.follow(extend_motion, self.branch, **options)
 
     def switched(
         self, event: BranchEvent, *, bounds: tuple[float, float] | None = None, **options: Any
@@ -140,36 +189,33 @@ class OrbitBranch:
 
         **Raises:** `ValueError` for other events, or where no orbit is found off this branch.
         """
-        run = _Run.again(self, bounds)
-        node = self.branch.nodes[event.point]
-        equations, spot = switch(self.branch, _analysed(event, node))
-        run = dataclasses.replace(run, equations=equations)
-        walk = lambda **settings: continue_motion(equations, spot, run.bounds, ways=(1,), **settings)
-        return run.follow(walk, **options)
+        equations, spot = switch(self.branch, _analysed(event, self.branch.nodes))
+        run = dataclasses.replace(_Run.of(self, bounds), equations=equations)
+        return run.follow(functools.partial(continue_motion, ways=(1,)), equations, spot, **options)
 
     @property
     def branch(self) -> Branch:
         """Branch as `slipperjax.analysis` has it; that of a file is computed once more at its points."""
         if self._branch is not None:
             return self._branch
-        run, ds = _Run.again(self, None), self.points
-        z = np.column_stack([ds["state"].values, ds[self.parameter.name].values])
-        weights = np.array([np.asarray(run.equations.weights(jnp.asarray(unknowns))[1]) for unknowns in z])
-        rows = weights**2 * ds["tangent"].values
+        run, ds = _Run.of(self), self.points
+        z = np.column_stack([ds["state"].values, ds[run.varied.name].values])
         nodes = []
-        for unknowns, row, label in zip(z, rows, ds["label"].values, strict=True):
-            spot = jax.device_get(correct(run.equations, unknowns, row, tolerance=1.0))
+        for unknowns, tangent, label in zip(z, ds["tangent"].values, ds["label"].values, strict=True):
+            weights = np.asarray(run.equations.weights(jnp.asarray(unknowns))[1])
+            spot = correct(run.equations, unknowns, weights**2 * tangent, tolerance=1.0)
             nodes.append(as_node(spot, run.observe)._replace(label=str(label)))
-        events = tuple(_analysed(event, nodes[event.point]) for event in self.events)
-        ends = tuple(map(End, ds.attrs["ended"], np.asarray(ds.attrs["next_steps"], float).tolist()))
-        branch = Branch(run.equations, tuple(nodes), events, (ends[0], ends[1]))
+        events = tuple(_analysed(event, nodes) for event in self.events)
+        first, last = map(End, ds.attrs["ended"], np.asarray(ds.attrs["next_steps"], float).tolist())
+        branch = Branch(run.equations, tuple(nodes), events, (first, last))
         object.__setattr__(self, "_branch", branch)  # a cache in a frozen dataclass
         return branch
 
 
-def _analysed(event: BranchEvent, node: Node) -> Event:
+def _analysed(event: BranchEvent, nodes: Sequence[Node]) -> Event:
     """Gives an event as `slipperjax.analysis` has it."""
-    return Event(event.label, node, event.low, event.high, event.multiplier, event.converged, event.note)
+    label, _, low, high, multiplier, converged, note, point = event
+    return Event(label, nodes[point], low, high, multiplier, converged, note)
 
 
 def load_branch(source: Any) -> OrbitBranch:
@@ -188,38 +234,33 @@ class _Run:
     """Settings with which a branch is computed."""
 
     scene: Scene
-    name: str
-    equations: SlipperMotions
+    varied: Parameter
     bounds: tuple[float, float]
     steps: int
     solver: Any
     tolerance: float
+    equations: PeriodicMotions
 
     @classmethod
-    def new(cls, scene, name, bounds, period, steps, solver, tolerance, like) -> "_Run":
+    def new(cls, scene, varied, bounds, steps, solver, tolerance, period, like) -> "_Run":
         """Makes those of a new branch."""
-        stepping = dynamic_steps(steps)
-        reach = (bounds[1] - bounds[0],)
-        equations = slipper_motions(scene, (name,), reach, like, stepping=stepping, solver=solver, period=period)
-        return cls(scene, name, equations, bounds, steps, solver, tolerance)
+        options = dict(stepping=dynamic_steps(steps), solver=solver, period=period)
+        equations = slipper_motions(scene, (varied.name,), (bounds[1] - bounds[0],), like, **options)
+        return cls(scene, varied, bounds, steps, solver, tolerance, equations)
 
     @classmethod
-    def again(cls, branch: OrbitBranch, bounds: tuple[float, float] | None) -> "_Run":
+    def of(cls, branch: OrbitBranch, bounds: tuple[float, float] | None = None) -> "_Run":
         """Makes those of a branch, with other bounds. Lengths along the branch stay those of the first bounds."""
-        call, (scene, start) = load_call(branch.points), load_base(branch.points)
-        settings = call["steps_per_period"], call["solver"], call["tolerance"]
-        first = tuple(call["bounds"])
-        run = cls.new(scene, call["parameter"], first, branch.period, *settings, initial_state(scene, start))
-        return run if bounds is None else dataclasses.replace(run, bounds=bounds_of(branch.parameter, bounds))
+        call, (scene, start), varied = load_call(branch.points), load_base(branch.points), branch.parameter
+        settings = call["steps_per_period"], call["solver"], call["tolerance"], branch.period
+        run = cls.new(scene, varied, tuple(call["bounds"]), *settings, initial_state(scene, start))
+        return run if bounds is None else dataclasses.replace(run, bounds=bounds_of(varied, bounds))
 
     def observe(self, spot: Spot) -> Observation:
         """Observes the contacts and sections of an orbit."""
         # the same equations with samples inside the periods, as one program for all points
-        stepping = dynamic_steps(self.steps, inside=True)
-        equations = dataclasses.replace(
-            self.equations, family=dataclasses.replace(self.equations.family, stepping=stepping)
-        )
-        sections = Sections()
+        family = dataclasses.replace(self.equations.family, stepping=dynamic_steps(self.steps, inside=True))
+        equations, sections = dataclasses.replace(self.equations, family=family), Sections()
         records = RecordSet((GapSamples(), sections))
         ((gap, rate), crossed), period = call_compiled(_samples, equations, (records,), jnp.asarray(spot.z))
         one_case = jax.tree.map(lambda a: np.asarray(a)[None], crossed)
@@ -231,30 +272,127 @@ class _Run:
         return Observation(tuple(touches.touchdowns.tolist()), tuple(touches.margin.tolist()), view)
 
     def follow(
-        self, walk: Any, *, points: int = 400, until: Sequence[str] = (), progress: bool = False
+        self,
+        walk: Callable[..., Branch],
+        *start: Any,
+        points: int = 400,
+        until: Sequence[str] = (),
+        progress: bool = False,
     ) -> OrbitBranch:
-        """Gives the branch that `walk` makes as a result; after Ctrl-C raises `Interrupted` with it."""
-        varied, until = parameter(self.name, self.scene), labels(until)
-        with Bar(progress, f"branch over {varied.name}", varied) as bar:
-            show = lambda node: bar.show(node.spot.z[-1])
-            settings: dict[str, Any] = dict(tolerance=self.tolerance, pace=BRANCH_PACE, points=points, until=until)
-            branch = walk(observe=self.observe, on_point=show, **settings)
-        states = jax.vmap(self.equations.state)(jnp.asarray(np.array([node.spot.z for node in branch.nodes])))
-        call = dict(
-            bounds=list(self.bounds),
-            period=branch.equations.intervals,
-            steps_per_period=self.steps,
-            solver=self.solver,
-            tolerance=self.tolerance,
-        )
-        return finished(OrbitBranch(branch_dataset(branch, self.scene, self.name, states, call), branch))
+        """Gives the branch that `walk` makes from a start as a result; after Ctrl-C raises `Interrupted` with it."""
+        options: dict[str, Any] = dict(tolerance=self.tolerance, pace=BRANCH_PACE, points=points, until=labels(until))
+        with counted(progress, f"branch over {self.varied.name}", self.varied) as count:
+            on_point = lambda node: count(node.spot.z[-1])
+            branch = walk(*start, self.bounds, observe=self.observe, on_point=on_point, **options)
+        return finished(OrbitBranch(self.dataset(branch), branch))
+
+    def dataset(self, branch: Branch) -> Any:
+        """Makes an `xarray.Dataset` of a branch, from which the branch can be made again."""
+        nodes, scene = branch.nodes, self.scene
+        views: list[OrbitView] = [node.view.data for node in nodes]
+        multipliers = np.array([node.multipliers for node in nodes])
+        # at a bifurcation rounding decides on which side the critical multiplier lies
+        critical = np.array([node.label in BIFURCATIONS for node in nodes])
+        outside = np.sum(np.abs(multipliers) > 1 + CRITICAL_DISTANCE * critical[:, None], axis=1)
+        call = {
+            "function": "continue_orbit",
+            "parameter": self.varied.name,
+            "bounds": list(self.bounds),
+            "period": branch.equations.intervals,
+            "steps_per_period": self.steps,
+            "solver": self.solver,
+            "tolerance": self.tolerance,
+        }
+        spots = [node.spot for node in nodes]
+        ds, states = orbits_dataset(spots, branch.equations, scene, [self.varied], multipliers, outside, call)
+        touchdowns = np.array([view.grazing.touchdowns for view in views]).reshape(len(nodes), 2, -1)
+        signatures = [view.signature for view in views]
+        data = {
+            "tangent": along([spot.tangent for spot in spots], "direction of the branch", "number_and_parameter"),
+            "stable": along((outside == 0) & ~critical, "whether all multipliers lie inside the unit circle"),
+            "iterations": along([spot.iterations for spot in spots], "iterations of Newton's method"),
+            "label": along([node.label for node in nodes], EVENT_COLUMNS["label"][1]),
+            "signature": along([" ".join(s.points) for s in signatures], "touchdowns in their order"),
+            "slowest_touchdown": along([s.slowest for s in signatures], "slowest touchdown", unit="m/s"),
+            "grazing_gap": along([s.nearest for s in signatures], "least magnitude of a gap's extreme", unit="m"),
+            "touchdowns": along(touchdowns, "touchdowns in a period of the orbit", "end", "contact"),
+        }
+        together = jax.tree.map(lambda *parts: np.stack(parts), *(view.sections for view in views))
+        sections, _ = Sections().label(scene, ("point",), together)
+        strobe, coords = Strobe().label(scene, ("point",), coordinates(states)[:, None])
+        coords |= {"end": ["front", "rear"], "contact": list(scene.section.names)}
+        ds = ds.assign(data | sections | strobe | _event_variables(branch, scene, self.varied.unit))
+        next_steps = [end.step for end in branch.ends]
+        return ds.assign_coords(coords).assign_attrs(ended=list(branch.ended), next_steps=next_steps)
 
 
-def _samples(equations: SlipperMotions, static: tuple, z: Any) -> tuple:
+def _samples(equations: PeriodicMotions, static: tuple, z: Any) -> tuple:
     """Gives the samples of records along an orbit, and the length of a period [s]."""
     step: PeriodMap = equations.step(z)  # type: ignore[assignment]
     passage = step.run(equations.state(z), periods=equations.intervals, records=static[0])
     return passage.samples, step.scene.period
+
+
+def along(values: Any, text: str, *dims: str, unit: str = "1") -> tuple:
+    """Gives a variable of a dataset along its points."""
+    return ("point", *dims), np.array(values), {"units": unit, "long_name": text}
+
+
+def orbits_dataset(
+    spots: Sequence[Spot],
+    motions: PeriodicMotions,
+    scene: Scene,
+    varied: Sequence[Parameter],
+    multipliers: np.ndarray,
+    outside: Any,
+    call: dict[str, Any],
+) -> tuple[Any, State]:
+    """Makes an `xarray.Dataset` of orbits at points of a curve, from which scene and call can be read.
+
+    **Returns:** the dataset, and the states, with a leading axis.
+    """
+    import xarray as xr
+
+    z, size, names = np.array([spot.z for spot in spots]), motions.size, [quantity.name for quantity in varied]
+    states = jax.vmap(motions.state)(jnp.asarray(z))
+    data = {
+        "state": along(z[:, :size], "all numbers of the state, as in slipperjax.State", "number"),
+        "multiplier_real": along(multipliers.real, "Floquet multipliers, real parts", "multiplier"),
+        "multiplier_imag": along(multipliers.imag, "Floquet multipliers, imaginary parts", "multiplier"),
+        "outside": along(outside, "multipliers outside the unit circle, without critical ones"),
+        "residual": along([float(spot.residual) for spot in spots], "scaled residual"),
+    }
+    coords = {quantity.name: ("point", z[:, size + k], quantity.attributes) for k, quantity in enumerate(varied)}
+    start = jax.tree.map(lambda a: np.asarray(a)[0], states)
+    attrs = scene_attributes(scene, without=names) | run_attributes(scene, start, call, names)
+    return xr.Dataset(data, coords, attrs | {"orbit_period": motions.intervals}), states
+
+
+def _event_variables(branch: Branch, scene: Scene, unit: str) -> dict[str, Any]:
+    """Gives the variables of the table of events."""
+    # by identity: a bound and a grazing may share a value
+    index = {id(node.spot.z): k for k, node in enumerate(branch.nodes)}
+    names, rows = contact_names(scene), []
+    for event in branch.events:
+        z, opening = event.node.spot.z, event.node.view.data.grazing.opening
+        # touchdowns that a grazing changes, in the direction of the branch
+        notes = [
+            f"{names[k]} {'opens' if opening[k] else 'touches'} once {'more' if change > 0 else 'less'}"
+            for k, change in enumerate(event.change)
+            if change
+        ]
+        note = "; ".join([*notes, *([event.note] if event.note else [])])
+        values = float(z[-1]), event.low, event.high, event.multiplier, event.converged
+        rows.append(BranchEvent(event.label, *values, note, index[id(z)]))
+    data: dict[str, Any] = {}
+    for name, (kind, text) in EVENT_COLUMNS.items():
+        attributes = {"units": unit if name in ("value", "low", "high") else "1", "long_name": text}
+        data[f"event_{name}"] = ("event", np.array([getattr(row, name) for row in rows], kind), attributes)
+    critical = np.array([event.multiplier for event in branch.events], complex)
+    for part in ("real", "imag"):
+        attributes = {"units": "1", "long_name": f"critical multiplier, {part} part"}
+        data[f"event_multiplier_{part}"] = ("event", getattr(critical, part), attributes)
+    return data
 
 
 def finished(result: Any) -> Any:
@@ -264,42 +402,33 @@ def finished(result: Any) -> Any:
     return result
 
 
-class Bar:
-    """Progress bar of points, at each of which Ctrl-C of a command is polled."""
+@contextlib.contextmanager
+def counted(shown: bool, text: str, varied: Parameter) -> Iterator[Callable[[Any], None]]:
+    """Gives a function that counts points, with their values of a parameter [SI unit], in a progress bar if `shown`.
 
-    def __init__(self, shown: bool, text: str, varied: Parameter):
-        self.varied, self.bar = varied, None
-        if shown:  # in a notebook without widgets the import alone gives a warning
-            from tqdm.auto import tqdm
+    At each point it polls Ctrl-C of a command.
+    """
+    bar = None
+    if shown:  # in a notebook without widgets the import alone gives a warning
+        from tqdm.auto import tqdm
 
-            self.bar = tqdm(desc=text, unit=" points")
+        bar = tqdm(desc=text, unit=" points")
 
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_: Any) -> None:
-        if self.bar is not None:
-            self.bar.close()
-
-    def show(self, value: Any) -> None:
-        """Counts one more point, with this value of the parameter [SI unit]."""
+    def count(value: Any) -> None:
         if ASKED.is_set():
             raise KeyboardInterrupt
-        if self.bar is None:
-            return
-        self.bar.set_postfix_str(f"{self.varied.shown(float(value)):.6g} {self.varied.display_unit}", refresh=False)
-        self.bar.update()
+        if bar is not None:
+            bar.set_postfix_str(f"{varied.shown(float(value)):.6g} {varied.display_unit}", refresh=False)
+            bar.update()
+
+    with contextlib.nullcontext() if bar is None else bar:
+        yield count
 
 
 def bounds_of(varied: Parameter, bounds: Any) -> tuple[float, float]:
     """Gives two values of a parameter, the smaller first; raises `ValueError` for others."""
-    if not (isinstance(bounds, Sequence | np.ndarray) and len(bounds) == 2 and float(bounds[0]) < float(bounds[1])):
-        raise ValueError(
-            f"Argument `bounds` must be two values of {varied.name} [{varied.unit}], the smaller first, but is "
-            f"{bounds!r}."
-        )
-    low, high = (float(varied.checked(value)) for value in bounds)
-    return low, high
+    low, high = checked_bounds(bounds, f"values of {varied.name} [{varied.unit}]")
+    return float(varied.checked(low)), float(varied.checked(high))
 
 
 def value_within(scene: Scene, name: str, varied: Parameter, bounds: tuple[float, float]) -> float:
@@ -375,6 +504,7 @@ def continue_orbit(
         start = periodic_orbit(scene, period, start=start, steps_per_period=steps, solver=solver, tolerance=tolerance)
         if int(start.status):
             raise ValueError(f"Argument `start` must be near a periodic orbit, but: {start!r}")
-    run = _Run.new(scene, name, bounds, start.period, steps, solver, tolerance, start.state)
-    walk = lambda **settings: continue_motion(run.equations, (start.state, value), bounds, **settings)
-    return run.follow(walk, points=points, until=until, progress=progress)
+    run = _Run.new(scene, varied, bounds, steps, solver, tolerance, start.period, start.state)
+    return run.follow(
+        continue_motion, run.equations, (start.state, value), points=points, until=until, progress=progress
+    )

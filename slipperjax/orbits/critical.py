@@ -12,25 +12,24 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..analysis.critical import ConditionedMotions, CriticalMotions, continue_critical, critical_motion
-from ..analysis.curves import Curve, Pace
-from ..analysis.events import CRITICAL_DISTANCE, Node
+from ..analysis.curves import Pace
+from ..analysis.events import CRITICAL_DISTANCE
 from ..analysis.floquet import multipliers
-from ..flow.datasets import load_call, run_attributes, scene_attributes, varied_names
+from ..analysis.shooting import PeriodicMotions
+from ..flow.datasets import load_call, varied_names
 from ..flow.period_map import PeriodMap
 from ..flow.record import RecordSet
 from ..flow.simulate import dynamic_steps, static_steps
 from ..model.dynamics import State
 from ..model.paths import parameter
-from ..model.quantities import Parameter
 from ..model.scene import Scene, check_scene
 from ..solvers.named import resolve_solver
 from ..tools.checks import one_of, require, shown_number, whole
 from ..tools.compile import is_traced
 from ..tools.files import write_whole
 from ..tools.hermite import Cubic
-from .branch_data import BranchEvent
-from .branches import Bar, OrbitBranch, bounds_of, finished, value_within
-from .motions import EventMotions, SlipperMotions, slipper_motions
+from .branches import BranchEvent, OrbitBranch, bounds_of, counted, finished, orbits_dataset, value_within
+from .motions import MOTION_SHARE, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit
 from .signature import GapSamples, Grazing
 
@@ -42,10 +41,10 @@ ROUGH = {"LP": 1e-3, "PD": 1e-4, "NS": 1e-4}
 """Distances of a multiplier from its critical value that are accepted along curves [1]. The derivatives of the period
 map jump where a touchdown passes from one integration step to the next. A fold's place depends on it to second
 order."""
-EASE = {"LP": 1e-2, "PD": 1e-3, "NS": 1e-3}
+RELAXED = {"LP": 1e-2, "PD": 1e-3, "NS": 1e-3}
 """Such distances at single points of a curve, where there is no other way on [1]."""
 CURVE_PACE = Pace(first=0.02, least=1e-4, most=0.2)
-"""Steps along a curve: 1 is the whole range of a parameter; the state counts less, see `EventMotions`."""
+"""Steps along a curve: 1 is the whole range of a parameter; the state counts less, see `MOTION_SHARE`."""
 FOLD_PACE = Pace(first=0.02, least=2e-3, most=0.2)
 """Likewise for folds, where jumps of derivatives count most: short steps there are of no use."""
 
@@ -105,7 +104,6 @@ def critical_orbit(
     **Raises:** `ValueError` that names the argument which is wrong.
     """
     check_scene(scene)
-    one_of("label", label, ("LP", "PD", "NS"))
     varied = parameter(name, scene)
     steps = (
         int(start.steps_per_period) if steps_per_period is None else whole("steps_per_period", steps_per_period, 1)
@@ -149,7 +147,7 @@ class GapExtreme(eqx.Module):
         """Gives the gap [m]."""
         return self._extreme(state, *values)[0]
 
-    def renewed(self, state: State, *values: Any) -> "GapExtreme":
+    def update(self, state: State, *values: Any) -> "GapExtreme":
         """Gives the same extreme with its time on this orbit."""
         return dataclasses.replace(self, time=self._extreme(state, *values)[1])
 
@@ -225,8 +223,8 @@ def continue_event(
         own parameter, default those of the branch.
     - `points`: most points of each way. `progress`: shows a bar.
 
-    **Returns:** an `OrbitCurve`. It ends where it meets a bound, or where no step converges, also with `EASE`: at a
-    grazing the multipliers' second derivatives jump.
+    **Returns:** an `OrbitCurve`. It ends where it meets a bound, or where no step converges, also with `RELAXED`: at
+    a grazing the multipliers' second derivatives jump.
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C,
     with the curve until then as its `result`.
@@ -237,29 +235,31 @@ def continue_event(
     require(other.name != own.name, "name", "be another parameter than the branch's", name)
     limits = (bounds_of(own, call["bounds"] if first_bounds is None else first_bounds), bounds_of(other, bounds))
     value = value_within(scene, name, other, limits[1])
-    orbit, node = branch.orbit(event), branch.branch.nodes[event.point]
-    stepping, reach = dynamic_steps(call["steps_per_period"]), [high - low for low, high in limits]
-    settings = dict(stepping=stepping, solver=call["solver"], period=branch.period, of=EventMotions)
+    orbit, reach = branch.orbit(event), [high - low for low, high in limits]
+    stepping = dynamic_steps(call["steps_per_period"])
+    settings = dict(stepping=stepping, solver=call["solver"], period=branch.period, share=MOTION_SHARE)
     motions = slipper_motions(scene, (own.name, name), reach, orbit.state, **settings)
     if event.label == "GR":
-        equations = ConditionedMotions(motions, _extreme_at(motions, branch, node, call), GAP_UNIT)
+        equations = ConditionedMotions(motions, _extreme_at(motions, branch, event, call), GAP_UNIT)
     else:
         equations = CriticalMotions.of(
-            motions, event.label, call["tolerance"] / ROUGH[event.label], EASE[event.label]
+            motions, event.label, call["tolerance"] / ROUGH[event.label], RELAXED[event.label]
         )
     pace = FOLD_PACE if event.label == "LP" else CURVE_PACE
     options = dict(tolerance=call["tolerance"], pace=pace, points=points, secant=True)
-    with Bar(progress, f"{event.label} over {own.name} and {name}", own) as bar:
-        show = lambda spot: bar.show(spot.z[motions.size])
-        angle = abs(float(np.angle(event.multiplier)))
-        start = orbit.state, (event.value, value)
-        curve = continue_critical(equations, *start, limits, angle=angle, on_point=show, **options)
-    return finished(OrbitCurve(_curve_dataset(curve, motions, scene, (own, other), event.label)))
+    with counted(progress, f"{event.label} over {own.name} and {name}", own) as count:
+        on_point = lambda spot: count(spot.z[motions.size])
+        options |= dict(angle=abs(float(np.angle(event.multiplier))), on_point=on_point)
+        curve = continue_critical(equations, orbit.state, (event.value, value), limits, **options)
+    mu = np.array([multipliers(spot.matrices) for spot in curve.spots])
+    outside, call = [_outside(row, event.label) for row in mu], {"function": "continue_event", "label": event.label}
+    ds, _ = orbits_dataset(curve.spots, motions, scene, (own, other), mu, outside, call)
+    return finished(OrbitCurve(ds.assign_attrs(label=event.label, ended=list(curve.ended))))
 
 
-def _extreme_at(motions: SlipperMotions, branch: OrbitBranch, node: Node, call: Any) -> GapExtreme:
+def _extreme_at(motions: PeriodicMotions, branch: OrbitBranch, event: BranchEvent, call: Any) -> GapExtreme:
     """Gives the extreme that is zero at a grazing."""
-    touches: Grazing = node.view.data.grazing
+    touches: Grazing = branch.branch.nodes[event.point].view.data.grazing
     point = int(np.argmin(touches.margin))
     inside = dynamic_steps(call["steps_per_period"], inside=True)
     family = dataclasses.replace(motions.family, stepping=inside)  # type: ignore[type-var]
@@ -276,29 +276,3 @@ def _outside(mu: np.ndarray, label: str) -> int:
     values = {"LP": [1], "PD": [-1], "NS": [pair, np.conj(pair)], "GR": []}[label]
     critical = [int(np.argmin(np.abs(mu - value))) for value in values]
     return int(np.sum(np.abs(np.delete(mu, critical)) > 1 + CRITICAL_DISTANCE))
-
-
-def _curve_dataset(
-    curve: Curve, motions: SlipperMotions, scene: Scene, varied: tuple[Parameter, Parameter], label: str
-) -> Any:
-    """Makes an `xarray.Dataset` of a curve."""
-    import xarray as xr
-
-    names, size = [quantity.name for quantity in varied], motions.size
-    z = np.array([spot.z for spot in curve.spots])
-    mu = np.array([multipliers(np.asarray(spot.extra.matrices)) for spot in curve.spots])
-    states = jax.vmap(motions.state)(jnp.asarray(z))
-    words = lambda text, unit="1": {"units": unit, "long_name": text}
-    data = {
-        "state": (("point", "number"), z[:, :size], words("all numbers of the state, as in slipperjax.State")),
-        "multiplier_real": (("point", "multiplier"), mu.real, words("Floquet multipliers, real parts")),
-        "multiplier_imag": (("point", "multiplier"), mu.imag, words("Floquet multipliers, imaginary parts")),
-        "outside": ("point", [_outside(row, label) for row in mu], words("other multipliers outside the circle")),
-        "residual": ("point", [float(spot.residual) for spot in curve.spots], words("scaled residual")),
-    }
-    coords = {quantity.name: ("point", z[:, size + k], quantity.attributes) for k, quantity in enumerate(varied)}
-    start = jax.tree.map(lambda a: np.asarray(a)[0], states)
-    call = {"function": "continue_event", "label": label}
-    attrs = scene_attributes(scene, without=names) | run_attributes(scene, start, call, names)
-    attrs |= {"label": label, "orbit_period": motions.intervals, "ended": list(curve.ended)}
-    return xr.Dataset(data, coords, attrs)

@@ -4,6 +4,7 @@ from typing import Any
 
 import diffrax
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
@@ -30,42 +31,15 @@ class ScenePath(eqx.Module):
     """Parameters by name or path; without any, the scene's own map."""
     solver: diffrax.AbstractSolver = eqx.field(static=True)
 
-    def at(self, *values: Any) -> Scene:
-        """Gives the scene with these values."""
+    def __call__(self, *values: Any) -> PeriodMap:
         scene = self.scene
         for name, value in zip(self.names, values, strict=True):
             scene = parameter(name, scene).replaced(scene, value)
-        return scene
-
-    def __call__(self, *values: Any) -> PeriodMap:
-        return PeriodMap(self.at(*values), self.stepping, self.solver)
-
-
-class SlipperMotions(PeriodicMotions):
-    """Periodic motions of a slipper; lengths of curves are measured by the motion and the parameters alone."""
-
-    def measure(self, weights: Array) -> Array:
-        motion = len(MOTION_NUMBERS)  # of a state's numbers, the memory's come after
-        return jnp.zeros_like(weights).at[:motion].set(weights[:motion] / np.sqrt(motion))
-
-    def settle(self, step: PeriodMap, proposed: State, mapped: State) -> State:
-        return ConsistentMemory(step.scene)(proposed, mapped)
+        return PeriodMap(scene, self.stepping, self.solver)
 
 
 MOTION_SHARE = 0.1
-"""Weight of the motion over that of the parameters in the length of a curve of events."""
-
-
-class EventMotions(SlipperMotions):
-    """Motions at events over two parameters.
-
-    Where the derivatives of the period map jump, the motion at a fold jumps in proportion, by up to 1e-2 of its
-    scale, and the parameters by the square of that. So lengths are measured by the parameters first of all; the
-    motion counts at cusps, where the curve of the parameters has no direction.
-    """
-
-    def measure(self, weights: Array) -> Array:
-        return MOTION_SHARE * super().measure(weights)
+"""Weight of the motion over that of the parameters in the length of a curve of events, see `slipper_motions`."""
 
 
 def slipper_motions(
@@ -77,27 +51,40 @@ def slipper_motions(
     stepping: AbstractStepping,
     solver: diffrax.AbstractSolver,
     period: int,
-    of: type[SlipperMotions] = SlipperMotions,
-) -> SlipperMotions:
-    """Makes the equations of orbits over some parameters, with changes `reach` that count as one."""
-    path = ScenePath(scene, stepping, names, solver)
-    return of(path, like, jnp.asarray(reach, float), tangent_weights(scene), intervals=period)
+    share: float = 1.0,
+) -> PeriodicMotions:
+    """Makes the equations of orbits over some parameters, with changes `reach` that count as one.
+
+    Lengths of curves are measured by the parameters and, with a weight of `share`, by the motion. Where the
+    derivatives of the period map jump, the motion at a fold jumps in proportion, by up to 1e-2 of its scale, and the
+    parameters by the square of that. So curves of events are measured by the parameters first of all; the motion
+    counts at cusps, where the curve of the parameters has no direction.
+    """
+    path, scale = ScenePath(scene, stepping, names, solver), tangent_weights(scene)
+    size, motion = sum(map(np.size, jax.tree.leaves(like))), len(MOTION_NUMBERS)
+    # of a state's numbers, the memory's come after the motion's, and do not count
+    lengths = jnp.full(size, jnp.inf).at[:motion].set(np.sqrt(motion) / share)
+    return PeriodicMotions(path, like, jnp.asarray(reach, float), scale, 0.0, period, consistent_state, lengths)
 
 
-class ConsistentMemory(eqx.Module):
-    """Function that makes the memory of a proposed state fit its gaps: zero where open, latched where just closed."""
+def consistent_memory(scene: Scene, proposed: State, mapped: State) -> State:
+    """Makes the memory of a proposed state fit its gaps: zero where open, latched where just closed. Pure.
 
-    scene: Scene
+    **Arguments:** `mapped`: what the last iterate is mapped to.
+    """
+    if proposed.memory is None or not isinstance(scene.memory, EventLatch):
+        return proposed
+    assert mapped.memory is not None  # that of the same scene
+    now = contacts(rail_frame(scene, 0.0), proposed.motion)
+    fresh = scene.memory.initial(now.gap, now.rate)
+    # of a contact that was open at the section, the memory latched since is better than that of a fresh start
+    memory = jnp.where(proposed.memory < 0, proposed.memory, jnp.where(mapped.memory < 0, mapped.memory, fresh))
+    return State(proposed.motion, jnp.where(now.gap < 0, memory, 0.0))
 
-    def __call__(self, proposed: State, mapped: State) -> State:
-        if proposed.memory is None or not isinstance(self.scene.memory, EventLatch):
-            return proposed
-        assert mapped.memory is not None  # that of the same scene
-        now = contacts(rail_frame(self.scene, 0.0), proposed.motion)
-        fresh = self.scene.memory.initial(now.gap, now.rate)
-        # of a contact that was open at the section, the memory latched since is better than that of a fresh start
-        memory = jnp.where(proposed.memory < 0, proposed.memory, jnp.where(mapped.memory < 0, mapped.memory, fresh))
-        return State(proposed.motion, jnp.where(now.gap < 0, memory, 0.0))
+
+def consistent_state(step: PeriodMap, proposed: State, mapped: State) -> State:
+    """Makes a proposed state consistent, see `slipperjax.analysis.shoot`."""
+    return consistent_memory(step.scene, proposed, mapped)
 
 
 def check_forcing(scene: Scene) -> None:

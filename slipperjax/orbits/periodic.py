@@ -29,8 +29,8 @@ from ..model.kinematics import Motion
 from ..model.scene import Scene, check_scene
 from ..solvers.named import resolve_solver
 from ..tools.checks import number, positive, shown_number, whole
-from ..tools.compile import is_traced
-from .motions import ConsistentMemory, check_forcing
+from ..tools.compile import is_traced, jit
+from .motions import check_forcing, consistent_state
 from .signature import Gaps, GapSamples, Signature, signature
 
 TOLERANCE = 1e-10
@@ -158,11 +158,12 @@ def periodic_orbit(
     # differentiated in both modes, or by one program for all numbers of steps
     stepping = static_steps(steps) if traced else dynamic_steps(steps)
     step, state = PeriodMap(scene, stepping, solver), initial_state(scene, begin)
-    options = dict(scale=tangent_weights(scene), settle=ConsistentMemory(scene))
+    options = dict(scale=tangent_weights(scene), consistent=consistent_state)
     for count in tries:
         state = _simulated(step, state, count, traced)
-        if not traced and int(status_of(state)) == Status.NOT_FINITE:
-            shot = _lost(state, period)
+        if not traced and int(_status(state, jnp.zeros(()), tolerance)) == Status.NOT_FINITE:
+            size = sum(np.size(leaf) for leaf in jax.tree.leaves(state))
+            shot = Shot(state, jnp.asarray(jnp.nan), jnp.asarray(0), jnp.full((period, size, size), jnp.nan))
             break
         shot = shoot(step, state, intervals=period, tolerance=tolerance, max_iterations=limit, **options)
         if traced or bool(shot.residual <= tolerance):
@@ -172,11 +173,17 @@ def periodic_orbit(
         period = min((n for n, residual in residuals.items() if float(residual) < DIVISOR), default=period)
     matrices = shot.matrices[:period]
     mu = multipliers(matrices if traced else np.asarray(matrices))
-    code = status_of(shot.state)
-    code = jnp.where((code == int(Status.FINITE)) & ~(shot.residual <= tolerance), int(Status.NO_ORBIT), code)
+    code = _status(shot.state, shot.residual, tolerance)
     return PeriodicOrbit(
         scene, shot.state, jnp.asarray(mu), shot.residual, shot.iterations, code, period, steps, solver
     )
+
+
+@jit
+def _status(state: State, residual: Array, tolerance: Any) -> Array:
+    """Judges a state with the residual of its recurrence, as one program."""
+    code = status_of(state)
+    return jnp.where((code == int(Status.FINITE)) & ~(residual <= tolerance), int(Status.NO_ORBIT), code)
 
 
 def _simulated(step: PeriodMap, state: State, periods: int, traced: bool) -> State:
@@ -185,10 +192,3 @@ def _simulated(step: PeriodMap, state: State, periods: int, traced: bool) -> Sta
         return state
     step, state = without_derivatives((step, state))
     return step.run(state, periods=periods).state if traced else run_eagerly(step, state, periods, RecordSet()).state
-
-
-def _lost(state: State, period: int) -> Shot:
-    """Gives the result where the motion left the finite numbers before Newton's method."""
-    size = sum(np.size(leaf) for leaf in jax.tree.leaves(state))
-    none = jnp.full((period, size, size), jnp.nan)
-    return Shot(state, jnp.asarray(jnp.nan), jnp.asarray(0), none)

@@ -64,7 +64,7 @@ def regimes_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
         names = ds["regime"].transpose(*dims).values
     else:
         words = ds["kind"].transpose(*dims).values
-        names = np.vectorize(lambda word: Regime.of_kind(word).regime, otypes=[object])(words)
+        names = Regime.regime_names(Regime.codes(words))
     return np.where(flagged(ds, *dims), "unresolved", names)
 
 

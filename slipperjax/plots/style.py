@@ -13,7 +13,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
-from ..analysis.lyapunov import REGIMES
+from ..analysis.kinds import REGIMES
 from ..flow.status import Status
 from ..model.quantities import PARAMETERS, REACTIONS, quantity
 from ..tools.files import listed

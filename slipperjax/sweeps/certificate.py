@@ -80,7 +80,7 @@ def exponent_variables(
     # an orbit's are exact
     exponent[by_orbit] = weighted[by_orbit] = history[by_orbit, 0]
     error[by_orbit] = 0.0
-    kind = np.where(good, Regime.kinds(measured.kind), Regime.UNRESOLVED.kind)
+    kind = np.where(good, Regime.kind_names(measured.kind), Regime.UNRESOLVED.kind_name)
     trusted, escapes = good, np.zeros(len(good), int)
     variables: dict[str, np.ndarray] = {}
     if measured.checks is not None:

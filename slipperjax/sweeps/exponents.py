@@ -210,8 +210,7 @@ class LyapunovExponents(ContinuedRecord):
             matrices = maps._replace(periods=motion.period).jacobians(periodic, rows[periodic])
             floquet[periodic] = [largest_exponent(of_case, len(of_case)) for of_case in matrices]
             checks = Checks(half.history, half.status, floquet)
-        kind = np.array([Regime.of_kind(word) for word in motion.kind.tolist()], int)
-        return CaseExponents(status, kind, motion.period, local.history, states, checks)
+        return CaseExponents(status, Regime.codes(motion.kind), motion.period, local.history, states, checks)
 
     def label(self, scene, dims, values: dict[str, np.ndarray]) -> Labelled:
         data = {}

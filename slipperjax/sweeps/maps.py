@@ -17,7 +17,7 @@ from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State
 from ..model.layout import StateLayout, coordinates
 from ..model.scene import Scene
-from ..orbits.motions import ConsistentMemory
+from ..orbits.motions import consistent_memory
 from ..tools.batching import Batched
 from ..tools.compile import jit
 from .grid import filled
@@ -152,7 +152,7 @@ class Maps(NamedTuple):
 
 @jit
 def _settled(scenes: Batched[Scene], proposed: State, mapped: State) -> State:
-    return scenes.map(lambda scene, p, m: ConsistentMemory(scene)(p, m), proposed, mapped)
+    return scenes.map(consistent_memory, proposed, mapped)
 
 
 @jit

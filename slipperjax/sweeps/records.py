@@ -83,11 +83,10 @@ class MotionKind(AbstractRecord):
         states = coordinates(State(samples, None))
         states = np.where((span.status == Status.FINITE)[:, None, None], states, np.nan)
         motions = classify(states, scales=COORDINATE_SCALES, floor=FLOOR)
-        numbers = [Regime.of_kind(word) for word in motions.kind.tolist()]
-        return Motions(np.array(numbers, int), np.asarray(motions.period, int))
+        return Motions(Regime.codes(motions.kind), np.asarray(motions.period, int))
 
     def label(self, scene, dims, values: Motions) -> Labelled:
-        words = Regime.kinds(values.kind)
+        words = Regime.kind_names(values.kind)
         return {
             "kind": (dims, words, {"long_name": "kind of motion, by recurrence"}),
             "period": (dims, values.period, attributes("1", "forcing periods of a periodic motion, 0 for others")),

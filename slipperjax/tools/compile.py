@@ -71,11 +71,16 @@ def jit(fun: Callable, **kwargs: Any) -> Callable:
 
     @functools.wraps(fun)
     def call(*args: Any, **options: Any) -> Any:
-        if get_opaque_trace_state() != _TOP_LEVEL:
+        if is_transformed():
             return inner(*args, **options)
         return outermost(jax.default_backend())(*args, **options)
 
     return call
+
+
+def is_transformed() -> bool:
+    """Tells whether the call is inside a JAX transformation, also one of which no argument is a tracer."""
+    return get_opaque_trace_state() != _TOP_LEVEL
 
 
 def is_traced(tree: Any) -> bool:

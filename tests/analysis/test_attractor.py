@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from slipperjax.analysis.attractor import KINDS, classify, decay_rate, recurrence, zero_one_test
+from slipperjax.analysis.attractor import classify, decay_rate, recurrence, zero_one_test
+from slipperjax.analysis.kinds import KINDS
 
 from .systems import Well
 

@@ -216,7 +216,7 @@ def test_duffings_flip_and_its_doubled_branch():
     # the branch leaves as the root of the distance: half the length, a quarter of the distance
     np.testing.assert_allclose(gaps[:-1] / gaps[1:], 4.0, rtol=0, atol=0.02)  # measured: 0.004
     # its leading multiplier starts at (-1)^2 and falls by a multiple of the distance
-    lead = np.array([multipliers(np.asarray(first.extra))[0].real for first in firsts])
+    lead = np.array([multipliers(np.asarray(first.matrices))[0].real for first in firsts])
     np.testing.assert_allclose((1 - lead[:-1]) / (1 - lead[1:]), 4.0, rtol=0, atol=0.05)  # measured: 0.01
     assert abs(lead[-1] - 1) < 0.005  # measured: 0.004
     doubled = continue_motion(equations[-1], firsts[-1], (0.2, 0.32), pace=Pace(first=0.01, most=0.05))

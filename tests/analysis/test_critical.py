@@ -131,7 +131,7 @@ def test_curves_of_henons_map(label):
     low = {"LP": -0.9, "PD": 1 - np.sqrt(8 / 3)}[label]
     np.testing.assert_allclose(sorted(b[[0, -1]]), [low, 0.9], rtol=0, atol=1e-9)  # measured: 0
     for spot in found.spots[::5]:
-        mu = multipliers(np.asarray(spot.extra.matrices))
+        mu = multipliers(np.asarray(spot.matrices))
         assert np.abs(mu - CRITICAL[label]).min() < 1e-8  # measured: 2e-14
 
 
@@ -229,16 +229,16 @@ def test_an_interruption_returns_what_was_found():
     assert len(found.spots) == 5
 
 
-def rough_curve(ease):
+def rough_curve(relaxed):
     """Flips lie at x = (1 - b) / 2 for b > 0, at 0.005 less for b < -0.01, and nowhere between."""
-    equations = CriticalMotions.of(plane(Henon(jnp.asarray(-0.01))), "PD", 1e-6, ease)
+    equations = CriticalMotions.of(plane(Henon(jnp.asarray(-0.01))), "PD", 1e-6, relaxed)
     pace = Pace(first=0.01, most=0.01, least=1e-4)
     return continue_critical(
         equations, jnp.full(2, 0.6), (1.08, -0.2), ((-1.0, 2.0), (-0.3, 0.3)), pace=pace, secant=True
     )
 
 
-def test_eased_equations_pass_a_jump_of_the_derivative():
+def test_relaxed_equations_pass_a_jump_of_the_derivative():
     found = rough_curve(0.01)
     a, b = (column(found.spots, k) for k in (2, 3))
     assert found.ended == ("bound", "bound")

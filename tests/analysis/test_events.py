@@ -9,7 +9,7 @@ from scipy.optimize import root
 
 from slipperjax.analysis.continuation import continue_motion
 from slipperjax.analysis.curves import Pace, Spot
-from slipperjax.analysis.events import Node, Observation, _Search
+from slipperjax.analysis.events import EventSearch, Node, Observation
 
 from .systems import Polynomial, Stopped, follow, labels, motions, one_touch, only, where
 
@@ -187,7 +187,7 @@ def test_grazings_and_flips_within_one_step_are_separated():
 def test_an_event_whose_condition_jumps_is_kept_but_not_converged():
     """Of brentq's iterations a jump takes more than are allowed."""
 
-    class Jumping(_Search):
+    class Jumping(EventSearch):
         def at(self, share, a, b):
             spot = Spot(np.array([0.0, share]), np.array([0.0, 1.0]), np.ones(2), np.array(0.0), np.array(1), None)
             return Node(spot, np.array([1 - 1e-8 if share < 0.3 else 2.0], complex), Observation())

@@ -130,7 +130,7 @@ def test_combinations_take_the_least_order():
         (lambda s: spectral_lines(s, lobe=0), "`lobe` must be a whole number of 1 or more"),
         (lambda s: spectral_lines(s, span=5), "`span` must be a whole number of 11 or more"),
         (lambda s: find_line(s, 5e3), "`frequency` must be at most 4000 Hz, but is 5000 Hz"),
-        (lambda s: find_line(s, "f1"), "`frequency` must be a positive number, but is 'f1'"),
+        (lambda s: find_line(s, "f1"), "`frequency` must be positive, but is 'f1'"),
         (lambda s: name_lines(spectral_lines(s), F1, -F2), "`f2` must be positive, but is -125"),
         (lambda s: name_lines(spectral_lines(s), F1, max_order=0), "`max_order` must be a whole number of 1 or more"),
     ],

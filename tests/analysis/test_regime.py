@@ -47,8 +47,8 @@ def test_several_motions_show_correlations_as_long_as_a_record():
 def test_one_number_stands_for_both_words():
     assert KINDS == ("period", "torus", "chaotic", "unresolved")
     assert REGIMES == ("periodic", "regular", "chaotic", "unresolved", "transient chaos")
-    numbers = [Regime.of_kind(word) for word in KINDS]
-    assert Regime.kinds(numbers).tolist() == list(KINDS)
-    assert Regime.regimes([*numbers, Regime.TRANSIENT]).tolist() == list(REGIMES)
+    numbers = Regime.codes(KINDS)
+    assert Regime.kind_names(numbers).tolist() == list(KINDS)
+    assert Regime.regime_names([*numbers, Regime.TRANSIENT]).tolist() == list(REGIMES)
     # arrays of cases that were not run are zero
-    assert Regime.kinds(np.zeros(2, int)).tolist() == ["unresolved"] * 2
+    assert Regime.kind_names(np.zeros(2, int)).tolist() == ["unresolved"] * 2

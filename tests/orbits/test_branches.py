@@ -1,12 +1,14 @@
 """Branches of orbits of slippers: events, files, switching, and critical orbits with their derivatives."""
 
+import contextlib
+
 import jax
 import numpy as np
 import pytest
 
 import slipperjax as sj
 from slipperjax.flow.status import Status
-from slipperjax.orbits.branches import Bar
+from slipperjax.orbits import branches
 from slipperjax.orbits.critical import continue_event, critical_orbit
 
 from .nominal import SCENE, STEPS
@@ -110,15 +112,21 @@ def test_a_branch_that_ends_early_goes_on(branch, monkeypatch):
     assert labels(part) == ["GR", "PD", "EP"]
     assert part.events[1].value == pytest.approx(branch.events_named("PD")[0].value, rel=1e-9)
     same(part)
-    show, shown = Bar.show, []
+    counted, shown = branches.counted, []
 
-    def interrupting(self, value):
-        shown.append(value)
-        if len(shown) == 3:
-            raise KeyboardInterrupt
-        show(self, value)
+    @contextlib.contextmanager
+    def interrupting(*settings):
+        with counted(*settings) as count:
 
-    monkeypatch.setattr(Bar, "show", interrupting)
+            def third(value):
+                shown.append(value)
+                if len(shown) == 3:
+                    raise KeyboardInterrupt
+                count(value)
+
+            yield third
+
+    monkeypatch.setattr(branches, "counted", interrupting)
     with pytest.raises(sj.Interrupted) as stop:
         followed()
     part = stop.value.result

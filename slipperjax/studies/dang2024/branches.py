@@ -17,8 +17,7 @@ from ...model.dang2024 import paper_scene
 from ...model.layout import coordinates
 from ...model.quantities import COORDINATE_SCALES, COORDINATES
 from ...model.scene import Scene
-from ...orbits.branch_data import BranchEvent
-from ...orbits.branches import OrbitBranch, continue_orbit
+from ...orbits.branches import BranchEvent, OrbitBranch, continue_orbit
 from ...orbits.periodic import PeriodicOrbit, periodic_orbit
 
 STEPS = 200
