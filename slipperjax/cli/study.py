@@ -7,8 +7,7 @@ import click
 
 from ..tools.files import listed, said, write_each
 from .files import PARTIAL, Outputs, make_folder
-from .options import COUNT, flag, option, out
-from .root import app
+from .options import COUNT, app, flag, option, out
 
 
 @app.command()

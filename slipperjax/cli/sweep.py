@@ -1,7 +1,8 @@
 """The commands that run many cases, and those that look after stores of them."""
 
+import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
@@ -9,29 +10,47 @@ from typing import Any
 
 import click
 
+from ..model.quantities import PARAMETERS, STARTS
 from ..tools.cache import compile_cache
+from ..tools.checks import require
 from .files import Outputs, keeping, make_folder
 from .interrupts import on_thread
 from .options import (
     COUNT,
     FILE,
     FROM_ZERO,
-    Axis,
+    LOST,
     Case,
-    axis,
+    app,
     flag,
-    log,
-    make_grid,
     option,
     out,
-    over,
+    parameter_of,
     result,
     takes_case,
+    with_units,
 )
-from .root import LOST, app
 
+Axis = tuple[str, float, float, int]
+"""Parameter, first and last value in its display unit, number of values."""
 PERIODS = {"exponents": 500, "orbits": 1, "motion": 64}
 """Forcing periods by default, where they are not 10."""
+
+
+def axis(name: str, text: str, **more: Any) -> Callable[..., Any]:
+    """An option that spans values of a parameter."""
+    return option(name, (str, float, float, COUNT), text, metavar="NAME FIRST LAST COUNT", **more)
+
+
+over = axis(
+    "--over",
+    f"Parameter, first and last value, number of values. Parameters: {with_units(PARAMETERS)}; of the start: "
+    f"{with_units(STARTS)}; and paths in SI units such as section.play.2.",
+    required=True,
+)
+log = option(
+    "--log", str, "A parameter of --over or --by with logarithmic spacing; repeat for several.", multiple=True
+)
 transient = option("--transient", FROM_ZERO, "Forcing periods to pass before anything is recorded.", default=300)
 show = option("--show", str, "Draw this variable; default what suits the record.")
 
@@ -143,6 +162,33 @@ def _grid(case: Case, axes: tuple[Axis, ...], log: tuple[str, ...], sample: int 
     return sample_box({name: tuple(pair) for name, pair in ends.items()}, sample, log=log, scene=case.scene)
 
 
+def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = ()) -> dict[str, Any]:
+    """Values in SI units by parameter name; those named by `log` in equal ratios.
+
+    **Arguments:** `axes`: of `--over` and of each `--by`.
+
+    **Raises:** `ValueError` that names the option which is wrong.
+    """
+    import numpy as np
+
+    from ..sweeps.run import refuse_cases
+
+    grid = {}
+    for name, first, last, count in axes:
+        option = "--by" if grid else "--over"
+        known = parameter_of(option, scene, name, PARAMETERS | STARTS)
+        if name in grid:
+            raise ValueError(f"Option --by must name another parameter than --over, but is {name!r} too.")
+        if name in log and not min(first, last) > 0:
+            raise ValueError(f"Option --log {name} needs values above zero, but {option} has {min(first, last):g}.")
+        known.check(name, known.unit)(known.from_shown(np.array([first, last])))
+        refuse_cases(count * math.prod(map(len, grid.values())))  # before the values take the memory
+        grid[name] = known.from_shown((np.geomspace if name in log else np.linspace)(first, last, count))
+    for name in log:
+        require(name in grid, "--log", "name a parameter of --over or --by", name)
+    return grid
+
+
 def _target(store: Path | None, *, share: str | None, tile: int | None, fresh: bool, **engines: Any) -> Any:
     """The store that options describe."""
     from ..sweeps.store import Store
@@ -155,14 +201,10 @@ def _target(store: Path | None, *, share: str | None, tile: int | None, fresh: b
     if None not in engines.values():
         raise ValueError("Option --cluster must not be given with --processes.")
     make_folder(store.parent, store)
-    return Store(store, tile=tile, fresh=fresh, share=None if share is None else _share(share))
-
-
-def _share(text: str) -> tuple[int, int]:
-    i, _, n = text.partition("/")
-    if not (i.isdigit() and n.isdigit() and 1 <= int(i) <= int(n)):
-        raise ValueError(f"Option --share must be I/N with I from 1 to N, as 3/16, but is {text!r}.")
-    return int(i), int(n)
+    i, _, n = (share or "").partition("/")
+    if share is not None and not (i.isdigit() and n.isdigit() and 1 <= int(i) <= int(n)):
+        raise ValueError(f"Option --share must be I/N with I from 1 to N, as 3/16, but is {share!r}.")
+    return Store(store, tile=tile, fresh=fresh, share=None if share is None else (int(i), int(n)))
 
 
 @contextmanager
@@ -191,12 +233,11 @@ def _executor(count: int | None, address: str | None) -> Iterator[Any]:
 
 def _run(function: Callable[..., Any], case: Case, grid: Any, files: Any, **options: Any) -> Any:
     """The result of a sweep; keeps the finished cases of one that is interrupted."""
-    store = options.get("store")
 
     def keep(ds: Any) -> str:
-        return (
-            files.write_partial(ds, _draw(ds)) if store is None else f"kept in {store.path}; the same command goes on"
-        )
+        if "store" in options:
+            return f"kept in {options['store'].path}; the same command goes on"
+        return files.write(ds, _draw(ds), partial=True)
 
     with keeping(keep):
         return function(case.scene, grid, progress=True, **case.options, **options)
@@ -211,7 +252,7 @@ def _swept(
     begin = time.perf_counter()
     ds = _run(function, case, grid, files, **options)
     seconds = time.perf_counter() - begin
-    _write(ds, files, show, whole="store" not in options)
+    _write(ds, files, show)
     print(summary(ds, seconds))
     return LOST if bool((ds["status"] == Status.NOT_FINITE).all()) else 0
 
@@ -221,15 +262,13 @@ def _draw(ds: Any, show: str | None = None) -> Callable[[Any], Any] | None:
     return partial(picture, show=show) if ds["status"].ndim <= 2 else None
 
 
-def _write(ds: Any, files: Outputs, show: str | None, whole: bool) -> None:
-    """Writes the picture of a sweep, and with `whole` its data."""
+def _write(ds: Any, files: Outputs, show: str | None) -> None:
+    """Writes the files of a sweep."""
     draw = _draw(ds, show)
     if draw is None:
         print(f"no picture of {ds['status'].ndim} parameters: take a part of the data, and quantity_map")
-    if whole:
-        files.write(ds, draw)
-    elif draw is not None:
-        files.draw(ds, draw)
+    if draw is not None or ".nc" in files.endings:
+        print(files.write(ds, draw))
 
 
 def summary(ds: Any, seconds: float) -> str:
@@ -323,5 +362,5 @@ def draw(path: Path, show: str | None, out: Path | None) -> None:
     """Draw the store PATH, which may still be growing."""
     from ..sweeps.store import open_store, store_status
 
-    _write(open_store(path), Outputs(out or path.with_suffix(""), ".png"), show, whole=False)
+    _write(open_store(path), Outputs(out or path.with_suffix(""), ".png"), show)
     print(store_status(path))

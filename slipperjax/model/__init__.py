@@ -23,5 +23,5 @@ from .quantities import quantity as quantity
 from .scene_files import scene_from_json as scene_from_json
 from .scene_files import scene_from_toml as scene_from_toml
 from .scene_files import scene_to_json as scene_to_json
-from .scene_text import scene_to_toml as scene_to_toml
+from .scene_files import scene_to_toml as scene_to_toml
 from .step_size import impacts_per_period as impacts_per_period

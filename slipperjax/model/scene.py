@@ -25,7 +25,6 @@ from ..tools.files import write_whole
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch
 from .paths import parameter, refuse_undone
 from .quantities import PARAMETERS, Parameter
-from .scene_text import scene_to_toml
 from .section import Section
 from .tracks import AbstractTrack
 from .travel import Travel
@@ -131,6 +130,8 @@ class Scene(ShapeChecked):
 
         **Raises:** `ValueError` for a part that plain text cannot hold; `OSError` where the file cannot be written.
         """
+        from .scene_files import scene_to_toml  # which needs this module
+
         text = scene_to_toml(self, start)
         if file is not None:
             write_whole(Path(file), text.encode())
