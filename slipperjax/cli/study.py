@@ -36,7 +36,7 @@ def reproduce(figures: tuple[str, ...], quick: bool, transient: int | None, out:
         try:
             names = [str(path) for path in write_figures(done, out)]
         finally:  # where the disk is full, the report may still find room
-            answers |= done.outcome.answers
+            answers |= done.answers
             seconds[done.name] = done.seconds
             partial = write_report(out, answers, seconds, [], f"claims{PARTIAL}")
         if done.figures:

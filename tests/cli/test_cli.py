@@ -255,7 +255,7 @@ def test_two_parameters_make_a_regime_map(replaced, tmp_path, capsys):
 
 def test_reproduce_writes_each_run_when_it_is_done(replaced, tmp_path, capsys):
     done = [
-        SimpleNamespace(name=name, figures=[figure], seconds=seconds, outcome=SimpleNamespace(answers=answers))
+        SimpleNamespace(name=name, figures=[figure], seconds=seconds, answers=answers)
         for name, figure, seconds, answers in (
             ("speed", "5", 1.5, {"A1": SimpleNamespace(good=True)}),
             ("length", "8", 2.5, {"A2": SimpleNamespace(good=False)}),
