@@ -99,8 +99,8 @@ class Outputs:
     def write(self, ds: Any, draw: Draw | None, *, partial: bool = False, picture: Path | None = None) -> str:
         """Writes a dataset as OUT.nc where that is one of the files, and what `draw` makes of it as OUT.png; says so.
 
-        **Arguments:** `partial`: whether an interrupt left it, which gives it the name OUT_partial; `picture`: another
-        name than OUT for the picture.
+        **Arguments:** `partial`: whether an interrupt left it, which makes it OUT_partial; `picture`: another name
+        than OUT for the picture.
         """
         out = self.out.with_name(self.out.name + PARTIAL) if partial else self.out
         contents: dict[Path, Any] = {}

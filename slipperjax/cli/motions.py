@@ -9,7 +9,21 @@ import click
 
 from .files import Outputs, keeping
 from .interrupts import on_thread
-from .options import CASE, COUNT, FILE, FROM_ZERO, LOST, Case, app, bounds, given, make_bounds, option, result, takes_case
+from .options import (
+    CASE,
+    COUNT,
+    FILE,
+    FROM_ZERO,
+    LOST,
+    Case,
+    app,
+    bounds,
+    given,
+    make_bounds,
+    option,
+    result,
+    takes_case,
+)
 
 SWITCHED = ("PD", "BP")
 """Labels of events at which other branches leave."""

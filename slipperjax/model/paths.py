@@ -75,7 +75,11 @@ def _at_path(path: str, scene: Any) -> Parameter:
     sizes = shape[len(shape) - rank :]  # without axes of cases
     index = [_place(path, word, size, owner) for word, size in zip(words, sizes, strict=True)]
     check = field.metadata.get("converter")
-    need = finite if check is None else lambda name, unit: dataclasses.replace(check, name=name, unit=unit, optional=False)
+    need = (
+        finite
+        if check is None
+        else lambda name, unit: dataclasses.replace(check, name=name, unit=unit, optional=False)
+    )
     place: dict[str, Any] = dict(where=operator.attrgetter(".".join(fields)), **(entry(*index) if index else {}))
     unit = unit_of(type(owner), field.name) or "1"
     return Parameter(path, unit, path.replace(".", " "), check=need, **place)

@@ -20,31 +20,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..tools.checks import brief, instance, require, unit_of
+from ..tools.checks import brief, unit_of
 from ..tools.description import TYPE, build, describe, known_type, type_name
-from .contact import AbstractContactLaw, AbstractMemory
 from .dang2024 import paper_scene
 from .kinematics import Motion
-from .quantities import COORDINATES, half_play
-from .scene import Scene, Slipper
+from .quantities import half_play
+from .scene import NUMBERS, PARTS, QUATERNION, START_UNITS, Scene, Slipper
 from .section import Section
-from .tracks import AbstractTrack
 
-NUMBERS = ("speed", "gravity")
-"""Numbers of the scene itself."""
-PARTS: dict[str, type] = {
-    "slipper": Slipper,
-    "section": Section,
-    "track": AbstractTrack,
-    "contact": AbstractContactLaw,
-    "memory": AbstractMemory,
-}
-"""The tables of a scene's file, and the classes of what they describe."""
 SINGLE = (Slipper, Section)
 """Classes without alternatives, whose tables need no type."""
-QUATERNION = ("q_x", "q_y", "q_z")
-START_UNITS: dict[str, str] = {name: q.unit for name, q in COORDINATES.items()} | dict.fromkeys(QUATERNION, "")
-"""Units of the coordinates at the start; the attitude's quaternion has none."""
 
 
 class SceneFile(NamedTuple):
@@ -69,39 +54,7 @@ def scene_from_json(text: str) -> Scene:
         description = json.loads(text)
     except json.JSONDecodeError as error:
         raise ValueError(f"Argument `scene` must be JSON of a scene, but is {brief(text)}: {error}.") from None
-    return build(description, (Scene, *PARTS.values()), "scene")
-
-
-def scene_to_toml(scene: Scene, start: Any = None) -> str:
-    """Returns a scene, and a motion at the start if given, as TOML text in SI units, exact to the last bit.
-
-    **Raises:** `ValueError` for a part that has parts of its own, or holds what is no plain value.
-    """
-    description = describe(scene)
-    lines = _lines({name: description[name] for name in NUMBERS}, lambda name: unit_of(Scene, name))
-    for name, part in PARTS.items():
-        kind, table = type(getattr(scene, name)), description[name]
-        if part in SINGLE:
-            del table[TYPE]
-        lines += ["", f"[{name}]", *_lines(table, functools.partial(unit_of, kind))]
-    if start is not None:
-        values = describe(instance("start", start, Motion, "a slipperjax.Motion in TOML, such as run.end.motion"))
-        moving = {name: value for name, value in values.items() if name != TYPE and value != 0}
-        lines += ["", "[start]", *_lines(moving, START_UNITS.__getitem__)]
-    return "\n".join(lines) + "\n"
-
-
-def _lines(values: dict[str, Any], unit: Callable[[str], str]) -> list[str]:
-    """Returns a line of TOML for each value that is not None."""
-    return [f"{name} = {_written(value, unit(name))}" for name, value in values.items() if value is not None]
-
-
-def _written(value: Any, unit: str) -> str:
-    """Returns a value as TOML: with a unit a text for a number, and an inline table for an array."""
-    require(not isinstance(value, dict), "scene", "have no parts within parts in TOML", value)
-    if unit and isinstance(value, list):
-        return f"{{ unit = {json.dumps(unit)}, values = {json.dumps(value)} }}"
-    return json.dumps(f"{value!r} {unit}" if unit else value)
+    return build(description, (Scene, *(kind for kind, _ in PARTS.values())), "scene")
 
 
 def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
@@ -155,7 +108,7 @@ class _Reader:
 
     def part(self, name: str, inherited: dict[str, Any]) -> Any:
         """Returns one part of the scene, from its table and the description that it inherits."""
-        kind, table = PARTS[name], dict(self.tables.get(name, {}))
+        (kind, _), table = PARTS[name], dict(self.tables.get(name, {}))
         with self.placed(name):
             if kind not in SINGLE:
                 named = table.pop(TYPE, inherited.get(TYPE))
@@ -182,7 +135,9 @@ class _Reader:
                 if name not in START_UNITS:
                     raise ValueError(f"`{name}` is none of {', '.join(START_UNITS)}.")
             values = {name: quantity(name, value, START_UNITS[name]) for name, value in table.items()}
-            angles, quaternion = ([n for n in names if n in table] for names in (("roll", "pitch", "yaw"), QUATERNION))
+            angles, quaternion = (
+                [n for n in names if n in table] for names in (("roll", "pitch", "yaw"), QUATERNION)
+            )
             if angles and quaternion:
                 raise ValueError(f"`{angles[0]}` and `{quaternion[0]}` must not both be given.")
             return Motion.from_euler(**values) if angles else Motion(**values)

@@ -43,8 +43,9 @@ class Section(ShapeChecked):
         corners = [corner for face in faces for corner in face] if pairs else []
         different = pairs and len(set(corners)) == len(corners)
         require(different, "faces", "be a tuple of pairs of different points", faces)
-        for face, corner in ((face, corner) for face in faces for corner in face):
+        for corner in corners:
             if corner not in names:
+                face = next(face for face in faces if corner in face)
                 raise ValueError(f"Argument `faces` must name points, but {face} has {corner!r}.")
         if self.play.shape[-1:] != (len(self.faces),):
             raise ValueError(

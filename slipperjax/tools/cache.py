@@ -1,5 +1,6 @@
 """JAX's cache of compiled programs on disk, in the user's cache folder: a machine compiles a program once."""
 
+import contextlib
 import hashlib
 import os
 import platform
@@ -33,12 +34,12 @@ def compile_cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
     that is one `CacheWarning` and no error. Where JAX has a cache folder already (`jax_compilation_cache_dir`), it
     stays.
     """
-    asked = os.environ.get(VARIABLE, "") if folder is None else os.fspath(folder)
-    if asked.lower() == "off":
+    chosen = os.environ.get(VARIABLE, "") if folder is None else os.fspath(folder)
+    if chosen.lower() == "off":
         return None
     if jax.config.jax_compilation_cache_dir:  # type: ignore[attr-defined]
         return Path(jax.config.jax_compilation_cache_dir)  # type: ignore[attr-defined]
-    root = Path(asked).expanduser() if asked else Path(platformdirs.user_cache_dir("slipperjax"))
+    root = Path(chosen).expanduser() if chosen else Path(platformdirs.user_cache_dir("slipperjax"))
     place = root / _processor()
     try:
         for path in (root, place):
@@ -69,20 +70,15 @@ def keep_programs(place: Path) -> None:
 def _processor() -> str:
     """The kind of processor: its architecture and a digest of what it can do, which JAX's names of entries lack."""
     features = platform.processor()
-    try:
-        with open("/proc/cpuinfo") as lines:
-            features += "".join(
-                sorted({line for line in lines if line.startswith(("flags", "Features", "model name"))})
-            )
-    except OSError:
-        pass  # not Linux
+    with contextlib.suppress(OSError), open("/proc/cpuinfo") as lines:  # Linux
+        features += "".join(sorted({line for line in lines if line.startswith(("flags", "Features", "model name"))}))
     return f"{platform.machine()}-{hashlib.sha256(features.encode()).hexdigest()[:8]}"
 
 
 def _refuse_others(path: Path) -> None:
     """Raises `PermissionError` where a folder belongs to somebody else, or others can write there."""
-    found = path.stat()
-    if hasattr(os, "getuid") and (found.st_uid != os.getuid() or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)):
+    status = path.stat()
+    if hasattr(os, "getuid") and (status.st_uid != os.getuid() or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)):
         raise PermissionError(f"{path} must belong to you, and nobody else may write there")
 
 

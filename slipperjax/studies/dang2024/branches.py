@@ -81,9 +81,7 @@ def observed_orbit(scene: Scene) -> tuple[PeriodicOrbit, int] | None:
     return None
 
 
-def follow_branches(
-    name: str, flips: int, observed: bool, data: dict[str, Any], options: dict[str, Any]
-) -> Branches:
+def follow_branches(name: str, flips: int, observed: bool, data: dict[str, Any], options: dict[str, Any]) -> Branches:
     """The branches over one parameter. Their datasets are added to `data` as soon as each is finished.
 
     **Arguments:** `flips`: how often the branch is left for one of twice the period; `observed`: whether the motions

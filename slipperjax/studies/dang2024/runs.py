@@ -16,7 +16,7 @@ import xarray as xr
 from ...flow.status import Interrupted, Status
 from ...model.dang2024 import paper_scene
 from ...sweeps.attractors import attractors, groups
-from ...sweeps.follow import Jump, find_jump, follow
+from ...sweeps.follow import find_jump, follow
 from ...sweeps.run import all_stopped, concurrently
 from ...sweeps.sweep import lyapunov_sweep, sweep
 from ...tools.checks import one_of, whole
@@ -132,8 +132,8 @@ def _diagrams(effort: Effort, names: list[str], options: dict, data: Data) -> An
         common = dict(transient=effort.follow_transient, steps_per_period=STEPS, **options)
         data["speed_followed"] = follow(paper_scene(), {"speed": speeds[speeds >= SLOW]}, **common)
         path = {"speed": speeds[speeds >= 1500]}
-        # The threshold is above the scatter of the chaotic motions' means, and below the height of the branch on which
-        # the followed motion leans.
+        # The threshold is above the scatter of the means of chaotic motions, and below the height of the branch on
+        # which the followed motion leans.
         jump = functools.partial(find_jump, paper_scene(), path, threshold=4.0, steps_per_period=STEPS)
         up, down = concurrently(*(functools.partial(jump, direction=way) for way in ("up", "down")))
         answers |= verdicts.over_speed(parts["speed"], up, down, effort.judged)
@@ -192,7 +192,9 @@ def readings(effort: Effort, options: dict) -> list[dict[str, str]]:
     Those with other laws need programs of their own, and are made at once with the others.
     """
     rows = lambda names: [_reading(name, effort, options) for name in names]
-    names = {clamp: [name for name, (_, of_name) in CONVENTIONS.items() if of_name == clamp] for clamp in (True, False)}
+    names = {
+        clamp: [name for name, (_, of_name) in CONVENTIONS.items() if of_name == clamp] for clamp in (True, False)
+    }
     pushing, pulling = concurrently(lambda: rows(names[True]), lambda: rows(names[False]))
     return pushing + pulling
 
