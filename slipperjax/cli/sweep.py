@@ -2,8 +2,8 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -120,7 +120,6 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
 def sweep(case: Case, over: Axis, by, log, sample, record, periods, store, explain, show, out, transient, **storing):
     """Run every combination of some parameters, or a sample, into a file or a store that survives anything."""
     from ..sweeps.explain import explain as estimate
-    from ..sweeps.store import store_status
     from ..sweeps.sweep import lyapunov_sweep, orbit_sweep
     from ..sweeps.sweep import sweep as run
 
@@ -140,16 +139,14 @@ def sweep(case: Case, over: Axis, by, log, sample, record, periods, store, expla
         options |= case.options
         print(on_thread(lambda: estimate(function, case.scene, grid, store=target, **options)))
         return 0
-    if store is None:
-        return _swept(function, case, grid, Outputs(out or Path("sweep"), ".nc", ".png"), show, **options)
     with _executor(storing["processes"], storing["cluster"]) as executor:
-        options |= dict(store=target, executor=executor)
-        if storing["share"] is None:
-            files = Outputs(out or store.with_suffix(""), ".png")
-            return _swept(function, case, grid, files, show, **options)
-        _run(function, case, grid, None, **options)
-    print(f"share {storing['share']}: {store_status(store)}")
-    return 0
+        if store is None:
+            files = Outputs(out or Path("sweep"), ".nc", ".png")
+        else:
+            options |= dict(store=target, executor=executor)
+            # a share of a store is not drawn
+            files = Outputs(out or store.with_suffix(""), ".png") if storing["share"] is None else None
+        return _swept(function, case, grid, files, show, **options)
 
 
 def _grid(case: Case, axes: tuple[Axis, ...], log: tuple[str, ...], sample: int | None) -> dict[str, Any]:
@@ -207,15 +204,12 @@ def _target(store: Path | None, *, share: str | None, tile: int | None, fresh: b
     return Store(store, tile=tile, fresh=fresh, share=None if share is None else (int(i), int(n)))
 
 
-@contextmanager
-def _executor(count: int | None, address: str | None) -> Iterator[Any]:
-    """Makes the executor of tiles, or None for threads of this process."""
+def _executor(count: int | None, address: str | None) -> Any:
+    """Gives a context with the executor of tiles, or with None for threads of this process."""
     from ..sweeps.store import processes
 
     if address is None:
-        with nullcontext() if count is None else processes(count) as pool:
-            yield pool
-        return
+        return nullcontext() if count is None else processes(count)
     try:
         from distributed import Client
     except ImportError:
@@ -223,35 +217,43 @@ def _executor(count: int | None, address: str | None) -> Iterator[Any]:
     try:
         client = Client(address, timeout=10)
     except OSError as error:
-        raise ValueError(
-            f"Option --cluster must be the address of a dask scheduler, but {address}: {error}"
-        ) from None
-    with client:
-        client.run(compile_cache)
-        yield client
-
-
-def _run(function: Callable[..., Any], case: Case, grid: Any, files: Any, **options: Any) -> Any:
-    """The result of a sweep; keeps the finished cases of one that is interrupted."""
-
-    def keep(ds: Any) -> str:
-        if "store" in options:
-            return f"kept in {options['store'].path}; the same command goes on"
-        return files.write(ds, _draw(ds), partial=True)
-
-    with keeping(keep):
-        return function(case.scene, grid, progress=True, **case.options, **options)
+        need = "be the address of a dask scheduler"
+        raise ValueError(f"Option --cluster must {need}, but {address}: {error}") from None
+    client.run(compile_cache)
+    return client
 
 
 def _swept(
-    function: Callable[..., Any], case: Case, grid: Any, files: Outputs, show: str | None = None, **options: Any
+    function: Callable[..., Any],
+    case: Case,
+    grid: Any,
+    files: Outputs | None,
+    show: str | None = None,
+    **options: Any,
 ) -> int:
-    """Runs a sweep, writes and draws it, says what came out, and gives the exit code."""
+    """Runs a sweep, writes and draws it, says what came out, and gives the exit code.
+
+    Of one that is interrupted the finished cases are kept. A share of a store has no `files`.
+    """
     from ..flow.status import Status
+    from ..sweeps.store import store_status
+
+    store = options.get("store")
+
+    def keep(ds: Any) -> str:
+        if store is not None:
+            return f"kept in {store.path}; the same command goes on"
+        assert files is not None
+        return files.write(ds, _draw(ds), partial=True)
 
     begin = time.perf_counter()
-    ds = _run(function, case, grid, files, **options)
+    with keeping(keep):
+        ds = function(case.scene, grid, progress=True, **case.options, **options)
     seconds = time.perf_counter() - begin
+    if files is None:
+        assert store is not None
+        print(f"share {store.share[0]}/{store.share[1]}: {store_status(store.path)}")
+        return 0
     _write(ds, files, show)
     print(summary(ds, seconds))
     return LOST if bool((ds["status"] == Status.NOT_FINITE).all()) else 0
