@@ -23,11 +23,7 @@ class Point(NamedTuple):
     """Best and median microseconds per trajectory and period, by the number of trajectories at once."""
 
 
-MBDYN = {
-    "nominal": 5.9e-3,
-    "V = 2300 m/s": 6.8e-3,
-    "C = 4 mm": 4.6e-2,
-}
+MBDYN = {"nominal": 5.9e-3, "V = 2300 m/s": 6.8e-3, "C = 4 mm": 4.6e-2}
 """MBDyn's error over six periods at the paper's 1000 steps per period, by scene."""
 MBDYN_NAME = "MBDyn (measured elsewhere)"
 MBDYN_MS = {"fastest settings": 24.3, "default Newton": 108.0}

@@ -43,12 +43,7 @@ OBJECTIVE = click.Choice(list(OBJECTIVE_UNITS))
     metavar="NAME",
     required=True,
 )
-@bounds(
-    "--vary",
-    "A parameter that is chosen, and its bounds; repeat for several.",
-    multiple=True,
-    required=True,
-)
+@bounds("--vary", "A parameter that is chosen, and its bounds; repeat for several.", multiple=True, required=True)
 @option(
     "--speeds",
     (float, float, COUNT),

@@ -292,10 +292,7 @@ def vector_field(scene: Scene) -> AbstractVectorField:
 def fill_frozen(rates: State, state: State) -> State:
     """Replaces derivatives of None, which mark parts frozen over a step, by zeros."""
     return jax.tree.map(
-        lambda r, s: jax.tree.map(jnp.zeros_like, s) if r is None else r,
-        rates,
-        state,
-        is_leaf=lambda x: x is None,
+        lambda r, s: jax.tree.map(jnp.zeros_like, s) if r is None else r, rates, state, is_leaf=lambda x: x is None
     )
 
 

@@ -260,11 +260,7 @@ class Finished(NamedTuple):
 
 
 def reproduce(
-    figures: Iterable[str] = FIGURES,
-    *,
-    quick: bool = False,
-    transient: int | None = None,
-    progress: bool = False,
+    figures: Iterable[str] = FIGURES, *, quick: bool = False, transient: int | None = None, progress: bool = False
 ) -> Iterator[Finished]:
     """Runs the study, and yields each run when it is done.
 

@@ -164,10 +164,7 @@ def over_speed(ds: xr.Dataset, up: Jump, down: Jump, judged: int) -> dict[str, A
             any(axis.is_at(r[0], 820) for r in three),
             f"{speeds[nine]:.0f} m/s is {named(kinds, nine)}: {kinds.evidence[nine]}",
         ),
-        "N4 period-1": axis.answer(
-            "nowhere" if not one else f"{longest[0]:.0f} m/s",
-            axis.is_at(longest[0], 980),
-        ),
+        "N4 period-1": axis.answer("nowhere" if not one else f"{longest[0]:.0f} m/s", axis.is_at(longest[0], 980)),
         "N4 jump": axis.answer(
             "no neighbours to compare" if drop is None else f"{drop[0]:.0f}..{drop[1]:.0f} m/s from Table 2's start",
             drop is not None and axis.is_at(drop[0], 1810),
@@ -183,10 +180,7 @@ def over_speed(ds: xr.Dataset, up: Jump, down: Jump, judged: int) -> dict[str, A
             bool(leaning) and axis.is_at(leaning[0][0], 1660) and axis.is_at(leaning[-1][1], 1810),
             "ends where the motion jumps, which the start decides: see N4",
         ),
-        "N7": axis.answer(
-            f"{ratio[0]:.1f} and {ratio[1]:.1f} times those of 1000..1800 m/s",
-            np.all(ratio > 2),
-        ),
+        "N7": axis.answer(f"{ratio[0]:.1f} and {ratio[1]:.1f} times those of 1000..1800 m/s", np.all(ratio > 2)),
     }
 
 
@@ -276,8 +270,7 @@ def over_length(ds: xr.Dataset, judged: int) -> dict[str, Answer]:
             np.all(spread < 0.05) and np.mean(axis.good[late]) >= ENOUGH,
         ),
         "N13": axis.answer(
-            f"{show_ranges(two)} m",
-            bool(two) and axis.is_at(two[0][0], 0.1975) and axis.is_at(two[-1][1], 0.2275),
+            f"{show_ranges(two)} m", bool(two) and axis.is_at(two[0][0], 0.1975) and axis.is_at(two[-1][1], 0.2275)
         ),
     }
 
