@@ -2,7 +2,6 @@
 
 import sys
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import click
@@ -70,17 +69,7 @@ OBJECTIVE = click.Choice(list(OBJECTIVE_UNITS))
 @option("--margins/--no-margins", None, "Look for the nearest folds, flips and grazings.", default=True)
 @result("design")
 @takes_case
-def design(
-    case: Case,
-    minimise: str,
-    vary: tuple[tuple[str, float, float], ...],
-    speeds: tuple[float, float, int] | None,
-    constraint: tuple[tuple[str, float, float], ...],
-    check: bool,
-    margins: bool,
-    out: Path,
-    **options: Any,
-) -> int:
+def design(case: Case, minimise, vary, speeds, constraint, check, margins, out, **options: Any) -> int:
     """Find parameters within bounds that keep an objective lowest over a range of speeds.
 
     The other parameters are those of the case.
@@ -151,14 +140,16 @@ def _margins(best: Any) -> Any:
     print("nearest events:")
     for row in range(ds.sizes["margin"]):
         at = ds.isel(margin=row)
-        known = parameter(str(at["parameter"].item()), best.problem.scene)
+        quantity = parameter(str(at["parameter"].item()), best.problem.scene)
         where = ", ".join(
             f"{name} {PARAMETERS[name].shown(values[int(at['case'])]):.5g} {PARAMETERS[name].display_unit}"
             for name, values in best.problem.cases.items()
         )
         event = str(at["label"].item()) or "none up to"
-        value = f"{known.shown(float(at['value'])):.6g} {known.display_unit} ({100 * float(at['relative']):+.3g} %)"
-        print(f"  {where or 'the case'}: {known.name} {event} {value}", flush=True)
+        value = (
+            f"{quantity.shown(float(at['value'])):.6g} {quantity.display_unit} ({100 * float(at['relative']):+.3g} %)"
+        )
+        print(f"  {where or 'the case'}: {quantity.name} {event} {value}", flush=True)
     return ds
 
 

@@ -199,24 +199,24 @@ def _from_case(case: Case, over: tuple[str, float, float], period: int, transien
     from ..orbits.branches import continue_orbit, steps_of_branch
     from ..orbits.periodic import periodic_orbit
 
-    known, (low, high) = make_bounds("--over", case.scene, *over)
-    value, unit = float(case.scene.value(known.name)), known.display_unit
+    quantity, (low, high) = make_bounds("--over", case.scene, *over)
+    value, unit = float(case.scene.value(quantity.name)), quantity.display_unit
     if not low <= value <= high:
         raise ValueError(
-            f"Option --over must hold the case's {known.name}, {known.shown(value):g} {unit}, but is "
+            f"Option --over must hold the case's {quantity.name}, {quantity.shown(value):g} {unit}, but is "
             f"{over[1]:g} to {over[2]:g} {unit}."
         )
 
     def call() -> Any:
         # the first orbit has the steps of the branch, and shares its programs
-        steps = steps_of_branch(case.scene, known, (low, high), case.steps_per_period)
+        steps = steps_of_branch(case.scene, quantity, (low, high), case.steps_per_period)
         with_steps = case.options | dict(steps_per_period=steps)
         first = periodic_orbit(case.scene, period, transient=transient, **with_steps)
         if _is_lost(first):
             return None
-        return continue_orbit(case.scene, known.name, (low, high), **with_steps | options | dict(start=first))
+        return continue_orbit(case.scene, quantity.name, (low, high), **with_steps | options | dict(start=first))
 
-    return known, call
+    return quantity, call
 
 
 def _further(source: Path, over: tuple[str, float, float] | None, options: dict[str, Any]) -> Any:
@@ -229,8 +229,10 @@ def _further(source: Path, over: tuple[str, float, float] | None, options: dict[
         before = load_branch(source)
     except ValueError as error:
         raise ValueError(f"Option --from must name a file of slipperjax continue, but {source}: {error}") from error
-    known = before.parameter
-    if over is not None and over[0] != known.name:
-        raise ValueError(f"Option --over must begin with {known.name}, as in the file of --from, but is {over[0]!r}.")
+    quantity = before.parameter
+    if over is not None and over[0] != quantity.name:
+        raise ValueError(
+            f"Option --over must begin with {quantity.name}, as in the file of --from, but is {over[0]!r}."
+        )
     ends = None if over is None else make_bounds("--over", before.scene, *over)[1]
-    return known, partial(before.extended, ends, **options)
+    return quantity, partial(before.extended, ends, **options)

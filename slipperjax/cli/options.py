@@ -281,11 +281,11 @@ def make_bounds(option: str, scene: Any, name: str, low: float, high: float) -> 
 
     **Raises:** `ValueError` that names the option or the parameter which is wrong.
     """
-    known = parameter_of(option, scene, name)
-    first, last = (float(known.checked(known.from_shown(end))) for end in (low, high))
+    quantity = parameter_of(option, scene, name)
+    first, last = (float(quantity.checked(quantity.from_shown(end))) for end in (low, high))
     if not low < high:
         raise ValueError(
             f"Option {option} must have two bounds, the smaller first, but has {low:g} to {high:g} "
-            f"{known.display_unit}."
+            f"{quantity.display_unit}."
         )
-    return known, (first, last)
+    return quantity, (first, last)

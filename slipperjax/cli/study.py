@@ -78,12 +78,12 @@ def bench(quick: bool, scene: Any, method: Any, batch: Any, repeats: int | None,
     Outputs(out, ".md", ".png", "_all.png")
     names = dict(cases=scene or None, methods=method or None, batches=batch or None)
     # written after each scene; the files get their names when all scenes are done
-    found, partial = None, ()
-    for found in run(quick=quick, repeats=repeats, report=show, **names):
-        partial = write(*found, out.with_name(out.name + PARTIAL))
+    measured, partial = None, ()
+    for measured in run(quick=quick, repeats=repeats, report=show, **names):
+        partial = write(*measured, out.with_name(out.name + PARTIAL))
         print(f"wrote {listed([str(path) for path in partial])}", flush=True)
-    if found is not None:
-        print(f"wrote {listed([str(path) for path in write(*found, out)])}")
+    if measured is not None:
+        print(f"wrote {listed([str(path) for path in write(*measured, out)])}")
     _delete(partial)
 
 

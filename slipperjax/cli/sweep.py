@@ -173,14 +173,14 @@ def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = ()) -> dict[str, Any
     grid = {}
     for name, first, last, count in axes:
         option = "--by" if grid else "--over"
-        known = parameter_of(option, scene, name, PARAMETERS | STARTS)
+        quantity = parameter_of(option, scene, name, PARAMETERS | STARTS)
         if name in grid:
             raise ValueError(f"Option --by must name another parameter than --over, but is {name!r} too.")
         if name in log and not min(first, last) > 0:
             raise ValueError(f"Option --log {name} needs values above zero, but {option} has {min(first, last):g}.")
-        known.check(name, known.unit)(known.from_shown(np.array([first, last])))
+        quantity.check(name, quantity.unit)(quantity.from_shown(np.array([first, last])))
         refuse_cases(count * math.prod(map(len, grid.values())))  # before the values take the memory
-        grid[name] = known.from_shown((np.geomspace if name in log else np.linspace)(first, last, count))
+        grid[name] = quantity.from_shown((np.geomspace if name in log else np.linspace)(first, last, count))
     for name in log:
         require(name in grid, "--log", "name a parameter of --over or --by", name)
     return grid

@@ -2,6 +2,7 @@
 
 import contextlib
 import hashlib
+import itertools
 import os
 import platform
 import stat
@@ -88,13 +89,9 @@ def _prune(place: Path) -> None:
     JAX's own limit, `jax_compilation_cache_max_size`, ends all writing after one entry whose time is missing (jax
     #39880), and lets threads wait for one another.
     """
-    entries = sorted(
-        (max(s.st_mtime, s.st_atime), s.st_size, path) for path in place.iterdir() for s in [path.stat()]
-    )
-    total = sum(size for _, size, _ in entries)
-    if total > MOST:
-        for _, size, path in entries:
+    used = lambda status: max(status.st_mtime, status.st_atime)
+    entries = sorted(((used(s), s.st_size, path) for path in place.iterdir() for s in [path.stat()]), reverse=True)
+    totals = list(itertools.accumulate(size for _, size, _ in entries))
+    for total, (_, _, path) in zip(totals, entries, strict=True):
+        if totals[-1] > MOST and total >= 0.75 * MOST:
             path.unlink(missing_ok=True)
-            total -= size
-            if total < 0.75 * MOST:
-                break

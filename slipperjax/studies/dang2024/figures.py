@@ -133,26 +133,19 @@ def _basins(data: dict[str, xr.Dataset]) -> Any:
     return figure
 
 
-def _exponents(name: str) -> Any:
-    def draw(data: dict[str, xr.Dataset]) -> Any:
-        figure, ax = plt.subplots(figsize=(3.5, 2.4), layout="constrained")
-        exponents(data[name], ax)
-        return figure
-
-    return draw
+def _exponents(name: str, data: dict[str, xr.Dataset]) -> Any:
+    figure, ax = plt.subplots(figsize=(3.5, 2.4), layout="constrained")
+    exponents(data[name], ax)
+    return figure
 
 
-def _diagram(name: str) -> Any:
+def _diagram(name: str, data: dict[str, xr.Dataset]) -> Any:
     """Bifurcation diagrams over a parameter, with the branches of orbits drawn over their dots."""
-
-    def draw(data: dict[str, xr.Dataset]) -> Any:
-        axes = bifurcations(data[name], followed=data.get(f"{name}_followed"))
-        followed = [ds for key, ds in data.items() if key.startswith(f"{name}_") and "orbit_period" in ds.attrs]
-        if followed:
-            _draw_branches(axes, followed)
-        return axes[0].figure
-
-    return draw
+    axes = bifurcations(data[name], followed=data.get(f"{name}_followed"))
+    followed = [ds for key, ds in data.items() if key.startswith(f"{name}_") and "orbit_period" in ds.attrs]
+    if followed:
+        _draw_branches(axes, followed)
+    return axes[0].figure
 
 
 def _draw_branches(axes: Any, followed: list[xr.Dataset]) -> None:
@@ -182,13 +175,13 @@ FROM_START = "from one start"
 
 _DRAW = {
     "4": _figure_4,
-    "5": _diagram("speed"),
-    "6": _exponents("speed_exponents"),
+    "5": functools.partial(_diagram, "speed"),
+    "6": functools.partial(_exponents, "speed_exponents"),
     "7": _figure_7,
-    "8": _diagram("clearance"),
-    "9": _exponents("clearance_exponents"),
-    "11": _exponents("length_exponents"),
-    "10": _diagram("length"),
+    "8": functools.partial(_diagram, "clearance"),
+    "9": functools.partial(_exponents, "clearance_exponents"),
+    "11": functools.partial(_exponents, "length_exponents"),
+    "10": functools.partial(_diagram, "length"),
     "12": _figure_12,
     "13": _figure_13,
     "basins": _basins,

@@ -62,16 +62,15 @@ class _Axis(NamedTuple):
         """Unbroken runs of good cases where `mask` holds."""
         return runs(mask & self.good, self.values)
 
-    def is_at(self, found: float | None, paper: float, steps: int = 1) -> bool:
+    def is_at(self, ours: float | None, paper: float, steps: int = 1) -> bool:
         """Whether a place is the paper's within `steps`, with no flagged case there that might have moved it."""
         around = np.abs(self.values - paper) <= (steps + 1.001) * self.step
-        return near(found, paper, steps * self.step) and bool(np.all(self.good[around]))
+        return near(ours, paper, steps * self.step) and bool(np.all(self.good[around]))
 
-    def answer(self, found: str, good: Any, why: str = "") -> Answer:
+    def answer(self, text: str, good: Any, why: str = "") -> Answer:
         """An answer whose text says how many cases were flagged, if any were."""
         flagged = int(np.sum(~self.good))
-        text = f"{found}; {flagged} of {len(self.good)} cases flagged" if flagged else found
-        return Answer(text, bool(good), why)
+        return Answer(f"{text}; {flagged} of {len(self.good)} cases flagged" if flagged else text, bool(good), why)
 
 
 def histories(history: xr.Dataset, sections: xr.Dataset, judged: int) -> dict[str, Answer]:
