@@ -47,16 +47,11 @@ class Section(ShapeChecked):
             if corner not in names:
                 face = next(face for face in faces if corner in face)
                 raise ValueError(f"Argument `faces` must name points, but {face} has {corner!r}.")
-        if self.play.shape[-1:] != (len(self.faces),):
-            raise ValueError(
-                f"Argument `play` must have one value per face, {len(self.faces)}, but has shape {self.play.shape}."
-            )
-        if self.points.shape[:1] != (len(self.names),) or 2 * len(self.faces) != len(self.names):
-            raise ValueError(
-                f"Argument `points` must have two points per face and one per name, but has shape "
-                f"{self.points.shape} with {len(self.faces)} faces and {len(self.names)} names."
-            )
-
+        good = self.play.shape[-1:] == (len(faces),)
+        require(good, "play", f"have one value per face, {len(faces)}", shown=f"shape {self.play.shape}")
+        good = self.points.shape[:1] == (len(names),) and 2 * len(faces) == len(names)
+        shown = f"shape {self.points.shape} with {len(faces)} faces and {len(names)} names"
+        require(good, "points", "have two points per face and one per name", shown=shown)
         if not is_traced(self.points) and self.points.shape[1:] == (2,):
             self._check_points()
 

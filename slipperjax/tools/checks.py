@@ -26,17 +26,17 @@ def brief(value: Any) -> str:
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 
-def require(ok: Any, name: str, need: str, value: Any) -> None:
+def require(ok: Any, name: str, need: str, value: Any = None, *, shown: str = "") -> None:
     """Raises `ValueError` "Argument `name` must `need`, but is `value`." unless `ok`.
 
     **Arguments:** `name`: of the argument, or of an option such as --over; `need`: begins with a verb, such as "be
-    positive"; after "have" the message ends with "but has `value`".
+    positive"; after "have" the message ends with "but has `value`"; `shown`: words in place of the value.
     """
     if not ok:
         of = f"Option {name}" if name.startswith("--") else f"Argument `{name}`"
         verb = "has" if need[:4] == "have" else "is"
-        shown = f"{value:g}" if isinstance(value, float | np.floating) else brief(value)
-        raise ValueError(f"{of} must {need}, but {verb} {shown}.")
+        number = f"{value:g}" if isinstance(value, float | np.floating) else brief(value)
+        raise ValueError(f"{of} must {need}, but {verb} {shown or number}.")
 
 
 @dataclasses.dataclass(frozen=True)
