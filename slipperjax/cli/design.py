@@ -78,12 +78,12 @@ def design(case: Case, minimise, vary, speeds, constraint, check, margins, out, 
     from ..design.optimise import optimise_design
 
     variables: dict[str, tuple[float, float]] = {}
-    for name, *ends in vary:
+    for name, low, high in vary:
         if name in variables:
             raise ValueError(f"Option --vary must name each parameter once, but has {name!r} more often.")
-        variables[name] = make_bounds("--vary", case.scene, name, *ends)[1]
+        variables[name] = make_bounds("--vary", case.scene, name, low, high)[1]
     options |= dict(
-        over=None if speeds is None else {"speed": _speeds(*speeds, variables)},
+        over=None if speeds is None else {"speed": _speeds(*speeds, variables=variables)},
         constraints=_limits(constraint),
         progress=sys.stderr.isatty(),
         **case.options,
