@@ -191,16 +191,11 @@ def report(best: Any) -> str:
         lines[-1] += f"; standard error {q.shown(best.stderr):.2g} {q.display_unit}"
     if best.several:
         lines.append("starts ended at different designs that are about equally good: see start_end in the file")
-    columns = []
-    for name in best.problem.over:
-        unit = PARAMETERS[name].display_unit
-        columns.append([f"{name} [{unit}]", *(f"{v:.6g}" for v in shown(cases, name))])
+    unit = lambda name: PARAMETERS[name].display_unit
+    columns = [[f"{name} [{unit(name)}]", *(f"{v:.6g}" for v in shown(cases, name))] for name in best.problem.over]
     values, errors = (q.shown(cases[name].values) for name in ("objective", "objective_stderr"))
     texts = [f"{v:.5g}" + (f" +- {e:.2g}" if e > 0 else "") for v, e in zip(values, errors, strict=True)]
     columns += [[f"{q.name} [{q.display_unit}]", *texts], ["regime", *cases["regime"].values]]
-    widths = [max(map(len, column)) for column in columns]
-    lines += [
-        "  ".join(text.ljust(w) for text, w in zip(row, widths, strict=True)).rstrip()
-        for row in zip(*columns, strict=True)
-    ]
+    padded = [[text.ljust(max(map(len, column))) for text in column] for column in columns]
+    lines += ["  ".join(row).rstrip() for row in zip(*padded, strict=True)]
     return "\n".join(lines)
