@@ -55,8 +55,8 @@ tests/tools/test_files.py -k failure_leaves_the_old_file
 
 hours counted as minutes again
 tests/tools/test_limits.py -k durations
--parts.append((whole % size // its, below))
-+parts.append((whole // its, below))
+-            left = below
++            left = round(seconds)
 
 # model
 degrees are inverted
@@ -249,8 +249,8 @@ tests/cli/test_interrupts.py -k falls_into_a_callback
 
 grid in display units
 tests/cli/test_cli.py -k axes_are_read_in_display_units
--grid[name] = known.from_shown((np.geomspace
-+grid[name] = known.shown((np.geomspace
+-grid[name] = quantity.from_shown((np.geomspace
++grid[name] = quantity.shown((np.geomspace
 """
 """The defects by room, each as its name, arguments of pytest, and a change as in a patch: - before, + after."""
 

@@ -115,35 +115,37 @@ def measure(
     """
     speeds = batch_speeds(case, batches[0])
     truth, _ = run(case, METHODS[0], float(reference_steps), speeds, workers)
-    points, runs = [], []
+    points: list[Point] = []
+    calls: list[dict[int, Callable]] = []
+    lanes_of: list[dict[int, int]] = []
     for method in methods:
         for value in method.settings[settings]:
             setting = method.setting(case, value)
             if not method.adaptive and setting > reference_steps / 2:
                 continue
             speeds_of = {lanes: batch_speeds(case, lanes)[:: method.stride] for lanes in batches}
-            of_point = {n: functools.partial(run, case, method, setting, speeds_of[n], workers) for n in batches}
-            states = [go()[0] for go in of_point.values()]  # compiles, too
-            error = np.median(errors(states[0], truth[:: method.stride]))
-            points.append((method.name, method.label(case, value), error, {n: len(speeds_of[n]) for n in batches}))
-            runs.append(of_point)
-            print(f"{case.name}: {', '.join(points[-1][:2])}: error {error:.1e}", file=sys.stderr)
-    seconds, interrupt = [{lanes: [] for lanes in of_point} for of_point in runs], None
-    # each round times every batch of every point once
-    for k in range(repeats):
-        try:
-            for of_point, times in zip(runs, seconds, strict=True):
-                for lanes, go in of_point.items():
-                    if np.sum(times[lanes]) < ENOUGH_SECONDS:
-                        times[lanes].append(go()[1])
-        except KeyboardInterrupt as error:
-            interrupt = error
-            break
-        print(f"{case.name}: timed round {k + 1} of {repeats}", file=sys.stderr)
-    for (name, label, error, run_lanes), times in zip(points, seconds, strict=True):
-        cost = {n: cost_of(np.array(of_batch), run_lanes[n]) for n, of_batch in times.items() if of_batch}
+            calls.append({n: functools.partial(run, case, method, setting, v, workers) for n, v in speeds_of.items()})
+            lanes_of.append({n: len(v) for n, v in speeds_of.items()})
+            states = [call()[0] for call in calls[-1].values()]  # compiles, too
+            error = float(np.median(errors(states[0], truth[:: method.stride])))
+            points.append(Point(case.name, method.name, method.label(case, value), error, {}))
+            print(f"{case.name}: {method.name}, {points[-1].setting}: error {error:.1e}", file=sys.stderr)
+    seconds: list[dict[int, list]] = [{n: [] for n in of_point} for of_point in calls]
+    interrupt = None
+    try:
+        for k in range(repeats):
+            # each round times every batch of every point once
+            for of_point, times in zip(calls, seconds, strict=True):
+                for n, call in of_point.items():
+                    if np.sum(times[n]) < ENOUGH_SECONDS:
+                        times[n].append(call()[1])
+            print(f"{case.name}: timed round {k + 1} of {repeats}", file=sys.stderr)
+    except KeyboardInterrupt as error:
+        interrupt = error
+    for point, times, lanes in zip(points, seconds, lanes_of, strict=True):
+        cost = {n: cost_of(np.array(of_batch), lanes[n]) for n, of_batch in times.items() if of_batch}
         if cost:
-            yield Point(case.name, name, label, float(error), cost)
+            yield point._replace(cost=cost)
     if interrupt is not None:
         raise interrupt
 

@@ -6,6 +6,7 @@ body of the loop over steps is one kernel there, on a GPU one launch.
 """
 
 import functools
+import itertools
 import json
 import os
 import re
@@ -13,7 +14,7 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
@@ -86,29 +87,20 @@ def throughput(
     """
     sizes = [whole("batches", batch, 1) for batch in (BATCHES if batches is None else batches)]
     names = [one_of("engines", name, ENGINES) for name in (ENGINES if engines is None else engines)]
-    rates = []
-    for rate in _rates(sizes, names, beside_cpu and jax.default_backend() != "cpu"):
-        rates.append(rate)
-        if report is not None:
-            report(rate)
-    return rates
-
-
-def _rates(batches: list[int], engines: list[str], beside_cpu: bool) -> Iterable[Rate]:
-    for engine in engines:
-        for batch in batches:
-            yield _timed(engine, batch)
-    if beside_cpu:
-        options = json.dumps(dict(batches=batches, engines=engines))
+    rates: list[Rate] = []
+    report = report or (lambda rate: None)
+    for engine, batch in itertools.product(names, sizes):
+        rates.append(_timed(engine, batch))
+        report(rates[-1])
+    if beside_cpu and jax.default_backend() != "cpu":
+        options = json.dumps(dict(batches=sizes, engines=names))
         code = f"from slipperjax.bench.rates import print_rates; print_rates({options!r})"
-        process = subprocess.run(
-            [sys.executable, "-c", code],
-            env={**os.environ, "JAX_PLATFORMS": "cpu"},
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        yield from (Rate(*json.loads(line)) for line in process.stdout.splitlines())
+        env = {**os.environ, "JAX_PLATFORMS": "cpu"}
+        process = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
+        for line in process.stdout.splitlines():
+            rates.append(Rate(*json.loads(line)))
+            report(rates[-1])
+    return rates
 
 
 def print_rates(options: str) -> None:
@@ -136,40 +128,25 @@ def _timed(engine: str, batch: int) -> Rate:
     if backend == "cpu" and engine != "Lyapunov":
         share = rate * NOMINAL_STEPS * EVALUATIONS[engine] * LIMIT / threads
     name = f"{jax.devices()[0].device_kind}, {threads} cores" if backend == "cpu" else jax.devices()[0].device_kind
-    return Rate(name, engine, batch, rate, kernels_per_step(run.text()), share)
+    return Rate(name, engine, batch, rate, kernels_per_step(run.func.as_text() or ""), share)
 
 
-class _Program:
-    """Compiled call on a batch, with its inputs."""
-
-    def __init__(self, fun: Callable, arguments: tuple):
-        options = compiler_options(jax.default_backend())
-        self.arguments = arguments
-        self.compiled = jax.jit(fun).lower(*arguments).compile(options)
-
-    def __call__(self) -> Any:
-        return self.compiled(*self.arguments)
-
-    def text(self) -> str:
-        """Gives the optimised program."""
-        return self.compiled.as_text() or ""
-
-
-def _program(engine: str, lanes: int) -> _Program:
+def _program(engine: str, lanes: int) -> functools.partial:
+    """Compiles a call of an engine on a batch; gives it with its inputs."""
     scene = paper_scene()
     speeds = float(scene.speed) * np.linspace(0.98, 1.02, lanes)
     scenes, starts = Cases(scene, {"speed": speeds}, table_2_start()).take(np.arange(lanes))
     states = initial_states(scenes, starts)
     solver, stepping = (Rodas4() if engine == "Rodas4" else RK4()), ConstantSteps(NOMINAL_STEPS)
-    if engine != "Lyapunov":
-        untraced = functools.partial(advance.__wrapped__, stepping=stepping, solver=solver, periods=CALL_PERIODS)
-        return _Program(lambda scenes, states: untraced(scenes, states, 0.0).state, (scenes, states))
-
-    first = lambda state: first_tangents(state, 1, tangent_weights(scene))
-    tangents = jax.vmap(first)(states)
-    untraced = functools.partial(advance_tangents.__wrapped__, stepping=stepping, solver=solver, periods=CALL_PERIODS)
-    with_tangents = lambda scenes, states, tangents: untraced(scenes, states, tangents, jnp.asarray(0.0)).history
-    return _Program(with_tangents, (scenes, states, tangents))
+    options: dict[str, Any] = dict(stepping=stepping, solver=solver, periods=CALL_PERIODS)
+    arguments = (scenes, states)
+    run = lambda scenes, states: advance.__wrapped__(scenes, states, 0.0, **options).state
+    if engine == "Lyapunov":
+        first = lambda state: first_tangents(state, 1, tangent_weights(scene))
+        arguments = (scenes, states, jax.vmap(first)(states))
+        run = lambda *batch: advance_tangents.__wrapped__(*batch, jnp.asarray(0.0), **options).history
+    compiled = jax.jit(run).lower(*arguments).compile(compiler_options(jax.default_backend()))
+    return functools.partial(compiled, *arguments)
 
 
 def kernels_per_step(text: str) -> int | None:

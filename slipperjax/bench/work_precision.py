@@ -23,11 +23,7 @@ class Point(NamedTuple):
     """Best and median microseconds per trajectory and period, by the number of trajectories at once."""
 
 
-MBDYN = {
-    "nominal": 5.9e-3,
-    "V = 2300 m/s": 6.8e-3,
-    "C = 4 mm": 4.6e-2,
-}
+MBDYN = {"nominal": 5.9e-3, "V = 2300 m/s": 6.8e-3, "C = 4 mm": 4.6e-2}
 """MBDyn's error over six periods at the paper's 1000 steps per period, by scene."""
 MBDYN_NAME = "MBDyn (measured elsewhere)"
 MBDYN_MS = {"fastest settings": 24.3, "default Newton": 108.0}
@@ -122,15 +118,13 @@ def draw(
     ax.set_ylabel("error in units of 1 mm, 10 mrad, 1 m/s, 10 rad/s")
     ax.set_title(f"{scene}: {batches[0]} trajectories at once, other codes one by one", fontsize=9, loc="left")
     ax.grid(alpha=0.25, linewidth=0.4)
-    drawn = []
     for name, (label, color) in (shown | dict(others)).items():
         lanes, style = (1, "D") if name in others else (batches[0], "o-")
         x, y = _curve([p for p in mine if p.method == name], lanes)
         if len(x):
-            ax.plot(x, y, style, color=color, markersize=4, linewidth=1.4)
-            drawn.append((label, color, np.stack([x, y], axis=1), name not in others))
+            ax.plot(x, y, style, color=color, markersize=4, linewidth=1.4, label=label)
     ax.margins(0.08)
-    _label(ax, drawn)
+    _label(ax)
     return ax
 
 
@@ -141,17 +135,19 @@ def _curve(points: Iterable[Point], lanes: int) -> tuple[np.ndarray, np.ndarray]
     return cost, error
 
 
-def _label(ax: Any, drawn: list[tuple[str, str, np.ndarray, bool]]) -> None:
-    """Writes each label beside a point of its curve, where it covers as little as possible.
-
-    **Arguments:** `drawn`: label, colour, points (n, 2) in data coordinates, and whether they are joined by a line.
-    """
+def _label(ax: Any) -> None:
+    """Writes the label of each line beside one of its points, where it covers as little as possible."""
     ax.figure.draw_without_rendering()  # settles the layout
     frame, boxes = ax.get_window_extent().padded(-4), []
-    curves = [(ax.transData.transform(data), joined) for _, _, data, joined in drawn]
-    ink = np.concatenate([np.empty((0, 2)), *(_dense(at) if joined else at for at, joined in curves)])
-    for text, color, data, _ in drawn:
-        label = ax.annotate(text, data[0], (0, 0), textcoords="offset points", color=color, fontsize=8)
+    # points on all lines in pixels, 40 on each piece of a line that joins its points
+    paths = [line.get_path().transformed(ax.transData) for line in ax.lines]
+    pieces = [1 if line.get_linestyle() == "None" else 40 for line in ax.lines]
+    ink = np.concatenate(
+        [np.empty((0, 2)), *(p.interpolated(n).vertices for p, n in zip(paths, pieces, strict=True))]
+    )
+    for line in ax.lines:
+        style = dict(textcoords="offset points", color=line.get_color(), fontsize=8)
+        label = ax.annotate(line.get_label(), line.get_xydata()[0], (0, 0), **style)
         label.set_in_layout(False)
 
         def put(position: Any, label: Any = label) -> Any:
@@ -166,7 +162,7 @@ def _label(ax: Any, drawn: list[tuple[str, str, np.ndarray, bool]]) -> None:
             outside = frame.count_contains(box.corners()) < 4
             return box.padded(2).count_contains(ink) + 1000 * (sum(map(box.overlaps, boxes)) + outside)
 
-        boxes.append(put(min(itertools.product(data, _OFFSETS), key=hidden)))
+        boxes.append(put(min(itertools.product(line.get_xydata(), _OFFSETS), key=hidden)))
 
 
 _OFFSETS = (
@@ -178,12 +174,6 @@ _OFFSETS = (
     ("center", "top", 0, -6),
 )
 """Alignment of a label and its distance from its point [typographic points], the preferred ones first."""
-
-
-def _dense(at: np.ndarray) -> np.ndarray:
-    """Gives points (n, 2) on a polygon of straight lines."""
-    where = np.linspace(0, len(at) - 1, 40 * len(at))
-    return np.stack([np.interp(where, np.arange(len(at)), column) for column in at.T], axis=1)
 
 
 LINES = {"full": "-", "dashed": "--", "dotted": ":"}

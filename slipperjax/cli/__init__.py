@@ -6,10 +6,10 @@ import warnings
 
 import click
 
-from . import branch, design, simulate, study, sweep  # noqa: F401  (each adds its commands)
+from . import design, motions, study, sweep  # noqa: F401  (each adds its commands)
 from .interrupts import Signals, ignore_signals, leave
-from .root import INTERRUPTED, WRONG
-from .root import app as app
+from .options import INTERRUPTED, WRONG
+from .options import app as app
 
 
 def _one_line(message, category, filename, lineno, file=None, line=None) -> None:

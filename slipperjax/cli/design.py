@@ -2,7 +2,6 @@
 
 import sys
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import click
@@ -11,8 +10,7 @@ from ..model.paths import parameter
 from ..model.quantities import PARAMETERS
 from .files import Outputs, keeping
 from .interrupts import on_thread
-from .options import COUNT, FROM_ZERO, Case, bounds, flag, given, make_bounds, option, result, takes_case
-from .root import LOST, app
+from .options import COUNT, FROM_ZERO, LOST, Case, app, bounds, flag, given, make_bounds, option, result, takes_case
 
 TRIAL_PATIENCE = 20.0
 """Seconds that an interrupted command waits for the trial that is being judged."""
@@ -44,12 +42,7 @@ OBJECTIVE = click.Choice(list(OBJECTIVE_UNITS))
     metavar="NAME",
     required=True,
 )
-@bounds(
-    "--vary",
-    "A parameter that is chosen, and its bounds; repeat for several.",
-    multiple=True,
-    required=True,
-)
+@bounds("--vary", "A parameter that is chosen, and its bounds; repeat for several.", multiple=True, required=True)
 @option(
     "--speeds",
     (float, float, COUNT),
@@ -76,17 +69,7 @@ OBJECTIVE = click.Choice(list(OBJECTIVE_UNITS))
 @option("--margins/--no-margins", None, "Look for the nearest folds, flips and grazings.", default=True)
 @result("design")
 @takes_case
-def design(
-    case: Case,
-    minimise: str,
-    vary: tuple[tuple[str, float, float], ...],
-    speeds: tuple[float, float, int] | None,
-    constraint: tuple[tuple[str, float, float], ...],
-    check: bool,
-    margins: bool,
-    out: Path,
-    **options: Any,
-) -> int:
+def design(case: Case, minimise, vary, speeds, constraint, check, margins, out, **options: Any) -> int:
     """Find parameters within bounds that keep an objective lowest over a range of speeds.
 
     The other parameters are those of the case.
@@ -95,31 +78,31 @@ def design(
     from ..design.optimise import optimise_design
 
     variables: dict[str, tuple[float, float]] = {}
-    for name, *ends in vary:
+    for name, low, high in vary:
         if name in variables:
             raise ValueError(f"Option --vary must name each parameter once, but has {name!r} more often.")
-        variables[name] = make_bounds("--vary", case.scene, name, *ends)[1]
+        variables[name] = make_bounds("--vary", case.scene, name, low, high)[1]
     options |= dict(
-        over=None if speeds is None else {"speed": _speeds(*speeds, variables)},
+        over=None if speeds is None else {"speed": _speeds(*speeds, variables=variables)},
         constraints=_limits(constraint),
         progress=sys.stderr.isatty(),
         **case.options,
     )
     files = Outputs(out, ".nc", ".png")
 
-    def keep(found: Any) -> str:
-        print(report(found))
-        return files.write_partial(found.to_xarray(), _overview)
+    def keep(best: Any) -> str:
+        print(report(best))
+        return files.write(best.to_xarray(), _overview, partial=True)
 
     call = lambda: optimise_design(case.scene, OBJECTIVES[minimise], variables, **options)
     with keeping(keep):
-        found = on_thread(call, TRIAL_PATIENCE)
-    print(report(found), flush=True)
-    done = found.status == "converged"
-    around = on_thread(partial(_around, found), TRIAL_PATIENCE) if check and done else None
-    events = on_thread(partial(_margins, found), TRIAL_PATIENCE) if margins and done else None
-    files.write(found.to_xarray(events), partial(_overview, surroundings=around, margins=events))
-    return LOST if found.status == "no motion" else 0
+        best = on_thread(call, TRIAL_PATIENCE)
+    print(report(best), flush=True)
+    done = best.status == "converged"
+    around = on_thread(partial(_around, best), TRIAL_PATIENCE) if check and done else None
+    events = on_thread(partial(_margins, best), TRIAL_PATIENCE) if margins and done else None
+    print(files.write(best.to_xarray(events), partial(_overview, surroundings=around, margins=events)))
+    return LOST if best.status == "no motion" else 0
 
 
 def _overview(ds: Any, **parts: Any) -> Any:
@@ -128,43 +111,45 @@ def _overview(ds: Any, **parts: Any) -> Any:
     return design_overview(ds, **parts)
 
 
-def _around(found: Any) -> Any:
+def _around(best: Any) -> Any:
     """The objective around a design by simulation alone."""
     from ..design.checks import surroundings
 
-    points = AROUND.get(len(found.problem.bounds))
+    points = AROUND.get(len(best.problem.bounds))
     if points is None:
         print("too many variables for a grid of designs around it")
         return None
-    ds = surroundings(found, points=points, progress=sys.stderr.isatty())
+    ds = surroundings(best, points=points, progress=sys.stderr.isatty())
     lower = 100 * ds.attrs["lower"]
     print(f"{ds['total'].size} designs around it by simulation alone: the lowest is {lower:.2g} % lower", flush=True)
     return ds
 
 
-def _margins(found: Any) -> Any:
+def _margins(best: Any) -> Any:
     """The nearest events of the cases that tell most; they are printed."""
     from ..design.checks import event_margins
 
-    if not any(found.cases["period"].values > 0):
+    if not any(best.cases["period"].values > 0):
         print("no case is on an orbit that could be followed to events")
         return None
     try:
-        ds = event_margins(found, progress=sys.stderr.isatty())
+        ds = event_margins(best, progress=sys.stderr.isatty())
     except ValueError as error:  # what was found stands
         print(f"nearest events were not found: {error}")
         return None
     print("nearest events:")
     for row in range(ds.sizes["margin"]):
         at = ds.isel(margin=row)
-        known = parameter(str(at["parameter"].item()), found.problem.scene)
+        quantity = parameter(str(at["parameter"].item()), best.problem.scene)
         where = ", ".join(
             f"{name} {PARAMETERS[name].shown(values[int(at['case'])]):.5g} {PARAMETERS[name].display_unit}"
-            for name, values in found.problem.cases.items()
+            for name, values in best.problem.cases.items()
         )
         event = str(at["label"].item()) or "none up to"
-        value = f"{known.shown(float(at['value'])):.6g} {known.display_unit} ({100 * float(at['relative']):+.3g} %)"
-        print(f"  {where or 'the case'}: {known.name} {event} {value}", flush=True)
+        value = (
+            f"{quantity.shown(float(at['value'])):.6g} {quantity.display_unit} ({100 * float(at['relative']):+.3g} %)"
+        )
+        print(f"  {where or 'the case'}: {quantity.name} {event} {value}", flush=True)
     return ds
 
 
@@ -172,14 +157,14 @@ def _limits(constraint: tuple[tuple[str, float, float], ...]) -> dict[Any, tuple
     """Limits [SI unit] by objective."""
     from ..design.objectives import OBJECTIVES
 
-    found = {}
+    limits = {}
     for name, *ends in constraint:
         objective = OBJECTIVES[name]
-        if objective in found:
+        if objective in limits:
             raise ValueError(f"Option --constraint must name each objective once, but has {name} more often.")
         low, high = map(objective.quantity.from_shown, ends)
-        found[objective] = low, high
-    return found
+        limits[objective] = low, high
+    return limits
 
 
 def _speeds(low: float, high: float, count: int, variables: Any) -> Any:
@@ -196,26 +181,21 @@ def _speeds(low: float, high: float, count: int, variables: Any) -> Any:
     return np.linspace(low, high, count)
 
 
-def report(found: Any) -> str:
+def report(best: Any) -> str:
     """A design in words: what was found, how sure, and a line for each case."""
     from ..plots.style import shown
 
-    q, cases = found.problem.objective.quantity, found.cases
-    lines = [repr(found), f"relative slope left {found.gradient_norm:.2g}"]
-    if found.stderr > 0:
-        lines[-1] += f"; standard error {q.shown(found.stderr):.2g} {q.display_unit}"
-    if found.several:
+    q, cases = best.problem.objective.quantity, best.cases
+    lines = [repr(best), f"relative slope left {best.gradient_norm:.2g}"]
+    if best.stderr > 0:
+        lines[-1] += f"; standard error {q.shown(best.stderr):.2g} {q.display_unit}"
+    if best.several:
         lines.append("starts ended at different designs that are about equally good: see start_end in the file")
-    columns = []
-    for name in found.problem.over:
-        unit = PARAMETERS[name].display_unit
-        columns.append([f"{name} [{unit}]", *(f"{v:.6g}" for v in shown(cases, name))])
+    unit = lambda name: PARAMETERS[name].display_unit
+    columns = [[f"{name} [{unit(name)}]", *(f"{v:.6g}" for v in shown(cases, name))] for name in best.problem.over]
     values, errors = (q.shown(cases[name].values) for name in ("objective", "objective_stderr"))
     texts = [f"{v:.5g}" + (f" +- {e:.2g}" if e > 0 else "") for v, e in zip(values, errors, strict=True)]
     columns += [[f"{q.name} [{q.display_unit}]", *texts], ["regime", *cases["regime"].values]]
-    widths = [max(map(len, column)) for column in columns]
-    lines += [
-        "  ".join(text.ljust(w) for text, w in zip(row, widths, strict=True)).rstrip()
-        for row in zip(*columns, strict=True)
-    ]
+    padded = [[text.ljust(max(map(len, column))) for text in column] for column in columns]
+    lines += ["  ".join(row).rstrip() for row in zip(*padded, strict=True)]
     return "\n".join(lines)

@@ -78,7 +78,7 @@ def _picture(ds: Any, draw: Draw) -> bytes:
 
 
 class Outputs:
-    """The files OUT.nc and OUT.png of a command, or others."""
+    """The files of a command: OUT with endings."""
 
     def __init__(self, out: Path, *endings: str):
         """Makes the folder, and says which files will be replaced, before anything long is begun.
@@ -86,7 +86,7 @@ class Outputs:
         **Raises:** `ValueError` where they cannot be written.
         """
         make_folder(out.parent, out)
-        self.out = out
+        self.out, self.endings = out, endings
         paths = [Path(f"{out}{ending}") for ending in endings]
         for path in paths:
             if path.is_dir():
@@ -96,23 +96,19 @@ class Outputs:
         if old:
             print(f"{listed(old)} will be replaced", file=sys.stderr)
 
-    def write(self, ds: Any, draw: Draw | None, picture: Path | None = None) -> None:
-        """Writes a dataset as OUT.nc, and what `draw` makes of it as OUT.png or with the name `picture`."""
-        print(self._write(ds, draw, self.out, picture))
+    def write(self, ds: Any, draw: Draw | None, *, partial: bool = False, picture: Path | None = None) -> str:
+        """Writes a dataset as OUT.nc where that is one of the files, and what `draw` makes of it as OUT.png; says so.
 
-    def draw(self, ds: Any, draw: Draw) -> None:
-        """Writes what `draw` makes of a dataset as OUT.png."""
-        print(said(write_each({Path(f"{self.out}.png"): lambda: _picture(ds, draw)})))
-
-    def write_partial(self, ds: Any, draw: Draw | None) -> str:
-        """Writes what an interrupt left as OUT_partial.nc and .png, and says so."""
-        return self._write(ds, draw, self.out.with_name(self.out.name + PARTIAL))
-
-    def _write(self, ds: Any, draw: Draw | None, out: Path, beside: Path | None = None) -> str:
-        # made in memory: HDF5 loses the whole process where a disk is full
-        contents: dict[Path, Any] = {Path(f"{out}.nc"): lambda: ds.to_netcdf(engine="h5netcdf")}
+        **Arguments:** `partial`: whether an interrupt left it, which makes it OUT_partial; `picture`: another name
+        than OUT for the picture.
+        """
+        out = self.out.with_name(self.out.name + PARTIAL) if partial else self.out
+        contents: dict[Path, Any] = {}
+        if ".nc" in self.endings:
+            # made in memory: HDF5 loses the whole process where a disk is full
+            contents[Path(f"{out}.nc")] = lambda: ds.to_netcdf(engine="h5netcdf")
         if draw is not None:
-            contents[Path(f"{beside or out}.png")] = lambda: _picture(ds, draw)
+            contents[Path(f"{picture or out}.png")] = lambda: _picture(ds, draw)
         return said(write_each(contents))
 
 

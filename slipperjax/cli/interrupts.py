@@ -83,17 +83,17 @@ def on_thread(call: Callable[[], Result], patience: float = 0.0) -> Result:
     """
     pool = ThreadPoolExecutor(1)
     try:
-        found = pool.submit(call)
+        future = pool.submit(call)
         try:
-            return found.result()
+            return future.result()
         except Interrupted:
             raise
         except KeyboardInterrupt:
-            if patience and not wait([found], 0.5).done:
+            if patience and not wait([future], 0.5).done:
                 print(f"waiting at most {patience:g} s for what is being computed", file=sys.stderr)
-                wait([found], patience)
-            if patience and found.done():
-                return found.result()
+                wait([future], patience)
+            if patience and future.done():
+                return future.result()
             raise
     finally:
         pool.shutdown(wait=False)

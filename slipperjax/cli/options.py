@@ -1,19 +1,93 @@
-"""Options that commands share: their types and help, and what they stand for in the package."""
+"""The root command, and the options that commands share: their types and help, and what they stand for.
+
+Commands import what they need when they are called: help is quick.
+"""
 
 import dataclasses
 import functools
-import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
 
-from ..model.quantities import PARAMETERS, STARTS
+from ..model.paths import parameter
+from ..model.quantities import PARAMETERS
+from ..tools.cache import compile_cache
 from ..tools.checks import require
 
-Axis = tuple[str, float, float, int]
-"""Parameter, first and last value in its display unit, number of values."""
+LOST = 1
+"""Exit code where nothing finite came out."""
+WRONG = 2
+"""Exit code after an error."""
+INTERRUPTED = 130
+"""Exit code after Ctrl-C."""
+
+
+def option(name: str, type: Any, text: str, **more: Any) -> Callable[..., Any]:
+    """An option of a command; `text` is its help."""
+    return click.option(name, type=type, help=text, **more)
+
+
+def flag(name: str, text: str) -> Callable[..., Any]:
+    """An option without a value."""
+    return click.option(name, is_flag=True, help=text)
+
+
+class Command(click.Command):
+    """A command that refuses an option which is given twice and can have one value only."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        _, _, order = self.make_parser(ctx).parse_args(list(args))
+        for one in order:
+            if order.count(one) > 1 and not getattr(one, "multiple", True):
+                raise click.UsageError(f"Option {one.opts[0]} must be given once, but is given more often.")
+        return super().parse_args(ctx, args)
+
+
+class Group(click.Group):
+    """A group of such commands, which an interrupt ends without a word of click's."""
+
+    command_class = Command
+    group_class = type
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            ctx.exit(INTERRUPTED)
+
+
+def _print_versions(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        from ..flow.datasets import versions
+
+        of = dict(versions())
+        print(f"slipperjax {of.pop('slipperjax')} ({', '.join(f'{name} {version}' for name, version in of.items())})")
+        ctx.exit()
+
+
+@click.group(cls=Group, context_settings={"show_default": True})
+@option(
+    "--cache/--no-cache",
+    None,
+    "Keep compiled programs in the user's cache folder, or in that of SLIPPERJAX_CACHE.",
+    default=True,
+)
+@option(
+    "--version",
+    None,
+    "Print versions and exit.",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_versions,
+)
+def app(cache: bool) -> None:
+    """Nonlinear dynamics of rocket-sled slippers."""
+    if cache:
+        compile_cache()
+
 
 FILE = click.Path(path_type=Path)
 
@@ -27,28 +101,14 @@ class Whole(click.IntRange):
 COUNT, FROM_ZERO = Whole(1), Whole(0)
 
 
-def option(name: str, type: Any, text: str, **more: Any) -> Callable[..., Any]:
-    """An option of a command; `text` is its help."""
-    return click.option(name, type=type, help=text, **more)
-
-
-def flag(name: str, text: str) -> Callable[..., Any]:
-    """An option without a value."""
-    return click.option(name, is_flag=True, help=text)
-
-
-def _with_units(names: dict[str, Any]) -> str:
+def with_units(names: dict[str, Any]) -> str:
+    """The names of parameters with their display units."""
     return ", ".join(f"{name} [{q.display_unit}]" for name, q in names.items())
-
-
-def axis(name: str, text: str, **more: Any) -> Callable[..., Any]:
-    """An option that spans values of a parameter."""
-    return option(name, (str, float, float, COUNT), text, metavar="NAME FIRST LAST COUNT", **more)
 
 
 def bounds(name: str, text: str, **more: Any) -> Callable[..., Any]:
     """An option that bounds a parameter."""
-    text += f" Parameters: {_with_units(PARAMETERS)}; and paths in SI units such as section.play.2."
+    text += f" Parameters: {with_units(PARAMETERS)}; and paths in SI units such as section.play.2."
     return option(name, (str, float, float), text, metavar="NAME LOW HIGH", **more)
 
 
@@ -65,16 +125,6 @@ def result(default: str) -> Callable[..., Any]:
     """The option --out of commands that write a dataset and a picture."""
     return out(default, "Where to write: makes OUT.nc and OUT.png.", ".nc", ".png")
 
-
-over = axis(
-    "--over",
-    f"Parameter, first and last value, number of values. Parameters: {_with_units(PARAMETERS)}; of the start: "
-    f"{_with_units(STARTS)}; and paths in SI units such as section.play.2.",
-    required=True,
-)
-log = option(
-    "--log", str, "A parameter of --over or --by with logarithmic spacing; repeat for several.", multiple=True
-)
 
 PAPER: dict[str, Any] = {
     "speed": 1250.0,
@@ -179,12 +229,7 @@ def make_case(*, scene: Path | None, solver: str | None, steps_per_period: int |
 
 
 def make_scene(
-    scene: Any,
-    *,
-    memory: str | None = None,
-    wavelength: Sequence[float] | None = (),
-    set: Sequence[str] = (),
-    **values: float | None,
+    scene: Any, *, memory: str | None = None, wavelength: Any = (), set: Sequence[str] = (), **values: float | None
 ) -> Any:
     """A scene with the values of options.
 
@@ -194,6 +239,7 @@ def make_scene(
     **Raises:** `ValueError` that names the argument or option which is wrong.
     """
     from ..model.contact import EventLatch, SmoothSwitch
+    from ..model.scene_files import parsed
     from ..model.tracks import HarmonicTrack
 
     if memory is not None:
@@ -202,70 +248,32 @@ def make_scene(
         if not isinstance(scene.track, HarmonicTrack):
             raise ValueError(f"Option --wavelength needs a HarmonicTrack, but the track is {scene.track!r}.")
         scene = dataclasses.replace(scene, track=dataclasses.replace(scene.track, wavelengths=tuple(wavelength)))
-    pairs = [(name, PARAMETERS[name].from_shown(value)) for name, value in values.items() if value is not None]
-    for name, value in [_assigned(scene, text) for text in set]:
-        if name in dict(pairs):
+    numbers = {name: PARAMETERS[name].from_shown(value) for name, value in values.items() if value is not None}
+    for text in set:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        require(equals, "--set", "be a name and a value, as in mass=15", text)
+        if name in numbers:
             raise ValueError(f"Option --set must not give {name}, which another option gives, too.")
-        pairs.append((name, value))
-    return scene.replace(**dict(pairs))
+        try:
+            numbers[name] = float(value)
+        except ValueError:
+            numbers[name] = parsed(name, value, parameter(name, scene).unit)
+    return scene.replace(**numbers)
 
 
-def _assigned(scene: Any, text: str) -> tuple[str, float]:
-    """A parameter's name or path, and its value in SI units, of one `--set`."""
-    from ..model.paths import parameter
-    from ..model.scene_files import parsed
-
-    name, equals, value = (part.strip() for part in text.partition("="))
-    require(equals, "--set", "be a name and a value, as in mass=15", text)
-    try:
-        return name, float(value)
-    except ValueError:
-        return name, parsed(name, value, parameter(name, scene).unit)
-
-
-def parameter_of(option: str, scene: Any, name: str, starts: dict[str, Any] | None = None) -> Any:
-    """The parameter with which an option begins.
-
-    **Arguments:** `starts`: coordinates of the start, where they may be named.
+def parameter_of(option: str, scene: Any, name: str, names: dict[str, Any] = PARAMETERS) -> Any:
+    """The parameter with which an option begins: one of `names`, or that at a path.
 
     **Raises:** `ValueError` that names the option.
     """
-    from ..model.paths import parameter
-
-    known = PARAMETERS | (starts or {})
-    if name not in known and "." not in name:
+    if name in names:
+        return names[name]
+    if "." not in name:
         raise ValueError(
-            f"Option {option} must begin with one of {', '.join(known)}, or a path such as section.play.2, but is "
+            f"Option {option} must begin with one of {', '.join(names)}, or a path such as section.play.2, but is "
             f"{name!r}."
         )
-    return known[name] if name in known else parameter(name, scene)
-
-
-def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = ()) -> dict[str, Any]:
-    """Values in SI units by parameter name; those named by `log` in equal ratios.
-
-    **Arguments:** `axes`: of `--over` and of each `--by`.
-
-    **Raises:** `ValueError` that names the option which is wrong.
-    """
-    import numpy as np
-
-    from ..sweeps.run import refuse_cases
-
-    grid = {}
-    for name, first, last, count in axes:
-        option = "--by" if grid else "--over"
-        known = parameter_of(option, scene, name, STARTS)
-        if name in grid:
-            raise ValueError(f"Option --by must name another parameter than --over, but is {name!r} too.")
-        if name in log and not min(first, last) > 0:
-            raise ValueError(f"Option --log {name} needs values above zero, but {option} has {min(first, last):g}.")
-        known.check(name, known.unit)(known.from_shown(np.array([first, last])))
-        refuse_cases(count * math.prod(map(len, grid.values())))  # before the values take the memory
-        grid[name] = known.from_shown((np.geomspace if name in log else np.linspace)(first, last, count))
-    for name in log:
-        require(name in grid, "--log", "name a parameter of --over or --by", name)
-    return grid
+    return parameter(name, scene)
 
 
 def make_bounds(option: str, scene: Any, name: str, low: float, high: float) -> tuple[Any, tuple[float, float]]:
@@ -273,11 +281,11 @@ def make_bounds(option: str, scene: Any, name: str, low: float, high: float) -> 
 
     **Raises:** `ValueError` that names the option or the parameter which is wrong.
     """
-    known = parameter_of(option, scene, name)
-    first, last = (float(known.checked(known.from_shown(end))) for end in (low, high))
+    quantity = parameter_of(option, scene, name)
+    first, last = (float(quantity.checked(quantity.from_shown(end))) for end in (low, high))
     if not low < high:
         raise ValueError(
             f"Option {option} must have two bounds, the smaller first, but has {low:g} to {high:g} "
-            f"{known.display_unit}."
+            f"{quantity.display_unit}."
         )
-    return known, (first, last)
+    return quantity, (first, last)

@@ -7,8 +7,7 @@ import click
 
 from ..tools.files import listed, said, write_each
 from .files import PARTIAL, Outputs, make_folder
-from .options import COUNT, flag, option, out
-from .root import app
+from .options import COUNT, app, flag, option, out
 
 
 @app.command()
@@ -37,7 +36,7 @@ def reproduce(figures: tuple[str, ...], quick: bool, transient: int | None, out:
         try:
             names = [str(path) for path in write_figures(done, out)]
         finally:  # where the disk is full, the report may still find room
-            answers |= done.outcome.answers
+            answers |= done.answers
             seconds[done.name] = done.seconds
             partial = write_report(out, answers, seconds, [], f"claims{PARTIAL}")
         if done.figures:
@@ -79,12 +78,12 @@ def bench(quick: bool, scene: Any, method: Any, batch: Any, repeats: int | None,
     Outputs(out, ".md", ".png", "_all.png")
     names = dict(cases=scene or None, methods=method or None, batches=batch or None)
     # written after each scene; the files get their names when all scenes are done
-    found, partial = None, ()
-    for found in run(quick=quick, repeats=repeats, report=show, **names):
-        partial = write(*found, out.with_name(out.name + PARTIAL))
+    measured, partial = None, ()
+    for measured in run(quick=quick, repeats=repeats, report=show, **names):
+        partial = write(*measured, out.with_name(out.name + PARTIAL))
         print(f"wrote {listed([str(path) for path in partial])}", flush=True)
-    if found is not None:
-        print(f"wrote {listed([str(path) for path in write(*found, out)])}")
+    if measured is not None:
+        print(f"wrote {listed([str(path) for path in write(*measured, out)])}")
     _delete(partial)
 
 

@@ -1,37 +1,56 @@
 """The commands that run many cases, and those that look after stores of them."""
 
+import math
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
+from ..model.quantities import PARAMETERS, STARTS
 from ..tools.cache import compile_cache
+from ..tools.checks import require
 from .files import Outputs, keeping, make_folder
 from .interrupts import on_thread
 from .options import (
     COUNT,
     FILE,
     FROM_ZERO,
-    Axis,
+    LOST,
     Case,
-    axis,
+    app,
     flag,
-    log,
-    make_grid,
     option,
     out,
-    over,
+    parameter_of,
     result,
     takes_case,
+    with_units,
 )
-from .root import LOST, app
 
+Axis = tuple[str, float, float, int]
+"""Parameter, first and last value in its display unit, number of values."""
 PERIODS = {"exponents": 500, "orbits": 1, "motion": 64}
 """Forcing periods by default, where they are not 10."""
+
+
+def axis(name: str, text: str, **more: Any) -> Callable[..., Any]:
+    """An option that spans values of a parameter."""
+    return option(name, (str, float, float, COUNT), text, metavar="NAME FIRST LAST COUNT", **more)
+
+
+over = axis(
+    "--over",
+    f"Parameter, first and last value, number of values. Parameters: {with_units(PARAMETERS)}; of the start: "
+    f"{with_units(STARTS)}; and paths in SI units such as section.play.2.",
+    required=True,
+)
+log = option(
+    "--log", str, "A parameter of --over or --by with logarithmic spacing; repeat for several.", multiple=True
+)
 transient = option("--transient", FROM_ZERO, "Forcing periods to pass before anything is recorded.", default=300)
 show = option("--show", str, "Draw this variable; default what suits the record.")
 
@@ -101,7 +120,6 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
 def sweep(case: Case, over: Axis, by, log, sample, record, periods, store, explain, show, out, transient, **storing):
     """Run every combination of some parameters, or a sample, into a file or a store that survives anything."""
     from ..sweeps.explain import explain as estimate
-    from ..sweeps.store import store_status
     from ..sweeps.sweep import lyapunov_sweep, orbit_sweep
     from ..sweeps.sweep import sweep as run
 
@@ -121,16 +139,14 @@ def sweep(case: Case, over: Axis, by, log, sample, record, periods, store, expla
         options |= case.options
         print(on_thread(lambda: estimate(function, case.scene, grid, store=target, **options)))
         return 0
-    if store is None:
-        return _swept(function, case, grid, Outputs(out or Path("sweep"), ".nc", ".png"), show, **options)
     with _executor(storing["processes"], storing["cluster"]) as executor:
-        options |= dict(store=target, executor=executor)
-        if storing["share"] is None:
-            files = Outputs(out or store.with_suffix(""), ".png")
-            return _swept(function, case, grid, files, show, **options)
-        _run(function, case, grid, None, **options)
-    print(f"share {storing['share']}: {store_status(store)}")
-    return 0
+        if store is None:
+            files = Outputs(out or Path("sweep"), ".nc", ".png")
+        else:
+            options |= dict(store=target, executor=executor)
+            # a share of a store is not drawn
+            files = Outputs(out or store.with_suffix(""), ".png") if storing["share"] is None else None
+        return _swept(function, case, grid, files, show, **options)
 
 
 def _grid(case: Case, axes: tuple[Axis, ...], log: tuple[str, ...], sample: int | None) -> dict[str, Any]:
@@ -141,6 +157,33 @@ def _grid(case: Case, axes: tuple[Axis, ...], log: tuple[str, ...], sample: int 
         return make_grid(case.scene, *axes, log=log)
     ends = make_grid(case.scene, *((name, min(ends), max(ends), 2) for name, *ends, _ in axes), log=log)
     return sample_box({name: tuple(pair) for name, pair in ends.items()}, sample, log=log, scene=case.scene)
+
+
+def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = ()) -> dict[str, Any]:
+    """Values in SI units by parameter name; those named by `log` in equal ratios.
+
+    **Arguments:** `axes`: of `--over` and of each `--by`.
+
+    **Raises:** `ValueError` that names the option which is wrong.
+    """
+    import numpy as np
+
+    from ..sweeps.run import refuse_cases
+
+    grid = {}
+    for name, first, last, count in axes:
+        option = "--by" if grid else "--over"
+        quantity = parameter_of(option, scene, name, PARAMETERS | STARTS)
+        if name in grid:
+            raise ValueError(f"Option --by must name another parameter than --over, but is {name!r} too.")
+        if name in log and not min(first, last) > 0:
+            raise ValueError(f"Option --log {name} needs values above zero, but {option} has {min(first, last):g}.")
+        quantity.check(name, quantity.unit)(quantity.from_shown(np.array([first, last])))
+        refuse_cases(count * math.prod(map(len, grid.values())))  # before the values take the memory
+        grid[name] = quantity.from_shown((np.geomspace if name in log else np.linspace)(first, last, count))
+    for name in log:
+        require(name in grid, "--log", "name a parameter of --over or --by", name)
+    return grid
 
 
 def _target(store: Path | None, *, share: str | None, tile: int | None, fresh: bool, **engines: Any) -> Any:
@@ -155,25 +198,18 @@ def _target(store: Path | None, *, share: str | None, tile: int | None, fresh: b
     if None not in engines.values():
         raise ValueError("Option --cluster must not be given with --processes.")
     make_folder(store.parent, store)
-    return Store(store, tile=tile, fresh=fresh, share=None if share is None else _share(share))
+    i, _, n = (share or "").partition("/")
+    if share is not None and not (i.isdigit() and n.isdigit() and 1 <= int(i) <= int(n)):
+        raise ValueError(f"Option --share must be I/N with I from 1 to N, as 3/16, but is {share!r}.")
+    return Store(store, tile=tile, fresh=fresh, share=None if share is None else (int(i), int(n)))
 
 
-def _share(text: str) -> tuple[int, int]:
-    i, _, n = text.partition("/")
-    if not (i.isdigit() and n.isdigit() and 1 <= int(i) <= int(n)):
-        raise ValueError(f"Option --share must be I/N with I from 1 to N, as 3/16, but is {text!r}.")
-    return int(i), int(n)
-
-
-@contextmanager
-def _executor(count: int | None, address: str | None) -> Iterator[Any]:
-    """Makes the executor of tiles, or None for threads of this process."""
+def _executor(count: int | None, address: str | None) -> Any:
+    """Gives a context with the executor of tiles, or with None for threads of this process."""
     from ..sweeps.store import processes
 
     if address is None:
-        with nullcontext() if count is None else processes(count) as pool:
-            yield pool
-        return
+        return nullcontext() if count is None else processes(count)
     try:
         from distributed import Client
     except ImportError:
@@ -181,37 +217,44 @@ def _executor(count: int | None, address: str | None) -> Iterator[Any]:
     try:
         client = Client(address, timeout=10)
     except OSError as error:
-        raise ValueError(
-            f"Option --cluster must be the address of a dask scheduler, but {address}: {error}"
-        ) from None
-    with client:
-        client.run(compile_cache)
-        yield client
-
-
-def _run(function: Callable[..., Any], case: Case, grid: Any, files: Any, **options: Any) -> Any:
-    """The result of a sweep; keeps the finished cases of one that is interrupted."""
-    store = options.get("store")
-
-    def keep(ds: Any) -> str:
-        return (
-            files.write_partial(ds, _draw(ds)) if store is None else f"kept in {store.path}; the same command goes on"
-        )
-
-    with keeping(keep):
-        return function(case.scene, grid, progress=True, **case.options, **options)
+        need = "be the address of a dask scheduler"
+        raise ValueError(f"Option --cluster must {need}, but {address}: {error}") from None
+    client.run(compile_cache)
+    return client
 
 
 def _swept(
-    function: Callable[..., Any], case: Case, grid: Any, files: Outputs, show: str | None = None, **options: Any
+    function: Callable[..., Any],
+    case: Case,
+    grid: Any,
+    files: Outputs | None,
+    show: str | None = None,
+    **options: Any,
 ) -> int:
-    """Runs a sweep, writes and draws it, says what came out, and gives the exit code."""
+    """Runs a sweep, writes and draws it, says what came out, and gives the exit code.
+
+    Of one that is interrupted the finished cases are kept. A share of a store has no `files`.
+    """
     from ..flow.status import Status
+    from ..sweeps.store import store_status
+
+    store = options.get("store")
+
+    def keep(ds: Any) -> str:
+        if store is not None:
+            return f"kept in {store.path}; the same command goes on"
+        assert files is not None
+        return files.write(ds, _draw(ds), partial=True)
 
     begin = time.perf_counter()
-    ds = _run(function, case, grid, files, **options)
+    with keeping(keep):
+        ds = function(case.scene, grid, progress=True, **case.options, **options)
     seconds = time.perf_counter() - begin
-    _write(ds, files, show, whole="store" not in options)
+    if files is None:
+        assert store is not None
+        print(f"share {store.share[0]}/{store.share[1]}: {store_status(store.path)}")
+        return 0
+    _write(ds, files, show)
     print(summary(ds, seconds))
     return LOST if bool((ds["status"] == Status.NOT_FINITE).all()) else 0
 
@@ -221,15 +264,13 @@ def _draw(ds: Any, show: str | None = None) -> Callable[[Any], Any] | None:
     return partial(picture, show=show) if ds["status"].ndim <= 2 else None
 
 
-def _write(ds: Any, files: Outputs, show: str | None, whole: bool) -> None:
-    """Writes the picture of a sweep, and with `whole` its data."""
+def _write(ds: Any, files: Outputs, show: str | None) -> None:
+    """Writes the files of a sweep."""
     draw = _draw(ds, show)
     if draw is None:
         print(f"no picture of {ds['status'].ndim} parameters: take a part of the data, and quantity_map")
-    if whole:
-        files.write(ds, draw)
-    elif draw is not None:
-        files.draw(ds, draw)
+    if draw is not None or ".nc" in files.endings:
+        print(files.write(ds, draw))
 
 
 def summary(ds: Any, seconds: float) -> str:
@@ -323,5 +364,5 @@ def draw(path: Path, show: str | None, out: Path | None) -> None:
     """Draw the store PATH, which may still be growing."""
     from ..sweeps.store import open_store, store_status
 
-    _write(open_store(path), Outputs(out or path.with_suffix(""), ".png"), show, whole=False)
+    _write(open_store(path), Outputs(out or path.with_suffix(""), ".png"), show)
     print(store_status(path))

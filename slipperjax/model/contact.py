@@ -34,13 +34,11 @@ from ..tools.checks import (
 class AbstractContactLaw(ShapeChecked):
     """Normal force of a point from its gap, the gap's rate, and the ratio of that rate to the rate at touchdown."""
 
-    stiffness: eqx.AbstractVar[Float[Array, ""]]
+    has_memory: ClassVar[bool] = False
+    """Whether the force depends on the rate at touchdown."""
     clamp: eqx.AbstractVar[bool]
-
-    @property
-    @abc.abstractmethod
-    def has_memory(self) -> bool:
-        """Whether the force depends on the rate at touchdown."""
+    stiffness: Float[Array, ""] = eqx.field(converter=positive("stiffness", "N/m^1.5"))
+    """Generalised stiffness K [N/m^1.5]."""
 
     @abc.abstractmethod
     def damping(self, rate: Array, rate_ratio: Array | None) -> Array | float:
@@ -80,16 +78,11 @@ def _hertz_jvp(primals, tangents):
 class _RestitutionLaw(AbstractContactLaw):
     """Laws whose damping follows from a coefficient of restitution."""
 
-    stiffness: Float[Array, ""] = eqx.field(converter=positive("stiffness", "N/m^1.5"))
-    """Generalised stiffness K [N/m^1.5]."""
+    has_memory: ClassVar = True
     restitution: Float[Array, ""] = eqx.field(converter=fraction("restitution"))
     """Coefficient of restitution c_r [1], in (0, 1]."""
     clamp: bool = eqx.field(static=True, default=True)
     """Whether the force is limited to F >= 0. The paper has no such limit."""
-
-    @property
-    def has_memory(self) -> bool:
-        return True
 
     @property
     @abc.abstractmethod
@@ -129,16 +122,9 @@ class LankaraniNikravesh(_RestitutionLaw):
 class HertzSpring(AbstractContactLaw):
     """F = K d^(3/2): no damping and no memory."""
 
-    stiffness: Float[Array, ""] = eqx.field(converter=positive("stiffness", "N/m^1.5"))
-    """Generalised stiffness K [N/m^1.5]."""
-
     @property
     def clamp(self) -> bool:
         return False  # the force is never negative
-
-    @property
-    def has_memory(self) -> bool:
-        return False
 
     def damping(self, rate: Array, rate_ratio: Array | None) -> Array | float:
         return 0.0
@@ -147,16 +133,10 @@ class HertzSpring(AbstractContactLaw):
 class ConstantDamping(AbstractContactLaw):
     """F = K d^(3/2) (1 - chi g'), with the same chi for every impact, hence no memory."""
 
-    stiffness: Float[Array, ""] = eqx.field(converter=positive("stiffness", "N/m^1.5"))
-    """Generalised stiffness K [N/m^1.5]."""
     hysteresis: Float[Array, ""] = eqx.field(converter=not_negative("hysteresis", "s/m"))
     """Damping per approach rate chi [s/m]."""
     clamp: bool = eqx.field(static=True, default=True)
     """Whether the force is limited to F >= 0."""
-
-    @property
-    def has_memory(self) -> bool:
-        return False
 
     def damping(self, rate: Array, rate_ratio: Array | None) -> Array | float:
         return -self.hysteresis * rate

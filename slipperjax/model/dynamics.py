@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import brief, shown_number, warn
+from ..tools.checks import require, shown_number, warn
 from ..tools.compile import is_traced, jit
 from ..tools.fused import held, kept, sums
 from .contact import Before, SmoothSwitch
@@ -84,11 +84,10 @@ def initial_state(scene: Scene, motion: Motion | State, epoch: Any = 0) -> State
         raise ValueError("Option `jax_enable_x64` must be on, as slipperjax sets it on import, but is off.")
     check_scene(scene)
     motion = check_start("motion", motion)
-    if isinstance(motion, State) and motion.memory is not None and np.shape(motion.memory) != (scene.points,):
-        raise ValueError(
-            f"Argument `motion` must have a memory of shape ({scene.points},), one for each point, but it "
-            f"has shape {np.shape(motion.memory)}."
-        )
+    if isinstance(motion, State) and motion.memory is not None:
+        good = np.shape(motion.memory) == (scene.points,)
+        need = f"have a memory of shape ({scene.points},), one for each point"
+        require(good, "motion", need, shown=f"one of shape {np.shape(motion.memory)}")
     state, outside = state_and_penetration(scene, jax.tree.map(lambda v: jnp.asarray(v, float), motion), epoch)
     if isinstance(motion, Motion):  # a run may end deep inside a contact
         warn_if_outside(outside)
@@ -98,9 +97,8 @@ def initial_state(scene: Scene, motion: Motion | State, epoch: Any = 0) -> State
 def check_start(name: str, start: Any) -> Motion | State:
     """Returns `start`, a motion or a state whose numbers must be finite or traced; raises `ValueError` otherwise."""
     motion = start.motion if isinstance(start, State) else start
-    if not isinstance(motion, Motion):
-        kinds = "a slipperjax.Motion, a slipperjax.State or a slipperjax.Trajectory"
-        raise ValueError(f"Argument `{name}` must be {kinds}, but is {brief(start)}.")
+    kinds = "a slipperjax.Motion, a slipperjax.State or a slipperjax.Trajectory"
+    require(isinstance(motion, Motion), name, f"be {kinds}", start)
     if isinstance(start, State) and np.ndim(motion.y) and not is_traced(motion):
         raise ValueError(
             f"Argument `{name}` must be of one instant, such as `.end` of a trajectory, but has {np.size(motion.y)}."
@@ -292,10 +290,7 @@ def vector_field(scene: Scene) -> AbstractVectorField:
 def fill_frozen(rates: State, state: State) -> State:
     """Replaces derivatives of None, which mark parts frozen over a step, by zeros."""
     return jax.tree.map(
-        lambda r, s: jax.tree.map(jnp.zeros_like, s) if r is None else r,
-        rates,
-        state,
-        is_leaf=lambda x: x is None,
+        lambda r, s: jax.tree.map(jnp.zeros_like, s) if r is None else r, rates, state, is_leaf=lambda x: x is None
     )
 
 

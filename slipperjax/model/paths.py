@@ -4,9 +4,10 @@ A path names fields, and places in arrays: slipper.inertia.1 is the moment of in
 of the third face, section.points.D.1 the height z of point D.
 """
 
+import dataclasses
 import itertools
+import operator
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import jax
@@ -14,7 +15,7 @@ import numpy as np
 
 from ..tools.checks import axes_of, brief, finite, unit_of
 from ..tools.compile import is_traced
-from .quantities import PARAMETERS, Parameter, with_entry
+from .quantities import PARAMETERS, Parameter, entry
 
 
 def parameter(name: Any, scene: Any = None) -> Parameter:
@@ -54,42 +55,34 @@ def refuse_undone(parameters: Sequence[Parameter], scene: Any) -> None:
 
 def _at_path(path: str, scene: Any) -> Parameter:
     """Gives the parameter at a path: fields of modules, then indices into an array, the first by name for points."""
-    words, part, fields = path.split("."), scene, []
-    owner, field = None, ""
-    while words and hasattr(type(part), "__dataclass_fields__"):
-        owner, field = part, words.pop(0)
-        numbers = [name for name, f in part.__dataclass_fields__.items() if not f.metadata.get("static", False)]
-        if field not in numbers:
+    words, part, owner, fields = path.split("."), scene, scene, []
+    while words and dataclasses.is_dataclass(part):
+        owner = part
+        numbers = [f.name for f in dataclasses.fields(owner) if not f.metadata.get("static", False)]
+        if words[0] not in numbers:
             raise ValueError(
-                f"Argument `{path}` leads to no number: {type(part).__name__} has {', '.join(numbers)}, "
-                f"but not {brief(field)}."
+                f"Argument `{path}` leads to no number: {type(owner).__name__} has {', '.join(numbers)}, "
+                f"but not {brief(words[0])}."
             )
-        fields.append(field)
-        part = getattr(part, field)
+        fields.append(words.pop(0))
+        part = getattr(owner, fields[-1])
     shape = np.shape(part) if part is not None else ()
-    rank = axes_of(type(owner), field, len(shape)) if owner is not None else -1
-    if hasattr(type(part), "__dataclass_fields__") or len(words) != rank:
-        raise ValueError(
-            f"Argument `{path}` leads to no number: {'.'.join(fields)} is "
-            f"{type(part).__name__ if part is None or not shape else f'an array of shape {shape}'}."
-        )
-    shape = shape[len(shape) - rank :]  # without axes of cases
-    index = tuple(_place(path, word, size, owner) for word, size in zip(words, shape, strict=True))
-    unit = unit_of(type(owner), field)
-    check = {f.name: f for f in type(owner).__dataclass_fields__.values()}[field].metadata.get("converter")
-    need = finite if check is None else lambda name, unit: replace(check, name=name, unit=unit, optional=False)
-
-    def where(scene: Any) -> Any:
-        for name in fields:
-            scene = getattr(scene, name)
-        return scene
-
-    more = (
-        dict(read=lambda leaf: leaf[(..., *index)], write=lambda value, leaf: with_entry(leaf, value, index))
-        if index
-        else {}
+    field = next(f for f in dataclasses.fields(owner) if f.name == fields[-1])
+    rank = axes_of(field, len(shape))
+    if dataclasses.is_dataclass(part) or len(words) != rank:
+        leaf = f"an array of shape {shape}" if shape else type(part).__name__
+        raise ValueError(f"Argument `{path}` leads to no number: {'.'.join(fields)} is {leaf}.")
+    sizes = shape[len(shape) - rank :]  # without axes of cases
+    index = [_place(path, word, size, owner) for word, size in zip(words, sizes, strict=True)]
+    check = field.metadata.get("converter")
+    need = (
+        finite
+        if check is None
+        else lambda name, unit: dataclasses.replace(check, name=name, unit=unit, optional=False)
     )
-    return Parameter(path, unit or "1", path.replace(".", " "), where=where, check=need, **more)
+    place: dict[str, Any] = dict(where=operator.attrgetter(".".join(fields)), **(entry(*index) if index else {}))
+    unit = unit_of(type(owner), field.name) or "1"
+    return Parameter(path, unit, path.replace(".", " "), check=need, **place)
 
 
 def _place(path: str, word: str, size: int, owner: Any) -> int:

@@ -118,11 +118,15 @@ def half_play(clearance: jax.Array, faces: int) -> Float[Array, "*cases faces"]:
     return jnp.broadcast_to(clearance[..., None] / 2, (*clearance.shape, faces))
 
 
-def with_entry(array: Any, value: Any, index: tuple[int, ...]) -> jax.Array:
-    """Copies `array` with another entry; `value`, of shape (*cases,), and the array may have leading axes."""
-    shape = np.shape(array)[np.ndim(array) - len(index) :]
-    cases = jnp.broadcast_shapes(np.shape(value), np.shape(array)[: np.ndim(array) - len(index)])
-    return jnp.broadcast_to(array, (*cases, *shape)).at[(..., *index)].set(value)
+def entry(*index: int) -> dict[str, Callable]:
+    """Returns `read` and `write` of a `Parameter` that is one entry of an array; both may have axes of cases."""
+
+    def write(value: Any, array: Any) -> jax.Array:
+        shape, axes = np.shape(array), np.ndim(array) - len(index)
+        cases = jnp.broadcast_shapes(np.shape(value), shape[:axes])
+        return jnp.broadcast_to(array, (*cases, *shape[axes:])).at[(..., *index)].set(value)
+
+    return dict(read=lambda array: (array if is_traced(array) else np.asarray(array))[(..., *index)], write=write)
 
 
 def _named(*quantities: Any) -> dict[str, Any]:
@@ -164,9 +168,8 @@ PARAMETERS: dict[str, Parameter] = _named(
             f"J_{axis}",
             where=lambda s: s.slipper.inertia,
             check=positive,
-            read=lambda inertia, k=k: (inertia if is_traced(inertia) else np.asarray(inertia))[..., k],
-            write=lambda value, inertia, k=k: with_entry(inertia, value, (k,)),
             plausible=(1e-9, 1e4),
+            **entry(k),
         )
         for k, axis in enumerate("xyz")
     ),

@@ -1,6 +1,7 @@
 """The scene: slipper, section, track, contact and speed. Plain pytrees in SI units, checked on construction."""
 
-from collections.abc import Iterable
+import json
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +18,16 @@ from ..tools.checks import (
     positive,
     require,
     shown_number,
+    unit_of,
     unless_traced,
     warn_unless_within,
 )
 from ..tools.compile import is_traced
+from ..tools.description import TYPE, describe
 from ..tools.files import write_whole
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch
 from .paths import parameter, refuse_undone
-from .quantities import PARAMETERS, Parameter
-from .scene_text import scene_to_toml
+from .quantities import COORDINATES, PARAMETERS, Parameter
 from .section import Section
 from .tracks import AbstractTrack
 from .travel import Travel
@@ -45,6 +47,21 @@ class Slipper(ShapeChecked):
         warn_unless_within("inertia", self.inertia, 1e-9, 1e4, "kg m^2")
 
 
+NUMBERS = ("speed", "gravity")
+"""Numbers of the scene itself."""
+PARTS: dict[str, tuple[type, str]] = {
+    "slipper": (Slipper, "a slipperjax.Slipper"),
+    "section": (Section, "a slipperjax.Section"),
+    "track": (AbstractTrack, "a track such as slipperjax.HarmonicTrack(...)"),
+    "contact": (AbstractContactLaw, "a contact law such as slipperjax.Flores(...)"),
+    "memory": (AbstractMemory, "slipperjax.EventLatch() or slipperjax.SmoothSwitch()"),
+}
+"""Parts of a scene, a table each in its file: their classes, and what must be given."""
+QUATERNION = ("q_x", "q_y", "q_z")
+START_UNITS: dict[str, str] = {name: q.unit for name, q in COORDINATES.items()} | dict.fromkeys(QUATERNION, "")
+"""Units of the coordinates at the start; the attitude's quaternion has none."""
+
+
 class Scene(ShapeChecked):
     """Everything that defines one case. Parts set to None are omitted; they add no state and no operations."""
 
@@ -60,14 +77,7 @@ class Scene(ShapeChecked):
     """Gravitational acceleration along -z [m/s^2]."""
 
     def __check_init__(self):
-        parts = {
-            "slipper": (Slipper, "a slipperjax.Slipper"),
-            "section": (Section, "a slipperjax.Section"),
-            "track": (AbstractTrack, "a track such as slipperjax.HarmonicTrack(...)"),
-            "contact": (AbstractContactLaw, "a contact law such as slipperjax.Flores(...)"),
-            "memory": (AbstractMemory, "slipperjax.EventLatch() or slipperjax.SmoothSwitch()"),
-        }
-        for name, (kind, text) in parts.items():
+        for name, (kind, text) in PARTS.items():
             instance(name, getattr(self, name), kind, text)
         self.warn_unless_plausible(PARAMETERS.values())
 
@@ -75,8 +85,7 @@ class Scene(ShapeChecked):
         head = [f"speed={shown_number(self.speed)} m/s"]
         if self.gravity is not None:
             head.append(f"gravity={shown_number(self.gravity)} m/s^2")
-        parts = (self.slipper, self.section, self.track, self.contact, self.memory)
-        return "\n  ".join([f"Scene({', '.join(head)},", *(f"{part!r}," for part in parts)])[:-1] + ")"
+        return "\n  ".join([f"Scene({', '.join(head)},", *(f"{getattr(self, name)!r}," for name in PARTS)])[:-1] + ")"
 
     def warn_unless_plausible(self, parameters: Iterable[Parameter]) -> None:
         """Gives an `ImplausibleWarning` where a parameter is far from what is usual. Traced ones are let through."""
@@ -152,3 +161,36 @@ class Scene(ShapeChecked):
 def check_scene(scene: Any) -> Scene:
     """Returns `scene`; raises `ValueError` where it is none."""
     return instance("scene", scene, Scene, "a slipperjax.Scene")
+
+
+def scene_to_toml(scene: Scene, start: Any = None) -> str:
+    """Returns a scene, and a motion at the start if given, as TOML text in SI units, exact to the last bit.
+
+    **Raises:** `ValueError` for a part that has parts of its own, or holds what is no plain value.
+    """
+    description = describe(scene)
+    lines = _lines({name: description[name] for name in NUMBERS}, lambda name: unit_of(Scene, name))
+    for name in PARTS:
+        kind, table = type(getattr(scene, name)), description[name]
+        if table[TYPE].lower() == name:  # there is one kind of it
+            del table[TYPE]
+        lines += ["", f"[{name}]", *_lines(table, lambda name, kind=kind: unit_of(kind, name))]
+    if start is not None:
+        is_motion = type(start).__name__ == "Motion"  # whose module needs this one
+        require(is_motion, "start", "be a slipperjax.Motion in TOML, such as run.end.motion", start)
+        moving = {name: value for name, value in describe(start).items() if name != TYPE and value != 0}
+        lines += ["", "[start]", *_lines(moving, START_UNITS.__getitem__)]
+    return "\n".join(lines) + "\n"
+
+
+def _lines(values: dict[str, Any], unit: Callable[[str], str]) -> list[str]:
+    """Returns a line of TOML for each value that is not None."""
+    return [f"{name} = {_written(value, unit(name))}" for name, value in values.items() if value is not None]
+
+
+def _written(value: Any, unit: str) -> str:
+    """Returns a value as TOML: with a unit a text for a number, and an inline table for an array."""
+    require(not isinstance(value, dict), "scene", "have no parts within parts in TOML", value)
+    if unit and isinstance(value, list):
+        return f"{{ unit = {json.dumps(unit)}, values = {json.dumps(value)} }}"
+    return json.dumps(f"{value!r} {unit}" if unit else value)

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import ShapeChecked, brief, finite, not_negative, shown_number, warn_unless_within
+from ..tools.checks import ShapeChecked, finite, not_negative, require, shown_number, warn_unless_within
 from ..tools.compile import is_traced
 
 _FACES = (("J", "A"), ("B", "C"), ("D", "E"), ("F", "G"), ("H", "I"))
@@ -37,33 +37,28 @@ class Section(ShapeChecked):
 
     def __check_init__(self):
         names, faces = self.names, self.faces
-        if not isinstance(names, tuple) or len(set(names)) < len(names):
-            raise ValueError(f"Argument `names` must be a tuple of different names, but is {brief(names)}.")
+        different = isinstance(names, tuple) and len(set(names)) == len(names)
+        require(different, "names", "be a tuple of different names", names)
         pairs = isinstance(faces, tuple) and all(isinstance(face, tuple) and len(face) == 2 for face in faces)
         corners = [corner for face in faces for corner in face] if pairs else []
-        if not pairs or len(set(corners)) < len(corners):
-            raise ValueError(f"Argument `faces` must be a tuple of pairs of different points, but is {brief(faces)}.")
-        for face in self.faces:
-            missing = [corner for corner in face if corner not in self.names]
-            if missing:
-                raise ValueError(f"Argument `faces` must name points, but {face} has {missing[0]!r}.")
-        if self.play.shape[-1:] != (len(self.faces),):
-            raise ValueError(
-                f"Argument `play` must have one value per face, {len(self.faces)}, but has shape {self.play.shape}."
-            )
-        if self.points.shape[:1] != (len(self.names),) or 2 * len(self.faces) != len(self.names):
-            raise ValueError(
-                f"Argument `points` must have two points per face and one per name, but has shape "
-                f"{self.points.shape} with {len(self.faces)} faces and {len(self.names)} names."
-            )
-
+        different = pairs and len(set(corners)) == len(corners)
+        require(different, "faces", "be a tuple of pairs of different points", faces)
+        for corner in corners:
+            if corner not in names:
+                face = next(face for face in faces if corner in face)
+                raise ValueError(f"Argument `faces` must name points, but {face} has {corner!r}.")
+        good = self.play.shape[-1:] == (len(faces),)
+        require(good, "play", f"have one value per face, {len(faces)}", shown=f"shape {self.play.shape}")
+        good = self.points.shape[:1] == (len(names),) and 2 * len(faces) == len(names)
+        shown = f"shape {self.points.shape} with {len(faces)} faces and {len(names)} names"
+        require(good, "points", "have two points per face and one per name", shown=shown)
         if not is_traced(self.points) and self.points.shape[1:] == (2,):
             self._check_points()
 
     def _check_points(self):
         points = np.asarray(self.points)
         warn_unless_within("points", np.max(np.abs(points)), 2e-3, 2.0, "m")
-        start, end = (np.array([points[self.names.index(face[k])] for face in self.faces]) for k in (0, 1))
+        start, end = points[self._corners]
         # the area around the centre that the faces span, positive where their normals point away from it
         (along_y, along_z), (y, z) = (end - start).T, ((start + end) / 2 - points.mean(axis=0)).T
         area = float(np.sum(along_y * z - along_z * y))
@@ -76,16 +71,19 @@ class Section(ShapeChecked):
             )
 
     @property
+    def _corners(self) -> np.ndarray:
+        """Indices of the first and of the second corner of each face, shape (2, faces)."""
+        return np.array([[self.names.index(corner) for corner in face] for face in self.faces]).T
+
+    @property
     def face_of_point(self) -> np.ndarray:
         """Index of each point's face, shape (points,)."""
-        owner = {corner: k for k, face in enumerate(self.faces) for corner in face}
-        return np.array([owner[name] for name in self.names])
+        return np.array([[name in face for face in self.faces].index(True) for name in self.names])
 
     @property
     def normals(self) -> Float[Array, "points 2"]:
         """Unit normal (y, z) at each point, out of the rail head [1]."""
-        start = np.array([self.names.index(a) for a, _ in self.faces])
-        end = np.array([self.names.index(b) for _, b in self.faces])
+        start, end = self._corners
         along = self.points[end] - self.points[start]
         normal = jnp.stack([-along[:, 1], along[:, 0]], axis=1)
         normal = normal / jnp.linalg.norm(normal, axis=1, keepdims=True)

@@ -103,10 +103,10 @@ class HarmonicTrack(AbstractTrack):
     """Amplitude of the roll angle [rad]. None: the track does not roll."""
 
     def __check_init__(self):
-        if self.wavelengths.ndim != 1 or self.wavelengths.shape[0] == 0:
+        shape = self.wavelengths.shape
+        if len(shape) != 1 or shape[0] == 0:
             raise ValueError(
-                f"Argument `wavelengths` must be a sequence of one or more lengths, but has shape "
-                f"{self.wavelengths.shape}."
+                f"Argument `wavelengths` must be a sequence of one or more lengths, but has shape {shape}."
             )
         warn_unless_within("wavelengths", self.wavelengths, *PLAUSIBLE_LENGTHS, "m")
 

@@ -1,6 +1,8 @@
 """JAX's cache of compiled programs on disk, in the user's cache folder: a machine compiles a program once."""
 
+import contextlib
 import hashlib
+import itertools
 import os
 import platform
 import stat
@@ -33,12 +35,12 @@ def compile_cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
     that is one `CacheWarning` and no error. Where JAX has a cache folder already (`jax_compilation_cache_dir`), it
     stays.
     """
-    asked = os.environ.get(VARIABLE, "") if folder is None else os.fspath(folder)
-    if asked.lower() == "off":
+    chosen = os.environ.get(VARIABLE, "") if folder is None else os.fspath(folder)
+    if chosen.lower() == "off":
         return None
     if jax.config.jax_compilation_cache_dir:  # type: ignore[attr-defined]
         return Path(jax.config.jax_compilation_cache_dir)  # type: ignore[attr-defined]
-    root = Path(asked).expanduser() if asked else Path(platformdirs.user_cache_dir("slipperjax"))
+    root = Path(chosen).expanduser() if chosen else Path(platformdirs.user_cache_dir("slipperjax"))
     place = root / _processor()
     try:
         for path in (root, place):
@@ -69,20 +71,15 @@ def keep_programs(place: Path) -> None:
 def _processor() -> str:
     """The kind of processor: its architecture and a digest of what it can do, which JAX's names of entries lack."""
     features = platform.processor()
-    try:
-        with open("/proc/cpuinfo") as lines:
-            features += "".join(
-                sorted({line for line in lines if line.startswith(("flags", "Features", "model name"))})
-            )
-    except OSError:
-        pass  # not Linux
+    with contextlib.suppress(OSError), open("/proc/cpuinfo") as lines:  # Linux
+        features += "".join(sorted({line for line in lines if line.startswith(("flags", "Features", "model name"))}))
     return f"{platform.machine()}-{hashlib.sha256(features.encode()).hexdigest()[:8]}"
 
 
 def _refuse_others(path: Path) -> None:
     """Raises `PermissionError` where a folder belongs to somebody else, or others can write there."""
-    found = path.stat()
-    if hasattr(os, "getuid") and (found.st_uid != os.getuid() or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)):
+    status = path.stat()
+    if hasattr(os, "getuid") and (status.st_uid != os.getuid() or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)):
         raise PermissionError(f"{path} must belong to you, and nobody else may write there")
 
 
@@ -92,13 +89,9 @@ def _prune(place: Path) -> None:
     JAX's own limit, `jax_compilation_cache_max_size`, ends all writing after one entry whose time is missing (jax
     #39880), and lets threads wait for one another.
     """
-    entries = sorted(
-        (max(s.st_mtime, s.st_atime), s.st_size, path) for path in place.iterdir() for s in [path.stat()]
-    )
-    total = sum(size for _, size, _ in entries)
-    if total > MOST:
-        for _, size, path in entries:
+    used = lambda status: max(status.st_mtime, status.st_atime)
+    entries = sorted(((used(s), s.st_size, path) for path in place.iterdir() for s in [path.stat()]), reverse=True)
+    totals = list(itertools.accumulate(size for _, size, _ in entries))
+    for total, (_, _, path) in zip(totals, entries, strict=True):
+        if totals[-1] > MOST and total >= 0.75 * MOST:
             path.unlink(missing_ok=True)
-            total -= size
-            if total < 0.75 * MOST:
-                break

@@ -26,19 +26,17 @@ def brief(value: Any) -> str:
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 
-def require(ok: Any, name: str, need: str, value: Any) -> None:
+def require(ok: Any, name: str, need: str, value: Any = None, *, shown: str = "") -> None:
     """Raises `ValueError` "Argument `name` must `need`, but is `value`." unless `ok`.
 
     **Arguments:** `name`: of the argument, or of an option such as --over; `need`: begins with a verb, such as "be
-    positive"; after "have" the message ends with "but has `value`".
+    positive"; after "have" the message ends with "but has `value`"; `shown`: words in place of the value.
     """
     if not ok:
-        of, verb = (
-            f"Option {name}" if name.startswith("--") else f"Argument `{name}`",
-            "has" if need[:4] == "have" else "is",
-        )
-        shown = f"{value:g}" if isinstance(value, float | np.floating) else brief(value)
-        raise ValueError(f"{of} must {need}, but {verb} {shown}.")
+        of = f"Option {name}" if name.startswith("--") else f"Argument `{name}`"
+        verb = "has" if need[:4] == "have" else "is"
+        number = f"{value:g}" if isinstance(value, float | np.floating) else brief(value)
+        raise ValueError(f"{of} must {need}, but {verb} {shown or number}.")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -187,19 +185,8 @@ def shown_number(value: Any) -> str:
     return f"<{' x '.join(map(str, array.shape))}, {array.min():.5g} to {array.max():.5g}>"
 
 
-def shown_module(module: eqx.Module) -> str:
-    """Formats a module on one line: its class, and its fields with their units; those that are None are left out."""
-    kind, parts = type(module), []
-    for field in dataclasses.fields(module):
-        value, unit = getattr(module, field.name), unit_of(kind, field.name)
-        if value is not None:
-            parts.append(f"{field.name}={shown_number(value)}{f' {unit}' if unit else ''}")
-    return f"{kind.__name__}({', '.join(parts)})"
-
-
-def axes_of(kind: type, name: str, default: int) -> int:
+def axes_of(field: dataclasses.Field, default: int) -> int:
     """Gives the number of axes in the annotation of a module's field, or `default` where it has none."""
-    field = {f.name: f for f in dataclasses.fields(kind)}[name]
     shapes = _shapes(field)
     return len(shapes[0].dim_str.split()) if shapes else default
 
@@ -212,11 +199,16 @@ def _shapes(field: dataclasses.Field) -> list[Any]:
 class ShapeChecked(eqx.Module):
     """Base of modules that check on construction that their array fields have the shapes of their annotations.
 
-    Their `repr` is one line, with units.
+    Their `repr` is one line, with units; fields of None are left out.
     """
 
     def __repr__(self) -> str:
-        return shown_module(self)
+        parts = []
+        for field in dataclasses.fields(self):
+            value, unit = getattr(self, field.name), unit_of(type(self), field.name)
+            if value is not None:
+                parts.append(f"{field.name}={shown_number(value)}{f' {unit}' if unit else ''}")
+        return f"{type(self).__name__}({', '.join(parts)})"
 
     def __check_init__(self):
         for field in dataclasses.fields(self):

@@ -29,9 +29,6 @@ LOOP_BYTES = 64_000_000
 """Bytes that a pass of a loop may move for the loop to be one kernel: those of 1024 cases and more."""
 _EXTRA = "--xla_backend_extra_options"
 
-TRACING = "/slipperjax/tracing"
-"""Event of `jax.monitoring` when tracing of a program begins, for displays of progress."""
-
 
 def compiler_options(backend: str | None = None) -> dict[str, Any]:
     """Gives the XLA options for a backend, by default the one that JAX uses now."""
@@ -61,13 +58,9 @@ def jit(fun: Callable, **kwargs: Any) -> Callable:
     """
     inner = jax.jit(fun, **kwargs)
 
-    def traced(*args: Any, **options: Any) -> Any:
-        jax.monitoring.record_event(TRACING)  # this body runs only when a program is made
-        return fun(*args, **options)
-
     @functools.cache
     def outermost(backend: str) -> Callable:
-        return jax.jit(functools.wraps(fun)(traced), compiler_options=compiler_options(backend), **kwargs)
+        return jax.jit(fun, compiler_options=compiler_options(backend), **kwargs)
 
     @functools.wraps(fun)
     def call(*args: Any, **options: Any) -> Any:

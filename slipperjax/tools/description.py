@@ -25,9 +25,7 @@ NORMS = {f"optimistix.{f.__name__}": f for f in (optimistix.max_norm, optimistix
 def type_name(kind: type) -> str:
     """Gives the name of a class in descriptions, for other packages with the package, as in diffrax.Tsit5."""
     package = kind.__module__.split(".")[0]
-    return (
-        kind.__name__ if package == __name__.split(".")[0] or package == "__main__" else f"{package}.{kind.__name__}"
-    )
+    return kind.__name__ if package in (__name__.split(".")[0], "__main__") else f"{package}.{kind.__name__}"
 
 
 def subclasses(base: type) -> Iterator[type]:
@@ -103,9 +101,8 @@ def build(description: Any, bases: tuple[type, ...], where: str = "") -> Any:
         if OPAQUE in description:
             raise ValueError(f"Argument `{where}` cannot be rebuilt: it was {description[OPAQUE]}.")
         if TYPE not in description:
-            raise ValueError(
-                f"Argument `{where}` must have a `{TYPE}`, but has {', '.join(description) or 'nothing'}."
-            )
+            names = ", ".join(description) or "nothing"
+            raise ValueError(f"Argument `{where}` must have a `{TYPE}`, but has {names}.")
         kind = known_type(str(description[TYPE]), bases, where)
         check_fields(description, kind, where)
         inner = lambda name: f"{where}.{name}" if where else name

@@ -14,8 +14,7 @@ def available_memory() -> int | None:
     """Bytes of memory that can be had without swapping; None where the system does not tell."""
     try:
         with open("/proc/meminfo") as lines:
-            found = next(line for line in lines if line.startswith("MemAvailable"))
-        return int(found.split()[1]) * 1024
+            return next(int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable"))
     except (OSError, StopIteration, ValueError):
         pass
     try:
@@ -37,10 +36,10 @@ def refuse_impossible(what: str, needed: float, seconds: float) -> None:
 
     **Raises:** `ValueError` that names both.
     """
-    room = available_memory()
+    available = available_memory()
     costs = f"{what} need about {shown_bytes(needed)} of memory and {shown_time(seconds)}"
-    if room is not None and needed > room:
-        raise ValueError(f"{costs}, but {shown_bytes(float(room))} of memory are available.")
+    if available is not None and needed > available:
+        raise ValueError(f"{costs}, but {shown_bytes(float(available))} of memory are available.")
     if seconds > LONGEST:
         raise ValueError(f"{costs}, which is more than a year.")
     if seconds > LONG:
@@ -60,13 +59,10 @@ def shown_time(seconds: float) -> str:
     """A duration in words: "40 s", "2 min 5 s", "3 h 20 min", "5 days 3 h", "17 years"."""
     if seconds >= 2 * LONGEST:
         return f"{seconds / LONGEST:.3g} years"
-    whole = round(seconds)
-    units = (("days", 86400), ("h", 3600), ("min", 60), ("s", 1))
-    for k, (name, size) in enumerate(units):
-        if whole >= size * (2 if name == "days" else 1):
-            parts = [(whole // size, name)]
-            if k + 1 < len(units):
-                below, its = units[k + 1]
-                parts.append((whole % size // its, below))
-            return " ".join(f"{n} {unit}" for n, unit in parts if n)
-    return "0 s"
+    left, parts = round(seconds), []
+    for unit, size in (("days", 86400), ("h", 3600), ("min", 60), ("s", 1)):
+        count, below = divmod(left, size)
+        if parts or count >= (2 if unit == "days" else 1):
+            parts.append((count, unit))
+            left = below
+    return " ".join(f"{count} {unit}" for count, unit in parts[:2] if count) or "0 s"

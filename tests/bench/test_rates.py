@@ -1,5 +1,6 @@
 """Throughput over the batch on whatever JAX runs on."""
 
+import functools
 import sys
 from types import SimpleNamespace
 
@@ -62,14 +63,14 @@ def test_a_rate_is_that_of_the_median_call(monkeypatch):
     clock, lanes = iter([0.0, 0.3, 1.0, 1.5, 2.0, 2.4]), []
 
     class Program:
-        text = staticmethod(lambda: PROGRAM)
+        as_text = staticmethod(lambda: PROGRAM)
 
         def __call__(self):
             return 0.0
 
     def program(engine, count):
         lanes.append(count)
-        return Program()
+        return functools.partial(Program())
 
     monkeypatch.setattr(rates, "_program", program)
     monkeypatch.setattr(rates, "cores", lambda: 2)

@@ -45,8 +45,9 @@ def main() -> None:
 
     def write(self, *args, **options):
         start = time.perf_counter()
-        original(self, *args, **options)
+        text = original(self, *args, **options)
         written.append((start, time.perf_counter()))
+        return text
 
     files.Outputs.write = write
     try:

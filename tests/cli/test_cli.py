@@ -13,7 +13,8 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax.bench.work_precision import Point
 from slipperjax.cli import main
-from slipperjax.cli.options import CASE, PAPER, make_case, make_grid, make_scene
+from slipperjax.cli.options import CASE, PAPER, make_case, make_scene
+from slipperjax.cli.sweep import make_grid
 from slipperjax.flow.status import Status
 from slipperjax.model.quantities import PARAMETERS, SECTIONS
 from slipperjax.plots.style import COLORS, REGIME_COLORS
@@ -255,7 +256,7 @@ def test_two_parameters_make_a_regime_map(replaced, tmp_path, capsys):
 
 def test_reproduce_writes_each_run_when_it_is_done(replaced, tmp_path, capsys):
     done = [
-        SimpleNamespace(name=name, figures=[figure], seconds=seconds, outcome=SimpleNamespace(answers=answers))
+        SimpleNamespace(name=name, figures=[figure], seconds=seconds, answers=answers)
         for name, figure, seconds, answers in (
             ("speed", "5", 1.5, {"A1": SimpleNamespace(good=True)}),
             ("length", "8", 2.5, {"A2": SimpleNamespace(good=False)}),

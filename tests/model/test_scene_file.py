@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.model.scene import scene_to_toml
 from slipperjax.model.scene_files import parsed, scene_from_json, scene_from_toml, scene_to_json
-from slipperjax.model.scene_text import scene_to_toml
 from slipperjax.tools.checks import finite, positive
 
 from ..common import fine

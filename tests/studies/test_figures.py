@@ -8,7 +8,7 @@ import xarray as xr
 from slipperjax.plots.style import COLORS
 from slipperjax.studies.dang2024 import figures, verdicts
 from slipperjax.studies.dang2024.figures import write_figures
-from slipperjax.studies.dang2024.runs import Finished, Outcome
+from slipperjax.studies.dang2024.runs import Finished
 
 from . import made
 
@@ -39,7 +39,7 @@ def texts(ax):
 
 def test_figures_and_data_are_written(tmp_path):
     ds, _ = verdicts.dual_frequency(made.two_waves())
-    done = Finished("dual frequency", ("13",), Outcome({"dual": ds}, {}), 1.0)
+    done = Finished("dual frequency", ("13",), {"dual": ds}, {}, 1.0)
     assert write_figures(done, tmp_path) == [tmp_path / "dual.nc", tmp_path / "fig13.png"]
     with xr.open_dataset(tmp_path / "dual.nc", engine="h5netcdf") as stored:
         np.testing.assert_array_equal(stored["a_z_density"].values, ds["a_z_density"].values)

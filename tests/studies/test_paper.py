@@ -105,7 +105,7 @@ def test_each_figure_is_made_by_one_run_of_what_it_needs(monkeypatch):
     batches = [("sweep", ["histories", "speed", "clearance"]), ("lyapunov_sweep", ["clearance"])]
     assert sorted(call for call in asked if len(call) == 2) == sorted(batches)  # runs are made at once
     assert [call for call in asked if len(call) == 3] == [("speed", 0, False), ("clearance", 0, False)]
-    answers = done[0].outcome.answers | done[1].outcome.answers
+    answers = done[0].answers | done[1].answers
     assert set(answers) <= set(CLAIMS)
     assert {key.split()[0] for key in answers} == {f"N{k}" for k in (1, 2, 3, 4, 5, 6, 7, 9, 10, 11, 14, 15)}
     assert "followed upwards: search ended at 2500 m/s (not finite" in answers["N4 jump"].why
@@ -115,7 +115,7 @@ def test_each_figure_is_made_by_one_run_of_what_it_needs(monkeypatch):
     assert "(Neimark-Sacker, NS)" in answers["N11"].why
     diagrams = {"speed", "speed_followed", "clearance"}
     followed = {"speed_branch", "speed_period_2", "clearance_branch", "clearance_observed"}
-    assert set(done[0].outcome.data) == {"sections", "histories"} | diagrams | followed
+    assert set(done[0].data) == {"sections", "histories"} | diagrams | followed
     assert all(any(f in figures for figures, _ in runs.RUNS.values()) for f in FIGURES)
 
 
@@ -162,7 +162,7 @@ def test_readings_leave_out_flagged_cases(monkeypatch):
 def test_quick_study_answers_every_claim(tmp_path):
     answers = {}
     for done in reproduce(quick=True):
-        answers |= done.outcome.answers
+        answers |= done.answers
     assert set(answers) == set(CLAIMS)
     assert not any("flagged" in answer.ours for answer in answers.values())
     # an independent code and MBDyn agree on these; the others are for the report

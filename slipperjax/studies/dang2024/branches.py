@@ -5,7 +5,7 @@ diagram, either its branch ends or turns unstable, at an event with a name, or t
 elsewhere.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,10 +15,11 @@ from ...flow.simulate import simulate
 from ...flow.status import Status
 from ...model.dang2024 import paper_scene
 from ...model.layout import coordinates
-from ...model.quantities import COORDINATE_SCALES, COORDINATES
+from ...model.quantities import COORDINATE_SCALES, COORDINATES, PARAMETERS
 from ...model.scene import Scene
 from ...orbits.branches import BranchEvent, OrbitBranch, continue_orbit
 from ...orbits.periodic import PeriodicOrbit, periodic_orbit
+from .claims import runs
 
 STEPS = 200
 """Steps per forcing period, with which the places of events agree to five digits with those of 400 steps."""
@@ -43,8 +44,8 @@ LONGEST = 4
 """Longest period that is tried there [forcing periods]."""
 CLOSE = 1e-2
 """Distance of a motion from an orbit at which it has settled there, in units of 1 mm, 10 mrad, 1 m/s, 10 rad/s."""
-AXES = {"speed": (1.0, "m/s", 1), "clearance": (1e3, "mm", 3), "length": (1.0, "m", 4)}
-"""Factor, unit and digits after the point with which places on an axis are written."""
+DIGITS = {"speed": 1, "clearance": 3, "length": 4}
+"""Digits after the point with which values of a parameter are written, in its display unit."""
 NAMES = {label: text.partition(":")[0] for label, text in MEANINGS.items()} | {"EP": "bound", "MX": "no convergence"}
 CRITICAL = ("LP", "PD", "NS", "BP")
 """Events at which a stable orbit turns unstable."""
@@ -58,17 +59,10 @@ Branches = dict[str, OrbitBranch]
 # --- computing them -------------------------------------------------------------------------------------------------
 
 
-class Observed(NamedTuple):
-    """An orbit on which a simulated motion comes to rest."""
+def observed_orbit(scene: Scene) -> tuple[PeriodicOrbit, int] | None:
+    """The stable orbit on which the motion from Table 2's start comes to rest, and the forcing periods simulated.
 
-    orbit: PeriodicOrbit
-    waited: int
-    """Forcing periods of the simulation."""
-
-
-def observed_orbit(scene: Scene) -> Observed | None:
-    """The stable orbit on which the motion from Table 2's start comes to rest; None where it does not within
-    `PATIENCE` blocks of `BLOCK` forcing periods.
+    None where it comes to rest on none within `PATIENCE` blocks of `BLOCK` forcing periods.
     """
     run = None
     for block in range(1, PATIENCE + 1):
@@ -82,27 +76,24 @@ def observed_orbit(scene: Scene) -> Observed | None:
             # Newton's method may find an orbit elsewhere, on which the motion never comes to rest
             away = np.abs(coordinates(orbit.state) - coordinates(run.end)) / COORDINATE_SCALES
             if orbit.status == Status.FINITE and orbit.stable and np.max(away) < CLOSE:
-                return Observed(orbit, block * BLOCK)
+                return orbit, block * BLOCK
     return None
 
 
-def follow_branches(
-    name: str, flips: int, observed: bool, data: dict[str, Any], options: Mapping[str, Any]
-) -> Branches:
+def follow_branches(name: str, flips: int, observed: bool, data: dict[str, Any], options: dict[str, Any]) -> Branches:
     """The branches over one parameter. Their datasets are added to `data` as soon as each is finished.
 
     **Arguments:** `flips`: how often the branch is left for one of twice the period; `observed`: whether the motions
     at `OBSERVED` are followed as well, which takes a minute; `options`: `progress`.
     """
-    how = dict(progress=bool(options.get("progress", False)))
-    found: Branches = {}
+    branches: Branches = {}
 
     def keep(kind: str, branch: OrbitBranch) -> OrbitBranch:
-        found[kind] = branch
+        branches[kind] = branch
         data[f"{name}_{kind}"] = branch.points
         return branch
 
-    branch = keep("branch", continue_orbit(paper_scene(), name, BOUNDS[name], steps_per_period=STEPS, **how))
+    branch = keep("branch", continue_orbit(paper_scene(), name, BOUNDS[name], steps_per_period=STEPS, **options))
     at = NOMINAL[name]
     for _ in range(flips if name == "speed" else 0):
         part = stable_part(branch, name, at)
@@ -110,19 +101,19 @@ def follow_branches(
             break
         at = part.low.value
         try:
-            branch = branch.switched(part.low.event, bounds=(SLOWEST, BOUNDS[name][1]), **how)
+            branch = branch.switched(part.low.event, bounds=(SLOWEST, BOUNDS[name][1]), **options)
         except ValueError:  # no orbit of twice the period was found beside the flip
             break
         keep(f"period_{branch.period}", branch)
     for kind, value in OBSERVED.items() if observed and name == "clearance" else ():
-        seen = observed_orbit(paper_scene(clearance=value))
-        if seen is not None:
-            scene, period, start = seen.orbit.scene, seen.orbit.period, seen.orbit.state
-            given = dict(start=start, period=period, steps_per_period=STEPS)
-            branch = continue_orbit(scene, name, BOUNDS[name], **given, **how)
-            branch.points.attrs["settled_within"] = seen.waited
+        settled = observed_orbit(paper_scene(clearance=value))
+        if settled is not None:
+            orbit, waited = settled
+            more = dict(start=orbit.state, period=orbit.period, steps_per_period=STEPS, **options)
+            branch = continue_orbit(orbit.scene, name, BOUNDS[name], **more)
+            branch.points.attrs["settled_within"] = waited
             keep(kind, branch)
-    return found
+    return branches
 
 
 # --- what they say --------------------------------------------------------------------------------------------------
@@ -152,45 +143,35 @@ def stable_part(branch: OrbitBranch, name: str, at: float) -> Part | None:
     None where no orbit is stable.
     """
     ds = branch.points
-    values, stable = ds[name].values, ds["stable"].values.astype(bool)
+    values, labels = ds[name].values, ds["label"].values.astype(str)
+    stable = ds["stable"].values.astype(bool)
     # an orbit at an event has a multiplier on the circle, and rounding decides on which side
-    special = ds["label"].values.astype(str) != ""
-    sure = np.flatnonzero(stable & ~special)
+    sure = np.flatnonzero(stable & (labels == ""))
     if not sure.size:
         return None
     middle = int(sure[np.argmin(np.abs(values[sure] - at))])
-    walks = [_walk(ds["label"].values.astype(str), stable, middle, way) for way in (-1, 1)]
-    edges = sorted((_edge(branch, values, walk) for walk in walks), key=lambda edge: edge.value)
-    (before, _), (after, _) = walks
-    points = np.arange(before, after + 1)
-    return Part(edges[0], edges[1], points[np.argsort(values[points], kind="stable")])
-
-
-def _walk(labels: np.ndarray, stable: np.ndarray, middle: int, way: int) -> tuple[int, int]:
-    """From a point in one direction: the last one that is surely stable, and the last event after it."""
-    k = last = middle
-    while 0 <= k + way < len(labels) and (stable[k + way] or labels[k + way]):
-        k += way
-        if labels[k] in CRITICAL:
-            break
-        last = last if labels[k] else k
-    return last, k
-
-
-def _edge(branch: OrbitBranch, values: np.ndarray, walk: tuple[int, int]) -> Edge:
-    """The likeliest of the events behind the last stable orbit, or that orbit."""
-    last, beyond = walk
-    there = [event for event in branch.events if min(walk) <= event.point <= max(walk)]
-    if last == beyond or not there:
-        return Edge(float(values[last]), None)
-    event = min(there, key=lambda event: LIKELY.index(event.label))
-    return Edge(event.value, event)
+    ends, edges = [], []
+    for way in (-1, 1):
+        # to the last orbit that is surely stable, and to the last event beyond it
+        last = beyond = middle
+        while 0 <= beyond + way < len(labels) and (stable[beyond + way] or labels[beyond + way]):
+            beyond += way
+            if labels[beyond] in CRITICAL:
+                break
+            last = last if labels[beyond] else beyond
+        events = [event for event in branch.events if min(last, beyond) <= event.point <= max(last, beyond)]
+        likeliest = min(events, key=lambda event: LIKELY.index(event.label), default=None)
+        edges.append(Edge(float(values[last]) if likeliest is None else likeliest.value, likeliest))
+        ends.append(last)
+    low, high = sorted(edges, key=lambda edge: edge.value)
+    points = np.arange(ends[0], ends[1] + 1)
+    return Part(low, high, points[np.argsort(values[points], kind="stable")])
 
 
 def place(name: str, value: float) -> str:
     """A value of a parameter [SI unit] as text with its unit."""
-    factor, unit, digits = AXES[name]
-    return f"{value * factor:.{digits}f} {unit}"
+    q = PARAMETERS[name]
+    return f"{q.shown(value):.{DIGITS[name]}f} {q.display_unit}"
 
 
 def edge_text(name: str, edge: Edge) -> str:
@@ -216,51 +197,45 @@ def crossed(branch: OrbitBranch, name: str, part: Part, section: str, times: int
     ds = branch.points.isel(point=part.points)
     hits = np.isfinite(ds[section].transpose("point", "crossing").values).sum(axis=1) == times
     values, last = ds[name].values, len(hits) - 1
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], hits, [False]]).astype(int)))
 
     def between(a: int, b: int) -> str:
         first, second = (place(name, values[min(max(k, 0), last)]) for k in (a, b))
         return first if first == second else f"{first.partition(' ')[0]}..{second}"
 
-    ranges = [
-        f"from {between(a - 1, a)} to {between(b - 1, b)}" for a, b in zip(edges[::2], edges[1::2], strict=True)
-    ]
-    return " and ".join(ranges) or "nowhere"
+    ranges = [(int(a), int(b)) for a, b in runs(hits, np.arange(len(hits)))]
+    return " and ".join(f"from {between(a - 1, a)} to {between(b, b + 1)}" for a, b in ranges) or "nowhere"
 
 
 def over_speed(branches: Branches) -> dict[str, str]:
     """Answers the claims by the branches over speed, by key."""
     branch, name = branches["branch"], "speed"
     part = stable_part(branch, name, NOMINAL[name])
-    found = {"N4 period-1": f"orbits of period 1: {part_text(name, part)}"}
+    answers = {"N4 period-1": f"orbits of period 1: {part_text(name, part)}"}
     if part is None:
-        return found
+        return answers
     if part.high.value > JUMP:
-        found["N4 jump"] = (
+        answers["N4 jump"] = (
             f"the branch does not end there, only the set of starts that lead to it: it is {part_text(name, part)}"
         )
     else:
-        found["N4 jump"] = f"the branch is {part_text(name, part)}"
-    found["N6"] = f"stable orbits without a crossing: {crossed(branch, name, part, 'w_x', 0)}"
+        answers["N4 jump"] = f"the branch is {part_text(name, part)}"
+    answers["N6"] = f"stable orbits without a crossing: {crossed(branch, name, part, 'w_x', 0)}"
     doubled: list[str] = []
-    for period, one in _doubled(branches):
+    twice = [one for kind, one in branches.items() if kind.startswith("period_")]
+    for one in sorted(twice, key=lambda one: one.period):
+        period = one.period
         stable = stable_part(one, name, part.low.value)
         doubled.append(f"orbits of period {period}: {part_text(name, stable)}")
         if period == 2 and stable is not None:
-            found["N5"] = (
+            answers["N5"] = (
                 f"orbits of period 2 are {part_text(name, stable)}; with two points: "
                 f"{crossed(one, name, stable, 'v_z', 2)}"
             )
             doubled[-1] += f", where their points are {_apart(one, stable, 'v_y'):.2g} m/s apart in V_Y"
     if doubled:
-        found["N4 period-1"] += "; " + "; ".join(doubled)
-        found["N4 period-3"] = "; ".join(doubled)
-    return found
-
-
-def _doubled(branches: Branches) -> list[tuple[int, OrbitBranch]]:
-    """The branches of twice the period and more, with their periods."""
-    return sorted(((b.period, b) for key, b in branches.items() if key.startswith("period_")), key=lambda p: p[0])
+        answers["N4 period-1"] += "; " + "; ".join(doubled)
+        answers["N4 period-3"] = "; ".join(doubled)
+    return answers
 
 
 def _apart(branch: OrbitBranch, part: Part, section: str) -> float:
@@ -275,25 +250,25 @@ def over_clearance(branches: Branches) -> dict[str, str]:
     branch, name = branches["branch"], "clearance"
     part = stable_part(branch, name, NOMINAL[name])
     first = f"orbits of period 1: {part_text(name, part)}"
-    found = {"N10 period-1": first, "N11": first}
+    answers = {"N10 period-1": first, "N11": first}
     if part is None:
-        return found
+        return answers
     if not [event for event in branch.events if abs(event.value - BRIEF) < BESIDE]:
         reach = f"{place(name, BRIEF - BESIDE)} to {place(name, BRIEF + BESIDE)}"
-        found["N10 brief"] = f"no event on the branch of period 1 from {reach}"
-    found["N10 pitch"] = f"stable orbits with two crossings: {crossed(branch, name, part, 'w_y', 2)}"
+        answers["N10 brief"] = f"no event on the branch of period 1 from {reach}"
+    answers["N10 pitch"] = f"stable orbits with two crossings: {crossed(branch, name, part, 'w_y', 2)}"
     others = {kind: value for kind, value in OBSERVED.items() if kind in branches}
     for kind, value in others.items():
         text = _other(branches[kind], name, value)
-        found["N11"] += f"; at {place(name, value)} from Table 2's start: {text}"
+        answers["N11"] += f"; at {place(name, value)} from Table 2's start: {text}"
         if kind == "observed":
             first = "stable" if part.high.value > value else "unstable"
-            found["N9 wide"] = f"{text}; the orbit of the branch from 1 mm is {first} there"
-    if "beyond" in others and "N9 wide" in found:
+            answers["N9 wide"] = f"{text}; the orbit of the branch from 1 mm is {first} there"
+    if "beyond" in others and "N9 wide" in answers:
         other = branches["beyond"]
         text = part_text(name, stable_part(other, name, OBSERVED["beyond"]))
-        found["N9 wide"] += f"; orbits of period {other.period}, met at {place(name, OBSERVED['beyond'])}: {text}"
-    return found
+        answers["N9 wide"] += f"; orbits of period {other.period}, met at {place(name, OBSERVED['beyond'])}: {text}"
+    return answers
 
 
 def _other(branch: OrbitBranch, name: str, at: float) -> str:
@@ -311,11 +286,11 @@ def over_length(branches: Branches) -> dict[str, str]:
     """Answers the claims by the branch over length, by key."""
     branch, name = branches["branch"], "length"
     part = stable_part(branch, name, NOMINAL[name])
-    found = {"N12 chaos": f"orbits of period 1: {part_text(name, part)}"}
+    answers = {"N12 chaos": f"orbits of period 1: {part_text(name, part)}"}
     if part is not None:
-        found["N12 constant"] = found["N12 chaos"]
-        found["N13"] = f"stable orbits with two crossings: {crossed(branch, name, part, 'w_y', 2)}"
-    return found
+        answers["N12 constant"] = answers["N12 chaos"]
+        answers["N13"] = f"stable orbits with two crossings: {crossed(branch, name, part, 'w_y', 2)}"
+    return answers
 
 
 OVER: dict[str, Callable[[Branches], dict[str, str]]] = {

@@ -150,12 +150,8 @@ def write_report(
         *table_lines(table),
     ]
     if conventions:
-        text += [
-            "",
-            "## The same numbers under other readings of what the paper leaves open",
-            "",
-            *table_lines(conventions),
-        ]
+        heading = "## The same numbers under other readings of what the paper leaves open"
+        text += ["", heading, "", *table_lines(conventions)]
     text += ["", "## Time", "", *table_lines([{"run": k, "seconds": f"{v:.1f}"} for k, v in seconds.items()]), ""]
     markdown, data = out / f"{name}.md", out / f"{name}.json"
     content = {"claims": table, "conventions": conventions, "seconds": dict(seconds)}

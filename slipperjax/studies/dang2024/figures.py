@@ -1,6 +1,7 @@
 """The paper's figures in the paper's layout, from the runs of `reproduce`."""
 
 import functools
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +28,11 @@ _COLORS = {"A": "#12355b", "C": "#c1121f", "J": "#2a9d6f"}
 def write_figures(done: Finished, out: Path) -> list[Path]:
     """Draws a run's figures, and writes them and the run's data into the folder `out`; gives the paths."""
     contents: dict[Path, Any] = {}
-    for name, ds in done.outcome.data.items():
+    for name, ds in done.data.items():
         contents[out / f"{name}.nc"] = functools.partial(ds.to_netcdf, engine="h5netcdf")
     for figure in done.figures:
         path = out / (f"fig{figure}.png" if figure.isdigit() else f"{figure}.png")
-        contents[path] = functools.partial(_picture, figure, done.outcome.data)
+        contents[path] = functools.partial(_picture, figure, done.data)
     return list(write_each(contents))
 
 
@@ -41,20 +42,27 @@ def _picture(figure: str, data: dict[str, xr.Dataset]) -> bytes:
     return png(drawn, 200)
 
 
+def _cases(
+    data: dict[str, xr.Dataset], numbers: Iterable[int], panels: Iterable[Any], title: Callable[[xr.Dataset], str]
+) -> Iterator[tuple[xr.Dataset, Any]]:
+    """Titles the panels of single cases, and yields each case with its panels; of a flagged one they say so."""
+    for number, row in zip(numbers, panels, strict=True):
+        case = data["histories"].isel(case=number)
+        row[0].set_title(title(case), fontsize=8, loc="left")
+        if not _flagged(case, row):
+            yield case, row
+
+
 def _figure_4(data: dict[str, xr.Dataset]) -> Any:
     figure, axes = plt.subplots(3, 3, figsize=(7.2, 6.0), layout="constrained")
-    for k, row in enumerate(axes):
-        case = data["histories"].isel(case=k)
-        speed = float(case["speed"])
+    for case, row in _cases(data, range(3), axes, lambda case: f"V = {float(case['speed']):.0f} m/s"):
+        forcing = float(case["speed"]) / 8
         time = case["period"].values - case["period"].values[0]
-        row[0].set_title(f"V = {speed:.0f} m/s", fontsize=8, loc="left")
-        if _flagged(case, row):
-            continue
         row[0].plot(time, case["alpha_x"].values / 1e3, lw=0.5, color=_COLORS["A"])
         row[0].set(xlim=(0, 12), xlabel="time [forcing periods]", ylabel=r"$\alpha_X$ [krad/s$^2$]")
-        found = power_spectral_density(case["alpha_x"].values, 50 * speed / 8)
-        spectrum(found.frequency / (speed / 8), found.density, row[1], unit="(rad/s^2)^2/Hz", highest=4)
-        top = float(np.max(found.density))
+        density = power_spectral_density(case["alpha_x"].values, 50 * forcing)
+        spectrum(density.frequency / forcing, density.density, row[1], unit="(rad/s^2)^2/Hz", highest=4)
+        top = float(np.max(density.density))
         row[1].set(xlabel="frequency / $f$", ylim=(top * 1e-10, top * 10))  # what is below this is rounding
         phase_portrait(case, "roll", "w_x", row[2])
     return figure
@@ -71,11 +79,7 @@ def _flagged(case: xr.Dataset, axes: Any) -> bool:
 
 def _figure_7(data: dict[str, xr.Dataset]) -> Any:
     figure, axes = plt.subplots(2, 3, figsize=(7.2, 4.2), layout="constrained")
-    for k, row in zip((3, 4), axes, strict=True):
-        case = data["histories"].isel(case=k)
-        row[0].set_title(f"C = {float(case['clearance']) * 1e3:.0f} mm", fontsize=8, loc="left")
-        if _flagged(case, row):
-            continue
+    for case, row in _cases(data, (3, 4), axes, lambda case: f"C = {float(case['clearance']) * 1e3:.0f} mm"):
         row[0].plot(case["y"].values * 1e3, case["z"].values * 1e3, lw=0.35, color=_COLORS["A"])
         row[0].set(xlabel="$y$ [mm]", ylabel="$z$ [mm]")
         phase_portrait(case, "y", "v_y", row[1])
@@ -85,11 +89,8 @@ def _figure_7(data: dict[str, xr.Dataset]) -> Any:
 
 def _figure_12(data: dict[str, xr.Dataset]) -> Any:
     figure, axes = plt.subplots(2, 1, figsize=(3.5, 4.2), sharex=True, layout="constrained")
-    for k, ax in zip((5, 6), axes, strict=True):
-        case = data["histories"].isel(case=k)
-        ax.set_title(f"L = {float(case['length']):.1f} m; dashed: peaks of the whole run", fontsize=8, loc="left")
-        if _flagged(case, [ax]):
-            continue
+    title = lambda case: f"L = {float(case['length']):.1f} m; dashed: peaks of the whole run"
+    for case, (ax,) in _cases(data, (5, 6), axes[:, None], title):
         time = case["period"].values - case["period"].values[0]
         # of all periods and inside every step, as in the claims; the lines drawn are the saved states of the first 12
         peaks = case["peak_force"].sel(end="rear", point=list(_COLORS))
@@ -122,39 +123,32 @@ def _figure_13(data: dict[str, xr.Dataset]) -> Any:
 def _basins(data: dict[str, xr.Dataset]) -> Any:
     ds = data["basins"]
     figure, ax = plt.subplots(figsize=(3.5, 3.1), layout="constrained")
-    found = ds["attractor"].values.T
-    shown = np.ma.masked_where(found < 0, np.minimum(found, 7))  # flagged cases stay white
+    numbers = ds["attractor"].values.T
+    shown = np.ma.masked_where(numbers < 0, np.minimum(numbers, 7))  # flagged cases stay white
     mesh = ax.pcolormesh(ds["start_v_y"], ds["start_v_z"], shown, cmap="tab10", vmin=-0.5, vmax=9.5)
-    most = int(np.clip(found.max(), 0, 7))
+    most = int(np.clip(numbers.max(), 0, 7))
     bar = figure.colorbar(mesh, ax=ax, ticks=range(most + 1), label="attractor, by falling basin")
     bar.ax.set_ylim(-0.5, most + 0.5)
     ax.set(xlabel="start $V_Y$ [m/s]", ylabel="start $V_Z$ [m/s]")
     return figure
 
 
-def _exponents(name: str) -> Any:
-    def draw(data: dict[str, xr.Dataset]) -> Any:
-        figure, ax = plt.subplots(figsize=(3.5, 2.4), layout="constrained")
-        exponents(data[name], ax)
-        return figure
-
-    return draw
+def _exponents(name: str, data: dict[str, xr.Dataset]) -> Any:
+    figure, ax = plt.subplots(figsize=(3.5, 2.4), layout="constrained")
+    exponents(data[name], ax)
+    return figure
 
 
-def _diagram(name: str) -> Any:
+def _diagram(name: str, data: dict[str, xr.Dataset]) -> Any:
     """Bifurcation diagrams over a parameter, with the branches of orbits drawn over their dots."""
-
-    def draw(data: dict[str, xr.Dataset]) -> Any:
-        axes = bifurcations(data[name], followed=data.get(f"{name}_followed"))
-        found = [ds for key, ds in data.items() if key.startswith(f"{name}_") and "orbit_period" in ds.attrs]
-        if found:
-            _draw_branches(axes, found)
-        return axes[0].figure
-
-    return draw
+    axes = bifurcations(data[name], followed=data.get(f"{name}_followed"))
+    followed = [ds for key, ds in data.items() if key.startswith(f"{name}_") and "orbit_period" in ds.attrs]
+    if followed:
+        _draw_branches(axes, followed)
+    return axes[0].figure
 
 
-def _draw_branches(axes: Any, found: list[xr.Dataset]) -> None:
+def _draw_branches(axes: Any, followed: list[xr.Dataset]) -> None:
     """Branches over the dots of bifurcation diagrams, with one legend for all."""
     own = axes[0].get_legend()
     texts = own.get_texts() if own else []
@@ -166,7 +160,7 @@ def _draw_branches(axes: Any, found: list[xr.Dataset]) -> None:
     handles[FROM_START] = Line2D([], [], ls="", marker=".", ms=5, mew=0, color=COLORS["grey"])
     for section, ax in zip(SECTIONS, axes, strict=True):
         label = ax.get_xlabel()
-        branches(found, section, ax=ax)
+        branches(followed, section, ax=ax)
         ax.set_xlabel(label)
         legend = ax.get_legend()
         # the events of a section are those that its crossings have
@@ -181,13 +175,13 @@ FROM_START = "from one start"
 
 _DRAW = {
     "4": _figure_4,
-    "5": _diagram("speed"),
-    "6": _exponents("speed_exponents"),
+    "5": functools.partial(_diagram, "speed"),
+    "6": functools.partial(_exponents, "speed_exponents"),
     "7": _figure_7,
-    "8": _diagram("clearance"),
-    "9": _exponents("clearance_exponents"),
-    "11": _exponents("length_exponents"),
-    "10": _diagram("length"),
+    "8": functools.partial(_diagram, "clearance"),
+    "9": functools.partial(_exponents, "clearance_exponents"),
+    "11": functools.partial(_exponents, "length_exponents"),
+    "10": functools.partial(_diagram, "length"),
     "12": _figure_12,
     "13": _figure_13,
     "basins": _basins,

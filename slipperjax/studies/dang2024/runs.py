@@ -5,7 +5,6 @@ compiled.
 """
 
 import functools
-import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -17,7 +16,7 @@ import xarray as xr
 from ...flow.status import Interrupted, Status
 from ...model.dang2024 import paper_scene
 from ...sweeps.attractors import attractors, groups
-from ...sweeps.follow import Jump, find_jump, follow
+from ...sweeps.follow import find_jump, follow
 from ...sweeps.run import all_stopped, concurrently
 from ...sweeps.sweep import lyapunov_sweep, sweep
 from ...tools.checks import one_of, whole
@@ -26,39 +25,28 @@ from .claims import Answer, named, runs, show_ranges, supported
 
 
 class Effort(NamedTuple):
-    """How much of the study is run."""
+    """How much of the study is run; by default all of it."""
 
-    speeds: int
-    clearances: int
-    lengths: int
-    transient: int
+    speeds: int = 241
+    clearances: int = 197
+    lengths: int = 161
+    transient: int = 600
     """Forcing periods before anything is recorded."""
-    follow_transient: int
+    follow_transient: int = 20
     """Forcing periods at each value of a sweep with memory."""
-    basin: int
+    basin: int = 32
     """Starts along each side of the basin picture."""
-    judged: int
+    judged: int = 400
     """Last periods from which attractors are named."""
-    counted: int
+    counted: int = 500
     """Periods over which Lyapunov exponents are taken."""
-    flips: int
+    flips: int = 2
     """How often branches of orbits are left for those of twice the period."""
-    observed: bool
+    observed: bool = True
     """Whether the orbit of the paper's widest case is found and followed."""
 
 
-FULL = Effort(
-    speeds=241,
-    clearances=197,
-    lengths=161,
-    transient=600,
-    follow_transient=20,
-    basin=32,
-    judged=400,
-    counted=500,
-    flips=2,
-    observed=True,
-)
+FULL = Effort()
 QUICK = Effort(
     speeds=49,
     clearances=50,
@@ -83,41 +71,27 @@ Data = dict[str, xr.Dataset]
 Answers = dict[str, Answer]
 
 
-class Outcome(NamedTuple):
-    """The result of a run."""
-
-    data: Data
-    answers: Answers
-
-
 def cases(effort: Effort) -> dict[str, dict[str, np.ndarray]]:
     """The study's lists of cases by name, each with its speeds [m/s], clearances [m] and lengths [m]."""
-    speeds = np.linspace(100.0, 2500.0, effort.speeds)
-    clearances = np.linspace(0.1e-3, 5e-3, effort.clearances)
-    lengths = np.linspace(0.1, 0.5, effort.lengths)
+    varied = {
+        "speed": np.linspace(100.0, 2500.0, effort.speeds),
+        "clearance": np.linspace(0.1e-3, 5e-3, effort.clearances),
+        "length": np.linspace(0.1, 0.5, effort.lengths),
+    }
     nominal = lambda n: {"speed": np.full(n, 1250.0), "clearance": np.full(n, 1e-3), "length": np.full(n, 0.2)}
     single = nominal(7)
     single["speed"][:3] = 900.0, 1500.0, 2300.0
     single["clearance"][4] = 4e-3
     single["length"][5:] = 0.1, 0.4
-    return {
-        "histories": single,
-        "speed": nominal(len(speeds)) | {"speed": speeds},
-        "clearance": nominal(len(clearances)) | {"clearance": clearances},
-        "length": nominal(len(lengths)) | {"length": lengths},
-    }
-
-
-def steps_of(speeds: np.ndarray) -> np.ndarray:
-    """Integration steps per forcing period of cases with these speeds [m/s]."""
-    return np.where(speeds < SLOW, STEPS_SLOW, STEPS)
+    return {"histories": single} | {name: nominal(len(v)) | {name: v} for name, v in varied.items()}
 
 
 def _joined(run: Callable, effort: Effort, names: list[str], **options: Any) -> dict[str, xr.Dataset]:
     """Runs some of the lists of `cases` as one, and gives the results by name, along what varies in each."""
     lists = [cases(effort)[name] for name in names]
     grid = {key: np.concatenate([part[key] for part in lists]) for key in lists[0]}
-    options |= dict(product=False, transient=effort.transient, steps_per_period=steps_of(grid["speed"]))
+    options |= dict(product=False, transient=effort.transient)
+    options["steps_per_period"] = np.where(grid["speed"] < SLOW, STEPS_SLOW, STEPS)
     ds = run(paper_scene(), grid, **options)
     ends = np.cumsum([len(part["speed"]) for part in lists])
     parts = {n: ds.isel(case=slice(b - len(p["speed"]), b)) for n, p, b in zip(names, lists, ends, strict=True)}
@@ -146,31 +120,28 @@ def _diagrams(effort: Effort, names: list[str], options: dict, data: Data) -> An
     """The single cases and the diagrams."""
     parts = _joined(sweep, effort, names, **options)
     data |= {"sections" if name == "histories" else name: part for name, part in parts.items()}
-    found = {}
+    answers: Answers = {}
     if "histories" in parts:
         common = dict(record="history", saves_per_period=50, transient=effort.transient, periods=60)
         grid = cases(effort)["histories"]
         ds = sweep(paper_scene(), grid, product=False, steps_per_period=STEPS, **common, **options)
         data["histories"] = ds
-        found |= verdicts.histories(ds, data["sections"], effort.judged)
+        answers |= verdicts.histories(ds, data["sections"], effort.judged)
     if "speed" in parts:
         speeds = parts["speed"]["speed"].values
         common = dict(transient=effort.follow_transient, steps_per_period=STEPS, **options)
-        followed = follow(paper_scene(), {"speed": speeds[speeds >= SLOW]}, **common)
-        data["speed_followed"] = followed
-        up, down = concurrently(*(functools.partial(_jump, speeds[speeds >= 1500], way) for way in ("up", "down")))
-        found |= verdicts.over_speed(parts["speed"], up, down, effort.judged)
+        data["speed_followed"] = follow(paper_scene(), {"speed": speeds[speeds >= SLOW]}, **common)
+        path = {"speed": speeds[speeds >= 1500]}
+        # The threshold is above the scatter of the means of chaotic motions, and below the height of the branch on
+        # which the followed motion leans.
+        jump = functools.partial(find_jump, paper_scene(), path, threshold=4.0, steps_per_period=STEPS)
+        up, down = concurrently(*(functools.partial(jump, direction=way) for way in ("up", "down")))
+        answers |= verdicts.over_speed(parts["speed"], up, down, effort.judged)
     if "clearance" in parts:
-        found |= verdicts.over_clearance(parts["clearance"], effort.judged)
+        answers |= verdicts.over_clearance(parts["clearance"], effort.judged)
     if "length" in parts:
-        found |= verdicts.over_length(parts["length"], effort.judged)
-    return found
-
-
-def _jump(speeds: np.ndarray, direction: str) -> Jump:
-    """Where a followed motion leaves the branch on which it leans, or returns to it."""
-    # The threshold is above the scatter of the chaotic motions' means, and below the height of that branch.
-    return find_jump(paper_scene(), {"speed": speeds}, direction=direction, threshold=4.0, steps_per_period=STEPS)
+        answers |= verdicts.over_length(parts["length"], effort.judged)
+    return answers
 
 
 def exponents(effort: Effort, wanted: set[str], options: dict, data: Data) -> Answers:
@@ -179,14 +150,10 @@ def exponents(effort: Effort, wanted: set[str], options: dict, data: Data) -> An
     names = [name for name, figure in made.items() if figure in wanted]
     parts = _joined(lyapunov_sweep, effort, names, periods=effort.counted, **options)
     data |= {f"{name}_exponents": part for name, part in parts.items()}
-    found = {}
-    if "speed" in parts:
-        found |= verdicts.exponents_over_speed(parts["speed"])
-    if "clearance" in parts:
-        found |= verdicts.exponents_over_clearance(parts["clearance"])
-    if "length" in parts:
-        found |= verdicts.exponents_over_length(parts["length"])
-    return found
+    answers: Answers = {}
+    for name, part in parts.items():
+        answers |= verdicts.EXPONENTS[name](part)
+    return answers
 
 
 def dual_frequency(effort: Effort, wanted: set[str], options: dict, data: Data) -> Answers:
@@ -195,8 +162,8 @@ def dual_frequency(effort: Effort, wanted: set[str], options: dict, data: Data) 
     # 180 periods of f1 are 150 of f2, so that both lines and all their combinations fall on a bin of the spectrum.
     common = dict(record="history", saves_per_period=50, steps_per_period=STEPS, periods=180)
     ds = sweep(scene, {"speed": [1500.0]}, transient=effort.transient, **common, **options)
-    data["dual"], found = verdicts.dual_frequency(ds)
-    return found
+    data["dual"], answers = verdicts.dual_frequency(ds)
+    return answers
 
 
 def basins(effort: Effort, wanted: set[str], options: dict, data: Data) -> Answers:
@@ -224,11 +191,12 @@ def readings(effort: Effort, options: dict) -> list[dict[str, str]]:
 
     Those with other laws need programs of their own, and are made at once with the others.
     """
-    clamped = [name for name, (_, clamp) in CONVENTIONS.items() if clamp]
-    pulling = [name for name in CONVENTIONS if name not in clamped]
     rows = lambda names: [_reading(name, effort, options) for name in names]
-    pushing, others = concurrently(lambda: rows(clamped), lambda: rows(pulling))
-    return pushing + others
+    names = {
+        clamp: [name for name, (_, of_name) in CONVENTIONS.items() if of_name == clamp] for clamp in (True, False)
+    }
+    pushing, pulling = concurrently(lambda: rows(names[True]), lambda: rows(names[False]))
+    return pushing + pulling
 
 
 def _reading(name: str, effort: Effort, options: dict) -> dict[str, str]:
@@ -286,16 +254,13 @@ class Finished(NamedTuple):
     name: str
     figures: tuple[str, ...]
     """The requested ones."""
-    outcome: Outcome
+    data: Data
+    answers: Answers
     seconds: float
 
 
 def reproduce(
-    figures: Iterable[str] = FIGURES,
-    *,
-    quick: bool = False,
-    transient: int | None = None,
-    progress: bool = False,
+    figures: Iterable[str] = FIGURES, *, quick: bool = False, transient: int | None = None, progress: bool = False
 ) -> Iterator[Finished]:
     """Runs the study, and yields each run when it is done.
 
@@ -313,14 +278,13 @@ def reproduce(
     return _runs({one_of("figures", str(f), FIGURES) for f in figures}, effort, progress)
 
 
-TOGETHER = ("exponents", "dual frequency", "basins")
-"""Runs that are made at once, two at a time: while one of them compiles or uses one core, another one uses the other.
-The other runs follow branches by many short calls, which would wait for the long ones of these."""
+ALONE = "motions"
+"""The run before the others, which are made two at a time: while one of them compiles or uses one core, another one
+uses the other. This one follows branches by many short calls, which would wait for the long ones of those."""
 
 
 def _runs(wanted: set[str], effort: Effort, progress: bool) -> Iterator[Finished]:
     chosen = [name for name, (made, _) in RUNS.items() if wanted & set(made)]
-    groups = [list(names) for _, names in itertools.groupby(chosen, lambda n: "" if n in TOGETHER else n)]
     data: dict[str, Data] = {name: {} for name in chosen}
     begun: dict[str, float] = {}
     ends: dict[str, Future[tuple[Answers, float]]] = {}
@@ -331,20 +295,18 @@ def _runs(wanted: set[str], effort: Effort, progress: bool) -> Iterator[Finished
         answers = RUNS[name][1](effort, wanted, {"progress": progress}, data[name])
         return answers, time.perf_counter() - begun[name]
 
-    def begin_next() -> None:
-        for name in groups.pop(0) if groups else []:
-            ends[name] = pool.submit(one, name)
+    def begin(names: list[str]) -> None:
+        ends.update({name: pool.submit(one, name) for name in names if name not in ends})
 
     left = list(chosen)
     try:
-        begin_next()
+        begin([name for name in chosen if name == ALONE] or chosen)
         for name in chosen:
             answers, seconds = ends[name].result()
-            if all(end.done() for end in ends.values()):
-                begin_next()  # goes on while the figures of this one are drawn
+            begin(chosen)  # goes on while the figures of this one are drawn
             left.remove(name)
             figures = tuple(f for f in RUNS[name][0] if f in wanted)
-            yield Finished(name, figures, Outcome(data[name], answers), seconds)
+            yield Finished(name, figures, data[name], answers, seconds)
     except BaseException as stop:
         with all_stopped():
             pool.shutdown(cancel_futures=True)
@@ -356,6 +318,6 @@ def _runs(wanted: set[str], effort: Effort, progress: bool) -> Iterator[Finished
             if isinstance(error, Interrupted) and error.result is not None:
                 data[name]["interrupted"] = error.result
             if data[name]:
-                yield Finished(name, (), Outcome(data[name], {}), time.perf_counter() - begun[name])
+                yield Finished(name, (), data[name], {}, time.perf_counter() - begun[name])
         raise
     pool.shutdown()

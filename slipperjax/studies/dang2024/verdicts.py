@@ -62,16 +62,15 @@ class _Axis(NamedTuple):
         """Unbroken runs of good cases where `mask` holds."""
         return runs(mask & self.good, self.values)
 
-    def is_at(self, found: float | None, paper: float, steps: int = 1) -> bool:
+    def is_at(self, ours: float | None, paper: float, steps: int = 1) -> bool:
         """Whether a place is the paper's within `steps`, with no flagged case there that might have moved it."""
         around = np.abs(self.values - paper) <= (steps + 1.001) * self.step
-        return near(found, paper, steps * self.step) and bool(np.all(self.good[around]))
+        return near(ours, paper, steps * self.step) and bool(np.all(self.good[around]))
 
-    def answer(self, found: str, good: Any, why: str = "") -> Answer:
+    def answer(self, text: str, good: Any, why: str = "") -> Answer:
         """An answer whose text says how many cases were flagged, if any were."""
         flagged = int(np.sum(~self.good))
-        text = f"{found}; {flagged} of {len(self.good)} cases flagged" if flagged else found
-        return Answer(text, bool(good), why)
+        return Answer(f"{text}; {flagged} of {len(self.good)} cases flagged" if flagged else text, bool(good), why)
 
 
 def histories(history: xr.Dataset, sections: xr.Dataset, judged: int) -> dict[str, Answer]:
@@ -87,15 +86,21 @@ def histories(history: xr.Dataset, sections: xr.Dataset, judged: int) -> dict[st
     def spectrum(k):
         return power_spectral_density(history["alpha_x"].values[k], 50 * speeds[k] / 8)
 
-    def present(k, ratio):
-        return find_line(spectrum(k), ratio * speeds[k] / 8).present
+    def motion(k, as_paper):
+        return lambda: Answer(named(kinds, k), bool(as_paper(k)), str(kinds.evidence[k]))
+
+    def points(k, paper):
+        return lambda: Answer(f"{roll[k]} points", bool(roll[k] == paper))
+
+    def lines(k, *ratios):
+        return [find_line(spectrum(k), ratio * speeds[k] / 8).present for ratio in ratios]
 
     def fundamental_and_two_thirds():
-        one, two_thirds = present(0, 1), present(0, 2 / 3)
+        one, two_thirds = lines(0, 1, 2 / 3)
         return Answer(f"f: {one}, 2f/3: {two_thirds}", one and two_thirds)
 
     def super_harmonics():
-        two, three = present(1, 2), present(1, 3)
+        two, three = lines(1, 2, 3)
         return Answer(f"{named(kinds, 1)}, 2f: {two}, 3f: {three}", bool(kinds.period[1] == 1 and two and three))
 
     def strongest():
@@ -104,33 +109,29 @@ def histories(history: xr.Dataset, sections: xr.Dataset, judged: int) -> dict[st
         return Answer(f"{place:.3g} f", abs(place - 0.4) < 0.05)
 
     def peak_force(point, k, paper):
-        return Answer(f"{force(point, k):.0f} N", abs(force(point, k) / paper - 1) < 0.05)
+        return lambda: Answer(f"{force(point, k):.0f} N", abs(force(point, k) / paper - 1) < 0.05)
 
     def softer():
         pairs = [(force(p, 5), force(p, 6)) for p in "ACJ"]
         return Answer(", ".join(f"{a:.0f} against {b:.0f} N" for a, b in pairs), all(a < b for a, b in pairs))
 
-    def motion(k, as_paper):
-        return lambda: Answer(named(kinds, k), bool(as_paper(k)), str(kinds.evidence[k]))
-
-    # which of the seven cases an answer needs, and how it is found
-    asked: dict[str, tuple[tuple[int, ...], Callable[[], Answer]]] = {
+    # which of the seven cases an answer needs, and how it is made
+    makers: dict[str, tuple[tuple[int, ...], Callable[[], Answer]]] = {
         "N1 motion": ((0,), motion(0, lambda k: kinds.period[k] == 3)),
         "N1 lines": ((0,), fundamental_and_two_thirds),
-        "N1 section": ((0,), lambda: Answer(f"{roll[0]} points", bool(roll[0] == 2))),
+        "N1 section": ((0,), points(0, 2)),
         "N2 motion": ((1,), super_harmonics),
-        "N2 section": ((1,), lambda: Answer(f"{roll[1]} points", bool(roll[1] == 1))),
+        "N2 section": ((1,), points(1, 1)),
         "N3 motion": ((2,), motion(2, lambda k: kinds.kind[k] == "chaotic")),
         "N3 line": ((2,), strongest),
         "N9 narrow": ((3,), motion(3, lambda k: kinds.period[k] == 1)),
         "N9 wide": ((4,), motion(4, lambda k: kinds.kind[k] != "period")),
     }
-    stated = {"A": (1977, 4256), "C": (8807, 12824), "J": (5447, 20365)}
-    for point, values in stated.items():
-        for paper, length, k in zip(values, (0.1, 0.4), (5, 6), strict=True):
-            asked[f"N14 {point}2 {length}"] = ((k,), functools.partial(peak_force, point, k, paper))
-    asked["N15"] = ((5, 6), softer)
-    return {key: _unless_flagged(status[list(needed)], answer) for key, (needed, answer) in asked.items()}
+    for k, length, stated in ((5, 0.1, (1977, 8807, 5447)), (6, 0.4, (4256, 12824, 20365))):
+        for point, paper in zip("ACJ", stated, strict=True):
+            makers[f"N14 {point}2 {length}"] = ((k,), peak_force(point, k, paper))
+    makers["N15"] = ((5, 6), softer)
+    return {key: _unless_flagged(status[list(needed)], make) for key, (needed, make) in makers.items()}
 
 
 def _unless_flagged(status: np.ndarray, answer: Callable[[], Answer]) -> Answer:
@@ -162,10 +163,7 @@ def over_speed(ds: xr.Dataset, up: Jump, down: Jump, judged: int) -> dict[str, A
             any(axis.is_at(r[0], 820) for r in three),
             f"{speeds[nine]:.0f} m/s is {named(kinds, nine)}: {kinds.evidence[nine]}",
         ),
-        "N4 period-1": axis.answer(
-            "nowhere" if not one else f"{longest[0]:.0f} m/s",
-            axis.is_at(longest[0], 980),
-        ),
+        "N4 period-1": axis.answer("nowhere" if not one else f"{longest[0]:.0f} m/s", axis.is_at(longest[0], 980)),
         "N4 jump": axis.answer(
             "no neighbours to compare" if drop is None else f"{drop[0]:.0f}..{drop[1]:.0f} m/s from Table 2's start",
             drop is not None and axis.is_at(drop[0], 1810),
@@ -181,10 +179,7 @@ def over_speed(ds: xr.Dataset, up: Jump, down: Jump, judged: int) -> dict[str, A
             bool(leaning) and axis.is_at(leaning[0][0], 1660) and axis.is_at(leaning[-1][1], 1810),
             "ends where the motion jumps, which the start decides: see N4",
         ),
-        "N7": axis.answer(
-            f"{ratio[0]:.1f} and {ratio[1]:.1f} times those of 1000..1800 m/s",
-            np.all(ratio > 2),
-        ),
+        "N7": axis.answer(f"{ratio[0]:.1f} and {ratio[1]:.1f} times those of 1000..1800 m/s", np.all(ratio > 2)),
     }
 
 
@@ -246,8 +241,8 @@ def over_clearance(ds: xr.Dataset, judged: int) -> dict[str, Answer]:
 
 def _correlation(x: np.ndarray, y: np.ndarray) -> float:
     """Correlation coefficient of the pairs without NaN; NaN where there are fewer than three."""
-    known = np.isfinite(y)
-    return float(np.corrcoef(x[known], y[known])[0, 1]) if np.sum(known) > 2 else float("nan")
+    finite = np.isfinite(y)
+    return float(np.corrcoef(x[finite], y[finite])[0, 1]) if np.sum(finite) > 2 else float("nan")
 
 
 def _covers(ranges: list[tuple[float, float]], place: float, step: float) -> bool:
@@ -274,22 +269,20 @@ def over_length(ds: xr.Dataset, judged: int) -> dict[str, Answer]:
             np.all(spread < 0.05) and np.mean(axis.good[late]) >= ENOUGH,
         ),
         "N13": axis.answer(
-            f"{show_ranges(two)} m",
-            bool(two) and axis.is_at(two[0][0], 0.1975) and axis.is_at(two[-1][1], 0.2275),
+            f"{show_ranges(two)} m", bool(two) and axis.is_at(two[0][0], 0.1975) and axis.is_at(two[-1][1], 0.2275)
         ),
     }
 
 
 def _spread(values: np.ndarray) -> float:
     """Standard deviation of the values without NaN; NaN where there are fewer than two."""
-    known = values[np.isfinite(values)]
-    return float(known.std()) if known.size > 1 else float("nan")
+    finite = values[np.isfinite(values)]
+    return float(finite.std()) if finite.size > 1 else float("nan")
 
 
 def _last(values: np.ndarray, mask: np.ndarray) -> float | None:
     """The last value where `mask` holds; None where it holds nowhere."""
-    found = values[mask]
-    return float(found[-1]) if found.size else None
+    return float(values[mask][-1]) if np.any(mask) else None
 
 
 DUAL_LINES = {
@@ -304,20 +297,20 @@ F1, F2 = 150.0, 125.0
 def dual_frequency(ds: xr.Dataset) -> tuple[xr.Dataset, dict[str, Answer]]:
     """Fig. 13: the history with its spectra added, and what lines they have; no spectra where it is flagged."""
     answers = {}
-    for name, label in (("a_z", "A_Z"), ("alpha_x", "alpha_X"), ("alpha_y", "alpha_Y")):
-        if np.any(ds["status"].values != Status.FINITE):
-            flagged = _unless_flagged(ds["status"].values, lambda: Answer("", False))
-            answers |= {f"N16 {label} top": flagged, f"N16 {label}": flagged}
-            continue
+    names = {"a_z": "A_Z", "alpha_x": "alpha_X", "alpha_y": "alpha_Y"}
+    if np.any(ds["status"].values != Status.FINITE):
+        flagged = _unless_flagged(ds["status"].values, lambda: Answer("", False))
+        return ds, {f"N16 {label}{part}": flagged for label in names.values() for part in (" top", "")}
+    for name, label in names.items():
         spectrum = power_spectral_density(ds[name].values[0], 50 * F1)
         density = (("frequency",), spectrum.density, {"units": f"({ds[name].attrs['units']})^2/Hz"})
         frequency = ("frequency", spectrum.frequency, {"units": "Hz", "long_name": "frequency"})
         ds = ds.assign_coords(frequency=frequency).assign({f"{name}_density": density})
         top = float(spectrum.frequency[np.argmax(spectrum.density)])
         answers[f"N16 {label} top"] = Answer(f"{top:.1f} Hz", abs(top - F1) < 1)
-        found = {k: find_line(spectrum, m * F1 + n * F2).present for k, (m, n) in DUAL_LINES.items()}
-        missing = [k for k, there in found.items() if not there]
-        text = f"{sum(found.values())} of {len(found)}" + (f", not {', '.join(missing)}" if missing else "")
+        missing = [k for k, (m, n) in DUAL_LINES.items() if not find_line(spectrum, m * F1 + n * F2).present]
+        count = len(DUAL_LINES)
+        text = f"{count - len(missing)} of {count}" + (f", not {', '.join(missing)}" if missing else "")
         answers[f"N16 {label}"] = Answer(text, not missing)
     return ds, answers
 
@@ -363,3 +356,11 @@ def exponents_over_length(ds: xr.Dataset) -> dict[str, Answer]:
     last = _last(axis.values, is_chaotic(*_largest(ds)) & axis.good & (axis.values < 0.2))
     text = "nowhere" if last is None else f"last at {last:.4g} m"
     return {"N12 LLE": axis.answer(text, axis.is_at(last, 0.15, 2), _share(ds))}
+
+
+EXPONENTS: dict[str, Callable[[xr.Dataset], dict[str, Answer]]] = {
+    "speed": exponents_over_speed,
+    "clearance": exponents_over_clearance,
+    "length": exponents_over_length,
+}
+"""Functions from exponents to answers, by parameter."""

@@ -1,0 +1,238 @@
+"""The commands that look at one case: a trajectory, a periodic motion, and its branch through a parameter."""
+
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .files import Outputs, keeping
+from .interrupts import on_thread
+from .options import (
+    CASE,
+    COUNT,
+    FILE,
+    FROM_ZERO,
+    LOST,
+    Case,
+    app,
+    bounds,
+    given,
+    make_bounds,
+    option,
+    result,
+    takes_case,
+)
+
+SWITCHED = ("PD", "BP")
+"""Labels of events at which other branches leave."""
+WITHOUT_FROM = ("period", "transient", *CASE)
+"""Options that stand in the file of --from."""
+BRANCH_PATIENCE = 10.0
+"""Seconds that an interrupted command waits for the point that is being computed."""
+
+
+def _overview(ds: Any) -> Any:
+    # imported when it draws: compiling need not wait for it
+    from ..plots.trajectories import overview
+
+    return overview(ds)
+
+
+@app.command()
+@option("--periods", COUNT, "Forcing periods to simulate.", default=60)
+@option("--saves-per-period", COUNT, "Saved states per forcing period.")
+@option("--probe", FROM_ZERO, "Periods that are repeated with half the step, for the error; or 0.", default=4)
+@result("trajectory")
+@takes_case
+def simulate(case: Case, periods: int, saves_per_period: int | None, probe: int, out: Path) -> int:
+    """Simulate one case and write its trajectory."""
+    from ..flow.simulate import default_steps, step_plan
+    from ..flow.simulate import simulate as run
+    from ..flow.status import Status
+
+    scene, files = case.scene, Outputs(out, ".nc", ".png")
+    # here, too, so that an error is the only line
+    step_plan(lambda: default_steps(scene, None), case.steps_per_period, saves_per_period)
+    print(f"simulating {periods} periods of {float(scene.period) * 1e3:.4g} ms ...", file=sys.stderr)
+    options = dict(saves_per_period=saves_per_period, probe=probe, **case.options)
+    trajectory = on_thread(lambda: run(scene, periods, **options))
+    ds = trajectory.to_xarray()
+    print(files.write(ds, _overview))
+    status, parts = Status(int(trajectory.status)), [f"{ds.attrs['steps_per_period']} steps per period"]
+    if status != Status.NOT_FINITE:
+        if float(trajectory.peak.force) > 0:
+            parts.append(trajectory.peak.text(scene))
+        if trajectory.probe is not None:
+            parts.append(_error(trajectory.probe))
+    print("; ".join([*parts, f"status: {status}"]))
+    return LOST if status == Status.NOT_FINITE else 0
+
+
+def _error(probe: Any) -> str:
+    """Says by how much half the step changes a result."""
+    import numpy as np
+
+    most, peaks = float(np.max(probe.error)), np.asarray(probe.peak_error)
+    of_force = peaks[np.isfinite(peaks)]
+    if not np.isfinite(most):
+        return "half the step does not stay finite"
+    force = f" and its highest force by {float(np.max(of_force)):.1e} of it" if len(of_force) else ""
+    return f"half the step changes a period by {most:.1e} (unit: 1 mm, 10 mrad, 1 m/s, 10 rad/s){force}"
+
+
+@app.command()
+@option("--period", COUNT, "Forcing periods after which the motion recurs.", default=1)
+@option("--transient", FROM_ZERO, "Forcing periods simulated before Newton's method; default 60, and 240 if need be.")
+@result("orbit")
+@takes_case
+def orbit(case: Case, period: int, transient: int | None, out: Path) -> int:
+    """Find a periodic motion, stable or not, with its Floquet multipliers and contact signature."""
+    from ..orbits.periodic import periodic_orbit
+
+    files = Outputs(out, ".nc", ".png")
+    print(f"looking for a motion of period {period} ...", file=sys.stderr)
+    motion = on_thread(lambda: periodic_orbit(case.scene, period, transient=transient, **case.options))
+    if _is_lost(motion):
+        return LOST
+    print(files.write(motion.to_xarray(), _overview))
+    leading = ", ".join(f"{m.real:.6g}{m.imag:+.6g}i" if m.imag else f"{m.real:.6g}" for m in motion.multipliers[:4])
+    print(
+        f"period {motion.period}, {'stable' if motion.stable else 'unstable'}, largest exponent "
+        f"{float(motion.exponent):.6g} per period; multipliers {leading}, ...; {motion.signature}; "
+        f"{int(motion.iterations)} iterations, residual {float(motion.residual):.1g} (scaled)"
+    )
+    return 0
+
+
+def _is_lost(motion: Any) -> bool:
+    """Whether Newton's method found no orbit, which is said."""
+    from ..flow.status import Status
+
+    status = Status(int(motion.status))
+    if status != Status.FINITE:
+        print(f"no file is written; residual {float(motion.residual):.2g}; status: {status}")
+    return status != Status.FINITE
+
+
+@app.command("continue")
+@bounds("--over", "Parameter, lower and upper bound, which hold the case's value.")
+@click.option(
+    "--from",
+    "source",
+    type=FILE,
+    help="A branch's netCDF file to follow further: where it was interrupted, ended for --points, or met a bound of "
+    "which --over names another.",
+)
+@option("--period", COUNT, "Forcing periods after which the motion recurs.", default=1)
+@option("--transient", FROM_ZERO, "Forcing periods simulated before the first motion.", default=60)
+@option("--points", COUNT, "Most points of each way.", default=400)
+@option(
+    "--switch",
+    click.Choice(SWITCHED),
+    "Follow the branches that leave at all these events, too, as OUT_PD1.nc and so on; repeat for both.",
+    multiple=True,
+)
+@option("--brute", FILE, "A netCDF file of slipperjax bifurcation, to draw the branches over.")
+@option(
+    "--quantity",
+    str,
+    "What is drawn: v_y, v_z, w_x, w_y, w_z, start_y, slowest_touchdown or grazing_gap.",
+    default="v_z",
+)
+@result("branch")
+@takes_case
+def follow_branch(case: Case, over, source, period, transient, points, switch, brute, quantity, out) -> int:
+    """Follow a periodic motion through a parameter, stable or not, and name folds, flips and grazings."""
+    from ..flow.datasets import dataset_of
+    from ..plots.branches import branches, check_brute, check_quantity
+
+    options = dict(points=points, progress=sys.stderr.isatty())
+    if source is not None:
+        parameter, call = _further(source, over, options)
+    elif over is not None:
+        parameter, call = _from_case(case, over, period, transient, options)
+    else:
+        raise ValueError("Option --over must be given, or --from.")
+    # checked before anything long is begun
+    check_quantity(quantity)
+    beneath = None if brute is None else dataset_of(brute)
+    if beneath is not None:
+        check_brute(beneath, parameter.name, quantity)
+    drawn: list[Any] = []
+    draw = lambda ds: branches([*drawn, ds], quantity, beneath)
+
+    def followed(call: Any, files: Outputs) -> Any:
+        """The branch that a call gives; of an interrupted one its points are written first."""
+        with keeping(lambda branch: files.write(branch.points, draw, partial=True)):
+            return on_thread(call, BRANCH_PATIENCE)
+
+    files = Outputs(out, ".nc", ".png")
+    branch = followed(call, files)
+    if branch is None:
+        return LOST
+    print(branch.summary())
+    print(files.write(branch.points, draw))
+    drawn.append(branch.points)
+    for label in sorted(set(switch)):
+        for number, event in enumerate(branch.events_named(label), 1):
+            name = f"{label}{number}"
+            place = f"{name} at {parameter.shown(event.value):.8g} {parameter.display_unit}"
+            beside = Outputs(Path(f"{out}_{name}"), ".nc")
+            try:
+                other = followed(partial(branch.switched, event, **options), beside)
+            except ValueError as error:
+                print(f"{place}: {error}", file=sys.stderr)
+                continue
+            print(f"{place}: {other.summary()}")
+            print(beside.write(other.points, draw, picture=files.out))
+            drawn.append(other.points)
+    return 0
+
+
+def _from_case(case: Case, over: tuple[str, float, float], period: int, transient: int, options: dict) -> Any:
+    """The parameter of --over, and a function that follows the motion on which the case settles.
+
+    The function gives None where the case settles on no orbit.
+    """
+    from ..orbits.branches import continue_orbit, steps_of_branch
+    from ..orbits.periodic import periodic_orbit
+
+    quantity, (low, high) = make_bounds("--over", case.scene, *over)
+    value, unit = float(case.scene.value(quantity.name)), quantity.display_unit
+    if not low <= value <= high:
+        raise ValueError(
+            f"Option --over must hold the case's {quantity.name}, {quantity.shown(value):g} {unit}, but is "
+            f"{over[1]:g} to {over[2]:g} {unit}."
+        )
+
+    def call() -> Any:
+        # the first orbit has the steps of the branch, and shares its programs
+        steps = steps_of_branch(case.scene, quantity, (low, high), case.steps_per_period)
+        with_steps = case.options | dict(steps_per_period=steps)
+        first = periodic_orbit(case.scene, period, transient=transient, **with_steps)
+        if _is_lost(first):
+            return None
+        return continue_orbit(case.scene, quantity.name, (low, high), **with_steps | options | dict(start=first))
+
+    return quantity, call
+
+
+def _further(source: Path, over: tuple[str, float, float] | None, options: dict[str, Any]) -> Any:
+    """The parameter of a file's branch, and what follows it further, over other bounds where they are given."""
+    from ..orbits.branches import load_branch
+
+    for name in given(*WITHOUT_FROM):
+        raise ValueError(f"Option {name} must not be given with --from, whose file says it.")
+    try:
+        before = load_branch(source)
+    except ValueError as error:
+        raise ValueError(f"Option --from must name a file of slipperjax continue, but {source}: {error}") from error
+    quantity = before.parameter
+    if over is not None and over[0] != quantity.name:
+        raise ValueError(
+            f"Option --over must begin with {quantity.name}, as in the file of --from, but is {over[0]!r}."
+        )
+    ends = None if over is None else make_bounds("--over", before.scene, *over)[1]
+    return quantity, partial(before.extended, ends, **options)
