@@ -1,8 +1,8 @@
-"""Grids and samples of parameters as batches of scenes and starts: names are resolved here, and nowhere below."""
+"""Grids and samples of parameters as batches of scenes and starts, and as tiles: names are resolved here only."""
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -68,12 +68,11 @@ class Grid:
 
     def coordinates(self) -> dict[str, Any]:
         """The axes as coordinates of a dataset."""
-        coordinates = {}
-        for name, values in self.axes.items():
-            label = self.label(name)
-            dim, known = label if label in self.dims else "case", _parameter(self.scene, name)
-            coordinates[label] = (dim, values, known.attributes)
-        return coordinates
+        labels = {name: self.label(name) for name in self.axes}
+        return {
+            label: (label if self.product else "case", self.axes[name], _parameter(self.scene, name).attributes)
+            for name, label in labels.items()
+        }
 
     def check_steps(self, steps: Any) -> None:
         """Raises `ValueError` where steps per period are neither one number nor one for each case."""
@@ -92,13 +91,12 @@ class Grid:
     def spread(self, count: int) -> dict[str, np.ndarray]:
         """Spreads `count` cases evenly over the grid, as lists; some come more than once where there are fewer."""
         index = np.floor((np.arange(count) + 0.5) * self.count / count).astype(int)
-        places = np.unravel_index(index, self.shape) if self.product else (index,) * len(self.axes)
-        return {name: values[at] for (name, values), at in zip(self.axes.items(), places, strict=True)}
+        return self.part(np.unravel_index(index, self.shape))
 
-    def part(self, region: tuple[slice, ...]) -> dict[str, np.ndarray]:
-        """The values by name in a region, one slice for each of `dims`."""
-        slices = region if self.product else region * len(self.axes)
-        return {name: values[cut] for (name, values), cut in zip(self.axes.items(), slices, strict=True)}
+    def part(self, index: tuple[Any, ...]) -> dict[str, np.ndarray]:
+        """The values by name in a part of the grid: a slice, or indices, for each of `dims`."""
+        index = index if self.product else index * len(self.axes)
+        return {name: values[k] for (name, values), k in zip(self.axes.items(), index, strict=True)}
 
 
 def _parameter(scene: Scene, name: str) -> Parameter:
@@ -107,12 +105,70 @@ def _parameter(scene: Scene, name: str) -> Parameter:
 
 
 def _values(scene: Scene, name: str, raw: Any) -> np.ndarray:
-    known = _parameter(scene, name)
-    known.check_exists(scene)
-    values = np.atleast_1d(np.asarray(known.checked(raw)))
+    quantity = _parameter(scene, name)
+    quantity.check_exists(scene)
+    values = np.atleast_1d(np.asarray(quantity.checked(raw)))
     if values.ndim != 1 or values.size == 0:
         raise ValueError(f"Argument `{name}` must be a list of one or more values, but has shape {values.shape}.")
     return values
+
+
+SMALLEST_TILE, LARGEST_TILE = 2048, 65_536
+"""Cases in a tile where none is asked for: a few seconds of work, and few enough to lose in a crash."""
+MOST_SMALL_TILES = 4096
+"""Tiles above which they grow up to `LARGEST_TILE`: each has a file for every variable."""
+
+
+class Tiling(NamedTuple):
+    """A grid as blocks of equal shape, cut off at its ends, numbered with the last dimension fastest."""
+
+    shape: tuple[int, ...]
+    """Of the grid."""
+    tile: tuple[int, ...]
+    """Of a block."""
+
+    @classmethod
+    def of(cls, shape: tuple[int, ...], size: int | None = None) -> "Tiling":
+        """Blocks of about `size` cases, whole along the last dimensions.
+
+        By default a block has `SMALLEST_TILE`, or more where there would be more than `MOST_SMALL_TILES` blocks.
+        """
+        if size is None:
+            size = min(max(SMALLEST_TILE, math.prod(shape) // MOST_SMALL_TILES), LARGEST_TILE)
+        tile, left = [1] * len(shape), size
+        for k in reversed(range(len(shape))):
+            pieces = -(-shape[k] // max(left, 1))
+            tile[k] = -(-shape[k] // pieces)
+            left //= shape[k]
+        return cls(shape, tuple(tile))
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Blocks along each dimension."""
+        return tuple(-(-n // m) for n, m in zip(self.shape, self.tile, strict=True))
+
+    @property
+    def count(self) -> int:
+        """Number of blocks."""
+        return math.prod(self.counts)
+
+    @property
+    def size(self) -> int:
+        """Cases of a whole block."""
+        return math.prod(self.tile)
+
+    def indices(self, number: int) -> tuple[int, ...]:
+        """Indices of a block along the dimensions, which name its files."""
+        return tuple(int(k) for k in np.unravel_index(number, self.counts))
+
+    def region(self, number: int) -> tuple[slice, ...]:
+        """Slices of the grid that make up a block."""
+        ends = zip(self.indices(number), self.tile, self.shape, strict=True)
+        return tuple(slice(k * m, min((k + 1) * m, n)) for k, m, n in ends)
+
+    def cases(self, number: int) -> int:
+        """Number of cases of a block."""
+        return math.prod(part.stop - part.start for part in self.region(number))
 
 
 VECTOR_LANES = 8
@@ -129,15 +185,8 @@ class Cases(Grid):
     """Those of the cases, with a leading axis."""
 
     def __init__(self, scene: Scene, grid: Mapping[str, Any], start: Motion | State, *, product: bool = True):
-        """**Arguments:**
-
-        - `scene`: the case whose parameters are varied.
-        - `grid`: values by name, of `slipperjax.PARAMETERS` or `STARTS`, in SI units.
-        - `start`: the motion or state at time zero, where the grid does not vary it.
-        - `product`: whether every combination is a case, or the lists are read side by side.
-
-        **Raises:** `ValueError` for a wrong name, an empty axis, a bad value, or lists of several lengths side by
-        side.
+        """**Arguments:** `start`: the motion or state at time zero, where the grid does not vary it; others
+        and errors as for `Grid`.
         """
         super().__init__(scene, grid, product=product)
         flat = self.axes
@@ -157,7 +206,7 @@ class Cases(Grid):
             self.starts = eqx.tree_at(lambda state: state.motion, alike, self.starts)
 
     def take(self, index: np.ndarray) -> tuple[Batched[Scene], Motion | State]:
-        """The scenes and starts at some places, for a compiled program."""
+        """The scenes and starts at some indices, for a compiled program."""
         return self.scenes.take(index), jax.tree.map(lambda v: v[index], self.starts)
 
     def forcing_periods(self) -> Float[np.ndarray, " cases"]:

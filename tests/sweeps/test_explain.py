@@ -37,10 +37,10 @@ def test_what_cannot_fit_is_refused_with_advice(tmp_path, monkeypatch):
     found = sj.explain(made_up, sj.paper_scene(), grid, store=tmp_path / "map.zarr", steps_per_period=50)
     assert found.cases == 10**12
     text = " ".join(found.problems)
-    assert "the store needs" in text
+    assert "The store needs" in text
     assert "cores would be done in a week" in text
-    monkeypatch.setattr(sys.modules["slipperjax.sweeps.explain"], "available_memory", lambda: 1000)
-    assert any("smaller tiles" in problem for problem in found.problems)
+    monkeypatch.setattr(sys.modules["slipperjax.sweeps.estimate"], "available_memory", lambda: 1000)
+    assert any("take smaller" in problem for problem in found.problems)
 
 
 @pytest.mark.parametrize("method", ["sobol", "halton", "latin", "random"])
