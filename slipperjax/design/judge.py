@@ -23,11 +23,9 @@ from ..model.kinematics import MOTION_SCALES
 from ..model.quantities import COORDINATE_SCALES, MOTION_NUMBERS
 from ..model.scene import Scene
 from ..orbits.periodic import TOLERANCE
-from ..sweeps.attractors import FLOOR
+from ..sweeps.attractors import FLOOR, LAST
 from ..sweeps.grid import Grid, filled
-from ..sweeps.maps import JACOBIAN, Maps, rows_of
-from ..sweeps.measure import LAST
-from ..sweeps.orbits import Orbits, find_orbits
+from ..sweeps.orbits import JACOBIAN, Maps, Orbits, find_orbits, rows_of
 from ..sweeps.reached import reached_orbits
 from ..sweeps.run import Chunk, OnProgress, Plan, RunOptions, make_plan, run_chunk, run_chunks
 from ..tools.batching import Batched

@@ -19,8 +19,8 @@ from ..model.scene import Scene
 from ..tools.checks import brief, number, one_of, positive
 from .grid import Grid, filled, path_grid
 from .records import resolved_record
-from .run import Chunk, OnProgress, RunOptions, call_of, make_plan, run_chunk, run_chunks
-from .sweep import CaseResults, sweep_dataset
+from .run import Chunk, ChunkRun, OnProgress, RunOptions, call_of, make_plan, run_chunk, run_chunks
+from .sweep import sweep_dataset
 
 DIRECTIONS = {"up": 1, "down": -1}
 """Ways through a parameter's values."""
@@ -77,13 +77,13 @@ def follow(
     states: State | None = None
     passed = 0
 
-    def work(chunk: Chunk, on_progress: OnProgress) -> CaseResults:
+    def work(chunk: Chunk, on_progress: OnProgress) -> ChunkRun:
         nonlocal states, passed
         scenes, starts = cases.take(filled(columns[passed], len(ways)))
         begin = initial_states(scenes, starts) if states is None else states
         run = run_chunk(plan, scenes, begin, chunk.steps, on_progress, epoch=passed * plan.periods)
         states, passed = run.state, passed + 1
-        return CaseResults(run.status, run.record)
+        return run
 
     # one worker: each begins where the one before ended
     run = run_chunks(chunks, 1, work, cost=plan.cost, progress=progress)

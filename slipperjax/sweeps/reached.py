@@ -17,8 +17,7 @@ from ..orbits.periodic import DIVISOR, TOLERANCE
 from ..tools.batching import Batched
 from ..tools.compile import jit
 from .attractors import FLOOR
-from .maps import Maps, rows_of
-from .orbits import Orbits, find_orbits
+from .orbits import Maps, Orbits, find_orbits, rows_of
 from .run import OnProgress
 
 LONGEST_PERIOD = 16
@@ -149,7 +148,7 @@ def _along(maps: Maps, states: State) -> np.ndarray:
     """Coordinates at the start of each forcing period, (cases, periods, coordinates); 0 without a period."""
     index = np.flatnonzero(maps.periods)
     rows = rows_of(states)[index]
-    along = np.zeros((maps.count, max(int(maps.periods.max(initial=1)), 1), len(COORDINATES)))
+    along = np.zeros((len(maps.periods), max(int(maps.periods.max(initial=1)), 1), len(COORDINATES)))
     if len(index):
         path = maps.path(index, rows)[0]
         for k in range(path.shape[1]):

@@ -4,22 +4,21 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from ..analysis.attractor import MIN_TEST, classify
+from ..analysis.attractor import MIN_TEST
 from ..analysis.kinds import Regime
 from ..analysis.lyapunov import standard_error
 from ..flow.record import AbstractRecord, Labelled, RecordedSpan, RecordSet, attributes
 from ..flow.records import ALIASES, RECORDS, ContactChecks, OnePoint
 from ..flow.series import History, Sections, Strobe
-from ..flow.status import Status, first_problem
+from ..flow.status import first_problem
 from ..model.dynamics import State
 from ..model.layout import coordinates
 from ..model.quantities import COORDINATE_SCALES, LOADS, Quantity
 from ..tools.checks import brief, require, whole, yes_or_no
-from .attractors import FLOOR
-from .exponents import LyapunovExponents
-from .measure import BLOCK, LAST, Measure, measured_periods, tangents_cost
+from .attractors import LAST, Motions, motions_of
+from .exponents import LyapunovExponents, counted_blocks, measure, measured_periods, tangents_cost
 from .orbits import NearestOrbit
 from .run import ContinuedRecord, RecordedChunk
 
@@ -27,14 +26,6 @@ LEAST_PERIODS = 16
 """Recorded periods without which nothing is classified, see `slipperjax.analysis.classify`."""
 LEAST_MEASURED = 8
 """Periods without which an exponent has no standard error, see `slipperjax.analysis.standard_error`."""
-
-
-class Motions(NamedTuple):
-    """Kind code and period of motions."""
-
-    kind: Int[Any, "*cases"]
-    """Numbers of `slipperjax.analysis.Regime`."""
-    period: Int[Any, "*cases"]
 
 
 @dataclass(frozen=True)
@@ -81,11 +72,7 @@ class MotionKind(AbstractRecord):
             )
 
     def finish(self, carried, samples, span: RecordedSpan) -> Motions:
-        states = coordinates(State(samples, None))
-        states = np.where((span.status == Status.FINITE)[:, None, None], states, np.nan)
-        motions = classify(states, scales=COORDINATE_SCALES, floor=FLOOR)
-        numbers = [Regime.of_kind(word) for word in motions.kind.tolist()]
-        return Motions(np.array(numbers, int), np.asarray(motions.period, int))
+        return motions_of(coordinates(State(samples, None)), span.status)
 
     def label(self, scene, dims, values: Motions) -> Labelled:
         words = Regime.kinds(values.kind)
@@ -139,17 +126,11 @@ class LargestExponent(ContinuedRecord):
     def values(self, periods):
         return 2
 
-    def blocks(self, periods: int) -> int:
-        """Blocks of `BLOCK` periods that count."""
-        return -(-(periods if self.periods is None else self.periods) // BLOCK)
-
     def cost_after(self, periods):
-        return tangents_cost(1) * measured_periods(self.blocks(periods))
+        return tangents_cost(1) * measured_periods(counted_blocks(self.periods, periods))
 
     def after(self, carried, samples, status, run: RecordedChunk):
-        blocks = self.blocks(run.plan.recorded.periods)
-        measure = Measure(run.plan.solver, run.scenes, run.states, run.epoch, blocks, run.steps, run.on_progress)
-        local = measure(run.steps, 1)
+        local = measure(run, counted_blocks(self.periods, run.plan.recorded.periods), 1)
         return local.history, first_problem(status, local.status)
 
     def finish(self, carried, samples, span) -> OneExponent:

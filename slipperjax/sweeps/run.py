@@ -282,6 +282,11 @@ class RecordedChunk(NamedTuple):
     """How many lanes count; the others fill the batch up."""
     on_progress: OnProgress
 
+    @property
+    def capacity(self) -> int:
+        """Steps per period that its recording programs have capacity for."""
+        return self.plan.capacity(self.steps)
+
     def good(self, status: Int[np.ndarray, " lanes"]) -> Bool[np.ndarray, " lanes"]:
         """Whether each lane counts, and nothing is wrong with it."""
         return (status == Status.FINITE) & (np.arange(len(status)) < self.cases)
@@ -374,6 +379,10 @@ class ChunkInputs(NamedTuple):
     steps: int
     """Integration steps per forcing period."""
     on_progress: OnProgress
+
+    def recorded(self, plan: Plan, states: State, epoch: float) -> RecordedChunk:
+        """The chunk with its states after `epoch` forcing periods."""
+        return RecordedChunk(plan, self.scenes, states, float(epoch), self.steps, self.cases, self.on_progress)
 
 
 class Run(NamedTuple):
