@@ -21,8 +21,7 @@ LAST = 200
 class Motions(NamedTuple):
     """Kinds and periods of motions."""
 
-    kind: Int[Any, "*cases"]
-    """Numbers of `slipperjax.analysis.Regime`."""
+    kind: Int[Any, "*cases"]  # numbers of `slipperjax.analysis.Regime`
     period: Int[Any, "*cases"]
 
 

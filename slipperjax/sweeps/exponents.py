@@ -65,10 +65,9 @@ class LocalExponents(NamedTuple):
 
     history: Float[np.ndarray, "cases periods count"]
     status: Int[np.ndarray, " cases"]
+    # States once per period in the last `LAST` counted periods, or in all if they are fewer.
     strobe: Float[np.ndarray, "cases last 10"]
-    """States once per period in the last `LAST` counted periods, or in all if they are fewer."""
-    state: State
-    """The states at the end."""
+    state: State  # the states at the end
 
 
 def measure(run: RecordedChunk, blocks: int, count: int, finer: int = 1) -> LocalExponents:
@@ -116,14 +115,11 @@ class _LongMotions(NamedTuple):
 class LongerMotions(NamedTuple):
     """Longer motions of some cases."""
 
-    chosen: Int[np.ndarray, " cases"]
-    """Indices of the cases into the list of all."""
-    history: Float[np.ndarray, "cases motions periods count"]
-    """Their local exponents [1/period]."""
-    escapes: Int[np.ndarray, " cases"]
-    """How many became regular: periodic, or without a positive exponent."""
+    chosen: Int[np.ndarray, " cases"]  # indices of the cases into the list of all
+    history: Float[np.ndarray, "cases motions periods count"]  # their local exponents [1/period]
+    escapes: Int[np.ndarray, " cases"]  # how many became regular: periodic, or without a positive exponent
+    # `Status` code of the first motion that went wrong, `NOT_RUN` where one was not finished.
     status: Int[np.ndarray, " cases"]
-    """`Status` code of the first motion that went wrong, `NOT_RUN` where one was not finished."""
 
     @classmethod
     def not_run(cls, chosen: Int[np.ndarray, " cases"], count: int) -> "LongerMotions":
@@ -190,18 +186,16 @@ class Checks(NamedTuple):
 
     half_step: Float[np.ndarray, "cases periods 1"]
     half_step_status: Int[np.ndarray, " cases"]
+    # ln |largest multiplier| per forcing period of periodic motions [1/period], NaN for others.
     floquet: Float[np.ndarray, " cases"]
-    """ln |largest multiplier| per forcing period of periodic motions [1/period], NaN for others."""
 
 
 class CaseExponents(NamedTuple):
     """Exponents of cases."""
 
     status: Int[np.ndarray, " cases"]
-    kind: Int[np.ndarray, " cases"]
-    """Numbers of `slipperjax.analysis.Regime`."""
-    period: Int[np.ndarray, " cases"]
-    """Forcing periods of a periodic motion, 0 for others."""
+    kind: Int[np.ndarray, " cases"]  # numbers of `slipperjax.analysis.Regime`
+    period: Int[np.ndarray, " cases"]  # forcing periods of a periodic motion, 0 for others
     history: Float[np.ndarray, "cases periods count"]
     state: State
     checks: Checks | None
@@ -376,20 +370,13 @@ class LyapunovExponents(ContinuedRecord):
         states = jax.tree.map(np.asarray, run.states)
         if not self.orbits:
             return CasesAfterRecord(states, nothing_reached(states, self.count)), status
-        reached = reached_orbits(
-            run.scenes,
-            states,
-            coordinates(State(samples, None)),
-            run.steps,
-            solver=run.plan.solver,
-            count=self.count,
-            half_step=self.certify,
-            wanted=run.good(status),
-            on_progress=run.on_progress,
-        )
+        maps = Maps.of(run, run.good(status).astype(int))
+        strobe = coordinates(State(samples, None))
+        reached = reached_orbits(maps, states, strobe, count=self.count, half_step=self.certify)
         periodic = np.flatnonzero(reached.period)
         if len(periodic):
-            codes = Maps.of(run, reached.period).look(periodic, rows_of(reached.state)[periodic], run.capacity)
+            maps = Maps.of(run, reached.period, run.epoch)
+            codes = maps.look(periodic, rows_of(reached.state)[periodic], run.capacity)
             # the measurement says what is wrong with a case
             reached.period[periodic[codes != Status.FINITE]] = 0
         return CasesAfterRecord(states, reached), status
@@ -449,7 +436,7 @@ class LyapunovExponents(ContinuedRecord):
         local = measure(run, blocks, self.count)
         states = jax.tree.map(np.asarray, local.state)
         rows, nowhere = rows_of(states), np.zeros(len(status), int)
-        maps = Maps.of(run._replace(epoch=run.epoch + measured_periods(blocks)), nowhere)
+        maps = Maps.of(run, nowhere, run.epoch + measured_periods(blocks))
         looked = maps.look(np.arange(len(rows)), rows, run.capacity)
         status = np.asarray(first_problem(first_problem(status, local.status), looked))
         motion, checks = motions_of(local.strobe, status), None

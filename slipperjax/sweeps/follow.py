@@ -113,17 +113,16 @@ class Jump(NamedTuple):
     """`FINITE`, or what ended the search at `after`."""
 
 
-class _Held(NamedTuple):
+class _HeldMotion(NamedTuple):
     """A motion held at a parameter's value."""
 
     state: State
-    mark: np.ndarray
-    """Its mean strobe state, in multiples of `COORDINATE_SCALES`."""
+    mark: np.ndarray  # its mean strobe state, in multiples of `COORDINATE_SCALES`
     status: Status
 
-
-def _distance(new: _Held, old: _Held) -> float:
-    return float(np.max(np.abs(new.mark - old.mark)))
+    def distance(self, other: "_HeldMotion") -> float:
+        """How far it is from another one."""
+        return float(np.max(np.abs(self.mark - other.mark)))
 
 
 def find_jump(
@@ -160,7 +159,7 @@ def find_jump(
     options = RunOptions(transient, periods, steps_per_period)
     lanes, epoch = filled(np.zeros(1, int), 1), 0
 
-    def run(value: float, state: State | None) -> _Held:
+    def run(value: float, state: State | None) -> _HeldMotion:
         nonlocal epoch
         plan = make_plan(Grid(scene, {name: [value]}), start, options, RecordSet((Strobe(),)))
         scenes, starts = plan.cases.take(lanes)
@@ -168,36 +167,35 @@ def find_jump(
         done = run_chunk(plan, scenes, state, plan.most_steps, epoch=epoch)
         epoch += plan.periods
         mark = done.record[0][0].mean(axis=0) / COORDINATE_SCALES
-        return _Held(done.state, mark, Status(int(done.status[0])))
+        return _HeldMotion(done.state, mark, Status(int(done.status[0])))
 
-    def hold(value: float, state: State | None) -> _Held:
+    def hold(value: float, state: State | None) -> _HeldMotion:
         held = run(value, state)
         for _ in range(MOST_HOLDS):
             if held.status != Status.FINITE:
                 break  # nothing can be followed from there
             earlier, held = held, run(value, held.state)
-            if _distance(held, earlier) < threshold / 10:
+            if held.distance(earlier) < threshold / 10:
                 break
         return held
 
-    jumped = lambda new, old: _distance(new, old) > threshold
-    ordered = values[::way]
-    at, on_branch = float(ordered[0]), hold(float(ordered[0]), None)
+    first, *others = map(float, values[::way])
+    at, on_branch = first, hold(first, None)
     if on_branch.status != Status.FINITE:
         return Jump(False, at, at, float("nan"), on_branch.status)
-    for target in map(float, ordered[1:]):
-        while at != target:
-            value, new = target, hold(target, on_branch.state)
-            while new.status == Status.FINITE and jumped(new, on_branch) and abs(value - at) > within:
-                middle = (at + value) / 2
-                halfway = hold(middle, on_branch.state)
-                if halfway.status != Status.FINITE or jumped(halfway, on_branch):
-                    value, new = middle, halfway
-                else:  # and what looked like a jump from further away may be none from here
-                    at, on_branch = middle, halfway
-            if new.status != Status.FINITE:
-                return Jump(False, at, value, float("nan"), new.status)
-            if jumped(new, on_branch):
-                return Jump(True, at, value, _distance(new, on_branch), Status.FINITE)
+    # values to go to, the next one last, and the motion at the last one that seemed to be beyond a jump
+    pending, beyond = others[::-1], (first, on_branch)
+    while pending:
+        value = pending.pop()
+        new = beyond[1] if value == beyond[0] else hold(value, on_branch.state)
+        if new.status != Status.FINITE:
+            return Jump(False, at, value, float("nan"), new.status)
+        size = new.distance(on_branch)
+        if not size > threshold:  # and what looked like a jump from further away may be none from here
             at, on_branch = value, new
+        elif abs(value - at) > within:
+            pending += [value, (at + value) / 2]
+            beyond = value, new
+        else:
+            return Jump(True, at, value, size, Status.FINITE)
     return Jump(False, at, at, float("nan"), Status.FINITE)

@@ -27,16 +27,11 @@ class Grid:
     It holds the axes only, however many cases these make.
     """
 
-    scene: Scene
-    """The case whose parameters are varied."""
-    axes: dict[str, np.ndarray]
-    """Values by name, in SI units."""
-    product: bool
-    """Whether every combination is a case."""
-    dims: tuple[str, ...]
-    """Dimensions in a dataset."""
-    shape: tuple[int, ...]
-    """Lengths of `dims`."""
+    scene: Scene  # the case whose parameters are varied
+    axes: dict[str, np.ndarray]  # values by name, in SI units
+    product: bool  # whether every combination is a case
+    dims: tuple[str, ...]  # dimensions in a dataset
+    shape: tuple[int, ...]  # lengths of `dims`
 
     def __init__(self, scene: Scene, grid: Mapping[str, Any], *, product: bool = True):
         """**Arguments:** `grid`: values by name, of `slipperjax.PARAMETERS` or `STARTS`, in SI units.
@@ -122,10 +117,8 @@ MOST_SMALL_TILES = 4096
 class Tiling(NamedTuple):
     """A grid as blocks of equal shape, cut off at its ends, numbered with the last dimension fastest."""
 
-    shape: tuple[int, ...]
-    """Of the grid."""
-    tile: tuple[int, ...]
-    """Of a block."""
+    shape: tuple[int, ...]  # of the grid
+    tile: tuple[int, ...]  # of a block
 
     @classmethod
     def of(cls, shape: tuple[int, ...], size: int | None = None) -> "Tiling":
@@ -179,10 +172,8 @@ class Cases(Grid):
     """The flat list of cases that a grid makes: a batch of scenes, and a start for each."""
 
     scenes: Batched[Scene]
-    start: Motion | State
-    """The motion or state at time zero, where the grid does not vary it."""
-    starts: Motion | State
-    """Those of the cases, with a leading axis."""
+    start: Motion | State  # the motion or state at time zero, where the grid does not vary it
+    starts: Motion | State  # those of the cases, with a leading axis
 
     def __init__(self, scene: Scene, grid: Mapping[str, Any], start: Motion | State, *, product: bool = True):
         """**Arguments:** `start`: the motion or state at time zero, where the grid does not vary it; others

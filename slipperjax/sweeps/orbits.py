@@ -60,9 +60,9 @@ class Maps(NamedTuple):
     epoch: float = 0.0  # forcing period at which the maps begin
 
     @classmethod
-    def of(cls, run: RecordedChunk, periods: Int[np.ndarray, " cases"]) -> "Maps":
-        """Maps of the cases of a chunk, from the end of its recorded span on."""
-        return cls(run.scenes, run.steps, run.plan.solver, periods, run.on_progress, run.epoch)
+    def of(cls, run: RecordedChunk, periods: Int[np.ndarray, " cases"], epoch: float = 0.0) -> "Maps":
+        """Maps of the cases of a chunk."""
+        return cls(run.scenes, run.steps, run.plan.solver, periods, run.on_progress, epoch)
 
     def states(self, rows: np.ndarray) -> State:
         """Rows of numbers as states."""
@@ -183,21 +183,17 @@ MOST_JACOBIANS = 6
 class Orbits(NamedTuple):
     """Periodic orbits of many cases, as far as they were found."""
 
-    state: State
-    """At the start of a forcing period."""
-    residual: Float[np.ndarray, " cases"]
-    """Greatest scaled component of what a state misses after the period [1]."""
+    state: State  # at the start of a forcing period
+    residual: Float[np.ndarray, " cases"]  # greatest scaled component of what a state misses after the period [1]
     iterations: Int[np.ndarray, " cases"]
-    jacobians: Int[np.ndarray, " cases"]
-    """How many were computed, that of the orbit included."""
+    jacobians: Int[np.ndarray, " cases"]  # how many were computed, that of the orbit included
+    # Over the orbit's period, the largest modulus first [1]; NaN where there is no orbit.
     multipliers: Complex[np.ndarray, "cases size"]
-    """Over the orbit's period, the largest modulus first [1]; NaN where there is no orbit."""
+    # Logarithm of the greatest growth of a scaled tangent in one forcing period [1]; NaN without an orbit.
     growth: Float[np.ndarray, " cases"]
-    """Logarithm of the greatest growth of a scaled tangent in one forcing period [1]; NaN without an orbit."""
+    # Of I - P_x, P_x being the Jacobian over the orbit's period, for its derivatives; NaN without an orbit.
     inverse: Float[np.ndarray, "cases size size"]
-    """Of I - P_x, P_x being the Jacobian over the orbit's period, for its derivatives; NaN without an orbit."""
-    status: Int[np.ndarray, " cases"]
-    """`Status` codes."""
+    status: Int[np.ndarray, " cases"]  # `Status` codes
 
     @property
     def stable(self) -> np.ndarray:
@@ -206,25 +202,19 @@ class Orbits(NamedTuple):
 
 
 def find_orbits(
-    scenes: Batched[Scene],
+    maps: Maps,
     states: State,
-    steps: int,
     *,
-    solver: diffrax.AbstractSolver,
-    period: int | Int[np.ndarray, " cases"],
     tolerance: float,
     max_iterations: int,
-    on_progress: OnProgress,
     inverse: Float[np.ndarray, "cases size size"] | None = None,
 ) -> Orbits:
     """Finds the orbits near some states of a batch, each by Newton's method; see `Orbits.status` for the outcome.
 
-    **Arguments:** `states`: with a leading axis of cases; `period`: forcing periods after which the orbits recur, of
-    all or of each case, 0 for those without a search; `steps`: per forcing period; `inverse`: guesses of
-    `Orbits.inverse`, such as neighbours', NaN where there is none.
+    **Arguments:** `maps`: over the periods after which the orbits recur, 0 for cases without a search; `states`: with
+    a leading axis of cases; `inverse`: guesses of `Orbits.inverse`, such as neighbours', NaN where there is none.
     """
-    rows = rows_of(states)
-    search = _Search(Maps(scenes, steps, solver, np.broadcast_to(period, len(rows)), on_progress), rows)
+    search = _Search(maps, rows_of(states))
     if inverse is not None:
         search.inverse = inverse.copy()
         search.stale = ~np.all(np.isfinite(inverse), axis=(1, 2))
@@ -337,8 +327,7 @@ TYPICAL_ITERATIONS = 8
 class CaseOrbits(NamedTuple):
     """Orbits of cases, arrays with a leading axis."""
 
-    strobe: np.ndarray
-    """States at the start of a period, in the order of `COORDINATES`."""
+    strobe: np.ndarray  # states at the start of a period, in the order of `COORDINATES`
     state: np.ndarray
     multipliers: np.ndarray
     residual: np.ndarray
@@ -382,16 +371,8 @@ class NearestOrbit(ContinuedRecord):
         return self.period * (2 * JACOBIAN + TYPICAL_ITERATIONS)
 
     def after(self, carried, samples, status, run: RecordedChunk):
-        orbits = find_orbits(
-            run.scenes,
-            jax.tree.map(np.asarray, run.states),
-            run.steps,
-            solver=run.plan.solver,
-            period=np.where(run.good(status), self.period, 0),
-            tolerance=self.tolerance,
-            max_iterations=self.max_iterations,
-            on_progress=run.on_progress,
-        )
+        maps, states = Maps.of(run, np.where(run.good(status), self.period, 0)), jax.tree.map(np.asarray, run.states)
+        orbits = find_orbits(maps, states, tolerance=self.tolerance, max_iterations=self.max_iterations)
         states = coordinates(orbits.state), rows_of(orbits.state)
         arrays = CaseOrbits(*states, orbits.multipliers, orbits.residual, orbits.iterations)
         return arrays, first_problem(status, orbits.status)

@@ -95,8 +95,7 @@ def refuse_cases(count: int) -> None:
 class Calls(NamedTuple):
     """A stretch of a run as calls of one compiled program."""
 
-    length: int
-    """Forcing periods in one call. Progress and Ctrl-C are polled between calls."""
+    length: int  # forcing periods in one call. Progress and Ctrl-C are polled between calls.
     count: int
 
     @classmethod
@@ -121,12 +120,9 @@ class Calls(NamedTuple):
 class Chunk(NamedTuple):
     """Cases that run as one batch."""
 
-    index: Int[np.ndarray, " lanes"]
-    """Indices into the list of all cases; the last is repeated to fill the batch."""
-    cases: int
-    """How many of them count."""
-    steps: int
-    """Integration steps per forcing period, the same for all."""
+    index: Int[np.ndarray, " lanes"]  # indices into the list of all cases; the last is repeated to fill the batch
+    cases: int  # how many of them count
+    steps: int  # integration steps per forcing period, the same for all
 
     @property
     def cost(self) -> float:
@@ -141,10 +137,8 @@ class Plan:
     cases: Cases
     solver: diffrax.AbstractSolver
     records: RecordSet
-    steps: Int[np.ndarray, " cases"]
-    """Integration steps per forcing period of each case."""
-    transient: Calls
-    """Periods that pass before anything is recorded."""
+    steps: Int[np.ndarray, " cases"]  # integration steps per forcing period of each case
+    transient: Calls  # periods that pass before anything is recorded
     recorded: Calls
 
     @property
@@ -260,12 +254,9 @@ def make_plan(grid: Grid, start: Motion | State, options: RunOptions, records: R
 class ChunkRun(NamedTuple):
     """A chunk of cases after its run."""
 
-    state: State
-    """The states at the end, with a leading axis of lanes."""
-    status: Int[np.ndarray, " lanes"]
-    """`slipperjax.Status` codes."""
-    record: tuple[Any, ...]
-    """Arrays of the plan's records, with a leading axis of lanes."""
+    state: State  # the states at the end, with a leading axis of lanes
+    status: Int[np.ndarray, " lanes"]  # `slipperjax.Status` codes
+    record: tuple[Any, ...]  # arrays of the plan's records, with a leading axis of lanes
 
 
 class RecordedChunk(NamedTuple):
@@ -274,12 +265,9 @@ class RecordedChunk(NamedTuple):
     plan: Plan
     scenes: Batched[Scene]
     states: State
-    epoch: float
-    """Forcing periods before."""
-    steps: int
-    """Integration steps per forcing period."""
-    cases: int
-    """How many lanes count; the others fill the batch up."""
+    epoch: float  # forcing periods before
+    steps: int  # integration steps per forcing period
+    cases: int  # how many lanes count; the others fill the batch up
     on_progress: OnProgress
 
     @property
@@ -370,14 +358,11 @@ class ChunkInputs(NamedTuple):
 
     scenes: Batched[Scene]
     starts: Motion | State
-    index: Int[np.ndarray, " lanes"]
-    """Indices into the list of all cases."""
+    index: Int[np.ndarray, " lanes"]  # indices into the list of all cases
+    # Indices into the list of those that this run takes, in whose order the results are.
     place: Int[np.ndarray, " lanes"]
-    """Indices into the list of those that this run takes, in whose order the results are."""
-    cases: int
-    """How many lanes count; the others fill the batch up."""
-    steps: int
-    """Integration steps per forcing period."""
+    cases: int  # how many lanes count; the others fill the batch up
+    steps: int  # integration steps per forcing period
     on_progress: OnProgress
 
     def recorded(self, plan: Plan, states: State, epoch: float) -> RecordedChunk:
@@ -388,9 +373,9 @@ class ChunkInputs(NamedTuple):
 class Run(NamedTuple):
     """Cases after a run, or after an interrupt."""
 
+    # A named tuple of arrays with a leading axis of cases; of cases that were not finished as `blank` makes them.
+    # None where no case was finished.
     results: Any
-    """A named tuple of arrays with a leading axis of cases; of cases that were not finished as `blank` makes them.
-    None where no case was finished."""
     finished: Bool[np.ndarray, " cases"]
     interrupted: bool
 

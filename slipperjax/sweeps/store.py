@@ -157,9 +157,9 @@ class Archive(NamedTuple):
     """A store that exists."""
 
     path: Path
+    # Content of its attribute `MARK`: `identity`, `call`, `dims`, `shape`, `tile`, `axes`, `coords`, and the
+    # dimensions of the `variables` that tiles have a chunk of.
     mark: dict[str, Any]
-    """Content of its attribute `MARK`: `identity`, `call`, `dims`, `shape`, `tile`, `axes`, `coords`, and the
-    dimensions of the `variables` that tiles have a chunk of."""
 
     @property
     def tiles(self) -> Tiling:

@@ -131,9 +131,9 @@ def test_without_a_stable_orbit_nearby_a_case_is_measured(monkeypatch, both_ways
     """Of one motion in several lanes, whose orbits are each spoilt in another way."""
     whole = reached.find_orbits
 
-    def find_orbits(scenes, states, steps, **options):
-        found = whole(scenes, states, steps, **options)
-        if (steps == 100) == finer:
+    def find_orbits(maps, states, **options):
+        found = whole(maps, states, **options)
+        if (maps.steps == 100) == finer:
             for lane, spoil in enumerate(SPOILT.values()):
                 put = lambda good, bad, lane=lane: np.concatenate([good[:lane], bad[lane:][:1], good[lane + 1 :]])
                 found = jax.tree.map(put, jax.tree.map(np.asarray, found), jax.tree.map(np.asarray, spoil(found)))
