@@ -14,7 +14,7 @@ from ..model.scene import Scene
 from ..model.step_size import LEAST_STEPS
 from ..tools.checks import whole
 from ..tools.limits import cores, shown_bytes, shown_time
-from .estimate import COPIES_OF_TILE, CountedEstimate
+from .estimate import CountedEstimate
 from .grid import Grid, Tiling
 from .run import LARGEST_CHUNK, SAMPLED_CASES
 from .store import Store, bytes_of_case
@@ -55,24 +55,23 @@ class Estimate(CountedEstimate):
 
     def __str__(self) -> str:
         low, high = self.steps_per_period
+        text = f"{self.function}: {self.cases} cases"
+        tile, memory = "", f"memory: {shown_bytes(self.resident + self.memory / self.at_once)} per worker"
+        if self.tiles is not None:
+            shape, size = " x ".join(map(str, self.tiles.tile)), self.tiles.size
+            text += f" in {self.tiles.count} tiles of {size} ({shape})"
+            tile = f", {size * self.per_case:.2g} s per tile"
+            memory += (
+                f"\ndisk: {shown_bytes(self.stored)} in {self.files} files ({shown_bytes(self.per_case_stored)} per "
+                f"case), {shown_bytes(self.free)} free"
+            )
         lines = [
+            text,
             f"steps per period: {low if low == high else f'{low} to {high}'}",
             f"time: {shown_time(self.seconds)} on {self.workers} cores ({self.per_case * 1e3:.3g} ms per case and "
-            f"core; compiling {shown_time(self.compile)})",
+            f"core{tile}; compiling {shown_time(self.compile)})",
+            memory,
         ]
-        if self.tiles is None:
-            lines.insert(0, f"{self.function}: {self.cases} cases")
-            lines.append(f"memory: {shown_bytes(self.resident + self.memory)}")
-        else:
-            tile, size = " x ".join(map(str, self.tiles.tile)), self.tiles.size
-            lines.insert(0, f"{self.function}: {self.cases} cases in {self.tiles.count} tiles of {size} ({tile})")
-            worker = self.resident + size * COPIES_OF_TILE * self.per_case_memory
-            lines += [
-                f"a tile: {size * self.per_case:.2g} s",
-                f"memory: {shown_bytes(worker)} per worker",
-                f"disk: {shown_bytes(self.stored)} in {self.files} files ({shown_bytes(self.per_case_stored)} per "
-                f"case), {shown_bytes(self.free)} free",
-            ]
         return "\n".join([*lines, *self.problems])
 
 

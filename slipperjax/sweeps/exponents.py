@@ -15,14 +15,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..analysis.floquet import largest_exponent
 from ..analysis.kinds import Regime
-from ..analysis.lyapunov import (
-    is_chaotic,
-    kaplan_yorke,
-    pooled_standard_error,
-    regime,
-    standard_error,
-    weighted_mean,
-)
+from ..analysis.lyapunov import is_chaotic, kaplan_yorke, pooled_standard_error, regime, standard_error, weighted_mean
 from ..flow.period_map import advance_tangents, initial_tangents
 from ..flow.record import Labelled
 from ..flow.series import coordinates
@@ -106,12 +99,6 @@ APART = 1e-6
 """Differences of their lateral velocities at the start [m/s]."""
 
 
-class _LongMotions(NamedTuple):
-    status: Int[np.ndarray, " lanes"]
-    strobe: Float[np.ndarray, "lanes last 10"]
-    history: Float[np.ndarray, "lanes periods count"]
-
-
 class LongerMotions(NamedTuple):
     """Longer motions of some cases."""
 
@@ -148,21 +135,21 @@ def run_longer_motions(
     before, during = (plan.recorded._replace(count=periods // PERIODS_PER_CALL) for periods in (HOLD - LAST, LAST))
     plan = replace(plan, transient=before, recorded=during)
 
-    def work(part: ChunkInputs) -> _LongMotions:
+    def work(part: ChunkInputs) -> LocalExponents:
         begin = jax.tree.map(lambda a: a[part.index], states)
         # the motions of a case follow one another in the list
-        apart = APART * (part.place % MOTIONS)
+        apart = APART * (part.row % MOTIONS)
         begin = eqx.tree_at(lambda s: s.motion.v_y, begin, begin.motion.v_y + apart)
         run = run_chunk(plan, part.scenes, begin, part.steps, part.on_progress, epoch=epoch)
         local = measure(part.recorded(plan, run.state, epoch + plan.periods), blocks, count)
-        return _LongMotions(first_problem(run.status, local.status), run.record[0], local.history)
+        return local._replace(status=first_problem(run.status, local.status), strobe=run.record[0])
 
     name = f"longer motions of {len(chosen)} chaotic cases"
     cost = HOLD + tangents_cost(count) * measured_periods(blocks)
     run = run_cases(plan, work, cost=cost, index=np.repeat(chosen, MOTIONS), name=name, **options)
     if run.results is None:
         return LongerMotions.not_run(chosen, count), True
-    status, strobe, history = run.results
+    history, status, strobe, _ = run.results
     by_case = lambda a: a.reshape(len(chosen), MOTIONS, *a.shape[1:])
     codes = by_case(status)
     first = np.take_along_axis(codes, np.argmax(codes != Status.FINITE, axis=1)[:, None], axis=1)[:, 0]
@@ -272,11 +259,8 @@ def _checked(
 # --- the record -----------------------------------------------------------------------------------------------------
 
 
-class CasesAfterRecord(NamedTuple):
-    """Cases after the recorded periods."""
-
-    state: State
-    reached: ReachedOrbits
+CasesAfterRecord = tuple[State, ReachedOrbits]
+"""Where cases are after the recorded periods, and the orbits that they have reached."""
 
 
 @dataclass(frozen=True)
@@ -303,9 +287,7 @@ class LyapunovExponents(ContinuedRecord):
         yes_or_no("certify", self.certify)
         yes_or_no("orbits", self.orbits)
 
-    @property
-    def name(self):
-        return "exponents"
+    name = "exponents"
 
     @property
     def labels(self) -> dict[str, tuple[tuple[str, ...], str, str]]:
@@ -369,7 +351,7 @@ class LyapunovExponents(ContinuedRecord):
         """Looks for the orbits that cases have reached."""
         states = jax.tree.map(np.asarray, run.states)
         if not self.orbits:
-            return CasesAfterRecord(states, nothing_reached(states, self.count)), status
+            return (states, nothing_reached(states, self.count)), status
         maps = Maps.of(run, run.good(status).astype(int))
         strobe = coordinates(State(samples, None))
         reached = reached_orbits(maps, states, strobe, count=self.count, half_step=self.certify)
@@ -379,21 +361,22 @@ class LyapunovExponents(ContinuedRecord):
             codes = maps.look(periodic, rows_of(reached.state)[periodic], run.capacity)
             # the measurement says what is wrong with a case
             reached.period[periodic[codes != Status.FINITE]] = 0
-        return CasesAfterRecord(states, reached), status
+        return (states, reached), status
 
     def finish(self, carried, samples, span) -> CasesAfterRecord:
         return carried
 
     def continue_cases(self, values: CasesAfterRecord, status, plan: Plan, options: Mapping[str, Any], interrupted):
         """Measures the cases that have not reached an orbit; with `certify`, runs chaotic ones for longer."""
+        after, reached = values
         no_orbit = status == Status.NO_ORBIT  # the orbit's record found none; the motion itself may be good
         status = np.where(no_orbit, int(Status.FINITE), status)
-        by_orbit = (values.reached.period > 0) & (status == Status.FINITE)
+        by_orbit = (reached.period > 0) & (status == Status.FINITE)
         blocks = counted_blocks(self.periods, plan.recorded.periods)
-        measured = self._of_orbits(values, by_orbit, BLOCK * blocks)
+        measured = self._of_orbits(after, reached, by_orbit, BLOCK * blocks)
 
         def work(part: ChunkInputs) -> CaseExponents:
-            states = jax.tree.map(lambda a: a[part.index], values.state)
+            states = jax.tree.map(lambda a: a[part.index], after)
             return self._measured(part.recorded(plan, states, plan.periods), blocks, status[part.index])
 
         index = np.flatnonzero(~by_orbit)
@@ -418,18 +401,18 @@ class LyapunovExponents(ContinuedRecord):
         status = np.where(good & no_orbit, int(Status.NO_ORBIT), measured.status)
         return exponent_variables(plan.periods, measured, by_orbit, longer), status, interrupted
 
-    def _of_orbits(self, cases: CasesAfterRecord, by_orbit: np.ndarray, periods: int) -> CaseExponents:
+    def _of_orbits(self, state: State, reached: ReachedOrbits, by_orbit: np.ndarray, periods: int) -> CaseExponents:
         """Exponents of the cases that have reached an orbit; the others are not measured yet."""
         exponents, half_step = (
             np.where(by_orbit[:, None], rows.reshape(len(by_orbit), -1), np.nan)
-            for rows in (cases.reached.exponents, cases.reached.half_step)
+            for rows in (reached.exponents, reached.half_step)
         )
         alike = lambda rows: np.repeat(rows[:, None], periods, axis=1)
         status = np.where(by_orbit, int(Status.FINITE), int(Status.NOT_RUN))
         checks = Checks(alike(half_step), status.copy(), exponents[:, 0].copy()) if self.certify else None
         kind = np.where(by_orbit, int(Regime.PERIODIC), int(Regime.UNRESOLVED))
-        period = np.where(by_orbit, cases.reached.period, 0)
-        return CaseExponents(status, kind, period, alike(exponents), cases.state, checks)
+        period = np.where(by_orbit, reached.period, 0)
+        return CaseExponents(status, kind, period, alike(exponents), state, checks)
 
     def _measured(self, run: RecordedChunk, blocks: int, status: Int[np.ndarray, " lanes"]) -> CaseExponents:
         """Measures a chunk of cases, of some `Status` codes, from its states on."""

@@ -285,13 +285,10 @@ def sample_box(
     method = one_of("method", method, METHODS)
     if method == "random":
         points = rng.random((count, dimensions))
-    elif method == "sobol":
-        # of a power of two, of which fewer are as well spread
-        engine = qmc.Sobol(dimensions, rng=rng)
-        points = engine.random_base2(max(count - 1, 1).bit_length())[:count]
     else:
-        engine = (qmc.Halton if method == "halton" else qmc.LatinHypercube)(dimensions, rng=rng)
-        points = engine.random(count)
+        engine = {"sobol": qmc.Sobol, "halton": qmc.Halton, "latin": qmc.LatinHypercube}[method](dimensions, rng=rng)
+        # of a power of two Sobol points, fewer are as well spread
+        points = engine.random(1 << max(count - 1, 1).bit_length() if method == "sobol" else count)[:count]
     unknown = [name for name in log if name not in box]
     if unknown:
         raise ValueError(f"Argument `log` must name parameters of `box`, but has {unknown[0]!r}.")

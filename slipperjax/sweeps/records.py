@@ -43,9 +43,7 @@ class MotionKind(AbstractRecord):
     def __post_init__(self):
         whole("latest", self.latest, LEAST_PERIODS)
 
-    @property
-    def name(self):
-        return "motion"
+    name = "motion"
 
     @property
     def variables(self):
@@ -105,9 +103,7 @@ class LargestExponent(ContinuedRecord):
         if self.periods is not None:
             whole("periods", self.periods, LEAST_MEASURED)
 
-    @property
-    def name(self):
-        return "exponent"
+    name = "exponent"
 
     @property
     def quantity(self) -> Quantity:

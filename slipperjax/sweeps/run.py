@@ -360,7 +360,7 @@ class ChunkInputs(NamedTuple):
     starts: Motion | State
     index: Int[np.ndarray, " lanes"]  # indices into the list of all cases
     # Indices into the list of those that this run takes, in whose order the results are.
-    place: Int[np.ndarray, " lanes"]
+    row: Int[np.ndarray, " lanes"]
     cases: int  # how many lanes count; the others fill the batch up
     steps: int  # integration steps per forcing period
     on_progress: OnProgress

@@ -518,9 +518,12 @@ def _stored(function: Callable[..., Any], options: dict[str, Any], store: Store,
     workers = None if workers is None else whole("workers", workers, 1)
     # a trajectory may be long, and every worker gets its first state only
     options["start"] = first_of(options["start"])
-    tiles = _tiling(grid, store)
+    tiles, exists = Tiling.of(grid.shape, store.tile), not store.fresh and store.path.exists()
+    if store.tile is None and exists:
+        stored = _open_archive(store.path).tiles
+        tiles = stored if stored.shape == grid.shape else tiles
     call = _fingerprint(function, grid, options | {"steps_per_period": steps}, tiles)
-    if not store.fresh and store.path.exists() and _open_archive(store.path, call).complete_tiles().all():
+    if exists and _open_archive(store.path, call).complete_tiles().all():
         return open_store(store.path)  # on a disk, perhaps, that is protected against writing
     # threads of this process compute a tile each; other processes may have several cores
     threads, inside = (workers or cores(), 1) if executor is None else (1, workers or 1)
@@ -563,15 +566,6 @@ def _stored(function: Callable[..., Any], options: dict[str, Any], store: Store,
             stored = f"{archive.complete_cases()} cases or more are stored, call again to go on"
             raise WorkerLost(f"a worker process ended abruptly, for want of memory perhaps; {stored}") from error
     return open_store(store.path)
-
-
-def _tiling(grid: Grid, store: Store) -> Tiling:
-    """Tiles as asked; otherwise as in the store, if there is one of this shape."""
-    if store.tile is None and not store.fresh and store.path.exists():
-        tiles = _open_archive(store.path).tiles
-        if tiles.shape == grid.shape:
-            return tiles
-    return Tiling.of(grid.shape, store.tile)
 
 
 def _check_replaceable(path: Path) -> None:
@@ -624,10 +618,10 @@ def _run_tasks(
     **Raises:** `KeyboardInterrupt` after Ctrl-C; the error of a task, or of the executor.
     """
     sizes = {number: tiles.cases(number) for number in parts}
-    pool = ThreadPoolExecutor(threads) if executor is None else executor
-    if type(executor).__module__.split(".")[0] == "distributed":
+    pool: Any = ThreadPoolExecutor(threads) if executor is None else executor
+    if type(pool).__module__.split(".")[0] == "distributed":
         # tasks of one function and argument are the same to dask unless they are said to be impure
-        pool = executor.get_executor(pure=False, retries=RETRIES)
+        pool = pool.get_executor(pure=False, retries=RETRIES)
     cases = sum(sizes.values())
     with progress_shown(cases, cases, **shown_as) as shown:
         futures = {pool.submit(task, number, *part): number for number, part in parts.items()}

@@ -26,18 +26,7 @@ from .exponents import BLOCK, LyapunovExponents
 from .grid import Grid
 from .orbits import NearestOrbit
 from .records import resolved_record
-from .run import (
-    PERIODS_PER_CALL,
-    ChunkInputs,
-    ChunkRun,
-    Plan,
-    Run,
-    RunOptions,
-    call_of,
-    make_plan,
-    run_cases,
-    run_chunk,
-)
+from .run import PERIODS_PER_CALL, ChunkInputs, ChunkRun, Plan, RunOptions, call_of, make_plan, run_cases, run_chunk
 from .store import Store, storable
 
 
@@ -117,7 +106,7 @@ def sweep(
         of_run = run.results.record, run.results.status, plan, options, run.interrupted
         record, status, interrupted = plan.records.continue_cases(*of_run)
         results = run.results._replace(status=status, record=record)
-        run = Run(results, status != Status.NOT_RUN, interrupted)
+        run = run._replace(results=results, finished=status != Status.NOT_RUN, interrupted=interrupted)
     return run.checked(lambda: sweep_dataset(plan, run.results, plan.steps, call))
 
 
