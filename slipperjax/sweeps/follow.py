@@ -16,7 +16,7 @@ from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.quantities import COORDINATE_SCALES
 from ..model.scene import Scene
-from ..tools.checks import brief, number, one_of, positive
+from ..tools.checks import number, one_of, positive, require
 from .grid import Grid, filled, path_grid
 from .records import resolved_record
 from .run import Chunk, ChunkRun, OnProgress, RunOptions, call_of, make_plan, run_chunk, run_chunks
@@ -61,14 +61,14 @@ def follow(
     call = call_of("follow", locals())
     start = first_of(start)
     grid, _, values = path_grid(scene, path)
-    several = isinstance(directions, tuple | list) and len(directions) > 0
-    if not several or any(directions.count(d) > 1 for d in directions):
-        raise ValueError(f"Argument `directions` must name one or more ways, each once, but is {directions!r}.")
+    several = (
+        isinstance(directions, tuple | list) and directions and all(directions.count(d) == 1 for d in directions)
+    )
+    require(several, "directions", "name one or more ways, each once", directions)
     ways = [DIRECTIONS[one_of("directions", d, tuple(DIRECTIONS))] for d in directions]
     options = RunOptions(transient, periods, steps_per_period, saves_per_period, solver)
     records = resolved_record(record)
-    if records.continues:
-        raise ValueError(f"Argument `record` must not run on where cases follow one another, but is {brief(record)}.")
+    require(not records.continues, "record", "not run on where cases follow one another", record)
     plan = make_plan(grid, start, options, records)
     cases, lanes = plan.cases, np.arange(len(ways))
     columns = np.stack([np.arange(len(values))[::way] for way in ways], axis=1)  # (values, directions)

@@ -17,7 +17,7 @@ from ..model.quantities import STARTS, Parameter
 from ..model.scene import Scene, check_scene
 from ..model.step_size import rounded_steps, steps_needed
 from ..tools.batching import Batched
-from ..tools.checks import brief, one_of, require, whole, yes_or_no
+from ..tools.checks import one_of, require, whole, yes_or_no
 from ..tools.compile import jit
 
 
@@ -243,8 +243,8 @@ def path_grid(scene: Scene, path: Mapping[str, Any]) -> tuple[Grid, str, np.ndar
     require(isinstance(path, Mapping) and len(path) == 1, "path", "name one parameter with increasing values", path)
     grid = Grid(scene, path)
     name, values = next(iter(grid.axes.items()))
-    if name in STARTS or np.any(np.diff(values) <= 0):
-        raise ValueError(f"Argument `path` must name one parameter with increasing values, but is {path!r}.")
+    increase = name not in STARTS and not np.any(np.diff(values) <= 0)
+    require(increase, "path", "name one parameter with increasing values", path)
     return grid, name, values
 
 
@@ -303,6 +303,6 @@ def sample_box(
 def _bounds(scene: Scene, name: str, ends: Any) -> tuple[float, float]:
     """Two values of a parameter, the lower first."""
     values = np.asarray(_parameter(scene, name).checked(ends), float)
-    if values.shape != (2,) or not values[0] < values[1]:
-        raise ValueError(f"Argument `box` must have the lower and the higher bound of {name}, but has {brief(ends)}.")
+    pair = values.shape == (2,) and values[0] < values[1]
+    require(pair, "box", f"have the lower and the higher bound of {name}", ends)
     return float(values[0]), float(values[1])

@@ -49,12 +49,7 @@ def nothing_reached(states: State, count: int) -> ReachedOrbits:
 
 
 def reached_orbits(
-    maps: Maps,
-    states: State,
-    strobe: Float[np.ndarray, "cases periods coordinates"],
-    *,
-    count: int,
-    half_step: bool,
+    maps: Maps, states: State, strobe: Float[np.ndarray, "cases periods coordinates"], *, count: int, half_step: bool
 ) -> ReachedOrbits:
     """The orbits that motions have reached, of the cases for which that is certain.
 

@@ -16,7 +16,7 @@ from ..flow.status import first_problem
 from ..model.dynamics import State
 from ..model.layout import coordinates
 from ..model.quantities import COORDINATE_SCALES, LOADS, Quantity
-from ..tools.checks import brief, require, whole, yes_or_no
+from ..tools.checks import require, whole, yes_or_no
 from .attractors import LAST, Motions, motions_of
 from .exponents import LyapunovExponents, counted_blocks, measure, measured_periods, tangents_cost
 from .orbits import NearestOrbit
@@ -63,11 +63,8 @@ class MotionKind(AbstractRecord):
         return course.end.motion
 
     def check(self, scene, periods, steps):
-        if periods < LEAST_PERIODS:
-            raise ValueError(
-                f"Argument `periods` must be {LEAST_PERIODS} or more to classify motions, {MIN_TEST} or more to tell "
-                f"tori from chaos, but is {periods}."
-            )
+        need = f"be {LEAST_PERIODS} or more to classify motions, {MIN_TEST} or more to tell tori from chaos"
+        require(periods >= LEAST_PERIODS, "periods", need, periods)
 
     def finish(self, carried, samples, span: RecordedSpan) -> Motions:
         return motions_of(coordinates(State(samples, None)), span.status)
@@ -161,9 +158,9 @@ def resolved_record(record: Any, loads: bool | None = None) -> RecordSet:
 
     **Raises:** `ValueError` for anything else.
     """
-    asked = list(record) if isinstance(record, list | tuple) else [record]
-    require(asked, "record", f"name at least one of {', '.join(NAMES)}", record)
-    records = [one for given in asked for one in _records(given)]
+    listed = list(record) if isinstance(record, list | tuple) else [record]
+    require(listed, "record", f"name at least one of {', '.join(NAMES)}", record)
+    records = [one for item in listed for one in _records(item)]
     series = any(isinstance(one, Sections | History) for one in records)
     if yes_or_no("loads", series if loads is None else loads):
         records += [RECORDS[name] for name in LOADS]
@@ -176,14 +173,10 @@ _OF_LOADS = {RECORDS[name] for name in (*LOADS, "impact_impulse")}
 """Records that look at contact loads."""
 
 
-def _records(given: Any) -> tuple[AbstractRecord, ...]:
+def _records(record: Any) -> tuple[AbstractRecord, ...]:
     """The records of a name, or a record as it is."""
-    if isinstance(given, AbstractRecord):
-        return (given,)
-    if isinstance(given, str) and given in NAMES:
-        names = ALIASES.get(given, (given,))
-        return _OTHERS.get(given) or tuple(RECORDS[name] for name in names)
-    raise ValueError(
-        f"Argument `record` must be one of {', '.join(NAMES)}, a record, or a list of names and records, but is "
-        f"{brief(given)}."
-    )
+    if isinstance(record, AbstractRecord):
+        return (record,)
+    need = f"be one of {', '.join(NAMES)}, a record, or a list of names and records"
+    require(isinstance(record, str) and record in NAMES, "record", need, record)
+    return _OTHERS.get(record) or tuple(RECORDS[name] for name in ALIASES.get(record, (record,)))

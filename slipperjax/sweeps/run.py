@@ -320,10 +320,7 @@ def run_chunk(
     if records.inside:
         alike = bool(np.all(plan.steps == steps))
         recording = ConstantSteps(steps) if alike else ConstantSteps(plan.capacity(steps), number)
-    for calls, kept, chosen in (
-        (plan.transient, records.from_start, stepping),
-        (plan.recorded, records, recording),
-    ):
+    for calls, kept, chosen in ((plan.transient, records.from_start, stepping), (plan.recorded, records, recording)):
         carry = _initial_carry(kept, scenes, states)
         # a program serves several numbers of periods; samples of periods beyond its use are cut off
         options: dict[str, Any] = dict(solver=plan.solver, periods=calls.capacity, records=kept)
