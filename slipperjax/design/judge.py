@@ -23,11 +23,9 @@ from ..model.kinematics import MOTION_SCALES
 from ..model.quantities import COORDINATE_SCALES, MOTION_NUMBERS
 from ..model.scene import Scene
 from ..orbits.periodic import TOLERANCE
-from ..sweeps.attractors import FLOOR
+from ..sweeps.attractors import FLOOR, LAST
 from ..sweeps.grid import Grid, filled
-from ..sweeps.maps import JACOBIAN, Maps, rows_of
-from ..sweeps.measure import LAST
-from ..sweeps.orbits import Orbits, find_orbits
+from ..sweeps.orbits import JACOBIAN, Maps, Orbits, find_orbits, rows_of
 from ..sweeps.reached import reached_orbits
 from ..sweeps.run import Chunk, OnProgress, Plan, RunOptions, make_plan, run_chunk, run_chunks
 from ..tools.batching import Batched
@@ -146,9 +144,9 @@ class _Batch:
 
     def _orbits(self, period: np.ndarray, inverse: np.ndarray | None = None) -> Orbits:
         """Finds periodic orbits near the states, of cases whose `period` is not 0."""
-        options: dict[str, Any] = dict(solver=self.plan.solver, tolerance=TOLERANCE, max_iterations=NEWTON_ITERATIONS)
-        options |= dict(period=period, inverse=inverse, on_progress=self.on_progress)
-        orbits = find_orbits(self.scenes, self._maps(period).states(self.cases.state), self.plan.steps, **options)
+        options: dict[str, Any] = dict(tolerance=TOLERANCE, max_iterations=NEWTON_ITERATIONS, inverse=inverse)
+        maps = self._maps(period)
+        orbits = find_orbits(maps, maps.states(self.cases.state), **options)
         self.cases.simulated[:] += period * (orbits.iterations + JACOBIAN * orbits.jacobians)
         return orbits
 
@@ -181,9 +179,9 @@ class _Batch:
         run = run_chunk(transient, scenes, states, steps, self.on_progress)
         strobe = run.record[0][:, -LAST:]
         ends = jax.tree.map(np.asarray, run.state)
-        options: dict[str, Any] = dict(solver=self.plan.solver, count=1, half_step=False)
-        options |= dict(wanted=run.status == Status.FINITE, on_progress=self.on_progress)
-        reached = reached_orbits(scenes, ends, strobe, steps, **options)
+        good = (run.status == Status.FINITE).astype(int)
+        maps = Maps(scenes, steps, self.plan.solver, good, self.on_progress)
+        reached = reached_orbits(maps, ends, strobe, count=1, half_step=False)
         cases.simulated[index] += transient.cost + np.where(reached.period, JACOBIAN, 0)[:count]
         cases.state[index], cases.status[index] = rows_of(reached.state)[:count], run.status[:count]
         period = np.zeros(self.count, int)

@@ -1,18 +1,35 @@
 """Attractors of the cases of a sweep, and which starts share a basin of attraction."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from jaxtyping import Float, Int
 
 from ..analysis.attractor import Attractors, classify
+from ..analysis.kinds import Regime
 from ..flow.status import Status
 from ..model.quantities import COORDINATE_SCALES
 from ..tools.checks import whole
 
 FLOOR = 1e-5
 """Distances below it are zero when motions are classified, in multiples of `COORDINATE_SCALES`: 10 nm."""
+LAST = 200
+"""Forcing periods at the end of a record from which a motion is classified."""
+
+
+class Motions(NamedTuple):
+    """Kinds and periods of motions."""
+
+    kind: Int[Any, "*cases"]  # numbers of `slipperjax.analysis.Regime`
+    period: Int[Any, "*cases"]
+
+
+def motions_of(strobe: Float[np.ndarray, "cases periods coordinates"], status: Int[np.ndarray, " cases"]) -> Motions:
+    """Classifies motions by their states once per period; nothing is concluded from cases with a status."""
+    finite = (status == Status.FINITE)[:, None, None]
+    motions = classify(np.where(finite, strobe, np.nan), scales=COORDINATE_SCALES, floor=FLOOR)
+    return Motions(Regime.codes(motions.kind), np.asarray(motions.period, int))
 
 
 def strobe_states(ds: xr.Dataset, last: int | None = None) -> Float[np.ndarray, "*cases periods coordinates"]:
@@ -32,7 +49,7 @@ def strobe_states(ds: xr.Dataset, last: int | None = None) -> Float[np.ndarray, 
     return states if last is None else states[..., -whole("last", last, 1) :, :]
 
 
-def attractors(ds: xr.Dataset, last: int = 200, floor: float = FLOOR, **options: Any) -> Attractors:
+def attractors(ds: xr.Dataset, last: int = LAST, floor: float = FLOOR, **options: Any) -> Attractors:
     """Classifies the motion that each case of a sweep settled to, from its `last` strobe states.
 
     See `slipperjax.analysis.attractor`.
@@ -76,8 +93,8 @@ def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05) -> Int[np.nd
             numbers[k] = len(centres)
             centres.append(mark)
     order = np.argsort([-np.sum(numbers == k) for k in range(len(centres))], kind="stable")
-    rank = {int(old): new for new, old in enumerate(order)} | {-1: -1}
-    return np.array([rank[int(k)] for k in numbers]).reshape(states.shape[:-2])
+    rank = np.append(np.argsort(order), -1)  # which -1 picks, too
+    return rank[numbers].reshape(states.shape[:-2])
 
 
 def _mark(states: np.ndarray, near: float) -> np.ndarray:

@@ -1,7 +1,5 @@
-"""Time, memory and disk of a sweep before it is begun, from a probe of a few of its cases."""
+"""Time, memory and disk of a sweep before it is begun, measured on a few of its cases."""
 
-import math
-import shutil
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -15,82 +13,66 @@ from ..flow.simulate import first_of
 from ..model.scene import Scene
 from ..model.step_size import LEAST_STEPS
 from ..tools.checks import whole
-from ..tools.limits import LONGEST, available_memory, cores, shown_bytes, shown_time
-from .grid import Grid
+from ..tools.limits import cores, shown_bytes, shown_time
+from .estimate import CountedEstimate
+from .grid import Grid, Tiling
 from .run import LARGEST_CHUNK, SAMPLED_CASES
-from .store import COPIES, Store, Tiling
+from .store import Store, bytes_of_case
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """Time, memory and disk of a sweep."""
+@dataclass(frozen=True, kw_only=True)
+class Estimate(CountedEstimate):
+    """Time, memory and disk of a sweep, measured on a few of its cases."""
 
     function: str
-    cases: int
-    tiles: Tiling
     steps_per_period: tuple[int, int]
     """The fewest and the most of the cases that were looked at."""
     compile: float
     """Time [s] in which a process makes its programs, or takes them from the cache."""
-    per_case: float
-    """Time [s] of a case on one core, when all cores are busy alike."""
-    workers: int
-    """Cores."""
-    memory: float
-    """Bytes that a worker needs."""
+    resident: float
+    """Bytes of programs and libraries in a process."""
     per_case_stored: float
     """Bytes on disk of a case, compressed."""
-    files: int
+    files_per_tile: int
     """On disk."""
-    free: float | None
-    """Bytes that are free on the disk of the store."""
 
     @property
-    def seconds(self) -> float:
-        """Time in all [s]."""
-        return self.compile + self.cases * self.per_case / self.workers
+    def seconds(self):
+        return self.compile + super().seconds
 
     @property
-    def stored(self) -> float:
-        """Bytes on disk in all."""
+    def stored(self):
         return self.cases * self.per_case_stored
 
     @property
-    def problems(self) -> list[str]:
-        """Why it cannot be done like that, with advice; nothing where it can."""
-        problems, memory = [], available_memory()
-        if memory is not None and self.memory > memory:
-            problems.append(
-                f"a worker needs {shown_bytes(self.memory)} of memory, of which {shown_bytes(float(memory))} are "
-                "available: take smaller tiles, sj.Store(path, tile=...), or keep less of each case"
-            )
-        if self.free is not None and self.stored > self.free:
-            problems.append(
-                f"the store needs {shown_bytes(self.stored)}, of which its disk has {shown_bytes(self.free)}: "
-                "keep less of each case, such as record=['peak_force'], or take another disk"
-            )
-        if self.seconds > LONGEST:
-            problems.append(
-                f"it takes {shown_time(self.seconds)} on {self.workers} cores: "
-                f"{math.ceil(self.workers * self.seconds / (7 * 86400)):.3g} cores would be done in a week, see "
-                "`executor` and shares"
-            )
-        return problems
+    def stored_text(self):
+        return shown_bytes(self.stored)
+
+    @property
+    def files(self) -> int:
+        """Files of a store in all."""
+        return 0 if self.tiles is None else self.files_per_tile * self.tiles.count
 
     def __str__(self) -> str:
         low, high = self.steps_per_period
-        size = math.prod(self.tiles.tile)
+        text = f"{self.function}: {self.cases} cases"
+        tile, memory = "", f"memory: {shown_bytes(self.resident + self.memory / self.at_once)} per worker"
+        if self.tiles is not None:
+            shape, size = " x ".join(map(str, self.tiles.tile)), self.tiles.size
+            text += f" in {self.tiles.count} tiles of {size} ({shape})"
+            tile = f", {size * self.per_case:.2g} s per tile"
+            memory += (
+                f"\ndisk: {shown_bytes(self.stored)} in {self.files} files ({shown_bytes(self.per_case_stored)} per "
+                f"case), {shown_bytes(self.free)} free"
+            )
         lines = [
-            f"{self.function}: {self.cases} cases in {self.tiles.count} tiles of {size} "
-            f"({' x '.join(map(str, self.tiles.tile))})",
+            text,
             f"steps per period: {low if low == high else f'{low} to {high}'}",
             f"time: {shown_time(self.seconds)} on {self.workers} cores ({self.per_case * 1e3:.3g} ms per case and "
-            f"core, {size * self.per_case:.2g} s per tile; compiling {shown_time(self.compile)})",
-            f"memory: {shown_bytes(self.memory)} per worker",
-            f"disk: {shown_bytes(self.stored)} in {self.files} files ({shown_bytes(self.per_case_stored)} per case)"
-            + (f", {shown_bytes(self.free)} free" if self.free is not None else ""),
+            f"core{tile}; compiling {shown_time(self.compile)})",
+            memory,
         ]
-        return "\n".join([*lines, *(f"impossible: {text}" for text in self.problems)])
+        return "\n".join([*lines, *self.problems])
 
 
 def explain(
@@ -111,67 +93,46 @@ def explain(
     ```
 
     **Arguments:** `function`: `sweep`, `lyapunov_sweep` or another one that can be stored; `workers`: cores that will
-    be at work, default those of this process; `store` and `options`: as for the function.
+    be at work, default those of this process; more than these are taken as workers of an executor, which compute a
+    tile each; `store` and `options`: as for the function.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
-    known = Grid(scene, grid, product=options.get("product", True))
-    target = None if store is None else Store.of(store)
-    tiles = Tiling.of(known.shape, None if target is None else target.tile)
+    cases = Grid(scene, grid, product=options.get("product", True))
     workers = cores() if workers is None else whole("workers", workers, 1)
-    how = {
-        **options,
-        "workers": 1,
-        "progress": False,
-        "chunk": options.get("chunk") or LARGEST_CHUNK,
-        "product": False,
-    }
-    steps = _steps(known, options)
+    steps = options.get("steps_per_period")
+    if steps is None:
+        steps = cases.sample(first_of(options.get("start")), SAMPLED_CASES).default_steps()
+    steps = np.ravel(steps)
+    # the same for all, so that the probe is one batch
     used = -(-int(np.ceil(steps.mean())) // LEAST_STEPS) * LEAST_STEPS if np.ptp(steps) else int(steps[0])
-    how["steps_per_period"] = used  # the same for all, so that the probe is one batch
-    some = known.spread(LARGEST_CHUNK)
-    run = lambda: function(scene, grid=some, **how)
-    first, _ = _timed(run)
-    second, ds = _timed(run)
-    per_case = second / LARGEST_CHUNK * float(steps.mean()) / used
-    bytes_of_case = ds.nbytes / ds.sizes["case"]
-    free = None if target is None else float(shutil.disk_usage(_existing(target.path)).free)
-    arrays = [name for name in ds.variables if "case" in ds[name].dims and name not in known.coordinates()]
+    options |= dict(workers=1, progress=False, product=False, chunk=options.get("chunk") or LARGEST_CHUNK)
+    options["steps_per_period"] = used
+    seconds, ds = [], xr.Dataset()
+    for _ in range(2):
+        begin = time.perf_counter()
+        ds = function(scene, grid=cases.spread(LARGEST_CHUNK), **options)
+        seconds.append(time.perf_counter() - begin)
+    axes, of_store = cases.coordinates(), {}
+    if store is not None:
+        target = Store.of(store)
+        # a call in this process computes a tile on each of its threads
+        of_store["at_once"] = workers if workers <= cores() else 1
+        of_store["tiles"] = Tiling.of(cases.shape, target.tile)
+        of_store["free"] = target.free_bytes
     return Estimate(
-        function.__name__,
-        known.count,
-        tiles,
-        (int(steps.min()), int(steps.max())),
-        max(first - second, 0.0),
-        per_case,
-        workers,
-        _resident() + COPIES * bytes_of_case * math.prod(tiles.tile),
-        _compressed(ds),
-        len(arrays) * tiles.count + 2 * len(ds.variables),
-        free,
+        cases=cases.count,
+        per_case=seconds[1] / LARGEST_CHUNK * float(steps.mean()) / used,
+        per_case_memory=bytes_of_case(ds, ("case",), axes),
+        workers=workers,
+        **of_store,
+        function=function.__name__,
+        steps_per_period=(int(steps.min()), int(steps.max())),
+        compile=max(seconds[0] - seconds[1], 0.0),
+        resident=_resident(),
+        per_case_stored=_compressed(ds),
+        files_per_tile=1 + sum("case" in v.dims for name, v in ds.variables.items() if name not in axes),
     )
-
-
-def _steps(grid: Grid, options: Mapping[str, Any]) -> np.ndarray:
-    """Steps per period of some cases, as many as there are at most."""
-    given = options.get("steps_per_period")
-    if given is not None:
-        return np.atleast_1d(np.asarray(given)).ravel()
-    return grid.sample(first_of(options.get("start")), SAMPLED_CASES).default_steps()
-
-
-def _timed(call: Callable[[], xr.Dataset]) -> tuple[float, xr.Dataset]:
-    begin = time.perf_counter()
-    result = call()
-    return time.perf_counter() - begin, result
-
-
-def _existing(path: Any) -> Any:
-    """The nearest folder above that exists."""
-    path = path.absolute()
-    while not path.exists():
-        path = path.parent
-    return path
 
 
 def _resident() -> float:
@@ -187,13 +148,6 @@ def _compressed(ds: xr.Dataset) -> float:
     """Bytes on disk of a case, of the probe's cases together."""
     from numcodecs import Zstd
 
-    codec, total = Zstd(level=3), 0
-    for name in ds.variables:
-        variable = ds.variables[name]
-        if "case" in variable.dims:
-            values = variable.values
-            raw = (
-                values.astype("S").tobytes() if values.dtype.kind in "UO" else np.ascontiguousarray(values).tobytes()
-            )
-            total += len(codec.encode(raw))
-    return total / ds.sizes["case"]
+    values = [v.values for v in ds.variables.values() if "case" in v.dims]
+    raw = [np.ascontiguousarray(v.astype("S") if v.dtype.kind in "UO" else v) for v in values]
+    return sum(len(Zstd(level=3).encode(array.tobytes())) for array in raw) / ds.sizes["case"]

@@ -5,44 +5,262 @@ run for longer. Each stage has chunks of its own.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Float, Int
 
-from ..analysis.attractor import classify
 from ..analysis.floquet import largest_exponent
 from ..analysis.kinds import Regime
-from ..analysis.lyapunov import is_chaotic, standard_error
+from ..analysis.lyapunov import is_chaotic, kaplan_yorke, pooled_standard_error, regime, standard_error, weighted_mean
+from ..flow.period_map import advance_tangents, initial_tangents
 from ..flow.record import Labelled
+from ..flow.simulate import dynamic_steps
 from ..flow.status import Status, first_problem
 from ..model.dynamics import State
 from ..model.layout import coordinates
-from ..model.quantities import COORDINATE_SCALES
 from ..orbits.exponents import check_count
 from ..tools.checks import whole, yes_or_no
-from .attractors import FLOOR
-from .certificate import CaseExponents, Checks, exponent_variables, labels_of
-from .maps import JACOBIAN, LOOK, Maps, rows_of
-from .measure import BLOCK, LAST, Measure, measured_periods, tangents_cost
+from .attractors import LAST, motions_of
+from .orbits import JACOBIAN, LOOK, Maps, rows_of
 from .reached import ReachedOrbits, nothing_reached, reached_orbits
-from .run import PERIODS_PER_CALL, ChunkInputs, ContinuedRecord, Plan, RecordedChunk, run_cases
-from .transience import run_longer_motions
+from .run import PERIODS_PER_CALL, ChunkInputs, ContinuedRecord, Plan, RecordedChunk, run_cases, run_chunk
 
+BLOCK = 20
+"""Forcing periods in one call; the first such block turns the tangents into their directions and is not counted."""
 SEARCH = 4
 """Jacobians that the search for an orbit takes, about; as many again with steps half as long."""
-LEAST_MEASURED = 8
-"""Periods without which an exponent has no standard error, see `slipperjax.analysis.standard_error`."""
 
 
-class CasesAfterRecord(NamedTuple):
-    """Cases after the recorded periods."""
+# --- measuring ------------------------------------------------------------------------------------------------------
+
+
+def tangents_cost(count: int) -> float:
+    """Cost of a period with `count` tangents, in unrecorded ones: measured 2.1 to 2.9 with one, 5.7 with three."""
+    return 1.0 + 1.6 * count
+
+
+def counted_blocks(periods: int | None, recorded: int) -> int:
+    """Blocks that make up `periods`, or where that is None as many periods as are recorded."""
+    return -(-(recorded if periods is None else periods) // BLOCK)
+
+
+def measured_periods(blocks: int) -> int:
+    """Forcing periods of a measurement of which `blocks` count."""
+    return BLOCK * (blocks + 1)
+
+
+class LocalExponents(NamedTuple):
+    """Local Lyapunov exponents of a chunk."""
+
+    history: Float[np.ndarray, "cases periods count"]
+    status: Int[np.ndarray, " cases"]
+    # States once per period in the last `LAST` counted periods, or in all if they are fewer.
+    strobe: Float[np.ndarray, "cases last 10"]
+    state: State  # the states at the end
+
+
+def measure(run: RecordedChunk, blocks: int, count: int, finer: int = 1) -> LocalExponents:
+    """Measures local exponents of a chunk from its states on.
+
+    **Arguments:** `blocks`: of `BLOCK` periods that count; `finer`: 2 for steps half as long.
+    """
+    states, tangents = run.states, initial_tangents(run.scenes, run.states, count)
+    rows, strobes, status = [], [], np.zeros(len(states.motion.y), int)
+    for k in range(blocks + 1):
+        at, stepping = run.epoch + k * BLOCK, dynamic_steps(finer * run.steps)
+        states, tangents, history, strobe, codes = advance_tangents(
+            run.scenes, states, tangents, at, stepping, solver=run.plan.solver, periods=BLOCK
+        )
+        rows.append(np.asarray(history))
+        strobes = [*strobes, np.asarray(strobe)][-LAST // BLOCK :] if k else []
+        status = first_problem(status, codes)
+        run.on_progress(tangents_cost(count) * finer * BLOCK)
+    return LocalExponents(np.concatenate(rows[1:], axis=1), status, np.concatenate(strobes, axis=1), states)
+
+
+# --- whether chaos lasts --------------------------------------------------------------------------------------------
+
+# A chaotic transient cannot be told from chaos by what happens while it lasts, whatever is measured. Therefore some
+# motions are begun close to its last state. They forget each other within tens of periods, so each is one more trial
+# of how long the transient may last; and because their records are independent, the scatter of their exponents shows
+# correlations that are longer than a record.
+
+MOTIONS = 4
+"""Motions for each case."""
+HOLD = 2000
+"""Forcing periods for which they run before their exponents are measured."""
+CALM = 0.01
+"""Exponents of the second half of a motion's record [1/period] that are no longer those of chaos."""
+APART = 1e-6
+"""Differences of their lateral velocities at the start [m/s]."""
+
+
+class LongerMotions(NamedTuple):
+    """Longer motions of some cases."""
+
+    chosen: Int[np.ndarray, " cases"]  # indices of the cases into the list of all
+    history: Float[np.ndarray, "cases motions periods count"]  # their local exponents [1/period]
+    escapes: Int[np.ndarray, " cases"]  # how many became regular: periodic, or without a positive exponent
+    # `Status` code of the first motion that went wrong, `NOT_RUN` where one was not finished.
+    status: Int[np.ndarray, " cases"]
+
+    @classmethod
+    def not_run(cls, chosen: Int[np.ndarray, " cases"], count: int) -> "LongerMotions":
+        """Those of cases of which no motion was finished."""
+        history = np.full((len(chosen), MOTIONS, BLOCK, count), np.nan)
+        return cls(chosen, history, 0 * chosen, np.full(len(chosen), int(Status.NOT_RUN)))
+
+
+def run_longer_motions(
+    plan: Plan,
+    chosen: Int[np.ndarray, " cases"],
+    states: State,
+    epoch: int,
+    blocks: int,
+    count: int,
+    options: Mapping[str, Any],
+) -> tuple[LongerMotions, bool]:
+    """Runs `MOTIONS` motions of each chosen case, for `HOLD` periods and a measurement.
+
+    **Arguments:** `plan`: of the sweep; `chosen`: indices of the cases; `states`: of all cases at the start of the
+    period `epoch`; `blocks`, `count`: of the measurement, see `measure`; `options`: for `run_cases`.
+
+    **Returns:** the longer motions, and whether the run was interrupted.
+    """
+    plan = plan.strobes(HOLD)
+    before, during = (plan.recorded._replace(count=periods // PERIODS_PER_CALL) for periods in (HOLD - LAST, LAST))
+    plan = replace(plan, transient=before, recorded=during)
+
+    def work(part: ChunkInputs) -> LocalExponents:
+        begin = jax.tree.map(lambda a: a[part.index], states)
+        # the motions of a case follow one another in the list
+        apart = APART * (part.row % MOTIONS)
+        begin = eqx.tree_at(lambda s: s.motion.v_y, begin, begin.motion.v_y + apart)
+        run = run_chunk(plan, part.scenes, begin, part.steps, part.on_progress, epoch=epoch)
+        local = measure(part.recorded(plan, run.state, epoch + plan.periods), blocks, count)
+        return local._replace(status=first_problem(run.status, local.status), strobe=run.record[0])
+
+    name = f"longer motions of {len(chosen)} chaotic cases"
+    cost = HOLD + tangents_cost(count) * measured_periods(blocks)
+    run = run_cases(plan, work, cost=cost, index=np.repeat(chosen, MOTIONS), name=name, **options)
+    if run.results is None:
+        return LongerMotions.not_run(chosen, count), True
+    history, status, strobe, _ = run.results
+    by_case = lambda a: a.reshape(len(chosen), MOTIONS, *a.shape[1:])
+    codes = by_case(status)
+    first = np.take_along_axis(codes, np.argmax(codes != Status.FINITE, axis=1)[:, None], axis=1)[:, 0]
+    first = np.where(np.any(codes == Status.NOT_RUN, axis=1), int(Status.NOT_RUN), first)
+    # a motion may escape while it is measured, and what it escapes to may be a torus
+    late = history[:, history.shape[1] // 2 :, 0].mean(axis=1)
+    regular = (motions_of(strobe, status).kind == Regime.PERIODIC) | (late <= CALM)
+    return LongerMotions(chosen, by_case(history), np.sum(by_case(regular), axis=1), first), run.interrupted
+
+
+# --- the certificate ------------------------------------------------------------------------------------------------
+
+AGREE = 1e-3
+"""Differences between exponents [1/period] that are accepted whatever the standard errors."""
+STEADY = 1e-2
+"""Differences between the halves of a record [1/period] that are accepted whatever the standard errors."""
+
+
+class Checks(NamedTuple):
+    """Other estimates, which certify the cases."""
+
+    half_step: Float[np.ndarray, "cases periods 1"]
+    half_step_status: Int[np.ndarray, " cases"]
+    # ln |largest multiplier| per forcing period of periodic motions [1/period], NaN for others.
+    floquet: Float[np.ndarray, " cases"]
+
+
+class CaseExponents(NamedTuple):
+    """Exponents of cases."""
 
     status: Int[np.ndarray, " cases"]
+    kind: Int[np.ndarray, " cases"]  # numbers of `slipperjax.analysis.Regime`
+    period: Int[np.ndarray, " cases"]  # forcing periods of a periodic motion, 0 for others
+    history: Float[np.ndarray, "cases periods count"]
     state: State
-    reached: ReachedOrbits
+    checks: Checks | None
+
+
+def exponent_variables(
+    passed: int, measured: CaseExponents, by_orbit: Bool[np.ndarray, " cases"], longer: LongerMotions
+) -> dict[str, np.ndarray]:
+    """Makes the variables of `LyapunovExponents` by name, with the certificate where checks were made.
+
+    **Arguments:** `passed`: forcing periods before the measurement; `by_orbit`: cases with the exponents of their
+    orbit, which all rows of their history repeat; `longer`: finished longer motions of chaotic cases.
+    """
+    good, history = measured.status == Status.FINITE, measured.history
+    exponent, error, weighted = history.mean(axis=1), standard_error(history), weighted_mean(history)
+    # an orbit's are exact
+    exponent[by_orbit] = weighted[by_orbit] = history[by_orbit, 0]
+    error[by_orbit] = 0.0
+    lasting, escapes, chaotic_for = longer.escapes == 0, np.zeros(len(good), int), np.zeros(len(good), int)
+    exponent[longer.chosen[lasting]] = longer.history[lasting].mean(axis=(1, 2))
+    error[longer.chosen[lasting]] = pooled_standard_error(longer.history[lasting])
+    escapes[longer.chosen] = longer.escapes
+    chaotic_for[longer.chosen] = passed + history.shape[1] + BLOCK + lasting * (HOLD + history.shape[1] + BLOCK)
+    kind = np.where(good, Regime.kind_names(measured.kind), Regime.UNRESOLVED.kind_name)
+    variables: dict[str, np.ndarray] = {}
+    if measured.checks is not None:
+        variables = _checked(measured, measured.checks, by_orbit, longer, exponent[:, 0], error[:, 0])
+    return variables | {
+        "exponent": exponent,
+        "stderr": error,
+        "weighted_exponent": weighted,
+        "by_orbit": by_orbit,
+        "kind": kind,
+        "period": np.where(good, measured.period, 0),
+        "regime": regime(exponent[:, 0], error[:, 0], kind, variables.get("resolved", good), escapes),
+        "escapes": escapes,
+        "chaotic_for": chaotic_for,
+        "kaplan_yorke": kaplan_yorke(exponent),
+    }
+
+
+def _checked(
+    measured: CaseExponents,
+    checks: Checks,
+    by_orbit: np.ndarray,
+    longer: LongerMotions,
+    exponent: np.ndarray,
+    error: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """The other estimates, and whether they agree with the largest exponents and their standard errors."""
+    good = measured.status == Status.FINITE
+    agree = good & (checks.half_step_status == Status.FINITE)
+    agree[longer.chosen] &= longer.status == Status.FINITE
+    # the error of one record, where that of several is known
+    of_one = np.zeros_like(error)
+    of_one[longer.chosen] = np.sqrt(MOTIONS) * error[longer.chosen] * (longer.escapes == 0)
+    half, half_error = checks.half_step.mean(axis=1)[:, 0], standard_error(checks.half_step)[:, 0]
+    half_error = np.maximum(half_error, of_one)
+    half[by_orbit], half_error[by_orbit] = checks.half_step[by_orbit, 0, 0], 0.0
+    close = np.abs(half - exponent) <= np.maximum(3 * np.hypot(error, half_error), AGREE)
+    agree &= close | (by_orbit & (np.abs(half - exponent) <= STEADY))
+    rows = measured.history[..., 0]
+    middle = rows.shape[1] // 2
+    first, second = rows[:, :middle].mean(axis=1), rows[:, middle:].mean(axis=1)
+    # each half has twice the variance of the whole
+    of_record = np.maximum(standard_error(measured.history)[:, 0], of_one)
+    agree &= np.abs(first - second) <= np.maximum(3 * 2 * of_record, STEADY)
+    periodic = (measured.period > 0) & good
+    agree &= ~periodic | (np.abs(checks.floquet - weighted_mean(measured.history)[:, 0]) <= AGREE)
+    floquet = np.where(good, checks.floquet, np.nan)
+    return {"half_step": half, "half_step_stderr": half_error, "floquet": floquet, "resolved": agree}
+
+
+# --- the record -----------------------------------------------------------------------------------------------------
+
+
+CasesAfterRecord = tuple[State, ReachedOrbits]
+"""Where cases are after the recorded periods, and the orbits that they have reached."""
 
 
 @dataclass(frozen=True)
@@ -69,13 +287,38 @@ class LyapunovExponents(ContinuedRecord):
         yes_or_no("certify", self.certify)
         yes_or_no("orbits", self.orbits)
 
+    name = "exponents"
+
     @property
-    def name(self):
-        return "exponents"
+    def labels(self) -> dict[str, tuple[tuple[str, ...], str, str]]:
+        """Dimension, unit and description of each variable, by name."""
+        each, one = ("count",), ()
+        labels = {
+            "exponent": (each, "1/period", "Lyapunov exponents"),
+            "stderr": (each, "1/period", "standard error of the exponents"),
+            "weighted_exponent": (each, "1/period", "Lyapunov exponents by a smoothly weighted mean"),
+            "by_orbit": (one, "", "whether the exponents are those of the periodic orbit that was reached"),
+            "kind": (one, "", "kind of motion, by recurrence"),
+            "period": (one, "1", "forcing periods of a periodic motion, 0 for others"),
+            "regime": (one, "", "periodic, regular (neither periodic nor chaotic), chaotic, transient or unresolved"),
+        }
+        if self.count > 1:
+            labels["kaplan_yorke"] = (one, "1", "Kaplan-Yorke dimension")
+        if self.certify:
+            regular = f"motions of {MOTIONS} that became regular within {HOLD} more forcing periods"
+            labels |= {
+                "half_step": (one, "1/period", "largest exponent with half the step"),
+                "half_step_stderr": (one, "1/period", "standard error of the largest exponent with half the step"),
+                "floquet": (one, "1/period", "ln of the largest Floquet multiplier's modulus, per forcing period"),
+                "resolved": (one, "", "whether the other estimates agree"),
+                "escapes": (one, "1", regular),
+                "chaotic_for": (one, "1", "forcing periods for which chaos lasted at least, 0 for other motions"),
+            }
+        return labels
 
     @property
     def variables(self):
-        return tuple(labels_of(self.count, self.certify))
+        return tuple(self.labels)
 
     @property
     def continues(self):
@@ -85,11 +328,8 @@ class LyapunovExponents(ContinuedRecord):
         return min(LAST, periods)
 
     def values(self, periods):
-        return 10 * self.last(periods) + measured_periods(self.blocks(periods)) * (self.count + self.certify)
-
-    def blocks(self, periods: int) -> int:
-        """Blocks of `BLOCK` periods that count."""
-        return -(-(periods if self.periods is None else self.periods) // BLOCK)
+        measured = measured_periods(counted_blocks(self.periods, periods))
+        return 10 * self.last(periods) + measured * (self.count + self.certify)
 
     def check(self, scene, periods, steps):
         check_count(scene, self.count)
@@ -104,117 +344,96 @@ class LyapunovExponents(ContinuedRecord):
 
     def cost_continuing(self, periods):
         half_step = 2 * tangents_cost(1) if self.certify else 0.0
-        measured = (tangents_cost(self.count) + half_step) * measured_periods(self.blocks(periods))
+        measured = (tangents_cost(self.count) + half_step) * measured_periods(counted_blocks(self.periods, periods))
         return measured + LOOK * PERIODS_PER_CALL
 
     def after(self, carried, samples, status, run: RecordedChunk):
         """Looks for the orbits that cases have reached."""
-        states, plan, scenes, steps = jax.tree.map(np.asarray, run.states), run.plan, run.scenes, run.steps
+        states = jax.tree.map(np.asarray, run.states)
         if not self.orbits:
-            return CasesAfterRecord(status, states, nothing_reached(states, self.count)), status
-        reached = reached_orbits(
-            scenes,
-            states,
-            coordinates(State(samples, None)),
-            steps,
-            solver=plan.solver,
-            count=self.count,
-            half_step=self.certify,
-            wanted=run.good(status),
-            on_progress=run.on_progress,
-        )
+            return (states, nothing_reached(states, self.count)), status
+        maps = Maps.of(run, run.good(status).astype(int))
+        strobe = coordinates(State(samples, None))
+        reached = reached_orbits(maps, states, strobe, count=self.count, half_step=self.certify)
         periodic = np.flatnonzero(reached.period)
         if len(periodic):
-            maps = Maps(scenes, steps, plan.solver, reached.period, run.on_progress, run.epoch)
-            codes = maps.look(periodic, rows_of(reached.state)[periodic], plan.capacity(steps))
+            maps = Maps.of(run, reached.period, run.epoch)
+            codes = maps.look(periodic, rows_of(reached.state)[periodic], run.capacity)
             # the measurement says what is wrong with a case
             reached.period[periodic[codes != Status.FINITE]] = 0
-        return CasesAfterRecord(status, states, reached), status
+        return (states, reached), status
 
     def finish(self, carried, samples, span) -> CasesAfterRecord:
         return carried
 
     def continue_cases(self, values: CasesAfterRecord, status, plan: Plan, options: Mapping[str, Any], interrupted):
         """Measures the cases that have not reached an orbit; with `certify`, runs chaotic ones for longer."""
+        after, reached = values
         no_orbit = status == Status.NO_ORBIT  # the orbit's record found none; the motion itself may be good
-        values = values._replace(status=np.where(no_orbit, int(Status.FINITE), status))
-        by_orbit = (values.reached.period > 0) & (values.status == Status.FINITE)
-        blocks, longer = self.blocks(plan.recorded.periods), None
-        measured = self._of_orbits(values, by_orbit, BLOCK * blocks)
+        status = np.where(no_orbit, int(Status.FINITE), status)
+        by_orbit = (reached.period > 0) & (status == Status.FINITE)
+        blocks = counted_blocks(self.periods, plan.recorded.periods)
+        measured = self._of_orbits(after, reached, by_orbit, BLOCK * blocks)
+
+        def work(part: ChunkInputs) -> CaseExponents:
+            states = jax.tree.map(lambda a: a[part.index], after)
+            return self._measured(part.recorded(plan, states, plan.periods), blocks, status[part.index])
+
         index = np.flatnonzero(~by_orbit)
         if len(index) and not interrupted:
-            interrupted = self._put_measured(measured, index, plan, values, options)
-        if self.certify and not interrupted:
-            exponent, error = measured.history.mean(axis=1)[:, 0], standard_error(measured.history)[:, 0]
-            chosen = np.flatnonzero(is_chaotic(exponent, error) & (measured.status == Status.FINITE))
-            if len(chosen):
-                epoch = plan.periods + measured_periods(blocks)
-                longer, interrupted = run_longer_motions(
-                    plan, chosen, measured.state, epoch, blocks, self.count, options
-                )
-                unfinished = longer.status == Status.NOT_RUN
-                measured.status[chosen[unfinished]] = Status.NOT_RUN
-                longer = longer.of(np.flatnonzero(~unfinished))
+            of_run: dict[str, Any] = dict(cost=self.cost_continuing(plan.recorded.periods), tangents=True)
+            of_run["name"] = f"exponents of {len(index)} cases"
+            run = run_cases(plan, work, index=index, **of_run, **options)
+            interrupted = run.interrupted
+            if run.results is not None:
+                for of_all, of_index in zip(jax.tree.leaves(measured), jax.tree.leaves(run.results), strict=True):
+                    of_all[index] = of_index
+        longer = LongerMotions.not_run(np.zeros(0, int), self.count)
+        exponent, error = measured.history.mean(axis=1)[:, 0], standard_error(measured.history)[:, 0]
+        chosen = np.flatnonzero(is_chaotic(exponent, error) & (measured.status == Status.FINITE))
+        if self.certify and not interrupted and len(chosen):
+            epoch = plan.periods + measured_periods(blocks)
+            longer, interrupted = run_longer_motions(plan, chosen, measured.state, epoch, blocks, self.count, options)
+            unfinished = longer.status == Status.NOT_RUN
+            measured.status[chosen[unfinished]] = Status.NOT_RUN
+            longer = LongerMotions(*(array[~unfinished] for array in longer))
         good = measured.status == Status.FINITE
         status = np.where(good & no_orbit, int(Status.NO_ORBIT), measured.status)
         return exponent_variables(plan.periods, measured, by_orbit, longer), status, interrupted
 
-    def _put_measured(
-        self,
-        measured: CaseExponents,
-        index: np.ndarray,
-        plan: Plan,
-        settled: CasesAfterRecord,
-        options: Mapping[str, Any],
-    ) -> bool:
-        """Measures the cases at `index`, and fills them in; gives whether the run was interrupted."""
-        work = lambda part: self._measure(plan, part, jax.tree.map(lambda a: a[part.index], settled))
-        name = f"exponents of {len(index)} cases"
-        cost = self.cost_continuing(plan.recorded.periods)
-        run = run_cases(plan, work, cost=cost, index=index, tangents=True, name=name, **options)
-        if run.results is not None:
-            for of_all, of_index in zip(jax.tree.leaves(measured), jax.tree.leaves(run.results), strict=True):
-                of_all[index] = of_index
-        return run.interrupted
-
-    def _of_orbits(self, settled: CasesAfterRecord, by_orbit: np.ndarray, periods: int) -> CaseExponents:
+    def _of_orbits(self, state: State, reached: ReachedOrbits, by_orbit: np.ndarray, periods: int) -> CaseExponents:
         """Exponents of the cases that have reached an orbit; the others are not measured yet."""
         exponents, half_step = (
             np.where(by_orbit[:, None], rows.reshape(len(by_orbit), -1), np.nan)
-            for rows in (settled.reached.exponents, settled.reached.half_step)
+            for rows in (reached.exponents, reached.half_step)
         )
         alike = lambda rows: np.repeat(rows[:, None], periods, axis=1)
         status = np.where(by_orbit, int(Status.FINITE), int(Status.NOT_RUN))
         checks = Checks(alike(half_step), status.copy(), exponents[:, 0].copy()) if self.certify else None
         kind = np.where(by_orbit, int(Regime.PERIODIC), int(Regime.UNRESOLVED))
-        period = np.where(by_orbit, settled.reached.period, 0)
-        return CaseExponents(status, kind, period, alike(exponents), settled.state, checks)
+        period = np.where(by_orbit, reached.period, 0)
+        return CaseExponents(status, kind, period, alike(exponents), state, checks)
 
-    def _measure(self, plan: Plan, part: ChunkInputs, settled: CasesAfterRecord) -> CaseExponents:
-        """Measures a chunk of cases after the recorded periods."""
-        steps, epoch, blocks = part.steps, float(plan.periods), self.blocks(plan.recorded.periods)
-        measure = Measure(plan.solver, part.scenes, settled.state, epoch, blocks, steps, part.on_progress)
-        local = measure(steps, self.count)
+    def _measured(self, run: RecordedChunk, blocks: int, status: Int[np.ndarray, " lanes"]) -> CaseExponents:
+        """Measures a chunk of cases, of some `Status` codes, from its states on."""
+        local = measure(run, blocks, self.count)
         states = jax.tree.map(np.asarray, local.state)
-        everyone, rows = np.arange(len(settled.status)), rows_of(states)
-        end = epoch + measure.periods
-        maps = Maps(part.scenes, steps, plan.solver, 0 * everyone, part.on_progress, end)
-        status = first_problem(settled.status, local.status)
-        status = np.asarray(first_problem(status, maps.look(everyone, rows, plan.capacity(steps))))
-        strobe = np.where((status == Status.FINITE)[:, None, None], local.strobe, np.nan)
-        motion = classify(strobe, scales=COORDINATE_SCALES, floor=FLOOR)
-        checks = None
+        rows, nowhere = rows_of(states), np.zeros(len(status), int)
+        maps = Maps.of(run, nowhere, run.epoch + measured_periods(blocks))
+        looked = maps.look(np.arange(len(rows)), rows, run.capacity)
+        status = np.asarray(first_problem(first_problem(status, local.status), looked))
+        motion, checks = motions_of(local.strobe, status), None
         if self.certify:
-            half = measure(2 * steps, 1)
+            half = measure(run, blocks, 1, finer=2)
             floquet, periodic = np.full(len(rows), np.nan), np.flatnonzero(motion.period)
             matrices = maps._replace(periods=motion.period).jacobians(periodic, rows[periodic])
             floquet[periodic] = [largest_exponent(of_case, len(of_case)) for of_case in matrices]
             checks = Checks(half.history, half.status, floquet)
-        return CaseExponents(status, Regime.codes(motion.kind), motion.period, local.history, states, checks)
+        return CaseExponents(status, motion.kind, motion.period, local.history, states, checks)
 
     def label(self, scene, dims, values: dict[str, np.ndarray]) -> Labelled:
         data = {}
-        for name, (over, unit, text) in labels_of(self.count, self.certify).items():
+        for name, (over, unit, text) in self.labels.items():
             label = {"units": unit, "long_name": text} if unit else {"long_name": text}
             data[name] = ((*dims, *over), values[name], label)
         return data, {}

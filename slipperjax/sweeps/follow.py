@@ -15,11 +15,11 @@ from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.quantities import COORDINATE_SCALES
 from ..model.scene import Scene
-from ..tools.checks import brief, number, one_of, positive
+from ..tools.checks import number, one_of, positive, require
 from .grid import Grid, filled, path_grid
 from .records import resolved_record
-from .run import Chunk, OnProgress, RunOptions, call_of, make_plan, run_chunk, run_chunks
-from .sweep import CaseResults, sweep_dataset
+from .run import Chunk, ChunkRun, OnProgress, RunOptions, call_of, make_plan, run_chunk, run_chunks
+from .sweep import sweep_dataset
 
 DIRECTIONS = {"up": 1, "down": -1}
 """Ways through a parameter's values."""
@@ -60,14 +60,14 @@ def follow(
     call = call_of("follow", locals())
     start = first_of(start)
     grid, _, values = path_grid(scene, path)
-    several = isinstance(directions, tuple | list) and len(directions) > 0
-    if not several or any(directions.count(d) > 1 for d in directions):
-        raise ValueError(f"Argument `directions` must name one or more ways, each once, but is {directions!r}.")
+    several = (
+        isinstance(directions, tuple | list) and directions and all(directions.count(d) == 1 for d in directions)
+    )
+    require(several, "directions", "name one or more ways, each once", directions)
     ways = [DIRECTIONS[one_of("directions", d, tuple(DIRECTIONS))] for d in directions]
     options = RunOptions(transient, periods, steps_per_period, saves_per_period, solver)
     records = resolved_record(record)
-    if records.continues:
-        raise ValueError(f"Argument `record` must not run on where cases follow one another, but is {brief(record)}.")
+    require(not records.continues, "record", "not run on where cases follow one another", record)
     plan = make_plan(grid, start, options, records)
     cases, lanes = plan.cases, np.arange(len(ways))
     columns = np.stack([np.arange(len(values))[::way] for way in ways], axis=1)  # (values, directions)
@@ -76,13 +76,13 @@ def follow(
     states: State | None = None
     passed = 0
 
-    def work(chunk: Chunk, on_progress: OnProgress) -> CaseResults:
+    def work(chunk: Chunk, on_progress: OnProgress) -> ChunkRun:
         nonlocal states, passed
         scenes, starts = cases.take(filled(columns[passed], len(ways)))
         begin = initial_states(scenes, starts) if states is None else states
         run = run_chunk(plan, scenes, begin, chunk.steps, on_progress, epoch=passed * plan.periods)
         states, passed = run.state, passed + 1
-        return CaseResults(run.status, run.record)
+        return run
 
     # one worker: each begins where the one before ended
     run = run_chunks(chunks, 1, work, cost=plan.cost, progress=progress)
@@ -112,17 +112,16 @@ class Jump(NamedTuple):
     """`FINITE`, or what ended the search at `after`."""
 
 
-class _Held(NamedTuple):
+class _HeldMotion(NamedTuple):
     """A motion held at a parameter's value."""
 
     state: State
-    mark: np.ndarray
-    """Its mean strobe state, in multiples of `COORDINATE_SCALES`."""
+    mark: np.ndarray  # its mean strobe state, in multiples of `COORDINATE_SCALES`
     status: Status
 
-
-def _distance(new: _Held, old: _Held) -> float:
-    return float(np.max(np.abs(new.mark - old.mark)))
+    def distance(self, other: "_HeldMotion") -> float:
+        """How far it is from another one."""
+        return float(np.max(np.abs(self.mark - other.mark)))
 
 
 def find_jump(
@@ -159,7 +158,7 @@ def find_jump(
     options = RunOptions(transient, periods, steps_per_period)
     lanes, epoch = filled(np.zeros(1, int), 1), 0
 
-    def run(value: float, state: State | None) -> _Held:
+    def run(value: float, state: State | None) -> _HeldMotion:
         nonlocal epoch
         plan = make_plan(Grid(scene, {name: [value]}), start, options, RecordSet((Strobe(),)))
         scenes, starts = plan.cases.take(lanes)
@@ -167,36 +166,35 @@ def find_jump(
         done = run_chunk(plan, scenes, state, plan.most_steps, epoch=epoch)
         epoch += plan.periods
         mark = done.record[0][0].mean(axis=0) / COORDINATE_SCALES
-        return _Held(done.state, mark, Status(int(done.status[0])))
+        return _HeldMotion(done.state, mark, Status(int(done.status[0])))
 
-    def hold(value: float, state: State | None) -> _Held:
+    def hold(value: float, state: State | None) -> _HeldMotion:
         held = run(value, state)
         for _ in range(MOST_HOLDS):
             if held.status != Status.FINITE:
                 break  # nothing can be followed from there
             earlier, held = held, run(value, held.state)
-            if _distance(held, earlier) < threshold / 10:
+            if held.distance(earlier) < threshold / 10:
                 break
         return held
 
-    jumped = lambda new, old: _distance(new, old) > threshold
-    ordered = values[::way]
-    at, on_branch = float(ordered[0]), hold(float(ordered[0]), None)
+    first, *others = map(float, values[::way])
+    at, on_branch = first, hold(first, None)
     if on_branch.status != Status.FINITE:
         return Jump(False, at, at, float("nan"), on_branch.status)
-    for target in map(float, ordered[1:]):
-        while at != target:
-            value, new = target, hold(target, on_branch.state)
-            while new.status == Status.FINITE and jumped(new, on_branch) and abs(value - at) > within:
-                middle = (at + value) / 2
-                halfway = hold(middle, on_branch.state)
-                if halfway.status != Status.FINITE or jumped(halfway, on_branch):
-                    value, new = middle, halfway
-                else:  # and what looked like a jump from further away may be none from here
-                    at, on_branch = middle, halfway
-            if new.status != Status.FINITE:
-                return Jump(False, at, value, float("nan"), new.status)
-            if jumped(new, on_branch):
-                return Jump(True, at, value, _distance(new, on_branch), Status.FINITE)
+    # values to go to, the next one last, and the motion at the last one that seemed to be beyond a jump
+    pending, beyond = others[::-1], (first, on_branch)
+    while pending:
+        value = pending.pop()
+        new = beyond[1] if value == beyond[0] else hold(value, on_branch.state)
+        if new.status != Status.FINITE:
+            return Jump(False, at, value, float("nan"), new.status)
+        size = new.distance(on_branch)
+        if not size > threshold:  # and what looked like a jump from further away may be none from here
             at, on_branch = value, new
+        elif abs(value - at) > within:
+            pending += [value, (at + value) / 2]
+            beyond = value, new
+        else:
+            return Jump(True, at, value, size, Status.FINITE)
     return Jump(False, at, at, float("nan"), Status.FINITE)

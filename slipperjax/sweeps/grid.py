@@ -1,8 +1,8 @@
-"""Grids and samples of parameters as batches of scenes and starts: names are resolved here, and nowhere below."""
+"""Grids and samples of parameters as batches of scenes and starts, and as tiles: names are resolved here only."""
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -17,7 +17,7 @@ from ..model.quantities import STARTS, Parameter
 from ..model.scene import Scene, check_scene
 from ..model.step_size import rounded_steps, steps_needed
 from ..tools.batching import Batched
-from ..tools.checks import brief, one_of, require, whole, yes_or_no
+from ..tools.checks import one_of, require, whole, yes_or_no
 from ..tools.compile import jit
 
 
@@ -27,16 +27,11 @@ class Grid:
     It holds the axes only, however many cases these make.
     """
 
-    scene: Scene
-    """The case whose parameters are varied."""
-    axes: dict[str, np.ndarray]
-    """Values by name, in SI units."""
-    product: bool
-    """Whether every combination is a case."""
-    dims: tuple[str, ...]
-    """Dimensions in a dataset."""
-    shape: tuple[int, ...]
-    """Lengths of `dims`."""
+    scene: Scene  # the case whose parameters are varied
+    axes: dict[str, np.ndarray]  # values by name, in SI units
+    product: bool  # whether every combination is a case
+    dims: tuple[str, ...]  # dimensions in a dataset
+    shape: tuple[int, ...]  # lengths of `dims`
 
     def __init__(self, scene: Scene, grid: Mapping[str, Any], *, product: bool = True):
         """**Arguments:** `grid`: values by name, of `slipperjax.PARAMETERS` or `STARTS`, in SI units.
@@ -68,12 +63,11 @@ class Grid:
 
     def coordinates(self) -> dict[str, Any]:
         """The axes as coordinates of a dataset."""
-        coordinates = {}
-        for name, values in self.axes.items():
-            label = self.label(name)
-            dim, known = label if label in self.dims else "case", _parameter(self.scene, name)
-            coordinates[label] = (dim, values, known.attributes)
-        return coordinates
+        labels = {name: self.label(name) for name in self.axes}
+        return {
+            label: (label if self.product else "case", self.axes[name], _parameter(self.scene, name).attributes)
+            for name, label in labels.items()
+        }
 
     def check_steps(self, steps: Any) -> None:
         """Raises `ValueError` where steps per period are neither one number nor one for each case."""
@@ -92,13 +86,12 @@ class Grid:
     def spread(self, count: int) -> dict[str, np.ndarray]:
         """Spreads `count` cases evenly over the grid, as lists; some come more than once where there are fewer."""
         index = np.floor((np.arange(count) + 0.5) * self.count / count).astype(int)
-        places = np.unravel_index(index, self.shape) if self.product else (index,) * len(self.axes)
-        return {name: values[at] for (name, values), at in zip(self.axes.items(), places, strict=True)}
+        return self.part(np.unravel_index(index, self.shape))
 
-    def part(self, region: tuple[slice, ...]) -> dict[str, np.ndarray]:
-        """The values by name in a region, one slice for each of `dims`."""
-        slices = region if self.product else region * len(self.axes)
-        return {name: values[cut] for (name, values), cut in zip(self.axes.items(), slices, strict=True)}
+    def part(self, index: tuple[Any, ...]) -> dict[str, np.ndarray]:
+        """The values by name in a part of the grid: a slice, or indices, for each of `dims`."""
+        index = index if self.product else index * len(self.axes)
+        return {name: values[k] for (name, values), k in zip(self.axes.items(), index, strict=True)}
 
 
 def _parameter(scene: Scene, name: str) -> Parameter:
@@ -107,12 +100,68 @@ def _parameter(scene: Scene, name: str) -> Parameter:
 
 
 def _values(scene: Scene, name: str, raw: Any) -> np.ndarray:
-    known = _parameter(scene, name)
-    known.check_exists(scene)
-    values = np.atleast_1d(np.asarray(known.checked(raw)))
+    quantity = _parameter(scene, name)
+    quantity.check_exists(scene)
+    values = np.atleast_1d(np.asarray(quantity.checked(raw)))
     if values.ndim != 1 or values.size == 0:
         raise ValueError(f"Argument `{name}` must be a list of one or more values, but has shape {values.shape}.")
     return values
+
+
+SMALLEST_TILE, LARGEST_TILE = 2048, 65_536
+"""Cases in a tile where none is asked for: a few seconds of work, and few enough to lose in a crash."""
+MOST_SMALL_TILES = 4096
+"""Tiles above which they grow up to `LARGEST_TILE`: each has a file for every variable."""
+
+
+class Tiling(NamedTuple):
+    """A grid as blocks of equal shape, cut off at its ends, numbered with the last dimension fastest."""
+
+    shape: tuple[int, ...]  # of the grid
+    tile: tuple[int, ...]  # of a block
+
+    @classmethod
+    def of(cls, shape: tuple[int, ...], size: int | None = None) -> "Tiling":
+        """Blocks of about `size` cases, whole along the last dimensions.
+
+        By default a block has `SMALLEST_TILE`, or more where there would be more than `MOST_SMALL_TILES` blocks.
+        """
+        if size is None:
+            size = min(max(SMALLEST_TILE, math.prod(shape) // MOST_SMALL_TILES), LARGEST_TILE)
+        tile, left = [1] * len(shape), size
+        for k in reversed(range(len(shape))):
+            pieces = -(-shape[k] // max(left, 1))
+            tile[k] = -(-shape[k] // pieces)
+            left //= shape[k]
+        return cls(shape, tuple(tile))
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Blocks along each dimension."""
+        return tuple(-(-n // m) for n, m in zip(self.shape, self.tile, strict=True))
+
+    @property
+    def count(self) -> int:
+        """Number of blocks."""
+        return math.prod(self.counts)
+
+    @property
+    def size(self) -> int:
+        """Cases of a whole block."""
+        return math.prod(self.tile)
+
+    def indices(self, number: int) -> tuple[int, ...]:
+        """Indices of a block along the dimensions, which name its files."""
+        return tuple(int(k) for k in np.unravel_index(number, self.counts))
+
+    def region(self, number: int) -> tuple[slice, ...]:
+        """Slices of the grid that make up a block."""
+        ends = zip(self.indices(number), self.tile, self.shape, strict=True)
+        return tuple(slice(k * m, min((k + 1) * m, n)) for k, m, n in ends)
+
+    def cases(self, number: int) -> int:
+        """Number of cases of a block."""
+        return math.prod(part.stop - part.start for part in self.region(number))
 
 
 VECTOR_LANES = 8
@@ -123,21 +172,12 @@ class Cases(Grid):
     """The flat list of cases that a grid makes: a batch of scenes, and a start for each."""
 
     scenes: Batched[Scene]
-    start: Motion | State
-    """The motion or state at time zero, where the grid does not vary it."""
-    starts: Motion | State
-    """Those of the cases, with a leading axis."""
+    start: Motion | State  # the motion or state at time zero, where the grid does not vary it
+    starts: Motion | State  # those of the cases, with a leading axis
 
     def __init__(self, scene: Scene, grid: Mapping[str, Any], start: Motion | State, *, product: bool = True):
-        """**Arguments:**
-
-        - `scene`: the case whose parameters are varied.
-        - `grid`: values by name, of `slipperjax.PARAMETERS` or `STARTS`, in SI units.
-        - `start`: the motion or state at time zero, where the grid does not vary it.
-        - `product`: whether every combination is a case, or the lists are read side by side.
-
-        **Raises:** `ValueError` for a wrong name, an empty axis, a bad value, or lists of several lengths side by
-        side.
+        """**Arguments:** `start`: the motion or state at time zero, where the grid does not vary it; others
+        and errors as for `Grid`.
         """
         super().__init__(scene, grid, product=product)
         flat = self.axes
@@ -157,7 +197,7 @@ class Cases(Grid):
             self.starts = eqx.tree_at(lambda state: state.motion, alike, self.starts)
 
     def take(self, index: np.ndarray) -> tuple[Batched[Scene], Motion | State]:
-        """The scenes and starts at some places, for a compiled program."""
+        """The scenes and starts at some indices, for a compiled program."""
         return self.scenes.take(index), jax.tree.map(lambda v: v[index], self.starts)
 
     def forcing_periods(self) -> Float[np.ndarray, " cases"]:
@@ -203,8 +243,8 @@ def path_grid(scene: Scene, path: Mapping[str, Any]) -> tuple[Grid, str, np.ndar
     require(isinstance(path, Mapping) and len(path) == 1, "path", "name one parameter with increasing values", path)
     grid = Grid(scene, path)
     name, values = next(iter(grid.axes.items()))
-    if name in STARTS or np.any(np.diff(values) <= 0):
-        raise ValueError(f"Argument `path` must name one parameter with increasing values, but is {path!r}.")
+    increase = name not in STARTS and not np.any(np.diff(values) <= 0)
+    require(increase, "path", "name one parameter with increasing values", path)
     return grid, name, values
 
 
@@ -245,13 +285,10 @@ def sample_box(
     method = one_of("method", method, METHODS)
     if method == "random":
         points = rng.random((count, dimensions))
-    elif method == "sobol":
-        # of a power of two, of which fewer are as well spread
-        engine = qmc.Sobol(dimensions, rng=rng)
-        points = engine.random_base2(max(count - 1, 1).bit_length())[:count]
     else:
-        engine = (qmc.Halton if method == "halton" else qmc.LatinHypercube)(dimensions, rng=rng)
-        points = engine.random(count)
+        engine = {"sobol": qmc.Sobol, "halton": qmc.Halton, "latin": qmc.LatinHypercube}[method](dimensions, rng=rng)
+        # of a power of two Sobol points, fewer are as well spread
+        points = engine.random(1 << max(count - 1, 1).bit_length() if method == "sobol" else count)[:count]
     unknown = [name for name in log if name not in box]
     if unknown:
         raise ValueError(f"Argument `log` must name parameters of `box`, but has {unknown[0]!r}.")
@@ -266,6 +303,6 @@ def sample_box(
 def _bounds(scene: Scene, name: str, ends: Any) -> tuple[float, float]:
     """Two values of a parameter, the lower first."""
     values = np.asarray(_parameter(scene, name).checked(ends), float)
-    if values.shape != (2,) or not values[0] < values[1]:
-        raise ValueError(f"Argument `box` must have the lower and the higher bound of {name}, but has {brief(ends)}.")
+    pair = values.shape == (2,) and values[0] < values[1]
+    require(pair, "box", f"have the lower and the higher bound of {name}", ends)
     return float(values[0]), float(values[1])

@@ -5,33 +5,175 @@ one after a new Jacobian. So no case waits for another one's line search, and ca
 """
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import diffrax
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
 from ..analysis.floquet import multipliers
-from ..flow.record import Labelled, attributes
-from ..flow.status import Status, first_problem
+from ..analysis.newton import LEAST_FALL
+from ..flow.period_map import advance, batch_jacobians, tangent_weights
+from ..flow.record import Labelled, RecordSet, attributes
+from ..flow.records import ContactChecks, judged_by_contacts
+from ..flow.simulate import dynamic_steps
+from ..flow.status import Status, first_problem, most_stability_number, status_of
+from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State
-from ..model.layout import coordinates
+from ..model.layout import StateLayout, coordinates
 from ..model.quantities import COORDINATES
 from ..model.scene import Scene
-from ..orbits.motions import check_forcing
+from ..orbits.motions import check_forcing, consistent_memory
 from ..orbits.periodic import TOLERANCE
 from ..tools.batching import Batched
 from ..tools.checks import number, positive, whole
-from .maps import JACOBIAN, Maps, rows_of
-from .run import ContinuedRecord, OnProgress, RecordedChunk
+from ..tools.compile import jit
+from .grid import filled
+from .run import PERIODS_PER_CALL, ContinuedRecord, OnProgress, RecordedChunk
+
+# --- period maps of some cases of a batch, by programs of one size for all numbers of cases -------------------------
+
+JACOBIAN, LOOK = 35.0, 2.4
+"""Cost of a period with its Jacobian, and with its loads, in unrecorded ones: measured."""
+LANES_PER_CALL = 32
+"""Cases in one call. A program of another size takes as long to compile as hundreds of Jacobians take to compute."""
+
+rows_of = StateLayout.pack
+
+
+class Maps(NamedTuple):
+    """Maps over some forcing periods, each of one case of a batch. Cases are given by their indices in it.
+
+    Each period is a call of its own, so that cases of different periods share programs, and a solver that begins
+    each differentiated period anew begins each mapped one anew.
+    """
+
+    scenes: Batched[Scene]
+    steps: int  # per forcing period
+    solver: diffrax.AbstractSolver
+    periods: Int[np.ndarray, " cases"]  # forcing periods of each case's map
+    on_progress: OnProgress
+    epoch: float = 0.0  # forcing period at which the maps begin
+
+    @classmethod
+    def of(cls, run: RecordedChunk, periods: Int[np.ndarray, " cases"], epoch: float = 0.0) -> "Maps":
+        """Maps of the cases of a chunk."""
+        return cls(run.scenes, run.steps, run.plan.solver, periods, run.on_progress, epoch)
+
+    def states(self, rows: np.ndarray) -> State:
+        """Rows of numbers as states."""
+        return StateLayout.of(self.scenes.shared).unpack(rows)
+
+    def mapped(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """States after each case's period."""
+        return self.path(index, rows)[1]
+
+    def path(self, index: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """States at the start of each forcing period, (cases, periods, size), and after the last.
+
+        Beyond a case's own period its row after it is repeated.
+        """
+        along, rows = [], rows.copy()
+        for k in range(self.periods[index].max(initial=1)):
+            along.append(rows.copy())
+            going = np.flatnonzero(self.periods[index] > k)
+            advanced = functools.partial(self._advanced, self.epoch + k)
+            rows[going] = self._of_blocks(advanced, index[going], rows[going])
+            self.on_progress(len(going) / len(self.periods))
+        return np.stack(along, axis=1), rows
+
+    def jacobians(self, index: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
+        """Jacobians of each case's forcing periods, (period, size, size) each; for a forcing that recurs."""
+        if not len(index):
+            return []
+        along, counts = self.path(index, rows)[0], self.periods[index]
+        # the periods of all cases at once, because few cases have many
+        lane, period = np.nonzero(np.arange(along.shape[1]) < counts[:, None])
+        matrices = self._of_blocks(self._derived, index[lane], along[lane, period])
+        self.on_progress(JACOBIAN * len(lane) / len(self.periods))
+        return np.split(matrices, np.cumsum(counts)[:-1])
+
+    def settled(self, index: np.ndarray, proposed: np.ndarray, mapped: np.ndarray) -> np.ndarray:
+        """Proposed states that the latch agrees with."""
+        return self._of_blocks(lambda *of: rows_of(_settled(*of)), index, proposed, mapped)
+
+    def weights(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Weights of the components of states."""
+        return self._of_blocks(lambda *of: rows_of(_weights(*of)), index, rows)
+
+    def look(self, index: np.ndarray, rows: np.ndarray, capacity: int) -> Int[np.ndarray, " some"]:
+        """Judges states by the contact loads of some periods from there on, as `Status` codes.
+
+        **Arguments:** `capacity`: steps per period that the program has capacity for, of `Plan.capacity`.
+        """
+        codes = self._of_blocks(functools.partial(self._looked, capacity), index, rows)
+        self.on_progress(LOOK * PERIODS_PER_CALL * len(index) / len(self.periods))
+        return codes
+
+    def coordinates(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Coordinates and velocities of states, in the order of `slipperjax.model.COORDINATES`."""
+        return self._of_blocks(lambda _, states: coordinates(states), index, rows)
+
+    def statuses(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """`Status` codes of states."""
+        return self._of_blocks(lambda _, states: np.asarray(_statuses(states)), index, rows)
+
+    def _advanced(self, at: float, scenes: Batched[Scene], states: State) -> np.ndarray:
+        return rows_of(advance(scenes, states, at, dynamic_steps(self.steps), solver=self.solver, periods=1).state)
+
+    def _derived(self, scenes: Batched[Scene], states: State) -> np.ndarray:
+        of = scenes, states, self.epoch, dynamic_steps(self.steps)
+        return np.asarray(batch_jacobians(*of, solver=self.solver, periods=1))[:, 0]
+
+    def _looked(self, capacity: int, scenes: Batched[Scene], states: State) -> np.ndarray:
+        stepping, records = ConstantSteps(capacity, jnp.asarray(float(self.steps))), RecordSet((ContactChecks(),))
+        options: dict[str, Any] = dict(solver=self.solver, periods=PERIODS_PER_CALL, records=records)
+        seen = advance(scenes, states, self.epoch, stepping, **options)
+        return np.asarray(judged_by_contacts(scenes, seen.status, *seen.carried, most_stability_number(self.solver)))
+
+    def _of_blocks(self, call: Callable[..., np.ndarray], index: np.ndarray, *rows: np.ndarray) -> np.ndarray:
+        """`call(scenes, *states)` over the cases in blocks of one size."""
+        if not len(index):
+            return np.empty((0, *rows[0].shape[1:]))
+        size, parts = LANES_PER_CALL if len(self.periods) > 8 else 8, []
+        for first in range(0, len(index), size):
+            part = np.arange(first, min(first + size, len(index)))
+            lanes = filled(part, size)
+            states = (self.states(r[lanes]) for r in rows)
+            parts.append(call(self.scenes.take(index[lanes]), *states)[: len(part)])
+        return np.concatenate(parts)
+
+
+@jit
+def _settled(scenes: Batched[Scene], proposed: State, mapped: State) -> State:
+    return scenes.map(consistent_memory, proposed, mapped)
+
+
+@jit
+def _weights(scenes: Batched[Scene], states: State) -> State:
+    def one(scene, state):
+        weights = tangent_weights(scene)(state)
+        return jax.tree.map(lambda s, w: jnp.broadcast_to(jnp.asarray(w, float), s.shape), state, weights)
+
+    return scenes.map(one, states)
+
+
+@jit
+def _statuses(states: State) -> jax.Array:
+    return jax.vmap(status_of)(states)
+
+
+# --- Newton's method ------------------------------------------------------------------------------------------------
+
+# This is not `analysis.newton` under `jax.vmap`, which computes a Jacobian at each point, of all lanes until the
+# last is done. On 16 speeds Broyden's updates needed 3.6 iterations and two Jacobians, 74 periods; that is five, 175.
 
 HALVINGS = 5
 """How often a step is halved before it is taken whatever it gives."""
-FALL = 0.1
-"""Share of a step by which the residual must fall for the step to be taken."""
 SLOW = 0.3
 """Share of the residual that may be left after a step; where more is left, the Jacobian is computed anew."""
 MOST_JACOBIANS = 6
@@ -41,21 +183,17 @@ MOST_JACOBIANS = 6
 class Orbits(NamedTuple):
     """Periodic orbits of many cases, as far as they were found."""
 
-    state: State
-    """At the start of a forcing period."""
-    residual: Float[np.ndarray, " cases"]
-    """Greatest scaled component of what a state misses after the period [1]."""
+    state: State  # at the start of a forcing period
+    residual: Float[np.ndarray, " cases"]  # greatest scaled component of what a state misses after the period [1]
     iterations: Int[np.ndarray, " cases"]
-    jacobians: Int[np.ndarray, " cases"]
-    """How many were computed, that of the orbit included."""
+    jacobians: Int[np.ndarray, " cases"]  # how many were computed, that of the orbit included
+    # Over the orbit's period, the largest modulus first [1]; NaN where there is no orbit.
     multipliers: Complex[np.ndarray, "cases size"]
-    """Over the orbit's period, the largest modulus first [1]; NaN where there is no orbit."""
+    # Logarithm of the greatest growth of a scaled tangent in one forcing period [1]; NaN without an orbit.
     growth: Float[np.ndarray, " cases"]
-    """Logarithm of the greatest growth of a scaled tangent in one forcing period [1]; NaN without an orbit."""
+    # Of I - P_x, P_x being the Jacobian over the orbit's period, for its derivatives; NaN without an orbit.
     inverse: Float[np.ndarray, "cases size size"]
-    """Of I - P_x, P_x being the Jacobian over the orbit's period, for its derivatives; NaN without an orbit."""
-    status: Int[np.ndarray, " cases"]
-    """`Status` codes."""
+    status: Int[np.ndarray, " cases"]  # `Status` codes
 
     @property
     def stable(self) -> np.ndarray:
@@ -64,25 +202,19 @@ class Orbits(NamedTuple):
 
 
 def find_orbits(
-    scenes: Batched[Scene],
+    maps: Maps,
     states: State,
-    steps: int,
     *,
-    solver: diffrax.AbstractSolver,
-    period: int | Int[np.ndarray, " cases"],
     tolerance: float,
     max_iterations: int,
-    on_progress: OnProgress,
     inverse: Float[np.ndarray, "cases size size"] | None = None,
 ) -> Orbits:
     """Finds the orbits near some states of a batch, each by Newton's method; see `Orbits.status` for the outcome.
 
-    **Arguments:** `states`: with a leading axis of cases; `period`: forcing periods after which the orbits recur, of
-    all or of each case, 0 for those without a search; `steps`: per forcing period; `inverse`: guesses of
-    `Orbits.inverse`, such as neighbours', NaN where there is none.
+    **Arguments:** `maps`: over the periods after which the orbits recur, 0 for cases without a search; `states`: with
+    a leading axis of cases; `inverse`: guesses of `Orbits.inverse`, such as neighbours', NaN where there is none.
     """
-    rows = rows_of(states)
-    search = _Search(Maps(scenes, steps, solver, np.broadcast_to(period, len(rows)), on_progress), rows)
+    search = _Search(maps, rows_of(states))
     if inverse is not None:
         search.inverse = inverse.copy()
         search.stale = ~np.all(np.isfinite(inverse), axis=(1, 2))
@@ -130,7 +262,7 @@ class _Search:
         new_residual = _residuals(new_miss, weights)
         self.iterations[index] += 1
         last = share <= 0.5**HALVINGS
-        good = (new_residual <= (1 - FALL * share) * self.residual[index]) | (last & np.isfinite(new_residual))
+        good = (new_residual <= (1 - LEAST_FALL * share) * self.residual[index]) | (last & np.isfinite(new_residual))
         taken, moved, fell = index[good], (proposed - rows)[good], (miss - new_miss)[good]
         self.inverse[taken] = _broyden(self.inverse[taken], moved, fell, weights[good])
         self.stale[taken] = new_residual[good] > SLOW * self.residual[taken]
@@ -192,17 +324,6 @@ TYPICAL_ITERATIONS = 8
 """Iterations of Newton's method that a case takes, about."""
 
 
-class CaseOrbits(NamedTuple):
-    """Orbits of cases, arrays with a leading axis."""
-
-    strobe: np.ndarray
-    """States at the start of a period, in the order of `COORDINATES`."""
-    state: np.ndarray
-    multipliers: np.ndarray
-    residual: np.ndarray
-    iterations: np.ndarray
-
-
 @dataclass(frozen=True)
 class NearestOrbit(ContinuedRecord):
     """The periodic orbit near the end of each motion, by Newton's method, with its Floquet multipliers.
@@ -221,9 +342,7 @@ class NearestOrbit(ContinuedRecord):
         whole("max_iterations", self.max_iterations, 1)
         number(positive, "tolerance", self.tolerance)
 
-    @property
-    def name(self):
-        return "orbits"
+    name = "orbits"
 
     @property
     def variables(self):
@@ -240,37 +359,28 @@ class NearestOrbit(ContinuedRecord):
         return self.period * (2 * JACOBIAN + TYPICAL_ITERATIONS)
 
     def after(self, carried, samples, status, run: RecordedChunk):
-        orbits = find_orbits(
-            run.scenes,
-            jax.tree.map(np.asarray, run.states),
-            run.steps,
-            solver=run.plan.solver,
-            period=np.where(run.good(status), self.period, 0),
-            tolerance=self.tolerance,
-            max_iterations=self.max_iterations,
-            on_progress=run.on_progress,
-        )
+        maps, states = Maps.of(run, np.where(run.good(status), self.period, 0)), jax.tree.map(np.asarray, run.states)
+        orbits = find_orbits(maps, states, tolerance=self.tolerance, max_iterations=self.max_iterations)
         states = coordinates(orbits.state), rows_of(orbits.state)
-        arrays = CaseOrbits(*states, orbits.multipliers, orbits.residual, orbits.iterations)
-        return arrays, first_problem(status, orbits.status)
+        return (*states, orbits.multipliers, orbits.residual, orbits.iterations), first_problem(status, orbits.status)
 
-    def finish(self, carried, samples, span) -> CaseOrbits:
+    def finish(self, carried, samples, span):
         return carried
 
-    def label(self, scene, dims, values: CaseOrbits) -> Labelled:
-        largest = np.abs(values.multipliers[..., 0])
+    def label(self, scene, dims, values) -> Labelled:
+        strobe, state, mu, residual, iterations = values
+        largest = np.abs(mu[..., 0])
         with np.errstate(divide="ignore"):
             exponent = np.log(largest) / self.period
         text = "; ".join(f"{name} [{q.unit}]" for name, q in COORDINATES.items())
         label, over = attributes, (*dims, "multiplier")
-        real, imaginary = values.multipliers.real, values.multipliers.imag
         return {
-            "orbit": ((*dims, "coordinate"), values.strobe, {"long_name": f"state at the start of a period: {text}"}),
-            "orbit_state": ((*dims, "number"), values.state, {"long_name": "all numbers of the orbit's state"}),
-            "multiplier_real": (over, real, label("1", "Floquet multipliers, real parts")),
-            "multiplier_imag": (over, imaginary, label("1", "Floquet multipliers, imaginary parts")),
+            "orbit": ((*dims, "coordinate"), strobe, {"long_name": f"state at the start of a period: {text}"}),
+            "orbit_state": ((*dims, "number"), state, {"long_name": "all numbers of the orbit's state"}),
+            "multiplier_real": (over, mu.real, label("1", "Floquet multipliers, real parts")),
+            "multiplier_imag": (over, mu.imag, label("1", "Floquet multipliers, imaginary parts")),
             "orbit_exponent": (dims, exponent, label("1/period", "ln of the largest multiplier's modulus")),
             "stable": (dims, largest < 1, {"long_name": "whether all multipliers lie inside the unit circle"}),
-            "residual": (dims, values.residual, label("1", "scaled residual")),
-            "iterations": (dims, values.iterations, label("1", "iterations of Newton's method")),
+            "residual": (dims, residual, label("1", "scaled residual")),
+            "iterations": (dims, iterations, label("1", "iterations of Newton's method")),
         }, {"coordinate": list(COORDINATES)}

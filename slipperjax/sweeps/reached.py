@@ -2,10 +2,9 @@
 
 from typing import NamedTuple
 
-import diffrax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from ..analysis.attractor import recurrence
 from ..flow.status import FASTEST_GROWTH, Status
@@ -17,9 +16,7 @@ from ..orbits.periodic import DIVISOR, TOLERANCE
 from ..tools.batching import Batched
 from ..tools.compile import jit
 from .attractors import FLOOR
-from .maps import Maps, rows_of
-from .orbits import Orbits, find_orbits
-from .run import OnProgress
+from .orbits import Maps, Orbits, find_orbits, rows_of
 
 LONGEST_PERIOD = 16
 """Longest period of a motion whose Floquet multipliers are computed, or whose orbit is looked for."""
@@ -36,14 +33,13 @@ ITERATIONS = 20
 class ReachedOrbits(NamedTuple):
     """Orbits that cases have reached."""
 
+    # Forcing periods after which the orbit recurs; 0 where none was reached for certain.
     period: Int[np.ndarray, " cases"]
-    """Forcing periods after which the orbit recurs; 0 where none was reached for certain."""
+    # Of the orbit, ln |multiplier| per forcing period, the largest first [1/period]; NaN without an orbit.
     exponents: Float[np.ndarray, "cases count"]
-    """Of the orbit, ln |multiplier| per forcing period, the largest first [1/period]; NaN without an orbit."""
+    # The largest with steps half as long [1/period]; NaN where it was not asked for.
     half_step: Float[np.ndarray, " cases"]
-    """The largest with steps half as long [1/period]; NaN where it was not asked for."""
-    state: State
-    """At the start of a forcing period; without an orbit, where the motion is."""
+    state: State  # at the start of a forcing period; without an orbit, where the motion is
 
 
 def nothing_reached(states: State, count: int) -> ReachedOrbits:
@@ -53,16 +49,7 @@ def nothing_reached(states: State, count: int) -> ReachedOrbits:
 
 
 def reached_orbits(
-    scenes: Batched[Scene],
-    states: State,
-    strobe: Float[np.ndarray, "cases periods coordinates"],
-    steps: int,
-    *,
-    solver: diffrax.AbstractSolver,
-    count: int,
-    half_step: bool,
-    wanted: Bool[np.ndarray, " cases"],
-    on_progress: OnProgress,
+    maps: Maps, states: State, strobe: Float[np.ndarray, "cases periods coordinates"], *, count: int, half_step: bool
 ) -> ReachedOrbits:
     """The orbits that motions have reached, of the cases for which that is certain.
 
@@ -70,37 +57,34 @@ def reached_orbits(
     unit circle, none that is asked for is smaller than `SMALLEST_MULTIPLIER`, and the motion is within `NEAR` of the
     orbit and does not move away; with `half_step` an orbit with steps half as long must be found, stable and as near.
 
-    **Arguments:** `states`: at the end of the record `strobe`, which has 20 periods or more; `count`: number of
-    exponents; `wanted`: cases that are looked at.
+    **Arguments:** `maps`: over one period, or none for cases that are not looked at; `states`: at the end of the
+    record `strobe`, which has 20 periods or more; `count`: number of exponents.
     """
     nothing = nothing_reached(states, count)
-    period = np.where(wanted & np.asarray(_recurs(scenes, states)), likely_periods(strobe), 0)
+    period = np.where((maps.periods > 0) & np.asarray(_recurs(maps.scenes, states)), likely_periods(strobe), 0)
     if not period.any():
         return nothing
-    options = dict(solver=solver, tolerance=TOLERANCE, max_iterations=ITERATIONS)
-    orbits = find_orbits(scenes, states, steps, period=period, on_progress=on_progress, **options)
+    options = dict(tolerance=TOLERANCE, max_iterations=ITERATIONS)
+    orbits = find_orbits(maps._replace(periods=period), states, **options)
     exponents = _exponents(orbits, period, count)
     period = np.where(_sound(orbits) & np.all(exponents > np.log(SMALLEST_MULTIPLIER), axis=1), period, 0)
-    along = _along(Maps(scenes, steps, solver, period, on_progress), orbits.state)
+    along = _along(maps._replace(periods=period.copy()), orbits.state)
     for k in np.flatnonzero(period):
         path = along[k, : period[k]]
         period[k] = least_period(path) if is_near(strobe[k], path) else 0
     half = nothing.half_step
     if half_step and period.any():
-        twice = lambda periods: on_progress(2 * periods)
-        finer = find_orbits(scenes, orbits.state, 2 * steps, period=period, on_progress=twice, **options)
-        there = _along(Maps(scenes, 2 * steps, solver, period, twice), finer.state)
+        twice = lambda periods: maps.on_progress(2 * periods)
+        finer_maps = maps._replace(periods=period, steps=2 * maps.steps, on_progress=twice)
+        finer = find_orbits(finer_maps, orbits.state, **options)
+        there = _along(finer_maps, finer.state)
         apart = np.max(np.abs(there[:, 0] - along[:, 0]) / COORDINATE_SCALES, axis=1)
         half = _exponents(finer, period, 1)[:, 0]
         period = np.where(_sound(finer) & (apart <= NEAR), period, 0)
-    taken = period > 0
-    at = np.where(taken[:, None], rows_of(orbits.state), rows_of(states))
-    return ReachedOrbits(
-        period,
-        np.where(taken[:, None], exponents, np.nan),
-        np.where(taken, half, np.nan),
-        Maps(scenes, steps, solver, period, on_progress).states(at),
-    )
+    on_orbit = period > 0
+    at = np.where(on_orbit[:, None], rows_of(orbits.state), rows_of(states))
+    exponents, half = np.where(on_orbit[:, None], exponents, np.nan), np.where(on_orbit, half, np.nan)
+    return ReachedOrbits(period, exponents, half, maps.states(at))
 
 
 def likely_periods(strobe: Float[np.ndarray, "cases periods coordinates"]) -> Int[np.ndarray, " cases"]:
@@ -149,7 +133,7 @@ def _along(maps: Maps, states: State) -> np.ndarray:
     """Coordinates at the start of each forcing period, (cases, periods, coordinates); 0 without a period."""
     index = np.flatnonzero(maps.periods)
     rows = rows_of(states)[index]
-    along = np.zeros((maps.count, max(int(maps.periods.max(initial=1)), 1), len(COORDINATES)))
+    along = np.zeros((len(maps.periods), max(int(maps.periods.max(initial=1)), 1), len(COORDINATES)))
     if len(index):
         path = maps.path(index, rows)[0]
         for k in range(path.shape[1]):

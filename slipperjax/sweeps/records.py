@@ -4,21 +4,20 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from ..analysis.attractor import MIN_TEST, classify
+from ..analysis.attractor import MIN_TEST
 from ..analysis.kinds import Regime
 from ..analysis.lyapunov import standard_error
-from ..flow.record import AbstractRecord, History, Labelled, RecordedSpan, RecordSet, Sections, Strobe, attributes
+from ..flow.record import AbstractRecord, attributes, History, Labelled, RecordedSpan, RecordSet, Sections, Strobe
 from ..flow.records import ALIASES, RECORDS, ContactChecks, OnePoint
-from ..flow.status import Status, first_problem
+from ..flow.status import first_problem
 from ..model.dynamics import State
 from ..model.layout import coordinates
 from ..model.quantities import COORDINATE_SCALES, LOADS, Quantity
-from ..tools.checks import brief, require, whole, yes_or_no
-from .attractors import FLOOR
-from .exponents import LyapunovExponents
-from .measure import BLOCK, LAST, Measure, measured_periods, tangents_cost
+from ..tools.checks import require, whole, yes_or_no
+from .attractors import LAST, Motions, motions_of
+from .exponents import LyapunovExponents, counted_blocks, measure, measured_periods, tangents_cost
 from .orbits import NearestOrbit
 from .run import ContinuedRecord, RecordedChunk
 
@@ -26,14 +25,6 @@ LEAST_PERIODS = 16
 """Recorded periods without which nothing is classified, see `slipperjax.analysis.classify`."""
 LEAST_MEASURED = 8
 """Periods without which an exponent has no standard error, see `slipperjax.analysis.standard_error`."""
-
-
-class Motions(NamedTuple):
-    """Kind code and period of motions."""
-
-    kind: Int[Any, "*cases"]
-    """Numbers of `slipperjax.analysis.Regime`."""
-    period: Int[Any, "*cases"]
 
 
 @dataclass(frozen=True)
@@ -51,9 +42,7 @@ class MotionKind(AbstractRecord):
     def __post_init__(self):
         whole("latest", self.latest, LEAST_PERIODS)
 
-    @property
-    def name(self):
-        return "motion"
+    name = "motion"
 
     @property
     def variables(self):
@@ -73,17 +62,11 @@ class MotionKind(AbstractRecord):
         return course.end.motion
 
     def check(self, scene, periods, steps):
-        if periods < LEAST_PERIODS:
-            raise ValueError(
-                f"Argument `periods` must be {LEAST_PERIODS} or more to classify motions, {MIN_TEST} or more to tell "
-                f"tori from chaos, but is {periods}."
-            )
+        need = f"be {LEAST_PERIODS} or more to classify motions, {MIN_TEST} or more to tell tori from chaos"
+        require(periods >= LEAST_PERIODS, "periods", need, periods)
 
     def finish(self, carried, samples, span: RecordedSpan) -> Motions:
-        states = coordinates(State(samples, None))
-        states = np.where((span.status == Status.FINITE)[:, None, None], states, np.nan)
-        motions = classify(states, scales=COORDINATE_SCALES, floor=FLOOR)
-        return Motions(Regime.codes(motions.kind), np.asarray(motions.period, int))
+        return motions_of(coordinates(State(samples, None)), span.status)
 
     def label(self, scene, dims, values: Motions) -> Labelled:
         words = Regime.kind_names(values.kind)
@@ -116,9 +99,7 @@ class LargestExponent(ContinuedRecord):
         if self.periods is not None:
             whole("periods", self.periods, LEAST_MEASURED)
 
-    @property
-    def name(self):
-        return "exponent"
+    name = "exponent"
 
     @property
     def quantity(self) -> Quantity:
@@ -137,17 +118,11 @@ class LargestExponent(ContinuedRecord):
     def values(self, periods):
         return 2
 
-    def blocks(self, periods: int) -> int:
-        """Blocks of `BLOCK` periods that count."""
-        return -(-(periods if self.periods is None else self.periods) // BLOCK)
-
     def cost_after(self, periods):
-        return tangents_cost(1) * measured_periods(self.blocks(periods))
+        return tangents_cost(1) * measured_periods(counted_blocks(self.periods, periods))
 
     def after(self, carried, samples, status, run: RecordedChunk):
-        blocks = self.blocks(run.plan.recorded.periods)
-        measure = Measure(run.plan.solver, run.scenes, run.states, run.epoch, blocks, run.steps, run.on_progress)
-        local = measure(run.steps, 1)
+        local = measure(run, counted_blocks(self.periods, run.plan.recorded.periods), 1)
         return local.history, first_problem(status, local.status)
 
     def finish(self, carried, samples, span) -> OneExponent:
@@ -182,9 +157,9 @@ def resolved_record(record: Any, loads: bool | None = None) -> RecordSet:
 
     **Raises:** `ValueError` for anything else.
     """
-    asked = list(record) if isinstance(record, list | tuple) else [record]
-    require(asked, "record", f"name at least one of {', '.join(NAMES)}", record)
-    records = [one for given in asked for one in _records(given)]
+    listed = list(record) if isinstance(record, list | tuple) else [record]
+    require(listed, "record", f"name at least one of {', '.join(NAMES)}", record)
+    records = [one for item in listed for one in _records(item)]
     series = any(isinstance(one, Sections | History) for one in records)
     if yes_or_no("loads", series if loads is None else loads):
         records += [RECORDS[name] for name in LOADS]
@@ -197,14 +172,10 @@ _OF_LOADS = {RECORDS[name] for name in (*LOADS, "impact_impulse")}
 """Records that look at contact loads."""
 
 
-def _records(given: Any) -> tuple[AbstractRecord, ...]:
+def _records(record: Any) -> tuple[AbstractRecord, ...]:
     """The records of a name, or a record as it is."""
-    if isinstance(given, AbstractRecord):
-        return (given,)
-    if isinstance(given, str) and given in NAMES:
-        names = ALIASES.get(given, (given,))
-        return _OTHERS.get(given) or tuple(RECORDS[name] for name in names)
-    raise ValueError(
-        f"Argument `record` must be one of {', '.join(NAMES)}, a record, or a list of names and records, but is "
-        f"{brief(given)}."
-    )
+    if isinstance(record, AbstractRecord):
+        return (record,)
+    need = f"be one of {', '.join(NAMES)}, a record, or a list of names and records"
+    require(isinstance(record, str) and record in NAMES, "record", need, record)
+    return _OTHERS.get(record) or tuple(RECORDS[name] for name in ALIASES.get(record, (record,)))

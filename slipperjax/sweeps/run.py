@@ -4,7 +4,7 @@ import math
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed, wait
+from concurrent.futures import ThreadPoolExecutor, as_completed, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Int
 
-from ..flow.period_map import Passage, advance
+from ..flow.period_map import advance
 from ..flow.record import AbstractRecord, RecordedSpan, RecordSet, Samples, Strobe
 from ..flow.simulate import step_plan
 from ..flow.status import ASKED, Interrupted, Status, blank, first_problem
@@ -29,7 +29,8 @@ from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.checks import whole
-from ..tools.limits import cores, refuse_impossible
+from ..tools.limits import cores
+from .estimate import SECONDS_PER_STEP, CountedEstimate
 from .grid import VECTOR_LANES, Cases, Grid, batch_size, filled
 
 LARGEST_CHUNK = 128
@@ -42,10 +43,6 @@ LANES_PER_START = 2
 PERIODS_PER_CALL = 10
 """Forcing periods in one call of a search; transients above it are rounded up to its multiples."""
 
-SECONDS_PER_STEP = 4e-7
-"""Time of a step of one case in a batch, on one core: measured 0.38 us, see the page on speed."""
-LEAST_BYTES = 1000.0
-"""Memory that a case takes at least: its scene, start, status and labels."""
 SAMPLED_CASES = 4096
 """Cases, spread over a grid, whose steps stand for those of all in an estimate."""
 
@@ -91,15 +88,13 @@ def refuse_cases(count: int) -> None:
 
     **Raises:** `ValueError` that names memory and time.
     """
-    seconds = SECONDS_PER_STEP * LEAST_STEPS * count / cores()
-    refuse_impossible(f"{count} cases of one forcing period at least", LEAST_BYTES * count, seconds)
+    CountedEstimate(count, SECONDS_PER_STEP * LEAST_STEPS, 0.0, " of one forcing period at least").check()
 
 
 class Calls(NamedTuple):
     """A stretch of a run as calls of one compiled program."""
 
-    length: int
-    """Forcing periods in one call. Progress and Ctrl-C are polled between calls."""
+    length: int  # forcing periods in one call. Progress and Ctrl-C are polled between calls.
     count: int
 
     @classmethod
@@ -124,12 +119,9 @@ class Calls(NamedTuple):
 class Chunk(NamedTuple):
     """Cases that run as one batch."""
 
-    index: Int[np.ndarray, " lanes"]
-    """Indices into the list of all cases; the last is repeated to fill the batch."""
-    cases: int
-    """How many of them count."""
-    steps: int
-    """Integration steps per forcing period, the same for all."""
+    index: Int[np.ndarray, " lanes"]  # indices into the list of all cases; the last is repeated to fill the batch
+    cases: int  # how many of them count
+    steps: int  # integration steps per forcing period, the same for all
 
     @property
     def cost(self) -> float:
@@ -144,10 +136,8 @@ class Plan:
     cases: Cases
     solver: diffrax.AbstractSolver
     records: RecordSet
-    steps: Int[np.ndarray, " cases"]
-    """Integration steps per forcing period of each case."""
-    transient: Calls
-    """Periods that pass before anything is recorded."""
+    steps: Int[np.ndarray, " cases"]  # integration steps per forcing period of each case
+    transient: Calls  # periods that pass before anything is recorded
     recorded: Calls
 
     @property
@@ -177,8 +167,15 @@ class Plan:
 
     @property
     def cost(self) -> float:
-        """Cost of one case, in unrecorded forcing periods."""
-        return _cost(self.records, self.transient, self.recorded)
+        """Cost of one case, in unrecorded forcing periods, without what runs on after all chunks."""
+        periods = self.recorded.periods
+        return self.transient.periods + self.records.cost * periods + self.records.cost_after(periods)
+
+    def estimate(self, count: int) -> CountedEstimate:
+        """Counts time and memory of `count` cases such as these."""
+        cost = self.cost + self.records.cost_continuing(self.recorded.periods)
+        seconds = SECONDS_PER_STEP * cost * float(np.mean(self.steps))
+        return CountedEstimate(count, seconds, 8.0 * self.values, f" of {cost:.3g} forcing periods")
 
     def strobes(self, periods: int) -> "Plan":
         """The same with nothing but strobes for at least `periods`, in calls of `PERIODS_PER_CALL`."""
@@ -226,12 +223,6 @@ def _best_chunk(counts: np.ndarray, sizes: np.ndarray, workers: int) -> int:
     return min((batch_size(share) for share in shares), key=duration)
 
 
-def _cost(records: RecordSet, transient: Calls, recorded: Calls) -> float:
-    """Cost of one case, in unrecorded forcing periods."""
-    periods = recorded.periods
-    return transient.periods + records.cost * periods + records.cost_after(periods)
-
-
 def make_plan(grid: Grid, start: Motion | State, options: RunOptions, records: RecordSet = RecordSet()) -> Plan:
     """Plans a run from a user's arguments and records.
 
@@ -241,24 +232,16 @@ def make_plan(grid: Grid, start: Motion | State, options: RunOptions, records: R
     transient, recorded = whole("transient", options.transient, 0), whole("periods", options.periods, 1)
     if transient > PERIODS_PER_CALL:
         transient = math.ceil(transient / PERIODS_PER_CALL) * PERIODS_PER_CALL
-    before, during = Calls.of(transient), Calls.of(recorded)
-    given = options.steps_per_period
-    grid.check_steps(given)
-    solver = resolve_solver(grid.scene, options.solver)
-    steps, saves = step_plan(cases.default_steps, given, options.saves_per_period)
-    records = records.with_saves(saves)
-    # before all cases are made, which may not fit into memory
-    cost = _cost(records, before, during) + records.cost_continuing(during.periods)
-    values = records.values(before.periods, during.periods)
-    refuse_impossible(
-        f"{grid.count} cases of {cost:.3g} forcing periods",
-        (2 * 8.0 * values + LEAST_BYTES) * grid.count,  # twice while it is put together and written
-        SECONDS_PER_STEP * cost * float(np.mean(steps)) * grid.count / cores(),
-    )
+    grid.check_steps(options.steps_per_period)
+    steps_and_saves = lambda cases: step_plan(cases.default_steps, options.steps_per_period, options.saves_per_period)
+    steps, saves = steps_and_saves(cases)
+    solver, records = resolve_solver(grid.scene, options.solver), records.with_saves(saves)
+    plan = Plan(cases, solver, records, np.atleast_1d(steps), Calls.of(transient), Calls.of(recorded))
+    plan.estimate(grid.count).check()  # before all cases are made, which may not fit into memory
     if cases.count < grid.count:
         cases = grid.sample(start, grid.count)
-        steps, _ = step_plan(cases.default_steps, given, options.saves_per_period)
-    plan = Plan(cases, solver, records, np.broadcast_to(steps, cases.count), before, during)
+        steps, _ = steps_and_saves(cases)
+    plan = replace(plan, cases=cases, steps=np.broadcast_to(steps, cases.count))
     labels = ("status", "steps_per_period", *grid.dims, *map(grid.label, grid.axes))
     records.check(grid.scene, recorded, int(plan.steps.min()), labels)
     return plan
@@ -270,12 +253,9 @@ def make_plan(grid: Grid, start: Motion | State, options: RunOptions, records: R
 class ChunkRun(NamedTuple):
     """A chunk of cases after its run."""
 
-    state: State
-    """The states at the end, with a leading axis of lanes."""
-    status: Int[np.ndarray, " lanes"]
-    """`slipperjax.Status` codes."""
-    record: tuple[Any, ...]
-    """Arrays of the plan's records, with a leading axis of lanes."""
+    state: State  # the states at the end, with a leading axis of lanes
+    status: Int[np.ndarray, " lanes"]  # `slipperjax.Status` codes
+    record: tuple[Any, ...]  # arrays of the plan's records, with a leading axis of lanes
 
 
 class RecordedChunk(NamedTuple):
@@ -284,13 +264,15 @@ class RecordedChunk(NamedTuple):
     plan: Plan
     scenes: Batched[Scene]
     states: State
-    epoch: float
-    """Forcing periods before."""
-    steps: int
-    """Integration steps per forcing period."""
-    cases: int
-    """How many lanes count; the others fill the batch up."""
+    epoch: float  # forcing periods before
+    steps: int  # integration steps per forcing period
+    cases: int  # how many lanes count; the others fill the batch up
     on_progress: OnProgress
+
+    @property
+    def capacity(self) -> int:
+        """Steps per period that its recording programs have capacity for."""
+        return self.plan.capacity(self.steps)
 
     def good(self, status: Int[np.ndarray, " lanes"]) -> Bool[np.ndarray, " lanes"]:
         """Whether each lane counts, and nothing is wrong with it."""
@@ -337,17 +319,17 @@ def run_chunk(
     if records.inside:
         alike = bool(np.all(plan.steps == steps))
         recording = ConstantSteps(steps) if alike else ConstantSteps(plan.capacity(steps), number)
-    for calls, kept, chosen in (
-        (plan.transient, records.from_start, stepping),
-        (plan.recorded, records, recording),
-    ):
+    for calls, kept, chosen in ((plan.transient, records.from_start, stepping), (plan.recorded, records, recording)):
         carry = _initial_carry(kept, scenes, states)
+        # a program serves several numbers of periods; samples of periods beyond its use are cut off
+        options: dict[str, Any] = dict(solver=plan.solver, periods=calls.capacity, records=kept)
+        used, cut = jnp.asarray(float(calls.length)), lambda a, n=calls.length: np.asarray(a)[:, :n]
         for _ in range(calls.count):
             on_progress(0)
-            passed = _advance(calls, scenes, states, period, chosen, solver=plan.solver, records=kept, earlier=carry)
+            passed = advance(scenes, states, period, chosen, used=used, earlier=carry, **options)
             states, carry = passed.state, passed.carried
             status = first_problem(status, passed.status)
-            samples.add(kept, passed.samples)
+            samples.add(kept, jax.tree.map(cut, passed.samples))
             on_progress(kept.cost * calls.length)
             period += calls.length
     kept = samples.joined()
@@ -364,13 +346,6 @@ def _initial_carry(records: RecordSet, scenes: Batched[Scene], states: State) ->
     return jax.tree.map(lambda a: np.broadcast_to(a, (lanes, *np.shape(a))), one)
 
 
-def _advance(calls: Calls, *arguments: Any, **options: Any) -> Passage:
-    """Advances over the periods of one of the calls, by a program that serves other numbers of them, too."""
-    passed = advance(*arguments, **options, periods=calls.capacity, used=jnp.asarray(float(calls.length)))
-    cut = lambda tree: jax.tree.map(lambda a: np.asarray(a)[:, : calls.length], tree)
-    return passed._replace(samples=cut(passed.samples), steps_taken=cut(passed.steps_taken))
-
-
 # --- all chunks -----------------------------------------------------------------------------------------------------
 
 
@@ -379,23 +354,24 @@ class ChunkInputs(NamedTuple):
 
     scenes: Batched[Scene]
     starts: Motion | State
-    index: Int[np.ndarray, " lanes"]
-    """Indices into the list of all cases."""
-    place: Int[np.ndarray, " lanes"]
-    """Indices into the list of those that this run takes, in whose order the results are."""
-    cases: int
-    """How many lanes count; the others fill the batch up."""
-    steps: int
-    """Integration steps per forcing period."""
+    index: Int[np.ndarray, " lanes"]  # indices into the list of all cases
+    # Indices into the list of those that this run takes, in whose order the results are.
+    row: Int[np.ndarray, " lanes"]
+    cases: int  # how many lanes count; the others fill the batch up
+    steps: int  # integration steps per forcing period
     on_progress: OnProgress
+
+    def recorded(self, plan: Plan, states: State, epoch: float) -> RecordedChunk:
+        """The chunk with its states after `epoch` forcing periods."""
+        return RecordedChunk(plan, self.scenes, states, float(epoch), self.steps, self.cases, self.on_progress)
 
 
 class Run(NamedTuple):
     """Cases after a run, or after an interrupt."""
 
+    # A named tuple of arrays with a leading axis of cases; of cases that were not finished as `blank` makes them.
+    # None where no case was finished.
     results: Any
-    """A named tuple of arrays with a leading axis of cases; of cases that were not finished as `blank` makes them.
-    None where no case was finished."""
     finished: Bool[np.ndarray, " cases"]
     interrupted: bool
 
@@ -452,18 +428,17 @@ def run_chunks(
     one case in all, in such periods. `progress`, `name`: whether progress is shown, and as what.
     """
     stop, interrupted = threading.Event(), False
-    cases = sum(chunk.cases for chunk in chunks)
+    cases, parts = sum(chunk.cases for chunk in chunks), [None] * len(chunks)
 
-    def one(chunk: Chunk) -> Any:
+    def one(k: int, chunk: Chunk) -> None:
         def on_progress(periods: float) -> None:
             if stop.is_set():
                 raise _Stopped
             shown(chunk.cost * periods)
 
         try:
-            results = work(chunk, on_progress)
+            parts[k] = work(chunk, on_progress)
             shown(0.0, chunk.cases)
-            return results
         except BaseException:
             stop.set()
             raise
@@ -471,7 +446,7 @@ def run_chunks(
     pool, futures = ThreadPoolExecutor(workers), []
     with progress_shown(sum(chunk.cost for chunk in chunks) * cost, cases, name, progress) as shown:
         try:
-            futures += [pool.submit(one, chunk) for chunk in chunks]
+            futures += [pool.submit(one, k, chunk) for k, chunk in enumerate(chunks)]
             while wait(futures, TICK).not_done:
                 heed_interrupts()
         except KeyboardInterrupt:
@@ -480,35 +455,20 @@ def run_chunks(
             stop.set()
             # not joined: after Ctrl-C their calls may last for a long time
             pool.shutdown(wait=False, cancel_futures=True)
-    ended = [future for future in futures if future.done() and not future.cancelled()]
-    if not interrupted:
-        _raise_first(ended)
-    parts = [f.result() if f in ended and not f.exception() else None for f in futures]
-    return _in_order(chunks, parts + [None] * (len(chunks) - len(parts)), interrupted)
+    errors = [future.exception() for future in futures if future.done() and not future.cancelled()]
+    error = next((error for error in errors if error is not None and not isinstance(error, _Stopped)), None)
+    if error is not None and not interrupted:
+        raise error
+    return _in_order(chunks, list(parts), interrupted)
 
 
 class _Stopped(Exception):
     """Ends a chunk's thread after another one failed or the user interrupted."""
 
 
-def _raise_first(futures: Sequence[Future]) -> None:
-    """Raises the error that made the run stop, if there is one."""
-    for future in futures:
-        error = future.exception()
-        if error is not None and not isinstance(error, _Stopped):
-            raise error
-
-
 def _in_order(chunks: Sequence[Chunk], parts: Sequence[Any], interrupted: bool) -> Run:
     """Puts the chunks' results in the order of the cases, without lanes that fill chunks up; None becomes blank."""
-    cases = sum(chunk.cases for chunk in chunks)
-    finished = np.zeros(cases, bool)
-    like = next((part for part in parts if part is not None), None)
-    if like is None:
-        return Run(None, finished, interrupted)
-    for chunk, part in zip(chunks, parts, strict=True):
-        finished[chunk.index[: chunk.cases]] = part is not None
-    whole = [blank(like, len(c.index)) if part is None else part for c, part in zip(chunks, parts, strict=True)]
+    cases, like = sum(chunk.cases for chunk in chunks), next((part for part in parts if part is not None), None)
 
     def joined(*arrays: np.ndarray) -> np.ndarray:
         ordered = np.empty((cases, *arrays[0].shape[1:]), arrays[0].dtype)
@@ -516,6 +476,10 @@ def _in_order(chunks: Sequence[Chunk], parts: Sequence[Any], interrupted: bool) 
             ordered[chunk.index[: chunk.cases]] = array[: chunk.cases]
         return ordered
 
+    finished = joined(*(np.full(len(c.index), part is not None) for c, part in zip(chunks, parts, strict=True)))
+    if like is None:
+        return Run(None, finished, interrupted)
+    whole = (blank(like, len(c.index)) if part is None else part for c, part in zip(chunks, parts, strict=True))
     return Run(jax.tree.map(joined, *whole), finished, interrupted)
 
 

@@ -7,7 +7,6 @@ files are there; the digest is written last. The same call goes on where the las
 import errno
 import functools
 import hashlib
-import importlib
 import inspect
 import json
 import math
@@ -16,9 +15,8 @@ import os
 import shutil
 import signal
 import threading
-import time
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
@@ -32,32 +30,26 @@ import xarray as xr
 from ..flow.datasets import versions
 from ..flow.simulate import first_of
 from ..flow.status import Interrupted, Status
-from ..model.scene import Scene
 from ..model.scene_files import scene_to_json
 from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
 from ..tools.cache import compile_cache, keep_programs
-from ..tools.checks import brief, require, warn, whole, yes_or_no
+from ..tools.checks import require, whole, yes_or_no
 from ..tools.description import describe
-from ..tools.limits import available_memory, cores, shown_bytes
-from .grid import Grid
+from ..tools.limits import cores, shown_bytes
+from .estimate import CountedEstimate
+from .grid import Grid, Tiling
 from .run import ARGUMENTS_WITHOUT_EFFECT, LARGEST_CHUNK, TICK, all_stopped, heed_interrupts, progress_shown
 
 MARK = "slipperjax_store"
 """Attribute by which a store of ours is known: its identity, the call as JSON, and its tiles."""
 DIGEST = "digest_of_tile"
 """Array of the tiles' digests, which are written last."""
-COPIES = 3.0
-"""How often results are in memory while a tile is put together and written."""
-SMALLEST_TILE, LARGEST_TILE = 2048, 65_536
-"""Cases in a tile where none is asked for: a few seconds of work, and few enough to lose in a crash."""
-MOST_SMALL_TILES = 4096
-"""Tiles above which they grow up to `LARGEST_TILE`: each has a file for every variable."""
 RETRIES = 3
 """How often dask tries a task again that failed."""
 LOCK_WAIT, SHARE_WAIT = 0.5, 60.0
 """Seconds for which a lock is waited for, and for which a share waits until another one has made the store."""
-THREAD_PATIENCE = 10.0
+THREADS_WAIT = 10.0
 """Seconds after Ctrl-C that threads have to end the call that they are in."""
 ZARR: Any = {"zarr_format": 3, "consolidated": False}
 _ALONE = threading.Lock()
@@ -92,76 +84,28 @@ class Store:
     """(i, n): compute the i-th of n shares only, i from 1 to n, while other processes compute the others."""
 
     def __post_init__(self):
-        path = Path(self.path)
-        if path.suffix != ".zarr":
-            raise ValueError(f"Argument `store` must be a path that ends in .zarr, but is {str(path)!r}.")
-        object.__setattr__(self, "path", path)
+        object.__setattr__(self, "path", Path(self.path))
+        require(self.path.suffix == ".zarr", "store", "be a path that ends in .zarr", str(self.path))
         if self.tile is not None:
             whole("tile", self.tile, 1)
         yes_or_no("fresh", self.fresh)
         if self.share is not None:
-            pair = isinstance(self.share, tuple | list) and len(self.share) == 2
-            numbers = pair and all(isinstance(number, int) for number in self.share)
-            good = numbers and 1 <= self.share[0] <= self.share[1]
-            require(good, "share", "be (i, n) with i from 1 to n", self.share)
+            pair = isinstance(self.share, tuple | list) and [type(number) for number in self.share] == [int, int]
+            require(pair and 1 <= self.share[0] <= self.share[1], "share", "be (i, n) with i from 1 to n", self.share)
             object.__setattr__(self, "share", tuple(self.share))
-            if self.fresh:
-                raise ValueError("Argument `fresh` must be False for a share, whose store others write to.")
+            require(not self.fresh, "fresh", "be False for a share, whose store others write to", self.fresh)
 
     @classmethod
-    def of(cls, given: Any) -> "Store":
+    def of(cls, store: Any) -> "Store":
         """The store of an argument, a path or a `Store`."""
-        if isinstance(given, Store):
-            return given
-        require(isinstance(given, str | Path), "store", "be a path or a slipperjax.Store", given)
-        return Store(Path(given))
-
-
-class Tiling(NamedTuple):
-    """A grid as blocks of equal shape, cut off at its ends, numbered with the last dimension fastest."""
-
-    shape: tuple[int, ...]
-    """Of the grid."""
-    tile: tuple[int, ...]
-    """Of a block."""
-
-    @classmethod
-    def of(cls, shape: tuple[int, ...], size: int | None = None) -> "Tiling":
-        """Blocks of about `size` cases, whole along the last dimensions.
-
-        By default a block has `SMALLEST_TILE`, or more where there would be more than `MOST_SMALL_TILES` blocks.
-        """
-        if size is None:
-            size = min(max(SMALLEST_TILE, math.prod(shape) // MOST_SMALL_TILES), LARGEST_TILE)
-        tile, left = [1] * len(shape), size
-        for k in reversed(range(len(shape))):
-            pieces = -(-shape[k] // max(left, 1))
-            tile[k] = -(-shape[k] // pieces)
-            left //= shape[k]
-        return cls(shape, tuple(tile))
+        require(isinstance(store, str | Path | Store), "store", "be a path or a slipperjax.Store", store)
+        return store if isinstance(store, Store) else Store(Path(store))
 
     @property
-    def counts(self) -> tuple[int, ...]:
-        """Blocks along each dimension."""
-        return tuple(-(-n // m) for n, m in zip(self.shape, self.tile, strict=True))
-
-    @property
-    def count(self) -> int:
-        """Number of blocks."""
-        return math.prod(self.counts)
-
-    def place(self, number: int) -> tuple[int, ...]:
-        """Indices of a block along the dimensions, which name its files."""
-        return tuple(int(k) for k in np.unravel_index(number, self.counts))
-
-    def region(self, number: int) -> tuple[slice, ...]:
-        """Slices of the grid that make up a block."""
-        ends = zip(self.place(number), self.tile, self.shape, strict=True)
-        return tuple(slice(k * m, min((k + 1) * m, n)) for k, m, n in ends)
-
-    def cases(self, number: int) -> int:
-        """Number of cases of a block."""
-        return math.prod(part.stop - part.start for part in self.region(number))
+    def free_bytes(self) -> float:
+        """Bytes that are free on its disk."""
+        folder = next(folder for folder in self.path.absolute().parents if folder.exists())
+        return float(shutil.disk_usage(folder).free)
 
 
 # --- the call that a store is of ------------------------------------------------------------------------------------
@@ -173,15 +117,16 @@ LONGEST_TEXT = 60
 def _fingerprint(function: Any, grid: Grid, options: Mapping[str, Any], tiles: Tiling) -> dict[str, Any]:
     """The call as JSON, to recognise a store: all that determines its numbers."""
     arguments = {name: value for name, value in options.items() if name not in (*ARGUMENTS_WITHOUT_EFFECT, "product")}
-    return {
+    call = {
         "function": function.__name__,
         "scene": json.loads(scene_to_json(grid.scene)),
         "grid": {name: _summary(values) for name, values in grid.axes.items()},
         "product": grid.product,
-        "tile": list(tiles.tile),
-        "arguments": {name: _as_json(value) for name, value in arguments.items()},
+        "tile": tiles.tile,
+        "arguments": {name: _described(value) for name, value in arguments.items()},
         "versions": {name: version for name, version in versions().items() if name != "python"},
     }
+    return json.loads(json.dumps(call))
 
 
 def _summary(values: np.ndarray) -> dict[str, Any]:
@@ -190,26 +135,19 @@ def _summary(values: np.ndarray) -> dict[str, Any]:
     return ends | {"sha256": hashlib.sha256(np.ascontiguousarray(values, float).tobytes()).hexdigest()[:16]}
 
 
-def _as_json(value: Any) -> Any:
-    """A value as JSON holds it; a function by its name and a digest of its code."""
-    if isinstance(value, np.ndarray) and value.size > LONGEST_TEXT:
-        return _summary(value.ravel())
-    return json.loads(json.dumps(describe(value)))
+def _described(value: Any) -> Any:
+    """A value as plain data; a function by its name and a digest of its code, a long array by a summary."""
+    long = isinstance(value, np.ndarray) and value.size > LONGEST_TEXT
+    return _summary(value.ravel()) if long else describe(value)
 
 
-def _differences(stored: Any, asked: Any, path: str = "") -> list[str]:
-    """Lines that say where two calls differ: "scene.contact.restitution: 0.9 in the store, 0.8 asked"."""
-    if isinstance(stored, dict) and isinstance(asked, dict):
-        lines = []
-        for name in dict.fromkeys([*stored, *asked]):
-            below = f"{path}.{name}" if path else str(name)
-            lines += _differences(stored.get(name, "nothing"), asked.get(name, "nothing"), below)
-        return lines
-    texts = [value if isinstance(value, str) else json.dumps(value) for value in (stored, asked)]
-    if texts[0] == texts[1]:  # NaN, too, is equal to itself here
-        return []
-    short = [text if len(text) <= LONGEST_TEXT else f"{text[: LONGEST_TEXT - 3]}..." for text in texts]
-    return [f"{path}: {short[0]} in the store, {short[1]} asked"]
+def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, str]]:
+    """The texts of a call by their paths, such as scene.contact.restitution."""
+    if isinstance(value, dict):
+        for name, part in value.items():
+            yield from _leaves(part, f"{path}.{name}".strip("."))
+    else:
+        yield path, value if isinstance(value, str) else json.dumps(value)  # in which NaN is equal to itself
 
 
 # --- the store on disk ----------------------------------------------------------------------------------------------
@@ -219,29 +157,31 @@ class Archive(NamedTuple):
     """A store that exists."""
 
     path: Path
+    # Content of its attribute `MARK`: `identity`, `call`, `dims`, `shape`, `tile`, `axes`, `coords`, and the
+    # dimensions of the `variables` that tiles have a chunk of.
     mark: dict[str, Any]
-    """Content of its attribute `MARK`: `identity`, `call`, `dims`, `shape`, `tile`, `axes`, `coords`, `variables`."""
 
     @property
     def tiles(self) -> Tiling:
         """Its tiles."""
         return Tiling(tuple(self.mark["shape"]), tuple(self.mark["tile"]))
 
-    def file(self, name: str, number: int, dims: Sequence[str]) -> Path:
-        """The file of a variable that holds a tile."""
-        at = dict(zip(self.mark["dims"], map(str, self.tiles.place(number)), strict=True))
-        return self.path.joinpath(name, "c", *(at.get(d, "0") for d in dims))
+    def region(self, number: int) -> dict[str, slice]:
+        """Slices of the dimensions that make up a tile."""
+        return dict(zip(self.mark["dims"], self.tiles.region(number), strict=True))
 
-    def digest_file(self, number: int) -> Path:
-        """The file that is written last of a tile."""
-        return self.file(DIGEST, number, self.mark["dims"])
+    def files(self, number: int) -> dict[str, Path]:
+        """The files of a tile by variable, that of the digest last."""
+        at = dict(zip(self.mark["dims"], map(str, self.tiles.indices(number)), strict=True))
+        variables = self.mark["variables"] | {DIGEST: self.mark["dims"]}
+        return {
+            name: self.path.joinpath(name, "c", *(at.get(d, "0") for d in dims)) for name, dims in variables.items()
+        }
 
     def complete_tiles(self) -> np.ndarray:
         """Whether each tile is complete: its digest is there, and so are all of its files."""
-        count = self.tiles.count
-        files = lambda number: (self.file(name, number, dims) for name, dims in self.variables.items())
-        complete = lambda number: self.digest_file(number).is_file() and all(map(Path.is_file, files(number)))
-        return np.fromiter(map(complete, range(count)), bool, count)
+        complete = lambda number: all(file.is_file() for file in reversed(self.files(number).values()))
+        return np.fromiter(map(complete, range(self.tiles.count)), bool, self.tiles.count)
 
     def complete_cases(self, done: np.ndarray | None = None) -> int:
         """How many cases are in complete tiles, or in those of an earlier `complete_tiles()`."""
@@ -251,20 +191,31 @@ class Archive(NamedTuple):
         """All of it, digests and texts as they are stored."""
         return xr.open_zarr(self.path, chunks=None, mask_and_scale=False, **ZARR)
 
-    @property
-    def variables(self) -> dict[str, list[str]]:
-        """Dimensions by name of the variables that tiles have a chunk of."""
-        return self.mark["variables"]
-
     def digest(self, number: int) -> int:
         """The digest of a tile, of the bytes of its files.
 
         **Raises:** `FileNotFoundError` where one is missing.
         """
         total = hashlib.sha256(str(number).encode())
-        for name, dims in self.variables.items():
-            total.update(name.encode() + hashlib.sha256(self.file(name, number, dims).read_bytes()).digest())
+        for name, file in self.files(number).items():
+            if name != DIGEST:
+                total.update(name.encode() + hashlib.sha256(file.read_bytes()).digest())
         return int.from_bytes(total.digest()[:8], "big") >> 1
+
+    def damage(self, number: int, ds: xr.Dataset) -> str | None:
+        """Says what is wrong with a tile whose digest is there, as far as checksums tell; None where nothing is."""
+        files = self.files(number)
+        try:
+            if int(ds[DIGEST].variable[self.tiles.indices(number)].values) == self.digest(number):
+                return None
+            for name in self.mark["variables"]:
+                try:
+                    ds[name].isel(self.region(number)).load()
+                except Exception as error:  # codecs raise many kinds of errors
+                    return f"{files[name]} cannot be read: {error}"
+        except FileNotFoundError as error:
+            return f"{error.filename} is missing"
+        return "its files are not those that were written"
 
     def check_same(self) -> None:
         """Checks that no other store was put in this one's place, into which a worker of this one must not write.
@@ -282,29 +233,24 @@ class Archive(NamedTuple):
         **Raises:** `OSError` where the disk is full or protected; the tile is absent then.
         """
         dims = self.mark["dims"]
-        region = dict(zip(dims, self.tiles.region(number), strict=True))
         capacity = {str(d): n for d, n in self.open().sizes.items() if d not in dims}
         self.check_same()
-        part = xr.Dataset({name: _fitted(name, ds.variables[name], capacity) for name in self.variables})
-        part.to_zarr(self.path, region=region, write_empty_chunks=True, **ZARR)
+        part = xr.Dataset({name: _fitted(name, ds.variables[name], capacity) for name in self.mark["variables"]})
+        part.to_zarr(self.path, region=self.region(number), write_empty_chunks=True, **ZARR)
         self.check_same()
-        value = np.full((1,) * len(dims), self.digest(number))
-        place = {f"tile_{d}": slice(k, k + 1) for d, k in zip(dims, self.tiles.place(number), strict=True)}
-        digest = xr.Dataset({DIGEST: (tuple(place), value)})
+        place = {f"tile_{d}": slice(k, k + 1) for d, k in zip(dims, self.tiles.indices(number), strict=True)}
+        digest = xr.Dataset({DIGEST: (tuple(place), np.full((1,) * len(dims), self.digest(number)))})
         digest.to_zarr(self.path, region=place, write_empty_chunks=True, **ZARR)
 
-    def tidy(self, numbers: Sequence[int] | None = None) -> None:
+    def tidy(self, numbers: Collection[int] | None = None) -> None:
         """Deletes what a killed process had not finished to write, of some tiles or of all of the store.
 
         Nobody else may be writing to them.
         """
-        parts = self.path.rglob("*.partial")
-        if numbers is not None:
-            variables = self.variables | {DIGEST: self.mark["dims"]}
-            files = (self.file(name, number, dims) for number in numbers for name, dims in variables.items())
-            parts = (part for file in files for part in file.parent.glob(f"{file.name}.*.partial"))
-        for part in parts:
-            part.unlink(missing_ok=True)
+        own = None if numbers is None else {file for number in numbers for file in self.files(number).values()}
+        for part in self.path.rglob("*.partial"):
+            if own is None or part.with_name(part.name.partition(".")[0]) in own:
+                part.unlink(missing_ok=True)
 
 
 def _fitted(name: str, variable: xr.Variable, capacity: Mapping[str, int]) -> xr.Variable:
@@ -324,6 +270,24 @@ def _storable(variable: xr.Variable) -> xr.Variable:
     return variable.astype(np.dtypes.StringDType()) if variable.dtype.kind in "UO" else variable
 
 
+def _lengths(variable: xr.Variable, grid: Mapping[str, int]) -> tuple[int, ...]:
+    """Lengths of a variable's dimensions, with the grid's as given, and with capacity for all crossings."""
+    # the number of crossings differs from case to case
+    crossings = variable.attrs.get("capacity") or variable.sizes.get("crossing")
+    lengths = {**variable.sizes, "crossing": crossings, **grid}
+    return tuple(lengths[d] for d in variable.dims)
+
+
+def bytes_of_case(ds: xr.Dataset, dims: Sequence[str], axes: Collection[str]) -> float:
+    """Bytes of the results of a case that a store keeps.
+
+    **Arguments:** `dims`, `axes`: dimensions of the grid, and names of its coordinates.
+    """
+    one = dict.fromkeys(dims, 1)
+    variables = [v for name, v in ds.variables.items() if name not in axes and set(dims) <= set(v.dims)]
+    return float(sum(v.dtype.itemsize * math.prod(_lengths(v, one)) for v in variables))
+
+
 def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, Any], like: xr.Dataset) -> None:
     """Writes an empty store in the form of one case's results."""
     import zarr
@@ -331,34 +295,26 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, Any], like
 
     axes, dims = grid.coordinates(), list(grid.dims)
     lengths, pieces = dict(zip(dims, tiles.shape, strict=True)), dict(zip(dims, tiles.tile, strict=True))
-    data, encoding, shapes, compressors = {}, {}, {}, (ZstdCodec(level=3, checksum=True),)
-    for name, variable in like.variables.items():
-        if name in axes:
-            continue
-        data[name] = variable = _storable(variable)
+    data, shapes = {name: _storable(v) for name, v in like.variables.items() if name not in axes}, {}
+    encoding: dict[Any, dict[str, Any]] = {name: {} for name in data}
+    for name, variable in data.items():
         if set(dims) <= set(variable.dims):
             fill: Any = {"f": np.nan, "c": np.nan, "T": "", "b": False}.get(variable.dtype.kind, 0)
             fill = int(Status.NOT_RUN) if name == "status" else fill
-            # the number of crossings differs from case to case
-            inner = {**variable.sizes, "crossing": variable.attrs.get("capacity") or variable.sizes.get("crossing")}
-            shapes[name] = tuple(lengths.get(d) or inner[d] for d in variable.dims)
+            shapes[name] = _lengths(variable, lengths)
             data[name] = variable.copy(data=np.full(variable.shape, fill, variable.dtype))
-            chunks = tuple(max(pieces.get(d) or inner[d], 1) for d in variable.dims)
-            encoding[name] = {
-                "chunks": chunks,
-                "fill_value": fill,
-                "compressors": compressors,
-            }
+            chunks = tuple(max(n, 1) for n in _lengths(variable, pieces))
+            compressors = (ZstdCodec(level=3, checksum=True),)
+            encoding[name] = {"chunks": chunks, "fill_value": fill, "compressors": compressors}
+    mark: dict[str, Any] = {"identity": uuid.uuid4().hex, "call": call, "dims": dims, "axes": list(axes)}
+    mark |= {"shape": tiles.shape, "tile": tiles.tile, "coords": [n for n in like.coords if n not in axes]}
+    mark["variables"] = {name: data[name].dims for name in sorted(shapes)}
     ones, shapes[DIGEST] = (1,) * len(dims), tiles.counts
     label = {"long_name": "digest of the files of a tile"}
     data[DIGEST] = xr.Variable([f"tile_{d}" for d in dims], np.zeros(ones, np.int64), label)
     encoding[DIGEST] = {"chunks": ones, "fill_value": 0}
-    shape: dict[str, Any] = {"dims": dims, "shape": list(tiles.shape), "tile": list(tiles.tile)}
-    names: dict[str, Any] = {"axes": list(axes), "coords": [n for n in like.coords if n not in axes]}
-    names["variables"] = {name: list(data[name].dims) for name in sorted(shapes) if name != DIGEST}
-    mark = {"identity": uuid.uuid4().hex, "call": dict(call), **shape, **names}
-    for name in data:
-        encoding.setdefault(name, {})["_FillValue"] = None  # else it would be an attribute, too
+    for of_variable in encoding.values():
+        of_variable["_FillValue"] = None  # else it would be an attribute, too
     xr.Dataset(data).to_zarr(path, mode="w-", encoding=encoding, write_empty_chunks=False, **ZARR)
     for name, whole_shape in shapes.items():  # afterwards, so that nothing of the size of the grid is in memory
         zarr.open_array(path / name, mode="r+").resize(whole_shape)
@@ -366,16 +322,16 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, Any], like
     ds.to_zarr(path, mode="a", encoding={name: {"_FillValue": None} for name in axes}, **ZARR)
 
 
-def _make_archive(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, Any], like: xr.Dataset) -> Archive:
+def _make_archive(path: Path, *contents: Any) -> Archive:
     """Makes an empty store, whole or not at all, in place of one of ours that may be there.
 
-    **Arguments:** `call`: its fingerprint; `like`: the results of one case.
+    **Arguments:** `contents`: as for `_create`.
     """
     for part in path.parent.glob(f".{path.name}.*.part"):  # of processes that were killed
         shutil.rmtree(part, ignore_errors=True)
     new, old = (path.with_name(f".{path.name}.{kind}-{os.getpid()}.part") for kind in ("new", "old"))
     try:
-        _create(new, grid, tiles, call, like)
+        _create(new, *contents)
         if path.exists():
             os.rename(path, old)
         os.rename(new, path)
@@ -385,16 +341,29 @@ def _make_archive(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, Any]
     return _open_archive(path)
 
 
-def _open_archive(path: Path) -> Archive:
+def _open_archive(path: Path, call: Mapping[str, Any] | None = None) -> Archive:
     """Opens a store that exists.
 
-    **Raises:** `ValueError` where it is none of ours.
+    **Raises:** `ValueError` where it is none of ours, or was made by another call than `call`, with the differences.
     """
     try:
         attributes = json.loads((path / "zarr.json").read_text())["attributes"]
-        return Archive(path, json.loads(attributes[MARK]))
+        archive = Archive(path, json.loads(attributes[MARK]))
     except (OSError, KeyError, ValueError, TypeError) as error:
         raise ValueError(f"{path}: must be a store of slipperjax, but is none: {error!r}") from None
+    if call is None:
+        return archive
+    stored, called = dict(_leaves(archive.mark["call"])), dict(_leaves(call))
+    brief = lambda text: text if len(text) <= LONGEST_TEXT else f"{text[: LONGEST_TEXT - 3]}..."
+    pairs = {name: (stored.get(name, "nothing"), called.get(name, "nothing")) for name in stored | called}
+    lines = [f"{name}: {brief(a)} in the store, {brief(b)} asked" for name, (a, b) in pairs.items() if a != b]
+    if lines:
+        shown = "\n  ".join(lines[:10] + [f"and {len(lines) - 10} more"] * (len(lines) > 10))
+        raise ValueError(
+            f"Argument `store` must be of the same call, but {path} was made by another one:\n  {shown}\n"
+            "Take another path, or start over with slipperjax.Store(path, fresh=True), on the command line --fresh."
+        )
+    return archive
 
 
 def open_store(path: Any) -> xr.Dataset:
@@ -453,30 +422,13 @@ def check_store(path: Any, *, repair: bool = False) -> list[str]:
         if _summary(ds[name].values) != axis:
             lines.append(f"the values of {name} are not those of the call: start over with fresh=True")
     for number in range(archive.tiles.count):
-        if not archive.digest_file(number).is_file():
-            continue
-        try:
-            place = archive.tiles.place(number)
-            stored, actual = int(ds[DIGEST].variable[place].values), archive.digest(number)
-            problem = None if stored == actual else _culprit(archive, number)
-        except FileNotFoundError as error:
-            problem = f"{error.filename} is missing"
+        digest_file = archive.files(number)[DIGEST]
+        problem = archive.damage(number, ds) if digest_file.is_file() else None
         if problem is not None:
             lines.append(f"tile {number}: {problem}")
             if repair:
-                archive.digest_file(number).unlink(missing_ok=True)
+                digest_file.unlink(missing_ok=True)
     return lines
-
-
-def _culprit(archive: Archive, number: int) -> str:
-    """Says which file of a tile is not as it was written, as far as checksums tell."""
-    ds, region = archive.open(), dict(zip(archive.mark["dims"], archive.tiles.region(number), strict=True))
-    for name, dims in archive.variables.items():
-        try:
-            ds[name].isel(region).load()
-        except Exception as error:  # codecs raise many kinds of errors
-            return f"{archive.file(name, number, dims)} cannot be read: {error}"
-    return "its files are not those that were written"
 
 
 # --- locks ----------------------------------------------------------------------------------------------------------
@@ -532,8 +484,8 @@ def _held(path: Path, seconds: float = LOCK_WAIT) -> Iterator[None]:
 def storable(function: Callable[P, R]) -> Callable[P, R]:
     """Gives a sweep the arguments `store` and `executor`, which are handled here.
 
-    The function takes `scene` and `grid`, then keywords, `product`, `workers`, `chunk` and `progress` among them, and
-    gives a dataset over the grid in which no case depends on another.
+    The function takes those of `slipperjax.sweep` that say how cases are run, and gives a dataset over the grid in
+    which no case depends on another.
     """
     signature = inspect.signature(function)
 
@@ -543,143 +495,77 @@ def storable(function: Callable[P, R]) -> Callable[P, R]:
         bound.apply_defaults()
         options = dict(bound.arguments)
         store, executor = options.pop("store"), options.pop("executor")
-        if store is None:
-            if executor is not None:
-                raise ValueError("Argument `executor` needs `store`, to which its workers write.")
-            return function(*args, **kwargs)
-        return _stored(function, options.pop("scene"), options.pop("grid"), options, Store.of(store), executor)
+        if store is not None:
+            return _stored(call, options, Store.of(store), executor)
+        if executor is not None:
+            raise ValueError("Argument `executor` needs `store`, to which its workers write.")
+        return function(*args, **kwargs)
 
     return call
 
 
-@dataclass(frozen=True)
-class _Task:
-    """Computes a tile of a store and writes it; it can be pickled if its options can."""
-
-    archive: Archive
-    function: str
-    """Module and name, as in "slipperjax.sweeps.sweep:sweep"."""
-    scene: Scene
-    options: Mapping[str, Any]
-    alone: bool
-    """Whether a process may compute one tile at a time only."""
-
-    def __call__(self, number: int, values: Mapping[str, np.ndarray], steps: Any) -> None:
-        """Calling it again is harmless: it writes the same bytes.
-
-        **Arguments:** `values`, `steps`: of the tile, by name of the grid and as `steps_per_period`.
-        """
-        with _ALONE if self.alone else nullcontext():
-            ds = _part(self.function, self.scene, values, self.options, steps)
-        try:
-            self.archive.write(number, ds)
-        except OSError as error:
-            cases = f"{self.archive.complete_cases()} of {math.prod(self.archive.tiles.shape)} cases are stored"
-            raise OSError(
-                error.errno,
-                f"cannot write to {self.archive.path}: {error.strerror or error}; {cases}, call again to go on",
-            ) from None
-
-
-def _part(function: str, scene: Scene, values: Mapping[str, Any], options: Mapping[str, Any], steps: Any) -> Any:
-    """Results for the values of a part of a grid."""
-    module, _, name = function.partition(":")
-    more = {"steps_per_period": steps} if "steps_per_period" in options else {}
-    return getattr(importlib.import_module(module), name)(scene, grid=dict(values), **{**options, **more})
-
-
-def _stored(
-    function: Callable[..., xr.Dataset],
-    scene: Scene,
-    grid: Mapping[str, Any],
-    options: Mapping[str, Any],
-    store: Store,
-    executor: Any = None,
-) -> xr.Dataset:
+def _stored(function: Callable[..., Any], options: dict[str, Any], store: Store, executor: Any) -> xr.Dataset:
     """Runs a function over a grid, tile by tile, into a store, and opens that.
 
     **Raises:** `ValueError` where the store is of another call, with the differences; `StoreInUse` where another
     process writes to it; `Interrupted` after Ctrl-C, with the store as its dataset.
     """
-    if executor is not None and not callable(getattr(executor, "submit", None)):
-        raise ValueError(
-            "Argument `executor` must be a dask.distributed.Client or a concurrent.futures.Executor, but is "
-            f"{brief(executor)}."
-        )
-    known = Grid(scene, grid, product=options.get("product", True))
-    steps: Any = options.get("steps_per_period")
-    known.check_steps(steps)
-    workers = options.get("workers")
+    need = "be a dask.distributed.Client or a concurrent.futures.Executor"
+    require(executor is None or callable(getattr(executor, "submit", None)), "executor", need, executor)
+    scene, steps, workers = (options.pop(name) for name in ("scene", "steps_per_period", "workers"))
+    grid = Grid(scene, options.pop("grid"), product=options["product"])
+    grid.check_steps(steps)
     workers = None if workers is None else whole("workers", workers, 1)
     # a trajectory may be long, and every worker gets its first state only
-    options = {**options, **({"start": first_of(options["start"])} if "start" in options else {})}
-    tiles = _tiling(known, store)
-    call = json.loads(json.dumps(_fingerprint(function, known, options, tiles)))
-    if not store.fresh and store.path.exists():
-        archive = _checked_archive(store.path, call)
-        if archive.complete_tiles().all():
-            return open_store(store.path)  # on a disk, perhaps, that is protected against writing
-    # threads of this process compute a tile each; other processes may have several cores. Chunks are of one size, so
-    # that a worker compiles its programs once
-    threads = 1 if executor is None else (workers or 1)
-    chunk = options.get("chunk") or LARGEST_CHUNK
-    inside = {**options, "workers": threads, "progress": False, "chunk": chunk}
-    name = f"{function.__module__}:{function.__qualname__}"
+    options["start"] = first_of(options["start"])
+    tiles, exists = Tiling.of(grid.shape, store.tile), not store.fresh and store.path.exists()
+    if store.tile is None and exists:
+        stored = _open_archive(store.path).tiles
+        tiles = stored if stored.shape == grid.shape else tiles
+    call = _fingerprint(function, grid, options | {"steps_per_period": steps}, tiles)
+    if exists and _open_archive(store.path, call).complete_tiles().all():
+        return open_store(store.path)  # on a disk, perhaps, that is protected against writing
+    # threads of this process compute a tile each; other processes may have several cores
+    threads, inside = (workers or cores(), 1) if executor is None else (1, workers or 1)
+    # chunks of one size, so that a worker compiles its programs once
+    chunk = options["chunk"] or LARGEST_CHUNK
+    how = options | dict(workers=inside, progress=False, chunk=chunk)
+    compute = functools.partial(function, scene, **how)
     # LAPACK must not be called from two threads, and a device computes one batch at a time
-    alone = calls_lapack(resolve_solver(scene, options.get("solver")), True) or jax.default_backend() != "cpu"
+    alone = calls_lapack(resolve_solver(scene, options["solver"]), True) or jax.default_backend() != "cpu"
     steps_of = lambda region: np.asarray(steps)[region] if np.ndim(steps) else steps
     with _writing(store):
         with nullcontext() if store.share is None else _held(_lock_path(store.path), SHARE_WAIT):
             if store.fresh or not store.path.exists():
                 _check_replaceable(store.path)
                 # first of all one case, so that a wrong argument deletes nothing
-                corner = tuple(slice(1) for _ in known.shape)
+                corner = tuple(slice(1) for _ in grid.shape)
                 try:
-                    like = _part(name, scene, known.part(corner), inside, steps_of(corner))
+                    like = compute(grid.part(corner), steps_per_period=steps_of(corner))
                 except Interrupted:
-                    raise Interrupted(None, 0, known.count) from None
-                _check_capacity(like, known.count, tiles, store, 1 if executor is not None else workers or cores())
-                archive = _make_archive(store.path, known, tiles, call, like)
+                    raise Interrupted(None, 0, grid.count) from None
+                size = bytes_of_case(like, grid.dims, grid.coordinates())
+                of_store: dict[str, Any] = dict(tiles=tiles, at_once=threads, free=store.free_bytes)
+                CountedEstimate(grid.count, math.nan, size, **of_store).check()
+                archive = _make_archive(store.path, grid, tiles, call, like)
             else:
-                archive = _checked_archive(store.path, call)
-        task = _Task(archive._replace(path=store.path.absolute()), name, scene, inside, alone)
-        done = archive.complete_tiles()
+                archive = _open_archive(store.path, call)
+        archive, done = archive._replace(path=store.path.absolute()), archive.complete_tiles()
         share, shares = store.share or (1, 1)
         todo = [k for k in range(tiles.count) if not done[k] and k % shares == share - 1]
         archive.tidy(None if store.share is None else todo)
-        parts = ((k, known.part(tiles.region(k)), steps_of(tiles.region(k))) for k in todo)
+        task = functools.partial(_compute_tile, archive, compute, alone)
+        parts = {k: (grid.part(tiles.region(k)), steps_of(tiles.region(k))) for k in todo}
+        before = archive.complete_cases(done)
+        name = f"{before} cases stored before" if before else ""
         try:
-            _run_tasks(
-                task, list(parts), executor, workers, bool(options.get("progress")), archive.complete_cases(done)
-            )
+            _run_tasks(task, parts, tiles, executor, threads, wanted=options["progress"], name=name)
         except KeyboardInterrupt:
-            raise Interrupted(open_store(store.path), archive.complete_cases(), known.count) from None
+            raise Interrupted(open_store(store.path), archive.complete_cases(), grid.count) from None
+        except BrokenExecutor as error:
+            stored = f"{archive.complete_cases()} cases or more are stored, call again to go on"
+            raise WorkerLost(f"a worker process ended abruptly, for want of memory perhaps; {stored}") from error
     return open_store(store.path)
-
-
-def _tiling(grid: Grid, store: Store) -> Tiling:
-    """Tiles as asked; otherwise as in the store, if there is one of this shape."""
-    if store.tile is None and not store.fresh and store.path.exists():
-        tiles = _open_archive(store.path).tiles
-        if tiles.shape == grid.shape:
-            return tiles
-    return Tiling.of(grid.shape, store.tile)
-
-
-def _checked_archive(path: Path, call: Mapping[str, Any]) -> Archive:
-    """Opens a store of this call.
-
-    **Raises:** `ValueError` that shows the differences where it was made by another call.
-    """
-    archive = _open_archive(path)
-    lines = _differences(archive.mark["call"], call)
-    if lines:
-        shown = "\n  ".join(lines[:10] + [f"and {len(lines) - 10} more"] * (len(lines) > 10))
-        raise ValueError(
-            f"Argument `store` must be of the same call, but {path} was made by another one:\n  {shown}\n"
-            "Take another path, or start over with slipperjax.Store(path, fresh=True), on the command line --fresh."
-        )
-    return archive
 
 
 def _check_replaceable(path: Path) -> None:
@@ -695,44 +581,50 @@ def _check_replaceable(path: Path) -> None:
         _open_archive(path)
 
 
-def _check_capacity(like: xr.Dataset, count: int, tiles: Tiling, store: Store, threads: int) -> None:
-    """Refuses tiles that do not fit into memory, and warns of a store that may not fit on its disk.
-
-    **Arguments:** `like`: the results of one case.
-    """
-    size, memory = math.prod(tiles.tile), available_memory()
-    needed = COPIES * like.nbytes * size * threads
-    if memory is not None and needed > memory:
-        raise ValueError(
-            f"Argument `store` must have tiles that fit into memory, but {threads} at once of {size} cases "
-            f"need {shown_bytes(needed)}, of which {shown_bytes(float(memory))} are available: take smaller "
-            "ones, slipperjax.Store(path, tile=...), or keep less of each case."
-        )
-    free = float(shutil.disk_usage(store.path.absolute().parent).free)
-    if like.nbytes * count > free:
-        warn(
-            f"The store has {shown_bytes(float(like.nbytes * count))} before it is compressed, and its disk has "
-            f"{shown_bytes(free)}: see slipperjax.explain, and keep less of each case where it does not fit."
-        )
-
-
 # --- workers --------------------------------------------------------------------------------------------------------
 
 
-def _run_tasks(task: _Task, parts: list, executor: Any, workers: int | None, progress: bool, before: int) -> None:
+def _compute_tile(
+    archive: Archive, compute: Callable[..., Any], alone: bool, number: int, values: dict[str, np.ndarray], steps: Any
+) -> None:
+    """Computes a tile of a store and writes it. Calling it again is harmless: it writes the same bytes.
+
+    **Arguments:** `alone`: whether a process may compute one tile at a time only; `values`, `steps`: of the tile, by
+    name of the grid and as `steps_per_period`.
+    """
+    with _ALONE if alone else nullcontext():
+        ds = compute(values, steps_per_period=steps)
+    try:
+        archive.write(number, ds)
+    except OSError as error:
+        cases = f"{archive.complete_cases()} of {math.prod(archive.tiles.shape)} cases are stored"
+        text = f"cannot write to {archive.path}: {error.strerror or error}; {cases}, call again to go on"
+        raise OSError(error.errno, text) from None
+
+
+def _run_tasks(
+    task: Callable[..., None],
+    parts: Mapping[int, tuple[Any, ...]],
+    tiles: Tiling,
+    executor: Any,
+    threads: int,
+    **shown_as: Any,
+) -> None:
     """Computes tiles, in any order.
 
-    **Arguments:** `parts`: arguments of the task; `executor`: a `concurrent.futures.Executor`, a
-    `dask.distributed.Client`, or None for `workers` threads of this process; `before`: cases that were stored before.
+    **Arguments:** `parts`: arguments of the task by number of the tile; `executor`: a `concurrent.futures.Executor`,
+    a `dask.distributed.Client`, or None for `threads` of this process; `shown_as`: of the progress.
 
-    **Raises:** `KeyboardInterrupt` after Ctrl-C; `WorkerLost`; the error of a task.
+    **Raises:** `KeyboardInterrupt` after Ctrl-C; the error of a task, or of the executor.
     """
-    sizes = {number: task.archive.tiles.cases(number) for number, *_ in parts}
-    cases, name = sum(sizes.values()), f"{before} cases stored before" if before else ""
-    if not parts:
-        return
-    with _pool(executor, workers) as pool, progress_shown(cases, cases, name, progress) as shown:
-        futures = {pool.submit(task, *part): part[0] for part in parts}
+    sizes = {number: tiles.cases(number) for number in parts}
+    pool: Any = ThreadPoolExecutor(threads) if executor is None else executor
+    if type(pool).__module__.split(".")[0] == "distributed":
+        # tasks of one function and argument are the same to dask unless they are said to be impure
+        pool = pool.get_executor(pure=False, retries=RETRIES)
+    cases = sum(sizes.values())
+    with progress_shown(cases, cases, **shown_as) as shown:
+        futures = {pool.submit(task, number, *part): number for number, part in parts.items()}
         try:
             while futures:
                 for future in wait(futures, TICK, "FIRST_COMPLETED").done:
@@ -740,34 +632,15 @@ def _run_tasks(task: _Task, parts: list, executor: Any, workers: int | None, pro
                     size = sizes[futures.pop(future)]
                     shown(size, size)
                 heed_interrupts()
-        except BaseException as error:
-            for future in futures:
-                future.cancel()
-            if isinstance(error, BrokenExecutor):
-                stored = f"{task.archive.complete_cases()} cases or more are stored, call again to go on"
-                raise WorkerLost(f"a worker process ended abruptly, for want of memory perhaps; {stored}") from error
+        except BaseException:
+            running = [future for future in futures if not future.cancel()]
+            if executor is None:
+                with all_stopped():
+                    wait(running, THREADS_WAIT)
             raise
-
-
-@contextmanager
-def _pool(executor: Any, workers: int | None) -> Iterator[Any]:
-    """The executor of tiles: as given, of a dask client, or threads, which end soon after an error or Ctrl-C."""
-    if executor is not None:
-        # tasks of one function and argument are the same to dask unless they are said to be impure
-        dask = type(executor).__module__.split(".")[0] == "distributed"
-        yield executor.get_executor(pure=False, retries=RETRIES) if dask else executor
-        return
-    pool = ThreadPoolExecutor(cores() if workers is None else workers)
-    try:
-        yield pool
-    except BaseException:
-        with all_stopped():
-            pool.shutdown(wait=False, cancel_futures=True)
-            until = time.monotonic() + THREAD_PATIENCE
-            while any(thread.is_alive() for thread in pool._threads) and time.monotonic() < until:
-                time.sleep(TICK / 5)
-        raise
-    pool.shutdown()
+        finally:
+            if executor is None:
+                pool.shutdown(wait=False)
 
 
 def processes(count: int | None = None) -> ProcessPoolExecutor:
@@ -787,28 +660,22 @@ def processes(count: int | None = None) -> ProcessPoolExecutor:
     count = cores() if count is None else whole("count", count, 1)
     context = multiprocessing.get_context("spawn")
     folder = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
-    begun = (context.Value("i", 0), _core_groups(count), None if folder is None else str(folder))
+    # each process takes a group of cores, as equal as they can be; processes above the number of cores share them
+    own, groups = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else [], context.SimpleQueue()
+    for k in range(count):
+        groups.put(own[k % max(len(own), 1) :: count])
+    begun = (groups, None if folder is None else str(folder))
     return ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=begun)
 
 
-def _core_groups(count: int) -> list[list[int]]:
-    """Cores for each process, as equal as they can be; processes above the number of cores share them."""
-    if not hasattr(os, "sched_getaffinity"):
-        return []
-    own = sorted(os.sched_getaffinity(0))
-    return [own[k * len(own) // count : (k + 1) * len(own) // count] or [own[k % len(own)]] for k in range(count)]
-
-
-def _begin(counter, groups: list[list[int]], folder: str | None) -> None:
+def _begin(groups: Any, folder: str | None) -> None:
     """Prepares a new process, before JAX starts its threads."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the business of who waits for the results
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    with counter.get_lock():
-        number = counter.value
-        counter.value += 1
-    if groups:
+    group = groups.get()
+    if group:
         with suppress(OSError):
-            os.sched_setaffinity(0, groups[number % len(groups)])
+            os.sched_setaffinity(0, group)
     if folder is None:
         compile_cache()
     else:

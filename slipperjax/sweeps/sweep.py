@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import diffrax
 import jax
@@ -22,12 +22,11 @@ from ..orbits.exponents import check_count
 from ..orbits.periodic import TOLERANCE
 from ..solvers.latching import solver_name
 from ..tools.checks import whole
-from .exponents import LyapunovExponents
+from .exponents import BLOCK, LyapunovExponents
 from .grid import Grid
-from .measure import BLOCK
 from .orbits import NearestOrbit
 from .records import resolved_record
-from .run import PERIODS_PER_CALL, ChunkInputs, Plan, Run, RunOptions, call_of, make_plan, run_cases, run_chunk
+from .run import PERIODS_PER_CALL, ChunkInputs, ChunkRun, Plan, RunOptions, call_of, make_plan, run_cases, run_chunk
 from .store import Store, storable
 
 
@@ -94,21 +93,20 @@ def sweep(
     """
     call = call_of("sweep", locals())
     cases, start = Grid(scene, grid, product=product), first_of(start)
-    options = RunOptions(transient, periods, steps_per_period, saves_per_period, solver)
-    plan = make_plan(cases, start, options, resolved_record(record, loads))
+    lengths = RunOptions(transient, periods, steps_per_period, saves_per_period, solver)
+    plan = make_plan(cases, start, lengths, resolved_record(record, loads))
 
-    def work(part: ChunkInputs) -> CaseResults:
+    def work(part: ChunkInputs) -> ChunkRun:
         states = initial_states(part.scenes, part.starts)
-        run = run_chunk(plan, part.scenes, states, part.steps, part.on_progress, cases=part.cases)
-        return CaseResults(run.status, run.record)
+        return run_chunk(plan, part.scenes, states, part.steps, part.on_progress, cases=part.cases)
 
-    how: dict[str, Any] = dict(chunk=chunk, workers=workers, progress=progress)
-    run = run_cases(plan, work, cost=plan.cost, **how)
+    options: dict[str, Any] = dict(chunk=chunk, workers=workers, progress=progress)
+    run = run_cases(plan, work, cost=plan.cost, **options)
     if run.results is not None and plan.records.continues:
-        record, status, interrupted = plan.records.continue_cases(
-            run.results.record, run.results.status, plan, how, run.interrupted
-        )
-        run = Run(CaseResults(status, record), status != Status.NOT_RUN, interrupted)
+        of_run = run.results.record, run.results.status, plan, options, run.interrupted
+        record, status, interrupted = plan.records.continue_cases(*of_run)
+        results = run.results._replace(status=status, record=record)
+        run = run._replace(results=results, finished=status != Status.NOT_RUN, interrupted=interrupted)
     return run.checked(lambda: sweep_dataset(plan, run.results, plan.steps, call))
 
 
@@ -199,18 +197,9 @@ def _before(transient: int) -> dict[str, int]:
     return dict(transient=0, periods=-(-transient // PERIODS_PER_CALL) * PERIODS_PER_CALL)
 
 
-class CaseResults(NamedTuple):
-    """Results of cases, with a leading axis of cases."""
-
-    status: Int[np.ndarray, " cases"]
-    """`slipperjax.Status` codes."""
-    record: tuple[Any, ...]
-    """Arrays of the plan's records."""
-
-
 def sweep_dataset(
     plan: Plan,
-    results: CaseResults,
+    results: ChunkRun,
     steps: Int[np.ndarray, " cases"],
     call: Mapping[str, Any],
     first: Mapping[str, list] | None = None,
@@ -225,29 +214,17 @@ def sweep_dataset(
     shape = (*(len(values) for values in first.values()), *cases.shape)
     record = jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), results.record)
     data, coords = plan.records.label(cases.scene, dims, record)
-    data |= case_variables(dims, results.status.reshape(shape), steps.reshape(shape))
+    label = {"long_name": "status", "meaning": MEANINGS}
+    data["status"] = (dims, results.status.reshape(shape), label)
+    label = {"units": "1", "long_name": "integration steps per forcing period"}
+    data["steps_per_period"] = (dims, steps.reshape(shape), label)
     if "time" in [dim for dim, *_ in coords.values()]:  # of histories
         seconds = cases.forcing_periods().reshape(*cases.shape, 1) * coords["period"][1]
         coords["seconds"] = ((*cases.dims, "time"), seconds, {"units": "s", "long_name": "time"})
-    attrs = case_attributes(plan, call) | {"record": plan.records.name}
-    return xr.Dataset(data, {**coords, **first, **cases.coordinates()}, attrs)
-
-
-def case_attributes(plan: Plan, call: Mapping[str, Any]) -> dict[str, Any]:
-    """Attributes that every dataset of cases has: the scene's parameters, and all that is needed to run it again."""
-    cases, whole_call = plan.cases, {**call, "solver": plan.solver}
+    # the scene's parameters, and all that is needed to run it again
     attrs = scene_attributes(cases.scene, without=cases.axes)
+    whole_call = {**call, "solver": plan.solver}
     attrs |= run_attributes(cases.scene, cases.start, whole_call, map(cases.label, cases.axes))
-    return attrs | {
-        "transient": plan.transient.periods,
-        "periods": plan.recorded.periods,
-        "solver": solver_name(plan.solver),
-    }
-
-
-def case_variables(dims: tuple[str, ...], status: np.ndarray, steps: np.ndarray) -> dict[str, Any]:
-    """Variables that every dataset of cases has: how each went, and how many steps it took."""
-    return {
-        "status": (dims, status, {"long_name": "status", "meaning": MEANINGS}),
-        "steps_per_period": (dims, steps, {"units": "1", "long_name": "integration steps per forcing period"}),
-    }
+    attrs |= {"transient": plan.transient.periods, "periods": plan.recorded.periods}
+    attrs |= {"solver": solver_name(plan.solver), "record": plan.records.name}
+    return xr.Dataset(data, {**coords, **first, **cases.coordinates()}, attrs)

@@ -8,4 +8,4 @@ from jaxtyping import install_import_hook
 
 import tests.shapes  # noqa: F401  (the hook finds it by its name)
 
-install_import_hook("slipperjax.sweeps.stores", "tests.shapes.typechecked")
+install_import_hook("slipperjax.sweeps.store", "tests.shapes.typechecked")

@@ -16,7 +16,7 @@ from slipperjax.design.sensitivities import RELATIVE_REACH
 from slipperjax.flow.period_map import advance, initial_states
 from slipperjax.flow.simulate import dynamic_steps
 from slipperjax.sweeps.grid import Cases
-from slipperjax.sweeps.maps import rows_of
+from slipperjax.sweeps.orbits import rows_of
 
 STEPS = 50
 SEEDS = 17

@@ -37,10 +37,23 @@ def test_what_cannot_fit_is_refused_with_advice(tmp_path, monkeypatch):
     found = sj.explain(made_up, sj.paper_scene(), grid, store=tmp_path / "map.zarr", steps_per_period=50)
     assert found.cases == 10**12
     text = " ".join(found.problems)
-    assert "the store needs" in text
+    assert "The store needs" in text
     assert "cores would be done in a week" in text
-    monkeypatch.setattr(sys.modules["slipperjax.sweeps.explain"], "available_memory", lambda: 1000)
-    assert any("smaller tiles" in problem for problem in found.problems)
+    monkeypatch.setattr(sys.modules["slipperjax.sweeps.estimate"], "available_memory", lambda: 1000)
+    assert any("take smaller" in problem for problem in found.problems)
+
+
+def test_calls_and_estimates_refuse_alike(tmp_path, monkeypatch):
+    store = sj.Store(tmp_path / "map.zarr", tile=10)
+    explained, options = [], dict(scene=sj.paper_scene(), grid=a_grid(), workers=1)
+    monkeypatch.setattr(sys.modules["slipperjax.sweeps.estimate"], "available_memory", lambda: 1000)
+    monkeypatch.setattr("slipperjax.tools.limits.available_memory", lambda: 1000)
+    for of_store in (store, None):
+        explained += sj.explain(made_up, store=of_store, **options).problems
+    with pytest.raises(ValueError, match="take smaller tiles") as refused:
+        made_up(store=store, **options)
+    assert explained[0].split(" need ")[0] == f"impossible: {refused.value}".split(" need ")[0]
+    assert explained[1].startswith("impossible: 120 cases need about")
 
 
 @pytest.mark.parametrize("method", ["sobol", "halton", "latin", "random"])

@@ -11,9 +11,8 @@ from slipperjax.analysis.floquet import largest_exponent
 from slipperjax.flow.status import Status
 from slipperjax.sweeps import exponents, reached
 from slipperjax.sweeps.attractors import attractors, strobe_states
-from slipperjax.sweeps.exponents import LyapunovExponents
+from slipperjax.sweeps.exponents import MOTIONS, LongerMotions, LyapunovExponents
 from slipperjax.sweeps.run import Run
-from slipperjax.sweeps.transience import MOTIONS, LongerMotions
 
 TWO = [1250.0, 2100.0]  # periodic and chaotic
 LOST = 1e-3  # hours in 50 steps: thrown out of the finite numbers
@@ -132,9 +131,9 @@ def test_without_a_stable_orbit_nearby_a_case_is_measured(monkeypatch, both_ways
     """Of one motion in several lanes, whose orbits are each spoilt in another way."""
     whole = reached.find_orbits
 
-    def find_orbits(scenes, states, steps, **options):
-        found = whole(scenes, states, steps, **options)
-        if (steps == 100) == finer:
+    def find_orbits(maps, states, **options):
+        found = whole(maps, states, **options)
+        if (maps.steps == 100) == finer:
             for lane, spoil in enumerate(SPOILT.values()):
                 put = lambda good, bad, lane=lane: np.concatenate([good[:lane], bad[lane:][:1], good[lane + 1 :]])
                 found = jax.tree.map(put, jax.tree.map(np.asarray, found), jax.tree.map(np.asarray, spoil(found)))
@@ -151,7 +150,7 @@ def test_without_a_stable_orbit_nearby_a_case_is_measured(monkeypatch, both_ways
 
 def test_what_is_wrong_with_a_case_is_said_all_the_same(monkeypatch):
     """A motion on a stable orbit that presses a point in is marked."""
-    monkeypatch.setattr("slipperjax.sweeps.maps.Maps._looked", lambda *a, **k: np.full(8, int(Status.PRESSED_IN)))
+    monkeypatch.setattr("slipperjax.sweeps.orbits.Maps._looked", lambda *a, **k: np.full(8, int(Status.PRESSED_IN)))
     found = swept(TWO[:1])
     assert found["status"].values.tolist() == [Status.PRESSED_IN]
     assert not found["by_orbit"].any()

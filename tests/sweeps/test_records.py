@@ -13,9 +13,9 @@ from slipperjax.flow.record import History, Sections, Strobe
 from slipperjax.flow.records import RECORDS, ForcePercentile, PowerMean, Record, SpectrumLines
 from slipperjax.flow.status import Status
 from slipperjax.model.quantities import ACCELERATIONS, COORDINATES, LOADS, SECTIONS, Quantity
-from slipperjax.sweeps.attractors import attractors
+from slipperjax.sweeps.attractors import Motions, attractors
 from slipperjax.sweeps.grid import Grid
-from slipperjax.sweeps.records import LargestExponent, MotionKind, Motions, resolved_record
+from slipperjax.sweeps.records import LargestExponent, MotionKind, resolved_record
 from slipperjax.sweeps.repeat import repeat
 from slipperjax.sweeps.run import RunOptions, make_plan
 from slipperjax.sweeps.sweep import lyapunov_sweep

@@ -21,7 +21,8 @@ import slipperjax as sj
 from slipperjax.flow.records import Record
 from slipperjax.flow.status import ASKED
 from slipperjax.model.quantities import Quantity
-from slipperjax.sweeps.store import StoreInUse, Tiling, WorkerLost, check_store, store_status
+from slipperjax.sweeps.grid import Tiling
+from slipperjax.sweeps.store import StoreInUse, WorkerLost, check_store, store_status
 
 from . import made_up
 from .made_up import a_grid, call, files
@@ -369,7 +370,7 @@ def test_a_full_disk_is_named_and_nothing_is_lost(tmp_path, whole, monkeypatch):
 
 
 def test_what_does_not_fit_is_said_before_it_is_begun(tmp_path, monkeypatch):
-    module = sys.modules["slipperjax.sweeps.store"]
+    module = sys.modules["slipperjax.sweeps.estimate"]
     monkeypatch.setattr(module, "available_memory", lambda: 1000)
     with pytest.raises(ValueError, match=r"2 at once of 10 cases need .* of which 1 kB are available: take smaller"):
         call(tmp_path / "map.zarr", workers=2)
