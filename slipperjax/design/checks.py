@@ -6,11 +6,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jax.flatten_util import ravel_pytree
 
 from ..flow.status import Status
-from ..model.dang2024 import table_2_start
-from ..model.dynamics import initial_state
+from ..model.layout import StateLayout
 from ..model.paths import parameter
 from ..orbits.branches import OrbitBranch, continue_orbit
 from ..orbits.periodic import periodic_orbit
@@ -91,10 +89,9 @@ def event_margins(
         if period == 0:
             raise ValueError(f"Argument `cases` must be on orbits, but case {case} is {design.regime[case]}.")
         scene = design.scene.replace(**{name: float(values[case]) for name, values in problem.cases.items()})
-        _, unravel = ravel_pytree(initial_state(scene, table_2_start()))
         # steps half as long, to resolve events
         options: dict[str, Any] = dict(steps_per_period=2 * plan.steps, solver=plan.solver)
-        start = unravel(jnp.asarray(design.cases["state"].values[case]))
+        start = StateLayout.of(scene).unpack(jnp.asarray(design.cases["state"].values[case]))
         orbit = periodic_orbit(scene, period, start=start, **options)
         options |= dict(points=points, until=EVENTS, progress=progress)
         for name in names:

@@ -147,33 +147,29 @@ class TrustRegion(AbstractMethod):
 def _linear_step(at: np.ndarray, values: CaseValues, radius: float, size: float, curvature: Any = None) -> Step:
     """Solves the linearised problem. Unknowns: the step, the bound of the objective, and one slack of constraints.
 
-    **Arguments:** `curvature`: additions to objective and constraints.
+    **Arguments:** `curvature`: additions to the objective in each case, which a mean does without, and to constraints.
     """
     value_added, excess_added = curvature or (0.0, 0.0)
-    count, worst = len(at), values.weight is None
     finite = np.isfinite(values.value) & np.all(np.isfinite(values.slope), axis=1)
     usable = np.isfinite(values.excess) & np.all(np.isfinite(values.excess_slope), axis=1)
-    mean_slope = np.zeros(count) if values.weight is None else values.weight[finite] @ values.slope[finite]
-    column = lambda rows, value: np.full((len(rows), 1), value)
-    # slope @ step + excess <= slack, and in the worst case slope @ step + value <= bound in every case
-    slopes = values.excess_slope[usable]
-    rows = np.hstack([slopes, column(slopes, 0.0), column(slopes, -1.0)])
-    limits = -(values.excess + excess_added)[usable]
-    if worst:
-        slopes = values.slope[finite] / size
-        rows = np.vstack([np.hstack([slopes, column(slopes, -1.0), column(slopes, 0.0)]), rows])
-        limits = np.concatenate([-(values.value + value_added)[finite] / size, limits])
-    aim = [*(mean_slope / size), float(worst), VIOLATION_PRICE]
-    box = [(max(-radius, -x), min(radius, 1 - x)) for x in at]
-    box += [(None, None) if worst and len(rows) else (0.0, 0.0), (0.0, None)]
-    solution = linprog(aim, rows if len(rows) else None, limits if len(rows) else None, bounds=box, method="highs").x
+    value, slope = (values.value + value_added)[finite], values.slope[finite]
+    if values.weight is not None:
+        value, slope = np.array([values.total]), values.weight[None, finite] @ slope
+    excess, excess_slope = (values.excess + excess_added)[usable], values.excess_slope[usable]
+    # slope @ step + value <= bound for every case or the mean, and slope @ step + excess <= slack for constraints
+    column = lambda rows, entry: np.full((len(rows), 1), entry)
+    bound_rows = np.hstack([slope / size, column(slope, -1.0), column(slope, 0.0)])
+    slack_rows = np.hstack([excess_slope, column(excess_slope, 0.0), column(excess_slope, -1.0)])
+    limits = -np.concatenate([value / size, excess])
+    aim = [*np.zeros(len(at)), 1.0, VIOLATION_PRICE]
+    box = [*((max(-radius, -x), min(radius, 1 - x)) for x in at), (None, None), (0.0, None)]
+    solution = linprog(aim, np.vstack([bound_rows, slack_rows]), limits, bounds=box, method="highs").x
     if solution is None:
         return Step(at, 0.0)
-    move, slack = solution[:count], solution[-1]
-    now = values.total if np.isfinite(values.total) else np.nanmax(values.value, initial=-np.inf)
-    then = size * solution[count] if worst else now + mean_slope @ move
+    *move, bound, slack = solution
     violation = values.violation if np.isfinite(values.violation) else 0.0
-    return Step(np.clip(at + move, 0.0, 1.0), float(now - then + VIOLATION_PRICE * size * (violation - slack)))
+    fall = values.total - size * bound + VIOLATION_PRICE * size * (violation - slack)
+    return Step(np.clip(at + move, 0.0, 1.0), float(fall))
 
 
 @dataclasses.dataclass

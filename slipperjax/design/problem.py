@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy.stats.qmc
@@ -16,26 +16,12 @@ from ..orbits.motions import check_forcing
 from ..solvers.named import resolve_solver
 from ..sweeps.grid import Cases
 from ..tools.checks import brief, instance, one_of, require, whole, yes_or_no
-from .evaluation import EnsembleSettings, Evaluation, EvaluationPlan
 from .judge import judge
 from .methods import CaseValues
-from .objectives import Objective, objective_named
+from .objectives import EnsembleSettings, Evaluation, EvaluationPlan, Objective, objective_named
 
 REACH = 0.005
 """Distance of ensembles' parameters from a design's [unit box]."""
-
-
-class Limits(NamedTuple):
-    """A constraint: an objective that must lie between two values."""
-
-    objective: Objective
-    low: float
-    high: float
-
-    @property
-    def scale(self) -> float:
-        """A violation that counts as one [unit of the objective]."""
-        return max(abs(v) for v in (self.low, self.high) if math.isfinite(v)) or 1.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,7 +36,8 @@ class Problem:
     """Values of other parameters that the design must serve, every combination."""
     robust: str
     """How the cases are joined, "worst" or "mean"."""
-    constraints: tuple[Limits, ...]
+    constraints: tuple[tuple[Objective, float, float], ...]
+    """Objectives that must lie between two values in every case."""
     periodic: bool
 
     @property
@@ -107,12 +94,11 @@ class Problem:
         """Returns objective and constraints of one design from the evaluation of its cases."""
         slope, at = evaluation.gradient * self.width, self.index(self.objective.smooth)
         excess, excess_slope = [np.empty(0)], [np.empty((0, len(self.names)))]
-        for limits in self.constraints:
-            k = self.index(limits.objective)
-            for sign, limit in ((1.0, limits.high), (-1.0, limits.low)):
-                if math.isfinite(limit):
-                    excess.append(sign * (evaluation.value[:, k] - limit) / limits.scale)
-                    excess_slope.append(sign * slope[:, k] / limits.scale)
+        for objective, low, high in self.constraints:
+            k, limits = self.index(objective), [(s, v) for s, v in ((1.0, high), (-1.0, low)) if math.isfinite(v)]
+            scale = max(abs(limit) for _, limit in limits) or 1.0
+            excess += [sign * (evaluation.value[:, k] - limit) / scale for sign, limit in limits]
+            excess_slope += [sign * slope[:, k] / scale for sign, _ in limits]
         if self.periodic:
             excess.append(np.where(evaluation.period == 0, 1.0, -1.0))
             excess_slope.append(np.zeros((self.count, len(self.names))))
@@ -148,7 +134,7 @@ def checked_problem(
     plan = EvaluationPlan(
         scene,
         tuple(bounds),
-        tuple(dict.fromkeys([objective.smooth, objective, *(one.objective for one in limits)])),
+        tuple(dict.fromkeys([objective.smooth, objective, *(one for one, _, _ in limits)])),
         solver,
         whole("steps_per_period", steps, 1),
         start,
@@ -176,7 +162,7 @@ def _checked_bounds(scene: Scene, variables: Any) -> dict[str, tuple[float, floa
     return bounds
 
 
-def _checked_limits(constraints: Any) -> tuple[Limits, ...]:
+def _checked_limits(constraints: Any) -> tuple[tuple[Objective, float, float], ...]:
     constraints = {} if constraints is None else constraints
     require(isinstance(constraints, Mapping), "constraints", "map objectives to limits", constraints)
     limits = []
@@ -194,7 +180,7 @@ def _checked_limits(constraints: Any) -> tuple[Limits, ...]:
                 f"Argument `constraints` must have a highest value or (low, high) for {objective.name} "
                 f"[{objective.quantity.unit}], but has {brief(pair)}."
             )
-        limits.append(Limits(objective, low, high))
+        limits.append((objective, low, high))
     return tuple(limits)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from slipperjax.analysis.kinds import Regime
-from slipperjax.design.evaluation import Evaluation
+from slipperjax.design.objectives import Evaluation
 
 
 def evaluate(self, designs, warm_start):

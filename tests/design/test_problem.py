@@ -5,7 +5,7 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.design.optimise import optimise_design
-from slipperjax.design.pareto import pareto_front
+from slipperjax.design.optimise import pareto_front
 from slipperjax.design.problem import checked_problem, first_designs
 from slipperjax.design.sensitivities import sensitivities
 

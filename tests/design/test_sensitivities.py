@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.design.evaluation import EnsembleSettings
+from slipperjax.design.objectives import EnsembleSettings
 from slipperjax.design.objectives import OBJECTIVES
 from slipperjax.design.sensitivities import sensitivities
 
