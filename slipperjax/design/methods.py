@@ -147,7 +147,7 @@ class TrustRegion(AbstractMethod):
 def _linear_step(at: np.ndarray, values: CaseValues, radius: float, size: float, curvature: Any = None) -> Step:
     """Solves the linearised problem. Unknowns: the step, the bound of the objective, and one slack of constraints.
 
-    **Arguments:** `curvature`: additions to the objective in each case, which a mean does without, and to constraints.
+    **Arguments:** `curvature`: additions to each case of a worst-case objective, and to constraints.
     """
     value_added, excess_added = curvature or (0.0, 0.0)
     finite = np.isfinite(values.value) & np.all(np.isfinite(values.slope), axis=1)

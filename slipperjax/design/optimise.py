@@ -1,4 +1,4 @@
-"""Designs by gradient: parameters that keep an objective lowest over a range of cases, and fronts of two objectives."""
+"""Designs by gradient: parameters that keep an objective lowest over some cases, and fronts of two objectives."""
 
 import dataclasses
 import math
@@ -362,9 +362,7 @@ def _history(problem: Problem, trials: list[Trial]) -> xr.Dataset:
 def _starts(history: xr.Dataset, end_unit: np.ndarray, finished: list[bool]) -> xr.Dataset:
     """Returns the dataset of the starts, from the first and the last trial that each accepted."""
     start, taken = history["start"].values, history["taken"].values
-    first, end = (
-        [np.flatnonzero((start == k) & taken)[at] for k in range(len(finished))] for at in (0, -1)
-    )
+    first, end = ([np.flatnonzero((start == k) & taken)[at] for k in range(len(finished))] for at in (0, -1))
     each = ("start", "variable")
     ends = history[["design", "smooth", "violation"]].isel(trial=end).rename(trial="start", design="end")
     ends["first"], ends["end_unit"] = (each, history["design"].values[first]), (each, end_unit)

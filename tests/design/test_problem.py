@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.design.optimise import optimise_design
-from slipperjax.design.optimise import pareto_front
+from slipperjax.design.optimise import optimise_design, pareto_front
 from slipperjax.design.problem import checked_problem, first_designs
 from slipperjax.design.sensitivities import sensitivities
 
