@@ -57,14 +57,6 @@ class CaseValues(NamedTuple):
         return self.total + VIOLATION_PRICE * size * self.violation
 
 
-class Step(NamedTuple):
-    """A proposed design."""
-
-    to: Float[np.ndarray, " parameters"]
-    predicted: float
-    """Predicted fall of the merit; NaN without a prediction."""
-
-
 @dataclasses.dataclass
 class AbstractMove(abc.ABC):
     """A start on its way through the unit box."""
@@ -76,12 +68,12 @@ class AbstractMove(abc.ABC):
     finished: bool = dataclasses.field(default=False, kw_only=True)
 
     @abc.abstractmethod
-    def propose(self) -> Step:
-        """Returns the next trial."""
+    def propose(self) -> Float[np.ndarray, " parameters"]:
+        """Returns the design to try next."""
 
     @abc.abstractmethod
-    def update(self, step: Step, values: CaseValues) -> bool:
-        """Accepts or rejects a trial, and returns whether it was accepted."""
+    def update(self, at: Float[np.ndarray, " parameters"], values: CaseValues) -> bool:
+        """Accepts or rejects the design that was tried, and returns whether it was accepted."""
 
 
 class AbstractMethod(abc.ABC):
@@ -96,29 +88,31 @@ class AbstractMethod(abc.ABC):
 class _TrustRegionMove(AbstractMove):
     radius: float
     least: float
+    predicted: float = 0.0
+    """Predicted fall of the merit by the last trial."""
     curvature: tuple[np.ndarray, np.ndarray] | None = None
     """Differences of objective and constraints of a rejected trial from their linear predictions."""
 
     def propose(self):
-        step = _linear_step(self.at, self.values, self.radius, self.size, self.curvature)
-        if self.curvature is None and not step.predicted > 1e-9 * self.size:
+        at, self.predicted = _linear_step(self.at, self.values, self.radius, self.size, self.curvature)
+        if self.curvature is None and not self.predicted > 1e-9 * self.size:
             self.finished = True
-        return step
+        return at
 
-    def update(self, step, values):
+    def update(self, at, values):
         fall = self.values.merit(self.size) - values.merit(self.size)
-        share = fall / step.predicted if np.isfinite(fall) and step.predicted > 0 else -np.inf
+        share = fall / self.predicted if np.isfinite(fall) and self.predicted > 0 else -np.inf
         accepted, finite = share > 0.1, np.all(np.isfinite(values.value)) and np.all(np.isfinite(values.excess))
         if not accepted and self.curvature is None and finite:
             # a second trial of the same size allows for the curvature of the first
-            move = step.to - self.at
+            move = at - self.at
             value = values.value - self.values.value - self.values.slope @ move
             excess = values.excess - self.values.excess - self.values.excess_slope @ move
             self.curvature = np.nan_to_num(value), np.nan_to_num(excess)
             return False
         self.curvature = None
         if accepted:
-            self.at, self.values = step.to, values
+            self.at, self.values = at, values
         self.radius *= 2.0 if share > 0.75 else 1.0 if share > 0.25 else 0.4
         self.radius = min(self.radius, 0.3)
         self.finished |= self.radius < self.least
@@ -144,8 +138,12 @@ class TrustRegion(AbstractMethod):
         return _TrustRegionMove(at, values, values.size, self.radius, self.least)
 
 
-def _linear_step(at: np.ndarray, values: CaseValues, radius: float, size: float, curvature: Any = None) -> Step:
-    """Solves the linearised problem. Unknowns: the step, the bound of the objective, and one slack of constraints.
+def _linear_step(
+    at: np.ndarray, values: CaseValues, radius: float, size: float, curvature: tuple[np.ndarray, np.ndarray] | None
+) -> tuple[np.ndarray, float]:
+    """Solves the linearised problem; returns the design to try and the predicted fall of the merit.
+
+    Unknowns are the step, the bound of the objective, and one slack of all constraints.
 
     **Arguments:** `curvature`: additions to each case of a worst-case objective, and to constraints.
     """
@@ -165,11 +163,11 @@ def _linear_step(at: np.ndarray, values: CaseValues, radius: float, size: float,
     box = [*((max(-radius, -x), min(radius, 1 - x)) for x in at), (None, None), (0.0, None)]
     solution = linprog(aim, np.vstack([bound_rows, slack_rows]), limits, bounds=box, method="highs").x
     if solution is None:
-        return Step(at, 0.0)
+        return at, 0.0
     *move, bound, slack = solution
     violation = values.violation if np.isfinite(values.violation) else 0.0
     fall = values.total - size * bound + VIOLATION_PRICE * size * (violation - slack)
-    return Step(np.clip(at + move, 0.0, 1.0), float(fall))
+    return np.clip(at + move, 0.0, 1.0), float(fall)
 
 
 @dataclasses.dataclass
@@ -184,13 +182,13 @@ class _DescentMove(AbstractMove):
             slope = slope + VIOLATION_PRICE * self.values.excess_slope[int(np.argmax(self.values.excess))]
         update, self.state = self.optimiser.update(jnp.asarray(slope), self.state, jnp.asarray(self.at))
         to = optax.projections.projection_box(optax.apply_updates(jnp.asarray(self.at), update), 0.0, 1.0)
-        return Step(np.asarray(to), np.nan)
+        return np.asarray(to)
 
-    def update(self, step, values):
+    def update(self, at, values):
         self.left -= 1
         finite = np.isfinite(values.total) and np.all(np.isfinite(values.total_slope))
         if finite:
-            self.at, self.values = step.to, values
+            self.at, self.values = at, values
         self.finished |= not finite or self.left <= 0
         return bool(finite)
 

@@ -17,7 +17,7 @@ from ..model.kinematics import Motion
 from ..model.quantities import Quantity
 from ..model.scene import Scene
 from ..sweeps.records import LargestExponent
-from ..tools.checks import brief
+from ..tools.checks import require
 
 Objective = AbstractNumber | LargestExponent
 """A number that a motion is judged by. Equal ones share compiled programs."""
@@ -55,13 +55,10 @@ def objective_named(objective: Any) -> Objective:
         for name in _NAMES:
             if RECORDS[name].dims == POINTS and objective.startswith(f"{name}_"):
                 return OnePoint(RECORDS[name], objective.removeprefix(f"{name}_"))
-    if callable(objective) and not isinstance(objective, type):
-        name = getattr(objective, "__name__", "functional").strip("<>")
-        return Record(Quantity(name, "1", name), objective, "mean")
-    raise ValueError(
-        f"Argument `objective` must be one of {', '.join(OBJECTIVES)}, a record of one number, or a function of a "
-        f"course, but is {brief(objective)}."
-    )
+    need = f"be one of {', '.join(OBJECTIVES)}, a record of one number, or a function of a course"
+    require(callable(objective) and not isinstance(objective, type), "objective", need, objective)
+    name = getattr(objective, "__name__", "functional").strip("<>")
+    return Record(Quantity(name, "1", name), objective, "mean")
 
 
 class EnsembleSettings(NamedTuple):

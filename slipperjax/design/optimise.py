@@ -104,7 +104,7 @@ class Design:
 
         **Arguments:** `margins`: of `event_margins`, kept with the prefix margin_.
         """
-        problem, plan, names = self.problem, self.problem.plan, self.problem.names
+        problem, names = self.problem, self.problem.names
         tables = {"start": self.starts, "trial": self.history} | ({} if margins is None else {"margin": margins})
         renamed = [ds.rename({name: f"{prefix}_{name}" for name in ds.data_vars}) for prefix, ds in tables.items()]
         words = lambda text: {"long_name": f"{text}, in the unit of each variable"}
@@ -126,13 +126,13 @@ class Design:
             "robust": problem.robust,
             "constraints": [[one.name, finite(low), finite(high)] for one, low, high in problem.constraints],
             "periodic": problem.periodic,
-            "transient": plan.transient,
-            "steps_per_period": plan.steps,
-            "solver": plan.solver,
-            "ensemble": list(plan.ensemble),
+            "transient": problem.transient,
+            "steps_per_period": problem.steps,
+            "solver": problem.solver,
+            "ensemble": list(problem.ensemble),
         }
         attrs = scene_attributes(self.scene, without=(*problem.over, *names))
-        attrs |= run_attributes(self.scene, plan.start, call, tuple(problem.over)) | {"robust": problem.robust}
+        attrs |= run_attributes(self.scene, problem.start, call, tuple(problem.over)) | {"robust": problem.robust}
         attrs |= {name: getattr(self, name) for name in ("objective", "smooth", "stderr", "gradient_norm", "status")}
         ds = xr.merge([variables, self.cases, *renamed], join="exact", compat="equals")
         return ds.assign_attrs(attrs | {"several": np.int8(self.several)})
@@ -205,22 +205,20 @@ def optimise_design(
         best = search.result() if search.trials else None
         raise Interrupted(best, len(search.trials), unit="trials") from None
     finally:
-        search.close()
+        if search.bar is not None:
+            search.bar.close()
     return search.result()
 
 
 class Trial(NamedTuple):
-    """A design that was tried: a row of `Design.history`."""
+    """A design [unit box] that one of the starts tried, with the forcing periods simulated by all until then."""
 
     start: int
-    """Index of the start that it belongs to."""
     at: np.ndarray
-    """The design [unit box]."""
     values: CaseValues
     evaluation: Evaluation
     taken: bool
     simulated: float
-    """Forcing periods simulated by all trials until then."""
 
 
 class _Search:
@@ -236,11 +234,6 @@ class _Search:
 
             self.bar = tqdm(desc=f"design for {problem.objective.name}", unit=" trials")
 
-    def close(self) -> None:
-        """Closes the progress bar."""
-        if self.bar is not None:
-            self.bar.close()
-
     def run(self, designs: np.ndarray, rounds: int) -> None:
         """Judges the first design of each start, and at most `rounds` trials of each, those of a round together."""
         for start, (at, values, evaluation) in enumerate(self._judge(designs, None)):
@@ -249,16 +242,16 @@ class _Search:
             self.moves.append(move)
             self._add(Trial(start, at, values, evaluation, True, self.simulated))
         for _ in range(rounds):
-            steps = {k: move.propose() for k, move in enumerate(self.moves) if not move.finished}
+            proposed = {k: move.propose() for k, move in enumerate(self.moves) if not move.finished}
             # a move may find that it has ended while it proposes
-            steps = {k: step for k, step in steps.items() if not self.moves[k].finished}
-            if not steps:
+            proposed = {k: at for k, at in proposed.items() if not self.moves[k].finished}
+            if not proposed:
                 break
-            latest = [self._accepted(k)[-1].evaluation for k in steps]
+            latest = [self._accepted(k)[-1].evaluation for k in proposed]
             warm_start = Evaluation(*(np.concatenate(arrays) for arrays in zip(*latest, strict=True)))
-            judged = self._judge(np.stack([step.to for step in steps.values()]), warm_start)
-            for (k, step), (at, values, evaluation) in zip(steps.items(), judged, strict=True):
-                accepted = self.moves[k].update(step, values)
+            judged = self._judge(np.stack(list(proposed.values())), warm_start)
+            for k, (at, values, evaluation) in zip(proposed, judged, strict=True):
+                accepted = self.moves[k].update(at, values)
                 self._add(Trial(k, at, values, evaluation, accepted, self.simulated))
 
     def _accepted(self, start: int) -> list[Trial]:

@@ -15,7 +15,7 @@ from ..model.scene import Scene, check_scene
 from ..orbits.motions import check_forcing
 from ..solvers.named import resolve_solver
 from ..sweeps.grid import Cases
-from ..tools.checks import brief, instance, one_of, require, whole, yes_or_no
+from ..tools.checks import instance, one_of, require, whole, yes_or_no
 from .judge import judge
 from .methods import CaseValues
 from .objectives import EnsembleSettings, Evaluation, EvaluationPlan, Objective, objective_named
@@ -25,10 +25,9 @@ REACH = 0.005
 
 
 @dataclasses.dataclass(frozen=True)
-class Problem:
-    """The problem of a search for a design."""
+class Problem(EvaluationPlan):
+    """The problem of a search for a design: what is evaluated, and what is sought."""
 
-    plan: EvaluationPlan
     objective: Objective
     bounds: dict[str, tuple[float, float]]
     """Of each variable [its SI unit]."""
@@ -39,16 +38,6 @@ class Problem:
     constraints: tuple[tuple[Objective, float, float], ...]
     """Objectives that must lie between two values in every case."""
     periodic: bool
-
-    @property
-    def scene(self) -> Scene:
-        """The scene whose parameters are varied."""
-        return self.plan.scene
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The variables."""
-        return self.plan.names
 
     @property
     def cases(self) -> dict[str, np.ndarray]:
@@ -73,7 +62,7 @@ class Problem:
 
     def index(self, objective: Objective) -> int:
         """Returns the index of an objective in evaluations."""
-        return self.plan.objectives.index(objective)
+        return self.objectives.index(objective)
 
     def joined(self, values: Float[np.ndarray, " cases"]) -> float:
         """Returns the worst or the mean of the cases' values."""
@@ -88,7 +77,7 @@ class Problem:
         values = np.repeat(self.in_units(designs), self.count, axis=0)
         grid = {name: values[:, k] for k, name in enumerate(self.names)}
         grid |= {name: np.tile(v, len(designs)) for name, v in self.cases.items()}
-        return judge(self.plan, grid, warm_start)
+        return judge(self, grid, warm_start)
 
     def case_values(self, evaluation: Evaluation) -> CaseValues:
         """Returns objective and constraints of one design from the evaluation of its cases."""
@@ -131,7 +120,7 @@ def checked_problem(
     if steps is None:
         corners = {name: list(pair) for name, pair in bounds.items()} | over
         steps = int(Cases(scene, corners, start).default_steps().max())
-    plan = EvaluationPlan(
+    return Problem(
         scene,
         tuple(bounds),
         tuple(dict.fromkeys([objective.smooth, objective, *(one for one, _, _ in limits)])),
@@ -141,8 +130,13 @@ def checked_problem(
         {name: REACH * (high - low) for name, (low, high) in bounds.items()},
         whole("transient", transient, 0),
         instance("ensemble", ensemble, EnsembleSettings, "a slipperjax.design.EnsembleSettings"),
+        objective,
+        bounds,
+        over,
+        robust,
+        limits,
+        yes_or_no("periodic", periodic),
     )
-    return Problem(plan, objective, bounds, over, robust, limits, yes_or_no("periodic", periodic))
 
 
 def _checked_bounds(scene: Scene, variables: Any) -> dict[str, tuple[float, float]]:
@@ -175,11 +169,8 @@ def _checked_limits(constraints: Any) -> tuple[tuple[Objective, float, float], .
             )
         except (TypeError, ValueError):
             low, high = np.nan, np.nan
-        if not low < high or (math.isinf(low) and math.isinf(high)):
-            raise ValueError(
-                f"Argument `constraints` must have a highest value or (low, high) for {objective.name} "
-                f"[{objective.quantity.unit}], but has {brief(pair)}."
-            )
+        need = f"have a highest value or (low, high) for {objective.name} [{objective.quantity.unit}]"
+        require(low < high and not (math.isinf(low) and math.isinf(high)), "constraints", need, pair)
         limits.append((objective, low, high))
     return tuple(limits)
 
@@ -188,10 +179,8 @@ def first_designs(problem: Problem, starts: Any, seed: int) -> Float[np.ndarray,
     """Returns the designs of the unit box from which a search begins, see `optimise_design`."""
     names = problem.names
     if isinstance(starts, Sequence) and not isinstance(starts, str):
-        if not starts or any(not isinstance(one, Mapping) or set(one) != set(names) for one in starts):
-            raise ValueError(
-                f"Argument `starts` must be designs that give {', '.join(names)}, but is {brief(starts)}."
-            )
+        designs = starts and all(isinstance(one, Mapping) and set(one) == set(names) for one in starts)
+        require(designs, "starts", f"be designs that give {', '.join(names)}", starts)
         values = np.array([[float(one[name]) for name in names] for one in starts])
         designs = (values - problem.low) / problem.width
         require(np.all((designs >= 0) & (designs <= 1)), "starts", "lie within the bounds", starts)

@@ -21,7 +21,7 @@ from ..model.quantities import Parameter
 from ..model.scene import Scene, check_scene
 from ..orbits.motions import check_forcing
 from ..solvers.named import resolve_solver
-from ..tools.checks import brief, one_of, whole, yes_or_no
+from ..tools.checks import one_of, require, whole, yes_or_no
 from .gradients import pulled_gradient
 from .judge import ensemble_averages, judge_on_orbits, judge_run
 from .objectives import OBJECTIVES, EnsembleSettings, Evaluation, EvaluationPlan, objective_named
@@ -90,13 +90,11 @@ def sensitivities(
         one_of("method", method, METHODS)
     exponents, reverse = plan.indices(exponents=True), yes_or_no("reverse", reverse) and method != "ensemble"
     if method == "run":
-        if exponents:
-            raise ValueError("Argument `method` must be 'orbit' or 'ensemble' for exponents, but is 'run'.")
+        require(not exponents, "method", "be 'orbit' or 'ensemble' for exponents", method)
         evaluation, growth = judge_run(plan, whole("periods", periods, 1))
         facts = dict(method="run", regime="run", growth=growth, periods=periods)
         return _dataset(plan, evaluation, np.full(len(grid), np.nan), facts)
-    if reverse and exponents:
-        raise ValueError("Argument `reverse` must be False for exponents, but is True.")
+    require(not (reverse and exponents), "reverse", "be False for exponents", reverse)
     # the distance from grazing bounds the domain of derivatives on orbits
     grazing = OBJECTIVES["grazing_distance"]
     on_orbit = dataclasses.replace(plan, objectives=tuple(dict.fromkeys([*plan.objectives, grazing])))
@@ -129,8 +127,8 @@ def sensitivities(
 
 
 def _checked_names(scene: Scene, names: Any) -> list[Parameter]:
-    if isinstance(names, str) or not isinstance(names, Sequence) or not names:
-        raise ValueError(f"Argument `names` must be a list of parameters, but is {brief(names)}.")
+    listed = isinstance(names, Sequence) and not isinstance(names, str) and names
+    require(listed, "names", "be a list of parameters", names)
     parameters = [parameter(name, scene) for name in names]
     for one in parameters:
         one.check_exists(scene)

@@ -114,7 +114,7 @@ def bifurcations(ds: xr.Dataset, axes: Any = None, followed: xr.Dataset | None =
                 ax.set_xlabel("")
         if ways or lost:
             legend_above(axes[0], axes[0].get_legend_handles_labels()[0] + [cross(label=FLAGGED_LABEL)] * lost)
-            plt.setp(axes[0].get_legend().legend_handles, markersize=4)
+            plt.setp(axes[0].get_legend().legend_handles, markersize=5)
     return axes
 
 

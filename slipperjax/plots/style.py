@@ -46,8 +46,6 @@ FLAGGED_LABEL = "status not 0"
 """Legend entry of cases that are left out because of their status."""
 WIDE_RATIO = 8.0
 """Ratio of the greatest to the least value from which a scale is logarithmic."""
-TICK_DISTANCE = 0.08
-"""Least distance between labelled ticks of an uneven scale, in lengths of their axis."""
 
 
 @contextmanager
@@ -203,16 +201,9 @@ def fit_scale(ax: Any, values: np.ndarray) -> None:
 
 
 def round_ticks(norm: Normalize) -> list[float]:
-    """Gives round numbers that lie apart on an uneven scale, the roundest first chosen."""
-    low, high = float(norm.vmin or 0.0), float(norm.vmax or 0.0)
-    ticks: list[float] = []
-    for steps in ((0,), (1,), (2, 5), (3, 7), (1.5, 4, 6)):
-        numbers = [sign * step * 10.0**power for power in range(12, -12, -1) for step in steps for sign in (-1, 1)]
-        for tick in numbers:
-            inside = low - 1e-9 * abs(low) <= tick <= high + 1e-9 * abs(high)
-            if inside and all(abs(norm(tick) - norm(other)) > TICK_DISTANCE for other in ticks):
-                ticks.append(tick)
-    return sorted(ticks)
+    """Gives numbers of one digit, spread over an uneven scale."""
+    numbers = {float(f"{value:.1g}") for value in np.ravel(norm.inverse(np.linspace(0, 1, 7)))}
+    return sorted(value for value in numbers if norm.vmin <= value <= norm.vmax)
 
 
 def swept(array: xr.DataArray, *inner: str, count: int = 1) -> tuple[str, ...]:
