@@ -263,11 +263,11 @@ class _Batch:
         plan, period = self.plan, self.cases.period
         maps, stepping, (scenes, lanes) = self._maps(period), dynamic_steps(plan.steps), self._lanes(index)
         matrices = maps.jacobians(index, self.cases.state[index])
-        rows, slopes, changes = self.cases.state[lanes], slopes[lanes], []
-        for epoch, span in enumerate(spans):
-            at = scenes, maps.states(rows), jnp.asarray(slopes), float(epoch), stepping
+        begins = [(self.cases.state[lanes], slopes[lanes]), *((span.end, span.end_slopes) for span in spans[:-1])]
+        changes = []
+        for epoch, (rows, directions) in enumerate(begins):
+            at = scenes, maps.states(rows), jnp.asarray(directions), float(epoch), stepping
             changes.append(np.asarray(matrix_slopes(*at, names=plan.names, solver=plan.solver)))
-            rows, slopes = span.end, span.end_slopes
         self.cases.simulated[index] += (1 + 2 * len(plan.names)) * JACOBIAN * period[index]
         of_case = lambda lane: np.stack([of_period[lane] for of_period in changes[: int(period[lane])]])
         pairs = [_exponent(m, of_case(lane)) for lane, m in zip(index, matrices, strict=True)]

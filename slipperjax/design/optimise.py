@@ -333,21 +333,18 @@ def _cases(problem: Problem, evaluation: Evaluation) -> xr.Dataset:
 
 def _history(problem: Problem, trials: list[Trial]) -> xr.Dataset:
     """Returns the dataset of trials, a row each."""
-    hard, objective = problem.index(problem.objective), problem.objective
-    columns = Trial(*zip(*trials, strict=True))
+    q, of_smooth = problem.objective.quantity, problem.objective.smooth.quantity
+    hard, each = problem.index(problem.objective), ("trial", "case")
+    objective = np.stack([trial.evaluation.value[:, hard] for trial in trials])
     data = {
-        "start": ("trial", list(columns.start)),
-        "design": (("trial", "variable"), problem.in_units(np.stack(columns.at))),
-        "smooth": ("trial", [values.total for values in columns.values], _labels(objective.smooth.quantity)),
-        "violation": ("trial", [values.violation for values in columns.values], {"units": "1"}),
-        "taken": ("trial", list(columns.taken)),
-        "objective": (
-            ("trial", "case"),
-            np.stack([one.value[:, hard] for one in columns.evaluation]),
-            _labels(objective.quantity),
-        ),
-        "regime": (("trial", "case"), np.stack([one.regime for one in columns.evaluation])),
-        "simulated": ("trial", list(columns.simulated), {"units": "forcing periods"}),
+        "start": ("trial", [trial.start for trial in trials]),
+        "design": (("trial", "variable"), problem.in_units(np.stack([trial.at for trial in trials]))),
+        "smooth": ("trial", [trial.values.total for trial in trials], _labels(of_smooth)),
+        "violation": ("trial", [trial.values.violation for trial in trials], {"units": "1"}),
+        "taken": ("trial", [trial.taken for trial in trials]),
+        "objective": (each, objective, _labels(q)),
+        "regime": (each, np.stack([trial.evaluation.regime for trial in trials])),
+        "simulated": ("trial", [trial.simulated for trial in trials], {"units": "forcing periods"}),
     }
     return xr.Dataset(data, {"variable": list(problem.names)})
 

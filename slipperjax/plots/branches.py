@@ -49,6 +49,8 @@ LARGEST_MODULUS = 2.0
 """Greatest modulus of a multiplier that is drawn at its place."""
 CROWDED_DISTANCE = 22.0
 """Distance [points] between grazings within which one label stands for them."""
+FONT_SIZE = 6.5
+"""Size of labels [points]."""
 LABEL_DISTANCES = (8.0, 13.0)
 """Distances [points] of labels from their markers, the best first."""
 LABEL_DIRECTIONS = ((0, 1), (0, -1), (1.2, 0), (-1.2, 0), (0.9, 0.8), (-0.9, 0.8), (0.9, -0.8), (-0.9, -0.8))
@@ -428,7 +430,7 @@ def _marker(label: str, color: str) -> dict[str, Any]:
     return dict(ls="", marker=EVENT_MARKERS[label], ms=size, mew=edge, mec=color if thin else "white", mfc=color)
 
 
-def write_labels(ax: Any, marks: Iterable[Mark], fontsize: float = 6.5) -> None:
+def write_labels(ax: Any, marks: Iterable[Mark]) -> None:
     """Writes labels next to the markers, where they hide neither each other nor, if possible, a line.
 
     Where grazings crowd, one label stands for them.
@@ -448,7 +450,7 @@ def write_labels(ax: Any, marks: Iterable[Mark], fontsize: float = 6.5) -> None:
             if any(abs(x_drawn - other) < CROWDED_DISTANCE * pixel for other in grazings):
                 continue
             grazings.append(x_drawn)
-        half, places = pixel * fontsize * np.array([0.36 * len(label), 0.5]), []
+        half, places = pixel * FONT_SIZE * np.array([0.36 * len(label), 0.5]), []
         values = sorted(values, reverse=True)
         for distance, value, direction in itertools.product(LABEL_DISTANCES, values, LABEL_DIRECTIONS):
             offset = distance * np.array(direction)
@@ -461,6 +463,6 @@ def write_labels(ax: Any, marks: Iterable[Mark], fontsize: float = 6.5) -> None:
             # the first of those that hide least
             _, box, value, offset = min(places, key=lambda place: place[0])
             boxes.append(box)
-            style = dict(ha="center", va="center", fontsize=fontsize, color=color, zorder=5)
+            style = dict(ha="center", va="center", fontsize=FONT_SIZE, color=color, zorder=5)
             note = ax.annotate(label, (x, value), offset, textcoords="offset points", **style)
             note.set_path_effects([withStroke(linewidth=1.5, foreground="white")])

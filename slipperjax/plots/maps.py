@@ -100,13 +100,13 @@ def bifurcations(ds: xr.Dataset, axes: Any = None, followed: xr.Dataset | None =
         if axes is None:
             figure, axes = plt.subplots(5, 1, figsize=(3.5, 7.9), sharex=True, layout="constrained")
             name_case(figure, ds, full=True)
-        ways = [] if followed is None else [way for way in DIRECTION_COLORS if way in followed["direction"]]
+        ways = {} if followed is None else {way: followed.sel(direction=way) for way in followed["direction"].values}
         lost = False
         for tag, section, ax in zip("abcde", SECTIONS, axes, strict=True):
-            for k, way in enumerate(ways, 1):
-                color, height = DIRECTION_COLORS[way], 0.04 + 0.06 * k
-                style = dict(color=color, label=f"followed {way}")
-                lost |= _draw_dots(followed.sel(direction=way), section, ax, 1.1, height, color, **style)
+            for k, (way, color) in enumerate(DIRECTION_COLORS.items(), 1):
+                if way in ways:
+                    style = dict(color=color, label=f"followed {way}")
+                    lost |= _draw_dots(ways[way], section, ax, 1.1, 0.04 + 0.06 * k, color, **style)
             # the dots beneath stay visible
             lost |= _draw_dots(ds, section, ax, 0.7 if ways else 1.0, label="from one start")
             ax.text(0.012, 0.94, f"({tag})", transform=ax.transAxes, va="top", fontsize=8)

@@ -115,7 +115,7 @@ def _draw_highest_forces(ds: xr.Dataset, ax: Any, most: int = 4) -> list[Any]:
 class PointForce(NamedTuple):
     """The contact force of one point [kN] in the saved states, and its peak over every step, as far as it is known.
 
-    Points are named by their letter, and 1 at the front or 2 at the rear. Colour and dashes are those of all pictures.
+    Names are the point's letter, and 1 at the front or 2 at the rear; colour and dashes are those of all pictures.
     """
 
     name: str

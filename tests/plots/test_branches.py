@@ -283,9 +283,10 @@ def test_far_multipliers_are_drawn_in_their_direction():
 
 
 def curve(label="LP", outside=(0, 0, 0, 1, 1), varied=("speed", "clearance")):
-    coords = dict(zip(varied, (np.arange(1.0, 6), np.arange(1.0, 6) * 1e-3), strict=False))
-    data = {"outside": ("point", np.array(outside))}
-    return xr.Dataset(data, {n: ("point", v) for n, v in coords.items()}, {"label": label, "varied": json.dumps(varied)})
+    values = np.arange(1.0, 6), np.arange(1.0, 6) * 1e-3
+    coords = {name: ("point", along) for name, along in zip(varied, values, strict=False)}
+    attrs = {"label": label, "varied": json.dumps(varied)}
+    return xr.Dataset({"outside": ("point", np.array(outside))}, coords, attrs)
 
 
 def regimes(over=("clearance", "speed")):
