@@ -228,6 +228,7 @@ class _Search:
         self.problem, self.method = problem, method
         self.moves: list[AbstractMove] = []
         self.trials: list[Trial] = []
+        self.latest: dict[int, Trial] = {}  # the last one that each start accepted
         self.simulated, self.bar = 0.0, None
         if shown:
             from tqdm.auto import tqdm
@@ -247,16 +248,12 @@ class _Search:
             proposed = {k: at for k, at in proposed.items() if not self.moves[k].finished}
             if not proposed:
                 break
-            latest = [self._accepted(k)[-1].evaluation for k in proposed]
+            latest = [self.latest[k].evaluation for k in proposed]
             warm_start = Evaluation(*(np.concatenate(arrays) for arrays in zip(*latest, strict=True)))
             judged = self._judge(np.stack(list(proposed.values())), warm_start)
             for k, (at, values, evaluation) in zip(proposed, judged, strict=True):
                 accepted = self.moves[k].update(at, values)
                 self._add(Trial(k, at, values, evaluation, accepted, self.simulated))
-
-    def _accepted(self, start: int) -> list[Trial]:
-        """Returns the trials of a start that were accepted, the first design included."""
-        return [trial for trial in self.trials if trial.start == start and trial.taken]
 
     def _judge(
         self, designs: np.ndarray, warm_start: Evaluation | None
@@ -271,6 +268,8 @@ class _Search:
     def _add(self, trial: Trial) -> None:
         """Adds a trial and shows it."""
         self.trials.append(trial)
+        if trial.taken:
+            self.latest[trial.start] = trial
         if self.bar is not None:
             q, moving = self.problem.objective.quantity, sum(not move.finished for move in self.moves)
             feasible = [one.values.total for one in self.trials if one.taken and one.values.violation <= 0]
@@ -280,7 +279,7 @@ class _Search:
 
     def result(self) -> Design:
         """Returns the best design until now: the lowest objective among those that violate least."""
-        problem, ends = self.problem, [self._accepted(start)[-1] for start in range(len(self.moves))]
+        problem, ends = self.problem, list(self.latest.values())
         best = min(ends, key=lambda trial: (trial.values.violation > VIOLATED, trial.values.total))
         values, evaluation = best.values, best.evaluation
         errors = evaluation.stderr[:, problem.index(problem.objective.smooth)]
@@ -300,7 +299,7 @@ class _Search:
             float(errors[worst] if problem.robust == "worst" else np.sqrt(np.sum(errors**2)) / len(errors)),
             _gradient_norm(best),
             _cases(problem, evaluation),
-            _starts(history, np.stack([end.at for end in ends]), [move.finished for move in self.moves]),
+            _starts(history, np.stack([end.at for end in ends]), [self.moves[end.start].finished for end in ends]),
             history,
             status,
         )

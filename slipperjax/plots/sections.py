@@ -14,7 +14,7 @@ from ..model.kinematics import Motion, contacts, face_offsets, quaternion_from_e
 from ..model.quantities import quantity
 from ..model.scene import Scene, check_scene
 from ..model.section import Section
-from ..tools.checks import require, whole
+from ..tools.checks import number, positive, whole
 from .style import COLORS, POINT_COLORS, case_title, drawing, styled
 from .trajectories import contact_forces
 
@@ -47,7 +47,7 @@ def section(scene: Scene, ax: Any = None, *, magnify: float | None = None) -> An
     **Raises:** `ValueError` for a `magnify` that is not positive.
     """
     shape = check_scene(scene).section
-    magnify = default_magnification(shape) if magnify is None else positive_number("magnify", magnify)
+    magnify = default_magnification(shape) if magnify is None else number(positive, "magnify", magnify)
     still = drawn_points(shape, np.asarray(shape.play)[shape.face_of_point], np.zeros(len(shape.names)), magnify)
     reach = 1e3 * THICKNESS * height(shape)
     own = ax is None
@@ -61,13 +61,6 @@ def section(scene: Scene, ax: Any = None, *, magnify: float | None = None) -> An
         ax.scatter(*(1e3 * still.T), s=12, color=colors_of(shape), zorder=4)
         frame(ax, still[None], 1.3 * reach)
     return ax
-
-
-def positive_number(name: str, value: Any) -> float:
-    """Returns `value`; raises `ValueError` where it is no positive number."""
-    valid = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < np.inf
-    require(valid, name, "be a positive number", value)
-    return float(value)
 
 
 def default_magnification(shape: Section, gaps: Any = 0.0) -> float:
@@ -187,7 +180,7 @@ def animate(
 
     **Raises:** `ValueError` that names the argument, for a dataset of several cases or without its scene.
     """
-    every, interval = whole("every", every, 1), 1e3 / positive_number("fps", fps)
+    every, interval = whole("every", every, 1), 1e3 / number(positive, "fps", fps)
     picture = _Picture(run, scene, magnify, last, most)
     frames = range(0, len(picture.period), every)
     from matplotlib.animation import FuncAnimation  # here, because its import takes long
@@ -231,7 +224,7 @@ class _Picture:
             )
         if magnify is None:
             magnify = default_magnification(self.shape, gap)
-        self.points = drawn_points(self.shape, gap, offset, positive_number("magnify", magnify))
+        self.points = drawn_points(self.shape, gap, offset, number(positive, "magnify", magnify))
         highest = float(self.force.max())
         self.newton = LONGEST_ARROW * height(self.shape) / max(highest, 1e-9)  # metres drawn per newton
         with styled():
