@@ -297,8 +297,7 @@ def summary(ds: Any, seconds: float) -> str:
 
 def picture(ds: Any, show: str | None = None) -> Any:
     """Draws what suits a dataset: a named variable, exponents, bifurcation diagrams, motions or peak forces."""
-    from ..plots.bifurcations import bifurcations
-    from ..plots.maps import attractor_map, exponents, quantity_map, regime_map
+    from ..plots.maps import attractor_map, bifurcations, exponents, quantity_map, regime_map
 
     over, ds = ds["status"].dims, _with_coordinates(ds)
     if show is not None:

@@ -2,11 +2,11 @@
 
 from .checks import event_margins as event_margins
 from .checks import surroundings as surroundings
-from .evaluation import EnsembleSettings as EnsembleSettings
 from .methods import AbstractMethod as AbstractMethod
 from .methods import Descent as Descent
 from .methods import TrustRegion as TrustRegion
 from .objectives import OBJECTIVES as OBJECTIVES
+from .objectives import EnsembleSettings as EnsembleSettings
 from .optimise import Design as Design
-from .pareto import pareto_front as pareto_front
+from .optimise import pareto_front as pareto_front
 from .sensitivities import sensitivities as sensitivities

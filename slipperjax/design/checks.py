@@ -6,11 +6,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jax.flatten_util import ravel_pytree
 
 from ..flow.status import Status
-from ..model.dang2024 import table_2_start
-from ..model.dynamics import initial_state
+from ..model.layout import StateLayout
 from ..model.paths import parameter
 from ..orbits.branches import OrbitBranch, continue_orbit
 from ..orbits.periodic import periodic_orbit
@@ -37,7 +35,7 @@ def surroundings(
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
     """
-    problem, plan = design.problem, design.problem.plan
+    problem = design.problem
     count, far = whole("points", points, 1) | 1, number(positive, "width", width)
     grid: dict[str, Any] = {}
     for name, (low, high) in problem.bounds.items():
@@ -47,9 +45,9 @@ def surroundings(
         grid[name] = np.unique([*around[(around > low) & (around < high)], *ends, own])
     smooth = problem.objective.smooth
     objectives = list(dict.fromkeys([problem.objective, smooth]))
-    call: dict[str, Any] = dict(steps_per_period=plan.steps, solver=plan.solver, start=plan.start)
-    call |= dict(transient=transient, periods=periods) | options
-    ds = sweep(problem.scene, grid | problem.over, record=[*objectives, "motion"], **call)
+    call: dict[str, Any] = dict(steps_per_period=problem.steps, solver=problem.solver, start=problem.start)
+    call |= dict(transient=transient, periods=periods, record=[*objectives, "motion"])
+    ds = sweep(problem.scene, grid | problem.over, **(call | options))
     for objective in objectives:
         ds[objective.name] = ds[objective.name].where(ds["status"] == Status.FINITE)
     values, of_cases = ds[smooth.name], list(problem.over)
@@ -82,7 +80,7 @@ def event_margins(
 
     **Raises:** `ValueError` where a case has no orbit.
     """
-    problem, plan, far = design.problem, design.problem.plan, number(positive, "width", width)
+    problem, far = design.problem, number(positive, "width", width)
     names = [*problem.names, *problem.over] if names is None else list(names)
     cases = _telling_cases(design) if cases is None else list(cases)
     rows = []
@@ -91,10 +89,9 @@ def event_margins(
         if period == 0:
             raise ValueError(f"Argument `cases` must be on orbits, but case {case} is {design.regime[case]}.")
         scene = design.scene.replace(**{name: float(values[case]) for name, values in problem.cases.items()})
-        _, unravel = ravel_pytree(initial_state(scene, table_2_start()))
         # steps half as long, to resolve events
-        options: dict[str, Any] = dict(steps_per_period=2 * plan.steps, solver=plan.solver)
-        start = unravel(jnp.asarray(design.cases["state"].values[case]))
+        options: dict[str, Any] = dict(steps_per_period=2 * problem.steps, solver=problem.solver)
+        start = StateLayout.of(scene).unpack(jnp.asarray(design.cases["state"].values[case]))
         orbit = periodic_orbit(scene, period, start=start, **options)
         options |= dict(points=points, until=EVENTS, progress=progress)
         for name in names:

@@ -61,16 +61,17 @@ def values_of(scene: Scene, names: tuple[str, ...]) -> Float[Array, " parameters
 
 
 class PeriodDerivatives(NamedTuple):
-    """A forcing period of a batch, and its derivatives along directions of start and parameters."""
+    """States of a batch after a forcing period, the objectives' values in it, and derivatives of both.
+
+    The derivatives are along directions of start and parameters.
+    """
 
     end: Float[Array, "cases size"]
-    """All numbers of the states at the end."""
     end_slopes: Float[Array, "cases directions size"]
-    """Their derivatives."""
     kept: Any
-    """Value of each objective in the period, arrays (cases, ...)."""
+    """For each objective, arrays (cases, ...)."""
     kept_slopes: Any
-    """Derivatives of that, arrays (cases, directions, ...)."""
+    """For each objective, arrays (cases, directions, ...)."""
 
 
 _STATIC = ("names", "objectives", "solver")

@@ -1,10 +1,15 @@
 """Judging designs: objectives and their derivatives on the motion that each case settles to, as one batch.
 
-A case whose motion is a stable periodic orbit is judged on the orbit, by exact derivatives. Any other motion that
-stays on the rail is judged by an ensemble of runs, see `slipperjax.design.ensembles`.
+A case whose motion is a stable periodic orbit is judged on the orbit, by exact derivatives.
+
+Any other motion that stays on the rail is judged by an ensemble. In chaos the derivative of one motion grows without
+bound, while an average over the attractor may change smoothly with a parameter. Many runs with parameters at the
+corners of a small box, and disturbed starts, are one batch; each gives the objective over its periods, and a plane
+through them gives the average and its derivatives with standard errors. All corners have the same disturbances.
 """
 
 import functools
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -12,10 +17,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
+from jaxtyping import Float
 
 from ..analysis.attractor import classify
 from ..analysis.kinds import Regime
-from ..flow.period_map import initial_states
+from ..flow.period_map import initial_states, states_and_penetrations
+from ..flow.record import RecordSet
 from ..flow.simulate import dynamic_steps
 from ..flow.status import Status
 from ..model.dynamics import State, initial_state
@@ -27,12 +34,12 @@ from ..sweeps.attractors import FLOOR, LAST
 from ..sweeps.grid import Grid, filled
 from ..sweeps.orbits import JACOBIAN, Maps, Orbits, find_orbits, rows_of
 from ..sweeps.reached import reached_orbits
-from ..sweeps.run import Chunk, OnProgress, Plan, RunOptions, make_plan, run_chunk, run_chunks
+from ..sweeps.run import Chunk, ChunkInputs, OnProgress, Plan, RunOptions, make_plan, run_cases, run_chunk, run_chunks
 from ..tools.batching import Batched
+from ..tools.checks import whole
 from ..tools.limits import cores
-from .ensembles import ensemble_averages
-from .evaluation import Evaluation, EvaluationPlan
-from .gradients import PeriodDerivatives, matrix_slopes, push_period, total_slopes
+from .gradients import PeriodDerivatives, PeriodValues, matrix_slopes, push_period, total_slopes, totals
+from .objectives import Evaluation, EvaluationPlan
 
 LANES_PER_CALL = 32
 """Most cases in one call."""
@@ -46,15 +53,22 @@ NEWTON_ITERATIONS = 20
 """Most iterations of Newton's method."""
 LARGEST_GROWTH = 1e4
 """Growth of a run's derivatives, over that of the first period, from which on they say nothing of averages."""
+DISTURBANCE = 0.1
+"""Standard deviation of the disturbances of the starts' velocities, in multiples of
+`slipperjax.model.MOTION_SCALES`. Displacements are left as they are: they could lie outside the play."""
+LEAST_SHARE = 0.5
+"""Share of the runs of an ensemble that must stay on the rail."""
 
 
 def judge(plan: EvaluationPlan, grid: Mapping[str, Any], warm_start: Evaluation | None = None) -> Evaluation:
     """Evaluates cases, on orbits or by ensembles. Arguments as for `judge_on_orbits`."""
     evaluation = judge_on_orbits(plan, grid, warm_start)
-    index = evaluation.without_orbit
+    index = np.flatnonzero((evaluation.period == 0) & (evaluation.status == Status.FINITE))
     if len(index):
         of_cases = {name: np.asarray(values)[index] for name, values in grid.items()}
-        evaluation.put(index, ensemble_averages(plan, of_cases, evaluation.take(index)))
+        averages = ensemble_averages(plan, of_cases, evaluation.take(index))
+        for array, rows in zip(evaluation, averages, strict=True):
+            array[index] = rows
     return evaluation
 
 
@@ -97,7 +111,7 @@ def judge_run(plan: EvaluationPlan, periods: int) -> tuple[Evaluation, float]:
     run.period[:], run.simulated[:], run.stderr[:], run.gradient_stderr[:] = periods, periods * SLOPES_COST, 0.0, 0.0
     for span in batch.pushed(index, np.zeros((1, len(plan.names), run.state.shape[1]))):
         spans.append(span)
-        sizes.append(np.max(np.abs(span.after.end_slopes[0, :, : len(scales)] / scales), axis=1))
+        sizes.append(np.max(np.abs(span.end_slopes[0, :, : len(scales)] / scales), axis=1))
         growth = float(np.max(sizes[-1] / np.maximum(sizes[0], 1e-300)))
         if not growth < LARGEST_GROWTH:
             raise ValueError(
@@ -105,17 +119,7 @@ def judge_run(plan: EvaluationPlan, periods: int) -> tuple[Evaluation, float]:
                 f"the run have grown {growth:.1g}-fold, and say nothing of averages; method='ensemble' does."
             )
     value, gradient = batch.totals(index, spans)
-    return run._replace(period=np.zeros(1, int), state=spans[-1].after.end, value=value, gradient=gradient), growth
-
-
-class _Span(NamedTuple):
-    """A forcing period of a batch and its derivatives by parameters; arrays with a leading axis of lanes."""
-
-    begin: np.ndarray
-    """All numbers of the states at its start, (lanes, size)."""
-    begin_slopes: np.ndarray
-    """Their derivatives, (lanes, parameters, size)."""
-    after: PeriodDerivatives
+    return run._replace(period=np.zeros(1, int), state=spans[-1].end, value=value, gradient=gradient), growth
 
 
 class _Batch:
@@ -173,14 +177,13 @@ class _Batch:
 
     def _settle(self, index: np.ndarray, transient: Plan) -> None:
         """Simulates cases until they have settled, and finds the orbits that they have reached."""
-        cases, steps, count = self.cases, self.plan.steps, len(index)
+        plan, cases, count = self.plan, self.cases, len(index)
         lanes = filled(index, min(LANES_PER_CALL, self.count))
         scenes, states = self.scenes.take(lanes), self._maps(cases.period).states(cases.state[lanes])
-        run = run_chunk(transient, scenes, states, steps, self.on_progress)
-        strobe = run.record[0][:, -LAST:]
-        ends = jax.tree.map(np.asarray, run.state)
+        run = run_chunk(transient, scenes, states, plan.steps, self.on_progress)
+        strobe, ends = run.record[0][:, -LAST:], jax.tree.map(np.asarray, run.state)
         good = (run.status == Status.FINITE).astype(int)
-        maps = Maps(scenes, steps, self.plan.solver, good, self.on_progress)
+        maps = Maps(scenes, plan.steps, plan.solver, good, self.on_progress)
         reached = reached_orbits(maps, ends, strobe, count=1, half_step=False)
         cases.simulated[index] += transient.cost + np.where(reached.period, JACOBIAN, 0)[:count]
         cases.state[index], cases.status[index] = rows_of(reached.state)[:count], run.status[:count]
@@ -201,18 +204,19 @@ class _Batch:
         slopes = np.zeros((self.count, len(plan.names), cases.state.shape[1]))
         spans = list(self.pushed(index, slopes))
         for lane in index:
-            slopes[lane] = spans[cases.period[lane] - 1].after.end_slopes[lane]
-        spans = list(self.pushed(index, np.einsum("cij,ckj->cki", cases.inverse, slopes)))
+            slopes[lane] = spans[cases.period[lane] - 1].end_slopes[lane]
+        slopes = np.einsum("cij,ckj->cki", cases.inverse, slopes)
+        spans = list(self.pushed(index, slopes))
         value, gradient = self.totals(index, spans)
         exponents = plan.indices(exponents=True)
         if exponents:
-            exponent, slope = self._exponents(index, spans)
+            exponent, slope = self._exponents(index, slopes, spans)
             value[:, exponents], gradient[:, exponents] = exponent[:, None], slope[:, None]
         cases.simulated[index] += 2 * SLOPES_COST * cases.period[index]
         return value, gradient
 
-    def pushed(self, index: np.ndarray, slopes: np.ndarray) -> Iterator[_Span]:
-        """Yields the forcing periods of the cases at `index`, as many as their `period`.
+    def pushed(self, index: np.ndarray, slopes: np.ndarray) -> Iterator[PeriodDerivatives]:
+        """Yields the forcing periods of the cases at `index`, as many as their longest `period`.
 
         **Arguments:** `slopes`: derivatives of the states at the start, (lanes, parameters, size).
         """
@@ -222,10 +226,10 @@ class _Batch:
         scenes, lanes = self._lanes(index)
         rows, slopes = self.cases.state[lanes], slopes[lanes]
         for epoch in range(int(period[index].max())):
-            after = push_period(scenes, maps.states(rows), jnp.asarray(slopes), float(epoch), stepping, **options)
-            after = jax.tree.map(np.asarray, after)
-            yield _Span(rows, slopes, after)
-            rows, slopes = after.end, after.end_slopes
+            span = push_period(scenes, maps.states(rows), jnp.asarray(slopes), float(epoch), stepping, **options)
+            span = jax.tree.map(np.asarray, span)
+            yield span
+            rows, slopes = span.end, span.end_slopes
             self.on_progress(SLOPES_COST)
 
     def _lanes(self, index: np.ndarray) -> tuple[Batched[Scene], np.ndarray]:
@@ -234,35 +238,44 @@ class _Batch:
         lanes[index] = index
         return self.scenes.take(lanes), lanes
 
-    def totals(self, index: np.ndarray, spans: Sequence[_Span]) -> tuple[np.ndarray, np.ndarray]:
+    def totals(self, index: np.ndarray, spans: Sequence[PeriodDerivatives]) -> tuple[np.ndarray, np.ndarray]:
         """Computes objectives of the cases at `index` over their periods, and their derivatives; exponents are 0."""
         plan = self.plan
         value = np.zeros((len(index), len(plan.objectives)))
         gradient, courses = np.zeros((*value.shape, len(plan.names))), plan.indices(exponents=False)
-        if courses:
-            for row, lane in enumerate(index):
-                of_lane = lambda *arrays, axis, lane=lane: np.stack([a[lane] for a in arrays], axis=axis)[None]
-                own = spans[: int(self.cases.period[lane])]
-                # periods lie along axis 0 of a case's values and axis 1 of their derivatives
-                kept = jax.tree.map(functools.partial(of_lane, axis=0), *(span.after.kept for span in own))
-                slopes = jax.tree.map(functools.partial(of_lane, axis=1), *(span.after.kept_slopes for span in own))
-                totals = total_slopes(plan.of_courses, kept, slopes)
-                value[row, courses], gradient[row, courses] = (np.asarray(array)[0] for array in totals)
+        for row, lane in enumerate(index if courses else ()):
+            own = spans[: int(self.cases.period[lane])]
+            # periods lie along axis 0 of a case's values and axis 1 of their derivatives
+            kept = jax.tree.map(functools.partial(_of_lane, lane, 0), *(span.kept for span in own))
+            slopes = jax.tree.map(functools.partial(_of_lane, lane, 1), *(span.kept_slopes for span in own))
+            of_case = total_slopes(plan.of_courses, kept, slopes)
+            value[row, courses], gradient[row, courses] = (np.asarray(array)[0] for array in of_case)
         return value, gradient
 
-    def _exponents(self, index: np.ndarray, spans: Sequence[_Span]) -> tuple[np.ndarray, np.ndarray]:
-        """Computes ln |largest multiplier| per period on the orbits of the cases at `index`, and its derivatives."""
+    def _exponents(
+        self, index: np.ndarray, slopes: np.ndarray, spans: Sequence[PeriodDerivatives]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Computes ln |largest multiplier| per period on the orbits of the cases at `index`, and its derivatives.
+
+        **Arguments:** `slopes`: derivatives of the states at the start; `spans`: the periods from there on.
+        """
         plan, period = self.plan, self.cases.period
-        maps, stepping, (scenes, _) = self._maps(period), dynamic_steps(plan.steps), self._lanes(index)
+        maps, stepping, (scenes, lanes) = self._maps(period), dynamic_steps(plan.steps), self._lanes(index)
         matrices = maps.jacobians(index, self.cases.state[index])
-        slopes = []
-        for epoch, span in enumerate(spans):
-            at = scenes, maps.states(span.begin), jnp.asarray(span.begin_slopes), float(epoch), stepping
-            slopes.append(np.asarray(matrix_slopes(*at, names=plan.names, solver=plan.solver)))
+        begins = [(self.cases.state[lanes], slopes[lanes]), *((span.end, span.end_slopes) for span in spans[:-1])]
+        changes = []
+        for epoch, (rows, directions) in enumerate(begins):
+            at = scenes, maps.states(rows), jnp.asarray(directions), float(epoch), stepping
+            changes.append(np.asarray(matrix_slopes(*at, names=plan.names, solver=plan.solver)))
         self.cases.simulated[index] += (1 + 2 * len(plan.names)) * JACOBIAN * period[index]
-        of_case = lambda lane: np.stack([of_period[lane] for of_period in slopes[: int(period[lane])]])
+        of_case = lambda lane: np.stack([of_period[lane] for of_period in changes[: int(period[lane])]])
         pairs = [_exponent(m, of_case(lane)) for lane, m in zip(index, matrices, strict=True)]
         return np.array([value for value, _ in pairs]), np.array([slope for _, slope in pairs])
+
+
+def _of_lane(lane: int, axis: int, *arrays: np.ndarray) -> np.ndarray:
+    """Returns the rows of one lane in the arrays of several periods, stacked along `axis`, as a batch of one."""
+    return np.stack([array[lane] for array in arrays], axis=axis)[None]
 
 
 def _exponent(matrices: np.ndarray, slopes: np.ndarray) -> tuple[float, np.ndarray]:
@@ -279,3 +292,92 @@ def _exponent(matrices: np.ndarray, slopes: np.ndarray) -> tuple[float, np.ndarr
     w, v = left[:, k].conj(), right[:, k]
     mu_slope = np.einsum("i,pij,j->p", w, change, v) / (w @ v)
     return float(np.log(np.abs(mu[k])) / count), np.real(mu_slope / mu[k]) / count
+
+
+def ensemble_averages(plan: EvaluationPlan, grid: Mapping[str, Any], evaluation: Evaluation) -> Evaluation:
+    """Returns an evaluation with objectives and derivatives from ensembles in place of its own.
+
+    Where less than half of the runs stay on the rail, the status is that of a run that does not.
+
+    **Arguments:** `grid`: values by name, one for each case; `evaluation`: of the same cases, with states near their
+    attractors.
+    """
+    settings, names, cases = plan.ensemble, plan.names, len(evaluation.status)
+    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=len(names)))).reshape(-1, len(names))
+    repeats = max(1, -(-whole("members", settings.members, 4) // len(corners)))
+    signs = np.repeat(corners, repeats, axis=0)
+    members = len(signs)
+    disturbances = np.random.default_rng(settings.seed).normal(size=(repeats, len(MOTION_NUMBERS))) * DISTURBANCE
+    disturbances[:, :5] = 0.0
+    # member by member for each case, as `signs`
+    grid = {name: np.repeat(np.asarray(values, float), members) for name, values in grid.items()}
+    for k, name in enumerate(names):
+        grid[name] = grid[name] + np.tile(signs[:, k] * plan.reach[name], cases)
+    scales = np.array(jax.tree.leaves(MOTION_SCALES))
+    motions = np.repeat(evaluation.state[:, : len(MOTION_NUMBERS)], members, axis=0)
+    motions += np.tile(disturbances * scales, (cases * len(corners), 1))
+    values, status = _run_members(plan, grid, motions)
+    values, status = values.reshape(cases, members, -1), status.reshape(cases, members)
+    fits = [fit_plane(signs, v, code == Status.FINITE) for v, code in zip(values, status, strict=True)]
+    value, stderr, slope, slope_stderr = (np.stack(part) for part in zip(*fits, strict=True))
+    good = np.mean(status == Status.FINITE, axis=1) >= LEAST_SHARE
+    kept = lambda a: np.where(good.reshape(-1, *[1] * (a.ndim - 1)), a, np.nan)
+    per = 1 / np.array([plan.reach[name] for name in names])
+    return evaluation._replace(
+        value=kept(value),
+        stderr=kept(stderr),
+        gradient=kept(slope * per),
+        gradient_stderr=kept(slope_stderr * per),
+        status=np.where(good, int(Status.FINITE), status.max(axis=1)),
+        simulated=evaluation.simulated + members * (settings.transient + settings.periods),
+    )
+
+
+class _RunValues(NamedTuple):
+    """Objectives (lanes, objectives) and statuses of the runs of a chunk."""
+
+    value: np.ndarray
+    status: np.ndarray
+
+
+def _run_members(plan: EvaluationPlan, grid: Mapping[str, Any], motions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the objectives (runs, objectives) and the statuses of runs from `motions` (runs, numbers)."""
+    courses, exponents = plan.of_courses, plan.indices(exponents=True)
+    records = RecordSet((*([PeriodValues(courses)] if courses else []), *(plan.objectives[k] for k in exponents)))
+    options = RunOptions(plan.ensemble.transient, plan.ensemble.periods, plan.steps, plan.steps, plan.solver)
+    runs = make_plan(Grid(plan.scene, grid, product=False), plan.start, options, records)
+    runs.cases.starts = jax.tree.unflatten(jax.tree.structure(MOTION_SCALES), list(motions.T))
+
+    def work(part: ChunkInputs) -> _RunValues:
+        # starts of runs may be deep inside contacts, which is no oversight
+        states = states_and_penetrations(part.scenes, part.starts)[0]
+        run = run_chunk(runs, part.scenes, states, plan.steps, part.on_progress)
+        values = np.empty((len(run.status), len(plan.objectives)))
+        if courses:
+            values[:, plan.indices(exponents=False)] = totals(courses, jax.tree.map(jnp.asarray, run.record[0]))
+        for k, record in zip(exponents, run.record[bool(courses) :], strict=True):
+            values[:, k] = record.exponent
+        return _RunValues(values, run.status)
+
+    run = run_cases(runs, work, cost=runs.cost)
+    return run.checked(lambda: tuple(run.results))
+
+
+def fit_plane(
+    signs: Float[np.ndarray, "members parameters"], values: Float[np.ndarray, "members objectives"], kept: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Fits planes through `values` over `signs`, to the members that are `kept` and finite.
+
+    **Returns:** intercepts (objectives,) and their standard errors, slopes (objectives, parameters) and theirs; NaN
+    where the members are too few.
+    """
+    used = kept & np.all(np.isfinite(values), axis=1)
+    freedom = used.sum() - signs.shape[1] - 1
+    if freedom < 1:
+        intercept, slope = np.full(values.shape[1], np.nan), np.full((values.shape[1], signs.shape[1]), np.nan)
+        return intercept, intercept, slope, slope
+    system = np.column_stack([np.ones(used.sum()), signs[used]])
+    plane, *_ = np.linalg.lstsq(system, values[used], rcond=None)
+    variance = np.sum((values[used] - system @ plane) ** 2, axis=0) / freedom
+    stderr = np.sqrt(np.diag(np.linalg.pinv(system.T @ system))[:, None] * variance)
+    return plane[0], stderr[0], plane[1:].T, stderr[1:].T

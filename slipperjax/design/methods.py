@@ -57,14 +57,6 @@ class CaseValues(NamedTuple):
         return self.total + VIOLATION_PRICE * size * self.violation
 
 
-class Step(NamedTuple):
-    """A proposed design."""
-
-    to: Float[np.ndarray, " parameters"]
-    predicted: float
-    """Predicted fall of the merit; NaN without a prediction."""
-
-
 @dataclasses.dataclass
 class AbstractMove(abc.ABC):
     """A start on its way through the unit box."""
@@ -76,12 +68,12 @@ class AbstractMove(abc.ABC):
     finished: bool = dataclasses.field(default=False, kw_only=True)
 
     @abc.abstractmethod
-    def propose(self) -> Step:
-        """Returns the next trial."""
+    def propose(self) -> Float[np.ndarray, " parameters"]:
+        """Returns the design to try next."""
 
     @abc.abstractmethod
-    def update(self, step: Step, values: CaseValues) -> bool:
-        """Accepts or rejects a trial, and returns whether it was accepted."""
+    def update(self, at: Float[np.ndarray, " parameters"], values: CaseValues) -> bool:
+        """Accepts or rejects the design that was tried, and returns whether it was accepted."""
 
 
 class AbstractMethod(abc.ABC):
@@ -96,29 +88,31 @@ class AbstractMethod(abc.ABC):
 class _TrustRegionMove(AbstractMove):
     radius: float
     least: float
+    predicted: float = 0.0
+    """Predicted fall of the merit by the last trial."""
     curvature: tuple[np.ndarray, np.ndarray] | None = None
     """Differences of objective and constraints of a rejected trial from their linear predictions."""
 
     def propose(self):
-        step = _linear_step(self.at, self.values, self.radius, self.size, self.curvature)
-        if self.curvature is None and not step.predicted > 1e-9 * self.size:
+        at, self.predicted = _linear_step(self.at, self.values, self.radius, self.size, self.curvature)
+        if self.curvature is None and not self.predicted > 1e-9 * self.size:
             self.finished = True
-        return step
+        return at
 
-    def update(self, step, values):
+    def update(self, at, values):
         fall = self.values.merit(self.size) - values.merit(self.size)
-        share = fall / step.predicted if np.isfinite(fall) and step.predicted > 0 else -np.inf
+        share = fall / self.predicted if np.isfinite(fall) and self.predicted > 0 else -np.inf
         accepted, finite = share > 0.1, np.all(np.isfinite(values.value)) and np.all(np.isfinite(values.excess))
         if not accepted and self.curvature is None and finite:
             # a second trial of the same size allows for the curvature of the first
-            move = step.to - self.at
+            move = at - self.at
             value = values.value - self.values.value - self.values.slope @ move
             excess = values.excess - self.values.excess - self.values.excess_slope @ move
             self.curvature = np.nan_to_num(value), np.nan_to_num(excess)
             return False
         self.curvature = None
         if accepted:
-            self.at, self.values = step.to, values
+            self.at, self.values = at, values
         self.radius *= 2.0 if share > 0.75 else 1.0 if share > 0.25 else 0.4
         self.radius = min(self.radius, 0.3)
         self.finished |= self.radius < self.least
@@ -144,36 +138,36 @@ class TrustRegion(AbstractMethod):
         return _TrustRegionMove(at, values, values.size, self.radius, self.least)
 
 
-def _linear_step(at: np.ndarray, values: CaseValues, radius: float, size: float, curvature: Any = None) -> Step:
-    """Solves the linearised problem. Unknowns: the step, the bound of the objective, and one slack of constraints.
+def _linear_step(
+    at: np.ndarray, values: CaseValues, radius: float, size: float, curvature: tuple[np.ndarray, np.ndarray] | None
+) -> tuple[np.ndarray, float]:
+    """Solves the linearised problem; returns the design to try and the predicted fall of the merit.
 
-    **Arguments:** `curvature`: additions to objective and constraints.
+    Unknowns are the step, the bound of the objective, and one slack of all constraints.
+
+    **Arguments:** `curvature`: additions to each case of a worst-case objective, and to constraints.
     """
     value_added, excess_added = curvature or (0.0, 0.0)
-    count, worst = len(at), values.weight is None
     finite = np.isfinite(values.value) & np.all(np.isfinite(values.slope), axis=1)
     usable = np.isfinite(values.excess) & np.all(np.isfinite(values.excess_slope), axis=1)
-    mean_slope = np.zeros(count) if values.weight is None else values.weight[finite] @ values.slope[finite]
-    column = lambda rows, value: np.full((len(rows), 1), value)
-    # slope @ step + excess <= slack, and in the worst case slope @ step + value <= bound in every case
-    slopes = values.excess_slope[usable]
-    rows = np.hstack([slopes, column(slopes, 0.0), column(slopes, -1.0)])
-    limits = -(values.excess + excess_added)[usable]
-    if worst:
-        slopes = values.slope[finite] / size
-        rows = np.vstack([np.hstack([slopes, column(slopes, -1.0), column(slopes, 0.0)]), rows])
-        limits = np.concatenate([-(values.value + value_added)[finite] / size, limits])
-    aim = [*(mean_slope / size), float(worst), VIOLATION_PRICE]
-    box = [(max(-radius, -x), min(radius, 1 - x)) for x in at]
-    box += [(None, None) if worst and len(rows) else (0.0, 0.0), (0.0, None)]
-    solution = linprog(aim, rows if len(rows) else None, limits if len(rows) else None, bounds=box, method="highs").x
+    value, slope = (values.value + value_added)[finite], values.slope[finite]
+    if values.weight is not None:
+        value, slope = np.array([values.total]), values.weight[None, finite] @ slope
+    excess, excess_slope = (values.excess + excess_added)[usable], values.excess_slope[usable]
+    # slope @ step + value <= bound for every case or the mean, and slope @ step + excess <= slack for constraints
+    column = lambda rows, entry: np.full((len(rows), 1), entry)
+    bound_rows = np.hstack([slope / size, column(slope, -1.0), column(slope, 0.0)])
+    slack_rows = np.hstack([excess_slope, column(excess_slope, 0.0), column(excess_slope, -1.0)])
+    limits = -np.concatenate([value / size, excess])
+    aim = [*np.zeros(len(at)), 1.0, VIOLATION_PRICE]
+    box = [*((max(-radius, -x), min(radius, 1 - x)) for x in at), (None, None), (0.0, None)]
+    solution = linprog(aim, np.vstack([bound_rows, slack_rows]), limits, bounds=box, method="highs").x
     if solution is None:
-        return Step(at, 0.0)
-    move, slack = solution[:count], solution[-1]
-    now = values.total if np.isfinite(values.total) else np.nanmax(values.value, initial=-np.inf)
-    then = size * solution[count] if worst else now + mean_slope @ move
+        return at, 0.0
+    *move, bound, slack = solution
     violation = values.violation if np.isfinite(values.violation) else 0.0
-    return Step(np.clip(at + move, 0.0, 1.0), float(now - then + VIOLATION_PRICE * size * (violation - slack)))
+    fall = values.total - size * bound + VIOLATION_PRICE * size * (violation - slack)
+    return np.clip(at + move, 0.0, 1.0), float(fall)
 
 
 @dataclasses.dataclass
@@ -188,13 +182,13 @@ class _DescentMove(AbstractMove):
             slope = slope + VIOLATION_PRICE * self.values.excess_slope[int(np.argmax(self.values.excess))]
         update, self.state = self.optimiser.update(jnp.asarray(slope), self.state, jnp.asarray(self.at))
         to = optax.projections.projection_box(optax.apply_updates(jnp.asarray(self.at), update), 0.0, 1.0)
-        return Step(np.asarray(to), np.nan)
+        return np.asarray(to)
 
-    def update(self, step, values):
+    def update(self, at, values):
         self.left -= 1
         finite = np.isfinite(values.total) and np.all(np.isfinite(values.total_slope))
         if finite:
-            self.at, self.values = step.to, values
+            self.at, self.values = at, values
         self.finished |= not finite or self.left <= 0
         return bool(finite)
 

@@ -1,11 +1,23 @@
-"""Objectives: records that make one number of a motion, on orbits, in runs and in ensembles alike."""
+"""Objectives, and their values and derivatives in cases."""
 
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
+import diffrax
+import jax
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..analysis.kinds import Regime
 from ..flow.records import POINTS, RECORDS, AbstractNumber, OnePoint, Record
+from ..flow.status import Status
+from ..model.dynamics import State
+from ..model.kinematics import Motion
 from ..model.quantities import Quantity
+from ..model.scene import Scene
 from ..sweeps.records import LargestExponent
-from ..tools.checks import brief
+from ..tools.checks import require
 
 Objective = AbstractNumber | LargestExponent
 """A number that a motion is judged by. Equal ones share compiled programs."""
@@ -20,10 +32,7 @@ def _scalar(record: AbstractNumber) -> AbstractNumber:
 _NAMES = (
     "peak_force",
     *(name for name in RECORDS if name.startswith("rms_")),
-    "impact_impulse",
-    "contact_load",
-    "contact_work",
-    "drive_force",
+    *("impact_impulse", "contact_load", "contact_work", "drive_force"),
     *(f"excursion_{name}" for name in ("y", "z", "roll", "pitch", "yaw")),
     "grazing_distance",
 )
@@ -46,10 +55,94 @@ def objective_named(objective: Any) -> Objective:
         for name in _NAMES:
             if RECORDS[name].dims == POINTS and objective.startswith(f"{name}_"):
                 return OnePoint(RECORDS[name], objective.removeprefix(f"{name}_"))
-    if callable(objective) and not isinstance(objective, type):
-        name = getattr(objective, "__name__", "functional").strip("<>")
-        return Record(Quantity(name, "1", name), objective, "mean")
-    raise ValueError(
-        f"Argument `objective` must be one of {', '.join(OBJECTIVES)}, a record of one number, or a function of a "
-        f"course, but is {brief(objective)}."
-    )
+    need = f"be one of {', '.join(OBJECTIVES)}, a record of one number, or a function of a course"
+    require(callable(objective) and not isinstance(objective, type), "objective", need, objective)
+    name = getattr(objective, "__name__", "functional").strip("<>")
+    return Record(Quantity(name, "1", name), objective, "mean")
+
+
+class EnsembleSettings(NamedTuple):
+    """Sizes of ensembles. The defaults give slopes to some 10 % where averages change by as much."""
+
+    members: int = 32
+    """Runs of each case."""
+    transient: int = 60
+    """Forcing periods before recording, in which disturbances grow to the attractor's size."""
+    periods: int = 100
+    """Recorded forcing periods of each run."""
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class EvaluationPlan:
+    """Objectives to evaluate, parameters to differentiate by, and how cases are simulated."""
+
+    scene: Scene
+    names: tuple[str, ...]
+    """Parameters by which objectives are differentiated."""
+    objectives: tuple[Objective, ...]
+    solver: diffrax.AbstractSolver
+    steps: int
+    """Per forcing period, the same for all cases, so that objectives have no jumps where it would change."""
+    start: Motion | State
+    reach: Mapping[str, float]
+    """Distance of ensembles' parameters from a case's, by name [their SI units]."""
+    transient: int
+    """Forcing periods from the start before an orbit is looked for."""
+    ensemble: EnsembleSettings
+
+    @property
+    def of_courses(self) -> tuple[AbstractNumber, ...]:
+        """The objectives that are computed from courses of periods: all but exponents."""
+        return tuple(one for one in self.objectives if isinstance(one, AbstractNumber))
+
+    def indices(self, *, exponents: bool) -> list[int]:
+        """Indices of the exponents among the objectives, or of all others."""
+        return [k for k, one in enumerate(self.objectives) if isinstance(one, LargestExponent) == exponents]
+
+
+class Evaluation(NamedTuple):
+    """Objectives of cases and the motions that they belong to; arrays with a leading axis of cases."""
+
+    status: Int[np.ndarray, " cases"]
+    """`Status` codes."""
+    period: Int[np.ndarray, " cases"]
+    """Forcing periods after which the motion recurs; 0 for motions that are not on a stable periodic orbit."""
+    kind: Int[np.ndarray, " cases"]
+    """Numbers of `slipperjax.analysis.Regime`, periodic on stable orbits only."""
+    multiplier: Float[np.ndarray, " cases"]
+    """Modulus of the orbit's largest Floquet multiplier over its period [1]; NaN without an orbit."""
+    state: Float[np.ndarray, "cases size"]
+    """All numbers of the state at the start of a forcing period."""
+    value: Float[np.ndarray, "cases objectives"]
+    """NaN for cases that left the rail or are not finite."""
+    gradient: Float[np.ndarray, "cases objectives parameters"]
+    stderr: Float[np.ndarray, "cases objectives"]
+    """Standard errors of the values: 0 on orbits."""
+    gradient_stderr: Float[np.ndarray, "cases objectives parameters"]
+    inverse: Float[np.ndarray, "cases size size"]
+    """Of I - P_x, P_x being the orbit's Jacobian; NaN without an orbit."""
+    simulated: Float[np.ndarray, " cases"]
+    """Simulated forcing periods, derivatives counted by their cost."""
+
+    @classmethod
+    def of_states(cls, plan: EvaluationPlan, state: Float[np.ndarray, "cases size"]) -> "Evaluation":
+        """Returns an evaluation that has states, and no values yet."""
+        count, size = state.shape
+        nan = lambda *shape: np.full((count, *shape), np.nan)
+        objectives, both = len(plan.objectives), (len(plan.objectives), len(plan.names))
+        status, period, kind = np.zeros((3, count), int)
+        kind[:] = Regime.UNRESOLVED
+        values = nan(objectives), nan(*both), nan(objectives), nan(*both)
+        return cls(status, period, kind, nan(), state.copy(), *values, nan(size, size), np.zeros(count))
+
+    @property
+    def regime(self) -> np.ndarray:
+        """Kinds of motion in words: "period n", another one of `slipperjax.analysis.KINDS`, or "lost"."""
+        rows = zip(self.status, self.period, Regime.kind_names(self.kind), strict=True)
+        names = ["lost" if code != Status.FINITE else f"period {n}" if n else name for code, n, name in rows]
+        return np.array(names)
+
+    def take(self, index: np.ndarray) -> "Evaluation":
+        """Returns the evaluation of the cases at `index`."""
+        return jax.tree.map(lambda array: array[index], self)

@@ -1,7 +1,8 @@
-"""Designs by gradient: parameters that keep an objective lowest over a range of cases."""
+"""Designs by gradient: parameters that keep an objective lowest over some cases, and fronts of two objectives."""
 
 import dataclasses
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,11 +19,10 @@ from ..model.kinematics import Motion
 from ..model.paths import parameter
 from ..model.quantities import Quantity
 from ..model.scene import Scene
-from ..tools.checks import instance, whole, yes_or_no
+from ..tools.checks import instance, require, whole, yes_or_no
 from ..tools.files import write_whole
-from .evaluation import EnsembleSettings, Evaluation
 from .methods import AbstractMethod, AbstractMove, CaseValues, TrustRegion, inside
-from .objectives import Objective
+from .objectives import EnsembleSettings, Evaluation, Objective, objective_named
 from .problem import Problem, checked_problem, first_designs
 
 SAME_DESIGN = 0.02
@@ -76,21 +76,19 @@ class Design:
     @property
     def several(self) -> bool:
         """Whether starts ended at different designs that are about equally good."""
-        ends, values = self.starts["end_unit"].values, self.starts["smooth"].values
-        with np.errstate(invalid="ignore"):
-            good = values <= np.nanmin(values) * (1 + SAME_VALUE) if np.any(np.isfinite(values)) else values > 0
-        return bool(np.any(np.ptp(ends[good], axis=0) > SAME_DESIGN)) if np.any(good) else False
+        values, lowest = self.starts["smooth"].values, float(self.starts["smooth"].min())
+        ends = self.starts["end_unit"].values[values <= lowest + SAME_VALUE * abs(lowest)]
+        return bool(np.any(np.ptp(ends, axis=0) > SAME_DESIGN))
 
     def __repr__(self) -> str:
-        problem, q = self.problem, self.problem.objective.quantity
-        variables = [(parameter(name, problem.scene), value) for name, value in self.design.items()]
-        at = ", ".join(f"{one.name} {one.shown(value):.5g} {one.display_unit}" for one, value in variables)
-        words, counts = np.unique(self.regime, return_counts=True)
+        problem, regimes = self.problem, Counter(sorted(self.regime.tolist()))
+        shown = lambda q, value: f"{q.name} {q.shown(value):.5g} {q.display_unit}"
+        at = ", ".join(shown(parameter(name, problem.scene), value) for name, value in self.design.items())
         cases = f"{problem.robust} of {problem.count} cases" if problem.count > 1 else "one case"
         return (
-            f"Design({at},\n  {q.name} {q.shown(self.objective):.5g} {q.display_unit}, {cases}, "
-            f"status: {self.status},\n"
-            f"  regimes: {', '.join(f'{n} x {w}' for w, n in zip(words, counts, strict=True))},\n"
+            f"Design({at},\n"
+            f"  {shown(problem.objective.quantity, self.objective)}, {cases}, status: {self.status},\n"
+            f"  regimes: {', '.join(f'{count} x {word}' for word, count in regimes.items())},\n"
             f"  {self.history.sizes['trial']} trials from {self.starts.sizes['start']} starts, "
             f"{self.simulated:.3g} forcing periods)"
         )
@@ -106,7 +104,7 @@ class Design:
 
         **Arguments:** `margins`: of `event_margins`, kept with the prefix margin_.
         """
-        problem, plan, names = self.problem, self.problem.plan, self.problem.names
+        problem, names = self.problem, self.problem.names
         tables = {"start": self.starts, "trial": self.history} | ({} if margins is None else {"margin": margins})
         renamed = [ds.rename({name: f"{prefix}_{name}" for name in ds.data_vars}) for prefix, ds in tables.items()]
         words = lambda text: {"long_name": f"{text}, in the unit of each variable"}
@@ -126,15 +124,15 @@ class Design:
             "variables": [[name, *bounds] for name, bounds in problem.bounds.items()],
             "over": [[name, values] for name, values in problem.over.items()],
             "robust": problem.robust,
-            "constraints": [[c.objective.name, finite(c.low), finite(c.high)] for c in problem.constraints],
+            "constraints": [[one.name, finite(low), finite(high)] for one, low, high in problem.constraints],
             "periodic": problem.periodic,
-            "transient": plan.transient,
-            "steps_per_period": plan.steps,
-            "solver": plan.solver,
-            "ensemble": list(plan.ensemble),
+            "transient": problem.transient,
+            "steps_per_period": problem.steps,
+            "solver": problem.solver,
+            "ensemble": list(problem.ensemble),
         }
         attrs = scene_attributes(self.scene, without=(*problem.over, *names))
-        attrs |= run_attributes(self.scene, plan.start, call, tuple(problem.over)) | {"robust": problem.robust}
+        attrs |= run_attributes(self.scene, problem.start, call, tuple(problem.over)) | {"robust": problem.robust}
         attrs |= {name: getattr(self, name) for name in ("objective", "smooth", "stderr", "gradient_norm", "status")}
         ds = xr.merge([variables, self.cases, *renamed], join="exact", compat="equals")
         return ds.assign_attrs(attrs | {"several": np.int8(self.several)})
@@ -200,106 +198,90 @@ def optimise_design(
     instance("method", method, AbstractMethod, "a slipperjax.design method")
     limit = whole("max_trials", max_trials, 1)
     designs = first_designs(problem, starts, whole("seed", seed, 0))
-    search = _Search(problem, method, designs, yes_or_no("progress", progress))
+    search = _Search(problem, method, yes_or_no("progress", progress))
     try:
-        search.begin()
-        while search.moving and search.rounds < limit:
-            search.go_on()
+        search.run(designs, limit)
     except KeyboardInterrupt:
         best = search.result() if search.trials else None
         raise Interrupted(best, len(search.trials), unit="trials") from None
     finally:
-        search.close()
+        if search.bar is not None:
+            search.bar.close()
     return search.result()
 
 
 class Trial(NamedTuple):
-    """A design that was tried: a row of `Design.history`."""
+    """A design [unit box] that one of the starts tried, with the forcing periods simulated by all until then."""
 
     start: int
-    """Index of the start that it belongs to."""
     at: np.ndarray
-    """The design [unit box]."""
     values: CaseValues
     evaluation: Evaluation
     taken: bool
     simulated: float
-    """Forcing periods simulated by all trials until then."""
 
 
 class _Search:
     """Several starts on their way, judged together."""
 
-    def __init__(self, problem: Problem, method: AbstractMethod, designs: np.ndarray, shown: bool):
-        self.problem, self.method, self.designs = problem, method, designs
+    def __init__(self, problem: Problem, method: AbstractMethod, shown: bool):
+        self.problem, self.method = problem, method
         self.moves: list[AbstractMove] = []
         self.trials: list[Trial] = []
-        self.rounds, self.simulated, self.bar = 0, 0.0, None
+        self.latest: dict[int, Trial] = {}  # the last one that each start accepted
+        self.simulated, self.bar = 0.0, None
         if shown:
             from tqdm.auto import tqdm
 
             self.bar = tqdm(desc=f"design for {problem.objective.name}", unit=" trials")
 
-    def close(self) -> None:
-        """Closes the progress bar."""
-        if self.bar is not None:
-            self.bar.close()
+    def run(self, designs: np.ndarray, rounds: int) -> None:
+        """Judges the first design of each start, and at most `rounds` trials of each, those of a round together."""
+        for start, (at, values, evaluation) in enumerate(self._judge(designs, None)):
+            move = self.method.start(at, values)
+            move.finished = not np.isfinite(values.total)
+            self.moves.append(move)
+            self._add(Trial(start, at, values, evaluation, True, self.simulated))
+        for _ in range(rounds):
+            proposed = {k: move.propose() for k, move in enumerate(self.moves) if not move.finished}
+            # a move may find that it has ended while it proposes
+            proposed = {k: at for k, at in proposed.items() if not self.moves[k].finished}
+            if not proposed:
+                break
+            latest = [self.latest[k].evaluation for k in proposed]
+            warm_start = Evaluation(*(np.concatenate(arrays) for arrays in zip(*latest, strict=True)))
+            judged = self._judge(np.stack(list(proposed.values())), warm_start)
+            for k, (at, values, evaluation) in zip(proposed, judged, strict=True):
+                accepted = self.moves[k].update(at, values)
+                self._add(Trial(k, at, values, evaluation, accepted, self.simulated))
 
-    @property
-    def moving(self) -> list[int]:
-        """The starts that still move."""
-        return [k for k, move in enumerate(self.moves) if not move.finished]
-
-    def taken(self, start: int) -> list[Trial]:
-        """Returns the trials of a start that were taken, the first design included."""
-        return [trial for trial in self.trials if trial.start == start and trial.taken]
-
-    def begin(self) -> None:
-        """Judges the first design of each start."""
-        for start, evaluation in enumerate(self._evaluate(self.designs, None)):
-            values = self.problem.case_values(evaluation)
-            self.moves.append(self.method.start(self.designs[start], values))
-            self.moves[start].finished = not np.isfinite(values.total)
-            self._add(start, self.designs[start], values, evaluation, True)
-
-    def go_on(self) -> None:
-        """Makes one trial of each start that still moves."""
-        steps = {k: self.moves[k].propose() for k in self.moving}
-        steps = {k: step for k, step in steps.items() if not self.moves[k].finished}
-        if not steps:
-            return
-        before = [self.taken(k)[-1].evaluation for k in steps]
-        warm_start = Evaluation(*(np.concatenate(arrays) for arrays in zip(*before, strict=True)))
-        evaluations = self._evaluate(np.stack([step.to for step in steps.values()]), warm_start)
-        self.rounds += 1
-        for (k, step), evaluation in zip(steps.items(), evaluations, strict=True):
-            values = self.problem.case_values(evaluation)
-            self._add(k, step.to, values, evaluation, self.moves[k].update(step, values))
-
-    def _evaluate(self, designs: np.ndarray, warm_start: Evaluation | None) -> list[Evaluation]:
-        """Returns an evaluation for each design."""
+    def _judge(
+        self, designs: np.ndarray, warm_start: Evaluation | None
+    ) -> list[tuple[np.ndarray, CaseValues, Evaluation]]:
+        """Returns each design with its values and its evaluation."""
         evaluation = self.problem.evaluate(designs, warm_start)
         self.simulated += float(np.sum(evaluation.simulated))
-        return [evaluation.take(index) for index in np.arange(len(evaluation.status)).reshape(len(designs), -1)]
+        index = np.arange(len(evaluation.status)).reshape(len(designs), -1)
+        of_designs = [evaluation.take(cases) for cases in index]
+        return [(at, self.problem.case_values(one), one) for at, one in zip(designs, of_designs, strict=True)]
 
-    def _add(self, start: int, at: np.ndarray, values: CaseValues, evaluation: Evaluation, taken: bool) -> None:
+    def _add(self, trial: Trial) -> None:
         """Adds a trial and shows it."""
-        self.trials.append(Trial(start, at, values, evaluation, taken, self.simulated))
+        self.trials.append(trial)
+        if trial.taken:
+            self.latest[trial.start] = trial
         if self.bar is not None:
-            q = self.problem.objective.quantity
-            feasible = [trial.values.total for trial in self.trials if trial.taken and trial.values.violation <= 0]
+            q, moving = self.problem.objective.quantity, sum(not move.finished for move in self.moves)
+            feasible = [one.values.total for one in self.trials if one.taken and one.values.violation <= 0]
             best = q.shown(min(feasible, default=np.nan))
-            words = f"{len(self.moving)} starts move, lowest {best:.5g} {q.display_unit}"
-            self.bar.set_postfix_str(words, refresh=False)
+            self.bar.set_postfix_str(f"{moving} starts move, lowest {best:.5g} {q.display_unit}", refresh=False)
             self.bar.update()
 
     def result(self) -> Design:
         """Returns the best design until now: the lowest objective among those that violate least."""
-        problem, of_starts = self.problem, [self.taken(start) for start in range(len(self.moves))]
-        rank = lambda k: (of_starts[k][-1].values.violation > VIOLATED, of_starts[k][-1].values.total)
-        best = min(range(len(of_starts)), key=rank)
-        trial, finished = of_starts[best][-1], self.moves[best].finished
-        values, evaluation = trial.values, trial.evaluation
+        problem, ends = self.problem, list(self.latest.values())
+        best = min(ends, key=lambda trial: (trial.values.violation > VIOLATED, trial.values.total))
+        values, evaluation = best.values, best.evaluation
         errors = evaluation.stderr[:, problem.index(problem.objective.smooth)]
         worst = int(np.argmax(np.where(np.isfinite(values.value), values.value, -np.inf)))
         if not np.isfinite(values.total):
@@ -307,17 +289,18 @@ class _Search:
         elif values.violation > VIOLATED:
             status = "infeasible"
         else:
-            status = "converged" if finished else "not converged"
+            status = "converged" if self.moves[best.start].finished else "not converged"
+        history = _history(problem, self.trials)
         return Design(
             problem,
-            dict(zip(problem.names, map(float, problem.in_units(trial.at)), strict=True)),
+            dict(zip(problem.names, map(float, problem.in_units(best.at)), strict=True)),
             problem.joined(evaluation.value[:, problem.index(problem.objective)]),
             values.total,
             float(errors[worst] if problem.robust == "worst" else np.sqrt(np.sum(errors**2)) / len(errors)),
-            _gradient_norm(trial),
+            _gradient_norm(best),
             _cases(problem, evaluation),
-            _starts(problem, of_starts, [move.finished for move in self.moves]),
-            _history(problem, self.trials),
+            _starts(history, np.stack([end.at for end in ends]), [self.moves[end.start].finished for end in ends]),
+            history,
             status,
         )
 
@@ -341,32 +324,16 @@ def _cases(problem: Problem, evaluation: Evaluation) -> xr.Dataset:
         "state": (("case", "number"), evaluation.state, {"long_name": "all numbers of the state"}),
         "status": ("case", evaluation.status, {"long_name": "status"}),
     }
-    for one in problem.constraints:
-        labels = _labels(one.objective.quantity)
-        data[f"constraint_{one.objective.name}"] = ("case", evaluation.value[:, problem.index(one.objective)], labels)
+    for one, _, _ in problem.constraints:
+        data[f"constraint_{one.name}"] = ("case", evaluation.value[:, problem.index(one)], _labels(one.quantity))
     coords = {name: ("case", v, parameter(name, problem.scene).attributes) for name, v in problem.cases.items()}
     return xr.Dataset(data, coords | {"variable": list(problem.names)})
 
 
-def _starts(problem: Problem, of_starts: list[list[Trial]], finished: list[bool]) -> xr.Dataset:
-    """Returns the dataset of the starts from the trials that each took."""
-    first, end = (np.stack([trials[k].at for trials in of_starts]) for k in (0, -1))
-    values, each = [trials[-1].values for trials in of_starts], ("start", "variable")
-    labels = _labels(problem.objective.smooth.quantity)
-    data = {
-        "first": (each, problem.in_units(first)),
-        "end": (each, problem.in_units(end)),
-        "end_unit": (each, end),
-        "smooth": ("start", [one.total for one in values], labels),
-        "violation": ("start", [one.violation for one in values], {"units": "1"}),
-        "converged": ("start", finished),
-    }
-    return xr.Dataset(data, {"variable": list(problem.names)})
-
-
 def _history(problem: Problem, trials: list[Trial]) -> xr.Dataset:
     """Returns the dataset of trials, a row each."""
-    hard, of_smooth = problem.index(problem.objective), problem.objective.smooth.quantity
+    q, of_smooth = problem.objective.quantity, problem.objective.smooth.quantity
+    hard, each = problem.index(problem.objective), ("trial", "case")
     objective = np.stack([trial.evaluation.value[:, hard] for trial in trials])
     data = {
         "start": ("trial", [trial.start for trial in trials]),
@@ -374,11 +341,21 @@ def _history(problem: Problem, trials: list[Trial]) -> xr.Dataset:
         "smooth": ("trial", [trial.values.total for trial in trials], _labels(of_smooth)),
         "violation": ("trial", [trial.values.violation for trial in trials], {"units": "1"}),
         "taken": ("trial", [trial.taken for trial in trials]),
-        "objective": (("trial", "case"), objective, _labels(problem.objective.quantity)),
-        "regime": (("trial", "case"), np.stack([trial.evaluation.regime for trial in trials])),
+        "objective": (each, objective, _labels(q)),
+        "regime": (each, np.stack([trial.evaluation.regime for trial in trials])),
         "simulated": ("trial", [trial.simulated for trial in trials], {"units": "forcing periods"}),
     }
     return xr.Dataset(data, {"variable": list(problem.names)})
+
+
+def _starts(history: xr.Dataset, end_unit: np.ndarray, finished: list[bool]) -> xr.Dataset:
+    """Returns the dataset of the starts, from the first and the last trial that each accepted."""
+    start, taken = history["start"].values, history["taken"].values
+    first, end = ([np.flatnonzero((start == k) & taken)[at] for k in range(len(finished))] for at in (0, -1))
+    each = ("start", "variable")
+    ends = history[["design", "smooth", "violation"]].isel(trial=end).rename(trial="start", design="end")
+    ends["first"], ends["end_unit"] = (each, history["design"].values[first]), (each, end_unit)
+    return ends.assign(converged=("start", finished))
 
 
 def _gradient_norm(trial: Trial) -> float:
@@ -403,3 +380,65 @@ def _labels(q: Quantity) -> dict[str, Any]:
     """Returns attributes from which pictures label and scale a variable, whatever its name."""
     shown = {"symbol": q.symbol, "shown_unit": q.display_unit, "per_shown": q.per_shown}
     return {"units": q.unit, "long_name": q.long_name, "quantity": q.name} | shown
+
+
+def pareto_front(
+    scene: Scene,
+    objectives: tuple[Any, Any],
+    variables: Mapping[str, tuple[float, float]],
+    *,
+    points: int = 9,
+    starts: int = 5,
+    constraints: Mapping[Any, Any] | None = None,
+    **options: Any,
+) -> xr.Dataset:
+    """Follows the front of two objectives from the best design of the second to that of the first.
+
+    Between, the first objective is minimised while the second stays below limits that rise evenly, each search
+    beginning from the last design (Haimes, Lasdon and Wismer 1971, doi:10.1109/TSMC.1971.4308298).
+
+    **Arguments:** `objectives`: two, by name or as objects; `points`: designs on the front; `starts`: of both ends;
+    `constraints`, `options`: of `optimise_design`.
+
+    **Returns:** an `xarray.Dataset` along `point`: each objective by name, worst case or mean, the variables by name,
+    `periodic`, the share of cases on orbits, `status`, and `simulated` forcing periods; `ideal` is true of designs
+    that no other one of the front beats in both.
+
+    **Raises:** `ValueError` that names the argument which is wrong.
+    """
+    pair = isinstance(objectives, tuple | list) and len(objectives) == 2
+    require(pair, "objectives", "be two objectives", objectives)
+    first, second = map(objective_named, objectives)
+    count, limits = whole("points", points, 3), {} if constraints is None else dict(constraints)
+    # the other objective is evaluated, too, as a limit that nothing exceeds
+    lowest_second, lowest_first = (
+        optimise_design(scene, one, variables, starts=starts, constraints=limits | {other: _NO_LIMIT}, **options)
+        for one, other in ((second, first), (first, second))
+    )
+    designs = [lowest_second]
+    for limit in np.linspace(_value(lowest_second, second), _value(lowest_first, second), count)[1:-1]:
+        near = dict(method=TrustRegion(radius=0.05), starts=[designs[-1].design])
+        limited = limits | {second: limit}
+        designs.append(optimise_design(scene, first, variables, constraints=limited, **(options | near)))
+    designs.append(lowest_first)
+    values = {one: np.array([_value(design, one) for design in designs]) for one in (first, second)}
+    # row k, column j: whether design j beats design k in both
+    beaten = np.all([v[None, :] < v[:, None] for v in values.values()], axis=0).any(axis=1)
+    data = {one.name: ("point", v, one.quantity.attributes) for one, v in values.items()}
+    for name in variables:
+        data[name] = ("point", [one.design[name] for one in designs], parameter(name, scene).attributes)
+    data["periodic"] = ("point", [float(np.mean(one.cases["period"] > 0)) for one in designs], {"units": "1"})
+    data["status"] = ("point", [one.status for one in designs])
+    data["ideal"] = ("point", ~beaten)
+    data["simulated"] = ("point", [one.simulated for one in designs], {"units": "forcing periods"})
+    return xr.Dataset(data, attrs={"objectives": [first.name, second.name], "robust": lowest_first.problem.robust})
+
+
+_NO_LIMIT = (None, np.finfo(float).max)
+"""Limit of a constraint that is only observed."""
+
+
+def _value(design: Design, objective: Objective) -> float:
+    """Returns an objective at a design, in the worst of the cases or their mean."""
+    name = "objective" if objective == design.problem.objective else f"constraint_{objective.name}"
+    return design.problem.joined(design.cases[name].values)

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy.stats.qmc
@@ -15,34 +15,19 @@ from ..model.scene import Scene, check_scene
 from ..orbits.motions import check_forcing
 from ..solvers.named import resolve_solver
 from ..sweeps.grid import Cases
-from ..tools.checks import brief, instance, one_of, require, whole, yes_or_no
-from .evaluation import EnsembleSettings, Evaluation, EvaluationPlan
+from ..tools.checks import instance, one_of, require, whole, yes_or_no
 from .judge import judge
 from .methods import CaseValues
-from .objectives import Objective, objective_named
+from .objectives import EnsembleSettings, Evaluation, EvaluationPlan, Objective, objective_named
 
 REACH = 0.005
 """Distance of ensembles' parameters from a design's [unit box]."""
 
 
-class Limits(NamedTuple):
-    """A constraint: an objective that must lie between two values."""
-
-    objective: Objective
-    low: float
-    high: float
-
-    @property
-    def scale(self) -> float:
-        """A violation that counts as one [unit of the objective]."""
-        return max(abs(v) for v in (self.low, self.high) if math.isfinite(v)) or 1.0
-
-
 @dataclasses.dataclass(frozen=True)
-class Problem:
-    """The problem of a search for a design."""
+class Problem(EvaluationPlan):
+    """The problem of a search for a design: what is evaluated, and what is sought."""
 
-    plan: EvaluationPlan
     objective: Objective
     bounds: dict[str, tuple[float, float]]
     """Of each variable [its SI unit]."""
@@ -50,18 +35,9 @@ class Problem:
     """Values of other parameters that the design must serve, every combination."""
     robust: str
     """How the cases are joined, "worst" or "mean"."""
-    constraints: tuple[Limits, ...]
+    constraints: tuple[tuple[Objective, float, float], ...]
+    """Objectives that must lie between two values in every case."""
     periodic: bool
-
-    @property
-    def scene(self) -> Scene:
-        """The scene whose parameters are varied."""
-        return self.plan.scene
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The variables."""
-        return self.plan.names
 
     @property
     def cases(self) -> dict[str, np.ndarray]:
@@ -86,7 +62,7 @@ class Problem:
 
     def index(self, objective: Objective) -> int:
         """Returns the index of an objective in evaluations."""
-        return self.plan.objectives.index(objective)
+        return self.objectives.index(objective)
 
     def joined(self, values: Float[np.ndarray, " cases"]) -> float:
         """Returns the worst or the mean of the cases' values."""
@@ -101,18 +77,17 @@ class Problem:
         values = np.repeat(self.in_units(designs), self.count, axis=0)
         grid = {name: values[:, k] for k, name in enumerate(self.names)}
         grid |= {name: np.tile(v, len(designs)) for name, v in self.cases.items()}
-        return judge(self.plan, grid, warm_start)
+        return judge(self, grid, warm_start)
 
     def case_values(self, evaluation: Evaluation) -> CaseValues:
         """Returns objective and constraints of one design from the evaluation of its cases."""
         slope, at = evaluation.gradient * self.width, self.index(self.objective.smooth)
         excess, excess_slope = [np.empty(0)], [np.empty((0, len(self.names)))]
-        for limits in self.constraints:
-            k = self.index(limits.objective)
-            for sign, limit in ((1.0, limits.high), (-1.0, limits.low)):
-                if math.isfinite(limit):
-                    excess.append(sign * (evaluation.value[:, k] - limit) / limits.scale)
-                    excess_slope.append(sign * slope[:, k] / limits.scale)
+        for objective, low, high in self.constraints:
+            k, limits = self.index(objective), [(s, v) for s, v in ((1.0, high), (-1.0, low)) if math.isfinite(v)]
+            scale = max(abs(limit) for _, limit in limits) or 1.0
+            excess += [sign * (evaluation.value[:, k] - limit) / scale for sign, limit in limits]
+            excess_slope += [sign * slope[:, k] / scale for sign, _ in limits]
         if self.periodic:
             excess.append(np.where(evaluation.period == 0, 1.0, -1.0))
             excess_slope.append(np.zeros((self.count, len(self.names))))
@@ -145,18 +120,23 @@ def checked_problem(
     if steps is None:
         corners = {name: list(pair) for name, pair in bounds.items()} | over
         steps = int(Cases(scene, corners, start).default_steps().max())
-    plan = EvaluationPlan(
+    return Problem(
         scene,
         tuple(bounds),
-        tuple(dict.fromkeys([objective.smooth, objective, *(one.objective for one in limits)])),
+        tuple(dict.fromkeys([objective.smooth, objective, *(one for one, _, _ in limits)])),
         solver,
         whole("steps_per_period", steps, 1),
         start,
         {name: REACH * (high - low) for name, (low, high) in bounds.items()},
         whole("transient", transient, 0),
         instance("ensemble", ensemble, EnsembleSettings, "a slipperjax.design.EnsembleSettings"),
+        objective,
+        bounds,
+        over,
+        robust,
+        limits,
+        yes_or_no("periodic", periodic),
     )
-    return Problem(plan, objective, bounds, over, robust, limits, yes_or_no("periodic", periodic))
 
 
 def _checked_bounds(scene: Scene, variables: Any) -> dict[str, tuple[float, float]]:
@@ -176,7 +156,7 @@ def _checked_bounds(scene: Scene, variables: Any) -> dict[str, tuple[float, floa
     return bounds
 
 
-def _checked_limits(constraints: Any) -> tuple[Limits, ...]:
+def _checked_limits(constraints: Any) -> tuple[tuple[Objective, float, float], ...]:
     constraints = {} if constraints is None else constraints
     require(isinstance(constraints, Mapping), "constraints", "map objectives to limits", constraints)
     limits = []
@@ -189,12 +169,9 @@ def _checked_limits(constraints: Any) -> tuple[Limits, ...]:
             )
         except (TypeError, ValueError):
             low, high = np.nan, np.nan
-        if not low < high or (math.isinf(low) and math.isinf(high)):
-            raise ValueError(
-                f"Argument `constraints` must have a highest value or (low, high) for {objective.name} "
-                f"[{objective.quantity.unit}], but has {brief(pair)}."
-            )
-        limits.append(Limits(objective, low, high))
+        need = f"have a highest value or (low, high) for {objective.name} [{objective.quantity.unit}]"
+        require(low < high and not (math.isinf(low) and math.isinf(high)), "constraints", need, pair)
+        limits.append((objective, low, high))
     return tuple(limits)
 
 
@@ -202,10 +179,8 @@ def first_designs(problem: Problem, starts: Any, seed: int) -> Float[np.ndarray,
     """Returns the designs of the unit box from which a search begins, see `optimise_design`."""
     names = problem.names
     if isinstance(starts, Sequence) and not isinstance(starts, str):
-        if not starts or any(not isinstance(one, Mapping) or set(one) != set(names) for one in starts):
-            raise ValueError(
-                f"Argument `starts` must be designs that give {', '.join(names)}, but is {brief(starts)}."
-            )
+        designs = starts and all(isinstance(one, Mapping) and set(one) == set(names) for one in starts)
+        require(designs, "starts", f"be designs that give {', '.join(names)}", starts)
         values = np.array([[float(one[name]) for name in names] for one in starts])
         designs = (values - problem.low) / problem.width
         require(np.all((designs >= 0) & (designs <= 1)), "starts", "lie within the bounds", starts)

@@ -8,26 +8,23 @@ import diffrax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jax.flatten_util import ravel_pytree
 
 from ..flow.datasets import scene_attributes
 from ..flow.simulate import Trajectory, default_steps, first_of
 from ..flow.status import Status
 from ..flow.stepping import ConstantSteps
-from ..model.dang2024 import table_2_start
-from ..model.dynamics import State, initial_state
+from ..model.dynamics import State
 from ..model.kinematics import Motion
+from ..model.layout import StateLayout
 from ..model.paths import parameter, refuse_undone
 from ..model.quantities import Parameter
 from ..model.scene import Scene, check_scene
 from ..orbits.motions import check_forcing
 from ..solvers.named import resolve_solver
-from ..tools.checks import brief, one_of, whole, yes_or_no
-from .ensembles import ensemble_averages
-from .evaluation import EnsembleSettings, Evaluation, EvaluationPlan
+from ..tools.checks import one_of, require, whole, yes_or_no
 from .gradients import pulled_gradient
-from .judge import judge_on_orbits, judge_run
-from .objectives import OBJECTIVES, Objective, objective_named
+from .judge import ensemble_averages, judge_on_orbits, judge_run
+from .objectives import OBJECTIVES, EnsembleSettings, Evaluation, EvaluationPlan, objective_named
 
 METHODS = ("orbit", "ensemble", "run")
 """Ways to differentiate an objective."""
@@ -77,15 +74,11 @@ def sensitivities(
     check_scene(scene)
     check_forcing(scene)
     several = objectives if isinstance(objectives, Sequence) and not isinstance(objectives, str) else [objectives]
-    objectives = tuple(dict.fromkeys(map(objective_named, several)))
-    parameters = _checked_names(scene, names)
-    if method is not None:
-        one_of("method", method, METHODS)
-    grid = {one.name: np.array([float(one.of(scene))]) for one in parameters}
+    grid = {one.name: np.array([float(one.of(scene))]) for one in _checked_names(scene, names)}
     plan = EvaluationPlan(
         scene,
         tuple(grid),
-        objectives,
+        tuple(dict.fromkeys(map(objective_named, several))),
         resolve_solver(scene, solver),
         int(default_steps(scene, steps_per_period)),
         first_of(start),
@@ -93,25 +86,25 @@ def sensitivities(
         whole("transient", transient, 0),
         ensemble,
     )
-    unbounded = np.full(len(parameters), np.nan)
+    if method is not None:
+        one_of("method", method, METHODS)
+    exponents, reverse = plan.indices(exponents=True), yes_or_no("reverse", reverse) and method != "ensemble"
     if method == "run":
-        if plan.indices(exponents=True):
-            raise ValueError("Argument `method` must be 'orbit' or 'ensemble' for exponents, but is 'run'.")
+        require(not exponents, "method", "be 'orbit' or 'ensemble' for exponents", method)
         evaluation, growth = judge_run(plan, whole("periods", periods, 1))
         facts = dict(method="run", regime="run", growth=growth, periods=periods)
-        return _dataset(scene, parameters, objectives, evaluation, unbounded, facts)
-    reverse = yes_or_no("reverse", reverse) and method != "ensemble"
-    if reverse and plan.indices(exponents=True):
-        raise ValueError("Argument `reverse` must be False for exponents, but is True.")
+        return _dataset(plan, evaluation, np.full(len(grid), np.nan), facts)
+    require(not (reverse and exponents), "reverse", "be False for exponents", reverse)
     # the distance from grazing bounds the domain of derivatives on orbits
     grazing = OBJECTIVES["grazing_distance"]
-    on_orbit = dataclasses.replace(plan, objectives=tuple(dict.fromkeys([*objectives, grazing])))
+    on_orbit = dataclasses.replace(plan, objectives=tuple(dict.fromkeys([*plan.objectives, grazing])))
     motion_only = reverse or method == "ensemble"
     evaluation = judge_on_orbits(dataclasses.replace(on_orbit, names=()) if motion_only else on_orbit, grid)
+    facts = dict(method="orbit", regime=str(evaluation.regime[0]))
     if evaluation.period[0] == 0 and method == "orbit":
         raise ValueError(
             f"Argument `method` must be 'ensemble' here, but is 'orbit': after {transient} periods the motion is "
-            f"{evaluation.regime[0]}, not on a stable periodic orbit."
+            f"{facts['regime']}, not on a stable periodic orbit."
         )
     if evaluation.period[0] == 0 or method == "ensemble":
         zero = [name for name, distance in plan.reach.items() if not distance > 0]
@@ -119,25 +112,23 @@ def sensitivities(
             raise ValueError(
                 f"Argument `names` must be of parameters that are not 0 for ensembles, but {zero[0]} is."
             )
-        facts = dict(method="ensemble", regime=str(evaluation.regime[0]))
-        facts |= dict(members=ensemble.members, periods=ensemble.periods)
         if evaluation.status[0] == Status.FINITE:
             evaluation = ensemble_averages(plan, grid, evaluation)
         if evaluation.status[0] != Status.FINITE:
             raise ValueError(f"Argument `scene` must stay on the rail, but: {Status(int(evaluation.status[0]))}.")
-        return _dataset(scene, parameters, objectives, evaluation, np.array(list(plan.reach.values())), facts)
+        facts |= dict(method="ensemble", members=ensemble.members, periods=ensemble.periods)
+        return _dataset(plan, evaluation, np.array(list(plan.reach.values())), facts)
     if reverse:
         evaluation = _pulled(on_orbit, evaluation)
     at = on_orbit.objectives.index(grazing)
     with np.errstate(divide="ignore"):
         domain = evaluation.value[0, at] / np.abs(evaluation.gradient[0, at])
-    facts = dict(method="orbit", regime=str(evaluation.regime[0]))
-    return _dataset(scene, parameters, objectives, evaluation, domain, facts)
+    return _dataset(plan, evaluation, domain, facts)
 
 
 def _checked_names(scene: Scene, names: Any) -> list[Parameter]:
-    if isinstance(names, str) or not isinstance(names, Sequence) or not names:
-        raise ValueError(f"Argument `names` must be a list of parameters, but is {brief(names)}.")
+    listed = isinstance(names, Sequence) and not isinstance(names, str) and names
+    require(listed, "names", "be a list of parameters", names)
     parameters = [parameter(name, scene) for name in names]
     for one in parameters:
         one.check_exists(scene)
@@ -149,10 +140,9 @@ def _checked_names(scene: Scene, names: Any) -> list[Parameter]:
 
 def _pulled(plan: EvaluationPlan, evaluation: Evaluation) -> Evaluation:
     """Returns the evaluation of an orbit with values and derivatives by reverse mode."""
-    _, unravel = ravel_pytree(initial_state(plan.scene, table_2_start()))
     value, gradient = pulled_gradient(
         plan.scene,
-        unravel(jnp.asarray(evaluation.state[0])),
+        StateLayout.of(plan.scene).unpack(jnp.asarray(evaluation.state[0])),
         jnp.asarray(evaluation.inverse[0]),
         ConstantSteps(plan.steps),
         names=plan.names,
@@ -164,36 +154,31 @@ def _pulled(plan: EvaluationPlan, evaluation: Evaluation) -> Evaluation:
     return evaluation._replace(value=value, gradient=gradient, gradient_stderr=np.zeros_like(gradient))
 
 
-def _dataset(
-    scene: Scene,
-    parameters: list[Parameter],
-    objectives: tuple[Objective, ...],
-    evaluation: Evaluation,
-    domain: np.ndarray,
-    facts: dict[str, Any],
-) -> xr.Dataset:
-    """Returns the dataset of the first objectives of an evaluation of one case, with `facts` as attributes."""
-    of_objectives = lambda array: array[0, : len(objectives)]
-    value, gradient = of_objectives(evaluation.value), of_objectives(evaluation.gradient)
+def _dataset(plan: EvaluationPlan, evaluation: Evaluation, domain: np.ndarray, facts: dict[str, Any]) -> xr.Dataset:
+    """Returns the dataset of an evaluation of one case, which may have further objectives, with `facts`."""
+    parameters = [parameter(name, plan.scene) for name in plan.names]
+    value, stderr, gradient, gradient_stderr = (
+        array[0, : len(plan.objectives)]
+        for array in (evaluation.value, evaluation.stderr, evaluation.gradient, evaluation.gradient_stderr)
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
-        relative = gradient * np.array([float(one.of(scene)) for one in parameters]) / value[:, None]
+        relative = gradient * np.array([float(one.of(plan.scene)) for one in parameters]) / value[:, None]
     both, unit = ("objective", "parameter"), "objective's unit per parameter's unit"
     label = lambda unit, text: {"units": unit, "long_name": text}
-    error = label(unit, "its standard error")
     data = {
         "value": ("objective", value, label("objective's unit", "objective")),
-        "stderr": ("objective", of_objectives(evaluation.stderr), {"long_name": "standard error"}),
+        "stderr": ("objective", stderr, {"long_name": "standard error"}),
         "gradient": (both, gradient, label(unit, "derivative by the parameter")),
-        "gradient_stderr": (both, of_objectives(evaluation.gradient_stderr), error),
+        "gradient_stderr": (both, gradient_stderr, label(unit, "its standard error")),
         "relative": (both, relative, label("1", "relative change per relative change")),
         "domain": ("parameter", domain, label("parameter's unit", "change up to which it holds")),
     }
     coords = {
-        "objective": [one.name for one in objectives],
-        "objective_unit": ("objective", [one.quantity.unit for one in objectives]),
+        "objective": [one.name for one in plan.objectives],
+        "objective_unit": ("objective", [one.quantity.unit for one in plan.objectives]),
         "parameter": [one.name for one in parameters],
         "parameter_unit": ("parameter", [one.unit for one in parameters]),
     }
     facts |= dict(period=int(evaluation.period[0]), multiplier=float(evaluation.multiplier[0]))
     facts |= dict(simulated=float(evaluation.simulated[0]))
-    return xr.Dataset(data, coords, scene_attributes(scene) | facts)
+    return xr.Dataset(data, coords, scene_attributes(plan.scene) | facts)

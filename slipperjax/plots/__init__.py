@@ -1,9 +1,5 @@
 """Pictures: trajectories, bifurcations, branches, exponents, regime maps, designs, sections and animations."""
 
-from .animations import animate as animate
-from .animations import instant as instant
-from .bifurcations import bifurcation as bifurcation
-from .bifurcations import bifurcations as bifurcations
 from .branches import branches as branches
 from .branches import event_curves as event_curves
 from .branches import multiplier_circle as multiplier_circle
@@ -15,9 +11,13 @@ from .designs import design_progress as design_progress
 from .designs import design_slopes as design_slopes
 from .designs import design_trials as design_trials
 from .maps import attractor_map as attractor_map
+from .maps import bifurcation as bifurcation
+from .maps import bifurcations as bifurcations
 from .maps import exponents as exponents
 from .maps import quantity_map as quantity_map
 from .maps import regime_map as regime_map
+from .sections import animate as animate
+from .sections import instant as instant
 from .sections import section as section
 from .style import COLORS as COLORS
 from .style import POINT_COLORS as POINT_COLORS

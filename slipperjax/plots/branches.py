@@ -1,7 +1,7 @@
 """Branches of periodic motions: stable and unstable parts, events, multipliers, and curves of events."""
 
-import json
-from collections.abc import Iterable, Iterator, Sequence
+import itertools
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,14 +9,14 @@ import xarray as xr
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from matplotlib.patheffects import Normal, withStroke
+from matplotlib.transforms import Bbox
 
 from ..analysis.events import MEANINGS
 from ..flow.datasets import varied_names
 from ..model.quantities import COORDINATES, SECTIONS
 from ..model.quantities import quantity as registered
 from ..tools.checks import require
-from .bifurcations import bifurcation
-from .maps import draw_attractors, draw_regimes
+from .maps import bifurcation, draw_attractors, draw_regimes
 from .style import (
     COLORS,
     FLAGGED_LABEL,
@@ -49,22 +49,22 @@ LARGEST_MODULUS = 2.0
 """Greatest modulus of a multiplier that is drawn at its place."""
 CROWDED_DISTANCE = 22.0
 """Distance [points] between grazings within which one label stands for them."""
-_ASIDE = np.array([(0, 1), (0, -1), (1.2, 0), (-1.2, 0), (0.9, 0.8), (-0.9, 0.8), (0.9, -0.8), (-0.9, -0.8)])
-LABEL_OFFSETS = np.concatenate([8.0 * _ASIDE, 13.0 * _ASIDE])
-"""Offsets [points] of labels from their markers, the best first."""
+FONT_SIZE = 6.5
+"""Size of labels [points]."""
+LABEL_DISTANCES = (8.0, 13.0)
+"""Distances [points] of labels from their markers, the best first."""
+LABEL_DIRECTIONS = ((0, 1), (0, -1), (1.2, 0), (-1.2, 0), (0.9, 0.8), (-0.9, 0.8), (0.9, -0.8), (-0.9, -0.8))
 _POINT_VALUES = "slowest_touchdown", "grazing_gap", "outside", "residual"
 QUANTITIES = (*SECTIONS, *(f"start_{name}" for name in COORDINATES), *_POINT_VALUES)
 """Variables of `continue_orbit` that can be drawn."""
 
 
 class Mark(NamedTuple):
-    """An event in a picture."""
+    """An event in a picture: its label, the parameter [display unit], and the orbit's values there."""
 
     label: str
     x: float
-    """The parameter [display unit]."""
     values: list[float]
-    """Values of the orbit there."""
     color: str
 
 
@@ -141,8 +141,8 @@ def check_brute(brute: Any, name: str, quantity: str) -> None:
 def multiplier_circle(ds: Any, ax: Any = None) -> Any:
     """Draws Floquet multipliers of a branch in the complex plane, coloured by its parameter, with the unit circle.
 
-    Critical multipliers of events have a marker and a label. Multipliers of a modulus above 2 are squares on an outer
-    circle, in their direction.
+    Critical multipliers of events have a marker and a label. Multipliers of a modulus above 2 lie on an outer circle,
+    in their direction.
 
     **Arguments:** `ds`: a branch, a result of `continue_orbit` or its dataset; `ax`: the Axes to draw into, default
     those of a new figure, with the fixed parameters as its title.
@@ -155,21 +155,18 @@ def multiplier_circle(ds: Any, ax: Any = None) -> Any:
     if len(points) > 1:
         raise ValueError(f"Argument `ds` must be one branch, not {len(points)}.")
     (one,), name = points, _parameter(points)
-    mu = one["multiplier_real"].values + 1j * one["multiplier_imag"].values
-    values, modulus = np.broadcast_to(shown(one, name)[:, None], mu.shape), np.abs(mu)
-    far, reach = modulus > LARGEST_MODULUS, min(LARGEST_MODULUS, max(1.0, float(np.max(modulus))))
+    mu = (one["multiplier_real"].values + 1j * one["multiplier_imag"].values).ravel()
+    values, modulus = np.repeat(shown(one, name), one.sizes["multiplier"]), np.abs(mu)
+    reach = min(LARGEST_MODULUS, max(1.0, float(np.max(modulus))))
+    mu = mu / np.maximum(1.0, modulus / LARGEST_MODULUS)
     with drawing(ax, one, 3.5, 3.3) as ax:
-        style = dict(cmap="viridis", vmin=np.min(values), vmax=np.max(values), linewidths=0, zorder=2)
         ax.add_patch(Circle((0, 0), 1.0, fill=False, lw=0.8, ec="black", zorder=1))
-        dots = ax.scatter(mu[~far].real, mu[~far].imag, c=values[~far], s=7, **style)
-        grey: dict[str, Any] = dict(ls="", color=COLORS["grey"])
-        handles = [Line2D([], [], marker=".", ms=5, label="multiplier", **grey)]
-        if far.any():
-            ax.add_patch(Circle((0, 0), LARGEST_MODULUS, fill=False, lw=0.4, ls=":", ec=COLORS["grey"], zorder=1))
-            rim = LARGEST_MODULUS * mu[far] / modulus[far]
-            ax.scatter(rim.real, rim.imag, c=values[far], s=12, marker="s", **style)
+        dots = ax.scatter(mu.real, mu.imag, c=values, cmap="viridis", s=7, linewidths=0, zorder=2)
+        handles = [Line2D([], [], ls="", marker=".", ms=5, color=COLORS["grey"], label="multiplier")]
+        if np.max(modulus) > LARGEST_MODULUS:
+            ax.add_patch(Circle((0, 0), LARGEST_MODULUS, fill=False, lw=0.6, ls=":", ec=COLORS["grey"], zorder=1))
             text = f"beyond, up to {np.max(modulus):.3g}"
-            handles.append(Line2D([], [], marker="s", ms=3.2, label=text, **grey))
+            handles.append(Line2D([], [], lw=0.6, ls=":", color=COLORS["grey"], label=text))
         marks = _critical_marks(one)
         for mark in marks:
             style = _marker(mark.label, mark.color) | dict(mfc="none", mec=mark.color, ms=6, mew=0.9)
@@ -213,11 +210,12 @@ def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> 
     **Raises:** `ValueError` for another kind of dataset, or where the parameters differ.
     """
     curves = _datasets(ds, "curve", "continue_event", "outside")
-    over = _two_parameters(curves[0])
+    over = varied_names(curves[0])
     for one in curves:
-        label, names = one.attrs.get("label"), _two_parameters(one)
+        label, names = one.attrs.get("label"), varied_names(one)
         require(label in CURVE_COLORS, "ds", f"have a label of {', '.join(CURVE_COLORS)}", label)
-        check_dataset(one, "continue_event", *names)
+        if len(names) != 2:
+            raise ValueError(f"Argument `ds` must be a curve over two parameters, but is over {names}.")
         if set(names) != set(over):
             raise ValueError(f"Argument `ds` must be curves over {' and '.join(over)}, but one is over {names}.")
     if regimes is not None:
@@ -233,12 +231,20 @@ def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> 
             ax.axis(ax.axis())  # only the area of the map is shown
         for one in curves:
             _draw_curve(ax, one, over)
-        legend_above(ax, _curve_entries(curves) + handles)
+        used = {one.attrs["label"] for one in curves}
+        entries = [
+            Line2D([], [], color=color, lw=1.4, label=f"{label} {EVENT_NAMES[label]}")
+            for label, color in CURVE_COLORS.items()
+            if label in used
+        ]
+        if any(np.any(one["outside"].values) for one in curves):
+            entries.append(Line2D([], [], color="black", lw=1.1, ls=DASHED, label="others outside, too"))
+        legend_above(ax, entries + handles)
         write_labels(ax, [mark for one in curves for mark in _curve_marks(ax, one, over)])
     return ax
 
 
-def _map_parameters(regimes: xr.Dataset, over: tuple[str, ...]) -> tuple[str, ...]:
+def _map_parameters(regimes: xr.Dataset, over: Sequence[str]) -> Sequence[str]:
     """Gives the parameters of a map, the one upwards first; raises `ValueError` where the curves have others."""
     kinds = isinstance(regimes, xr.Dataset) and "regime" not in regimes and "kind" in regimes
     check_dataset(regimes, "lyapunov_sweep", "kind" if kinds else "regime")
@@ -247,15 +253,6 @@ def _map_parameters(regimes: xr.Dataset, over: tuple[str, ...]) -> tuple[str, ..
         names = f"{' and '.join(over)}, as the curves are, but is over {' and '.join(own)}"
         raise ValueError(f"Argument `regimes` must be swept over {names}.")
     return own
-
-
-def _two_parameters(ds: xr.Dataset) -> tuple[str, ...]:
-    """Gives the two parameters that vary along a curve."""
-    names = ds.attrs.get("varied", ())
-    names = tuple(map(str, json.loads(names) if isinstance(names, str) else names))
-    if len(names) != 2:
-        raise ValueError(f"Argument `ds` must be a curve over two parameters, but is over {names}.")
-    return names
 
 
 def _draw_curve(ax: Any, ds: xr.Dataset, over: Sequence[str]) -> None:
@@ -269,31 +266,16 @@ def _draw_curve(ax: Any, ds: xr.Dataset, over: Sequence[str]) -> None:
     ax.plot(*joined(x, y[None], ~solid), lw=1.1, ls=DASHED, **style)
 
 
-def _curve_marks(ax: Any, ds: xr.Dataset, over: Sequence[str]) -> Iterator[Mark]:
+def _curve_marks(ax: Any, ds: xr.Dataset, over: Sequence[str]) -> list[Mark]:
     """Gives the event's name at the middle of a curve's part inside the axes, of its solid part if it has one."""
     x, y = shown(ds, over[1]), shown(ds, over[0])
-    (left, right), (low, high) = sorted(ax.get_xlim()), sorted(ax.get_ylim())
-    inside = (x >= left) & (x <= right) & (y >= low) & (y <= high)
-    solid = inside & (ds["outside"].values == 0)
-    index = np.flatnonzero(solid if solid.any() else inside)
-    label, period = ds.attrs["label"], int(ds.attrs.get("orbit_period", 1))
-    if len(index):
-        middle = index[len(index) // 2]
-        text = label + (f" of period {period}" if period > 1 else "")
-        yield Mark(text, float(x[middle]), [float(y[middle])], CURVE_COLORS[label])
-
-
-def _curve_entries(curves: Sequence[xr.Dataset]) -> list[Line2D]:
-    """Gives entries of a legend for curves."""
-    used = {one.attrs["label"] for one in curves}
-    lines = [
-        Line2D([], [], color=color, lw=1.4, label=f"{label} {EVENT_NAMES[label]}")
-        for label, color in CURVE_COLORS.items()
-        if label in used
-    ]
-    if any(np.any(one["outside"].values) for one in curves):
-        lines.append(Line2D([], [], color="black", lw=1.1, ls=DASHED, label="others outside, too"))
-    return lines
+    index = [k for k in range(len(x)) if ax.viewLim.contains(x[k], y[k])]
+    index = [k for k in index if ds["outside"].values[k] == 0] or index
+    if not index:
+        return []
+    label, period, middle = ds.attrs["label"], int(ds.attrs.get("orbit_period", 1)), index[len(index) // 2]
+    text = label + (f" of period {period}" if period > 1 else "")
+    return [Mark(text, float(x[middle]), [float(y[middle])], CURVE_COLORS[label])]
 
 
 def _event_entries(marks: Sequence[Mark]) -> list[Line2D]:
@@ -360,36 +342,28 @@ def crossing_threads(velocity: np.ndarray, time: np.ndarray, period: int) -> np.
     **Arguments:** `velocity` (points, crossings), NaN where there are fewer; `time` [forcing periods], likewise;
     `period`: after which the orbits recur [forcing periods].
     """
-    finite = np.isfinite(velocity)
-    span = float(np.ptp(velocity[finite])) if finite.any() else 0.0
-    threads: list[np.ndarray] = []
-    before, line_before = (np.zeros(0), np.zeros(0)), np.zeros(0, int)
-    for point, present in enumerate(finite):
-        now = velocity[point, present], time[point, present]
-        line = np.full(len(now[0]), -1)
-        old, new = _matches(before, now, period, span)
-        line[new] = line_before[old]
-        for n in np.flatnonzero(line < 0):  # crossings without a match begin a line
-            line[n] = len(threads)
-            threads.append(np.full(len(velocity), np.nan))
-        for n, value in zip(line, now[0], strict=True):
-            threads[n][point] = value
-        before, line_before = now, line
-    return np.reshape(threads, (-1, len(velocity)))
-
-
-def _matches(before: tuple, now: tuple, period: int, span: float) -> tuple[np.ndarray, np.ndarray]:
-    """Gives the indices of matching crossings, velocities and times, of two neighbouring points."""
     from scipy.optimize import linear_sum_assignment  # here, because its import takes long
 
-    (v0, t0), (v1, t1) = ((v[:, None], t[:, None]) for v, t in (before, now))
-    larger = np.maximum(np.abs(v0), np.abs(v1.T))
-    jump = np.abs(v1.T - v0) / np.maximum(np.maximum(VELOCITY_JUMP * larger, SMALL_JUMP * span), 1e-300)
-    shift = np.abs((t1.T - t0 + period / 2) % period - period / 2) / TIME_JUMP
-    cost = np.hypot(jump, shift)
-    old, new = linear_sum_assignment(np.where(cost <= 1, cost, 1e6))  # at any price as many matches as possible
-    matched = cost[old, new] <= 1
-    return old[matched], new[matched]
+    finite, points = np.isfinite(velocity), len(velocity)
+    small = max(SMALL_JUMP * float(np.ptp(velocity[finite])), 1e-300) if finite.any() else 1.0
+    lines = np.full((0, 2, points), np.nan)  # velocities and times
+    for k, present in enumerate(finite):
+        v, t = velocity[k, present], time[k, present]
+        alive = np.flatnonzero(np.isfinite(lines[:, 0, k - 1]))
+        v_before, t_before = lines[alive, :, k - 1].T[..., None]
+        jump = (v - v_before) / np.maximum(VELOCITY_JUMP * np.maximum(np.abs(v), np.abs(v_before)), small)
+        shift = ((t - t_before + period / 2) % period - period / 2) / TIME_JUMP
+        cost = np.hypot(jump, shift)
+        old, new = linear_sum_assignment(np.where(cost <= 1, cost, 1e6))  # at any price as many matches as possible
+        matched = cost[old, new] <= 1
+        line = np.full(len(v), -1)
+        line[new[matched]] = alive[old[matched]]
+        # crossings without a match begin a line
+        begun = np.flatnonzero(line < 0)
+        line[begun] = len(lines) + np.arange(len(begun))
+        lines = np.concatenate([lines, np.full((len(begun), 2, points), np.nan)])
+        lines[line, :, k] = np.stack([v, t], axis=1)
+    return lines[:, 0]
 
 
 def stable_parts(ds: xr.Dataset) -> np.ndarray:
@@ -456,42 +430,39 @@ def _marker(label: str, color: str) -> dict[str, Any]:
     return dict(ls="", marker=EVENT_MARKERS[label], ms=size, mew=edge, mec=color if thin else "white", mfc=color)
 
 
-def write_labels(ax: Any, marks: Iterable[Mark], fontsize: float = 6.5) -> None:
+def write_labels(ax: Any, marks: Iterable[Mark]) -> None:
     """Writes labels next to the markers, where they hide neither each other nor, if possible, a line.
 
     Where grazings crowd, one label stands for them.
     """
     layout_now(ax.figure.canvas.figure)
     pixel = ax.figure.dpi / 72
-    low, high = ax.get_window_extent().padded(-1.5 * pixel).get_points()
-    paths = [
-        line.get_path().interpolated(1 if line.get_linestyle() == "None" else 32).vertices
-        for line in ax.lines
-        if line.get_zorder() >= 3 and len(line.get_xdata())
-    ]
-    hidden = ax.transData.transform(np.concatenate([np.zeros((0, 2)), *paths]))
-    hidden = hidden[np.isfinite(hidden).all(axis=1)]
-    boxes, grazings = np.zeros((2, 0, 2)), np.zeros(0)
+    frame = ax.get_window_extent().padded(-1.5 * pixel)
+    lines = [line for line in ax.lines if line.get_zorder() >= 3 and len(line.get_xdata())]
+    # points between the ends of long segments may be hidden, too
+    paths = [line.get_path().interpolated(1 if line.get_linestyle() == "None" else 32) for line in lines]
+    drawn = ax.transData.transform(np.concatenate([np.zeros((0, 2)), *(path.vertices for path in paths)]))
+    boxes: list[Bbox] = []
+    grazings: list[float] = []
     for label, x, values, color in sorted(marks, key=lambda mark: mark.label == "GR"):
-        at = np.array([(x, value) for value in sorted(values, reverse=True)])
-        positions = ax.transData.transform(at)
+        x_drawn = ax.transData.transform((x, values[0]))[0]
         if label == "GR":
-            if np.any(np.abs(grazings - positions[0, 0]) < CROWDED_DISTANCE * pixel):
+            if any(abs(x_drawn - other) < CROWDED_DISTANCE * pixel for other in grazings):
                 continue
-            grazings = np.append(grazings, positions[0, 0])
-        # boxes of all offsets from all values, and what each of them hides
-        half = np.array([0.36 * len(label), 0.5]) * fontsize * pixel
-        middles = (positions[:, None] + pixel * LABEL_OFFSETS).reshape(-1, 1, 2)
-        lower, upper = middles - half, middles + half
-        free = np.all((lower > low) & (upper < high), axis=(1, 2))
-        free &= ~np.any(np.all((boxes[0] < upper) & (boxes[1] > lower), axis=-1), axis=1)
-        cost = np.sum(np.all((hidden > lower) & (hidden < upper), axis=-1), axis=1)
-        farther = np.arange(len(free)) // len(_ASIDE) % 2
-        cost = np.where(free, cost + 0.5 * farther, np.inf)
-        best = int(np.argmin(cost))
-        if free[best]:
-            boxes = np.concatenate([boxes, [lower[best], upper[best]]], axis=1)
-            style = dict(ha="center", va="center", fontsize=fontsize, color=color, zorder=5)
-            which, offset = divmod(best, len(LABEL_OFFSETS))
-            note = ax.annotate(label, at[which], LABEL_OFFSETS[offset], textcoords="offset points", **style)
+            grazings.append(x_drawn)
+        half, places = pixel * FONT_SIZE * np.array([0.36 * len(label), 0.5]), []
+        values = sorted(values, reverse=True)
+        for distance, value, direction in itertools.product(LABEL_DISTANCES, values, LABEL_DIRECTIONS):
+            offset = distance * np.array(direction)
+            middle = ax.transData.transform((x, value)) + pixel * offset
+            box = Bbox([middle - half, middle + half])
+            inside = frame.contains(*box.min) and frame.contains(*box.max)
+            if inside and not any(box.overlaps(other) for other in boxes):
+                places.append((box.count_contains(drawn), box, value, offset))
+        if places:
+            # the first of those that hide least
+            _, box, value, offset = min(places, key=lambda place: place[0])
+            boxes.append(box)
+            style = dict(ha="center", va="center", fontsize=FONT_SIZE, color=color, zorder=5)
+            note = ax.annotate(label, (x, value), offset, textcoords="offset points", **style)
             note.set_path_effects([withStroke(linewidth=1.5, foreground="white")])

@@ -119,27 +119,27 @@ def design_cases(ds: Any, ax: Any = None) -> Any:
 
 def _draw_cases(ds: xr.Dataset, ax: Any) -> list[Any]:
     x, label = _over_cases(ds)
-    order, blue = np.argsort(x), COLORS["blue"]
-    first, best = _scaled(ds["trial_objective"].isel(trial=0), ds["objective"]), _scaled(ds["objective"])
+    order, blue, q = np.argsort(x), COLORS["blue"], _objective(ds, "objective")
+    first, best = _scaled(q, ds["trial_objective"].isel(trial=0)), _scaled(q, ds["objective"])
     kinds = _kinds_of(ds["trial_regime"].values[0]), _kinds_of(ds["regime"].values)
     for y, of_cases, color in zip((first, best), kinds, (COLORS["grey"], blue), strict=True):
         ax.plot(x[order], y[order], lw=0.8, color=color, zorder=2)
         _mark_kinds(ax, x, y, of_cases, color)
         mark_cases(ax, x[~np.isfinite(y)], color)
-    error = np.nan_to_num(ds["objective_stderr"].values / _per_shown(ds["objective"]))
+    error = np.nan_to_num(q.shown(ds["objective_stderr"].values))
     unsure = (error > 0) & np.isfinite(best)
     if unsure.any():
         ax.errorbar(x[unsure], best[unsure], error[unsure], fmt="none", lw=0.8, capsize=2, color=blue)
     words = ("best design", blue), ("first design", COLORS["grey"])
     handles = [Line2D([], [], lw=1, color=color, label=text) for text, color in words]
     if ds.sizes["case"] > 1 and np.isfinite(ds.attrs["objective"]):
-        total, text = ds.attrs["objective"] / _per_shown(ds["objective"]), str(ds.attrs["robust"])
-        handles.append(ax.axhline(total, lw=0.7, ls=":", color=blue, zorder=1, label=text))
+        total = q.shown(ds.attrs["objective"])
+        handles.append(ax.axhline(total, lw=0.7, ls=":", color=blue, zorder=1, label=ds.attrs["robust"]))
     values = np.concatenate([first, best])
     handles += _kind_entries(np.concatenate(kinds)[np.isfinite(values)], "black")
     handles += [cross(label="no motion")] * bool(np.isnan(values).any())
     ax.margins(x=0.04, y=0.1)
-    ax.set(xlabel=label, ylabel=_label_of(ds["objective"]))
+    ax.set(xlabel=label, ylabel=_label(q))
     fit_scale(ax, values)
     return handles
 
@@ -156,9 +156,11 @@ def design_trials(ds: Any, ax: Any = None) -> Any:
 
 
 def _draw_trials(ds: xr.Dataset, ax: Any) -> list[Any]:
-    names, total = [str(name) for name in ds["variable"].values[:2]], _scaled(ds["trial_smooth"])
-    trials = [_in_shown(ds, name, ds["trial_design"].sel(variable=name)) for name in names]
-    plane, norm, finite = len(names) > 1, color_norm(total), np.isfinite(total)
+    variables = [_parameter(ds, name) for name in ds["variable"].values[:2].tolist()]
+    q = _objective(ds, "smooth")
+    total, label = _scaled(q, ds["trial_smooth"]), _label(q) + _reduction(ds, "\n")
+    trials = [one.shown(ds["trial_design"].sel(variable=one.name).values) for one in variables]
+    plane, norm, finite = len(variables) > 1, color_norm(total), np.isfinite(total)
     x, y = trials if plane else (*trials, total)
     accepted, start = ds["trial_taken"].values.astype(bool), ds["trial_start"].values
     for number in np.unique(start):
@@ -168,18 +170,17 @@ def _draw_trials(ds: xr.Dataset, ax: Any) -> list[Any]:
     if plane:
         colors = plt.get_cmap("viridis")(norm(np.where(finite, total, float(norm.vmin or 0.0))))
         ax.add_line(cross(x[~finite], y[~finite], zorder=3))
-        color_bar(ax, ScalarMappable(norm, "viridis"), _total_label(ds))
+        color_bar(ax, ScalarMappable(norm, "viridis"), label)
     else:
         colors = np.tile(to_rgba(COLORS["blue"]), (len(x), 1))
         mark_cases(ax, x[~finite])
-    ax.plot(*_best_place(ds, names), **OPTIMUM)
+    ax.plot(*_best_place(ds, variables), **OPTIMUM)
     handles = [Line2D([], [], label="best", **OPTIMUM), Line2D([], [], label="start", **FIRST_TRIAL)]
     handles += _scatter_trials(ds, ax, x, y, colors, "black")
-    for name, set_limits in zip(names, (ax.set_xlim, ax.set_ylim), strict=False):
-        low, high = _in_shown(ds, name, [ds[end].sel(variable=name) for end in ("low", "high")])
+    for one, set_limits in zip(variables, (ax.set_xlim, ax.set_ylim), strict=False):
+        low, high = (float(one.shown(ds[end].sel(variable=one.name))) for end in ("low", "high"))
         set_limits(low - 0.04 * (high - low), high + 0.04 * (high - low))
-    ax.set(xlabel=_variable_label(ds, names[0]))
-    ax.set(ylabel=_variable_label(ds, names[1]) if plane else _total_label(ds))
+    ax.set(xlabel=_label(variables[0]), ylabel=_label(variables[1]) if plane else label)
     if not plane:
         fit_scale(ax, total)
     return handles
@@ -215,7 +216,8 @@ def design_progress(ds: Any, ax: Any = None) -> Any:
 
 
 def _draw_progress(ds: xr.Dataset, ax: Any) -> list[Any]:
-    x, total, blue = ds["trial_simulated"].values, _scaled(ds["trial_smooth"]), COLORS["blue"]
+    q, blue = _objective(ds, "smooth"), COLORS["blue"]
+    x, total = ds["trial_simulated"].values, _scaled(q, ds["trial_smooth"])
     kept = (ds["trial_violation"].values <= VIOLATED) & np.isfinite(total)
     lowest = np.minimum.accumulate(np.where(kept, total, np.inf))
     begun = np.isfinite(lowest)
@@ -223,7 +225,7 @@ def _draw_progress(ds: xr.Dataset, ax: Any) -> list[Any]:
     handles += _scatter_trials(ds, ax, x, total, np.tile(to_rgba(blue), (len(x), 1)), blue)
     mark_cases(ax, x[~np.isfinite(total)])
     ax.margins(x=0.04, y=0.1)
-    ax.set(xlabel="forcing periods simulated", ylabel=_total_label(ds))
+    ax.set(xlabel="forcing periods simulated", ylabel=_label(q) + _reduction(ds, "\n"))
     fit_scale(ax, total)
     return handles
 
@@ -250,7 +252,7 @@ def _draw_slopes(ds: xr.Dataset, ax: Any) -> list[Any]:
         style = dict(fmt="o-", ms=3, mew=0, lw=0.8, elinewidth=0.8, capsize=2 if error.any() else 0)
         handles.append(ax.errorbar(x[order], slopes[order, k], error, color=line_color(k), label=text, **style))
     ax.margins(x=0.04, y=0.1)
-    ax.set(xlabel=label, ylabel=f"change of {_name_of(ds['smooth'])}\nby 1 % of a variable [%]")
+    ax.set(xlabel=label, ylabel=f"change of {_name(_objective(ds, 'smooth'))}\nby 1 % of a variable [%]")
     return handles
 
 
@@ -284,15 +286,17 @@ def _draw_margins(margins: xr.Dataset, ds: xr.Dataset, ax: Any) -> list[Any]:
         ax.plot([0, change], [row] * 2, lw=3.5, alpha=0.35, color=color, solid_capstyle="butt", zorder=2)
         if label:
             ax.plot([change], [row], ls="", marker=EVENT_MARKERS[label], ms=5, mew=0.9, color=color, zorder=3)
-            text, sign = f"{_variable(ds, pair[1]).shown(value):.4g}", np.sign(change) or 1.0
-            style: dict[str, Any] = dict(textcoords="offset points", va="center", fontsize=6)
-            ax.annotate(text, (change, row), (5 * sign, 0), ha="left" if sign > 0 else "right", **style)
+            offset, side = (-5, "right") if change < 0 else (5, "left")
+            style: dict[str, Any] = dict(textcoords="offset points", va="center", ha=side, fontsize=6)
+            ax.annotate(f"{_parameter(ds, pair[1]).shown(value):.4g}", (change, row), (offset, 0), **style)
     ax.axvline(0, lw=0.5, color="black", zorder=1)
-    names = [with_unit(n.replace("_", " "), _variable(ds, n).display_unit, brackets=True) for _, n in rows]
-    ax.set_yticks(list(rows.values()), names)
+    parameters = [_parameter(ds, name) for _, name in rows]
+    ax.set_yticks(list(rows.values()), [with_unit(_name(q), q.display_unit, brackets=True) for q in parameters])
     farthest = 1.35 * max(float(np.nanmax(np.abs(changes), initial=0.0)), 1e-9)
     ax.set(xlabel="change of the parameter [%]", xlim=(-farthest, farthest), ylim=(len(rows) - 0.5, -0.5))
-    handles = [Line2D([], [], lw=3.5, alpha=0.35, color=c, label=_case_text(ds, case)) for case, c in colors.items()]
+    over = [(_parameter(ds, name), ds[name].values) for name in varied_names(ds)]
+    of_case = lambda case: ", ".join(_stated(q, values[case]) for q, values in over) or "the case"
+    handles = [Line2D([], [], lw=3.5, alpha=0.35, color=c, label=of_case(case)) for case, c in colors.items()]
     dark: dict[str, Any] = dict(ls="", ms=5, mew=0.9, color="black")
     present = [label for label in EVENT_MARKERS if label in labels]
     return handles + [Line2D([], [], marker=EVENT_MARKERS[m], label=f"{m} {EVENT_NAMES[m]}", **dark) for m in present]
@@ -323,9 +327,10 @@ def _draw_map(surroundings: xr.Dataset, ds: xr.Dataset, ax: Any) -> list[Any]:
     values = grid[str(ds[objective].attrs["quantity"])]
     cases = [d for d in values.dims if d not in names]
     total = values.max(cases, skipna=False) if ds.attrs["robust"] == "worst" else values.mean(cases, skipna=False)
-    total = _scaled(total.transpose(*names), ds[objective])
+    variables, q = [_parameter(ds, name) for name in names], _objective(ds, objective)
+    total, label = _scaled(q, total.transpose(*names)), _label(q) + _reduction(ds, "\n")
     kinds, finite = _least_regular(grid, values, names), np.isfinite(total)
-    axes = [_in_shown(ds, name, grid[name].values) for name in names]
+    axes = [one.shown(grid[one.name].values) for one in variables]
     least = np.unravel_index(np.argmin(np.where(finite, total, np.inf)), total.shape)
     lowest = [values[k] for values, k in zip(axes, least, strict=True)]
     if len(names) == 1:
@@ -347,15 +352,14 @@ def _draw_map(surroundings: xr.Dataset, ds: xr.Dataset, ax: Any) -> list[Any]:
                 style: dict[str, Any] = dict(facecolors="none", edgecolors="white", linewidths=0, zorder=2)
                 ax.pcolor(*axes, cells, shading="nearest", hatch=hatch, **style)
                 entries.append(Patch(hatch=hatch, label=text, facecolor=COLORS["grey"], edgecolor="white", lw=0))
-        color_bar(ax, mesh, _total_label(ds, objective))
+        color_bar(ax, mesh, label)
         ax.grid(False)
     handles = [Line2D([], [], label="best design", **OPTIMUM)]
     if finite.any():
         ax.plot(*lowest, **GRID_MINIMUM)
         handles.append(Line2D([], [], label=f"lowest of the grid, {np.min(total[finite]):.4g}", **GRID_MINIMUM))
-    ax.plot(*_best_place(ds, names, objective), **OPTIMUM)
-    ax.set(xlabel=_variable_label(ds, names[0]))
-    ax.set(ylabel=_variable_label(ds, names[1]) if len(names) > 1 else _total_label(ds, objective))
+    ax.plot(*_best_place(ds, variables, objective), **OPTIMUM)
+    ax.set(xlabel=_label(variables[0]), ylabel=_label(variables[1]) if len(names) > 1 else label)
     return handles + entries
 
 
@@ -407,87 +411,61 @@ def _kind_entries(kinds: Iterable[str], color: str) -> list[Line2D]:
 
 def _over_cases(ds: xr.Dataset) -> tuple[np.ndarray, str]:
     """Gives the parameter that differs between the cases, and its label; their numbers for none or several."""
-    names = varied_names(ds) if "varied" in ds.attrs else []
+    names = varied_names(ds)
     if len(names) == 1:
         return shown(ds, names[0]), axis_label(names[0], ds)
     return np.arange(1, ds.sizes["case"] + 1), "case" if not names else f"case, over {' and '.join(names)}"
 
 
-def _case_text(ds: xr.Dataset, case: int) -> str:
-    """Gives a case in words."""
-    names = varied_names(ds) if "varied" in ds.attrs else []
-    return ", ".join(_stated(ds, name, ds[name].values[case]) for name in names) or "the case"
+def _objective(ds: xr.Dataset, name: str) -> Quantity:
+    """Gives the quantity of a variable of objectives, from its attributes."""
+    attrs = ds[name].attrs
+    unit, symbol = attrs.get("units", "1"), attrs.get("symbol", "")
+    return Quantity(attrs["quantity"], unit, "", symbol, 1.0, attrs["shown_unit"], float(attrs["per_shown"]))
 
 
-def _per_shown(array: xr.DataArray) -> float:
-    """Gives the SI units in one display unit."""
-    return float(array.attrs.get("per_shown", 1.0))
+def _parameter(ds: xr.Dataset, name: str) -> Quantity:
+    """Gives the quantity of a parameter that was chosen or varied; that of a path has its unit from the dataset."""
+    if name in PARAMETERS:
+        return quantity(name)
+    unit = ds[name].attrs.get("units", "1") if name in ds else ds["variable_unit"].sel(variable=name).item()
+    return Quantity(name, str(unit), name)
 
 
-def _scaled(array: xr.DataArray, like: xr.DataArray | None = None) -> np.ndarray:
-    """Gives values in the display unit, of `like` where the array has none; NaN in place of infinities."""
-    values = np.asarray(array.values, float) / _per_shown(array if like is None else like)
+def _scaled(q: Quantity, array: Any) -> np.ndarray:
+    """Gives values [SI unit] in their display unit; NaN in place of infinities."""
+    values = np.asarray(q.shown(np.asarray(array, float)))
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _name_of(array: xr.DataArray) -> str:
-    """Gives the name of an objective in words."""
-    return str(array.attrs.get("quantity", array.name)).replace("_", " ")
+def _name(q: Quantity) -> str:
+    return q.name.replace("_", " ")
 
 
-def _label_of(array: xr.DataArray) -> str:
-    """Gives the axis label of an objective: name, symbol and display unit."""
-    symbol = f" ${array.attrs['symbol']}$" if array.attrs.get("symbol") else ""
-    unit = array.attrs.get("shown_unit", array.attrs.get("units", "1"))
-    return with_unit(_name_of(array) + symbol, unit, brackets=True)
+def _label(q: Quantity) -> str:
+    """Gives an axis label: name, symbol and display unit."""
+    return with_unit(_name(q) + (f" ${q.symbol}$" if q.symbol else ""), q.display_unit, brackets=True)
 
 
-def _total_label(ds: xr.Dataset, name: str = "smooth") -> str:
-    """Gives the axis label of an objective over all cases, in two lines where they are several."""
-    return _label_of(ds[name]) + (f"\n{_over_all(ds)}" if ds.sizes["case"] > 1 else "")
+def _stated(q: Quantity, value: float) -> str:
+    """Gives a quantity in words, with its value [SI unit] in the display unit."""
+    return with_unit(f"{_name(q)} {q.shown(value):.5g}", q.display_unit)
 
 
-def _over_all(ds: xr.Dataset) -> str:
-    """Gives the reduction of several cases to one number."""
-    return f"{'worst' if ds.attrs['robust'] == 'worst' else 'mean'} of {ds.sizes['case']} cases"
+def _reduction(ds: xr.Dataset, before: str) -> str:
+    """Gives how several cases become one number, after a text; nothing for one case."""
+    return f"{before}{ds.attrs['robust']} of {ds.sizes['case']} cases" if ds.sizes["case"] > 1 else ""
 
 
-def _variable(ds: xr.Dataset, name: str) -> Quantity:
-    """Gives a variable of a design; that of a path has its unit from the dataset."""
-    if name in PARAMETERS:
-        return quantity(name)
-    return Quantity(name, str(ds["variable_unit"].sel(variable=name).item()), name)
-
-
-def _variable_label(ds: xr.Dataset, name: str) -> str:
-    """Gives the axis label of a variable."""
-    return (
-        axis_label(name) if name in PARAMETERS else with_unit(name, _variable(ds, name).display_unit, brackets=True)
-    )
-
-
-def _stated(ds: xr.Dataset, name: str, value: float) -> str:
-    """Gives a variable or parameter in words, with its value [SI unit] in the display unit."""
-    q = _variable(ds, name)
-    return with_unit(f"{name.replace('_', ' ')} {q.shown(value):.5g}", q.display_unit)
-
-
-def _in_shown(ds: xr.Dataset, name: str, values: Any) -> np.ndarray:
-    """Gives values of a variable [SI unit] in its display unit."""
-    return np.asarray(_variable(ds, name).shown(np.asarray(values, float)))
-
-
-def _best_place(ds: xr.Dataset, names: list[str], objective: str = "smooth") -> list[float]:
+def _best_place(ds: xr.Dataset, variables: list[Quantity], objective: str = "smooth") -> list[float]:
     """Gives the coordinates of the best design [display units]: two variables, or one and the objective."""
-    place = [float(_in_shown(ds, name, ds["design"].sel(variable=name))) for name in names]
-    return place if len(names) > 1 else [*place, ds.attrs[objective] / _per_shown(ds[objective])]
+    place = [float(one.shown(ds["design"].sel(variable=one.name))) for one in variables]
+    return place if len(place) > 1 else [*place, _objective(ds, objective).shown(ds.attrs[objective])]
 
 
 def _title(ds: xr.Dataset) -> str:
     """Gives the fixed parameters, and the best design."""
-    texts = [_stated(ds, str(n), x) for n, x in zip(ds["variable"].values, ds["design"].values, strict=True)]
-    total, objective = ds.attrs["objective"] / _per_shown(ds["objective"]), ds["objective"]
-    number = with_unit(f"{_name_of(objective)} {total:.4g}", objective.attrs.get("shown_unit", "1"))
-    reduction = f", {_over_all(ds)}" if ds.sizes["case"] > 1 else ""
-    best = f"{ds.attrs['status']}: {', '.join(texts)}; {number}{reduction}"
-    return "\n".join(line for line in (case_title(ds, full=True), best) if line)
+    pairs = zip(ds["variable"].values.tolist(), ds["design"].values, strict=True)
+    design = ", ".join(_stated(_parameter(ds, name), value) for name, value in pairs)
+    best = f"{ds.attrs['status']}: {design}; {_stated(_objective(ds, 'objective'), ds.attrs['objective'])}"
+    return f"{case_title(ds, full=True)}\n{best}{_reduction(ds, ', ')}".strip()

@@ -1,4 +1,4 @@
-"""Maps over one or two parameters: exponents, regimes, attractors, and any quantity of a sweep or store."""
+"""Results over one or two parameters: sections, exponents, regimes, attractors, any quantity of a sweep or store."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -13,6 +13,7 @@ from ..analysis.kinds import REGIMES, Regime
 from ..analysis.lyapunov import LEAST, SURE
 from ..flow.datasets import varied_names
 from ..flow.status import Status
+from ..model.quantities import SECTIONS
 from .style import (
     COLORS,
     FLAGGED_LABEL,
@@ -27,11 +28,15 @@ from .style import (
     flagged,
     legend_above,
     mark_cases,
+    name_case,
     shown,
     status_of,
+    styled,
     swept,
 )
 
+DIRECTION_COLORS = {"up": COLORS["orange"], "down": COLORS["green"]}
+"""Colours of the motions that are followed with the parameter raised and lowered."""
 EXPONENT_LABEL = "largest exponent [1/period]"
 UNRESOLVED_LABEL = "unresolved: estimates\ndisagree or are not sure"
 NOT_RUN_LABEL = "not computed yet"
@@ -53,6 +58,94 @@ MOTION_COLORS = {
     "unresolved": "#e4e4e4",
 }
 """Colours of motions, near those of their regimes in `REGIME_COLORS`, but lighter, so that curves are seen above."""
+
+
+def bifurcation(ds: xr.Dataset, section: str, ax: Any = None, **style: Any) -> Any:
+    """Draws one bifurcation diagram: a section's velocities over the swept parameter, in display units.
+
+    Cases with a status other than 0 have no dots, but a grey cross at the bottom.
+
+    **Arguments:**
+
+    - `ds`: from `sweep(..., record="sections")` over one parameter, or one direction of `follow`.
+    - `section`: v_y, v_z [m/s], w_x, w_y or w_z [rad/s].
+    - `ax`: the Axes to draw into; default those of a new figure, with the fixed parameters as its title.
+    - `style`: of the dots, for `Axes.plot`.
+
+    **Returns:** the Axes.
+
+    **Raises:** `ValueError` where `ds` is not swept over one parameter.
+    """
+    check_dataset(ds, "sweep or follow", section)
+    swept(ds[section], "crossing")
+    with drawing(ax, ds) as ax:
+        legend_above(ax, [cross(label=FLAGGED_LABEL)] * _draw_dots(ds, section, ax, **style))
+    return ax
+
+
+def bifurcations(ds: xr.Dataset, axes: Any = None, followed: xr.Dataset | None = None) -> Any:
+    """Draws all five bifurcation diagrams above each other, at column width, as in Figs. 5, 8 and 10 of the paper.
+
+    **Arguments:**
+
+    - `ds`: as for `bifurcation`.
+    - `axes`: five Axes; default those of a new figure, with the fixed parameters as its title.
+    - `followed`: from `follow`, drawn beneath: the motions that are met when the parameter is raised and lowered. Its
+        crosses are coloured as its dots.
+
+    **Returns:** the Axes, an array.
+    """
+    check_dataset(ds, "sweep or follow", *SECTIONS)
+    with styled():
+        if axes is None:
+            figure, axes = plt.subplots(5, 1, figsize=(3.5, 7.9), sharex=True, layout="constrained")
+            name_case(figure, ds, full=True)
+        ways = {} if followed is None else {way: followed.sel(direction=way) for way in followed["direction"].values}
+        lost = False
+        for tag, section, ax in zip("abcde", SECTIONS, axes, strict=True):
+            for k, (way, color) in enumerate(DIRECTION_COLORS.items(), 1):
+                if way in ways:
+                    style = dict(color=color, label=f"followed {way}")
+                    lost |= _draw_dots(ways[way], section, ax, 1.1, 0.04 + 0.06 * k, color, **style)
+            # the dots beneath stay visible
+            lost |= _draw_dots(ds, section, ax, 0.7 if ways else 1.0, label="from one start")
+            ax.text(0.012, 0.94, f"({tag})", transform=ax.transAxes, va="top", fontsize=8)
+            if ax is not axes[-1]:
+                ax.set_xlabel("")
+        if ways or lost:
+            legend_above(axes[0], axes[0].get_legend_handles_labels()[0] + [cross(label=FLAGGED_LABEL)] * lost)
+            plt.setp(axes[0].get_legend().legend_handles, markersize=5)
+    return axes
+
+
+def _draw_dots(
+    ds: xr.Dataset,
+    section: str,
+    ax: Any,
+    size: float = 1.0,
+    height: float = 0.04,
+    cross_color: str = COLORS["grey"],
+    **style: Any,
+) -> bool:
+    """Draws the dots of one section, and crosses of a colour and height for cases that are left out.
+
+    **Arguments:** `size`: of the dots, relative to one at which they hardly overlap and can be seen.
+
+    **Returns:** whether there are such cases.
+    """
+    (over,) = swept(ds[section], "crossing")
+    values, bad, at = ds[section].transpose(over, "crossing").values, flagged(ds, over), shown(ds, over)
+    case, crossing = np.nonzero(np.isfinite(values) & ~bad[:, None])
+    points = size * float(np.clip(700 / len(at), 3.4, 5.0))
+    style = {"ms": points, "mew": 0, "color": COLORS["blue"], "rasterized": True} | style
+    ax.plot(at[case], values[case, crossing], ".", **style)
+    mark_cases(ax, at[bad], cross_color, height)
+    ax.set(xlabel=axis_label(over, ds), ylabel=axis_label(section))
+    # margins hold the dots of the first and the last case
+    ax.margins(x=max(0.5 / max(len(at) - 1, 1), 0.015) if len(at) > 10 else 0.05)
+    ax.update_datalim(np.stack([at, at], axis=1), updatey=False)
+    ax.autoscale_view()
+    return bool(bad.any())
 
 
 def regimes_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
@@ -220,26 +313,21 @@ def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Any = None) -> An
     values = shown(largest.to_dataset(name=name), name)
     names = varied_names(ds) if over == ("case",) else list(over)
     with drawing(ax, ds, 3.5, 2.8 if len(over) == 1 else 3.3) as ax:
-        if len(over) == 1 and len(names) != 2:
-            handles = _draw_line(ds, name, names[0], over, values, ax)
-        else:
+        if len(names) == 2:
             drawn, handles = map_over(ds, over, values, ax, plt.get_cmap("viridis"), color_norm)
             color_bar(ax, drawn, axis_label(name, ds))
+        else:
+            x, bad = shown(ds, names[0]), flagged(ds, *over)
+            values = np.where(bad, np.nan, values)
+            bad &= status_of(ds, *over) != Status.NOT_RUN
+            ax.plot(x, values, ".", ms=3, mew=0, color=COLORS["blue"])
+            mark_cases(ax, x[bad])
+            ax.margins(x=0.03)
+            ax.set(xlabel=axis_label(names[0], ds), ylabel=axis_label(name, ds))
+            fit_scale(ax, values)
+            handles = [cross(label=FLAGGED_LABEL)] * bool(bad.any())
         legend_above(ax, handles)
     return ax
-
-
-def _draw_line(ds: xr.Dataset, name: str, along: str, over: Sequence[str], values: np.ndarray, ax: Any) -> list[Any]:
-    """Draws dots over one parameter; gives the entries of a legend."""
-    x, lost = shown(ds, along), flagged(ds, *over)
-    values = np.where(lost, np.nan, values)
-    bad = lost & (status_of(ds, *over) != Status.NOT_RUN)
-    ax.plot(x, values, ".", ms=3, mew=0, color=COLORS["blue"])
-    mark_cases(ax, x[bad])
-    ax.margins(x=0.03)
-    ax.set(xlabel=axis_label(along, ds), ylabel=axis_label(name, ds))
-    fit_scale(ax, values)
-    return [cross(label=FLAGGED_LABEL)] * bool(bad.any())
 
 
 def exponents(ds: xr.Dataset, ax: Any = None) -> Any:

@@ -46,8 +46,6 @@ FLAGGED_LABEL = "status not 0"
 """Legend entry of cases that are left out because of their status."""
 WIDE_RATIO = 8.0
 """Ratio of the greatest to the least value from which a scale is logarithmic."""
-TICK_DISTANCE = 0.08
-"""Least distance between labelled ticks of an uneven scale, in lengths of their axis."""
 
 
 @contextmanager
@@ -139,13 +137,13 @@ def drawing(
         yield ax
 
 
-def legend_above(ax: Any, handles: list[Any], fontsize: float = 6.5) -> None:
+def legend_above(ax: Any, handles: list[Any]) -> None:
     """Draws a legend above the axes, with as many columns as fit their width; none without `handles`."""
     if handles:
-        legends_above([(ax, handles)], fontsize)
+        legends_above([(ax, handles)])
 
 
-def legends_above(entries: list[tuple[Any, list[Any]]], fontsize: float = 6.5) -> None:
+def legends_above(entries: list[tuple[Any, list[Any]]]) -> None:
     """Draws a legend above each of several axes of one figure, which is laid out once, because that takes long."""
     figure = entries[0][0].figure.canvas.figure
     # the width of axes is known once they are laid out; measuring the labels of all others would take longest
@@ -153,11 +151,11 @@ def legends_above(entries: list[tuple[Any, list[Any]]], fontsize: float = 6.5) -
     plt.setp(others, in_layout=False)
     layout_now(figure)
     plt.setp(others, in_layout=True)
-    above = dict(loc="lower center", bbox_to_anchor=(0.5, 1.0), borderaxespad=0.3, frameon=False)
+    above = dict(loc="lower center", bbox_to_anchor=(0.5, 1.0), borderaxespad=0.3, frameon=False, fontsize=6.5)
     spacing = dict(handletextpad=0.4, columnspacing=1.2, handlelength=1.6)
     for ax, handles in entries:
         for columns in range(len(handles), 0, -1):
-            legend = ax.legend(handles=handles, fontsize=fontsize, ncols=columns, **above, **spacing)
+            legend = ax.legend(handles=handles, ncols=columns, **above, **spacing)
             width = legend.get_window_extent(figure.canvas.get_renderer()).width
             if width <= ax.get_window_extent().width:
                 break
@@ -203,16 +201,10 @@ def fit_scale(ax: Any, values: np.ndarray) -> None:
 
 
 def round_ticks(norm: Normalize) -> list[float]:
-    """Gives round numbers that lie apart on an uneven scale, the roundest first chosen."""
+    """Gives numbers of one digit, spread over an uneven scale."""
     low, high = float(norm.vmin or 0.0), float(norm.vmax or 0.0)
-    ticks: list[float] = []
-    for steps in ((0,), (1,), (2, 5), (3, 7), (1.5, 4, 6)):
-        numbers = [sign * step * 10.0**power for power in range(12, -12, -1) for step in steps for sign in (-1, 1)]
-        for tick in numbers:
-            inside = low - 1e-9 * abs(low) <= tick <= high + 1e-9 * abs(high)
-            if inside and all(abs(norm(tick) - norm(other)) > TICK_DISTANCE for other in ticks):
-                ticks.append(tick)
-    return sorted(ticks)
+    numbers = {float(f"{value:.1g}") for value in np.ravel(norm.inverse(np.linspace(0, 1, 7)))}
+    return sorted(value for value in numbers if low <= value <= high)
 
 
 def swept(array: xr.DataArray, *inner: str, count: int = 1) -> tuple[str, ...]:

@@ -113,18 +113,17 @@ def _draw_highest_forces(ds: xr.Dataset, ax: Any, most: int = 4) -> list[Any]:
 
 
 class PointForce(NamedTuple):
-    """The contact force of one point."""
+    """The contact force of one point [kN] in the saved states, and its peak over every step, as far as it is known.
+
+    Names are the point's letter, and 1 at the front or 2 at the rear; colour and dashes are those of all pictures.
+    """
 
     name: str
-    """The point's letter, and 1 at the front or 2 at the rear."""
     force: np.ndarray
-    """[kN], of the saved states."""
     peak: float
-    """[kN], over every integration step where the dataset has that."""
     instant: float
     """Time of the peak [forcing periods], NaN where the dataset lacks it."""
     style: dict[str, Any]
-    """Colour and dashes, the same in every picture."""
 
 
 def _most_loaded(ds: xr.Dataset, most: int) -> list[PointForce]:

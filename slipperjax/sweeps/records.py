@@ -9,7 +9,7 @@ from jaxtyping import Float
 from ..analysis.attractor import MIN_TEST
 from ..analysis.kinds import Regime
 from ..analysis.lyapunov import standard_error
-from ..flow.record import AbstractRecord, attributes, History, Labelled, RecordedSpan, RecordSet, Sections, Strobe
+from ..flow.record import AbstractRecord, History, Labelled, RecordedSpan, RecordSet, Sections, Strobe, attributes
 from ..flow.records import ALIASES, RECORDS, ContactChecks, OnePoint
 from ..flow.status import first_problem
 from ..model.dynamics import State

@@ -6,8 +6,7 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.cli.design import OBJECTIVE_UNITS
-from slipperjax.design.evaluation import EnsembleSettings
-from slipperjax.design.objectives import OBJECTIVES
+from slipperjax.design.objectives import OBJECTIVES, EnsembleSettings
 from slipperjax.design.optimise import optimise_design
 from slipperjax.design.problem import Problem
 from slipperjax.flow.datasets import load_call

@@ -3,7 +3,7 @@
 import numpy as np
 
 from slipperjax.analysis.kinds import Regime
-from slipperjax.design.evaluation import Evaluation
+from slipperjax.design.objectives import Evaluation
 
 
 def evaluate(self, designs, warm_start):
@@ -14,7 +14,7 @@ def evaluate(self, designs, warm_start):
     apart = unit - np.array([0.8 / 2.8, 0.5, 0.5])[: unit.shape[1]]
     total = 1e4 * (1 + np.sum(apart**2, axis=1)) * speed / 1000
     slope = 2e4 * apart / self.width * speed[:, None] / 1000
-    chaotic, cases = speed > 1500, Evaluation.of_states(self.plan, np.zeros((len(speed), 20)))
+    chaotic, cases = speed > 1500, Evaluation.of_states(self, np.zeros((len(speed), 20)))
     error = np.where(chaotic, 100.0, 0.0)[:, None]
     return cases._replace(
         period=np.where(chaotic, 0, 1),

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.design.ensembles import ensemble_averages
-from slipperjax.design.evaluation import EnsembleSettings, Evaluation, EvaluationPlan
-from slipperjax.design.objectives import OBJECTIVES
+from slipperjax.design.judge import ensemble_averages
+from slipperjax.design.objectives import OBJECTIVES, EnsembleSettings, Evaluation, EvaluationPlan
 from slipperjax.design.sensitivities import RELATIVE_REACH
 from slipperjax.flow.period_map import advance, initial_states
 from slipperjax.flow.simulate import dynamic_steps

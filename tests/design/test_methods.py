@@ -6,16 +6,16 @@ import pytest
 from slipperjax.design.methods import CaseValues, Descent, TrustRegion, inside
 
 
-def minimise(method, function, at, most=80):
+def minimise(method, function, first, most=80):
     """Runs one start to its end; `function(x)` gives values, slopes, excess, excess slopes and weights."""
-    x = np.asarray(at, float)
+    x = np.asarray(first, float)
     move = method.start(x, CaseValues(*function(x)))
     trials = 0
     while not move.finished and trials < most:
-        step = move.propose()
+        at = move.propose()
         if move.finished:
             break
-        move.update(step, CaseValues(*function(step.to)))
+        move.update(at, CaseValues(*function(at)))
         trials += 1
     return move, trials
 

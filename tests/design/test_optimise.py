@@ -41,7 +41,7 @@ def test_the_objective_is_that_of_the_worst_orbit(small):
 
 def test_derivatives_are_those_of_orbits_found_anew(small):
     """Away from the optimum, of the peak and of its power mean, by the clearance."""
-    plan = small.problem.plan
+    plan = small.problem
     at = lambda clearance: {"clearance": np.full(2, clearance), "speed": np.array([1250.0, 1500.0])}
     here = judge_on_orbits(plan, at(1e-3))
     near = [judge_on_orbits(plan, at(1e-3 + h), here).value for h in (-1e-8, 1e-8)]

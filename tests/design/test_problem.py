@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.design.optimise import optimise_design
-from slipperjax.design.pareto import pareto_front
+from slipperjax.design.optimise import optimise_design, pareto_front
 from slipperjax.design.problem import checked_problem, first_designs
 from slipperjax.design.sensitivities import sensitivities
 
@@ -96,6 +95,6 @@ def test_searches_begin_with_the_scene_s_own_design_and_spread():
 
 
 def test_steps_are_those_that_the_worst_corner_needs():
-    slow = problem(over={"speed": [100.0, 1600.0]}).plan.steps
-    assert slow > problem().plan.steps
-    assert problem(steps=123).plan.steps == 123
+    slow = problem(over={"speed": [100.0, 1600.0]}).steps
+    assert slow > problem().steps
+    assert problem(steps=123).steps == 123

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.design.evaluation import EnsembleSettings
-from slipperjax.design.objectives import OBJECTIVES
+from slipperjax.design.objectives import OBJECTIVES, EnsembleSettings
 from slipperjax.design.sensitivities import sensitivities
 
 STEPS = 50

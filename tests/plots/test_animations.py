@@ -176,9 +176,9 @@ def test_wrong_arguments_of_an_animation_are_named(run):
         (dict(run=ds.drop_vars("contact_force")), "`run` must be one case with contact forces"),
         (dict(run=xr.concat([ds, ds], "case")), "`run` must be one case with contact forces over time"),
         (dict(run=ds.assign(y=np.nan * ds["y"])), "`run` must have finite motions"),
-        (dict(magnify=0), "`magnify` must be a positive number"),
+        (dict(magnify=0), "`magnify` must be positive"),
         (dict(every=0), "`every` must be"),
-        (dict(fps=-1), "`fps` must be a positive number"),
+        (dict(fps=-1), "`fps` must be positive"),
         (dict(scene=3), "`scene` must be a slipperjax.Scene"),
     ):
         with pytest.raises(ValueError, match=words):
@@ -202,7 +202,7 @@ def test_a_section_shows_where_the_points_are():
     assert labels(ax) == ("$y$ [mm]", "$z$ [mm]")
     _, own = plt.subplots()
     assert plots.section(SCENE, own) is own
-    with pytest.raises(ValueError, match="`magnify` must be a positive number"):
+    with pytest.raises(ValueError, match="`magnify` must be positive"):
         plots.section(SCENE, magnify=-1.0)
 
 

@@ -271,9 +271,10 @@ def test_multipliers_are_coloured_by_the_parameter_and_critical_ones_marked():
 def test_far_multipliers_are_drawn_in_their_direction():
     multipliers = np.tile([-30.0 + 0j, 3j, 0.5], (5, 1))
     ax = plots.multiplier_circle(branch(multipliers=multipliers))
-    near, far = ax.collections
-    assert len(near.get_offsets()) == 5
-    np.testing.assert_allclose(far.get_offsets()[:2], [[-2, 0], [0, 2]], atol=1e-12)
+    (dots,) = ax.collections
+    assert len(dots.get_offsets()) == 15
+    np.testing.assert_allclose(dots.get_offsets()[:3], [[-2, 0], [0, 2], [0.5, 0]], atol=1e-12)
+    assert ax.patches[1].get_radius() == 2
     assert "beyond, up to 30" in legend(ax)
     assert ax.get_xlim()[1] < 2.5
 
@@ -282,9 +283,10 @@ def test_far_multipliers_are_drawn_in_their_direction():
 
 
 def curve(label="LP", outside=(0, 0, 0, 1, 1), varied=("speed", "clearance")):
-    coords = dict(zip(varied, (np.arange(1.0, 6), np.arange(1.0, 6) * 1e-3), strict=True))
-    data = {"outside": ("point", np.array(outside))}
-    return xr.Dataset(data, {n: ("point", v) for n, v in coords.items()}, {"label": label, "varied": list(varied)})
+    values = np.arange(1.0, 6), np.arange(1.0, 6) * 1e-3
+    coords = {name: ("point", along) for name, along in zip(varied, values, strict=False)}
+    attrs = {"label": label, "varied": json.dumps(varied)}
+    return xr.Dataset({"outside": ("point", np.array(outside))}, coords, attrs)
 
 
 def regimes(over=("clearance", "speed")):
@@ -301,8 +303,7 @@ def regimes(over=("clearance", "speed")):
 
 
 def test_curves_are_dashed_where_the_motion_is_unstable_anyway():
-    ds = curve().assign_attrs(varied=json.dumps(["speed", "clearance"]))  # as in files
-    ax = plots.event_curves([ds, curve("PD", (0,) * 5)])
+    ax = plots.event_curves([curve(), curve("PD", (0,) * 5)])
     np.testing.assert_allclose(lines(ax, "-")[0], [[1, 1], [2, 2], [3, 3]])
     np.testing.assert_allclose(lines(ax, "--"), [[[3, 3], [4, 4], [5, 5]]])
     assert labels(ax) == ("clearance $C$ [mm]", "speed $V$ [m/s]")
@@ -335,7 +336,7 @@ def test_curves_lie_over_a_regime_map_with_its_axes_and_legend():
         (lambda: plots.event_curves([]), "must be one curve or more"),
         (lambda: plots.event_curves(curve("XY")), "must have a label of LP, .* but has 'XY'"),
         (lambda: plots.event_curves(branch()), "with `outside`"),
-        (lambda: plots.event_curves(curve().assign_attrs(varied=["speed"])), "a curve over two parameters"),
+        (lambda: plots.event_curves(curve(varied=("speed",))), "a curve over two parameters"),
         (lambda: plots.event_curves([curve(), curve(varied=("speed", "mass"))]), "but one is over"),
         (
             lambda: plots.event_curves(curve(varied=("speed", "mass")), regimes()),

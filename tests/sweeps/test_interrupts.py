@@ -11,7 +11,7 @@ import pytest
 import slipperjax as sj
 from slipperjax.flow.record import History, HistoryValues
 from slipperjax.flow.status import Status
-from slipperjax.plots.bifurcations import bifurcations
+from slipperjax.plots.maps import bifurcations
 from slipperjax.sweeps import run as runs
 from slipperjax.sweeps.attractors import attractors
 from slipperjax.sweeps.run import Chunk, concurrently, heed_interrupts, run_chunks

@@ -13,9 +13,8 @@ from matplotlib.lines import Line2D
 from ...analysis.spectra import power_spectral_density
 from ...flow.status import Status
 from ...model.quantities import SECTIONS
-from ...plots.bifurcations import bifurcations
 from ...plots.branches import branches
-from ...plots.maps import exponents
+from ...plots.maps import bifurcations, exponents
 from ...plots.style import COLORS, png, styled
 from ...plots.trajectories import phase_portrait, spectrum
 from ...tools.files import write_each
