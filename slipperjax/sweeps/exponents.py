@@ -348,7 +348,7 @@ class LyapunovExponents(ContinuedRecord):
         return measured + LOOK * PERIODS_PER_CALL
 
     def after(self, carried, samples, status, run: RecordedChunk):
-        """Looks for the orbits that cases have reached."""
+        """Looks for the orbits that cases of a chunk have reached at the end of the recorded span."""
         states = jax.tree.map(np.asarray, run.states)
         if not self.orbits:
             return (states, nothing_reached(states, self.count)), status

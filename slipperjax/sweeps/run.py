@@ -280,7 +280,11 @@ class RecordedChunk(NamedTuple):
 
 
 class ContinuedRecord(AbstractRecord):
-    """A record of what the motions are after the recorded span, for which derivatives are taken there."""
+    """A record of the motions after the recorded span, for which derivatives are taken there.
+
+    For each chunk `after` continues from the states at the end of the span and gives a carry, of which `finish` makes
+    the arrays that are kept of each case.
+    """
 
     @property
     def inside(self):
