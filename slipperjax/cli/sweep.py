@@ -281,7 +281,10 @@ def summary(ds: Any, seconds: float) -> str:
     from ..flow.status import Status
 
     steps = np.unique([ds["steps_per_period"].min(), ds["steps_per_period"].max()])
-    periods = f"{ds.attrs['transient']} + {ds.attrs['periods']} periods, " if "periods" in ds.attrs else ""
+    before, recorded = ds.attrs.get("transient"), ds.attrs.get("periods")
+    if "exponent" in ds and "measured_periods" in ds["exponent"].attrs:  # which follow the recorded ones
+        before, recorded = before + recorded, ds["exponent"].attrs["measured_periods"]
+    periods = "" if recorded is None else f"{before} + {recorded} periods, "
     codes, counts = np.unique(ds["status"].values, return_counts=True)
     flagged = {Status(int(c)): int(n) for c, n in zip(codes, counts, strict=True) if c != Status.FINITE}
     meanings = " and ".join(f"{n} {status}" for status, n in flagged.items())

@@ -436,4 +436,6 @@ class LyapunovExponents(ContinuedRecord):
         for name, (over, unit, text) in self.labels.items():
             label = {"units": unit, "long_name": text} if unit else {"long_name": text}
             data[name] = ((*dims, *over), values[name], label)
+        if self.periods is not None:
+            data["exponent"][2]["measured_periods"] = BLOCK * counted_blocks(self.periods, 0)
         return data, {}

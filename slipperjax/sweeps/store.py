@@ -267,7 +267,7 @@ def _fitted(name: str, variable: xr.Variable, capacity: Mapping[str, int]) -> xr
 
 def _storable(variable: xr.Variable) -> xr.Variable:
     """With texts of any length, which zarr's specification knows."""
-    return variable.astype(np.dtypes.StringDType()) if variable.dtype.kind in "UO" else variable
+    return variable.astype(object) if variable.dtype.kind == "U" else variable
 
 
 def _lengths(variable: xr.Variable, grid: Mapping[str, int]) -> tuple[int, ...]:
@@ -299,7 +299,7 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, Any], like
     encoding: dict[Any, dict[str, Any]] = {name: {} for name in data}
     for name, variable in data.items():
         if set(dims) <= set(variable.dims):
-            fill: Any = {"f": np.nan, "c": np.nan, "T": "", "b": False}.get(variable.dtype.kind, 0)
+            fill: Any = {"f": np.nan, "c": np.nan, "O": "", "b": False}.get(variable.dtype.kind, 0)
             fill = int(Status.NOT_RUN) if name == "status" else fill
             shapes[name] = _lengths(variable, lengths)
             data[name] = variable.copy(data=np.full(variable.shape, fill, variable.dtype))
@@ -377,7 +377,7 @@ def open_store(path: Any) -> xr.Dataset:
     ds = archive.open().drop_vars(DIGEST)
     del ds.attrs[MARK]
     # labels, such as those of points, as other datasets have them
-    labels = {name: (name, np.array(ds[name].values.tolist())) for name in ds.indexes if ds[name].dtype.kind == "T"}
+    labels = {name: (name, np.array(ds[name].values.tolist())) for name in ds.indexes if ds[name].dtype.kind in "OT"}
     return ds.set_coords([n for n in archive.mark["coords"] if n in ds.data_vars]).assign_coords(labels)
 
 
