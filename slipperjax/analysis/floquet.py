@@ -9,7 +9,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Complex, Float, Inexact
 
-from ..tools.checks import finite, unless_traced, whole
+from ..tools.checks import finite, whole
 from ..tools.compile import call_compiled, is_traced
 from .lyapunov import Step, check_functions, check_state
 
@@ -138,7 +138,7 @@ def floquet(step: Step, state: Any, *, index: Any = 0.0, intervals: int = 1) -> 
     """
     check_functions(step, None)
     state, count = check_state(state), whole("intervals", intervals, 1)
-    return multipliers(call_compiled(_jacobians, step, (count,), state, unless_traced(finite("index"), index)))
+    return multipliers(call_compiled(_jacobians, step, (count,), state, finite("index")(index)))
 
 
 def _jacobians(step, static, state, index):

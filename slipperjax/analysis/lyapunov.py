@@ -19,7 +19,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from ..tools.checks import finite, positive, require, shown_number, unless_traced, whole
+from ..tools.checks import finite, positive, require, shown_number, whole
 from ..tools.compile import call_compiled, is_traced
 from .kinds import Regime
 
@@ -227,9 +227,8 @@ def map_spectrum(
     count = size if count is None else whole("count", count, 1)
     require(count <= size, "count", f"be at most {size}, the size of the state", count)
     intervals, align = whole("intervals", intervals, 1), whole("align", align, 0)
-    index, transient = unless_traced(finite("index"), index), whole("transient", transient, 0)
-    periods = unless_traced(positive("periods"), periods)
-    period = unless_traced(positive("period", "s"), period)
+    index, transient = finite("index")(index), whole("transient", transient, 0)
+    periods, period = positive("periods")(periods), positive("period", "s")(period)
     distance = None if distance is None else positive("distance")(distance)
     functions = (step, scale)
     # a number of intervals that is an argument serves one program for all; in reverse mode it must be part of it
@@ -279,7 +278,7 @@ def check_functions(step: Any, scale: Any) -> None:
 def check_state(state: Any) -> Any:
     """Gives `state` as arrays of floats; raises `ValueError` unless it is a pytree of finite real numbers."""
     require(jax.tree.leaves(state), "state", "be a pytree of real numbers", state)
-    return jax.tree.map(lambda leaf: unless_traced(finite("state"), leaf), state)
+    return jax.tree.map(finite("state"), state)
 
 
 SURE = 3.0

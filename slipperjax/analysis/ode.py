@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..tools.checks import finite, positive, require, unless_traced, whole
+from ..tools.checks import finite, positive, require, whole
 from .lyapunov import LyapunovSpectrum, map_spectrum
 
 
@@ -63,9 +63,9 @@ def ode_step(
     require(callable(vector_field), "vector_field", "be a function", vector_field)
     require(solver is None or isinstance(solver, diffrax.AbstractSolver), "solver", "be a diffrax solver", solver)
     steps = whole("steps", steps, 1)
-    duration = steps * unless_traced(positive("dt"), dt)
+    duration = steps * positive("dt")(dt)
     solver = diffrax.Tsit5() if solver is None else solver
-    return OdeStep(vector_field, solver, args, unless_traced(finite("t0"), t0), duration, steps)
+    return OdeStep(vector_field, solver, args, finite("t0")(t0), duration, steps)
 
 
 def ode_spectrum(
@@ -87,7 +87,7 @@ def ode_spectrum(
     """
     step = ode_step(vector_field, dt=dt, steps=steps, solver=solver, args=args, t0=t0)
     period = options.pop("period", step.duration)
-    options.setdefault("periods", step.duration / unless_traced(positive("period"), period))
+    options.setdefault("periods", step.duration / positive("period")(period))
     return map_spectrum(step, state, intervals, period=period, **options)
 
 
@@ -158,5 +158,5 @@ def switched_step(
     """
     for name, function in (("above", above), ("below", below), ("surface", surface)):
         require(callable(function), name, "be a function", function)
-    dt, t0 = unless_traced(positive("dt"), dt), unless_traced(finite("t0"), t0)
+    dt, t0 = positive("dt")(dt), finite("t0")(t0)
     return SwitchedStep(above, below, surface, jnp.asarray(dt), jnp.asarray(t0), whole("steps", steps, 1))

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
-from ..tools.checks import finite, number, positive, require, unless_traced, whole
+from ..tools.checks import finite, number, positive, require, whole
 from ..tools.compile import call_compiled, is_transformed
 from .floquet import linearise, product, solve
 from .lyapunov import Scale, Step, check_functions, check_state, weights_of
@@ -72,7 +72,7 @@ def shoot(
     state, count = check_state(state), whole("intervals", intervals, 1)
     limit = whole("max_iterations", max_iterations, 0)
     tolerance = number(positive, "tolerance", tolerance)
-    index = unless_traced(finite("index"), index)
+    index = finite("index")(index)
     static = count, limit, is_transformed()
     return call_compiled(_shoot, (step, scale, consistent), static, state, index, jnp.asarray(tolerance))
 
@@ -103,9 +103,7 @@ def minimal_period(step: Step, state: Any, intervals: int, *, index: Any = 0.0, 
     **Returns:** a dict of residuals, as in `Shot`, by divisor; the first that is small is the minimal period.
     """
     count = whole("intervals", intervals, 1)
-    return call_compiled(
-        _residuals, (step, scale), (count,), check_state(state), unless_traced(finite("index"), index)
-    )
+    return call_compiled(_residuals, (step, scale), (count,), check_state(state), finite("index")(index))
 
 
 def _residuals(functions, static, state, index):

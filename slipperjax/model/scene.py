@@ -19,7 +19,6 @@ from ..tools.checks import (
     require,
     shown_number,
     unit_of,
-    unless_traced,
     warn_unless_within,
 )
 from ..tools.compile import is_traced
@@ -119,8 +118,7 @@ class Scene(ShapeChecked):
         Other numbers are named by their path, as in `replace(**{"section.play.2": 4e-4})`, see `parameter`. A part
         that is None, such as gravity, is added.
 
-        Values may have leading axes of cases. Traced ones are not checked, so that this works inside batched
-        functions.
+        Values may have leading axes of cases. Traced ones that are out of range become NaN.
 
         **Raises:** `ValueError` for an unknown name, a value that is out of range, a value that a later one would
         undo, or if the scene has no such part.
@@ -129,7 +127,7 @@ class Scene(ShapeChecked):
         refuse_undone(parameters, self)
         for p, value in zip(parameters, values.values(), strict=True):
             require(np.size(value) != 0, p.name, "be one or more values", value)
-            scene = p.replaced(scene, unless_traced(p.check(p.name, p.unit), value))
+            scene = p.replaced(scene, p.check(p.name, p.unit)(value))
         scene.warn_unless_plausible(parameters)
         return scene
 

@@ -1,8 +1,8 @@
 """Checks of arguments: one clear error that names the argument, its value and what it must be.
 
 A concrete value raises `ValueError` at once, before anything is compiled. A traced value (inside `jax.jit`,
-`jax.grad`, ...) cannot be inspected; `equinox.error_if` guards it at run time. `ShapeChecked` is the base class
-of the package's modules, which checks the shapes of their fields on construction.
+`jax.grad`, ...) cannot be inspected: a wrong one becomes NaN, which gives the result a status. `ShapeChecked` is the
+base class of the package's modules, which checks the shapes of their fields on construction.
 """
 
 import dataclasses
@@ -54,7 +54,8 @@ class Check:
             return None
         name, need, suffix = self.name, self.need, f" {self.unit}" if self.unit else ""
         if isinstance(value, jax.core.Tracer):
-            return eqx.error_if(value, self.is_bad(value), f"Argument `{name}` must be {need}{suffix}.")
+            value = jnp.asarray(value, float)
+            return jnp.where(self.is_bad(value), jnp.nan, value)
         try:
             # NumPy makes numbers of None, bools and some texts: refuse these
             if value is None or (np.size(value) and np.asarray(value).dtype.kind not in "fiu"):
@@ -145,11 +146,6 @@ def warn(text: str) -> None:
 
 
 _OWN = (__name__.split(".")[0], "equinox", "jax")
-
-
-def unless_traced(check: Callable[[Any], jax.Array], value: Any) -> jax.Array:
-    """Gives `check(value)`; a traced value is converted without the check."""
-    return jnp.asarray(value, float) if is_traced(value) else check(value)
 
 
 def whole(name: str, value: Any, least: int) -> int:
