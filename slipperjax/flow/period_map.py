@@ -111,6 +111,7 @@ class PeriodMap(eqx.Module):
         on.
         """
         scene = settle_memory(self.scene)
+        state = jax.tree.map(lambda a: jnp.asarray(a, float), state)  # 32-bit numbers become 64-bit ones
         solver = self.stepping.prepared(resolve_solver(scene, self.solver))
         points = contact_points(scene)  # once for the whole run, not in every evaluation
         terms = diffrax.ODETerm(vector_field(scene))

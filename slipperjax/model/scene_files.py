@@ -185,13 +185,20 @@ def _each(value: Any, convert: Callable[[Any], float]) -> Any:
 
 
 def parsed(name: str, value: Any, unit: str) -> float:
-    """Reads a text such as "1.5 mm" in the SI unit `unit`; raises `ValueError` for others, and bare numbers."""
+    """Reads a text such as "1.5 mm" or "1/16 in" in the SI unit `unit`.
+
+    **Raises:** `ValueError` for other texts, and bare numbers.
+    """
     text = value if isinstance(value, str) else ""
     number = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-    words = re.fullmatch(rf"\s*({number})(\s+\S.*?|[^\W\d_].*?|°)\s*", text)
+    words = re.fullmatch(rf"\s*({number})(?:/([1-9]\d*))?(\s+\S.*?|[^\W\d_].*?|°)\s*", text)
     if words is None:
         raise ValueError(f'`{name}` must be a number with a unit, as in "1.5 {unit}", but is {brief(value)}.')
-    return float(words[1]) * _factor(name, words[2].strip(), unit)
+    return float(words[1]) / float(words[2] or 1) * _factor(name, words[3].strip(), unit)
+
+
+_UNIT = r"(?:[^\W\d_]|[µ°%*/^().·\s-]|\d(?!\s*(?:\d|\*\*|\^))){1,40}"
+"""Units in products, quotients and small powers: no numbers to a power, which could be of any size."""
 
 
 @functools.cache
@@ -202,6 +209,8 @@ def _factor(name: str, unit: str, si: str) -> float:
     import pint  # here, because only files with other units need it
 
     try:
+        if not re.fullmatch(_UNIT, unit):
+            raise ValueError("it is no product of units and small powers")
         return float(pint.Quantity(1.0, unit).to(si).magnitude)
     except (pint.PintError, ValueError, TypeError, AssertionError) as error:
         raise ValueError(f"`{name}` must be in a unit like {si}, but is in {brief(unit)}: {error}") from None

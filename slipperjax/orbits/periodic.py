@@ -139,7 +139,7 @@ def periodic_orbit(
     - `tolerance`: scaled residual that counts as found [1]; `max_iterations`: of Newton's method.
 
     **Returns:** a `PeriodicOrbit`. Its `status` is `Status.NO_ORBIT` where the iterations ended elsewhere, and that
-    of the motion where it left the finite numbers or the rail.
+    of the motion where it left the finite numbers or the rail, or never touched it.
 
     **Raises:** `ValueError` that names the argument which is wrong, also for a track of several wavelengths that does
     not recur with the first.
@@ -174,6 +174,10 @@ def periodic_orbit(
     matrices = shot.matrices[:period]
     mu = multipliers(matrices if traced else np.asarray(matrices))
     code = _status(shot.state, shot.residual, tolerance)
+    if not traced and code == Status.NOT_FINITE and bool(jnp.isfinite(state.motion.y)):
+        # Newton's method got lost, not the motion: without contact, for instance, its equations have no solution
+        moved = simulate(scene, period, start=state, steps_per_period=int(steps), solver=solver).status
+        code = jnp.where(moved == Status.FINITE, Status.NO_ORBIT, moved)
     return PeriodicOrbit(
         scene, shot.state, jnp.asarray(mu), shot.residual, shot.iterations, code, period, steps, solver
     )

@@ -18,7 +18,7 @@ from ..model.scene import Scene, check_scene
 from ..model.step_size import rounded_steps, steps_needed
 from ..tools.batching import Batched
 from ..tools.checks import one_of, require, whole, yes_or_no
-from ..tools.compile import jit
+from ..tools.compile import is_traced, jit
 
 
 class Grid:
@@ -41,6 +41,8 @@ class Grid:
         """
         self.scene = check_scene(scene)
         require(isinstance(grid, Mapping) and grid, "grid", "name one or more parameters with their values", grid)
+        need = "be of values that are known: call sweeps outside of jax.jit, jax.grad and jax.vmap"
+        require(not is_traced((scene, dict(grid))), "grid", need, shown="traced")
         self.axes = {name: _values(scene, name, raw) for name, raw in grid.items()}
         self.product = yes_or_no("product", product)
         lengths = tuple(len(v) for v in self.axes.values())
