@@ -60,7 +60,7 @@ def simulate(case: Case, periods: int, saves_per_period: int | None, probe: int,
     trajectory = on_thread(lambda: run(scene, periods, **options))
     ds = trajectory.to_xarray()
     print(files.write(ds, _overview))
-    status, parts = Status(int(trajectory.status)), [f"{ds.attrs['steps_per_period']} steps per period"]
+    status, parts = Status(int(trajectory.status)), [case.text, f"{ds.attrs['steps_per_period']} steps per period"]
     if status != Status.NOT_FINITE:
         if float(trajectory.peak.force) > 0:
             parts.append(trajectory.peak.text(scene))
@@ -99,7 +99,7 @@ def orbit(case: Case, period: int, transient: int | None, out: Path) -> int:
     print(files.write(motion.to_xarray(), _overview))
     leading = ", ".join(f"{m.real:.6g}{m.imag:+.6g}i" if m.imag else f"{m.real:.6g}" for m in motion.multipliers[:4])
     print(
-        f"period {motion.period}, {'stable' if motion.stable else 'unstable'}, largest exponent "
+        f"{case.text}; period {motion.period}, {'stable' if motion.stable else 'unstable'}, largest exponent "
         f"{float(motion.exponent):.6g} per period; multipliers {leading}, ...; {motion.signature}; "
         f"{int(motion.iterations)} iterations, residual {float(motion.residual):.1g} (scaled)"
     )

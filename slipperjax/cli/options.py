@@ -101,6 +101,26 @@ class Whole(click.IntRange):
 COUNT, FROM_ZERO = Whole(1), Whole(0)
 
 
+class Measure(click.ParamType):
+    """A number in a display unit, or a text with any unit of that kind, such as "1/16 in"."""
+
+    name = "float"
+
+    def __init__(self, name: str, unit: str, per_shown: float = 1.0):
+        self.parameter_name, self.unit, self.per_shown = name, unit, per_shown
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        try:
+            return float(value)
+        except ValueError:
+            from ..model.scene_files import parsed
+
+        try:
+            return parsed(self.parameter_name, value, self.unit) / self.per_shown
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+
+
 def with_units(names: dict[str, Any]) -> str:
     """The names of parameters with their display units."""
     return ", ".join(f"{name} [{q.display_unit}]" for name, q in names.items())
@@ -142,10 +162,11 @@ PAPER: dict[str, Any] = {
 """Values of the paper's scene in display units, for help texts."""
 
 
-def _of_case(name: str, type: Any = float, text: str = "", **more: Any) -> Callable[..., Any]:
+def _of_case(name: str, type: Any = None, text: str = "", **more: Any) -> Callable[..., Any]:
     """An option that overrides what the scene's file says."""
     if not text:
         q = PARAMETERS[name]
+        type = Measure(name, q.unit, q.per_shown)
         unit = ", above 0 and at most 1" if name == "restitution" else f" [{q.display_unit}]"
         text = f"{q.long_name[0].upper()}{q.long_name[1:]}{unit}."
     value = PAPER[name]
@@ -157,7 +178,11 @@ CASE: dict[str, Callable[..., Any]] = {
     "scene": option("--scene", FILE, "A TOML file of a scene, or a result's netCDF file."),
     **{name: _of_case(name) for name in PAPER if name not in ("wavelength", "memory")},
     "wavelength": _of_case(
-        "wavelength", float, "Irregularity wavelength [m]; repeat for several.", multiple=True, default=None
+        "wavelength",
+        Measure("wavelength", "m"),
+        "Irregularity wavelength [m]; repeat for several.",
+        multiple=True,
+        default=None,
     ),
     "memory": _of_case("memory", click.Choice(["event", "smooth"]), "How contacts remember their touchdown."),
     "set": option(
@@ -193,6 +218,13 @@ class Case(NamedTuple):
     def options(self) -> dict[str, Any]:
         """All but the scene, as the package's functions take it."""
         return dict(start=self.start, solver=self.solver, steps_per_period=self.steps_per_period)
+
+    @property
+    def text(self) -> str:
+        """Speed, clearance, length and origin of the start, for summaries."""
+        numbers = {name: PARAMETERS[name] for name in ("speed", "clearance", "length")}
+        said = [f"{name} {q.shown(float(q.of(self.scene))):g} {q.display_unit}" for name, q in numbers.items()]
+        return ", ".join([*said, "from Table 2's start" if self.start is None else "from the scene file's start"])
 
 
 def takes_case(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -19,6 +19,7 @@ from ..tools.checks import (
     require,
     shown_number,
     unit_of,
+    warn,
     warn_unless_within,
 )
 from ..tools.compile import is_traced
@@ -61,6 +62,12 @@ START_UNITS: dict[str, str] = {name: q.unit for name, q in COORDINATES.items()} 
 """Units of the coordinates at the start; the attitude's quaternion has none."""
 
 
+LEAST_CLEARANCE = 5e-6
+"""Smaller ones that are not zero [m] are below what is made and measured: allowed with a warning."""
+SMALLEST_RADIUS, LARGEST_RADIUS = 0.02, 2.0
+"""Radii of gyration beyond these, over the greatest size of the slipper [1], are allowed with a warning."""
+
+
 class Scene(ShapeChecked):
     """Everything that defines one case. Parts set to None are omitted; they add no state and no operations."""
 
@@ -95,7 +102,22 @@ class Scene(ShapeChecked):
             points, clearance = np.asarray(self.section.points), 2 * np.max(np.asarray(self.section.play))
             smallest = float(np.min(np.ptp(points, axis=0)))
             # with more play than half its head on each side, the slipper can leave the rail
-            warn_unless_within("clearance", clearance, 0, smallest, "m")
+            warn_unless_within("clearance", clearance, LEAST_CLEARANCE if clearance else 0, smallest, "m")
+        if any(p.name in ("length", "mass") or p.name.startswith("inertia") for p in parameters):
+            self._warn_unless_inertia_is_plausible()
+
+    def _warn_unless_inertia_is_plausible(self) -> None:
+        """Gives an `ImplausibleWarning` for moments of inertia that no body of the slipper's size and mass has."""
+        if is_traced((self.slipper, self.section)):
+            return
+        mass, length = (np.asarray(number)[..., None] for number in (self.slipper.mass, self.slipper.length))
+        inertia, size = np.asarray(self.slipper.inertia), np.ptp(np.asarray(self.section.points))
+        radii = np.sqrt(inertia / mass) / np.maximum(length, size)
+        if np.any((radii < SMALLEST_RADIUS) | (radii > LARGEST_RADIUS)):
+            worst = radii.flat[np.argmax(np.abs(np.log(radii)))]
+            warn(f"Argument `inertia` has a radius of gyration of {worst:g} slipper sizes. Are the units right?")
+        if np.any(2 * np.max(inertia, axis=-1) > np.sum(inertia, axis=-1) * (1 + 1e-9)):
+            warn("Argument `inertia` has a moment greater than the sum of the others, which no body has.")
 
     @property
     def period(self) -> Float[Array, ""]:

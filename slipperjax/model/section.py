@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import ShapeChecked, finite, not_negative, require, shown_number, warn_unless_within
+from ..tools.checks import ShapeChecked, finite, not_negative, require, shown_number, warn, warn_unless_within
 from ..tools.compile import is_traced
 
 _FACES = (("J", "A"), ("B", "C"), ("D", "E"), ("F", "G"), ("H", "I"))
@@ -20,7 +20,7 @@ class Section(ShapeChecked):
     """
 
     points: Float[Array, "points 2"] = eqx.field(converter=finite("points", "m"))
-    """y and z of the slipper's contact points in its own frame [m]."""
+    """y and z of the slipper's contact points [m] in its own frame, whose origin is the slipper's centre of mass."""
     play: Float[Array, " faces"] = eqx.field(converter=not_negative("play", "m"))
     """Gap at each face when slipper and rail are centred [m]."""
     names: tuple[str, ...] = eqx.field(static=True, default=tuple("ABCDEFGHIJ"))
@@ -58,6 +58,8 @@ class Section(ShapeChecked):
     def _check_points(self):
         points = np.asarray(self.points)
         warn_unless_within("points", np.max(np.abs(points)), 2e-3, 2.0, "m")
+        if np.any(np.min(points, axis=0) > 0) or np.any(np.max(points, axis=0) < 0):
+            warn("Argument `points` has its origin, the slipper's centre of mass, outside of the section.")
         start, end = points[self._corners]
         # the area around the centre that the faces span, positive where their normals point away from it
         (along_y, along_z), (y, z) = (end - start).T, ((start + end) / 2 - points.mean(axis=0)).T

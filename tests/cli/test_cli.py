@@ -13,7 +13,7 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax.bench.work_precision import Point
 from slipperjax.cli import main
-from slipperjax.cli.options import CASE, PAPER, make_case, make_scene
+from slipperjax.cli.options import CASE, PAPER, Measure, make_case, make_scene
 from slipperjax.cli.sweep import make_grid
 from slipperjax.flow.status import Status
 from slipperjax.model.quantities import PARAMETERS, SECTIONS
@@ -50,6 +50,11 @@ def test_axes_are_read_in_display_units():
     assert list(grid) == ["speed", "clearance"]
     np.testing.assert_allclose(grid["speed"], [100.0, 1000.0, 10000.0])
     np.testing.assert_allclose(grid["clearance"], [1e-3, 2e-3, 3e-3])
+
+
+def test_options_take_any_unit():
+    for text, shown in (("1.5", 1.5), ("1.5 mm", 1.5), ("1500um", 1.5), ("1/16 in", 1.5875), ("5/127 ft", 12.0)):
+        assert Measure("clearance", "m", 1e-3).convert(text, None, None) == pytest.approx(shown, rel=1e-12)
 
 
 def test_options_in_display_units_make_the_scene():

@@ -320,6 +320,11 @@ WARNINGS = [
     implausible("clearance", "1 m", lambda: scene(section=section(play=PLAY * 1e3))),
     implausible("points", "48 m", section, points=POINTS * 1e3),
     implausible("points", "4.8e-05 m", section, points=POINTS * 1e-3),
+    implausible("clearance", "2e-06 m", sj.paper_scene, clearance=2e-6),
+    (*given(section, points=POINTS + np.array([0.0, 0.1])), "`points` has its origin, .* outside of the section"),
+    ("an inertia in g m^2", lambda: scene(slipper=slipper(inertia=(51, 60, 86))), "radius of gyration of .* sizes"),
+    (*given(PAPER.replace, mass=14e3), "radius of gyration of 0.009.* slipper sizes"),
+    (*given(PAPER.replace, inertia_z=0.2), "`inertia` has a moment greater than the sum of the others"),
     implausible("width", "1 m", sj.SmoothSwitch, width=1.0),
     implausible("relaxation", "1 s", sj.SmoothSwitch, relaxation=1.0),
     implausible("slowest", "1000 m/s", sj.SmoothSwitch, slowest=1e3),
@@ -369,7 +374,7 @@ STATUSES = [
     ("a roll of 90 degrees", lambda: simulate(sj.paper_scene(roll_amplitude=1.6)), Status.NOT_FINITE),
     (*given(simulate, case=PAPER.replace(stiffness=1e13)), Status.UNRESOLVED),
     (*given(simulate, case=PAPER.replace(restitution=1e-3)), Status.UNRESOLVED),
-    (*given(simulate, case=PAPER.replace(mass=0.01)), Status.UNRESOLVED),
+    ("a small mass", lambda: simulate(PAPER.replace(mass=0.01)), Status.UNRESOLVED),
     (*given(simulate, steps_per_period=1), Status.UNRESOLVED),
     ("strong damping", lambda: simulate(scene(contact=sj.ConstantDamping(1e8, 1e5))), Status.NOT_FINITE),
     ("a sweep of a clearance in mm", lambda: sweep(case=sj.paper_scene(clearance=1.0)), Status.NO_CONTACT),
@@ -415,6 +420,7 @@ SAME = [
 NO_PLAY = PAPER.replace(clearance=0.0)
 
 
+@pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # no play of 1e-300 m is made
 @pytest.mark.parametrize(("label", "odd", "plain"), SAME, ids=[row[0] for row in SAME])
 def test_odd_but_clear_inputs_give_the_right_number(label, odd, plain):
     np.testing.assert_allclose(odd(), plain(), rtol=1e-9, err_msg=label)
@@ -428,7 +434,7 @@ LINES = [
     (["simulate", "--speed", "1,250"], "--speed"),
     (["simulate", "--speed"], "--speed"),
     (["simulate", "--speed=-5"], "`speed` must be positive, but is -5 m/s"),
-    (["simulate", "--clearance", "1mm"], "--clearance"),
+    (["simulate", "--clearance", "1 kg"], "`clearance` must be in a unit like m, but is in 'kg'"),
     (["simulate", "--restitution", "90"], "`restitution` must be above 0 and at most 1, but is 90"),
     (["simulate", "--wavelength", "8", "--wavelength", "nan"], "`wavelengths` must be positive, but is nan"),
     (["simulate", "--scene", "/no/scene.toml"], "No such file"),

@@ -7,6 +7,7 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.cli import main
+from slipperjax.flow.status import Status
 
 NAN = float("nan")
 SCENE = sj.paper_scene()
@@ -60,11 +61,27 @@ def test_errors_name_argument_value_and_need(call, words):
     assert words in str(caught.value)
 
 
-def test_traced_values_are_checked_at_run_time():
+def test_traced_values_that_are_out_of_range_give_nan_and_a_status():
     period = jax.jit(lambda v: sj.paper_scene(speed=v).period)
-    with pytest.raises(Exception, match="`speed` must be positive"):
-        jax.block_until_ready(period(-1.0))
+    assert np.isnan(period(-1.0))
     assert np.isclose(period(1250.0), 6.4e-3)
+    status = jax.jit(lambda c, m: sj.simulate(SCENE.replace(clearance=c, mass=m), 1, steps_per_period=50).status)
+    assert status(1e-3, 14.0) == Status.FINITE
+    assert status(-1e-3, 14.0) == status(1e-3, -14.0) == Status.NOT_FINITE
+
+
+def test_sweeps_inside_jit_are_refused_in_one_line():
+    with pytest.raises(ValueError, match=r"`grid` must be of values that are known: .*, but is traced\."):
+        jax.jit(lambda v: sj.sweep(SCENE, {"speed": v}))(np.array([1000.0, 1200.0]))
+
+
+def test_starts_in_32_bits_run_as_64_bits():
+    start = sj.initial_state(SCENE, sj.table_2_start())
+    short = jax.tree.map(lambda a: a.astype(np.float32), start)
+    run = lambda state: sj.period_map(SCENE, state, periods=1, steps_per_period=50)
+    exact = jax.tree.map(lambda a: a.astype(np.float64), short)
+    for one, other in zip(*(jax.tree.leaves(run(state)) for state in (short, exact)), strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize(

@@ -121,6 +121,11 @@ BASE = 'base = "paper"\n'
         (BASE + 'speed = "nan m/s"', "line 2: `speed` must be a number with a unit"),
         (BASE + 'speed = "12 kg"', "line 2: `speed` must be in a unit like m/s, but is in 'kg'"),
         (BASE + 'speed = "1 furlongs/fortnigh"', "line 2: `speed` must be in a unit like m/s"),
+        *(
+            (BASE + f'speed = "1 {unit}"', "line 2: `speed` must be in a unit like m/s, but is in")
+            for unit in ("m**9**9**9", "m*(9**9)**9", "m^9^9^9", "m" * 10**6, "(" * 10**4 + "m")
+        ),
+        (BASE + f'speed = "{"9" * 400} m/s"', "line 2: Argument `speed` must be positive, but is inf"),
         (BASE + "\n\nspeed = '-12 m/s'", "line 4: Argument `speed` must be positive, but is -12 m/s"),
         (BASE + '[contact]\nstiffness = "1e8 N/m"', "line 3: `stiffness` must be in a unit like N/m^1.5"),
         (BASE + "[contact]\nrestitution = 1.5", "line 3: Argument `restitution` must be above 0 and at most 1"),

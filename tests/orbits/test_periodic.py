@@ -31,6 +31,11 @@ def test_the_nominal_orbit_recurs_and_has_its_multipliers(nominal):
     np.testing.assert_allclose(float(fine.exponent), -0.0467, atol=5e-5)
 
 
+def test_a_start_that_never_touches_has_the_status_of_its_motion():
+    orbit = sj.periodic_orbit(sj.paper_scene(1250.0, 4e-3), start=sj.Motion(), steps_per_period=STEPS)
+    assert orbit.status == Status.NO_CONTACT
+
+
 def test_multipliers_are_those_of_differences(nominal):
     """Of runs from states beside the orbit's, by the program that Newton's method begins with."""
     flat, unravel = ravel_pytree(nominal.state)
