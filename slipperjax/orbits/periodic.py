@@ -26,6 +26,7 @@ from ..flow.simulate import (
 from ..flow.status import Status, status_of
 from ..model.dynamics import State, initial_state
 from ..model.kinematics import Motion
+from ..model.quantities import MOTION_NUMBERS
 from ..model.scene import Scene, check_scene
 from ..solvers.named import resolve_solver
 from ..tools.checks import number, positive, shown_number, whole
@@ -174,10 +175,14 @@ def periodic_orbit(
     matrices = shot.matrices[:period]
     mu = multipliers(matrices if traced else np.asarray(matrices))
     code = _status(shot.state, shot.residual, tolerance)
-    if not traced and code == Status.NOT_FINITE and bool(jnp.isfinite(state.motion.y)):
-        # Newton's method got lost, not the motion: without contact, for instance, its equations have no solution
+    if (
+        not traced
+        and bool(jnp.isfinite(state.motion.y))
+        and not np.any(np.abs(np.abs(mu[: len(MOTION_NUMBERS)]) - 1) > 1e-6)
+    ):
+        # all multipliers are one in free flight, in which Newton's method gets lost, or stays: has it touched the rail?
         moved = simulate(scene, period, start=state, steps_per_period=int(steps), solver=solver).status
-        code = jnp.where(moved == Status.FINITE, Status.NO_ORBIT, moved)
+        code = moved if moved != Status.FINITE else jnp.where(code == Status.NOT_FINITE, Status.NO_ORBIT, code)
     return PeriodicOrbit(
         scene, shot.state, jnp.asarray(mu), shot.residual, shot.iterations, code, period, steps, solver
     )

@@ -154,7 +154,8 @@ def test_a_trajectory_is_written_drawn_and_repeated(file, tmp_path, capsys):
     end, point = np.argwhere(peak == peak.max())[0]
     name, when = f"{'ABCDEFGHIJ'[point]}{end + 1}", float(ds["peak_period"].values[end, point])
     assert error == "simulating 3 periods of 8 ms ...\n"
-    assert text.startswith(f"wrote {out}.nc and {out}.png\n50 steps per period; highest contact force ")
+    case = "speed 1000 m/s, clearance 1 mm, length 0.2 m, from the scene file's start"
+    assert text.startswith(f"wrote {out}.nc and {out}.png\n{case}; 50 steps per period; highest contact force ")
     assert f" {peak.max():.0f} N at {name}, period {when:.3f}; half the step changes a period by " in text
     assert text.endswith(" of it; status: finite\n")
     assert share(picture(out, 7.2, 9.4), COLORS["blue"]) > 1e-3
@@ -193,7 +194,8 @@ def test_exponents_are_written_drawn_and_repeated(tmp_path, capsys):
 def test_an_orbit_is_written(tmp_path, capsys):
     out = tmp_path / "orbit"
     text, _ = call(["orbit", "--steps-per-period", STEPS, "--out", out], capsys)  # by the programs of tests/orbits
-    assert f"wrote {out}.nc and {out}.png\nperiod 1, stable, largest exponent -0.04" in text
+    case = "speed 1250 m/s, clearance 1 mm, length 0.2 m, from Table 2's start"
+    assert f"wrote {out}.nc and {out}.png\n{case}; period 1, stable, largest exponent -0.04" in text
     ds = dataset(out)
     assert ds.attrs["stable"] == 1
     np.testing.assert_allclose(ds["y"][-1], ds["y"][0], rtol=1e-9)
