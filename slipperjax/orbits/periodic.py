@@ -180,7 +180,7 @@ def periodic_orbit(
         and bool(jnp.isfinite(state.motion.y))
         and not np.any(np.abs(np.abs(mu[: len(MOTION_NUMBERS)]) - 1) > 1e-6)
     ):
-        # all multipliers are one in free flight, in which Newton's method gets lost, or stays: has it touched the rail?
+        # all multipliers are one in free flight, where Newton's method gets lost, or stays: did it touch the rail?
         moved = simulate(scene, period, start=state, steps_per_period=int(steps), solver=solver).status
         code = moved if moved != Status.FINITE else jnp.where(code == Status.NOT_FINITE, Status.NO_ORBIT, code)
     return PeriodicOrbit(

@@ -162,7 +162,7 @@ def test_a_trajectory_is_written_drawn_and_repeated(file, tmp_path, capsys):
     # a bad one is said without its force, by the same program
     text, error = call([*words, "--stiffness", "1e13"], capsys, 1)
     assert f"{out}.nc and {out}.png will be replaced\n" in error
-    assert text.endswith(f"\n50 steps per period; status: {Status.NOT_FINITE}\n")
+    assert text.endswith(f"; 50 steps per period; status: {Status.NOT_FINITE}\n")
     assert dataset(out).attrs["status"] == Status.NOT_FINITE
     assert share(picture(out, 7.2, 9.4), COLORS["red"]) > 1e-4  # of the title
 
