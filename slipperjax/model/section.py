@@ -58,7 +58,8 @@ class Section(ShapeChecked):
     def _check_points(self):
         points = np.asarray(self.points)
         warn_unless_within("points", np.max(np.abs(points)), 2e-3, 2.0, "m")
-        if np.any(np.min(points, axis=0) > 0) or np.any(np.max(points, axis=0) < 0):
+        low, high = np.min(points, axis=0), np.max(points, axis=0)
+        if np.all(low < high) and np.any((low > 0) | (high < 0)):  # a single face encloses nothing
             warn("Argument `points` has its origin, the slipper's centre of mass, outside of the section.")
         start, end = points[self._corners]
         # the area around the centre that the faces span, positive where their normals point away from it

@@ -129,7 +129,6 @@ def test_the_slipper_is_open_where_the_rail_has_its_web(run):
     assert "".join(np.array(turned.names)[contour(turned)]) == "FGHIJABCDE"
 
 
-@pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # its origin is beside the face
 def test_a_section_of_one_face_can_be_drawn():
     flat = sj.Section([[-0.03, 0.01], [0.03, 0.01]], [1e-3], ("P", "Q"), (("P", "Q"),))
     with pytest.warns(sj.ImplausibleWarning, match="clearance"):  # more than the section is high
