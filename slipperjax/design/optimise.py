@@ -23,8 +23,10 @@ from ..tools.checks import instance, require, whole, yes_or_no
 from ..tools.files import write_whole
 from .methods import AbstractMethod, AbstractMove, CaseValues, TrustRegion, inside
 from .objectives import EnsembleSettings, Evaluation, Objective, objective_named
-from .problem import Problem, checked_problem, first_designs
+from .problem import Problem, checked_problem, first_designs, spread_designs
 
+AT_BOUND = 1e-6
+"""Distance from a bound up to which a variable counts as being there [unit box]."""
 SAME_DESIGN = 0.02
 """Distance within which two optima are one [unit box]."""
 SAME_VALUE = 0.005
@@ -69,6 +71,13 @@ class Design:
         return self.cases["regime"].values
 
     @property
+    def at_bounds(self) -> dict[str, str]:
+        """Variables that ended on one of their bounds, "lower" or "upper"."""
+        ends = {name: self.problem.bounds[name] for name in self.design}
+        near = lambda name, k: abs(self.design[name] - ends[name][k]) <= AT_BOUND * (ends[name][1] - ends[name][0])
+        return {name: bound for name in ends for k, bound in enumerate(("lower", "upper")) if near(name, k)}
+
+    @property
     def simulated(self) -> float:
         """Simulated forcing periods in all, derivatives counted by their cost."""
         return float(self.history["simulated"].values[-1])
@@ -83,7 +92,9 @@ class Design:
     def __repr__(self) -> str:
         problem, regimes = self.problem, Counter(sorted(self.regime.tolist()))
         shown = lambda q, value: f"{q.name} {q.shown(value):.5g} {q.display_unit}"
-        at = ", ".join(shown(parameter(name, problem.scene), value) for name, value in self.design.items())
+        ends = {name: f" (its {bound} bound)" for name, bound in self.at_bounds.items()}
+        numbers = {name: shown(parameter(name, problem.scene), value) for name, value in self.design.items()}
+        at = ", ".join(number + ends.get(name, "") for name, number in numbers.items())
         cases = f"{problem.robust} of {problem.count} cases" if problem.count > 1 else "one case"
         return (
             f"Design({at},\n"
@@ -176,8 +187,9 @@ def optimise_design(
     - `robust`: "worst" minimises the worst case, "mean" the mean of the cases.
     - `constraints`: by objective, the highest value, or `(low, high)` with None for no limit; in every case.
     - `periodic`: whether only periodic motions are allowed.
-    - `starts`: how many designs to begin from, the scene's own first if it lies within the bounds, the others
-        spread by a Latin hypercube of `seed`; or the designs themselves, as mappings.
+    - `starts`: how many designs to begin from: the scene's own if it lies within the bounds, and the best that lie
+        apart of the box's corners and of four times as many designs in a Latin hypercube of `seed`; or the designs
+        themselves, as mappings.
     - `method`: how designs move, default `TrustRegion()`; `Descent(...)` takes an optimiser of optax. `max_trials`:
         of each start.
     - `transient`: forcing periods before an orbit is looked for; `start`: as for `simulate`; `ensemble`: sizes of
@@ -197,10 +209,10 @@ def optimise_design(
     method = TrustRegion() if method is None else method
     instance("method", method, AbstractMethod, "a slipperjax.design method")
     limit = whole("max_trials", max_trials, 1)
-    designs = first_designs(problem, starts, whole("seed", seed, 0))
+    designs, count, fixed = first_designs(problem, starts, whole("seed", seed, 0))
     search = _Search(problem, method, yes_or_no("progress", progress))
     try:
-        search.run(designs, limit)
+        search.run(designs, count, fixed, limit)
     except KeyboardInterrupt:
         best = search.result() if search.trials else None
         raise Interrupted(best, len(search.trials), unit="trials") from None
@@ -235,9 +247,14 @@ class _Search:
 
             self.bar = tqdm(desc=f"design for {problem.objective.name}", unit=" trials")
 
-    def run(self, designs: np.ndarray, rounds: int) -> None:
-        """Judges the first design of each start, and at most `rounds` trials of each, those of a round together."""
-        for start, (at, values, evaluation) in enumerate(self._judge(designs, None)):
+    def run(self, designs: np.ndarray, count: int, fixed: int, rounds: int) -> None:
+        """Judges designs, begins from `count` of them, the first `fixed` included, and judges at most `rounds` trials
+        of each start, those of a round together."""
+        judged = self._judge(designs, None)
+        total, violation = (np.array([getattr(v, name) for _, v, _ in judged]) for name in ("total", "violation"))
+        order = np.lexsort((total, violation > VIOLATED))  # infinite totals come last
+        for start, k in enumerate(spread_designs(designs, order, count, fixed)):
+            at, values, evaluation = judged[k]
             move = self.method.start(at, values)
             move.finished = not np.isfinite(values.total)
             self.moves.append(move)

@@ -1,6 +1,7 @@
 """The problem of a search: objective, variables, cases and constraints, checked before anything is compiled."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -22,6 +23,10 @@ from .objectives import EnsembleSettings, Evaluation, EvaluationPlan, Objective,
 
 REACH = 0.005
 """Distance of ensembles' parameters from a design's [unit box]."""
+SCREENED = 4
+"""Designs judged for each start of a search, besides the corners of the box."""
+APART = 0.3, 0.15
+"""Distances between starts [unit box]: the first where enough designs lie that far apart, else the second, or any."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -175,8 +180,11 @@ def _checked_limits(constraints: Any) -> tuple[tuple[Objective, float, float], .
     return tuple(limits)
 
 
-def first_designs(problem: Problem, starts: Any, seed: int) -> Float[np.ndarray, "starts parameters"]:
-    """Returns the designs of the unit box from which a search begins, see `optimise_design`."""
+def first_designs(
+    problem: Problem, starts: Any, seed: int
+) -> tuple[Float[np.ndarray, "designs parameters"], int, int]:
+    """Returns designs of the unit box to judge first; how many of them a search begins from; and of these how many
+    are the first ones, whatever the others are like. See `optimise_design`."""
     names = problem.names
     if isinstance(starts, Sequence) and not isinstance(starts, str):
         designs = starts and all(isinstance(one, Mapping) and set(one) == set(names) for one in starts)
@@ -184,9 +192,28 @@ def first_designs(problem: Problem, starts: Any, seed: int) -> Float[np.ndarray,
         values = np.array([[float(one[name]) for name in names] for one in starts])
         designs = (values - problem.low) / problem.width
         require(np.all((designs >= 0) & (designs <= 1)), "starts", "lie within the bounds", starts)
-        return designs
-    designs = scipy.stats.qmc.LatinHypercube(len(names), rng=seed).random(whole("starts", starts, 1))
+        return designs, len(designs), len(designs)
+    count = whole("starts", starts, 1)
     own = (np.array([float(problem.scene.value(name)) for name in names]) - problem.low) / problem.width
-    if np.all((own >= 0) & (own <= 1)):
-        designs[0] = own
-    return designs
+    inside = np.all((own >= 0) & (own <= 1))
+    if inside and count == 1:
+        return own[None], 1, 1
+    designs = scipy.stats.qmc.LatinHypercube(len(names), rng=seed).random(SCREENED * count)
+    corners = np.array(list(itertools.product((0.0, 1.0), repeat=len(names)))) if len(names) <= 3 else designs[:0]
+    return np.concatenate([own[None] if inside else designs[:0], corners, designs]), count, int(inside)
+
+
+def spread_designs(
+    at: Float[np.ndarray, "designs parameters"], order: np.ndarray, count: int, fixed: int
+) -> list[int]:
+    """Returns the indices of `count` designs: the first `fixed`, and of the others the best ones that lie apart.
+
+    **Arguments:** `order`: indices of all designs, the best one first.
+    """
+    chosen = list(range(fixed)) or [int(order[0])]
+    for apart in (*APART, -1.0):
+        for k in map(int, order):
+            distance = np.min(np.max(np.abs(at[chosen] - at[k]), axis=1))
+            if len(chosen) < count and k not in chosen and distance > apart:
+                chosen.append(k)
+    return chosen
