@@ -49,13 +49,14 @@ class Design:
     smooth: float
     """Its smooth form, which was minimised [its unit]."""
     stderr: float
-    """Standard error of `smooth` [its unit]: 0 on orbits."""
+    """Standard error of `smooth` [its unit]; on orbits what half the step changes."""
     gradient_norm: float
     """Relative change of `smooth` across the unit box, along the variables that are not at a bound [1]; for a worst
     case, of the best combination of the derivatives of the cases within 0.1 % of the worst."""
     cases: xr.Dataset
-    """Over the cases: `objective`, `smooth`, their standard errors `objective_stderr` and `stderr`, `gradient` of
-    `smooth` by variable and `gradient_stderr`, `regime`, `multiplier`, `status`, `constraint`."""
+    """Over the cases: `objective`, `smooth`, their errors `objective_stderr` and `stderr`, `gradient` of `smooth` by
+    variable and `gradient_stderr`, on orbits what half the step changes; `regime`, `multiplier`, `status`,
+    `constraint`."""
     starts: xr.Dataset
     """Over the starts: first and last design, and objective, violation and convergence of the last."""
     history: xr.Dataset
@@ -214,7 +215,7 @@ def optimise_design(
     try:
         search.run(designs, count, fixed, limit)
     except KeyboardInterrupt:
-        best = search.result() if search.trials else None
+        best = search.result(checked=False) if search.trials else None
         raise Interrupted(best, len(search.trials), unit="trials") from None
     finally:
         if search.bar is not None:
@@ -282,6 +283,20 @@ class _Search:
         of_designs = [evaluation.take(cases) for cases in index]
         return [(at, self.problem.case_values(one), one) for at, one in zip(designs, of_designs, strict=True)]
 
+    def _with_errors(self, trial: Trial) -> Evaluation:
+        """Returns the evaluation of a trial with what half the step changes as the errors of cases on orbits."""
+        finer = dataclasses.replace(self.problem, steps=2 * self.problem.steps)
+        evaluation, half = trial.evaluation, finer.evaluate(trial.at[None], trial.evaluation)
+        on_orbit = (evaluation.period > 0) & (half.period == evaluation.period)
+
+        def error(name: str, stated: str) -> np.ndarray:
+            change = np.abs(getattr(half, name) - getattr(evaluation, name))
+            return np.where(on_orbit.reshape(-1, *[1] * (change.ndim - 1)), change, getattr(evaluation, stated))
+
+        return evaluation._replace(
+            stderr=error("value", "stderr"), gradient_stderr=error("gradient", "gradient_stderr")
+        )
+
     def _add(self, trial: Trial) -> None:
         """Adds a trial and shows it."""
         self.trials.append(trial)
@@ -294,11 +309,14 @@ class _Search:
             self.bar.set_postfix_str(f"{moving} starts move, lowest {best:.5g} {q.display_unit}", refresh=False)
             self.bar.update()
 
-    def result(self) -> Design:
-        """Returns the best design until now: the lowest objective among those that violate least."""
+    def result(self, checked: bool = True) -> Design:
+        """Returns the best design until now: the lowest objective among those that violate least.
+
+        **Arguments:** `checked`: whether it is judged again with steps half as long, for its errors on orbits.
+        """
         problem, ends = self.problem, list(self.latest.values())
         best = min(ends, key=lambda trial: (trial.values.violation > VIOLATED, trial.values.total))
-        values, evaluation = best.values, best.evaluation
+        values, evaluation = best.values, self._with_errors(best) if checked else best.evaluation
         errors = evaluation.stderr[:, problem.index(problem.objective.smooth)]
         worst = int(np.argmax(np.where(np.isfinite(values.value), values.value, -np.inf)))
         if not np.isfinite(values.total):

@@ -30,6 +30,9 @@ METHODS = ("orbit", "ensemble", "run")
 """Ways to differentiate an objective."""
 RELATIVE_REACH = 0.002
 """Distance of ensembles' parameters from the scene's, over their values [1]."""
+FINER = 3, 6, 12
+"""Multiples of the motion's steps with which derivatives on orbits are taken: they converge an order later than
+values, so that at default steps one in ten is wrong by a third."""
 
 
 def sensitivities(
@@ -64,7 +67,9 @@ def sensitivities(
     **Returns:** an `xarray.Dataset` with `value` [the objective's unit] along `objective`, and along `parameter`,
     too, `gradient` and `gradient_stderr` [objective's unit per parameter's unit], and `relative`, the relative change
     of the objective per relative change of the parameter [1]. `domain` is how far the parameter may change: on orbits
-    until a linear estimate has them graze, for ensembles the reach. Attributes: `method`, `regime`, `period`,
+    until a linear estimate has them graze, for ensembles the reach. On orbits all of it is taken with twelve times
+    the steps of the motion, and the errors follow from the differences to three and six times: 99 % of true errors
+    of derivatives lie within three of `gradient_stderr`. Attributes: `method`, `regime`, `period`,
     `multiplier`, `simulated`. A parameter that contains another one changes the remaining parts: the clearance, where
     section.play.2 is named too, all other faces.
 
@@ -98,8 +103,7 @@ def sensitivities(
     # the distance from grazing bounds the domain of derivatives on orbits
     grazing = OBJECTIVES["grazing_distance"]
     on_orbit = dataclasses.replace(plan, objectives=tuple(dict.fromkeys([*plan.objectives, grazing])))
-    motion_only = reverse or method == "ensemble"
-    evaluation = judge_on_orbits(dataclasses.replace(on_orbit, names=()) if motion_only else on_orbit, grid)
+    evaluation = judge_on_orbits(dataclasses.replace(on_orbit, names=()), grid)
     facts = dict(method="orbit", regime=str(evaluation.regime[0]))
     if evaluation.period[0] == 0 and method == "orbit":
         raise ValueError(
@@ -118,8 +122,7 @@ def sensitivities(
             raise ValueError(f"Argument `scene` must stay on the rail, but: {Status(int(evaluation.status[0]))}.")
         facts |= dict(method="ensemble", members=ensemble.members, periods=ensemble.periods)
         return _dataset(plan, evaluation, np.array(list(plan.reach.values())), facts)
-    if reverse:
-        evaluation = _pulled(on_orbit, evaluation)
+    evaluation = _on_finer_steps(on_orbit, grid, evaluation, reverse)
     at = on_orbit.objectives.index(grazing)
     with np.errstate(divide="ignore"):
         domain = evaluation.value[0, at] / np.abs(evaluation.gradient[0, at])
@@ -138,6 +141,30 @@ def _checked_names(scene: Scene, names: Any) -> list[Parameter]:
     return parameters
 
 
+def _on_finer_steps(
+    plan: EvaluationPlan, grid: dict[str, np.ndarray], evaluation: Evaluation, reverse: bool
+) -> Evaluation:
+    """Evaluates an orbit with derivatives on steps that are shorter each time, whose differences give the errors."""
+    finer = []
+    for times in FINER:
+        fine = dataclasses.replace(plan, steps=times * plan.steps)
+        judged = judge_on_orbits(dataclasses.replace(fine, names=()) if reverse else fine, grid, evaluation)
+        if judged.period[0] != evaluation.period[0]:
+            raise ValueError(
+                f"Argument `steps_per_period` must be larger here, but is {plan.steps}: with {fine.steps} the motion "
+                f"is {judged.regime[0]}, and {evaluation.regime[0]} with {plan.steps}."
+            )
+        finer.append(_pulled(fine, judged) if reverse else judged)
+
+    def error(name: str) -> np.ndarray:
+        coarse, middle, fine = (getattr(one, name) for one in finer)
+        # at least what errors of second order leave of the earlier difference: the last one may be small by chance
+        return np.maximum(np.abs(fine - middle), np.abs(middle - coarse) / 4)
+
+    simulated = evaluation.simulated + sum(times * one.simulated for times, one in zip(FINER, finer, strict=True))
+    return finer[-1]._replace(stderr=error("value"), gradient_stderr=error("gradient"), simulated=simulated)
+
+
 def _pulled(plan: EvaluationPlan, evaluation: Evaluation) -> Evaluation:
     """Returns the evaluation of an orbit with values and derivatives by reverse mode."""
     value, gradient = pulled_gradient(
@@ -151,7 +178,7 @@ def _pulled(plan: EvaluationPlan, evaluation: Evaluation) -> Evaluation:
         periods=int(evaluation.period[0]),
     )
     value, gradient = np.asarray(value)[None], np.asarray(gradient)[None]
-    return evaluation._replace(value=value, gradient=gradient, gradient_stderr=np.zeros_like(gradient))
+    return evaluation._replace(value=value, gradient=gradient)
 
 
 def _dataset(plan: EvaluationPlan, evaluation: Evaluation, domain: np.ndarray, facts: dict[str, Any]) -> xr.Dataset:

@@ -7,6 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
+import scipy.stats.qmc
 
 import slipperjax as sj
 from slipperjax.design import Descent, TrustRegion
@@ -15,11 +16,19 @@ from slipperjax.design.optimise import optimise_design
 pytestmark = pytest.mark.benchmark
 
 
+def spread(scene, variables, count):
+    """The scene's own design, and others of a Latin hypercube: the same for all methods."""
+    low, high = np.array(list(variables.values())).T
+    designs = low + scipy.stats.qmc.LatinHypercube(len(low), rng=0).random(count) * (high - low)
+    designs[0] = [float(scene.value(name)) for name in variables]
+    return [dict(zip(variables, map(float, design), strict=True)) for design in designs]
+
+
 def ends_of(scene, objective, variables, method, starts, **options):
     """Prints a row for a method, and returns the objective at the ends of the starts [SI unit]."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", sj.ImplausibleWarning)  # of tight designs' first transients
-        call = dict(method=method, starts=starts, max_trials=40, steps_per_period=50)
+        call = dict(method=method, starts=spread(scene, variables, starts), max_trials=40, steps_per_period=50)
         best = optimise_design(scene, objective, variables, **call, **options)
     ends, first = best.starts["smooth"].values, best.history["smooth"].values[:starts].mean()
     name = f"Descent(steps={method.steps})" if isinstance(method, Descent) else "TrustRegion()"

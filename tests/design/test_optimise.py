@@ -28,7 +28,7 @@ def test_less_play_means_lower_peaks(small):
     assert small.regime.tolist() == ["period 1", "period 1"]
     np.testing.assert_allclose(small.starts["end"].values[:, 0], 0.5e-3, rtol=1e-9)  # from both starts
     assert not small.several
-    assert small.stderr == 0
+    assert 0 < small.stderr < 1e-3 * small.objective  # measured 2e-5 of it, by the steps
 
 
 def test_the_objective_is_that_of_the_worst_orbit(small):
@@ -58,6 +58,11 @@ def test_the_history_is_that_of_the_search(small):
     assert small.simulated == ds["simulated"].values[-1]
     assert "Design(clearance 0.5 mm" in repr(small)
     assert "regimes: 2 x period 1" in repr(small)
+
+
+def test_designs_say_which_variables_ended_on_a_bound(small):
+    assert small.at_bounds == {"clearance": "lower"}
+    assert "clearance 0.5 mm (its lower bound)" in repr(small)
 
 
 @pytest.mark.slow

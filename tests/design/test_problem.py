@@ -5,7 +5,7 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.design.optimise import optimise_design, pareto_front
-from slipperjax.design.problem import checked_problem, first_designs
+from slipperjax.design.problem import checked_problem, first_designs, spread_designs
 from slipperjax.design.sensitivities import sensitivities
 
 BOX = {"clearance": (0.2e-3, 3e-3), "length": (0.12, 0.5)}
@@ -85,13 +85,25 @@ def test_the_cases_are_every_combination():
 
 def test_searches_begin_with_the_scene_s_own_design_and_spread():
     search = problem()
-    first = search.in_units(first_designs(search, 8, 0))
-    np.testing.assert_allclose(first[0], [1e-3, 0.2])
-    for k in (0, 1):  # a Latin hypercube: one in each eighth, but for the one that the own design replaced
-        eighths = np.floor(8 * (first[1:, k] - search.low[k]) / search.width[k])
-        assert len(set(eighths)) == 7
-    arguments = first_designs(search, [{"clearance": 1e-3, "length": 0.31}], 0)
-    np.testing.assert_allclose(search.in_units(arguments), [[1e-3, 0.31]])
+    designs, count, fixed = first_designs(search, 2, 0)
+    assert (count, fixed) == (2, 1)
+    np.testing.assert_allclose(search.in_units(designs[0]), [1e-3, 0.2])
+    assert set(map(tuple, designs[1:5])) == {(0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)}
+    for k in (0, 1):  # a Latin hypercube: one in each eighth
+        assert len(set(np.floor(8 * designs[5:, k]))) == len(designs) - 5 == 8
+    given, count, fixed = first_designs(search, [{"clearance": 1e-3, "length": 0.31}], 0)
+    np.testing.assert_allclose(search.in_units(given), [[1e-3, 0.31]])
+    assert (count, fixed) == (1, 1)
+
+
+def test_starts_are_the_best_that_lie_apart():
+    designs = np.array([[0.5, 0.5], [0.0, 0.0], [0.05, 0.0], [0.0, 0.2], [1.0, 0.0], [0.9, 0.9]])
+    order = np.array([2, 1, 3, 4, 0, 5])  # the best one first
+    assert spread_designs(designs, order, 3, fixed=1) == [0, 2, 4]
+    assert spread_designs(designs, order, 3, fixed=0) == [2, 4, 0]
+    # where fewer lie far apart, nearer ones do
+    assert spread_designs(designs, order, 5, fixed=1) == [0, 2, 4, 5, 3]
+    assert sorted(spread_designs(designs, order, 6, fixed=1)) == list(range(6))
 
 
 def test_steps_are_those_that_the_worst_corner_needs():
