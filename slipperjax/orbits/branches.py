@@ -154,6 +154,26 @@ class OrbitBranch:
         """Writes `points`, whole or not at all; `load_branch` reads it."""
         write_whole(Path(path), self.points.to_netcdf(engine="h5netcdf"))
 
+    def to_dataframe(self) -> Any:
+        """Gives a `pandas.DataFrame` with a row per point: numbers of the orbits, multipliers, and states by number.
+
+        Poincare sections, whose number differs from orbit to orbit, are left out.
+        """
+        ds, columns = self.points, {self.parameter.name: self.points[self.parameter.name].values}
+        columns |= {name: array.values for name, array in ds.data_vars.items() if array.dims == ("point",)}
+        for name in ("multiplier_real", "multiplier_imag", "state"):
+            columns |= {f"{name}_{k}": column for k, column in enumerate(ds[name].values.T)}
+        return ds["point"].to_index().to_frame(index=False).assign(**columns).set_index("point")
+
+    def events_dataframe(self) -> Any:
+        """Gives a `pandas.DataFrame` with a row per event, as `events`."""
+        names = [name for name, array in self.points.data_vars.items() if array.dims == ("event",)]
+        return self.points[names].to_dataframe().rename(columns=lambda name: name.removeprefix("event_"))
+
+    def to_csv(self, path: Any) -> None:
+        """Writes `to_dataframe` as a table with commas, whole or not at all."""
+        write_whole(Path(path), self.to_dataframe().to_csv().encode())
+
     def orbit(self, point: int | BranchEvent) -> PeriodicOrbit:
         """Gives the orbit at a point, or at an event."""
         ds = self.points.isel(point=point.point if isinstance(point, BranchEvent) else point)

@@ -1,6 +1,7 @@
 """Branches of orbits of slippers: events, files, switching, and critical orbits with their derivatives."""
 
 import contextlib
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -78,6 +79,19 @@ def test_grazings_are_those_of_fine_trajectories(branch):
     low = lows[np.argmin(np.abs(gap[lows]))]
     a, b, c = gap[low - 1 : low + 2]
     assert abs(b - (a - c) ** 2 / (8 * (a + c - 2 * b))) < 1e-6
+
+
+def test_tables_of_a_branch_have_a_row_for_each_point_and_event(tmp_path):
+    branch = sj.load_branch(Path(__file__).parents[1] / "data" / "branch.nc")
+    rows, events = branch.to_dataframe(), branch.events_dataframe()
+    assert (len(rows), len(events)) == (branch.points.sizes["point"], len(branch.events)) == (16, 3)
+    np.testing.assert_array_equal(rows["speed"], branch.points["speed"])
+    np.testing.assert_array_equal(rows["state_3"], branch.points["state"][:, 3])
+    assert events["label"].tolist() == ["EP", "PD", "EP"]
+    branch.to_csv(tmp_path / "branch.csv")
+    lines = (tmp_path / "branch.csv").read_text().splitlines()
+    assert len(lines) == 17
+    assert lines[0].startswith("point,speed,outside,stable,")
 
 
 def test_a_branch_goes_through_a_file_and_on(branch, tmp_path):
