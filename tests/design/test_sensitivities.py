@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.design.judge import judge_on_orbits
 from slipperjax.design.objectives import OBJECTIVES, EnsembleSettings
 from slipperjax.design.sensitivities import FINER, sensitivities
 
@@ -71,6 +72,11 @@ def random_scenes(count, seed=3):
     return scenes
 
 
+def on_the_same_steps(plan, grid, evaluation, reverse):
+    """Derivatives on the steps that the orbit was found with."""
+    return judge_on_orbits(plan, grid, evaluation)
+
+
 EVERY = ("speed", "length", "mass", "inertia_y", "stiffness", "restitution", "amplitude", "roll_amplitude")
 FACES = ("section.play.0", "section.play.2")
 
@@ -92,7 +98,7 @@ def slopes_by_differences(scene, name, objectives, options):
 
 @pytest.mark.slow
 def test_every_objective_by_every_parameter_at_ten_random_designs(monkeypatch):
-    monkeypatch.setattr(MODULE, "FINER", (1, 1, 1))  # of the same steps as the orbits
+    monkeypatch.setattr(MODULE, "_on_finer_steps", on_the_same_steps)
     names, objectives, worst = (*EVERY, *FACES), list(OBJECTIVES), {}
     for scene, orbit in random_scenes(10):
         options = dict(start=orbit.state, transient=0, steps_per_period=100)
@@ -142,7 +148,7 @@ def test_stated_errors_on_orbits_hold_the_true_ones():
         if ds.attrs["period"] != truth.attrs["period"]:
             continue
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(MODULE, "FINER", (1, 1, 1))
+            patch.setattr(MODULE, "_on_finer_steps", on_the_same_steps)
             coarse = of(None)
         slope = truth["gradient"].values.ravel()
         errors += [np.abs(ds["gradient"].values.ravel() / slope - 1)]
