@@ -58,6 +58,8 @@ def _called(arguments: list[str], signals: Signals) -> int:
         return code if isinstance(code, int) else 0
     except click.exceptions.Abort:
         return INTERRUPTED
+    except SystemExit:  # by click, where the reader of a pipe such as `head` wants no more
+        return 0
     except Exception as error:
         usage = isinstance(error, click.ClickException)
         # what an interrupt breaks on its way is no error of its own

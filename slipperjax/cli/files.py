@@ -27,7 +27,7 @@ def make_folder(folder: Path, out: Path) -> None:
     **Raises:** `ValueError` where it cannot be made or written to.
     """
     if out == Path(""):
-        raise ValueError("Option --out must name a file or folder, but is empty.")
+        raise ValueError("Option --out must name files, as ./result does, but is empty or the folder '.'.")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

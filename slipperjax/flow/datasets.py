@@ -199,6 +199,7 @@ def dataset_of(source: Any) -> Any:
     path = Path(source)
     if (path / "zarr.json").is_file():
         return xr.open_zarr(path, consolidated=False, chunks=None, zarr_format=3)
+    require(not path.is_dir(), "source", "be a file or a store of slipperjax", shown=f"the folder {path}")
     if not path.is_file():
         raise FileNotFoundError(f"No such file: {path}")
     try:

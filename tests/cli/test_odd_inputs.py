@@ -438,6 +438,8 @@ LINES = [
     (["simulate", "--restitution", "90"], "`restitution` must be above 0 and at most 1, but is 90"),
     (["simulate", "--wavelength", "8", "--wavelength", "nan"], "`wavelengths` must be positive, but is nan"),
     (["simulate", "--scene", "/no/scene.toml"], "No such file"),
+    (["simulate", "--scene", "/proc"], "must be a file or a store of slipperjax, but is the folder /proc"),
+    (["simulate", "--out", "."], "--out must name files, as ./result does, but is empty or the folder '.'"),
     (["simulate", "--scene", "/proc/version"], "must be a TOML file or a netCDF file"),
     (["simulate", "--set", "mass"], "--set must be a name and a value"),
     (["simulate", "--set", "mass=heavy"], "`mass` must be a number with a unit"),
