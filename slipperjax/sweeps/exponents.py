@@ -205,7 +205,11 @@ def exponent_variables(
     exponent[longer.chosen[lasting]] = longer.history[lasting].mean(axis=(1, 2))
     error[longer.chosen[lasting]] = pooled_standard_error(longer.history[lasting])
     escapes[longer.chosen] = longer.escapes
-    chaotic_for[longer.chosen] = passed + history.shape[1] + BLOCK + lasting * (HOLD + history.shape[1] + BLOCK)
+    stretch = history.shape[1] + BLOCK
+    chaotic_for[longer.chosen] = passed + stretch + lasting * (HOLD + stretch)
+    # escapes at a constant rate: with 95 % chance one would have been seen in three mean lives
+    life = np.full(len(good), np.nan)
+    life[longer.chosen] = np.where(lasting, MOTIONS * (HOLD + stretch) / -np.log(0.05), np.nan)
     kind = np.where(good, Regime.kind_names(measured.kind), Regime.UNRESOLVED.kind_name)
     variables: dict[str, np.ndarray] = {}
     if measured.checks is not None:
@@ -220,6 +224,7 @@ def exponent_variables(
         "regime": regime(exponent[:, 0], error[:, 0], kind, variables.get("resolved", good), escapes),
         "escapes": escapes,
         "chaotic_for": chaotic_for,
+        "least_mean_life": life,
         "kaplan_yorke": kaplan_yorke(exponent),
     }
 
@@ -313,6 +318,7 @@ class LyapunovExponents(ContinuedRecord):
                 "resolved": (one, "", "whether the other estimates agree"),
                 "escapes": (one, "1", regular),
                 "chaotic_for": (one, "1", "forcing periods for which chaos lasted at least, 0 for other motions"),
+                "least_mean_life": (one, "1", "least mean life of chaos in forcing periods, with 95 % confidence"),
             }
         return labels
 

@@ -143,7 +143,8 @@ def lyapunov_sweep(
     - with `certify`: `half_step`, the largest exponent with steps half as long, and its standard error
       `half_step_stderr`; `floquet`, ln |largest multiplier| per period, of periodic motions; `resolved`: whether all
       that applies agrees; `escapes`, how many of `MOTIONS` motions of a chaotic case became regular within `HOLD`
-      periods more, and `chaotic_for`, the forcing periods for which none did.
+      periods more, `chaotic_for`, the forcing periods for which none did, and `least_mean_life`, the bound that this
+      puts with 95 % confidence on the mean life of chaos that might end [forcing periods].
 
     A case is `resolved` where its status is 0, the exponent with steps half as long lies within three standard errors
     of the difference or 1e-3, the exponents of both halves of the record within three of theirs or 1e-2, and the

@@ -11,7 +11,7 @@ from slipperjax.analysis.floquet import largest_exponent
 from slipperjax.flow.status import Status
 from slipperjax.sweeps import exponents, reached
 from slipperjax.sweeps.attractors import attractors, strobe_states
-from slipperjax.sweeps.exponents import MOTIONS, LongerMotions, LyapunovExponents
+from slipperjax.sweeps.exponents import BLOCK, HOLD, MOTIONS, LongerMotions, LyapunovExponents
 from slipperjax.sweeps.run import Run
 
 TWO = [1250.0, 2100.0]  # periodic and chaotic
@@ -68,6 +68,12 @@ def test_an_interrupt_during_the_longer_motions_keeps_what_was_measured(monkeypa
     assert (float(found["exponent"][0, 0]) == 0.5) == bool(finished)
     assert str(found["regime"].values[2]) == "unresolved"
     assert not bool(found["resolved"].values[2])
+    # no escape of four motions in HOLD and the measured periods: exp(-total / mean life) is 5 % there
+    life = found["least_mean_life"].values
+    assert np.isfinite(life).tolist() == [bool(finished), False, False]
+    if finished:
+        total = MOTIONS * (HOLD + float(found["exponent"].attrs["measured_periods"]) + BLOCK)
+        np.testing.assert_allclose(np.exp(-total / life[0]), 0.05, rtol=1e-12)
 
 
 @pytest.fixture(scope="module")
