@@ -244,7 +244,7 @@ class _Search:
         self.latest: dict[int, Trial] = {}  # the last one that each start accepted
         self.simulated, self.bar = 0.0, None
         if shown:
-            from tqdm.auto import tqdm
+            from tqdm import tqdm
 
             self.bar = tqdm(desc=f"design for {problem.objective.name}", unit=" trials")
 

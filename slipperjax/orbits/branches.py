@@ -429,8 +429,8 @@ def counted(shown: bool, text: str, varied: Parameter) -> Iterator[Callable[[Any
     At each point it polls Ctrl-C of a command.
     """
     bar = None
-    if shown:  # in a notebook without widgets the import alone gives a warning
-        from tqdm.auto import tqdm
+    if shown:
+        from tqdm import tqdm
 
         bar = tqdm(desc=text, unit=" points")
 

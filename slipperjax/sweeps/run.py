@@ -495,7 +495,7 @@ def progress_shown(total: float, cases: int, name: str, wanted: bool) -> Iterato
 
     **Gives:** a function that threads call with work that is done, and the number of cases that are finished by it.
     """
-    from tqdm.auto import tqdm  # only here, because its import warns in notebooks without widgets
+    from tqdm import tqdm
 
     live = sys.stderr.isatty() or "ipykernel" in sys.modules
     layout = "{desc}{percentage:3.0f}%" + ("|{bar}|" if live else ",") + " {elapsed}, {remaining} left{postfix}"
