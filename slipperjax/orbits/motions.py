@@ -91,7 +91,9 @@ def check_forcing(scene: Scene) -> None:
     """Raises `ValueError` for a track that does not recur with its first wavelength, unless it is traced."""
     if not is_traced(scene.track):
         need = "have a track that recurs with its first wavelength"
-        require(float(scene.track.recurrence) == 1, "scene", need, scene.track)
+        with jax.ensure_compile_time_eval():  # inside jit, too
+            recurrence = float(scene.track.recurrence)
+        require(recurrence == 1, "scene", need, scene.track)
 
 
 def recurs(scene: Scene) -> Bool[Array, ""]:
