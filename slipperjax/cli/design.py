@@ -60,7 +60,10 @@ OBJECTIVE = click.Choice(list(OBJECTIVE_UNITS))
 )
 @flag("--periodic", "Allow periodic motions only.")
 @option(
-    "--starts", COUNT, "Designs to begin from: the case's, if within the bounds, and others spread evenly.", default=5
+    "--starts",
+    COUNT,
+    "Designs to begin from: the case's, if within the bounds, and good ones that lie apart.",
+    default=5,
 )
 @option("--max-trials", COUNT, "Most trials of each start.", default=60)
 @option("--transient", FROM_ZERO, "Forcing periods to pass before an orbit is looked for.", default=200)

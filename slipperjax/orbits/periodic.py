@@ -175,11 +175,8 @@ def periodic_orbit(
     matrices = shot.matrices[:period]
     mu = multipliers(matrices if traced else np.asarray(matrices))
     code = _status(shot.state, shot.residual, tolerance)
-    if (
-        not traced
-        and bool(jnp.isfinite(state.motion.y))
-        and not np.any(np.abs(np.abs(mu[: len(MOTION_NUMBERS)]) - 1) > 1e-6)
-    ):
+    in_flight = not traced and not np.any(np.abs(np.abs(mu[: len(MOTION_NUMBERS)]) - 1) > 1e-6)
+    if in_flight and np.isfinite(state.motion.y):
         # all multipliers are one in free flight, where Newton's method gets lost, or stays: did it touch the rail?
         moved = simulate(scene, period, start=state, steps_per_period=int(steps), solver=solver).status
         code = moved if moved != Status.FINITE else jnp.where(code == Status.NOT_FINITE, Status.NO_ORBIT, code)
