@@ -68,8 +68,13 @@ class LyapunovSpectrum(eqx.Module):
 
     @property
     def stderr(self) -> Float[np.ndarray, "*lanes count"]:
-        """Standard errors of `per_period` [1/period], see `standard_error`; not for use under a transformation."""
-        return standard_error(self.history) / np.asarray(self.periods)[..., None]
+        """Standard errors of `per_period` [1/period], see `pooled_standard_error`, with the scatter of the record's
+        quarters; not for use under a transformation.
+
+        They are those of the motion that was recorded: of chaos that moves to another band after thousands of
+        periods, a shorter record shows one band. `slipperjax.lyapunov_sweep` runs several motions for longer.
+        """
+        return pooled_standard_error(self.history[..., None, :, :], parts=4) / np.asarray(self.periods)[..., None]
 
     @property
     def weighted(self) -> Float[np.ndarray, "*lanes count"]:
@@ -383,19 +388,22 @@ def standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
     return np.sqrt(np.where(covariance[0] == 0, 0.0, density) / n)
 
 
-def pooled_standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
+def pooled_standard_error(history: Any, parts: int = 2) -> Float[np.ndarray, "*lanes count"]:
     """Computes the standard error of the mean over several independent motions on one attractor.
 
     The larger of two estimates. One is that of `standard_error` within the motions. The other is the scatter of the
-    means of their halves about the mean of all, which sees correlations that are as long as a motion's record: with
-    500 forcing periods of a chaotic slipper these can double the error of the first.
+    means of their parts about the mean of all, which sees correlations that are as long as a motion's record, and
+    drift: with 500 forcing periods of a chaotic slipper these can double the error of the first.
 
-    **Arguments:** `history`: local exponents, shape (*lanes, motions, intervals, count).
+    **Arguments:** `history`: local exponents, shape (*lanes, motions, intervals, count); `parts`: of each motion,
+    halves by default.
     """
     history = np.asarray(history)
-    motions, intervals = history.shape[-3], history.shape[-2]
+    motions, intervals, count = history.shape[-3:]
     within = np.sqrt(np.mean(standard_error(history) ** 2, axis=-2) / motions)
-    half = intervals // 2
-    halves = np.stack([history[..., :half, :].mean(axis=-2), history[..., half:, :].mean(axis=-2)], axis=-2)
-    halves = halves.reshape(*history.shape[:-3], 2 * motions, history.shape[-1])
-    return np.maximum(within, halves.std(axis=-2, ddof=1) / np.sqrt(2 * motions))
+    if intervals < 8:
+        return within
+    length = intervals // parts
+    means = history[..., intervals - parts * length :, :].reshape(*history.shape[:-2], parts, length, count).mean(-2)
+    means = means.reshape(*history.shape[:-3], motions * parts, count)
+    return np.maximum(within, means.std(axis=-2, ddof=1) / np.sqrt(motions * parts))

@@ -55,3 +55,22 @@ def test_sum_of_the_smooth_models_exponents_is_its_mean_divergence():
     step = ode_step(with_divergence, dt=1 / 400, steps=400, args=args)
     end = jax.jit(lambda y: jax.lax.fori_loop(0, 10, lambda k, y: step(y, 1.0 * k), y))((start, jnp.zeros(())))
     np.testing.assert_allclose(np.sum(run.per_period), end[1] / 10, rtol=1e-4)
+
+
+@pytest.mark.slow
+def test_errors_of_one_run_hold_after_a_band_of_chaos():
+    """At 2100 m/s many motions spend some 2000 periods in a band, of which a shorter record tells nothing."""
+    scene, velocity = sj.paper_scene(2100.0), np.random.default_rng(1).uniform(0.0, 1.0, (2, 32))
+    beyond = {}
+    for transient in (150, 2000, 6000):
+        run = lambda v_y, v_z, transient=transient: sj.lyapunov_spectrum(
+            scene, start=sj.Motion(v_y=v_y, v_z=v_z), transient=transient
+        )
+        found = sj.jit(jax.vmap(run))(*velocity)
+        exponent, stderr = np.asarray(found.per_period)[:, 0], found.stderr[:, 0]
+        # 0.262 +- 0.001: the mean of the last 6000 of 12,000 periods of 32 motions
+        beyond[transient] = np.mean(np.abs(exponent - 0.262) > 3 * stderr)
+        stated = np.sqrt(np.mean(stderr**2))
+        print(f"after {transient}: {exponent.mean():.3f}, scatter {exponent.std(ddof=1):.3f}, stated {stated:.3f}")
+    print(f"share beyond three stated errors: {beyond}")
+    assert beyond[6000] <= 0.1
