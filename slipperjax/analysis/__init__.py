@@ -44,3 +44,4 @@ from .spectra import find_line as find_line
 from .spectra import name_lines as name_lines
 from .spectra import power_spectral_density as power_spectral_density
 from .spectra import spectral_lines as spectral_lines
+from .step_error import with_step_error as with_step_error

@@ -187,7 +187,7 @@ def critical_motion(
     """
     one_of("label", label, tuple(CRITICAL_MULTIPLIERS))
     z = motions.unknowns(state, value, *([angle] if CRITICAL_MULTIPLIERS[label] is None else []))
-    limits = jnp.asarray(float(tolerance)), jnp.asarray(max_iterations)
+    limits = jnp.asarray(tolerance, float), jnp.asarray(max_iterations)
     z, residual, count, matrices, mu = call_compiled(_critical, motions, (label, is_transformed()), z, limits)
     return CriticalMotion(motions.state(z), motions.values(z)[0], mu, residual, count, matrices)
 

@@ -22,7 +22,7 @@ from ..flow.record import RecordSet, Unlabelled
 from ..flow.records import AbstractNumber
 from ..flow.stepping import AbstractStepping
 from ..model.dynamics import State
-from ..model.paths import parameter
+from ..model.paths import at_values, values_of
 from ..model.scene import Scene
 from ..tools.batching import Batched
 from ..tools.compile import jit
@@ -46,18 +46,6 @@ class PeriodValues(Unlabelled):
 def period_values(objectives: Objectives) -> RecordSet:
     """Returns the record of objectives' values in each forcing period."""
     return RecordSet((PeriodValues(objectives),))
-
-
-def at_values(scene: Scene, names: tuple[str, ...], values: Any) -> Scene:
-    """Returns the scene with other values of named parameters, unchecked."""
-    for k, name in enumerate(names):
-        scene = parameter(name, scene).replaced(scene, values[k])
-    return scene
-
-
-def values_of(scene: Scene, names: tuple[str, ...]) -> Float[Array, " parameters"]:
-    """Returns the values of named parameters [their SI units]."""
-    return jnp.stack([jnp.asarray(parameter(name, scene).of(scene), float) for name in names])
 
 
 class PeriodDerivatives(NamedTuple):

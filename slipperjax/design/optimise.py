@@ -12,6 +12,7 @@ import numpy as np
 import scipy.optimize
 import xarray as xr
 
+from ..analysis.step_error import with_step_error
 from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.status import Interrupted
 from ..model.dynamics import State
@@ -81,7 +82,7 @@ class Design:
     @property
     def simulated(self) -> float:
         """Simulated forcing periods in all, derivatives counted by their cost."""
-        return float(self.history["simulated"].values[-1])
+        return float(self.history["simulated"].values[-1] + self.cases["simulated"].sum())
 
     @property
     def several(self) -> bool:
@@ -285,17 +286,14 @@ class _Search:
 
     def _with_errors(self, trial: Trial) -> Evaluation:
         """Returns the evaluation of a trial with what half the step changes as the errors of cases on orbits."""
-        finer = dataclasses.replace(self.problem, steps=2 * self.problem.steps)
-        evaluation, half = trial.evaluation, finer.evaluate(trial.at[None], trial.evaluation)
+        evaluation, steps = trial.evaluation, self.problem.steps
+        half = dataclasses.replace(self.problem, steps=2 * steps).evaluate(trial.at[None], evaluation)
         on_orbit = (evaluation.period > 0) & (half.period == evaluation.period)
-
-        def error(name: str, stated: str) -> np.ndarray:
-            change = np.abs(getattr(half, name) - getattr(evaluation, name))
-            return np.where(on_orbit.reshape(-1, *[1] * (change.ndim - 1)), change, getattr(evaluation, stated))
-
-        return evaluation._replace(
-            stderr=error("value", "stderr"), gradient_stderr=error("gradient", "gradient_stderr")
-        )
+        numbers = lambda of: {"stderr": of.value, "gradient_stderr": of.gradient}
+        _, errors = with_step_error(lambda n: numbers(evaluation if n == steps else half), steps, (1, 2))
+        rows = lambda error: on_orbit.reshape(-1, *[1] * (error.ndim - 1))
+        errors = {name: np.where(rows(error), error, getattr(evaluation, name)) for name, error in errors.items()}
+        return evaluation._replace(simulated=2 * half.simulated, **errors)
 
     def _add(self, trial: Trial) -> None:
         """Adds a trial and shows it."""
@@ -316,7 +314,9 @@ class _Search:
         """
         problem, ends = self.problem, list(self.latest.values())
         best = min(ends, key=lambda trial: (trial.values.violation > VIOLATED, trial.values.total))
-        values, evaluation = best.values, self._with_errors(best) if checked else best.evaluation
+        values, evaluation = best.values, best.evaluation._replace(simulated=0 * best.evaluation.simulated)
+        if checked:
+            evaluation = self._with_errors(best)
         errors = evaluation.stderr[:, problem.index(problem.objective.smooth)]
         worst = int(np.argmax(np.where(np.isfinite(values.value), values.value, -np.inf)))
         if not np.isfinite(values.total):
@@ -358,6 +358,7 @@ def _cases(problem: Problem, evaluation: Evaluation) -> xr.Dataset:
         "period": ("case", evaluation.period, words("forcing periods to recur, or 0", "1")),
         "state": (("case", "number"), evaluation.state, {"long_name": "all numbers of the state"}),
         "status": ("case", evaluation.status, {"long_name": "status"}),
+        "simulated": ("case", evaluation.simulated, words("simulated for the errors", "forcing periods")),
     }
     for one, _, _ in problem.constraints:
         data[f"constraint_{one.name}"] = ("case", evaluation.value[:, problem.index(one)], _labels(one.quantity))

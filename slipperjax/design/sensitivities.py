@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
+from ..analysis.step_error import with_step_error
 from ..flow.datasets import scene_attributes
 from ..flow.simulate import Trajectory, default_steps, first_of
 from ..flow.status import Status
@@ -16,8 +17,7 @@ from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.layout import StateLayout
-from ..model.paths import parameter, refuse_undone
-from ..model.quantities import Parameter
+from ..model.paths import checked_parameters, parameter
 from ..model.scene import Scene, check_scene
 from ..orbits.motions import check_forcing
 from ..solvers.named import resolve_solver
@@ -30,9 +30,6 @@ METHODS = ("orbit", "ensemble", "run")
 """Ways to differentiate an objective."""
 RELATIVE_REACH = 0.002
 """Distance of ensembles' parameters from the scene's, over their values [1]."""
-FINER = 3, 6, 12
-"""Multiples of the motion's steps with which derivatives on orbits are taken: they converge an order later than
-values, so that at default steps one in ten is wrong by a third."""
 
 
 def sensitivities(
@@ -79,7 +76,7 @@ def sensitivities(
     check_scene(scene)
     check_forcing(scene)
     several = objectives if isinstance(objectives, Sequence) and not isinstance(objectives, str) else [objectives]
-    grid = {one.name: np.array([float(one.of(scene))]) for one in _checked_names(scene, names)}
+    grid = {one.name: np.array([float(one.of(scene))]) for one in checked_parameters(names, scene)}
     plan = EvaluationPlan(
         scene,
         tuple(grid),
@@ -129,40 +126,26 @@ def sensitivities(
     return _dataset(plan, evaluation, domain, facts)
 
 
-def _checked_names(scene: Scene, names: Any) -> list[Parameter]:
-    listed = isinstance(names, Sequence) and not isinstance(names, str) and names
-    require(listed, "names", "be a list of parameters", names)
-    parameters = [parameter(name, scene) for name in names]
-    for one in parameters:
-        one.check_exists(scene)
-        if one.of(scene) is None:
-            raise ValueError(f"Argument `names` must be of numbers that the scene has, but it has no {one.name}.")
-    refuse_undone(parameters, scene)
-    return parameters
-
-
 def _on_finer_steps(
     plan: EvaluationPlan, grid: dict[str, np.ndarray], evaluation: Evaluation, reverse: bool
 ) -> Evaluation:
-    """Evaluates an orbit with derivatives on steps that are shorter each time, whose differences give the errors."""
-    finer = []
-    for times in FINER:
-        fine = dataclasses.replace(plan, steps=times * plan.steps)
-        judged = judge_on_orbits(dataclasses.replace(fine, names=()) if reverse else fine, grid, evaluation)
-        if judged.period[0] != evaluation.period[0]:
+    """Evaluates an orbit with derivatives on shorter steps, with their errors, see `with_step_error`."""
+    judged = [evaluation]
+
+    def results(steps: int) -> dict[str, np.ndarray]:
+        fine = dataclasses.replace(plan, steps=steps)
+        one = judge_on_orbits(dataclasses.replace(fine, names=()) if reverse else fine, grid, evaluation)
+        if one.period[0] != evaluation.period[0]:
             raise ValueError(
-                f"Argument `steps_per_period` must be larger here, but is {plan.steps}: with {fine.steps} the motion "
-                f"is {judged.regime[0]}, and {evaluation.regime[0]} with {plan.steps}."
+                f"Argument `steps_per_period` must be larger here, but is {plan.steps}: with {steps} the motion is "
+                f"{one.regime[0]}, and {evaluation.regime[0]} with {plan.steps}."
             )
-        finer.append(_pulled(fine, judged) if reverse else judged)
+        one = _pulled(fine, one) if reverse else one
+        judged.append(one._replace(simulated=judged[-1].simulated + steps / plan.steps * one.simulated))
+        return {"value": one.value, "gradient": one.gradient}
 
-    def error(name: str) -> np.ndarray:
-        coarse, middle, fine = (getattr(one, name) for one in finer)
-        # at least what errors of second order leave of the earlier difference: the last one may be small by chance
-        return np.maximum(np.abs(fine - middle), np.abs(middle - coarse) / 4)
-
-    simulated = evaluation.simulated + sum(times * one.simulated for times, one in zip(FINER, finer, strict=True))
-    return finer[-1]._replace(stderr=error("value"), gradient_stderr=error("gradient"), simulated=simulated)
+    _, errors = with_step_error(results, plan.steps)
+    return judged[-1]._replace(stderr=errors["value"], gradient_stderr=errors["gradient"])
 
 
 def _pulled(plan: EvaluationPlan, evaluation: Evaluation) -> Evaluation:

@@ -11,9 +11,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from ..tools.checks import axes_of, brief, finite, unit_of
+from ..tools.checks import axes_of, brief, finite, require, unit_of
 from ..tools.compile import is_traced
 from .quantities import PARAMETERS, Parameter, entry
 
@@ -51,6 +53,35 @@ def refuse_undone(parameters: Sequence[Parameter], scene: Any) -> None:
                     f"Argument `{first.name}` must not be given with `{later.name}`, which sets the same; "
                     f"what is a part of the other must come second."
                 )
+
+
+def checked_parameters(names: Any, scene: Any) -> list[Parameter]:
+    """Returns parameters by which results can be differentiated together.
+
+    **Raises:** `ValueError` where `names` is no list of parameters that the scene has and that do not undo each
+    other.
+    """
+    listed = isinstance(names, Sequence) and not isinstance(names, str) and names
+    require(listed, "names", "be a list of parameters", names)
+    parameters = [parameter(name, scene) for name in names]
+    for one in parameters:
+        one.check_exists(scene)
+        if one.of(scene) is None:
+            raise ValueError(f"Argument `names` must be of numbers that the scene has, but it has no {one.name}.")
+    refuse_undone(parameters, scene)
+    return parameters
+
+
+def at_values(scene: Any, names: Sequence[str], values: Any) -> Any:
+    """Returns the scene with other values of named parameters, unchecked."""
+    for k, name in enumerate(names):
+        scene = parameter(name, scene).replaced(scene, values[k])
+    return scene
+
+
+def values_of(scene: Any, names: tuple[str, ...]) -> Float[Array, " parameters"]:
+    """Returns the values of named parameters [their SI units]."""
+    return jnp.stack([jnp.asarray(parameter(name, scene).of(scene), float) for name in names])
 
 
 def _at_path(path: str, scene: Any) -> Parameter:

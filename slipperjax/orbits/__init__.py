@@ -5,5 +5,6 @@ from .critical import CriticalOrbit as CriticalOrbit
 from .critical import OrbitCurve as OrbitCurve
 from .critical import continue_event as continue_event
 from .critical import critical_orbit as critical_orbit
+from .critical import event_sensitivities as event_sensitivities
 from .signature import Signature as Signature
 from .signature import Touchdown as Touchdown

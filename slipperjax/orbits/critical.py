@@ -1,6 +1,8 @@
 """Orbits at which something happens: exact and differentiable, and followed through the plane of two parameters."""
 
 import dataclasses
+import functools
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,23 +11,32 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import xarray as xr
 from jaxtyping import Array, Float
 
-from ..analysis.critical import ConditionedMotions, CriticalMotions, continue_critical, critical_motion
+from ..analysis.critical import (
+    CRITICAL_MULTIPLIERS,
+    ConditionedMotions,
+    CriticalMotions,
+    continue_critical,
+    critical_motion,
+)
 from ..analysis.curves import Pace
 from ..analysis.events import CRITICAL_DISTANCE
 from ..analysis.floquet import multipliers
 from ..analysis.shooting import PeriodicMotions
-from ..flow.datasets import load_call, varied_names
+from ..analysis.step_error import with_step_error
+from ..flow.datasets import load_call, scene_attributes, varied_names
 from ..flow.period_map import PeriodMap
 from ..flow.record import RecordSet
 from ..flow.simulate import dynamic_steps, static_steps
+from ..flow.stepping import AbstractStepping
 from ..model.dynamics import State
-from ..model.paths import parameter
+from ..model.paths import at_values, checked_parameters, parameter, values_of
 from ..model.scene import Scene, check_scene
 from ..solvers.named import resolve_solver
 from ..tools.checks import one_of, require, shown_number, whole
-from ..tools.compile import is_traced
+from ..tools.compile import is_traced, jit
 from ..tools.files import write_whole
 from ..tools.hermite import Cubic
 from .branches import BranchEvent, OrbitBranch, bounds_of, counted, finished, orbits_dataset, value_within
@@ -104,25 +115,120 @@ def critical_orbit(
     **Raises:** `ValueError` that names the argument which is wrong.
     """
     check_scene(scene)
-    varied = parameter(name, scene)
+    one_of("label", label, tuple(CRITICAL_MULTIPLIERS))
+    parameter(name, scene)
     steps = (
         int(start.steps_per_period) if steps_per_period is None else whole("steps_per_period", steps_per_period, 1)
     )
-    solver = start.solver if solver is None else resolve_solver(scene, solver)
-    value = jax.lax.stop_gradient(varied.of(start.scene))
+    if solver is not None:
+        start = dataclasses.replace(start, solver=resolve_solver(scene, solver))
+    if angle is None:
+        angle = _angle(start)
     # differentiated in both modes, or by one program for all numbers of steps
     stepping = static_steps(steps) if is_traced(scene) else dynamic_steps(steps)
-    motions = slipper_motions(
-        scene, (name,), (jnp.abs(value),), start.state, stepping=stepping, solver=solver, period=start.period
-    )
-    if angle is None:
-        mu = np.asarray(start.multipliers)
-        angle = float(np.angle(_nearest_to_circle(mu[mu.imag > 0]))) if np.any(mu.imag > 0) else 0.0
+    return _critical_orbit(scene, start, stepping, angle, tolerance, name=name, label=label)
+
+
+def _critical_orbit(
+    scene: Scene,
+    start: PeriodicOrbit,
+    stepping: AbstractStepping,
+    angle: Any,
+    tolerance: Any,
+    *,
+    name: str,
+    label: str,
+) -> CriticalOrbit:
+    """Finds the orbit of `critical_orbit`, unchecked."""
+    varied = parameter(name, scene)
+    value = jax.lax.stop_gradient(varied.of(start.scene))
+    options: dict[str, Any] = dict(stepping=stepping, solver=start.solver, period=start.period)
+    motions = slipper_motions(scene, (name,), (jnp.abs(value),), start.state, **options)
     motion = critical_motion(motions, label, start.state, value, angle=angle, tolerance=tolerance)
     at = varied.replaced(scene, motion.value)
     return CriticalOrbit(
         at, motion.value, motion.state, motion.multiplier, motion.residual, name, label, start.period
     )
+
+
+def _angle(orbit: PeriodicOrbit) -> float:
+    """Gives the angle of an orbit's complex multiplier nearest to the unit circle [rad], 0 where all are real."""
+    mu = np.asarray(orbit.multipliers)
+    return float(np.angle(_nearest_to_circle(mu[mu.imag > 0]))) if np.any(mu.imag > 0) else 0.0
+
+
+def event_sensitivities(branch: OrbitBranch, event: BranchEvent, names: Sequence[str]) -> xr.Dataset:
+    """Differentiates the place of a fold, flip or Neimark-Sacker by other parameters of the scene.
+
+    **Arguments:** `event`: one of `branch.events`; `names`: of parameters, or paths.
+
+    **Returns:** an `xarray.Dataset` with `value`, the event's value of the branch's parameter [its SI unit], and
+    along `parameter` `gradient` and `gradient_stderr` [unit of the branch's parameter per the parameter's unit], and
+    `relative`, the relative change of the place per relative change of the parameter [1]. They are taken with twelve
+    times the steps of the branch, from whose differences the errors follow, see
+    `slipperjax.analysis.with_step_error`.
+
+    **Raises:** `ValueError` that names the argument which is wrong, or says that the event has not been found with
+    more steps.
+    """
+    one_of("event", event.label, tuple(CRITICAL_MULTIPLIERS))
+    scene, call, own, start = branch.scene, load_call(branch.points), branch.parameter, branch.orbit(event)
+    parameters = checked_parameters(names, scene)
+    names = tuple(one.name for one in parameters)
+    require(own.name not in names, "names", "be of other parameters than the branch's", names)
+    values, angle = values_of(scene, names), _angle(start)
+
+    def located(steps: int) -> tuple[np.ndarray, np.ndarray]:
+        of_label = dict(name=own.name, names=names, label=event.label)
+        value, slope, residual = _place(
+            scene, start, values, dynamic_steps(steps), angle, call["tolerance"], **of_label
+        )
+        if not float(residual) <= call["tolerance"]:
+            raise ValueError(
+                f"Argument `event` must be found with {steps} steps per period, too, but Newton's method ended with "
+                f"a residual of {shown_number(residual)}."
+            )
+        return np.asarray(value), np.asarray(slope)
+
+    (value, gradient), (stderr, gradient_stderr) = with_step_error(located, call["steps_per_period"])
+    units = [f"{own.unit} per {one.unit}" for one in parameters]
+    relative = gradient * np.asarray(values) / value
+    along = lambda array, text: ("parameter", array, {"long_name": text})
+    place = {"units": own.unit, "long_name": f"{own.name} at the event"}
+    data = {
+        "value": ((), value, place),
+        "stderr": ((), stderr, place | {"long_name": "its error by the steps"}),
+        "gradient": along(gradient, "derivative by the parameter"),
+        "gradient_stderr": along(gradient_stderr, "its error by the steps"),
+        "relative": along(relative, "relative change per relative change"),
+    }
+    coords = {"parameter": list(names), "gradient_unit": ("parameter", units)}
+    return xr.Dataset(data, coords, scene_attributes(scene) | {"label": event.label, "varied": own.name})
+
+
+@functools.partial(jit, static_argnames=("name", "names", "label"))
+def _place(
+    scene: Scene,
+    start: PeriodicOrbit,
+    values: Array,
+    stepping: AbstractStepping,
+    angle: Any,
+    tolerance: Any,
+    *,
+    name: str,
+    names: tuple[str, ...],
+    label: str,
+) -> tuple[Array, Array, Array]:
+    """Computes an event's place, its derivatives by the parameters `names` at `values`, and the residual."""
+
+    def place(values: Array) -> tuple[Array, tuple[Array, Array]]:
+        orbit = _critical_orbit(
+            at_values(scene, names, values), start, stepping, angle, tolerance, name=name, label=label
+        )
+        return orbit.value, (orbit.value, orbit.residual)
+
+    slope, (value, residual) = jax.jacfwd(place, has_aux=True)(values)
+    return value, slope, residual
 
 
 def _nearest_to_circle(multipliers: np.ndarray) -> complex:

@@ -15,7 +15,7 @@ from ..flow.stepping import AbstractStepping
 from ..model.contact import EventLatch
 from ..model.dynamics import State
 from ..model.kinematics import contacts, rail_frame
-from ..model.paths import parameter
+from ..model.paths import at_values
 from ..model.quantities import MOTION_NUMBERS
 from ..model.scene import Scene
 from ..tools.checks import require
@@ -32,10 +32,7 @@ class ScenePath(eqx.Module):
     solver: diffrax.AbstractSolver = eqx.field(static=True)
 
     def __call__(self, *values: Any) -> PeriodMap:
-        scene = self.scene
-        for name, value in zip(self.names, values, strict=True):
-            scene = parameter(name, scene).replaced(scene, value)
-        return PeriodMap(scene, self.stepping, self.solver)
+        return PeriodMap(at_values(self.scene, self.names, values), self.stepping, self.solver)
 
 
 MOTION_SHARE = 0.1

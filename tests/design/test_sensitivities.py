@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.analysis.step_error import FINER
 from slipperjax.design.judge import judge_on_orbits
 from slipperjax.design.objectives import OBJECTIVES, EnsembleSettings
-from slipperjax.design.sensitivities import FINER, sensitivities
+from slipperjax.design.sensitivities import sensitivities
 
 MODULE = sys.modules[sensitivities.__module__]
 STEPS = 50

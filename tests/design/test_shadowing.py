@@ -10,11 +10,12 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import slipperjax as sj
-from slipperjax.design.gradients import at_values, period_values
+from slipperjax.design.gradients import period_values
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.simulate import dynamic_steps
 from slipperjax.model.dynamics import State, initial_state
 from slipperjax.model.kinematics import MOTION_SCALES
+from slipperjax.model.paths import at_values
 
 from .shadowing import segments_of, slope_of
 from .test_calibration import OBJECTIVES_IN_CHAOS, STEPS, settled
