@@ -35,7 +35,8 @@ from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
 from ..tools.cache import compile_cache, keep_programs
 from ..tools.checks import require, whole, yes_or_no
-from ..tools.description import describe
+from ..tools.code import classes_of, code_digest, package_digest
+from ..tools.description import describe, type_name
 from ..tools.limits import cores, shown_bytes
 from .estimate import CountedEstimate
 from .grid import Grid, Tiling
@@ -117,6 +118,8 @@ LONGEST_TEXT = 60
 def _fingerprint(function: Any, grid: Grid, options: Mapping[str, Any], tiles: Tiling) -> dict[str, Any]:
     """The call as JSON, to recognise a store: all that determines its numbers."""
     arguments = {name: value for name, value in options.items() if name not in (*ARGUMENTS_WITHOUT_EFFECT, "product")}
+    code = {"slipperjax": package_digest()}
+    code |= {type_name(kind): code_digest(kind) for kind in classes_of([grid.scene, arguments])}
     call = {
         "function": function.__name__,
         "scene": json.loads(scene_to_json(grid.scene)),
@@ -124,6 +127,7 @@ def _fingerprint(function: Any, grid: Grid, options: Mapping[str, Any], tiles: T
         "product": grid.product,
         "tile": tiles.tile,
         "arguments": {name: _described(value) for name, value in arguments.items()},
+        "code": code,
         "versions": {name: version for name, version in versions().items() if name != "python"},
     }
     return json.loads(json.dumps(call))
