@@ -6,6 +6,7 @@ import hashlib
 import inspect
 import sys
 import types
+import weakref
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ LIBRARIES = {"jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "jax
 """Packages whose code counts by name: their versions tell it."""
 SHOWING = ("bench", "cli", "plots", "studies")
 """Folders of this package that compute no numbers of a sweep."""
-_SEEN: dict[type, str] = {}
+_SEEN: weakref.WeakKeyDictionary[type, str] = weakref.WeakKeyDictionary()
 
 
 @functools.cache

@@ -51,11 +51,11 @@ def test_a_digest_is_of_all_that_a_function_uses(body, first, second):
 def test_digests_are_the_same_in_any_process():
     program = (
         "from slipperjax.tools.code import code_digest\nimport slipperjax as sj\n"
-        "def f(x): return x in {'a', 'b', 'c', 'd'}\n"
+        "def f(x): return x in x in {'a', 'b', 'c', 'd', 'e', 'f', 'g', 'h'}\n"
         "print(code_digest(f), code_digest(type(sj.paper_scene().contact)))"
     )
     run = functools.partial(subprocess.run, [sys.executable, "-c", program], capture_output=True, check=True)
-    assert len({run(env=os.environ | {"PYTHONHASHSEED": seed}).stdout for seed in "123"}) == 1
+    assert len({run(env=os.environ | {"PYTHONHASHSEED": seed}).stdout for seed in "12"}) == 1
 
 
 def test_classes_inside_values_are_found():
