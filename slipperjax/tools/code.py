@@ -21,7 +21,7 @@ LIBRARIES = {"jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "jax
 """Packages whose code counts by name: their versions tell it."""
 SHOWING = ("bench", "cli", "plots", "studies")
 """Folders of this package that compute no numbers of a sweep."""
-_SEEN: weakref.WeakKeyDictionary[type, str] = weakref.WeakKeyDictionary()
+_SEEN: weakref.WeakKeyDictionary[type, list[tuple[Mapping[str, Any], str, Any]]] = weakref.WeakKeyDictionary()
 
 
 @functools.cache
@@ -57,16 +57,39 @@ def classes_of(value: Any) -> Iterator[type]:
 
 
 def heed_new_code(value: Any) -> None:
-    """Drops all compiled programs where the code of a class in `value` was replaced since the last call.
+    """Drops all compiled programs where code that a class in `value` uses was replaced since the last call.
 
-    JAX knows programs by shapes and classes, so that it would go on with a method that is gone.
+    JAX knows programs by shapes and classes, so that it would go on with a function that is gone.
     """
     if is_transformed():
         return
-    now = {kind: code_digest(kind) for kind in classes_of(value)}
-    if any(_SEEN.get(kind, code) != code for kind, code in now.items()):
-        jax.clear_caches()
-    _SEEN.update(now)
+    for kind in classes_of(value):
+        known = _SEEN.get(kind)
+        if known is None or any(names.get(name) is not part for names, name, part in known):
+            if known is not None:
+                jax.clear_caches()
+            _SEEN[kind] = list(_names_in(kind, set()))
+
+
+def _names_in(thing: Any, seen: set[int]) -> Iterator[tuple[Mapping[str, Any], str, Any]]:
+    """The names by which a class or function reaches code, as a namespace, a name and what it means there now."""
+    if id(thing) in seen or _of_library(thing):
+        return
+    seen.add(id(thing))
+    thing = inspect.unwrap(thing)
+    if isinstance(thing, type):
+        found = [(vars(kind), name) for kind in thing.__mro__ if not _of_library(kind) for name in vars(kind)]
+    elif isinstance(thing, types.FunctionType) and not thing.__module__.startswith(OWN):
+        codes = [thing.__code__]
+        for code in codes:
+            codes += [part for part in code.co_consts if isinstance(part, types.CodeType)]
+        found = [(thing.__globals__, name) for code in codes for name in code.co_names if name in thing.__globals__]
+    else:
+        return
+    for names, name in found:
+        part = names[name]
+        yield names, name, part
+        yield from _names_in(part.fget if isinstance(part, property) else part, seen)
 
 
 def _of_library(thing: Any) -> bool:
