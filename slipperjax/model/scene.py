@@ -22,6 +22,7 @@ from ..tools.checks import (
     warn,
     warn_unless_within,
 )
+from ..tools.code import heed_new_code
 from ..tools.compile import is_traced
 from ..tools.description import TYPE, describe
 from ..tools.files import write_whole
@@ -179,8 +180,10 @@ class Scene(ShapeChecked):
 
 
 def check_scene(scene: Any) -> Scene:
-    """Returns `scene`; raises `ValueError` where it is none."""
-    return instance("scene", scene, Scene, "a slipperjax.Scene")
+    """Returns `scene`, after which programs of replaced code are not used; raises `ValueError` where it is none."""
+    instance("scene", scene, Scene, "a slipperjax.Scene")
+    heed_new_code(scene)
+    return scene
 
 
 def scene_to_toml(scene: Scene, start: Any = None) -> str:

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed, wait
 from contextlib import contextmanager
+from contextvars import copy_context
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -28,7 +29,7 @@ from ..model.step_size import LEAST_STEPS
 from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
-from ..tools.checks import whole
+from ..tools.checks import TOLD, whole
 from ..tools.limits import cores
 from .estimate import SECONDS_PER_STEP, CountedEstimate
 from .grid import VECTOR_LANES, Cases, Grid, batch_size, filled
@@ -447,10 +448,12 @@ def run_chunks(
             stop.set()
             raise
 
-    pool, futures = ThreadPoolExecutor(workers), []
+    pool, futures, context = ThreadPoolExecutor(workers), [], copy_context()
+    if TOLD.get() is None:
+        context.run(TOLD.set, set())
     with progress_shown(sum(chunk.cost for chunk in chunks) * cost, cases, name, progress) as shown:
         try:
-            futures += [pool.submit(one, k, chunk) for k, chunk in enumerate(chunks)]
+            futures += [pool.submit(context.copy().run, one, k, chunk) for k, chunk in enumerate(chunks)]
             while wait(futures, TICK).not_done:
                 heed_interrupts()
         except KeyboardInterrupt:

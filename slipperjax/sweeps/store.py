@@ -34,8 +34,9 @@ from ..model.scene_files import scene_to_json
 from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
 from ..tools.cache import compile_cache, keep_programs
-from ..tools.checks import require, whole, yes_or_no
-from ..tools.description import describe
+from ..tools.checks import TOLD, require, whole, yes_or_no
+from ..tools.code import classes_of, code_digest, package_digest
+from ..tools.description import describe, type_name
 from ..tools.limits import cores, shown_bytes
 from .estimate import CountedEstimate
 from .grid import Grid, Tiling
@@ -53,6 +54,8 @@ THREADS_WAIT = 10.0
 """Seconds after Ctrl-C that threads have to end the call that they are in."""
 ZARR: Any = {"zarr_format": 3, "consolidated": False}
 _ALONE = threading.Lock()
+_TOLD: dict[str, set[str]] = {}
+"""Warnings that this process has given, by identity of the store."""
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -117,6 +120,8 @@ LONGEST_TEXT = 60
 def _fingerprint(function: Any, grid: Grid, options: Mapping[str, Any], tiles: Tiling) -> dict[str, Any]:
     """The call as JSON, to recognise a store: all that determines its numbers."""
     arguments = {name: value for name, value in options.items() if name not in (*ARGUMENTS_WITHOUT_EFFECT, "product")}
+    code = {"slipperjax": package_digest()}
+    code |= {type_name(kind): code_digest(kind) for kind in classes_of([grid.scene, arguments])}
     call = {
         "function": function.__name__,
         "scene": json.loads(scene_to_json(grid.scene)),
@@ -124,6 +129,7 @@ def _fingerprint(function: Any, grid: Grid, options: Mapping[str, Any], tiles: T
         "product": grid.product,
         "tile": tiles.tile,
         "arguments": {name: _described(value) for name, value in arguments.items()},
+        "code": code,
         "versions": {name: version for name, version in versions().items() if name != "python"},
     }
     return json.loads(json.dumps(call))
@@ -132,7 +138,7 @@ def _fingerprint(function: Any, grid: Grid, options: Mapping[str, Any], tiles: T
 def _summary(values: np.ndarray) -> dict[str, Any]:
     """An axis in few numbers that tell it from others."""
     ends = {"values": len(values), "first": float(values[0]), "last": float(values[-1])}
-    return ends | {"sha256": hashlib.sha256(np.ascontiguousarray(values, float).tobytes()).hexdigest()[:16]}
+    return ends | {"sha256": _sha(np.ascontiguousarray(values, float).tobytes())}
 
 
 def _described(value: Any) -> Any:
@@ -157,8 +163,8 @@ class Archive(NamedTuple):
     """A store that exists."""
 
     path: Path
-    # Content of its attribute `MARK`: `identity`, `call`, `dims`, `shape`, `tile`, `axes`, `coords`, and the
-    # dimensions of the `variables` that tiles have a chunk of.
+    # Content of its attribute `MARK`: `identity`, `call`, `dims`, `shape`, `tile`, `axes`, `coords`, the
+    # dimensions of the `variables` that tiles have a chunk of, and digests of the `common` files, of no tile.
     mark: dict[str, Any]
 
     @property
@@ -202,11 +208,21 @@ class Archive(NamedTuple):
                 total.update(name.encode() + hashlib.sha256(file.read_bytes()).digest())
         return int.from_bytes(total.digest()[:8], "big") >> 1
 
+    def common_damage(self) -> list[str]:
+        """Says which of the files that belong to no tile, such as axes, are missing or changed."""
+        changed = lambda file, digest: not file.is_file() or _sha(file.read_bytes()) != digest
+        names = [name for name, digest in self.mark.get("common", {}).items() if changed(self.path / name, digest)]
+        return [f"{self.path / name} is missing or changed: start over with fresh=True" for name in names]
+
     def damage(self, number: int, ds: xr.Dataset) -> str | None:
         """Says what is wrong with a tile whose digest is there, as far as checksums tell; None where nothing is."""
         files = self.files(number)
         try:
-            if int(ds[DIGEST].variable[self.tiles.indices(number)].values) == self.digest(number):
+            try:
+                stored = int(ds[DIGEST].variable[self.tiles.indices(number)].values)
+            except Exception as error:
+                return f"{files[DIGEST]} cannot be read: {error}"
+            if stored == self.digest(number):
                 return None
             for name in self.mark["variables"]:
                 try:
@@ -270,6 +286,10 @@ def _storable(variable: xr.Variable) -> xr.Variable:
     return variable.astype(object) if variable.dtype.kind == "U" else variable
 
 
+def _sha(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
 def _lengths(variable: xr.Variable, grid: Mapping[str, int]) -> tuple[int, ...]:
     """Lengths of a variable's dimensions, with the grid's as given, and with capacity for all crossings."""
     # the number of crossings differs from case to case
@@ -318,8 +338,11 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, Any], like
     xr.Dataset(data).to_zarr(path, mode="w-", encoding=encoding, write_empty_chunks=False, **ZARR)
     for name, whole_shape in shapes.items():  # afterwards, so that nothing of the size of the grid is in memory
         zarr.open_array(path / name, mode="r+").resize(whole_shape)
-    ds = xr.Dataset(coords=axes, attrs=like.attrs | {MARK: json.dumps(mark)})
+    ds = xr.Dataset(coords=axes, attrs=like.attrs)
     ds.to_zarr(path, mode="a", encoding={name: {"_FillValue": None} for name in axes}, **ZARR)
+    common = sorted(file for file in path.glob("*/**/*") if file.is_file())  # no tile is there yet
+    mark["common"] = {file.relative_to(path).as_posix(): _sha(file.read_bytes()) for file in common}
+    zarr.open_group(path, mode="r+").update_attributes({MARK: json.dumps(mark)})
 
 
 def _make_archive(path: Path, *contents: Any) -> Archive:
@@ -366,14 +389,21 @@ def _open_archive(path: Path, call: Mapping[str, Any] | None = None) -> Archive:
     return archive
 
 
+def _undamaged(archive: Archive) -> Archive:
+    """Gives the archive; raises `ValueError` where files are damaged that all tiles have in common."""
+    for line in archive.common_damage()[:1]:
+        raise ValueError(f"Argument `store` must be whole, but {line}.")
+    return archive
+
+
 def open_store(path: Any) -> xr.Dataset:
     """Opens a store as a dataset over its whole grid, whose values are read from disk when they are asked for.
 
     It may be complete, or still growing: cases that are not there yet have `Status.NOT_RUN` and NaN.
 
-    **Raises:** `ValueError` for a path that is no store of slipperjax.
+    **Raises:** `ValueError` for a path that is no store of slipperjax, or one that lacks more than tiles.
     """
-    archive = _open_archive(Path(path))
+    archive = _undamaged(_open_archive(Path(path)))
     ds = archive.open().drop_vars(DIGEST)
     del ds.attrs[MARK]
     # labels, such as those of points, as other datasets have them
@@ -416,11 +446,11 @@ def check_store(path: Any, *, repair: bool = False) -> list[str]:
 
     **Raises:** `ValueError` for a path that is no store of slipperjax.
     """
-    archive, lines = _open_archive(Path(path)), []
+    archive = _open_archive(Path(path))
+    lines = archive.common_damage()
+    if lines:
+        return lines
     ds = archive.open()
-    for name, axis in zip(archive.mark["axes"], archive.mark["call"]["grid"].values(), strict=True):
-        if _summary(ds[name].values) != axis:
-            lines.append(f"the values of {name} are not those of the call: start over with fresh=True")
     for number in range(archive.tiles.count):
         digest_file = archive.files(number)[DIGEST]
         problem = archive.damage(number, ds) if digest_file.is_file() else None
@@ -441,14 +471,18 @@ def _writing(store: Store) -> Iterator[None]:
     **Raises:** `StoreInUse`; `OSError` where the folder is missing or read-only.
     """
     with _held(_lock_path(store.path, store.share)):
+        if store.path.exists() and not os.access(store.path, os.W_OK):
+            raise PermissionError(f"{store.path} is protected against writing")
         if store.share is None:
-            for other in store.path.parent.glob(f"{store.path.name}.*-of-*.lock"):
+            path = store.path.resolve()
+            for other in path.parent.glob(f"{path.name}.*-of-*.lock"):
                 with _held(other):
                     pass
         yield
 
 
 def _lock_path(store: Path, share: tuple[int, int] | None = None) -> Path:
+    store = store.resolve()  # a store has one lock, whatever links lead to it
     return store.with_name(store.name + (".lock" if share is None else f".{share[0]}-of-{share[1]}.lock"))
 
 
@@ -549,7 +583,7 @@ def _stored(function: Callable[..., Any], options: dict[str, Any], store: Store,
                 CountedEstimate(grid.count, math.nan, size, **of_store).check()
                 archive = _make_archive(store.path, grid, tiles, call, like)
             else:
-                archive = _open_archive(store.path, call)
+                archive = _undamaged(_open_archive(store.path, call))
         archive, done = archive._replace(path=store.path.absolute()), archive.complete_tiles()
         share, shares = store.share or (1, 1)
         todo = [k for k in range(tiles.count) if not done[k] and k % shares == share - 1]
@@ -569,7 +603,7 @@ def _stored(function: Callable[..., Any], options: dict[str, Any], store: Store,
 
 
 def _check_replaceable(path: Path) -> None:
-    """Refuses to delete anything but a store of ours, and anything through a link.
+    """Refuses to delete anything but a store of ours, with nothing else in it, and anything through a link.
 
     **Raises:** `ValueError`.
     """
@@ -579,6 +613,11 @@ def _check_replaceable(path: Path) -> None:
         )
     if path.exists():
         _open_archive(path)
+        for file in path.rglob("*"):
+            parts = file.relative_to(path).parts
+            own = parts[-1] == "zarr.json" or "c" in parts[1:2] or file.name.endswith(".partial")
+            if not (own or (file.is_dir() and len(parts) == 1)):
+                raise ValueError(f"Argument `store` must hold nothing else where it is made anew, but has {file}.")
 
 
 # --- workers --------------------------------------------------------------------------------------------------------
@@ -592,14 +631,18 @@ def _compute_tile(
     **Arguments:** `alone`: whether a process may compute one tile at a time only; `values`, `steps`: of the tile, by
     name of the grid and as `steps_per_period`.
     """
-    with _ALONE if alone else nullcontext():
-        ds = compute(values, steps_per_period=steps)
+    before = TOLD.set(_TOLD.setdefault(archive.mark["identity"], set()))
+    try:
+        with _ALONE if alone else nullcontext():
+            ds = compute(values, steps_per_period=steps)
+    finally:
+        TOLD.reset(before)
     try:
         archive.write(number, ds)
     except OSError as error:
         cases = f"{archive.complete_cases()} of {math.prod(archive.tiles.shape)} cases are stored"
         text = f"cannot write to {archive.path}: {error.strerror or error}; {cases}, call again to go on"
-        raise OSError(error.errno, text) from None
+        raise OSError(error.errno or errno.EIO, text) from None
 
 
 def _run_tasks(

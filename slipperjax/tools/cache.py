@@ -5,6 +5,7 @@ import hashlib
 import itertools
 import os
 import platform
+import shutil
 import stat
 import warnings
 from pathlib import Path
@@ -14,6 +15,8 @@ import platformdirs
 
 VARIABLE = "SLIPPERJAX_CACHE"
 """Environment variable: a folder for the cache, or "off"."""
+LEAST_FREE = 1 << 26
+"""Bytes without which nothing is kept: JAX never replaces an entry that a full disk has cut short."""
 MOST = 1 << 30
 """Bytes above which the entries that are longest unused are deleted, down to three quarters."""
 
@@ -47,6 +50,8 @@ def compile_cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
             path.mkdir(mode=0o700, parents=True, exist_ok=True)
             _refuse_others(path)
         _prune(place)
+        if shutil.disk_usage(place).free < LEAST_FREE:
+            raise OSError(f"the disk of {place} is full")
     except OSError as error:
         warnings.warn(f"compiled programs are not kept: {error}", CacheWarning, stacklevel=2)
         return None
@@ -84,7 +89,7 @@ def _refuse_others(path: Path) -> None:
 
 
 def _prune(place: Path) -> None:
-    """Deletes the entries that are longest unused, where there are too many.
+    """Deletes the entries that are longest unused, where there are too many, and empty ones, as crashes leave them.
 
     JAX's own limit, `jax_compilation_cache_max_size`, ends all writing after one entry whose time is missing (jax
     #39880), and lets threads wait for one another.
@@ -92,6 +97,6 @@ def _prune(place: Path) -> None:
     used = lambda status: max(status.st_mtime, status.st_atime)
     entries = sorted(((used(s), s.st_size, path) for path in place.iterdir() for s in [path.stat()]), reverse=True)
     totals = list(itertools.accumulate(size for _, size, _ in entries))
-    for total, (_, _, path) in zip(totals, entries, strict=True):
-        if totals[-1] > MOST and total >= 0.75 * MOST:
+    for total, (_, size, path) in zip(totals, entries, strict=True):
+        if size == 0 or (totals[-1] > MOST and total >= 0.75 * MOST):
             path.unlink(missing_ok=True)

@@ -6,10 +6,12 @@ base class of the package's modules, which checks the shapes of their fields on 
 """
 
 import dataclasses
+import re
 import sys
 import typing
 import warnings
 from collections.abc import Callable
+from contextvars import ContextVar
 from typing import Any
 
 import equinox as eqx
@@ -120,6 +122,10 @@ def instance(name: str, value: Any, kind: type, text: str) -> Any:
     return value
 
 
+TOLD: ContextVar[set[str] | None] = ContextVar("TOLD", default=None)
+"""In the parts of a run: the warnings that were given, without numbers, each of which is given once."""
+
+
 class ImplausibleWarning(UserWarning):
     """Warning of a value that is allowed, but so implausible that its unit may be wrong."""
 
@@ -138,7 +144,12 @@ def warn_unless_within(name: str, value: Any, low: float, high: float, unit: str
 
 
 def warn(text: str) -> None:
-    """Gives an `ImplausibleWarning`, which points at the line outside the package that asked."""
+    """Gives an `ImplausibleWarning`, which points at the line outside the package that asked; see `TOLD`."""
+    told, kind = TOLD.get(), re.sub(r"-?[\d.]+(e[-+]?\d+)?", "", text)
+    if told is not None and kind in told:
+        return
+    if told is not None:
+        told.add(kind)
     depth, frame = 2, sys._getframe(1)
     while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] in _OWN:
         depth, frame = depth + 1, frame.f_back

@@ -1,7 +1,6 @@
 """Modules as plain data, such as JSON and TOML hold, and back: without running code that a file names."""
 
 import dataclasses
-import hashlib
 import types
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 import optimistix
 
 from .checks import brief
+from .code import code_digest
 
 TYPE = "type"
 """Key of a description that holds the name of the class."""
@@ -65,15 +65,7 @@ def _text_of(value: Any) -> str:
     """Gives a text for a value that plain data cannot hold: of a function its name and a digest, in any process."""
     if not isinstance(value, types.FunctionType):
         return brief(value)
-    inside = [cell.cell_contents for cell in value.__closure__ or ()] + list(value.__defaults__ or ())
-    text = _code_text(value.__code__) + repr([describe(part) for part in inside])
-    return f"{value.__module__}.{value.__qualname__}, {hashlib.sha256(text.encode()).hexdigest()[:12]}"
-
-
-def _code_text(code: types.CodeType) -> str:
-    """Gives the code of a function as text, without its file and lines."""
-    parts = [_code_text(part) if isinstance(part, types.CodeType) else repr(part) for part in code.co_consts]
-    return f"{code.co_code.hex()} {code.co_names} {parts}"
+    return f"{value.__module__}.{value.__qualname__}, {code_digest(value)}"
 
 
 def _opaque(description: Any) -> bool:

@@ -20,14 +20,19 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax.flow.records import Record
 from slipperjax.flow.status import ASKED
+from slipperjax.model.contact import HertzSpring
 from slipperjax.model.quantities import Quantity
+from slipperjax.sweeps import run
 from slipperjax.sweeps.grid import Tiling
-from slipperjax.sweeps.store import StoreInUse, WorkerLost, check_store, store_status
+from slipperjax.sweeps.run import Chunk
+from slipperjax.sweeps.store import Store, StoreInUse, WorkerLost, check_store, store_status
+from slipperjax.tools.checks import warn
 
 from . import made_up
 from .made_up import a_grid, call, files
 
 ROOT = Path(__file__).parents[2]
+module = sys.modules["slipperjax.sweeps.store"]
 
 
 @pytest.fixture(scope="module")
@@ -284,11 +289,10 @@ def test_tiles_that_were_swapped_or_cut_short_and_other_axes_are_found(stored, w
     assert files(stored) == whole
     axis = stored / "clearance" / "c" / "0"
     axis.unlink()
-    assert "the values of clearance are not those of the call" in check_store(stored)[0]
+    assert check_store(stored) == [f"{axis} is missing or changed: start over with fresh=True"]
 
 
 def test_an_old_worker_does_not_write_into_a_new_store(stored, whole):
-    module = sys.modules["slipperjax.sweeps.store"]
     old = module._open_archive(stored)
     ds = made_up.made_up(sj.paper_scene(), a_grid()).isel(speed=slice(2, 3))
     call(stored, fresh=True)
@@ -307,7 +311,91 @@ def test_only_stores_of_ours_are_replaced_and_none_through_a_link(tmp_path, stor
     with pytest.raises(ValueError, match="must be a store of slipperjax, but is none"):
         call(other, fresh=True)
     assert files(other) == before
+    for name in ("thesis.tex", "notes/thesis.tex", "v_z/thesis.tex"):
+        file = stored / name
+        file.parent.mkdir(exist_ok=True)
+        file.write_text("years of work")
+        with pytest.raises(ValueError, match="must hold nothing else where it is made anew"):
+            call(stored, fresh=True)
+        assert file.read_text() == "years of work"
+        file.unlink()
     assert files(stored) == whole
+
+
+@pytest.mark.parametrize("name", ["v_z/zarr.json", "digest_of_tile/zarr.json", "speed/zarr.json", "point/c/0"])
+@pytest.mark.parametrize("content", [None, b""])
+def test_a_copy_that_was_not_finished_is_no_store_of_fewer_variables(stored, whole, name, content):
+    if content is None:
+        (stored / name).unlink()
+    else:
+        (stored / name).write_bytes(content)
+    for ask in (call, sj.open_store):
+        with pytest.raises(ValueError, match=f"must be whole, but .*{name} is missing or changed"):
+            ask(stored)
+    assert check_store(stored) == [f"{stored / name} is missing or changed: start over with fresh=True"]
+    call(stored, fresh=True)
+    assert files(stored) == whole
+
+
+def test_a_digest_that_was_cut_short_is_a_damaged_tile(stored, whole):
+    digest = stored / "digest_of_tile" / "c" / "4" / "0"
+    digest.write_bytes(b"")
+    (line,) = check_store(stored, repair=True)
+    assert line.startswith(f"tile 4: {digest} cannot be read")
+    call(stored)
+    assert files(stored) == whole
+
+
+def test_a_link_leads_to_the_same_lock(tmp_path, stored):
+    next(stored.glob("digest_of_tile/c/4/0")).unlink()
+    link = tmp_path / "link.zarr"
+    link.symlink_to(stored)
+    with module._writing(Store(link)), pytest.raises(StoreInUse):
+        call(stored)
+
+
+def test_a_protected_store_is_named_before_anything_is_computed_or_replaced(stored, monkeypatch):
+    next(stored.glob("digest_of_tile/c/4/0")).unlink()
+    before = files(stored)
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != stored)  # as for all but root
+    monkeypatch.setattr(module, "_run_tasks", None)
+    for fresh in (False, True):
+        with pytest.raises(PermissionError, match=r"map\.zarr is protected against writing"):
+            call(stored, fresh=fresh)
+    assert files(stored) == before
+
+
+LAW = """
+from slipperjax.model.contact import HertzSpring
+{helper}
+class OwnLaw(HertzSpring):
+    def damping(self, rate, rate_ratio):
+        return {body}
+"""
+
+
+def own_law(body, helper=""):
+    known = {"__name__": "of_a_user"}
+    exec(LAW.format(body=body, helper=helper), known)
+    return eqx.tree_at(lambda scene: scene.contact, sj.paper_scene(), known["OwnLaw"](1e9))
+
+
+def test_a_store_refuses_other_code_of_a_law(tmp_path, monkeypatch):
+    path = tmp_path / "map.zarr"
+    asked = lambda *law: made_up.made_up(own_law(*law), a_grid(), store=Store(path, tile=10))
+    first = "factor(rate)", "factor = lambda rate: 2.0 * rate"
+    asked(*first)
+    asked(*first)  # defined anew, and the same
+    for other in (("3.0 * rate",), (first[0], "factor = lambda rate: 3.0 * rate")):
+        with pytest.raises(ValueError, match=r"OwnLaw: [0-9a-f]{12} in the store, [0-9a-f]{12} asked"):
+            asked(*other)
+    with monkeypatch.context() as patch:
+        patch.setattr(HertzSpring, "force", lambda self, gap, rate, rate_ratio: gap)
+        with pytest.raises(ValueError, match=r"code\.of_a_user\.OwnLaw"):
+            asked(*first)
+    monkeypatch.setattr(module, "package_digest", lambda: "edited")
+    with pytest.raises(ValueError, match=r"code\.slipperjax: [0-9a-f]{12} in the store, edited asked"):
+        asked(*first)
 
 
 def test_a_complete_store_is_read_where_nothing_can_be_written(stored, whole, monkeypatch):
@@ -423,6 +511,24 @@ def test_processes_compute_tiles_and_shares_and_a_killed_one_is_named(tmp_path, 
     assert store_status(dies).tiles_done < 12
     call(dies)
     assert files(dies) == whole
+
+
+def test_each_kind_of_warning_is_given_once_however_many_parts_there_are(tmp_path):
+    grid = {"speed": np.linspace(1.1e4, 9e4, 24), "clearance": np.linspace(0.1, 0.9, 5)}
+    with pytest.warns(sj.ImplausibleWarning) as told:
+        made_up.made_up(sj.paper_scene(), grid, store=Store(tmp_path / "map.zarr", tile=5))
+    # of two parameters by the whole grid, by the first case, and by all of 24 tiles
+    assert len(told) <= 6
+    chunks = [Chunk(np.arange(8) + 8 * k, 8, 50) for k in range(6)]
+
+    def work(chunk, on_progress):
+        warn(f"{chunk.index[0]} of 48 starts lie outside.")
+        return run.ChunkRun(np.zeros(8), np.zeros(8, int), ())
+
+    for _ in range(2):
+        with pytest.warns(sj.ImplausibleWarning) as told:
+            run.run_chunks(chunks, 2, work, cost=1.0, progress=False)
+        assert len(told) == 1
 
 
 def test_what_is_no_executor_or_no_store_is_named(tmp_path):

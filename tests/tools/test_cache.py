@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import jax
 import pytest
@@ -72,3 +73,18 @@ def test_the_longest_unused_go_first(tmp_path, monkeypatch):
         os.utime(tmp_path / f"{k}", (k, k))
     cache._prune(tmp_path)
     assert sorted(int(path.name) for path in tmp_path.iterdir()) == list(range(5, 12))
+
+
+@pytest.mark.usefixtures("own_cache")
+def test_what_a_crash_or_a_full_disk_leaves_is_not_kept_for_ever(tmp_path, monkeypatch):
+    """JAX neither reads an empty entry nor writes it again."""
+    place = compile_cache(tmp_path / "cache")
+    (place / "jit_f-1-cache").write_bytes(b"")
+    (place / "jit_f-2-cache").write_bytes(b"program")
+    jax.config.update("jax_compilation_cache_dir", None)
+    compile_cache(tmp_path / "cache")
+    assert [path.name for path in place.iterdir()] == ["jit_f-2-cache"]
+    jax.config.update("jax_compilation_cache_dir", None)
+    monkeypatch.setattr(cache.shutil, "disk_usage", lambda path: SimpleNamespace(free=1000))
+    with pytest.warns(CacheWarning, match="the disk of .* is full"):
+        assert compile_cache(tmp_path / "cache") is None
