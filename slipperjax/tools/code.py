@@ -21,7 +21,10 @@ LIBRARIES = {"jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "jax
 """Packages whose code counts by name: their versions tell it."""
 SHOWING = ("bench", "cli", "plots", "studies")
 """Folders of this package that compute no numbers of a sweep."""
-_SEEN: weakref.WeakKeyDictionary[type, list[tuple[Mapping[str, Any], str, Any]]] = weakref.WeakKeyDictionary()
+_SEEN: weakref.WeakKeyDictionary[type, tuple[int, list[tuple[Mapping[str, Any], str, Any]]]] = (
+    weakref.WeakKeyDictionary()
+)
+"""Of each class the number of its members, and the names by which it reached code when it was used last."""
 
 
 @functools.cache
@@ -64,11 +67,11 @@ def heed_new_code(value: Any) -> None:
     if is_transformed():
         return
     for kind in classes_of(value):
-        known = _SEEN.get(kind)
-        if known is None or any(names.get(name) is not part for names, name, part in known):
+        known, members = _SEEN.get(kind), sum(len(vars(of)) for of in kind.__mro__)
+        if known is None or known[0] != members or any(names.get(name) is not part for names, name, part in known[1]):
             if known is not None:
                 jax.clear_caches()
-            _SEEN[kind] = list(_names_in(kind, set()))
+            _SEEN[kind] = members, list(_names_in(kind, set()))
 
 
 def _names_in(thing: Any, seen: set[int]) -> Iterator[tuple[Mapping[str, Any], str, Any]]:
