@@ -87,6 +87,13 @@ class Scene(ShapeChecked):
         for name, (kind, text) in PARTS.items():
             instance(name, getattr(self, name), kind, text)
         self.warn_unless_plausible(PARAMETERS.values())
+        if not is_traced((self.track, self.slipper.length)):
+            shortest, length = float(self.track.shortest_wavelength), float(np.max(self.slipper.length))
+            if shortest < length:
+                warn(
+                    f"Argument `track` has waves of {shortest:g} m, shorter than the slipper of {length:g} m, which "
+                    "feels the rail at its two ends only."
+                )
 
     def __repr__(self) -> str:
         head = [f"speed={shown_number(self.speed)} m/s"]

@@ -12,8 +12,8 @@ from jaxtyping import Array, Float
 from ..tools.checks import ShapeChecked, finite, instance, optional, positive, warn_unless_within
 from ..tools.compile import is_traced
 
-SLOPE_SAMPLES = 512
-"""Points per first wavelength at which the slope of a track is sampled."""
+SLOPE_SAMPLES, SLOPE_WAVELENGTHS = 512, 16
+"""Points per first wavelength at which the slope of a track is sampled, and how many of these are sampled."""
 HEIGHT_SAMPLES = 64
 """Points per first wavelength at which displacements are compared, a number of first wavelengths apart."""
 MANY_WAVELENGTHS = 1000
@@ -67,8 +67,8 @@ class AbstractTrack(ShapeChecked):
 
     @property
     def steepest_slope(self) -> Float[Array, ""]:
-        """Greatest lateral or vertical slope [1], by default of samples in the first wavelength."""
-        _, slope = self.motion(self.wavelength * jnp.arange(SLOPE_SAMPLES) / SLOPE_SAMPLES)
+        """Greatest lateral or vertical slope [1], by default sampled over `SLOPE_WAVELENGTHS` first wavelengths."""
+        _, slope = self.motion(self.wavelength * jnp.arange(SLOPE_SAMPLES * SLOPE_WAVELENGTHS) / SLOPE_SAMPLES)
         return jnp.maximum(jnp.max(jnp.abs(slope.lateral)), jnp.max(jnp.abs(slope.vertical)))
 
     @property
@@ -139,11 +139,9 @@ class HarmonicTrack(AbstractTrack):
 
     @property
     def shortest_wavelength(self) -> Float[Array, ""]:
-        return jnp.min(self.wavelengths)
-
-    def approach_speed(self, speed: Float[Array, ""]) -> Float[Array, ""]:
-        """Returns the peak lateral speed of the rail from the first wavelength alone [m/s]."""
-        return 2 * jnp.pi * jnp.abs(self.amplitude) * speed / self.wavelength
+        lengths = self.wavelengths
+        # on the host where nothing is traced, which compiles nothing
+        return jnp.min(lengths) if is_traced(lengths) else jnp.asarray(np.min(np.asarray(lengths)))
 
 
 class StraightTrack(AbstractTrack):

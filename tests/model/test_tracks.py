@@ -96,6 +96,24 @@ def test_short_waves_get_more_steps():
     assert [short(ratio) for ratio in (1, 4, 16)] == [40, 40, 160]
 
 
+def test_approach_speeds_are_of_the_steepest_slope():
+    """Of all waves, and for a track of one's own of all that is sampled."""
+    two = sj.HarmonicTrack((10.0, 12.0), 1e-3)
+    np.testing.assert_allclose(two.approach_speed(jnp.asarray(1e3)), 2 * np.pi * (1 / 10 + 1 / 12))
+
+    class Later(SineTrack):
+        def irregularity(self, distance):
+            lateral = 1e-3 * jnp.sin(2 * jnp.pi * distance / 8) + 1e-4 * jnp.maximum(distance - 20.0, 0.0)
+            return sj.Irregularity(lateral, 0.0 * distance, None)
+
+    np.testing.assert_allclose(Later().approach_speed(jnp.asarray(1e3)), 2 * np.pi / 8 + 0.1, rtol=1e-3)
+
+
+def test_waves_shorter_than_the_slipper_are_said():
+    with pytest.warns(sj.ImplausibleWarning, match="has waves of 0.15 m, shorter than the slipper of 0.2 m"):
+        sj.paper_scene(wavelengths=(8.0, 0.15), amplitude=1e-4)
+
+
 def test_default_steps_resolve_a_short_second_wave():
     """With steps for the first wave alone the error was 6.8e-2 (and 0.36 with 0.2 m)."""
     for wave, bound in ((0.4, 2e-3), (0.2, 2e-3)):  # measured 1.1e-3 and 9.0e-4
