@@ -1,4 +1,4 @@
-"""Entry point of the command line, outside the package, whose import takes a second in which Ctrl-C must work, too."""
+"""Entry point of the command line, outside the package, whose import takes a second: Ctrl-C works then, too."""
 
 import os
 import signal
