@@ -1,7 +1,6 @@
 """Orbits at which something happens: exact and differentiable, and followed through the plane of two parameters."""
 
 import dataclasses
-from pathlib import Path
 from typing import Any
 
 import diffrax
@@ -26,9 +25,17 @@ from ..model.scene import Scene, check_scene
 from ..solvers.named import resolve_solver
 from ..tools.checks import one_of, require, shown_number, whole
 from ..tools.compile import is_traced
-from ..tools.files import write_whole
 from ..tools.hermite import Cubic
-from .branches import BranchEvent, OrbitBranch, bounds_of, counted, finished, orbits_dataset, value_within
+from .branches import (
+    BranchEvent,
+    OrbitBranch,
+    OrbitPoints,
+    bounds_of,
+    counted,
+    finished,
+    orbits_dataset,
+    value_within,
+)
 from .motions import MOTION_SHARE, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit
 from .signature import GapSamples, Grazing
@@ -172,7 +179,7 @@ class GapExtreme(eqx.Module):
 
 
 @dataclasses.dataclass(frozen=True)
-class OrbitCurve:
+class OrbitCurve(OrbitPoints):
     """Orbits with one event along a curve in the plane of two parameters."""
 
     points: Any
@@ -198,10 +205,6 @@ class OrbitCurve:
             f"OrbitCurve({self.label} of period {ds.attrs['orbit_period']} over {' and '.join(self.names)}: "
             f"{ds.sizes['point']} points,\n  from {first} to {last})"
         )
-
-    def to_netcdf(self, path: Any) -> None:
-        """Writes `points`, whole or not at all."""
-        write_whole(Path(path), self.points.to_netcdf(engine="h5netcdf"))
 
 
 def continue_event(

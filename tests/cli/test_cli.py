@@ -229,10 +229,8 @@ def test_flagged_cases_are_named(replaced, tmp_path, capsys):
     assert grid == {"section.play.2": pytest.approx(values)}
     assert (options["transient"], options["periods"]) == (300, 10)
     # the clearance depends on what is varied
-    assert (
-        "\nspeed 1250 m/s, length 0.2 m, from Table 2's start; 4 cases, 310 + 10 periods, 50 to 150 steps per period: "
-        in text
-    )
+    case = "speed 1250 m/s, length 0.2 m, from Table 2's start"
+    assert f"\n{case}; 4 cases, 310 + 10 periods, 50 to 150 steps per period: " in text
     assert text.endswith(f"; 3 cases flagged (1 {Status.NOT_FINITE} and 2 {Status.UNRESOLVED})\n")
     xr.testing.assert_identical(dataset(out), made)
     assert share(picture(out, 3.5, 7.9), COLORS["grey"]) > 0

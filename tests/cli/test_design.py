@@ -45,7 +45,7 @@ def test_wrong_input_is_one_line(tmp_path, capsys):
         ([*PEAK, "clearance", 3, 3], "but has 3 to 3 mm"),
         ([*PEAK, "clearance", -1, 3], "`clearance` must be zero or positive, but is -0.001 m"),
         ([*PEAK, "speed", "nan", 3], "`speed` must be positive, but is nan"),
-        ([*PEAK, "length", "long", 3], '--vary: `length` must be a number with a unit'),
+        ([*PEAK, "length", "long", 3], "--vary: `length` must be a number with a unit"),
         (PEAK, "Option '--vary' requires 3 arguments"),
         ([*PEAK, "gravity", 1, 10], "the scene has no gravitational acceleration"),
         ([*PEAK, "foo", 1, 2], "Option --vary must begin with one of speed, "),

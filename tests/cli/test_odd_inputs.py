@@ -323,7 +323,11 @@ WARNINGS = [
     implausible("clearance", "2e-06 m", sj.paper_scene, clearance=2e-6),
     (*given(section, points=POINTS + np.array([0.0, 0.1])), "`points` has its origin, .* outside of the section"),
     implausible("speed", "1.25 m/s", sj.paper_scene, speed=1.25),  # in km/s
-    ("grams", lambda: scene(slipper=slipper(mass=14e3, inertia=(51, 60, 86))), "`mass` is 14000 kg; plausible are 0.1"),
+    (
+        "grams",
+        lambda: scene(slipper=slipper(mass=14e3, inertia=(51, 60, 86))),
+        "`mass` is 14000 kg; plausible are 0.1",
+    ),
     ("an inertia in g m^2", lambda: scene(slipper=slipper(inertia=(51, 60, 86))), "radius of gyration of .* sizes"),
     (*given(PAPER.replace, mass=14e3), "radius of gyration of 0.009.* slipper sizes"),
     (*given(PAPER.replace, inertia_z=0.2), "`inertia` has a moment greater than the sum of the others"),
@@ -342,6 +346,8 @@ WARNINGS = [
     implausible("amplitude", "2 m", lambda: stopped(exponents, {"amplitude": [1.0, 2.0]}, "steps_per_period")),
     # starts outside the play
     (*given(outside, y=1.0), "start lies outside the play"),
+    # one, though a batch has eight
+    ("a start of a sweep", lambda: sweep(start=sj.Motion(y=5e-3)), "^A start lies outside the play"),
     (*given(outside, z=5e-3), "start lies outside the play"),
     (*given(outside, q_x=2.0), "start lies outside the play"),
     ("a pitch in degrees", lambda: sj.initial_state(PAPER, sj.Motion.from_euler(pitch=5.0)), "start lies outside"),
