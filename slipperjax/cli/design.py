@@ -10,7 +10,21 @@ from ..model.paths import parameter
 from ..model.quantities import PARAMETERS
 from .files import Outputs, keeping
 from .interrupts import on_thread
-from .options import COUNT, FROM_ZERO, LOST, Case, app, bounds, flag, given, make_bounds, option, result, takes_case
+from .options import (
+    COUNT,
+    FROM_ZERO,
+    LOST,
+    Case,
+    Measure,
+    app,
+    bounds,
+    flag,
+    given,
+    make_bounds,
+    option,
+    result,
+    takes_case,
+)
 
 TRIAL_PATIENCE = 20.0
 """Seconds that an interrupted command waits for the trial that is being judged."""
@@ -31,7 +45,7 @@ OBJECTIVE_UNITS = {
     "exponent": "1/period",
 }
 """Objectives with their display units, for help texts, which do not wait for imports."""
-OBJECTIVE = click.Choice(list(OBJECTIVE_UNITS))
+OBJECTIVE, SPEED = click.Choice(list(OBJECTIVE_UNITS)), Measure("speed", "m/s")
 
 
 @app.command()
@@ -45,7 +59,7 @@ OBJECTIVE = click.Choice(list(OBJECTIVE_UNITS))
 @bounds("--vary", "A parameter that is chosen, and its bounds; repeat for several.", multiple=True, required=True)
 @option(
     "--speeds",
-    (float, float, COUNT),
+    (SPEED, SPEED, COUNT),
     "Speeds that the design must serve: first and last [m/s], and how many; default the case's.",
     metavar="FIRST LAST COUNT",
 )
@@ -92,15 +106,16 @@ def design(case: Case, minimise, vary, speeds, constraint, check, margins, out, 
         **case.options,
     )
     files = Outputs(out, ".nc", ".png")
+    of_case = case.text([*variables, *([] if speeds is None else ["speed"])])
 
     def keep(best: Any) -> str:
-        print(report(best))
+        print(f"{report(best)}\n{of_case}")
         return files.write(best.to_xarray(), _overview, partial=True)
 
     call = lambda: optimise_design(case.scene, OBJECTIVES[minimise], variables, **options)
     with keeping(keep):
         best = on_thread(call, TRIAL_PATIENCE)
-    print(report(best), flush=True)
+    print(f"{report(best)}\n{of_case}", flush=True)
     done = best.status == "converged"
     around = on_thread(partial(_around, best), TRIAL_PATIENCE) if check and done else None
     events = on_thread(partial(_margins, best), TRIAL_PATIENCE) if margins and done else None

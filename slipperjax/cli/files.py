@@ -26,8 +26,6 @@ def make_folder(folder: Path, out: Path) -> None:
 
     **Raises:** `ValueError` where it cannot be made or written to.
     """
-    if out == Path(""):
-        raise ValueError("Option --out must name files, as ./result does, but is empty or the folder '.'.")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -85,6 +83,8 @@ class Outputs:
 
         **Raises:** `ValueError` where they cannot be written.
         """
+        if out.name in ("", ".."):
+            raise ValueError(f"Option --out must name files, as ./result does, but is the folder '{out}'.")
         make_folder(out.parent, out)
         self.out, self.endings = out, endings
         paths = [Path(f"{out}{ending}") for ending in endings]

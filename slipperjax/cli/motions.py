@@ -18,6 +18,7 @@ from .options import (
     Case,
     app,
     bounds,
+    case_text,
     given,
     make_bounds,
     option,
@@ -60,7 +61,7 @@ def simulate(case: Case, periods: int, saves_per_period: int | None, probe: int,
     trajectory = on_thread(lambda: run(scene, periods, **options))
     ds = trajectory.to_xarray()
     print(files.write(ds, _overview))
-    status, parts = Status(int(trajectory.status)), [case.text, f"{ds.attrs['steps_per_period']} steps per period"]
+    status, parts = Status(int(trajectory.status)), [case.text(), f"{ds.attrs['steps_per_period']} steps per period"]
     if status != Status.NOT_FINITE:
         if float(trajectory.peak.force) > 0:
             parts.append(trajectory.peak.text(scene))
@@ -99,7 +100,7 @@ def orbit(case: Case, period: int, transient: int | None, out: Path) -> int:
     print(files.write(motion.to_xarray(), _overview))
     leading = ", ".join(f"{m.real:.6g}{m.imag:+.6g}i" if m.imag else f"{m.real:.6g}" for m in motion.multipliers[:4])
     print(
-        f"{case.text}; period {motion.period}, {'stable' if motion.stable else 'unstable'}, largest exponent "
+        f"{case.text()}; period {motion.period}, {'stable' if motion.stable else 'unstable'}, largest exponent "
         f"{float(motion.exponent):.6g} per period; multipliers {leading}, ...; {motion.signature}; "
         f"{int(motion.iterations)} iterations, residual {float(motion.residual):.1g} (scaled)"
     )
@@ -172,7 +173,9 @@ def follow_branch(case: Case, over, source, period, transient, points, switch, b
     branch = followed(call, files)
     if branch is None:
         return LOST
-    print(branch.summary())
+    varied = [parameter.name]
+    text = case.text(varied) if source is None else case_text(branch.scene, varied, f"from {source}")
+    print(f"{branch.summary()}\n{text}")
     print(files.write(branch.points, draw))
     drawn.append(branch.points)
     for label in sorted(set(switch)):
@@ -191,7 +194,7 @@ def follow_branch(case: Case, over, source, period, transient, points, switch, b
     return 0
 
 
-def _from_case(case: Case, over: tuple[str, float, float], period: int, transient: int, options: dict) -> Any:
+def _from_case(case: Case, over: tuple[str, Any, Any], period: int, transient: int, options: dict) -> Any:
     """The parameter of --over, and a function that follows the motion on which the case settles.
 
     The function gives None where the case settles on no orbit.
@@ -204,7 +207,7 @@ def _from_case(case: Case, over: tuple[str, float, float], period: int, transien
     if not low <= value <= high:
         raise ValueError(
             f"Option --over must hold the case's {quantity.name}, {quantity.shown(value):g} {unit}, but is "
-            f"{over[1]:g} to {over[2]:g} {unit}."
+            f"{quantity.shown(low):g} to {quantity.shown(high):g} {unit}."
         )
 
     def call() -> Any:
@@ -219,7 +222,7 @@ def _from_case(case: Case, over: tuple[str, float, float], period: int, transien
     return quantity, call
 
 
-def _further(source: Path, over: tuple[str, float, float] | None, options: dict[str, Any]) -> Any:
+def _further(source: Path, over: tuple[str, Any, Any] | None, options: dict[str, Any]) -> Any:
     """The parameter of a file's branch, and what follows it further, over other bounds where they are given."""
     from ..orbits.branches import load_branch
 

@@ -5,16 +5,17 @@ Commands import what they need when they are called: help is quick.
 
 import dataclasses
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
 
 from ..model.paths import parameter
-from ..model.quantities import PARAMETERS
+from ..model.quantities import PARAMETERS, STARTS
 from ..tools.cache import compile_cache
 from ..tools.checks import require
+from ..tools.files import listed
 
 LOST = 1
 """Exit code where nothing finite came out."""
@@ -121,15 +122,45 @@ class Measure(click.ParamType):
             self.fail(str(error), param, ctx)
 
 
-def with_units(names: dict[str, Any]) -> str:
-    """The names of parameters with their display units."""
-    return ", ".join(f"{name} [{q.display_unit}]" for name, q in names.items())
+class NumberOrText(click.ParamType):
+    """A number, or a text that gets its meaning from the parameter beside it, see `shown_value`."""
+
+    name = "float"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | str:
+        try:
+            return float(value)
+        except ValueError:
+            return value
+
+
+VALUE = NumberOrText()
+
+
+def shown_value(option: str, quantity: Any, value: float | str) -> float:
+    """A value of an option that begins with a parameter, in its display unit.
+
+    **Raises:** `ValueError` that names the option, for a text without a unit of the parameter's kind.
+    """
+    if not isinstance(value, str):
+        return value
+    from ..model.scene_files import parsed
+
+    try:
+        return quantity.shown(parsed(quantity.name, value, quantity.unit))
+    except ValueError as error:
+        raise ValueError(f"Option {option}: {error}") from None
+
+
+def parameters_of(names: dict[str, Any]) -> str:
+    """Help on values of parameters: their names with display units."""
+    units = ", ".join(f"{name} [{q.display_unit}]" for name, q in names.items())
+    return f"Parameters: {units}; and paths in SI units such as section.play.2. Other units as in '1/16 in'."
 
 
 def bounds(name: str, text: str, **more: Any) -> Callable[..., Any]:
     """An option that bounds a parameter."""
-    text += f" Parameters: {with_units(PARAMETERS)}; and paths in SI units such as section.play.2."
-    return option(name, (str, float, float), text, metavar="NAME LOW HIGH", **more)
+    return option(name, (str, VALUE, VALUE), f"{text} {parameters_of(PARAMETERS)}", metavar="NAME LOW HIGH", **more)
 
 
 def out(default: str | None, text: str, *endings: str) -> Callable[..., Any]:
@@ -219,12 +250,23 @@ class Case(NamedTuple):
         """All but the scene, as the package's functions take it."""
         return dict(start=self.start, solver=self.solver, steps_per_period=self.steps_per_period)
 
-    @property
-    def text(self) -> str:
-        """Speed, clearance, length and origin of the start, for summaries."""
-        numbers = {name: PARAMETERS[name] for name in ("speed", "clearance", "length")}
-        said = [f"{name} {q.shown(float(q.of(self.scene))):g} {q.display_unit}" for name, q in numbers.items()]
-        return ", ".join([*said, "from Table 2's start" if self.start is None else "from the scene file's start"])
+    def text(self, varied: Iterable[str] = ()) -> str:
+        """Speed, clearance, length and origin of the start, without what is varied, for summaries."""
+        but = [name for name in varied if name in STARTS]
+        start = "Table 2's start" if self.start is None else "the scene file's start"
+        return case_text(self.scene, varied, f"from {start}{f' but for {listed(but)}' if but else ''}")
+
+
+def case_text(scene: Any, varied: Iterable[str], start: str) -> str:
+    """Speed, clearance and length of a scene, without what is varied, and the start in words."""
+    from ..flow.datasets import scene_attributes
+
+    known, words = scene_attributes(scene, list(varied)), []
+    for name in ("speed", "clearance", "length"):
+        q = PARAMETERS[name]
+        if (value := known.get(f"{name} [{q.unit}]")) is not None:
+            words.append(f"{name} {q.shown(value):g} {q.display_unit}")
+    return ", ".join([*words, start])
 
 
 def takes_case(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -308,12 +350,15 @@ def parameter_of(option: str, scene: Any, name: str, names: dict[str, Any] = PAR
     return parameter(name, scene)
 
 
-def make_bounds(option: str, scene: Any, name: str, low: float, high: float) -> tuple[Any, tuple[float, float]]:
+def make_bounds(option: str, scene: Any, name: str, low: Any, high: Any) -> tuple[Any, tuple[float, float]]:
     """A parameter, and bounds of its values [SI unit].
+
+    **Arguments:** `low`, `high`: as for `shown_value`.
 
     **Raises:** `ValueError` that names the option or the parameter which is wrong.
     """
     quantity = parameter_of(option, scene, name)
+    low, high = (shown_value(option, quantity, end) for end in (low, high))
     first, last = (float(quantity.checked(quantity.from_shown(end))) for end in (low, high))
     if not low < high:
         raise ValueError(

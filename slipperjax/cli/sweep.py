@@ -20,32 +20,33 @@ from .options import (
     FILE,
     FROM_ZERO,
     LOST,
+    VALUE,
     Case,
     app,
     flag,
     option,
     out,
     parameter_of,
+    parameters_of,
     result,
+    shown_value,
     takes_case,
-    with_units,
 )
 
-Axis = tuple[str, float, float, int]
-"""Parameter, first and last value in its display unit, number of values."""
+Axis = tuple[str, float | str, float | str, int]
+"""Parameter, first and last value in its display unit or as texts with a unit, number of values."""
 PERIODS = {"exponents": 500, "orbits": 1, "motion": 64}
 """Forcing periods by default, where they are not 10."""
 
 
 def axis(name: str, text: str, **more: Any) -> Callable[..., Any]:
     """An option that spans values of a parameter."""
-    return option(name, (str, float, float, COUNT), text, metavar="NAME FIRST LAST COUNT", **more)
+    return option(name, (str, VALUE, VALUE, COUNT), text, metavar="NAME FIRST LAST COUNT", **more)
 
 
 over = axis(
     "--over",
-    f"Parameter, first and last value, number of values. Parameters: {with_units(PARAMETERS)}; of the start: "
-    f"{with_units(STARTS)}; and paths in SI units such as section.play.2.",
+    f"Parameter, first and last value, number of values. {parameters_of(PARAMETERS | STARTS)}",
     required=True,
 )
 log = option(
@@ -155,8 +156,9 @@ def _grid(case: Case, axes: tuple[Axis, ...], log: tuple[str, ...], sample: int 
 
     if sample is None:
         return make_grid(case.scene, *axes, log=log)
-    ends = make_grid(case.scene, *((name, min(ends), max(ends), 2) for name, *ends, _ in axes), log=log)
-    return sample_box({name: tuple(pair) for name, pair in ends.items()}, sample, log=log, scene=case.scene)
+    ends = make_grid(case.scene, *((name, *ends, 2) for name, *ends, _ in axes), log=log)
+    box = {name: (min(pair), max(pair)) for name, pair in ends.items()}
+    return sample_box(box, sample, log=log, scene=case.scene)
 
 
 def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = ()) -> dict[str, Any]:
@@ -174,6 +176,7 @@ def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = ()) -> dict[str, Any
     for name, first, last, count in axes:
         option = "--by" if grid else "--over"
         quantity = parameter_of(option, scene, name, PARAMETERS | STARTS)
+        first, last = (shown_value(option, quantity, end) for end in (first, last))
         if name in grid:
             raise ValueError(f"Option --by must name another parameter than --over, but is {name!r} too.")
         if name in log and not min(first, last) > 0:
@@ -255,7 +258,7 @@ def _swept(
         print(f"share {store.share[0]}/{store.share[1]}: {store_status(store.path)}")
         return 0
     _write(ds, files, show)
-    print(summary(ds, seconds))
+    print(f"{case.text(grid)}; {summary(ds, seconds)}")
     return LOST if bool((ds["status"] == Status.NOT_FINITE).all()) else 0
 
 

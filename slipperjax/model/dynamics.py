@@ -128,12 +128,12 @@ def warn_if_outside(penetration: Any) -> None:
     """Gives an `ImplausibleWarning` for starts outside the play, from `state_and_penetration`, of shape (*cases,)."""
     if is_traced(penetration):
         return
-    deep = np.atleast_1d(np.asarray(penetration)) > DEEPEST_START
-    if np.any(deep):
-        which = "The start lies" if deep.size == 1 else f"{np.sum(deep)} of {deep.size} starts lie"
+    depths = np.asarray(penetration)
+    # not how many: a batch is a part of the cases, filled up with copies of one
+    if np.any(depths > DEEPEST_START):
         warn(
-            f"{which} outside the play of slipper and rail: a point penetrates {np.max(np.asarray(penetration)):.3g} "
-            f"times as deep as in a typical impact; plausible are {DEEPEST_START:g} times at most."
+            f"A start lies outside the play of slipper and rail: a point penetrates {np.nanmax(depths):.3g} times as "
+            f"deep as in a typical impact; plausible are {DEEPEST_START:g} times at most."
         )
 
 

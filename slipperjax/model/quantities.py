@@ -146,7 +146,7 @@ def _parameter(path: str, unit: str, text: str, symbol: str, check: Any, *plausi
 _DEGREES = dict(shown_unit="degrees", per_shown=np.pi / 180)
 
 PARAMETERS: dict[str, Parameter] = _named(
-    _parameter("speed", "m/s", "travelling speed", "V", positive, 1, 1e4),
+    _parameter("speed", "m/s", "travelling speed", "V", positive, 5, 1e4),
     Parameter(
         "clearance",
         "m",
@@ -159,7 +159,7 @@ PARAMETERS: dict[str, Parameter] = _named(
         write=lambda clearance, play: half_play(clearance, play.shape[-1]),
     ),
     _parameter("slipper.length", "m", "slipper length", "L", positive, 0.005, 20),
-    _parameter("slipper.mass", "kg", "slipper mass", "m", positive, 1e-3, 1e5),
+    _parameter("slipper.mass", "kg", "slipper mass", "m", positive, 0.1, 1e4),
     *(
         Parameter(
             f"inertia_{axis}",

@@ -16,7 +16,7 @@ from ..analysis.continuation import Branch, End, continue_motion, extend_motion,
 from ..analysis.curves import Pace, Spot, checked_bounds, correct
 from ..analysis.events import CRITICAL_DISTANCE, MEANINGS, Event, Node, Observation, as_node
 from ..analysis.shooting import PeriodicMotions
-from ..flow.datasets import dataset_of, load_base, load_call, run_attributes, scene_attributes
+from ..flow.datasets import dataset_of, load_base, load_call, run_attributes, scene_attributes, varied_names
 from ..flow.period_map import PeriodMap
 from ..flow.record import RecordedSpan, RecordSet, SectionPoints, Sections, Strobe
 from ..flow.simulate import Trajectory, default_steps, dynamic_steps
@@ -85,7 +85,36 @@ class OrbitView(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class OrbitBranch:
+class OrbitPoints:
+    """Orbits along a curve, as files and tables."""
+
+    points: Any
+    """An `xarray.Dataset` along `point`."""
+
+    def to_netcdf(self, path: Any) -> None:
+        """Writes `points`, whole or not at all; `load_branch` reads that of an `OrbitBranch`."""
+        write_whole(Path(path), self.points.to_netcdf(engine="h5netcdf"))
+
+    def to_dataframe(self) -> Any:
+        """Gives a `pandas.DataFrame` with a row per point: parameters, numbers of the orbits, multipliers, and states
+        by number.
+
+        Poincare sections, whose number differs from orbit to orbit, are left out.
+        """
+        ds = self.points
+        columns = {name: ds[name].values for name in varied_names(ds)}
+        columns |= {name: array.values for name, array in ds.data_vars.items() if array.dims == ("point",)}
+        for name in ("multiplier_real", "multiplier_imag", "state"):
+            columns |= {f"{name}_{k}": column for k, column in enumerate(ds[name].values.T)}
+        return ds["point"].to_index().to_frame(index=False).assign(**columns).set_index("point")
+
+    def to_csv(self, path: Any) -> None:
+        """Writes `to_dataframe` as a table with commas, whole or not at all."""
+        write_whole(Path(path), self.to_dataframe().to_csv().encode())
+
+
+@dataclasses.dataclass(frozen=True)
+class OrbitBranch(OrbitPoints):
     """Orbits along a curve over one parameter."""
 
     points: Any
@@ -150,29 +179,10 @@ class OrbitBranch:
             )
         return "\n".join(lines)
 
-    def to_netcdf(self, path: Any) -> None:
-        """Writes `points`, whole or not at all; `load_branch` reads it."""
-        write_whole(Path(path), self.points.to_netcdf(engine="h5netcdf"))
-
-    def to_dataframe(self) -> Any:
-        """Gives a `pandas.DataFrame` with a row per point: numbers of the orbits, multipliers, and states by number.
-
-        Poincare sections, whose number differs from orbit to orbit, are left out.
-        """
-        ds, columns = self.points, {self.parameter.name: self.points[self.parameter.name].values}
-        columns |= {name: array.values for name, array in ds.data_vars.items() if array.dims == ("point",)}
-        for name in ("multiplier_real", "multiplier_imag", "state"):
-            columns |= {f"{name}_{k}": column for k, column in enumerate(ds[name].values.T)}
-        return ds["point"].to_index().to_frame(index=False).assign(**columns).set_index("point")
-
     def events_dataframe(self) -> Any:
         """Gives a `pandas.DataFrame` with a row per event, as `events`."""
         names = [name for name, array in self.points.data_vars.items() if array.dims == ("event",)]
         return self.points[names].to_dataframe().rename(columns=lambda name: name.removeprefix("event_"))
-
-    def to_csv(self, path: Any) -> None:
-        """Writes `to_dataframe` as a table with commas, whole or not at all."""
-        write_whole(Path(path), self.to_dataframe().to_csv().encode())
 
     def orbit(self, point: int | BranchEvent) -> PeriodicOrbit:
         """Gives the orbit at a point, or at an event."""

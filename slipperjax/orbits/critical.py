@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import diffrax
@@ -37,9 +36,17 @@ from ..model.scene import Scene, check_scene
 from ..solvers.named import resolve_solver
 from ..tools.checks import one_of, require, shown_number, whole
 from ..tools.compile import is_traced, jit
-from ..tools.files import write_whole
 from ..tools.hermite import Cubic
-from .branches import BranchEvent, OrbitBranch, bounds_of, counted, finished, orbits_dataset, value_within
+from .branches import (
+    BranchEvent,
+    OrbitBranch,
+    OrbitPoints,
+    bounds_of,
+    counted,
+    finished,
+    orbits_dataset,
+    value_within,
+)
 from .motions import MOTION_SHARE, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit
 from .signature import GapSamples, Grazing
@@ -278,7 +285,7 @@ class GapExtreme(eqx.Module):
 
 
 @dataclasses.dataclass(frozen=True)
-class OrbitCurve:
+class OrbitCurve(OrbitPoints):
     """Orbits with one event along a curve in the plane of two parameters."""
 
     points: Any
@@ -304,10 +311,6 @@ class OrbitCurve:
             f"OrbitCurve({self.label} of period {ds.attrs['orbit_period']} over {' and '.join(self.names)}: "
             f"{ds.sizes['point']} points,\n  from {first} to {last})"
         )
-
-    def to_netcdf(self, path: Any) -> None:
-        """Writes `points`, whole or not at all."""
-        write_whole(Path(path), self.points.to_netcdf(engine="h5netcdf"))
 
 
 def continue_event(

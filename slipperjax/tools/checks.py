@@ -64,7 +64,8 @@ class Check:
                 raise TypeError
             array = np.asarray(value, dtype=float)
         except (TypeError, ValueError):
-            raise ValueError(f"Argument `{name}` must be {need}, but is {brief(value)}.") from None
+            kind = f"a number{f' in {self.unit}' if self.unit not in ('', '1') else ''}"
+            raise ValueError(f"Argument `{name}` must be {need}, but is {brief(value)}, not {kind}.") from None
         bad = self.is_bad(array)
         if np.any(bad):
             shown = array[bad][0] if array.ndim else array

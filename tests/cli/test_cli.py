@@ -41,6 +41,8 @@ def test_axes_are_read_in_display_units():
         (("section.play.2", 1e-4, 1e-3, 2), [1e-4, 1e-3]),
         (("y", -0.1, 0.1, 3), [-1e-4, 0.0, 1e-4]),
         (("v_y", 0.5, 0.4, 2), [0.5, 0.4]),
+        (("clearance", "1/16 in", "0.5 mm", 2), [1.5875e-3, 0.5e-3]),
+        (("section.play.2", "100 um", 1e-3, 2), [1e-4, 1e-3]),
         *(((name, 1.0, 1.0, 1), [q.from_shown(1.0)]) for name, q in PARAMETERS.items()),
     ):
         grid = make_grid(SCENE, axis)
@@ -170,7 +172,8 @@ def test_a_trajectory_is_written_drawn_and_repeated(file, tmp_path, capsys):
 def test_sections_are_written_drawn_and_repeated_in_a_new_folder(file, tmp_path, capsys):
     out = tmp_path / "deep" / "fig"
     text, _ = call(["bifurcation", "--over", "speed", 900, 1000, 2, *file, *TEN, "--out", out], capsys)
-    assert "2 cases, 10 + 10 periods, 100 steps per period: " in text
+    case = "clearance 1 mm, length 0.2 m, from the scene file's start"
+    assert f"\n{case}; 2 cases, 10 + 10 periods, 100 steps per period: " in text
     assert text.endswith(" s with compiling; 0 cases flagged\n")
     assert check_repeated(out)["speed"].values.tolist() == [900, 1000]
     assert sj.load_start(f"{out}.nc").v_y == 0.3
@@ -225,7 +228,9 @@ def test_flagged_cases_are_named(replaced, tmp_path, capsys):
     (_, grid), options = sweep.call_args
     assert grid == {"section.play.2": pytest.approx(values)}
     assert (options["transient"], options["periods"]) == (300, 10)
-    assert "4 cases, 310 + 10 periods, 50 to 150 steps per period: " in text
+    # the clearance depends on what is varied
+    case = "speed 1250 m/s, length 0.2 m, from Table 2's start"
+    assert f"\n{case}; 4 cases, 310 + 10 periods, 50 to 150 steps per period: " in text
     assert text.endswith(f"; 3 cases flagged (1 {Status.NOT_FINITE} and 2 {Status.UNRESOLVED})\n")
     xr.testing.assert_identical(dataset(out), made)
     assert share(picture(out, 3.5, 7.9), COLORS["grey"]) > 0
@@ -252,7 +257,7 @@ def test_two_parameters_make_a_regime_map(replaced, tmp_path, capsys):
     assert grid["roll_amplitude"] == pytest.approx(np.radians([0.1, 0.2]))
     wanted = dict(count=2, transient=300, periods=40, certify=True, orbits=True, steps_per_period=None)
     assert {name: options[name] for name in wanted} == wanted
-    assert "4 cases, 50 to 250 steps per period: " in text
+    assert "\nclearance 1 mm, length 0.2 m, from Table 2's start; 4 cases, 50 to 250 steps per period: " in text
     counted = "1 periodic, 0 regular, 2 chaotic, 1 unresolved, 0 transient chaos"
     assert f"; {counted}; 1 cases flagged (1 not finite" in text
     xr.testing.assert_identical(dataset(out), made)

@@ -53,6 +53,7 @@ def test_bounds_are_read_in_display_units():
         (("clearance", 0.5, 1.5), 0.5e-3, 1.5e-3),
         (("roll_amplitude", 0.1, 0.3), np.radians(0.1), np.radians(0.3)),
         (("section.play.2", 1e-4, 1e-3), 1e-4, 1e-3),
+        (("clearance", "0.5 mm", "1/16 in"), 0.5e-3, 1.5875e-3),
         *(((name, 0.5, 0.6), 0.5 * q.per_shown, 0.6 * q.per_shown) for name, q in PARAMETERS.items()),
     ):
         known, bounds = make_bounds("--over", sj.paper_scene(), *over)
@@ -86,7 +87,8 @@ def test_the_branch_of_a_file_is_followed_further(branch, tmp_path, capsys):
     text, error = call([*FROM, "--over", "speed", 1090, 1110.1, "--out", out], capsys)
     assert error == ""  # a bar on terminals only
     found = sj.load_branch(f"{out}.nc")
-    assert text == f"{found.summary()}\nwrote {out}.nc and {out}.png\n"
+    case = f"clearance 1 mm, length 0.2 m, from {BRANCH}"
+    assert text == f"{found.summary()}\n{case}\nwrote {out}.nc and {out}.png\n"
     assert float(found.points["speed"].max()) == pytest.approx(1110.1)
     assert [event.label for event in found.events] == ["EP", "PD", "EP"]
     np.testing.assert_allclose(found.points["v_z"][:15], branch.points["v_z"][:15], rtol=1e-13)  # measured 2e-16

@@ -18,6 +18,7 @@ from slipperjax.model.quantities import SECTIONS
 from .commands import call, dataset, error_of, names
 
 COMMAND = [sys.executable, "-c", "from slipperjax.cli import main; main()"]
+INSTALLED = [sys.executable, "-c", "import slipperjax_command as entry; print(flush=True); entry.main()"]
 SMALL = ["bifurcation", "--over", "speed", "1000", "2500", "48", "--transient", "2000", "--steps-per-period", "50"]
 FOUR = ["bifurcation", "--over", "speed", 1000, 1300, 4, "--out"]
 
@@ -73,6 +74,28 @@ def test_a_signal_at_any_time(begin, tmp_path, seconds):
     if kept.exists():
         found = dataset(kept.with_suffix(""))["status"].values
         assert set(np.unique(found)) <= {0, int(Status.NOT_RUN)}
+
+
+@pytest.mark.usefixtures("python_s_own_interrupts")
+def test_an_interrupt_while_packages_are_imported_is_silent():
+    pipes = dict(text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    made = [subprocess.Popen([*INSTALLED, "--help"], **pipes) for _ in range(3)]
+    for process in made:
+        assert process.stdout.readline() == "\n"
+    for process in made:
+        time.sleep(0.1)
+        process.send_signal(signal.SIGINT)
+    assert [(*process.communicate(timeout=60), process.returncode) for process in made] == [("", "", 130)] * 3
+
+
+@pytest.mark.usefixtures("python_s_own_interrupts")
+def test_what_is_ignored_stays_ignored_while_packages_are_imported():
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # as processes that are started now have it, too
+    with subprocess.Popen([*INSTALLED, "--help"], text=True, stdout=subprocess.PIPE) as process:
+        assert process.stdout.readline() == "\n"
+        time.sleep(0.1)
+        process.send_signal(signal.SIGINT)
+        assert "Commands:" in process.communicate(timeout=60)[0]
 
 
 # inside the process

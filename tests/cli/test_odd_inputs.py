@@ -117,7 +117,7 @@ ERRORS = [
     refused("`speed` must be positive, but is True", sj.paper_scene, speed=True),
     refused("`speed` must be positive, but is inf", sj.paper_scene, speed=INF),
     refused(r"`speed` must be of shape \(\), but has shape \(2,\)", sj.paper_scene, speed=[1.0, 2.0]),
-    refused("`speed` must be positive, but is '4500 km/h'", sj.paper_scene, speed="4500 km/h"),
+    refused("`speed` must be positive, but is '4500 km/h', not a number in m/s.", sj.paper_scene, speed="4500 km/h"),
     refused("`speed` must be positive, but is '1250'", sweep, grid={"speed": "1250"}),
     refused(r"`speed` must be positive, but is \(1\+2j\)", sj.paper_scene, speed=1 + 2j),
     refused("`restitution` must be above 0 and at most 1, but is 90", sj.paper_scene, restitution=90.0),
@@ -322,6 +322,12 @@ WARNINGS = [
     implausible("points", "4.8e-05 m", section, points=POINTS * 1e-3),
     implausible("clearance", "2e-06 m", sj.paper_scene, clearance=2e-6),
     (*given(section, points=POINTS + np.array([0.0, 0.1])), "`points` has its origin, .* outside of the section"),
+    implausible("speed", "1.25 m/s", sj.paper_scene, speed=1.25),  # in km/s
+    (
+        "grams",
+        lambda: scene(slipper=slipper(mass=14e3, inertia=(51, 60, 86))),
+        "`mass` is 14000 kg; plausible are 0.1",
+    ),
     ("an inertia in g m^2", lambda: scene(slipper=slipper(inertia=(51, 60, 86))), "radius of gyration of .* sizes"),
     (*given(PAPER.replace, mass=14e3), "radius of gyration of 0.009.* slipper sizes"),
     (*given(PAPER.replace, inertia_z=0.2), "`inertia` has a moment greater than the sum of the others"),
@@ -340,6 +346,8 @@ WARNINGS = [
     implausible("amplitude", "2 m", lambda: stopped(exponents, {"amplitude": [1.0, 2.0]}, "steps_per_period")),
     # starts outside the play
     (*given(outside, y=1.0), "start lies outside the play"),
+    # one, though a batch has eight
+    ("a start of a sweep", lambda: sweep(start=sj.Motion(y=5e-3)), "^A start lies outside the play"),
     (*given(outside, z=5e-3), "start lies outside the play"),
     (*given(outside, q_x=2.0), "start lies outside the play"),
     ("a pitch in degrees", lambda: sj.initial_state(PAPER, sj.Motion.from_euler(pitch=5.0)), "start lies outside"),
@@ -439,7 +447,9 @@ LINES = [
     (["simulate", "--wavelength", "8", "--wavelength", "nan"], "`wavelengths` must be positive, but is nan"),
     (["simulate", "--scene", "/no/scene.toml"], "No such file"),
     (["simulate", "--scene", "/proc"], "must be a file or a store of slipperjax, but is the folder /proc"),
-    (["simulate", "--out", "."], "--out must name files, as ./result does, but is empty or the folder '.'"),
+    (["simulate", "--out", "."], "--out must name files, as ./result does, but is the folder '.'"),
+    (["simulate", "--out", ".."], "--out must name files, as ./result does, but is the folder '..'"),
+    (["simulate", "--out", "/"], "--out must name files, as ./result does, but is the folder '/'"),
     (["simulate", "--scene", "/proc/version"], "must be a TOML file or a netCDF file"),
     (["simulate", "--set", "mass"], "--set must be a name and a value"),
     (["simulate", "--set", "mass=heavy"], "`mass` must be a number with a unit"),
@@ -468,7 +478,8 @@ LINES = [
     # bifurcation
     (["bifurcation"], "--over"),
     ([*OVER, "speed", "100", "2500"], "--over"),
-    ([*OVER, "speed", "100", "fast", "3"], "--over"),
+    ([*OVER, "speed", "100", "fast", "3"], "--over: `speed` must be a number with a unit"),
+    ([*OVER, "speed", "100", "3 mm", "3"], "--over: `speed` must be in a unit like m/s, but is in 'mm'"),
     ([*OVER, "speed", "100", "2500", "-1"], "'--over': -1 is not in the range x>=1"),
     ([*OVER, "speed", "nan", "2500", "3"], "`speed` must be positive, but is nan"),
     ([*OVER, "Speed", "100", "2500", "3"], "--over must begin with one of speed"),

@@ -10,7 +10,7 @@ import pytest
 import slipperjax as sj
 from slipperjax.flow.status import Status
 from slipperjax.orbits import branches
-from slipperjax.orbits.critical import continue_event, critical_orbit
+from slipperjax.orbits.critical import OrbitCurve, continue_event, critical_orbit
 
 from .nominal import SCENE, STEPS
 
@@ -92,6 +92,17 @@ def test_tables_of_a_branch_have_a_row_for_each_point_and_event(tmp_path):
     lines = (tmp_path / "branch.csv").read_text().splitlines()
     assert len(lines) == 17
     assert lines[0].startswith("point,speed,outside,stable,")
+
+
+def test_the_table_of_a_curve_has_both_parameters(tmp_path):
+    points = sj.load_branch(Path(__file__).parents[1] / "data" / "branch.nc").points
+    clearance = ("point", np.linspace(1e-3, 2e-3, points.sizes["point"]))
+    curve = OrbitCurve(points.assign_coords(clearance=clearance).assign_attrs(varied='["speed", "clearance"]'))
+    rows = curve.to_dataframe()
+    assert rows.columns[:2].tolist() == ["speed", "clearance"]
+    np.testing.assert_array_equal(rows["clearance"], clearance[1])
+    curve.to_csv(tmp_path / "curve.csv")
+    assert len((tmp_path / "curve.csv").read_text().splitlines()) == 17
 
 
 def test_a_branch_goes_through_a_file_and_on(branch, tmp_path):

@@ -204,6 +204,19 @@ def test_chunks_and_threads_change_no_bit():
 
 
 @pytest.mark.slow
+def test_batches_of_other_sizes_differ_by_rounding_only():
+    """Alone in a batch of 8, one of 12 in a batch of 16, and in one of 128, as in a store."""
+    grid = {"speed": np.linspace(900, 2000, 12)}
+    record = ["strobe", "peak_force", "rms", "extremes"]
+    several = swept(record, grid)
+    for other in (swept(record, {"speed": grid["speed"][:3]}), swept(record, grid, chunk=128)):
+        for name in other.data_vars:
+            one, same = other[name].values, several[name].values[: other.sizes["case"]]
+            # measured: 1e-13, which touchdowns and chaos multiply
+            np.testing.assert_allclose(one, same, rtol=0, atol=1e-9 * np.abs(same).max(), err_msg=name)
+
+
+@pytest.mark.slow
 def test_long_records_in_several_calls_are_those_of_one():
     """100 periods are two calls of 50, and 97, which nothing divides, one."""
     grid = {"speed": [1250.0, 1500.0]}
