@@ -40,6 +40,11 @@ from .model.dynamics import reactions as reactions
 from .model.dynamics import vector_field as vector_field
 from .model.kinematics import Motion as Motion
 from .model.quantities import PARAMETERS as PARAMETERS
+from .model.rails import FourierTrack as FourierTrack
+from .model.rails import LocalTrack as LocalTrack
+from .model.rails import SampledTrack as SampledTrack
+from .model.rails import SumTrack as SumTrack
+from .model.random_rails import RandomTrack as RandomTrack
 from .model.scene import Scene as Scene
 from .model.scene import Slipper as Slipper
 from .model.section import Section as Section

@@ -20,7 +20,7 @@ from ..model.dynamics import Args, SmoothField, State, state_and_penetration, ve
 from ..model.kinematics import MOTION_SCALES, Motion, contact_points
 from ..model.layout import coordinate_rows
 from ..model.scene import Scene
-from ..model.step_size import settle_memory
+from ..model.step_size import prepared
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.compile import call_compiled, jit
@@ -110,7 +110,7 @@ class PeriodMap(eqx.Module):
         **Returns:** a `Passage` with scalar status. Where solver or controller gave up, the motion is NaN from there
         on.
         """
-        scene = settle_memory(self.scene)
+        scene = prepared(self.scene)
         state = jax.tree.map(lambda a: jnp.asarray(a, float), state)  # 32-bit numbers become 64-bit ones
         solver = self.stepping.prepared(resolve_solver(scene, self.solver))
         points = contact_points(scene)  # once for the whole run, not in every evaluation

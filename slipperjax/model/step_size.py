@@ -68,6 +68,12 @@ def settle_memory(scene: Scene) -> Scene:
     return scene if memory is scene.memory else eqx.tree_at(lambda s: s.memory, scene, memory)
 
 
+def prepared(scene: Scene) -> Scene:
+    """Copies a scene with all work done that is the same for all steps: the track's, and the memory's settings."""
+    track = scene.track.prepared()
+    return settle_memory(scene if track is scene.track else eqx.tree_at(lambda s: s.track, scene, track))
+
+
 def steps_needed(scene: Scene) -> Float[Array, ""]:
     """Returns steps per forcing period with which a typical impact takes `PER_CONTACT` of them [1].
 

@@ -50,6 +50,15 @@ class AbstractTrack(ShapeChecked):
         here, slope = jax.jvp(self.irregularity, (distance,), (jnp.ones_like(distance),))
         return instance("irregularity", here, Irregularity, "a slipperjax.Irregularity"), slope
 
+    def prepared(self) -> "AbstractTrack":
+        """Returns the track as runs evaluate it, with all work done that is the same at all distances."""
+        return self
+
+    @property
+    def end(self) -> float:
+        """Distance up to which runs may travel [m]."""
+        return np.inf
+
     @property
     def recurrence(self) -> Float[Array, ""]:
         """Number of first wavelengths after which the irregularity recurs [1]; infinite where it does not.
@@ -87,8 +96,21 @@ PLAUSIBLE_LENGTHS = 0.02, 2000.0
 """Wavelengths beyond these [m] are allowed with a warning."""
 
 
+def least_common_count(unit: Any, lengths: Any) -> Float[Array, ""]:
+    """Returns the least number of lengths `unit` that make whole numbers of each of `lengths`; infinite where there
+    is none up to `MOST_RECURRENCE`."""
+    # on the host where nothing is traced, which compiles nothing
+    xp, convert = (jnp, jnp.asarray) if is_traced((unit, lengths)) else (np, np.asarray)
+    counts = xp.arange(1.0, MOST_RECURRENCE + 1)
+    times = xp.outer(counts, convert(unit) / convert(lengths))
+    whole = (xp.abs(times - xp.round(times)) <= WHOLE_WITHIN * xp.maximum(times, 1)) & (xp.round(times) > 0)
+    return jnp.asarray(xp.min(xp.where(xp.all(whole, axis=1), counts, xp.inf)))
+
+
 class HarmonicTrack(AbstractTrack):
     """A sum of sines of one or more wavelengths with equal amplitudes, in phase laterally, vertically and in roll.
+
+    `FourierTrack` has amplitudes and phases of their own.
 
     Dang et al. 2024, Eq. (10) for one wavelength and Eq. (25) for two.
     """
@@ -125,12 +147,7 @@ class HarmonicTrack(AbstractTrack):
 
     @property
     def recurrence(self) -> Float[Array, ""]:
-        # on the host where nothing is traced, which compiles nothing
-        xp, lengths = (jnp, self.wavelengths) if is_traced(self.wavelengths) else (np, np.asarray(self.wavelengths))
-        counts = xp.arange(1.0, MOST_RECURRENCE + 1)
-        waves = xp.outer(counts, lengths[0] / lengths)
-        whole = xp.all(xp.abs(waves - xp.round(waves)) <= WHOLE_WITHIN, axis=1)
-        return jnp.asarray(xp.min(xp.where(whole, counts, xp.inf)))
+        return least_common_count(self.wavelengths[0], self.wavelengths)
 
     @property
     def steepest_slope(self) -> Float[Array, ""]:

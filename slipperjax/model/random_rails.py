@@ -1,0 +1,310 @@
+"""Random rails from spectra of their displacement, for which each seed is one rail.
+
+All spectra here are one-sided densities by wavenumber in cycles per metre: the variance between two wavenumbers is
+the integral of the density between them. Published ones in rad/m are converted: S(cycles/m) = 2 pi S(rad/m).
+"""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..tools.checks import (
+    ShapeChecked,
+    fraction,
+    instance,
+    not_negative,
+    one_of,
+    optional,
+    positive,
+    require,
+    warn,
+)
+from .rails import DEFAULT_RAMP, ENDS, SplineTrack, spline_track
+from .tracks import AbstractTrack, Irregularity, least_common_count
+
+SAMPLES_PER_WAVE = 8
+"""Samples of a random rail in its shortest wavelength: the spline changes that wave by a thousandth."""
+QUADRATURE = 4001
+"""Wavenumbers, evenly spaced by their logarithm, at which spectra are integrated."""
+HIGHEST = 4.0
+"""Slopes for step sizes, over their root mean square: of normal deviates one in 30,000 is greater."""
+SHORT_WAVES = 1.5
+"""Shortest wavelength from which on a rail has next to nothing that a slipper feels [m]: a warning says so."""
+
+
+class AbstractSpectrum(ShapeChecked):
+    """A one-sided spectral density of a rail's displacement."""
+
+    @abc.abstractmethod
+    def density(self, wavenumber: Float[Array, "*places"]) -> Float[Array, "*places"]:
+        """Returns the one-sided density [m^2 per cycle/m], of roll [rad^2 per cycle/m].
+
+        **Arguments:** `wavenumber` [cycles/m].
+        """
+
+    def rms(self, band: tuple[float, float], power: int = 0) -> Float[Array, ""]:
+        """Returns the root mean square over a band of wavelengths [m]: of the displacement [m], or with a `power` of
+        its derivative of that order by distance [m^(1 - power)]."""
+        k = jnp.geomspace(1 / band[1], 1 / band[0], QUADRATURE)
+        values = self.density(k) * (2 * jnp.pi * k) ** (2 * power)
+        return jnp.sqrt(jnp.trapezoid(values * k, jnp.log(k)))
+
+
+class PowerLawSpectrum(AbstractSpectrum):
+    """A k^-n, with k in cycles per metre."""
+
+    amplitude: Float[Array, ""] = eqx.field(converter=not_negative("amplitude", "m^2 per cycle/m"))
+    """Density at 1 cycle per metre [m^2 per cycle/m]."""
+    exponent: Float[Array, ""] = eqx.field(converter=positive("exponent"))
+    """n [1]."""
+
+    def density(self, wavenumber):
+        return self.amplitude * wavenumber**-self.exponent
+
+
+class CornerSpectrum(AbstractSpectrum):
+    """A Wc^2 / ((W^2 + Wr^2) (W^2 + Wc^2)), with W in radians per metre: the railways' form."""
+
+    amplitude: Float[Array, ""] = eqx.field(converter=not_negative("amplitude", "m^2 rad/m"))
+    """A [m^2 rad/m], for a one-sided density per rad/m."""
+    low: Float[Array, ""] = eqx.field(converter=not_negative("low", "rad/m"))
+    """Wr [rad/m]."""
+    high: Float[Array, ""] = eqx.field(converter=positive("high", "rad/m"))
+    """Wc [rad/m]."""
+
+    def density(self, wavenumber):
+        square = (2 * jnp.pi * wavenumber) ** 2
+        return 2 * jnp.pi * self.amplitude * self.high**2 / ((square + self.low**2) * (square + self.high**2))
+
+
+class TableSpectrum(AbstractSpectrum):
+    """A table, interpolated between logarithms, and zero beyond its ends."""
+
+    wavenumber: Float[Array, " rows"] = eqx.field(converter=positive("wavenumber", "cycles/m"))
+    """Wavenumbers, rising [cycles/m]."""
+    values: Float[Array, " rows"] = eqx.field(converter=positive("values", "m^2 per cycle/m"))
+    """One-sided densities there [m^2 per cycle/m]."""
+
+    def __check_init__(self):
+        good = self.wavenumber.shape == self.values.shape
+        need = f"have one value per wavenumber, {self.wavenumber.shape}"
+        require(good, "values", need, shown=f"shape {self.values.shape}")
+        if not isinstance(self.wavenumber, jax.core.Tracer):
+            rises = bool(np.all(np.diff(np.asarray(self.wavenumber)) > 0))
+            require(rises and len(self.wavenumber) > 1, "wavenumber", "be two or more that rise", self.wavenumber)
+
+    def density(self, wavenumber):
+        k = jnp.where(wavenumber > 0, wavenumber, self.wavenumber[0])
+        rows = jnp.log(self.wavenumber), jnp.log(self.values)
+        inside = (wavenumber >= self.wavenumber[0]) & (wavenumber <= self.wavenumber[-1])
+        return jnp.where(inside, jnp.exp(jnp.interp(jnp.log(k), *rows)), 0.0)
+
+
+GERMAN = {"low": (4.032e-7, 2.119e-7), "high": (1.08e-6, 6.125e-7)}
+"""German railway spectra: A of the vertical and of the lateral alignment [m^2 rad/m], by disturbance."""
+GERMAN_CORNERS = 0.0206, 0.8246
+"""Wr and Wc of these [rad/m]."""
+FRA_VERTICAL = {1: 1.2107, 2: 1.0181, 3: 0.6816, 4: 0.5376, 5: 0.2095, 6: 0.0339}
+"""A of the vertical profile by track class of the Federal Railroad Administration [cm^2 rad/m]."""
+FRA_LATERAL = {1: 3.3634, 2: 1.2107, 3: 0.4128, 4: 0.3027, 5: 0.0762, 6: 0.0339}
+"""Likewise of the lateral alignment, as commonly reprinted."""
+FRA_FACTOR, FRA_CORNER = 0.25, 0.8245
+"""k [1] and Wc [rad/m] of these."""
+SLED = 10e-6 * 0.01**2.085, 2.085
+"""A sled track's spectrum, a fit to 10 mm^2 m at 0.01 and 1e-4 mm^2 m at 2.5 cycles/m, doi:10.3969/j.issn.0258-2724.
+2015.06.028: amplitude [m^2 per cycle/m] and exponent."""
+SLED_BAND = 0.4, 100.0
+"""Wavelengths of that [m]."""
+
+
+class RandomTrack(AbstractTrack):
+    """A random rail: normal deviates with given spectra, one rail for each seed.
+
+    ```python
+    track = sj.RandomTrack.sled(seed=3)
+    ds = sj.sweep(scene, {"track.seed": range(200)})  # two hundred rails
+    ```
+
+    Rails of one seed and length are the same at all scales and with all spectra of one band, so that differences
+    between designs on common rails have small errors.
+    """
+
+    lateral: AbstractSpectrum | None
+    """Spectrum of the lateral displacement; None for none."""
+    vertical: AbstractSpectrum | None
+    """Spectrum of the vertical displacement."""
+    roll: AbstractSpectrum | None = None
+    """Spectrum of the roll angle [rad^2 per cycle/m]; None: the track does not roll."""
+    band: tuple[float, float] = eqx.field(
+        static=True, converter=lambda band: tuple(map(float, band)), default=(0.4, 100.0)
+    )
+    """Shortest and longest wavelength [m]."""
+    length: float = eqx.field(static=True, converter=float, default=1000.0)
+    """Length of the rail [m]."""
+    seed: Float[Array, ""] = eqx.field(converter=not_negative("seed"), default=0)
+    """Number of the rail, a whole number [1]."""
+    roughness: Float[Array, ""] = eqx.field(converter=not_negative("roughness"), default=1.0)
+    """Factor of all displacements [1]."""
+    coherence: Float[Array, ""] | None = eqx.field(converter=optional(fraction("coherence")), default=None)
+    """Correlation of the lateral with the vertical displacement [1]; None for none."""
+    line_wavelengths: Float[Array, " lines"] | None = eqx.field(
+        converter=optional(positive("line_wavelengths", "m")), default=None
+    )
+    """Wavelengths of vertical sines besides, of random phases, such as 1.32 m of supports [m]; None for none."""
+    line_amplitudes: Float[Array, " lines"] | None = eqx.field(
+        converter=optional(not_negative("line_amplitudes", "m")), default=None
+    )
+    """Amplitudes of these [m]."""
+    ends: str = eqx.field(static=True, default="straight")
+    """What the rail is beyond its ends, see `SampledTrack`."""
+    ramp: Float[Array, ""] = eqx.field(converter=not_negative("ramp", "m"), default=DEFAULT_RAMP)
+    """Length of the ramps at the ends of a rail that goes on straight [m]."""
+    reference_length: Float[Array, ""] = eqx.field(converter=positive("reference_length", "m"), default=8.0)
+    """Length of travel that counts as one period [m]."""
+
+    @classmethod
+    def german(cls, disturbance: str = "low", **options: Any) -> "RandomTrack":
+        """Makes a rail of the German railways' spectra, of "low" or "high" disturbance; wavelengths of 3 to 25 m."""
+        vertical, lateral = GERMAN[one_of("disturbance", disturbance, tuple(GERMAN))]
+        spectra = {"vertical": CornerSpectrum(vertical, *GERMAN_CORNERS)}
+        spectra["lateral"] = CornerSpectrum(lateral, *GERMAN_CORNERS)
+        return cls(**{"band": (3.0, 25.0), **spectra, **options})
+
+    @classmethod
+    def fra(cls, track_class: int, **options: Any) -> "RandomTrack":
+        """Makes a rail of a track class of the Federal Railroad Administration, 1 to 6; wavelengths of 1.5 to
+        50 m."""
+        require(track_class in FRA_VERTICAL, "track_class", "be a class of 1 to 6", track_class)
+        of = lambda table: CornerSpectrum(FRA_FACTOR * table[track_class] * 1e-4, 0.0, FRA_CORNER)
+        spectra = {"vertical": of(FRA_VERTICAL), "lateral": of(FRA_LATERAL)}
+        return cls(**{"band": (1.5, 50.0), **spectra, **options})
+
+    @classmethod
+    def sled(cls, **options: Any) -> "RandomTrack":
+        """Makes a rail of a sled track's published spectrum, the same in both directions; wavelengths of 0.4 to
+        100 m."""
+        return cls.power_law(*SLED, **{"band": SLED_BAND, **options})
+
+    @classmethod
+    def power_law(cls, amplitude: Any, exponent: Any, **options: Any) -> "RandomTrack":
+        """Makes a rail of the one-sided density `amplitude` k^-`exponent` in both directions.
+
+        **Arguments:** `amplitude`: at k = 1 cycle per metre [m^2 per cycle/m]; `options`: fields of `RandomTrack`.
+        """
+        spectrum = PowerLawSpectrum(amplitude, exponent)
+        return cls(**{"vertical": spectrum, "lateral": spectrum, **options})
+
+    @classmethod
+    def spectrum(cls, wavenumber: Any, density: Any, **options: Any) -> "RandomTrack":
+        """Makes a rail of a table in both directions, its band that of the table.
+
+        **Arguments:** `wavenumber` [cycles/m]; `density`: one-sided [m^2 per cycle/m].
+        """
+        spectrum = TableSpectrum(wavenumber, density)
+        band = tuple(1 / float(k) for k in (spectrum.wavenumber[-1], spectrum.wavenumber[0]))
+        return cls(**{"band": band, "vertical": spectrum, "lateral": spectrum, **options})
+
+    def __check_init__(self):
+        for name in ("lateral", "vertical", "roll"):
+            spectrum = getattr(self, name)
+            if spectrum is not None:
+                instance(name, spectrum, AbstractSpectrum, "a spectrum such as PowerLawSpectrum(...)")
+        ok = len(self.band) == 2 and 0 < self.band[0] < self.band[1]
+        require(ok, "band", "be the shortest and the longest wavelength [m]", self.band)
+        longest = self.band[1]
+        require(
+            self.length >= 2 * longest, "length", f"be at least twice the longest wave, {longest:g} m", self.length
+        )
+        one_of("ends", self.ends, ENDS)
+        pair = (self.line_wavelengths is None) == (self.line_amplitudes is None)
+        require(pair, "line_amplitudes", "be given with line_wavelengths", self.line_amplitudes)
+        if self.line_wavelengths is not None and self.line_amplitudes is not None:
+            good = self.line_wavelengths.shape == self.line_amplitudes.shape
+            require(good, "line_amplitudes", "have one value per wavelength", self.line_amplitudes)
+        if self.band[0] >= SHORT_WAVES and self.line_wavelengths is None:
+            warn(f"Argument `band` has no waves below {self.band[0]:g} m, of which slippers feel most.")
+
+    @property
+    def wavelength(self) -> Float[Array, ""]:
+        return self.reference_length
+
+    @property
+    def end(self) -> float:
+        return self.length if self.ends == "error" else np.inf
+
+    @property
+    def recurrence(self) -> Float[Array, ""]:
+        return (
+            least_common_count(self.reference_length, self.length) if self.ends == "repeat" else jnp.asarray(jnp.inf)
+        )
+
+    def prepared(self) -> SplineTrack:
+        """Returns the spline through the samples of this seed's rail."""
+        count = 2 * int(np.ceil(SAMPLES_PER_WAVE * self.length / self.band[0] / 2))
+        k = np.arange(count // 2 + 1) / self.length
+        inside = (k >= 1 / self.band[1]) & (k <= 1 / self.band[0])
+        first, last = np.flatnonzero(inside)[[0, -1]]
+        k, keys = jnp.asarray(k[first : last + 1]), jax.random.split(jax.random.key(self.seed.astype(int)), 4)
+
+        def samples(spectrum: AbstractSpectrum | None, deviates: Array) -> Array:
+            if spectrum is None:
+                return jnp.zeros(count)
+            waves = jnp.sqrt(spectrum.density(k) / self.length) * (deviates[0] - 1j * deviates[1])
+            return (
+                jnp.fft.irfft(jnp.zeros(count // 2 + 1, complex).at[first : last + 1].set(waves), n=count) * count / 2
+            )
+
+        vertical, lateral, roll = (jax.random.normal(key, (2, k.size)) for key in keys[:3])
+        if self.coherence is not None:
+            lateral = self.coherence * vertical + jnp.sqrt(1 - self.coherence**2) * lateral
+        rows = [samples(self.lateral, lateral), samples(self.vertical, vertical)]
+        if self.line_wavelengths is not None and self.line_amplitudes is not None:
+            phase = jax.random.uniform(keys[3], self.line_wavelengths.shape, maxval=2 * jnp.pi)
+            x = jnp.arange(count)[:, None] * self.length / count
+            angle = 2 * jnp.pi * x / self.line_wavelengths + phase
+            rows[1] = rows[1] + jnp.sum(self.line_amplitudes * jnp.sin(angle), axis=1)
+        if self.roll is not None:
+            rows.append(samples(self.roll, roll))
+        rail = self.roughness * jnp.stack(rows, axis=1)
+        rail = jnp.concatenate([rail, rail[:1]])
+        return spline_track(jnp.asarray([0.0, self.length]), rail, self.ends, self.ramp, self.reference_length)
+
+    def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
+        return self.prepared().irregularity(distance)
+
+    def motion(self, distance: Float[Array, "*places"]) -> tuple[Irregularity, Irregularity]:
+        return self.prepared().motion(distance)
+
+    def rms(self, power: int = 0) -> Irregularity:
+        """Returns the root mean squares of the displacements [m] and the roll [rad] that the spectra have, or of
+        their derivatives of the order `power`."""
+        of = lambda spectrum: jnp.zeros(()) if spectrum is None else self.roughness * spectrum.rms(self.band, power)
+        vertical = of(self.vertical)
+        if self.line_wavelengths is not None and self.line_amplitudes is not None:
+            slopes = self.roughness * self.line_amplitudes * (2 * jnp.pi / self.line_wavelengths) ** power
+            vertical = jnp.sqrt(vertical**2 + jnp.sum(slopes**2) / 2)
+        return Irregularity(of(self.lateral), vertical, None if self.roll is None else of(self.roll))
+
+    @property
+    def steepest_slope(self) -> Float[Array, ""]:
+        """`HIGHEST` times the greater root mean square slope [1], the same for all seeds."""
+        slope = self.rms(1)
+        return HIGHEST * jnp.maximum(slope.lateral, slope.vertical)
+
+    @property
+    def shortest_wavelength(self) -> Float[Array, ""]:
+        """The wavelength of a sine with the same root mean squares of slope and curvature, see `SampledTrack` [m]."""
+        return _mean_wave(self)
+
+
+@jax.jit  # one small program instead of one for each operation
+def _mean_wave(track: RandomTrack) -> Array:
+    size = lambda of: jnp.sqrt(of.lateral**2 + of.vertical**2)
+    slope, curvature = size(track.rms(1)), size(track.rms(2))
+    wave = 2 * jnp.pi * slope / jnp.where(curvature > 0, curvature, 1.0)
+    return jnp.where(curvature > 0, jnp.minimum(wave, track.reference_length), track.reference_length)
