@@ -50,6 +50,7 @@ from .model.scene import Slipper as Slipper
 from .model.section import Section as Section
 from .model.step_size import contact_duration as contact_duration
 from .model.step_size import default_steps_per_period as default_steps_per_period
+from .model.surveys import load_rail as load_rail
 from .model.tracks import AbstractTrack as AbstractTrack
 from .model.tracks import HarmonicTrack as HarmonicTrack
 from .model.tracks import Irregularity as Irregularity

@@ -114,7 +114,7 @@ class Measure(click.ParamType):
         try:
             return float(value)
         except ValueError:
-            from ..model.scene_files import parsed
+            from ..tools.units import parsed
 
         try:
             return parsed(self.parameter_name, value, self.unit) / self.per_shown
@@ -144,7 +144,7 @@ def shown_value(option: str, quantity: Any, value: float | str) -> float:
     """
     if not isinstance(value, str):
         return value
-    from ..model.scene_files import parsed
+    from ..tools.units import parsed
 
     try:
         return quantity.shown(parsed(quantity.name, value, quantity.unit))
@@ -215,6 +215,7 @@ CASE: dict[str, Callable[..., Any]] = {
         multiple=True,
         default=None,
     ),
+    "rail": option("--rail", FILE, "A survey of the rail, CSV or netCDF-4, in place of the scene's track."),
     "memory": _of_case("memory", click.Choice(["event", "smooth"]), "How contacts remember their touchdown."),
     "set": option(
         "--set",
@@ -303,21 +304,30 @@ def make_case(*, scene: Path | None, solver: str | None, steps_per_period: int |
 
 
 def make_scene(
-    scene: Any, *, memory: str | None = None, wavelength: Any = (), set: Sequence[str] = (), **values: float | None
+    scene: Any,
+    *,
+    memory: str | None = None,
+    wavelength: Any = (),
+    rail: Path | None = None,
+    set: Sequence[str] = (),
+    **values: float | None,
 ) -> Any:
     """A scene with the values of options.
 
-    **Arguments:** `memory`: event or smooth; `wavelength`: [m]; `set`: texts such as section.play.2=0.4 mm; `values`:
-    parameters by name, in display units, None for those of the scene.
+    **Arguments:** `memory`: event or smooth; `wavelength`: [m]; `rail`: a survey's file; `set`: texts such as
+    section.play.2=0.4 mm; `values`: parameters by name, in display units, None for those of the scene.
 
     **Raises:** `ValueError` that names the argument or option which is wrong.
     """
     from ..model.contact import EventLatch, SmoothSwitch
-    from ..model.scene_files import parsed
+    from ..model.surveys import load_rail
     from ..model.tracks import HarmonicTrack
+    from ..tools.units import parsed
 
     if memory is not None:
         scene = dataclasses.replace(scene, memory=SmoothSwitch() if memory == "smooth" else EventLatch())
+    if rail is not None:
+        scene = dataclasses.replace(scene, track=load_rail(rail))
     if wavelength:
         if not isinstance(scene.track, HarmonicTrack):
             raise ValueError(f"Option --wavelength needs a HarmonicTrack, but the track is {scene.track!r}.")

@@ -104,6 +104,15 @@ def _mapped(map_: PeriodMap, static: tuple, state: State) -> State:
     return map_(state)
 
 
+def check_rail(scene: Scene, periods: int) -> None:
+    """Raises `ValueError` where a rail ends before a run of some forcing periods does."""
+    end = scene.track.end
+    if end < np.inf and not is_traced(scene.track):
+        most = int(end / float(np.max(scene.track.wavelength)) * (1 + 1e-9))
+        need = f"be at most {most} here, transient included, because the rail ends at {end:g} m"
+        require(periods <= most, "periods", need, periods)
+
+
 def default_steps(scene: Scene, steps: int | None) -> Any:
     """Returns the caller's steps per period, or the default, which is traced where the scene is."""
     if steps is not None:
@@ -301,6 +310,7 @@ def simulate(
     """
     check_scene(scene)
     periods, loads = whole("periods", periods, 1), yes_or_no("loads", loads)
+    check_rail(scene, periods)
     steps, saves = step_plan(lambda: default_steps(scene, None), steps_per_period, saves_per_period)
     solver = resolve_solver(scene, solver)
     start = first_of(start)

@@ -20,8 +20,13 @@ from .quantities import STARTS as STARTS
 from .quantities import Parameter as Parameter
 from .quantities import Quantity as Quantity
 from .quantities import quantity as quantity
+from .random_rails import AbstractSpectrum as AbstractSpectrum
+from .random_rails import CornerSpectrum as CornerSpectrum
+from .random_rails import PowerLawSpectrum as PowerLawSpectrum
+from .random_rails import TableSpectrum as TableSpectrum
 from .scene import scene_to_toml as scene_to_toml
 from .scene_files import scene_from_json as scene_from_json
 from .scene_files import scene_from_toml as scene_from_toml
 from .scene_files import scene_to_json as scene_to_json
 from .step_size import impacts_per_period as impacts_per_period
+from .surveys import SurveyedTrack as SurveyedTrack

@@ -58,14 +58,14 @@ class SplineTrack(AbstractTrack):
         (a, b, c, d), u, inside = self._interval(distance)
         return self._of(((1 - u) * a + (3 * u - 2) * b + (1 - 3 * u) * c + u * d) / self.spacing**2, inside)
 
-    def _interval(self, distance: Array) -> tuple[Array, Array, Array]:
+    def _interval(self, distance: Array) -> tuple[list[Array], Array, Array]:
         """Returns the four coefficients at a distance, the place in its interval [0, 1], and whether it is inside."""
         s, count = (distance - self.first) / self.spacing, self.intervals
         if self.ends == "repeat":
             s = s - count * jnp.floor(s / count)
         at = jnp.clip(jnp.floor(s), 0, count - 1)
-        rows = self.coefficients[at.astype(int)[..., None] + np.arange(4)]
-        return jnp.moveaxis(rows, -2, 0), (s - at)[..., None], ((s >= 0) & (s <= count))[..., None]
+        rows = [self.coefficients[at.astype(int) + k] for k in range(4)]
+        return rows, (s - at)[..., None], ((s >= 0) & (s <= count))[..., None]
 
     def _of(self, rows: Array, inside: Array) -> Irregularity:
         beyond = {"straight": 0.0, "error": jnp.nan, "repeat": None}[self.ends]
@@ -88,10 +88,11 @@ def spline_track(
         away = jnp.arange(count) * spacing
         rise = _smooth_step(jnp.minimum(away, length - away) / jnp.where(ramp > 0, ramp, 1.0))
         samples = jnp.where(ramp > 0, rise, 1.0)[:, None] * samples
-    return SplineTrack(distance[0], spacing, spline_coefficients(samples, ends), reference_length, ends)
+    coefficients = jax.vmap(lambda channel: spline_coefficients(channel, ends), 1, 1)(samples)
+    return SplineTrack(distance[0], spacing, coefficients, reference_length, ends)
 
 
-def spline_coefficients(samples: Float[Array, "samples channels"], ends: str) -> Float[Array, "knots channels"]:
+def spline_coefficients(samples: Float[Array, " samples"], ends: str) -> Float[Array, " knots"]:
     """Computes the coefficients of cubic B-splines through equally spaced samples. Pure.
 
     A rail that repeats has a periodic spline, of which the last sample is the first again. Otherwise the second
@@ -103,17 +104,17 @@ def spline_coefficients(samples: Float[Array, "samples channels"], ends: str) ->
         rows = _periodic_coefficients(samples[:-1])
         return jnp.concatenate([rows[-1:], rows, rows[:2]])
     # a line is its own spline
-    line = samples[0] + (samples[-1] - samples[0]) * (jnp.arange(-1, count + 2) / count)[:, None]
+    line = samples[0] + (samples[-1] - samples[0]) * jnp.arange(-1, count + 2) / count
     odd = samples - line[1:-1]
     rows = _periodic_coefficients(jnp.concatenate([odd[:-1], -odd[:0:-1]]))
     return line + jnp.concatenate([rows[-1:], rows[: count + 2]])
 
 
-def _periodic_coefficients(samples: Float[Array, "samples channels"]) -> Float[Array, "samples channels"]:
+def _periodic_coefficients(samples: Float[Array, " samples"]) -> Float[Array, " samples"]:
     """Computes the c with (c_before + 4 c + c_after) / 6 = samples around a circle."""
     count = samples.shape[0]
     share = (2 + np.cos(2 * np.pi * np.arange(count // 2 + 1) / count)) / 3
-    return jnp.fft.irfft(jnp.fft.rfft(samples, axis=0) / share[:, None], n=count, axis=0)
+    return jnp.fft.irfft(jnp.fft.rfft(samples) / share, n=count)
 
 
 class SampledTrack(AbstractTrack):
@@ -165,7 +166,8 @@ class SampledTrack(AbstractTrack):
         """
         self.ends = one_of("ends", ends, ENDS)
         require(not is_traced(distance), "distance", "be known while programs are made", shown="traced")
-        places = np.asarray(finite("distance", "m")(distance))
+        finite("distance", "m")(distance)
+        places = np.asarray(distance, float)  # inside jit, too
         require(places.ndim == 1 and len(places) > 1, "distance", "be a list of distances", distance)
         given = {"lateral": lateral, "vertical": vertical, "roll": roll}
         checks = {
@@ -202,7 +204,7 @@ class SampledTrack(AbstractTrack):
         if not is_traced(ramp):
             limit = length / 2
             require(number(not_negative, "ramp", ramp, "m") <= limit, "ramp", f"be at most {limit:g} m", float(ramp))
-        self.distance = ends_of
+        self.distance = jnp.asarray(ends_of)
         self.lateral, self.vertical, self.roll = channels["lateral"], channels["vertical"], channels.get("roll")
         self.ramp, self.reference_length = ramp, reference_length
 
@@ -257,7 +259,7 @@ class SampledTrack(AbstractTrack):
     def _places(self) -> Float[Array, " places"]:
         """Distances of the samples, and of the middles between them, within the rail [m]."""
         count = 2 * (self.lateral.shape[0] - 1)
-        return self.distance[0] + self.length * (jnp.arange(count) + 0.25) / count
+        return self.distance[0] + self.length * jnp.arange(count) / count
 
 
 @jax.jit  # one small program instead of one for each operation
@@ -347,10 +349,12 @@ class FourierTrack(AbstractTrack):
         return self.wavelengths[0]
 
     def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
-        cycles = distance[..., None] / self.wavelengths
+        row = lambda values: values.reshape((1,) * distance.ndim + (-1,))
+        cycles = distance[..., None] / row(self.wavelengths)
         # whole cycles are subtracted before the sine, which keeps its precision after any number of periods
         angle = 2 * jnp.pi * (cycles - jnp.floor(cycles))
-        of = lambda size, phase: jnp.sum(size * jnp.sin(angle if phase is None else angle + phase), axis=-1)
+        shifted = lambda phase: angle if phase is None else angle + row(phase)
+        of = lambda size, phase: jnp.sum(row(size) * jnp.sin(shifted(phase)), axis=-1)
         roll = None if self.roll is None else of(self.roll, self.roll_phase)
         return Irregularity(of(self.lateral, self.lateral_phase), of(self.vertical, self.vertical_phase), roll)
 
@@ -406,7 +410,8 @@ class LocalTrack(AbstractTrack):
         return self.reference_length
 
     def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
-        x = distance[..., None] - self.place
+        row = lambda values: values.reshape((1,) * distance.ndim + (-1,))
+        x = distance[..., None] - row(self.place)
         if self.every is not None:
             x = x - self.every * jnp.round(x / self.every)
         u = 2 * x / self.length
@@ -417,7 +422,7 @@ class LocalTrack(AbstractTrack):
         else:
             bend = lambda u: jnp.sqrt(u**2 + JOINT_WIDTH**2) - JOINT_WIDTH
             form = jnp.maximum(1 - bend(u) / bend(1.0), 0.0) ** 3
-        along = jnp.sum(self.height * form, axis=-1)
+        along = jnp.sum(row(self.height) * form, axis=-1)
         zero = jnp.zeros_like(along)
         return Irregularity(along, zero, None) if self.direction == "lateral" else Irregularity(zero, along, None)
 

@@ -140,11 +140,9 @@ class RandomTrack(AbstractTrack):
     """Spectrum of the vertical displacement."""
     roll: AbstractSpectrum | None = None
     """Spectrum of the roll angle [rad^2 per cycle/m]; None: the track does not roll."""
-    band: tuple[float, float] = eqx.field(
-        static=True, converter=lambda band: tuple(map(float, band)), default=(0.4, 100.0)
-    )
+    band: tuple[float, float] = eqx.field(static=True, default=SLED_BAND, metadata={"unit": "m"})
     """Shortest and longest wavelength [m]."""
-    length: float = eqx.field(static=True, converter=float, default=1000.0)
+    length: float = eqx.field(static=True, default=1000.0, metadata={"unit": "m"})
     """Length of the rail [m]."""
     seed: Float[Array, ""] = eqx.field(converter=not_negative("seed"), default=0)
     """Number of the rail, a whole number [1]."""
@@ -214,12 +212,10 @@ class RandomTrack(AbstractTrack):
             spectrum = getattr(self, name)
             if spectrum is not None:
                 instance(name, spectrum, AbstractSpectrum, "a spectrum such as PowerLawSpectrum(...)")
-        ok = len(self.band) == 2 and 0 < self.band[0] < self.band[1]
-        require(ok, "band", "be the shortest and the longest wavelength [m]", self.band)
-        longest = self.band[1]
-        require(
-            self.length >= 2 * longest, "length", f"be at least twice the longest wave, {longest:g} m", self.length
-        )
+        pair = isinstance(self.band, tuple) and len(self.band) == 2 and 0 < self.band[0] < self.band[1]
+        require(pair, "band", "be a tuple of the shortest and the longest wavelength [m]", self.band)
+        need = f"be at least twice the longest wave, {self.band[1]:g} m"
+        require(self.length >= 2 * self.band[1], "length", need, self.length)
         one_of("ends", self.ends, ENDS)
         pair = (self.line_wavelengths is None) == (self.line_amplitudes is None)
         require(pair, "line_amplitudes", "be given with line_wavelengths", self.line_amplitudes)
@@ -239,9 +235,9 @@ class RandomTrack(AbstractTrack):
 
     @property
     def recurrence(self) -> Float[Array, ""]:
-        return (
-            least_common_count(self.reference_length, self.length) if self.ends == "repeat" else jnp.asarray(jnp.inf)
-        )
+        if self.ends != "repeat":
+            return jnp.asarray(jnp.inf)
+        return least_common_count(self.reference_length, self.length)
 
     def prepared(self) -> SplineTrack:
         """Returns the spline through the samples of this seed's rail."""
@@ -266,8 +262,8 @@ class RandomTrack(AbstractTrack):
         if self.line_wavelengths is not None and self.line_amplitudes is not None:
             phase = jax.random.uniform(keys[3], self.line_wavelengths.shape, maxval=2 * jnp.pi)
             x = jnp.arange(count)[:, None] * self.length / count
-            angle = 2 * jnp.pi * x / self.line_wavelengths + phase
-            rows[1] = rows[1] + jnp.sum(self.line_amplitudes * jnp.sin(angle), axis=1)
+            angle = 2 * jnp.pi * x / self.line_wavelengths[None] + phase[None]
+            rows[1] = rows[1] + jnp.sum(self.line_amplitudes[None] * jnp.sin(angle), axis=1)
         if self.roll is not None:
             rows.append(samples(self.roll, roll))
         rail = self.roughness * jnp.stack(rows, axis=1)

@@ -1,7 +1,7 @@
 """The scene: slipper, section, track, contact and speed. Plain pytrees in SI units, checked on construction."""
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -198,29 +198,38 @@ def scene_to_toml(scene: Scene, start: Any = None) -> str:
 
     **Raises:** `ValueError` for a part that has parts of its own, or holds what is no plain value.
     """
-    description = describe(scene)
-    lines = _lines({name: description[name] for name in NUMBERS}, lambda name: unit_of(Scene, name))
+    numbers, lines = describe(scene), []
+    for name in NUMBERS:
+        lines += _line(name, numbers[name], unit_of(Scene, name))
     for name in PARTS:
-        kind, table = type(getattr(scene, name)), description[name]
-        if table[TYPE].lower() == name:  # there is one kind of it
-            del table[TYPE]
-        lines += ["", f"[{name}]", *_lines(table, lambda name, kind=kind: unit_of(kind, name))]
+        part = _entries(getattr(scene, name))
+        single = type(getattr(scene, name)).__name__.lower() == name  # there is one kind of it
+        lines += ["", f"[{name}]", *(part[1:] if single else part)]
     if start is not None:
         is_motion = type(start).__name__ == "Motion"  # whose module needs this one
         require(is_motion, "start", "be a slipperjax.Motion in TOML, such as run.end.motion", start)
         moving = {name: value for name, value in describe(start).items() if name != TYPE and value != 0}
-        lines += ["", "[start]", *_lines(moving, START_UNITS.__getitem__)]
+        lines += ["", "[start]", *(line for name in moving for line in _line(name, moving[name], START_UNITS[name]))]
     return "\n".join(lines) + "\n"
 
 
-def _lines(values: dict[str, Any], unit: Callable[[str], str]) -> list[str]:
-    """Returns a line of TOML for each value that is not None."""
-    return [f"{name} = {_written(value, unit(name))}" for name, value in values.items() if value is not None]
+def _entries(part: Any) -> list[str]:
+    """Returns the lines of TOML of a module: its type, and each value that is not None."""
+    lines = []
+    for name, value in describe(part).items():
+        inner = getattr(part, name, None)
+        if isinstance(value, dict) and TYPE in value:
+            lines.append(f"{name} = {{ {', '.join(_entries(inner))} }}")
+        else:
+            lines += _line(name, value, unit_of(type(part), name))
+    return lines
 
 
-def _written(value: Any, unit: str) -> str:
-    """Returns a value as TOML: with a unit a text for a number, and an inline table for an array."""
-    require(not isinstance(value, dict), "scene", "have no parts within parts in TOML", value)
+def _line(name: str, value: Any, unit: str) -> list[str]:
+    """Returns a value as a line of TOML: with a unit a text for a number, and an inline table for an array."""
+    if value is None:
+        return []
+    require(not isinstance(value, dict), "scene", "have no functions in TOML", value)
     if unit and isinstance(value, list):
-        return f"{{ unit = {json.dumps(unit)}, values = {json.dumps(value)} }}"
-    return json.dumps(f"{value!r} {unit}" if unit else value)
+        return [f"{name} = {{ unit = {json.dumps(unit)}, values = {json.dumps(value)} }}"]
+    return [f"{name} = {json.dumps(f'{value!r} {unit}' if unit else value)}"]

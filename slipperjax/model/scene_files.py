@@ -10,26 +10,32 @@
 With `base = "paper"` everything that a file leaves out is that of `slipperjax.paper_scene()`.
 """
 
-import functools
 import json
 import re
 import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..tools.checks import brief, unit_of
 from ..tools.description import TYPE, build, describe, known_type, type_name
+from ..tools.units import parsed
 from .dang2024 import paper_scene
 from .kinematics import Motion
 from .quantities import half_play
+from .random_rails import AbstractSpectrum
 from .scene import NUMBERS, PARTS, QUATERNION, START_UNITS, Scene, Slipper
 from .section import Section
+from .surveys import SurveyedTrack
+from .tracks import AbstractTrack
 
 SINGLE = (Slipper, Section)
 """Classes without alternatives, whose tables need no type."""
+INNER = (AbstractTrack, AbstractSpectrum)
+"""Bases of classes within parts of a scene."""
 
 
 class SceneFile(NamedTuple):
@@ -54,7 +60,7 @@ def scene_from_json(text: str) -> Scene:
         description = json.loads(text)
     except json.JSONDecodeError as error:
         raise ValueError(f"Argument `scene` must be JSON of a scene, but is {brief(text)}: {error}.") from None
-    return build(description, (Scene, *(kind for kind, _ in PARTS.values())), "scene")
+    return build(description, (Scene, *(kind for kind, _ in PARTS.values()), *INNER), "scene")
 
 
 def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
@@ -111,21 +117,35 @@ class _Reader:
         (kind, _), table = PARTS[name], dict(self.tables.get(name, {}))
         with self.placed(name):
             if kind not in SINGLE:
-                named = table.pop(TYPE, inherited.get(TYPE))
+                of_file = SurveyedTrack.__name__ if name == "track" and "file" in table else inherited.get(TYPE)
+                named = table.pop(TYPE, of_file)
                 if named is None:
                     raise ValueError(f"`{TYPE}` is missing.")
                 kind = known_type(str(named), (kind,), name)
             elif TYPE in table:
                 raise ValueError(f"`{TYPE}` must not be given: there is one kind of {name}.")
-            unit = lambda field: unit_of(kind, field) or ("m" if field == "clearance" else "")
-            written = {field: quantity(field, value, unit(field)) for field, value in table.items()}
+            written = self.written(kind, table)
             values = {field: v for field, v in inherited.items() if field in kind.__dataclass_fields__} | written
             if kind is Section and "clearance" in written:
                 if "play" in written:
                     raise ValueError("`clearance` and `play` must not both be given.")
                 faces = len(values.get("faces", Section.faces))
                 values["play"] = half_play(np.asarray(values.pop("clearance")), faces)
-            return build({TYPE: type_name(kind), **values}, (kind,), name)
+            return build({TYPE: type_name(kind), **values}, (kind, *INNER), name)
+
+    def written(self, kind: type, table: dict[str, Any]) -> dict[str, Any]:
+        """Returns the values of a table for a class in SI units, those of tables within it too."""
+        values = {}
+        for field, value in table.items():
+            if isinstance(value, dict) and TYPE in value:
+                inner = known_type(str(value[TYPE]), INNER, field)
+                table_inside = {name: v for name, v in value.items() if name != TYPE}
+                values[field] = {TYPE: type_name(inner), **self.written(inner, table_inside)}
+            else:
+                values[field] = quantity(field, value, unit_of(kind, field) or ("m" if field == "clearance" else ""))
+        if issubclass(kind, SurveyedTrack) and "file" in values:  # beside the scene's file
+            values["file"] = str(Path(self.file).parent / str(values["file"]))
+        return values
 
     def start(self) -> Motion:
         """Returns the motion at time zero, whose attitude is given as Euler angles or as a quaternion."""
@@ -182,35 +202,3 @@ def quantity(name: str, value: Any, unit: str) -> Any:
 
 def _each(value: Any, convert: Callable[[Any], float]) -> Any:
     return [_each(v, convert) for v in value] if isinstance(value, list) else convert(value)
-
-
-def parsed(name: str, value: Any, unit: str) -> float:
-    """Reads a text such as "1.5 mm" or "1/16 in" in the SI unit `unit`.
-
-    **Raises:** `ValueError` for other texts, and bare numbers.
-    """
-    text = value if isinstance(value, str) else ""
-    number = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-    words = re.fullmatch(rf"\s*({number})(?:/([1-9]\d*))?(\s+\S.*?|[^\W\d_].*?|°)\s*", text)
-    if words is None:
-        raise ValueError(f'`{name}` must be a number with a unit, as in "1.5 {unit}", but is {brief(value)}.')
-    return float(words[1]) / float(words[2] or 1) * _factor(name, words[3].strip(), unit)
-
-
-_UNIT = r"(?:[^\W\d_]|[µ°%*/^().·\s-]|\d(?!\s*(?:\d|\*\*|\^))){1,40}"
-"""Units in products, quotients and small powers: no numbers to a power, which could be of any size."""
-
-
-@functools.cache
-def _factor(name: str, unit: str, si: str) -> float:
-    """Returns SI units in one `unit`; raises `ValueError` for a unit of another kind."""
-    if unit == si:
-        return 1.0
-    import pint  # here, because only files with other units need it
-
-    try:
-        if not re.fullmatch(_UNIT, unit):
-            raise ValueError("it is no product of units and small powers")
-        return float(pint.Quantity(1.0, unit).to(si).magnitude)
-    except (pint.PintError, ValueError, TypeError, AssertionError) as error:
-        raise ValueError(f"`{name}` must be in a unit like {si}, but is in {brief(unit)}: {error}") from None

@@ -16,6 +16,7 @@ from .maps import bifurcations as bifurcations
 from .maps import exponents as exponents
 from .maps import quantity_map as quantity_map
 from .maps import regime_map as regime_map
+from .rails import rail as rail
 from .sections import animate as animate
 from .sections import instant as instant
 from .sections import section as section

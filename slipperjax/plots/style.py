@@ -267,6 +267,8 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
     rows = _FULL_TITLE if full else (_TITLE,)
     lines = [[_stated(n, value) for n in row if (value := _number(ds, n)) is not None] for row in rows]
     waves = np.ravel(ds.attrs.get("wavelengths [m]", []))
+    if full and "track" in ds.attrs:
+        lines[-1].append(f"on a {ds.attrs['track']}")
     if full and len(waves):
         lines[-1].append(f"$L_X$ = {' and '.join(_digits(float(w)) for w in waves)} m")
     return "\n".join(", ".join(line) for line in lines if line)

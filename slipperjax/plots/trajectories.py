@@ -70,7 +70,7 @@ def _draw_contact_forces(ds: xr.Dataset, ax: Any, most: int = 4, last: float | N
     """Draws the forces of `contact_forces`; gives the entries of a legend."""
     period = ds["period"].values
     drawn = period >= (-np.inf if last is None else period[-1] - last - 1e-9)
-    for line in _most_loaded(ds, most):
+    for line in most_loaded(ds, most):
         instant = f" at {line.instant:.4g}" if np.isfinite(line.instant) else ""
         label = f"{line.name}, peak {line.peak:.3g} kN{instant}"
         ax.plot(period[drawn], line.force[drawn], lw=0.9, label=label, **line.style)
@@ -102,7 +102,7 @@ def _draw_highest_forces(ds: xr.Dataset, ax: Any, most: int = 4) -> list[Any]:
     period = ds["period"].values
     number = np.maximum(np.ceil(period - 1e-9), 1)  # a period has its end, not its beginning
     starts = np.flatnonzero(np.diff(number, prepend=-np.inf))
-    for line in _most_loaded(ds, most):
+    for line in most_loaded(ds, most):
         ax.plot(number[starts] - 0.5, np.maximum.reduceat(line.force, starts), lw=0.9, label=line.name, **line.style)
         ax.plot(line.instant, line.peak, "o", ms=3, mew=0, color=line.style["color"])
     margin = 0.01 * np.ptp(period)
@@ -126,7 +126,7 @@ class PointForce(NamedTuple):
     style: dict[str, Any]
 
 
-def _most_loaded(ds: xr.Dataset, most: int) -> list[PointForce]:
+def most_loaded(ds: xr.Dataset, most: int) -> list[PointForce]:
     """Gives forces of the points with the highest peaks, the highest first."""
     if "peak_force" in ds:
         peaks = ds["peak_force"]

@@ -16,6 +16,7 @@ from ..model.paths import parameter
 from ..model.quantities import STARTS, Parameter
 from ..model.scene import Scene, check_scene
 from ..model.step_size import rounded_steps, steps_needed
+from ..model.tracks import AbstractTrack
 from ..tools.batching import Batched
 from ..tools.checks import one_of, require, whole, yes_or_no
 from ..tools.compile import is_traced, jit
@@ -199,17 +200,31 @@ class Cases(Grid):
             self.starts = eqx.tree_at(lambda state: state.motion, alike, self.starts)
 
     def take(self, index: np.ndarray) -> tuple[Batched[Scene], Motion | State]:
-        """The scenes and starts at some indices, for a compiled program."""
+        """The scenes and starts at some indices, for a compiled program, with their tracks prepared."""
+        scenes, starts = self._unprepared(index)
+        plain = type(scenes.shared.track).prepared is AbstractTrack.prepared
+        return (scenes if plain else _prepared(scenes)), starts
+
+    def _unprepared(self, index: np.ndarray) -> tuple[Batched[Scene], Motion | State]:
         return self.scenes.take(index), jax.tree.map(lambda v: v[index], self.starts)
 
     def forcing_periods(self) -> Float[np.ndarray, " cases"]:
         """The forcing period of each case [s]."""
-        return np.asarray(_forcing_periods(*self.take(np.arange(self.count))))
+        return np.asarray(_forcing_periods(*self._unprepared(np.arange(self.count))))
 
     def default_steps(self) -> Int[np.ndarray, " cases"]:
         """Steps per period that each case needs, see `slipperjax.default_steps_per_period`."""
         index = filled(np.arange(self.count), self.count)
-        return rounded_steps(np.asarray(_steps_needed(*self.take(index))))[: self.count]
+        return rounded_steps(np.asarray(_steps_needed(*self._unprepared(index))))[: self.count]
+
+
+@jit
+def _prepared(scenes: Batched[Scene]) -> Batched[Scene]:
+    """The same scenes with tracks as runs evaluate them, once for all calls."""
+    tracks = Batched(scenes.varied.track, scenes.shared.track).apply(lambda track: track.prepared())
+    is_track = lambda part: isinstance(part, AbstractTrack)
+    put = lambda scene, track: eqx.tree_at(lambda s: s.track, scene, track, is_leaf=is_track)
+    return Batched(put(scenes.varied, tracks.varied), put(scenes.shared, tracks.shared))
 
 
 @jit

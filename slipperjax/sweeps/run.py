@@ -19,7 +19,7 @@ from jaxtyping import Bool, Int
 
 from ..flow.period_map import advance
 from ..flow.record import AbstractRecord, RecordedSpan, RecordSet, Samples, Strobe
-from ..flow.simulate import step_plan
+from ..flow.simulate import check_rail, step_plan
 from ..flow.status import ASKED, Interrupted, Status, blank, first_problem
 from ..flow.stepping import ConstantSteps, capacity_for
 from ..model.dynamics import State
@@ -238,6 +238,7 @@ def make_plan(grid: Grid, start: Motion | State, options: RunOptions, records: R
     steps, saves = steps_and_saves(cases)
     solver, records = resolve_solver(grid.scene, options.solver), records.with_saves(saves)
     plan = Plan(cases, solver, records, np.atleast_1d(steps), Calls.of(transient), Calls.of(recorded))
+    check_rail(grid.scene, plan.periods)
     plan.estimate(grid.count).check()  # before all cases are made, which may not fit into memory
     if cases.count < grid.count:
         cases = grid.sample(start, grid.count)

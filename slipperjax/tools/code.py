@@ -82,7 +82,7 @@ def _names_in(thing: Any, seen: set[int]) -> Iterator[tuple[Mapping[str, Any], s
     thing = inspect.unwrap(thing)
     if isinstance(thing, type):
         found = [(vars(kind), name) for kind in thing.__mro__ if not _of_library(kind) for name in vars(kind)]
-    elif isinstance(thing, types.FunctionType) and not thing.__module__.startswith(OWN):
+    elif isinstance(thing, types.FunctionType) and not str(thing.__module__).startswith(OWN):
         codes = [thing.__code__]
         for code in codes:
             codes += [part for part in code.co_consts if isinstance(part, types.CodeType)]

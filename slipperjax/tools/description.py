@@ -1,6 +1,8 @@
 """Modules as plain data, such as JSON and TOML hold, and back: without running code that a file names."""
 
 import dataclasses
+import functools
+import inspect
 import types
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -43,7 +45,7 @@ def describe(value: Any) -> Any:
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         kind = type(value)
-        fields = {f.name: describe(getattr(value, f.name)) for f in dataclasses.fields(value) if f.init}
+        fields = {name: describe(getattr(value, name)) for name in arguments_of(kind)}
         if any(_opaque(part) for part in fields.values()) and _is_default(value):
             fields = {}
         return {TYPE: type_name(kind), **fields}
@@ -59,6 +61,14 @@ def describe(value: Any) -> Any:
         return {name: describe(part) for name, part in value.items()}
     name = next((name for name, norm in NORMS.items() if norm is value), None)
     return {OPAQUE: _text_of(value)} if name is None else name
+
+
+@functools.cache
+def arguments_of(kind: type) -> dict[str, Any]:
+    """Gives the fields of a class that its `__init__` takes, with their defaults: those that describe it."""
+    names = {field.name for field in dataclasses.fields(kind)}
+    parameters = inspect.signature(kind.__init__).parameters
+    return {name: parameter.default for name, parameter in parameters.items() if name in names}
 
 
 def _text_of(value: Any) -> str:
@@ -125,11 +135,10 @@ def _is_concrete(kind: type) -> bool:
 
 def check_fields(description: Mapping[str, Any], kind: type, where: str) -> None:
     """Raises `ValueError` where a class lacks fields that a description has, or needs others."""
-    fields = {f.name: f for f in dataclasses.fields(kind) if f.init}
+    fields = arguments_of(kind)
     for name in description:
         if name != TYPE and name not in fields:
             raise ValueError(f"Argument `{where}` must have only {', '.join(fields)}, but has `{name}`.")
-    for name, field in fields.items():
-        needed = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
-        if needed and name not in description and len(description) > 1:
+    for name, default in fields.items():
+        if default is inspect.Parameter.empty and name not in description and len(description) > 1:
             raise ValueError(f"Argument `{where}` must have `{name}`, but has only {', '.join(description)}.")

@@ -289,7 +289,7 @@ def test_standard_error_of_little_and_of_constant_histories():
         (dict(scale=2.0), "Argument `scale` must be a function, but is 2."),
         (dict(state={}), "Argument `state` must be a pytree of real numbers, but is {}."),
         (dict(state={"x": np.nan, "y": 0.0}), "Argument `state` must be finite, but is nan."),
-        (dict(state={"x": "a", "y": 0.0}), "Argument `state` must be finite, but is 'a'."),
+        (dict(state={"x": "a", "y": 0.0}), "Argument `state` must be finite, but is 'a', not a number."),
         (dict(intervals=0), "Argument `intervals` must be a whole number of 1 or more, but is 0."),
         (dict(count=3), "Argument `count` must be at most 2, the size of the state, but is 3."),
         (dict(count=0), "Argument `count` must be a whole number of 1 or more, but is 0."),

@@ -72,7 +72,7 @@ def test_files_of_another_kind_are_refused(tmp_path, capsys):
         ([*FROM, "--over", "mass", 10, 20], "begin with speed, as in the file"),
         *(
             ([*FROM, name, value], f"Option {name} must not be given with --from")
-            for name, value in (("--speed", 1), ("--period", 1), ("--set", "mass=15"), ("--steps-per-period", 100))
+            for name, value in (("--speed", 1000), ("--period", 1), ("--set", "mass=15"), ("--steps-per-period", 100))
         ),
     ):
         assert words in error_of([*arguments, "--out", tmp_path / "run"], capsys)

@@ -9,8 +9,9 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.model.scene import scene_to_toml
-from slipperjax.model.scene_files import parsed, scene_from_json, scene_from_toml, scene_to_json
+from slipperjax.model.scene_files import scene_from_json, scene_from_toml, scene_to_json
 from slipperjax.tools.checks import finite, positive
+from slipperjax.tools.units import parsed
 
 from ..common import fine
 

@@ -74,11 +74,11 @@ def test_wrong_boxes_are_named():
     for box, more, words in (
         ({}, {}, "`box` must name one or more"),
         ({"spede": (1.0, 2.0)}, {}, "spede"),
-        ({"speed": (2.0, 1.0)}, {}, "lower and the higher bound of speed"),
-        ({"speed": (1.0, 2.0, 3.0)}, {}, "lower and the higher bound of speed"),
-        ({"speed": (1.0, 2.0)}, dict(count=0), "`count`"),
-        ({"speed": (1.0, 2.0)}, dict(method="grid"), "`method`"),
-        ({"speed": (1.0, 2.0)}, dict(log=["mass"]), "`log` must name parameters of `box`"),
+        ({"speed": (2e3, 1e3)}, {}, "lower and the higher bound of speed"),
+        ({"speed": (1e3, 2e3, 3e3)}, {}, "lower and the higher bound of speed"),
+        ({"speed": (1e3, 2e3)}, dict(count=0), "`count`"),
+        ({"speed": (1e3, 2e3)}, dict(method="grid"), "`method`"),
+        ({"speed": (1e3, 2e3)}, dict(log=["mass"]), "`log` must name parameters of `box`"),
         ({"y": (-1e-3, 1e-3)}, dict(log=["y"]), "`log` must name parameters above zero"),
     ):
         with pytest.raises((ValueError, KeyError), match=words):

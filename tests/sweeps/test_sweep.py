@@ -124,4 +124,4 @@ def test_starts_can_be_varied_and_lists_be_read_side_by_side():
     assert listed["speed"].dims == listed["start_z"].dims == ("case",)
     np.testing.assert_array_equal(listed["strobe"].values, [product["strobe"].values[k, k, k] for k in range(2)])
     with pytest.raises(ValueError, match="lists of one length"):
-        sj.sweep(sj.paper_scene(), {"speed": [1.0, 2.0], "length": [0.2]}, product=False)
+        sj.sweep(sj.paper_scene(), {"speed": [1e3, 2e3], "length": [0.2]}, product=False)

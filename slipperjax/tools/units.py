@@ -1,0 +1,39 @@
+"""Numbers with units in texts, as pint knows them."""
+
+import functools
+import re
+from typing import Any
+
+from .checks import brief
+
+
+def parsed(name: str, value: Any, unit: str) -> float:
+    """Reads a text such as "1.5 mm" or "1/16 in" in the SI unit `unit`.
+
+    **Raises:** `ValueError` for other texts, and bare numbers.
+    """
+    text = value if isinstance(value, str) else ""
+    number = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+    words = re.fullmatch(rf"\s*({number})(?:/([1-9]\d*))?(\s+\S.*?|[^\W\d_].*?|°)\s*", text)
+    if words is None:
+        raise ValueError(f'`{name}` must be a number with a unit, as in "1.5 {unit}", but is {brief(value)}.')
+    return float(words[1]) / float(words[2] or 1) * unit_factor(name, words[3].strip(), unit)
+
+
+_UNIT = r"(?:[^\W\d_]|[µ°%*/^().·\s-]|\d(?!\s*(?:\d|\*\*|\^))){1,40}"
+"""Units in products, quotients and small powers: no numbers to a power, which could be of any size."""
+
+
+@functools.cache
+def unit_factor(name: str, unit: str, si: str) -> float:
+    """Returns SI units in one `unit`; raises `ValueError` for a unit of another kind."""
+    if unit == si:
+        return 1.0
+    import pint  # here, because only files with other units need it
+
+    try:
+        if not re.fullmatch(_UNIT, unit):
+            raise ValueError("it is no product of units and small powers")
+        return float(pint.Quantity(1.0, unit).to(si).magnitude)
+    except (pint.PintError, ValueError, TypeError, AssertionError) as error:
+        raise ValueError(f"`{name}` must be in a unit like {si}, but is in {brief(unit)}: {error}") from None

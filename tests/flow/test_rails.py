@@ -1,0 +1,83 @@
+"""Runs on rails of samples and on random ones: beside harmonic ones, over seeds, with derivatives, to their ends."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import slipperjax as sj
+from slipperjax.model.layout import coordinates
+
+SCENE, STEPS = sj.paper_scene(1000.0), 50
+RAIL = sj.RandomTrack.sled(length=400.0)
+ON_RAIL = dataclasses.replace(SCENE, track=RAIL)
+COUNT = 65
+PLACES = np.linspace(0.0, 8.0, COUNT)
+WAVE = np.sin(2 * np.pi * PLACES / 8)
+
+
+def sampled(lateral, vertical):
+    return sj.SampledTrack(PLACES, lateral, vertical, np.radians(0.2) * WAVE, ends="repeat")
+
+
+def test_a_sampled_sine_moves_slippers_as_the_harmonic_rail_does():
+    ends = [
+        coordinates(sj.simulate(dataclasses.replace(SCENE, track=track), 6, steps_per_period=STEPS).end)
+        for track in (SCENE.track, sampled(1e-3 * WAVE, 1e-3 * WAVE))
+    ]
+    np.testing.assert_allclose(ends[1], ends[0], atol=1e-6, rtol=2e-5)  # measured 4e-6
+
+
+def test_sweeps_over_seeds_are_runs_on_each_rail():
+    options = dict(transient=0, periods=3, steps_per_period=STEPS, record=["peak_force", "strobe"])
+    ds = sj.sweep(ON_RAIL, {"track.seed": [3.0, 4.0], "track.roughness": [1.0, 2.0]}, **options)
+    assert np.all(ds["status"] == 0)
+    one = sj.sweep(ON_RAIL.replace(**{"track.seed": 4.0}), {"track.roughness": [2.0]}, **options)
+    np.testing.assert_allclose(one["strobe"][0], ds["strobe"][1, 1], rtol=1e-9, atol=1e-12)
+    run = sj.simulate(ON_RAIL.replace(**{"track.seed": 4.0, "track.roughness": 2.0}), 3, steps_per_period=STEPS)
+    np.testing.assert_allclose(coordinates(run.end), ds["strobe"][1, 1, -1], rtol=1e-9, atol=1e-12)
+    assert len(np.unique(ds["peak_force"].max(("end", "point")))) == 4
+    assert len(ds.attrs["scene"]) < 3000  # the spectrum and the seed, no samples
+
+
+def test_runs_beyond_a_rail_are_refused_and_so_are_orbits_where_nothing_recurs():
+    short = dataclasses.replace(ON_RAIL, track=dataclasses.replace(RAIL, ends="error"))
+    for run in (
+        lambda: sj.simulate(short, 51),
+        lambda: sj.sweep(short, {"speed": [1000.0]}, transient=30, periods=21),
+    ):
+        with pytest.raises(ValueError, match=r"`periods` must be at most 50 here, .* the rail ends at 400 m"):
+            run()
+    for call in (sj.periodic_orbit, lambda s: sj.continue_orbit(s, "speed", (900.0, 1100.0))):
+        with pytest.raises(ValueError, match="`scene` must have a track that recurs with its first wavelength"):
+            call(ON_RAIL)
+
+
+def test_a_rail_repeated_on_purpose_has_orbits():
+    scene = dataclasses.replace(SCENE, track=sampled(1e-3 * WAVE, 1e-3 * WAVE)).replace(speed=1250.0)
+    orbit = sj.periodic_orbit(scene, steps_per_period=STEPS)
+    exact = sj.periodic_orbit(sj.paper_scene(1250.0), steps_per_period=STEPS)
+    assert int(orbit.status) == 0
+    np.testing.assert_allclose(coordinates(orbit.state), coordinates(exact.state), atol=1e-6, rtol=1e-5)
+
+
+@pytest.mark.slow
+def test_forces_have_derivatives_by_samples_and_by_roughness():
+    """In both modes, against central differences of the same steps."""
+
+    def by_sample(change):
+        bump = 1e-3 * WAVE + change * np.exp(-((PLACES - 4.0) ** 2))
+        bump = bump - (bump[-1] - bump[0]) * jnp.asarray(PLACES / 8)
+        scene = dataclasses.replace(SCENE, track=sampled(1e-3 * WAVE, bump))
+        return sj.simulate(scene, 2, steps_per_period=STEPS, loads=False).end.motion.z
+
+    def by_roughness(factor):
+        return sj.simulate(ON_RAIL.replace(**{"track.roughness": factor}), 2, steps_per_period=STEPS).end.motion.v_z
+
+    for function, value, step in ((by_sample, 0.0, 1e-9), (by_roughness, 1.0, 1e-6)):
+        difference = (function(value + step) - function(value - step)) / (2 * step)
+        forward, reverse = jax.jacfwd(function)(value), jax.grad(function)(value)
+        np.testing.assert_allclose(forward, difference, rtol=1e-5)
+        np.testing.assert_allclose(reverse, forward, rtol=1e-9)

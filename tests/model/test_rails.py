@@ -1,0 +1,245 @@
+"""Rails of samples against harmonic ones and scipy's splines, random rails against their spectra, sums and shapes."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+import slipperjax as sj
+from slipperjax.model.random_rails import CornerSpectrum, PowerLawSpectrum, TableSpectrum
+from slipperjax.model.scene_files import scene_from_json, scene_to_json
+
+HARMONIC = sj.HarmonicTrack((8.0,), 1e-3, 2e-3)
+PLACES = jnp.asarray(np.linspace(-20.0, 50.0, 701))
+
+
+def on(track, speed=1250.0):
+    return eqx.tree_at(lambda s: s.track, sj.paper_scene(speed), track)
+
+
+def sampled(count, length=8.0, **options):
+    """The harmonic rail, sampled."""
+    distance = np.linspace(0.0, length, count + 1)
+    wave = np.sin(2 * np.pi * distance / 8)
+    return sj.SampledTrack(distance, 1e-3 * wave, 1e-3 * wave, 2e-3 * wave, **options)
+
+
+def largest(one, other):
+    return max(float(np.max(np.abs(a - b))) for a, b in zip(one, other, strict=True) if a is not None)
+
+
+def test_a_sampled_sine_converges_at_the_orders_of_the_spline():
+    exact = HARMONIC.motion(PLACES)
+    errors = np.array(
+        [
+            [largest(*pair) for pair in zip(sampled(n, ends="repeat").motion(PLACES), exact, strict=True)]
+            for n in (16, 32, 64)
+        ]
+    )
+    order = np.log2(errors[:-1] / errors[1:])
+    np.testing.assert_allclose(order[:, 0], 4, atol=0.1)  # measured 4.02, 4.01
+    np.testing.assert_allclose(order[:, 1], 3, atol=0.1)  # measured 3.01, 3.00
+    assert errors[1, 0] < 2e-8  # measured 1.4e-8 m
+
+
+def test_a_rail_with_ends_is_a_natural_spline():
+    distance = np.linspace(3.0, 21.0, 91)
+    lateral, vertical = np.random.default_rng(0).normal(0, 1e-3, (2, 91))
+    track = sj.SampledTrack(distance, lateral, vertical, ends="error")
+    inside = np.linspace(3.0, 21.0, 777)
+    here, slope = track.motion(jnp.asarray(inside))
+    bend = track.prepared().curvature(jnp.asarray(inside))
+    for name, samples in (("lateral", lateral), ("vertical", vertical)):
+        spline = CubicSpline(distance, samples, bc_type="natural")
+        np.testing.assert_allclose(getattr(here, name), spline(inside), atol=1e-15)
+        np.testing.assert_allclose(getattr(slope, name), spline(inside, 1), atol=1e-13)
+        np.testing.assert_allclose(getattr(bend, name), spline(inside, 2), atol=1e-12)
+    assert np.all(np.isnan(track.irregularity(jnp.asarray([2.9, 21.1])).lateral))
+    assert here.roll is None
+
+
+def test_a_rail_goes_on_straight_after_its_ramps():
+    track = sampled(160, 40.0)
+    assert float(track.ramp) == 8.0
+    outside = jnp.asarray([-5.0, 0.0, 40.0, 43.0])
+    for part in track.motion(outside):
+        np.testing.assert_allclose(part.lateral, 0.0, atol=1e-6)  # slopes at the ends: measured 2e-7
+    middle = jnp.linspace(9.0, 31.0, 100)
+    assert largest(track.irregularity(middle), HARMONIC.irregularity(middle)) < 1e-8  # measured 9e-10
+
+
+def test_slopes_are_the_derivatives_of_displacements():
+    for track in (sampled(32, ends="repeat"), sj.RandomTrack.sled(), LOCAL["dips"], LOCAL["joints"], SUM):
+        _, slope = track.motion(PLACES)
+        _, by_jax = jax.jvp(track.irregularity, (PLACES,), (jnp.ones_like(PLACES),))
+        assert largest(slope, by_jax) < 1e-14 * 1e3 * max(1e-3, float(track.steepest_slope))
+        assert float(np.max(np.abs(slope.vertical))) <= float(track.steepest_slope) * (1 + 1e-6)
+
+
+def test_uneven_samples_are_resampled_and_the_error_is_said():
+    rng = np.random.default_rng(1)
+    distance = np.sort(np.append(rng.uniform(0.0, 40.0, 200), [0.0, 40.0]))
+    distance = distance[np.append(True, np.diff(distance) > 0.02)]
+    wave = 1e-3 * np.sin(2 * np.pi * distance / 8)
+    with pytest.warns(
+        sj.ImplausibleWarning, match=r"not equally spaced: .* every 0\.\d+ m, which changes it by \S+ m"
+    ):
+        track = sj.SampledTrack(distance, wave, 0.0, ends="error")
+    middle = jnp.linspace(2.0, 38.0, 300)
+    assert (
+        np.max(np.abs(track.irregularity(middle).lateral - HARMONIC.irregularity(middle).lateral)) < 3e-6
+    )  # measured 1.8e-6
+    # in a program the same map of samples
+    traced = jax.jit(lambda w: sj.SampledTrack(distance, w, 0.0, ends="error").irregularity(middle).lateral)(wave)
+    np.testing.assert_allclose(traced, track.irregularity(middle).lateral, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (dict(distance=[0.0, 1.0, 0.5, 2.0, 3.0]), "`distance` must increase .* is 0.5 m after 1 m at sample 2"),
+        (dict(vertical=np.zeros(4)), "`roll` must be of equal length, but have 4, 5 samples"),
+        (dict(lateral=[0.0, np.nan, 0.0, 0.0, 0.0]), "`lateral` must be finite, but is nan m"),
+        (dict(ends="mirror"), "`ends` must be one of straight, repeat, error"),
+        (dict(ends="repeat", lateral=[0.0, 1.0, 2.0, 3.0, 4.0]), "`lateral` must end as it begins"),
+        (dict(ramp=3.0), "`ramp` must be at most 2 m, but is 3"),
+        (dict(distance=[0.0, 1.0, 2.0], lateral=np.zeros(3), vertical=0.0), "`distance` must be of four or more"),
+        (dict(lateral=None), "`lateral` must be displacements, but is None"),
+    ],
+)
+def test_wrong_samples_are_named(change, words):
+    good = dict(distance=np.arange(5.0), lateral=np.zeros(5), vertical=np.zeros(5))
+    with pytest.raises(ValueError, match=words):
+        sj.SampledTrack(**(good | change))
+
+
+def test_tracks_survive_files():
+    tracks = (sampled(16, ends="repeat"), sj.RandomTrack.sled(seed=7), LOCAL["joints"], SUM, FOURIER)
+    for track in tracks:
+        scene = on(track)
+        again = scene_from_json(scene_to_json(scene))
+        assert eqx.tree_equal(scene, again), track
+    # a random rail is its seed, not its samples
+    assert len(scene_to_json(on(tracks[1]))) < 3000
+
+
+LOCAL = {
+    "dips": sj.LocalTrack(place=[4.0, 20.0], height=[-1e-3, -2e-3], length=0.5),
+    "step": sj.LocalTrack(place=[12.0], height=[5e-4], length=1.0, shape="step", direction="lateral"),
+    "joints": sj.LocalTrack(place=[1.0], height=[-3e-4], length=0.3, shape="joint", every=4.0),
+}
+SUM = sj.SumTrack(HARMONIC, sj.SumTrack(LOCAL["dips"], LOCAL["joints"]))
+FOURIER = sj.FourierTrack((8.0, 2.0), (1e-3, 2e-4), (1e-3, 0.0), (2e-3, 0.0), vertical_phase=(np.pi / 2, 0.0))
+
+
+def test_local_shapes_have_their_height_length_and_place():
+    dips, step, joints = LOCAL.values()
+    at = lambda track, *places: track.irregularity(jnp.asarray(places))
+    np.testing.assert_allclose(at(dips, 4.0, 20.0, 3.7, 4.3, 10.0).vertical, [-1e-3, -2e-3, 0, 0, 0], atol=1e-18)
+    np.testing.assert_allclose(at(step, 11.4, 12.0, 12.6).lateral, [0, 2.5e-4, 5e-4], atol=1e-18)
+    np.testing.assert_allclose(at(joints, 1.0, 5.0, 101.0, 3.0).vertical, [-3e-4, -3e-4, -3e-4, 0], atol=1e-18)
+    assert (float(joints.recurrence), float(dips.recurrence)) == (1.0, np.inf)
+    with pytest.raises(ValueError, match="`every` must be None for steps"):
+        dataclasses.replace(step, every=jnp.asarray(2.0))
+
+
+def test_sums_add_and_recur_with_all_their_parts():
+    here = SUM.irregularity(PLACES)
+    parts = [track.irregularity(PLACES) for track in (HARMONIC, LOCAL["dips"], LOCAL["joints"])]
+    np.testing.assert_allclose(here.vertical, sum(part.vertical for part in parts), atol=1e-18)
+    np.testing.assert_allclose(here.roll, parts[0].roll)
+    assert float(SUM.recurrence) == np.inf
+    twice = sj.SumTrack(sj.HarmonicTrack((8.0,), 1e-3), sj.HarmonicTrack((12.0, 6.0), 1e-4))
+    assert float(twice.recurrence) == 3.0
+    assert float(sj.SumTrack(HARMONIC, LOCAL["joints"]).recurrence) == 1.0
+
+
+def test_fourier_tracks_have_their_own_amplitudes_and_phases():
+    x = np.asarray(PLACES)
+    here = FOURIER.irregularity(PLACES)
+    wave = lambda length, phase=0.0: np.sin(2 * np.pi * x / length + phase)
+    np.testing.assert_allclose(here.lateral, 1e-3 * wave(8) + 2e-4 * wave(2), atol=1e-15)
+    np.testing.assert_allclose(here.vertical, 1e-3 * wave(8, np.pi / 2), atol=1e-15)
+    np.testing.assert_allclose(here.roll, 2e-3 * wave(8), atol=1e-15)
+    assert float(FOURIER.recurrence) == 1.0
+    equal = sj.FourierTrack((8.0,), (1e-3,), (1e-3,), (2e-3,))
+    assert largest(equal.irregularity(PLACES), HARMONIC.irregularity(PLACES)) < 1e-17
+
+
+def test_a_published_rms_and_conversions_of_spectra():
+    """German vertical profile of low disturbance, wavelengths of 3 to 25 m: 0.9843 mm, one-sided by rad/m."""
+    with pytest.warns(sj.ImplausibleWarning, match="no waves below 3 m"):
+        rail = sj.RandomTrack.german("low", length=5000.0)
+    assert float(rail.rms().vertical) == pytest.approx(0.9843e-3, rel=1e-3)  # measured 0.98427
+    table = TableSpectrum(k := np.geomspace(0.02, 1.0, 200), PowerLawSpectrum(1e-9, 2.0).density(jnp.asarray(k)))
+    band = (1.0, 50.0)
+    np.testing.assert_allclose(table.rms(band), PowerLawSpectrum(1e-9, 2.0).rms(band), rtol=1e-6)
+    # the integral of A k^-2 in closed form
+    np.testing.assert_allclose(table.rms(band) ** 2, 1e-9 * (50 - 1), rtol=1e-5)
+
+
+SPECTRA = {
+    "low": lambda **o: sj.RandomTrack.german("low", **o),
+    "high": lambda **o: sj.RandomTrack.german("high", **o),
+    "class 1": lambda **o: sj.RandomTrack.fra(1, **o),
+    "class 6": lambda **o: sj.RandomTrack.fra(6, **o),
+    "sled": lambda **o: sj.RandomTrack.sled(**(dict(band=(1.0, 50.0)) | o)),
+    "table": lambda **o: sj.RandomTrack.spectrum([0.02, 0.1, 0.5], [1e-6, 1e-7, 1e-10], **o),
+}
+
+
+@pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")  # of long waves
+@pytest.mark.parametrize("name", SPECTRA)
+def test_random_rails_have_their_spectra(name):
+    """The mean periodogram of 200 rails lies within its 95 % band at 95 % of the wavenumbers."""
+    rail = SPECTRA[name](length=1000.0, ends="repeat", reference_length=1000.0)
+    x = jnp.arange(4000) * 0.25
+    seeds = jnp.arange(200.0)
+    heights = jax.jit(jax.vmap(lambda s: eqx.tree_at(lambda t: t.seed, rail, s).irregularity(x)))(seeds)
+    k = np.arange(1, 1000) / 1000.0
+    inside = (k > 1.02 / rail.band[1]) & (k < 0.9 / rail.band[0]) & (k < 0.5)
+    for channel, spectrum in ((heights.lateral, rail.lateral), (heights.vertical, rail.vertical)):
+        waves = np.fft.rfft(np.asarray(channel), axis=1)[:, 1:1000] / 4000
+        density = 2 * np.mean(np.abs(waves) ** 2, axis=0) * 1000.0
+        ratio = density[inside] / np.asarray(spectrum.density(jnp.asarray(k[inside])))
+        # 400 degrees of freedom: normal to a percent, with a standard deviation of 0.0707
+        share = np.mean(np.abs(ratio - 1) < 1.96 * 0.0707)
+        assert share > 0.9, (name, share)  # measured 0.93 to 0.97; of 160 to 330 wavenumbers it scatters by 0.02
+        assert abs(np.mean(ratio) - 1) < 0.02  # measured 0.01 and less
+    # independent directions
+    correlation = np.mean(np.asarray(heights.lateral * heights.vertical)) / (
+        np.std(heights.lateral) * np.std(heights.vertical)
+    )
+    assert abs(correlation) < 0.05
+
+
+def test_one_seed_is_one_rail_at_any_scale_and_coherence_is_correlation():
+    rail = sj.RandomTrack.sled(seed=4, length=400.0)
+    rough = dataclasses.replace(rail, roughness=jnp.asarray(3.0))
+    here, rougher = rail.irregularity(PLACES), rough.irregularity(PLACES)
+    np.testing.assert_allclose(rougher.vertical, 3 * here.vertical, rtol=1e-12, atol=1e-18)
+    assert largest(dataclasses.replace(rail, seed=jnp.asarray(5.0)).irregularity(PLACES), here) > 1e-5
+    coherent = dataclasses.replace(rail, coherence=jnp.asarray(1.0)).irregularity(PLACES)
+    np.testing.assert_allclose(coherent.lateral, coherent.vertical, atol=1e-16)
+    lines = sj.RandomTrack(None, None, length=400.0, line_wavelengths=(1.32,), line_amplitudes=(1e-4,), ramp=0.0)
+    inside = jnp.linspace(10.0, 390.0, 20001)
+    assert np.std(lines.irregularity(inside).vertical) == pytest.approx(1e-4 / np.sqrt(2), rel=1e-3)
+    assert float(lines.rms().vertical) == pytest.approx(1e-4 / np.sqrt(2), rel=1e-9)
+
+
+def test_wrong_random_rails_are_named():
+    spectrum = CornerSpectrum(1e-7, 0.02, 0.8)
+    for options, words in (
+        (dict(band=(3.0, 1.0)), "`band` must be a tuple of the shortest and the longest"),
+        (dict(length=50.0), "`length` must be at least twice the longest wave, 100 m"),
+        (dict(line_wavelengths=(1.0,)), "`line_amplitudes` must be given with"),
+        (dict(lateral=1e-3), "`lateral` must be a spectrum such as"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            sj.RandomTrack(**(dict(lateral=None, vertical=spectrum) | options))
+    with pytest.raises(ValueError, match="`track_class` must be a class of 1 to 6, but is 9"):
+        sj.RandomTrack.fra(9)
