@@ -16,7 +16,7 @@ ENDS = ("straight", "repeat", "error")
 """What a rail of samples is beyond its ends: straight, itself again, or not there (NaN, and refused where known)."""
 DEFAULT_RAMP = 8.0
 """Length of the ramps at the ends of a rail that goes on straight [m], or a quarter of the rail if that is less."""
-EQUAL_SPACING = 1e-6
+EQUAL_SPACING = 1e-3
 """Greatest difference of distances from equal spacing that counts as none, over the spacing."""
 MOST_RESAMPLED = 8
 """Most samples of an unevenly sampled rail after resampling, over those given."""
@@ -64,32 +64,16 @@ class SplineTrack(AbstractTrack):
         if self.ends == "repeat":
             s = s - count * jnp.floor(s / count)
         at = jnp.clip(jnp.floor(s), 0, count - 1)
-        rows = [self.coefficients[at.astype(int) + k] for k in range(4)]
-        return rows, (s - at)[..., None], ((s >= 0) & (s <= count))[..., None]
+        # four neighbours as one slice, which a batch of rails reads as one piece
+        index, four = at.astype(int), lambda i: jax.lax.dynamic_slice_in_dim(self.coefficients, i, 4)
+        rows = jnp.moveaxis(jax.vmap(four)(index.ravel()), 1, 0).reshape(4, *index.shape, -1)
+        return list(rows), (s - at)[..., None], ((s >= 0) & (s <= count))[..., None]
 
     def _of(self, rows: Array, inside: Array) -> Irregularity:
         beyond = {"straight": 0.0, "error": jnp.nan, "repeat": None}[self.ends]
         rows = rows if beyond is None else jnp.where(inside, rows, beyond)
         channels = [rows[..., k] for k in range(rows.shape[-1])]
         return Irregularity(*channels, *[None] * (3 - len(channels)))
-
-
-def spline_track(
-    distance: Float[Array, "2"],
-    samples: Float[Array, "samples channels"],
-    ends: str,
-    ramp: Any,
-    reference_length: Any,
-) -> SplineTrack:
-    """Returns the spline through equally spaced samples, risen from zero by ramps where it goes on straight. Pure."""
-    length, count = distance[1] - distance[0], samples.shape[0]
-    spacing = length / (count - 1)
-    if ends == "straight":
-        away = jnp.arange(count) * spacing
-        rise = _smooth_step(jnp.minimum(away, length - away) / jnp.where(ramp > 0, ramp, 1.0))
-        samples = jnp.where(ramp > 0, rise, 1.0)[:, None] * samples
-    coefficients = jax.vmap(lambda channel: spline_coefficients(channel, ends), 1, 1)(samples)
-    return SplineTrack(distance[0], spacing, coefficients, reference_length, ends)
 
 
 def spline_coefficients(samples: Float[Array, " samples"], ends: str) -> Float[Array, " knots"]:
@@ -225,7 +209,11 @@ class SampledTrack(AbstractTrack):
     def prepared(self) -> SplineTrack:
         """Returns the spline through the samples, risen from zero by ramps at the ends."""
         samples = jnp.stack([c for c in (self.lateral, self.vertical, self.roll) if c is not None], axis=1)
-        return spline_track(self.distance, samples, self.ends, self.ramp, self.reference_length)
+        if self.ends == "straight":
+            away = jnp.arange(samples.shape[0]) * self.spacing
+            samples = ramps(jnp.minimum(away, self.length - away), self.ramp)[:, None] * samples
+        coefficients = jax.vmap(lambda channel: spline_coefficients(channel, self.ends), 1, 1)(samples)
+        return SplineTrack(self.distance[0], self.spacing, coefficients, self.reference_length, self.ends)
 
     def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
         return self.prepared().irregularity(distance)
@@ -275,6 +263,11 @@ def _smooth_step(x: Array) -> Array:
     """Rises from 0 at 0 to 1 at 1, with continuous second derivatives."""
     x = jnp.clip(x, 0.0, 1.0)
     return x**3 * (10 - 15 * x + 6 * x**2)
+
+
+def ramps(away: Array, ramp: Array) -> Array:
+    """Returns factors that rise from 0 at the ends of a rail to 1 at the distance `ramp` `away` from them [m]."""
+    return jnp.where(ramp > 0, _smooth_step(away / jnp.where(ramp > 0, ramp, 1.0)), 1.0)
 
 
 def _check_increasing(places: np.ndarray) -> None:

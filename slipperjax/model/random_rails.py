@@ -24,7 +24,7 @@ from ..tools.checks import (
     require,
     warn,
 )
-from .rails import DEFAULT_RAMP, ENDS, SplineTrack, spline_track
+from .rails import DEFAULT_RAMP, ENDS, SplineTrack, ramps
 from .tracks import AbstractTrack, Irregularity, least_common_count
 
 SAMPLES_PER_WAVE = 8
@@ -240,35 +240,40 @@ class RandomTrack(AbstractTrack):
         return least_common_count(self.reference_length, self.length)
 
     def prepared(self) -> SplineTrack:
-        """Returns the spline through the samples of this seed's rail."""
+        """Returns this seed's rail as a spline, by one Fourier transform for each direction."""
         count = 2 * int(np.ceil(SAMPLES_PER_WAVE * self.length / self.band[0] / 2))
         k = np.arange(count // 2 + 1) / self.length
         inside = (k >= 1 / self.band[1]) & (k <= 1 / self.band[0])
         first, last = np.flatnonzero(inside)[[0, -1]]
         k, keys = jnp.asarray(k[first : last + 1]), jax.random.split(jax.random.key(self.seed.astype(int)), 4)
+        spacing = self.length / count
+        # a spline with coefficients that are a wave is that wave, times this
+        share = lambda wavenumber: (2 + jnp.cos(2 * jnp.pi * spacing * wavenumber)) / 3
 
-        def samples(spectrum: AbstractSpectrum | None, deviates: Array) -> Array:
+        def coefficients(spectrum: AbstractSpectrum | None, deviates: Array) -> Array:
             if spectrum is None:
                 return jnp.zeros(count)
-            waves = jnp.sqrt(spectrum.density(k) / self.length) * (deviates[0] - 1j * deviates[1])
-            return (
-                jnp.fft.irfft(jnp.zeros(count // 2 + 1, complex).at[first : last + 1].set(waves), n=count) * count / 2
-            )
+            waves = jnp.sqrt(spectrum.density(k) / self.length) / share(k) * (deviates[0] - 1j * deviates[1])
+            every = jnp.zeros(count // 2 + 1, complex).at[first : last + 1].set(waves)
+            return jnp.fft.irfft(every, n=count) * count / 2
 
         vertical, lateral, roll = (jax.random.normal(key, (2, k.size)) for key in keys[:3])
         if self.coherence is not None:
             lateral = self.coherence * vertical + jnp.sqrt(1 - self.coherence**2) * lateral
-        rows = [samples(self.lateral, lateral), samples(self.vertical, vertical)]
+        rows = [coefficients(self.lateral, lateral), coefficients(self.vertical, vertical)]
         if self.line_wavelengths is not None and self.line_amplitudes is not None:
-            phase = jax.random.uniform(keys[3], self.line_wavelengths.shape, maxval=2 * jnp.pi)
-            x = jnp.arange(count)[:, None] * self.length / count
-            angle = 2 * jnp.pi * x / self.line_wavelengths[None] + phase[None]
-            rows[1] = rows[1] + jnp.sum(self.line_amplitudes[None] * jnp.sin(angle), axis=1)
+            wavenumber = 1 / self.line_wavelengths
+            phase = jax.random.uniform(keys[3], wavenumber.shape, maxval=2 * jnp.pi)
+            angle = 2 * jnp.pi * jnp.arange(count)[:, None] * spacing * wavenumber[None] + phase[None]
+            rows[1] = rows[1] + jnp.sum((self.line_amplitudes / share(wavenumber))[None] * jnp.sin(angle), axis=1)
         if self.roll is not None:
-            rows.append(samples(self.roll, roll))
-        rail = self.roughness * jnp.stack(rows, axis=1)
-        rail = jnp.concatenate([rail, rail[:1]])
-        return spline_track(jnp.asarray([0.0, self.length]), rail, self.ends, self.ramp, self.reference_length)
+            rows.append(coefficients(self.roll, roll))
+        around = lambda row: jnp.concatenate([row[-1:], row, row[:2]])
+        rail = self.roughness * jnp.stack([around(row) for row in rows], axis=1)
+        if self.ends == "straight":
+            away = spacing * jnp.asarray(np.minimum(np.arange(-1, count + 2), np.arange(count + 1, -2, -1)))
+            rail = ramps(away, self.ramp)[:, None] * rail
+        return SplineTrack(jnp.zeros(()), jnp.asarray(spacing), rail, self.reference_length, self.ends)
 
     def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
         return self.prepared().irregularity(distance)

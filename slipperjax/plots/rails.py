@@ -9,11 +9,13 @@ import xarray as xr
 from ..analysis.spectra import power_spectral_density
 from ..model.scene import Scene, check_scene
 from ..tools.checks import number, positive
-from .style import COLORS, axis_label, check_dataset, styled
+from .style import COLORS, axis_label, check_dataset, legend_above, styled
 from .trajectories import TRAJECTORY_SOURCE, most_loaded
 
 SAMPLES = 4096
 """Places at which a rail is drawn."""
+LOWEST = 1e-10
+"""Least density drawn, over the greatest [1]."""
 
 
 def rail(scene: Scene, ds: xr.Dataset | None = None, axes: Any = None, *, length: float | None = None) -> Any:
@@ -48,15 +50,19 @@ def rail(scene: Scene, ds: xr.Dataset | None = None, axes: Any = None, *, length
             seen = slice(1, SAMPLES // 4)  # finer waves are the drawing's
             lower.loglog(spectrum.frequency[seen], spectrum.density[seen] + 1e-300, lw=0.6, color=COLORS[color])
         upper.set(xlabel="distance [m]", ylabel="rail [mm]", xlim=(0, most))
-        upper.legend(loc="upper right", ncols=2, frameon=False)
+        legend_above(upper, upper.get_legend_handles_labels()[0])
         slope, slipper = float(scene.track.steepest_slope), float(scene.slipper.length)
         if slope > 0:
             longest = 2 * float(scene.value("clearance")) / slope
-            lower.axvspan(1 / max(longest, slipper), 1 / slipper, color=COLORS["grey"], alpha=0.25, lw=0)
-        lower.set(xlabel="wavenumber [cycles/m]", ylabel="density [mm$^2$ m]")
+            ends = 1 / max(longest, slipper), 1 / slipper
+            lower.axvspan(*ends, color=COLORS["grey"], alpha=0.25, lw=0)
+            at = dict(transform=lower.get_xaxis_transform(), ha="center", va="top", fontsize=7)
+            lower.text(np.sqrt(ends[0] * ends[1]), 0.95, "band of\nthe slipper", **at)
+        highest = max(line.get_ydata().max() for line in lower.lines)
+        lower.set(xlabel="wavenumber [cycles/m]", ylabel="density [mm$^2$ m]", ylim=(LOWEST * highest, 5 * highest))
         for ax, run in zip(middle, [] if ds is None else [ds], strict=False):
             for line in most_loaded(run, 3):
                 ax.plot(run["period"].values * unit, line.force, lw=0.7, label=line.name, **line.style)
             ax.set(xlabel="distance [m]", ylabel=axis_label("contact_force"), xlim=(0, most))
-            ax.legend(loc="upper right", ncols=3, frameon=False)
+            legend_above(ax, ax.get_legend_handles_labels()[0])
     return np.ravel(axes)

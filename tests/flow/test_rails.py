@@ -55,6 +55,7 @@ def test_runs_beyond_a_rail_are_refused_and_so_are_orbits_where_nothing_recurs()
             call(ON_RAIL)
 
 
+@pytest.mark.slow
 def test_a_rail_repeated_on_purpose_has_orbits():
     scene = dataclasses.replace(SCENE, track=sampled(1e-3 * WAVE, 1e-3 * WAVE)).replace(speed=1250.0)
     orbit = sj.periodic_orbit(scene, steps_per_period=STEPS)

@@ -1,0 +1,37 @@
+"""What rails of samples cost: `pytest -m benchmark -s tests/benchmarks/test_rails.py`."""
+
+import dataclasses
+import statistics
+import time
+
+import numpy as np
+import pytest
+
+import slipperjax as sj
+
+SCENE = sj.paper_scene(1000.0)
+RAIL = dataclasses.replace(SCENE, track=sj.RandomTrack.sled(length=800.0))
+SAMPLED = sj.SampledTrack(np.linspace(0, 8, 65), *[1e-3 * np.sin(np.linspace(0, 2 * np.pi, 65))] * 2, ends="repeat")
+OPTIONS = dict(transient=0, periods=90, steps_per_period=80, record="peak_force")
+
+
+@pytest.mark.benchmark
+def test_sweeps_on_rails_beside_the_harmonic_one():
+    cases, speeds = {"restitution": np.linspace(0.85, 0.95, 200)}, {"speed": np.linspace(800.0, 1400.0, 241)}
+    kinds = {
+        "harmonic, 200 cases": (SCENE, cases),
+        "one random rail, 200 cases": (RAIL, cases),
+        "200 random rails": (RAIL, {"track.seed": np.arange(200.0)}),
+        "harmonic, 241 speeds": (SCENE, speeds),
+        "sampled sine, 241 speeds": (dataclasses.replace(SCENE, track=SAMPLED), speeds),
+    }
+    times = {name: [] for name in kinds}
+    for k in range(6):
+        for name, (scene, grid) in kinds.items():
+            begin = time.perf_counter()
+            sj.sweep(scene, grid, **OPTIONS)
+            if k:  # the first one compiles
+                times[name].append(time.perf_counter() - begin)
+    medians = {name: statistics.median(values) for name, values in times.items()}
+    for name, base in zip(kinds, ["harmonic, 200 cases"] * 3 + ["harmonic, 241 speeds"] * 2, strict=True):
+        print(f"{name}: {medians[name]:.2f} s, {medians[name] / medians[base]:.2f} of the harmonic one")
