@@ -44,6 +44,7 @@ from .model.rails import FourierTrack as FourierTrack
 from .model.rails import LocalTrack as LocalTrack
 from .model.rails import SampledTrack as SampledTrack
 from .model.rails import SumTrack as SumTrack
+from .model.rails import TrackSet as TrackSet
 from .model.random_rails import RandomTrack as RandomTrack
 from .model.scene import Scene as Scene
 from .model.scene import Slipper as Slipper

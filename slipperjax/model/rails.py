@@ -8,7 +8,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import finite, instance, not_negative, number, one_of, optional, positive, require, warn
+from ..tools.checks import (
+    finite,
+    instance,
+    not_negative,
+    number,
+    one_of,
+    optional,
+    positive,
+    require,
+    shown_number,
+    warn,
+)
 from ..tools.compile import is_traced
 from .tracks import AbstractTrack, Irregularity, least_common_count
 
@@ -488,3 +499,73 @@ def _sum(one: Irregularity, other: Irregularity) -> Irregularity:
     """Adds displacements, or slopes; a roll of None adds nothing."""
     roll = one.roll if other.roll is None else other.roll if one.roll is None else one.roll + other.roll
     return Irregularity(one.lateral + other.lateral, one.vertical + other.vertical, roll)
+
+
+class TrackSet(AbstractTrack):
+    """Several rails, such as surveys of one track, of which a number chooses one.
+
+    ```python
+    ds = sj.sweep(dataclasses.replace(scene, track=sj.TrackSet(rails)), {"track.number": range(len(rails))})
+    ```
+    """
+
+    tracks: tuple[AbstractTrack, ...] = eqx.field(converter=tuple)
+    """Rails of samples, surveys or random rails, with the same `ends`, reference length and kinds of displacement."""
+    number: Float[Array, ""] = eqx.field(converter=not_negative("number"), default=0)
+    """Which of them is the track, from 0 [1]; NaN where there is no such one."""
+
+    def __check_init__(self):
+        require(self.tracks, "tracks", "be one or more rails", self.tracks)
+        for track in self.tracks:
+            of_samples = type(track).prepared is not AbstractTrack.prepared and not isinstance(track, SumTrack)
+            require(of_samples, "tracks", "be rails of samples, such as slipperjax.SampledTrack", track)
+        alike = {(track.ends, track.roll is None) for track in self.tracks}  # type: ignore[attr-defined]
+        require(len(alike) == 1, "tracks", "have the same ends, and all roll or none", shown=f"{len(alike)} kinds")
+        if not is_traced(self.tracks):
+            lengths = {float(track.wavelength) for track in self.tracks}
+            require(len(lengths) == 1, "tracks", "have one reference length", shown=f"{sorted(lengths)} m")
+
+    def __repr__(self) -> str:
+        return f"TrackSet({len(self.tracks)} rails, number={shown_number(self.number)})"
+
+    @property
+    def wavelength(self) -> Float[Array, ""]:
+        return self.tracks[0].wavelength
+
+    def prepared(self) -> SplineTrack:
+        """Returns the chosen rail's spline, continued to the length of the longest."""
+        splines = [track.prepared() for track in self.tracks]
+        most = max(len(spline.coefficients) for spline in splines)
+        if any(spline.ends == "repeat" and len(spline.coefficients) < most for spline in splines):
+            raise ValueError("Argument `tracks` must have equally many samples where rails repeat.")
+        beyond = jnp.nan if splines[0].ends == "error" else 0.0
+        longer = lambda rows: jnp.pad(rows, ((0, most - len(rows)), (0, 0)), constant_values=beyond)
+        known = (self.number >= 0) & (self.number < len(splines)) & (self.number == jnp.floor(self.number))
+        index = jnp.where(known, self.number, 0).astype(int)
+        chosen = lambda values: jnp.stack(values)[index]
+        coefficients = jnp.where(known, chosen([longer(spline.coefficients) for spline in splines]), jnp.nan)
+        first, spacing = (chosen([getattr(s, name) for s in splines]) for name in ("first", "spacing"))
+        return SplineTrack(first, spacing, coefficients, self.wavelength, splines[0].ends)
+
+    def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
+        return self.prepared().irregularity(distance)
+
+    def motion(self, distance: Float[Array, "*places"]) -> tuple[Irregularity, Irregularity]:
+        return self.prepared().motion(distance)
+
+    @property
+    def end(self) -> float:
+        return min(track.end for track in self.tracks)
+
+    @property
+    def recurrence(self) -> Float[Array, ""]:
+        return jnp.max(jnp.stack([track.recurrence for track in self.tracks]))
+
+    @property
+    def steepest_slope(self) -> Float[Array, ""]:
+        """That of the steepest rail [1], so that all take the same steps."""
+        return jnp.max(jnp.stack([track.steepest_slope for track in self.tracks]))
+
+    @property
+    def shortest_wavelength(self) -> Float[Array, ""]:
+        return jnp.min(jnp.stack([track.shortest_wavelength for track in self.tracks]))

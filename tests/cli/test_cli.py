@@ -104,7 +104,7 @@ def test_help_names_the_paper_s_values_with_units(capsys):
     assert SCENE.gravity is None
     assert list(SCENE.track.wavelengths) == [PAPER["wavelength"]]
     assert (PAPER["gravity"], PAPER["memory"]) == ("none", "event")
-    assert set(PAPER) | {"scene", "set", "solver", "steps_per_period"} == set(CASE)
+    assert set(PAPER) | {"scene", "rail", "set", "solver", "steps_per_period"} == set(CASE)
     text, _ = call(["lyapunov", "--help"], capsys)
     for option, unit in (("--speed", "[m/s]"), ("--clearance", "[mm]"), ("--length", "[m]"), ("--amplitude", "[mm]")):
         assert re.search(rf"{option} [^-]*{re.escape(unit)}", text), option

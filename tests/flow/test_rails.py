@@ -42,6 +42,17 @@ def test_sweeps_over_seeds_are_runs_on_each_rail():
     assert len(ds.attrs["scene"]) < 3000  # the spectrum and the seed, no samples
 
 
+def test_measured_rails_are_an_axis():
+    rails = [sj.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)]
+    options = dict(transient=0, periods=2, steps_per_period=STEPS, record="strobe")
+    scenes = dataclasses.replace(SCENE, track=sj.TrackSet(rails))
+    ds = sj.sweep(scenes, {"track.number": [0.0, 1.0, 2.0]}, **options)
+    np.testing.assert_array_equal(ds["status"], [0, 0, 1])  # there is no third rail
+    for k, rail in enumerate(rails):
+        run = sj.simulate(dataclasses.replace(SCENE, track=rail), 2, steps_per_period=STEPS)
+        np.testing.assert_allclose(coordinates(run.end), ds["strobe"][k, -1], rtol=1e-9, atol=1e-12)
+
+
 def test_runs_beyond_a_rail_are_refused_and_so_are_orbits_where_nothing_recurs():
     short = dataclasses.replace(ON_RAIL, track=dataclasses.replace(RAIL, ends="error"))
     for run in (

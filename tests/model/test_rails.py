@@ -158,6 +158,19 @@ def test_sums_add_and_recur_with_all_their_parts():
     assert float(sj.SumTrack(HARMONIC, LOCAL["joints"]).recurrence) == 1.0
 
 
+def test_a_number_chooses_one_of_several_rails():
+    rails = (sampled(16, 16.0), sampled(96, 24.0, ramp=2.0), sj.RandomTrack.sled(length=300.0, ramp=1.0))
+    for number, rail in enumerate(rails):
+        chosen = sj.TrackSet(rails, number)
+        if number < 2:
+            assert largest(chosen.irregularity(PLACES), rail.irregularity(PLACES)) < 1e-18
+    assert np.all(np.isnan(sj.TrackSet(rails[:2], 5).irregularity(PLACES).lateral))
+    with pytest.raises(ValueError, match="`tracks` must have the same ends, and all roll or none"):
+        sj.TrackSet(rails)
+    with pytest.raises(ValueError, match="`tracks` must be rails of samples"):
+        sj.TrackSet((HARMONIC,))
+
+
 def test_fourier_tracks_have_their_own_amplitudes_and_phases():
     x = np.asarray(PLACES)
     here = FOURIER.irregularity(PLACES)
