@@ -160,10 +160,9 @@ def test_sums_add_and_recur_with_all_their_parts():
 
 def test_a_number_chooses_one_of_several_rails():
     rails = (sampled(16, 16.0), sampled(96, 24.0, ramp=2.0), sj.RandomTrack.sled(length=300.0, ramp=1.0))
-    for number, rail in enumerate(rails):
-        chosen = sj.TrackSet(rails, number)
-        if number < 2:
-            assert largest(chosen.irregularity(PLACES), rail.irregularity(PLACES)) < 1e-18
+    for number, rail in enumerate(rails[:2]):
+        chosen = sj.TrackSet(rails[:2], number)
+        assert largest(chosen.irregularity(PLACES), rail.irregularity(PLACES)) < 1e-18
     assert np.all(np.isnan(sj.TrackSet(rails[:2], 5).irregularity(PLACES).lateral))
     with pytest.raises(ValueError, match="`tracks` must have the same ends, and all roll or none"):
         sj.TrackSet(rails)
