@@ -40,6 +40,8 @@ class SplineTrack(AbstractTrack):
     """Distance of the first knot [m]."""
     spacing: Float[Array, ""]
     """Distance between knots [m]."""
+    intervals: Float[Array, ""]
+    """Number of intervals between knots [1]; there may be coefficients beyond, which do not count."""
     coefficients: Float[Array, "knots channels"]
     """Those of the B-splines of each interval and its neighbours: lateral and vertical [m], and roll [rad] if any."""
     reference_length: Float[Array, ""]
@@ -49,11 +51,6 @@ class SplineTrack(AbstractTrack):
     @property
     def wavelength(self) -> Float[Array, ""]:
         return self.reference_length
-
-    @property
-    def intervals(self) -> int:
-        """Number of intervals between knots."""
-        return self.coefficients.shape[0] - 3
 
     def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
         return self.motion(distance)[0]
@@ -224,7 +221,8 @@ class SampledTrack(AbstractTrack):
             away = jnp.arange(samples.shape[0]) * self.spacing
             samples = ramps(jnp.minimum(away, self.length - away), self.ramp)[:, None] * samples
         coefficients = jax.vmap(lambda channel: spline_coefficients(channel, self.ends), 1, 1)(samples)
-        return SplineTrack(self.distance[0], self.spacing, coefficients, self.reference_length, self.ends)
+        intervals = jnp.asarray(samples.shape[0] - 1.0)
+        return SplineTrack(self.distance[0], self.spacing, intervals, coefficients, self.reference_length, self.ends)
 
     def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
         return self.prepared().irregularity(distance)
@@ -533,19 +531,18 @@ class TrackSet(AbstractTrack):
         return self.tracks[0].wavelength
 
     def prepared(self) -> SplineTrack:
-        """Returns the chosen rail's spline, continued to the length of the longest."""
+        """Returns the chosen rail's spline, with coefficients for the longest."""
         splines = [track.prepared() for track in self.tracks]
         most = max(len(spline.coefficients) for spline in splines)
-        if any(spline.ends == "repeat" and len(spline.coefficients) < most for spline in splines):
-            raise ValueError("Argument `tracks` must have equally many samples where rails repeat.")
-        beyond = jnp.nan if splines[0].ends == "error" else 0.0
-        longer = lambda rows: jnp.pad(rows, ((0, most - len(rows)), (0, 0)), constant_values=beyond)
+        longer = lambda rows: jnp.pad(rows, ((0, most - len(rows)), (0, 0)))
         known = (self.number >= 0) & (self.number < len(splines)) & (self.number == jnp.floor(self.number))
         index = jnp.where(known, self.number, 0).astype(int)
         chosen = lambda values: jnp.stack(values)[index]
         coefficients = jnp.where(known, chosen([longer(spline.coefficients) for spline in splines]), jnp.nan)
-        first, spacing = (chosen([getattr(s, name) for s in splines]) for name in ("first", "spacing"))
-        return SplineTrack(first, spacing, coefficients, self.wavelength, splines[0].ends)
+        first, spacing, count = (
+            chosen([getattr(s, of) for s in splines]) for of in ("first", "spacing", "intervals")
+        )
+        return SplineTrack(first, spacing, count, coefficients, self.wavelength, splines[0].ends)
 
     def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
         return self.prepared().irregularity(distance)

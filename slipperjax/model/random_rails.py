@@ -273,7 +273,8 @@ class RandomTrack(AbstractTrack):
         if self.ends == "straight":
             away = spacing * jnp.asarray(np.minimum(np.arange(-1, count + 2), np.arange(count + 1, -2, -1)))
             rail = ramps(away, self.ramp)[:, None] * rail
-        return SplineTrack(jnp.zeros(()), jnp.asarray(spacing), rail, self.reference_length, self.ends)
+        numbers = jnp.zeros(()), jnp.asarray(spacing), jnp.asarray(float(count))
+        return SplineTrack(*numbers, rail, self.reference_length, self.ends)
 
     def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
         return self.prepared().irregularity(distance)

@@ -163,7 +163,10 @@ def test_a_number_chooses_one_of_several_rails():
     for number, rail in enumerate(rails[:2]):
         chosen = sj.TrackSet(rails[:2], number)
         assert largest(chosen.irregularity(PLACES), rail.irregularity(PLACES)) < 1e-18
-    assert np.all(np.isnan(sj.TrackSet(rails[:2], 5).irregularity(PLACES).lateral))
+    again = (sampled(16, ends="repeat"), sampled(96, 24.0, ends="repeat", reference_length=8.0))
+    for number, rail in enumerate(again):
+        assert largest(sj.TrackSet(again, number).irregularity(PLACES), rail.irregularity(PLACES)) < 1e-18
+    assert np.all(np.isnan(sj.TrackSet(rails[:2], 5).irregularity(jnp.asarray([0.0, 5.0])).lateral))
     with pytest.raises(ValueError, match="`tracks` must have the same ends, and all roll or none"):
         sj.TrackSet(rails)
     with pytest.raises(ValueError, match="`tracks` must be rails of samples"):
