@@ -218,8 +218,11 @@ def _entries(part: Any) -> list[str]:
     lines = []
     for name, value in describe(part).items():
         inner = getattr(part, name, None)
-        if isinstance(value, dict) and TYPE in value:
-            lines.append(f"{name} = {{ {', '.join(_entries(inner))} }}")
+        table = lambda module: f"{{ {', '.join(_entries(module))} }}"
+        if isinstance(inner, eqx.Module):
+            lines.append(f"{name} = {table(inner)}")
+        elif isinstance(inner, tuple) and inner and isinstance(inner[0], eqx.Module):
+            lines.append(f"{name} = [{', '.join(map(table, inner))}]")
         else:
             lines += _line(name, value, unit_of(type(part), name))
     return lines

@@ -135,12 +135,18 @@ class _Reader:
 
     def written(self, kind: type, table: dict[str, Any]) -> dict[str, Any]:
         """Returns the values of a table for a class in SI units, those of tables within it too."""
-        values = {}
+        values: dict[str, Any] = {}
+        is_table = lambda value: isinstance(value, dict) and TYPE in value
+
+        def inner(field: str, value: dict[str, Any]) -> dict[str, Any]:
+            kind = known_type(str(value[TYPE]), INNER, field)
+            return {TYPE: type_name(kind)} | self.written(kind, {n: v for n, v in value.items() if n != TYPE})
+
         for field, value in table.items():
-            if isinstance(value, dict) and TYPE in value:
-                inner = known_type(str(value[TYPE]), INNER, field)
-                table_inside = {name: v for name, v in value.items() if name != TYPE}
-                values[field] = {TYPE: type_name(inner), **self.written(inner, table_inside)}
+            if is_table(value):
+                values[field] = inner(field, value)
+            elif isinstance(value, list) and value and all(map(is_table, value)):
+                values[field] = [inner(field, one) for one in value]
             else:
                 values[field] = quantity(field, value, unit_of(kind, field) or ("m" if field == "clearance" else ""))
         if issubclass(kind, SurveyedTrack) and "file" in values:  # beside the scene's file

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 import slipperjax as sj
 from slipperjax.model.random_rails import CornerSpectrum, PowerLawSpectrum, TableSpectrum
-from slipperjax.model.scene_files import scene_from_json, scene_to_json
+from slipperjax.model.scene_files import scene_from_json, scene_from_toml, scene_to_json
 
 HARMONIC = sj.HarmonicTrack((8.0,), 1e-3, 2e-3)
 PLACES = jnp.asarray(np.linspace(-20.0, 50.0, 701))
@@ -118,11 +118,13 @@ def test_wrong_samples_are_named(change, words):
 
 
 def test_tracks_survive_files():
-    tracks = (sampled(16, ends="repeat"), sj.RandomTrack.sled(seed=7), LOCAL["joints"], SUM, FOURIER)
+    rails = sj.TrackSet([sampled(16, 16.0), sampled(96, 24.0)], 1)
+    tracks = (sampled(16, ends="repeat"), sj.RandomTrack.sled(seed=7), LOCAL["joints"], SUM, FOURIER, rails)
     for track in tracks:
         scene = on(track)
         again = scene_from_json(scene_to_json(scene))
         assert eqx.tree_equal(scene, again), track
+        assert eqx.tree_equal(scene, scene_from_toml(scene.to_toml()).scene), track
     # a random rail is its seed, not its samples
     assert len(scene_to_json(on(tracks[1]))) < 3000
 
