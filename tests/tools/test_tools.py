@@ -47,6 +47,17 @@ def test_a_batch_shares_what_does_not_differ():
     np.testing.assert_array_equal(batch.take(np.array([2, 2, 0])).varied["a"], [2, 2, 0])
 
 
+def test_what_is_made_of_shared_leaves_is_shared():
+    case = {"a": np.asarray(1.0), "b": np.asarray([2.0, 3.0])}
+    batch = Batched.of({"a": np.arange(3.0), "b": case["b"]}, case)
+    made = batch.apply(lambda tree: {"both": tree["a"] * tree["b"], "alone": 2 * tree["b"]})
+    np.testing.assert_array_equal(made.varied["both"], [[0, 0], [2, 3], [4, 6]])
+    np.testing.assert_array_equal(made.shared["alone"], [4, 6])
+    assert (made.varied["alone"], made.shared["both"]) == (None, None)
+    same = Batched({"a": None, "b": None}, case).apply(lambda tree: tree["a"] + tree["b"])
+    assert (same.varied, same.shared.tolist()) == (None, [3, 4])
+
+
 def test_calls_compile_once_for_other_numbers():
     traced = []
 
