@@ -52,6 +52,8 @@ class SurveyedTrack(SampledTrack):
 
         **Raises:** `ValueError` for a file that is no survey, or has another digest; `OSError` for none.
         """
+        if not Path(file).is_file():
+            raise FileNotFoundError(f"No such file: {file}")
         content = Path(file).read_bytes()
         self.file, self.sha256 = str(file), hashlib.sha256(content).hexdigest()[:16]
         need = "be the content with which the scene was made"
