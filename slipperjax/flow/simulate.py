@@ -106,9 +106,10 @@ def _mapped(map_: PeriodMap, static: tuple, state: State) -> State:
 
 def check_rail(scene: Scene, periods: int) -> None:
     """Raises `ValueError` where a rail ends before a run of some forcing periods does."""
-    end = scene.track.end
-    if end < np.inf and not is_traced(scene.track):
-        most = int(end / float(np.max(scene.track.wavelength)) * (1 + 1e-9))
+    if is_traced(scene.track):
+        return
+    if (end := scene.track.end) < np.inf:
+        most = int(end / float(np.max(np.asarray(scene.track.wavelength))) * (1 + 1e-9))
         need = f"be at most {most} here, transient included, because the rail ends at {end:g} m"
         require(periods <= most, "periods", need, periods)
 

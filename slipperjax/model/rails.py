@@ -24,7 +24,8 @@ from ..tools.compile import is_traced
 from .tracks import AbstractTrack, Irregularity, least_common_count
 
 ENDS = ("straight", "repeat", "error")
-"""What a rail of samples is beyond its ends: straight, itself again, or not there (NaN, and refused where known)."""
+"""How a rail of samples goes on beyond its ends: straight at zero; as itself again; or not at all, which is an error:
+NaN after its end, refused where known, and level before its start, where the rear of a slipper begins."""
 DEFAULT_RAMP = 8.0
 """Length of the ramps at the ends of a rail that goes on straight [m], or a quarter of the rail if that is less."""
 EQUAL_SPACING = 1e-3
@@ -56,18 +57,21 @@ class SplineTrack(AbstractTrack):
         return self.motion(distance)[0]
 
     def motion(self, distance: Float[Array, "*places"]) -> tuple[Irregularity, Irregularity]:
-        (a, b, c, d), u, inside = self._interval(distance)
+        (a, b, c, d), u, s = self._interval(distance)
         value = ((1 - u) ** 3 * a + (3 * u**3 - 6 * u**2 + 4) * b + (1 + 3 * u * (1 + u - u**2)) * c + u**3 * d) / 6
         slope = (u**2 * d - (1 - u) ** 2 * a + (3 * u - 4) * u * b + (1 + 2 * u - 3 * u**2) * c) / 2 / self.spacing
-        return self._of(value, inside), self._of(slope, inside)
+        if self.ends == "error":
+            slope = jnp.where(s < 0, 0.0, slope)
+        return self._of(value, s), self._of(slope, s)
 
     def curvature(self, distance: Float[Array, "*places"]) -> Irregularity:
         """Returns second derivatives [1/m], of roll [rad/m^2]."""
-        (a, b, c, d), u, inside = self._interval(distance)
-        return self._of(((1 - u) * a + (3 * u - 2) * b + (1 - 3 * u) * c + u * d) / self.spacing**2, inside)
+        (a, b, c, d), u, s = self._interval(distance)
+        return self._of(((1 - u) * a + (3 * u - 2) * b + (1 - 3 * u) * c + u * d) / self.spacing**2, s)
 
     def _interval(self, distance: Array) -> tuple[list[Array], Array, Array]:
-        """Returns the four coefficients at a distance, the place in its interval [0, 1], and whether it is inside."""
+        """Returns the four coefficients at a distance, the place in its interval [0, 1], and that on the rail, in
+        intervals."""
         s, count = (distance - self.first) / self.spacing, self.intervals
         if self.ends == "repeat":
             s = s - count * jnp.floor(s / count)
@@ -75,11 +79,14 @@ class SplineTrack(AbstractTrack):
         # four neighbours as one slice, which a batch of rails reads as one piece
         index, four = at.astype(int), lambda i: jax.lax.dynamic_slice_in_dim(self.coefficients, i, 4)
         rows = jnp.moveaxis(jax.vmap(four)(index.ravel()), 1, 0).reshape(4, *index.shape, -1)
-        return list(rows), (s - at)[..., None], ((s >= 0) & (s <= count))[..., None]
+        place = jnp.where(s < 0, 0.0, s) if self.ends == "error" else s
+        return list(rows), (place - at)[..., None], s[..., None]
 
-    def _of(self, rows: Array, inside: Array) -> Irregularity:
-        beyond = {"straight": 0.0, "error": jnp.nan, "repeat": None}[self.ends]
-        rows = rows if beyond is None else jnp.where(inside, rows, beyond)
+    def _of(self, rows: Array, s: Array) -> Irregularity:
+        if self.ends == "straight":
+            rows = jnp.where((s >= 0) & (s <= self.intervals), rows, 0.0)
+        elif self.ends == "error":
+            rows = jnp.where(s <= self.intervals, rows, jnp.nan)
         channels = [rows[..., k] for k in range(rows.shape[-1])]
         return Irregularity(*channels, *[None] * (3 - len(channels)))
 
@@ -239,7 +246,7 @@ class SampledTrack(AbstractTrack):
     @property
     def end(self) -> float:
         """Distance up to which there is a rail [m]."""
-        return float(self.distance[1]) if self.ends == "error" else np.inf
+        return float(np.asarray(self.distance)[1]) if self.ends == "error" else np.inf
 
     @property
     def steepest_slope(self) -> Float[Array, ""]:

@@ -159,7 +159,7 @@ class RandomTrack(AbstractTrack):
     )
     """Amplitudes of these [m]."""
     ends: str = eqx.field(static=True, default="straight")
-    """What the rail is beyond its ends, see `SampledTrack`."""
+    """How the rail goes on beyond its ends, see `SampledTrack`."""
     ramp: Float[Array, ""] = eqx.field(converter=not_negative("ramp", "m"), default=DEFAULT_RAMP)
     """Length of the ramps at the ends of a rail that goes on straight [m]."""
     reference_length: Float[Array, ""] = eqx.field(converter=positive("reference_length", "m"), default=8.0)

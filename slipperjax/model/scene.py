@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -88,7 +89,8 @@ class Scene(ShapeChecked):
             instance(name, getattr(self, name), kind, text)
         self.warn_unless_plausible(PARAMETERS.values())
         if not is_traced((self.track, self.slipper.length)):
-            shortest, length = float(self.track.shortest_wavelength), float(np.max(self.slipper.length))
+            with jax.ensure_compile_time_eval():  # inside jit, too
+                shortest, length = float(self.track.shortest_wavelength), float(np.max(self.slipper.length))
             if shortest < length:
                 warn(
                     f"Argument `track` has waves of {shortest:g} m, shorter than the slipper of {length:g} m, which "

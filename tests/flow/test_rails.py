@@ -53,6 +53,12 @@ def test_measured_rails_are_an_axis():
         np.testing.assert_allclose(coordinates(run.end), ds["strobe"][k, -1], rtol=1e-9, atol=1e-12)
 
 
+def test_a_run_may_begin_where_a_rail_does():
+    short = sj.SampledTrack([0.0, 16.0], 1e-3 * np.sin(np.arange(65)), 0.0, ends="error")
+    run = sj.simulate(dataclasses.replace(SCENE, track=short), 2, steps_per_period=STEPS)
+    assert int(run.status) == 0
+
+
 def test_runs_beyond_a_rail_are_refused_and_so_are_orbits_where_nothing_recurs():
     short = dataclasses.replace(ON_RAIL, track=dataclasses.replace(RAIL, ends="error"))
     for run in (

@@ -10,6 +10,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import slipperjax as sj
+from slipperjax.flow.simulate import check_rail
 from slipperjax.model.random_rails import CornerSpectrum, PowerLawSpectrum, TableSpectrum
 from slipperjax.model.scene_files import scene_from_json, scene_from_toml, scene_to_json
 
@@ -58,7 +59,9 @@ def test_a_rail_with_ends_is_a_natural_spline():
         np.testing.assert_allclose(getattr(here, name), spline(inside), atol=1e-15)
         np.testing.assert_allclose(getattr(slope, name), spline(inside, 1), atol=1e-13)
         np.testing.assert_allclose(getattr(bend, name), spline(inside, 2), atol=1e-12)
-    assert np.all(np.isnan(track.irregularity(jnp.asarray([2.9, 21.1])).lateral))
+    assert np.isnan(track.irregularity(jnp.asarray(21.1)).lateral)
+    before = [part.lateral for part in track.motion(jnp.asarray(2.9))]  # level: the rear of a slipper begins there
+    np.testing.assert_allclose(before, [lateral[0], 0.0], atol=1e-15)
     assert here.roll is None
 
 
@@ -158,6 +161,18 @@ def test_sums_add_and_recur_with_all_their_parts():
     twice = sj.SumTrack(sj.HarmonicTrack((8.0,), 1e-3), sj.HarmonicTrack((12.0, 6.0), 1e-4))
     assert float(twice.recurrence) == 3.0
     assert float(sj.SumTrack(HARMONIC, LOCAL["joints"]).recurrence) == 1.0
+
+
+@pytest.mark.parametrize("track", [HARMONIC, sampled(160, 40.0, ends="error"), sj.RandomTrack.sled(length=300.0)])
+def test_scenes_on_known_rails_can_be_made_inside_jit(track):
+    """Where another part of the scene is traced."""
+
+    def period(gravity):
+        scene = dataclasses.replace(on(track), gravity=gravity)
+        check_rail(scene, 5)
+        return scene.period
+
+    np.testing.assert_allclose(jax.jit(period)(9.81), 8.0 / 1250.0)
 
 
 def test_a_number_chooses_one_of_several_rails():
