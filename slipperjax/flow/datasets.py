@@ -75,12 +75,12 @@ def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, A
         value = q.of(scene)
         if value is not None and np.ndim(value) == 0 and not np.isnan(value):
             out[name if q.unit == "1" else f"{name} [{q.unit}]"] = float(value)
-    lengths = {"wavelengths [m]": getattr(scene.track, "wavelengths", None)}
-    if lengths["wavelengths [m]"] is None:
-        out["track"], lengths = type(scene.track).__name__, {"reference_length [m]": scene.track.wavelength}
-    for name, values in lengths.items():
-        if not np.isnan(array := np.atleast_1d(np.asarray(values, float))).any():
-            out[name] = array
+    waves = getattr(scene.track, "wavelengths", None)
+    name, lengths = ("reference_length", scene.track.wavelength) if waves is None else ("wavelengths", waves)
+    if waves is None:
+        out["track"] = type(scene.track).__name__
+    if not np.isnan(lengths := np.atleast_1d(np.asarray(lengths, float))).any():
+        out[f"{name} [m]"] = lengths
     return out
 
 
