@@ -1,5 +1,6 @@
 """Rails of samples, such as surveys, and sums of tracks: cubic splines with continuous second derivatives."""
 
+import abc
 from typing import Any
 
 import equinox as eqx
@@ -116,7 +117,45 @@ def _periodic_coefficients(samples: Float[Array, " samples"]) -> Float[Array, " 
     return jnp.fft.irfft(jnp.fft.rfft(samples) / share, n=count)
 
 
-class SampledTrack(AbstractTrack):
+class AbstractRail(AbstractTrack):
+    """A rail of samples or of a spectrum, which runs evaluate as a spline."""
+
+    ends: eqx.AbstractVar[str]
+    reference_length: eqx.AbstractVar[Float[Array, ""]]
+
+    @abc.abstractmethod
+    def prepared(self) -> SplineTrack:
+        """Returns the rail's spline."""
+
+    @property
+    def wavelength(self) -> Float[Array, ""]:
+        return self.reference_length
+
+    @property
+    def end(self) -> float:
+        return self.extent if self.ends == "error" else np.inf
+
+    def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
+        return self.prepared().irregularity(distance)
+
+    def motion(self, distance: Float[Array, "*places"]) -> tuple[Irregularity, Irregularity]:
+        return self.prepared().motion(distance)
+
+
+def repeats_after(rail: AbstractRail, length: Any) -> Float[Array, ""]:
+    """Returns the number of reference lengths after which a rail of some length [m] recurs; infinite where it does
+    not repeat."""
+    return least_common_count(rail.reference_length, length) if rail.ends == "repeat" else jnp.asarray(jnp.inf)
+
+
+def mean_wave(slope: Array, curvature: Array, most: Array) -> Float[Array, ""]:
+    """Returns the wavelength of a sine [m] with these root mean squares of slope [1] and curvature [1/m]; at most
+    `most`, also where there is no curvature."""
+    wave = 2 * jnp.pi * slope / jnp.where(curvature > 0, curvature, 1.0)
+    return jnp.where(curvature > 0, jnp.minimum(wave, most), most)
+
+
+class SampledTrack(AbstractRail):
     """A track through samples, such as a survey, by a cubic spline with continuous second derivatives.
 
     ```python
@@ -208,10 +247,6 @@ class SampledTrack(AbstractTrack):
         self.ramp, self.reference_length = ramp, reference_length
 
     @property
-    def wavelength(self) -> Float[Array, ""]:
-        return self.reference_length
-
-    @property
     def length(self) -> Float[Array, ""]:
         """Length of the rail [m]."""
         return self.distance[1] - self.distance[0]
@@ -231,22 +266,13 @@ class SampledTrack(AbstractTrack):
         intervals = jnp.asarray(samples.shape[0] - 1.0)
         return SplineTrack(self.distance[0], self.spacing, intervals, coefficients, self.reference_length, self.ends)
 
-    def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
-        return self.prepared().irregularity(distance)
-
-    def motion(self, distance: Float[Array, "*places"]) -> tuple[Irregularity, Irregularity]:
-        return self.prepared().motion(distance)
-
     @property
     def recurrence(self) -> Float[Array, ""]:
-        if self.ends != "repeat":
-            return jnp.asarray(jnp.inf)
-        return least_common_count(self.reference_length, self.length)
+        return repeats_after(self, self.length)
 
     @property
-    def end(self) -> float:
-        """Distance up to which there is a rail [m]."""
-        return float(np.asarray(self.distance)[1]) if self.ends == "error" else np.inf
+    def extent(self) -> float:
+        return float(np.asarray(self.distance)[1])
 
     @property
     def steepest_slope(self) -> Float[Array, ""]:
@@ -269,10 +295,8 @@ class SampledTrack(AbstractTrack):
 @jax.jit  # one small program instead of one for each operation
 def _mean_wave(track: SampledTrack) -> Array:
     spline, places = track.prepared(), track._places()
-    square = lambda of: jnp.mean(of.lateral**2 + of.vertical**2)
-    slope, curvature = square(spline.motion(places)[1]), square(spline.curvature(places))
-    wave = 2 * jnp.pi * jnp.sqrt(slope / jnp.where(curvature > 0, curvature, 1.0))
-    return jnp.where(curvature > 0, jnp.minimum(wave, track.reference_length), track.reference_length)
+    rms = lambda of: jnp.sqrt(jnp.mean(of.lateral**2 + of.vertical**2))
+    return mean_wave(rms(spline.motion(places)[1]), rms(spline.curvature(places)), track.reference_length)
 
 
 def _smooth_step(x: Array) -> Array:
@@ -487,6 +511,10 @@ class SumTrack(AbstractTrack):
         return least_common_count(self.wavelength, jnp.stack(lengths))
 
     @property
+    def extent(self) -> float:
+        return min(self.one.extent, self.other.extent)
+
+    @property
     def end(self) -> float:
         return min(self.one.end, self.other.end)
 
@@ -506,7 +534,7 @@ def _sum(one: Irregularity, other: Irregularity) -> Irregularity:
     return Irregularity(one.lateral + other.lateral, one.vertical + other.vertical, roll)
 
 
-class TrackSet(AbstractTrack):
+class TrackSet(AbstractRail):
     """Several rails, such as surveys of one track, of which a number chooses one.
 
     ```python
@@ -514,7 +542,7 @@ class TrackSet(AbstractTrack):
     ```
     """
 
-    tracks: tuple[AbstractTrack, ...] = eqx.field(converter=tuple)
+    tracks: tuple[AbstractRail, ...] = eqx.field(converter=tuple)
     """Rails of samples, surveys or random rails, with the same `ends`, reference length and kinds of displacement."""
     number: Float[Array, ""] = eqx.field(converter=not_negative("number"), default=0)
     """Which of them is the track, from 0 [1]; NaN where there is no such one."""
@@ -522,9 +550,8 @@ class TrackSet(AbstractTrack):
     def __check_init__(self):
         require(self.tracks, "tracks", "be one or more rails", self.tracks)
         for track in self.tracks:
-            of_samples = type(track).prepared is not AbstractTrack.prepared and not isinstance(track, SumTrack)
-            require(of_samples, "tracks", "be rails of samples, such as slipperjax.SampledTrack", track)
-        alike = {(track.ends, track.roll is None) for track in self.tracks}  # type: ignore[attr-defined]
+            require(isinstance(track, AbstractRail), "tracks", "be rails such as slipperjax.SampledTrack", track)
+        alike = {(track.ends, getattr(track, "roll", None) is None) for track in self.tracks}
         require(len(alike) == 1, "tracks", "have the same ends, and all roll or none", shown=f"{len(alike)} kinds")
         if not is_traced(self.tracks):
             lengths = {float(track.wavelength) for track in self.tracks}
@@ -534,8 +561,12 @@ class TrackSet(AbstractTrack):
         return f"TrackSet({len(self.tracks)} rails, number={shown_number(self.number)})"
 
     @property
-    def wavelength(self) -> Float[Array, ""]:
-        return self.tracks[0].wavelength
+    def ends(self) -> str:
+        return self.tracks[0].ends
+
+    @property
+    def reference_length(self) -> Float[Array, ""]:
+        return self.tracks[0].reference_length
 
     def prepared(self) -> SplineTrack:
         """Returns the chosen rail's spline, with coefficients for the longest."""
@@ -549,17 +580,12 @@ class TrackSet(AbstractTrack):
         first, spacing, count = (
             chosen([getattr(s, of) for s in splines]) for of in ("first", "spacing", "intervals")
         )
-        return SplineTrack(first, spacing, count, coefficients, self.wavelength, splines[0].ends)
-
-    def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
-        return self.prepared().irregularity(distance)
-
-    def motion(self, distance: Float[Array, "*places"]) -> tuple[Irregularity, Irregularity]:
-        return self.prepared().motion(distance)
+        return SplineTrack(first, spacing, count, coefficients, self.wavelength, self.ends)
 
     @property
-    def end(self) -> float:
-        return min(track.end for track in self.tracks)
+    def extent(self) -> float:
+        """That of the shortest rail [m]."""
+        return min(track.extent for track in self.tracks)
 
     @property
     def recurrence(self) -> Float[Array, ""]:

@@ -24,8 +24,8 @@ from ..tools.checks import (
     require,
     warn,
 )
-from .rails import DEFAULT_RAMP, ENDS, SplineTrack, ramps
-from .tracks import AbstractTrack, Irregularity, least_common_count
+from .rails import DEFAULT_RAMP, ENDS, AbstractRail, SplineTrack, mean_wave, ramps, repeats_after
+from .tracks import Irregularity
 
 SAMPLES_PER_WAVE = 8
 """Samples of a random rail in its shortest wavelength: the spline changes that wave by a thousandth."""
@@ -122,7 +122,7 @@ SLED_BAND = 0.4, 100.0
 """Wavelengths of that [m]."""
 
 
-class RandomTrack(AbstractTrack):
+class RandomTrack(AbstractRail):
     """A random rail: normal deviates with given spectra, one rail for each seed.
 
     ```python
@@ -226,18 +226,12 @@ class RandomTrack(AbstractTrack):
             warn(f"Argument `band` has no waves below {self.band[0]:g} m, of which slippers feel most.")
 
     @property
-    def wavelength(self) -> Float[Array, ""]:
-        return self.reference_length
-
-    @property
-    def end(self) -> float:
-        return self.length if self.ends == "error" else np.inf
+    def extent(self) -> float:
+        return self.length
 
     @property
     def recurrence(self) -> Float[Array, ""]:
-        if self.ends != "repeat":
-            return jnp.asarray(jnp.inf)
-        return least_common_count(self.reference_length, self.length)
+        return repeats_after(self, self.length)
 
     def prepared(self) -> SplineTrack:
         """Returns this seed's rail as a spline, by one Fourier transform for each direction."""
@@ -276,12 +270,6 @@ class RandomTrack(AbstractTrack):
         numbers = jnp.zeros(()), jnp.asarray(spacing), jnp.asarray(float(count))
         return SplineTrack(*numbers, rail, self.reference_length, self.ends)
 
-    def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
-        return self.prepared().irregularity(distance)
-
-    def motion(self, distance: Float[Array, "*places"]) -> tuple[Irregularity, Irregularity]:
-        return self.prepared().motion(distance)
-
     def rms(self, power: int = 0) -> Irregularity:
         """Returns the root mean squares of the displacements [m] and the roll [rad] that the spectra have, or of
         their derivatives of the order `power`."""
@@ -307,6 +295,4 @@ class RandomTrack(AbstractTrack):
 @jax.jit  # one small program instead of one for each operation
 def _mean_wave(track: RandomTrack) -> Array:
     size = lambda of: jnp.sqrt(of.lateral**2 + of.vertical**2)
-    slope, curvature = size(track.rms(1)), size(track.rms(2))
-    wave = 2 * jnp.pi * slope / jnp.where(curvature > 0, curvature, 1.0)
-    return jnp.where(curvature > 0, jnp.minimum(wave, track.reference_length), track.reference_length)
+    return mean_wave(size(track.rms(1)), size(track.rms(2)), track.reference_length)

@@ -55,6 +55,11 @@ class AbstractTrack(ShapeChecked):
         return self
 
     @property
+    def extent(self) -> float:
+        """Distance up to which the rail is described [m]."""
+        return np.inf
+
+    @property
     def end(self) -> float:
         """Distance up to which runs may travel [m]."""
         return np.inf

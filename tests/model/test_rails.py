@@ -186,7 +186,7 @@ def test_a_number_chooses_one_of_several_rails():
     assert np.all(np.isnan(sj.TrackSet(rails[:2], 5).irregularity(jnp.asarray([0.0, 5.0])).lateral))
     with pytest.raises(ValueError, match="`tracks` must have the same ends, and all roll or none"):
         sj.TrackSet(rails)
-    with pytest.raises(ValueError, match="`tracks` must be rails of samples"):
+    with pytest.raises(ValueError, match="`tracks` must be rails such as"):
         sj.TrackSet((HARMONIC,))
 
 
