@@ -7,6 +7,7 @@ from .methods import Descent as Descent
 from .methods import TrustRegion as TrustRegion
 from .objectives import OBJECTIVES as OBJECTIVES
 from .objectives import EnsembleSettings as EnsembleSettings
+from .objectives import RailEnsemble as RailEnsemble
 from .optimise import Design as Design
 from .optimise import pareto_front as pareto_front
 from .sensitivities import sensitivities as sensitivities

@@ -1,6 +1,7 @@
 """Checks of a design: simulations of its neighbours, and distances to the nearest events."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import jax.numpy as jnp
@@ -14,16 +15,22 @@ from ..orbits.branches import OrbitBranch, continue_orbit
 from ..orbits.periodic import periodic_orbit
 from ..sweeps.sweep import sweep
 from ..tools.checks import number, positive, require, whole
+from .objectives import RailEnsemble
 from .optimise import Design
+from .problem import Problem
 
 EVENTS = ("LP", "PD", "NS", "BP", "GR")
 """Labels of events to keep away from."""
+OTHER_RAILS = 1_000_000
+"""Added to the number of a search's batch of rails for checks."""
 
 
 def surroundings(
     design: Design, *, points: int = 5, width: float = 0.1, transient: int = 300, periods: int = 64, **options: Any
 ) -> xr.Dataset:
     """Computes the objective around a design by simulation alone, as one batch: an independent check.
+
+    Designs over rails are judged by ensembles on other rails, with their errors.
 
     **Arguments:** `points`: designs along each variable, rounded up to an odd number so that the design itself is
     one; `width`: their greatest distance on both sides, as a share of the box; those beyond a bound are moved to it.
@@ -44,17 +51,43 @@ def surroundings(
         ends = [end for end in (low, high) if around[0] <= end <= around[-1]]
         grid[name] = np.unique([*around[(around > low) & (around < high)], *ends, own])
     smooth = problem.objective.smooth
+    if isinstance(problem.ensemble, RailEnsemble):
+        return _with_total(design, _on_other_rails(problem, grid))
     objectives = list(dict.fromkeys([problem.objective, smooth]))
     call: dict[str, Any] = dict(steps_per_period=problem.steps, solver=problem.solver, start=problem.start)
     call |= dict(transient=transient, periods=periods, record=[*objectives, "motion"])
     ds = sweep(problem.scene, grid | problem.over, **(call | options))
     for objective in objectives:
         ds[objective.name] = ds[objective.name].where(ds["status"] == Status.FINITE)
+    return _with_total(design, ds)
+
+
+def _with_total(design: Design, ds: xr.Dataset) -> xr.Dataset:
+    """Adds the total of the cases, and by how much the lowest one lies below the design's own."""
+    problem, smooth = design.problem, design.problem.objective.smooth
     values, of_cases = ds[smooth.name], list(problem.over)
     total = values.max(of_cases, skipna=False) if problem.robust == "worst" else values.mean(of_cases, skipna=False)
     total = total.assign_attrs(values.attrs | {"long_name": f"{problem.robust} {smooth.name}"})
     own = float(total.sel(design.design, method="nearest"))
     return ds.assign(total=total).assign_attrs(lower=float((own - np.nanmin(total.values)) / abs(own)))
+
+
+def _on_other_rails(problem: Problem, grid: dict[str, np.ndarray]) -> xr.Dataset:
+    """Judges designs of a grid by ensembles on rails of another seed."""
+    other = replace(problem, ensemble=replace(problem.ensemble, seed=problem.ensemble.seed + OTHER_RAILS))
+    mesh = np.stack([m.ravel() for m in np.meshgrid(*grid.values(), indexing="ij")], axis=1)
+    evaluation = other.evaluate((mesh - problem.low) / problem.width, None)
+    dims, shape = (*grid, *problem.over), [len(v) for v in (*grid.values(), *problem.over.values())]
+    data: dict[str, Any] = {"status": (dims, evaluation.status.reshape(shape))}
+    for one in dict.fromkeys([problem.objective, problem.objective.smooth]):
+        value, error = (
+            array[:, problem.index(one)].reshape(shape) for array in (evaluation.value, evaluation.stderr)
+        )
+        data[one.name] = (dims, value, one.quantity.attributes)
+        words = {"units": one.quantity.unit, "long_name": f"standard error of {one.name}"}
+        data[f"{one.name}_stderr"] = (dims, error, words)
+    coords = {name: (name, v, parameter(name, problem.scene).attributes) for name, v in (grid | problem.over).items()}
+    return xr.Dataset(data, coords)
 
 
 def event_margins(

@@ -17,7 +17,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
-from jaxtyping import Float
 
 from ..analysis.attractor import classify
 from ..analysis.kinds import Regime
@@ -31,15 +30,14 @@ from ..model.quantities import COORDINATE_SCALES, MOTION_NUMBERS
 from ..model.scene import Scene
 from ..orbits.periodic import TOLERANCE
 from ..sweeps.attractors import FLOOR, LAST
-from ..sweeps.grid import Grid, filled
+from ..sweeps.grid import Cases, Grid, filled
 from ..sweeps.orbits import JACOBIAN, Maps, Orbits, find_orbits, rows_of
 from ..sweeps.reached import reached_orbits
 from ..sweeps.run import Chunk, ChunkInputs, OnProgress, Plan, RunOptions, make_plan, run_cases, run_chunk, run_chunks
 from ..tools.batching import Batched
-from ..tools.checks import whole
 from ..tools.limits import cores
 from .gradients import PeriodDerivatives, PeriodValues, matrix_slopes, push_period, total_slopes, totals
-from .objectives import Evaluation, EvaluationPlan
+from .objectives import Evaluation, EvaluationPlan, RailEnsemble
 
 LANES_PER_CALL = 32
 """Most cases in one call."""
@@ -56,12 +54,12 @@ LARGEST_GROWTH = 1e4
 DISTURBANCE = 0.1
 """Standard deviation of the disturbances of the starts' velocities, in multiples of
 `slipperjax.model.MOTION_SCALES`. Displacements are left as they are: they could lie outside the play."""
-LEAST_SHARE = 0.5
-"""Share of the runs of an ensemble that must stay on the rail."""
 
 
 def judge(plan: EvaluationPlan, grid: Mapping[str, Any], warm_start: Evaluation | None = None) -> Evaluation:
     """Evaluates cases, on orbits or by ensembles. Arguments as for `judge_on_orbits`."""
+    if isinstance(plan.ensemble, RailEnsemble):
+        return ensemble_averages(plan, grid, at_starts(plan, grid))
     evaluation = judge_on_orbits(plan, grid, warm_start)
     index = np.flatnonzero((evaluation.period == 0) & (evaluation.status == Status.FINITE))
     if len(index):
@@ -96,6 +94,12 @@ def judge_on_orbits(
     cost = (transient.cost if warm_start is None else 0) + 2 * JACOBIAN + 2 * SLOPES_COST
     run = run_chunks(chunks, min(cores(), len(chunks)), work, cost=cost, progress=False)
     return run.checked(lambda: run.results)
+
+
+def at_starts(plan: EvaluationPlan, grid: Mapping[str, Any]) -> Evaluation:
+    """Returns an evaluation of cases at their starts, without values. Arguments as for `judge_on_orbits`."""
+    cases = Cases(plan.scene, grid, plan.start, product=False)
+    return Evaluation.of_states(plan, rows_of(initial_states(*cases.take(np.arange(cases.count)))))
 
 
 def judge_run(plan: EvaluationPlan, periods: int) -> tuple[Evaluation, float]:
@@ -297,30 +301,36 @@ def _exponent(matrices: np.ndarray, slopes: np.ndarray) -> tuple[float, np.ndarr
 def ensemble_averages(plan: EvaluationPlan, grid: Mapping[str, Any], evaluation: Evaluation) -> Evaluation:
     """Returns an evaluation with objectives and derivatives from ensembles in place of its own.
 
-    Where less than half of the runs stay on the rail, the status is that of a run that does not.
+    Where too few of the runs stay on the rail, the status is that of a run that does not.
 
     **Arguments:** `grid`: values by name, one for each case; `evaluation`: of the same cases, with states near their
     attractors.
     """
     settings, names, cases = plan.ensemble, plan.names, len(evaluation.status)
     corners = np.array(list(itertools.product((-1.0, 1.0), repeat=len(names)))).reshape(-1, len(names))
-    repeats = max(1, -(-whole("members", settings.members, 4) // len(corners)))
-    signs = np.repeat(corners, repeats, axis=0)
-    members = len(signs)
+    repeats = max(1, -(-settings.members // len(corners)))
+    members = len(corners) * repeats
     disturbances = np.random.default_rng(settings.seed).normal(size=(repeats, len(MOTION_NUMBERS))) * DISTURBANCE
     disturbances[:, :5] = 0.0
-    # member by member for each case, as `signs`
+    # corner by corner for each case, and run by run for each corner
+    offsets = np.tile(corners, (cases, 1, 1))  # in multiples of the reach
+    for k, name in enumerate(names):
+        here, reach = np.asarray(grid[name], float)[:, None], plan.reach[name]
+        offsets[..., k] = (np.clip(here + corners[:, k] * reach, *plan.limits(name)) - here) / reach
     grid = {name: np.repeat(np.asarray(values, float), members) for name, values in grid.items()}
     for k, name in enumerate(names):
-        grid[name] = grid[name] + np.tile(signs[:, k] * plan.reach[name], cases)
+        grid[name] = grid[name] + np.repeat(offsets[..., k], repeats) * plan.reach[name]
+    for path, numbers in settings.rails(plan.scene.track, repeats).items():
+        grid[path] = np.tile(numbers, cases * len(corners))
     scales = np.array(jax.tree.leaves(MOTION_SCALES))
     motions = np.repeat(evaluation.state[:, : len(MOTION_NUMBERS)], members, axis=0)
     motions += np.tile(disturbances * scales, (cases * len(corners), 1))
     values, status = _run_members(plan, grid, motions)
-    values, status = values.reshape(cases, members, -1), status.reshape(cases, members)
-    fits = [fit_plane(signs, v, code == Status.FINITE) for v, code in zip(values, status, strict=True)]
+    values, status = values.reshape(cases, len(corners), repeats, -1), status.reshape(cases, members)
+    stayed = (status == Status.FINITE).reshape(cases, len(corners), repeats)
+    fits = [settings.fit(*of_case) for of_case in zip(offsets, values, stayed, strict=True)]
     value, stderr, slope, slope_stderr = (np.stack(part) for part in zip(*fits, strict=True))
-    good = np.mean(status == Status.FINITE, axis=1) >= LEAST_SHARE
+    good = np.array([settings.enough(float(np.mean(kept))) for kept in stayed])
     kept = lambda a: np.where(good.reshape(-1, *[1] * (a.ndim - 1)), a, np.nan)
     per = 1 / np.array([plan.reach[name] for name in names])
     return evaluation._replace(
@@ -361,23 +371,3 @@ def _run_members(plan: EvaluationPlan, grid: Mapping[str, Any], motions: np.ndar
 
     run = run_cases(runs, work, cost=runs.cost)
     return run.checked(lambda: tuple(run.results))
-
-
-def fit_plane(
-    signs: Float[np.ndarray, "members parameters"], values: Float[np.ndarray, "members objectives"], kept: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    """Fits planes through `values` over `signs`, to the members that are `kept` and finite.
-
-    **Returns:** intercepts (objectives,) and their standard errors, slopes (objectives, parameters) and theirs; NaN
-    where the members are too few.
-    """
-    used = kept & np.all(np.isfinite(values), axis=1)
-    freedom = used.sum() - signs.shape[1] - 1
-    if freedom < 1:
-        intercept, slope = np.full(values.shape[1], np.nan), np.full((values.shape[1], signs.shape[1]), np.nan)
-        return intercept, intercept, slope, slope
-    system = np.column_stack([np.ones(used.sum()), signs[used]])
-    plane, *_ = np.linalg.lstsq(system, values[used], rcond=None)
-    variance = np.sum((values[used] - system @ plane) ** 2, axis=0) / freedom
-    stderr = np.sqrt(np.diag(np.linalg.pinv(system.T @ system))[:, None] * variance)
-    return plane[0], stderr[0], plane[1:].T, stderr[1:].T

@@ -79,6 +79,9 @@ class AbstractMove(abc.ABC):
 class AbstractMethod(abc.ABC):
     """A way to move designs."""
 
+    fresh: bool = False
+    """Whether each round of trials is judged by runs of its own: on new rails, or from new disturbances."""
+
     @abc.abstractmethod
     def start(self, at: np.ndarray, values: CaseValues) -> AbstractMove:
         """Returns the move that begins at a design with its values."""
@@ -200,6 +203,8 @@ class Descent(AbstractMethod):
     optimiser: Any = None
     """An `optax.GradientTransformation`; default Adam with a rate that falls from 0.05 to 0.001 [unit box]."""
     steps: int = 60
+    fresh: bool = False
+    """Whether each step takes new rails or disturbances, which the optimiser averages, and not always the same."""
 
     def start(self, at, values):
         optimiser = self.optimiser or optax.adam(optax.exponential_decay(0.05, self.steps, 0.02))

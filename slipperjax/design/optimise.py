@@ -23,7 +23,7 @@ from ..model.scene import Scene
 from ..tools.checks import instance, require, whole, yes_or_no
 from ..tools.files import write_whole
 from .methods import AbstractMethod, AbstractMove, CaseValues, TrustRegion, inside
-from .objectives import EnsembleSettings, Evaluation, Objective, objective_named
+from .objectives import EnsembleSettings, Evaluation, Objective, RailEnsemble, objective_named
 from .problem import Problem, checked_problem, first_designs, spread_designs
 
 AT_BOUND = 1e-6
@@ -142,7 +142,7 @@ class Design:
             "transient": problem.transient,
             "steps_per_period": problem.steps,
             "solver": problem.solver,
-            "ensemble": list(problem.ensemble),
+            "ensemble": dataclasses.asdict(problem.ensemble),
         }
         attrs = scene_attributes(self.scene, without=(*problem.over, *names))
         attrs |= run_attributes(self.scene, problem.start, call, tuple(problem.over)) | {"robust": problem.robust}
@@ -168,7 +168,7 @@ def optimise_design(
     method: AbstractMethod | None = None,
     max_trials: int = 60,
     transient: int = 200,
-    ensemble: EnsembleSettings = EnsembleSettings(),
+    ensemble: EnsembleSettings | None = None,
     steps_per_period: int | None = None,
     solver: diffrax.AbstractSolver | str | None = None,
     start: Motion | State | None = None,
@@ -179,7 +179,8 @@ def optimise_design(
 
     Each case of each trial is judged on the stable periodic orbit that it settles to, which is followed from trial to
     trial, with exact derivatives. Where there is none, an ensemble of runs gives value and slope with their standard
-    errors.
+    errors. On rails that do not recur, all trials are judged by runs along many of them, see `RailEnsemble`, and the
+    last designs once more along rails that the search has not seen.
 
     **Arguments:**
 
@@ -195,7 +196,7 @@ def optimise_design(
     - `method`: how designs move, default `TrustRegion()`; `Descent(...)` takes an optimiser of optax. `max_trials`:
         of each start.
     - `transient`: forcing periods before an orbit is looked for; `start`: as for `simulate`; `ensemble`: sizes of
-        ensembles.
+        ensembles, by default those that the track needs.
     - `steps_per_period`: the same for all, by default the most that a corner of the box needs; `solver`: as for
         `simulate`.
     - `progress`: shows a bar.
@@ -243,6 +244,7 @@ class _Search:
         self.moves: list[AbstractMove] = []
         self.trials: list[Trial] = []
         self.latest: dict[int, Trial] = {}  # the last one that each start accepted
+        self.rounds = 0
         self.simulated, self.bar = 0.0, None
         if shown:
             from tqdm import tqdm
@@ -278,15 +280,34 @@ class _Search:
         self, designs: np.ndarray, warm_start: Evaluation | None
     ) -> list[tuple[np.ndarray, CaseValues, Evaluation]]:
         """Returns each design with its values and its evaluation."""
-        evaluation = self.problem.evaluate(designs, warm_start)
+        evaluation = (self._unseen() if self.method.fresh else self.problem).evaluate(designs, warm_start)
+        self.rounds += 1
         self.simulated += float(np.sum(evaluation.simulated))
         index = np.arange(len(evaluation.status)).reshape(len(designs), -1)
         of_designs = [evaluation.take(cases) for cases in index]
         return [(at, self.problem.case_values(one), one) for at, one in zip(designs, of_designs, strict=True)]
 
+    def _unseen(self) -> Problem:
+        """The problem with ensembles that no earlier round has had."""
+        ensemble = self.problem.ensemble
+        return dataclasses.replace(
+            self.problem, ensemble=dataclasses.replace(ensemble, seed=ensemble.seed + self.rounds)
+        )
+
+    def _judged_anew(self, trials: list[Trial]) -> list[Trial]:
+        """Returns trials on rails that the search has not seen, where they were judged on rails."""
+        if not isinstance(self.problem.ensemble, RailEnsemble):
+            return trials
+        evaluation = self._unseen().evaluate(np.stack([trial.at for trial in trials]), None)
+        cases = np.arange(len(evaluation.status)).reshape(len(trials), -1)
+        of_trials = [(trial, evaluation.take(index)) for trial, index in zip(trials, cases, strict=True)]
+        return [trial._replace(values=self.problem.case_values(one), evaluation=one) for trial, one in of_trials]
+
     def _with_errors(self, trial: Trial) -> Evaluation:
         """Returns the evaluation of a trial with what half the step changes as the errors of cases on orbits."""
         evaluation, steps = trial.evaluation, self.problem.steps
+        if not np.any(evaluation.period):
+            return evaluation
         half = dataclasses.replace(self.problem, steps=2 * steps).evaluate(trial.at[None], evaluation)
         on_orbit = (evaluation.period > 0) & (half.period == evaluation.period)
         numbers = lambda of: {"stderr": of.value, "gradient_stderr": of.gradient}
@@ -313,6 +334,7 @@ class _Search:
         **Arguments:** `checked`: whether it is judged again with steps half as long, for its errors on orbits.
         """
         problem, ends = self.problem, list(self.latest.values())
+        ends = self._judged_anew(ends) if checked else ends
         best = min(ends, key=lambda trial: (trial.values.violation > VIOLATED, trial.values.total))
         values, evaluation = best.values, best.evaluation._replace(simulated=0 * best.evaluation.simulated)
         if checked:

@@ -13,16 +13,13 @@ from jaxtyping import Float
 from ..flow.simulate import first_of
 from ..model.paths import parameter, refuse_undone
 from ..model.scene import Scene, check_scene
-from ..orbits.motions import check_forcing
 from ..solvers.named import resolve_solver
 from ..sweeps.grid import Cases
-from ..tools.checks import instance, one_of, require, whole, yes_or_no
+from ..tools.checks import one_of, require, whole, yes_or_no
 from .judge import judge
 from .methods import CaseValues
-from .objectives import EnsembleSettings, Evaluation, EvaluationPlan, Objective, objective_named
+from .objectives import Evaluation, EvaluationPlan, Objective, RailEnsemble, ensemble_for, objective_named
 
-REACH = 0.005
-"""Distance of ensembles' parameters from a design's [unit box]."""
 SCREENED = 4
 """Designs judged for each start of a search, besides the corners of the box."""
 APART = 0.3, 0.15
@@ -64,6 +61,9 @@ class Problem(EvaluationPlan):
     def width(self) -> np.ndarray:
         """Widths of the box [SI units]."""
         return np.array([high - low for low, high in self.bounds.values()])
+
+    def limits(self, name):
+        return self.bounds[name]
 
     def index(self, objective: Objective) -> int:
         """Returns the index of an objective in evaluations."""
@@ -109,7 +109,9 @@ def checked_problem(
     **Raises:** `ValueError` that names the argument which is wrong.
     """
     check_scene(scene)
-    check_forcing(scene)
+    ensemble = ensemble_for(scene, ensemble)
+    need = "be False where the rail does not recur"
+    require(not (yes_or_no("periodic", periodic) and isinstance(ensemble, RailEnsemble)), "periodic", need, periodic)
     objective = objective_named(objective)
     bounds = _checked_bounds(scene, variables)
     over = {} if over is None else over
@@ -132,15 +134,15 @@ def checked_problem(
         solver,
         whole("steps_per_period", steps, 1),
         start,
-        {name: REACH * (high - low) for name, (low, high) in bounds.items()},
+        {name: ensemble.box_reach * (high - low) for name, (low, high) in bounds.items()},
         whole("transient", transient, 0),
-        instance("ensemble", ensemble, EnsembleSettings, "a slipperjax.design.EnsembleSettings"),
+        ensemble,
         objective,
         bounds,
         over,
         robust,
         limits,
-        yes_or_no("periodic", periodic),
+        periodic,
     )
 
 

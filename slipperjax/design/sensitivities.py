@@ -21,15 +21,21 @@ from ..model.paths import checked_parameters, parameter
 from ..model.scene import Scene, check_scene
 from ..orbits.motions import check_forcing
 from ..solvers.named import resolve_solver
-from ..tools.checks import one_of, require, whole, yes_or_no
+from ..tools.checks import number, one_of, positive, require, whole, yes_or_no
 from .gradients import pulled_gradient
-from .judge import ensemble_averages, judge_on_orbits, judge_run
-from .objectives import OBJECTIVES, EnsembleSettings, Evaluation, EvaluationPlan, objective_named
+from .judge import at_starts, ensemble_averages, judge_on_orbits, judge_run
+from .objectives import (
+    OBJECTIVES,
+    EnsembleSettings,
+    Evaluation,
+    EvaluationPlan,
+    RailEnsemble,
+    ensemble_for,
+    objective_named,
+)
 
 METHODS = ("orbit", "ensemble", "run")
 """Ways to differentiate an objective."""
-RELATIVE_REACH = 0.002
-"""Distance of ensembles' parameters from the scene's, over their values [1]."""
 
 
 def sensitivities(
@@ -40,8 +46,8 @@ def sensitivities(
     method: str | None = None,
     periods: int = 5,
     reverse: bool = False,
-    ensemble: EnsembleSettings = EnsembleSettings(),
-    reach: float = RELATIVE_REACH,
+    ensemble: EnsembleSettings | None = None,
+    reach: float | None = None,
     transient: int = 200,
     steps_per_period: int | None = None,
     solver: diffrax.AbstractSolver | str | None = None,
@@ -58,7 +64,8 @@ def sensitivities(
         not periodic needs; "run" differentiates a run of `periods` forcing periods from a fixed start in forward
         mode. Default "orbit" where there is one, and "ensemble" otherwise.
     - `reverse`: on orbits, reverse mode: its cost does not depend on the number of parameters.
-    - `ensemble`, `reach`: sizes of ensembles, and the distance of their parameters from the scene's, over the value.
+    - `ensemble`, `reach`: sizes of ensembles, and the distance of their parameters from the scene's, over the value;
+        by default those that the track needs, see `RailEnsemble` for rails that do not recur.
     - `transient`: forcing periods before, but not for "run"; others as for `simulate`.
 
     **Returns:** an `xarray.Dataset` with `value` [the objective's unit] along `objective`, and along `parameter`,
@@ -74,7 +81,9 @@ def sensitivities(
     derivatives grow without bound.
     """
     check_scene(scene)
-    check_forcing(scene)
+    ensemble = ensemble_for(scene, ensemble)
+    on_rails = isinstance(ensemble, RailEnsemble)
+    reach = number(positive, "reach", ensemble.relative_reach if reach is None else reach)
     several = objectives if isinstance(objectives, Sequence) and not isinstance(objectives, str) else [objectives]
     grid = {one.name: np.array([float(one.of(scene))]) for one in checked_parameters(names, scene)}
     plan = EvaluationPlan(
@@ -84,12 +93,14 @@ def sensitivities(
         resolve_solver(scene, solver),
         int(default_steps(scene, steps_per_period)),
         first_of(start),
-        {name: abs(float(value[0])) * float(reach) for name, value in grid.items()},
+        {name: abs(float(value[0])) * reach for name, value in grid.items()},
         whole("transient", transient, 0),
         ensemble,
     )
     if method is not None:
         one_of("method", method, METHODS)
+        if method == "orbit":
+            check_forcing(scene)
     exponents, reverse = plan.indices(exponents=True), yes_or_no("reverse", reverse) and method != "ensemble"
     if method == "run":
         require(not exponents, "method", "be 'orbit' or 'ensemble' for exponents", method)
@@ -100,7 +111,7 @@ def sensitivities(
     # the distance from grazing bounds the domain of derivatives on orbits
     grazing = OBJECTIVES["grazing_distance"]
     on_orbit = dataclasses.replace(plan, objectives=tuple(dict.fromkeys([*plan.objectives, grazing])))
-    evaluation = judge_on_orbits(dataclasses.replace(on_orbit, names=()), grid)
+    evaluation = (at_starts if on_rails else judge_on_orbits)(dataclasses.replace(on_orbit, names=()), grid)
     facts = dict(method="orbit", regime=str(evaluation.regime[0]))
     if evaluation.period[0] == 0 and method == "orbit":
         raise ValueError(

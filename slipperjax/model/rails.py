@@ -1,7 +1,7 @@
 """Rails of samples, such as surveys, and sums of tracks: cubic splines with continuous second derivatives."""
 
 import abc
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -544,6 +544,7 @@ class TrackSet(AbstractRail):
 
     tracks: tuple[AbstractRail, ...] = eqx.field(converter=tuple)
     """Rails of samples, surveys or random rails, with the same `ends`, reference length and kinds of displacement."""
+    chosen_by: ClassVar = "number"
     number: Float[Array, ""] = eqx.field(converter=not_negative("number"), default=0)
     """Which of them is the track, from 0 [1]; NaN where there is no such one."""
 

@@ -5,7 +5,7 @@ the integral of the density between them. Published ones in rad/m are converted:
 """
 
 import abc
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -134,6 +134,7 @@ class RandomTrack(AbstractRail):
     between designs on common rails have small errors.
     """
 
+    chosen_by: ClassVar = "seed"
     lateral: AbstractSpectrum | None
     """Spectrum of the lateral displacement; None for none."""
     vertical: AbstractSpectrum | None

@@ -1,7 +1,7 @@
 """Tracks: the rail's irregularity as functions of distance, Eqs. (9)-(11) and (24)-(26) of Dang et al. 2024."""
 
 import abc
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -53,6 +53,9 @@ class AbstractTrack(ShapeChecked):
     def prepared(self) -> "AbstractTrack":
         """Returns the track as runs evaluate it, with all work done that is the same at all distances."""
         return self
+
+    chosen_by: ClassVar[str] = ""
+    """Name of the number that chooses one of many rails, for tracks that are such."""
 
     @property
     def extent(self) -> float:

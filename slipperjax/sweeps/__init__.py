@@ -8,6 +8,7 @@ from .exponents import LyapunovExponents as LyapunovExponents
 from .follow import Jump as Jump
 from .follow import find_jump as find_jump
 from .orbits import NearestOrbit as NearestOrbit
+from .over_rails import over_rails as over_rails
 from .records import LargestExponent as LargestExponent
 from .records import MotionKind as MotionKind
 from .store import StoreInUse as StoreInUse

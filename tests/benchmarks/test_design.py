@@ -3,6 +3,7 @@
 pytest -m benchmark -s tests/benchmarks/test_design.py
 """
 
+import dataclasses
 import warnings
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 import scipy.stats.qmc
 
 import slipperjax as sj
-from slipperjax.design import Descent, TrustRegion
+from slipperjax.design import Descent, RailEnsemble, TrustRegion, sensitivities
 from slipperjax.design.optimise import optimise_design
 
 pytestmark = pytest.mark.benchmark
@@ -60,3 +61,19 @@ def test_in_chaos(objective):
     region, _, descent = search(TrustRegion(), 8), search(Descent(steps=15), 8), search(Descent(steps=40), 8)
     print(f"Descent(steps=40) ends lower than TrustRegion() from {np.sum(descent < region)} of 8 starts")
     search(TrustRegion(), 21)  # about the forcing periods of Descent(steps=40)
+
+
+def test_over_random_rails():
+    """The 90th percentile of the peak force over sled rails, by clearance and length: common rails, and new ones."""
+    scene = dataclasses.replace(sj.paper_scene(1000.0), track=sj.RandomTrack.sled(length=600.0))
+    box, ensemble = {"clearance": (0.3e-3, 3e-3), "length": (0.12, 0.5)}, RailEnsemble(periods=60, quantile=0.9)
+    options = dict(steps_per_period=80, ensemble=ensemble)
+    print("\n\nmethod                      clearance [mm]  length [mm]  on 1600 other rails [kN]  trials  periods")
+    for method in (TrustRegion(), Descent(steps=20), Descent(steps=20, fresh=True)):
+        best = optimise_design(scene, "peak_force", box, method=method, starts=1, max_trials=20, **options)
+        large = dataclasses.replace(ensemble, members=1600, seed=1000)
+        judged = sensitivities(best.scene, "peak_force", ["speed"], ensemble=large, steps_per_period=80)
+        value, error = (float(judged[name][0]) / 1e3 for name in ("value", "stderr"))
+        name = "TrustRegion()" if isinstance(method, TrustRegion) else f"Descent(20, fresh={method.fresh})"
+        sizes = "".join(f"{1e3 * v:14.3f}" for v in best.design.values())
+        print(f"{name:28}{sizes}{value:18.3f} +- {error:.3f}{best.history.sizes['trial']:10d}{best.simulated:15.0f}")

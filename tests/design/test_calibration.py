@@ -3,6 +3,7 @@
 pytest -m slow -s tests/design/test_calibration.py
 """
 
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,6 @@ import pytest
 import slipperjax as sj
 from slipperjax.design.judge import ensemble_averages
 from slipperjax.design.objectives import OBJECTIVES, EnsembleSettings, Evaluation, EvaluationPlan
-from slipperjax.design.sensitivities import RELATIVE_REACH
 from slipperjax.flow.period_map import advance, initial_states
 from slipperjax.flow.simulate import dynamic_steps
 from slipperjax.sweeps.grid import Cases
@@ -76,12 +76,12 @@ def settled(cases, periods=200):
 def calibration(cases, objectives=OBJECTIVES_IN_CHAOS, seeds=SEEDS, settings=EnsembleSettings()):
     """Slopes by `seeds` ensembles of each case, one after the other."""
     # one reach for all, the default at their median length
-    reach = {"length": RELATIVE_REACH * float(np.median(cases[:, 0]))}
+    reach = {"length": EnsembleSettings.relative_reach * float(np.median(cases[:, 0]))}
     rows, evaluations = rows_of(settled(cases)), []
     options = dict(solver=sj.RK4(), steps=STEPS, start=sj.table_2_start(), reach=reach, transient=200)
     for seed in range(seeds):
         plan = EvaluationPlan(
-            sj.paper_scene(), ("length",), objectives, ensemble=settings._replace(seed=seed), **options
+            sj.paper_scene(), ("length",), objectives, ensemble=dataclasses.replace(settings, seed=seed), **options
         )
         evaluations.append(ensemble_averages(plan, grid_of(cases), Evaluation.of_states(plan, rows)))
     value = np.mean([one.value for one in evaluations], axis=0)

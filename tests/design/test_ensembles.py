@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from slipperjax.design.judge import fit_plane
+from slipperjax.design.objectives import fit_plane
 
 SIGNS = np.repeat(np.array(list(itertools.product((-1.0, 1.0), repeat=2))), 8, axis=0)
 
