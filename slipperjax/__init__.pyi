@@ -39,6 +39,12 @@ from .model.dynamics import initial_state as initial_state
 from .model.dynamics import reactions as reactions
 from .model.dynamics import vector_field as vector_field
 from .model.kinematics import Motion as Motion
+from .model.loads import AbstractFriction as AbstractFriction
+from .model.loads import AbstractLoad as AbstractLoad
+from .model.loads import AppliedLoad as AppliedLoad
+from .model.loads import Coulomb as Coulomb
+from .model.loads import FadingFriction as FadingFriction
+from .model.loads import TabulatedLoad as TabulatedLoad
 from .model.quantities import PARAMETERS as PARAMETERS
 from .model.rails import FourierTrack as FourierTrack
 from .model.rails import LocalTrack as LocalTrack
@@ -56,6 +62,8 @@ from .model.tracks import AbstractTrack as AbstractTrack
 from .model.tracks import HarmonicTrack as HarmonicTrack
 from .model.tracks import Irregularity as Irregularity
 from .model.tracks import StraightTrack as StraightTrack
+from .model.travel import SpeedProgramme as SpeedProgramme
+from .model.travel import Stage as Stage
 from .orbits.branches import OrbitBranch as OrbitBranch
 from .orbits.branches import continue_orbit as continue_orbit
 from .orbits.branches import load_branch as load_branch
@@ -74,6 +82,7 @@ from .sweeps.explain import explain as explain
 from .sweeps.follow import follow as follow
 from .sweeps.grid import sample_box as sample_box
 from .sweeps.repeat import repeat as repeat
+from .sweeps.runs import run as run
 from .sweeps.store import Store as Store
 from .sweeps.store import open_store as open_store
 from .sweeps.store import processes as processes

@@ -16,10 +16,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped
 
-from ..model.dynamics import Args, State, contact_forces, motion_rates, per_period
+from ..model.dynamics import Args, State, contact_forces, drive_force, motion_rates, per_period
 from ..model.kinematics import Contacts, Motion, contacts
 from ..model.layout import coordinate_rows
 from ..model.scene import Scene
+from ..model.sliding import tractions
 from ..model.travel import Travel
 from ..tools.fused import materialise, sums
 from ..tools.hermite import Cubic, highest_point
@@ -226,6 +227,13 @@ class Curve:
         values = jnp.stack([cubic.value(x) for x in GAUSS_PLACES], axis=1)
         return values.reshape(-1, *self.values.shape[1:])
 
+    def at(self, places: Float[np.ndarray, " places"]) -> Float[Array, "places ..."]:
+        """Returns values at some places of the period, 0 to 1."""
+        inside = places * self._course.steps
+        k = jnp.minimum(jnp.floor(inside), self._course.steps - 1).astype(int)
+        x = (inside - k).reshape(-1, *[1] * (self.values.ndim - 1))
+        return Cubic.through(self.values[k], self.slopes[k], self.values[k + 1], self.slopes[k + 1]).value(x)
+
     @functools.cached_property
     def mean(self) -> Float[Array, "..."]:
         """The mean over time."""
@@ -345,9 +353,12 @@ class Course:
         if self._rates is not None:
             return self._rates
         frame, now = self._contacts
-        of_one = lambda frame, now, m, force: motion_rates(self.scene, frame, now, m, force)
-        travel = self.args.travel(self._instants)
-        return per_period(travel, jax.vmap(of_one)(frame, now, self.states.motion, self._forces))
+
+        def of_one(place, frame, now, m, force):
+            travel = self.args.travel(place)
+            return per_period(travel, motion_rates(self.scene, frame, now, m, force, travel))
+
+        return jax.vmap(of_one)(self._instants, frame, now, self.states.motion, self._forces)
 
     @functools.cached_property
     def coordinates(self) -> Curve:
@@ -388,8 +399,20 @@ class Course:
     @functools.cached_property
     def drive_force(self) -> Curve:
         """Force along x that keeps the speed constant [N], (ends,)."""
-        frame, _ = self._contacts
-        return self._curve(materialise(-jnp.sum(self._forces * frame.normal[0], axis=-1)))
+        of_one = lambda place, frame, m, force: drive_force(self.scene, frame, m, force, self.args.travel(place))
+        return self._curve(materialise(jax.vmap(of_one)(*self._at_points())))
+
+    @functools.cached_property
+    def friction_power(self) -> Curve:
+        """Power that friction turns into heat [W], (ends, 2, points); zero without friction."""
+        friction, power = self.scene.friction, jnp.zeros_like(self._forces)
+        if friction is not None:
+
+            def of_one(place, frame, m, force):
+                return force * tractions(friction, frame, m, force, self.args.travel(place).speed)[2]
+
+            power = materialise(jax.vmap(of_one)(*self._at_points()))
+        return self._where_closed(self._curve(self._of_points(power)))
 
     @functools.cached_property
     def loads(self) -> Loads:
@@ -426,6 +449,10 @@ class Course:
         """Returns values of steps, or samples, with `filler` in place of those of unused steps."""
         used = jnp.repeat(self.used, len(values) // self.capacity)
         return jnp.where(used.reshape(-1, *[1] * (values.ndim - 1)), values, filler)
+
+    def _at_points(self) -> tuple[Any, ...]:
+        """Instant, rail, motion and normal forces at both ends of every step."""
+        return self._instants, self._contacts[0], self.states.motion, self._forces
 
     def _of_points(self, values: Array) -> Array:
         return values.reshape(len(values), 2, -1)

@@ -141,7 +141,10 @@ class PeriodMap(eqx.Module):
         if used is not None:
             steps_taken = jnp.where(jnp.arange(count) < used, steps_taken, jnp.max(steps_taken))
         code = codes[jnp.argmax(codes != int(Status.FINITE))]
-        return Passage(end, samples, with_resolution(code, scene, jnp.min(steps_taken)), steps_taken, carried)
+        slowest = scene.slowest_between(epoch, epoch + count)
+        return Passage(
+            end, samples, with_resolution(code, scene, jnp.min(steps_taken), slowest), steps_taken, carried
+        )
 
 
 def _lost_where(failed: Any, state: State) -> State:
@@ -162,21 +165,23 @@ def _run(period_map: PeriodMap, static: tuple, state: State, epoch: Any, used: A
     return period_map.run(state, epoch, periods=periods, records=records, used=used)
 
 
-def initial_states(scenes: Batched[Scene], starts: Motion | State) -> State:
-    """Returns the states at time zero of a batch; `starts` has a leading axis of cases.
+def initial_states(scenes: Batched[Scene], starts: Motion | State, epoch: Any = 0.0) -> State:
+    """Returns the states of a batch after `epoch` forcing periods; `starts` has a leading axis of cases.
 
     Gives an `ImplausibleWarning` where slippers begin far outside their play.
     """
-    states, outside = states_and_penetrations(scenes, starts)
+    states, outside = states_and_penetrations(scenes, starts, epoch)
     if isinstance(starts, Motion):  # a run may end deep inside a contact
         warn_if_outside(outside)
     return states
 
 
 @jit
-def states_and_penetrations(scenes: Batched[Scene], starts: Motion | State) -> tuple[State, Float[Array, " cases"]]:
-    """Gives a batch's states at time zero and penetrations: `slipperjax.model.dynamics.state_and_penetration`."""
-    return scenes.map(state_and_penetration, starts)
+def states_and_penetrations(
+    scenes: Batched[Scene], starts: Motion | State, epoch: Any = 0.0
+) -> tuple[State, Float[Array, " cases"]]:
+    """Gives a batch's states and penetrations: `slipperjax.model.dynamics.state_and_penetration`."""
+    return scenes.map(lambda scene, start: state_and_penetration(scene, start, epoch), starts)
 
 
 @functools.partial(jit, static_argnames=("solver", "periods", "records"))

@@ -191,7 +191,8 @@ class Trajectory(eqx.Module):
             return f"Trajectory(saves={shown_number(self.period)}, state={jax.typeof(self.state.motion.y)})"
         status = Status(int(self.status))
         of_case = {name: quantity(name) for name in ("speed", "clearance", "length")}
-        values = [f"{name} {q.shown(float(q.of(self.scene))):.5g} {q.display_unit}" for name, q in of_case.items()]
+        known = {q: q.of(self.scene) for q in of_case.values() if q.of(self.scene) is not None}
+        values = [f"{q.name} {q.shown(float(value)):.5g} {q.display_unit}" for q, value in known.items()]
         judged = self.loads is not None and status != Status.NOT_FINITE
         peak = f",\n  {self.peak.text(self.scene)}" if judged else ""
         return (
@@ -203,7 +204,7 @@ class Trajectory(eqx.Module):
     @property
     def time(self) -> Float[Array, " saves"]:
         """Time [s]."""
-        return self.period * self.scene.period
+        return self.scene.seconds(self.period)
 
     @property
     def end(self) -> State:

@@ -13,6 +13,7 @@ from jaxtyping import Array, Int
 from ..model.dynamics import State
 from ..model.scene import Scene
 from ..model.step_size import contact_duration
+from ..model.travel import Travel
 from ..solvers.latching import is_explicit
 
 LEAST_PER_CONTACT = 3
@@ -105,12 +106,15 @@ def status_of(states: State) -> Int[Array, ""]:
     return jnp.where(jnp.all(jnp.isfinite(leaves)), good, int(Status.NOT_FINITE))
 
 
-def with_resolution(code: Array, scene: Scene, steps: Any) -> Int[Array, ""]:
+def with_resolution(code: Array, scene: Scene, steps: Any, travel: Travel | None = None) -> Int[Array, ""]:
     """Returns a code of `status_of`, or `UNRESOLVED` where `steps` per period are too few for the scene's impacts.
 
     `UNRESOLVED` comes before `DERAILED`, which too few steps can bring about.
+
+    **Arguments:** `travel`: where the steps are, by default where the scene is slowest.
     """
-    return _unresolved_where(contact_duration(scene) * steps < LEAST_PER_CONTACT * scene.period, code)
+    travel = scene.slowest if travel is None else travel
+    return _unresolved_where(contact_duration(scene, travel) * steps < LEAST_PER_CONTACT * travel.period, code)
 
 
 def _unresolved_where(problem: Any, code: Any) -> Array:

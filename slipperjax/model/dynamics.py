@@ -29,6 +29,7 @@ from .kinematics import (
 )
 from .linearised import Linearised, contact_linearised, dense_linearised
 from .scene import Scene, check_scene
+from .sliding import tractions
 from .step_size import contact_depth, settle_memory
 from .travel import Travel
 
@@ -143,15 +144,44 @@ def contact_forces(scene: Scene, now: Contacts, memory: Array | None) -> Float[A
     return held(scene.contact.force(now.gap, now.rate, ratio))
 
 
-def resultant(frame: RailFrame, now: Contacts, force: Array) -> list[Array]:
+def unit_wrenches(
+    scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force: Array, travel: Travel
+) -> tuple[Array, ...]:
+    """Gives force along y and z [1] and moment about the slipper's x, y and z [m] of unit normal forces, with their
+    friction; shape (points,) each.
+
+    **Arguments:** `force`: normal forces [N], on which coefficients of friction may depend.
+    """
+    wrenches = (*frame.normal[1:], *now.lever)
+    if scene.friction is None:
+        return wrenches
+    (_, f_y, f_z), moment, _ = tractions(scene.friction, frame, m, force, travel.speed)
+    return tuple(w + f for w, f in zip(wrenches, (f_y, f_z, *moment), strict=True))
+
+
+def resultant(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force: Array, travel: Travel) -> list[Array]:
     """Gives force along y and z [N] and moment about the slipper's x, y and z [N m] of the points' forces [N]."""
-    _, n_y, n_z = frame.normal
-    return sums(force * n_y, force * n_z, *(force * lever for lever in now.lever))
+    return sums(*(force * w for w in unit_wrenches(scene, frame, now, m, force, travel)))
 
 
-def newton_euler(scene: Scene, m: Motion, wrench: list[Array]) -> Motion:
-    """Returns the derivative of the motion [per second] under the contacts' `resultant`."""
+def drive_force(scene: Scene, frame: RailFrame, m: Motion, force: Array, travel: Travel) -> Array:
+    """Returns the force along x that keeps the speed, the multiplier of Eq. (A6) [N], for normal forces (points,)."""
+    per_unit = frame.normal[0]
+    if scene.friction is not None:
+        per_unit = per_unit + tractions(scene.friction, frame, m, force, travel.speed)[0][0]
+    drive = -jnp.sum(force * per_unit, axis=-1)
+    if scene.load is not None:
+        drive = drive - scene.load.wrench(travel.speed)[0][0]
+    return drive if travel.acceleration is None else drive + scene.slipper.mass * travel.acceleration
+
+
+def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -> Motion:
+    """Returns the derivative of the motion [per second] under the contacts' `resultant` and the scene's load."""
     f_y, f_z, t_x, t_y, t_z = wrench
+    if scene.load is not None:
+        (_, l_y, l_z), moment = scene.load.wrench(travel.speed)
+        f_y, f_z = f_y + l_y, f_z + l_z
+        t_x, t_y, t_z = (t + extra for t, extra in zip((t_x, t_y, t_z), moment, strict=True))
     per_mass, (j_x, j_y, j_z) = 1 / scene.slipper.mass, scene.slipper.inertia
     per_x, per_y, per_z = 1 / j_x, 1 / j_y, 1 / j_z
     a_z = f_z * per_mass
@@ -167,9 +197,9 @@ def newton_euler(scene: Scene, m: Motion, wrench: list[Array]) -> Motion:
     )
 
 
-def motion_rates(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force: Array) -> Motion:
+def motion_rates(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force: Array, travel: Travel) -> Motion:
     """Returns the motion's derivative [per second], from rail, contacts and their forces [N] at one instant."""
-    return newton_euler(scene, m, resultant(frame, now, force))
+    return newton_euler(scene, m, resultant(scene, frame, now, m, force, travel), travel)
 
 
 def per_period(travel: Travel, rates: Motion) -> Motion:
@@ -196,9 +226,9 @@ class AbstractVectorField(eqx.Module):
 
     def from_contacts(self, t: Any, frame: RailFrame, now: Contacts, state: State, args: Args) -> State:
         """Returns the derivative [per forcing period] from known rail and contacts."""
-        scene = args.scene
-        rates = motion_rates(scene, frame, now, state.motion, contact_forces(scene, now, state.memory))
-        return State(per_period(args.travel(t), rates), None)
+        scene, travel = args.scene, args.travel(t)
+        rates = motion_rates(scene, frame, now, state.motion, contact_forces(scene, now, state.memory), travel)
+        return State(per_period(travel, rates), None)
 
     def linearised(self, t: Any, state: State, args: Args) -> Linearised:
         """Returns the motion's derivative, linearised [per forcing period]; the memory is frozen."""
@@ -230,6 +260,8 @@ class ContactField(AbstractVectorField):
 
     def linearised(self, t, state, args):
         scene, m = args.scene, state.motion
+        if scene.friction is not None:
+            return super().linearised(t, state, args)
         frame = args.frame(t)
         now = contacts(frame, m)
         force = lambda gap, rate: contact_forces(scene, Contacts(gap, rate, now.lever), state.memory)
@@ -315,11 +347,14 @@ class Reactions(NamedTuple):
 def reactions(t: Any, state: State, args: Args) -> Reactions:
     """Returns contact forces, and Eq. (13)'s reactions: the drive force and the loads on the track nodes."""
     scene, m = args.scene, state.motion
-    frame = args.frame(t)
+    frame, travel = args.frame(t), args.travel(t)
     now = contacts(frame, m)
     force = contact_forces(scene, now, state.memory)
     ends = lambda a: a.reshape(*a.shape[:-1], 2, -1)
-    on_track = ends(-force[None] * jnp.stack(frame.normal))  # (3, 2, points)
+    normal = jnp.stack(frame.normal)
+    if scene.friction is not None:
+        normal = normal + jnp.stack(tractions(scene.friction, frame, m, force, travel.speed)[0])
+    on_track = ends(-force[None] * normal)  # (3, 2, points)
     r = jnp.array(rotation(m))
     point = ends(r @ jnp.stack(frame.arm) + jnp.stack([0 * m.y, m.y, m.z])[:, None])
     node_x = jnp.array([0.5, -0.5]) * scene.slipper.length
@@ -327,11 +362,11 @@ def reactions(t: Any, state: State, args: Args) -> Reactions:
     rail = scene.track.irregularity(distance)
     node = jnp.stack([node_x, rail.lateral, rail.vertical])[:, :, None]
     moment = jnp.cross(point - node, on_track, axis=0)
-    rates = motion_rates(scene, frame, now, m, force)
+    rates = motion_rates(scene, frame, now, m, force, travel)
     return Reactions(
         contact_force=ends(force),
         gap=ends(now.gap),
-        drive_force=jnp.sum(on_track[0]),
+        drive_force=drive_force(scene, frame, m, force, travel),
         node_force=jnp.sum(on_track, axis=-1).T,
         node_moment=jnp.sum(moment, axis=-1).T,
         acceleration=jnp.stack([rates.v_y, rates.v_z, rates.w_x, rates.w_y, rates.w_z]),

@@ -143,10 +143,18 @@ def _parameter(path: str, unit: str, text: str, symbol: str, check: Any, *plausi
     return Parameter(path.rpartition(".")[2], unit, text, symbol, **more)
 
 
+def _constant_speed(scene: Any) -> Any:
+    if isinstance(scene.speed, eqx.Module):
+        raise AttributeError("a programme of speeds")
+    return scene.speed
+
+
 _DEGREES = dict(shown_unit="degrees", per_shown=np.pi / 180)
 
 PARAMETERS: dict[str, Parameter] = _named(
-    _parameter("speed", "m/s", "travelling speed", "V", positive, 5, 1e4),
+    Parameter(
+        "speed", "m/s", "constant travelling speed", "V", where=_constant_speed, check=positive, plausible=(5, 1e4)
+    ),
     Parameter(
         "clearance",
         "m",

@@ -28,11 +28,12 @@ from ..tools.compile import is_traced
 from ..tools.description import TYPE, describe
 from ..tools.files import write_whole
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch
+from .loads import AbstractFriction, AbstractLoad
 from .paths import parameter, refuse_undone
 from .quantities import COORDINATES, PARAMETERS, Parameter
 from .section import Section
 from .tracks import AbstractTrack
-from .travel import Travel
+from .travel import SpeedProgramme, Travel
 
 
 class Slipper(ShapeChecked):
@@ -49,16 +50,22 @@ class Slipper(ShapeChecked):
         warn_unless_within("inertia", self.inertia, 1e-9, 1e4, "kg m^2")
 
 
-NUMBERS = ("speed", "gravity")
-"""Numbers of the scene itself."""
+UNITS = {"speed": "m/s", "gravity": "m/s^2"}
+"""Units of the numbers of the scene itself."""
+NUMBERS = tuple(UNITS)
+"""Their names."""
 PARTS: dict[str, tuple[type, str]] = {
     "slipper": (Slipper, "a slipperjax.Slipper"),
     "section": (Section, "a slipperjax.Section"),
     "track": (AbstractTrack, "a track such as slipperjax.HarmonicTrack(...)"),
     "contact": (AbstractContactLaw, "a contact law such as slipperjax.Flores(...)"),
     "memory": (AbstractMemory, "slipperjax.EventLatch() or slipperjax.SmoothSwitch()"),
+    "load": (AbstractLoad, "a load such as slipperjax.AppliedLoad(...)"),
+    "friction": (AbstractFriction, "a friction law such as slipperjax.Coulomb(...)"),
 }
 """Parts of a scene, a table each in its file: their classes, and what must be given."""
+OPTIONAL = ("load", "friction")
+"""Parts that may be None."""
 QUATERNION = ("q_x", "q_y", "q_z")
 START_UNITS: dict[str, str] = {name: q.unit for name, q in COORDINATES.items()} | dict.fromkeys(QUATERNION, "")
 """Units of the coordinates at the start; the attitude's quaternion has none."""
@@ -70,11 +77,16 @@ SMALLEST_RADIUS, LARGEST_RADIUS = 0.02, 2.0
 """Radii of gyration beyond these, over the greatest size of the slipper [1], are allowed with a warning."""
 
 
+def _speed(value: Any) -> Any:
+    """Returns a travelling speed as an array, or its programme."""
+    return value if isinstance(value, SpeedProgramme) else positive("speed", "m/s")(value)
+
+
 class Scene(ShapeChecked):
     """Everything that defines one case. Parts set to None are omitted; they add no state and no operations."""
 
-    speed: Float[Array, ""] = eqx.field(converter=positive("speed", "m/s"))
-    """Travelling speed V [m/s]."""
+    speed: Float[Array, ""] | SpeedProgramme = eqx.field(converter=_speed)
+    """Travelling speed V [m/s], or a programme of it."""
     slipper: Slipper
     section: Section
     track: AbstractTrack
@@ -83,10 +95,15 @@ class Scene(ShapeChecked):
     """Model of the contact memory, for laws that have one."""
     gravity: Float[Array, ""] | None = eqx.field(converter=optional(not_negative("gravity", "m/s^2")), default=None)
     """Gravitational acceleration along -z [m/s^2]."""
+    load: AbstractLoad | None = None
+    """Force and moment besides contacts and gravity."""
+    friction: AbstractFriction | None = None
+    """Friction in the contacts."""
 
     def __check_init__(self):
         for name, (kind, text) in PARTS.items():
-            instance(name, getattr(self, name), kind, text)
+            if getattr(self, name) is not None or name not in OPTIONAL:
+                instance(name, getattr(self, name), kind, text)
         self.warn_unless_plausible(PARAMETERS.values())
         if not is_traced((self.track, self.slipper.length)):
             with jax.ensure_compile_time_eval():  # inside jit, too
@@ -98,10 +115,11 @@ class Scene(ShapeChecked):
                 )
 
     def __repr__(self) -> str:
-        head = [f"speed={shown_number(self.speed)} m/s"]
+        changes = isinstance(self.speed, SpeedProgramme)
+        head = [f"speed={self.speed!r}" if changes else f"speed={shown_number(self.speed)} m/s"]
         if self.gravity is not None:
             head.append(f"gravity={shown_number(self.gravity)} m/s^2")
-        return "\n  ".join([f"Scene({', '.join(head)},", *(f"{getattr(self, name)!r}," for name in PARTS)])[:-1] + ")"
+        return "\n  ".join([f"Scene({', '.join(head)},", *(f"{part!r}," for part in self.parts.values())])[:-1] + ")"
 
     def warn_unless_plausible(self, parameters: Iterable[Parameter]) -> None:
         """Gives an `ImplausibleWarning` where a parameter is far from what is usual. Traced ones are let through."""
@@ -131,13 +149,40 @@ class Scene(ShapeChecked):
 
     @property
     def period(self) -> Float[Array, ""]:
-        """The forcing period [s]: the time to travel the track's (first) wavelength."""
+        """The forcing period [s]: the time to travel the track's (first) wavelength, at the start's speed."""
         return self.travel(0.0).period
 
     def travel(self, phase: Any) -> Travel:
         """Returns speed and pace after `phase` forcing periods: the same everywhere at constant speed."""
-        del phase
-        return Travel(self.speed, self.track.wavelength)
+        if not isinstance(self.speed, SpeedProgramme):
+            return Travel(self.speed, self.track.wavelength)
+        distance = jnp.asarray(phase, float) * self.track.wavelength
+        return Travel(self.speed.at(distance), self.track.wavelength, self.speed.acceleration(distance))
+
+    @property
+    def slowest(self) -> Travel:
+        """Travel at the least speed, where impacts take the least way."""
+        if not isinstance(self.speed, SpeedProgramme):
+            return self.travel(0.0)
+        return Travel(self.speed.scale * jnp.min(self.speed.speed), self.track.wavelength)
+
+    def slowest_between(self, phase: Any, later: Any) -> Travel:
+        """Returns the slower travel of two places, after `phase` and `later` forcing periods."""
+        one = self.travel(phase)
+        if not isinstance(self.speed, SpeedProgramme):
+            return one
+        return one._replace(speed=jnp.minimum(one.speed, self.travel(later).speed), acceleration=None)
+
+    def seconds(self, phase: Any) -> Any:
+        """Returns the time [s] after `phase` forcing periods from the start."""
+        if not isinstance(self.speed, SpeedProgramme):
+            return phase * self.period
+        return self.speed.seconds(jnp.asarray(phase, float) * self.track.wavelength)
+
+    @property
+    def parts(self) -> dict[str, Any]:
+        """The parts that the scene has, by name."""
+        return {name: getattr(self, name) for name in PARTS if getattr(self, name) is not None}
 
     @property
     def points(self) -> int:
@@ -202,10 +247,13 @@ def scene_to_toml(scene: Scene, start: Any = None) -> str:
     """
     numbers, lines = describe(scene), []
     for name in NUMBERS:
-        lines += _line(name, numbers[name], unit_of(Scene, name))
-    for name in PARTS:
-        part = _entries(getattr(scene, name))
-        single = type(getattr(scene, name)).__name__.lower() == name  # there is one kind of it
+        if not isinstance(numbers[name], dict):
+            lines += _line(name, numbers[name], UNITS[name])
+    if isinstance(scene.speed, SpeedProgramme):
+        lines += ["", "[speed]", *_entries(scene.speed)[1:]]
+    for name, own in scene.parts.items():
+        part = _entries(own)
+        single = type(own).__name__.lower() == name  # there is one kind of it
         lines += ["", f"[{name}]", *(part[1:] if single else part)]
     if start is not None:
         is_motion = type(start).__name__ == "Motion"  # whose module needs this one

@@ -27,15 +27,20 @@ from .dang2024 import paper_scene
 from .kinematics import Motion
 from .quantities import half_play
 from .random_rails import AbstractSpectrum
-from .scene import NUMBERS, PARTS, QUATERNION, START_UNITS, Scene, Slipper
+from .scene import NUMBERS, PARTS, QUATERNION, START_UNITS, UNITS, Scene, Slipper
 from .section import Section
 from .surveys import SurveyedTrack
 from .tracks import AbstractTrack
+from .travel import SpeedProgramme, Stage
 
 SINGLE = (Slipper, Section)
 """Classes without alternatives, whose tables need no type."""
 INNER = (AbstractTrack, AbstractSpectrum)
 """Bases of classes within parts of a scene."""
+
+
+STAGE_UNITS = {"acceleration": "m/s^2", "length": "m", "duration": "s", "speed": "m/s"}
+"""Units of the numbers of a stage."""
 
 
 class SceneFile(NamedTuple):
@@ -60,7 +65,7 @@ def scene_from_json(text: str) -> Scene:
         description = json.loads(text)
     except json.JSONDecodeError as error:
         raise ValueError(f"Argument `scene` must be JSON of a scene, but is {brief(text)}: {error}.") from None
-    return build(description, (Scene, *(kind for kind, _ in PARTS.values()), *INNER), "scene")
+    return build(description, (Scene, SpeedProgramme, *(kind for kind, _ in PARTS.values()), *INNER), "scene")
 
 
 def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
@@ -96,13 +101,18 @@ class _Reader:
                     raise ValueError(f"`{name}` is none of {', '.join(names)}.")
                 if name in (*PARTS, "start") and not isinstance(value, dict):
                     raise ValueError(f"`{name}` must be a table, [{name}], but is {brief(value)}.")
+                if name == "gravity" and isinstance(value, dict):
+                    raise ValueError(f"`{name}` must be a number with a unit, but is {brief(value)}.")
             base = self.tables.get("base")
             if base not in (None, "paper"):
                 raise ValueError(f"`base` must be one of paper, but is {brief(base)}.")
             inherited = {} if base is None else describe(paper_scene())
             values = {name: inherited[name] for name in NUMBERS if name in inherited}
             for name in set(NUMBERS) & set(self.tables):
-                values[name] = quantity(name, self.tables[name], unit_of(Scene, name))
+                if not isinstance(self.tables[name], dict):
+                    values[name] = quantity(name, self.tables[name], UNITS[name])
+        if isinstance(self.tables.get("speed"), dict):
+            values["speed"] = self.programme()
         parts = [name for name in PARTS if name in self.tables or name in inherited]
         values |= {name: self.part(name, inherited.get(name, {})) for name in parts}
         for name in ("speed", "slipper", "section", "track", "contact"):
@@ -132,6 +142,35 @@ class _Reader:
                 faces = len(values.get("faces", Section.faces))
                 values["play"] = half_play(np.asarray(values.pop("clearance")), faces)
             return build({TYPE: type_name(kind), **values}, (kind, *INNER), name)
+
+    def programme(self) -> SpeedProgramme:
+        """Returns the programme of speeds in the table `speed`: places, times or stages."""
+        table = dict(self.tables["speed"])
+        with self.placed("speed"):
+            if "stages" in table:
+                start = quantity("start", table.pop("start", None), "m/s")
+                made = SpeedProgramme.stages([self.stage(row) for row in table.pop("stages")], start=start)
+            elif "time" in table:
+                time, speed = (quantity(n, table.pop(n, None), u) for n, u in (("time", "s"), ("speed", "m/s")))
+                made = SpeedProgramme.over_time(time, speed)
+            else:
+                return build(
+                    {TYPE: type_name(SpeedProgramme), **self.written(SpeedProgramme, table)},
+                    (SpeedProgramme,),
+                    "speed",
+                )
+            if table:
+                raise ValueError(f"`{next(iter(table))}` must not be given here.")
+            return made
+
+    def stage(self, row: dict[str, Any]) -> Stage:
+        """Returns a stage of a programme."""
+        for name in row:
+            if name not in STAGE_UNITS:
+                raise ValueError(f"`stages` must have only {', '.join(STAGE_UNITS)}, but has `{name}`.")
+        if "acceleration" not in row:
+            raise ValueError("`stages` must have an `acceleration` each.")
+        return Stage(**{name: quantity(name, value, STAGE_UNITS[name]) for name, value in row.items()})
 
     def written(self, kind: type, table: dict[str, Any]) -> dict[str, Any]:
         """Returns the values of a table for a class in SI units, those of tables within it too."""

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from ..tools.compile import is_traced, jit
 from .scene import Scene, check_scene
+from .travel import Travel
 
 SLOWEST_APPROACH = 0.1
 """Lower bound on the approach speed of a typical impact [m/s]."""
@@ -34,32 +35,35 @@ LEAST_STEPS = 40
 """Lower bound on the default steps per forcing period, and the smallest unit to which they are rounded up."""
 
 
-def contact_duration(scene: Scene) -> Float[Array, ""]:
+def contact_duration(scene: Scene, travel: Travel | None = None) -> Float[Array, ""]:
     """Returns the duration of a typical impact [s], from Hertz's theory without damping.
+
+    **Arguments:** `travel`: where the impact is, by default where the scene is slowest.
 
     The approach speed is the track's, see `AbstractTrack.approach_speed` (0.1 m/s at least); the mass is the
     effective mass at a corner, from translation and rotation. It is used to choose step sizes and the smooth switch,
     and to check that steps resolve impacts.
     """
-    return 2.94 * contact_depth(scene) / _approach(scene)
+    return 2.94 * contact_depth(scene, travel) / _approach(scene, travel)
 
 
 @jax.jit  # one small program instead of one for each operation
 def impacts_per_period(scene: Scene) -> Float[Array, ""]:
     """Returns the forcing period over the duration of a typical impact [1], see `contact_duration`."""
-    return scene.period / contact_duration(scene)
+    return scene.slowest.period / contact_duration(scene)
 
 
-def contact_depth(scene: Scene) -> Float[Array, ""]:
+def contact_depth(scene: Scene, travel: Travel | None = None) -> Float[Array, ""]:
     """Returns the depth of a typical impact [m], see `contact_duration`."""
     slipper = scene.slipper
     reach = jnp.max(jnp.abs(scene.section.points))
     mass = 1 / (1 / slipper.mass + reach**2 / slipper.inertia[0] + slipper.length**2 / 4 / slipper.inertia[1])
-    return (1.25 * mass * _approach(scene) ** 2 / scene.contact.stiffness) ** 0.4
+    return (1.25 * mass * _approach(scene, travel) ** 2 / scene.contact.stiffness) ** 0.4
 
 
-def _approach(scene: Scene) -> Float[Array, ""]:
-    return jnp.maximum(scene.track.approach_speed(scene.speed), SLOWEST_APPROACH)
+def _approach(scene: Scene, travel: Travel | None = None) -> Float[Array, ""]:
+    travel = scene.slowest if travel is None else travel
+    return jnp.maximum(scene.track.approach_speed(travel.speed), SLOWEST_APPROACH)
 
 
 def settle_memory(scene: Scene) -> Scene:

@@ -1,6 +1,18 @@
-"""Travel: how fast the slipper moves along the rail, at one place of its run."""
+"""Travel: how fast the slipper moves along the rail, the same all the way or by a programme."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..tools.checks import ShapeChecked, finite, positive, require
+from ..tools.compile import is_traced
+
+LEAST_SPEED = 1.0
+"""Least speed of a programme [m/s]: time runs on without end where a sled stands still on its way."""
 
 
 class Travel(NamedTuple):
@@ -10,8 +22,132 @@ class Travel(NamedTuple):
     """Travelling speed [m/s]."""
     wavelength: Any
     """Distance that counts as a forcing period [m]."""
+    acceleration: Any = None
+    """Travelling acceleration [m/s^2]; None where the speed is constant."""
 
     @property
     def period(self) -> Any:
         """Time that a forcing period takes at this speed [s]."""
         return self.wavelength / self.speed
+
+
+class Stage(NamedTuple):
+    """A part of a run with one acceleration, up to the first that is given of a length, a duration and a speed."""
+
+    acceleration: float
+    """Travelling acceleration [m/s^2]: thrust above zero, a brake below, coasting at zero."""
+    length: float | None = None
+    """Length of travel [m]."""
+    duration: float | None = None
+    """Time that it takes [s]."""
+    speed: float | None = None
+    """Speed at its end [m/s]."""
+
+
+class SpeedProgramme(ShapeChecked):
+    """A travelling speed that changes along the run, at constant acceleration from each place to the next.
+
+    ```python
+    fast = sj.SpeedProgramme.stages([sj.Stage(200.0, speed=900.0), sj.Stage(0.0, length=500.0)], start=50.0)
+    ```
+
+    Before the first place and after the last the speed is constant.
+    """
+
+    distance: Float[Array, " places"] = eqx.field(converter=finite("distance", "m"))
+    """Distances from the start of the run, increasing [m]."""
+    speed: Float[Array, " places"] = eqx.field(converter=positive("speed", "m/s"))
+    """Speeds there [m/s], `LEAST_SPEED` at least."""
+    scale: Float[Array, ""] = eqx.field(converter=positive("scale"), default=1.0)
+    """Factor of all speeds [1], for sweeps and derivatives."""
+
+    @classmethod
+    def over_distance(cls, distance: Any, speed: Any) -> "SpeedProgramme":
+        """Makes a programme from speeds [m/s] at some distances [m]."""
+        return cls(distance, speed)
+
+    @classmethod
+    def over_time(cls, time: Any, speed: Any) -> "SpeedProgramme":
+        """Makes a programme from speeds [m/s] at some times [s], increasing; between them the speed is linear in
+        time."""
+        time, speed = np.asarray(time, float), np.asarray(speed, float)
+        require(
+            time.ndim == 1 and time.shape == speed.shape, "speed", f"have one value per time, {time.shape}", speed
+        )
+        require(np.all(np.diff(time) > 0), "time", "increase", time)
+        way = np.cumsum(np.diff(time) * (speed[1:] + speed[:-1]) / 2)
+        return cls(np.concatenate([[0.0], way]), speed)
+
+    @classmethod
+    def stages(cls, stages: Sequence[Stage], *, start: float) -> "SpeedProgramme":
+        """Makes a programme of stages with one acceleration each.
+
+        **Arguments:** `start`: speed at the beginning [m/s].
+
+        **Raises:** `ValueError` that names the stage which is wrong: one without an end, or that misses its speed.
+        """
+        distance, speed = [0.0], [float(start)]
+        for number, stage in enumerate(stages):
+            name = f"stages[{number}]"
+            a, v = float(stage.acceleration), speed[-1]
+            if stage.length is not None:
+                length = float(stage.length)
+            elif stage.duration is not None:
+                length = stage.duration * (v + 0.5 * a * stage.duration)
+            else:
+                require(stage.speed is not None, name, "have a length, a duration or a speed", stage)
+                reached = a != 0 and (float(stage.speed or 0) - v) * a > 0
+                require(reached, name, f"reach its speed from {v:g} m/s", stage)
+                length = (float(stage.speed or 0) ** 2 - v**2) / (2 * a)
+            require(length > 0, name, "have a length above zero", stage)
+            square = v**2 + 2 * a * length
+            need = f"end at {LEAST_SPEED:g} m/s or more"
+            require(square >= LEAST_SPEED**2 * (1 - 1e-9), name, need, stage)
+            distance.append(distance[-1] + length)
+            speed.append(float(np.sqrt(square)))
+        return cls(distance, speed)
+
+    def __check_init__(self):
+        good = self.distance.ndim == 1 and self.distance.shape == self.speed.shape and len(self.distance) > 1
+        need = f"have one value per distance, and two at least, {self.distance.shape}"
+        require(good, "speed", need, shown=f"shape {self.speed.shape}")
+        if not is_traced(self.distance):
+            require(np.all(np.diff(np.asarray(self.distance)) > 0), "distance", "increase", np.asarray(self.distance))
+        if not is_traced((self.speed, self.scale)):
+            least = float(np.min(np.asarray(self.speed) * np.min(np.asarray(self.scale))))
+            require(least >= LEAST_SPEED * (1 - 1e-9), "speed", f"be {LEAST_SPEED:g} m/s or more", least)
+
+    def at(self, distance: Float[Array, "*places"]) -> Float[Array, "*places"]:
+        """Returns the speed [m/s] at some distances from the start [m]."""
+        k, share = self._place(distance)
+        square = self.speed**2
+        return self.scale * jnp.sqrt(square[k] + share * (square[k + 1] - square[k]))
+
+    def acceleration(self, distance: Float[Array, "*places"]) -> Float[Array, "*places"]:
+        """Returns the travelling acceleration [m/s^2] at some distances [m]; zero beyond the ends."""
+        k, _ = self._place(distance)
+        square, inside = self.speed**2, (distance >= self.distance[0]) & (distance < self.distance[-1])
+        slope = (square[k + 1] - square[k]) / (self.distance[k + 1] - self.distance[k])
+        return jnp.where(inside, 0.5 * self.scale**2 * slope, 0.0)
+
+    def seconds(self, distance: Float[Array, "*places"]) -> Float[Array, "*places"]:
+        """Returns the time [s] in which some distances [m] are reached from distance zero."""
+        return self._since_first(distance) - self._since_first(jnp.zeros_like(distance))
+
+    def _since_first(self, distance: Array) -> Array:
+        """Time since the first place [s]: lengths over the mean of the speeds at their ends."""
+        k, share = self._place(distance)
+        square = self.speed**2
+        here = jnp.sqrt(square[k] + share * (square[k + 1] - square[k]))
+        lengths = jnp.diff(self.distance)
+        before = jnp.concatenate([jnp.zeros(1), jnp.cumsum(2 * lengths / (self.speed[1:] + self.speed[:-1]))])
+        beyond = jnp.minimum(distance - self.distance[0], 0.0) + jnp.maximum(distance - self.distance[-1], 0.0)
+        time = before[k] + 2 * share * lengths[k] / (self.speed[k] + here) + beyond / here
+        return time / self.scale
+
+    def _place(self, distance: Array) -> tuple[Array, Array]:
+        """Returns the number of the stretch between places, and the share of it that is behind [1]."""
+        last = len(self.distance) - 2
+        k = jnp.clip(jnp.searchsorted(self.distance, distance, side="right") - 1, 0, last)
+        share = (distance - self.distance[k]) / (self.distance[k + 1] - self.distance[k])
+        return k, jnp.clip(share, 0.0, 1.0)

@@ -18,6 +18,7 @@ from ..model.kinematics import contacts, rail_frame
 from ..model.paths import at_values
 from ..model.quantities import MOTION_NUMBERS
 from ..model.scene import Scene
+from ..model.travel import SpeedProgramme
 from ..tools.checks import require
 from ..tools.compile import is_traced
 
@@ -85,14 +86,17 @@ def consistent_state(step: PeriodMap, proposed: State, mapped: State) -> State:
 
 
 def check_forcing(scene: Scene) -> None:
-    """Raises `ValueError` for a track that does not recur with its first wavelength, unless it is traced."""
+    """Raises `ValueError` for a track that does not recur with its first wavelength, unless it is traced, and for a
+    speed that changes."""
     if not is_traced(scene.track):
         need = "have a track that recurs with its first wavelength"
         with jax.ensure_compile_time_eval():  # inside jit, too
             recurrence = float(scene.track.recurrence)
         require(recurrence == 1, "scene", need, scene.track)
+    steady = not isinstance(scene.speed, SpeedProgramme)
+    require(steady, "scene", "have a constant speed", shown="one with a programme of speeds")
 
 
 def recurs(scene: Scene) -> Bool[Array, ""]:
     """Tells whether a scene's track recurs with the forcing period."""
-    return scene.track.recurrence == 1
+    return (scene.track.recurrence == 1) & (not isinstance(scene.speed, SpeedProgramme))

@@ -23,7 +23,7 @@ from ..model.dynamics import (
     contact_forces,
     newton_euler,
     per_period,
-    resultant,
+    unit_wrenches,
 )
 from ..model.kinematics import Contacts, Motion, RailFrame, attitude_rates, contacts
 from ..model.scene import Scene
@@ -54,7 +54,7 @@ class Ends(NamedTuple):
     gap: Array  # [m]
     rate: Array  # Eq. (8)'s rate of the gap [m/s]
     turning: Array  # the gap's true rate less Eq. (8)'s: that of the normals' own rotation [m/s]
-    directions: tuple[Array, ...]  # force along y and z and moment about x, y and z of a unit force
+    wrenches: tuple[Array, ...]  # force along y and z and moment about x, y and z of a unit normal force
     wrench: list[Array]  # those of all contacts together, five scalars [N, N m]
 
 
@@ -96,13 +96,14 @@ class ImpulseRK4(AbstractLatchingSolver):
         middle, last = ((args.frame(t), args.travel(t)) for t in (t0 + 0.5 * dt, t1))
 
         def stage(place, rates, share):
-            """Computes a stage's motion, its derivative, and its forces' wrench along the start's directions."""
+            """Computes a stage's motion, its derivative, and its forces' wrench by the start's unit wrenches."""
             frame, travel = place
             m = materialise(jax.tree.map(lambda a, k: a + share * dt * k, m0, rates))
             now = contacts(frame, m)
             force = contact_forces(scene, now, y0.memory)
-            wrenches = sums(*(force * d for d in (*frame.normal[1:], *now.lever, *before.directions)))
-            return m, per_period(travel, newton_euler(scene, m, wrenches[:5])), wrenches[5:]
+            own = unit_wrenches(scene, frame, now, m, force, travel)
+            wrenches = sums(*(force * d for d in (*own, *before.wrenches)))
+            return m, per_period(travel, newton_euler(scene, m, wrenches[:5], travel)), wrenches[5:]
 
         y2, k2, f2 = stage(middle, k1, 0.5)
         y3, k3, f3 = stage(middle, k2, 0.5)
@@ -155,7 +156,7 @@ def _corrected(
     stiff, damped = 1.5 / STIFFEST * seconds, _damping(scene, 1 / DAMPEST, memory)
     stiff, damped = (jnp.square(v * scene.contact.stiffness * own) for v in (stiff, damped))
     rough = jnp.square(stiff * deepest) + jnp.square(damped * deepest**3)
-    *total, rough = sums(*(means * d for d in before.directions), *(earlies * d for d in before.directions), rough)
+    *total, rough = sums(*(means * d for d in before.wrenches), *(earlies * d for d in before.wrenches), rough)
 
     share = 1 / (1 + rough)
     change = [share * (a - b) for a, b in zip(total, mean + early, strict=True)]
@@ -170,10 +171,12 @@ def _corrected(
 
 def _ended(args: Args, t: Any, frame: RailFrame, now: Contacts, turning: Array, state: State) -> tuple[Motion, Ends]:
     """Returns the derivative [per forcing period] and the contacts at the end of a step."""
-    scene = args.scene
-    wrench = resultant(frame, now, contact_forces(scene, now, state.memory))
-    rates = per_period(args.travel(t), newton_euler(scene, state.motion, wrench))
-    return rates, Ends(now.gap, now.rate, turning, (*frame.normal[1:], *now.lever), wrench)
+    scene, m, travel = args.scene, state.motion, args.travel(t)
+    force = contact_forces(scene, now, state.memory)
+    own = unit_wrenches(scene, frame, now, m, force, travel)
+    wrench = sums(*(force * w for w in own))
+    rates = per_period(travel, newton_euler(scene, m, wrench, travel))
+    return rates, Ends(now.gap, now.rate, turning, own, wrench)
 
 
 class _Path(NamedTuple):

@@ -1,7 +1,7 @@
 """Grids and samples of parameters as batches of scenes and starts, and as tiles: names are resolved here only."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -201,27 +201,33 @@ class Cases(Grid):
 
     def take(self, index: np.ndarray) -> tuple[Batched[Scene], Motion | State]:
         """The scenes and starts at some indices, for a compiled program, with their tracks prepared."""
-        scenes, starts = self._unprepared(index)
+        scenes, starts = self.unprepared(index)
         plain = type(scenes.shared.track).prepared is AbstractTrack.prepared
         return (scenes if plain else _prepared(scenes)), starts
 
-    def _unprepared(self, index: np.ndarray) -> tuple[Batched[Scene], Motion | State]:
+    def unprepared(self, index: np.ndarray) -> tuple[Batched[Scene], Motion | State]:
+        """The same with their tracks as they are."""
         return self.scenes.take(index), jax.tree.map(lambda v: v[index], self.starts)
 
     def forcing_periods(self) -> Float[np.ndarray, " cases"]:
         """The forcing period of each case [s]."""
-        return np.asarray(_forcing_periods(*self._unprepared(np.arange(self.count))))
+        return np.asarray(_forcing_periods(*self.unprepared(np.arange(self.count))))
 
     def default_steps(self) -> Int[np.ndarray, " cases"]:
         """Steps per period that each case needs, see `slipperjax.default_steps_per_period`."""
         index = filled(np.arange(self.count), self.count)
-        return rounded_steps(np.asarray(_steps_needed(*self._unprepared(index))))[: self.count]
+        return rounded_steps(np.asarray(_steps_needed(*self.unprepared(index))))[: self.count]
 
 
 @jit
 def _prepared(scenes: Batched[Scene]) -> Batched[Scene]:
     """The same scenes with tracks as runs evaluate them, once for all calls."""
-    tracks = Batched(scenes.varied.track, scenes.shared.track).apply(lambda track: track.prepared())
+    return with_tracks(scenes, lambda track: track.prepared())
+
+
+def with_tracks(scenes: Batched[Scene], change: Callable[[AbstractTrack], AbstractTrack]) -> Batched[Scene]:
+    """The same scenes on tracks that `change` makes of theirs."""
+    tracks = Batched(scenes.varied.track, scenes.shared.track).apply(change)
     is_track = lambda part: isinstance(part, AbstractTrack)
     put = lambda scene, track: eqx.tree_at(lambda s: s.track, scene, track, is_leaf=is_track)
     return Batched(put(scenes.varied, tracks.varied), put(scenes.shared, tracks.shared))

@@ -57,7 +57,7 @@ def over_rails(
         low, high = value - 2 * stderr, value + 2 * stderr
     else:
         # true whatever the distribution, for as many values lie below as a binomial law says
-        places = scipy.stats.binom.ppf([0.025, 0.975], len(numbers), quantile).astype(int) - 1
+        places = scipy.stats.binom.ppf([0.025, 0.975], len(numbers), quantile).astype(int) - [1, 0]
         low, high = np.sort(numbers, axis=0)[np.clip(places, 0, len(numbers) - 1)]
         low, high = (np.where(np.isfinite(end), end, np.nan) for end in (low, high))
         stderr = (high - low) / 4

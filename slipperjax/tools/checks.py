@@ -222,7 +222,8 @@ class ShapeChecked(eqx.Module):
         for field in dataclasses.fields(self):
             shapes = _shapes(field)
             value = getattr(self, field.name)
-            if shapes and value is not None and not any(isinstance(value, shape) for shape in shapes):
+            absent = value is None or isinstance(value, eqx.Module)  # a part in place of an array
+            if shapes and not absent and not any(isinstance(value, shape) for shape in shapes):
                 raise ValueError(
                     f"Argument `{field.name}` must be of shape ({shapes[0].dim_str.replace(' ', ', ')}), "
                     f"but has shape {jnp.shape(value)}."

@@ -1,0 +1,248 @@
+"""Windows of distance: a run's unit of records in place of the forcing period, and its records.
+
+A run of slippers over a rail is the same loop as a run of forcing periods, with a window of distance as the period.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..model.dynamics import State
+from ..model.layout import StateLayout
+from ..model.quantities import ACCELERATIONS, Quantity
+from ..model.scene import Scene
+from ..model.tracks import AbstractTrack, Irregularity
+from ..tools.checks import positive
+from .course import Course
+from .record import AbstractRecord, attributes
+from .records import POINTS, RECORDS, AbstractNumber, AbstractQuantityRecord, Record
+
+STRETCH = 100
+"""Windows in a stretch, after which states are kept, and over which spectra and rates are taken."""
+
+
+class WindowedTrack(AbstractTrack):
+    """A track whose unit of travel is a window of distance."""
+
+    track: AbstractTrack
+    window: Float[Array, ""] = eqx.field(converter=positive("window", "m"))
+    """Length of a window [m]."""
+
+    @property
+    def wavelength(self) -> Float[Array, ""]:
+        return self.window
+
+    @property
+    def recurrence(self) -> Float[Array, ""]:
+        return jnp.asarray(jnp.inf)
+
+    @property
+    def extent(self) -> float:
+        return self.track.extent
+
+    @property
+    def end(self) -> float:
+        return self.track.end
+
+    @property
+    def steepest_slope(self) -> Float[Array, ""]:
+        return self.track.steepest_slope
+
+    @property
+    def shortest_wavelength(self) -> Float[Array, ""]:
+        return self.track.shortest_wavelength
+
+    def prepared(self) -> "WindowedTrack":
+        return WindowedTrack(self.track.prepared(), self.window)
+
+    def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
+        return self.track.irregularity(distance)
+
+    def motion(self, distance: Float[Array, "*places"]) -> tuple[Irregularity, Irregularity]:
+        return self.track.motion(distance)
+
+
+def touchdowns(course: Course) -> Float[Array, "2 points"]:
+    """Returns how often the gap of each point closed [1], as the ends of steps show it."""
+    closed = course.gap.values < 0
+    return jnp.sum(course.counted((closed[1:] & ~closed[:-1]).astype(float), 0.0), axis=0)
+
+
+def _peak_distance(course: Course) -> Float[Array, "2 points"]:
+    return course.loads.peak_period * course.travel.wavelength
+
+
+def _peak(k: int, q: Quantity) -> Record:
+    text = f"greatest magnitude of the {q.long_name}"
+    size = lambda c: jnp.maximum(c.acceleration.greatest, -c.acceleration.least)[k]
+    return Record(Quantity(f"peak_{q.name}", q.unit, text, rf"|{q.symbol}|_{{\max}}"), size, "max")
+
+
+PEAK_DISTANCE = Record(
+    Quantity("peak_distance", "m", "distance travelled at the highest contact force"), _peak_distance, "max", POINTS
+)
+FRICTION_WORK = Record(
+    Quantity("friction_work", "J", "heat that friction makes", "Q"),
+    lambda c: c.friction_power.mean * c.travel.period,
+    "sum",
+    POINTS,
+)
+WINDOW_RECORDS: dict[str, AbstractNumber] = {
+    record.name: record
+    for record in (
+        PEAK_DISTANCE,
+        Record(Quantity("impacts", "1", "number of touchdowns", "n"), touchdowns, "sum", POINTS),
+        FRICTION_WORK,
+        *(_peak(k, q) for k, q in enumerate(ACCELERATIONS.values())),
+    )
+}
+"""Records of numbers that runs have besides `RECORDS`."""
+DEFAULT = ("peak_force", "peak_distance", "contact_fraction", "impacts", "impulse", "drive_force")
+"""What a run keeps of each window by default; with friction `friction_work`, too."""
+PEAKS = tuple(f"peak_{name}" for name in ACCELERATIONS)
+"""Greatest accelerations, kept of each window by default."""
+PER_STRETCH = tuple(f"rms_{name}" for name in ACCELERATIONS)
+"""What a run keeps of each stretch by default."""
+
+
+def run_record(name: Any) -> AbstractNumber | None:
+    """Returns the record of numbers of a name; None for an unknown one."""
+    found = WINDOW_RECORDS.get(name, RECORDS.get(name))
+    return found if isinstance(found, AbstractNumber) else None
+
+
+@dataclass(frozen=True)
+class PerWindow(AbstractQuantityRecord):
+    """The values of a record in each window of distance, or joined over each `windows` of them."""
+
+    record: AbstractNumber
+    windows: int = 1
+
+    @property
+    def quantity(self):
+        return self.record.quantity
+
+    @property
+    def dims(self):
+        return self.record.dims
+
+    @property
+    def along(self) -> str:
+        """The dimension of its values along the run."""
+        return "distance" if self.windows == 1 else "stretch"
+
+    def values(self, periods):
+        return 20 * periods // self.windows
+
+    def sample(self, course):
+        return self.record.of(course)
+
+    def finish(self, carried, samples, span):
+        rows = np.asarray(samples)
+        starts = np.arange(0, rows.shape[1], self.windows)
+        parts = [rows[:, k : k + self.windows] for k in starts] if self.windows > 1 else None
+        if parts is None:
+            joined, counts = rows, 1
+            return np.asarray(self.record.join.value(joined, counts))
+        joined = [self.record.join.value(_joined(self.record, part), part.shape[1]) for part in parts]
+        return np.stack([np.asarray(part) for part in joined], axis=1)
+
+    def label(self, scene, dims, values):
+        data, coords = super().label(scene, dims, values)
+        (named, array, attrs) = data[self.name]
+        own = named[len(dims) :]
+        return {self.name: ((*dims, self.along, *own), array, attrs)}, coords
+
+
+def _joined(record: AbstractNumber, part: np.ndarray) -> np.ndarray:
+    """Joins the values of windows (cases, windows, ...)."""
+    return np.asarray(jax.vmap(lambda rows: record.join.reduce(rows, axis=0))(jnp.asarray(part)))
+
+
+@dataclass(frozen=True)
+class Marks(AbstractRecord):
+    """All numbers of the state at the end of each stretch, from which a run goes on: the variable `state`."""
+
+    name = "state"
+    inside = False
+
+    def values(self, periods):
+        return 30 * (periods // STRETCH + 1)
+
+    def sample(self, course) -> State:
+        return course.end
+
+    def finish(self, carried, samples: State, span):
+        at = np.append(np.arange(STRETCH - 1, span.periods - 1, STRETCH), span.periods - 1)
+        return StateLayout.pack(jax.tree.map(lambda a: np.asarray(a)[:, at], samples))
+
+    def label(self, scene: Scene, dims, values):
+        numbers = [q.name for q in StateLayout.of(scene).numbers]
+        words = attributes("", "all numbers of the state at the end of each stretch")
+        return {"state": ((*dims, "stretch", "number"), values, words)}, {"number": ("number", numbers)}
+
+
+SAMPLES_PER_WINDOW = 8
+"""Accelerations of each window from which spectra are made."""
+BANDS = 1000.0 * 10 ** (np.arange(-20, 11) / 10)
+"""Middles of third octaves [Hz], 10 Hz to 10 kHz, IEC 61260-1."""
+
+
+@dataclass(frozen=True)
+class ThirdOctaves(AbstractRecord):
+    """Root mean squares of the lateral and the vertical acceleration in third octaves, of each stretch.
+
+    From `SAMPLES_PER_WINDOW` equidistant accelerations of each window, by a periodogram with Hann's window. Bands
+    that are narrower than its resolution, or beyond half of its sampling frequency, are NaN.
+    """
+
+    name = "third_octaves"
+
+    @property
+    def variables(self):
+        return ("band_a_y", "band_a_z")
+
+    def values(self, periods):
+        return 2 * SAMPLES_PER_WINDOW * periods
+
+    def sample(self, course):
+        places = (np.arange(SAMPLES_PER_WINDOW) + 0.5) / SAMPLES_PER_WINDOW
+        return course.acceleration.at(places)[:, :2], jnp.asarray(course.travel.period)
+
+    def finish(self, carried, samples, span):
+        values, seconds = map(np.asarray, samples)
+        starts = range(0, values.shape[1], STRETCH)
+        parts = [(values[:, k : k + STRETCH], seconds[:, k : k + STRETCH]) for k in starts]
+        return np.stack([_bands(*part) for part in parts], axis=1)
+
+    def label(self, scene, dims, values):
+        along = (*dims, "stretch", "band")
+        words = {"units": "m/s^2", "long_name": "root mean square in a third octave"}
+        data = {name: (along, values[..., k], words) for k, name in enumerate(self.variables)}
+        return data, {"band": ("band", BANDS, {"units": "Hz", "long_name": "middle of a third octave"})}
+
+
+def _bands(
+    values: Float[np.ndarray, "cases windows samples 2"], seconds: Float[np.ndarray, "cases windows"]
+) -> Float[np.ndarray, "cases bands 2"]:
+    """Returns root mean squares in third octaves of a stretch, at its mean sampling frequency."""
+    import scipy.signal  # here, because importing it takes time
+
+    signal = values.reshape(len(values), -1, 2)
+    rate = SAMPLES_PER_WINDOW / seconds.mean(axis=1)  # [Hz], of each case
+    count = signal.shape[1]
+    # in cycles per sample; densities per cycle per sample
+    frequency, density = scipy.signal.periodogram(signal, 1.0, window="hann", detrend="constant", axis=1)
+    result = np.full((len(values), len(BANDS), 2), np.nan)
+    for k, middle in enumerate(BANDS):
+        low, high = (middle * 10 ** (sign / 20) / rate for sign in (-1, 1))
+        inside = (frequency[None] >= low[:, None]) & (frequency[None] < high[:, None])
+        known = (high <= 0.5) & ((high - low) * count >= 1)
+        square = np.sum(np.where(inside[..., None], density, 0.0), axis=1) / count
+        result[:, k] = np.where(known[:, None], np.sqrt(square), np.nan)
+    return result

@@ -1,0 +1,105 @@
+"""Loads on the slipper besides contacts, and friction in the contacts. All are None by default, and cost nothing."""
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..tools.checks import ShapeChecked, finite, not_negative, positive, require
+from ..tools.compile import is_traced
+
+Vector = Float[Array, "3"]
+
+
+class AbstractLoad(ShapeChecked):
+    """A force and a moment on the slipper that depend on the travelling speed."""
+
+    @abc.abstractmethod
+    def wrench(self, speed: Float[Array, ""]) -> tuple[Vector, Vector]:
+        """Returns the force along the track's x, y and z [N], and the moment about the slipper's axes [N m].
+
+        **Arguments:** `speed` [m/s]. The force along x acts on what drives the slipper.
+        """
+
+
+class AppliedLoad(AbstractLoad):
+    """Constant loads, such as a share of the sled's weight, and lift and drag by the square of the speed.
+
+    ```python
+    load = sj.AppliedLoad(force=[0.0, 0.0, -800.0], force_by_square=[-0.02, 0.0, 0.01])
+    ```
+    """
+
+    force: Vector = eqx.field(converter=finite("force", "N"), default=(0.0, 0.0, 0.0))
+    """Force along the track's x, y and z [N]."""
+    moment: Vector = eqx.field(converter=finite("moment", "N m"), default=(0.0, 0.0, 0.0))
+    """Moment about the slipper's x, y and z [N m]."""
+    force_by_square: Vector = eqx.field(converter=finite("force_by_square", "N s^2/m^2"), default=(0.0, 0.0, 0.0))
+    """Force over the square of the speed [N s^2/m^2]: drag below zero along x, lift above zero along z."""
+    moment_by_square: Vector = eqx.field(converter=finite("moment_by_square", "N s^2/m"), default=(0.0, 0.0, 0.0))
+    """Moment over the square of the speed [N s^2/m]."""
+
+    def wrench(self, speed):
+        square = speed**2
+        return self.force + square * self.force_by_square, self.moment + square * self.moment_by_square
+
+
+class TabulatedLoad(AbstractLoad):
+    """Loads from a table by the speed, linear between its rows, and constant beyond its ends."""
+
+    speed: Float[Array, " rows"] = eqx.field(converter=not_negative("speed", "m/s"))
+    """Speeds of the rows, increasing [m/s]."""
+    force: Float[Array, "rows 3"] = eqx.field(converter=finite("force", "N"))
+    """Forces along the track's x, y and z [N]."""
+    moment: Float[Array, "rows 3"] = eqx.field(converter=finite("moment", "N m"))
+    """Moments about the slipper's x, y and z [N m]."""
+
+    def __check_init__(self):
+        for name in ("force", "moment"):
+            array, need = getattr(self, name), f"have one row per speed, ({len(self.speed)}, 3)"
+            require(array.shape == (len(self.speed), 3), name, need, shown=f"shape {array.shape}")
+        if not is_traced(self.speed):
+            require(np.all(np.diff(np.asarray(self.speed)) > 0), "speed", "increase", np.asarray(self.speed))
+
+    def wrench(self, speed):
+        row = lambda table: jnp.stack([jnp.interp(speed, self.speed, table[:, k]) for k in range(3)])
+        return row(self.force), row(self.moment)
+
+
+class AbstractFriction(ShapeChecked):
+    """Friction of sliding contacts: a traction against the sliding, of the normal force times a coefficient.
+
+    Contacts slide at the travelling speed along the rail and at some metres per second across it, so that they never
+    stick, and the direction needs no regularisation.
+    """
+
+    @abc.abstractmethod
+    def coefficient_at(self, force: Array, sliding: Array) -> Array:
+        """Returns the coefficient of friction [1] from normal force [N] and sliding speed [m/s] of each point."""
+
+
+class Coulomb(AbstractFriction):
+    """Coulomb's friction, the same coefficient everywhere."""
+
+    coefficient: Float[Array, ""] = eqx.field(converter=not_negative("coefficient"))
+    """mu [1]."""
+
+    def coefficient_at(self, force, sliding):
+        return self.coefficient
+
+
+class FadingFriction(AbstractFriction):
+    """Friction that fades with the power that heats the contact, as steel's does at high speed:
+    mu (1 + sliding speed x normal force / power)^-exponent."""
+
+    coefficient: Float[Array, ""] = eqx.field(converter=not_negative("coefficient"))
+    """mu of slow sliding [1]."""
+    power: Float[Array, ""] = eqx.field(converter=positive("power", "W"))
+    """Sliding speed times normal force at which it has faded to mu / 2^exponent [W]."""
+    exponent: Float[Array, ""] = eqx.field(converter=positive("exponent"))
+    """Exponent [1]."""
+
+    def coefficient_at(self, force, sliding):
+        return self.coefficient * (1 + force * sliding / self.power) ** -self.exponent

@@ -1,0 +1,365 @@
+"""Runs as they happen: one or many over a length of rail, at a speed that may change, with records of each window."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Int
+
+from ..flow.datasets import load_base, run_attributes, scene_attributes
+from ..flow.period_map import advance, initial_states
+from ..flow.record import AbstractRecord, RecordedSpan, RecordSet, Samples
+from ..flow.records import AbstractNumber
+from ..flow.simulate import Trajectory, first_of
+from ..flow.status import MEANINGS, first_problem
+from ..flow.stepping import ConstantSteps
+from ..flow.windows import (
+    DEFAULT,
+    FRICTION_WORK,
+    PEAKS,
+    PER_STRETCH,
+    STRETCH,
+    WINDOW_RECORDS,
+    Marks,
+    PerWindow,
+    ThirdOctaves,
+    WindowedTrack,
+    run_record,
+)
+from ..model.dynamics import State
+from ..model.kinematics import Motion
+from ..model.layout import StateLayout
+from ..model.scene import Scene, check_scene
+from ..model.step_size import rounded_steps, steps_needed
+from ..model.travel import SpeedProgramme
+from ..solvers.latching import solver_name
+from ..solvers.named import resolve_solver
+from ..tools.batching import Batched
+from ..tools.checks import not_negative, number, positive, require, warn, whole
+from ..tools.compile import jit
+from .grid import Cases, filled, with_tracks
+from .run import Calls, ChunkInputs, ChunkRun, Plan, call_of, run_cases
+from .store import Store, storable
+
+LEAST_STEPS_PER_WINDOW = 4
+"""Fewest integration steps in a window, from which its curves are made."""
+SPEEDS_PER_STRETCH = 9
+"""Places of a stretch at which its least speed is looked for."""
+PERCENTILES = (50.0, 90.0, 99.0)
+"""Percentiles of the windows' highest forces that are kept of each stretch [%]."""
+
+
+@storable
+def run(
+    scene: Scene,
+    grid: Mapping[str, Any] | None = None,
+    *,
+    length: float,
+    speed: SpeedProgramme | float | None = None,
+    begin: float = 0.0,
+    window: float = 1.0,
+    record: str | AbstractNumber | Sequence[str | AbstractNumber] | None = None,
+    start: Motion | State | Trajectory | xr.Dataset | None = None,
+    steps_per_period: int | None = None,
+    solver: diffrax.AbstractSolver | str | None = None,
+    product: bool = True,
+    chunk: int | None = None,
+    workers: int | None = None,
+    progress: bool = False,
+    store: Store | str | Path | None = None,
+    executor: Any = None,
+) -> xr.Dataset:
+    """Simulates runs over a length of rail, at a speed that may change along it.
+
+    ```python
+    fast = sj.SpeedProgramme.stages([sj.Stage(200.0, speed=900.0), sj.Stage(-100.0, speed=100.0)], start=50.0)
+    ds = sj.run(scene, length=5000.0, speed=fast)
+    ds["peak_force"].max(("end", "point")).plot()
+    ```
+
+    **Arguments:**
+
+    - `grid`: values by parameter name as for `sweep`, such as `{"track.seed": range(200)}`, "speed.scale" of a
+        programme, or none for one run.
+    - `length`: how far to travel [m], rounded up to whole windows; `begin`: the distance from which on [m].
+    - `speed`: a programme, or a constant speed [m/s]; default that of the scene.
+    - `window`: length over which records are joined [m].
+    - `record`: names or records of numbers, which are kept of each window: those of `slipperjax.flow.RECORDS` and
+        `slipperjax.flow.windows.WINDOW_RECORDS`. Default what tests of tracks report, see below.
+    - `start`: as for `simulate`, at the place where the run begins; or an earlier run, from whose state at `begin`
+        this one goes on, by default at its end.
+    - `steps_per_period`: integration steps per wavelength of the track, or reference length, the same all the way;
+        by default those that the least speed of each `STRETCH` windows needs.
+    - `solver`, `product`, `chunk`, `workers`, `progress`, `store`, `executor`: as for `sweep`.
+
+    **Returns:** an `xarray.Dataset` over the grid and `distance`, the travel at the end of each window [m], with
+    `speed` [m/s] in its middle and `seconds` at its end as coordinates. By default `peak_force` [N] of each point,
+    `peak_distance` where it was [m], `contact_fraction`, `impacts`, the number of touchdowns, `impulse` [N s],
+    `drive_force` [N], `friction_work` [J] with friction, and `peak_a_y` and the others, the greatest accelerations.
+    Over `stretch`, the travel at the end of each `STRETCH` windows: `rms_a_y` and others, `band_a_y` and `band_a_z`,
+    root mean squares in third octaves [m/s^2], `impact_rate` [1/s], `peak_force_percentile` of the windows' highest
+    forces, and `state`, from which a run goes on. `status` of each run is 0 where nothing is wrong.
+
+    **Raises:** `ValueError`, before anything is compiled, that names the argument which is wrong; `Interrupted`,
+    which has the finished runs, after Ctrl-C.
+    """
+    call = call_of("run", locals())
+    check_scene(scene)
+    begin, start = _beginning(begin, start)
+    scene = scene if speed is None else dataclasses.replace(scene, speed=speed)
+    windows = _windows(scene, number(positive, "length", length, "m"), begin, number(positive, "window", window, "m"))
+    records = RecordSet((*_records(scene, record), ThirdOctaves(), Marks()))
+    only = grid is None
+    cases = Cases(scene, {"length": [float(scene.slipper.length)]} if grid is None else grid, start, product=product)
+    profiles = _step_profiles(cases, begin, window, windows, steps_per_period)
+    totals, profile_of = _keys(profiles, windows)
+    plan = Plan(cases, resolve_solver(scene, solver), records, totals, Calls(1, 0), Calls(windows, 1))
+    records.check(scene, windows, LEAST_STEPS_PER_WINDOW, (*cases.dims, "status"))
+    per_case = 4e-7 * float(np.mean(totals)) * records.cost
+    dataclasses.replace(plan.estimate(cases.count), per_case=per_case, periods=f" of {windows} windows").check()
+    epoch = begin / window
+
+    def work(part: ChunkInputs) -> ChunkRun:
+        scenes = _windowed(part.scenes, window)
+        states = initial_states(scenes, part.starts, epoch)
+        return _run_windows(plan, scenes, states, profile_of[part.steps], epoch, part.on_progress)
+
+    done = run_cases(plan, work, cost=1.0, chunk=chunk, workers=workers, progress=progress)
+    frame = _Frame(begin, window, windows, only)
+    return done.checked(lambda: _dataset(plan, done.results, profiles, frame, call))
+
+
+class _Frame(NamedTuple):
+    """Where a run is."""
+
+    begin: float  # [m]
+    window: float  # [m]
+    windows: int
+    only: bool  # whether it is one run, without a grid
+
+    @property
+    def ends(self) -> np.ndarray:
+        """Travel at the end of each window [m]."""
+        return self.begin + self.window * np.arange(1, self.windows + 1)
+
+    @property
+    def stretches(self) -> np.ndarray:
+        """Travel at the end of each stretch [m]."""
+        last = self.windows - 1
+        return self.ends[np.append(np.arange(STRETCH - 1, last, STRETCH), last)]
+
+
+def _beginning(begin: float, start: Any) -> tuple[float, Motion | State]:
+    """Returns where a run begins [m], and its start, which may be the state of an earlier run there."""
+    begin = number(not_negative, "begin", begin, "m")
+    if not isinstance(start, xr.Dataset):
+        return begin, first_of(start)
+    marks = start.get("state")
+    need = "be a motion, a state, or one run of slipperjax"
+    require(marks is not None and marks.ndim == 2, "start", need, shown="another dataset")
+    places = start["stretch"].values
+    at = int(np.argmin(np.abs(places - begin))) if begin else len(places) - 1
+    need = f"be one of the distances where the earlier run kept its state, {places[0]:g} to {places[-1]:g} m"
+    require(not begin or abs(places[at] - begin) <= 1e-9 * begin, "begin", need, begin)
+    return float(places[at]), StateLayout.of(load_base(start)[0]).unpack(jnp.asarray(start["state"].values[at]))
+
+
+def _windows(scene: Scene, length: float, begin: float, window: float) -> int:
+    """Returns how many windows a run has.
+
+    **Raises:** `ValueError` where the rail ends before. A warning says where one is known no further.
+    """
+    windows = int(np.ceil(length / window * (1 - 1e-12)))
+    travelled = begin + windows * window
+    far = scene.track.end * (1 + 1e-9)
+    require(travelled <= far, "length", f"end before the rail does at {scene.track.end:g} m", travelled)
+    if travelled > scene.track.extent * (1 + 1e-9) and getattr(scene.track, "ends", "") == "straight":
+        warn(
+            f"Argument `length` leads to {travelled:g} m, but the rail is known up to {scene.track.extent:g} m only."
+        )
+    return windows
+
+
+def _records(scene: Scene, record: Any) -> list[AbstractRecord]:
+    """Returns the records of a user's choice, of each window and of each stretch."""
+    chosen = [*DEFAULT, *PEAKS] if record is None else record
+    chosen = [chosen] if isinstance(chosen, str | AbstractNumber) else list(chosen)
+    records = []
+    for one in chosen:
+        known = one if isinstance(one, AbstractNumber) else run_record(one)
+        names = [name for name in WINDOW_RECORDS] + ["peak_force", "rms_a_z", "and others of slipperjax.flow.RECORDS"]
+        require(known is not None, "record", f"be one of {', '.join(names)}, or a record of numbers", one)
+        records.append(PerWindow(known))  # type: ignore[arg-type]
+    if record is None and scene.friction is not None:
+        records.append(PerWindow(FRICTION_WORK))
+    names = {one.name for one in records}
+    stretches = [run_record(name) for name in PER_STRETCH if name not in names]
+    return [*records, *(PerWindow(one, STRETCH) for one in stretches if one is not None)]
+
+
+def _step_profiles(
+    cases: Cases, begin: float, window: float, windows: int, steps_per_period: int | None
+) -> Int[np.ndarray, "cases stretches"]:
+    """Returns the integration steps in a window of each case and stretch."""
+    stretches = -(-windows // STRETCH)
+    index = np.arange(cases.count)
+    scenes, _ = cases.unprepared(filled(index, cases.count))
+    reference = np.asarray(_reference_lengths(scenes))[: cases.count, None]
+    if steps_per_period is None:
+        edges = begin + window * STRETCH * np.arange(stretches)
+        places = edges[:, None] + window * STRETCH * np.linspace(0, 1, SPEEDS_PER_STRETCH)[None]
+        needed = np.asarray(_steps_along(scenes, jnp.asarray(places)))[: cases.count]
+        steps = rounded_steps(needed)
+    else:
+        steps = np.full((cases.count, stretches), whole("steps_per_period", steps_per_period, 1))
+    per_window = np.ceil(steps * (window / reference) * (1 - 1e-12)).astype(int)
+    return np.maximum(np.broadcast_to(per_window, (cases.count, stretches)), LEAST_STEPS_PER_WINDOW)
+
+
+@jit
+def _reference_lengths(scenes: Batched[Scene]) -> jax.Array:
+    return scenes.map(lambda scene: scene.track.wavelength)
+
+
+@jit
+def _steps_along(scenes: Batched[Scene], places: jax.Array) -> jax.Array:
+    """Steps per reference length of each stretch, at its least speed, (cases, stretches)."""
+
+    def one(scene: Scene) -> jax.Array:
+        if not isinstance(scene.speed, SpeedProgramme):
+            return jnp.broadcast_to(steps_needed(scene), places.shape[:1])
+        least = jnp.min(scene.speed.at(places), axis=1)
+        return jax.vmap(lambda v: steps_needed(_at_speed(scene, v)))(least)
+
+    return scenes.map(one)
+
+
+def _at_speed(scene: Scene, speed: jax.Array) -> Scene:
+    """The scene at a constant speed, unchecked."""
+    values = vars(scene) | {"speed": speed}
+    steady = object.__new__(type(scene))
+    for name, value in values.items():
+        object.__setattr__(steady, name, value)
+    return steady
+
+
+def _keys(profiles: np.ndarray, windows: int) -> tuple[np.ndarray, dict[int, np.ndarray]]:
+    """Returns a number for each case that tells its profile of steps, about those of its run, and the profiles."""
+    lengths = np.full(profiles.shape[1], STRETCH)
+    lengths[-1] = windows - STRETCH * (profiles.shape[1] - 1)
+    different, which = np.unique(profiles, axis=0, return_inverse=True)
+    keys: list[int] = []
+    for profile in different:
+        key = int(profile @ lengths)
+        while key in keys:
+            key += 1
+        keys.append(key)
+    return np.array(keys)[np.ravel(which)], dict(zip(keys, different, strict=True))
+
+
+@jit
+def _windowed(scenes: Batched[Scene], window: Any) -> Batched[Scene]:
+    """The same scenes with windows as their unit of travel."""
+    return with_tracks(scenes, lambda track: WindowedTrack(track, window))
+
+
+def _run_windows(
+    plan: Plan, scenes: Batched[Scene], states: State, profile: np.ndarray, epoch: float, on_progress: Any
+) -> ChunkRun:
+    """Runs a chunk of cases stretch by stretch."""
+    records, windows, status = plan.records, plan.recorded.periods, np.zeros(len(states.motion.y), int)
+    samples, most = Samples(records, windows), int(profile.max())
+    total = float(profile.sum())
+    for k, steps in enumerate(profile.tolist()):
+        on_progress(0.0)
+        used = min(STRETCH, windows - k * STRETCH)
+        alike = bool(np.all(profile == steps))
+        capacity = most
+        while capacity // 8 >= steps:
+            capacity //= 8
+        stepping = ConstantSteps(steps) if alike else ConstantSteps(capacity, jnp.asarray(float(steps)))
+        options: dict[str, Any] = dict(solver=plan.solver, periods=STRETCH, records=records)
+        passed = advance(scenes, states, epoch + k * STRETCH, stepping, used=jnp.asarray(float(used)), **options)
+        states = passed.state
+        status = first_problem(status, passed.status)
+        samples.add(records, jax.tree.map(lambda a, n=used: np.asarray(a)[:, :n], passed.samples))
+        on_progress(steps / total)
+    span = RecordedSpan(windows, most, epoch, status)
+    return ChunkRun(states, status, records.finish((None,) * len(records.records), samples.joined(), span))
+
+
+def _dataset(
+    plan: Plan, results: ChunkRun, profiles: np.ndarray, frame: _Frame, call: Mapping[str, Any]
+) -> xr.Dataset:
+    """Labels the results of a run."""
+    cases = plan.cases
+    dims, shape = cases.dims, cases.shape
+    record = jax.tree.map(lambda a: np.asarray(a).reshape(*shape, *a.shape[1:]), results.record)
+    data, coords = plan.records.label(cases.scene, dims, record)
+    data["status"] = (dims, results.status.reshape(shape), {"long_name": "status", "meaning": MEANINGS})
+    words = {"units": "1", "long_name": "integration steps per window"}
+    data["steps_per_window"] = ((*dims, "stretch"), profiles.reshape(*shape, -1), words)
+    coords["distance"] = ("distance", frame.ends, {"units": "m", "long_name": "distance travelled"})
+    coords["stretch"] = ("stretch", frame.stretches, {"units": "m", "long_name": "distance travelled"})
+    scenes, _ = cases.unprepared(filled(np.arange(cases.count), cases.count))
+    speed, seconds = (np.asarray(a)[: cases.count] for a in _times(scenes, jnp.asarray(frame.ends), frame.window))
+    seconds = seconds - np.asarray(_times(scenes, jnp.asarray([frame.begin]), frame.window)[1])[: cases.count]
+    differ = bool(np.any(np.ptp(seconds, axis=0) > 0))
+    along = (*dims, "distance") if differ else ("distance",)
+    joined = lambda a: a.reshape(*shape, -1) if differ else a[0]
+    coords["speed_along" if "speed" in cases.axes else "speed"] = (
+        along,
+        joined(speed),
+        {"units": "m/s", "long_name": "travelling speed"},
+    )
+    coords["seconds"] = along, joined(seconds), {"units": "s", "long_name": "time"}
+    attrs = scene_attributes(cases.scene, without=() if frame.only else cases.axes)
+    whole_call = {**call, "solver": plan.solver}
+    varied = () if frame.only else map(cases.label, cases.axes)
+    attrs |= run_attributes(cases.scene, cases.start, whole_call, varied)
+    attrs |= {"solver": solver_name(plan.solver), "record": plan.records.name, "window [m]": frame.window}
+    ds = xr.Dataset(data, {**coords, **cases.coordinates()}, attrs)
+    ds = _with_rates(ds, frame)
+    return ds.isel({dims[0]: 0}, drop=True) if frame.only else ds
+
+
+@jit
+def _times(scenes: Batched[Scene], ends: jax.Array, window: Any) -> tuple[jax.Array, jax.Array]:
+    """Speeds in the middle of windows [m/s] and times at their ends [s], (cases, windows)."""
+
+    def one(scene: Scene) -> tuple[jax.Array, jax.Array]:
+        length = scene.track.wavelength
+        speed = jnp.asarray(scene.travel((ends - 0.5 * window) / length).speed)
+        return jnp.broadcast_to(speed, ends.shape), jnp.asarray(scene.seconds(ends / length))
+
+    return scenes.map(one)
+
+
+def _with_rates(ds: xr.Dataset, frame: _Frame) -> xr.Dataset:
+    """Adds what follows from windows, stretch by stretch: rates of impacts, and percentiles of the highest forces."""
+    starts = np.arange(0, frame.windows, STRETCH)
+    added: dict[str, Any] = {}
+    if "impacts" in ds:
+        counts = ds["impacts"]
+        axis = counts.dims.index("distance")
+        total = np.add.reduceat(counts.values, starts, axis=axis)
+        ends = ds["seconds"].values[..., np.append(starts[1:] - 1, frame.windows - 1)]
+        seconds = np.diff(ends, axis=-1, prepend=0.0)
+        seconds = seconds.reshape(*seconds.shape, *[1] * (counts.ndim - axis - 1))
+        dims = tuple("stretch" if dim == "distance" else dim for dim in counts.dims)
+        added["impact_rate"] = (dims, total / seconds, {"units": "1/s", "long_name": "rate of touchdowns"})
+    if "peak_force" in ds:
+        highest = ds["peak_force"].max(("end", "point"), skipna=False)
+        axis = highest.dims.index("distance")
+        rows = [np.percentile(part, PERCENTILES, axis=axis) for part in np.split(highest.values, starts[1:], axis)]
+        values = np.moveaxis(np.stack(rows, axis=-1), 0, -1)
+        words = ds["peak_force"].attrs | {"long_name": "percentile of the windows' highest forces"}
+        added["peak_force_percentile"] = ((*highest.dims[:axis], "stretch", "percentile"), values, words)
+        ds = ds.assign_coords(percentile=("percentile", list(PERCENTILES), {"units": "%"}))
+    return ds.assign(added)
