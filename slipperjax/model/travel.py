@@ -117,22 +117,24 @@ class SpeedProgramme(ShapeChecked):
             least = float(np.min(np.asarray(self.speed) * np.min(np.asarray(self.scale))))
             require(least >= LEAST_SPEED * (1 - 1e-9), "speed", f"be {LEAST_SPEED:g} m/s or more", least)
 
-    def at(self, distance: Float[Array, "*places"]) -> Float[Array, "*places"]:
-        """Returns the speed [m/s] at some distances from the start [m]."""
+    def at(self, distance: Any) -> Float[Array, "*places"]:
+        """Returns the speed [m/s] at some distances from the start [m], of shape (*places,)."""
+        distance = jnp.asarray(distance, float)
         k, share = self._place(distance)
         square = self.speed**2
         return self.scale * jnp.sqrt(square[k] + share * (square[k + 1] - square[k]))
 
-    def acceleration(self, distance: Float[Array, "*places"]) -> Float[Array, "*places"]:
+    def acceleration(self, distance: Any) -> Float[Array, "*places"]:
         """Returns the travelling acceleration [m/s^2] at some distances [m]; zero beyond the ends."""
+        distance = jnp.asarray(distance, float)
         k, _ = self._place(distance)
         square, inside = self.speed**2, (distance >= self.distance[0]) & (distance < self.distance[-1])
         slope = (square[k + 1] - square[k]) / (self.distance[k + 1] - self.distance[k])
         return jnp.where(inside, 0.5 * self.scale**2 * slope, 0.0)
 
-    def seconds(self, distance: Float[Array, "*places"]) -> Float[Array, "*places"]:
+    def seconds(self, distance: Any) -> Float[Array, "*places"]:
         """Returns the time [s] in which some distances [m] are reached from distance zero."""
-        return self._since_first(distance) - self._since_first(jnp.zeros_like(distance))
+        return self._since_first(jnp.asarray(distance, float)) - self._since_first(jnp.zeros(()))
 
     def _since_first(self, distance: Array) -> Array:
         """Time since the first place [s]: lengths over the mean of the speeds at their ends."""
@@ -150,4 +152,6 @@ class SpeedProgramme(ShapeChecked):
         last = len(self.distance) - 2
         k = jnp.clip(jnp.searchsorted(self.distance, distance, side="right") - 1, 0, last)
         share = (distance - self.distance[k]) / (self.distance[k + 1] - self.distance[k])
-        return k, jnp.clip(share, 0.0, 1.0)
+        # at the very ends the derivative is that of the inside
+        inside = (distance >= self.distance[0]) & (distance <= self.distance[-1])
+        return k, jnp.where(inside, share, jnp.clip(share, 0.0, 1.0))

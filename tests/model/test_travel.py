@@ -51,3 +51,87 @@ def test_rates_and_reactions_are_those_of_a_constant_speed_there(memory):
     forces = [sj.reactions(0.25, start, a).contact_force for a in (args, args._replace(scene=there))]
     assert np.max(forces[0]) > 0
     np.testing.assert_allclose(*forces, rtol=1e-12)
+
+
+PROGRAMME = sj.SpeedProgramme.stages(
+    [sj.Stage(200.0, speed=900.0), sj.Stage(0.0, length=300.0), sj.Stage(-100.0, duration=2.0)], start=50.0
+)
+
+
+def test_stages_are_constant_accelerations():
+    length = (900.0**2 - 50.0**2) / 400.0
+    np.testing.assert_allclose(PROGRAMME.distance, [0.0, length, length + 300.0, length + 300.0 + 1600.0])
+    np.testing.assert_allclose(PROGRAMME.speed, [50.0, 900.0, 900.0, 700.0])
+    at = np.array([0.0, 500.0, length + 100.0, length + 1000.0])
+    np.testing.assert_allclose(PROGRAMME.acceleration(at), [200.0, 200.0, 0.0, -100.0])
+    np.testing.assert_allclose(PROGRAMME.at(at)[1], np.sqrt(50.0**2 + 400.0 * 500.0))
+    # 4.25 s of thrust, a third of a second, 2 s of brakes
+    np.testing.assert_allclose(PROGRAMME.seconds(PROGRAMME.distance), [0.0, 4.25, 4.25 + 1 / 3, 6.25 + 1 / 3])
+
+
+def test_times_are_integrals_of_the_pace():
+    places = np.linspace(-20.0, float(PROGRAMME.distance[-1]) + 50.0, 200_001)
+    middle = (places[1:] + places[:-1]) / 2
+    time = np.concatenate([[0.0], np.cumsum(np.diff(places) / np.asarray(PROGRAMME.at(middle)))])
+    seconds = np.asarray(PROGRAMME.seconds(places))
+    np.testing.assert_allclose(seconds - seconds[0], time, rtol=1e-7)  # measured 3e-9
+    # accelerations are half the slope of the square of the speed
+    square = np.asarray(PROGRAMME.at(places)) ** 2
+    slope = np.diff(square) / np.diff(places) / 2
+    kinks = np.abs(middle[:, None] - np.asarray(PROGRAMME.distance)).min(axis=1) < 0.05
+    np.testing.assert_allclose(slope[~kinks], PROGRAMME.acceleration(middle)[~kinks], atol=1e-3)
+
+
+def test_speeds_over_time_are_linear_in_time():
+    programme = sj.SpeedProgramme.over_time([0.0, 1.0, 3.0], [100.0, 300.0, 200.0])
+    np.testing.assert_allclose(programme.distance, [0.0, 200.0, 700.0])
+    way = lambda t: 100.0 * t + 100.0 * t**2
+    np.testing.assert_allclose(programme.seconds(np.array([way(0.3), way(0.9)])), [0.3, 0.9])
+    np.testing.assert_allclose(programme.at(np.array([way(0.3)])), [160.0])
+
+
+def test_a_programme_is_differentiable_and_swept():
+    of_scale = lambda scale: dataclasses.replace(PROGRAMME, scale=scale).seconds(np.float64(1000.0))
+    forward, reverse = jax.jacfwd(of_scale)(1.0), jax.grad(of_scale)(1.0)
+    np.testing.assert_allclose([forward, reverse], -float(of_scale(1.0)), rtol=1e-12)  # time is as 1 / scale
+    scene = dataclasses.replace(sj.paper_scene(), speed=PROGRAMME)
+    assert float(scene.replace(**{"speed.scale": 2.0}).travel(0.0).speed) == 100.0
+    with pytest.raises(ValueError, match="`speed` cannot be set: the scene has no constant travelling speed"):
+        scene.replace(speed=1000.0)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: sj.SpeedProgramme([0.0, 0.0], [1.0, 2.0]), "Argument `distance` must increase"),
+        (lambda: sj.SpeedProgramme([0.0, 1.0], [0.5, 2.0]), "Argument `speed` must be 1 m/s or more, but is 0.5"),
+        (lambda: sj.SpeedProgramme([0.0, 1.0], [5.0]), "Argument `speed` must have one value per distance"),
+        (lambda: sj.SpeedProgramme.over_time([1.0, 1.0], [5.0, 6.0]), "Argument `time` must increase"),
+        (lambda: sj.SpeedProgramme.stages([sj.Stage(9.0)], start=5.0), r"`stages\[0\]` must have a length, a dur"),
+        (lambda: sj.SpeedProgramme.stages([sj.Stage(-9.0, speed=9.0)], start=5.0), r"`stages\[0\]` must reach its"),
+        (lambda: sj.SpeedProgramme.stages([sj.Stage(-9.0, length=99.0)], start=5.0), r"`stages\[0\]` must end at"),
+    ],
+)
+def test_bad_programmes_name_what_is_wrong(make, words):
+    with pytest.raises(ValueError, match=words):
+        make()
+
+
+@pytest.mark.parametrize("solver", [None, "Rodas4"])
+def test_free_flight_takes_the_time_of_a_programme(solver):
+    scene = dataclasses.replace(sj.paper_scene(clearance=30e-3), speed=PROGRAMME.over_distance([0, 32], [900, 1000]))
+    run = sj.simulate(scene, 4, start=sj.Motion(v_y=0.1), solver=solver, steps_per_period=100)
+    seconds = 32.0 / 950.0
+    assert float(run.time[-1]) == pytest.approx(seconds)
+    np.testing.assert_allclose(float(run.end.motion.y), 0.1 * seconds, rtol=1e-12)
+    with pytest.raises(ValueError, match="Argument `scene` must have a constant speed"):
+        sj.periodic_orbit(scene)
+
+
+def test_a_sled_is_driven_by_its_mass_times_the_acceleration():
+    scene = dataclasses.replace(sj.paper_scene(clearance=30e-3), track=sj.StraightTrack(), speed=PROGRAMME)
+    args, state = sj.Args(scene, 10.0), sj.initial_state(scene, sj.Motion())
+    assert float(sj.reactions(0.5, state, args).drive_force) == pytest.approx(14.0 * 200.0, rel=1e-12)
+    drag = dataclasses.replace(scene, load=sj.AppliedLoad(force_by_square=[-0.02, 0.0, 0.0]))
+    force = float(sj.reactions(0.5, state, sj.Args(drag, 10.0)).drive_force)
+    assert force == pytest.approx(14.0 * 200.0 + 0.02 * (50.0**2 + 400.0 * 84.0), rel=1e-12)

@@ -1,0 +1,145 @@
+"""Loads and friction against independent evaluations, closed forms, and the balance of energy of a run."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import slipperjax as sj
+from slipperjax.flow.period_map import PeriodMap
+from slipperjax.model import contact_points, contacts, rail_frame
+from slipperjax.model.dynamics import contact_forces
+from slipperjax.model.sliding import tractions
+from slipperjax.solvers.named import resolve_solver
+
+SCENE = dataclasses.replace(sj.paper_scene(), gravity=9.81)
+FAST = sj.SpeedProgramme.over_distance([0.0, 16.0], [1200.0, 1300.0])
+LOAD = sj.AppliedLoad([0.0, 20.0, -500.0], [1.0, -2.0, 3.0], [-0.02, 0.0, 1e-4], [0.0, 1e-5, 0.0])
+LOADED = dataclasses.replace(SCENE, load=LOAD, friction=sj.FadingFriction(0.3, 1e6, 0.5), speed=FAST)
+POINTS = 20
+
+
+def some_motion():
+    return sj.Motion.from_euler(
+        y=2e-4, z=-6e-4, roll=3e-3, pitch=-4e-3, yaw=2e-3, v_y=0.3, v_z=-0.8, w_x=4, w_y=-9, w_z=6
+    )
+
+
+def test_tractions_oppose_the_sliding_in_the_faces():
+    """Against cross products and rotation matrices of NumPy and SciPy."""
+    m, phase = some_motion(), 0.3
+    frame, points = rail_frame(LOADED, phase), contact_points(LOADED)
+    speed = LOADED.travel(phase).speed
+    force = np.linspace(0.0, 4e4, POINTS)
+    (f_x, f_y, f_z), moment, heat = tractions(LOADED.friction, frame, m, jnp.asarray(force), speed)
+    q = [float(v) for v in (m.q_x, m.q_y, m.q_z)]
+    turn = Rotation.from_quat([*q, np.sqrt(1 - np.sum(np.square(q)))])
+    spin = np.array([m.w_x, m.w_y, m.w_z], float)
+    for k in range(POINTS):
+        arm = np.array([a[k] for a in points.arm], float)
+        normal = np.array([n[k] for n in frame.normal], float)
+        velocity = np.array([speed, m.v_y, m.v_z], float) + turn.apply(np.cross(spin, arm))
+        along = velocity - (velocity @ normal) * normal
+        size = np.linalg.norm(along)
+        traction = -0.3 * (1 + force[k] * size / 1e6) ** -0.5 * along / size
+        np.testing.assert_allclose([f_x[k], f_y[k], f_z[k]], traction, rtol=1e-12)
+        np.testing.assert_allclose([v[k] for v in moment], np.cross(arm, turn.inv().apply(traction)), atol=1e-15)
+        assert float(heat[k]) == pytest.approx(-traction @ along, rel=1e-12)
+
+
+@pytest.mark.parametrize("solver", ["ImpulseRK4", "Rodas4"])
+def test_what_is_off_adds_no_operation(solver):
+    scene = sj.paper_scene()
+    state = sj.initial_state(scene, sj.table_2_start())
+    of = lambda scene: jax.make_jaxpr(PeriodMap(scene, 4, resolve_solver(scene, solver)))(state)
+    plain, off = str(of(scene)), str(of(dataclasses.replace(scene, load=None, friction=None)))
+    assert plain == off
+    assert len(str(of(dataclasses.replace(scene, friction=sj.Coulomb(0.1))))) > len(plain)
+
+
+def test_loads_push_a_free_slipper():
+    scene = dataclasses.replace(sj.paper_scene(clearance=30e-3), load=LOAD, speed=1000.0)
+    rates = sj.vector_field(scene)(0.0, sj.initial_state(scene, sj.Motion()), sj.Args(scene)).motion
+    per_second = [float(v) / float(scene.period) for v in (rates.v_y, rates.v_z, rates.w_x, rates.w_y, rates.w_z)]
+    j = np.asarray(scene.slipper.inertia)
+    np.testing.assert_allclose(
+        per_second, [20 / 14, (-500 + 100) / 14, 1 / j[0], (-2 + 10) / j[1], 3 / j[2]], rtol=1e-12
+    )
+
+
+def test_tables_are_linear_between_their_rows():
+    zero = np.zeros((2, 3))
+    table = sj.TabulatedLoad([100.0, 300.0], [[0, 0, 10.0], [-4.0, 0, 30.0]], zero)
+    force, moment = table.wrench(jnp.asarray(150.0))
+    np.testing.assert_allclose(force, [-1.0, 0.0, 15.0])
+    np.testing.assert_allclose(moment, 0.0)
+    np.testing.assert_allclose(table.wrench(jnp.asarray(900.0))[0], [-4.0, 0.0, 30.0])
+    with pytest.raises(ValueError, match="Argument `force` must have one row per speed"):
+        sj.TabulatedLoad([1.0, 2.0], [[0.0, 0.0, 0.0]], zero)
+    with pytest.raises(ValueError, match="Argument `speed` must increase"):
+        sj.TabulatedLoad([2.0, 1.0], zero, zero)
+
+
+def test_the_energy_of_a_run_balances():
+    """Kinetic and potential energy against the integral of the power of all forces, over two forcing periods.
+
+    The power is formed in NumPy from forces at both ends of every step, and integrated by Simpson's rule.
+    """
+    steps = 3200
+    run = sj.simulate(LOADED, 2, start=some_motion(), steps_per_period=steps, saves_per_period=steps)
+    phases = np.arange(2 * steps + 1) / steps
+
+    @jax.jit
+    @jax.vmap
+    def forces(phase, state):
+        frame = rail_frame(LOADED, phase)
+        now = contacts(frame, state.motion)
+        force = contact_forces(LOADED, now, state.memory)
+        travel = LOADED.travel(phase)
+        friction = tractions(LOADED.friction, frame, state.motion, force, travel.speed)
+        return force, frame.normal, now.lever, friction, travel.speed, LOADED.load.wrench(travel.speed)
+
+    force, normal, lever, (shear, turn, heat), speed, (push, twist) = jax.tree.map(
+        np.asarray, forces(jnp.asarray(phases), run.state)
+    )
+    m = jax.tree.map(np.asarray, run.state.motion)
+    velocity, spin = (m.v_y, m.v_z), (m.w_x, m.w_y, m.w_z)
+    power = sum(v * push[:, k + 1] for k, v in enumerate(velocity))
+    power = power + sum(w * twist[:, k] for k, w in enumerate(spin))
+    # contacts and their friction, without what they do along x, which the drive balances
+    power = power + np.sum(
+        force * sum(v[:, None] * (normal[k + 1] + shear[k + 1]) for k, v in enumerate(velocity)), 1
+    )
+    power = power + np.sum(force * sum(w[:, None] * (lever[k] + turn[k]) for k, w in enumerate(spin)), 1)
+    j = np.asarray(LOADED.slipper.inertia)
+    energy = 7.0 * (m.v_y**2 + m.v_z**2) + 0.5 * (j @ np.square(spin)) + 14.0 * 9.81 * m.z
+    pace = power * 8.0 / speed
+    work = np.sum((pace[:-2:2] + 4 * pace[1:-1:2] + pace[2::2]) / (3 * steps))
+    size = np.sum(np.abs(pace)) / steps
+    assert np.max(force) > 1e4
+    assert np.sum(force * heat) > 0
+    # measured 5e-9 of the energy that flows
+    assert abs(energy[-1] - energy[0] - work) < 1e-6 * size
+
+
+def test_friction_takes_a_derivative():
+    scene = dataclasses.replace(SCENE, friction=sj.Coulomb(0.1))
+
+    def end(mu):
+        state = sj.initial_state(scene, some_motion())
+        return PeriodMap(scene.replace(**{"friction.coefficient": mu}), 100)(state).motion.w_y
+
+    forward, reverse = jax.jacfwd(end)(0.1), jax.grad(end)(0.1)
+    difference = (end(0.1001) - end(0.0999)) / 2e-4
+    np.testing.assert_allclose([forward, reverse], difference, rtol=1e-4)
+
+
+@pytest.mark.parametrize("part", ["load", "friction", "speed"])
+def test_parts_survive_files(part, tmp_path):
+    text = LOADED.to_toml(tmp_path / "scene.toml")
+    assert f"[{part}]" in text
+    again = sj.load_scene(tmp_path / "scene.toml")
+    assert jax.tree.all(jax.tree.map(np.array_equal, again, LOADED))
