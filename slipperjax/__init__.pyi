@@ -39,6 +39,7 @@ from .model.dynamics import initial_state as initial_state
 from .model.dynamics import reactions as reactions
 from .model.dynamics import vector_field as vector_field
 from .model.kinematics import Motion as Motion
+from .model.kinematics import SledMotion as SledMotion
 from .model.loads import AbstractFriction as AbstractFriction
 from .model.loads import AbstractLoad as AbstractLoad
 from .model.loads import AppliedLoad as AppliedLoad
@@ -55,6 +56,7 @@ from .model.random_rails import RandomTrack as RandomTrack
 from .model.scene import Scene as Scene
 from .model.scene import Slipper as Slipper
 from .model.section import Section as Section
+from .model.sled import SledMass as SledMass
 from .model.step_size import contact_duration as contact_duration
 from .model.step_size import default_steps_per_period as default_steps_per_period
 from .model.surveys import load_rail as load_rail

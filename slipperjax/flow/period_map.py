@@ -17,7 +17,7 @@ from jaxtyping import Array, Float, Int
 from ..analysis.floquet import jacobians
 from ..analysis.lyapunov import first_tangents, push_tangents
 from ..model.dynamics import Args, SmoothField, State, state_and_penetration, vector_field, warn_if_outside
-from ..model.kinematics import MOTION_SCALES, Motion, contact_points
+from ..model.kinematics import Motion, contact_points, scales_of
 from ..model.layout import coordinate_rows
 from ..model.scene import Scene
 from ..model.step_size import prepared
@@ -29,8 +29,10 @@ from .record import RecordSet
 from .status import Status, status_of, with_growth, with_resolution
 from .stepping import AbstractStepping, as_stepping
 
-MOTION_WEIGHTS = jax.tree.map(lambda scale: 1 / scale, MOTION_SCALES)
-"""Weights of the motion in a tangent's norm [1/unit], the reciprocals of `slipperjax.model.MOTION_SCALES`."""
+
+def _motion_weights(motion: Motion) -> Motion:
+    """Weights of the motion in a tangent's norm [1/unit], the reciprocals of its scales."""
+    return jax.tree.map(lambda scale: 1 / scale, scales_of(motion))
 
 
 def tangent_weights(scene: Scene) -> Callable[[State], State]:
@@ -44,13 +46,13 @@ def tangent_weights(scene: Scene) -> Callable[[State], State]:
 
 def _latched_weights(state: State) -> State:
     if state.memory is None:
-        return State(MOTION_WEIGHTS, None)
+        return State(_motion_weights(state.motion), None)
     closed = state.memory < -1e-9
-    return State(MOTION_WEIGHTS, jnp.where(closed, -1 / jnp.where(closed, state.memory, -1.0), 0.0))
+    return State(_motion_weights(state.motion), jnp.where(closed, -1 / jnp.where(closed, state.memory, -1.0), 0.0))
 
 
 def _smooth_weights(state: State) -> State:
-    return State(MOTION_WEIGHTS, jnp.ones_like(state.memory))
+    return State(_motion_weights(state.motion), jnp.ones_like(state.memory))
 
 
 @functools.partial(jit, static_argnames=("count",))

@@ -21,6 +21,7 @@ from .kinematics import (
     Motion,
     Points,
     RailFrame,
+    SledMotion,
     attitude_rates,
     check_motion,
     contacts,
@@ -29,6 +30,7 @@ from .kinematics import (
 )
 from .linearised import Linearised, contact_linearised, dense_linearised
 from .scene import Scene, check_scene
+from .sled import SledMass
 from .sliding import tractions
 from .step_size import contact_depth, settle_memory
 from .travel import Travel
@@ -112,6 +114,10 @@ def check_start(name: str, start: Any) -> Motion | State:
 def state_and_penetration(scene: Scene, start: Motion | State, epoch: Any = 0) -> tuple[State, Float[Array, ""]]:
     """Returns the state of a start, and its greatest penetration in multiples of that of a typical impact [1]."""
     motion, memory = (start.motion, start.memory) if isinstance(start, State) else (start, None)
+    if scene.sled is not None and not isinstance(motion, SledMotion):
+        sag = scene.sled.sag(scene.gravity)
+        sled = dict(sled_y=motion.y, sled_z=motion.z + sag, sled_v_y=motion.v_y, sled_v_z=motion.v_z)
+        motion = SledMotion(**vars(motion), **sled)
     now = contacts(rail_frame(scene, phase(0.0, epoch)), motion)
     outside = -jnp.min(now.gap) / contact_depth(scene)
     if not scene.contact.has_memory:
@@ -172,7 +178,10 @@ def drive_force(scene: Scene, frame: RailFrame, m: Motion, force: Array, travel:
     drive = -jnp.sum(force * per_unit, axis=-1)
     if scene.load is not None:
         drive = drive - scene.load.wrench(travel.speed)[0][0]
-    return drive if travel.acceleration is None else drive + scene.slipper.mass * travel.acceleration
+    if travel.acceleration is None:
+        return drive
+    mass = scene.slipper.mass if scene.sled is None else scene.slipper.mass + scene.sled.mass
+    return drive + mass * travel.acceleration
 
 
 def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -> Motion:
@@ -182,10 +191,13 @@ def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -
         (_, l_y, l_z), moment = scene.load.wrench(travel.speed)
         f_y, f_z = f_y + l_y, f_z + l_z
         t_x, t_y, t_z = (t + extra for t, extra in zip((t_x, t_y, t_z), moment, strict=True))
+    if scene.sled is not None:
+        on_slipper = _sled_force(scene.sled, m)
+        f_y, f_z = f_y + on_slipper[0], f_z + on_slipper[1]
     per_mass, (j_x, j_y, j_z) = 1 / scene.slipper.mass, scene.slipper.inertia
     per_x, per_y, per_z = 1 / j_x, 1 / j_y, 1 / j_z
     a_z = f_z * per_mass
-    return Motion(
+    rates = Motion(
         m.v_y,
         m.v_z,
         *attitude_rates(m),
@@ -195,6 +207,19 @@ def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -
         (t_y - (j_x - j_z) * m.w_z * m.w_x) * per_y,
         (t_z - (j_y - j_x) * m.w_x * m.w_y) * per_z,
     )
+    if scene.sled is None:
+        return rates
+    a_y, a_z = -on_slipper[0] / scene.sled.mass, -on_slipper[1] / scene.sled.mass
+    a_z = a_z if scene.gravity is None else a_z - scene.gravity
+    return SledMotion(**vars(rates), sled_y=m.sled_v_y, sled_z=m.sled_v_z, sled_v_y=a_y, sled_v_z=a_z)
+
+
+def _sled_force(sled: SledMass, m: Motion) -> Array:
+    """Returns the sled's lateral and vertical force on the slipper [N]."""
+    if not isinstance(m, SledMotion):
+        raise ValueError("Argument `start` must be of a scene with a sled: take a Motion, or a run's end.")
+    deflection = jnp.stack([m.sled_y - m.y, m.sled_z - m.z])
+    return sled.force(deflection, jnp.stack([m.sled_v_y - m.v_y, m.sled_v_z - m.v_z]))
 
 
 def motion_rates(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force: Array, travel: Travel) -> Motion:
@@ -231,7 +256,15 @@ class AbstractVectorField(eqx.Module):
         return State(per_period(travel, rates), None)
 
     def linearised(self, t: Any, state: State, args: Args) -> Linearised:
-        """Returns the motion's derivative, linearised [per forcing period]; the memory is frozen."""
+        """Returns the motion's derivative, linearised [per forcing period]; the memory is frozen.
+
+        **Raises:** `ValueError` for a scene with a sled.
+        """
+        if args.scene.sled is not None:
+            raise ValueError(
+                "Argument `solver` must be an explicit one for a scene with a sled, such as RK4, or Latching of "
+                "one of diffrax's implicit ones with a root finder of optimistix."
+            )
         rates = lambda m: self.evaluate(t, State(m, state.memory), args).motion
         return dense_linearised(rates, state.motion, args.travel(t).period)
 
@@ -260,7 +293,7 @@ class ContactField(AbstractVectorField):
 
     def linearised(self, t, state, args):
         scene, m = args.scene, state.motion
-        if scene.friction is not None:
+        if scene.friction is not None or scene.sled is not None:
             return super().linearised(t, state, args)
         frame = args.frame(t)
         now = contacts(frame, m)

@@ -10,7 +10,6 @@ only.
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -18,7 +17,7 @@ from jaxtyping import Array, Float
 from ..tools.checks import brief, require, shown_number
 from ..tools.compile import is_traced
 from ..tools.fused import held, kept, materialise, spread
-from .quantities import COORDINATES, MOTION_NUMBERS
+from .quantities import COORDINATES, MOTION_NUMBERS, SLED_NUMBERS
 from .scene import Scene
 
 
@@ -47,12 +46,12 @@ class Motion(eqx.Module):
     """Angular velocity about the slipper's z axis [rad/s]."""
 
     def __repr__(self) -> str:
-        units = {name: q.unit for name, q in COORDINATES.items()}
+        units = {name: q.unit for name, q in (COORDINATES | SLED_NUMBERS).items()}
         zero = lambda v: not is_traced(v) and np.all(np.asarray(v) == 0)
         parts = {name: shown_number(v) for name, v in vars(self).items() if not zero(v)}
         text = ", ".join(f"{name}={v} {units.get(name, '')}".rstrip() for name, v in parts.items())
         others = [] if len(parts) == len(vars(self)) else ["others 0"]
-        return f"Motion({', '.join([text] * bool(text) + others)})"
+        return f"{type(self).__name__}({', '.join([text] * bool(text) + others)})"
 
     @staticmethod
     def from_euler(*, y=0.0, z=0.0, roll=0.0, pitch=0.0, yaw=0.0, v_y=0.0, v_z=0.0, w_x=0.0, w_y=0.0, w_z=0.0):
@@ -61,6 +60,28 @@ class Motion(eqx.Module):
             require(is_traced(angle) or _is_real(angle), name, "be a real number [rad]", angle)
         q = quaternion_from_euler(roll, pitch, yaw)
         return Motion(y, z, *q, v_y, v_z, w_x, w_y, w_z)
+
+
+class SledMotion(Motion):
+    """Motion of a slipper and of the sled on it, see `slipperjax.SledMass`."""
+
+    sled_y: Any = 0.0
+    """Lateral displacement of the sled [m]."""
+    sled_z: Any = 0.0
+    """Vertical displacement of the sled [m]."""
+    sled_v_y: Any = 0.0
+    """Lateral velocity of the sled [m/s]."""
+    sled_v_z: Any = 0.0
+    """Vertical velocity of the sled [m/s]."""
+
+
+def moved(m: Motion, change: Motion) -> Motion:
+    """Returns a motion with `change` added to the slipper's numbers; a sled's stay."""
+    return eqx.tree_at(_of_slipper, m, [a + b for a, b in zip(_of_slipper(m), _of_slipper(change), strict=True)])
+
+
+def _of_slipper(m: Motion) -> list[Any]:
+    return [getattr(m, name) for name in MOTION_NUMBERS]
 
 
 def _is_real(value: Any) -> bool:
@@ -82,10 +103,17 @@ MOTION_SCALES = Motion(*(q.scale for q in MOTION_NUMBERS.values()))
 """Scales of the motion, those of `COORDINATES`: 1 mm, 10 mrad as 5e-3 of the quaternion, 1 m/s, 10 rad/s."""
 
 
+def scales_of(motion: Motion) -> Motion:
+    """Returns the scales of a motion's numbers, a sled's included."""
+    if not isinstance(motion, SledMotion):
+        return MOTION_SCALES
+    return SledMotion(**vars(MOTION_SCALES), **{name: q.scale for name, q in SLED_NUMBERS.items()})
+
+
 def scaled_size(motion: Motion, scales: Motion = MOTION_SCALES) -> Float[Array, ""]:
-    """Returns the largest magnitude in a difference of two motions, in multiples of `scales` [1]."""
-    scaled = jax.tree.map(lambda d, s: jnp.abs(d) / s, motion, scales)
-    return jnp.max(jnp.stack(jax.tree.leaves(scaled)))
+    """Returns the largest magnitude in a difference of two slippers' motions, in multiples of `scales` [1]."""
+    scaled = [jnp.abs(d) / s for d, s in zip(_of_slipper(motion), _of_slipper(scales), strict=True)]
+    return jnp.max(jnp.stack(scaled))
 
 
 def quaternion_from_euler(roll, pitch, yaw):

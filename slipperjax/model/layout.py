@@ -10,8 +10,8 @@ from jaxtyping import Array, Float
 
 from ..tools.compile import is_traced, jit
 from .dynamics import SmoothField, State, vector_field
-from .kinematics import Motion, euler_angles
-from .quantities import MOTION_NUMBERS, Quantity
+from .kinematics import Motion, SledMotion, euler_angles
+from .quantities import MOTION_NUMBERS, SLED_NUMBERS, Quantity
 from .scene import Scene
 
 
@@ -20,7 +20,7 @@ class StateLayout:
     """The numbers of a state in a row: those of the motion, then those of each part that the scene has."""
 
     motion: tuple[Quantity, ...]
-    """The motion's numbers, in the order of `Motion`."""
+    """The motion's numbers, in the order of `Motion` or `SledMotion`."""
     memory: tuple[Quantity, ...] | None
     """The memory of each contact point, front ones first; None for laws without memory."""
     integrated: bool
@@ -34,7 +34,8 @@ class StateLayout:
             points = [f"{name}{end}" for end in (1, 2) for name in scene.section.names]
             unit = scene.memory.unit
             memory = tuple(Quantity(f"memory_{point}", unit, f"contact memory at {point}") for point in points)
-        return cls(tuple(MOTION_NUMBERS.values()), memory, isinstance(vector_field(scene), SmoothField))
+        motion = MOTION_NUMBERS if scene.sled is None else MOTION_NUMBERS | SLED_NUMBERS
+        return cls(tuple(motion.values()), memory, isinstance(vector_field(scene), SmoothField))
 
     @property
     def numbers(self) -> tuple[Quantity, ...]:
@@ -66,7 +67,11 @@ class StateLayout:
     def unpack(self, rows: Any) -> State:
         """Returns states from rows of their numbers (*batch, size)."""
         count = len(self.motion)
-        like = State(Motion(), None if self.memory is None else jnp.asarray(np.zeros(len(self.memory))))
+        own = Motion() if count == len(MOTION_NUMBERS) else SledMotion()
+        like = State(
+            own,
+            None if self.memory is None else jnp.asarray(np.zeros(len(self.memory))),
+        )
         parts = [rows[..., k] for k in range(count)] + [rows[..., count:]] * (self.memory is not None)
         return jax.tree.unflatten(jax.tree.structure(like), parts)
 

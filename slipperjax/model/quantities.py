@@ -214,6 +214,14 @@ _ATTITUDE: dict[str, Quantity] = {
 MOTION_NUMBERS: dict[str, Quantity] = _named(*(_ATTITUDE.get(name, q) for name, q in COORDINATES.items()))
 """The numbers of a `Motion`, in its order: `COORDINATES` with a quaternion for the attitude."""
 
+SLED_NUMBERS: dict[str, Quantity] = _named(
+    Quantity("sled_y", "m", "lateral displacement of the sled", "", 1e-3, **_MM),
+    Quantity("sled_z", "m", "vertical displacement of the sled", "", 1e-3, **_MM),
+    Quantity("sled_v_y", "m/s", "lateral velocity of the sled"),
+    Quantity("sled_v_z", "m/s", "vertical velocity of the sled"),
+)
+"""The numbers that a `SledMotion` has besides."""
+
 ACCELERATIONS: dict[str, Quantity] = _named(
     Quantity("a_y", "m/s^2", "lateral acceleration", "A_Y"),
     Quantity("a_z", "m/s^2", "vertical acceleration", "A_Z"),

@@ -32,6 +32,7 @@ from .loads import AbstractFriction, AbstractLoad
 from .paths import parameter, refuse_undone
 from .quantities import COORDINATES, PARAMETERS, Parameter
 from .section import Section
+from .sled import SledMass
 from .tracks import AbstractTrack
 from .travel import SpeedProgramme, Travel
 
@@ -61,10 +62,11 @@ PARTS: dict[str, tuple[type, str]] = {
     "contact": (AbstractContactLaw, "a contact law such as slipperjax.Flores(...)"),
     "memory": (AbstractMemory, "slipperjax.EventLatch() or slipperjax.SmoothSwitch()"),
     "load": (AbstractLoad, "a load such as slipperjax.AppliedLoad(...)"),
+    "sled": (SledMass, "a slipperjax.SledMass"),
     "friction": (AbstractFriction, "a friction law such as slipperjax.Coulomb(...)"),
 }
 """Parts of a scene, a table each in its file: their classes, and what must be given."""
-OPTIONAL = ("load", "friction")
+OPTIONAL = ("load", "friction", "sled")
 """Parts that may be None."""
 QUATERNION = ("q_x", "q_y", "q_z")
 START_UNITS: dict[str, str] = {name: q.unit for name, q in COORDINATES.items()} | dict.fromkeys(QUATERNION, "")
@@ -99,6 +101,8 @@ class Scene(ShapeChecked):
     """Force and moment besides contacts and gravity."""
     friction: AbstractFriction | None = None
     """Friction in the contacts."""
+    sled: SledMass | None = None
+    """A mass on a spring on the slipper."""
 
     def __check_init__(self):
         for name, (kind, text) in PARTS.items():
@@ -253,7 +257,7 @@ def scene_to_toml(scene: Scene, start: Any = None) -> str:
         lines += ["", "[speed]", *_entries(scene.speed)[1:]]
     for name, own in scene.parts.items():
         part = _entries(own)
-        single = type(own).__name__.lower() == name  # there is one kind of it
+        single = PARTS[name][0] is type(own)  # there is one kind of it
         lines += ["", f"[{name}]", *(part[1:] if single else part)]
     if start is not None:
         is_motion = type(start).__name__ == "Motion"  # whose module needs this one

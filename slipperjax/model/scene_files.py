@@ -29,11 +29,12 @@ from .quantities import half_play
 from .random_rails import AbstractSpectrum
 from .scene import NUMBERS, PARTS, QUATERNION, START_UNITS, UNITS, Scene, Slipper
 from .section import Section
+from .sled import SledMass
 from .surveys import SurveyedTrack
 from .tracks import AbstractTrack
 from .travel import SpeedProgramme, Stage
 
-SINGLE = (Slipper, Section)
+SINGLE = (Slipper, Section, SledMass)
 """Classes without alternatives, whose tables need no type."""
 INNER = (AbstractTrack, AbstractSpectrum)
 """Bases of classes within parts of a scene."""

@@ -25,7 +25,7 @@ from ..model.dynamics import (
     per_period,
     unit_wrenches,
 )
-from ..model.kinematics import Contacts, Motion, RailFrame, attitude_rates, contacts
+from ..model.kinematics import Contacts, Motion, RailFrame, attitude_rates, contacts, moved
 from ..model.scene import Scene
 from ..tools.fused import held, kept, materialise, sums
 from ..tools.hermite import Cubic
@@ -163,7 +163,7 @@ def _corrected(
     kick = [c * v for c, v in zip(compliance, change[:5], strict=True)]
     move = [seconds * c * v for c, v in zip(compliance, change[5:], strict=True)]
     turn = attitude_rates(Motion(q_x=m.q_x, q_y=m.q_y, q_z=m.q_z, w_x=move[2], w_y=move[3], w_z=move[4]))
-    m, kick, move = materialise((jax.tree.map(jnp.add, m, Motion(move[0], move[1], *turn, *kick)), kick, move))
+    m, kick, move = materialise((moved(m, Motion(move[0], move[1], *turn, *kick)), kick, move))
     end = Contacts(gap + along(move), rate + along(kick), lever)
     state = State(m, None if memory is None else jnp.where(end.gap >= 0, 0.0, memory))
     return state, *_ended(args, t1, frame, end, turning, state)

@@ -58,8 +58,9 @@ def over_rails(
     else:
         # true whatever the distribution, for as many values lie below as a binomial law says
         places = scipy.stats.binom.ppf([0.025, 0.975], len(numbers), quantile).astype(int) - [1, 0]
-        low, high = np.sort(numbers, axis=0)[np.clip(places, 0, len(numbers) - 1)]
-        low, high = (np.where(np.isfinite(end), end, np.nan) for end in (low, high))
+        ranked = np.sort(numbers, axis=0)
+        ends = [ranked[k] for k in np.clip(places, 0, len(numbers) - 1).tolist()]
+        low, high = (np.where(np.isfinite(end), end, np.nan) for end in ends)
         stderr = (high - low) / 4
     columns = {
         "value": (value, "mean" if quantile is None else f"quantile {quantile:g}"),

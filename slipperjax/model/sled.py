@@ -1,0 +1,55 @@
+"""A sled on the slipper: a mass on a spring and a damper, with states of its own only where a scene has one."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..tools.checks import ShapeChecked, not_negative, optional, positive
+
+Pair = Float[Array, "2"]
+
+
+class SledMass(ShapeChecked):
+    """A mass that moves laterally and vertically, on a spring and a damper at the slipper's centre.
+
+    It takes part in the travel, so that the drive accelerates it, too. A run that begins with a `Motion` begins with
+    the mass at rest on its spring, moving as the slipper does.
+    """
+
+    mass: Float[Array, ""] = eqx.field(converter=positive("mass", "kg"))
+    """Mass [kg]."""
+    stiffness: Pair = eqx.field(converter=positive("stiffness", "N/m"))
+    """Stiffness of the lateral and the vertical spring [N/m]."""
+    damping: Pair = eqx.field(converter=not_negative("damping", "N s/m"), default=(0.0, 0.0))
+    """Of the lateral and the vertical damper [N s/m]."""
+    travel: Pair | None = eqx.field(converter=optional(positive("travel", "m")), default=None)
+    """Deflection of the springs from which on stops are hit [m]; None: there are none."""
+    stop_stiffness: Pair | None = eqx.field(converter=optional(positive("stop_stiffness", "N/m")), default=None)
+    """Stiffness of the stops [N/m]."""
+
+    def __check_init__(self):
+        if (self.travel is None) != (self.stop_stiffness is None):
+            raise ValueError("Arguments `travel` and `stop_stiffness` must be given together.")
+
+    def force(self, deflection: Pair, rate: Pair) -> Pair:
+        """Returns the lateral and the vertical force on the slipper [N].
+
+        **Arguments:** `deflection`: displacement of the mass less the slipper's [m]; `rate`: of it [m/s].
+        """
+        force = self.stiffness * deflection + self.damping * rate
+        if self.travel is None or self.stop_stiffness is None:
+            return force
+        beyond = jnp.maximum(deflection - self.travel, 0.0) + jnp.minimum(deflection + self.travel, 0.0)
+        return force + self.stop_stiffness * beyond
+
+    def sag(self, gravity: Any) -> Array:
+        """Returns the vertical deflection at rest [m], negative; `gravity` [m/s^2], or None."""
+        if gravity is None:
+            return jnp.zeros(())
+        weight, spring = self.mass * gravity, self.stiffness[1]
+        if self.travel is None or self.stop_stiffness is None:
+            return -weight / spring
+        free, travel, stop = weight / spring, self.travel[1], self.stop_stiffness[1]
+        return -jnp.where(free <= travel, free, (weight + stop * travel) / (spring + stop))

@@ -1,0 +1,84 @@
+"""A sled on the slipper: closed forms of two masses on a spring, files, derivatives and runs."""
+
+import dataclasses
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix
+import pytest
+
+import slipperjax as sj
+from slipperjax.flow.period_map import PeriodMap
+from slipperjax.model.layout import StateLayout
+
+SLED = sj.SledMass(100.0, [2e6, 8e6], [0.0, 0.0])
+FREE = dataclasses.replace(sj.paper_scene(clearance=30e-3), track=sj.StraightTrack(), sled=SLED)
+IMPLICIT = sj.Latching(diffrax.Kvaerno5(root_finder=optimistix.Newton(rtol=1e-10, atol=1e-12)))
+
+
+def two_masses(seconds):
+    """Displacements of slipper and sled along z, from a push of the slipper of 1 m/s: centre of mass and spring."""
+    m, sled = 14.0, 100.0
+    rate = np.sqrt(8e6 * (1 / m + 1 / sled))
+    centre, apart = m / (m + sled) * seconds, -np.sin(rate * seconds) / rate
+    return centre - sled / (m + sled) * apart, centre + m / (m + sled) * apart
+
+
+@pytest.mark.parametrize("solver", ["RK4", "ImpulseRK4", IMPLICIT])
+def test_two_masses_swing_as_in_closed_form(solver):
+    run = sj.simulate(FREE, 2, start=sj.SledMotion(v_z=1.0), steps_per_period=400, solver=solver)
+    slipper, sled = two_masses(float(run.time[-1]))
+    # measured 3e-9 with RK4 of the 4 mm that they move
+    np.testing.assert_allclose([run.end.motion.z, run.end.motion.sled_z], [slipper, sled], rtol=1e-6, atol=1e-12)
+    with pytest.raises(ValueError, match="Argument `solver` must be an explicit one for a scene with a sled"):
+        sj.simulate(FREE, 1, solver="Rodas4", steps_per_period=10)
+
+
+def test_dampers_and_stops_add_their_forces():
+    sled = sj.SledMass(100.0, [1e6, 2e6], [1e3, 2e3], [1e-3, 2e-3], [1e8, 1e8])
+    force = sled.force(jnp.array([0.5e-3, -2.5e-3]), jnp.array([0.1, -0.2]))
+    np.testing.assert_allclose(force, [500.0 + 100.0, -5000.0 - 400.0 - 5e4])
+    np.testing.assert_allclose(sled.force(jnp.zeros(2), jnp.zeros(2)), 0.0)
+    for travel in ([1.0, 1.0], [1e-4, 1e-4]):  # with and without the stops
+        sled = sj.SledMass(100.0, [1e6, 2e6], [0.0, 0.0], travel, [1e8, 1e8])
+        rest = sled.force(jnp.array([0.0, float(sled.sag(9.81))]), jnp.zeros(2))
+        np.testing.assert_allclose(rest, [0.0, -981.0], rtol=1e-12)
+    with pytest.raises(ValueError, match="`travel` and `stop_stiffness` must be given together"):
+        sj.SledMass(100.0, [1e6, 2e6], travel=[1e-3, 1e-3])
+
+
+def test_a_sled_begins_at_rest_on_its_spring():
+    scene = dataclasses.replace(FREE, gravity=9.81)
+    state = sj.initial_state(scene, sj.Motion(y=1e-3, v_y=0.5))
+    rates = sj.vector_field(scene)(0.0, state, sj.Args(scene)).motion
+    period = float(scene.period)
+    np.testing.assert_allclose([rates.sled_v_y / period, rates.sled_v_z / period], 0.0, atol=1e-9)
+    assert float(rates.v_z) / period == pytest.approx(-9.81 * 114 / 14)  # the whole weight
+    assert float(sj.reactions(0.0, state, sj.Args(scene)).drive_force) == 0.0
+    fast = dataclasses.replace(scene, speed=sj.SpeedProgramme([0.0, 100.0], [100.0, np.sqrt(100.0**2 + 2000.0)]))
+    drive = sj.reactions(0.5, state, sj.Args(fast)).drive_force
+    assert float(drive) == pytest.approx(114 * 10.0)
+
+
+def test_layouts_and_files_hold_the_sled(tmp_path):
+    scene = dataclasses.replace(FREE, gravity=9.81)
+    layout, state = StateLayout.of(scene), sj.initial_state(scene, sj.Motion(y=1e-3))
+    assert layout.dimension == 14
+    again = layout.unpack(layout.pack(state))
+    assert jax.tree.all(jax.tree.map(lambda a, b: float(np.max(np.abs(a - b))) == 0, again, state))
+    scene.to_toml(tmp_path / "scene.toml")
+    assert jax.tree.all(jax.tree.map(np.array_equal, sj.load_scene(tmp_path / "scene.toml"), scene))
+
+
+def test_derivatives_by_the_sled_agree_in_both_modes():
+    scene = dataclasses.replace(sj.paper_scene(), sled=SLED)
+    state = sj.initial_state(scene, sj.table_2_start())
+
+    def end(mass):
+        return PeriodMap(scene.replace(**{"sled.mass": mass}), 100, sj.RK4())(state).motion.w_y
+
+    forward, reverse = jax.jacfwd(end)(100.0), jax.grad(end)(100.0)
+    difference = (end(100.01) - end(99.99)) / 0.02
+    np.testing.assert_allclose([forward, reverse], difference, rtol=1e-5)

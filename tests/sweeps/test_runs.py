@@ -1,0 +1,138 @@
+"""Runs over a length of rail: beside sweeps of forcing periods, resumed, over programmes and rails."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import slipperjax as sj
+from slipperjax.flow.windows import BANDS, SAMPLES_PER_WINDOW, STRETCH, _bands
+from slipperjax.sweeps.runs import _keys
+
+SCENE, STEPS = sj.paper_scene(), 50
+RAIL = dataclasses.replace(SCENE, track=sj.RandomTrack.sled(length=400.0), gravity=9.81, friction=sj.Coulomb(0.1))
+FAST = sj.SpeedProgramme.over_distance([0.0, 100.0, 200.0], [50.0, 800.0, 400.0])
+
+
+@pytest.fixture(scope="module")
+def steady():
+    return sj.run(SCENE, length=64.0, window=8.0, steps_per_period=STEPS)
+
+
+@pytest.fixture(scope="module")
+def runs():
+    """Two rails, at a speed that changes sixteenfold."""
+    return sj.run(RAIL, {"track.seed": [3.0, 4.0]}, length=210.0, speed=FAST)
+
+
+def test_windows_of_a_wavelength_are_forcing_periods_to_the_last_bit(steady):
+    names = ["peak_force", "contact_fraction", "impulse", "drive_force", "rms_a_z"]
+    ds = sj.sweep(
+        SCENE, {"length": [0.2]}, transient=0, periods=8, steps_per_period=STEPS, record=[*names, "strobe"]
+    ).isel(length=0)
+    assert list(steady["distance"].values) == [8.0 * k for k in range(1, 9)]
+    np.testing.assert_array_equal(steady["peak_force"].max("distance"), ds["peak_force"])
+    np.testing.assert_allclose(steady["contact_fraction"].mean("distance"), ds["contact_fraction"], rtol=1e-13)
+    np.testing.assert_allclose(steady["impulse"].sum("distance"), ds["impulse"], rtol=1e-13)
+    np.testing.assert_allclose(steady["drive_force"].mean("distance"), ds["drive_force"], rtol=1e-12)
+    np.testing.assert_allclose(steady["rms_a_z"][0], ds["rms_a_z"], rtol=1e-13)
+    state = steady["state"].isel(stretch=-1)
+    np.testing.assert_array_equal(state.sel(number=["y", "z", "v_y", "v_z"]), ds["strobe"][-1, [0, 1, 5, 6]])
+    np.testing.assert_allclose(steady["seconds"], steady["distance"] / 1250.0)
+
+
+def test_peaks_say_where_they_are(steady):
+    where = steady["peak_distance"]
+    ends = steady["distance"]
+    inside = (where > ends - 8.0) & (where <= ends)
+    assert bool(np.all(inside | np.isnan(where)))
+    assert bool(np.all(np.isnan(where) == (steady["peak_force"] == 0)))
+    # every touch begins with a touchdown
+    assert bool(np.all((steady["impacts"].sum("distance") > 0) == (steady["contact_fraction"].sum("distance") > 0)))
+
+
+def test_a_run_goes_on_from_where_another_one_ended(steady):
+    first = sj.run(SCENE, length=24.0, window=8.0, steps_per_period=STEPS)
+    rest = sj.run(SCENE, length=40.0, window=8.0, steps_per_period=STEPS, start=first)
+    np.testing.assert_array_equal(rest["distance"], steady["distance"][3:])
+    # measured equal bits
+    np.testing.assert_allclose(rest["peak_force"], steady["peak_force"][3:], rtol=1e-10)
+    np.testing.assert_allclose(rest["state"][-1], steady["state"][-1], rtol=1e-9, atol=1e-12)
+    with pytest.raises(ValueError, match="Argument `begin` must be one of the distances where the earlier run kept"):
+        sj.run(SCENE, length=8.0, begin=17.0, start=first)
+
+
+def test_times_and_steps_follow_the_speed(runs):
+    np.testing.assert_allclose(runs["seconds"], FAST.seconds(runs["distance"].values), rtol=1e-12)
+    np.testing.assert_allclose(runs["speed"], FAST.at(runs["distance"].values - 0.5), rtol=1e-12)
+    steps = runs["steps_per_window"]
+    assert steps.sizes["stretch"] == 3
+    assert bool(np.all(steps[:, 0] > steps[:, 1]))  # slowest in the first hundred metres
+    assert list(runs["stretch"].values) == [100.0, 200.0, 210.0]
+    assert not runs["status"].any()
+
+
+def test_each_run_of_a_grid_is_that_of_its_rail(runs):
+    one = sj.run(RAIL.replace(**{"track.seed": 4.0}), length=210.0, speed=FAST)
+    # rounding grows along the run, as batches of other sizes round differently: measured 1e-9 after 60 m
+    np.testing.assert_allclose(one["peak_force"][:60], runs["peak_force"][1, :60], rtol=1e-6, atol=1e-3)
+    assert float(np.abs(runs["peak_force"][0] - runs["peak_force"][1]).max()) > 100.0
+
+
+def test_stretches_are_made_of_their_windows(runs):
+    counts = runs["impacts"][0, :STRETCH].sum("distance")
+    seconds = float(runs["seconds"][STRETCH - 1])
+    np.testing.assert_allclose(runs["impact_rate"][0, 0], counts / seconds, rtol=1e-12)
+    highest = runs["peak_force"].max(("end", "point"))[0, :STRETCH]
+    np.testing.assert_allclose(runs["peak_force_percentile"][0, 0], np.percentile(highest, [50, 90, 99]))
+    # heat is the friction's share of what the impulses press, at the sliding speed; measured 2e-3 apart
+    heat, pressed = runs["friction_work"].sum(("end", "point")), runs["impulse"].sum(("end", "point"))
+    np.testing.assert_allclose(heat[0].sum(), (0.1 * pressed * runs["speed"])[0].sum(), rtol=0.02)
+
+
+def test_third_octaves_hold_the_power_of_sines():
+    seconds = 1e-3 * np.ones((1, STRETCH))  # 8 kHz
+    time = np.arange(STRETCH * SAMPLES_PER_WINDOW) * 1e-3 / SAMPLES_PER_WINDOW
+    signal = np.stack([3.0 * np.sin(2 * np.pi * 400.0 * time), 2.0 * np.sin(2 * np.pi * 1000.0 * time)], axis=1)
+    bands = _bands(signal.reshape(1, STRETCH, SAMPLES_PER_WINDOW, 2), seconds)[0]
+    for k, (middle, size) in enumerate(((400.0, 3.0), (1000.0, 2.0))):
+        nearest = int(np.argmin(np.abs(np.log(BANDS / middle))))
+        np.testing.assert_allclose(bands[nearest, k], size / np.sqrt(2), rtol=1e-3)
+        others = np.delete(bands[:, k], nearest)
+        assert np.nanmax(others) < 1e-3 * size
+    assert np.isnan(bands[BANDS > 4000.0 / 10**0.05]).all()  # beyond half the sampling frequency
+    assert np.isnan(bands[BANDS < 40.0]).all()  # narrower than 10 Hz
+
+
+def test_profiles_of_steps_have_numbers_of_their_own():
+    profiles = np.array([[10, 20], [20, 10], [10, 20]])
+    keys, profile_of = _keys(profiles, 2 * STRETCH)
+    assert keys[0] == keys[2] != keys[1]
+    np.testing.assert_array_equal(profile_of[int(keys[1])], [20, 10])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (dict(length=-1.0), "Argument `length` must be positive, but is -1 m"),
+        (dict(window=0.0), "Argument `window` must be positive"),
+        (dict(record="peak"), "Argument `record` must be one of peak_distance, impacts"),
+        (dict(speed=-5.0), "Argument `speed` must be positive"),
+        (dict(start=sj.sweep), "Argument `start` must be"),
+        (dict(steps_per_period=0), "Argument `steps_per_period` must be a whole number"),
+        (dict(grid={"speeed": [1.0]}), "Argument `speeed` is no parameter"),
+        (dict(begin=-1.0), "Argument `begin` must be zero or positive"),
+    ],
+)
+def test_bad_runs_name_what_is_wrong(change, words):
+    with pytest.raises(ValueError, match=words):
+        sj.run(SCENE, **(dict(length=16.0) | change))
+
+
+def test_a_rail_that_ends_is_said():
+    short = sj.SampledTrack([0.0, 16.0], 1e-4 * np.sin(np.arange(65)), 0.0, ends="error")
+    with pytest.raises(ValueError, match="Argument `length` must end before the rail does at 16 m, but is 24"):
+        sj.run(dataclasses.replace(SCENE, track=short), length=24.0)
+    known = pytest.warns(sj.ImplausibleWarning, match="the rail is known up to 400 m only")
+    with known, pytest.raises(ValueError, match="Argument `record`"):
+        sj.run(RAIL, length=500.0, record="nothing")
