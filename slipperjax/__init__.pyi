@@ -66,6 +66,9 @@ from .model.tracks import Irregularity as Irregularity
 from .model.tracks import StraightTrack as StraightTrack
 from .model.travel import SpeedProgramme as SpeedProgramme
 from .model.travel import Stage as Stage
+from .model.wear import AbstractWear as AbstractWear
+from .model.wear import Wear as Wear
+from .model.wear import WearTable as WearTable
 from .orbits.branches import OrbitBranch as OrbitBranch
 from .orbits.branches import continue_orbit as continue_orbit
 from .orbits.branches import load_branch as load_branch

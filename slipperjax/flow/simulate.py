@@ -105,7 +105,8 @@ def _mapped(map_: PeriodMap, static: tuple, state: State) -> State:
 
 
 def check_rail(scene: Scene, periods: int) -> None:
-    """Raises `ValueError` where a rail ends before a run of some forcing periods does."""
+    """Raises `ValueError` where a rail ends before a run of some forcing periods does, or where slippers wear."""
+    require(scene.wear is None, "scene", "have no wear here, which slipperjax.run follows alone", scene.wear)
     if is_traced(scene.track):
         return
     if (end := scene.track.end) < np.inf:

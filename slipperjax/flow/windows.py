@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..model.dynamics import State
 from ..model.layout import StateLayout
@@ -178,13 +178,40 @@ class Marks(AbstractRecord):
         return course.end
 
     def finish(self, carried, samples: State, span):
-        at = np.append(np.arange(STRETCH - 1, span.periods - 1, STRETCH), span.periods - 1)
+        at = stretch_ends(span.periods)
         return StateLayout.pack(jax.tree.map(lambda a: np.asarray(a)[:, at], samples))
 
     def label(self, scene: Scene, dims, values):
         numbers = [q.name for q in StateLayout.of(scene).numbers]
         words = attributes("", "all numbers of the state at the end of each stretch")
         return {"state": ((*dims, "stretch", "number"), values, words)}, {"number": ("number", numbers)}
+
+
+@dataclass(frozen=True)
+class Play(AbstractRecord):
+    """The play of each face in the last window of each stretch, where slippers wear."""
+
+    name = "play"
+    inside = False
+
+    def values(self, periods):
+        return 10 * periods
+
+    def sample(self, course):
+        return course.scene.section.play
+
+    def finish(self, carried, samples, span):
+        return np.asarray(samples)[:, stretch_ends(span.periods)]
+
+    def label(self, scene, dims, values):
+        faces = ["".join(face) for face in scene.section.faces]
+        words = attributes("m", "play of each face")
+        return {"play": ((*dims, "stretch", "face"), values, words)}, {"face": ("face", faces)}
+
+
+def stretch_ends(windows: int) -> Int[np.ndarray, " stretches"]:
+    """Returns the number of the last window of each stretch."""
+    return np.append(np.arange(STRETCH - 1, windows - 1, STRETCH), windows - 1)
 
 
 SAMPLES_PER_WINDOW = 8

@@ -35,6 +35,7 @@ from .section import Section
 from .sled import SledMass
 from .tracks import AbstractTrack
 from .travel import SpeedProgramme, Travel
+from .wear import AbstractWear
 
 
 class Slipper(ShapeChecked):
@@ -63,10 +64,11 @@ PARTS: dict[str, tuple[type, str]] = {
     "memory": (AbstractMemory, "slipperjax.EventLatch() or slipperjax.SmoothSwitch()"),
     "load": (AbstractLoad, "a load such as slipperjax.AppliedLoad(...)"),
     "sled": (SledMass, "a slipperjax.SledMass"),
+    "wear": (AbstractWear, "a law of wear such as slipperjax.Wear(...)"),
     "friction": (AbstractFriction, "a friction law such as slipperjax.Coulomb(...)"),
 }
 """Parts of a scene, a table each in its file: their classes, and what must be given."""
-OPTIONAL = ("load", "friction", "sled")
+OPTIONAL = ("load", "friction", "sled", "wear")
 """Parts that may be None."""
 QUATERNION = ("q_x", "q_y", "q_z")
 START_UNITS: dict[str, str] = {name: q.unit for name, q in COORDINATES.items()} | dict.fromkeys(QUATERNION, "")
@@ -103,6 +105,8 @@ class Scene(ShapeChecked):
     """Friction in the contacts."""
     sled: SledMass | None = None
     """A mass on a spring on the slipper."""
+    wear: AbstractWear | None = None
+    """What opens the play along a run, see `slipperjax.run`."""
 
     def __check_init__(self):
         for name, (kind, text) in PARTS.items():

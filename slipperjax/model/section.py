@@ -84,6 +84,12 @@ class Section(ShapeChecked):
         return np.array([[name in face for face in self.faces].index(True) for name in self.names])
 
     @property
+    def widths(self) -> Float[Array, " faces"]:
+        """Width of each face [m]."""
+        start, end = self._corners
+        return jnp.linalg.norm(self.points[end] - self.points[start], axis=1)
+
+    @property
     def normals(self) -> Float[Array, "points 2"]:
         """Unit normal (y, z) at each point, out of the rail head [1]."""
         start, end = self._corners

@@ -93,6 +93,7 @@ def check_forcing(scene: Scene) -> None:
         with jax.ensure_compile_time_eval():  # inside jit, too
             recurrence = float(scene.track.recurrence)
         require(recurrence == 1, "scene", need, scene.track)
+    require(scene.wear is None, "scene", "have no wear here, which slipperjax.run follows alone", scene.wear)
     steady = not isinstance(scene.speed, SpeedProgramme)
     require(steady, "scene", "have a constant speed", shown="one with a programme of speeds")
 

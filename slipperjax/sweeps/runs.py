@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -28,9 +29,11 @@ from ..flow.windows import (
     WINDOW_RECORDS,
     Marks,
     PerWindow,
+    Play,
     ThirdOctaves,
     WindowedTrack,
     run_record,
+    stretch_ends,
 )
 from ..model.dynamics import State
 from ..model.kinematics import Motion
@@ -111,10 +114,12 @@ def run(
     """
     call = call_of("run", locals())
     check_scene(scene)
-    begin, start = _beginning(begin, start)
+    earlier, (begin, start) = start, _beginning(begin, start)
+    worn = _worn(scene, earlier, begin)
     scene = scene if speed is None else dataclasses.replace(scene, speed=speed)
     windows = _windows(scene, number(positive, "length", length, "m"), begin, number(positive, "window", window, "m"))
-    records = RecordSet((*_records(scene, record), ThirdOctaves(), Marks()))
+    more = [] if scene.wear is None else [Play()]
+    records = RecordSet((*_records(scene, record), ThirdOctaves(), Marks(), *more))
     only = grid is None
     cases = Cases(scene, {"length": [float(scene.slipper.length)]} if grid is None else grid, start, product=product)
     profiles = _step_profiles(cases, begin, window, windows, steps_per_period)
@@ -128,7 +133,7 @@ def run(
     def work(part: ChunkInputs) -> ChunkRun:
         scenes = _windowed(part.scenes, window)
         states = initial_states(scenes, part.starts, epoch)
-        return _run_windows(plan, scenes, states, profile_of[part.steps], epoch, part.on_progress)
+        return _run_windows(plan, scenes, states, profile_of[part.steps], epoch, part.on_progress, worn)
 
     done = run_cases(plan, work, cost=1.0, chunk=chunk, workers=workers, progress=progress)
     frame = _Frame(begin, window, windows, only)
@@ -151,8 +156,7 @@ class _Frame(NamedTuple):
     @property
     def stretches(self) -> np.ndarray:
         """Travel at the end of each stretch [m]."""
-        last = self.windows - 1
-        return self.ends[np.append(np.arange(STRETCH - 1, last, STRETCH), last)]
+        return self.ends[stretch_ends(self.windows)]
 
 
 def _beginning(begin: float, start: Any) -> tuple[float, Motion | State]:
@@ -196,8 +200,9 @@ def _records(scene: Scene, record: Any) -> list[AbstractRecord]:
         names = [name for name in WINDOW_RECORDS] + ["peak_force", "rms_a_z", "and others of slipperjax.flow.RECORDS"]
         require(known is not None, "record", f"be one of {', '.join(names)}, or a record of numbers", one)
         records.append(PerWindow(known))  # type: ignore[arg-type]
-    if record is None and scene.friction is not None:
-        records.append(PerWindow(FRICTION_WORK))
+    heat = PerWindow(FRICTION_WORK)
+    if heat not in records and scene.friction is not None and (record is None or scene.wear is not None):
+        records.append(heat)
     names = {one.name for one in records}
     stretches = [run_record(name) for name in PER_STRETCH if name not in names]
     return [*records, *(PerWindow(one, STRETCH) for one in stretches if one is not None)]
@@ -269,10 +274,54 @@ def _windowed(scenes: Batched[Scene], window: Any) -> Batched[Scene]:
     return with_tracks(scenes, lambda track: WindowedTrack(track, window))
 
 
+def _worn(scene: Scene, earlier: Any, begin: float) -> np.ndarray | None:
+    """Returns the play that work before `begin` [m] has opened at each face [m]; None where slippers do not wear."""
+    if scene.wear is None:
+        return None
+    nothing, section = np.zeros(len(scene.section.faces)), scene.section
+    if not (isinstance(earlier, xr.Dataset) and "play" in earlier):
+        return nothing
+    by_distance = scene.wear.added(section, scene.slipper.length, begin, jnp.asarray(nothing))
+    return earlier["play"].sel(stretch=begin).values - np.asarray(section.play) - np.asarray(by_distance)
+
+
+@jit
+def _opened(scenes: Batched[Scene], work: Any, phase: Any, worn: Any) -> Batched[Scene]:
+    """The same scenes with play that friction's work (lanes, faces) [J] has opened, after `phase` windows."""
+
+    def play(scene: Scene, work: Any) -> jax.Array:
+        assert scene.wear is not None  # looked at before
+        section = scene.section
+        distance = phase * scene.track.wavelength
+        return section.play + worn + scene.wear.added(section, scene.slipper.length, distance, work)
+
+    at, is_none = lambda scene: (scene.section.play, scene.wear), lambda leaf: leaf is None
+    # the law of wear has done its work, so that runs with all laws share their programs
+    opened = eqx.tree_at(at, scenes.varied, (scenes.map(play, work), None), is_leaf=is_none)
+    return Batched(opened, eqx.tree_at(at, scenes.shared, (None, None), is_leaf=is_none))
+
+
+def _work_of_faces(scene: Scene, samples: np.ndarray) -> np.ndarray:
+    """Sums friction's work of windows (lanes, windows, 2, points) by faces (lanes, faces) [J]."""
+    of_points = samples.sum(axis=(1, 2))
+    faces = scene.section.face_of_point
+    return np.stack([of_points[:, faces == k].sum(axis=1) for k in range(faces.max() + 1)], axis=1)
+
+
 def _run_windows(
-    plan: Plan, scenes: Batched[Scene], states: State, profile: np.ndarray, epoch: float, on_progress: Any
+    plan: Plan,
+    scenes: Batched[Scene],
+    states: State,
+    profile: np.ndarray,
+    epoch: float,
+    on_progress: Any,
+    worn: np.ndarray | None,
 ) -> ChunkRun:
-    """Runs a chunk of cases stretch by stretch."""
+    """Runs a chunk of cases stretch by stretch; after each the play is opened by what has been `worn` [m] before and
+    since."""
+    scene, unworn = plan.cases.scene, scenes
+    work = np.zeros((len(states.motion.y), len(scene.section.faces)))
+    heat = PerWindow(FRICTION_WORK)
     records, windows, status = plan.records, plan.recorded.periods, np.zeros(len(states.motion.y), int)
     samples, most = Samples(records, windows), int(profile.max())
     total = float(profile.sum())
@@ -284,11 +333,16 @@ def _run_windows(
         while capacity // 8 >= steps:
             capacity //= 8
         stepping = ConstantSteps(steps) if alike else ConstantSteps(capacity, jnp.asarray(float(steps)))
+        if worn is not None:
+            scenes = _opened(unworn, work, epoch + k * STRETCH, worn)
         options: dict[str, Any] = dict(solver=plan.solver, periods=STRETCH, records=records)
         passed = advance(scenes, states, epoch + k * STRETCH, stepping, used=jnp.asarray(float(used)), **options)
         states = passed.state
         status = first_problem(status, passed.status)
-        samples.add(records, jax.tree.map(lambda a, n=used: np.asarray(a)[:, :n], passed.samples))
+        kept = jax.tree.map(lambda a, n=used: np.asarray(a)[:, :n], passed.samples)
+        samples.add(records, kept)
+        if worn is not None and heat in records.records:
+            work = work + _work_of_faces(scene, kept[records.records.index(heat)])
         on_progress(steps / total)
     span = RecordedSpan(windows, most, epoch, status)
     return ChunkRun(states, status, records.finish((None,) * len(records.records), samples.joined(), span))

@@ -1,0 +1,60 @@
+"""Clearance that opens along a run: by a law of wear, or by a table."""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..tools.checks import ShapeChecked, not_negative, require
+from ..tools.compile import is_traced
+from .section import Section
+
+
+class AbstractWear(ShapeChecked):
+    """Opens the play of a slipper's faces along a run, see `slipperjax.run`, which alone follows it."""
+
+    @abc.abstractmethod
+    def added(
+        self, section: Section, length: Any, distance: Any, work: Float[Array, " faces"]
+    ) -> Float[Array, " faces"]:
+        """Returns the play that has been added to each face [m].
+
+        **Arguments:** `length`: of the slipper [m]; `distance`: travelled [m]; `work`: heat of friction at each face,
+        front and rear together, since the start [J].
+        """
+
+
+class Wear(AbstractWear):
+    """Wear in proportion to the work of friction, worn off evenly along a face.
+
+    Archard's law (1953, doi:10.1063/1.1721448) with a coefficient of friction: the volume is that of the normal force
+    times the way.
+    """
+
+    volume_per_work: Float[Array, ""] = eqx.field(converter=not_negative("volume_per_work", "m^3/J"))
+    """Volume worn off per work of friction [m^3/J]."""
+
+    def added(self, section, length, distance, work):
+        return self.volume_per_work * work / (section.widths * length)
+
+
+class WearTable(AbstractWear):
+    """Play that is added to all faces by the distance, linear between the rows of a table."""
+
+    distance: Float[Array, " rows"] = eqx.field(converter=not_negative("distance", "m"))
+    """Distances, increasing [m]."""
+    play: Float[Array, " rows"] = eqx.field(converter=not_negative("play", "m"))
+    """Play added to each face there [m]; half of the clearance that is added."""
+
+    def __check_init__(self):
+        good = self.distance.shape == self.play.shape
+        require(good, "play", f"have one value per distance, {self.distance.shape}", shown=f"shape {self.play.shape}")
+        if not is_traced(self.distance):
+            rises = bool(np.all(np.diff(np.asarray(self.distance)) > 0))
+            require(rises, "distance", "increase", np.asarray(self.distance))
+
+    def added(self, section, length, distance, work):
+        return jnp.broadcast_to(jnp.interp(distance, self.distance, self.play), work.shape)
