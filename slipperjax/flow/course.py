@@ -246,7 +246,7 @@ class Curve:
     def integral(self) -> Float[Array, "..."]:
         """The integral over time."""
         travel = self._course.args.travel(self._course.times)
-        paces = jnp.broadcast_to(travel.period, self._course.times.shape)
+        paces = materialise(jnp.broadcast_to(travel.period, self._course.times.shape))
         return self._course.mean(self.samples * paces.reshape(-1, *[1] * (self.values.ndim - 1)))
 
     @functools.cached_property
@@ -418,7 +418,7 @@ class Course:
         curve, level = self._curve(materialise(jax.vmap(steady)(*self._at_points()))), None
         if travel.acceleration is not None:  # which jumps, so that it is not seen at the ends of steps
             energy = 0.5 * self.scene.slipper.mass * travel.speed**2
-            level = jnp.diff(energy) * (self.steps / travel.wavelength)
+            level = materialise(jnp.diff(energy) * (self.steps / travel.wavelength))
         return Curve(curve.values, curve.slopes, self, level)
 
     @functools.cached_property

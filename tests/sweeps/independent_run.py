@@ -27,12 +27,12 @@ CORNERS = np.array(  # Table 1, y and z
 )
 MATE = np.array([9, 2, 1, 4, 3, 6, 5, 8, 7, 0])  # the other corner of each point's face
 SLOWEST = 1e-3  # least approach rate that is remembered
-SAMPLING = 1e-5  # between instants at which forces are looked at, 1 % of the time of a contact
+SAMPLING = 1e-5  # between instants at which forces are looked at, about 1 % of the time of a contact
 # where in the state: y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z, then integrals over time
 MOTION = slice(0, 10)
-HEAT, IMPULSE, DRIVE, WORK = slice(10, 30), slice(30, 50), 50, 51
-# an error of one part of the tolerance: millimetres, milliradians, mm/s, ... and joules
-SIZES = np.concatenate([[1e-3] * 2, [1e-2] * 3, [1.0] * 2, [10.0] * 3, [1e2] * 20, [10.0] * 20, [10.0], [1e4]])
+HEAT, IMPULSE, WORK = slice(10, 30), slice(30, 50), 50
+# to which the tolerance is relative: millimetres, hundredths of a radian, ..., newton seconds and joules
+SIZES = np.concatenate([[1e-3] * 2, [1e-2] * 3, [1.0] * 2, [10.0] * 3, [1e2] * 20, [10.0] * 20, [1e4]])
 
 
 def outward_normals():
@@ -48,14 +48,8 @@ def outward_normals():
 
 def cross(a, b):
     """Cross products of rows: np.cross is slow for few of them."""
-    return np.stack(
-        [
-            a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1],
-            a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2],
-            a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0],
-        ],
-        axis=-1,
-    )
+    (a_x, a_y, a_z), (b_x, b_y, b_z) = a.T, b.T
+    return np.array([a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x]).T
 
 
 def slipper_rotation(roll, pitch, yaw):
@@ -118,7 +112,12 @@ class Case:
         """Displacement along y and z, roll, and their slopes, at a distance."""
         waves = [2 * np.pi / length for length in self.wavelengths]
         height, slope = sum(np.sin(k * distance) for k in waves), sum(k * np.cos(k * distance) for k in waves)
-        return self.amplitude * height, self.roll_amplitude * height, self.amplitude * slope, self.roll_amplitude * slope
+        return (
+            self.amplitude * height,
+            self.roll_amplitude * height,
+            self.amplitude * slope,
+            self.roll_amplitude * slope,
+        )
 
     def track(self, travel, speed):
         """Positions, velocities (less the travel's) and normals of the rail's points."""
@@ -130,12 +129,12 @@ class Case:
             turn = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
             arm = self.on_track[10 * node : 10 * node + 10] @ turn.T
             positions.append(np.array([(0.5 - node) * self.length, offset, offset]) + arm)
-            velocities.append(np.array([0, rate, rate]) + spin * cross(np.array([[1.0, 0, 0]]), arm))
+            velocities.append(np.array([0, rate, rate]) + spin * cross(np.array([1.0, 0, 0]), arm))
             normals.append(self.plain_normals[:10] @ turn.T)
         across = np.concatenate([place[MATE] - place for place in positions])
-        lengthwise = np.tile(positions[1] - positions[0], (2, 1))
-        normal = cross(across, lengthwise)  # Eq. (4)
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        lengthwise = positions[1] - positions[0]
+        normal = cross(across, np.concatenate([lengthwise, lengthwise]))  # Eq. (4)
+        normal /= np.sqrt(np.sum(normal**2, axis=1, keepdims=True))
         normal *= np.sign(np.sum(normal * np.concatenate(normals), axis=1, keepdims=True))
         return np.concatenate(positions), np.concatenate(velocities), normal
 
@@ -144,7 +143,7 @@ class Case:
         place, velocity, normal = self.track(travel, speed)
         turn = slipper_rotation(*state[2:5])
         arm = self.on_slipper @ turn.T
-        moving = np.array([0.0, state[5], state[6]]) + cross(np.broadcast_to(turn @ state[7:10], arm.shape), arm)
+        moving = np.array([0.0, state[5], state[6]]) + cross(turn @ state[7:10], arm)
         gap = np.sum(normal * (arm + [0.0, state[0], state[1]] - place), axis=1)
         rate = np.sum(normal * (moving - velocity), axis=1)
         return gap, rate, normal, arm, moving, turn
@@ -180,42 +179,33 @@ class Case:
                 (moment - cross(w, inertia * w)) / inertia,
                 self.friction * force * slip,
                 force,
-                [drive, drive * speed],
+                [drive * speed],
             ]
         )
 
 
 @dataclass
 class Result:
-    """What a run leaves, by windows."""
+    """What a run leaves: arrays (windows, 20) or (windows,), and the motion at its end."""
 
-    time: np.ndarray
-    """At the windows' ends, (windows,)."""
-    peaks: np.ndarray
-    """Highest forces, (windows, 20)."""
-    heat: np.ndarray
-    """Heat of friction, (windows, 20)."""
+    time: np.ndarray  # at the windows' ends
+    peaks: np.ndarray  # highest forces
+    heat: np.ndarray  # of friction
     impulse: np.ndarray
-    """(windows, 20)."""
     touchdowns: np.ndarray
-    """(windows, 20)."""
-    drive: np.ndarray
-    """Mean of the driving force over distance, (windows,)."""
-    drive_over_time: np.ndarray
-    """Its mean over time, (windows,)."""
+    drive: np.ndarray  # mean force over distance
     motion: np.ndarray
-    """At the end."""
 
 
-def run(case, start, windows, *, window=1.0, tolerance=1e-9, longest=5e-5):
+def run(case, start, windows, *, window=1.0, tolerance=1e-8, longest=1e-4):
     """Runs over a number of windows from ten numbers of motion, from which all points must be open."""
     programme = case.programme
     ends = np.array([programme.when(window * (k + 1)) for k in range(windows)])
     knots = [t for t in programme.times[1:] if t < ends[-1]]
-    state, time, began = np.zeros(52), 0.0, np.zeros(POINTS)
+    state, time, began = np.zeros(51), 0.0, np.zeros(POINTS)
     state[MOTION] = start
     assert np.all(case.geometry(state, *programme.at(0, 0.0)[:2])[0] > 0)
-    totals, peaks = np.zeros((windows + 1, 52)), np.zeros((windows, POINTS))
+    totals, peaks = np.zeros((windows + 1, 51)), np.zeros((windows, POINTS))
     touchdowns = np.zeros((windows, POINTS), int)
     part = 0
     while time < ends[-1]:
@@ -272,8 +262,5 @@ def run(case, start, windows, *, window=1.0, tolerance=1e-9, longest=5e-5):
             knots.pop(0)
             part += 1
     gained = np.diff(totals, axis=0)
-    spent = np.diff(ends, prepend=0.0)
-    return Result(
-        ends, peaks, gained[:, HEAT], gained[:, IMPULSE], touchdowns, gained[:, WORK] / window,
-        gained[:, DRIVE] / spent, state[MOTION],
-    )
+    drive = gained[:, WORK] / window
+    return Result(ends, peaks, gained[:, HEAT], gained[:, IMPULSE], touchdowns, drive, state[MOTION])
