@@ -409,7 +409,7 @@ class Course:
 
     @functools.cached_property
     def drive_force(self) -> Curve:
-        """Force along x that keeps the speed, or its programme [N], (ends,)."""
+        """Force along x that keeps the speed or its programme [N], (ends,); acceleration's share is its `level`."""
         travel = self.args.travel(self._instants)
 
         def steady(place, frame, m, force):

@@ -144,7 +144,7 @@ class Case:
         turn = slipper_rotation(*state[2:5])
         arm = self.on_slipper @ turn.T
         moving = np.array([0.0, state[5], state[6]]) + cross(turn @ state[7:10], arm)
-        gap = np.sum(normal * (arm + [0.0, state[0], state[1]] - place), axis=1)
+        gap = np.sum(normal * (arm + np.array([0.0, state[0], state[1]]) - place), axis=1)
         rate = np.sum(normal * (moving - velocity), axis=1)
         return gap, rate, normal, arm, moving, turn
 
@@ -159,7 +159,7 @@ class Case:
         """Derivative of the state with its integrals."""
         gap, rate, normal, arm, moving, turn = self.geometry(state, travel, speed)
         force = self.forces(gap, rate, began)
-        sliding = moving + [speed, 0.0, 0.0]
+        sliding = moving + np.array([speed, 0.0, 0.0])
         sliding = sliding - np.sum(sliding * normal, axis=1, keepdims=True) * normal
         slip = np.linalg.norm(sliding, axis=1)
         pressed = force[:, None] * normal - (self.friction * force / slip)[:, None] * sliding
