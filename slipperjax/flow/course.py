@@ -113,7 +113,7 @@ def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Any)
         new = (
             jnp.maximum(highest, peak),
             jnp.where((peak > highest) & (peak > 0), (place + inside) * step + args.epoch, when),
-            impulse + area,
+            impulse + args.travel((place + 0.5) * step).period * area,
             contact + _share_closed(-begin[1], -slope[1], -end[1], -next_slope[1]),
             jnp.maximum(deepest, deep),
         )
@@ -124,7 +124,7 @@ def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Any)
     # step by step, so that what is computed stays in the cache
     (totals, _), _ = jax.lax.scan(one, (totals, _slope(*values[:5])), jnp.arange(most))
     highest, when, impulse, contact, depth = (a.reshape(force.shape[1:]) for a in totals)
-    return Loads(highest, when, step * period * impulse, step * contact, depth, step * fastest)
+    return Loads(highest, when, step * impulse, step * contact, depth, step * fastest)
 
 
 def over_periods(loads: Loads) -> Loads:
@@ -216,9 +216,12 @@ def crossing(q0, d0, q1, d1, v0, a0, v1, a1):
 class Curve:
     """A quantity over a period, a cubic in each step. Each property is computed once for all records."""
 
-    def __init__(self, values: Float[Array, "ends ..."], slopes: Float[Array, "ends ..."], course: "Course"):
-        """**Arguments:** values, and derivatives per step, at both ends of every step."""
-        self.values, self.slopes, self._course = values, slopes, course
+    def __init__(
+        self, values: Float[Array, "ends ..."], slopes: Float[Array, "ends ..."], course: "Course", level: Any = None
+    ):
+        """**Arguments:** values, and derivatives per step, at both ends of every step; `level`: what to add inside of
+        each step, for a quantity that jumps between them, (steps, ...)."""
+        self.values, self.slopes, self._course, self._level = values, slopes, course, level
 
     @functools.cached_property
     def samples(self) -> Float[Array, "samples ..."]:
@@ -232,12 +235,19 @@ class Curve:
         inside = places * self._course.steps
         k = jnp.minimum(jnp.floor(inside), self._course.steps - 1).astype(int)
         x = (inside - k).reshape(-1, *[1] * (self.values.ndim - 1))
-        return Cubic.through(self.values[k], self.slopes[k], self.values[k + 1], self.slopes[k + 1]).value(x)
+        return Cubic.through(*(end[k] for end in self._ends)).value(x)
 
     @functools.cached_property
     def mean(self) -> Float[Array, "..."]:
-        """The mean over time."""
+        """The mean over time; over distance where the speed changes."""
         return self._course.mean(self.samples)
+
+    @functools.cached_property
+    def integral(self) -> Float[Array, "..."]:
+        """The integral over time."""
+        travel = self._course.args.travel(self._course.times)
+        paces = materialise(jnp.broadcast_to(travel.period, self._course.times.shape))
+        return self._course.mean(self.samples * paces.reshape(-1, *[1] * (self.values.ndim - 1)))
 
     @functools.cached_property
     def mean_square(self) -> Float[Array, "..."]:
@@ -267,7 +277,7 @@ class Curve:
 
     @functools.cached_property
     def _falling(self) -> "Curve":
-        return Curve(-self.values, -self.slopes, self._course)
+        return Curve(-self.values, -self.slopes, self._course, None if self._level is None else -self._level)
 
     @functools.cached_property
     def _tops(self) -> Array:
@@ -276,7 +286,8 @@ class Curve:
 
     @property
     def _ends(self) -> tuple[Array, Array, Array, Array]:
-        return self.values[:-1], self.slopes[:-1], self.values[1:], self.slopes[1:]
+        level = 0.0 if self._level is None else self._level
+        return self.values[:-1] + level, self.slopes[:-1], self.values[1:] + level, self.slopes[1:]
 
 
 class Course:
@@ -398,9 +409,17 @@ class Course:
 
     @functools.cached_property
     def drive_force(self) -> Curve:
-        """Force along x that keeps the speed constant [N], (ends,)."""
-        of_one = lambda place, frame, m, force: drive_force(self.scene, frame, m, force, self.args.travel(place))
-        return self._curve(materialise(jax.vmap(of_one)(*self._at_points())))
+        """Force along x that keeps the speed or its programme [N], (ends,); acceleration's share is its `level`."""
+        travel = self.args.travel(self._instants)
+
+        def steady(place, frame, m, force):
+            return drive_force(self.scene, frame, m, force, self.args.travel(place)._replace(acceleration=None))
+
+        curve, level = self._curve(materialise(jax.vmap(steady)(*self._at_points()))), None
+        if travel.acceleration is not None:  # which jumps, so that it is not seen at the ends of steps
+            energy = 0.5 * self.scene.slipper.mass * travel.speed**2
+            level = materialise(jnp.diff(energy) * (self.steps / travel.wavelength))
+        return Curve(curve.values, curve.slopes, self, level)
 
     @functools.cached_property
     def friction_power(self) -> Curve:

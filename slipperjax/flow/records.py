@@ -488,7 +488,7 @@ _TABLE = (
     Record(_IMPACT_IMPULSE, lambda c: c.loads.impulse, "max", POINTS, _impulse_samples),
     # by Archard's law (1953, doi:10.1063/1.1721448) the volume worn off in a metre of travel is proportional to it
     Record(_CONTACT_LOAD, lambda c: jnp.sum(c.force.mean), "mean"),
-    Record(_CONTACT_WORK, lambda c: jnp.sum(c.power.mean) / c.travel.speed, "mean"),
+    Record(_CONTACT_WORK, lambda c: jnp.sum(c.power.integral) / c.travel.wavelength, "mean"),
     Record(_DRIVE_FORCE, lambda c: c.drive_force.mean, "mean"),
     # a contact that the motion almost makes, or almost loses, is as far from grazing as its gap's extreme from zero
     Record(_GRAZING, lambda c: jnp.min(c.gap.shallowest_turn), "min"),

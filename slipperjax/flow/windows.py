@@ -88,7 +88,7 @@ PEAK_DISTANCE = Record(
 )
 FRICTION_WORK = Record(
     Quantity("friction_work", "J", "heat that friction makes", "Q"),
-    lambda c: c.friction_power.mean * c.travel.period,
+    lambda c: c.friction_power.integral,
     "sum",
     POINTS,
 )
