@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped
 
-from ..model.dynamics import Args, State, contact_forces, drive_force, motion_rates, per_period
+from ..model.dynamics import Args, State, contact_forces, drive_force, driven_mass, motion_rates, per_period
 from ..model.kinematics import Contacts, Motion, contacts
 from ..model.layout import coordinate_rows
 from ..model.scene import Scene
@@ -97,7 +97,7 @@ def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Any)
     traced; 3 at least.
     """
     most, step = len(force) - 1, 1 / steps
-    period = args.travel(0.5).period
+    period, steady = args.travel(0.5).period, args.travel(0.5).acceleration is None
     fastest = jnp.max(jnp.where(jnp.arange(most + 1) <= steps, rate, 0.0)) * period
     # all points in one row, which is faster than two
     flat = lambda a: a.reshape(most + 1, -1)
@@ -113,7 +113,7 @@ def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Any)
         new = (
             jnp.maximum(highest, peak),
             jnp.where((peak > highest) & (peak > 0), (place + inside) * step + args.epoch, when),
-            impulse + args.travel((place + 0.5) * step).period * area,
+            impulse + (area if steady else args.travel((place + 0.5) * step).period * area),
             contact + _share_closed(-begin[1], -slope[1], -end[1], -next_slope[1]),
             jnp.maximum(deepest, deep),
         )
@@ -124,7 +124,8 @@ def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Any)
     # step by step, so that what is computed stays in the cache
     (totals, _), _ = jax.lax.scan(one, (totals, _slope(*values[:5])), jnp.arange(most))
     highest, when, impulse, contact, depth = (a.reshape(force.shape[1:]) for a in totals)
-    return Loads(highest, when, step * impulse, step * contact, depth, step * fastest)
+    impulse = step * period * impulse if steady else step * impulse
+    return Loads(highest, when, impulse, step * contact, depth, step * fastest)
 
 
 def over_periods(loads: Loads) -> Loads:
@@ -246,6 +247,8 @@ class Curve:
     def integral(self) -> Float[Array, "..."]:
         """The integral over time."""
         travel = self._course.args.travel(self._course.times)
+        if travel.acceleration is None:
+            return self.mean * travel.period
         paces = materialise(jnp.broadcast_to(travel.period, self._course.times.shape))
         return self._course.mean(self.samples * paces.reshape(-1, *[1] * (self.values.ndim - 1)))
 
@@ -286,8 +289,10 @@ class Curve:
 
     @property
     def _ends(self) -> tuple[Array, Array, Array, Array]:
-        level = 0.0 if self._level is None else self._level
-        return self.values[:-1] + level, self.slopes[:-1], self.values[1:] + level, self.slopes[1:]
+        begin, end = self.values[:-1], self.values[1:]
+        if self._level is not None:
+            begin, end = begin + self._level, end + self._level
+        return begin, self.slopes[:-1], end, self.slopes[1:]
 
 
 class Course:
@@ -417,7 +422,7 @@ class Course:
 
         curve, level = self._curve(materialise(jax.vmap(steady)(*self._at_points()))), None
         if travel.acceleration is not None:  # which jumps, so that it is not seen at the ends of steps
-            energy = 0.5 * self.scene.slipper.mass * travel.speed**2
+            energy = 0.5 * driven_mass(self.scene) * travel.speed**2
             level = materialise(jnp.diff(energy) * (self.steps / travel.wavelength))
         return Curve(curve.values, curve.slopes, self, level)
 

@@ -178,10 +178,12 @@ def drive_force(scene: Scene, frame: RailFrame, m: Motion, force: Array, travel:
     drive = -jnp.sum(force * per_unit, axis=-1)
     if scene.load is not None:
         drive = drive - scene.load.wrench(travel.speed)[0][0]
-    if travel.acceleration is None:
-        return drive
-    mass = scene.slipper.mass if scene.sled is None else scene.slipper.mass + scene.sled.mass
-    return drive + mass * travel.acceleration
+    return drive if travel.acceleration is None else drive + driven_mass(scene) * travel.acceleration
+
+
+def driven_mass(scene: Scene) -> Array:
+    """Returns the mass that the drive accelerates [kg]: of the slipper, and of the sled on it."""
+    return scene.slipper.mass if scene.sled is None else scene.slipper.mass + scene.sled.mass
 
 
 def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -> Motion:
