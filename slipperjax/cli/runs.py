@@ -13,9 +13,9 @@ GRAVITY = 9.80665
 
 def _page(ds: Any) -> Any:
     # imported when it draws: compiling need not wait for it
-    from ..plots.runs import run
+    from ..plots.runs import run_overview
 
-    return run(ds)
+    return run_overview(ds)
 
 
 @app.command()
@@ -52,16 +52,14 @@ def report(ds: Any, scene: Any) -> str:
     speed, seconds = ds["speed"].values, float(ds["seconds"][-1])
     edges = np.append(float(ds["distance"][0]) - ds.attrs["window [m]"], ds["stretch"].values)
     lines = [f"{edges[0]:g} to {edges[-1]:g} m in {seconds:.4g} s, speed {_ends(speed)} m/s"]
-    q, peak, status = LOADS["peak_force"], peak_of(ds), Status(int(ds["status"]))
+    q, at, status = LOADS["peak_force"], peak_of(ds), Status(int(ds["status"]))
     in_words = lambda newtons: f"{q.shown(newtons):.4g} {q.display_unit}"
-    if peak.force > 0:
-        there = speed[peak.window]
-        lines.append(
-            f"highest contact force {in_words(peak.force)} at {peak.name} ({peak.end}), {peak.distance:.6g} m and "
-            f"{there:.4g} m/s"
-        )
-        if (static := static_load(scene, there)) > 0:
-            lines[-1] += f": {peak.force / static:.3g} times the static load of {in_words(static)}"
+    if (peak := float(at["peak_force"])) > 0:
+        place, there = float(at["peak_distance"]), float(at["speed"])
+        where = f"{at['name'].item()} ({at['end'].item()}), {place:.6g} m and {there:.4g} m/s"
+        static = static_load(scene, there)
+        times = f": {peak / static:.3g} times the static load of {in_words(static)}" if static > 0 else ""
+        lines.append(f"highest contact force {in_words(peak)} at {where}{times}")
     if status != Status.NOT_FINITE:
         impacts = float(ds["impacts"].sum())
         lines.append(f"{impacts:.0f} impacts, {impacts / seconds:.4g} per second")

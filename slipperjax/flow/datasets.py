@@ -157,7 +157,8 @@ def load_run(source: Any) -> dict[str, Any]:
     **Raises:** `ValueError` where the file has no such table; `OSError` for a file that cannot be read.
     """
     file = _scene_file(source, {})
-    require(file and file.run, "source", "be a TOML file with a table [run]", shown=str(source))
+    if file is None or file.run is None:
+        raise ValueError(f"Argument `source` must be a TOML file with a table [run], but is {source}.")
     return file.run
 
 

@@ -126,10 +126,8 @@ class _Reader:
                 raise ValueError(f'{self.file}: `{name}` is missing; or write base = "paper" at the top.')
         with self.placed(""):
             scene = Scene(**values)
-        start, run = (
-            read() if name in self.tables else None for name, read in (("start", self.start), ("run", self.run))
-        )
-        return SceneFile(scene, start, run)
+        others = {"start": self.start, "run": self.run}
+        return SceneFile(scene, *(read() if name in self.tables else None for name, read in others.items()))
 
     def part(self, name: str, inherited: dict[str, Any]) -> Any:
         """Returns one part of the scene, from its table and the description that it inherits."""
@@ -225,12 +223,10 @@ class _Reader:
                     raise ValueError(f"`{name}` is none of {', '.join(RUN)}, steps_per_period, solver.")
             if "length" not in table:
                 raise ValueError("`length` is missing.")
-            numbers = {
-                n: number(RUN[n][0], n, quantity(n, table[n], RUN[n][1]), RUN[n][1]) for n in RUN if n in table
-            }
             if "steps_per_period" in table:
                 whole("steps_per_period", table["steps_per_period"], 1)
-            return table | numbers
+            given = {name: of for name, of in RUN.items() if name in table}
+            return table | {n: number(c, n, quantity(n, table[n], unit), unit) for n, (c, unit) in given.items()}
 
     @contextmanager
     def placed(self, table: str) -> Iterator[None]:

@@ -1,6 +1,6 @@
 """Pictures of runs over a length of rail: rail, speed, forces, impacts and spectra over distance."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -34,7 +34,7 @@ TICKS = [digit * 10.0**power for power in range(1, 5) for digit in (1, 2, 5)]
 """Frequencies that are written beside spectra [Hz]."""
 
 
-def run(ds: xr.Dataset, scene: Scene | None = None, axes: Any = None) -> Any:
+def run_overview(ds: xr.Dataset, scene: Scene | None = None, axes: Any = None) -> Any:
     """Draws a run on one page, over the distance travelled: rail, speed and time, contact forces, impacts, spectra.
 
     What the dataset lacks is left out. Forces are the highest of all points in each window, with their percentiles in
@@ -118,34 +118,24 @@ def _forces(ax: Any, ds: xr.Dataset) -> list[Any]:
         label = f"{percent:g} % of a stretch"
         _steps(ax, ds, "stretch", ds["peak_force_percentile"].isel(percentile=k), force, label, line_color(k))
     peak = peak_of(ds)
-    if peak.force > 0:
-        high = force.shown(peak.force)
-        label = f"{high:.3g} {force.display_unit} at {peak.name}, {peak.distance:.5g} m"
-        ax.plot(peak.distance, high, "o", ms=3.5, mew=0, color=COLORS["red"], label=label)
+    high, place = force.shown(float(peak["peak_force"])), float(peak["peak_distance"])
+    if high > 0:
+        label = f"{high:.3g} {force.display_unit} at {peak['name'].item()}, {place:.5g} m"
+        ax.plot(place, high, "o", ms=3.5, mew=0, color=COLORS["red"], label=label)
     ax.set_ylabel(axis_label("contact_force"))
     _from_zero(ax)
     return ax.get_legend_handles_labels()[0]
 
 
-class RunPeak(NamedTuple):
-    """The highest contact force of a run; NaN where none is known."""
+def peak_of(ds: xr.Dataset) -> xr.Dataset:
+    """Gives what a run's dataset holds of the window and the point with the highest contact force.
 
-    force: float  # [N]
-    end: str
-    name: str
-    """The point's letter, and 1 at the front or 2 at the rear."""
-    distance: float  # [m]
-    window: int
-
-
-def peak_of(ds: xr.Dataset) -> RunPeak:
-    """Gives the highest contact force of a run."""
+    The point's `name` is its letter, and 1 at the front or 2 at the rear; the force is NaN where none is known.
+    """
     force = ds["peak_force"].transpose("distance", "end", "point")
     k, end, point = np.unravel_index(np.argmax(force.fillna(-np.inf).values), force.shape)
     at = ds.isel(distance=k, end=end, point=point)
-    where = at["peak_distance" if "peak_distance" in ds else "distance"]
-    name = f"{at['point'].item()}{end + 1}"
-    return RunPeak(float(at["peak_force"]), str(at["end"].item()), name, float(where), int(k))
+    return at.assign(name=f"{at['point'].item()}{end + 1}", peak_distance=at.get("peak_distance", at["distance"]))
 
 
 def _impacts(ax: Any, ds: xr.Dataset) -> list[Any]:

@@ -45,7 +45,7 @@ def heights(ax):
 
 
 def test_a_run_is_drawn_over_one_distance():
-    axes = plots.run(made(), sj.paper_scene())
+    axes = plots.run_overview(made(), sj.paper_scene())
     rail, speed, force, impacts, spectra = axes
     assert [ax.get_xlim() for ax in axes] == [(100.0, 350.0)] * 5
     assert [ax.get_xlabel() for ax in axes] == [""] * 4 + ["distance [m]"]
@@ -83,29 +83,29 @@ def test_a_run_is_drawn_over_one_distance():
 
 
 def test_what_a_run_lacks_is_left_out():
-    axes = plots.run(made().drop_vars(["band_a_z", "impact_rate"]))
+    axes = plots.run_overview(made().drop_vars(["band_a_z", "impact_rate"]))
     assert [ax.get_ylabel() for ax in axes] == ["speed $V$ [m/s]", "contact force $F$ [kN]"]
     assert axes[-1].get_xlabel() == "distance [m]"
-    spectra = plots.run(made(bands=False))[-1]
+    spectra = plots.run_overview(made(bands=False))[-1]
     assert not len(spectra.collections)
     assert [text.get_text() for text in spectra.texts] == ["no band is resolved: windows are too few or too long"]
-    assert peak_of(made().drop_vars("peak_distance")).distance == 223.0
+    assert peak_of(made().drop_vars("peak_distance"))["peak_distance"] == 223.0
     lost = made()
     lost["peak_force"] = np.nan * lost["peak_force"]
-    force = plots.run(lost)[1]
+    force = plots.run_overview(lost)[1]
     assert not marked(force, "o")
-    assert np.isnan(peak_of(lost).force)
+    assert np.isnan(peak_of(lost)["peak_force"])
 
 
 def test_a_run_s_status_and_its_varied_speed():
     ds = made(status=2).rename(speed="speed_along").assign_coords(speed=100.0)
-    title = plots.run(ds)[0].figure._suptitle
+    title = plots.run_overview(ds)[0].figure._suptitle
     assert title.get_text().startswith("$V$ = 100 m/s\nstatus: derailed")
     assert to_hex(title.get_color()) == plots.COLORS["red"]
 
 
 def test_a_run_is_one():
     with pytest.raises(ValueError, match=r"`ds` must be of one run, .*, but is over track\.seed"):
-        plots.run(made().assign(status=("track.seed", [0, 0])))
+        plots.run_overview(made().assign(status=("track.seed", [0, 0])))
     with pytest.raises(ValueError, match="`ds` must be a dataset of one run, such as"):
-        plots.run(made().drop_vars("seconds"))
+        plots.run_overview(made().drop_vars("seconds"))
