@@ -1,6 +1,7 @@
 """The command `run`: what it reads, computes, writes and prints."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -34,6 +35,7 @@ length = "0.08 km"
 window = "8 m"
 steps_per_period = 60
 """
+DOCS = (Path(__file__).parents[2] / "docs" / "runs.md").read_text()
 
 
 @pytest.fixture
@@ -91,6 +93,8 @@ def test_a_run_is_written_drawn_and_told(file, tmp_path, capsys):
     )
     assert text.endswith("status: finite\n")
 
+    assert {name for name in ds.variables if f"`{name}`" not in DOCS} == set()
+
     # in Python the same, and other commands read such a file
     again = sj.run(sj.load_scene(file).replace(mass=15.0), start=sj.load_start(file), **sj.load_run(file))
     np.testing.assert_array_equal(again["peak_force"].values, ds["peak_force"].values)
@@ -147,6 +151,15 @@ def test_errors_are_one_line(table, words, tmp_path, capsys):
     file.write_text(f'base = "paper"\n{table}\n')
     assert words in error_of(["run", file, "--out", tmp_path / "run"], capsys)
     assert names(tmp_path) == ["sled.toml"]
+
+
+def test_the_documented_file_is_read(tmp_path):
+    file = tmp_path / "sled.toml"
+    file.write_text(DOCS.split("```toml\n")[1].split("```")[0])
+    assert sj.load_run(file) == dict(length=5000.0, window=1.0)
+    scene = sj.load_scene(file)
+    assert float(scene.speed.distance[-1]) > 5000.0
+    assert static_load(scene, 900.0) == pytest.approx(14 * 9.81 + 800 - 324)
 
 
 def test_an_interrupted_run_writes_nothing(file, tmp_path, capsys, replaced):
