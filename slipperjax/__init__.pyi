@@ -13,6 +13,7 @@ from . import studies as studies
 from . import sweeps as sweeps
 from . import tools as tools
 from .design.optimise import optimise_design as optimise_design
+from .flow.datasets import load_run as load_run
 from .flow.datasets import load_scene as load_scene
 from .flow.datasets import load_start as load_start
 from .flow.simulate import Trajectory as Trajectory

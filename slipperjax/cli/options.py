@@ -271,15 +271,19 @@ def case_text(scene: Any, varied: Iterable[str], start: str) -> str:
 
 
 def takes_case(command: Callable[..., Any]) -> Callable[..., Any]:
-    """A command with the options of `CASE` besides its own, which gets what they describe as `case`."""
+    """A command with the options of `CASE` besides its own, which gets what they describe as `case`.
+
+    One that has a parameter `scene` of its own gets no option of that name.
+    """
+    own = {one.name for one in getattr(command, "__click_params__", [])}
 
     @functools.wraps(command)
     def call(**given: Any) -> Any:
         case = make_case(**{name: given.pop(name) for name in CASE})
         return command(case=case, **given)
 
-    for add in reversed(CASE.values()):
-        call = add(call)
+    for name, add in reversed(CASE.items()):
+        call = call if name in own else add(call)
     return call
 
 

@@ -150,6 +150,18 @@ def load_start(source: Any, **chosen: float) -> Motion | State | None:
     return Motion(**(vars(start) | values))
 
 
+def load_run(source: Any) -> dict[str, Any]:
+    """Returns the arguments of `run` in the table [run] of a TOML file, as in
+    `sj.run(sj.load_scene(file), start=sj.load_start(file), **sj.load_run(file))`.
+
+    **Raises:** `ValueError` where the file has no such table; `OSError` for a file that cannot be read.
+    """
+    file = _scene_file(source, {})
+    if file is None or file.run is None:
+        raise ValueError(f"Argument `source` must be a TOML file with a table [run], but is {source}.")
+    return file.run
+
+
 def load_base(source: Any) -> tuple[Scene, Motion | State]:
     """Gives the scene and the start of which a result's cases are variations; raises `ValueError` as `load_scene`."""
     ds = dataset_of(source)

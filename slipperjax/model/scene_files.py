@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..tools.checks import brief, unit_of
+from ..tools.checks import brief, not_negative, number, positive, unit_of, whole
 from ..tools.description import TYPE, build, describe, known_type, type_name
 from ..tools.units import parsed
 from .dang2024 import paper_scene
@@ -42,6 +42,8 @@ INNER = (AbstractTrack, AbstractSpectrum)
 
 STAGE_UNITS = {"acceleration": "m/s^2", "length": "m", "duration": "s", "speed": "m/s"}
 """Units of the numbers of a stage."""
+RUN = {"length": (positive, "m"), "begin": (not_negative, "m"), "window": (positive, "m")}
+"""Checks and units of the numbers in the table `run`."""
 
 
 class SceneFile(NamedTuple):
@@ -50,6 +52,8 @@ class SceneFile(NamedTuple):
     scene: Scene
     start: Motion | None
     """The motion at time zero; None where the file has none."""
+    run: dict[str, Any] | None
+    """Arguments of `slipperjax.run` [SI unit]; None where the file has none."""
 
 
 def scene_to_json(scene: Scene) -> str:
@@ -73,7 +77,8 @@ def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
     """Returns the scene of a TOML text, and its start.
 
     Quantities have units, as in "1250 m/s"; `values` with one `unit` make an array. The table `section` takes
-    `clearance` in place of the `play` of each face; `start` takes y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z.
+    `clearance` in place of the `play` of each face; `start` takes y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z;
+    `run` takes length, begin, window, steps_per_period and solver.
 
     **Arguments:** `file`: its name, for errors.
 
@@ -95,19 +100,20 @@ class _Reader:
 
     def read(self) -> SceneFile:
         """Returns the scene and its start."""
-        names = ("base", *NUMBERS, *PARTS, "start")
+        names = ("base", *NUMBERS, *PARTS, "start", "run")
         with self.placed(""):
             for name, value in self.tables.items():
                 if name not in names:
                     raise ValueError(f"`{name}` is none of {', '.join(names)}.")
-                if name in (*PARTS, "start") and not isinstance(value, dict):
+                if name in (*PARTS, "start", "run") and not isinstance(value, dict):
                     raise ValueError(f"`{name}` must be a table, [{name}], but is {brief(value)}.")
                 if name == "gravity" and isinstance(value, dict):
                     raise ValueError(f"`{name}` must be a number with a unit, but is {brief(value)}.")
             base = self.tables.get("base")
             if base not in (None, "paper"):
                 raise ValueError(f"`base` must be one of paper, but is {brief(base)}.")
-            inherited = {} if base is None else describe(paper_scene())
+            known = {} if base is None else describe(paper_scene())
+            inherited = {name: value for name, value in known.items() if value is not None}
             values = {name: inherited[name] for name in NUMBERS if name in inherited}
             for name in set(NUMBERS) & set(self.tables):
                 if not isinstance(self.tables[name], dict):
@@ -121,7 +127,8 @@ class _Reader:
                 raise ValueError(f'{self.file}: `{name}` is missing; or write base = "paper" at the top.')
         with self.placed(""):
             scene = Scene(**values)
-        return SceneFile(scene, self.start() if "start" in self.tables else None)
+        others = {"start": self.start, "run": self.run}
+        return SceneFile(scene, *(read() if name in self.tables else None for name, read in others.items()))
 
     def part(self, name: str, inherited: dict[str, Any]) -> Any:
         """Returns one part of the scene, from its table and the description that it inherits."""
@@ -208,6 +215,20 @@ class _Reader:
                 raise ValueError(f"`{angles[0]}` and `{quaternion[0]}` must not both be given.")
             return Motion.from_euler(**values) if angles else Motion(**values)
 
+    def run(self) -> dict[str, Any]:
+        """Returns the arguments of a run."""
+        table = self.tables["run"]
+        with self.placed("run"):
+            for name in table:
+                if name not in (*RUN, "steps_per_period", "solver"):
+                    raise ValueError(f"`{name}` is none of {', '.join(RUN)}, steps_per_period, solver.")
+            if "length" not in table:
+                raise ValueError("`length` is missing.")
+            if "steps_per_period" in table:
+                whole("steps_per_period", table["steps_per_period"], 1)
+            given = {name: of for name, of in RUN.items() if name in table}
+            return table | {n: number(c, n, quantity(n, table[n], unit), unit) for n, (c, unit) in given.items()}
+
     @contextmanager
     def placed(self, table: str) -> Iterator[None]:
         """Adds file and line to errors: the line of the name that an error mentions, or of the table."""
@@ -223,15 +244,15 @@ class _Reader:
         """Returns the line where a name gets its value, or else where its table begins."""
         path = ".".join(filter(None, (table, name)))
         now, header = "", None
-        for number, line in enumerate(self.lines, 1):
+        for at, line in enumerate(self.lines, 1):
             match = re.match(r"""\s*(\[?)\s*([\w."']+)\s*[]=]""", line)  # a header, or a key before its value
             if match:
                 key = re.sub("[\"']", "", match[2])
                 now = key if match[1] else now
                 here = key if match[1] else ".".join(filter(None, (now, key)))
                 if here == path:
-                    return number
-                header = number if here == table else header
+                    return at
+                header = at if here == table else header
         return header
 
 

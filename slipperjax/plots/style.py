@@ -2,6 +2,7 @@
 
 import io
 import re
+import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -183,9 +184,9 @@ def color_norm(values: np.ndarray) -> Normalize:
     return LogNorm(low, high) if is_wide(values) else Normalize(low, high)
 
 
-def color_bar(ax: Any, mappable: Any, label: str) -> None:
-    """Draws a colour bar with plain numbers."""
-    bar = ax.figure.colorbar(mappable, ax=ax, label=label)
+def color_bar(ax: Any, mappable: Any, label: str, cax: Any = None) -> None:
+    """Draws a colour bar with plain numbers, into Axes `cax` where they are given."""
+    bar = ax.figure.colorbar(mappable, ax=ax, cax=cax, label=label)
     if type(mappable.norm) is not Normalize:
         ticks = round_ticks(mappable.norm)
         bar.set_ticks(ticks, labels=[f"{tick:g}".replace("-", "−") for tick in ticks])
@@ -279,6 +280,13 @@ def name_case(figure: Any, ds: xr.Dataset, *, full: bool = False) -> None:
     text = case_title(ds, full=full)
     if text:
         figure.suptitle(text, fontsize=7)
+
+
+def name_status(figure: Any, code: int) -> None:
+    """Writes a status other than 0 above a figure, in red below its title."""
+    if code != Status.FINITE:
+        lines = [figure.get_suptitle(), textwrap.fill(f"status: {Status(code)}", 90)]
+        figure.suptitle("\n".join(line for line in lines if line), color=COLORS["red"], fontsize=7)
 
 
 def _number(ds: xr.Dataset, name: str) -> float | None:

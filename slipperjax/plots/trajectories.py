@@ -1,6 +1,5 @@
 """Pictures of one trajectory: histories, contact forces, phase portraits and spectra."""
 
-import textwrap
 from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
@@ -18,6 +17,7 @@ from .style import (
     legend_above,
     legends_above,
     name_case,
+    name_status,
     shown,
     styled,
     typeset,
@@ -171,11 +171,7 @@ def overview(ds: xr.Dataset, axes: Any = None) -> Any:
         period = ds["period"].values
         history(ds.isel(time=period >= period[-1] - LAST_PERIODS - 1e-9), "drive_force", axes[6, 1])
         legends_above(forces)
-        status = Status(int(ds.attrs.get("status", Status.FINITE)))
-        if status != Status.FINITE:
-            figure = axes[0, 0].figure
-            lines = [figure.get_suptitle(), textwrap.fill(f"status: {status}", 90)]
-            figure.suptitle("\n".join(line for line in lines if line), color=COLORS["red"], fontsize=7)
+        name_status(axes[0, 0].figure, int(ds.attrs.get("status", Status.FINITE)))
     return axes
 
 

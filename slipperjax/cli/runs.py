@@ -1,0 +1,96 @@
+"""The command that runs a scene over a length of rail, and says in words what a test would ask."""
+
+from typing import Any
+
+import click
+
+from .files import Outputs, keeping
+from .options import FILE, LOST, Case, app, given, result, takes_case
+
+GRAVITY = 9.80665
+"""Standard gravity [m/s^2], in which accelerations are given, too."""
+
+
+def _page(ds: Any) -> Any:
+    # imported when it draws: compiling need not wait for it
+    from ..plots.runs import run_overview
+
+    return run_overview(ds)
+
+
+@app.command()
+@result("run")
+@takes_case
+@click.argument("scene", metavar="FILE", type=FILE)
+def run(case: Case, out: Any) -> int:
+    """Run the scene of FILE over a length of rail, as its table [run] says, at a speed that may change.
+
+    FILE: a TOML file with a table [run], as in length = "5 km".
+    """
+    from ..flow.datasets import load_run
+    from ..flow.status import Status
+    from ..sweeps.runs import run as over_rail
+
+    table = load_run(click.get_current_context().params["scene"])
+    options = case.options | {name: value for name, value in table.items() if not given(name)}
+    files = Outputs(out, ".nc", ".png")
+    with keeping(lambda ds: files.write(ds, _page, partial=True)):
+        ds = over_rail(case.scene, **options, progress=True)
+    print(files.write(ds, _page))
+    print(f"{case.text()}\n{report(ds, case.scene)}")
+    return LOST if int(ds["status"]) == Status.NOT_FINITE else 0
+
+
+def report(ds: Any, scene: Any) -> str:
+    """A run in words, a line for each answer; what is not known is left out."""
+    import numpy as np
+
+    from ..flow.status import Status
+    from ..model.quantities import ACCELERATIONS, LOADS
+    from ..plots.runs import peak_of
+
+    speed, seconds = ds["speed"].values, float(ds["seconds"][-1])
+    edges = np.append(float(ds["distance"][0]) - ds.attrs["window [m]"], ds["stretch"].values)
+    lines = [f"{edges[0]:g} to {edges[-1]:g} m in {seconds:.4g} s, speed {_ends(speed)} m/s"]
+    q, at, status = LOADS["peak_force"], peak_of(ds), Status(int(ds["status"]))
+    in_words = lambda newtons: f"{q.shown(newtons):.4g} {q.display_unit}"
+    if (peak := float(at["peak_force"])) > 0:
+        place, there = float(at["peak_distance"]), float(at["speed"])
+        where = f"{at['name'].item()} ({at['end'].item()}), {place:.6g} m and {there:.4g} m/s"
+        static = static_load(scene, there)
+        times = f": {peak / static:.3g} times the static load of {in_words(static)}" if static > 0 else ""
+        lines.append(f"highest contact force {in_words(peak)} at {where}{times}")
+    if status != Status.NOT_FINITE:
+        impacts = float(ds["impacts"].sum())
+        lines.append(f"{impacts:.0f} impacts, {impacts / seconds:.4g} per second")
+        most = [(f"{name} ", float(ds[f"peak_{name}"].max()), q.unit) for name, q in ACCELERATIONS.items()]
+        lines.append(f"greatest accelerations: {', '.join(name + _with_g(*value) for name, *value in most)}")
+        if "friction_work" in ds:
+            lines.append(f"friction work {float(ds['friction_work'].sum()) / 1e3:.4g} kJ")
+        percentile, rms = ds["peak_force_percentile"].sel(percentile=99).values, ds["rms_a_z"].values
+        for values, words, in_unit in (
+            (percentile, "99th percentile of the windows' highest forces", in_words),
+            (rms, "RMS of a_z", lambda value: _with_g(value, "m/s^2")),
+        ):
+            k = int(np.argmax(values))
+            lines.append(f"worst {words}: {in_unit(values[k])} from {edges[k]:g} to {edges[k + 1]:g} m")
+    return "\n".join([*lines, f"status: {status}"])
+
+
+def _ends(values: Any) -> str:
+    low, high = f"{values.min():.4g}", f"{values.max():.4g}"
+    return low if low == high else f"{low} to {high}"
+
+
+def _with_g(value: float, unit: str) -> str:
+    """An acceleration, a linear one in multiples of standard gravity, too."""
+    return f"{value:.4g} {unit}" + (f" ({value / GRAVITY:.3g} g)" if unit == "m/s^2" else "")
+
+
+def static_load(scene: Any, speed: float) -> float:
+    """Resultant across the rail of weight and load at a speed [N]."""
+    import numpy as np
+
+    _, y, z = (0.0, 0.0, 0.0) if scene.load is None else map(float, scene.load.wrench(speed)[0])
+    weight = 0.0 if scene.gravity is None else float(scene.slipper.mass * scene.gravity)
+    return float(np.hypot(y, z - weight))

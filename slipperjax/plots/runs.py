@@ -1,0 +1,182 @@
+"""Pictures of runs over a length of rail: rail, speed, forces, impacts and spectra over distance."""
+
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import xarray as xr
+from matplotlib.ticker import NullLocator
+
+from ..flow.datasets import load_scene
+from ..model.quantities import quantity
+from ..model.scene import Scene, check_scene
+from ..tools.checks import require
+from .style import (
+    COLORS,
+    axis_label,
+    check_dataset,
+    color_bar,
+    color_norm,
+    legends_above,
+    line_color,
+    name_case,
+    name_status,
+    styled,
+)
+
+RUN_SOURCE = "one run, such as sj.run(scene, length=1000.0)"
+"""Kind of the datasets drawn here, for errors."""
+COLUMNS, PER_COLUMN = 1024, 64
+"""Columns in which a rail is drawn, and its places in each, of which the lowest and the highest are drawn."""
+HALF = 10 ** (1 / 20)
+"""Ratio of a third octave's upper end to its middle."""
+TICKS = [digit * 10.0**power for power in range(1, 5) for digit in (1, 2, 5)]
+"""Frequencies that are written beside spectra [Hz]."""
+
+
+def run_overview(ds: xr.Dataset, scene: Scene | None = None, axes: Any = None) -> Any:
+    """Draws a run on one page, over the distance travelled: rail, speed and time, contact forces, impacts, spectra.
+
+    What the dataset lacks is left out. Forces are the highest of all points in each window, with their percentiles in
+    each stretch of windows, and a dot at the highest of all; impacts are those of all points at the front and at the
+    rear. Spectra are root mean squares of the vertical acceleration in third octaves; those that are finer than a
+    stretch resolves, or beyond half of the sampling frequency, are blank.
+
+    **Arguments:** `ds`: of `run`, without a grid or one case of it; `scene`: whose rail is drawn, default that of the
+    dataset; `axes`: one for each panel; default those of a new figure, with the case as its title.
+
+    **Returns:** the Axes, an array.
+    """
+    check_dataset(ds, RUN_SOURCE, "distance", "seconds", "status")
+    dims = ds["status"].dims
+    require(not dims, "ds", "be of one run, as is ds.isel(...)", shown=f"over {', '.join(map(str, dims))}")
+    if scene is None and "scene" in ds.attrs:
+        scene = load_scene(ds)
+    panels: list[Any] = [] if scene is None else [lambda ax, ds: _rail(ax, ds, check_scene(scene))]
+    needs = {_speed: "seconds", _forces: "peak_force", _impacts: "impact_rate", _spectra: "band_a_z"}
+    panels += [draw for draw, name in needs.items() if name in ds]
+    with styled():
+        if axes is None:
+            size = (7.2, 1.5 * len(panels) + 0.5)
+            figure, axes = plt.subplots(len(panels), 1, figsize=size, sharex=True, layout="constrained")
+            name_case(figure, ds.drop_vars(_speed_name(ds)), full=True)
+        axes = np.ravel(axes)
+        figure = axes[0].figure
+        entries = [(ax, draw(ax, ds)) for ax, draw in zip(axes, panels, strict=True)]
+        for ax in axes:
+            ax.set_xlim(_edges(ds, "distance")[[0, -1]])
+            ax.label_outer(remove_inner_ticks=False)
+        axes[-1].set_xlabel("distance [m]")
+        figure.align_ylabels(axes)
+        name_status(figure, int(ds["status"]))
+        legends_above([*entries, *((ax, []) for ax in figure.axes if ax not in axes)])
+    return axes
+
+
+def _edges(ds: xr.Dataset, along: str) -> np.ndarray:
+    """Gives the distances between windows or stretches [m], and those of both ends."""
+    ends = ds[along].values
+    return np.append(ds["distance"].values[0] - ds.attrs["window [m]"], ends)
+
+
+def _speed_name(ds: xr.Dataset) -> str:
+    """Gives the name of the speed along a run, which is another one where the speed was varied."""
+    return "speed_along" if "speed_along" in ds.coords else "speed"
+
+
+def _rail(ax: Any, ds: xr.Dataset, scene: Scene) -> list[Any]:
+    begin, end = _edges(ds, "distance")[[0, -1]]
+    count = COLUMNS * PER_COLUMN
+    places = begin + (end - begin) * (np.arange(count) + 0.5) / count
+    here = scene.track.irregularity(places + 0 * scene.track.wavelength)
+    middles = np.repeat(places.reshape(COLUMNS, -1).mean(axis=1), 2)
+    for name, color in (("lateral", "blue"), ("vertical", "red")):
+        height = 1e3 * np.broadcast_to(np.asarray(getattr(here, name)), places.shape).reshape(COLUMNS, -1)
+        ends = np.stack([height.min(axis=1), height.max(axis=1)], axis=1)
+        ax.plot(middles, ends.ravel(), lw=0.6, color=COLORS[color], alpha=0.8, label=name)
+    ax.set_ylabel("rail [mm]")
+    return ax.get_legend_handles_labels()[0]
+
+
+def _speed(ax: Any, ds: xr.Dataset) -> list[Any]:
+    edges, speed = _edges(ds, "distance"), ds[_speed_name(ds)].values
+    places = np.concatenate([edges[:1], (edges[1:] + edges[:-1]) / 2, edges[-1:]])
+    ax.plot(places, np.pad(speed, 1, "edge"), lw=0.9, color=COLORS["blue"], label="speed")
+    ax.set_ylabel(axis_label("speed"))
+    beside = ax.twinx()
+    beside.plot(edges, np.append(0.0, ds["seconds"].values), lw=0.9, color=COLORS["orange"], label="time")
+    beside.set_ylabel("time [s]")
+    beside.grid(visible=False)
+    _from_zero(ax, beside)
+    return [*ax.lines, *beside.lines]
+
+
+def _forces(ax: Any, ds: xr.Dataset) -> list[Any]:
+    force = quantity("peak_force")
+    _steps(ax, ds, "distance", ds["peak_force"].max(("end", "point")), force, "each window", COLORS["grey"])
+    for k, percent in enumerate(ds["percentile"].values):
+        label = f"{percent:g} % of a stretch"
+        _steps(ax, ds, "stretch", ds["peak_force_percentile"].isel(percentile=k), force, label, line_color(k))
+    peak = peak_of(ds)
+    high, place = force.shown(float(peak["peak_force"])), float(peak["peak_distance"])
+    if high > 0:
+        label = f"{high:.3g} {force.display_unit} at {peak['name'].item()}, {place:.5g} m"
+        ax.plot(place, high, "o", ms=3.5, mew=0, color=COLORS["red"], label=label)
+    ax.set_ylabel(axis_label("contact_force"))
+    _from_zero(ax)
+    return ax.get_legend_handles_labels()[0]
+
+
+def peak_of(ds: xr.Dataset) -> xr.Dataset:
+    """Gives what a run's dataset holds of the window and the point with the highest contact force.
+
+    The point's `name` is its letter, and 1 at the front or 2 at the rear; the force is NaN where none is known.
+    """
+    force = ds["peak_force"].transpose("distance", "end", "point")
+    k, end, point = np.unravel_index(np.argmax(force.fillna(-np.inf).values), force.shape)
+    at = ds.isel(distance=k, end=end, point=point)
+    return at.assign(name=f"{at['point'].item()}{end + 1}", peak_distance=at.get("peak_distance", at["distance"]))
+
+
+def _impacts(ax: Any, ds: xr.Dataset) -> list[Any]:
+    for end, color in zip(ds["end"].values, ("blue", "red"), strict=True):
+        rate = ds["impact_rate"].sel(end=end).sum("point", skipna=False)
+        _steps(ax, ds, "stretch", rate, None, str(end), COLORS[color])
+    ax.set_ylabel("impacts [1/s]")
+    _from_zero(ax)
+    return ax.get_legend_handles_labels()[0]
+
+
+def _spectra(ax: Any, ds: xr.Dataset) -> list[Any]:
+    values = ds["band_a_z"].transpose("band", "stretch").values
+    known = np.flatnonzero(np.isfinite(values).any(axis=1))
+    ax.set_ylabel("third octaves\nof $A_Z$ [Hz]")
+    ax.grid(visible=False)
+    if not len(known):
+        ax.set_yticks([])
+        at = dict(transform=ax.transAxes, ha="center", va="center", fontsize=7)
+        ax.text(0.5, 0.5, "no band is resolved: windows are too few or too long", **at)
+        return []
+    rows = slice(known[0], known[-1] + 1)
+    bands = ds["band"].values[rows]
+    edges = np.append(bands / HALF, bands[-1] * HALF)
+    mesh = ax.pcolormesh(_edges(ds, "stretch"), edges, values[rows], norm=color_norm(values), rasterized=True)
+    ticks = [tick for tick in TICKS if edges[0] <= tick <= edges[-1]]
+    ax.set(yscale="log", ylim=edges[[0, -1]])
+    ax.set_yticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+    ax.yaxis.set_minor_locator(NullLocator())
+    color_bar(ax, mesh, "RMS [m/s$^{2}$]", cax=ax.inset_axes([1.015, 0, 0.015, 1]))
+    return []
+
+
+def _steps(ax: Any, ds: xr.Dataset, along: str, values: xr.DataArray, q: Any, label: str, color: str) -> None:
+    """Draws a number of each window or stretch, in the display unit of a quantity."""
+    heights = values.values if q is None else q.shown(values.values)
+    width = 0.5 if along == "distance" else 0.9
+    ax.stairs(heights, _edges(ds, along), baseline=None, lw=width, color=color, label=label)
+
+
+def _from_zero(*axes: Any) -> None:
+    for ax in axes:
+        top = ax.dataLim.ymax
+        ax.set_ylim(0, 1.1 * top if 0 < top < np.inf else 1.0)

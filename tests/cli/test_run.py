@@ -1,0 +1,193 @@
+"""The command `run`: what it reads, computes, writes and prints."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import slipperjax as sj
+from slipperjax.cli.runs import report, static_load
+from slipperjax.model.surveys import SurveyedTrack
+from slipperjax.plots.runs import peak_of
+
+from .commands import call, dataset, error_of, names, picture
+
+FILE = """base = "paper"
+gravity = "9.81 m/s^2"
+
+[speed]
+start = "300 m/s"
+stages = [{ acceleration = "200 m/s^2", speed = "400 m/s" }]
+
+[load]
+type = "AppliedLoad"
+force = { values = [0, 0, -500], unit = "N" }
+force_by_square = { values = [-0.02, 0, 0.004], unit = "N s^2/m^2" }
+
+[friction]
+type = "Coulomb"
+coefficient = 0.1
+
+[run]
+length = "0.08 km"
+window = "8 m"
+steps_per_period = 60
+"""
+DOCS = (Path(__file__).parents[2] / "docs" / "runs.md").read_text()
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "sled.toml"
+    path.write_text(FILE)
+    return path
+
+
+def numbers(text, pattern):
+    """Gives the numbers that stand where a pattern has (..)."""
+    found = re.search(pattern.replace("(..)", r"([-+.\de]+)"), text)
+    assert found, text
+    return [float(group) for group in found.groups()]
+
+
+def test_a_run_is_written_drawn_and_told(file, tmp_path, capsys):
+    text, error = call(["run", file, "--mass", 15, "--out", f"{tmp_path / 'sled'}.nc"], capsys)
+    ds = dataset(tmp_path / "sled")
+    assert text.startswith(f"wrote {tmp_path / 'sled'}.nc and {tmp_path / 'sled'}.png\n")
+    assert "1 of 1 cases" in error
+    assert ds["distance"].values.tolist() == [8.0 * k for k in range(1, 11)]
+    assert ds["steps_per_window"].values.tolist() == [60]
+    scene = sj.load_scene(ds)
+    assert float(scene.slipper.mass) == 15.0
+    picture(tmp_path / "sled", 7.2, 8.0)
+
+    duration = float(ds["seconds"][-1])
+    assert numbers(text, r"\n0 to 80 m in (..) s, speed (..) to (..) m/s\n") == pytest.approx(
+        [duration, float(ds["speed"][0]), float(ds["speed"][-1])], rel=1e-3
+    )
+    at = peak_of(ds)
+    peak, there = float(at["peak_force"]), float(at["speed"])
+    assert peak == float(ds["peak_force"].max())
+    static = abs(15 * 9.81 + 500 - 0.004 * there**2)
+    assert f"kN at {at['name'].item()} ({at['end'].item()}), {float(at['peak_distance']):.6g} m" in text
+    high, speed, times, load = numbers(
+        text, "force (..) kN at .* and (..) m/s: (..) times the static load of (..) kN"
+    )
+    assert [1e3 * high, speed, 1e3 * load] == pytest.approx([peak, there, static], rel=1e-3)
+    assert times == pytest.approx(peak / static, rel=1e-2)
+    impacts = float(ds["impacts"].sum())
+    assert impacts > 100
+    assert numbers(text, "(..) impacts, (..) per second") == pytest.approx([impacts, impacts / duration], rel=1e-3)
+    most = float(ds["peak_a_z"].max())
+    assert numbers(text, r"a_z (..) m/s\^2 \((..) g\), alpha_x (..) rad/s\^2,") == pytest.approx(
+        [most, most / 9.80665, float(ds["peak_alpha_x"].max())], rel=1e-2
+    )
+    assert numbers(text, "friction work (..) kJ") == pytest.approx([float(ds["friction_work"].sum()) / 1e3], rel=1e-3)
+    worst = float(ds["peak_force_percentile"].sel(percentile=99).max()) / 1e3
+    assert numbers(text, "highest forces: (..) kN from 0 to 80 m") == pytest.approx([worst], rel=1e-3)
+    rms = float(ds["rms_a_z"].max())
+    assert numbers(text, r"RMS of a_z: (..) m/s\^2 \((..) g\) from 0 to 80 m") == pytest.approx(
+        [rms, rms / 9.80665], rel=1e-2
+    )
+    assert text.endswith("status: finite\n")
+
+    assert {name for name in ds.variables if f"`{name}`" not in DOCS} == set()
+
+    # in Python the same, and other commands read such a file
+    again = sj.run(sj.load_scene(file).replace(mass=15.0), start=sj.load_start(file), **sj.load_run(file))
+    np.testing.assert_array_equal(again["peak_force"].values, ds["peak_force"].values)
+    assert sj.load_run(file) == dict(length=80.0, window=8.0, steps_per_period=60)
+
+    # what is not known is left out, and the worst stretch is found
+    lost = ds.assign(status=((), 1), peak_force=np.nan * ds["peak_force"])
+    assert report(lost, scene).splitlines()[1:] == [f"status: {sj.Status(1)}"]
+
+
+def test_options_come_before_the_table(file, tmp_path, capsys, replaced):
+    over_rail = replaced("sweeps.runs.run", side_effect=ValueError("seen"))
+    words = ["run", file, "--out", tmp_path / "run"]
+    assert error_of(words, capsys) == "error: seen\n"
+    options = over_rail.call_args[1]
+    assert {name: options[name] for name in ("length", "window", "steps_per_period", "start")} == dict(
+        length=80.0, window=8.0, steps_per_period=60, start=None
+    )
+    assert isinstance(options["solver"], sj.ImpulseRK4)
+    file.write_text(f'{FILE}solver = "Rodas4"\nbegin = "10 m"\n[start]\nv_y = "1 m/s"\n')
+    error_of([*words, "--steps-per-period", 70], capsys)
+    options = over_rail.call_args[1]
+    assert (options["solver"], options["begin"], options["steps_per_period"]) == ("Rodas4", 10.0, 70)
+    assert options["start"].v_y == 1.0
+    rail = tmp_path / "rail.csv"
+    rail.write_text("chainage [m],lateral [mm],vertical [mm]\n" + "".join(f"{k / 4},0,0\n" for k in range(400)))
+    error_of([*words, "--solver", "RK4", "--rail", rail], capsys)
+    (scene,), options = over_rail.call_args
+    assert isinstance(options["solver"], sj.RK4)
+    assert isinstance(scene.track, SurveyedTrack)
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ("", "must be a TOML file with a table [run], but is"),
+        ("run = 5", "sled.toml, line 2: `run` must be a table, [run], but is 5."),
+        ("[run]", "sled.toml, line 2: `length` is missing."),
+        ("[run]\nlength = 5", 'sled.toml, line 3: `length` must be a number with a unit, as in "1.5 m", but is 5.'),
+        ('[run]\nlength = "5 kg"', "sled.toml, line 3: `length` must be in a unit like m, but is in 'kg'"),
+        ('[run]\nlength = ["5 m"]', "sled.toml, line 3: Argument `length` must be one number, but is [5.0]."),
+        (
+            '[run]\nlength = "5 m"\nwindow = "0 m"',
+            "sled.toml, line 4: Argument `window` must be positive, but is 0 m",
+        ),
+        ('[run]\nlength = "5 m"\nbegin = "-1 m"', "sled.toml, line 4: Argument `begin` must be zero or positive"),
+        ('[run]\nlenght = "5 m"', "sled.toml, line 3: `lenght` is none of length, begin, window, steps_per_period"),
+        ('[run]\nlength = "5 m"\nsteps_per_period = 0.5', "sled.toml, line 4: Argument `steps_per_period` must be a"),
+        ('[run]\nlength = "5 m"\nsolver = "foo"', "Argument `solver` must be one of RK4,"),
+    ],
+)
+def test_errors_are_one_line(table, words, tmp_path, capsys):
+    file = tmp_path / "sled.toml"
+    file.write_text(f'base = "paper"\n{table}\n')
+    assert words in error_of(["run", file, "--out", tmp_path / "run"], capsys)
+    assert names(tmp_path) == ["sled.toml"]
+
+
+def test_the_documented_file_is_read(tmp_path):
+    file = tmp_path / "sled.toml"
+    file.write_text(DOCS.split("```toml\n")[1].split("```")[0])
+    assert sj.load_run(file) == dict(length=5000.0, window=1.0)
+    scene = sj.load_scene(file)
+    assert float(scene.speed.distance[-1]) > 5000.0
+    assert static_load(scene, 900.0) == pytest.approx(14 * 9.81 + 800 - 324)
+
+
+def test_an_interrupted_run_writes_nothing(file, tmp_path, capsys, replaced):
+    replaced("sweeps.runs.run", side_effect=sj.Interrupted(None, 0, 1))
+    _, error = call(["run", file, "--out", tmp_path / "run"], capsys, 130)
+    assert error == "no of 1 cases were finished: nothing is written\ninterrupted\n"
+    assert names(tmp_path) == ["sled.toml"]
+
+
+def test_the_static_load_is_across_the_rail():
+    scene = sj.paper_scene()
+    assert static_load(scene, 300.0) == 0.0
+    assert static_load(scene.replace(gravity=10.0), 300.0) == pytest.approx(140.0)
+
+
+def test_the_worst_stretch_is_named():
+    over = ("distance", "end", "point")
+    ends = 50.0 + 1.0 + np.arange(250)
+    data = {f"peak_{name}": ("distance", np.ones(250)) for name in ("a_y", "a_z", "alpha_x", "alpha_y", "alpha_z")}
+    data |= {"peak_force": (over, np.ones((250, 2, 1))), "impacts": (over, np.ones((250, 2, 1))), "status": ((), 0)}
+    data["rms_a_z"] = ("stretch", [1.0, 2.0, 9.80665])
+    data["peak_force_percentile"] = (("stretch", "percentile"), [[1e3], [4e3], [2e3]])
+    coords = {"distance": ends, "stretch": [150.0, 250.0, 300.0], "percentile": [99.0], "end": ["front", "rear"]}
+    coords |= {"point": ["A"], "speed": ("distance", 0 * ends + 25), "seconds": ("distance", (ends - 50) / 25)}
+    text = report(xr.Dataset(data, coords, {"window [m]": 1.0}), sj.paper_scene())
+    assert "50 to 300 m in 10 s, speed 25 m/s\n" in text
+    assert "highest contact force 0.001 kN at A1 (front), 51 m and 25 m/s\n" in text
+    assert "\n500 impacts, 50 per second\n" in text
+    assert "highest forces: 4 kN from 150 to 250 m\n" in text
+    assert "RMS of a_z: 9.807 m/s^2 (1 g) from 250 to 300 m\n" in text
+    assert "friction" not in text

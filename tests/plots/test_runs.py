@@ -1,0 +1,111 @@
+"""The page of a run, from a dataset made by hand."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.colors import to_hex
+
+import slipperjax as sj
+from slipperjax import plots
+from slipperjax.plots.runs import peak_of
+
+from .shown import check_legend_fits, drawn, legend, marked
+
+BEGIN, WINDOWS, ENDS = 100.0, 250, [200.0, 300.0, 350.0]
+"""Where the run begins [m], how many windows of 1 m it has, and the ends of its stretches [m]."""
+BANDS = [31.6, 39.8, 50.1, 63.1]
+
+
+def made(status=0, bands=True):
+    """Gives a run at 100 m/s, in which the force of point C at the rear is 5 kN at 222.5 m, and others are 1 kN."""
+    over = ("distance", "end", "point")
+    force, place = np.full((WINDOWS, 2, 3), 1e3), np.full((WINDOWS, 2, 3), 222.0)
+    force[122, 1, 2], place[122, 1, 2] = 5e3, 222.5
+    ends = BEGIN + 1.0 + np.arange(WINDOWS)
+    band = np.full((3, 4), np.nan)
+    if bands:
+        band[:, 1:3] = [[1.0, 2.0], [3.0, 40.0], [np.nan, 6.0]]
+    data = {
+        "peak_force": (over, force),
+        "peak_distance": (over, place),
+        "peak_force_percentile": (("stretch", "percentile"), 1e3 * np.arange(9.0).reshape(3, 3)),
+        "impact_rate": (("stretch", "end", "point"), np.arange(18.0).reshape(3, 2, 3)),
+        "band_a_z": (("stretch", "band"), band),
+        "status": ((), status),
+    }
+    coords = {"distance": ends, "stretch": ENDS, "band": BANDS, "percentile": [50.0, 90.0, 99.0]}
+    coords |= {"end": ["front", "rear"], "point": ["A", "B", "C"]}
+    coords |= {"speed": ("distance", np.full(WINDOWS, 100.0)), "seconds": ("distance", (ends - BEGIN) / 100)}
+    return xr.Dataset(data, coords, {"window [m]": 1.0, "speed [m/s]": 100.0})
+
+
+def heights(ax):
+    """Gives numbers and edges of each line of steps."""
+    return [patch.get_data()[:2] for patch in ax.patches]
+
+
+def test_a_run_is_drawn_over_one_distance():
+    axes = plots.run_overview(made(), sj.paper_scene())
+    rail, speed, force, impacts, spectra = axes
+    assert [ax.get_xlim() for ax in axes] == [(100.0, 350.0)] * 5
+    assert [ax.get_xlabel() for ax in axes] == [""] * 4 + ["distance [m]"]
+    wanted = [
+        "rail [mm]",
+        "speed $V$ [m/s]",
+        "contact force $F$ [kN]",
+        "impacts [1/s]",
+        "third octaves\nof $A_Z$ [Hz]",
+    ]
+    assert [ax.get_ylabel() for ax in axes] == wanted
+    assert rail.figure.get_suptitle() == "$V$ = 100 m/s"
+    vertical = next(line for line in rail.lines if line.get_label() == "vertical")
+    assert np.ptp(drawn(vertical)[:, 1]) == pytest.approx(2.0, rel=1e-3)  # of 1 mm amplitude
+    beside = next(ax for ax in rail.figure.axes if ax.get_ylabel() == "time [s]")
+    assert drawn(speed.lines[0])[[0, -1]].tolist() == [[100.0, 100.0], [350.0, 100.0]]
+    assert drawn(beside.lines[0])[[0, -1]] == pytest.approx(np.array([[100.0, 0.0], [350.0, 2.5]]))
+    (highest, edges), *percentiles = heights(force)
+    assert (len(highest), edges[0], edges[-1]) == (WINDOWS, 100.0, 350.0)
+    assert (highest[122], np.sum(highest == 1.0)) == (5.0, WINDOWS - 1)
+    assert [values.tolist() for values, _ in percentiles] == [[0, 3, 6], [1, 4, 7], [2, 5, 8]]
+    assert all(edges.tolist() == [100.0, *ENDS] for _, edges in percentiles)
+    assert drawn(marked(force, "o")[0]).tolist() == [[222.5, 5.0]]
+    assert legend(force) == [
+        *("each window", "50 % of a stretch", "90 % of a stretch", "99 % of a stretch"),
+        "5 kN at C2, 222.5 m",
+    ]
+    assert [values.tolist() for values, _ in heights(impacts)] == [[3, 21, 39], [12, 30, 48]]
+    (mesh,) = spectra.collections
+    np.testing.assert_array_equal(mesh.get_array(), np.ma.masked_invalid([[1, 3, np.nan], [2, 40, 6]]))
+    assert spectra.get_ylim() == pytest.approx((39.8 / 10**0.05, 50.1 * 10**0.05))
+    for ax in (rail, force, impacts):
+        check_legend_fits(ax)
+    assert len({(ax.get_position().x0, ax.get_position().x1) for ax in axes}) == 1
+
+
+def test_what_a_run_lacks_is_left_out():
+    axes = plots.run_overview(made().drop_vars(["band_a_z", "impact_rate"]))
+    assert [ax.get_ylabel() for ax in axes] == ["speed $V$ [m/s]", "contact force $F$ [kN]"]
+    assert axes[-1].get_xlabel() == "distance [m]"
+    spectra = plots.run_overview(made(bands=False))[-1]
+    assert not len(spectra.collections)
+    assert [text.get_text() for text in spectra.texts] == ["no band is resolved: windows are too few or too long"]
+    assert peak_of(made().drop_vars("peak_distance"))["peak_distance"] == 223.0
+    lost = made()
+    lost["peak_force"] = np.nan * lost["peak_force"]
+    force = plots.run_overview(lost)[1]
+    assert not marked(force, "o")
+    assert np.isnan(peak_of(lost)["peak_force"])
+
+
+def test_a_run_s_status_and_its_varied_speed():
+    ds = made(status=2).rename(speed="speed_along").assign_coords(speed=100.0)
+    title = plots.run_overview(ds)[0].figure._suptitle
+    assert title.get_text().startswith("$V$ = 100 m/s\nstatus: derailed")
+    assert to_hex(title.get_color()) == plots.COLORS["red"]
+
+
+def test_a_run_is_one():
+    with pytest.raises(ValueError, match=r"`ds` must be of one run, .*, but is over track\.seed"):
+        plots.run_overview(made().assign(status=("track.seed", [0, 0])))
+    with pytest.raises(ValueError, match="`ds` must be a dataset of one run, such as"):
+        plots.run_overview(made().drop_vars("seconds"))
