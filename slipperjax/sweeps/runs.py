@@ -15,7 +15,7 @@ from jaxtyping import Int
 
 from ..flow.datasets import load_base, run_attributes, scene_attributes
 from ..flow.period_map import advance, initial_states
-from ..flow.record import AbstractRecord, RecordedSpan, RecordSet, Samples
+from ..flow.record import AbstractRecord, RecordedSpan, RecordSet
 from ..flow.records import AbstractNumber
 from ..flow.simulate import Trajectory, first_of
 from ..flow.status import MEANINGS, first_problem
@@ -133,7 +133,7 @@ def run(
     def work(part: ChunkInputs) -> ChunkRun:
         scenes = _windowed(part.scenes, window)
         states = initial_states(scenes, part.starts, epoch)
-        return _run_windows(plan, scenes, states, profile_of[part.steps], epoch, part.on_progress, worn)
+        return _run_windows(plan, scenes, states, profile_of[part.steps], epoch, part.on_progress, worn, part.cases)
 
     done = run_cases(plan, work, cost=1.0, chunk=chunk, workers=workers, progress=progress)
     frame = _Frame(begin, window, windows, only)
@@ -316,14 +316,18 @@ def _run_windows(
     epoch: float,
     on_progress: Any,
     worn: np.ndarray | None,
+    cases: int,
 ) -> ChunkRun:
     """Runs a chunk of cases stretch by stretch; after each the play is opened by what has been `worn` [m] before and
     since."""
     scene, unworn = plan.cases.scene, scenes
-    work = np.zeros((len(states.motion.y), len(scene.section.faces)))
-    heat = PerWindow(FRICTION_WORK)
-    records, windows, status = plan.records, plan.recorded.periods, np.zeros(len(states.motion.y), int)
-    samples, most = Samples(records, windows), int(profile.max())
+    lanes, heat = len(states.motion.y), PerWindow(FRICTION_WORK)
+    work, status = np.zeros((lanes, len(scene.section.faces))), np.zeros(lanes, int)
+    records, windows = plan.records, plan.recorded.periods
+    most, stretches, nothing = int(profile.max()), len(profile), (None,) * len(records.records)
+    # filled stretch by stretch, so that nothing but the result grows with the distance
+    rows_of = [windows if getattr(r, "windows", STRETCH) == 1 else stretches for r in records.records]
+    arrays: list[np.ndarray] = []
     total = float(profile.sum())
     for k, steps in enumerate(profile.tolist()):
         on_progress(0.0)
@@ -339,13 +343,17 @@ def _run_windows(
         passed = advance(scenes, states, epoch + k * STRETCH, stepping, used=jnp.asarray(float(used)), **options)
         states = passed.state
         status = first_problem(status, passed.status)
-        kept = jax.tree.map(lambda a, n=used: np.asarray(a)[:, :n], passed.samples)
-        samples.add(records, kept)
+        kept = jax.tree.map(lambda a, n=used: np.asarray(a)[:cases, :n], passed.samples)
+        made = records.finish(nothing, kept, RecordedSpan(used, steps, epoch + k * STRETCH, status))
+        if not arrays:
+            arrays = [np.empty((cases, rows, *a.shape[2:])) for a, rows in zip(made, rows_of, strict=True)]
+        for array, rows, part in zip(arrays, rows_of, made, strict=True):
+            at = k if rows == stretches else k * STRETCH
+            array[:, at : at + part.shape[1]] = part
         if worn is not None and heat in records.records:
-            work = work + _work_of_faces(scene, kept[records.records.index(heat)])
+            work += _work_of_faces(scene, np.asarray(passed.samples[records.records.index(heat)])[:, :used])
         on_progress(steps / total)
-    span = RecordedSpan(windows, most, epoch, status)
-    return ChunkRun(states, status, records.finish((None,) * len(records.records), samples.joined(), span))
+    return ChunkRun(states, status, tuple(arrays))
 
 
 def _dataset(

@@ -1,0 +1,74 @@
+"""What runs cost: beside sweeps of forcing periods, over 5 km for one and for 200 rails, and their memory.
+
+pytest -m benchmark -s tests/benchmarks/test_runs.py
+"""
+
+import dataclasses
+import statistics
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import slipperjax as sj
+
+FAST = sj.SpeedProgramme.stages([sj.Stage(200.0, speed=900.0), sj.Stage(-160.0, speed=100.0)], start=50.0)
+RAIL = dataclasses.replace(sj.paper_scene(), track=sj.RandomTrack.sled(length=5100.0), gravity=9.81)
+MEMORY = """
+import dataclasses, re, sys, slipperjax as sj
+length = float(sys.argv[1])
+scene = dataclasses.replace(sj.paper_scene(900.0), track=sj.RandomTrack.sled(length=5100.0, ends="repeat"))
+ds = sj.run(scene, length=length)
+# not that of getrusage, which a process inherits
+print(int(re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read())[1]) / 1024, int(ds["status"]))
+"""
+
+
+def seconds(call, repeats=5):
+    """Median time of a call [s], the first one, which compiles, left out."""
+    times = []
+    for _ in range(repeats + 1):
+        begin = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - begin)
+    return statistics.median(times[1:])
+
+
+@pytest.mark.benchmark
+def test_runs_beside_sweeps():
+    grid, options = {"restitution": np.linspace(0.85, 0.95, 128)}, dict(steps_per_period=80, record="peak_force")
+    of_sweep = lambda: sj.sweep(sj.paper_scene(), grid, transient=0, periods=100, **options)
+    of_run = lambda window: sj.run(sj.paper_scene(), grid, length=800.0, window=window, **options)
+    base = seconds(of_sweep)
+    print(f"\n128 cases over 800 m, 80 steps per 8 m: sweep {base:.2f} s")
+    for window in (8.0, 1.0):
+        print(f"run with windows of {window:g} m: {seconds(lambda w=window: of_run(w)) / base:.2f} of that")
+    default = seconds(lambda: sj.run(sj.paper_scene(), grid, length=800.0, steps_per_period=80))
+    print(f"with all records of a run, windows of 1 m: {default / base:.2f}")
+
+
+@pytest.mark.benchmark
+def test_five_kilometres():
+    for parts in ({}, dict(friction=sj.Coulomb(0.1)), dict(sled=sj.SledMass(100.0, [2e6, 8e6], [2e3, 8e3]))):
+        scene = dataclasses.replace(RAIL, **parts)
+        one = seconds(lambda scene=scene: sj.run(scene, length=5000.0, speed=FAST), 3)
+        print(f"\n5 km, {'plain' if not parts else next(iter(parts))}: one run {one:.2f} s")
+    grid = {"track.seed": np.arange(200.0)}
+    begin = time.perf_counter()
+    ds = sj.run(RAIL, grid, length=5000.0, speed=FAST)
+    print(f"200 rails: {time.perf_counter() - begin:.1f} s with compiling, {ds.nbytes / 2**20:.0f} MB")
+    print(f"again: {seconds(lambda: sj.run(RAIL, grid, length=5000.0, speed=FAST), 1):.1f} s")
+
+
+@pytest.mark.benchmark
+def test_memory_over_the_distance():
+    peaks = {}
+    for length in (5e3, 50e3):
+        done = subprocess.run([sys.executable, "-c", MEMORY, str(length)], check=True, capture_output=True, text=True)
+        peaks[length] = float(done.stdout.split()[0])
+    print(
+        f"\npeak memory of one run: {peaks[5e3]:.0f} MB over 5 km, {peaks[50e3]:.0f} over 50 km, "
+        f"{peaks[50e3] / peaks[5e3]:.2f}"
+    )
