@@ -25,6 +25,7 @@ from ..flow.windows import (
     FRICTION_WORK,
     PEAKS,
     PER_STRETCH,
+    SPRING_FORCE,
     STRETCH,
     WINDOW_RECORDS,
     Marks,
@@ -104,10 +105,11 @@ def run(
     **Returns:** an `xarray.Dataset` over the grid and `distance`, the travel at the end of each window [m], with
     `speed` [m/s] in its middle and `seconds` at its end as coordinates. By default `peak_force` [N] of each point,
     `peak_distance` where it was [m], `contact_fraction`, `impacts`, the number of touchdowns, `impulse` [N s],
-    `drive_force` [N], `friction_work` [J] with friction, and `peak_a_y` and the others, the greatest accelerations.
-    Over `stretch`, the travel at the end of each `STRETCH` windows: `rms_a_y` and others, `band_a_y` and `band_a_z`,
-    root mean squares in third octaves [m/s^2], `impact_rate` [1/s], `peak_force_percentile` of the windows' highest
-    forces, and `state`, from which a run goes on. `status` of each run is 0 where nothing is wrong.
+    `drive_force` [N], and `peak_a_y` and the others, the greatest accelerations; with friction `friction_work` [J],
+    and with a sled `spring_force` [N]. Over `stretch`, the travel at the end of each `STRETCH` windows: `rms_a_y` and
+    others, `band_a_y` and `band_a_z`, root mean squares in third octaves [m/s^2], `impact_rate` [1/s],
+    `peak_force_percentile` of the windows' highest forces, `state`, from which a run goes on, and with wear `play`
+    [m]. `status` of each run is 0 where nothing is wrong.
 
     **Raises:** `ValueError`, before anything is compiled, that names the argument which is wrong; `Interrupted`,
     which has the finished runs, after Ctrl-C.
@@ -203,6 +205,8 @@ def _records(scene: Scene, record: Any) -> list[AbstractRecord]:
     heat = PerWindow(FRICTION_WORK)
     if heat not in records and scene.friction is not None and (record is None or scene.wear is not None):
         records.append(heat)
+    if record is None and scene.sled is not None:
+        records.append(PerWindow(SPRING_FORCE))
     names = {one.name for one in records}
     stretches = [run_record(name) for name in PER_STRETCH if name not in names]
     return [*records, *(PerWindow(one, STRETCH) for one in stretches if one is not None)]
