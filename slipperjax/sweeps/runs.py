@@ -48,7 +48,7 @@ from ..tools.batching import Batched
 from ..tools.checks import not_negative, number, positive, require, warn, whole
 from ..tools.compile import jit
 from .grid import Cases, filled, with_tracks
-from .run import Calls, ChunkInputs, ChunkRun, Plan, call_of, run_cases
+from .run import Calls, ChunkInputs, ChunkRun, Plan, call_of, run_cases, shared_capacity
 from .store import Store, storable
 
 LEAST_STEPS_PER_WINDOW = 4
@@ -244,18 +244,9 @@ def _steps_along(scenes: Batched[Scene], places: jax.Array) -> jax.Array:
         if not isinstance(scene.speed, SpeedProgramme):
             return jnp.broadcast_to(steps_needed(scene), places.shape[:1])
         least = jnp.min(scene.speed.at(places), axis=1)
-        return jax.vmap(lambda v: steps_needed(_at_speed(scene, v)))(least)
+        return jax.vmap(lambda v: steps_needed(eqx.tree_at(lambda s: s.speed, scene, v)))(least)
 
     return scenes.map(one)
-
-
-def _at_speed(scene: Scene, speed: jax.Array) -> Scene:
-    """The scene at a constant speed, unchecked."""
-    values = vars(scene) | {"speed": speed}
-    steady = object.__new__(type(scene))
-    for name, value in values.items():
-        object.__setattr__(steady, name, value)
-    return steady
 
 
 def _keys(profiles: np.ndarray, windows: int) -> tuple[np.ndarray, dict[int, np.ndarray]]:
@@ -337,10 +328,8 @@ def _run_windows(
         on_progress(0.0)
         used = min(STRETCH, windows - k * STRETCH)
         alike = bool(np.all(profile == steps))
-        capacity = most
-        while capacity // 8 >= steps:
-            capacity //= 8
-        stepping = ConstantSteps(steps) if alike else ConstantSteps(capacity, jnp.asarray(float(steps)))
+        varied = ConstantSteps(shared_capacity(most, steps), jnp.asarray(float(steps)))
+        stepping = ConstantSteps(steps) if alike else varied
         if worn is not None:
             scenes = _opened(unworn, work, epoch + k * STRETCH, worn)
         options: dict[str, Any] = dict(solver=plan.solver, periods=STRETCH, records=records)
