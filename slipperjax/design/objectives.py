@@ -140,11 +140,9 @@ class RailEnsemble(EnsembleSettings):
         check_quantile(self.quantile, self.members)
 
     def rails(self, track: AbstractTrack, count: int) -> dict[str, np.ndarray]:
-        sets = [part for _, part in _of_many(track, "track") if isinstance(part, TrackSet)]
         numbers = self.seed * count + np.arange(count, dtype=float)
-        return {
-            path: numbers % len(part.tracks) if part in sets else numbers for path, part in _of_many(track, "track")
-        }
+        of = lambda part: numbers % len(part.tracks) if isinstance(part, TrackSet) else numbers
+        return {path: of(part) for path, part in _of_many(track, "track")}
 
     def enough(self, share: float) -> bool:
         return share >= LEAST_SHARE if self.quantile is None else share > self.quantile
@@ -187,9 +185,9 @@ def ensemble_for(scene: Scene, ensemble: EnsembleSettings | None) -> EnsembleSet
     kind = RailEnsemble if on_rails else EnsembleSettings
     instance("ensemble", ensemble, kind, f"a slipperjax.design.{kind.__name__}")
     if on_rails:
-        most = int(scene.track.extent / float(scene.track.wavelength) * (1 + 1e-9))
+        most = np.floor(scene.track.extent / float(scene.track.wavelength) * (1 + 1e-9))
         periods = ensemble.transient + ensemble.periods
-        need = f"have at most {most} periods, transient included, because the rail is known up to that"
+        need = f"have at most {most:g} periods, transient included, because the rail is known up to that"
         require(periods <= most, "ensemble", need, shown=f"{periods}")
     return ensemble
 
