@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from ..flow.datasets import load_base, run_attributes, scene_attributes
 from ..flow.period_map import advance, initial_states
@@ -19,7 +19,7 @@ from ..flow.record import AbstractRecord, RecordedSpan, RecordSet
 from ..flow.records import AbstractNumber
 from ..flow.simulate import Trajectory, first_of
 from ..flow.status import MEANINGS, first_problem
-from ..flow.stepping import ConstantSteps
+from ..flow.stepping import ConstantSteps, capacity_for
 from ..flow.windows import (
     DEFAULT,
     FRICTION_WORK,
@@ -38,7 +38,8 @@ from ..flow.windows import (
 )
 from ..model.dynamics import State
 from ..model.kinematics import Motion
-from ..model.layout import StateLayout
+from ..model.layout import StateLayout, coordinates
+from ..model.quantities import COORDINATE_SCALES
 from ..model.scene import Scene, check_scene
 from ..model.step_size import rounded_steps, steps_needed
 from ..model.travel import SpeedProgramme
@@ -48,7 +49,7 @@ from ..tools.batching import Batched
 from ..tools.checks import not_negative, number, positive, require, warn, whole
 from ..tools.compile import jit
 from .grid import Cases, filled, with_tracks
-from .run import Calls, ChunkInputs, ChunkRun, Plan, call_of, run_cases, shared_capacity
+from .run import Calls, ChunkInputs, Plan, call_of, run_cases, shared_capacity
 from .store import Store, storable
 
 LEAST_STEPS_PER_WINDOW = 4
@@ -72,6 +73,7 @@ def run(
     start: Motion | State | Trajectory | xr.Dataset | None = None,
     steps_per_period: int | None = None,
     solver: diffrax.AbstractSolver | str | None = None,
+    probe: int = 0,
     product: bool = True,
     chunk: int | None = None,
     workers: int | None = None,
@@ -100,6 +102,8 @@ def run(
         this one goes on, by default at its end.
     - `steps_per_period`: integration steps per wavelength of the track, or reference length, the same all the way;
         by default those that the least speed of each `STRETCH` windows needs.
+    - `probe`: at the start of how many stretches the error is measured by half the step, over a wavelength of the
+        track or its reference length: `probe_error`, in multiples of `slipperjax.model.COORDINATE_SCALES` [1].
     - `solver`, `product`, `chunk`, `workers`, `progress`, `store`, `executor`: as for `sweep`.
 
     **Returns:** an `xarray.Dataset` over the grid and `distance`, the travel at the end of each window [m], with
@@ -130,16 +134,35 @@ def run(
     records.check(scene, windows, LEAST_STEPS_PER_WINDOW, (*cases.dims, "status"))
     per_case = 4e-7 * float(np.mean(totals)) * records.cost
     dataclasses.replace(plan.estimate(cases.count), per_case=per_case, periods=f" of {windows} windows").check()
-    epoch = begin / window
+    epoch, stretches = begin / window, profiles.shape[1]
+    probed = np.unique(np.linspace(0, stretches - 1, min(whole("probe", probe, 0), stretches)).astype(int))
+    around = max(1, round(float(np.max(np.asarray(scene.track.wavelength))) / window))
 
-    def work(part: ChunkInputs) -> ChunkRun:
+    def work(part: ChunkInputs) -> _Results:
         scenes = _windowed(part.scenes, window)
         states = initial_states(scenes, part.starts, epoch)
-        return _run_windows(plan, scenes, states, profile_of[part.steps], epoch, part.on_progress, worn, part.cases)
+        probes = _Probes(probed.tolist(), around)
+        return _run_windows(plan, scenes, states, profile_of[part.steps], epoch, part, worn, probes)
 
     done = run_cases(plan, work, cost=1.0, chunk=chunk, workers=workers, progress=progress)
-    frame = _Frame(begin, window, windows, only)
+    frame = _Frame(begin, window, windows, only, begin + probed * STRETCH * window)
     return done.checked(lambda: _dataset(plan, done.results, profiles, frame, call))
+
+
+class _Probes(NamedTuple):
+    """Where errors are measured by half the step."""
+
+    stretches: list[int]
+    windows: int  # over which errors grow
+
+
+class _Results(NamedTuple):
+    """A chunk of cases after its run."""
+
+    state: State  # at the end, with a leading axis of lanes
+    status: Int[np.ndarray, " lanes"]
+    record: tuple[Any, ...]  # arrays of the plan's records, with a leading axis of cases
+    probe: np.ndarray  # errors, (cases, probes)
 
 
 class _Frame(NamedTuple):
@@ -149,6 +172,7 @@ class _Frame(NamedTuple):
     window: float  # [m]
     windows: int
     only: bool  # whether it is one run, without a grid
+    probes: np.ndarray  # where errors are measured [m]
 
     @property
     def ends(self) -> np.ndarray:
@@ -309,10 +333,10 @@ def _run_windows(
     states: State,
     profile: np.ndarray,
     epoch: float,
-    on_progress: Any,
+    part: ChunkInputs,
     worn: np.ndarray | None,
-    cases: int,
-) -> ChunkRun:
+    probes: _Probes,
+) -> _Results:
     """Runs a chunk of cases stretch by stretch; after each the play is opened by what has been `worn` [m] before and
     since."""
     scene, unworn = plan.cases.scene, scenes
@@ -323,15 +347,18 @@ def _run_windows(
     # filled stretch by stretch, so that nothing but the result grows with the distance
     rows_of = [windows if getattr(r, "windows", STRETCH) == 1 else stretches for r in records.records]
     arrays: list[np.ndarray] = []
+    cases, errors = part.cases, []
     total = float(profile.sum())
     for k, steps in enumerate(profile.tolist()):
-        on_progress(0.0)
+        part.on_progress(0.0)
         used = min(STRETCH, windows - k * STRETCH)
         alike = bool(np.all(profile == steps))
         varied = ConstantSteps(shared_capacity(most, steps), jnp.asarray(float(steps)))
         stepping = ConstantSteps(steps) if alike else varied
         if worn is not None:
             scenes = _opened(unworn, work, epoch + k * STRETCH, worn)
+        if k in probes.stretches:
+            errors.append(_probe(plan, scenes, states, epoch + k * STRETCH, steps, probes.windows)[:cases])
         options: dict[str, Any] = dict(solver=plan.solver, periods=STRETCH, records=records)
         passed = advance(scenes, states, epoch + k * STRETCH, stepping, used=jnp.asarray(float(used)), **options)
         states = passed.state
@@ -340,17 +367,32 @@ def _run_windows(
         made = records.finish(nothing, kept, RecordedSpan(used, steps, epoch + k * STRETCH, status))
         if not arrays:
             arrays = [np.empty((cases, rows, *a.shape[2:])) for a, rows in zip(made, rows_of, strict=True)]
-        for array, rows, part in zip(arrays, rows_of, made, strict=True):
+        for array, rows, values in zip(arrays, rows_of, made, strict=True):
             at = k if rows == stretches else k * STRETCH
-            array[:, at : at + part.shape[1]] = part
+            array[:, at : at + values.shape[1]] = values
         if worn is not None and heat in records.records:
             work += _work_of_faces(scene, np.asarray(passed.samples[records.records.index(heat)])[:, :used])
-        on_progress(steps / total)
-    return ChunkRun(states, status, tuple(arrays))
+        part.on_progress(steps / total)
+    return _Results(states, status, tuple(arrays), np.stack(errors, axis=1) if errors else np.empty((cases, 0)))
+
+
+def _probe(
+    plan: Plan, scenes: Batched[Scene], states: State, epoch: float, steps: int, windows: int
+) -> Float[np.ndarray, " lanes"]:
+    """Returns what half the step changes over some windows, in multiples of the coordinates' scales [1]."""
+    options: dict[str, Any] = dict(
+        solver=plan.solver, periods=capacity_for(windows), used=jnp.asarray(float(windows))
+    )
+    ends = [
+        advance(scenes, states, epoch, ConstantSteps(steps=jnp.asarray(float(number))), **options).state
+        for number in (steps, 2 * steps)
+    ]
+    one, other = map(coordinates, ends)
+    return np.max(np.abs(one - other) / COORDINATE_SCALES, axis=1)
 
 
 def _dataset(
-    plan: Plan, results: ChunkRun, profiles: np.ndarray, frame: _Frame, call: Mapping[str, Any]
+    plan: Plan, results: _Results, profiles: np.ndarray, frame: _Frame, call: Mapping[str, Any]
 ) -> xr.Dataset:
     """Labels the results of a run."""
     cases = plan.cases
@@ -360,6 +402,10 @@ def _dataset(
     data["status"] = (dims, results.status.reshape(shape), {"long_name": "status", "meaning": MEANINGS})
     words = {"units": "1", "long_name": "integration steps per window"}
     data["steps_per_window"] = ((*dims, "stretch"), profiles.reshape(*shape, -1), words)
+    if len(frame.probes):
+        words = {"units": "1", "long_name": "what half the step changes over a reference length, in scales"}
+        data["probe_error"] = ((*dims, "probe"), results.probe.reshape(*shape, -1), words)
+        coords["probe"] = ("probe", frame.probes, {"units": "m", "long_name": "distance travelled"})
     coords["distance"] = ("distance", frame.ends, {"units": "m", "long_name": "distance travelled"})
     coords["stretch"] = ("stretch", frame.stretches, {"units": "m", "long_name": "distance travelled"})
     scenes, _ = cases.unprepared(filled(np.arange(cases.count), cases.count))

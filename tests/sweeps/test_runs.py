@@ -16,7 +16,7 @@ FAST = sj.SpeedProgramme.over_distance([0.0, 100.0, 200.0], [50.0, 800.0, 400.0]
 
 @pytest.fixture(scope="module")
 def steady():
-    return sj.run(SCENE, length=64.0, window=8.0, steps_per_period=STEPS)
+    return sj.run(SCENE, length=64.0, window=8.0, steps_per_period=STEPS, probe=3)
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +39,13 @@ def test_windows_of_a_wavelength_are_forcing_periods_to_the_last_bit(steady):
     state = steady["state"].isel(stretch=-1)
     np.testing.assert_array_equal(state.sel(number=["y", "z", "v_y", "v_z"]), ds["strobe"][-1, [0, 1, 5, 6]])
     np.testing.assert_allclose(steady["seconds"], steady["distance"] / 1250.0)
+
+
+def test_a_probe_measures_what_half_the_step_changes(steady):
+    run = sj.simulate(SCENE, 1, steps_per_period=STEPS, probe=1)
+    assert list(steady["probe"].values) == [0.0]  # there is one stretch
+    # measured 1.35159139e-05 both
+    np.testing.assert_allclose(steady["probe_error"], run.probe.error, rtol=1e-4)
 
 
 def test_peaks_say_where_they_are(steady):
