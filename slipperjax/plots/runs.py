@@ -203,7 +203,7 @@ def passing(
     - `runs`: one run of a case or several, datasets of `run` without a grid.
     - `branch`: one or several of `continue_orbit` over the speed, or their datasets, with `quantity` at each point;
         drawn solid where orbits are stable, dashed where not.
-    - `brute`: what happens at constant speeds, of `follow`, `sweep` or `run` over "speed", drawn beneath as grey dots.
+    - `brute`: what happens at constant speeds, of `follow`, `sweep` or `run` over "speed", drawn as grey dots.
     - `quantity`: a variable with a value per window, such as rms_a_z by `record="rms_a_z"`.
     - `ax`: the Axes to draw into; default those of a new figure, with the case as its title.
 
@@ -215,33 +215,33 @@ def passing(
     branches = [getattr(one, "points", one) for one in (branch if isinstance(branch, list | tuple) else [branch])]
     branches = [one for one in branches if one is not None]
     for one in runs:
-        check_dataset(one, RUN_SOURCE, quantity)
+        check_dataset(one, RUN_SOURCE, quantity, argument="runs")
         dims = set(one[quantity].dims) - {"end", "point"}
-        need = f"have `{quantity}` of each window of one run, as by sj.run(..., record={quantity!r})"
-        require(dims == {"distance"} and one.sizes["distance"] > 1, "runs", need, shown=f"over {sorted(dims)}")
+        need = f"be runs with `{quantity}` of each window, as by sj.run(..., record={quantity!r}), each one case"
+        good = dims == {"distance"} and one.sizes["distance"] > 1
+        require(good, "runs", need, shown=f"over {', '.join(map(str, one[quantity].dims))}")
     for one in branches:
-        check_dataset(one, f"continue_orbit over the speed, with {quantity} assigned", quantity, "speed", "stable")
+        check_dataset(one, "continue_orbit over the speed", quantity, "speed", "stable", argument="branch")
     with drawing(ax, runs[0].drop_vars(_speed_name(runs[0])), 3.5, 2.7) as ax:
         style: dict[str, Any] = dict(ls="", marker=".", mew=0, rasterized=True)
         if brute is not None:
-            check_dataset(brute, "follow, sweep or run over the speed", quantity, "speed", "status")
+            check_dataset(brute, "follow over the speed", quantity, "speed", "status", argument="brute")
             good = _highest(brute, quantity).where(brute["status"] == 0)
-            values, speed = xr.broadcast(good, brute["speed"])
-            label = "constant speed"
-            ax.plot(speed.values.ravel(), values.values.ravel(), ms=2.5, color="#c4c4c4", label=label, **style)
+            x, y = (a.values.ravel() for a in xr.broadcast(brute["speed"], good))
+            ax.plot(x, y, ms=2.5, color="#c4c4c4", label="constant speed", **style)
         for k, one in enumerate(runs):
             speed, values = one[_speed_name(one)].values, _highest(one, quantity).values
             rate = np.gradient(speed**2) / (2 * one.attrs["window [m]"])  # v dv/dx
+            style["ms"] = float(np.clip(60 / np.sqrt(len(speed)), 0.8, 3.0))
             for (way, colors), sign in zip(WAYS.items(), (1, -1), strict=True):
                 there = sign * rate > 1e-9 * np.max(np.abs(rate))
-                shades = LinearSegmentedColormap.from_list(way, [COLORS[name] for name in colors])
-                label = f"{way}, {with_unit(f'{np.median(np.abs(rate[there])):.3g}', 'm/s^2')}" if there.any() else ""
-                size = float(np.clip(60 / np.sqrt(len(speed)), 0.8, 3.0))
-                color = shades(k / max(len(runs) - 1, 1))
                 if there.any():
-                    ax.plot(speed[there], values[there], ms=size, color=color, label=label, **style)
+                    shades = LinearSegmentedColormap.from_list(way, [COLORS[name] for name in colors])
+                    label = f"{way}, {with_unit(f'{np.median(np.abs(rate[there])):.3g}', 'm/s^2')}"
+                    color = shades(k / max(len(runs) - 1, 1))
+                    ax.plot(speed[there], values[there], color=color, label=label, **style)
         for k, one in enumerate(branches):
-            x, stable, y = shown(one, "speed"), stable_parts(one), _highest(one, quantity).values[None]
+            x, stable, y = shown(one, "speed"), stable_parts(one), shown(one, quantity)[None]
             for parts, line, width, text in ((stable, SOLID, 1.2, "stable"), (~stable, DASHED, 0.8, "unstable")):
                 label = f"_{text}" if k else f"{text} orbit"
                 ax.plot(*joined(x, y, parts), color="black", ls=line, lw=width, label=label)
