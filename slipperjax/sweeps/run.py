@@ -480,7 +480,7 @@ def _in_order(chunks: Sequence[Chunk], parts: Sequence[Any], interrupted: bool) 
 
     def joined(*arrays: np.ndarray) -> np.ndarray:
         if len(chunks) == 1 and np.array_equal(chunks[0].index[:cases], np.arange(cases)):
-            return arrays[0][:cases]  # results may be large
+            return np.asarray(arrays[0])[:cases]  # results may be large
         ordered = np.empty((cases, *arrays[0].shape[1:]), arrays[0].dtype)
         for chunk, array in zip(chunks, arrays, strict=True):
             ordered[chunk.index[: chunk.cases]] = array[: chunk.cases]
