@@ -17,6 +17,7 @@ from .maps import exponents as exponents
 from .maps import quantity_map as quantity_map
 from .maps import regime_map as regime_map
 from .rails import rail as rail
+from .runs import passing as passing
 from .runs import run_overview as run_overview
 from .sections import animate as animate
 from .sections import instant as instant

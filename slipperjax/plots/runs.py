@@ -1,27 +1,33 @@
-"""Pictures of runs over a length of rail: rail, speed, forces, impacts and spectra over distance."""
+"""Pictures of runs over a length of rail: rail, forces, impacts and spectra over distance; numbers over the speed."""
 
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.ticker import NullLocator
 
 from ..flow.datasets import load_scene
 from ..model.quantities import quantity
 from ..model.scene import Scene, check_scene
 from ..tools.checks import require
+from .branches import DASHED, SOLID, joined, stable_parts
 from .style import (
     COLORS,
     axis_label,
     check_dataset,
     color_bar,
     color_norm,
+    drawing,
+    legend_above,
     legends_above,
     line_color,
     name_case,
     name_status,
+    shown,
     styled,
+    with_unit,
 )
 
 RUN_SOURCE = "one run, such as sj.run(scene, length=1000.0)"
@@ -30,6 +36,8 @@ COLUMNS, PER_COLUMN = 1024, 64
 """Columns in which a rail is drawn, and its places in each, of which the lowest and the highest are drawn."""
 HALF = 10 ** (1 / 20)
 """Ratio of a third octave's upper end to its middle."""
+WAYS = {"up": ("red", "orange"), "down": ("blue", "green")}
+"""Colours of windows in which the speed rises and falls, from the first of several runs to the last."""
 TICKS = [digit * 10.0**power for power in range(1, 5) for digit in (1, 2, 5)]
 """Frequencies that are written beside spectra [Hz]."""
 
@@ -180,3 +188,70 @@ def _from_zero(*axes: Any) -> None:
     for ax in axes:
         top = ax.dataLim.ymax
         ax.set_ylim(0, 1.1 * top if 0 < top < np.inf else 1.0)
+
+
+def passing(
+    runs: Any, branch: Any = None, brute: xr.Dataset | None = None, quantity: str = "peak_force", ax: Any = None
+) -> Any:
+    """Draws how a motion passes through speeds: a dot for each window of a run, over the speed in its middle.
+
+    Dots are coloured by the way the speed goes, up or down, and named with its rate. Windows at a constant speed are
+    left out. Of several contact points the highest value is drawn.
+
+    **Arguments:**
+
+    - `runs`: one run of a case or several, datasets of `run` without a grid.
+    - `branch`: one or several of `continue_orbit` over the speed, or their datasets, with `quantity` at each point;
+        drawn solid where orbits are stable, dashed where not.
+    - `brute`: what happens at constant speeds, of `follow`, `sweep` or `run` over "speed", drawn as grey dots.
+    - `quantity`: a variable with a value per window, such as rms_a_z by `record="rms_a_z"`.
+    - `ax`: the Axes to draw into; default those of a new figure, with the case as its title.
+
+    **Returns:** the Axes.
+
+    **Raises:** `ValueError` for another kind of dataset, or one without `quantity`.
+    """
+    runs = list(runs) if isinstance(runs, list | tuple) else [runs]
+    branches = [getattr(one, "points", one) for one in (branch if isinstance(branch, list | tuple) else [branch])]
+    branches = [one for one in branches if one is not None]
+    for one in runs:
+        check_dataset(one, RUN_SOURCE, quantity, argument="runs")
+        dims = set(one[quantity].dims) - {"end", "point"}
+        need = f"be runs with `{quantity}` of each window, as by sj.run(..., record={quantity!r}), each one case"
+        good = dims == {"distance"} and one.sizes["distance"] > 1
+        require(good, "runs", need, shown=f"over {', '.join(map(str, one[quantity].dims))}")
+    for one in branches:
+        check_dataset(one, "continue_orbit over the speed", quantity, "speed", "stable", argument="branch")
+    with drawing(ax, runs[0].drop_vars(_speed_name(runs[0])), 3.5, 2.7) as ax:
+        style: dict[str, Any] = dict(ls="", marker=".", mew=0, rasterized=True)
+        if brute is not None:
+            check_dataset(brute, "follow over the speed", quantity, "speed", "status", argument="brute")
+            good = _highest(brute, quantity).where(brute["status"] == 0)
+            x, y = (a.values.ravel() for a in xr.broadcast(brute["speed"], good))
+            ax.plot(x, y, ms=2.5, color="#c4c4c4", label="constant speed", **style)
+        for k, one in enumerate(runs):
+            speed, values = one[_speed_name(one)].values, _highest(one, quantity).values
+            rate = np.gradient(speed**2) / (2 * one.attrs["window [m]"])  # v dv/dx
+            style["ms"] = float(np.clip(60 / np.sqrt(len(speed)), 0.8, 3.0))
+            for (way, colors), sign in zip(WAYS.items(), (1, -1), strict=True):
+                there = sign * rate > 1e-9 * np.max(np.abs(rate))
+                if there.any():
+                    shades = LinearSegmentedColormap.from_list(way, [COLORS[name] for name in colors])
+                    label = f"{way}, {with_unit(f'{np.median(np.abs(rate[there])):.3g}', 'm/s^2')}"
+                    color = shades(k / max(len(runs) - 1, 1))
+                    ax.plot(speed[there], values[there], color=color, label=label, **style)
+        for k, one in enumerate(branches):
+            x, stable, y = shown(one, "speed"), stable_parts(one), shown(one, quantity)[None]
+            for parts, line, width, text in ((stable, SOLID, 1.2, "stable"), (~stable, DASHED, 0.8, "unstable")):
+                label = f"_{text}" if k else f"{text} orbit"
+                ax.plot(*joined(x, y, parts), color="black", ls=line, lw=width, label=label)
+        ax.set(xlabel=axis_label("speed"), ylabel=axis_label(quantity, runs[0]))
+        legend_above(ax, ax.get_legend_handles_labels()[0])
+        plt.setp([h for h in ax.get_legend().legend_handles if h.get_marker() == "."], markersize=5)
+    return ax
+
+
+def _highest(ds: xr.Dataset, name: str) -> xr.DataArray:
+    """Gives a number in its display unit, the highest of all points."""
+    values = ds[name].max([d for d in ("end", "point") if d in ds[name].dims])
+    return values.copy(data=shown(values.to_dataset(name=name), name))

@@ -113,14 +113,16 @@ def shown(ds: xr.Dataset, name: str) -> np.ndarray:
         return values
 
 
-def check_dataset(ds: Any, source: str, *names: str) -> None:
-    """Raises `ValueError` where `ds` is no dataset with the variables `names`; `source` says what makes one."""
+def check_dataset(ds: Any, source: str, *names: str, argument: str = "ds") -> None:
+    """Raises `ValueError` where `argument` is no dataset with the variables `names`; `source` says what makes one."""
     if not isinstance(ds, xr.Dataset):
-        raise ValueError(f"Argument `ds` must be a dataset of {source}, but is {type(ds).__name__}.")
+        raise ValueError(f"Argument `{argument}` must be a dataset of {source}, but is {type(ds).__name__}.")
     for name in names:
         if name not in ds:
             variables = listed([str(variable) for variable in ds])
-            raise ValueError(f"Argument `ds` must be a dataset of {source}, with `{name}`, but has {variables}.")
+            raise ValueError(
+                f"Argument `{argument}` must be a dataset of {source}, with `{name}`, but has {variables}."
+            )
 
 
 @contextmanager

@@ -242,12 +242,12 @@ def _step_profiles(
     """Returns the integration steps in a window of each case and stretch."""
     stretches = -(-windows // STRETCH)
     index = np.arange(cases.count)
-    scenes, _ = cases.unprepared(filled(index, cases.count))
-    reference = np.asarray(_reference_lengths(scenes))[: cases.count, None]
+    batch = cases.unprepared(filled(index, cases.count))
+    reference = np.asarray(_reference_lengths(*batch))[: cases.count, None]
     if steps_per_period is None:
         edges = begin + window * STRETCH * np.arange(stretches)
         places = edges[:, None] + window * STRETCH * np.linspace(0, 1, SPEEDS_PER_STRETCH)[None]
-        needed = np.asarray(_steps_along(scenes, jnp.asarray(places)))[: cases.count]
+        needed = np.asarray(_steps_along(*batch, jnp.asarray(places)))[: cases.count]
         steps = rounded_steps(needed)
     else:
         steps = np.full((cases.count, stretches), whole("steps_per_period", steps_per_period, 1))
@@ -256,21 +256,21 @@ def _step_profiles(
 
 
 @jit
-def _reference_lengths(scenes: Batched[Scene]) -> jax.Array:
-    return scenes.map(lambda scene: scene.track.wavelength)
+def _reference_lengths(scenes: Batched[Scene], starts: Motion | State) -> jax.Array:
+    return scenes.map(lambda scene, start: scene.track.wavelength, starts)  # which may be all that differs
 
 
 @jit
-def _steps_along(scenes: Batched[Scene], places: jax.Array) -> jax.Array:
+def _steps_along(scenes: Batched[Scene], starts: Motion | State, places: jax.Array) -> jax.Array:
     """Steps per reference length of each stretch, at its least speed, (cases, stretches)."""
 
-    def one(scene: Scene) -> jax.Array:
+    def one(scene: Scene, start: Any) -> jax.Array:
         if not isinstance(scene.speed, SpeedProgramme):
             return jnp.broadcast_to(steps_needed(scene), places.shape[:1])
         least = jnp.min(scene.speed.at(places), axis=1)
         return jax.vmap(lambda v: steps_needed(eqx.tree_at(lambda s: s.speed, scene, v)))(least)
 
-    return scenes.map(one)
+    return scenes.map(one, starts)
 
 
 def _keys(profiles: np.ndarray, windows: int) -> tuple[np.ndarray, dict[int, np.ndarray]]:
@@ -408,9 +408,9 @@ def _dataset(
         coords["probe"] = ("probe", frame.probes, {"units": "m", "long_name": "distance travelled"})
     coords["distance"] = ("distance", frame.ends, {"units": "m", "long_name": "distance travelled"})
     coords["stretch"] = ("stretch", frame.stretches, {"units": "m", "long_name": "distance travelled"})
-    scenes, _ = cases.unprepared(filled(np.arange(cases.count), cases.count))
-    speed, seconds = (np.asarray(a)[: cases.count] for a in _times(scenes, jnp.asarray(frame.ends), frame.window))
-    seconds = seconds - np.asarray(_times(scenes, jnp.asarray([frame.begin]), frame.window)[1])[: cases.count]
+    batch = cases.unprepared(filled(np.arange(cases.count), cases.count))
+    speed, seconds = (np.asarray(a)[: cases.count] for a in _times(*batch, jnp.asarray(frame.ends), frame.window))
+    seconds = seconds - np.asarray(_times(*batch, jnp.asarray([frame.begin]), frame.window)[1])[: cases.count]
     differ = bool(np.any(np.ptp(seconds, axis=0) > 0))
     along = (*dims, "distance") if differ else ("distance",)
     joined = lambda a: a.reshape(*shape, -1) if differ else a[0]
@@ -431,15 +431,17 @@ def _dataset(
 
 
 @jit
-def _times(scenes: Batched[Scene], ends: jax.Array, window: Any) -> tuple[jax.Array, jax.Array]:
+def _times(
+    scenes: Batched[Scene], starts: Motion | State, ends: jax.Array, window: Any
+) -> tuple[jax.Array, jax.Array]:
     """Speeds in the middle of windows [m/s] and times at their ends [s], (cases, windows)."""
 
-    def one(scene: Scene) -> tuple[jax.Array, jax.Array]:
+    def one(scene: Scene, start: Any) -> tuple[jax.Array, jax.Array]:
         length = scene.track.wavelength
         speed = jnp.asarray(scene.travel((ends - 0.5 * window) / length).speed)
         return jnp.broadcast_to(speed, ends.shape), jnp.asarray(scene.seconds(ends / length))
 
-    return scenes.map(one)
+    return scenes.map(one, starts)
 
 
 def _with_rates(ds: xr.Dataset, frame: _Frame) -> xr.Dataset:

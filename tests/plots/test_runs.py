@@ -109,3 +109,71 @@ def test_a_run_is_one():
         plots.run_overview(made().assign(status=("track.seed", [0, 0])))
     with pytest.raises(ValueError, match="`ds` must be a dataset of one run, such as"):
         plots.run_overview(made().drop_vars("seconds"))
+
+
+def climbed(*, rate=50.0, **data):
+    """A run that rises from 100 to 200 m/s by the rate [m/s^2], stays there and falls again, in windows of 1 m."""
+    change = int((200.0**2 - 100.0**2) / (2 * rate))
+    square = np.concatenate([100.0**2 + 2 * rate * (np.arange(change) + 0.5), np.full(40, 200.0**2)])
+    speed = np.sqrt(np.concatenate([square, square[change - 1 :: -1]]))
+    force = np.stack([np.full(len(speed), 100.0), 10 * speed], axis=-1)[:, None]
+    data = {"peak_force": (("distance", "end", "point"), force), "status": ((), 0)} | data
+    coords = {"distance": 1.0 + np.arange(len(speed)), "speed": ("distance", speed), "point": ["A", "B"]}
+    return xr.Dataset(data, coords, {"window [m]": 1.0, "clearance [m]": 1e-3})
+
+
+def test_windows_are_drawn_over_their_speed_by_the_way_it_goes():
+    ax = plots.passing(climbed())
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("speed $V$ [m/s]", "$F_{\\mathrm{max}}$ [kN]")
+    assert ax.figure.get_suptitle() == "$C$ = 1 mm"
+    assert legend(ax) == ["up, 50 m/s$^{2}$", "down, 50 m/s$^{2}$"]
+    up, down = map(drawn, ax.lines)
+    for way, sign in ((up, 1), (down, -1)):
+        # all windows but those at a constant speed, at the highest force of all points
+        assert 300 <= len(way) <= 301
+        assert np.all(sign * np.diff(way[:, 0]) >= 0)
+        np.testing.assert_allclose(way[:, 1], 1e-2 * way[:, 0])
+    assert [to_hex(line.get_color()) for line in ax.lines] == [plots.COLORS[name] for name in ("red", "blue")]
+    check_legend_fits(ax)
+
+
+def test_several_runs_pass_over_branches_and_constant_speeds():
+    speed = [100.0, 150.0, 200.0]
+    held = {"peak_force": (("direction", "speed", "point"), np.arange(12e3, step=1e3).reshape(2, 3, 2))}
+    held = xr.Dataset(held | {"status": (("direction", "speed"), [[0, 0, 2], [0, 0, 0]])}, {"speed": speed})
+    points = {"peak_force": ("point", [1e3, 2e3, 3e3]), "stable": ("point", [True, True, False])}
+    points = xr.Dataset(
+        points | {"label": ("point", ["EP", "LP", "EP"])}, {"speed": ("point", [100.0, 200.0, 150.0])}
+    )
+    ax = plots.passing([climbed(), climbed(rate=500.0)], points, held)
+    rates = [f"{way}, {rate} m/s$^{{2}}$" for rate in (50, 500) for way in ("up", "down")]
+    assert legend(ax) == ["constant speed", *rates, "stable orbit", "unstable orbit"]
+    dots, *ways, stable, unstable = ax.lines
+    dots = drawn(dots)
+    # the highest of both points; a case with a status has none
+    assert sorted(map(tuple, dots[np.isfinite(dots[:, 1])])) == [
+        *((100.0, 1.0), (100.0, 7.0), (150.0, 3.0), (150.0, 9.0), (200.0, 11.0))
+    ]
+    assert len({to_hex(line.get_color()) for line in ways}) == 4
+    assert (stable.get_linestyle(), unstable.get_linestyle()) == ("-", "--")
+    assert drawn(stable)[:2].tolist() == [[100.0, 1.0], [200.0, 2.0]]
+    assert drawn(unstable)[:2].tolist() == [[200.0, 2.0], [150.0, 3.0]]
+
+
+def test_any_number_of_each_window_is_drawn():
+    run = climbed(rms_a_z=("distance", np.ones(640), {"units": "m/s^2"}))
+    ax = plots.passing(run, quantity="rms_a_z")
+    assert ax.get_ylabel() == "rms a z [m/s$^{2}$]"
+    assert drawn(ax.lines[0])[0, 1] == 1.0
+    for wrong, words in (
+        (
+            climbed(rms_a_z=("stretch", [1.0])),
+            "`runs` must be runs with `rms_a_z` of each window, .*, but is over stretch",
+        ),
+        (run.expand_dims(case=2), "each one case, but is over case, distance"),
+        (climbed(), "`runs` must be a dataset of one run, .* with `rms_a_z`"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            plots.passing(wrong, quantity="rms_a_z")
+    with pytest.raises(ValueError, match=r"`branch` must be .* continue_orbit .* with `rms_a_z`"):
+        plots.passing(run, xr.Dataset({"stable": ("point", [True])}), quantity="rms_a_z")

@@ -79,6 +79,15 @@ def test_times_and_steps_follow_the_speed(runs):
     assert not runs["status"].any()
 
 
+@pytest.mark.slow
+def test_starts_may_be_all_that_differs(steady):
+    v_y = float(sj.table_2_start().v_y)
+    started = sj.run(SCENE, {"v_y": [v_y, v_y / 2]}, length=64.0, window=8.0, steps_per_period=STEPS)
+    # of another program, in a motion that magnifies rounding little over eight periods
+    np.testing.assert_allclose(started["peak_force"][0], steady["peak_force"], rtol=1e-9, atol=1e-6)
+    assert float(np.max(np.abs(started["peak_force"][1] - steady["peak_force"]))) > 100.0
+
+
 def test_each_run_of_a_grid_is_that_of_its_rail(runs):
     one = sj.run(RAIL, {"track.seed": [4.0]}, length=210.0, speed=FAST)
     np.testing.assert_array_equal(one["peak_force"][0], runs["peak_force"][1])
