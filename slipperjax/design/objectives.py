@@ -187,9 +187,9 @@ def ensemble_for(scene: Scene, ensemble: EnsembleSettings | None) -> EnsembleSet
     kind = RailEnsemble if on_rails else EnsembleSettings
     instance("ensemble", ensemble, kind, f"a slipperjax.design.{kind.__name__}")
     if on_rails:
-        most = int(scene.track.extent / float(scene.track.wavelength) * (1 + 1e-9))
+        most = np.floor(scene.track.extent / float(scene.track.wavelength) * (1 + 1e-9))
         periods = ensemble.transient + ensemble.periods
-        need = f"have at most {most} periods, transient included, because the rail is known up to that"
+        need = f"have at most {most:g} periods, transient included, because the rail is known up to that"
         require(periods <= most, "ensemble", need, shown=f"{periods}")
     return ensemble
 

@@ -146,8 +146,8 @@ def load_start(source: Any, **chosen: float) -> Motion | State | None:
     _, start = load_base(ds)
     values = {name.removeprefix("start_"): v for name, v in _varied(ds, chosen, of_start=True).items()}
     if isinstance(start, State):
-        return State(Motion(**(vars(start.motion) | values)), start.memory)
-    return Motion(**(vars(start) | values))
+        return State(type(start.motion)(**(vars(start.motion) | values)), start.memory)
+    return type(start)(**(vars(start) | values))
 
 
 def load_run(source: Any) -> dict[str, Any]:

@@ -29,7 +29,6 @@ from ..flow.windows import (
     WINDOW_RECORDS,
     Marks,
     PerWindow,
-    Play,
     ThirdOctaves,
     WindowedTrack,
     run_record,
@@ -38,7 +37,7 @@ from ..flow.windows import (
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.layout import StateLayout
-from ..model.scene import Scene, check_scene
+from ..model.scene import Scene, at_speed
 from ..model.step_size import rounded_steps, steps_needed
 from ..model.travel import SpeedProgramme
 from ..solvers.latching import solver_name
@@ -95,8 +94,8 @@ def run(
     - `window`: length over which records are joined [m].
     - `record`: names or records of numbers, which are kept of each window: those of `slipperjax.flow.RECORDS` and
         `slipperjax.flow.windows.WINDOW_RECORDS`. Default what tests of tracks report, see below.
-    - `start`: as for `simulate`, at the place where the run begins; or an earlier run, from whose state at `begin`
-        this one goes on, by default at its end.
+    - `start`: as for `simulate`, at the place where the run begins; or, without a store, an earlier run, from whose
+        state at `begin` this one goes on, by default at its end.
     - `steps_per_period`: integration steps per wavelength of the track, or reference length, the same all the way;
         by default those that the least speed of each `STRETCH` windows needs.
     - `solver`, `product`, `chunk`, `workers`, `progress`, `store`, `executor`: as for `sweep`.
@@ -113,13 +112,11 @@ def run(
     which has the finished runs, after Ctrl-C.
     """
     call = call_of("run", locals())
-    check_scene(scene)
+    scene = at_speed(scene, speed)
     earlier, (begin, start) = start, _beginning(begin, start)
     worn = _worn(scene, earlier, begin)
-    scene = scene if speed is None else dataclasses.replace(scene, speed=speed)
     windows = _windows(scene, number(positive, "length", length, "m"), begin, number(positive, "window", window, "m"))
-    more = [] if scene.wear is None else [Play()]
-    records = RecordSet((*_records(scene, record), ThirdOctaves(), Marks(), *more))
+    records = RecordSet((*_records(scene, record), ThirdOctaves(), Marks()))
     only = grid is None
     cases = Cases(scene, {"length": [float(scene.slipper.length)]} if grid is None else grid, start, product=product)
     profiles = _step_profiles(cases, begin, window, windows, steps_per_period)
@@ -193,7 +190,7 @@ def _windows(scene: Scene, length: float, begin: float, window: float) -> int:
 def _records(scene: Scene, record: Any) -> list[AbstractRecord]:
     """Returns the records of a user's choice, of each window and of each stretch."""
     chosen = [*DEFAULT, *PEAKS] if record is None else record
-    chosen = [chosen] if isinstance(chosen, str | AbstractNumber) else list(chosen)
+    chosen = [chosen] if isinstance(chosen, str) or not isinstance(chosen, Sequence) else chosen
     records = []
     for one in chosen:
         known = one if isinstance(one, AbstractNumber) else run_record(one)
@@ -214,12 +211,12 @@ def _step_profiles(
     """Returns the integration steps in a window of each case and stretch."""
     stretches = -(-windows // STRETCH)
     index = np.arange(cases.count)
-    scenes, _ = cases.unprepared(filled(index, cases.count))
-    reference = np.asarray(_reference_lengths(scenes))[: cases.count, None]
+    batch = cases.unprepared(filled(index, cases.count))
+    reference = np.asarray(_reference_lengths(*batch))[: cases.count, None]
     if steps_per_period is None:
         edges = begin + window * STRETCH * np.arange(stretches)
         places = edges[:, None] + window * STRETCH * np.linspace(0, 1, SPEEDS_PER_STRETCH)[None]
-        needed = np.asarray(_steps_along(scenes, jnp.asarray(places)))[: cases.count]
+        needed = np.asarray(_steps_along(*batch, jnp.asarray(places)))[: cases.count]
         steps = rounded_steps(needed)
     else:
         steps = np.full((cases.count, stretches), whole("steps_per_period", steps_per_period, 1))
@@ -228,21 +225,21 @@ def _step_profiles(
 
 
 @jit
-def _reference_lengths(scenes: Batched[Scene]) -> jax.Array:
-    return scenes.map(lambda scene: scene.track.wavelength)
+def _reference_lengths(scenes: Batched[Scene], starts: Any) -> jax.Array:
+    return scenes.map(lambda scene, start: scene.track.wavelength, starts)
 
 
 @jit
-def _steps_along(scenes: Batched[Scene], places: jax.Array) -> jax.Array:
+def _steps_along(scenes: Batched[Scene], starts: Any, places: jax.Array) -> jax.Array:
     """Steps per reference length of each stretch, at its least speed, (cases, stretches)."""
 
-    def one(scene: Scene) -> jax.Array:
+    def one(scene: Scene, start: Any) -> jax.Array:
         if not isinstance(scene.speed, SpeedProgramme):
             return jnp.broadcast_to(steps_needed(scene), places.shape[:1])
         least = jnp.min(scene.speed.at(places), axis=1)
         return jax.vmap(lambda v: steps_needed(_at_speed(scene, v)))(least)
 
-    return scenes.map(one)
+    return scenes.map(one, starts)
 
 
 def _at_speed(scene: Scene, speed: jax.Array) -> Scene:
@@ -328,6 +325,8 @@ def _run_windows(
     # filled stretch by stretch, so that nothing but the result grows with the distance
     rows_of = [windows if getattr(r, "windows", STRETCH) == 1 else stretches for r in records.records]
     arrays: list[np.ndarray] = []
+    plays: list[np.ndarray] = []
+    scenes = scenes if worn is None else _opened(unworn, work, epoch, worn)
     total = float(profile.sum())
     for k, steps in enumerate(profile.tolist()):
         on_progress(0.0)
@@ -337,8 +336,6 @@ def _run_windows(
         while capacity // 8 >= steps:
             capacity //= 8
         stepping = ConstantSteps(steps) if alike else ConstantSteps(capacity, jnp.asarray(float(steps)))
-        if worn is not None:
-            scenes = _opened(unworn, work, epoch + k * STRETCH, worn)
         options: dict[str, Any] = dict(solver=plan.solver, periods=STRETCH, records=records)
         passed = advance(scenes, states, epoch + k * STRETCH, stepping, used=jnp.asarray(float(used)), **options)
         states = passed.state
@@ -350,10 +347,13 @@ def _run_windows(
         for array, rows, part in zip(arrays, rows_of, made, strict=True):
             at = k if rows == stretches else k * STRETCH
             array[:, at : at + part.shape[1]] = part
-        if worn is not None and heat in records.records:
-            work += _work_of_faces(scene, np.asarray(passed.samples[records.records.index(heat)])[:, :used])
+        if worn is not None:
+            if heat in records.records:
+                work += _work_of_faces(scene, np.asarray(passed.samples[records.records.index(heat)])[:, :used])
+            scenes = _opened(unworn, work, epoch + k * STRETCH + used, worn)
+            plays.append(np.asarray(scenes.varied.section.play)[:cases])
         on_progress(steps / total)
-    return ChunkRun(states, status, tuple(arrays))
+    return ChunkRun(states, status, (tuple(arrays), np.stack(plays, axis=1) if plays else None))
 
 
 def _dataset(
@@ -363,16 +363,22 @@ def _dataset(
     cases = plan.cases
     dims, shape = cases.dims, cases.shape
     record = jax.tree.map(lambda a: np.asarray(a).reshape(*shape, *a.shape[1:]), results.record)
+    record, play = record
     data, coords = plan.records.label(cases.scene, dims, record)
+    if play is not None:
+        words = {"units": "m", "long_name": "play of each face at the end of each stretch"}
+        data["play"] = ((*dims, "stretch", "face"), play, words)
+        coords["face"] = ("face", ["".join(face) for face in cases.scene.section.faces])
     data["status"] = (dims, results.status.reshape(shape), {"long_name": "status", "meaning": MEANINGS})
     words = {"units": "1", "long_name": "integration steps per window"}
     data["steps_per_window"] = ((*dims, "stretch"), profiles.reshape(*shape, -1), words)
     coords["distance"] = ("distance", frame.ends, {"units": "m", "long_name": "distance travelled"})
     coords["stretch"] = ("stretch", frame.stretches, {"units": "m", "long_name": "distance travelled"})
-    scenes, _ = cases.unprepared(filled(np.arange(cases.count), cases.count))
-    speed, seconds = (np.asarray(a)[: cases.count] for a in _times(scenes, jnp.asarray(frame.ends), frame.window))
-    seconds = seconds - np.asarray(_times(scenes, jnp.asarray([frame.begin]), frame.window)[1])[: cases.count]
-    differ = bool(np.any(np.ptp(seconds, axis=0) > 0))
+    batch = cases.unprepared(filled(np.arange(cases.count), cases.count))
+    speed, seconds = (np.asarray(a)[: cases.count] for a in _times(*batch, jnp.asarray(frame.ends), frame.window))
+    seconds = seconds - np.asarray(_times(*batch, jnp.asarray([frame.begin]), frame.window)[1])[: cases.count]
+    # by names and not by values, so that each part of a store has the same dimensions
+    differ = any(name.partition(".")[0] == "speed" for name in cases.axes)
     along = (*dims, "distance") if differ else ("distance",)
     joined = lambda a: a.reshape(*shape, -1) if differ else a[0]
     coords["speed_along" if "speed" in cases.axes else "speed"] = (
@@ -392,15 +398,15 @@ def _dataset(
 
 
 @jit
-def _times(scenes: Batched[Scene], ends: jax.Array, window: Any) -> tuple[jax.Array, jax.Array]:
+def _times(scenes: Batched[Scene], starts: Any, ends: jax.Array, window: Any) -> tuple[jax.Array, jax.Array]:
     """Speeds in the middle of windows [m/s] and times at their ends [s], (cases, windows)."""
 
-    def one(scene: Scene) -> tuple[jax.Array, jax.Array]:
+    def one(scene: Scene, start: Any) -> tuple[jax.Array, jax.Array]:
         length = scene.track.wavelength
         speed = jnp.asarray(scene.travel((ends - 0.5 * window) / length).speed)
         return jnp.broadcast_to(speed, ends.shape), jnp.asarray(scene.seconds(ends / length))
 
-    return scenes.map(one)
+    return scenes.map(one, starts)
 
 
 def _with_rates(ds: xr.Dataset, frame: _Frame) -> xr.Dataset:
