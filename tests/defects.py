@@ -74,6 +74,21 @@ tests/solvers/test_solvers.py -k linearised_contact
 -damping[2 + i][2 + k] - gyro * spin[j]
 +damping[2 + i][2 + k] + gyro * spin[j]
 
+friction pushes along
+tests/model/test_loads.py -k tractions
+-    f_x, f_y, f_z = (-(share / size) * v for v in velocity)
++    f_x, f_y, f_z = ((share / size) * v for v in velocity)
+
+speeds linear in distance
+tests/model/test_travel.py -k integrals
+-        return self.scale * jnp.sqrt(square[k] + share * (square[k + 1] - square[k]))
++        return self.scale * (self.speed[k] + share * (self.speed[k + 1] - self.speed[k]))
+
+a sled that nothing drives
+tests/model/test_sled.py -k at_rest_on_its_spring
+-    return drive if travel.acceleration is None else drive + driven_mass(scene) * travel.acceleration
++    return drive if travel.acceleration is None else drive + scene.slipper.mass * travel.acceleration
+
 # analysis
 maps applied in reverse
 tests/analysis/test_floquet.py -k complex_pairs
@@ -202,6 +217,16 @@ tests/sweeps/test_interrupts.py -k finished_chunks_are_kept
 -            interrupted = True
 +        except KeyboardInterrupt:
 +            interrupted = False
+
+rails that lost a slipper count as the best
+tests/analysis/test_quantiles.py -k lost
+-    numbers = np.where(np.isnan(numbers) & (quantile is not None), np.inf, numbers)
++    numbers = np.where(np.isnan(numbers) & (quantile is not None), -np.inf, numbers)
+
+wear by twice the work
+tests/sweeps/test_runs.py -k wear_opens
+-            work += _work_of_faces(scene, np.asarray(passed.samples[records.records.index(heat)])[:, :used])
++            work += 2 * _work_of_faces(scene, np.asarray(passed.samples[records.records.index(heat)])[:, :used])
 
 # design
 cases with their axes exchanged

@@ -4,11 +4,9 @@ from typing import Any
 
 import click
 
+from ..tools.units import STANDARD_GRAVITY
 from .files import Outputs, keeping
 from .options import FILE, LOST, Case, app, given, result, takes_case
-
-GRAVITY = 9.80665
-"""Standard gravity [m/s^2], in which accelerations are given, too."""
 
 
 def _page(ds: Any) -> Any:
@@ -84,7 +82,7 @@ def _ends(values: Any) -> str:
 
 def _with_g(value: float, unit: str) -> str:
     """An acceleration, a linear one in multiples of standard gravity, too."""
-    return f"{value:.4g} {unit}" + (f" ({value / GRAVITY:.3g} g)" if unit == "m/s^2" else "")
+    return f"{value:.4g} {unit}" + (f" ({value / STANDARD_GRAVITY:.3g} g)" if unit == "m/s^2" else "")
 
 
 def static_load(scene: Any, speed: float) -> float:

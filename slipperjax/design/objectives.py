@@ -140,11 +140,9 @@ class RailEnsemble(EnsembleSettings):
         check_quantile(self.quantile, self.members)
 
     def rails(self, track: AbstractTrack, count: int) -> dict[str, np.ndarray]:
-        sets = [part for _, part in _of_many(track, "track") if isinstance(part, TrackSet)]
         numbers = self.seed * count + np.arange(count, dtype=float)
-        return {
-            path: numbers % len(part.tracks) if part in sets else numbers for path, part in _of_many(track, "track")
-        }
+        of = lambda part: numbers % len(part.tracks) if isinstance(part, TrackSet) else numbers
+        return {path: of(part) for path, part in _of_many(track, "track")}
 
     def enough(self, share: float) -> bool:
         return share >= LEAST_SHARE if self.quantile is None else share > self.quantile

@@ -16,12 +16,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped
 
-from ..model.dynamics import Args, State, contact_forces, drive_force, driven_mass, motion_rates, per_period
+from ..model.dynamics import (
+    Args,
+    State,
+    contact_forces,
+    drive_force,
+    driven_mass,
+    motion_rates,
+    per_period,
+    sled_force,
+)
 from ..model.kinematics import Contacts, Motion, contacts
 from ..model.layout import coordinate_rows
 from ..model.scene import Scene
 from ..model.sliding import tractions
 from ..model.travel import Travel
+from ..tools.checks import require
 from ..tools.fused import materialise, sums
 from ..tools.hermite import Cubic, highest_point
 
@@ -437,6 +447,13 @@ class Course:
 
             power = materialise(jax.vmap(of_one)(*self._at_points()))
         return self._where_closed(self._curve(self._of_points(power)))
+
+    @functools.cached_property
+    def spring_force(self) -> Curve:
+        """Lateral and vertical force of the sled's springs, dampers and stops on the slipper [N], (ends, 2)."""
+        sled = self.scene.sled
+        require(sled is not None, "record", "be another one where the scene has no sled", "spring_force")
+        return self._curve(materialise(jax.vmap(lambda m: sled_force(sled, m))(self.states.motion)))
 
     @functools.cached_property
     def loads(self) -> Loads:

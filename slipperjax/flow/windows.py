@@ -92,18 +92,25 @@ FRICTION_WORK = Record(
     "sum",
     POINTS,
 )
+SPRING_FORCE = Record(
+    Quantity("spring_force", "N", "greatest force of the sled's springs", shown_unit="kN", per_shown=1e3),
+    lambda c: jnp.maximum(c.spring_force.greatest, -c.spring_force.least),
+    "max",
+    (("direction", ("lateral", "vertical")),),
+)
 WINDOW_RECORDS: dict[str, AbstractNumber] = {
     record.name: record
     for record in (
         PEAK_DISTANCE,
         Record(Quantity("impacts", "1", "number of touchdowns", "n"), touchdowns, "sum", POINTS),
         FRICTION_WORK,
+        SPRING_FORCE,
         *(_peak(k, q) for k, q in enumerate(ACCELERATIONS.values())),
     )
 }
 """Records of numbers that runs have besides `RECORDS`."""
 DEFAULT = ("peak_force", "peak_distance", "contact_fraction", "impacts", "impulse", "drive_force")
-"""What a run keeps of each window by default; with friction `friction_work`, too."""
+"""What a run keeps of each window by default; with friction `friction_work`, with a sled `spring_force`, too."""
 PEAKS = tuple(f"peak_{name}" for name in ACCELERATIONS)
 """Greatest accelerations, kept of each window by default."""
 PER_STRETCH = tuple(f"rms_{name}" for name in ACCELERATIONS)

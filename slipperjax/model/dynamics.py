@@ -197,7 +197,7 @@ def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -
         f_y, f_z = f_y + l_y, f_z + l_z
         t_x, t_y, t_z = (t + extra for t, extra in zip((t_x, t_y, t_z), moment, strict=True))
     if scene.sled is not None:
-        on_slipper = _sled_force(scene.sled, m)
+        on_slipper = sled_force(scene.sled, m)
         f_y, f_z = f_y + on_slipper[0], f_z + on_slipper[1]
     per_mass, (j_x, j_y, j_z) = 1 / scene.slipper.mass, scene.slipper.inertia
     per_x, per_y, per_z = 1 / j_x, 1 / j_y, 1 / j_z
@@ -219,7 +219,7 @@ def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -
     return SledMotion(**vars(rates), sled_y=m.sled_v_y, sled_z=m.sled_v_z, sled_v_y=a_y, sled_v_z=a_z)
 
 
-def _sled_force(sled: SledMass, m: Motion) -> Array:
+def sled_force(sled: SledMass, m: Motion) -> Array:
     """Returns the sled's lateral and vertical force on the slipper [N]."""
     if not isinstance(m, SledMotion):
         raise ValueError("Argument `start` must be of a scene with a sled: take a Motion, or a run's end.")

@@ -194,8 +194,8 @@ class Cases(Grid):
         self.start = start
         motion = start.motion if isinstance(start, State) else start
         of_start = vars(motion) | {name: values for name, values in flat.items() if name in STARTS}
-        alike = {k: np.broadcast_to(np.asarray(v, float), self.count) for k, v in of_start.items()}
-        self.starts = type(motion)(**alike)
+        spread = lambda v: np.broadcast_to(np.asarray(v, float), self.count)
+        self.starts = type(motion)(**{name: spread(v) for name, v in of_start.items()})
         if isinstance(start, State):
             alike = jax.tree.map(lambda v: np.broadcast_to(np.asarray(v, float), (self.count, *np.shape(v))), start)
             self.starts = eqx.tree_at(lambda state: state.motion, alike, self.starts)

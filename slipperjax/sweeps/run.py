@@ -92,6 +92,16 @@ def refuse_cases(count: int) -> None:
     CountedEstimate(count, SECONDS_PER_STEP * LEAST_STEPS, 0.0, " of one forcing period at least").check()
 
 
+def shared_capacity(most: int, steps: int) -> int:
+    """Steps for which a recording program is compiled that takes `steps`, where others take up to `most`.
+
+    At most 8 times `steps`: one program serves all unless their steps differ more than that.
+    """
+    while most // 8 >= steps:
+        most //= 8
+    return most
+
+
 class Calls(NamedTuple):
     """A stretch of a run as calls of one compiled program."""
 
@@ -147,14 +157,8 @@ class Plan:
         return int(self.steps.max())
 
     def capacity(self, steps: int) -> int:
-        """Steps per period for which a recording program is compiled that takes `steps`.
-
-        At most 8 times `steps`: one program serves all cases of a sweep unless their steps differ more than that.
-        """
-        most = self.most_steps
-        while most // 8 >= steps:
-            most //= 8
-        return most
+        """Steps per period for which a recording program is compiled that takes `steps`."""
+        return shared_capacity(self.most_steps, steps)
 
     @property
     def periods(self) -> int:
@@ -480,7 +484,7 @@ def _in_order(chunks: Sequence[Chunk], parts: Sequence[Any], interrupted: bool) 
 
     def joined(*arrays: np.ndarray) -> np.ndarray:
         if len(chunks) == 1 and np.array_equal(chunks[0].index[:cases], np.arange(cases)):
-            return arrays[0][:cases]  # results may be large
+            return np.asarray(arrays[0])[:cases]  # results may be large
         ordered = np.empty((cases, *arrays[0].shape[1:]), arrays[0].dtype)
         for chunk, array in zip(chunks, arrays, strict=True):
             ordered[chunk.index[: chunk.cases]] = array[: chunk.cases]

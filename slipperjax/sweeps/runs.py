@@ -25,6 +25,7 @@ from ..flow.windows import (
     FRICTION_WORK,
     PEAKS,
     PER_STRETCH,
+    SPRING_FORCE,
     STRETCH,
     WINDOW_RECORDS,
     Marks,
@@ -46,7 +47,7 @@ from ..tools.batching import Batched
 from ..tools.checks import not_negative, number, positive, require, warn, whole
 from ..tools.compile import jit
 from .grid import Cases, filled, with_tracks
-from .run import Calls, ChunkInputs, ChunkRun, Plan, call_of, run_cases
+from .run import Calls, ChunkInputs, ChunkRun, Plan, call_of, run_cases, shared_capacity
 from .store import Store, storable
 
 LEAST_STEPS_PER_WINDOW = 4
@@ -103,10 +104,11 @@ def run(
     **Returns:** an `xarray.Dataset` over the grid and `distance`, the travel at the end of each window [m], with
     `speed` [m/s] in its middle and `seconds` at its end as coordinates. By default `peak_force` [N] of each point,
     `peak_distance` where it was [m], `contact_fraction`, `impacts`, the number of touchdowns, `impulse` [N s],
-    `drive_force` [N], `friction_work` [J] with friction, and `peak_a_y` and the others, the greatest accelerations.
-    Over `stretch`, the travel at the end of each `STRETCH` windows: `rms_a_y` and others, `band_a_y` and `band_a_z`,
-    root mean squares in third octaves [m/s^2], `impact_rate` [1/s], `peak_force_percentile` of the windows' highest
-    forces, and `state`, from which a run goes on. `status` of each run is 0 where nothing is wrong.
+    `drive_force` [N], and `peak_a_y` and the others, the greatest accelerations; with friction `friction_work` [J],
+    and with a sled `spring_force` [N]. Over `stretch`, the travel at the end of each `STRETCH` windows: `rms_a_y` and
+    others, `band_a_y` and `band_a_z`, root mean squares in third octaves [m/s^2], `impact_rate` [1/s],
+    `peak_force_percentile` of the windows' highest forces, `state`, from which a run goes on, and with wear `play`
+    [m]. `status` of each run is 0 where nothing is wrong.
 
     **Raises:** `ValueError`, before anything is compiled, that names the argument which is wrong; `Interrupted`,
     which has the finished runs, after Ctrl-C.
@@ -200,6 +202,8 @@ def _records(scene: Scene, record: Any) -> list[AbstractRecord]:
     heat = PerWindow(FRICTION_WORK)
     if heat not in records and scene.friction is not None and (record is None or scene.wear is not None):
         records.append(heat)
+    if record is None and scene.sled is not None:
+        records.append(PerWindow(SPRING_FORCE))
     names = {one.name for one in records}
     stretches = [run_record(name) for name in PER_STRETCH if name not in names]
     return [*records, *(PerWindow(one, STRETCH) for one in stretches if one is not None)]
@@ -237,18 +241,9 @@ def _steps_along(scenes: Batched[Scene], starts: Any, places: jax.Array) -> jax.
         if not isinstance(scene.speed, SpeedProgramme):
             return jnp.broadcast_to(steps_needed(scene), places.shape[:1])
         least = jnp.min(scene.speed.at(places), axis=1)
-        return jax.vmap(lambda v: steps_needed(_at_speed(scene, v)))(least)
+        return jax.vmap(lambda v: steps_needed(eqx.tree_at(lambda s: s.speed, scene, v)))(least)
 
     return scenes.map(one, starts)
-
-
-def _at_speed(scene: Scene, speed: jax.Array) -> Scene:
-    """The scene at a constant speed, unchecked."""
-    values = vars(scene) | {"speed": speed}
-    steady = object.__new__(type(scene))
-    for name, value in values.items():
-        object.__setattr__(steady, name, value)
-    return steady
 
 
 def _keys(profiles: np.ndarray, windows: int) -> tuple[np.ndarray, dict[int, np.ndarray]]:
@@ -332,10 +327,8 @@ def _run_windows(
         on_progress(0.0)
         used = min(STRETCH, windows - k * STRETCH)
         alike = bool(np.all(profile == steps))
-        capacity = most
-        while capacity // 8 >= steps:
-            capacity //= 8
-        stepping = ConstantSteps(steps) if alike else ConstantSteps(capacity, jnp.asarray(float(steps)))
+        varied = ConstantSteps(shared_capacity(most, steps), jnp.asarray(float(steps)))
+        stepping = ConstantSteps(steps) if alike else varied
         options: dict[str, Any] = dict(solver=plan.solver, periods=STRETCH, records=records)
         passed = advance(scenes, states, epoch + k * STRETCH, stepping, used=jnp.asarray(float(used)), **options)
         states = passed.state

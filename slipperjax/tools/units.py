@@ -20,6 +20,8 @@ def parsed(name: str, value: Any, unit: str) -> float:
     return float(words[1]) / float(words[2] or 1) * unit_factor(name, words[3].strip(), unit)
 
 
+STANDARD_GRAVITY = 9.80665
+"""g, in which accelerations are given [m/s^2]."""
 _UNIT = r"(?:[^\W\d_]|[µ°%*/^().·\s-]|\d(?!\s*(?:\d|\*\*|\^))){1,40}"
 """Units in products, quotients and small powers: no numbers to a power, which could be of any size."""
 
@@ -29,6 +31,8 @@ def unit_factor(name: str, unit: str, si: str) -> float:
     """Returns SI units in one `unit`; raises `ValueError` for a unit of another kind."""
     if unit == si:
         return 1.0
+    if unit == "g" and si == "m/s^2":  # which pint takes for grams
+        return STANDARD_GRAVITY
     import pint  # here, because only files with other units need it
 
     try:

@@ -96,3 +96,17 @@ def test_a_sled_goes_on_from_its_state(tmp_path):
     assert float(sj.load_start(ds).motion.sled_z) == 1e-3
     # a scene without a sled leaves it aside
     assert type(sj.initial_state(sj.paper_scene(), state.motion).motion) is sj.Motion
+
+
+def test_runs_with_a_sled_record_its_springs_and_go_on():
+    scene = dataclasses.replace(sj.paper_scene(), track=sj.RandomTrack.sled(length=300.0), sled=SLED, gravity=9.81)
+    of = lambda length, **options: sj.run(scene, length=length, window=8.0, record="spring_force", **options)
+    ds = of(48.0)
+    assert ds["state"].sizes["number"] == 34
+    # the weight of the sled at rest, and what the rail adds: measured 0.98 to 4.4 kN
+    assert bool(np.all(ds["spring_force"].sel(direction="vertical") > 900.0))
+    first = of(16.0)
+    rest = of(32.0, start=first)
+    np.testing.assert_allclose(rest["spring_force"], ds["spring_force"][2:], rtol=1e-9)
+    with pytest.raises(ValueError, match="Argument `record` must be another one where the scene has no sled"):
+        sj.run(dataclasses.replace(scene, sled=None), length=8.0, window=8.0, record="spring_force")
