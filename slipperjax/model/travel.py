@@ -74,7 +74,8 @@ class SpeedProgramme(ShapeChecked):
     def over_time(cls, time: Any, speed: Any) -> "SpeedProgramme":
         """Makes a programme from speeds [m/s] at some times [s], increasing; between them the speed is linear in
         time."""
-        finite("time", "s")(time), positive("speed", "m/s")(speed)
+        finite("time", "s")(time)
+        positive("speed", "m/s")(speed)
         time, speed = np.asarray(time, float), np.asarray(speed, float)
         need = f"have one value per time, {time.shape}"
         require(time.ndim == 1 and time.shape == speed.shape, "speed", need, shown=f"shape {speed.shape}")
