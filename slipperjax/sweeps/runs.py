@@ -16,9 +16,9 @@ from jaxtyping import Int
 from ..flow.datasets import load_base, run_attributes, scene_attributes
 from ..flow.period_map import advance, initial_states
 from ..flow.record import AbstractRecord, RecordedSpan, RecordSet
-from ..flow.records import AbstractNumber
+from ..flow.records import AbstractNumber, ContactChecks, judged_by_contacts
 from ..flow.simulate import Trajectory, first_of
-from ..flow.status import MEANINGS, first_problem
+from ..flow.status import MEANINGS, first_problem, most_stability_number
 from ..flow.stepping import ConstantSteps
 from ..flow.windows import (
     DEFAULT,
@@ -47,7 +47,8 @@ from ..tools.batching import Batched
 from ..tools.checks import not_negative, number, positive, require, warn, whole
 from ..tools.compile import jit
 from .grid import Cases, filled, with_tracks
-from .run import Calls, ChunkInputs, ChunkRun, Plan, call_of, run_cases, shared_capacity
+from .records import OF_LOADS
+from .run import Calls, ChunkInputs, ChunkRun, Plan, call_of, initial_carry, run_cases, shared_capacity
 from .store import Store, storable
 
 LEAST_STEPS_PER_WINDOW = 4
@@ -170,7 +171,8 @@ def _beginning(begin: float, start: Any) -> tuple[float, Motion | State]:
     at = int(np.argmin(np.abs(places - begin))) if begin else len(places) - 1
     need = f"be one of the distances where the earlier run kept its state, {places[0]:g} to {places[-1]:g} m"
     require(not begin or abs(places[at] - begin) <= 1e-9 * begin, "begin", need, begin)
-    return float(places[at]), StateLayout.of(load_base(start)[0]).unpack(jnp.asarray(start["state"].values[at]))
+    state = StateLayout.of(load_base(start)[0]).unpack(jnp.asarray(start["state"].values[at]))
+    return float(places[at]), first_of(state)
 
 
 def _windows(scene: Scene, length: float, begin: float, window: float) -> int:
@@ -316,6 +318,10 @@ def _run_windows(
     lanes, heat = len(states.motion.y), PerWindow(FRICTION_WORK)
     work, status = np.zeros((lanes, len(scene.section.faces))), np.zeros(lanes, int)
     records, windows = plan.records, plan.recorded.periods
+    # statuses that follow from loads come with any load
+    judged = any(isinstance(r, PerWindow) and r.record in OF_LOADS for r in records.records)
+    looked_at = RecordSet((*records.records, *([ContactChecks()] if judged else [])))
+    carry = initial_carry(looked_at, scenes, states)
     most, stretches, nothing = int(profile.max()), len(profile), (None,) * len(records.records)
     # filled stretch by stretch, so that nothing but the result grows with the distance
     rows_of = [windows if getattr(r, "windows", STRETCH) == 1 else stretches for r in records.records]
@@ -329,11 +335,11 @@ def _run_windows(
         alike = bool(np.all(profile == steps))
         varied = ConstantSteps(shared_capacity(most, steps), jnp.asarray(float(steps)))
         stepping = ConstantSteps(steps) if alike else varied
-        options: dict[str, Any] = dict(solver=plan.solver, periods=STRETCH, records=records)
+        options: dict[str, Any] = dict(solver=plan.solver, periods=STRETCH, records=looked_at, earlier=carry)
         passed = advance(scenes, states, epoch + k * STRETCH, stepping, used=jnp.asarray(float(used)), **options)
-        states = passed.state
+        states, carry = passed.state, passed.carried
         status = first_problem(status, passed.status)
-        kept = jax.tree.map(lambda a, n=used: np.asarray(a)[:cases, :n], passed.samples)
+        kept = jax.tree.map(lambda a, n=used: np.asarray(a)[:cases, :n], passed.samples[: len(records.records)])
         made = records.finish(nothing, kept, RecordedSpan(used, steps, epoch + k * STRETCH, status))
         if not arrays:
             arrays = [np.empty((cases, rows, *a.shape[2:])) for a, rows in zip(made, rows_of, strict=True)]
@@ -346,6 +352,9 @@ def _run_windows(
             scenes = _opened(unworn, work, epoch + k * STRETCH + used, worn)
             plays.append(np.asarray(scenes.varied.section.play)[:cases])
         on_progress(steps / total)
+    if judged:
+        limit = most_stability_number(plan.solver)
+        status = np.asarray(judged_by_contacts(scenes, jnp.asarray(status), carry[-1], limit))
     return ChunkRun(states, status, (tuple(arrays), np.stack(plays, axis=1) if plays else None))
 
 
