@@ -89,6 +89,8 @@ def static_load(scene: Any, speed: float) -> float:
     """Resultant across the rail of weight and load at a speed [N]."""
     import numpy as np
 
+    from ..model.dynamics import driven_mass
+
     _, y, z = (0.0, 0.0, 0.0) if scene.load is None else map(float, scene.load.wrench(speed)[0])
-    weight = 0.0 if scene.gravity is None else float(scene.slipper.mass * scene.gravity)
+    weight = 0.0 if scene.gravity is None else float(driven_mass(scene) * scene.gravity)
     return float(np.hypot(y, z - weight))

@@ -194,28 +194,6 @@ class Marks(AbstractRecord):
         return {"state": ((*dims, "stretch", "number"), values, words)}, {"number": ("number", numbers)}
 
 
-@dataclass(frozen=True)
-class Play(AbstractRecord):
-    """The play of each face in the last window of each stretch, where slippers wear."""
-
-    name = "play"
-    inside = False
-
-    def values(self, periods):
-        return 10 * periods
-
-    def sample(self, course):
-        return course.scene.section.play
-
-    def finish(self, carried, samples, span):
-        return np.asarray(samples)[:, stretch_ends(span.periods)]
-
-    def label(self, scene, dims, values):
-        faces = ["".join(face) for face in scene.section.faces]
-        words = attributes("m", "play of each face")
-        return {"play": ((*dims, "stretch", "face"), values, words)}, {"face": ("face", faces)}
-
-
 def stretch_ends(windows: int) -> Int[np.ndarray, " stretches"]:
     """Returns the number of the last window of each stretch."""
     return np.append(np.arange(STRETCH - 1, windows - 1, STRETCH), windows - 1)

@@ -25,6 +25,7 @@ from .kinematics import (
     attitude_rates,
     check_motion,
     contacts,
+    of_slipper,
     rail_frame,
     rotation,
 )
@@ -118,6 +119,8 @@ def state_and_penetration(scene: Scene, start: Motion | State, epoch: Any = 0) -
         sag = scene.sled.sag(scene.gravity)
         sled = dict(sled_y=motion.y, sled_z=motion.z + sag, sled_v_y=motion.v_y, sled_v_z=motion.v_z)
         motion = SledMotion(**vars(motion), **sled)
+    elif scene.sled is None:
+        motion = of_slipper(motion)
     now = contacts(rail_frame(scene, phase(0.0, epoch)), motion)
     outside = -jnp.min(now.gap) / contact_depth(scene)
     if not scene.contact.has_memory:

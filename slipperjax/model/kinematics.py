@@ -103,6 +103,11 @@ MOTION_SCALES = Motion(*(q.scale for q in MOTION_NUMBERS.values()))
 """Scales of the motion, those of `COORDINATES`: 1 mm, 10 mrad as 5e-3 of the quaternion, 1 m/s, 10 rad/s."""
 
 
+def of_slipper(motion: Motion) -> Motion:
+    """Returns the slipper's part of a motion."""
+    return Motion(*_of_slipper(motion))
+
+
 def scales_of(motion: Motion) -> Motion:
     """Returns the scales of a motion's numbers, a sled's included."""
     if not isinstance(motion, SledMotion):

@@ -58,8 +58,10 @@ class TabulatedLoad(AbstractLoad):
 
     def __check_init__(self):
         for name in ("force", "moment"):
-            array, need = getattr(self, name), f"have one row per speed, ({len(self.speed)}, 3)"
-            require(array.shape == (len(self.speed), 3), name, need, shown=f"shape {array.shape}")
+            array, rows = getattr(self, name), (*self.speed.shape, 3)
+            good = self.speed.ndim == 1 and array.shape == rows != (0, 3)
+            need = f"have one row per speed, and one at least, {rows}"
+            require(good, name, need, shown=f"shape {array.shape}")
         if not is_traced(self.speed):
             require(np.all(np.diff(np.asarray(self.speed)) > 0), "speed", "increase", np.asarray(self.speed))
 

@@ -1,5 +1,6 @@
 """The scene: slipper, section, track, contact and speed. Plain pytrees in SI units, checked on construction."""
 
+import dataclasses
 import json
 from collections.abc import Iterable
 from pathlib import Path
@@ -246,6 +247,21 @@ def check_scene(scene: Any) -> Scene:
     instance("scene", scene, Scene, "a slipperjax.Scene")
     heed_new_code(scene)
     return scene
+
+
+def check_steady(scene: Any) -> Scene:
+    """Returns a scene whose motion may go on for ever; raises `ValueError` for wear and for a programme of speeds."""
+    scene = check_scene(scene)
+    require(scene.wear is None, "scene", "have no wear here, which slipperjax.run follows alone", scene.wear)
+    steady = not isinstance(scene.speed, SpeedProgramme)
+    require(steady, "scene", "have a constant speed", shown="one with a programme of speeds")
+    return scene
+
+
+def at_speed(scene: Any, speed: Any) -> Scene:
+    """Returns a scene, checked, at another speed or programme; with None at its own."""
+    scene = check_scene(scene)
+    return scene if speed is None else dataclasses.replace(scene, speed=speed)
 
 
 def scene_to_toml(scene: Scene, start: Any = None) -> str:

@@ -32,7 +32,7 @@ from .section import Section
 from .sled import SledMass
 from .surveys import SurveyedTrack
 from .tracks import AbstractTrack
-from .travel import SpeedProgramme, Stage
+from .travel import STAGE_UNITS, SpeedProgramme, Stage
 
 SINGLE = (Slipper, Section, SledMass)
 """Classes without alternatives, whose tables need no type."""
@@ -40,8 +40,6 @@ INNER = (AbstractTrack, AbstractSpectrum)
 """Bases of classes within parts of a scene."""
 
 
-STAGE_UNITS = {"acceleration": "m/s^2", "length": "m", "duration": "s", "speed": "m/s"}
-"""Units of the numbers of a stage."""
 RUN = {"length": (positive, "m"), "begin": (not_negative, "m"), "window": (positive, "m")}
 """Checks and units of the numbers in the table `run`."""
 
@@ -156,8 +154,10 @@ class _Reader:
         table = dict(self.tables["speed"])
         with self.placed("speed"):
             if "stages" in table:
-                start = quantity("start", table.pop("start", None), "m/s")
-                made = SpeedProgramme.stages([self.stage(row) for row in table.pop("stages")], start=start)
+                start, rows = quantity("start", table.pop("start", None), "m/s"), table.pop("stages")
+                if not (isinstance(rows, list) and all(isinstance(row, dict) for row in rows)):
+                    raise ValueError(f"`stages` must be a list of tables, but is {brief(rows)}.")
+                made = SpeedProgramme.stages([self.stage(row) for row in rows], start=start)
             elif "time" in table:
                 time, speed = (quantity(n, table.pop(n, None), u) for n, u in (("time", "s"), ("speed", "m/s")))
                 made = SpeedProgramme.over_time(time, speed)

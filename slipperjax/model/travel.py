@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import ShapeChecked, finite, positive, require
+from ..tools.checks import ShapeChecked, finite, instance, number, positive, require
 from ..tools.compile import is_traced
 
 LEAST_SPEED = 1.0
@@ -44,6 +44,10 @@ class Stage(NamedTuple):
     """Speed at its end [m/s]."""
 
 
+STAGE_UNITS = {"acceleration": "m/s^2", "length": "m", "duration": "s", "speed": "m/s"}
+"""Units of the numbers of a stage."""
+
+
 class SpeedProgramme(ShapeChecked):
     """A travelling speed that changes along the run, at constant acceleration from each place to the next.
 
@@ -70,10 +74,11 @@ class SpeedProgramme(ShapeChecked):
     def over_time(cls, time: Any, speed: Any) -> "SpeedProgramme":
         """Makes a programme from speeds [m/s] at some times [s], increasing; between them the speed is linear in
         time."""
+        finite("time", "s")(time)
+        positive("speed", "m/s")(speed)
         time, speed = np.asarray(time, float), np.asarray(speed, float)
-        require(
-            time.ndim == 1 and time.shape == speed.shape, "speed", f"have one value per time, {time.shape}", speed
-        )
+        need = f"have one value per time, {time.shape}"
+        require(time.ndim == 1 and time.shape == speed.shape, "speed", need, shown=f"shape {speed.shape}")
         require(np.all(np.diff(time) > 0), "time", "increase", time)
         way = np.cumsum(np.diff(time) * (speed[1:] + speed[:-1]) / 2)
         return cls(np.concatenate([[0.0], way]), speed)
@@ -86,25 +91,29 @@ class SpeedProgramme(ShapeChecked):
 
         **Raises:** `ValueError` that names the stage which is wrong: one without an end, or that misses its speed.
         """
-        distance, speed = [0.0], [float(start)]
-        for number, stage in enumerate(stages):
-            name = f"stages[{number}]"
-            a, v = float(stage.acceleration), speed[-1]
-            if stage.length is not None:
-                length = float(stage.length)
-            elif stage.duration is not None:
-                length = stage.duration * (v + 0.5 * a * stage.duration)
+        distance, speed = [0.0], [number(positive, "start", start, "m/s")]
+        instance("stages", stages, Sequence, "a list of slipperjax.Stage")
+        for k, stage in enumerate(stages):
+            name = f"stages[{k}]"
+            parts = instance(name, stage, Stage, "a slipperjax.Stage")._asdict().items()
+            given = [n for n, value in parts if n == "acceleration" or value is not None]
+            of = {n: number(finite, f"{name}.{n}", getattr(stage, n), STAGE_UNITS[n]) for n in given}
+            a, v = of["acceleration"], speed[-1]
+            if "length" in of:
+                length = of["length"]
+                end = float(np.sqrt(max(v**2 + 2 * a * length, 0.0)))
+            elif "duration" in of:
+                end = v + a * of["duration"]
+                length = of["duration"] * (v + end) / 2
             else:
-                require(stage.speed is not None, name, "have a length, a duration or a speed", stage)
-                reached = a != 0 and (float(stage.speed or 0) - v) * a > 0
-                require(reached, name, f"reach its speed from {v:g} m/s", stage)
-                length = (float(stage.speed or 0) ** 2 - v**2) / (2 * a)
+                require("speed" in of, name, "have a length, a duration or a speed", stage)
+                end = of["speed"]
+                require((end - v) * a > 0, name, f"reach its speed from {v:g} m/s", stage)
+                length = (end**2 - v**2) / (2 * a)
             require(length > 0, name, "have a length above zero", stage)
-            square = v**2 + 2 * a * length
-            need = f"end at {LEAST_SPEED:g} m/s or more"
-            require(square >= LEAST_SPEED**2 * (1 - 1e-9), name, need, stage)
+            require(end >= LEAST_SPEED * (1 - 1e-9), name, f"end at {LEAST_SPEED:g} m/s or more", stage)
             distance.append(distance[-1] + length)
-            speed.append(float(np.sqrt(square)))
+            speed.append(end)
         return cls(distance, speed)
 
     def __check_init__(self):

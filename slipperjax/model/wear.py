@@ -50,8 +50,9 @@ class WearTable(AbstractWear):
     """Play added to each face there [m]; half of the clearance that is added."""
 
     def __check_init__(self):
-        good = self.distance.shape == self.play.shape
-        require(good, "play", f"have one value per distance, {self.distance.shape}", shown=f"shape {self.play.shape}")
+        good = self.distance.ndim == 1 and self.distance.shape == self.play.shape != (0,)
+        need = f"have one value per distance, and one at least, {self.distance.shape}"
+        require(good, "play", need, shown=f"shape {self.play.shape}")
         if not is_traced(self.distance):
             rises = bool(np.all(np.diff(np.asarray(self.distance)) > 0))
             require(rises, "distance", "increase", np.asarray(self.distance))

@@ -16,7 +16,7 @@ from ..flow.status import status_of, with_growth, with_resolution
 from ..model.dynamics import State, initial_state
 from ..model.kinematics import Motion
 from ..model.layout import StateLayout
-from ..model.scene import Scene, check_scene
+from ..model.scene import Scene, check_scene, check_steady
 from ..solvers.named import resolve_solver
 from ..tools.checks import whole
 from ..tools.compile import is_traced
@@ -28,9 +28,9 @@ def check_count(scene: Scene, count: int) -> int:
     Ten, and the memory of each point where that is integrated. A latched memory adds none: it follows from the motion
     at the touchdown.
 
-    **Raises:** `ValueError` for more.
+    **Raises:** `ValueError` for more, and for a scene without steady motions.
     """
-    size = StateLayout.of(scene).dimension
+    size = StateLayout.of(check_steady(scene)).dimension
     if whole("count", count, 1) > size:
         raise ValueError(f"Argument `count` must be at most {size}, the dimension of the motion, but is {count}.")
     return int(count)

@@ -17,7 +17,7 @@ from ..model.dynamics import State
 from ..model.kinematics import contacts, rail_frame
 from ..model.paths import at_values
 from ..model.quantities import MOTION_NUMBERS
-from ..model.scene import Scene
+from ..model.scene import Scene, check_steady
 from ..model.travel import SpeedProgramme
 from ..tools.checks import require
 from ..tools.compile import is_traced
@@ -93,9 +93,7 @@ def check_forcing(scene: Scene) -> None:
         with jax.ensure_compile_time_eval():  # inside jit, too
             recurrence = float(scene.track.recurrence)
         require(recurrence == 1, "scene", need, scene.track)
-    require(scene.wear is None, "scene", "have no wear here, which slipperjax.run follows alone", scene.wear)
-    steady = not isinstance(scene.speed, SpeedProgramme)
-    require(steady, "scene", "have a constant speed", shown="one with a programme of speeds")
+    check_steady(scene)
 
 
 def recurs(scene: Scene) -> Bool[Array, ""]:

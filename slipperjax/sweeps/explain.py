@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from ..flow.simulate import first_of
-from ..model.scene import Scene
+from ..model.scene import Scene, at_speed
 from ..model.step_size import LEAST_STEPS
 from ..tools.checks import whole
 from ..tools.limits import cores, shown_bytes, shown_time
@@ -98,6 +98,7 @@ def explain(
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
+    scene = at_speed(scene, options.pop("speed", None))
     cases = Grid(scene, grid, product=options.get("product", True))
     workers = cores() if workers is None else whole("workers", workers, 1)
     steps = options.get("steps_per_period")

@@ -14,7 +14,7 @@ from ..flow.status import Status
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.quantities import COORDINATE_SCALES
-from ..model.scene import Scene
+from ..model.scene import Scene, check_steady
 from ..tools.checks import number, one_of, positive, require
 from .grid import Grid, filled, path_grid
 from .records import resolved_record
@@ -59,7 +59,7 @@ def follow(
     """
     call = call_of("follow", locals())
     start = first_of(start)
-    grid, _, values = path_grid(scene, path)
+    grid, _, values = path_grid(check_steady(scene), path)
     several = (
         isinstance(directions, tuple | list) and directions and all(directions.count(d) == 1 for d in directions)
     )

@@ -51,7 +51,9 @@ def over_rails(
             found = np.quantile(drawn, quantile, axis=0, method="median_unbiased")
         return np.where(np.isfinite(found), found, np.nan)
 
-    value, drawn = bootstrap(fit, len(numbers), resamples=whole("resamples", resamples, 2), seed=seed)
+    value, drawn = bootstrap(
+        fit, len(numbers), resamples=whole("resamples", resamples, 2), seed=whole("seed", seed, 0)
+    )
     if quantile is None:
         stderr = drawn.std(axis=0, ddof=1)
         low, high = value - 2 * stderr, value + 2 * stderr

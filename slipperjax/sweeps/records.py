@@ -163,12 +163,12 @@ def resolved_record(record: Any, loads: bool | None = None) -> RecordSet:
     series = any(isinstance(one, Sections | History) for one in records)
     if yes_or_no("loads", series if loads is None else loads):
         records += [RECORDS[name] for name in LOADS]
-    if any((one.record if isinstance(one, OnePoint) else one) in _OF_LOADS for one in records):
+    if any((one.record if isinstance(one, OnePoint) else one) in OF_LOADS for one in records):
         records.append(ContactChecks())
     return RecordSet(tuple(dict.fromkeys(records)))
 
 
-_OF_LOADS = {RECORDS[name] for name in (*LOADS, "impact_impulse")}
+OF_LOADS = {RECORDS[name] for name in (*LOADS, "impact_impulse")}
 """Records that look at contact loads."""
 
 

@@ -330,7 +330,7 @@ def run_chunk(
         alike = bool(np.all(plan.steps == steps))
         recording = ConstantSteps(steps) if alike else ConstantSteps(plan.capacity(steps), number)
     for calls, kept, chosen in ((plan.transient, records.from_start, stepping), (plan.recorded, records, recording)):
-        carry = _initial_carry(kept, scenes, states)
+        carry = initial_carry(kept, scenes, states)
         # a program serves several numbers of periods; samples of periods beyond its use are cut off
         options: dict[str, Any] = dict(solver=plan.solver, periods=calls.capacity, records=kept)
         used, cut = jnp.asarray(float(calls.length)), lambda a, n=calls.length: np.asarray(a)[:, :n]
@@ -349,7 +349,7 @@ def run_chunk(
     return ChunkRun(states, status, records.finish(carry, kept, span))
 
 
-def _initial_carry(records: RecordSet, scenes: Batched[Scene], states: State) -> Any:
+def initial_carry(records: RecordSet, scenes: Batched[Scene], states: State) -> Any:
     """Carries of records that have seen no period, with a leading axis of lanes."""
     lanes, first = len(states.motion.y), lambda tree: jax.tree.map(lambda a: a[0], tree)
     one = records.begin(eqx.combine(first(scenes.varied), scenes.shared), first(states))

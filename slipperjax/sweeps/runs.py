@@ -16,9 +16,9 @@ from jaxtyping import Float, Int
 from ..flow.datasets import load_base, run_attributes, scene_attributes
 from ..flow.period_map import advance, initial_states
 from ..flow.record import AbstractRecord, RecordedSpan, RecordSet
-from ..flow.records import AbstractNumber
+from ..flow.records import AbstractNumber, ContactChecks, judged_by_contacts
 from ..flow.simulate import Trajectory, first_of
-from ..flow.status import MEANINGS, first_problem
+from ..flow.status import MEANINGS, first_problem, most_stability_number
 from ..flow.stepping import ConstantSteps, capacity_for
 from ..flow.windows import (
     DEFAULT,
@@ -30,7 +30,6 @@ from ..flow.windows import (
     WINDOW_RECORDS,
     Marks,
     PerWindow,
-    Play,
     ThirdOctaves,
     WindowedTrack,
     run_record,
@@ -40,7 +39,7 @@ from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.layout import StateLayout, coordinates
 from ..model.quantities import COORDINATE_SCALES
-from ..model.scene import Scene, check_scene
+from ..model.scene import Scene, at_speed
 from ..model.step_size import rounded_steps, steps_needed
 from ..model.travel import SpeedProgramme
 from ..solvers.latching import solver_name
@@ -49,7 +48,8 @@ from ..tools.batching import Batched
 from ..tools.checks import not_negative, number, positive, require, warn, whole
 from ..tools.compile import jit
 from .grid import Cases, filled, with_tracks
-from .run import Calls, ChunkInputs, Plan, call_of, run_cases, shared_capacity
+from .records import OF_LOADS
+from .run import Calls, ChunkInputs, Plan, call_of, initial_carry, run_cases, shared_capacity
 from .store import Store, storable
 
 LEAST_STEPS_PER_WINDOW = 4
@@ -98,8 +98,8 @@ def run(
     - `window`: length over which records are joined [m].
     - `record`: names or records of numbers, which are kept of each window: those of `slipperjax.flow.RECORDS` and
         `slipperjax.flow.windows.WINDOW_RECORDS`. Default what tests of tracks report, see below.
-    - `start`: as for `simulate`, at the place where the run begins; or an earlier run, from whose state at `begin`
-        this one goes on, by default at its end.
+    - `start`: as for `simulate`, at the place where the run begins; or, without a store, an earlier run, from whose
+        state at `begin` this one goes on, by default at its end.
     - `steps_per_period`: integration steps per wavelength of the track, or reference length, the same all the way;
         by default those that the least speed of each `STRETCH` windows needs.
     - `probe`: at the start of how many stretches the error is measured by half the step, over a wavelength of the
@@ -119,13 +119,11 @@ def run(
     which has the finished runs, after Ctrl-C.
     """
     call = call_of("run", locals())
-    check_scene(scene)
+    scene = at_speed(scene, speed)
     earlier, (begin, start) = start, _beginning(begin, start)
     worn = _worn(scene, earlier, begin)
-    scene = scene if speed is None else dataclasses.replace(scene, speed=speed)
     windows = _windows(scene, number(positive, "length", length, "m"), begin, number(positive, "window", window, "m"))
-    more = [] if scene.wear is None else [Play()]
-    records = RecordSet((*_records(scene, record), ThirdOctaves(), Marks(), *more))
+    records = RecordSet((*_records(scene, record), ThirdOctaves(), Marks()))
     only = grid is None
     cases = Cases(scene, {"length": [float(scene.slipper.length)]} if grid is None else grid, start, product=product)
     profiles = _step_profiles(cases, begin, window, windows, steps_per_period)
@@ -162,6 +160,7 @@ class _Results(NamedTuple):
     state: State  # at the end, with a leading axis of lanes
     status: Int[np.ndarray, " lanes"]
     record: tuple[Any, ...]  # arrays of the plan's records, with a leading axis of cases
+    play: np.ndarray | None  # of the faces at the end of each stretch, (cases, stretches, faces) [m]; None unworn
     probe: np.ndarray  # errors, (cases, probes)
 
 
@@ -197,7 +196,8 @@ def _beginning(begin: float, start: Any) -> tuple[float, Motion | State]:
     at = int(np.argmin(np.abs(places - begin))) if begin else len(places) - 1
     need = f"be one of the distances where the earlier run kept its state, {places[0]:g} to {places[-1]:g} m"
     require(not begin or abs(places[at] - begin) <= 1e-9 * begin, "begin", need, begin)
-    return float(places[at]), StateLayout.of(load_base(start)[0]).unpack(jnp.asarray(start["state"].values[at]))
+    state = StateLayout.of(load_base(start)[0]).unpack(jnp.asarray(start["state"].values[at]))
+    return float(places[at]), first_of(state)
 
 
 def _windows(scene: Scene, length: float, begin: float, window: float) -> int:
@@ -219,7 +219,7 @@ def _windows(scene: Scene, length: float, begin: float, window: float) -> int:
 def _records(scene: Scene, record: Any) -> list[AbstractRecord]:
     """Returns the records of a user's choice, of each window and of each stretch."""
     chosen = [*DEFAULT, *PEAKS] if record is None else record
-    chosen = [chosen] if isinstance(chosen, str | AbstractNumber) else list(chosen)
+    chosen = [chosen] if isinstance(chosen, str) or not isinstance(chosen, Sequence) else chosen
     records = []
     for one in chosen:
         known = one if isinstance(one, AbstractNumber) else run_record(one)
@@ -256,12 +256,12 @@ def _step_profiles(
 
 
 @jit
-def _reference_lengths(scenes: Batched[Scene], starts: Motion | State) -> jax.Array:
-    return scenes.map(lambda scene, start: scene.track.wavelength, starts)  # which may be all that differs
+def _reference_lengths(scenes: Batched[Scene], starts: Any) -> jax.Array:
+    return scenes.map(lambda scene, start: scene.track.wavelength, starts)
 
 
 @jit
-def _steps_along(scenes: Batched[Scene], starts: Motion | State, places: jax.Array) -> jax.Array:
+def _steps_along(scenes: Batched[Scene], starts: Any, places: jax.Array) -> jax.Array:
     """Steps per reference length of each stretch, at its least speed, (cases, stretches)."""
 
     def one(scene: Scene, start: Any) -> jax.Array:
@@ -343,11 +343,18 @@ def _run_windows(
     lanes, heat = len(states.motion.y), PerWindow(FRICTION_WORK)
     work, status = np.zeros((lanes, len(scene.section.faces))), np.zeros(lanes, int)
     records, windows = plan.records, plan.recorded.periods
+    # statuses that follow from loads come with any load
+    judged = any(isinstance(r, PerWindow) and r.record in OF_LOADS for r in records.records)
+    looked_at = RecordSet((*records.records, *([ContactChecks()] if judged else [])))
+    carry = initial_carry(looked_at, scenes, states)
     most, stretches, nothing = int(profile.max()), len(profile), (None,) * len(records.records)
     # filled stretch by stretch, so that nothing but the result grows with the distance
     rows_of = [windows if getattr(r, "windows", STRETCH) == 1 else stretches for r in records.records]
     arrays: list[np.ndarray] = []
-    cases, errors = part.cases, []
+    plays: list[np.ndarray] = []
+    errors: list[np.ndarray] = []
+    cases = part.cases
+    scenes = scenes if worn is None else _opened(unworn, work, epoch, worn)
     total = float(profile.sum())
     for k, steps in enumerate(profile.tolist()):
         part.on_progress(0.0)
@@ -355,34 +362,38 @@ def _run_windows(
         alike = bool(np.all(profile == steps))
         varied = ConstantSteps(shared_capacity(most, steps), jnp.asarray(float(steps)))
         stepping = ConstantSteps(steps) if alike else varied
-        if worn is not None:
-            scenes = _opened(unworn, work, epoch + k * STRETCH, worn)
         if k in probes.stretches:
             errors.append(_probe(plan, scenes, states, epoch + k * STRETCH, steps, probes.windows)[:cases])
-        options: dict[str, Any] = dict(solver=plan.solver, periods=STRETCH, records=records)
+        options: dict[str, Any] = dict(solver=plan.solver, periods=STRETCH, records=looked_at, earlier=carry)
         passed = advance(scenes, states, epoch + k * STRETCH, stepping, used=jnp.asarray(float(used)), **options)
-        states = passed.state
+        states, carry = passed.state, passed.carried
         status = first_problem(status, passed.status)
-        kept = jax.tree.map(lambda a, n=used: np.asarray(a)[:cases, :n], passed.samples)
+        kept = jax.tree.map(lambda a, n=used: np.asarray(a)[:cases, :n], passed.samples[: len(records.records)])
         made = records.finish(nothing, kept, RecordedSpan(used, steps, epoch + k * STRETCH, status))
         if not arrays:
             arrays = [np.empty((cases, rows, *a.shape[2:])) for a, rows in zip(made, rows_of, strict=True)]
         for array, rows, values in zip(arrays, rows_of, made, strict=True):
             at = k if rows == stretches else k * STRETCH
             array[:, at : at + values.shape[1]] = values
-        if worn is not None and heat in records.records:
-            work += _work_of_faces(scene, np.asarray(passed.samples[records.records.index(heat)])[:, :used])
+        if worn is not None:
+            if heat in records.records:
+                work += _work_of_faces(scene, np.asarray(passed.samples[records.records.index(heat)])[:, :used])
+            scenes = _opened(unworn, work, epoch + k * STRETCH + used, worn)
+            plays.append(np.asarray(scenes.varied.section.play)[:cases])
         part.on_progress(steps / total)
-    return _Results(states, status, tuple(arrays), np.stack(errors, axis=1) if errors else np.empty((cases, 0)))
+    if judged:
+        limit = most_stability_number(plan.solver)
+        status = np.asarray(judged_by_contacts(scenes, jnp.asarray(status), carry[-1], limit))
+    probe = np.stack(errors, axis=1) if errors else np.empty((cases, 0))
+    return _Results(states, status, tuple(arrays), np.stack(plays, axis=1) if plays else None, probe)
 
 
 def _probe(
     plan: Plan, scenes: Batched[Scene], states: State, epoch: float, steps: int, windows: int
 ) -> Float[np.ndarray, " lanes"]:
     """Returns what half the step changes over some windows, in multiples of the coordinates' scales [1]."""
-    options: dict[str, Any] = dict(
-        solver=plan.solver, periods=capacity_for(windows), used=jnp.asarray(float(windows))
-    )
+    used = jnp.asarray(float(windows))
+    options: dict[str, Any] = dict(solver=plan.solver, periods=capacity_for(windows), used=used)
     ends = [
         advance(scenes, states, epoch, ConstantSteps(steps=jnp.asarray(float(number))), **options).state
         for number in (steps, 2 * steps)
@@ -397,21 +408,27 @@ def _dataset(
     """Labels the results of a run."""
     cases = plan.cases
     dims, shape = cases.dims, cases.shape
-    record = jax.tree.map(lambda a: np.asarray(a).reshape(*shape, *a.shape[1:]), results.record)
+    of_grid = lambda a: np.asarray(a).reshape(*shape, *a.shape[1:])
+    record, play = jax.tree.map(of_grid, (results.record, results.play))
     data, coords = plan.records.label(cases.scene, dims, record)
+    if play is not None:
+        words = {"units": "m", "long_name": "play of each face at the end of each stretch"}
+        data["play"] = ((*dims, "stretch", "face"), play, words)
+        coords["face"] = ("face", ["".join(face) for face in cases.scene.section.faces])
     data["status"] = (dims, results.status.reshape(shape), {"long_name": "status", "meaning": MEANINGS})
     words = {"units": "1", "long_name": "integration steps per window"}
     data["steps_per_window"] = ((*dims, "stretch"), profiles.reshape(*shape, -1), words)
     if len(frame.probes):
         words = {"units": "1", "long_name": "what half the step changes over a reference length, in scales"}
-        data["probe_error"] = ((*dims, "probe"), results.probe.reshape(*shape, -1), words)
+        data["probe_error"] = ((*dims, "probe"), of_grid(results.probe), words)
         coords["probe"] = ("probe", frame.probes, {"units": "m", "long_name": "distance travelled"})
     coords["distance"] = ("distance", frame.ends, {"units": "m", "long_name": "distance travelled"})
     coords["stretch"] = ("stretch", frame.stretches, {"units": "m", "long_name": "distance travelled"})
     batch = cases.unprepared(filled(np.arange(cases.count), cases.count))
     speed, seconds = (np.asarray(a)[: cases.count] for a in _times(*batch, jnp.asarray(frame.ends), frame.window))
     seconds = seconds - np.asarray(_times(*batch, jnp.asarray([frame.begin]), frame.window)[1])[: cases.count]
-    differ = bool(np.any(np.ptp(seconds, axis=0) > 0))
+    # by names and not by values, so that each part of a store has the same dimensions
+    differ = any(name.partition(".")[0] == "speed" for name in cases.axes)
     along = (*dims, "distance") if differ else ("distance",)
     joined = lambda a: a.reshape(*shape, -1) if differ else a[0]
     coords["speed_along" if "speed" in cases.axes else "speed"] = (
@@ -431,9 +448,7 @@ def _dataset(
 
 
 @jit
-def _times(
-    scenes: Batched[Scene], starts: Motion | State, ends: jax.Array, window: Any
-) -> tuple[jax.Array, jax.Array]:
+def _times(scenes: Batched[Scene], starts: Any, ends: jax.Array, window: Any) -> tuple[jax.Array, jax.Array]:
     """Speeds in the middle of windows [m/s] and times at their ends [s], (cases, windows)."""
 
     def one(scene: Scene, start: Any) -> tuple[jax.Array, jax.Array]:

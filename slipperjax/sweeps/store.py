@@ -30,6 +30,7 @@ import xarray as xr
 from ..flow.datasets import versions
 from ..flow.simulate import first_of
 from ..flow.status import Interrupted, Status
+from ..model.scene import at_speed
 from ..model.scene_files import scene_to_json
 from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
@@ -547,6 +548,7 @@ def _stored(function: Callable[..., Any], options: dict[str, Any], store: Store,
     need = "be a dask.distributed.Client or a concurrent.futures.Executor"
     require(executor is None or callable(getattr(executor, "submit", None)), "executor", need, executor)
     scene, steps, workers = (options.pop(name) for name in ("scene", "steps_per_period", "workers"))
+    scene = at_speed(scene, options.pop("speed", None))  # of `run`, whose grid may vary it
     grid = Grid(scene, options.pop("grid"), product=options["product"])
     grid.check_steps(steps)
     workers = None if workers is None else whole("workers", workers, 1)

@@ -140,5 +140,6 @@ def check_fields(description: Mapping[str, Any], kind: type, where: str) -> None
         if name != TYPE and name not in fields:
             raise ValueError(f"Argument `{where}` must have only {', '.join(fields)}, but has `{name}`.")
     for name, default in fields.items():
-        if default is inspect.Parameter.empty and name not in description and len(description) > 1:
-            raise ValueError(f"Argument `{where}` must have `{name}`, but has only {', '.join(description)}.")
+        if default is inspect.Parameter.empty and name not in description:
+            given = [other for other in description if other != TYPE]
+            raise ValueError(f"Argument `{where}` must have `{name}`, but has only {', '.join(given) or 'nothing'}.")

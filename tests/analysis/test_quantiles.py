@@ -90,6 +90,7 @@ def test_lost_rails_count_as_the_greatest():
         (dict(dim="seed"), "Argument `dim` must be one of clearance, track.seed"),
         (dict(values=np.zeros(3)), "Argument `values` must be an xarray.DataArray"),
         (dict(resamples=1), "Argument `resamples` must be a whole number of 2 or more"),
+        (dict(seed=-1), "Argument `seed` must be a whole number of 0 or more"),
     ],
 )
 def test_bad_questions_name_what_is_wrong(change, words):

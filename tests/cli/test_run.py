@@ -1,5 +1,6 @@
 """The command `run`: what it reads, computes, writes and prints."""
 
+import dataclasses
 import re
 from pathlib import Path
 
@@ -172,7 +173,10 @@ def test_an_interrupted_run_writes_nothing(file, tmp_path, capsys, replaced):
 def test_the_static_load_is_across_the_rail():
     scene = sj.paper_scene()
     assert static_load(scene, 300.0) == 0.0
-    assert static_load(scene.replace(gravity=10.0), 300.0) == pytest.approx(140.0)
+    heavy = scene.replace(gravity=10.0)
+    assert static_load(heavy, 300.0) == pytest.approx(140.0)
+    on_it = sj.SledMass(50.0, [1e6, 1e6])
+    assert static_load(dataclasses.replace(heavy, sled=on_it), 300.0) == pytest.approx(640.0)
 
 
 def test_the_worst_stretch_is_named():

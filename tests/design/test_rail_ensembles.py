@@ -11,6 +11,7 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.design import Descent, EnsembleSettings, RailEnsemble, sensitivities, surroundings
+from slipperjax.design.objectives import ensemble_for
 from slipperjax.design.problem import checked_problem
 from slipperjax.sweeps import over_rails
 
@@ -150,3 +151,8 @@ def test_errors_of_slopes_over_rails_are_true():
     print("relative slopes", truth["relative"].values, truth["gradient_stderr"].values / truth["gradient"].values)
     assert value >= 0.85
     assert min(slope) >= 0.85
+
+
+def test_a_programme_of_speeds_has_an_ensemble():
+    scene = dataclasses.replace(sj.paper_scene(), speed=sj.SpeedProgramme([0.0, 100.0], [50.0, 800.0]))
+    assert isinstance(ensemble_for(scene, None), RailEnsemble)

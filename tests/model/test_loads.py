@@ -143,3 +143,17 @@ def test_parts_survive_files(part, tmp_path):
     assert f"[{part}]" in text
     again = sj.load_scene(tmp_path / "scene.toml")
     assert jax.tree.all(jax.tree.map(np.array_equal, again, LOADED))
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: sj.TabulatedLoad(5.0, [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]), "`force` must have one row per speed"),
+        (lambda: sj.TabulatedLoad([], np.zeros((0, 3)), np.zeros((0, 3))), "`force` must have one row per speed"),
+        (lambda: sj.WearTable(5.0, 1e-3), "`play` must have one value per distance"),
+        (lambda: sj.WearTable([], []), "`play` must have one value per distance, and one at least"),
+    ],
+)
+def test_tables_have_rows(make, words):
+    with pytest.raises(ValueError, match=words):
+        make()

@@ -8,10 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix
 import pytest
+import xarray as xr
 
 import slipperjax as sj
+from slipperjax.flow.datasets import run_attributes
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.model.layout import StateLayout
+from slipperjax.sweeps.grid import Cases
 
 SLED = sj.SledMass(100.0, [2e6, 8e6], [0.0, 0.0])
 FREE = dataclasses.replace(sj.paper_scene(clearance=30e-3), track=sj.StraightTrack(), sled=SLED)
@@ -82,6 +85,17 @@ def test_derivatives_by_the_sled_agree_in_both_modes():
     forward, reverse = jax.jacfwd(end)(100.0), jax.grad(end)(100.0)
     difference = (end(100.01) - end(99.99)) / 0.02
     np.testing.assert_allclose([forward, reverse], difference, rtol=1e-5)
+
+
+def test_a_sled_goes_on_from_its_state(tmp_path):
+    state = sj.initial_state(FREE, sj.SledMotion(v_z=1.0, sled_z=1e-3))
+    starts = Cases(FREE, {"clearance": [30e-3, 31e-3], "y": [1e-4]}, state).starts
+    np.testing.assert_array_equal(starts.motion.sled_z, [1e-3, 1e-3])
+    np.testing.assert_array_equal(starts.motion.y, [1e-4, 1e-4])
+    ds = xr.Dataset(attrs=run_attributes(FREE, state, {"function": "run"}))
+    assert float(sj.load_start(ds).motion.sled_z) == 1e-3
+    # a scene without a sled leaves it aside
+    assert type(sj.initial_state(sj.paper_scene(), state.motion).motion) is sj.Motion
 
 
 def test_runs_with_a_sled_record_its_springs_and_go_on():

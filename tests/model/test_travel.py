@@ -110,6 +110,23 @@ def test_a_programme_is_differentiable_and_swept():
         (lambda: sj.SpeedProgramme.stages([sj.Stage(9.0)], start=5.0), r"`stages\[0\]` must have a length, a dur"),
         (lambda: sj.SpeedProgramme.stages([sj.Stage(-9.0, speed=9.0)], start=5.0), r"`stages\[0\]` must reach its"),
         (lambda: sj.SpeedProgramme.stages([sj.Stage(-9.0, length=99.0)], start=5.0), r"`stages\[0\]` must end at"),
+        (
+            lambda: sj.SpeedProgramme.stages(None, start=50.0),
+            "`stages` must be a list of slipperjax.Stage, but is None",
+        ),
+        (lambda: sj.SpeedProgramme.stages([3.0], start=50.0), r"`stages\[0\]` must be a slipperjax.Stage, but is 3"),
+        (
+            lambda: sj.SpeedProgramme.stages([sj.Stage(0.0, length=1.0)], start=None),
+            "`start` must be positive, but is No",
+        ),
+        (
+            lambda: sj.SpeedProgramme.stages([sj.Stage(1.0, duration="2 s")], start=50.0),
+            r"`stages\[0\].duration` must be finite, but is '2 s', not a number in s",
+        ),
+        # it stands still after 5 s, and would go backwards
+        (lambda: sj.SpeedProgramme.stages([sj.Stage(-10.0, duration=9.0)], start=50.0), "must end at 1 m/s or more"),
+        (lambda: sj.SpeedProgramme.over_time([0.0, {}], [1.0, 2.0]), "`time` must be finite"),
+        (lambda: sj.SpeedProgramme.over_time([0.0, 1.0], "fast"), "`speed` must be positive, but is 'fast'"),
     ],
 )
 def test_bad_programmes_name_what_is_wrong(make, words):
@@ -135,3 +152,29 @@ def test_a_sled_is_driven_by_its_mass_times_the_acceleration():
     drag = dataclasses.replace(scene, load=sj.AppliedLoad(force_by_square=[-0.02, 0.0, 0.0]))
     force = float(sj.reactions(0.5, state, sj.Args(drag, 10.0)).drive_force)
     assert force == pytest.approx(14.0 * 200.0 + 0.02 * (50.0**2 + 400.0 * 84.0), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ('start = "5 m/s"\nstages = [5]', "line 4: `stages` must be a list of tables"),
+        ("", "line 2: Argument `speed` must have `distance`, but has only nothing"),
+    ],
+)
+def test_bad_programmes_in_files_name_the_line(table, words, tmp_path):
+    (tmp_path / "scene.toml").write_text(f'base = "paper"\n[speed]\n{table}\n')
+    with pytest.raises(ValueError, match=words):
+        sj.load_scene(tmp_path / "scene.toml")
+
+
+def test_motions_without_end_need_a_constant_speed_and_no_wear():
+    scene = sj.paper_scene()
+    worn = dataclasses.replace(scene, wear=sj.Wear(1e-12))
+    for one, words in ((dataclasses.replace(scene, speed=PROGRAMME), "a constant speed"), (worn, "no wear here")):
+        for make in (
+            lambda s: sj.lyapunov_spectrum(s, 1),
+            lambda s: sj.lyapunov_sweep(s, {"clearance": [1e-3]}),
+            lambda s: sj.follow(s, {"clearance": [1e-3, 2e-3]}),
+        ):
+            with pytest.raises(ValueError, match=f"Argument `scene` must have {words}"):
+                make(one)

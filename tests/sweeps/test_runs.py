@@ -7,7 +7,8 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.flow.windows import BANDS, SAMPLES_PER_WINDOW, STRETCH, _bands
-from slipperjax.sweeps.runs import _keys
+from slipperjax.sweeps.grid import Cases
+from slipperjax.sweeps.runs import _keys, _step_profiles
 
 SCENE, STEPS = sj.paper_scene(), 50
 RAIL = dataclasses.replace(SCENE, track=sj.RandomTrack.sled(length=400.0), gravity=9.81, friction=sj.Coulomb(0.1))
@@ -44,6 +45,7 @@ def test_windows_of_a_wavelength_are_forcing_periods_to_the_last_bit(steady):
 def test_a_probe_measures_what_half_the_step_changes(steady):
     run = sj.simulate(SCENE, 1, steps_per_period=STEPS, probe=1)
     assert list(steady["probe"].values) == [0.0]  # there is one stretch
+    assert run.probe is not None
     # measured 1.35159139e-05 both
     np.testing.assert_allclose(steady["probe_error"], run.probe.error, rtol=1e-4)
 
@@ -67,6 +69,19 @@ def test_a_run_goes_on_from_where_another_one_ended(steady):
     np.testing.assert_allclose(rest["state"][-1], steady["state"][-1], rtol=1e-9, atol=1e-12)
     with pytest.raises(ValueError, match="Argument `begin` must be one of the distances where the earlier run kept"):
         sj.run(SCENE, length=8.0, begin=17.0, start=first)
+    lost = first.assign(state=np.nan * first["state"])
+    with pytest.raises(ValueError, match="Argument `start` must be finite, but its y is"):
+        sj.run(SCENE, length=8.0, start=lost)
+
+
+def test_loads_show_what_is_wrong_with_a_run():
+    of = lambda scene, **start: sj.run(
+        scene, length=16.0, window=8.0, steps_per_period=STEPS, start=sj.Motion(**start)
+    )
+    assert int(of(SCENE.replace(clearance=30e-3))["status"]) == sj.Status.NO_CONTACT
+    with pytest.warns(sj.ImplausibleWarning):
+        thrown = of(SCENE, v_z=500.0, y=5e-3)
+    assert int(thrown["status"]) == sj.Status.PRESSED_IN
 
 
 def test_times_and_steps_follow_the_speed(runs):
@@ -132,6 +147,7 @@ def test_profiles_of_steps_have_numbers_of_their_own():
         (dict(length=-1.0), "Argument `length` must be positive, but is -1 m"),
         (dict(window=0.0), "Argument `window` must be positive"),
         (dict(record="peak"), "Argument `record` must be one of peak_distance, impacts"),
+        (dict(record=3.0), "Argument `record` must be one of peak_distance, impacts"),
         (dict(speed=-5.0), "Argument `speed` must be positive"),
         (dict(start=sj.sweep), "Argument `start` must be"),
         (dict(steps_per_period=0), "Argument `steps_per_period` must be a whole number"),
@@ -167,16 +183,40 @@ def test_wear_opens_the_play_of_each_face_by_its_friction():
     widths = np.hypot(
         *np.diff(np.asarray(section.points)[np.array([[0, 9], [1, 2], [3, 4], [5, 6], [7, 8]])], axis=1)[:, 0].T
     )
-    opened = ds["play"][1] - np.asarray(section.play)
+    opened = ds["play"][0] - np.asarray(section.play)  # at the end of the first stretch
     np.testing.assert_allclose(opened, 1e-13 * of_faces / (widths * 0.2), rtol=1e-10)
-    np.testing.assert_array_equal(ds["play"][0], section.play)  # that of the first stretch
     assert float(opened.max()) > 1e-7
     rest = worn(law, length=10.0, begin=200.0, start=ds)
-    np.testing.assert_allclose(rest["play"][0] - ds["play"][1], 0.0, atol=1e-5)
+    np.testing.assert_allclose(rest["friction_work"], ds["friction_work"][200:], rtol=1e-6, atol=1e-12)
+    assert float((ds["play"][2] - ds["play"][1]).max()) > 1e-9
+    np.testing.assert_allclose(rest["play"][0] - ds["play"][2], 0.0, atol=1e-12)
 
 
 def test_a_table_opens_the_play_by_the_distance():
     ds = worn(sj.WearTable([0.0, 200.0], [0.0, 1e-4]))
-    np.testing.assert_allclose(ds["play"][:, 0] - 0.5e-3, [0.0, 5e-5, 1e-4], rtol=1e-12)
+    np.testing.assert_allclose(ds["play"][:, 0] - 0.5e-3, [5e-5, 1e-4, 1e-4], rtol=1e-12)
     with pytest.raises(ValueError, match="Argument `scene` must have no wear here"):
         sj.simulate(dataclasses.replace(RAIL, wear=sj.Wear(1e-12)), 1)
+
+
+def test_grids_of_starts_have_steps():
+    cases = Cases(SCENE, {"y": [0.0, 1e-4]}, sj.Motion())
+    profiles = _step_profiles(cases, 0.0, 8.0, 2, None)
+    assert profiles.shape == (2, 1)
+    assert profiles[0] == profiles[1]
+
+
+def test_estimates_know_the_speed_that_is_asked_for():
+    with pytest.raises(ValueError, match="Argument `length` must be positive"):
+        sj.explain(sj.run, SCENE, {"speed.scale": [1.0, 2.0]}, speed=FAST, length=-1.0)
+
+
+@pytest.mark.slow  # programs of its own
+def test_stores_hold_times_and_speeds_of_each_run(tmp_path):
+    call = dict(grid={"speed.scale": [1.0, 2.0]}, speed=FAST, length=16.0, window=8.0, steps_per_period=STEPS)
+    stored = sj.run(SCENE, **call, store=sj.Store(tmp_path / "runs.zarr", tile=1))
+    ds = sj.run(SCENE, **call)
+    for name in ("seconds", "speed"):
+        assert stored[name].dims == ds[name].dims == ("speed.scale", "distance")
+        np.testing.assert_array_equal(stored[name], ds[name])
+    np.testing.assert_allclose(ds["seconds"][1], ds["seconds"][0] / 2)
