@@ -142,7 +142,7 @@ class Design:
             "transient": problem.transient,
             "steps_per_period": problem.steps,
             "solver": problem.solver,
-            "ensemble": dataclasses.asdict(problem.ensemble),
+            "ensemble": list(dataclasses.astuple(problem.ensemble)),
         }
         attrs = scene_attributes(self.scene, without=(*problem.over, *names))
         attrs |= run_attributes(self.scene, problem.start, call, tuple(problem.over)) | {"robust": problem.robust}

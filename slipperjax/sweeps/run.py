@@ -484,7 +484,8 @@ def _in_order(chunks: Sequence[Chunk], parts: Sequence[Any], interrupted: bool) 
 
     def joined(*arrays: np.ndarray) -> np.ndarray:
         if len(chunks) == 1 and np.array_equal(chunks[0].index[:cases], np.arange(cases)):
-            return np.asarray(arrays[0])[:cases]  # results may be large
+            of_one = np.asarray(arrays[0])[:cases]
+            return of_one if of_one.flags.writeable else of_one.copy()  # large results are in arrays of NumPy
         ordered = np.empty((cases, *arrays[0].shape[1:]), arrays[0].dtype)
         for chunk, array in zip(chunks, arrays, strict=True):
             ordered[chunk.index[: chunk.cases]] = array[: chunk.cases]

@@ -132,7 +132,7 @@ def test_a_design_is_found_written_and_drawn(bowl, tmp_path, capsys):
     assert made["function"] == "optimise_design"
     assert [name for name, *_ in made["variables"]] == ["clearance", "length"]
     np.testing.assert_allclose([pair for _, *pair in made["variables"]], [[0.2e-3, 3e-3], [0.12, 0.5]])
-    assert EnsembleSettings(**made["ensemble"]) == EnsembleSettings()
+    assert EnsembleSettings(*made["ensemble"]) == EnsembleSettings()
     # the same from Python
     variables = {name: bounds for name, *bounds in made["variables"]}
     again = optimise_design(sj.paper_scene(), "peak_force", variables, over=dict(made["over"]), steps_per_period=50)

@@ -130,7 +130,7 @@ def test_friction_takes_a_derivative():
 
     def end(mu):
         state = sj.initial_state(scene, some_motion())
-        return PeriodMap(scene.replace(**{"friction.coefficient": mu}), 100)(state).motion.w_y
+        return PeriodMap(scene.replace(**{"friction.coefficient": mu}), 100, sj.RK4())(state).motion.w_y
 
     forward, reverse = jax.jacfwd(end)(0.1), jax.grad(end)(0.1)
     difference = (end(0.1001) - end(0.0999)) / 2e-4
