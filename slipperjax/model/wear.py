@@ -1,7 +1,7 @@
 """Clearance that opens along a run: by a law of wear, or by a table."""
 
 import abc
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,6 +15,9 @@ from .section import Section
 
 class AbstractWear(ShapeChecked):
     """Opens the play of a slipper's faces along a run, see `slipperjax.run`, which alone follows it."""
+
+    by_friction: ClassVar[bool] = False
+    """Whether it needs the scene to have friction."""
 
     @abc.abstractmethod
     def added(
@@ -34,6 +37,7 @@ class Wear(AbstractWear):
     times the way.
     """
 
+    by_friction: ClassVar = True
     volume_per_work: Float[Array, ""] = eqx.field(converter=not_negative("volume_per_work", "m^3/J"))
     """Volume worn off per work of friction [m^3/J]."""
 

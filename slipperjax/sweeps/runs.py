@@ -297,6 +297,8 @@ def _worn(scene: Scene, earlier: Any, begin: float) -> np.ndarray | None:
     """Returns the play that work before `begin` [m] has opened at each face [m]; None where slippers do not wear."""
     if scene.wear is None:
         return None
+    works = scene.friction is not None or not scene.wear.by_friction
+    require(works, "scene", "have friction, by whose work slippers wear", shown="none")
     nothing, section = np.zeros(len(scene.section.faces)), scene.section
     if not (isinstance(earlier, xr.Dataset) and "play" in earlier):
         return nothing

@@ -192,6 +192,11 @@ def test_wear_opens_the_play_of_each_face_by_its_friction():
     np.testing.assert_allclose(rest["play"][0] - ds["play"][2], 0.0, atol=1e-12)
 
 
+def test_wear_needs_friction():
+    with pytest.raises(ValueError, match="Argument `scene` must have friction, by whose work slippers wear"):
+        sj.run(dataclasses.replace(RAIL, friction=None, wear=sj.Wear(1e-13)), length=8.0)
+
+
 def test_a_table_opens_the_play_by_the_distance():
     ds = worn(sj.WearTable([0.0, 200.0], [0.0, 1e-4]))
     np.testing.assert_allclose(ds["play"][:, 0] - 0.5e-3, [5e-5, 1e-4, 1e-4], rtol=1e-12)
