@@ -45,10 +45,10 @@ def report(ds: Any, scene: Any) -> str:
 
     from ..flow.status import Status
     from ..model.quantities import ACCELERATIONS, LOADS
-    from ..plots.runs import peak_of
+    from ..plots.runs import edges_of, peak_of
 
     speed, seconds = ds["speed"].values, float(ds["seconds"][-1])
-    edges = np.append(float(ds["distance"][0]) - ds.attrs["window [m]"], ds["stretch"].values)
+    edges = edges_of(ds, "stretch")
     lines = [f"{edges[0]:g} to {edges[-1]:g} m in {seconds:.4g} s, speed {_ends(speed)} m/s"]
     q, at, status = LOADS["peak_force"], peak_of(ds), Status(int(ds["status"]))
     in_words = lambda newtons: f"{q.shown(newtons):.4g} {q.display_unit}"

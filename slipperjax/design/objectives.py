@@ -148,12 +148,14 @@ class RailEnsemble(EnsembleSettings):
         return share >= LEAST_SHARE if self.quantile is None else share > self.quantile
 
     def fit(self, corners: np.ndarray, values: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, ...]:
-        count, objectives = values.shape[1], values.shape[2]
+        count, objectives = values.shape[1:]
         signs = np.repeat(corners, count, axis=0)
         system = np.column_stack([np.ones(len(signs)), signs])
         used, rows = kept.ravel() & np.all(np.isfinite(values), axis=2).ravel(), values.reshape(len(signs), -1)
+        if used.sum() <= system.shape[1]:
+            return _no_plane(objectives, corners.shape[1])
         fits = []
-        for column in rows.T if used.sum() > system.shape[1] else np.full((objectives, len(rows)), np.nan):
+        for column in rows.T:
             # only on which side of the plane a lost run lies counts
             column = np.where(used, column, 2 * np.max(np.abs(column[used]), initial=0.0))
             fits.append(bootstrap(lambda w, y=column: self._plane(system, y, np.tile(w, len(corners)), used), count))
@@ -192,6 +194,12 @@ def ensemble_for(scene: Scene, ensemble: EnsembleSettings | None) -> EnsembleSet
     return ensemble
 
 
+def _no_plane(objectives: int, parameters: int) -> tuple[np.ndarray, ...]:
+    """Returns a fit to too few runs: NaN for all that `EnsembleSettings.fit` gives."""
+    value, slope = np.full(objectives, np.nan), np.full((objectives, parameters), np.nan)
+    return value, value, slope, slope
+
+
 def fit_plane(
     signs: Float[np.ndarray, "members parameters"], values: Float[np.ndarray, "members objectives"], kept: np.ndarray
 ) -> tuple[np.ndarray, ...]:
@@ -203,8 +211,7 @@ def fit_plane(
     used = kept & np.all(np.isfinite(values), axis=1)
     freedom = used.sum() - signs.shape[1] - 1
     if freedom < 1:
-        intercept, slope = np.full(values.shape[1], np.nan), np.full((values.shape[1], signs.shape[1]), np.nan)
-        return intercept, intercept, slope, slope
+        return _no_plane(values.shape[1], signs.shape[1])
     system = np.column_stack([np.ones(used.sum()), signs[used]])
     plane, *_ = np.linalg.lstsq(system, values[used], rcond=None)
     variance = np.sum((values[used] - system @ plane) ** 2, axis=0) / freedom

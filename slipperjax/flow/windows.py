@@ -110,11 +110,11 @@ WINDOW_RECORDS: dict[str, AbstractNumber] = {
 }
 """Records of numbers that runs have besides `RECORDS`."""
 DEFAULT = ("peak_force", "peak_distance", "contact_fraction", "impacts", "impulse", "drive_force")
-"""What a run keeps of each window by default; with friction `friction_work`, with a sled `spring_force`, too."""
+"""Records of each window by default; with friction `friction_work`, with a sled `spring_force`, too."""
 PEAKS = tuple(f"peak_{name}" for name in ACCELERATIONS)
 """Greatest accelerations, kept of each window by default."""
 PER_STRETCH = tuple(f"rms_{name}" for name in ACCELERATIONS)
-"""What a run keeps of each stretch by default."""
+"""Records of each stretch."""
 
 
 def run_record(name: Any) -> AbstractNumber | None:

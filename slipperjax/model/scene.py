@@ -107,7 +107,7 @@ class Scene(ShapeChecked):
     sled: SledMass | None = None
     """A mass on a spring on the slipper."""
     wear: AbstractWear | None = None
-    """What opens the play along a run, see `slipperjax.run`."""
+    """Law by which the play opens along a run, see `slipperjax.run`."""
 
     def __check_init__(self):
         for name, (kind, text) in PARTS.items():

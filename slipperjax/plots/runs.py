@@ -72,7 +72,7 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None, axes: Any = None) -
         figure = axes[0].figure
         entries = [(ax, draw(ax, ds)) for ax, draw in zip(axes, panels, strict=True)]
         for ax in axes:
-            ax.set_xlim(_edges(ds, "distance")[[0, -1]])
+            ax.set_xlim(edges_of(ds, "distance")[[0, -1]])
             ax.label_outer(remove_inner_ticks=False)
         axes[-1].set_xlabel("distance [m]")
         figure.align_ylabels(axes)
@@ -81,7 +81,7 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None, axes: Any = None) -
     return axes
 
 
-def _edges(ds: xr.Dataset, along: str) -> np.ndarray:
+def edges_of(ds: xr.Dataset, along: str) -> np.ndarray:
     """Gives the distances between windows or stretches [m], and those of both ends."""
     ends = ds[along].values
     return np.append(ds["distance"].values[0] - ds.attrs["window [m]"], ends)
@@ -93,7 +93,7 @@ def _speed_name(ds: xr.Dataset) -> str:
 
 
 def _rail(ax: Any, ds: xr.Dataset, scene: Scene) -> list[Any]:
-    begin, end = _edges(ds, "distance")[[0, -1]]
+    begin, end = edges_of(ds, "distance")[[0, -1]]
     count = COLUMNS * PER_COLUMN
     places = begin + (end - begin) * (np.arange(count) + 0.5) / count
     here = scene.track.irregularity(places + 0 * scene.track.wavelength)
@@ -107,7 +107,7 @@ def _rail(ax: Any, ds: xr.Dataset, scene: Scene) -> list[Any]:
 
 
 def _speed(ax: Any, ds: xr.Dataset) -> list[Any]:
-    edges, speed = _edges(ds, "distance"), ds[_speed_name(ds)].values
+    edges, speed = edges_of(ds, "distance"), ds[_speed_name(ds)].values
     places = np.concatenate([edges[:1], (edges[1:] + edges[:-1]) / 2, edges[-1:]])
     ax.plot(places, np.pad(speed, 1, "edge"), lw=0.9, color=COLORS["blue"], label="speed")
     ax.set_ylabel(axis_label("speed"))
@@ -168,7 +168,7 @@ def _spectra(ax: Any, ds: xr.Dataset) -> list[Any]:
     rows = slice(known[0], known[-1] + 1)
     bands = ds["band"].values[rows]
     edges = np.append(bands / HALF, bands[-1] * HALF)
-    mesh = ax.pcolormesh(_edges(ds, "stretch"), edges, values[rows], norm=color_norm(values), rasterized=True)
+    mesh = ax.pcolormesh(edges_of(ds, "stretch"), edges, values[rows], norm=color_norm(values), rasterized=True)
     ticks = [tick for tick in TICKS if edges[0] <= tick <= edges[-1]]
     ax.set(yscale="log", ylim=edges[[0, -1]])
     ax.set_yticks(ticks, labels=[f"{tick:g}" for tick in ticks])
@@ -181,7 +181,7 @@ def _steps(ax: Any, ds: xr.Dataset, along: str, values: xr.DataArray, q: Any, la
     """Draws a number of each window or stretch, in the display unit of a quantity."""
     heights = values.values if q is None else q.shown(values.values)
     width = 0.5 if along == "distance" else 0.9
-    ax.stairs(heights, _edges(ds, along), baseline=None, lw=width, color=color, label=label)
+    ax.stairs(heights, edges_of(ds, along), baseline=None, lw=width, color=color, label=label)
 
 
 def _from_zero(*axes: Any) -> None:

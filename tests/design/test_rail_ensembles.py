@@ -81,6 +81,13 @@ def test_bounds_limit_ensembles_too():
     assert np.all(np.isfinite(evaluation.gradient))  # no clearance below zero
 
 
+def test_too_few_finite_values_have_no_plane():
+    values = np.full((2, 16, 1), np.nan)
+    values[0, :2] = 1.0
+    fit = FEW.fit(np.array([[-1.0], [1.0]]), values, np.ones((2, 16), bool))
+    assert all(np.all(np.isnan(part)) for part in fit)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
