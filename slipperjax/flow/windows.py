@@ -7,19 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..model.dynamics import State
-from ..model.layout import StateLayout
 from ..model.quantities import ACCELERATIONS, Quantity
-from ..model.scene import Scene
 from ..model.tracks import AbstractTrack, Irregularity
 from ..tools.checks import positive
 from .course import Course
-from .record import AbstractRecord, attributes
+from .record import AbstractRecord
 from .records import POINTS, RECORDS, AbstractNumber, AbstractQuantityRecord, Record
 
 STRETCH = 100
@@ -125,10 +121,9 @@ def run_record(name: Any) -> AbstractNumber | None:
 
 @dataclass(frozen=True)
 class PerWindow(AbstractQuantityRecord):
-    """The values of a record in each window of distance, or joined over each `windows` of them."""
+    """The values of a record in each window of distance."""
 
     record: AbstractNumber
-    windows: int = 1
 
     @property
     def quantity(self):
@@ -138,60 +133,14 @@ class PerWindow(AbstractQuantityRecord):
     def dims(self):
         return self.record.dims
 
-    @property
-    def along(self) -> str:
-        """The dimension of its values along the run."""
-        return "distance" if self.windows == 1 else "stretch"
-
     def values(self, periods):
-        return 20 * periods // self.windows
+        return 20 * periods
 
     def sample(self, course):
         return self.record.of(course)
 
     def finish(self, carried, samples, span):
-        rows = np.asarray(samples)
-        starts = np.arange(0, rows.shape[1], self.windows)
-        parts = [rows[:, k : k + self.windows] for k in starts] if self.windows > 1 else None
-        if parts is None:
-            joined, counts = rows, 1
-            return np.asarray(self.record.join.value(joined, counts))
-        joined = [self.record.join.value(_joined(self.record, part), part.shape[1]) for part in parts]
-        return np.stack([np.asarray(part) for part in joined], axis=1)
-
-    def label(self, scene, dims, values):
-        data, coords = super().label(scene, dims, values)
-        (named, array, attrs) = data[self.name]
-        own = named[len(dims) :]
-        return {self.name: ((*dims, self.along, *own), array, attrs)}, coords
-
-
-def _joined(record: AbstractNumber, part: np.ndarray) -> np.ndarray:
-    """Joins the values of windows (cases, windows, ...)."""
-    return np.asarray(jax.vmap(lambda rows: record.join.reduce(rows, axis=0))(jnp.asarray(part)))
-
-
-@dataclass(frozen=True)
-class Marks(AbstractRecord):
-    """All numbers of the state at the end of each stretch, from which a run goes on: the variable `state`."""
-
-    name = "state"
-    inside = False
-
-    def values(self, periods):
-        return 30 * (periods // STRETCH + 1)
-
-    def sample(self, course) -> State:
-        return course.end
-
-    def finish(self, carried, samples: State, span):
-        at = stretch_ends(span.periods)
-        return StateLayout.pack(jax.tree.map(lambda a: np.asarray(a)[:, at], samples))
-
-    def label(self, scene: Scene, dims, values):
-        numbers = [q.name for q in StateLayout.of(scene).numbers]
-        words = attributes("", "all numbers of the state at the end of each stretch")
-        return {"state": ((*dims, "stretch", "number"), values, words)}, {"number": ("number", numbers)}
+        return np.asarray(self.record.join.value(np.asarray(samples), 1))
 
 
 def stretch_ends(windows: int) -> Int[np.ndarray, " stretches"]:
@@ -207,7 +156,7 @@ BANDS = 1000.0 * 10 ** (np.arange(-20, 11) / 10)
 
 @dataclass(frozen=True)
 class ThirdOctaves(AbstractRecord):
-    """Root mean squares of the lateral and the vertical acceleration in third octaves, of each stretch.
+    """Root mean squares of the lateral and the vertical acceleration in third octaves, of a stretch.
 
     From `SAMPLES_PER_WINDOW` equidistant accelerations of each window, by a periodogram with Hann's window. Bands
     that are narrower than its resolution, or beyond half of its sampling frequency, are NaN.
@@ -227,13 +176,10 @@ class ThirdOctaves(AbstractRecord):
         return course.acceleration.at(places)[:, :2], jnp.asarray(course.travel.period)
 
     def finish(self, carried, samples, span):
-        values, seconds = map(np.asarray, samples)
-        starts = range(0, values.shape[1], STRETCH)
-        parts = [(values[:, k : k + STRETCH], seconds[:, k : k + STRETCH]) for k in starts]
-        return np.stack([_bands(*part) for part in parts], axis=1)
+        return _bands(*map(np.asarray, samples))
 
     def label(self, scene, dims, values):
-        along = (*dims, "stretch", "band")
+        along = (*dims, "band")
         words = {"units": "m/s^2", "long_name": "root mean square in a third octave"}
         data = {name: (along, values[..., k], words) for k, name in enumerate(self.variables)}
         return data, {"band": ("band", BANDS, {"units": "Hz", "long_name": "middle of a third octave"})}

@@ -28,7 +28,6 @@ from ..flow.windows import (
     SPRING_FORCE,
     STRETCH,
     WINDOW_RECORDS,
-    Marks,
     PerWindow,
     ThirdOctaves,
     WindowedTrack,
@@ -123,13 +122,13 @@ def run(
     earlier, (begin, start) = start, _beginning(begin, start)
     worn = _worn(scene, earlier, begin)
     windows = _windows(scene, number(positive, "length", length, "m"), begin, number(positive, "window", window, "m"))
-    records = RecordSet((*_records(scene, record), ThirdOctaves(), Marks()))
+    records = RecordSet((*_records(scene, record), ThirdOctaves()))
     only = grid is None
     cases = Cases(scene, {"length": [float(scene.slipper.length)]} if grid is None else grid, start, product=product)
     profiles = _step_profiles(cases, begin, window, windows, steps_per_period)
     totals, profile_of = _keys(profiles, windows)
     plan = Plan(cases, resolve_solver(scene, solver), records, totals, Calls(1, 0), Calls(windows, 1))
-    records.check(scene, windows, LEAST_STEPS_PER_WINDOW, (*cases.dims, "status"))
+    records.check(scene, windows, LEAST_STEPS_PER_WINDOW, (*cases.dims, "status", "state"))
     per_case = 4e-7 * float(np.mean(totals)) * records.cost
     dataclasses.replace(plan.estimate(cases.count), per_case=per_case, periods=f" of {windows} windows").check()
     epoch, stretches = begin / window, profiles.shape[1]
@@ -159,7 +158,8 @@ class _Results(NamedTuple):
 
     state: State  # at the end, with a leading axis of lanes
     status: Int[np.ndarray, " lanes"]
-    record: tuple[Any, ...]  # arrays of the plan's records, with a leading axis of cases
+    record: tuple[Any, ...]  # arrays of the plan's records, (cases, windows or stretches, ...)
+    marks: np.ndarray  # states at the end of each stretch, (cases, stretches, numbers)
     play: np.ndarray | None  # of the faces at the end of each stretch, (cases, stretches, faces) [m]; None unworn
     probe: np.ndarray  # errors, (cases, probes)
 
@@ -223,8 +223,8 @@ def _records(scene: Scene, record: Any) -> list[AbstractRecord]:
     records = []
     for one in chosen:
         known = one if isinstance(one, AbstractNumber) else run_record(one)
-        names = [name for name in WINDOW_RECORDS] + ["peak_force", "rms_a_z", "and others of slipperjax.flow.RECORDS"]
-        require(known is not None, "record", f"be one of {', '.join(names)}, or a record of numbers", one)
+        need = f"be one of {', '.join(WINDOW_RECORDS)}, peak_force, rms_a_z, and others of slipperjax.flow.RECORDS"
+        require(known is not None, "record", f"{need}, or a record of numbers", one)
         records.append(PerWindow(known))  # type: ignore[arg-type]
     heat = PerWindow(FRICTION_WORK)
     if heat not in records and scene.friction is not None and (record is None or scene.wear is not None):
@@ -233,7 +233,7 @@ def _records(scene: Scene, record: Any) -> list[AbstractRecord]:
         records.append(PerWindow(SPRING_FORCE))
     names = {one.name for one in records}
     stretches = [run_record(name) for name in PER_STRETCH if name not in names]
-    return [*records, *(PerWindow(one, STRETCH) for one in stretches if one is not None)]
+    return [*records, *(one for one in stretches if one is not None)]
 
 
 def _step_profiles(
@@ -348,14 +348,11 @@ def _run_windows(
     # statuses that follow from loads come with any load
     judged = any(isinstance(r, PerWindow) and r.record in OF_LOADS for r in records.records)
     looked_at = RecordSet((*records.records, *([ContactChecks()] if judged else [])))
-    carry = initial_carry(looked_at, scenes, states)
-    most, stretches, nothing = int(profile.max()), len(profile), (None,) * len(records.records)
+    empty, count, cases = initial_carry(looked_at, scenes, states), len(records.records), part.cases
+    carry, most = empty, int(profile.max())
     # filled stretch by stretch, so that nothing but the result grows with the distance
-    rows_of = [windows if getattr(r, "windows", STRETCH) == 1 else stretches for r in records.records]
     arrays: list[np.ndarray] = []
-    plays: list[np.ndarray] = []
-    errors: list[np.ndarray] = []
-    cases = part.cases
+    marks, plays, errors = [], [], []
     scenes = scenes if worn is None else _opened(unworn, work, epoch, worn)
     total = float(profile.sum())
     for k, steps in enumerate(profile.tolist()):
@@ -368,15 +365,20 @@ def _run_windows(
             errors.append(_probe(plan, scenes, states, epoch + k * STRETCH, steps, probes.windows)[:cases])
         options: dict[str, Any] = dict(solver=plan.solver, periods=STRETCH, records=looked_at, earlier=carry)
         passed = advance(scenes, states, epoch + k * STRETCH, stepping, used=jnp.asarray(float(used)), **options)
-        states, carry = passed.state, passed.carried
+        # records of a stretch begin anew with the next one, and checks go on
+        states, carry = passed.state, (*empty[:count], *passed.carried[count:])
         status = first_problem(status, passed.status)
-        kept = jax.tree.map(lambda a, n=used: np.asarray(a)[:cases, :n], passed.samples[: len(records.records)])
-        made = records.finish(nothing, kept, RecordedSpan(used, steps, epoch + k * STRETCH, status))
+        kept = jax.tree.map(lambda a, n=used: np.asarray(a)[:cases, :n], passed.samples[:count])
+        joined = jax.tree.map(lambda a: np.asarray(a)[:cases], passed.carried[:count])
+        made = records.finish(joined, kept, RecordedSpan(used, steps, epoch + k * STRETCH, status))
+        made = [a if isinstance(r, PerWindow) else a[:, None] for r, a in zip(records.records, made, strict=True)]
+        starts = [k * STRETCH if isinstance(r, PerWindow) else k for r in records.records]
         if not arrays:
-            arrays = [np.empty((cases, rows, *a.shape[2:])) for a, rows in zip(made, rows_of, strict=True)]
-        for array, rows, values in zip(arrays, rows_of, made, strict=True):
-            at = k if rows == stretches else k * STRETCH
-            array[:, at : at + values.shape[1]] = values
+            rows = [windows if isinstance(r, PerWindow) else len(profile) for r in records.records]
+            arrays = [np.empty((cases, n, *a.shape[2:])) for n, a in zip(rows, made, strict=True)]
+        for array, first, values in zip(arrays, starts, made, strict=True):
+            array[:, first : first + values.shape[1]] = values
+        marks.append(StateLayout.pack(states)[:cases])
         if worn is not None:
             if heat in records.records:
                 work += _work_of_faces(scene, np.asarray(passed.samples[records.records.index(heat)])[:, :used])
@@ -387,7 +389,8 @@ def _run_windows(
         limit = most_stability_number(plan.solver)
         status = np.asarray(judged_by_contacts(scenes, jnp.asarray(status), carry[-1], limit))
     probe = np.stack(errors, axis=1) if errors else np.empty((cases, 0))
-    return _Results(states, status, tuple(arrays), np.stack(plays, axis=1) if plays else None, probe)
+    play = np.stack(plays, axis=1) if plays else None
+    return _Results(states, status, tuple(arrays), np.stack(marks, axis=1), play, probe)
 
 
 def _probe(
@@ -412,7 +415,13 @@ def _dataset(
     dims, shape = cases.dims, cases.shape
     of_grid = lambda a: np.asarray(a).reshape(*shape, *a.shape[1:])
     record, play = jax.tree.map(of_grid, (results.record, results.play))
-    data, coords = plan.records.label(cases.scene, dims, record)
+    data, coords = {}, {}
+    for one, values in zip(plan.records.records, record, strict=True):
+        more, along = one.label(cases.scene, (*dims, "distance" if isinstance(one, PerWindow) else "stretch"), values)
+        data, coords = data | more, coords | along
+    words = {"units": "", "long_name": "all numbers of the state at the end of each stretch"}
+    data["state"] = ((*dims, "stretch", "number"), of_grid(results.marks), words)
+    coords["number"] = ("number", [q.name for q in StateLayout.of(cases.scene).numbers])
     if play is not None:
         words = {"units": "m", "long_name": "play of each face at the end of each stretch"}
         data["play"] = ((*dims, "stretch", "face"), play, words)
@@ -427,8 +436,9 @@ def _dataset(
     coords["distance"] = ("distance", frame.ends, {"units": "m", "long_name": "distance travelled"})
     coords["stretch"] = ("stretch", frame.stretches, {"units": "m", "long_name": "distance travelled"})
     batch = cases.unprepared(filled(np.arange(cases.count), cases.count))
-    speed, seconds = (np.asarray(a)[: cases.count] for a in _times(*batch, jnp.asarray(frame.ends), frame.window))
-    seconds = seconds - np.asarray(_times(*batch, jnp.asarray([frame.begin]), frame.window)[1])[: cases.count]
+    places = jnp.asarray(np.append(frame.begin, frame.ends))
+    speed, seconds = (np.asarray(a)[: cases.count] for a in _times(*batch, places, frame.window))
+    speed, seconds = speed[:, 1:], seconds[:, 1:] - seconds[:, :1]
     # by names and not by values, so that each part of a store has the same dimensions
     differ = any(name.partition(".")[0] == "speed" for name in cases.axes)
     along = (*dims, "distance") if differ else ("distance",)
