@@ -1,10 +1,12 @@
 """The command that runs a scene over a length of rail, and says in words what a test would ask."""
 
+import contextlib
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import click
 
-from ..tools.units import STANDARD_GRAVITY
+from ..tools.units import STANDARD_GRAVITY, unit_factor
 from .files import Outputs, keeping
 from .options import FILE, LOST, Case, app, given, result, takes_case
 
@@ -35,29 +37,59 @@ def run(case: Case, out: Any) -> int:
     with keeping(lambda ds: files.write(ds, _page, partial=True)):
         ds = over_rail(case.scene, **options, progress=True)
     print(files.write(ds, _page))
-    print(f"{case.text()}\n{report(ds, case.scene)}")
+    print(f"{case.text()}\n{report(ds, case.scene, units_of(click.get_current_context().params['scene']))}")
     return LOST if int(ds["status"]) == Status.NOT_FINITE else 0
 
 
-def report(ds: Any, scene: Any) -> str:
-    """A run in words, a line for each answer; what is not known is left out."""
+UNITS = {"m": "m", "m/s": "m/s", "N": "kN"}
+"""Units of distances, speeds and forces by the SI unit, where a file has none."""
+
+
+def units_of(file: Any) -> dict[str, str]:
+    """Units of distances, speeds and forces, those of the tables [run], [speed] and [load] of a file: see `UNITS`."""
+    import tomllib
+    from pathlib import Path
+
+    tables = tomllib.loads(Path(file).read_text(encoding="utf-8-sig"))
+    asked = {"m": tables["run"], "m/s": tables.get("speed"), "N": tables.get("load")}
+    return {si: next(_units_in(table, si), UNITS[si]) for si, table in asked.items()}
+
+
+def _units_in(value: Any, si: str) -> Iterator[str]:
+    """The units of a kind in the texts of a table, such as "900 km/h" or unit = "lbf", in their order."""
+    if isinstance(value, dict | list):
+        for part in value.values() if isinstance(value, dict) else value:
+            yield from _units_in(part, si)
+    elif isinstance(value, str):
+        unit = value.strip().lstrip("+-.0123456789eE/ ")
+        with contextlib.suppress(ValueError):
+            unit_factor("unit", unit, si)
+            yield unit
+
+
+def report(ds: Any, scene: Any, units: Mapping[str, str] = UNITS) -> str:
+    """A run in words, a line for each answer, in units by the SI unit; what is not known is left out."""
     import numpy as np
 
     from ..flow.status import Status
-    from ..model.quantities import ACCELERATIONS, LOADS
+    from ..model.quantities import ACCELERATIONS
     from ..plots.runs import edges_of, peak_of
 
+    # rounded first, because large numbers would be written as powers of ten
+    rounded = lambda value, si, digits: float(f"{value / unit_factor('', units[si], si):.{digits}g}")
+    number = lambda value, si, digits=4: f"{rounded(value, si, digits):.12g}"
+    in_words = lambda value, si, digits=4: f"{number(value, si, digits)} {units[si]}"
     speed, seconds = ds["speed"].values, float(ds["seconds"][-1])
-    edges = edges_of(ds, "stretch")
-    lines = [f"{edges[0]:g} to {edges[-1]:g} m in {seconds:.4g} s, speed {_ends(speed)} m/s"]
-    q, at, status = LOADS["peak_force"], peak_of(ds), Status(int(ds["status"]))
-    in_words = lambda newtons: f"{q.shown(newtons):.4g} {q.display_unit}"
+    edges, at, status = edges_of(ds, "stretch"), peak_of(ds), Status(int(ds["status"]))
+    from_to = lambda low, high: f"{number(low, 'm', 6)} to {in_words(high, 'm', 6)}"
+    speeds = dict.fromkeys(number(value, "m/s") for value in (speed.min(), speed.max()))
+    lines = [f"{from_to(edges[0], edges[-1])} in {seconds:.4g} s, speed {' to '.join(speeds)} {units['m/s']}"]
     if (peak := float(at["peak_force"])) > 0:
         place, there = float(at["peak_distance"]), float(at["speed"])
-        where = f"{at['name'].item()} ({at['end'].item()}), {place:.6g} m and {there:.4g} m/s"
+        where = f"{at['name'].item()} ({at['end'].item()}), {in_words(place, 'm', 6)} and {in_words(there, 'm/s')}"
         static = static_load(scene, there)
-        times = f": {peak / static:.3g} times the static load of {in_words(static)}" if static > 0 else ""
-        lines.append(f"highest contact force {in_words(peak)} at {where}{times}")
+        times = f": {peak / static:.3g} times the static load of {in_words(static, 'N')}" if static > 0 else ""
+        lines.append(f"highest contact force {in_words(peak, 'N')} at {where}{times}")
     if status != Status.NOT_FINITE:
         impacts = float(ds["impacts"].sum())
         lines.append(f"{impacts:.0f} impacts, {impacts / seconds:.4g} per second")
@@ -67,17 +99,12 @@ def report(ds: Any, scene: Any) -> str:
             lines.append(f"friction work {float(ds['friction_work'].sum()) / 1e3:.4g} kJ")
         percentile, rms = ds["peak_force_percentile"].sel(percentile=99).values, ds["rms_a_z"].values
         for values, words, in_unit in (
-            (percentile, "99th percentile of the windows' highest forces", in_words),
+            (percentile, "99th percentile of the windows' highest forces", lambda value: in_words(value, "N")),
             (rms, "RMS of a_z", lambda value: _with_g(value, "m/s^2")),
         ):
             k = int(np.argmax(values))
-            lines.append(f"worst {words}: {in_unit(values[k])} from {edges[k]:g} to {edges[k + 1]:g} m")
+            lines.append(f"worst {words}: {in_unit(values[k])} from {from_to(edges[k], edges[k + 1])}")
     return "\n".join([*lines, f"status: {status}"])
-
-
-def _ends(values: Any) -> str:
-    low, high = f"{values.min():.4g}", f"{values.max():.4g}"
-    return low if low == high else f"{low} to {high}"
 
 
 def _with_g(value: float, unit: str) -> str:

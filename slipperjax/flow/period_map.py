@@ -124,6 +124,10 @@ class PeriodMap(eqx.Module):
         def period(carry, epoch):
             state, solver_state, carried = carry
             args = Args(scene, epoch, points)
+            now = records.feed_back(scene, carried, epoch)
+            if now is not scene:  # gaps that the solver keeps change, too
+                args = Args(now, epoch, contact_points(now))
+                solver_state = self.stepping.begin(terms, solver, state, args)
             done = self.stepping.period(terms, solver, state, solver_state, args, records.inside)
             end = _lost_where(done.failed, done.end)
             inside = _lost_where(done.failed, done.inside) if records.inside else None

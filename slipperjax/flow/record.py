@@ -98,6 +98,10 @@ class AbstractRecord(abc.ABC):
         """Returns the arrays that are kept of each period, inside the compiled program; None where there are none."""
         return None
 
+    def feed_back(self, scene: Scene, carried: Any, epoch: Any) -> Scene:
+        """Returns the scene in the period `epoch`, where earlier periods change it."""
+        return scene
+
     def cost_after(self, periods: int) -> float:
         """Returns the cost of the work after so many recorded periods, in unrecorded ones."""
         return 0.0
@@ -216,6 +220,12 @@ class RecordSet:
     def sample(self, course: Course) -> tuple[Any, ...]:
         """Returns the arrays that are kept of each period."""
         return tuple(r.sample(course) for r in self.records)
+
+    def feed_back(self, scene: Scene, carried: tuple[Any, ...], epoch: Any) -> Scene:
+        """Returns the scene in the period `epoch`, where earlier periods change it."""
+        for r, mine in zip(self.records, carried, strict=True):
+            scene = r.feed_back(scene, mine, epoch)
+        return scene
 
     def after(
         self, carried: tuple[Any, ...], samples: tuple[Any, ...], status: np.ndarray, run: Any

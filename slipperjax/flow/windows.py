@@ -4,7 +4,7 @@ A run of slippers over a rail is the same loop as a run of forcing periods, with
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -12,10 +12,11 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..model.quantities import ACCELERATIONS, Quantity
+from ..model.scene import Scene
 from ..model.tracks import AbstractTrack, Irregularity
 from ..tools.checks import positive
 from .course import Course
-from .record import AbstractRecord
+from .record import AbstractRecord, Unlabelled
 from .records import POINTS, RECORDS, AbstractNumber, AbstractQuantityRecord, Record
 
 STRETCH = 100
@@ -141,6 +142,42 @@ class PerWindow(AbstractQuantityRecord):
 
     def finish(self, carried, samples, span):
         return np.asarray(self.record.join.value(np.asarray(samples), 1))
+
+
+class Worn(NamedTuple):
+    """What friction has done to each face since the start."""
+
+    work: Float[Any, "*cases faces"]  # [J]
+    play: Float[Any, "*cases faces"]  # that wear has added [m]
+
+
+@dataclass(frozen=True)
+class Wearing(Unlabelled):
+    """No variable, but the play that a scene's wear has opened before each window."""
+
+    def values(self, periods):
+        return 10
+
+    def begin(self, scene, state):
+        none = np.zeros(len(scene.section.faces))
+        return Worn(none, none)
+
+    def add(self, carried, course):
+        work, scene = carried.work, course.scene
+        if scene.friction is not None:
+            faces = scene.section.face_of_point
+            work = work.at[faces].add(jnp.sum(course.friction_power.integral, axis=0))
+        return Worn(work, _added(scene, work, course.args.epoch + 1))
+
+    def feed_back(self, scene, carried, epoch):
+        play = scene.section.play + _added(scene, carried.work, epoch)
+        return eqx.tree_at(lambda s: s.section.play, scene, play)
+
+
+def _added(scene: Scene, work: Any, epoch: Any) -> Array:
+    """Play that a scene's wear has added to each face [m], after `epoch` windows and friction's `work` [J]."""
+    assert scene.wear is not None  # looked at before
+    return scene.wear.added(scene.section, scene.slipper.length, epoch * scene.track.wavelength, work)
 
 
 def stretch_ends(windows: int) -> Int[np.ndarray, " stretches"]:

@@ -30,6 +30,7 @@ from ..flow.windows import (
     WINDOW_RECORDS,
     PerWindow,
     ThirdOctaves,
+    Wearing,
     WindowedTrack,
     run_record,
     stretch_ends,
@@ -137,9 +138,10 @@ def run(
 
     def work(part: ChunkInputs) -> _Results:
         scenes = _windowed(part.scenes, window)
+        scenes = scenes if worn is None else _opened(scenes, worn[None])
         states = initial_states(scenes, part.starts, epoch)
         probes = _Probes(probed.tolist(), around)
-        return _run_windows(plan, scenes, states, profile_of[part.steps], epoch, part, worn, probes)
+        return _run_windows(plan, scenes, states, profile_of[part.steps], epoch, part, probes)
 
     done = run_cases(plan, work, cost=1.0, chunk=chunk, workers=workers, progress=progress)
     frame = _Frame(begin, window, windows, only, begin + probed * STRETCH * window)
@@ -226,9 +228,8 @@ def _records(scene: Scene, record: Any) -> list[AbstractRecord]:
         need = f"be one of {', '.join(WINDOW_RECORDS)}, peak_force, rms_a_z, and others of slipperjax.flow.RECORDS"
         require(known is not None, "record", f"{need}, or a record of numbers", one)
         records.append(PerWindow(known))  # type: ignore[arg-type]
-    heat = PerWindow(FRICTION_WORK)
-    if heat not in records and scene.friction is not None and (record is None or scene.wear is not None):
-        records.append(heat)
+    if record is None and scene.friction is not None:
+        records.append(PerWindow(FRICTION_WORK))
     if record is None and scene.sled is not None:
         records.append(PerWindow(SPRING_FORCE))
     names = {one.name for one in records}
@@ -307,26 +308,12 @@ def _worn(scene: Scene, earlier: Any, begin: float) -> np.ndarray | None:
 
 
 @jit
-def _opened(scenes: Batched[Scene], work: Any, phase: Any, worn: Any) -> Batched[Scene]:
-    """The same scenes with play that friction's work (lanes, faces) [J] has opened, after `phase` windows."""
-
-    def play(scene: Scene, work: Any) -> jax.Array:
-        assert scene.wear is not None  # looked at before
-        section = scene.section
-        distance = phase * scene.track.wavelength
-        return section.play + worn + scene.wear.added(section, scene.slipper.length, distance, work)
-
-    at, is_none = lambda scene: (scene.section.play, scene.wear), lambda leaf: leaf is None
-    # the law of wear has done its work, so that runs with all laws share their programs
-    opened = eqx.tree_at(at, scenes.varied, (scenes.map(play, work), None), is_leaf=is_none)
-    return Batched(opened, eqx.tree_at(at, scenes.shared, (None, None), is_leaf=is_none))
-
-
-def _work_of_faces(scene: Scene, samples: np.ndarray) -> np.ndarray:
-    """Sums friction's work of windows (lanes, windows, 2, points) by faces (lanes, faces) [J]."""
-    of_points = samples.sum(axis=(1, 2))
-    faces = scene.section.face_of_point
-    return np.stack([of_points[:, faces == k].sum(axis=1) for k in range(faces.max() + 1)], axis=1)
+def _opened(scenes: Batched[Scene], play: Any) -> Batched[Scene]:
+    """The same scenes with this play more at each face, (1 or cases, faces) [m]."""
+    plays = scenes.map(lambda scene: scene.section.play) + play
+    at, is_none = lambda scene: scene.section.play, lambda leaf: leaf is None
+    opened = eqx.tree_at(at, scenes.varied, plays, is_leaf=is_none)
+    return Batched(opened, eqx.tree_at(at, scenes.shared, None, is_leaf=is_none))
 
 
 def _run_windows(
@@ -336,24 +323,20 @@ def _run_windows(
     profile: np.ndarray,
     epoch: float,
     part: ChunkInputs,
-    worn: np.ndarray | None,
     probes: _Probes,
 ) -> _Results:
-    """Runs a chunk of cases stretch by stretch; after each the play is opened by what has been `worn` [m] before and
-    since."""
-    scene, unworn = plan.cases.scene, scenes
-    lanes, heat = len(states.motion.y), PerWindow(FRICTION_WORK)
-    work, status = np.zeros((lanes, len(scene.section.faces))), np.zeros(lanes, int)
+    """Runs a chunk of cases stretch by stretch."""
+    status, wears = np.zeros(len(states.motion.y), int), plan.cases.scene.wear is not None
     records, windows = plan.records, plan.recorded.periods
     # statuses that follow from loads come with any load
     judged = any(isinstance(r, PerWindow) and r.record in OF_LOADS for r in records.records)
-    looked_at = RecordSet((*records.records, *([ContactChecks()] if judged else [])))
-    empty, count, cases = initial_carry(looked_at, scenes, states), len(records.records), part.cases
+    whole_run = [*([Wearing()] if wears else []), *([ContactChecks()] if judged else [])]
+    looked_at, count, cases = RecordSet((*records.records, *whole_run)), len(records.records), part.cases
+    empty = initial_carry(looked_at, scenes, states)
     carry, most = empty, int(profile.max())
     # filled stretch by stretch, so that nothing but the result grows with the distance
     arrays: list[np.ndarray] = []
     marks, plays, errors = [], [], []
-    scenes = scenes if worn is None else _opened(unworn, work, epoch, worn)
     total = float(profile.sum())
     for k, steps in enumerate(profile.tolist()):
         part.on_progress(0.0)
@@ -362,10 +345,11 @@ def _run_windows(
         varied = ConstantSteps(shared_capacity(most, steps), jnp.asarray(float(steps)))
         stepping = ConstantSteps(steps) if alike else varied
         if k in probes.stretches:
-            errors.append(_probe(plan, scenes, states, epoch + k * STRETCH, steps, probes.windows)[:cases])
+            now = _opened(scenes, carry[count].play) if wears else scenes
+            errors.append(_probe(plan, now, states, epoch + k * STRETCH, steps, probes.windows)[:cases])
         options: dict[str, Any] = dict(solver=plan.solver, periods=STRETCH, records=looked_at, earlier=carry)
         passed = advance(scenes, states, epoch + k * STRETCH, stepping, used=jnp.asarray(float(used)), **options)
-        # records of a stretch begin anew with the next one, and checks go on
+        # records of a stretch begin anew with the next one, and those of the whole run go on
         states, carry = passed.state, (*empty[:count], *passed.carried[count:])
         status = first_problem(status, passed.status)
         kept = jax.tree.map(lambda a, n=used: np.asarray(a)[:cases, :n], passed.samples[:count])
@@ -379,11 +363,8 @@ def _run_windows(
         for array, first, values in zip(arrays, starts, made, strict=True):
             array[:, first : first + values.shape[1]] = values
         marks.append(StateLayout.pack(states)[:cases])
-        if worn is not None:
-            if heat in records.records:
-                work += _work_of_faces(scene, np.asarray(passed.samples[records.records.index(heat)])[:, :used])
-            scenes = _opened(unworn, work, epoch + k * STRETCH + used, worn)
-            plays.append(np.asarray(scenes.varied.section.play)[:cases])
+        if wears:
+            plays.append(np.asarray(scenes.varied.section.play + carry[count].play)[:cases])
         part.on_progress(steps / total)
     if judged:
         limit = most_stability_number(plan.solver)

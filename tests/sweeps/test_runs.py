@@ -192,6 +192,22 @@ def test_wear_opens_the_play_of_each_face_by_its_friction():
     np.testing.assert_allclose(rest["play"][0] - ds["play"][2], 0.0, atol=1e-12)
 
 
+@pytest.mark.slow  # three programs
+def test_the_play_opens_before_each_window():
+    opening = sj.WearTable([0.0, 4.0], [0.0, 4e-4])
+    # Tsit5 keeps the last slope, which the play changes
+    options = dict(speed=FAST, record="peak_force", steps_per_period=80, solver="Tsit5", probe=1)
+    whole = sj.run(dataclasses.replace(RAIL, wear=opening), length=4.0, **options)
+    start = sj.table_2_start()
+    for k in range(4):
+        wider = {f"section.play.{face}": 0.5e-3 + k * 1e-4 for face in range(5)}
+        start = sj.run(RAIL.replace(**wider), length=1.0, begin=float(k), start=start, **options)
+        if k == 0:
+            np.testing.assert_allclose(start["probe_error"], whole["probe_error"], rtol=1e-6)
+        np.testing.assert_allclose(start["peak_force"][0], whole["peak_force"][k], rtol=1e-10)  # 2e-13
+    np.testing.assert_allclose(start["state"], whole["state"], rtol=1e-10, atol=1e-10)  # 1e-12
+
+
 def test_wear_needs_friction():
     with pytest.raises(ValueError, match="Argument `scene` must have friction, by whose work slippers wear"):
         sj.run(dataclasses.replace(RAIL, friction=None, wear=sj.Wear(1e-13)), length=8.0)
