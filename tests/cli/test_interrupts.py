@@ -76,6 +76,16 @@ def test_a_signal_at_any_time(begin, tmp_path, seconds):
         assert set(np.unique(found)) <= {0, int(Status.NOT_RUN)}
 
 
+@pytest.mark.slow
+def test_a_signal_inside_a_run_over_a_rail(begin, tmp_path):
+    file = tmp_path / "sled.toml"
+    file.write_text('base = "paper"\n[run]\nlength = "900 km"\n')  # some minutes
+    process = begin("run", str(file))
+    time.sleep(25.0)
+    assert "no of 1 cases were finished: nothing is written" in ended(process, signal.SIGINT)
+    assert names(tmp_path / "out") == []
+
+
 @pytest.mark.usefixtures("python_s_own_interrupts")
 def test_an_interrupt_while_packages_are_imported_is_silent():
     pipes = dict(text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)

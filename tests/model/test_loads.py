@@ -12,6 +12,7 @@ import slipperjax as sj
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.model import contact_points, contacts, rail_frame
 from slipperjax.model.dynamics import contact_forces
+from slipperjax.model.paths import parameter
 from slipperjax.model.sliding import tractions
 from slipperjax.solvers.named import resolve_solver
 
@@ -125,16 +126,20 @@ def test_the_energy_of_a_run_balances():
     assert abs(energy[-1] - energy[0] - work) < 1e-6 * size
 
 
-def test_friction_takes_a_derivative():
-    scene = dataclasses.replace(SCENE, friction=sj.Coulomb(0.1))
+@pytest.mark.parametrize("mode", [jax.jacfwd, pytest.param(jax.grad, marks=pytest.mark.slow)])
+def test_derivatives_agree_in_both_modes_and_with_differences(mode):
+    state, none = sj.initial_state(LOADED, some_motion()), jnp.zeros(4)
+    names = ("friction.coefficient", "load.force.2", "speed.scale", "speed.speed.1")
+    there = [parameter(name, LOADED).of(LOADED) for name in names]
 
-    def end(mu):
-        state = sj.initial_state(scene, some_motion())
-        return PeriodMap(scene.replace(**{"friction.coefficient": mu}), 100, sj.RK4())(state).motion.w_y
+    @jax.jit
+    def end(relative):
+        values = {name: value * (1 + relative[k]) for k, (name, value) in enumerate(zip(names, there, strict=True))}
+        return PeriodMap(LOADED.replace(**values), 100, sj.RK4())(state).motion.w_y
 
-    forward, reverse = jax.jacfwd(end)(0.1), jax.grad(end)(0.1)
-    difference = (end(0.1001) - end(0.0999)) / 2e-4
-    np.testing.assert_allclose([forward, reverse], difference, rtol=1e-4)
+    difference = [(end(none.at[k].set(1e-5)) - end(none.at[k].set(-1e-5))) / 2e-5 for k in range(4)]
+    assert np.all(np.abs(difference) > 1e-4)
+    np.testing.assert_allclose(mode(end)(none), difference, rtol=1e-4)
 
 
 @pytest.mark.parametrize("part", ["load", "friction", "speed"])
