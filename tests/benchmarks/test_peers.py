@@ -10,7 +10,7 @@ import pytest
 
 from slipperjax.bench.measure import REFERENCE_STEPS, batch_speeds, bench, errors, run
 from slipperjax.bench.methods import METHODS, all_cases
-from slipperjax.bench.work_precision import OTHERS, SHOWN, Point, table, write
+from slipperjax.bench.work_precision import SHOWN, Point, table, write
 
 from ..common import SCALES, cases
 from .peers import PEERS, CppPeer, NumpyModel, SciPyPeer
