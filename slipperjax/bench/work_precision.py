@@ -100,7 +100,7 @@ LOOKS = (
 )
 """Colours that colour-blind readers tell apart, markers and dashes of the curves, in the order of `SHOWN`."""
 
-DISTANCES = (8, 12, 18, 26, 38, 54, 75)
+DISTANCES = (8, 12, 18, 26, 38, 54, 75, 100)
 """Distances of a label from its line that are tried [typographic points]."""
 NEAR = 12
 """Distance from which a thin line leads to it [typographic points]."""

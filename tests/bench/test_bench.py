@@ -21,6 +21,7 @@ from slipperjax.bench.work_precision import LOOKS, SHOWN, Point, cost_at, draw, 
 from slipperjax.model.quantities import COORDINATES
 from slipperjax.sweeps.sweep import sweep
 
+from ..benchmarks.bars import PARTS, bars
 from ..common import SCALES
 
 
@@ -175,6 +176,25 @@ def test_picture_takes_what_was_measured_and_its_labels_stay_inside():
     assert len({line.get_color() for line in ax.lines}) == 2
     check_labels(axes.flat)
     plt.close(ax.figure)
+
+
+def test_bars_have_their_parts_and_their_sums_as_numbers():
+    rows = {
+        "cold": {"import": 1.0, "trace": 2.0, "compile": 8.0, "run and write": 0.1},
+        "C++": {"run and write": 0.04},
+    }
+    figure = bars({"a trajectory": rows, "a diagram": {"cold": {"compile": 3.0, "programs": 7}}})
+    (ax,) = figure.axes
+    figure.draw_without_rendering()
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["cold", "C++", "cold"]
+    texts = ["a trajectory", "1.0", "2.0", "8.0", "11.1 s", "0.0 s", "a diagram", "3.0", "3.0 s"]
+    assert [text.get_text() for text in ax.texts] == texts
+    assert [bar.get_width() for bar in ax.patches[: len(PARTS)]] == pytest.approx([1.0, 2.0, 8.0, 0.1])
+    assert [bar.get_x() for bar in ax.patches[: len(PARTS)]] == [0.0, 1.0, 3.0, 11.0]
+    boxes = [text.get_window_extent() for text in (*ax.texts, *ax.get_yticklabels())]
+    assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))
+    assert all(figure.bbox.contains(*corner) for box in boxes for corner in (box.min, box.max))
+    plt.close(figure)
 
 
 # a measurement

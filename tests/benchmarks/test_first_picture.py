@@ -36,6 +36,7 @@ TITLES = {
 }
 BIFURCATION_PERIODS = 310
 """Those of the command: 300 before and 10 recorded."""
+WHEN = {"cold": "first time", "warm": "later"}
 REPEATS = 5
 # as after an installation, which compiles modules once
 ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
@@ -66,7 +67,7 @@ def seconds(code: str) -> float:
 
 
 def other_codes(folder: Path) -> dict[str, dict[str, dict[str, float]]]:
-    """The parts of the time of other codes, by command: the C++ program at 50 steps per period, SciPy's at rtol 1e-3."""
+    """The parts of the time of other codes, by command: C++ at 50 steps per period, SciPy at an rtol of 1e-3."""
     begin = time.perf_counter()
     program = CppProgram(folder)
     compiled = time.perf_counter() - begin
@@ -84,8 +85,8 @@ def other_codes(folder: Path) -> dict[str, dict[str, dict[str, float]]]:
     SciPyPeer("DOP853").integrate(1250.0, numbers, 60, 1e-3)
     scipy = {"import": imported, "run and write": time.perf_counter() - begin}
     return {
-        "simulate": {"C++ program": cpp([1250.0], 60), "SciPy with events": scipy},
-        "bifurcation of 241": {"C++ program, one core": cpp(np.linspace(100.0, 2500.0, 241), BIFURCATION_PERIODS)},
+        "simulate": {"C++, first time": cpp([1250.0], 60), "SciPy with events": scipy},
+        "bifurcation of 241": {"C++, first time": cpp(np.linspace(100.0, 2500.0, 241), BIFURCATION_PERIODS)},
     }
 
 
@@ -105,19 +106,19 @@ def test_time_to_first_picture(tmp_path):
             ratio = parts["all"] / stock
             print(f"{name}, {state}: {shown} s; {parts['programs']:.0f} programs; {ratio:.1f} times the import")
             run_and_write = parts["run and the rest"] + parts["write"]
-            groups[name][f"slipperjax, {state}"] = parts | {"run and write": run_and_write}
+            groups[name][f"slipperjax, {WHEN[state]}"] = parts | {"run and write": run_and_write}
         assert middle["compile"] < cold["compile"]
     for name, rows in other_codes(tmp_path).items():
         groups[name] |= rows
     kept = dict(JAX_COMPILATION_CACHE_DIR=str(tmp_path / "kept"), JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS="0")
     for solver in ("ImpulseRK4", "RK4"):
-        for state in ("cold", "warm"):
+        for state in WHEN:
             begin = time.perf_counter()
             parts = timed(solver, "jacfwd", **kept)
             everything = time.perf_counter() - begin
             traced = parts["first"] - parts["compile"] - parts["again"]
             start = everything - parts["first"] - parts["again"]
             parts |= {"import": start, "trace": traced, "run and write": parts["again"]}
-            groups["first derivative"][f"{solver}, {state}"] = parts
+            groups["first derivative"][f"{solver}, {WHEN[state]}"] = parts
     (tmp_path / "first.png").write_bytes(png(bars({TITLES[name]: rows for name, rows in groups.items()}), 150))
     print(tmp_path / "first.png")
