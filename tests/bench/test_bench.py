@@ -160,9 +160,10 @@ def test_readers_who_are_colour_blind_tell_curves_apart():
 
 
 def test_scenes_are_panels_on_the_same_axes():
-    axes = draw(made_points([case.name for case in all_cases()]), (241, 1))
+    names = [case.name for case in all_cases()[:5]]
+    axes = draw(made_points(names), (241, 1))
     shown = [ax for ax in axes.flat if ax.lines]
-    assert [ax.get_title("left") for ax in shown] == [case.name for case in all_cases()]
+    assert [ax.get_title("left") for ax in shown] == names
     assert len({(*ax.get_xlim(), *ax.get_ylim()) for ax in shown}) == 1
     check_labels(shown)
     plt.close(shown[0].figure)

@@ -104,7 +104,7 @@ def micros(call, repeats=7):
 
 def cpp_points(folder, exact):
     """Central differences of the C++ program, and its derivatives with the finest steps."""
-    program, numbers = CppProgram(folder), [plain_numbers(Case("", scene, 1, START)) for scene in SCENES]
+    program, numbers = CppProgram(folder), [plain_numbers(Case("", scene, 1, START)) or {} for scene in SCENES]
     points, found = [], np.empty(0)
     for steps in (*STEPS, 4 * FINE):
         taken = []
