@@ -146,7 +146,7 @@ def draw(
                 thick = dict(linewidth=3.2, markersize=7, zorder=3) if name == DEFAULT else dict(markersize=4.5)
                 ax.plot(x, y, style, color=color, label=shown.get(name, name), **({"linewidth": 1.3} | thick))
         ax.margins(0.1)
-    figure.suptitle(f"{batches[0]} trajectories at once, other codes one by one", fontsize=9)
+    figure.suptitle(f"{batches[0]} trajectories at once, other codes one by one", fontsize=9, x=0.01, ha="left")
     for ax in axes.flat[len(scenes) :]:
         ax.set_axis_off()
     for ax in axes.flat[max(len(scenes) - columns, 0) : len(scenes)]:

@@ -57,7 +57,7 @@ def _delete(partial: Any) -> None:
 
 
 @app.command()
-@flag("--quick", "Two scenes, three methods, one batch: minutes less.")
+@flag("--quick", "Two scenes, four methods, one batch: minutes less.")
 @option("--scene", str, "A scene by name; repeat for several; default all.", multiple=True)
 @option("--method", str, "A method by name; repeat for several; default all.", multiple=True)
 @option("--batch", COUNT, "Trajectories at once; repeat for several; default 241 and 1.", multiple=True)
