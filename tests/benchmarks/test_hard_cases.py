@@ -2,8 +2,8 @@
 
     pytest -m benchmark -s tests/benchmarks/test_hard_cases.py
 
-Each case runs in a process of its own, without a cache of programs: 241 speeds within 2 %, every fourth of them against
-RK4 with the event latch at many more steps, beside which ImpulseRK4 at as many steps stands.
+Each case runs in a process of its own, without a cache of programs: 241 speeds within 2 %, every fourth of them
+against RK4 with the event latch at many more steps, beside which ImpulseRK4 at as many steps stands.
 """
 
 import dataclasses
