@@ -1,7 +1,7 @@
-"""Points of error against cost, as a table and as pictures."""
+"""Points of error against cost, as a table and as a picture."""
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -76,146 +76,152 @@ def table(points: list[Point], batches: tuple[int, ...]) -> str:
     return "\n".join([*table_lines(every), "", said, "", *table_lines(at_error)]) + "\n"
 
 
+DEFAULT = "ImpulseRK4"
 SHOWN = {
-    "RK4": ("RK4", "#12355b"),
-    "ImpulseRK4": ("ImpulseRK4", "#c2410c"),
-    "Tsit5": ("Tsit5", "#2a9d6f"),
-    "Rodas4": ("Rodas4", "#8338ec"),
-    "smooth: RK4": ("RK4, smooth switch", "#4f86c6"),
-    "diffrax Kvaerno5": ("diffrax Kvaerno5,\nlatched", "#e07a1f"),
-    "smooth: diffrax Kvaerno5, adaptive": ("diffrax Kvaerno5,\nsmooth switch,\nadaptive", "#c1121f"),
+    DEFAULT: "ImpulseRK4,\nthe default",
+    "RK4": "RK4",
+    "Rodas4": "Rodas4,\nimplicit",
+    "smooth: RK4": "RK4,\nsmooth switch",
+    "smooth: diffrax Kvaerno5, adaptive": "diffrax Kvaerno5,\nsmooth switch,\nadaptive steps",
+    "C++ scalar, RK4, event latch": "C++ program, RK4",
+    "SciPy DOP853 with events": "SciPy DOP853,\nwith events",
+    MBDYN_NAME: "MBDyn,\nmeasured elsewhere",
 }
-"""Methods in the picture for reading, with their labels and colours."""
-OTHERS = {MBDYN_NAME: ("MBDyn,\nmeasured elsewhere", "black")}
-"""Other codes in it, drawn as points: they run one trajectory at a time."""
+"""Curves of a picture in which not all can be, with their labels; a benchmark of the tests measures C++ and SciPy."""
+LOOKS = (
+    ("#d55e00", "o-"),
+    ("#0072b2", "s--"),
+    ("#9f20ff", "^-."),
+    ("#45a5dd", "v:"),
+    ("#800000", "P-"),
+    ("#000000", "D--"),
+    ("#8f8f78", "X-."),
+    ("#004d38", "*:"),
+)
+"""Colours that colour-blind readers tell apart, markers and dashes of the curves, in the order of `SHOWN`."""
+
+DISTANCES = (8, 12, 18, 26, 38, 54, 75, 100)
+"""Distances of a label from its line that are tried [typographic points]."""
+NEAR = 12
+"""Distance from which a thin line leads to it [typographic points]."""
 
 
 def draw(
     points: list[Point],
     batches: tuple[int, ...],
-    scene: str = "nominal",
     *,
-    others: Mapping[str, tuple[str, str]] = OTHERS,
-) -> Any:
-    """Draws error against cost on one scene: a few methods, labelled at their lines. See `draw_all` for all.
+    shown: Mapping[str, str] = SHOWN,
+    error: str = "error [1 mm, 10 mrad, 1 m/s, 10 rad/s]",
+) -> np.ndarray:
+    """Draws error against cost, a panel per scene on the same axes, at most eight curves with labels of their own.
 
-    **Arguments:** `batches`: the first is drawn; `scene`: by name, the first measured one where it has no points;
-    `others`: as `OTHERS`. Where none of `SHOWN` was measured, the methods that were are drawn instead.
-
-    **Returns:** the Axes.
-    """
-    import matplotlib.pyplot as plt
-
-    measured = list(dict.fromkeys(p.case for p in points))
-    scene = scene if scene in measured or not measured else measured[0]
-    mine = [p for p in points if p.case == scene]
-    names = list(dict.fromkeys(p.method for p in mine))
-    shown = {name: look for name, look in SHOWN.items() if name in names}
-    if not shown:
-        shown = {name: (name, f"C{k % 10}") for k, name in enumerate(n for n in names if n not in others)}
-    _, ax = plt.subplots(figsize=(7.2, 4.8), layout="constrained")
-    ax.set(xscale="log", yscale="log", xlabel="µs per trajectory and forcing period")
-    ax.set_ylabel("error in units of 1 mm, 10 mrad, 1 m/s, 10 rad/s")
-    ax.set_title(f"{scene}: {batches[0]} trajectories at once, other codes one by one", fontsize=9, loc="left")
-    ax.grid(alpha=0.25, linewidth=0.4)
-    for name, (label, color) in (shown | dict(others)).items():
-        lanes, style = (1, "D") if name in others else (batches[0], "o-")
-        x, y = _curve([p for p in mine if p.method == name], lanes)
-        if len(x):
-            ax.plot(x, y, style, color=color, markersize=4, linewidth=1.4, label=label)
-    ax.margins(0.08)
-    _label(ax)
-    return ax
-
-
-def _curve(points: Iterable[Point], lanes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gives cost and error of the points that can be drawn on logarithmic axes."""
-    rows = [(p.cost[lanes][0], p.error) for p in points if lanes in p.cost and 0 < p.error < np.inf]
-    cost, error = np.array(rows).reshape(-1, 2).T
-    return cost, error
-
-
-def _label(ax: Any) -> None:
-    """Writes the label of each line beside one of its points, where it covers as little as possible."""
-    ax.figure.draw_without_rendering()  # settles the layout
-    frame, boxes = ax.get_window_extent().padded(-4), []
-    # points on all lines in pixels, 40 on each piece of a line that joins its points
-    paths = [line.get_path().transformed(ax.transData) for line in ax.lines]
-    pieces = [1 if line.get_linestyle() == "None" else 40 for line in ax.lines]
-    ink = np.concatenate(
-        [np.empty((0, 2)), *(p.interpolated(n).vertices for p, n in zip(paths, pieces, strict=True))]
-    )
-    for line in ax.lines:
-        style = dict(textcoords="offset points", color=line.get_color(), fontsize=8)
-        label = ax.annotate(line.get_label(), line.get_xydata()[0], (0, 0), **style)
-        label.set_in_layout(False)
-
-        def put(position: Any, label: Any = label) -> Any:
-            """Moves the label to an offset from a point, and gives its box in pixels."""
-            label.xy, (ha, va, x, y) = position
-            label.set(position=(x, y), ha=ha, va=va)
-            return label.get_window_extent()
-
-        def hidden(position: Any, put: Callable = put) -> Any:
-            """Counts points of curves under the label; other labels, and the outside of the frame, count for many."""
-            box = put(position)
-            outside = frame.count_contains(box.corners()) < 4
-            return box.padded(2).count_contains(ink) + 1000 * (sum(map(box.overlaps, boxes)) + outside)
-
-        boxes.append(put(min(itertools.product(line.get_xydata(), _OFFSETS), key=hidden)))
-
-
-_OFFSETS = (
-    ("left", "center", 7, 0),
-    ("right", "center", -7, 0),
-    ("left", "bottom", 5, 4),
-    ("right", "top", -5, -4),
-    ("center", "bottom", 0, 6),
-    ("center", "top", 0, -6),
-)
-"""Alignment of a label and its distance from its point [typographic points], the preferred ones first."""
-
-
-LINES = {"full": "-", "dashed": "--", "dotted": ":"}
-"""Line styles of the batches in `draw_all`, by their names."""
-
-
-def draw_all(points: list[Point], batches: tuple[int, ...]) -> Any:
-    """Draws error against cost of every method, a panel per scene, with full, dashed and dotted lines for batches.
+    **Arguments:** `batches`: the first is drawn, and a single trajectory of codes that run no batches; `shown`: the
+    curves and their labels where more were measured than there are `LOOKS`; `error`: label of the vertical axis.
 
     **Returns:** the axes, an array.
     """
     import matplotlib.pyplot as plt
 
-    names = list(dict.fromkeys(p.case for p in points))
-    methods = list(dict.fromkeys(p.method for p in points))
-    columns = max(1, min(4, len(names)))
-    rows = max(1, -(-len(names) // columns))
-    size = (max(4.2 * columns, 10), 3.6 * rows + 2.4)  # wide enough for the legend, too
-    figure, axes = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
-    handles = {}
-    for ax, name in zip(axes.flat, names, strict=False):
-        for k, method in enumerate(methods):
-            mine = [p for p in points if p.case == name and p.method == method]
-            marker = "osD"[k // 10 % 3]  # there are ten colours
-            for lanes, style in zip(batches, LINES.values(), strict=False):
-                x, y = _curve(mine, lanes)
-                if len(x):
-                    (line,) = ax.plot(x, y, style + marker, color=f"C{k % 10}", markersize=4, linewidth=1)
-                    handles.setdefault(method, line)
-        ax.set(xscale="log", yscale="log", title=name, xlabel="µs per trajectory and period", ylabel="scaled error")
-        ax.grid(alpha=0.3)
-    for ax in axes.flat[len(names) :]:
+    scenes = list(dict.fromkeys(p.case for p in points))
+    names = list(dict.fromkeys(p.method for p in points))
+    if len(names) > len(LOOKS):
+        names = [name for name in names if name in shown] or names[: len(LOOKS)]
+    own = dict(zip(shown, LOOKS, strict=False))
+    free = iter([look for name, look in zip(shown, LOOKS, strict=False) if name not in names])
+    looks = {name: own[name] if name in own else next(free) for name in names}
+    columns = 1 if len(scenes) < 2 else 2 if len(scenes) < 5 else 3
+    rows = max(1, -(-len(scenes) // columns))
+    size = (7.2, 4.8) if columns == 1 else (4.6 * columns, 3.8 * rows)
+    options: Any = dict(figsize=size, squeeze=False, sharex=True, sharey=True, layout="constrained")
+    figure, axes = plt.subplots(rows, columns, **options)
+    figure.supxlabel("← faster     time per trajectory and forcing period [µs]", fontsize=9)
+    figure.supylabel(f"← better     {error}", fontsize=9)
+    for ax, scene in zip(axes.flat, scenes, strict=False):
+        ax.set(xscale="log", yscale="log")
+        ax.set_title(scene, fontsize=9, loc="left")
+        ax.grid(alpha=0.25, linewidth=0.4)
+        for name, (color, style) in looks.items():
+            x, y = _curve((p for p in points if (p.case, p.method) == (scene, name)), batches[0])
+            if len(x):
+                thick = dict(linewidth=3.2, markersize=7, zorder=3) if name == DEFAULT else dict(markersize=4.5)
+                ax.plot(x, y, style, color=color, label=shown.get(name, name), **({"linewidth": 1.3} | thick))
+        ax.margins(0.1)
+    figure.suptitle(f"{batches[0]} trajectories at once, other codes one by one", fontsize=9, x=0.01, ha="left")
+    for ax in axes.flat[len(scenes) :]:
         ax.set_axis_off()
-    marks = ", ".join(f"{line}: {n} at once" for n, line in zip(batches, LINES, strict=False))
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=3, title=marks)
+    for ax in axes.flat[max(len(scenes) - columns, 0) : len(scenes)]:
+        ax.tick_params(labelbottom=True)
+    figure.draw_without_rendering()  # settles the layout
+    for ax in axes.flat[: len(scenes)]:
+        _label(ax)
     return axes
 
 
-def write(points: list[Point], batches: tuple[int, ...], out: Path, **options: Any) -> tuple[Path, Path, Path]:
-    """Writes OUT.md, OUT.png of `draw` with its options and OUT_all.png of `draw_all`, and gives their paths."""
-    text, picture, everything = Path(f"{out}.md"), Path(f"{out}.png"), Path(f"{out}_all.png")
+def _curve(points: Iterable[Point], lanes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gives cost and error of the points that can be drawn on logarithmic axes, of one trajectory if need be."""
+    rows = [(p.cost.get(lanes, p.cost.get(1)), p.error) for p in points]
+    drawn = [(cost[0], error) for cost, error in rows if cost is not None and 0 < error < np.inf]
+    cost, error = np.array(drawn).reshape(-1, 2).T
+    return cost, error
+
+
+def _label(ax: Any) -> None:
+    """Writes the label of each line near it, where it is free, with a thin line to it from further away."""
+    pixels, frame = ax.figure.dpi / 72, ax.get_window_extent()
+    # points on the lines in pixels, 40 on each piece
+    inks = [line.get_path().transformed(ax.transData).interpolated(40).vertices for line in ax.lines]
+    # what is taken: lower left and upper right corners of labels, and points on the lines that lead to them
+    boxes, leaders = np.empty((0, 2, 2)), np.empty((0, 2))
+    for k, line in enumerate(ax.lines):
+        style = dict(color=line.get_color(), fontsize=8, linespacing=1.0, va="center", ha="center")
+        if line.get_linewidth() > 2:
+            style |= dict(fontsize=9.5, fontweight="bold")
+        trial = ax.text(0.5, 0.5, line.get_label(), transform=ax.transAxes, **style)
+        size = trial.get_window_extent().size
+        trial.remove()
+        others = np.concatenate([*inks[:k], *inks[k + 1 :], leaders])
+        anchors, reach, way = _places(inks[k][::10], pixels)
+        middle = anchors + reach * way + size / 2 * np.sign(np.round(way, 1))
+        low, high = middle - size / 2, middle + size / 2
+        path = anchors + np.linspace(0, 1, 20)[:, None, None] * (middle - anchors)
+        cost = _inside(others, low - 15, high + 15) + reach[:, 0] / pixels
+        cost += 1e3 * _inside(np.concatenate([others, inks[k]]), low - 4, high + 4)
+        cost += 1e6 * np.any((low < frame.min + 4) | (high > frame.max - 4), axis=1)
+        for start, end in boxes:
+            cost += 1e6 * np.all((low < end + 4) & (high > start - 4), axis=1)
+            cost += 1e6 * np.any(np.all((path > start - 2) & (path < end + 2), axis=2), axis=0)
+        best = int(np.argmin(cost))
+        boxes = np.concatenate([boxes, [[low[best], high[best]]]])
+        far = reach[best, 0] > NEAR * pixels
+        leaders = np.concatenate([leaders, path[:, best]]) if far else leaders
+        ax.annotate(
+            line.get_label(),
+            ax.transData.inverted().transform(anchors[best]),
+            (middle[best] - anchors[best]) / pixels,
+            textcoords="offset points",
+            arrowprops=dict(arrowstyle="-", lw=0.6, color=style["color"], shrinkA=1, shrinkB=2) if far else None,
+            **style,
+        ).set_in_layout(False)
+
+
+def _inside(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Counts the points in each box."""
+    return np.sum(np.all((points > low[:, None]) & (points < high[:, None]), axis=2), axis=1)
+
+
+def _places(anchors: np.ndarray, pixels: float) -> list[np.ndarray]:
+    """Gives all places of a label: points of its line, distances from them [pixels], and directions."""
+    angles = np.pi / 4 * np.arange(8)
+    ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    shape = (len(anchors), len(DISTANCES), len(ways), 2)
+    parts = anchors[:, None, None], pixels * np.array(DISTANCES)[None, :, None, None], ways[None, None]
+    return [np.broadcast_to(part, shape).reshape(-1, 2) for part in parts]
+
+
+def write(points: list[Point], batches: tuple[int, ...], out: Path) -> tuple[Path, Path]:
+    """Writes OUT.md of `table` and OUT.png of `draw`, and gives their paths."""
+    text, picture = Path(f"{out}.md"), Path(f"{out}.png")
     out.parent.mkdir(parents=True, exist_ok=True)
-    drawn = lambda drawing, **options: lambda: png(np.ravel(drawing(points, batches, **options))[0].figure, 150)
-    write_each({text: table(points, batches).encode, picture: drawn(draw, **options), everything: drawn(draw_all)})
-    return text, picture, everything
+    drawn = lambda: png(draw(points, batches)[0, 0].figure, 150)
+    write_each({text: table(points, batches).encode, picture: drawn})
+    return text, picture

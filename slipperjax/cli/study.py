@@ -57,12 +57,12 @@ def _delete(partial: Any) -> None:
 
 
 @app.command()
-@flag("--quick", "Two scenes, three methods, one batch: minutes less.")
+@flag("--quick", "Two scenes, four methods, one batch: minutes less.")
 @option("--scene", str, "A scene by name; repeat for several; default all.", multiple=True)
 @option("--method", str, "A method by name; repeat for several; default all.", multiple=True)
 @option("--batch", COUNT, "Trajectories at once; repeat for several; default 241 and 1.", multiple=True)
 @option("--repeats", COUNT, "Timed runs of each point; default 5, with --quick 2.")
-@out("bench", "Where to write: makes OUT.md, OUT.png and OUT_all.png.", ".md", ".png")
+@out("bench", "Where to write: makes OUT.md and OUT.png.", ".md", ".png")
 def bench(quick: bool, scene: Any, method: Any, batch: Any, repeats: int | None, out: Path) -> None:
     """Draw error against cost for every solver."""
     import matplotlib
@@ -75,7 +75,7 @@ def bench(quick: bool, scene: Any, method: Any, batch: Any, repeats: int | None,
         print(f"{point.case}: {point.method}, {point.setting}: error {point.error:.1e}, {times}", flush=True)
 
     matplotlib.use("Agg")
-    Outputs(out, ".md", ".png", "_all.png")
+    Outputs(out, ".md", ".png")
     names = dict(cases=scene or None, methods=method or None, batches=batch or None)
     # written after each scene; the files get their names when all scenes are done
     measured, partial = None, ()

@@ -24,7 +24,7 @@ Run = tuple[str, np.ndarray, tuple[float, float], np.ndarray]
 """Setting, states (cases, periods, 10), best and median seconds per trajectory, and which of the speeds they are."""
 
 
-def _numbers(case: Case) -> dict[str, float] | None:
+def plain_numbers(case: Case) -> dict[str, float] | None:
     """The scene as plain numbers; None where these codes lack something that it has."""
     scene, track = case.scene, case.scene.track
     starts = zip(vars(case.start).values(), vars(sj.table_2_start()).values(), strict=True)
@@ -64,7 +64,7 @@ class CppPeer:
 
     def runs(self, case: Case, speeds: np.ndarray) -> Iterator[Run]:
         """Runs a scene of the benchmark at some of the speeds [m/s]; nothing where it cannot."""
-        numbers = _numbers(case)
+        numbers = plain_numbers(case)
         if numbers is None:
             return
         picked = np.unique(np.linspace(0, len(speeds) - 1, min(15, len(speeds))).round().astype(int))
@@ -179,7 +179,7 @@ class SciPyPeer:
 
     def runs(self, case: Case, speeds: np.ndarray) -> Iterator[Run]:
         """Runs a scene of the benchmark at the middle one of the speeds [m/s]; nothing where it cannot."""
-        numbers = _numbers(case)
+        numbers = plain_numbers(case)
         if numbers is None:
             return
         picked = np.array([len(speeds) // 2])

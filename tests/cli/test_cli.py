@@ -323,8 +323,8 @@ def test_bench_writes_after_each_scene(replaced, tmp_path, capsys):
     wanted = dict(quick=True, repeats=None, cases=None, methods=("RK4",), batches=(8,))
     assert asked.call_args.kwargs.items() >= wanted.items()
     assert "nominal: RK4, 400 steps: error 1.0e-03, 4 us at 8" in text
-    assert text.count(f"wrote {out}_partial.md, {out}_partial.png and {out}_partial_all.png\n") == 2
-    assert f"wrote {out}.md, {out}.png and {out}_all.png\n" in text
-    assert names(out.parent) == ["costs.md", "costs.png", "costs_all.png"]
+    assert text.count(f"wrote {out}_partial.md and {out}_partial.png\n") == 2
+    assert f"wrote {out}.md and {out}.png\n" in text
+    assert names(out.parent) == ["costs.md", "costs.png"]
     assert "| K = 1e10 |" in (out.parent / "costs.md").read_text()
     assert matplotlib.image.imread(f"{out}.png").ndim == 3
