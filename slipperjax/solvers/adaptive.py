@@ -100,10 +100,7 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         result = RESULTS.where(underflow & ~keep, RESULTS.dt_min_reached, RESULTS.successful)
         step = wanted
         if smooth:
-            acceleration = (now.rate - before.rate) / (t1 - t0)
-            gap, rate = (jnp.where(keep, b, a) for a, b in ((before.gap, now.gap), (before.rate, now.rate)))
-            period = args.travel(at).period
-            step = _until(gap - 0.5 * scene.memory.width, period * rate, period * acceleration, wanted)
+            step = self._until_touchdown(args, at, t0, t1, keep, before, now, wanted)
         return keep, at, at + _fitted(step, end - at), False, (wanted, end), result
 
     def _memory_size(self, scene, memory, error, now):
@@ -111,6 +108,12 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         damping = jnp.abs(scene.contact.damping(memory, jnp.ones_like(memory)))  # over the elastic force, at touchdown
         felt = scene.memory.felt(now.gap, now.rate, contact_depth(scene)) * damping / (1 + damping)
         return jnp.max(jnp.abs(error) * felt) / self.scales.v_z / self.tolerance
+
+    def _until_touchdown(self, args, at, t0, t1, keep, before, now, wanted):
+        """Returns the step from `at` to where a switch begins to close, `wanted` where none does before."""
+        gap, rate = (jnp.where(keep, b, a) for a, b in ((before.gap, now.gap), (before.rate, now.rate)))
+        period, acceleration = args.travel(at).period, (now.rate - before.rate) / (t1 - t0)
+        return _until(gap - 0.5 * args.scene.memory.width, period * rate, period * acceleration, wanted)
 
     def _longest(self, args, t):
         return jax.lax.stop_gradient(contact_duration(args.scene) / args.travel(t).period / self.per_contact)

@@ -17,6 +17,8 @@ from jaxtyping import Array
 from ..model.dynamics import Args, State, vector_field
 from ..model.kinematics import Motion, scaled_size
 from ..model.linearised import LinearSystem
+from ..tools.checks import number, positive
+from ..tools.compile import is_traced
 
 NEWTON_TOLERANCE = 1e-7
 """Default of `SimplifiedNewton.tolerance` with constant steps."""
@@ -79,13 +81,17 @@ class SimplifiedNewton(optx.AbstractRootFinder):
     with a dense Jacobian.
     """
 
-    tolerance: Any = None
+    tolerance: float | Array | None = None
     """Greatest estimated error of a stage, in multiples of `slipperjax.model.MOTION_SCALES` [1]. None:
     `NEWTON_TOLERANCE`, and a tenth of that of `AdaptiveSteps`."""
     # not used; here because every root finder has them
     rtol: float = eqx.field(static=True, default=0.0)
     atol: float = eqx.field(static=True, default=0.0)
     norm: Any = eqx.field(static=True, default=optx.max_norm)
+
+    def __check_init__(self):
+        if self.tolerance is not None and not is_traced(self.tolerance):
+            number(positive, "tolerance", self.tolerance)
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags):
         if "init_state" in options:  # diffrax linearises once per step
