@@ -105,7 +105,9 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
 
     def _memory_size(self, scene, memory, error, now):
         """Returns the greatest error in an integrated memory that contacts feel, in multiples of the tolerance."""
-        damping = jnp.abs(scene.contact.damping(memory, jnp.ones_like(memory)))  # over the elastic force, at touchdown
+        damping = jnp.abs(
+            scene.contact.damping(memory, jnp.ones_like(memory))
+        )  # over the elastic force, at touchdown
         felt = scene.memory.felt(now.gap, now.rate, contact_depth(scene)) * damping / (1 + damping)
         return jnp.max(jnp.abs(error) * felt) / self.scales.v_z / self.tolerance
 
