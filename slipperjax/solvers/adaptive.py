@@ -84,7 +84,7 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         smooth = y0.memory is not None and isinstance(scene.memory, SmoothSwitch)
         if smooth:
             before, now = (contacts(args.frame(t), y.motion) for t, y in ((t0, y0), (t1, y1_candidate)))
-            size = jnp.maximum(size, self._memory_size(scene, y1_candidate.memory, y_error.memory, now))
+            size = jnp.maximum(size, self._memory_size(scene, y_error.memory, now))
         elif y0.memory is not None:
             touched = jnp.any((y0.memory >= 0) & (y1_candidate.memory < 0))
             size = jnp.where(touched, self.touchdown * size, size)
@@ -103,12 +103,9 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
             step = self._until_touchdown(args, at, t0, t1, keep, before, now, wanted)
         return keep, at, at + _fitted(step, end - at), False, (wanted, end), result
 
-    def _memory_size(self, scene, memory, error, now):
+    def _memory_size(self, scene, error, now):
         """Returns the greatest error in an integrated memory that contacts feel, in multiples of the tolerance."""
-        damping = jnp.abs(
-            scene.contact.damping(memory, jnp.ones_like(memory))
-        )  # over the elastic force, at touchdown
-        felt = scene.memory.felt(now.gap, now.rate, contact_depth(scene)) * damping / (1 + damping)
+        felt = scene.memory.felt(now.gap, now.rate, contact_depth(scene))
         return jnp.max(jnp.abs(error) * felt) / self.scales.v_z / self.tolerance
 
     def _until_touchdown(self, args, at, t0, t1, keep, before, now, wanted):

@@ -173,7 +173,7 @@ def test_implicit_solvers_where_the_switch_relaxes_fast(monkeypatch, speed, widt
 class Unaware(sj.AdaptiveSteps):
     """Adaptive steps that neither end at touchdowns nor ask what contacts feel of an error in the memory."""
 
-    def _memory_size(self, scene, memory, error, now):
+    def _memory_size(self, scene, error, now):
         return jnp.max(jnp.abs(error)) / self.scales.v_z / self.tolerance
 
     def _until_touchdown(self, args, at, t0, t1, keep, before, now, wanted):
