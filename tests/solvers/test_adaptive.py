@@ -88,8 +88,8 @@ def test_few_implicit_steps_are_rejected_and_have_derivatives():
     error = float(np.max(np.abs(ends - np.array([jax.tree.leaves(m) for m in truth])) / LEAST))
     share = np.sum(rejected) / np.sum(steps)
     print(f"{np.asarray(steps)} steps, {share:.2f} rejected, error {error:.1e}")
-    # measured: 0.29
-    assert share < 0.35
+    assert np.max(steps) < 300  # measured: 225, and 617 before steps ended at touchdowns
+    assert share < 0.35  # measured: 0.29
     # measured: 1.1e-4
     assert error < 3e-4
     np.testing.assert_allclose(alone(SPEEDS[0])[0][0], ends[0], atol=1e-9)  # measured: 4e-13
