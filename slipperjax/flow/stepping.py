@@ -11,9 +11,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
 from ..model.dynamics import Args, State
-from ..model.kinematics import Motion
+from ..model.kinematics import MOTION_SCALES, Motion, scaled_size
 from ..solvers.adaptive import AdaptiveSteps
-from ..solvers.latching import AbstractLatchingSolver, differentiable
+from ..solvers.latching import AbstractLatchingSolver, differentiable, with_tolerance
 from ..tools.checks import whole
 
 MOST_ADAPTIVE_STEPS = 1_000_000
@@ -181,7 +181,11 @@ class ControlledSteps(AbstractStepping):
         return self.samples
 
     def prepared(self, solver):
-        return differentiable(solver, self.adjoint)
+        solver, controller = differentiable(solver, self.adjoint), self.controller
+        if not isinstance(controller, AdaptiveSteps):
+            return solver
+        # in the scales of the motion that root finders have
+        return with_tolerance(solver, controller.atol / scaled_size(MOTION_SCALES, controller.scales))
 
     def finer(self):
         """Returns one with a tenth of the tolerances.

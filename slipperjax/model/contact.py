@@ -330,6 +330,18 @@ class SmoothSwitch(AbstractMemory):
         """Returns the derivative of m' with respect to m at a constant acceleration [1/s], shape (points,)."""
         return -self._switch(gap) / _number(self.relaxation)
 
+    def felt(self, gap: Array, rate: Array, depth: Array) -> Array:
+        """Returns the share of an error in m that a contact still feels [1], shape (points,).
+
+        On an approaching point it relaxes until touchdown; on a receding one that is pressed in, what is left of the
+        rebound feels it, about (d / `depth`)^(5/2) by its energy; an open one that recedes does not.
+
+        **Arguments:** gap g [m]; g' [m/s]; `depth` of a typical impact [m].
+        """
+        left = jnp.clip(-gap / depth, 0.0, 1.0)
+        decays = jnp.exp(-jnp.maximum(gap, 0.0) / (_number(self.relaxation) * jnp.where(rate < 0, -rate, 1.0)))
+        return jnp.where(rate < 0, decays, left * left * jnp.sqrt(left))
+
     def _switch(self, gap: Array) -> Array:
         u = jnp.clip(gap / _number(self.width) + 0.5, 0.0, 1.0)
         return u**3 * (10 + u * (6 * u - 15))

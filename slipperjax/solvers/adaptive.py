@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 from diffrax import RESULTS
 
-from ..model.contact import EventLatch
-from ..model.kinematics import MOTION_SCALES, Motion, scaled_size
-from ..model.step_size import contact_duration
+from ..model.contact import SmoothSwitch
+from ..model.kinematics import MOTION_SCALES, Motion, contacts, scaled_size
+from ..model.step_size import contact_depth, contact_duration
 from ..tools.checks import instance, number, positive
 from ..tools.compile import is_traced
 
@@ -18,10 +18,15 @@ from ..tools.compile import is_traced
 class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     """Steps as long as the error allows, for any solver with an error estimate.
 
-    Two rules are added to the estimate. Flight without contact is integrated without error, so steps would grow until
-    one skips an impact; therefore no step is longer than a part of a typical contact. A touchdown is a kink inside a
-    step, for which estimates for smooth motions are too small; therefore the error of that step is multiplied by
-    `touchdown`.
+    Four rules are added to the estimate:
+
+    - Flight without contact is integrated without error, so steps would grow until one skips an impact; therefore no
+      step is longer than a part of a typical contact.
+    - A touchdown is a kink inside a step, for which estimates for smooth motions are too small; therefore the error
+      of a step in which the event latch found one is multiplied by `touchdown`.
+    - With `SmoothSwitch` steps end where the next point begins to touch down, as its gap, rate and acceleration tell,
+      instead of being tried across that place and rejected.
+    - Errors in an integrated memory count by what the contacts feel of them, see `SmoothSwitch.felt`.
 
     Each period starts with the step length proposed at the end of the previous one.
     """
@@ -75,12 +80,14 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):
         assert y_error is not None  # see `resolve_controller`
         _, end = controller_state
-        size = scaled_size(y_error.motion, self.scales) / self.tolerance
-        if y0.memory is not None and isinstance(args.scene.memory, EventLatch):
+        scene, size = args.scene, scaled_size(y_error.motion, self.scales) / self.tolerance
+        smooth = y0.memory is not None and isinstance(scene.memory, SmoothSwitch)
+        if smooth:
+            before, now = (contacts(args.frame(t), y.motion) for t, y in ((t0, y0), (t1, y1_candidate)))
+            size = jnp.maximum(size, self._memory_size(scene, y_error.memory, now))
+        elif y0.memory is not None:
             touched = jnp.any((y0.memory >= 0) & (y1_candidate.memory < 0))
             size = jnp.where(touched, self.touchdown * size, size)
-        elif y0.memory is not None:  # an integrated memory: rates, with the scale of the vertical velocity
-            size = jnp.maximum(size, jnp.max(jnp.abs(y_error.memory)) / self.scales.v_z / self.tolerance)
         # Reject steps with NaN.
         bad = jnp.isnan(size) | jnp.isnan(scaled_size(y1_candidate.motion))
         size = jax.lax.stop_gradient(jnp.where(bad, jnp.inf, size))
@@ -91,10 +98,37 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         at = jnp.where(keep, t1, t0)
         underflow = wanted < self.shortest
         result = RESULTS.where(underflow & ~keep, RESULTS.dt_min_reached, RESULTS.successful)
-        return keep, at, at + _fitted(wanted, end - at), False, (wanted, end), result
+        step = wanted
+        if smooth:
+            step = self._until_touchdown(args, at, t0, t1, keep, before, now, wanted)
+        return keep, at, at + _fitted(step, end - at), False, (wanted, end), result
+
+    def _memory_size(self, scene, error, now):
+        """Returns the greatest error in an integrated memory that contacts feel, in multiples of the tolerance."""
+        felt = scene.memory.felt(now.gap, now.rate, contact_depth(scene))
+        return jnp.max(jnp.abs(error) * felt) / self.scales.v_z / self.tolerance
+
+    def _until_touchdown(self, args, at, t0, t1, keep, before, now, wanted):
+        """Returns the step from `at` to where a switch begins to close, `wanted` where none does before."""
+        gap, rate = (jnp.where(keep, b, a) for a, b in ((before.gap, now.gap), (before.rate, now.rate)))
+        period, acceleration = args.travel(at).period, (now.rate - before.rate) / (t1 - t0)
+        return _until(gap - 0.5 * args.scene.memory.width, period * rate, period * acceleration, wanted)
 
     def _longest(self, args, t):
         return jax.lax.stop_gradient(contact_duration(args.scene) / args.travel(t).period / self.per_contact)
+
+
+def _until(gap: Any, rate: Any, acceleration: Any, wanted: Any) -> Any:
+    """Gives the time until the first of some gaps falls to zero on its parabola, `wanted` if none does before.
+
+    Those that are there within a tenth of that are left to the step after.
+    """
+    root = rate * rate - 2 * acceleration * gap
+    speed = jnp.sqrt(jnp.maximum(root, 0.0)) - rate
+    falls = (gap > 0) & (root > 0) & (speed > 0)
+    time = 2 * gap / jnp.where(falls, speed, 1.0)
+    inside = falls & (time > 0.1 * wanted) & (time < wanted)
+    return jax.lax.stop_gradient(jnp.min(jnp.where(inside, time, wanted)))
 
 
 def _fitted(wanted: Any, left: Any) -> Any:

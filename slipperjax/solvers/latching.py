@@ -158,6 +158,15 @@ def differentiable(solver: diffrax.AbstractSolver, adjoint: diffrax.AbstractAdjo
     return solver
 
 
+def with_tolerance(solver: diffrax.AbstractSolver, tolerance: Any) -> diffrax.AbstractSolver:
+    """Returns a solver whose `SimplifiedNewton`, inside all wrappers, has this tolerance where it had None."""
+    at = lambda s: _innermost(s).root_finder.tolerance
+    finder = getattr(_innermost(solver), "root_finder", None)
+    if isinstance(finder, SimplifiedNewton) and finder.tolerance is None:
+        return eqx.tree_at(at, solver, jax.lax.stop_gradient(tolerance), is_leaf=lambda x: x is None)
+    return solver
+
+
 def is_explicit(solver: diffrax.AbstractSolver) -> bool:
     """Tells whether stability bounds a solver's steps, none of which fails: it solves no systems of equations."""
     inner = _innermost(solver)

@@ -17,9 +17,11 @@ from jaxtyping import Array
 from ..model.dynamics import Args, State, vector_field
 from ..model.kinematics import Motion, scaled_size
 from ..model.linearised import LinearSystem
+from ..tools.checks import number, positive
+from ..tools.compile import is_traced
 
 NEWTON_TOLERANCE = 1e-7
-"""Default of `SimplifiedNewton.tolerance`."""
+"""Default of `SimplifiedNewton.tolerance` with constant steps."""
 LEAST_ITERATIONS = 2
 """Iterations before the rate of convergence is known."""
 
@@ -79,12 +81,17 @@ class SimplifiedNewton(optx.AbstractRootFinder):
     with a dense Jacobian.
     """
 
-    tolerance: float = eqx.field(static=True, default=NEWTON_TOLERANCE)
-    """Greatest estimated error of a stage, in multiples of `slipperjax.model.MOTION_SCALES` [1]."""
+    tolerance: float | Array | None = None
+    """Greatest estimated error of a stage, in multiples of `slipperjax.model.MOTION_SCALES` [1]. None:
+    `NEWTON_TOLERANCE`, and a tenth of that of `AdaptiveSteps`."""
     # not used; here because every root finder has them
     rtol: float = eqx.field(static=True, default=0.0)
     atol: float = eqx.field(static=True, default=0.0)
     norm: Any = eqx.field(static=True, default=optx.max_norm)
+
+    def __check_init__(self):
+        if self.tolerance is not None and not is_traced(self.tolerance):
+            number(positive, "tolerance", self.tolerance)
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags):
         if "init_state" in options:  # diffrax linearises once per step
@@ -114,7 +121,8 @@ class SimplifiedNewton(optx.AbstractRootFinder):
         rate = state.size / state.before
         # the corrections still to come, as a geometric series
         error = jnp.where(rate < 1, state.size * rate / (1 - jnp.minimum(rate, 0.999)), jnp.inf)
-        small = (state.count >= LEAST_ITERATIONS) & (error <= self.tolerance) | (state.size <= self.tolerance)
+        most = NEWTON_TOLERANCE if self.tolerance is None else self.tolerance
+        small = (state.count >= LEAST_ITERATIONS) & (error <= most) | (state.size <= most)
         lost = ~jnp.isfinite(state.size) & (state.count > 0)
         result = optx.RESULTS.where(lost, optx.RESULTS.nonlinear_divergence, optx.RESULTS.successful)
         return small | lost, result

@@ -2,6 +2,8 @@
 
     pytest -m benchmark -s tests/benchmarks/test_smooth_switch.py
 
+Adaptive steps of diffrax's implicit methods that end at touchdowns, against steps that do not.
+
 The laws differ in the factor c of Eq. (12) alone, so each runs as Flores' law with the restitution that gives its c.
 """
 
@@ -24,7 +26,7 @@ from slipperjax.flow.record import RecordSet, States
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.layout import coordinates
 from slipperjax.model.step_size import settle_memory
-from slipperjax.solvers.simplified_newton import with_root_finder
+from slipperjax.solvers.simplified_newton import NEWTON_TOLERANCE, SimplifiedNewton, with_root_finder
 
 from ..common import SCALES
 
@@ -166,3 +168,49 @@ def test_implicit_solvers_where_the_switch_relaxes_fast(monkeypatch, speed, widt
         cost = {name: cost_at([p for p in points if p.method == name], error, len(speeds)) for name in IMPLICIT}
         print(f"at {error:.0e}: " + ", ".join(f"{name} {each:.0f}" for name, each in cost.items()))
         assert cost["ROS34PW2"] < 0.8 * cost["Rodas4"]  # for which it is there; measured: 0.32 to 0.60
+
+
+class Unaware(sj.AdaptiveSteps):
+    """Adaptive steps that neither end at touchdowns nor ask what contacts feel of an error in the memory."""
+
+    def _memory_size(self, scene, error, now):
+        return jnp.max(jnp.abs(error)) / self.scales.v_z / self.tolerance
+
+    def _until_touchdown(self, args, at, t0, t1, keep, before, now, wanted):
+        return wanted
+
+
+def test_adaptive_steps_that_end_at_touchdowns(monkeypatch):
+    """Error against cost of a batch, in turns, without and with what `AdaptiveSteps` knows of touchdowns."""
+    lanes, case = 64, Case("nominal", sj.paper_scene().replace(gravity=0.0), 3, sj.table_2_start())
+    speeds = measure.batch_speeds(case, lanes)
+    truth, _ = measure.run(case, Method("", sj.ImpulseRK4(), sj.EventLatch(), (1.0,)), 6400.0, speeds, 1)
+    exact = diffrax.Kvaerno5(root_finder=SimplifiedNewton(NEWTON_TOLERANCE))
+    rows = {"before, Kvaerno5": (Unaware, exact)}
+    for kind in (diffrax.Kvaerno5, diffrax.Kvaerno4, diffrax.Kvaerno3):
+        rows[f"now, {kind.__name__}"] = sj.AdaptiveSteps, with_root_finder(kind())
+    points, seconds = {}, {}
+
+    def run(name, tolerance):
+        controller, solver = rows[name]
+        monkeypatch.setattr(measure, "AdaptiveSteps", controller)
+        return measure.run(case, Method(name, solver, sj.SmoothSwitch(), (1.0,), adaptive=True), tolerance, speeds, 1)
+
+    for _ in range(4):  # the first compiles
+        for name in rows:
+            for tolerance in (1e-3, 3e-4, 1e-4, 3e-5, 1e-5):
+                states, periods = run(name, tolerance)
+                points[name, tolerance] = float(np.median(measure.errors(states, truth)))
+                seconds.setdefault((name, tolerance), []).append(periods)
+    at = {}
+    for name in rows:
+        each = [
+            Point(case.name, name, f"{tolerance:.0e}", error, {lanes: measure.cost_of(times, lanes)})
+            for (of, tolerance), error in points.items()
+            if of == name
+            for times in [np.array(seconds[of, tolerance][1:])]
+        ]
+        print(f"\n{name}: " + ", ".join(f"{p.setting} {p.error:.1e} {p.cost[lanes][1]:.0f} us" for p in each))
+        at[name] = [cost_at(each, error, lanes) for error in (3e-3, 1e-3)]
+        print(f"  at 3e-3 and 1e-3: {at[name][0]:.0f} and {at[name][1]:.0f} us per case and period")
+    assert at["now, Kvaerno4"][1] < 0.5 * at["before, Kvaerno5"][1]
