@@ -28,6 +28,7 @@ MAY_BE_HEAVY = (
     "plots",
     "sweeps",
     "flow.datasets",
+    "flow.accessor",
     "orbits.branches",
     "orbits.critical",
     "studies",

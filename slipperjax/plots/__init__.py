@@ -16,6 +16,7 @@ from .maps import bifurcations as bifurcations
 from .maps import exponents as exponents
 from .maps import quantity_map as quantity_map
 from .maps import regime_map as regime_map
+from .picture import plot as plot
 from .rails import rail as rail
 from .runs import passing as passing
 from .runs import run_overview as run_overview

@@ -290,10 +290,7 @@ def _datasets(ds: Any, kind: str, source: str, *names: str) -> list[xr.Dataset]:
     several = list(ds) if isinstance(ds, list | tuple) else [ds]
     if not several:
         raise ValueError(f"Argument `ds` must be one {kind} or more, not 0.")
-    datasets = [one if isinstance(one, xr.Dataset) else getattr(one, "points", one) for one in several]
-    for one in datasets:
-        check_dataset(one, source, *names)
-    return datasets
+    return [check_dataset(one, source, *names) for one in several]
 
 
 def _parameter(points: Sequence[xr.Dataset]) -> str:

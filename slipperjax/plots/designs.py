@@ -89,9 +89,7 @@ def design_overview(
 
 def design_dataset(ds: Any) -> xr.Dataset:
     """Gives the dataset of a design, or of a result that has one."""
-    ds = ds if isinstance(ds, xr.Dataset) or not hasattr(ds, "to_xarray") else ds.to_xarray()
-    check_dataset(ds, "optimise_design", "trial_design", "objective", "design")
-    return ds
+    return check_dataset(ds, "optimise_design", "trial_design", "objective", "design")
 
 
 def _panel(draw: Callable[[xr.Dataset, Any], list[Any]], ds: Any, ax: Any) -> Any:

@@ -212,16 +212,15 @@ def passing(
     **Raises:** `ValueError` for another kind of dataset, or one without `quantity`.
     """
     runs = list(runs) if isinstance(runs, list | tuple) else [runs]
-    branches = [getattr(one, "points", one) for one in (branch if isinstance(branch, list | tuple) else [branch])]
-    branches = [one for one in branches if one is not None]
+    branches = [one for one in (branch if isinstance(branch, list | tuple) else [branch]) if one is not None]
     for one in runs:
         check_dataset(one, RUN_SOURCE, quantity, argument="runs")
         dims = set(one[quantity].dims) - {"end", "point"}
         need = f"be runs with `{quantity}` of each window, as by sj.run(..., record={quantity!r}), each one case"
         good = dims == {"distance"} and one.sizes["distance"] > 1
         require(good, "runs", need, shown=f"over {', '.join(map(str, one[quantity].dims))}")
-    for one in branches:
-        check_dataset(one, "continue_orbit over the speed", quantity, "speed", "stable", argument="branch")
+    of_branch = "continue_orbit over the speed", quantity, "speed", "stable"
+    branches = [check_dataset(one, *of_branch, argument="branch") for one in branches]
     with drawing(ax, runs[0].drop_vars(_speed_name(runs[0])), 3.5, 2.7) as ax:
         style: dict[str, Any] = dict(ls="", marker=".", mew=0, rasterized=True)
         if brute is not None:

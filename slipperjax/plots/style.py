@@ -113,8 +113,17 @@ def shown(ds: xr.Dataset, name: str) -> np.ndarray:
         return values
 
 
-def check_dataset(ds: Any, source: str, *names: str, argument: str = "ds") -> None:
-    """Raises `ValueError` where `argument` is no dataset with the variables `names`; `source` says what makes one."""
+def dataset_of(result: Any) -> Any:
+    """Gives the dataset of a trajectory, a design or a branch, and anything else as it is."""
+    return result.to_xarray() if hasattr(result, "to_xarray") else getattr(result, "points", result)
+
+
+def check_dataset(ds: Any, source: str, *names: str, argument: str = "ds") -> xr.Dataset:
+    """Returns `ds`, or the dataset of a result that has one.
+
+    **Raises:** `ValueError` where it has not the variables `names`; `source` says what makes one.
+    """
+    ds = dataset_of(ds)
     if not isinstance(ds, xr.Dataset):
         raise ValueError(f"Argument `{argument}` must be a dataset of {source}, but is {type(ds).__name__}.")
     for name in names:
@@ -123,6 +132,7 @@ def check_dataset(ds: Any, source: str, *names: str, argument: str = "ds") -> No
             raise ValueError(
                 f"Argument `{argument}` must be a dataset of {source}, with `{name}`, but has {variables}."
             )
+    return ds
 
 
 @contextmanager

@@ -30,18 +30,18 @@ LAST_PERIODS = 4.0
 """Forcing periods at the end of a run in which single impacts are drawn."""
 
 
-def history(ds: xr.Dataset, name: str, ax: Any = None) -> Any:
+def history(ds: Any, name: str, ax: Any = None) -> Any:
     """Draws one output over time.
 
     **Arguments:**
 
-    - `ds`: from `Trajectory.to_xarray`, or one case of `sweep(..., record="history")`.
+    - `ds`: a `Trajectory`, its dataset, or one case of `sweep(..., record="history")`.
     - `name`: a variable over time, in SI units; drawn in its display unit, as in mm or mrad.
     - `ax`: the Axes to draw into; default those of a new figure, with the case as its title.
 
     **Returns:** the Axes, with time in forcing periods.
     """
-    check_dataset(ds, TRAJECTORY_SOURCE, "period", name)
+    ds = check_dataset(ds, TRAJECTORY_SOURCE, "period", name)
     with drawing(ax, ds, full=False) as ax:
         ax.plot(ds["period"].values, shown(ds, name), lw=0.7, color=COLORS["blue"])
         ax.set(xlabel=TIME_LABEL, ylabel=axis_label(name, ds))
@@ -49,7 +49,7 @@ def history(ds: xr.Dataset, name: str, ax: Any = None) -> Any:
     return ax
 
 
-def contact_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4, last: float | None = LAST_PERIODS) -> Any:
+def contact_forces(ds: Any, ax: Any = None, *, most: int = 4, last: float | None = LAST_PERIODS) -> Any:
     """Draws the contact forces [kN] of the points with the highest peaks: front ones solid, rear ones dashed.
 
     The legend gives the highest force of each in the whole run, over every integration step where `ds` has that, and
@@ -60,7 +60,7 @@ def contact_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4, last: float
 
     **Returns:** the Axes. Points are named by their letter and 1 at the front or 2 at the rear.
     """
-    check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
+    ds = check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
     with drawing(ax, ds, full=False) as ax:
         legend_above(ax, _draw_contact_forces(ds, ax, most, last))
     return ax
@@ -81,7 +81,7 @@ def _draw_contact_forces(ds: xr.Dataset, ax: Any, most: int = 4, last: float | N
     return ax.get_legend_handles_labels()[0]
 
 
-def highest_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4) -> Any:
+def highest_forces(ds: Any, ax: Any = None, *, most: int = 4) -> Any:
     """Draws the highest contact force [kN] of each forcing period, of the points with the highest peaks.
 
     It is found among the saved states; a dot marks the highest force of each point over every integration step. Lines
@@ -91,7 +91,7 @@ def highest_forces(ds: xr.Dataset, ax: Any = None, *, most: int = 4) -> Any:
 
     **Returns:** the Axes.
     """
-    check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
+    ds = check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
     with drawing(ax, ds, full=False) as ax:
         legend_above(ax, _draw_highest_forces(ds, ax, most))
     return ax
@@ -145,16 +145,16 @@ def most_loaded(ds: xr.Dataset, most: int) -> list[PointForce]:
     return lines
 
 
-def overview(ds: xr.Dataset, axes: Any = None) -> Any:
+def overview(ds: Any, axes: Any = None) -> Any:
     """Draws a trajectory on one page: displacements [mm], angles [mrad], velocities, contact forces and drive force.
 
     The title states the case; a status other than 0 is named in it. The last two panels show the last periods only.
 
-    **Arguments:** `ds`: from `Trajectory.to_xarray`; `axes`: 7 x 2 Axes; default those of a new figure.
+    **Arguments:** `ds`: a `Trajectory`, or its dataset; `axes`: 7 x 2 Axes; default those of a new figure.
 
     **Returns:** the Axes, an array.
     """
-    check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
+    ds = check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
     with styled():
         if axes is None:
             figure, axes = plt.subplots(7, 2, figsize=(7.2, 9.4), layout="constrained")
@@ -175,14 +175,14 @@ def overview(ds: xr.Dataset, axes: Any = None) -> Any:
     return axes
 
 
-def phase_portrait(ds: xr.Dataset, coordinate: str, velocity: str, ax: Any = None) -> Any:
+def phase_portrait(ds: Any, coordinate: str, velocity: str, ax: Any = None) -> Any:
     """Draws the orbit in the plane of a coordinate and its velocity, in red its section by upward zero crossings.
 
     **Arguments:** `ds`, `ax`: as for `history`; `coordinate`, `velocity`: variables, drawn in their display units.
 
     **Returns:** the Axes.
     """
-    check_dataset(ds, TRAJECTORY_SOURCE, coordinate, velocity)
+    ds = check_dataset(ds, TRAJECTORY_SOURCE, coordinate, velocity)
     q, v = shown(ds, coordinate), shown(ds, velocity)
     at = np.flatnonzero((q[:-1] < 0) & (q[1:] >= 0))
     share = q[at] / (q[at] - q[at + 1])

@@ -1,0 +1,59 @@
+"""The picture that fits a result."""
+
+from collections.abc import Callable
+from typing import Any
+
+import xarray as xr
+
+from ..model.quantities import SECTIONS
+from .branches import branches
+from .designs import design_overview
+from .maps import attractor_map, bifurcations, exponents, quantity_map, regime_map
+from .runs import run_overview
+from .style import dataset_of
+from .trajectories import overview
+
+PICTURES: tuple[tuple[set[str], int | None, Callable[..., Any]], ...] = (
+    ({"distance", "seconds", "stretch"}, 0, run_overview),
+    ({"trial_design"}, None, design_overview),
+    ({"event_point", "stable"}, None, branches),
+    ({"contact_force", "time"}, 0, overview),
+    ({"regime", "exponent"}, 2, regime_map),
+    ({"regime", "exponent"}, 1, exponents),
+    ({"kind", "period"}, 2, attractor_map),
+    (set(SECTIONS), 1, bifurcations),
+)
+"""Names that a result has, over how many parameters (None for any number), and its picture; the first that fits."""
+INNER = {"end", "point"}
+"""Dimensions of which maps draw the highest value."""
+
+
+def plot(result: Any, **options: Any) -> Any:
+    """Draws the picture that fits a result.
+
+    The page of a trajectory, a run or a design; a branch; the bifurcation diagrams, exponents or map of a sweep. Of a
+    sweep of numbers it is the first of them over one parameter or two.
+
+    **Arguments:** `result`: a `Trajectory`, a branch, a design, or a dataset of slipperjax; `options`: as for the
+    picture.
+
+    **Returns:** what the picture returns: Axes, or an array of them.
+
+    **Raises:** `ValueError` where none fits.
+    """
+    ds = dataset_of(result)
+    if not isinstance(ds, xr.Dataset):
+        raise ValueError(f"Argument `result` must be a result of slipperjax, but is {type(result).__name__}.")
+    parameters = list(ds["status"].dims) if "status" in ds else []
+    for names, count, draw in PICTURES:
+        if names <= {*ds.variables, *ds.dims} and (count is None or count == len(parameters)):
+            return draw(ds, **options)
+    for name, values in ds.data_vars.items():
+        over = [dim for dim in values.dims if dim not in INNER]
+        if over == parameters and len(over) in (1, 2) and values.dtype.kind == "f":
+            return quantity_map(ds, **({"name": name} | options))
+    shown = ", ".join(map(str, parameters)) or "no parameter"
+    raise ValueError(
+        f"Argument `result` must have a picture that fits, but is over {shown}, with {', '.join(map(str, ds))}: "
+        "choose one case by .isel(...), or one of slipperjax.plots."
+    )

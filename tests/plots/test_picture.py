@@ -1,0 +1,88 @@
+"""The picture that fits a result, and datasets that draw themselves."""
+
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from slipperjax import plots
+from slipperjax.model.quantities import SECTIONS
+from slipperjax.plots import picture
+
+from .test_plots import trajectory
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Replaces each picture by its name; gives what was asked of them."""
+    asked = []
+    named = [(names, count, draw.__name__) for names, count, draw in picture.PICTURES]
+    note = lambda name: lambda ds, **options: asked.append((name, options))
+    monkeypatch.setattr(picture, "PICTURES", tuple((names, count, note(name)) for names, count, name in named))
+    monkeypatch.setattr(picture, "quantity_map", note("quantity_map"))
+    return asked
+
+
+def over(*dims, **variables):
+    """A dataset over some parameters, with variables over these and further dimensions."""
+    sizes = [2] * len(dims)
+    data = {name: ((*dims, *more), np.zeros([*sizes, *[2] * len(more)])) for name, more in variables.items()}
+    return xr.Dataset(data | {"status": (dims, np.zeros(sizes, int))})
+
+
+@pytest.mark.parametrize(
+    ("ds", "name"),
+    [
+        (over(peak_force=["distance"], seconds=["distance"], state=["stretch"]), "run_overview"),
+        (over("speed", trial_design=["trial"]), "design_overview"),
+        (over("speed", stable=[], event_point=["event"]), "branches"),
+        (over(contact_force=["time"]), "overview"),
+        (over("speed", "length", regime=[], exponent=[], kind=[], period=[]), "regime_map"),
+        (over("speed", regime=[], exponent=[]), "exponents"),
+        (over("speed", "length", kind=[], period=[]), "attractor_map"),
+        (over("speed", **{name: ["crossing"] for name in SECTIONS}, strobe=["strobe_period"]), "bifurcations"),
+        (over("speed", strobe=["strobe_period"], peak_force=["end", "point"]), "quantity_map"),
+    ],
+)
+def test_each_result_has_its_picture(ds, name, drawn):
+    ds.slipper.plot()
+    assert drawn == [(name, {"name": "peak_force"} if name == "quantity_map" else {})]
+
+
+@pytest.mark.parametrize(
+    "ds", [over("speed", "length", "mass", kind=[]), over(strobe=["strobe_period"]), xr.Dataset()]
+)
+def test_what_has_no_picture_says_so(ds):
+    with pytest.raises(ValueError, match=r"Argument `result` must have a picture that fits, but is over .*\.isel"):
+        ds.slipper.plot()
+
+
+def test_only_results_have_pictures():
+    with pytest.raises(ValueError, match="Argument `result` must be a result of slipperjax, but is int"):
+        plots.plot(5)
+
+
+def test_pictures_of_a_trajectory_take_it_as_it_is():
+    ds = trajectory()
+    run = SimpleNamespace(to_xarray=lambda: ds)
+    for draw in (plots.overview, plots.plot, plots.highest_forces, plots.contact_forces):
+        draw(run)
+    plots.history(run, "y")
+    plots.phase_portrait(run, "z", "v_z")
+    axes = ds.slipper.contact_forces(most=2)
+    assert len(axes.get_lines()) >= 2
+    assert {"plot", "bifurcation", "regime_map", "animate"} <= set(dir(ds.slipper))
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        "import xarray, slipperjax",
+        "import slipperjax as sj; sj.simulate(sj.paper_scene(), 1).to_xarray(); import xarray",
+    ],
+)
+def test_datasets_draw_themselves_as_soon_as_there_are_any(first):
+    subprocess.run([sys.executable, "-c", f"{first}; xarray.Dataset().slipper"], check=True)
