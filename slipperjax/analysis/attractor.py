@@ -67,6 +67,15 @@ class Attractors(NamedTuple):
     evidence: np.ndarray
     """The deciding criterion, in words."""
 
+    def __repr__(self) -> str:
+        kinds = np.where(
+            np.asarray(self.kind) == "period", np.char.add("period ", np.char.mod("%d", self.period)), self.kind
+        )
+        if kinds.ndim == 0:
+            return f"Attractors({kinds}: {self.evidence})"
+        counts = [f"{name}: {count}" for name, count in zip(*np.unique(kinds, return_counts=True), strict=True)]
+        return f"Attractors({kinds.size} cases: {', '.join(counts)})"
+
 
 def recurrence(strobe, *, scales=None, max_period=16) -> np.ndarray:
     """Computes recurrence residuals |x_k - x_{k-n}|, in the maximum norm over scaled states.

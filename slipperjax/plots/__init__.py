@@ -11,6 +11,7 @@ from .designs import design_progress as design_progress
 from .designs import design_slopes as design_slopes
 from .designs import design_trials as design_trials
 from .maps import attractor_map as attractor_map
+from .maps import basin_map as basin_map
 from .maps import bifurcation as bifurcation
 from .maps import bifurcations as bifurcations
 from .maps import exponents as exponents

@@ -288,6 +288,41 @@ def draw_attractors(ds: xr.Dataset, over: Sequence[str], ax: Any) -> list[Any]:
     return patches + handles
 
 
+BASIN_COLORS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377")
+"""Colours of the largest basins; further ones are grey. Paul Tol's bright scheme, for all kinds of colour vision."""
+
+
+def basin_map(ds: xr.Dataset, ax: Any = None) -> Any:
+    """Draws which attractor each start leads to, with a legend of the attractors and their shares.
+
+    **Arguments:** `ds`: of `slipperjax.sweeps.groups`, over two numbers, the first drawn to the right; `ax`: the Axes
+    to draw into, default those of a new figure, with the fixed parameters as its title.
+
+    **Returns:** the Axes.
+
+    **Raises:** `ValueError` where `ds` is not over two numbers.
+    """
+    check_dataset(ds, "slipperjax.sweeps.groups", "basin", "basin_period", "share")
+    over = swept(ds["basin"], count=2)[::-1]
+    numbers, most = ds["basin"].transpose(*over).values, len(BASIN_COLORS)
+    colors = ListedColormap([*BASIN_COLORS, COLORS["grey"]])
+    norm = BoundaryNorm(np.arange(most + 2) - 0.5, most + 1)
+    values = np.where(numbers < 0, np.nan, np.minimum(numbers, most))
+    with drawing(ax, ds, 3.5, 3.3) as ax:
+        _, handles = map_over(ds, over, values, ax, colors, lambda values: norm)
+        periods, shares = ds["basin_period"].values, ds["share"].values
+        kinds = [f"period {period}" if period else "no period" for period in periods[:most]]
+        patches = [
+            Patch(color=BASIN_COLORS[k], label=f"{kind}: {share:.0%}")
+            for k, (kind, share) in enumerate(zip(kinds, shares, strict=False))
+        ]
+        if len(periods) > most:
+            rest = f"{len(periods) - most} others: {shares[most:].sum():.0%}"
+            patches.append(Patch(color=COLORS["grey"], label=rest))
+        legend_above(ax, patches + handles)
+    return ax
+
+
 def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Any = None) -> Any:
     """Draws a quantity over one parameter as dots, or over two as colours, in its display unit.
 

@@ -8,7 +8,7 @@ import xarray as xr
 from ..model.quantities import SECTIONS
 from .branches import branches
 from .designs import design_overview
-from .maps import attractor_map, bifurcations, exponents, quantity_map, regime_map
+from .maps import attractor_map, basin_map, bifurcations, exponents, quantity_map, regime_map
 from .runs import run_overview
 from .style import dataset_of
 from .trajectories import overview
@@ -21,6 +21,7 @@ PICTURES: tuple[tuple[set[str], int | None, Callable[..., Any]], ...] = (
     ({"regime", "exponent"}, 2, regime_map),
     ({"regime", "exponent"}, 1, exponents),
     ({"kind", "period"}, 2, attractor_map),
+    ({"basin", "share"}, 2, basin_map),
     (set(SECTIONS), 1, bifurcations),
 )
 """Names that a result has, over how many parameters (None for any number), and its picture; the first that fits."""

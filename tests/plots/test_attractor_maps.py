@@ -102,3 +102,19 @@ def test_another_dataset_is_refused():
         plots.attractor_map(attractor_map().drop_vars("kind"))
     with pytest.raises(ValueError, match="must be swept over 2"):
         plots.attractor_map(attractor_map().isel(speed=0))
+
+
+def test_basins_are_named_by_their_motion_and_share():
+    basin = np.array([[0, 0, 1], [0, -1, 2]])
+    dims, grid = ("start_v_y", "start_v_z"), {"start_v_y": [0.0, 1.0], "start_v_z": [0.0, 1.0, 2.0]}
+    of_each = {"basin_period": ("attractor", [1, 2, 0]), "share": ("attractor", [0.5, 1 / 6, 1 / 6])}
+    data = {"basin": (dims, basin), "status": (dims, np.where(basin < 0, 2, 0)), **of_each}
+    ax = plots.basin_map(xr.Dataset(data, grid))
+    assert legend(ax) == ["period 1: 50%", "period 2: 17%", "no period: 17%", "status not 0"]
+    assert labels(ax) == ("start $V_Y$ [m/s]", "start $V_Z$ [m/s]")
+    (mesh,) = ax.collections
+    colors = mesh.cmap(mesh.norm(mesh.get_array().reshape(3, 2)))
+    assert len(np.unique(colors.reshape(6, 4), axis=0)) == 4
+    many = {"basin_period": ("attractor", np.ones(9, int)), "share": ("attractor", np.full(9, 0.1))}
+    nine = xr.Dataset({"basin": (dims, [[0, 1, 2], [6, 7, 8]]), **many}, grid)
+    assert legend(plots.basin_map(nine))[-1] == "3 others: 30%"

@@ -81,7 +81,8 @@ def test_pictures_of_a_trajectory_take_it_as_it_is():
     "first",
     [
         "import xarray, slipperjax",
-        "import slipperjax as sj; sj.simulate(sj.paper_scene(), 1).to_xarray(); import xarray",
+        "import slipperjax as sj; from slipperjax.flow.datasets import run_attributes as made; "
+        "made(sj.paper_scene(), sj.table_2_start(), {}); import xarray",
     ],
 )
 def test_datasets_draw_themselves_as_soon_as_there_are_any(first):

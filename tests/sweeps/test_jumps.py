@@ -22,12 +22,14 @@ def test_groups_are_numbered_by_the_size_of_their_basins():
     kind = np.array([[1, 1, 0], [1, 0, 2], [1, 1, 1]])
     states = 3e-4 * kind[..., None, None] + 1e-6 * rng.standard_normal((3, 3, 30, 10))
     states[2, 2] = np.nan
-    assert groups(dataset(states, ("a", "b"))).tolist() == [[0, 0, 1], [0, 1, 2], [0, 0, -1]]
+    found = groups(dataset(states, ("a", "b")))
+    assert found["basin"].values.tolist() == [[0, 0, 1], [0, 1, 2], [0, 0, -1]]
     derailed = dataset(states, ("a", "b")).assign(status=(("a", "b"), np.where(kind == 2, int(Status.DERAILED), 0)))
-    assert groups(derailed).tolist() == [[0, 0, 1], [0, 1, -1], [0, 0, -1]]
+    assert groups(derailed)["basin"].values.tolist() == [[0, 0, 1], [0, 1, -1], [0, 0, -1]]
     named = attractors(derailed)
     assert named.kind[1, 2] == "unresolved"
     assert "derailed" in str(named.evidence[1, 2])
+    assert repr(named) == "Attractors(9 cases: unresolved: 9)"
 
 
 def test_motions_on_one_orbit_share_a_group_whatever_their_phase():
@@ -36,7 +38,10 @@ def test_motions_on_one_orbit_share_a_group_whatever_their_phase():
     orbits = rng.uniform(-1, 1, (7, 3, 10))
     lanes = [np.tile(np.roll(orbit, phase, axis=0), (10, 1)) for orbit in orbits for phase in range(3)]
     lanes.append(np.tile(rng.uniform(-1, 1, 10), (30, 1)))
-    found = groups(dataset(1e-3 * np.array(lanes), ("a",)))
+    ds = groups(dataset(1e-3 * np.array(lanes), ("a",)))
+    found = ds["basin"].values
+    assert ds["basin_period"].values.tolist() == [3] * 7 + [1]
+    assert ds["share"].values == pytest.approx([3 / 22] * 7 + [1 / 22])
     assert [len(set(found[3 * k : 3 * k + 3])) for k in range(7)] == [1] * 7
     assert sorted(set(found.tolist())) == list(range(8))
 

@@ -14,7 +14,7 @@ from ...analysis.spectra import power_spectral_density
 from ...flow.status import Status
 from ...model.quantities import SECTIONS
 from ...plots.branches import branches
-from ...plots.maps import bifurcations, exponents
+from ...plots.maps import basin_map, bifurcations, exponents
 from ...plots.style import COLORS, png, styled
 from ...plots.trajectories import phase_portrait, spectrum
 from ...tools.files import write_each
@@ -120,16 +120,7 @@ def _figure_13(data: dict[str, xr.Dataset]) -> Any:
 
 
 def _basins(data: dict[str, xr.Dataset]) -> Any:
-    ds = data["basins"]
-    figure, ax = plt.subplots(figsize=(3.5, 3.1), layout="constrained")
-    numbers = ds["attractor"].values.T
-    shown = np.ma.masked_where(numbers < 0, np.minimum(numbers, 7))  # flagged cases stay white
-    mesh = ax.pcolormesh(ds["start_v_y"], ds["start_v_z"], shown, cmap="tab10", vmin=-0.5, vmax=9.5)
-    most = int(np.clip(numbers.max(), 0, 7))
-    bar = figure.colorbar(mesh, ax=ax, ticks=range(most + 1), label="attractor, by falling basin")
-    bar.ax.set_ylim(-0.5, most + 0.5)
-    ax.set(xlabel="start $V_Y$ [m/s]", ylabel="start $V_Z$ [m/s]")
-    return figure
+    return basin_map(data["basins"]).figure
 
 
 def _exponents(name: str, data: dict[str, xr.Dataset]) -> Any:

@@ -171,9 +171,7 @@ def basins(effort: Effort, wanted: set[str], options: dict, data: Data) -> Answe
     side = np.linspace(-1.5, 1.5, effort.basin)
     common = dict(transient=150, periods=20, record="strobe", steps_per_period=50)
     ds = sweep(paper_scene(1860.0), {"v_y": side, "v_z": side}, **common, **options)
-    label = {"long_name": "attractor, by falling size of its basin; -1 for flagged cases"}
-    ds["attractor"] = (("start_v_y", "start_v_z"), groups(ds), label)
-    data["basins"] = ds
+    data["basins"] = ds.merge(groups(ds))
     return {}
 
 
