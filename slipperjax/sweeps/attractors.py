@@ -115,7 +115,7 @@ def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05) -> xr.Datase
 
 
 def _mark(states: np.ndarray, near: float) -> tuple[np.ndarray, int]:
-    """Mean and spread of scaled states (periods, 10), over whole recurrences if the motion is periodic; its period."""
+    """Mean and spread of scaled states (periods, 10), over whole recurrences if they recur; after how many, or 0."""
     periods = len(states)
     recurs = (n for n in range(1, periods // 2 + 1) if np.max(np.abs(states[n:] - states[:-n])) < near)
     n = next(recurs, 0)
