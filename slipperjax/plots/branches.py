@@ -109,6 +109,10 @@ def branches(ds: Any, quantity: str = "v_z", brute: xr.Dataset | None = None, ax
             ax.plot([mark.x] * len(mark.values), mark.values, **_marker(mark.label, mark.color), zorder=4)
         ax.set(xlabel=axis_label(name, points[0]), ylabel=_quantity_label(quantity, points[0]))
         ax.margins(x=0.03, y=0.08)
+        if brute is not None:  # which may be over a wider range, where the branch has nothing to show
+            values = np.concatenate([shown(one, name) for one in points])
+            ends, margin = (values.min(), values.max()), 0.05 * np.ptp(values)
+            ax.set_xlim(max(ends[0] - margin, ax.get_xlim()[0]), min(ends[1] + margin, ax.get_xlim()[1]))
         several = len(colors) > 1
         handles += [Line2D([], [], color=colors[p], lw=1.3, label=f"period {p}") for p in order if several]
         for text, style in (("stable", dict(lw=1.3, ls=SOLID)), ("unstable", dict(lw=0.8, ls=DASHED))):

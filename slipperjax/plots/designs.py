@@ -50,6 +50,8 @@ OPTIMUM: dict[str, Any] = dict(ls="", marker="*", ms=10, mfc="#ffd23f", mec="bla
 """Marker of the best design."""
 FIRST_TRIAL: dict[str, Any] = dict(ls="", marker="s", ms=6.5, mfc="none", mec="black", mew=0.8, zorder=4)
 """Marker of the first trial of a start."""
+BOUND: dict[str, Any] = dict(ls=":", lw=0.9, color=COLORS["red"], zorder=1)
+"""Line of the least and the greatest value that a variable may have."""
 GRID_MINIMUM: dict[str, Any] = dict(ls="", marker="P", ms=6, mfc="white", mec="black", mew=0.7, zorder=5)
 """Marker of the lowest value of a grid."""
 
@@ -175,9 +177,13 @@ def _draw_trials(ds: xr.Dataset, ax: Any) -> list[Any]:
     ax.plot(*_best_place(ds, variables), **OPTIMUM)
     handles = [Line2D([], [], label="best", **OPTIMUM), Line2D([], [], label="start", **FIRST_TRIAL)]
     handles += _scatter_trials(ds, ax, x, y, colors, "black")
-    for one, set_limits in zip(variables, (ax.set_xlim, ax.set_ylim), strict=False):
+    sides = (ax.set_xlim, ax.axvline), (ax.set_ylim, ax.axhline)
+    for one, (set_limits, line) in zip(variables, sides, strict=False):
         low, high = (float(one.shown(ds[end].sel(variable=one.name))) for end in ("low", "high"))
         set_limits(low - 0.04 * (high - low), high + 0.04 * (high - low))
+        for bound in (low, high):
+            line(bound, **BOUND)
+    handles.append(Line2D([], [], label="bound", **BOUND))
     ax.set(xlabel=_label(variables[0]), ylabel=_label(variables[1]) if plane else label)
     if not plane:
         fit_scale(ax, total)
@@ -276,11 +282,15 @@ def design_margins(ds: Any, margins: xr.Dataset, ax: Any = None) -> Any:
 def _draw_margins(margins: xr.Dataset, ds: xr.Dataset, ax: Any) -> list[Any]:
     check_dataset(margins, "event_margins", "parameter", "relative", "label")
     pairs = list(zip(margins["case"].values.tolist(), margins["parameter"].values.astype(str), strict=True))
-    rows = {pair: row for row, pair in enumerate(dict.fromkeys(pairs))}
-    colors = {case: line_color(k) for k, case in enumerate(dict.fromkeys(case for case, _ in rows))}
+    names, cases = (
+        list(dict.fromkeys(part)) for part in (margins["parameter"].values.tolist(), [c for c, _ in pairs])
+    )
+    colors = {case: line_color(k) for k, case in enumerate(cases)}
+    # a row for each parameter, with the cases' bars beneath each other
+    place = lambda case, name: names.index(name) + 0.7 * ((cases.index(case) + 0.5) / len(cases) - 0.5)
     changes, labels = 100 * margins["relative"].values, margins["label"].values.astype(str)
     for pair, change, label, value in zip(pairs, changes, labels, margins["value"].values, strict=True):
-        color, row = colors[pair[0]], rows[pair]
+        color, row = colors[pair[0]], place(*pair)
         ax.plot([0, change], [row] * 2, lw=3.5, alpha=0.35, color=color, solid_capstyle="butt", zorder=2)
         if label:
             ax.plot([change], [row], ls="", marker=EVENT_MARKERS[label], ms=5, mew=0.9, color=color, zorder=3)
@@ -288,10 +298,10 @@ def _draw_margins(margins: xr.Dataset, ds: xr.Dataset, ax: Any) -> list[Any]:
             style: dict[str, Any] = dict(textcoords="offset points", va="center", ha=side, fontsize=6)
             ax.annotate(f"{_parameter(ds, pair[1]).shown(value):.4g}", (change, row), (offset, 0), **style)
     ax.axvline(0, lw=0.5, color="black", zorder=1)
-    parameters = [_parameter(ds, name) for _, name in rows]
-    ax.set_yticks(list(rows.values()), [with_unit(_name(q), q.display_unit, brackets=True) for q in parameters])
+    parameters = [_parameter(ds, name) for name in names]
+    ax.set_yticks(range(len(names)), [with_unit(_name(q), q.display_unit, brackets=True) for q in parameters])
     farthest = 1.35 * max(float(np.nanmax(np.abs(changes), initial=0.0)), 1e-9)
-    ax.set(xlabel="change of the parameter [%]", xlim=(-farthest, farthest), ylim=(len(rows) - 0.5, -0.5))
+    ax.set(xlabel="change of the parameter [%]", xlim=(-farthest, farthest), ylim=(len(names) - 0.5, -0.5))
     over = [(_parameter(ds, name), ds[name].values) for name in varied_names(ds)]
     of_case = lambda case: ", ".join(_stated(q, values[case]) for q, values in over) or "the case"
     handles = [Line2D([], [], lw=3.5, alpha=0.35, color=c, label=of_case(case)) for case, c in colors.items()]

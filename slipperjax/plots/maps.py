@@ -14,6 +14,7 @@ from ..analysis.lyapunov import LEAST, SURE
 from ..flow.datasets import varied_names
 from ..flow.status import Status
 from ..model.quantities import SECTIONS
+from ..tools.checks import one_of
 from .style import (
     COLORS,
     FLAGGED_LABEL,
@@ -83,39 +84,65 @@ def bifurcation(ds: xr.Dataset, section: str, ax: Any = None, **style: Any) -> A
     return ax
 
 
-def bifurcations(ds: xr.Dataset, axes: Any = None, followed: xr.Dataset | None = None) -> Any:
-    """Draws all five bifurcation diagrams above each other, at column width, as in Figs. 5, 8 and 10 of the paper.
+def bifurcations(
+    ds: xr.Dataset,
+    axes: Any = None,
+    followed: xr.Dataset | None = None,
+    *,
+    sections: Sequence[str] = tuple(SECTIONS),
+) -> Any:
+    """Draws the bifurcation diagrams of all five sections, as Figs. 5, 8 and 10 of the paper, or of some.
 
     **Arguments:**
 
     - `ds`: as for `bifurcation`.
-    - `axes`: five Axes; default those of a new figure, with the fixed parameters as its title.
+    - `axes`: as many Axes as sections; default those of a new figure, in two columns where there are more than three,
+        with the fixed parameters as its title.
     - `followed`: from `follow`, drawn beneath: the motions that are met when the parameter is raised and lowered. Its
         crosses are coloured as its dots.
+    - `sections`: names of velocities, such as ("v_y", "v_z").
 
     **Returns:** the Axes, an array.
     """
     check_dataset(ds, "sweep or follow", *SECTIONS)
+    for name in sections:
+        one_of("sections", name, tuple(SECTIONS))
     with styled():
+        columns = 2 if axes is None and len(sections) > 3 else 1
         if axes is None:
-            figure, axes = plt.subplots(5, 1, figsize=(3.5, 7.9), sharex=True, layout="constrained")
-            name_case(figure, ds, full=True)
+            axes = _stacked(len(sections), columns)
+            name_case(axes[0].figure, ds, full=True)
         ways = {} if followed is None else {way: followed.sel(direction=way) for way in followed["direction"].values}
         lost = False
-        for tag, section, ax in zip("abcde", SECTIONS, axes, strict=True):
+        for tag, section, ax in zip("abcde", sections, axes, strict=False):
             for k, (way, color) in enumerate(DIRECTION_COLORS.items(), 1):
                 if way in ways:
                     style = dict(color=color, label=f"followed {way}")
                     lost |= _draw_dots(ways[way], section, ax, 1.1, 0.04 + 0.06 * k, color, **style)
             # the dots beneath stay visible
             lost |= _draw_dots(ds, section, ax, 0.7 if ways else 1.0, label="from one start")
-            ax.text(0.012, 0.94, f"({tag})", transform=ax.transAxes, va="top", fontsize=8)
-            if ax is not axes[-1]:
-                ax.set_xlabel("")
+            if len(sections) > 1:  # beside the axes, where it hides no dot
+                beside: dict[str, Any] = dict(xycoords="axes fraction", textcoords="offset points", fontsize=8)
+                ax.annotate(f"({tag})", (0, 1), (-22, 0), va="top", ha="right", **beside)
+        for ax in axes[:-columns]:
+            ax.set_xlabel("")
         if ways or lost:
             legend_above(axes[0], axes[0].get_legend_handles_labels()[0] + [cross(label=FLAGGED_LABEL)] * lost)
             plt.setp(axes[0].get_legend().legend_handles, markersize=5)
     return axes
+
+
+def _stacked(count: int, columns: int) -> np.ndarray:
+    """Gives some Axes of a new figure over one another, in columns."""
+    rows = -(-count // columns)
+    size = (3.6 * columns, 1.6 * rows + 0.7)
+    _, grid = plt.subplots(rows, columns, figsize=size, sharex=True, layout="constrained", squeeze=False)
+    axes = grid.ravel()
+    for ax in axes[count:]:
+        ax.remove()
+    for ax in axes[count - columns : count]:
+        ax.tick_params(labelbottom=True)
+    return axes[:count]
 
 
 def _draw_dots(

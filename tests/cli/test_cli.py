@@ -178,7 +178,7 @@ def test_sections_are_written_drawn_and_repeated_in_a_new_folder(file, tmp_path,
     assert check_repeated(out)["speed"].values.tolist() == [900, 1000]
     assert sj.load_start(f"{out}.nc").v_y == 0.3
     assert equal(sj.load_scene(f"{out}.nc", speed=900.0), sj.paper_scene(900.0).replace(mass=21.0))
-    assert share(picture(out, 3.5, 7.9), COLORS["blue"]) > 0
+    assert share(picture(out, 7.2, 5.5), COLORS["blue"]) > 0
 
 
 def test_exponents_are_written_drawn_and_repeated(tmp_path, capsys):
@@ -233,7 +233,7 @@ def test_flagged_cases_are_named(replaced, tmp_path, capsys):
     assert f"\n{case}; 4 cases, 310 + 10 periods, 50 to 150 steps per period: " in text
     assert text.endswith(f"; 3 cases flagged (1 {Status.NOT_FINITE} and 2 {Status.UNRESOLVED})\n")
     xr.testing.assert_identical(dataset(out), made)
-    assert share(picture(out, 3.5, 7.9), COLORS["grey"]) > 0
+    assert share(picture(out, 7.2, 5.5), COLORS["grey"]) > 0
     made["status"][:] = int(Status.NOT_FINITE)
     assert "4 cases flagged" in call(words, capsys, 1)[0]
 

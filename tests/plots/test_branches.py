@@ -72,6 +72,13 @@ def simulated(over="clearance"):
     return xr.Dataset(data, coords, {"periods": 1})
 
 
+def test_the_axis_is_that_of_the_branch():
+    wide = simulated().assign_coords(clearance=[1e-3, 2e-3, 30e-3])
+    low, high = plots.branches(branch(), "v_z", wide).get_xlim()
+    assert 0.85 < low < 1.0
+    assert 3.0 < high < 3.15
+
+
 def lines(ax, style):
     """Gives the parts of lines of a style, points each."""
     return [part for line in ax.lines if line.get_linestyle() == style for part in _parts(line.get_xydata())]

@@ -155,10 +155,19 @@ def test_flagged_cases_have_a_cross_and_no_dots():
 def test_five_diagrams_show_five_sections():
     axes = plots.bifurcations(sections())
     assert [ax.get_ylabel() for ax in axes] == [plots.axis_label(name) for name in SECTIONS]
-    assert [ax.get_xlabel() for ax in axes] == [""] * 4 + ["clearance $C$ [mm]"]
+    assert [ax.get_xlabel() for ax in axes] == [""] * 3 + ["clearance $C$ [mm]"] * 2  # at the foot of each column
+    assert len(axes[0].figure.axes) == 5
     assert [ax.texts[0].get_text() for ax in axes] == ["(a)", "(b)", "(c)", "(d)", "(e)"]
     assert [len(drawn(marked(ax, ".")[0])) for ax in axes] == [10] * 5
     assert legend(axes[0]) == []
+
+
+def test_sections_may_be_chosen_by_name():
+    axes = plots.bifurcations(sections(), sections=("w_x", "v_y"))
+    assert [ax.get_ylabel() for ax in axes] == [plots.axis_label(name) for name in ("w_x", "v_y")]
+    assert [ax.get_xlabel() for ax in axes] == ["", "clearance $C$ [mm]"]
+    with pytest.raises(ValueError, match="Argument `sections` must be one of v_y, v_z, w_x, w_y, w_z, but is 'v_x'"):
+        plots.bifurcations(sections(), sections=("v_x",))
 
 
 def test_followed_motions_and_flagged_cases_are_in_the_legend():
