@@ -45,7 +45,7 @@ def _publish_imports(module: griffe.Module, modules: dict[str, griffe.Module]) -
     """
     for line, (name, path) in enumerate(module.imports.items()):
         origin = None if name.startswith("_") else _origin(path, modules)
-        if origin is not None:
+        if origin is not None and not origin.is_module:
             module.members[name] = griffe.Alias(name, origin, lineno=line, endlineno=line, parent=module)
             module.members[name].public = True
 
