@@ -38,16 +38,22 @@ class PublicNames(griffe.Extension):
 
 
 def _publish_imports(module: griffe.Module, modules: dict[str, griffe.Module]) -> None:
-    """Makes the names that an `__init__` file imports from the package public members, in the file's order.
+    """Makes the names that an `__init__` file imports from the package public members.
 
+    Functions stand first, then classes, values, and base classes; otherwise they keep the file's order.
     Griffe drops a name that is also that of a submodule, such as `sweep` from `.sweep`; here the name wins, as in
     Python.
     """
-    for line, (name, path) in enumerate(module.imports.items()):
-        origin = None if name.startswith("_") else _origin(path, modules)
-        if origin is not None and not origin.is_module:
-            module.members[name] = griffe.Alias(name, origin, lineno=line, endlineno=line, parent=module)
-            module.members[name].public = True
+    origins = {name: _origin(path, modules) for name, path in module.imports.items() if not name.startswith("_")}
+    shown = {name: origin for name, origin in origins.items() if origin is not None and not origin.is_module}
+    for line, (name, origin) in enumerate(sorted(shown.items(), key=lambda item: _place(*item))):
+        module.members[name] = griffe.Alias(name, origin, lineno=line, endlineno=line, parent=module)
+        module.members[name].public = True
+
+
+def _place(name: str, origin: Any) -> int:
+    """The group in which a name stands on its page."""
+    return 3 if name.startswith("Abstract") else 0 if origin.is_function else 1 if origin.is_class else 2
 
 
 def _origin(path: str, modules: dict[str, griffe.Module]) -> Any:
