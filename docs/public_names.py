@@ -7,6 +7,9 @@ import griffe
 LONGEST_VALUE = 60
 """Longest default or constant that is shown, in characters."""
 
+ROOMS = ("model", "flow", "sweeps", "orbits", "design", "solvers", "tools")
+"""The order in which the page of the top level goes through them."""
+
 
 class PublicNames(griffe.Extension):
     """Shows what the `__init__` files import, and leaves out what has no meaning for a reader."""
@@ -40,10 +43,12 @@ class PublicNames(griffe.Extension):
 def _publish_imports(module: griffe.Module, modules: dict[str, griffe.Module]) -> None:
     """Makes the names that an `__init__` file imports from the package public members.
 
-    Functions stand first, then classes, values, and base classes; otherwise they keep the file's order.
+    Functions stand first, then classes, values, and base classes; at the top level room by room.
     Griffe drops a name that is also that of a submodule, such as `sweep` from `.sweep`; here the name wins, as in
     Python.
     """
+    for name in ("__getattr__", "__version__"):
+        module.members.pop(name, None)
     origins = {name: _origin(path, modules) for name, path in module.imports.items() if not name.startswith("_")}
     shown = {name: origin for name, origin in origins.items() if origin is not None and not origin.is_module}
     for line, (name, origin) in enumerate(sorted(shown.items(), key=lambda item: _place(*item))):
@@ -51,9 +56,11 @@ def _publish_imports(module: griffe.Module, modules: dict[str, griffe.Module]) -
         module.members[name].public = True
 
 
-def _place(name: str, origin: Any) -> int:
-    """The group in which a name stands on its page."""
-    return 3 if name.startswith("Abstract") else 0 if origin.is_function else 1 if origin.is_class else 2
+def _place(name: str, origin: Any) -> tuple[int, int]:
+    """Where a name stands on its page."""
+    kind = 3 if name.startswith("Abstract") else 0 if origin.is_function else 1 if origin.is_class else 2
+    room = origin.path.split(".")[1]
+    return kind, ROOMS.index(room) if room in ROOMS else 0
 
 
 def _origin(path: str, modules: dict[str, griffe.Module]) -> Any:
