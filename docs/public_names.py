@@ -58,7 +58,8 @@ def _publish_imports(module: griffe.Module, modules: dict[str, griffe.Module]) -
 
 def _place(name: str, origin: Any) -> tuple[int, int]:
     """Where a name stands on its page."""
-    kind = 3 if name.startswith("Abstract") else 0 if origin.is_function else 1 if origin.is_class else 2
+    last = name.startswith("Abstract") or ".plots.style." in origin.path  # to build on
+    kind = 3 if last else 0 if origin.is_function else 1 if origin.is_class else 2
     room = origin.path.split(".")[1]
     return kind, ROOMS.index(room) if room in ROOMS else 0
 
