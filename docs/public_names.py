@@ -24,7 +24,11 @@ class PublicNames(griffe.Extension):
                 modules[here.path] = here
             else:
                 classes.append(here)
-            found += [m for m in here.members.values() if not m.is_alias and (m.is_module or m.is_class)]
+            found += [
+                m
+                for m in here.members.values()
+                if not m.is_alias and (m.is_module or m.is_class)
+            ]
         for module in modules.values():
             if module.is_init_module:
                 _publish_imports(module, modules)
@@ -34,7 +38,9 @@ class PublicNames(griffe.Extension):
     def on_attribute(self, *, attr: griffe.Attribute, **kwargs: Any) -> None:
         """Shows the default of a field instead of the call that makes the field, and no long values."""
         if str(attr.value).startswith("eqx.field("):
-            given = {getattr(argument, "name", None): argument for argument in attr.value.arguments}
+            given = {
+                getattr(argument, "name", None): argument for argument in attr.value.arguments
+            }
             attr.value = given["default"].value if "default" in given else None
         if len(str(attr.value)) > LONGEST_VALUE:
             attr.value = None
@@ -49,10 +55,22 @@ def _publish_imports(module: griffe.Module, modules: dict[str, griffe.Module]) -
     """
     for name in ("__getattr__", "__version__"):
         module.members.pop(name, None)
-    origins = {name: _origin(path, modules) for name, path in module.imports.items() if not name.startswith("_")}
-    shown = {name: origin for name, origin in origins.items() if origin is not None and not origin.is_module}
-    for line, (name, origin) in enumerate(sorted(shown.items(), key=lambda item: _place(*item))):
-        module.members[name] = griffe.Alias(name, origin, lineno=line, endlineno=line, parent=module)
+    origins = {
+        name: _origin(path, modules)
+        for name, path in module.imports.items()
+        if not name.startswith("_")
+    }
+    shown = {
+        name: origin
+        for name, origin in origins.items()
+        if origin is not None and not origin.is_module
+    }
+    for line, (name, origin) in enumerate(
+        sorted(shown.items(), key=lambda item: _place(*item))
+    ):
+        module.members[name] = griffe.Alias(
+            name, origin, lineno=line, endlineno=line, parent=module
+        )
         module.members[name].public = True
 
 
@@ -75,7 +93,11 @@ def _origin(path: str, modules: dict[str, griffe.Module]) -> Any:
 
 def _drop_undocumented_methods(cls: griffe.Class) -> None:
     """Removes methods without a docstring: they implement an interface that is documented elsewhere."""
-    functions = [name for name, m in cls.members.items() if not m.is_alias and m.is_function and m.docstring is None]
+    functions = [
+        name
+        for name, m in cls.members.items()
+        if not m.is_alias and m.is_function and m.docstring is None
+    ]
     for name in functions:
         if name != "__init__":  # its arguments are the class's
             del cls.members[name]

@@ -21,7 +21,10 @@ def on_files(files: Files, *, config: Any) -> None:
             files.append(File.generated(config, f"notebooks/{name}", content=picture))
         files.append(File.generated(config, f"notebooks/{path.stem}.md", content=text))
         gallery += f'\n## [{text.splitlines()[0][2:]}]({path.stem}.md)\n\n<div class="gallery" markdown>\n\n'
-        gallery += "\n".join(f"[![{name}]({name})]({path.stem}.md#{name[:-4]})" for name in pictures) + "\n\n</div>\n"
+        gallery += (
+            "\n".join(f"[![{name}]({name})]({path.stem}.md#{name[:-4]})" for name in pictures)
+            + "\n\n</div>\n"
+        )
     files.append(File.generated(config, "notebooks/index.md", content=gallery))
 
 
@@ -39,7 +42,9 @@ def _page(path: Path) -> tuple[str, dict[str, bytes]]:
                 pictures[name] = base64.b64decode(output["data"]["image/png"])
                 parts.append(f'<a id="{name[:-4]}"></a>\n![{name}]({name})')
     title, _, rest = parts[0].partition("\n")
-    return "\n\n".join([title, f"The notebook is `notebooks/{path.name}`.", rest, *parts[1:]]), pictures
+    return "\n\n".join(
+        [title, f"The notebook is `notebooks/{path.name}`.", rest, *parts[1:]]
+    ), pictures
 
 
 def _public_paths() -> dict[str, str]:
@@ -47,12 +52,18 @@ def _public_paths() -> dict[str, str]:
     paths = {}
     for room in ("", *ROOMS):
         file = ROOT / "slipperjax" / room / ("__init__.py" if room else "__init__.pyi")
-        for name in re.findall(r"^from .* as (\w+)$", file.read_text(encoding="utf-8"), re.MULTILINE):
+        for name in re.findall(
+            r"^from .* as (\w+)$", file.read_text(encoding="utf-8"), re.MULTILINE
+        ):
             path = f"slipperjax.{room}.{name}" if room else f"slipperjax.{name}"
             paths[path] = path
             if re.search("[A-Z_]", name):
                 paths.setdefault(name, path)
-    return {written: path for written, path in paths.items() if path not in {f"slipperjax.{room}" for room in ROOMS}}
+    return {
+        written: path
+        for written, path in paths.items()
+        if path not in {f"slipperjax.{room}" for room in ROOMS}
+    }
 
 
 PATHS = _public_paths()
@@ -62,7 +73,13 @@ def on_page_markdown(markdown: str, *, page: Any, **kwargs: Any) -> str:
     """Leads to pages of notebooks instead of their files, and from names in texts to the API."""
     up = "../" * page.file.src_uri.count("/")
     markdown = markdown.replace("../docs/", up)
-    markdown = re.sub(r"\((?:\.\./)+notebooks/(\w+)\.ipynb\)", rf"({up}notebooks/\1.md)", markdown)
-    parts = re.split(r"(^```.*?^```$|^#.*?$|\[[^\]]*\]\([^)]*\))", markdown, flags=re.MULTILINE | re.DOTALL)
+    markdown = re.sub(
+        r"\((?:\.\./)+notebooks/(\w+)\.ipynb\)", rf"({up}notebooks/\1.md)", markdown
+    )
+    parts = re.split(
+        r"(^```.*?^```$|^#.*?$|\[[^\]]*\]\([^)]*\))", markdown, flags=re.MULTILINE | re.DOTALL
+    )
     link = lambda m: f"[{m[0]}][{PATHS[m[1]]}]" if m[1] in PATHS else m[0]
-    return "".join(part if k % 2 else re.sub(r"`([\w.]+)`", link, part) for k, part in enumerate(parts))
+    return "".join(
+        part if k % 2 else re.sub(r"`([\w.]+)`", link, part) for k, part in enumerate(parts)
+    )
