@@ -73,6 +73,7 @@ def on_page_markdown(markdown: str, *, page: Any, **kwargs: Any) -> str:
     """Leads to pages of notebooks instead of their files, and from names in texts to the API."""
     up = "../" * page.file.src_uri.count("/")
     markdown = markdown.replace("../docs/", up)
+    markdown = re.sub(r"\((?:\.\./)+notebooks\)", f"({up}notebooks/index.md)", markdown)
     markdown = re.sub(
         r"\((?:\.\./)+notebooks/(\w+)\.ipynb\)", rf"({up}notebooks/\1.md)", markdown
     )
