@@ -7,6 +7,9 @@ import griffe
 LONGEST_VALUE = 60
 """Longest default or constant that is shown, in characters."""
 
+ROOMS = ("model", "flow", "sweeps", "orbits", "design", "solvers", "tools")
+"""The order in which the page of the top level goes through them."""
+
 
 class PublicNames(griffe.Extension):
     """Shows what the `__init__` files import, and leaves out what has no meaning for a reader."""
@@ -21,7 +24,11 @@ class PublicNames(griffe.Extension):
                 modules[here.path] = here
             else:
                 classes.append(here)
-            found += [m for m in here.members.values() if not m.is_alias and (m.is_module or m.is_class)]
+            found += [
+                m
+                for m in here.members.values()
+                if not m.is_alias and (m.is_module or m.is_class)
+            ]
         for module in modules.values():
             if module.is_init_module:
                 _publish_imports(module, modules)
@@ -31,23 +38,48 @@ class PublicNames(griffe.Extension):
     def on_attribute(self, *, attr: griffe.Attribute, **kwargs: Any) -> None:
         """Shows the default of a field instead of the call that makes the field, and no long values."""
         if str(attr.value).startswith("eqx.field("):
-            given = {getattr(argument, "name", None): argument for argument in attr.value.arguments}
+            given = {
+                getattr(argument, "name", None): argument for argument in attr.value.arguments
+            }
             attr.value = given["default"].value if "default" in given else None
         if len(str(attr.value)) > LONGEST_VALUE:
             attr.value = None
 
 
 def _publish_imports(module: griffe.Module, modules: dict[str, griffe.Module]) -> None:
-    """Makes the names that an `__init__` file imports from the package public members, in the file's order.
+    """Makes the names that an `__init__` file imports from the package public members.
 
+    Functions stand first, then classes, values, and base classes; at the top level room by room.
     Griffe drops a name that is also that of a submodule, such as `sweep` from `.sweep`; here the name wins, as in
     Python.
     """
-    for line, (name, path) in enumerate(module.imports.items()):
-        origin = None if name.startswith("_") else _origin(path, modules)
-        if origin is not None:
-            module.members[name] = griffe.Alias(name, origin, lineno=line, endlineno=line, parent=module)
-            module.members[name].public = True
+    for name in ("__getattr__", "__version__"):
+        module.members.pop(name, None)
+    origins = {
+        name: _origin(path, modules)
+        for name, path in module.imports.items()
+        if not name.startswith("_")
+    }
+    shown = {
+        name: origin
+        for name, origin in origins.items()
+        if origin is not None and not origin.is_module
+    }
+    for line, (name, origin) in enumerate(
+        sorted(shown.items(), key=lambda item: _place(*item))
+    ):
+        module.members[name] = griffe.Alias(
+            name, origin, lineno=line, endlineno=line, parent=module
+        )
+        module.members[name].public = True
+
+
+def _place(name: str, origin: Any) -> tuple[int, int]:
+    """Where a name stands on its page."""
+    last = name.startswith("Abstract") or ".plots.style." in origin.path  # to build on
+    kind = 3 if last else 0 if origin.is_function else 1 if origin.is_class else 2
+    room = origin.path.split(".")[1]
+    return kind, ROOMS.index(room) if room in ROOMS else 0
 
 
 def _origin(path: str, modules: dict[str, griffe.Module]) -> Any:
@@ -61,7 +93,11 @@ def _origin(path: str, modules: dict[str, griffe.Module]) -> Any:
 
 def _drop_undocumented_methods(cls: griffe.Class) -> None:
     """Removes methods without a docstring: they implement an interface that is documented elsewhere."""
-    functions = [name for name, m in cls.members.items() if not m.is_alias and m.is_function and m.docstring is None]
+    functions = [
+        name
+        for name, m in cls.members.items()
+        if not m.is_alias and m.is_function and m.docstring is None
+    ]
     for name in functions:
         if name != "__init__":  # its arguments are the class's
             del cls.members[name]

@@ -13,7 +13,18 @@ _loops_in_one_kernel()
 
 __version__ = importlib.metadata.version("slipperjax")
 # the public names stand in __init__.pyi
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str):
+    if name in __all__:
+        return _public(name)
+    from .tools.names import nearest_public
+
+    near = None if name.startswith("_") else nearest_public(name, __all__)
+    hint = f": did you mean {near}?" if near else ""
+    raise AttributeError(f"module 'slipperjax' has no attribute {name!r}{hint}")
+
 
 if "xarray" in sys.modules:  # otherwise with the first dataset that is made
     from .flow import accessor as _accessor  # noqa: F401

@@ -1,4 +1,4 @@
-"""Periodic motions and Lyapunov exponents of one slipper."""
+"""Events of branches of periodic orbits, critical orbits and their curves over two parameters, contact signatures."""
 
 from .branches import BranchEvent as BranchEvent
 from .critical import CriticalOrbit as CriticalOrbit
