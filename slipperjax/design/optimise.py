@@ -22,6 +22,7 @@ from ..model.quantities import Quantity
 from ..model.scene import Scene
 from ..tools.checks import instance, require, whole, yes_or_no
 from ..tools.files import write_whole
+from ..tools.html import repr_html
 from .methods import AbstractMethod, AbstractMove, CaseValues, TrustRegion, inside
 from .objectives import EnsembleSettings, Evaluation, Objective, RailEnsemble, objective_named
 from .problem import Problem, checked_problem, first_designs, spread_designs
@@ -90,6 +91,8 @@ class Design:
         values, lowest = self.starts["smooth"].values, float(self.starts["smooth"].min())
         ends = self.starts["end_unit"].values[values <= lowest + SAME_VALUE * abs(lowest)]
         return bool(np.any(np.ptp(ends, axis=0) > SAME_DESIGN))
+
+    _repr_html_ = repr_html
 
     def __repr__(self) -> str:
         problem, regimes = self.problem, Counter(sorted(self.regime.tolist()))

@@ -28,6 +28,7 @@ from ..tools.code import heed_new_code
 from ..tools.compile import is_traced
 from ..tools.description import TYPE, describe
 from ..tools.files import write_whole
+from ..tools.html import repr_html
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch
 from .loads import AbstractFriction, AbstractLoad
 from .paths import parameter, refuse_undone
@@ -122,6 +123,8 @@ class Scene(ShapeChecked):
                     f"Argument `track` has waves of {shortest:g} m, shorter than the slipper of {length:g} m, which "
                     "feels the rail at its two ends only."
                 )
+
+    _repr_html_ = repr_html
 
     def __repr__(self) -> str:
         changes = isinstance(self.speed, SpeedProgramme)

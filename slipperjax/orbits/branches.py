@@ -31,6 +31,7 @@ from ..solvers.named import resolve_solver
 from ..tools.checks import brief, number, positive, shown_number, whole
 from ..tools.compile import call_compiled
 from ..tools.files import write_whole
+from ..tools.html import repr_html
 from .motions import check_forcing, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit, periodic_orbit
 from .signature import Gaps, GapSamples, Grazing, Signature, contact_names, grazing, signature
@@ -151,6 +152,8 @@ class OrbitBranch(OrbitPoints):
     def events_named(self, label: str) -> tuple[BranchEvent, ...]:
         """Gives the events with a label such as "PD"."""
         return tuple(event for event in self.events if event.label == label)
+
+    _repr_html_ = repr_html
 
     def __repr__(self) -> str:
         return self.summary()

@@ -7,6 +7,7 @@ files are there; the digest is written last. The same call goes on where the las
 import errno
 import functools
 import hashlib
+import html
 import inspect
 import json
 import math
@@ -104,6 +105,11 @@ class Store:
         """The store of an argument, a path or a `Store`."""
         require(isinstance(store, str | Path | Store), "store", "be a path or a slipperjax.Store", store)
         return store if isinstance(store, Store) else Store(Path(store))
+
+    def _repr_html_(self) -> str:
+        with suppress(ValueError):
+            return f"<b>Store: {html.escape(str(self.path))}</b><br>{store_status(self.path)}"
+        return f"<b>Store: {html.escape(str(self.path))}</b><br>nothing yet"
 
     @property
     def free_bytes(self) -> float:
