@@ -27,6 +27,7 @@ HEAVY = {"xarray", "zarr", "matplotlib", "dask", "tqdm", "click", "h5netcdf", "b
 MAY_BE_HEAVY = (
     "plots",
     "sweeps",
+    "tools.progress",
     "flow.datasets",
     "flow.accessor",
     "orbits.branches",

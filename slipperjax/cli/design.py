@@ -1,6 +1,5 @@
 """The command that chooses parameters by an objective."""
 
-import sys
 from functools import partial
 from typing import Any
 
@@ -102,7 +101,7 @@ def design(case: Case, minimise, vary, speeds, constraint, check, margins, out, 
     options |= dict(
         over=None if speeds is None else {"speed": _speeds(*speeds, variables=variables)},
         constraints=_limits(constraint),
-        progress=sys.stderr.isatty(),
+        progress=True,
         **case.options,
     )
     files = Outputs(out, ".nc", ".png")
@@ -137,7 +136,7 @@ def _around(best: Any) -> Any:
     if points is None:
         print("too many variables for a grid of designs around it")
         return None
-    ds = surroundings(best, points=points, progress=sys.stderr.isatty())
+    ds = surroundings(best, points=points, progress=True)
     lower = 100 * ds.attrs["lower"]
     print(f"{ds['total'].size} designs around it by simulation alone: the lowest is {lower:.2g} % lower", flush=True)
     return ds
@@ -151,7 +150,7 @@ def _margins(best: Any) -> Any:
         print("no case is on an orbit that could be followed to events")
         return None
     try:
-        ds = event_margins(best, progress=sys.stderr.isatty())
+        ds = event_margins(best, progress=True)
     except ValueError as error:  # what was found stands
         print(f"nearest events were not found: {error}")
         return None

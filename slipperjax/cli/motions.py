@@ -56,7 +56,10 @@ def simulate(case: Case, periods: int, saves_per_period: int | None, probe: int,
     scene, files = case.scene, Outputs(out, ".nc", ".png")
     # here, too, so that an error is the only line
     step_plan(lambda: default_steps(scene, None), case.steps_per_period, saves_per_period)
-    print(f"simulating {periods} periods of {float(scene.period) * 1e3:.4g} ms ...", file=sys.stderr)
+    print(
+        f"simulating {periods} period{'s' * (periods != 1)} of {float(scene.period) * 1e3:.4g} ms ...",
+        file=sys.stderr,
+    )
     options = dict(saves_per_period=saves_per_period, probe=probe, **case.options)
     trajectory = on_thread(lambda: run(scene, periods, **options))
     ds = trajectory.to_xarray()
@@ -149,7 +152,7 @@ def follow_branch(case: Case, over, source, period, transient, points, switch, b
     from ..flow.datasets import dataset_of
     from ..plots.branches import branches, check_brute, check_quantity
 
-    options = dict(points=points, progress=sys.stderr.isatty())
+    options = dict(points=points, progress=True)
     if source is not None:
         parameter, call = _further(source, over, options)
     elif over is not None:

@@ -23,6 +23,7 @@ from ..model.scene import Scene
 from ..tools.checks import instance, require, whole, yes_or_no
 from ..tools.files import write_whole
 from ..tools.html import repr_html
+from ..tools.progress import bar as progress_bar
 from .methods import AbstractMethod, AbstractMove, CaseValues, TrustRegion, inside
 from .objectives import EnsembleSettings, Evaluation, Objective, RailEnsemble, objective_named
 from .problem import Problem, checked_problem, first_designs, spread_designs
@@ -248,11 +249,8 @@ class _Search:
         self.trials: list[Trial] = []
         self.latest: dict[int, Trial] = {}  # the last one that each start accepted
         self.rounds = 0
-        self.simulated, self.bar = 0.0, None
-        if shown:
-            from tqdm import tqdm
-
-            self.bar = tqdm(desc=f"design for {problem.objective.name}", unit=" trials")
+        self.simulated = 0.0
+        self.bar = progress_bar(desc=f"design for {problem.objective.name}", unit=" trials") if shown else None
 
     def run(self, designs: np.ndarray, count: int, fixed: int, rounds: int) -> None:
         """Judges designs, begins from `count` of them, the first `fixed` included, and judges at most `rounds` trials

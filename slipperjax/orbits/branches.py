@@ -32,6 +32,7 @@ from ..tools.checks import brief, number, positive, shown_number, whole
 from ..tools.compile import call_compiled
 from ..tools.files import write_whole
 from ..tools.html import repr_html
+from ..tools.progress import bar as progress_bar
 from .motions import check_forcing, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit, periodic_orbit
 from .signature import Gaps, GapSamples, Grazing, Signature, contact_names, grazing, signature
@@ -441,11 +442,7 @@ def counted(shown: bool, text: str, varied: Parameter) -> Iterator[Callable[[Any
 
     At each point it polls Ctrl-C of a command.
     """
-    bar = None
-    if shown:
-        from tqdm import tqdm
-
-        bar = tqdm(desc=text, unit=" points")
+    bar = progress_bar(desc=text, unit=" points") if shown else None
 
     def count(value: Any) -> None:
         if ASKED.is_set():

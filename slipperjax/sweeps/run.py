@@ -1,7 +1,6 @@
 """The one way in which many cases are run: planned, cut into chunks, and computed on threads with progress."""
 
 import math
-import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed, wait
@@ -31,6 +30,8 @@ from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.checks import TOLD, whole
 from ..tools.limits import cores
+from ..tools.progress import bar as progress_bar
+from ..tools.progress import is_live
 from .estimate import SECONDS_PER_STEP, CountedEstimate
 from .grid import VECTOR_LANES, Cases, Grid, batch_size, filled
 
@@ -506,14 +507,10 @@ def progress_shown(total: float, cases: int, name: str, wanted: bool) -> Iterato
 
     **Gives:** a function that threads call with work that is done, and the number of cases that are finished by it.
     """
-    from tqdm import tqdm
-
-    live = sys.stderr.isatty() or "ipykernel" in sys.modules
-    layout = "{desc}{percentage:3.0f}%" + ("|{bar}|" if live else ",") + " {elapsed}, {remaining} left{postfix}"
-    options: Any = dict(bar_format=layout, mininterval=TICK if live else 10.0, dynamic_ncols=live)
-    options["file"] = sys.stderr if live else _Lines()
+    layout = "{desc}{percentage:3.0f}%" + ("|{bar}|" if is_live() else ",") + " {elapsed}, {remaining} left{postfix}"
+    options: Any = dict(total=total, desc=f"{name} (compiling)".strip(), bar_format=layout)
     lock, finished = threading.Lock(), 0
-    with tqdm(total=total, desc=f"{name} (compiling)".strip(), disable=not wanted, **options) as bar:
+    with progress_bar(disable=not wanted, **options) as bar:
 
         def add(work: float, done: int = 0) -> None:
             nonlocal finished
@@ -526,16 +523,6 @@ def progress_shown(total: float, cases: int, name: str, wanted: bool) -> Iterato
                 bar.update(min(work, total - bar.n))
 
         yield add
-
-
-class _Lines:
-    """Standard error for a bar in files and pipes, where each of its states gets a line of its own."""
-
-    def write(self, text: str) -> None:
-        sys.stderr.write(text.replace("\r", "\n"))
-
-    def flush(self) -> None:
-        sys.stderr.flush()
 
 
 def concurrently(*calls: Callable[[], Any]) -> list[Any]:
