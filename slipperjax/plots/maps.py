@@ -26,6 +26,7 @@ from .style import (
     cross,
     drawing,
     fit_scale,
+    fit_swept,
     flagged,
     legend_above,
     mark_cases,
@@ -172,6 +173,7 @@ def _draw_dots(
     ax.margins(x=max(0.5 / max(len(at) - 1, 1), 0.015) if len(at) > 10 else 0.05)
     ax.update_datalim(np.stack([at, at], axis=1), updatey=False)
     ax.autoscale_view()
+    fit_swept(ax, x=at)
     return bool(bad.any())
 
 
@@ -234,6 +236,8 @@ def map_over(
         drawn = ax.scatter(x[finite], y[finite], 6, values[finite], lw=0, **style)
         ax.scatter(x[bad], y[bad], 6, FLAGGED_COLOR, lw=0, rasterized=True)
     ax.set(xlabel=axis_label(names[1], ds), ylabel=axis_label(names[0], ds))
+    if len(over) == 2:
+        fit_swept(ax, x=x, y=y)
     handles = [Patch(color=FLAGGED_COLOR, label=FLAGGED_LABEL)] * bool(bad.any())
     if missing.any() and len(over) == 2:
         handles.append(Patch(facecolor="white", edgecolor="black", lw=0.5, label=NOT_RUN_LABEL))
@@ -386,6 +390,7 @@ def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Any = None) -> An
             mark_cases(ax, x[bad])
             ax.margins(x=0.03)
             ax.set(xlabel=axis_label(names[0], ds), ylabel=axis_label(name, ds))
+            fit_swept(ax, x=x)
             fit_scale(ax, values)
             handles = [cross(label=FLAGGED_LABEL)] * bool(bad.any())
         legend_above(ax, handles)
@@ -422,4 +427,5 @@ def exponents(ds: xr.Dataset, ax: Any = None) -> Any:
         legend_above(ax, handles + [cross(label="no exponent")] * bool(absent.any()))
         ax.margins(x=0.03)
         ax.set(xlabel=axis_label(over, ds), ylabel=EXPONENT_LABEL)
+        fit_swept(ax, x=x)
     return ax

@@ -208,9 +208,23 @@ def color_bar(ax: Any, mappable: Any, label: str, cax: Any = None) -> None:
 def fit_scale(ax: Any, values: np.ndarray) -> None:
     """Makes the vertical axis logarithmic, with plain numbers, where values are wide."""
     if is_wide(values):
-        ax.set_yscale("log")
-        ax.set_yticks(ticks := round_ticks(LogNorm(*ax.get_ylim())), labels=[f"{tick:g}" for tick in ticks])
-        ax.yaxis.set_minor_locator(NullLocator())
+        _make_logarithmic(ax, "y")
+
+
+def fit_swept(ax: Any, **swept: np.ndarray) -> None:
+    """Makes the axes `x` and `y` logarithmic, with plain numbers, where a sweep's values rise by one factor."""
+    for name, values in swept.items():
+        if len(values) > 2 and np.all(values > 0):
+            steps, factors = np.diff(values), np.diff(np.log(values))
+            if np.ptp(factors) < 1e-6 * abs(factors[0]) and np.ptp(steps) > 1e-3 * abs(steps[0]):
+                _make_logarithmic(ax, name)
+
+
+def _make_logarithmic(ax: Any, name: str) -> None:
+    ax.set(**{f"{name}scale": "log"})
+    axis = getattr(ax, f"{name}axis")
+    axis.set_ticks(ticks := round_ticks(LogNorm(*axis.get_view_interval())), labels=[f"{tick:g}" for tick in ticks])
+    axis.set_minor_locator(NullLocator())
 
 
 def round_ticks(norm: Normalize) -> list[float]:

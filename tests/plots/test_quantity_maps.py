@@ -71,3 +71,17 @@ def test_what_cannot_be_drawn_is_named():
         plots.quantity_map(ds, "penetration")
     with pytest.raises(ValueError, match="over one parameter or two"):
         plots.quantity_map(ds.expand_dims(mass=[1.0, 2.0]))
+
+
+def test_logarithmic_sweeps_have_logarithmic_axes():
+    speeds, lengths = np.geomspace(100.0, 1600.0, 5), np.linspace(0.1, 0.5, 5)
+    names, one = (
+        ("length", "speed"),
+        {"peak_force": ("speed", np.arange(5.0) + 10), "status": ("speed", np.zeros(5, int))},
+    )
+    ax = plots.quantity_map(xr.Dataset(one, {"speed": speeds}))
+    assert (ax.get_xscale(), ax.get_yscale()) == ("log", "linear")
+    assert [text.get_text() for text in ax.get_xticklabels()] == ["200", "400", "700", "1000"]
+    two = {"peak_force": (names, np.ones((5, 5))), "status": (names, np.zeros((5, 5), int))}
+    ax = plots.quantity_map(xr.Dataset(two, {"speed": speeds, "length": lengths}))
+    assert (ax.get_xscale(), ax.get_yscale()) == ("log", "linear")
