@@ -19,7 +19,7 @@ from slipperjax.sweeps.store import store_status
 sj.compile_cache(sys.argv[1])
 side, store = int(sys.argv[3]), sys.argv[2]
 grid = {"speed": np.linspace(1000, 2000, side), "clearance": np.linspace(0.5e-3, 2e-3, side)}
-how = dict(record=["motion", "peak_force"], transient=20, periods=16, steps_per_period=50)
+how = dict(record=["peak_force"], transient=20, periods=10, steps_per_period=50)
 said = sj.explain(sj.sweep, sj.paper_scene(), grid, store=store, **how)
 begin = time.perf_counter()
 ds = sj.sweep(sj.paper_scene(), grid, store=store, **how)
