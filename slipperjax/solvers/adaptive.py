@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from diffrax import RESULTS
 
-from ..model.contact import SmoothSwitch
+from ..model.contact import EventLatch, SmoothSwitch
 from ..model.kinematics import MOTION_SCALES, Motion, contacts, scaled_size
 from ..model.step_size import contact_depth, contact_duration
 from ..tools.checks import instance, number, positive
@@ -85,9 +85,13 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         if smooth:
             before, now = (contacts(args.frame(t), y.motion) for t, y in ((t0, y0), (t1, y1_candidate)))
             size = jnp.maximum(size, self._memory_size(scene, y_error.memory, now))
-        elif y0.memory is not None:
+        elif isinstance(scene.memory, EventLatch) and y0.memory is not None:
             touched = jnp.any((y0.memory >= 0) & (y1_candidate.memory < 0))
             size = jnp.where(touched, self.touchdown * size, size)
+        elif (
+            y0.memory is not None
+        ):  # an integrated memory of one's own: rates, with the scale of the vertical velocity
+            size = jnp.maximum(size, jnp.max(jnp.abs(y_error.memory)) / self.scales.v_z / self.tolerance)
         # Reject steps with NaN.
         bad = jnp.isnan(size) | jnp.isnan(scaled_size(y1_candidate.motion))
         size = jax.lax.stop_gradient(jnp.where(bad, jnp.inf, size))
