@@ -1,6 +1,7 @@
 """Adaptive steps with a smooth switch: steps end at touchdowns, and the memory counts by what contacts feel of it."""
 
 import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.flow.stepping import ControlledSteps
+from slipperjax.model.contact import AbstractMemory
 from slipperjax.model.dynamics import Args, vector_field
 from slipperjax.model.kinematics import Motion
 from slipperjax.model.step_size import settle_memory
@@ -100,3 +102,24 @@ def test_few_implicit_steps_are_rejected_and_have_derivatives():
 def test_tolerances_of_iterations_are_positive():
     with pytest.raises(ValueError, match="`tolerance` must be positive, but is -1"):
         SimplifiedNewton(-1.0)
+
+
+class OwnMemory(AbstractMemory):
+    """Integrated as another one."""
+
+    def initial(self, gap, rate):
+        return rate
+
+    def rate_ratio(self, memory, rate):
+        return rate
+
+
+def test_an_integrated_memory_of_one_s_own_counts_as_it_is():
+    scene = sj.paper_scene(memory=OwnMemory())
+    state = sj.initial_state(sj.paper_scene(), sj.table_2_start())
+    small = jax.tree.map(jnp.zeros_like, state)
+    step = lambda error: sj.AdaptiveSteps(1e-4).adapt_step_size(
+        0.0, 0.01, state, state, Args(scene), error, 4.0, (jnp.array(0.01), jnp.array(1.0))
+    )
+    large = eqx.tree_at(lambda s: s.memory, small, state.memory + 1e-3)
+    assert [bool(step(error)[0]) for error in (small, large)] == [True, False]
