@@ -19,17 +19,15 @@ from ..flow.status import Status
 from ..model.dang2024 import paper_scene
 from ..model.kinematics import euler_angles, quaternion_from_euler
 from ..model.paths import parameter
-from ..model.quantities import COORDINATE_SCALES, COORDINATES, PARAMETERS, STARTS, Parameter
-from ..model.scene import Scene, check_steady, scene_to_toml
-from ..model.scene_files import scene_to_json
+from ..model.quantities import COORDINATE_SCALES, COORDINATES, STARTS, Parameter
+from ..model.scene import Scene, check_steady
 from ..model.step_size import default_steps_per_period
-from ..model.travel import SpeedProgramme
 from ..orbits.branches import OrbitBranch, continue_orbit, steps_of_branch
 from ..orbits.periodic import PeriodicOrbit, periodic_orbit
 from ..sweeps.attractors import FLOOR
 from ..sweeps.grid import Cases
 from ..sweeps.runs import run as run_along
-from ..sweeps.store import MARK, open_store
+from ..sweeps.store import open_store
 from ..sweeps.sweep import sweep
 from ..tools.checks import require
 
@@ -218,9 +216,17 @@ class Session:
         """The same map with the other values of the case that is looked at; None where there is no case."""
         if self.case is None:
             return None
-        grid = self.view.grid or {name.removeprefix("start_"): np.unique(self.view.axis(name)) for name in self.view.names}
-        return dataclasses.replace(self.view, scene=self.case.scene, ds=None, grid=grid, source=None,
-                                   record=self.view.record or (("motion",) if len(grid) == 2 else ("sections",)))
+        grid = self.view.grid or {
+            name.removeprefix("start_"): np.unique(self.view.axis(name)) for name in self.view.names
+        }
+        return dataclasses.replace(
+            self.view,
+            scene=self.case.scene,
+            ds=None,
+            grid=grid,
+            source=None,
+            record=self.view.record or (("motion",) if len(grid) == 2 else ("sections",)),
+        )
 
     def compute(self, view: View) -> Iterator[tuple[View, float]]:
         """Computes a view, and gives what there is of it with the finished share, `SLICE` cases at a time."""
@@ -306,7 +312,9 @@ class Session:
         """Takes the state of the section nearest to a place in a plane [SI units], put exactly there, as a start."""
         assert self.shown is not None
         states, at = self.shown.run.state, self.strobe(coordinate), self.strobe(velocity)
-        away = ((at - q) / COORDINATES[coordinate].scale) ** 2 + ((self.strobe(velocity) - v) / COORDINATES[velocity].scale) ** 2
+        away = ((at - q) / COORDINATES[coordinate].scale) ** 2 + (
+            (self.strobe(velocity) - v) / COORDINATES[velocity].scale
+        ) ** 2
         index = (PERIODS - SETTLED + int(np.argmin(away))) * SAVES
         del at
         motion = jax.tree.map(lambda a: np.asarray(a)[index], states.motion)
@@ -342,12 +350,18 @@ class Session:
 
     def follow(self, name: str) -> Iterator[OrbitBranch]:
         """Follows the orbit of the case over a parameter between the map's ends, some points at a time."""
-        require(self.orbit is not None and int(self.orbit.status) == Status.FINITE, "orbit", "be found first", self.orbit)
+        require(
+            self.orbit is not None and int(self.orbit.status) == Status.FINITE, "orbit", "be found first", self.orbit
+        )
         orbit, bounds = self.orbit, self.branch_bounds(name)
         assert orbit is not None
         steps = steps_of_branch(orbit.scene, parameter(name, orbit.scene), bounds, None)
-        first = periodic_orbit(orbit.scene, orbit.period, start=orbit.state, steps_per_period=steps, solver=orbit.solver)
-        branch = continue_orbit(orbit.scene, name, bounds, start=first, steps_per_period=steps, solver=orbit.solver, points=POINTS)
+        first = periodic_orbit(
+            orbit.scene, orbit.period, start=orbit.state, steps_per_period=steps, solver=orbit.solver
+        )
+        branch = continue_orbit(
+            orbit.scene, name, bounds, start=first, steps_per_period=steps, solver=orbit.solver, points=POINTS
+        )
         yield branch
         while "points" in branch.points.attrs["ended"]:
             branch = branch.extended(points=POINTS)
@@ -388,7 +402,12 @@ def _check_drawable(view: View) -> None:
         require(not over, "source", "be one run, as is ds.isel(...)", shown=f"over {', '.join(map(str, over))}")
         return
     count, points = len(view.names), "point" in view.ds.dims and "state" in view.ds
-    require(count in COUNTS and not points, "source", "be a sweep over one or two parameters", shown=f"over {', '.join(view.names)}")
+    require(
+        count in COUNTS and not points,
+        "source",
+        "be a sweep over one or two parameters",
+        shown=f"over {', '.join(view.names)}",
+    )
     check_steady(view.scene)
 
 
@@ -397,7 +416,9 @@ def _put(whole: xr.Dataset | None, ds: xr.Dataset, part: np.ndarray, cases: Case
     data = {}
     for name, variable in ds.data_vars.items():
         shape = variable.shape[1:]
-        old = None if whole is None else whole[name].values.reshape(cases.count, *whole[name].shape[len(cases.dims) :])
+        old = (
+            None if whole is None else whole[name].values.reshape(cases.count, *whole[name].shape[len(cases.dims) :])
+        )
         if old is not None:  # the number of crossings differs
             shape = tuple(map(max, shape, old.shape[1:]))
         empty: Any = {"f": np.nan, "U": ""}.get(variable.dtype.kind, 0)

@@ -11,7 +11,9 @@ Job = Callable[[], Iterator[Any]]
 class Worker:
     """A thread that runs one job at a time: one that is given later takes the place of the one before."""
 
-    def __init__(self, deliver: Callable[[Any], None], failed: Callable[[Exception], None], ended: Callable[[], None]):
+    def __init__(
+        self, deliver: Callable[[Any], None], failed: Callable[[Exception], None], ended: Callable[[], None]
+    ):
         """**Arguments:** functions that the thread calls: with each piece of the latest job; with its error; and when
         it has ended, unless it was stopped or another one follows."""
         self._deliver, self._failed, self._ended = deliver, failed, ended
