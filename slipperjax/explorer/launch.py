@@ -97,8 +97,8 @@ def explore(
     sj.explore(scene, {"clearance": np.linspace(2e-4, 3e-3, 16), "speed": np.linspace(500.0, 2000.0, 25)})
     ```
 
-    **Arguments:** `source`: a dataset of `sweep`, `lyapunov_sweep`, `follow` or `run`, a netCDF file or a store of one,
-    which may still grow, or a scene or its TOML file, by default `paper_scene()`; `grid`: values of one or two
+    **Arguments:** `source`: a dataset of `sweep`, `lyapunov_sweep`, `follow` or `run`, a netCDF file or a store of
+    one, which may still grow, or a scene or its TOML file, by default `paper_scene()`; `grid`: values of one or two
     parameters, as for `sweep`, of what is computed where `source` has none, the first drawn upwards; `start`: as for
     `sweep`; `port`: 0 for one that is free.
 

@@ -7,14 +7,14 @@ import xarray as xr
 
 from ..analysis.spectra import power_spectral_density
 from ..flow.status import Status
-from ..model.quantities import COORDINATES, PARAMETERS, REACTIONS, SECTIONS, Quantity, quantity
+from ..model.quantities import COORDINATES, PARAMETERS, SECTIONS, Quantity, quantity
 from ..orbits.branches import OrbitBranch
 from ..plots.branches import EVENT_NAMES, joined, stable_parts
 from ..plots.maps import motions_of, regimes_of
 from ..plots.sections import colors_of, frames_of, label_places, outline, rail_outline
 from ..plots.style import FLAGGED_LABEL, POINT_COLORS, REGIME_COLORS, flagged
 from ..plots.trajectories import most_loaded
-from .session import Session, Shown, View
+from .session import SURE, Session, Shown, View
 
 MOTIONS = {
     "period 1": "#d0fcff",
@@ -38,7 +38,6 @@ LAST = 4
 """Forcing periods at the end of a case that are drawn over time."""
 MOST_FORCES = 6
 """Points whose forces are drawn."""
-GREEK = {r"\omega": "ω", r"\alpha": "α", r"\int F\,dt": "∫F dt", r"\mathrm": "", "{": "", "}": ""}
 
 
 def unit_of(name: str, view: View) -> Quantity:
@@ -54,13 +53,9 @@ def unit_of(name: str, view: View) -> Quantity:
 
 
 def label(q: Quantity) -> str:
-    """The label of an axis in plain words: name, symbol and display unit."""
-    text = q.name.replace("_", " ") if q.name in PARAMETERS or q.name in REACTIONS else q.long_name.split(",")[0]
-    symbol = q.symbol
-    for tex, plain in GREEK.items():
-        symbol = symbol.replace(tex, plain)
-    unit = "" if q.display_unit == "1" else f" [{q.display_unit}]"
-    return f"{text} {symbol}".strip() + unit
+    """The label of an axis in plain words, with the display unit."""
+    text = f"{q.name} {q.symbol}".replace("_", " ") if q.name in PARAMETERS else q.long_name.split(",")[0]
+    return text if q.display_unit == "1" else f"{text} [{q.display_unit}]"
 
 
 def choices(view: View) -> list[str]:
@@ -108,7 +103,7 @@ def picture_of(view: View, choice: str) -> Picture:
     words, colors = np.where(bad, FLAGGED_LABEL, words), MOTIONS if choice == "motion" else REGIMES
     names = [name for name in colors if name in set(words[~missing])]
     index = np.select([words == name for name in names], [float(k) for k in range(len(names))], np.nan)
-    short = "motion" in view.record and int(ds.attrs["periods"]) < 200
+    short = "motion" in view.record and int(ds.attrs["periods"]) < SURE
     told = [
         f"no period within {ds.attrs['periods']} forcing periods" if short and n == "unresolved" else n for n in names
     ]
@@ -148,8 +143,8 @@ def image(x: np.ndarray, y: np.ndarray, values: np.ndarray) -> dict[str, Any]:
     }
 
 
-def dots(view: View, choice: str) -> tuple[np.ndarray, np.ndarray, str]:
-    """Dots over one parameter: those of a section, or one number of each case, with the label upwards."""
+def dots(view: View, choice: str) -> tuple[np.ndarray, np.ndarray]:
+    """Dots over one parameter: those of a section, or one number of each case."""
     assert view.ds is not None
     (name,) = view.names
     q, ds = unit_of(choice, view), view.ds
@@ -159,7 +154,7 @@ def dots(view: View, choice: str) -> tuple[np.ndarray, np.ndarray, str]:
         rows.reshape(len(x), -1) if choice in SECTIONS else np.nanmax(rows.reshape(len(x), -1), axis=1, keepdims=True)
     )
     case, crossing = np.nonzero(np.isfinite(rows) & ~flagged(ds, name)[:, None])
-    return x[case], q.shown(rows[case, crossing]), label(q)
+    return x[case], q.shown(rows[case, crossing])
 
 
 # --- panels of a case -----------------------------------------------------------------------------------------------
@@ -225,6 +220,8 @@ class Slipper(NamedTuple):
     magnify: float
     highest: float
     """Force of the longest arrow [kN]."""
+    busiest: int
+    """The instant with the highest force."""
 
 
 def slipper(shown: Shown) -> Slipper | None:
@@ -242,9 +239,10 @@ def slipper(shown: Shown) -> Slipper | None:
             columns |= {f"{end}_{name}_{axis}": np.ascontiguousarray(places[..., j]) for j, axis in enumerate("yz")}
         columns[f"{end}_force"] = drawn.force[:, k] / 1e3
     highest = float(drawn.force.max()) / 1e3
-    return Slipper(
-        rail_outline(shape), label_places(shape), shape.names, colors_of(shape), columns, drawn.magnify, highest
-    )
+    places, colors = label_places(shape), colors_of(shape)
+    highest, busiest = float(drawn.force.max()) / 1e3, int(np.argmax(drawn.force.max(axis=(1, 2))))
+    rail = rail_outline(shape)
+    return Slipper(rail, places, shape.names, colors, columns, drawn.magnify, highest, busiest)
 
 
 def branch_lines(branch: OrbitBranch, coordinate: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:

@@ -16,7 +16,7 @@ from ..analysis.attractor import classify
 from ..flow.datasets import dataset_of, load_base, load_call, load_scene, load_start, varied_names
 from ..flow.simulate import Trajectory, simulate
 from ..flow.status import Status
-from ..model.dang2024 import paper_scene
+from ..model.dang2024 import paper_scene, table_2_start
 from ..model.kinematics import euler_angles, quaternion_from_euler
 from ..model.paths import parameter
 from ..model.quantities import COORDINATE_SCALES, COORDINATES, STARTS, Parameter
@@ -37,6 +37,8 @@ SAVES = 40
 """Saved states per forcing period."""
 LIVE: dict[str, int] = {"transient": 100, "periods": 64}
 """Forcing periods of the cases of a map that is computed here."""
+SURE = 200
+"""Recorded periods with which tori and chaos are told apart, where no period was found with fewer."""
 COUNTS = {1: (200,), 2: (16, 25)}
 """Cases along each parameter of what is computed here, by the number of parameters."""
 SLICE, LANES = 100, 56
@@ -174,7 +176,7 @@ class Session:
             check_steady(scene)
             grid = {k: np.asarray(v, float) for k, v in (default_grid() if grid is None else grid).items()}
             require(len(grid) in COUNTS, "grid", "have one or two parameters", list(grid))
-            Cases(scene, grid, start or _table_2())
+            Cases(scene, grid, start or table_2_start())
             view = View(scene, start, None, grid, ("motion",) if len(grid) == 2 else ("sections",))
         return cls([view], 0, None if view.is_run else Case(scene, start, _origin(start)))
 
@@ -190,7 +192,7 @@ class Session:
     # --- the map ----------------------------------------------------------------------------------------------------
 
     def show(self, view: View) -> None:
-        """Shows another view, from which `back` leads to this one; those that were ahead are forgotten."""
+        """Shows another view, from which `move` leads back to this one; those that were ahead are forgotten."""
         self.views[self.at + 1 :] = [view]
         self.at += 1
 
@@ -228,27 +230,37 @@ class Session:
             record=self.view.record or (("motion",) if len(grid) == 2 else ("sections",)),
         )
 
-    def compute(self, view: View) -> Iterator[tuple[View, float]]:
-        """Computes a view, and gives what there is of it with the finished share, `SLICE` cases at a time."""
+    def compute(self, view: View) -> Iterator[tuple[View, str, float]]:
+        """Computes a view, `SLICE` cases at a time: gives what there is of it, what is being done, and its share.
+
+        Cases of a map that have no period in the record are run once more with `SURE` periods.
+        """
         assert view.grid is not None
-        cases = Cases(view.scene, view.grid, view.start or _table_2())
+        cases = Cases(view.scene, view.grid, view.start or table_2_start())
         mesh = np.meshgrid(*view.grid.values(), indexing="ij")
         flat = {name: values.ravel() for name, values in zip(view.grid, mesh, strict=True)}
         # cases with the same steps together, which run as one batch
-        order = np.argsort(-cases.default_steps(), kind="stable")
+        order, options = np.argsort(-cases.default_steps(), kind="stable"), self.sweep_options(view)
         whole: xr.Dataset | None = None
-        for first in range(0, len(order), SLICE):
-            part = order[first : first + SLICE]
-            values = {name: v[part] for name, v in flat.items()}
-            ds = sweep(view.scene, values, product=False, **self.sweep_options(view), chunk=LANES)
-            whole = _put(whole, ds, part, cases)
-            yield dataclasses.replace(view, ds=whole), min(1.0, (first + SLICE) / len(order))
+        for text in ("computing the map", "telling chaos from quasi-periodic motions"):
+            for first in range(0, len(order), SLICE):
+                part = order[first : first + SLICE]
+                values = {name: v[part] for name, v in flat.items()}
+                ds = sweep(view.scene, values, product=False, **options, chunk=LANES)
+                whole = _put(whole, ds, part, cases)
+                yield dataclasses.replace(view, ds=whole), text, min(1.0, (first + SLICE) / len(order))
+            if whole is None or "kind" not in whole:
+                return
+            unsure = (whole["kind"].values == "unresolved") & (whole["status"].values == Status.FINITE)
+            order, options = order[unsure.ravel()[order]], options | {"periods": SURE}
 
     @staticmethod
     def sweep_options(view: View) -> dict[str, Any]:
-        """Arguments of `slipperjax.sweep` for a view."""
+        """Arguments of `slipperjax.sweep` for a view, those of all of its cases where it is there."""
         record = view.record[0] if len(view.record) == 1 else list(view.record)
         lengths = LIVE if "motion" in view.record else {"transient": 200, "periods": 10}
+        if view.ds is not None:
+            lengths = lengths | {"periods": int(view.ds.attrs["periods"])}
         return {"record": record, **lengths, **({} if view.start is None else {"start": view.start})}
 
     def refreshed(self) -> View | None:
@@ -256,8 +268,8 @@ class Session:
         view = self.view
         if not view.growing:
             return None
-        assert view.ds is not None and view.source is not None
         ds = open_store(view.source)
+        assert view.ds is not None
         before, now = (int((one["status"] == Status.NOT_RUN).sum()) for one in (view.ds, ds))
         if now == before:
             return None
@@ -283,7 +295,7 @@ class Session:
         scene = view.scene.replace(**{name: v for name, v in values.items() if not name.startswith("start_")})
         start, origin = view.start, _origin(view.start)
         if of_start:
-            begin = _table_2() if start is None else start
+            begin = table_2_start() if start is None else start
             motion = dataclasses.replace(getattr(begin, "motion", begin), **of_start)
             start = dataclasses.replace(begin, motion=motion) if hasattr(begin, "motion") else motion
             origin = "the map's start"
@@ -308,28 +320,24 @@ class Session:
             return dataclasses.replace(case, start=self.shown.run.end, origin="the end of the case before")
         return case
 
-    def pick(self, coordinate: str, velocity: str, q: float, v: float) -> None:
-        """Takes the state of the section nearest to a place in a plane [SI units], put exactly there, as a start."""
+    def pick(self, coordinate: str, velocity: str, *place: float) -> None:
+        """Takes the state of the section nearest to a place in a plane [display units], put there, as a start."""
         assert self.shown is not None
-        states, at = self.shown.run.state, self.strobe(coordinate), self.strobe(velocity)
-        away = ((at - q) / COORDINATES[coordinate].scale) ** 2 + (
-            (self.strobe(velocity) - v) / COORDINATES[velocity].scale
-        ) ** 2
-        index = (PERIODS - SETTLED + int(np.argmin(away))) * SAVES
-        del at
-        motion = jax.tree.map(lambda a: np.asarray(a)[index], states.motion)
-        angles = dict(zip(("roll", "pitch", "yaw"), euler_angles(motion), strict=True))
-        if coordinate in angles:
-            turned = quaternion_from_euler(*(angles | {coordinate: q}).values())
-            motion = dataclasses.replace(motion, **dict(zip(("q_x", "q_y", "q_z"), map(float, turned), strict=True)))
-        else:
-            motion = dataclasses.replace(motion, **{coordinate: q})
-        self.picked = jax.tree.map(float, dataclasses.replace(motion, **{velocity: v}))
+        names, quantities = (coordinate, velocity), (COORDINATES[coordinate], COORDINATES[velocity])
+        values = [q.from_shown(p) for q, p in zip(quantities, place, strict=True)]
+        away = [(self.strobe(n) - v) / q.scale for n, q, v in zip(names, quantities, values, strict=True)]
+        at = (PERIODS - SETTLED + int(np.argmin(np.hypot(*away)))) * (len(self.shown.run.period) // PERIODS)
+        motion = jax.tree.map(lambda a: float(np.asarray(a)[at]), self.shown.run.state.motion)
+        angles = dict(zip(("roll", "pitch", "yaw"), map(float, euler_angles(motion)), strict=True))
+        changed = dict(zip(names, values, strict=True))
+        turned = quaternion_from_euler(*(angles | {n: v for n, v in changed.items() if n in angles}).values())
+        changed = dict(zip(("q_x", "q_y", "q_z"), map(float, turned), strict=True)) | changed
+        self.picked = dataclasses.replace(motion, **{n: v for n, v in changed.items() if n not in angles})
 
     def strobe(self, name: str) -> np.ndarray:
         """A coordinate of what is shown, once per forcing period [SI unit]."""
         assert self.shown is not None
-        return self.shown.ds[name].values[::SAVES]
+        return self.shown.ds[name].values[:: (self.shown.ds.sizes["time"] - 1) // SETTLED]
 
     def look(self, case: Case) -> Iterator[Shown | PeriodicOrbit]:
         """Computes a case: first its motion, and then, where that is periodic, the orbit with its multipliers."""
@@ -432,14 +440,8 @@ def _put(whole: xr.Dataset | None, ds: xr.Dataset, part: np.ndarray, cases: Case
     return xr.Dataset(data, {**others, **cases.coordinates()}, ds.attrs)
 
 
-def _table_2() -> Any:
-    from ..model.dang2024 import table_2_start
-
-    return table_2_start()
-
-
 def _origin(start: Any) -> str:
     same = start is None or json.dumps(jax.tree.map(float, vars(getattr(start, "motion", start)))) == json.dumps(
-        jax.tree.map(float, vars(_table_2()))
+        jax.tree.map(float, vars(table_2_start()))
     )
     return "Table 2's start" if same else "the map's start"
