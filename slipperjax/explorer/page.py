@@ -59,7 +59,7 @@ class Page:
         """**Arguments:** `keep`: called with the session when it changes, so that another window can go on."""
         self.doc, self.session, self.keep = doc, session, keep
         self.quiet = False  # whether widgets are set by the page and not by a hand
-        got = {"map": self._got_view, "case": self._got_case, "file": self._got_picture}
+        got = {"map": self._got_view, "case": self._got_case, "orbit": self._got_case, "file": self._got_picture}
         self.workers = {
             name: Worker(functools.partial(self._deliver, take), self._ended) for name, take in got.items()
         }
@@ -83,6 +83,8 @@ class Page:
             self._look(session.case)
         if session.view.ds is None:
             self._compute(session.view)
+        if not session.view.is_run:
+            self.workers["file"].submit(session.warm)
 
     def close(self) -> None:
         """Ends its computations."""
@@ -130,6 +132,7 @@ class Page:
     def _look(self, case: Case) -> None:
         session = self.session
         session.case, session.orbit, session.branch = case, None, None
+        self.workers["orbit"].submit(None)
         self._set_sliders(case)
         self._mark()
         self.workers["case"].submit(lambda: session.look(case))
@@ -139,6 +142,8 @@ class Page:
         if isinstance(piece, Shown):
             session.shown = piece
             self._show_case()
+            # on a thread of its own: a program is compiled for each period, and the next click need not wait
+            self.workers["orbit"].submit(lambda: session.find_orbit(piece))
         elif isinstance(piece, PeriodicOrbit):
             session.orbit = piece if int(piece.status) == Status.FINITE else None
             self.panels.show_orbit(session)
@@ -147,7 +152,7 @@ class Page:
             count = f"{piece.points.sizes['point']} orbits, {len(piece.events)} events"
             self._say(f"following the branch: {count}")
             self._show_case()
-        else:
+        elif piece is not None:
             self.panels.show_window(piece)
         self._write_texts()
 
@@ -447,8 +452,9 @@ class Page:
             axes = run_overview(view.ds) if shown is None else overview(shown.run.to_xarray())
             yield png(np.ravel(axes)[0].figure, 200)
 
-    def _got_picture(self, content: bytes) -> None:
-        self.png.data = {"content": [base64.b64encode(content).decode()]}
+    def _got_picture(self, content: bytes | None) -> None:
+        if content is not None:  # that of a program which was compiled in advance
+            self.png.data = {"content": [base64.b64encode(content).decode()]}
 
 
 def _ends(values: np.ndarray) -> tuple[float, float]:

@@ -54,7 +54,7 @@ def unit_of(name: str, view: View) -> Quantity:
 
 def label(q: Quantity) -> str:
     """The label of an axis in plain words, with the display unit."""
-    text = f"{q.name} {q.symbol}".replace("_", " ") if q.name in PARAMETERS else q.long_name.split(",")[0]
+    text = f"{q.name.replace('_', ' ')} {q.symbol}".strip() if q.name in PARAMETERS else q.long_name.split(",")[0]
     return text if q.display_unit == "1" else f"{text} [{q.display_unit}]"
 
 

@@ -31,7 +31,8 @@ def python_of(session: Session) -> str:
             orbit = "start=orbit.state, period=orbit.period"
             lines.append(f"branch = sj.continue_orbit(scene, {name!r}, ({bounds}), {orbit})")
             lines.append("sj.plots.branches(branch)")
-    return "\n".join(lines) + "\n"
+    text = "\n".join(lines) + "\n"
+    return f"import jax.numpy as jnp\n{text}" if "jnp." in text else text
 
 
 def _map(view: View) -> list[str]:
@@ -76,7 +77,7 @@ def _number(scene: Scene, name: str) -> float | None:
 def start_text(start: Any) -> str:
     """A motion or state as an expression, exact to the last bit."""
     if hasattr(start, "motion"):
-        memory = "None" if start.memory is None else f"np.array({np.asarray(start.memory).tolist()})"
+        memory = "None" if start.memory is None else f"jnp.array({np.asarray(start.memory).tolist()})"
         return f"sj.State({start_text(start.motion)}, {memory})"
     numbers = jax.tree.map(float, vars(start))
     return f"sj.{type(start).__name__}({', '.join(f'{k}={v!r}' for k, v in numbers.items() if v)})"

@@ -49,8 +49,8 @@ WINDOWS = 20
 """Windows into which one of a run is divided where it is looked at."""
 SLIDERS = {"speed": (100.0, 2500.0), "clearance": (1e-4, 5e-3), "length": (0.05, 0.5), "restitution": (0.1, 1.0)}
 """Parameters with a slider, and its ends [SI units]."""
-MOST_PERIOD = 16
-"""Longest period of a motion that is looked for [forcing periods]."""
+MOST_PERIOD = 8
+"""Longest period of a motion whose orbit is looked for [forcing periods]: a program each."""
 
 
 def default_grid() -> dict[str, np.ndarray]:
@@ -77,6 +77,11 @@ class View:
     def names(self) -> list[str]:
         """The coordinates that vary, the one drawn upwards first."""
         return list(map(Cases.label, self.grid)) if self.grid is not None else varied_names(self.ds)
+
+    @property
+    def parameters(self) -> list[str]:
+        """The names of what varies in a grid for `sweep`."""
+        return [name.removeprefix("start_") for name in self.names]
 
     @property
     def is_run(self) -> bool:
@@ -339,22 +344,32 @@ class Session:
         assert self.shown is not None
         return self.shown.ds[name].values[:: (self.shown.ds.sizes["time"] - 1) // SETTLED]
 
-    def look(self, case: Case) -> Iterator[Shown | PeriodicOrbit]:
-        """Computes a case: first its motion, and then, where that is periodic, the orbit with its multipliers."""
+    def look(self, case: Case) -> Iterator[Shown]:
+        """Computes the motion of a case."""
         saves = {} if case.steps is None or case.steps % SAVES else {"saves_per_period": SAVES}
         run = simulate(case.scene, PERIODS, start=case.start, **case.options, **saves)
         ds = run.to_xarray()
-        ds = ds.isel(time=slice(-SETTLED * ((ds.sizes["time"] - 1) // PERIODS) - 1, None))
-        every = (ds.sizes["time"] - 1) // SETTLED
-        strobe = np.stack([ds[name].values[::every] for name in COORDINATES], axis=-1)
-        good = int(run.status) == Status.FINITE
+        ds = ds.isel(time=slice(-SETTLED * (len(run.period) // PERIODS) - 1, None))
         kind, period = "unresolved", 0
-        if good:
+        if int(run.status) == Status.FINITE:
+            strobe = np.stack([ds[name].values[:: len(run.period) // PERIODS] for name in COORDINATES], axis=-1)
             found = classify(strobe, scales=COORDINATE_SCALES, floor=FLOOR)
             kind, period = str(found.kind), int(found.period)
         yield Shown(case, run, ds, kind, period)
-        if good and kind == "period" and period <= MOST_PERIOD and float(case.scene.track.recurrence) == 1:
-            yield periodic_orbit(case.scene, period, start=run.end, **case.options)
+
+    def find_orbit(self, shown: Shown) -> Iterator[PeriodicOrbit]:
+        """Finds the orbit of a case whose motion is periodic."""
+        case = shown.case
+        if shown.kind == "period" and shown.period <= MOST_PERIOD and float(case.scene.track.recurrence) == 1:
+            yield periodic_orbit(case.scene, shown.period, start=shown.run.end, **case.options)
+
+    def warm(self) -> Iterator[None]:
+        """Compiles the programs of `look` for all of the map, which are few: the steps' capacity tells them."""
+        ends = [np.array([axis.min(), axis.max()]) for axis in map(self.view.axis, self.view.names)]
+        corners = Cases(self.view.scene, dict(zip(self.view.parameters, ends, strict=True)), table_2_start())
+        for steps in np.unique(corners.default_steps()):
+            simulate(self.view.scene, PERIODS, steps_per_period=int(steps), saves_per_period=SAVES)
+            yield
 
     def follow(self, name: str) -> Iterator[OrbitBranch]:
         """Follows the orbit of the case over a parameter between the map's ends, some points at a time."""
