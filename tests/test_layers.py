@@ -18,7 +18,7 @@ FLOORS = [
     {"flow"},
     {"orbits", "plots"},
     {"sweeps"},
-    {"studies", "design", "bench"},
+    {"studies", "design", "bench", "explorer"},
     {"cli"},
 ]
 EXPORTING = {"analysis", "design", "flow", "model", "orbits", "plots", "solvers", "sweeps"}
@@ -33,6 +33,7 @@ MAY_BE_HEAVY = (
     "studies",
     "design",
     "bench",
+    "explorer",
     "cli",
 )
 

@@ -30,7 +30,10 @@ def explore(case: Case, over: Any, by: Any, port: int, no_browser: bool, source:
         raise ValueError("Option --by needs --over.")
     grid = make_grid(case.scene, *([] if by is None else [by]), over) if over is not None else None
     shown = case.scene if source is None else source
-    page = serve(shown, grid, start=case.start, port=port)
+    try:
+        page = serve(shown, grid, start=case.start, port=port)
+    except ImportError as error:
+        raise ValueError(str(error)) from None
     print(f"{page.url}  (Ctrl-C ends it)", flush=True)
     if not no_browser:
         webbrowser.open(page.url)

@@ -9,46 +9,49 @@ from typing import Any
 from .session import Session
 
 ADDRESS = "127.0.0.1"
-LEAVE = 2000
-"""Milliseconds after which a closed window's computations end."""
+LEFT = 2000
+"""Milliseconds after which the computations of a window that was closed end."""
+STARTING = 30.0
+"""Seconds that the server may take to start or stop."""
+HEIGHT = 1150
+"""Of the page in a notebook [pixels]."""
 
 
 class Explorer:
     """A page that is served until `stop()` or the end of the process; in a notebook it shows itself."""
 
-    def __init__(self, session: Session, port: int, height: int = 1180):
+    def __init__(self, session: Session, port: int = 0):
         """**Raises:** `ImportError` without Bokeh; `OSError` where the port is in use."""
         try:
-            from bokeh.application import Application
-            from bokeh.application.handlers.function import FunctionHandler
             from bokeh.server.server import Server
         except ImportError:
             raise ImportError('The page needs Bokeh: pip install "slipperjax[explore]"') from None
-        self._latest, self._height = session, height
-        self._pages = []
+        self._latest, self._pages, started = session, [], threading.Event()
         with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server's own
             try:
                 probe.bind((ADDRESS, port))
             except OSError as error:
-                raise OSError(f"Argument `port` must be free, but {port} is in use: {error.strerror}") from None
-        started = threading.Event()
+                raise OSError(f"Argument `port` must be one that is free, but is {port}: {error.strerror}") from None
 
         def serve() -> None:
             from tornado.ioloop import IOLoop
 
             asyncio.set_event_loop(asyncio.new_event_loop())
             self._loop = IOLoop.current()
-            options: dict[str, Any] = dict(address=ADDRESS, port=port, io_loop=self._loop)
-            options |= dict(unused_session_lifetime_milliseconds=LEAVE, check_unused_sessions_milliseconds=LEAVE // 2)
-            self._server = Server({"/": Application(FunctionHandler(self._open))}, **options)
+            ends: dict[str, Any] = dict(unused_session_lifetime_milliseconds=LEFT)
+            ends["check_unused_sessions_milliseconds"] = LEFT // 2
+            self._server = Server({"/": self._open}, io_loop=self._loop, address=ADDRESS, port=port, **ends)
             self._server.start()
             self.port = self._server.port
             started.set()
             self._loop.start()
+            self._loop.close()
 
-        threading.Thread(target=serve, daemon=True).start()
-        if not started.wait(30):
-            raise OSError(f"the page's server did not start at port {port}")
+        self._thread = threading.Thread(target=serve, daemon=True)
+        self._thread.start()
+        if not started.wait(STARTING):
+            raise OSError(f"the server of the page did not start at port {port}")
 
     @property
     def url(self) -> str:
@@ -73,10 +76,12 @@ class Explorer:
             self._server.stop()
             self._loop.stop()
 
-        self._loop.add_callback(end)
+        if self._thread.is_alive():
+            self._loop.add_callback(end)
+            self._thread.join(STARTING)
 
     def _repr_html_(self) -> str:
-        return f'<iframe src="{self.url}" width="100%" height="{self._height}" style="border:0"></iframe>'
+        return f'<iframe src="{self.url}" width="100%" height="{HEIGHT}" style="border:0"></iframe>'
 
     def __repr__(self) -> str:
         return f"Explorer({self.url})"

@@ -67,7 +67,7 @@ class Page:
         sides = row(self._left(), self.panels.root, spacing=12)
         doc.title = "slipperjax explore"
         doc.add_root(column(self._header(), sides, styles={"padding": "4px 8px"}))
-        args = dict(keys=self.keys, toggle=self.panels.play)
+        args = dict(keys=self.keys, toggle=self.panels.play, png=self.png)  # the page knows what an argument is
         doc.js_on_event(DocumentReady, CustomJS(args=args, code=CODE["keys"]))
         doc.on_event(DocumentReady, self._begin)
         doc.on_session_destroyed(lambda context: self.close())
@@ -183,7 +183,7 @@ class Page:
         self.png.js_on_change("data", CustomJS(args=args, code=CODE["save"]))
         self.keys = TextInput(visible=False)
         self.keys.on_change("value", lambda attr, old, new: self._key(new.rpartition(" ")[0]))
-        self.line = Div(text=HELP, width=WIDTH, styles={"font-size": "13px", "line-height": "1.25"})
+        self.line = Div(text=HELP, width=WIDTH, name="line", styles={"font-size": "13px", "line-height": "1.25"})
         return row(*buttons, self.line, self.keys)
 
     def _left(self) -> Any:

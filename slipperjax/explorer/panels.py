@@ -87,7 +87,7 @@ class Panels:
         self.forces = panel("Contact forces of points", "forcing periods", "force [kN]")
         self.phase = panel("Phase portrait")
         shared = dict(x_range=self.phase.x_range, y_range=self.phase.y_range)
-        self.section = panel("Section once per period: click a start", **shared)
+        self.section = panel("Section once per period: click a start", name="section", **shared)
         self.spectrum = panel("Spectrum", "multiples of the forcing frequency", y_axis_type="log")
         self.circle = panel("Multipliers", "real part", "imaginary part", match_aspect=True)
         self.branch = panel("Branch", width=2 * WIDTH, height=260, visible=False, name="branch")

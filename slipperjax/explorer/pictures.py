@@ -232,7 +232,7 @@ def slipper(shown: Shown) -> Slipper | None:
         return None
     shape, columns = drawn.shape, {"period": drawn.period}
     for k, end in enumerate(("front", "rear")):
-        corners = np.stack([outline(shape, points) for points in drawn.points[:, k]])
+        corners = outline(shape, drawn.points[:, k])
         points = 1e3 * drawn.points[:, k]
         tips = points + 1e3 * drawn.newton * drawn.force[:, k, :, None] * np.asarray(shape.normals)
         for name, places in (("corner", corners), ("point", points), ("tip", tips)):

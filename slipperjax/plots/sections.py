@@ -136,12 +136,12 @@ def draw_rail(shape: Section, ax: Any, labels: Any) -> None:
         ax.text(y, z, label, fontsize=6.5, ha="center", va="center", zorder=6, bbox=box)
 
 
-def outline(shape: Section, points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "corners 2"]:
+def outline(shape: Section, points: Float[np.ndarray, "*n points 2"]) -> Float[np.ndarray, "*n corners 2"]:
     """Gives the corners [mm] of the slipper with its points at `points` [m]: inside, and back along the outside."""
     order = contour(shape)
-    inner = 1e3 * points[order]
+    inner = 1e3 * points[..., order, :]
     outer = inner + 1e3 * THICKNESS * height(shape) * np.asarray(shape.normals)[order]
-    return np.concatenate([inner, outer[::-1]])
+    return np.concatenate([inner, outer[..., ::-1, :]], axis=-2)
 
 
 def frame(ax: Any, points: Float[np.ndarray, "n points 2"], margin: float) -> None:

@@ -33,6 +33,9 @@ PLACE = """([name, x, y]) => {
 CASE_CHANGED = "(old) => Bokeh.documents[0].get_model_by_name('case').text != old"
 
 
+COMPUTED = "!Bokeh.documents[0].get_model_by_name('line').text.includes('computing')"
+
+
 @pytest.fixture(scope="module")
 def browser():
     playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
@@ -149,8 +152,9 @@ def test_a_map_is_computed_clicked_and_refined(browser, tmp_path):
         t = time.perf_counter()
         window.drag(900, 0.5, 1500, 2.0)
         window.page.wait_for_function(f"Bokeh.documents[0].get_model_by_name('map').x_range.end < {wide}")
-        window.ready()
+        window.page.wait_for_function(COMPUTED, timeout=WAIT)
         print(f"a box of 400 cases took {time.perf_counter() - t:.2f} s")
+        window.ready()
         window.shoot("4_box")
         window.press("◀ Back")
         window.page.wait_for_function(f"Bokeh.documents[0].get_model_by_name('map').x_range.end == {wide}")
@@ -199,3 +203,55 @@ def test_a_map_is_computed_clicked_and_refined(browser, tmp_path):
         again.wait("period 1")
         again.close()
         assert process.poll() is None
+
+
+def test_a_store_grows_and_is_seen_to(browser, tmp_path):
+    grid = {"clearance": np.linspace(5e-4, 2e-3, 4), "speed": np.linspace(1000.0, 1900.0, 6)}
+    fill = lambda share: sj.sweep(
+        sj.paper_scene(), grid, record=["motion", "peak_force"], periods=64, store=sj.Store(path, tile=6, share=share)
+    )
+    path = tmp_path / "map.zarr"
+    fill((1, 2))
+    with serving(path) as (_, url):
+        window = Window(browser, url)
+        window.wait("not computed yet")
+        window.ready()
+        window.shoot("6_growing_store")
+        fill((2, 2))
+        window.page.get_by_text("not computed yet").wait_for(state="hidden", timeout=WAIT)
+        window.page.locator("select").first.select_option("peak_force")
+        window.wait("Colours: highest normal contact force")
+        window.look(1300, 1.5)
+        window.ready()
+        window.shoot("7_store")
+        # a state of the section as a start
+        before = window.model("case", "text")
+        window.click(-1.0, 0.0, name="section")
+        window.page.wait_for_function(CASE_CHANGED, arg=before, timeout=WAIT)
+        window.wait("a state clicked in the section")
+        window.close()
+
+
+def test_a_diagram_is_computed_and_followed(browser):
+    with serving("--over", "speed", "1100", "1500", "60") as (_, url):
+        window = Window(browser, url)
+        window.page.wait_for_function(COMPUTED, timeout=WAIT)
+        window.look(1200, 0.0)
+        window.ready()
+        window.shoot("8_diagram")
+        window.drag(1150, -10, 1200, 10)
+        window.page.wait_for_function("Bokeh.documents[0].get_model_by_name('map').x_range.end < 1300")
+        window.page.wait_for_function(COMPUTED, timeout=WAIT)
+        window.close()
+
+
+def test_a_run_shows_its_windows(browser, tmp_path):
+    speed = sj.SpeedProgramme.stages([sj.Stage(250.0, speed=300.0)], start=100.0)
+    sj.run(sj.paper_scene(), length=250.0, speed=speed).to_netcdf(tmp_path / "run.nc", engine="h5netcdf")
+    with serving(tmp_path / "run.nc") as (_, url):
+        window = Window(browser, url)
+        window.click(150, 1.0)
+        window.wait("148 to", WAIT)
+        window.ready()
+        window.shoot("9_run")
+        window.close()
