@@ -1,6 +1,7 @@
 // What runs in the browser. Each part after a line of slashes and a name is the body of a callback.
 //// show: draws an instant of the slipper
 const k = time.value, f = frames.data
+if (!f.period) return
 const row = (key) => {
   const all = f[key], n = all.length / count
   return Array.from({length: n}, (_, i) => all[k * n + i])

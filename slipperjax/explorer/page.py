@@ -67,7 +67,7 @@ class Page:
         sides = row(self._left(), self.panels.root, spacing=12)
         doc.title = "slipperjax explore"
         doc.add_root(column(self._header(), sides, styles={"padding": "4px 8px"}))
-        args = dict(keys=self.keys, toggle=self.panels.play, png=self.png)  # the page knows what an argument is
+        args = dict(keys=self.keys, toggle=self.panels.play)
         doc.js_on_event(DocumentReady, CustomJS(args=args, code=CODE["keys"]))
         doc.on_event(DocumentReady, self._begin)
         doc.on_session_destroyed(lambda context: self.close())
@@ -113,6 +113,10 @@ class Page:
             self.doc.add_next_tick_callback(lambda: self._say(text, wrong=True))
         elif not any(worker.busy for worker in self.workers.values()):
             self.doc.add_next_tick_callback(lambda: self._say(HELP))
+        self.doc.add_next_tick_callback(self._show_orbit)
+
+    def _show_orbit(self) -> None:
+        self.panels.show_orbit(self.session, self.workers["orbit"].busy)
 
     def _say(self, text: str, share: float | None = None, *, wrong: bool = False) -> None:
         """Writes the line of what happens, with a bar where it is known how far it is."""
@@ -144,9 +148,10 @@ class Page:
             self._show_case()
             # on a thread of its own: a program is compiled for each period, and the next click need not wait
             self.workers["orbit"].submit(lambda: session.find_orbit(piece))
+            self._show_orbit()
         elif isinstance(piece, PeriodicOrbit):
             session.orbit = piece if int(piece.status) == Status.FINITE else None
-            self.panels.show_orbit(session)
+            self._show_orbit()
         elif isinstance(piece, OrbitBranch):
             session.branch = piece
             count = f"{piece.points.sizes['point']} orbits, {len(piece.events)} events"
@@ -177,7 +182,8 @@ class Page:
             button.on_click(act)
         self.back, self.forward, _, copy, scene, _ = buttons
         self.texts, self.toml, self.png = source("python"), source("content"), source("content")
-        copy.js_on_click(CustomJS(args=dict(texts=self.texts), code=CODE["copy"]))
+        # as an argument the picture's source becomes a part of the page
+        copy.js_on_click(CustomJS(args=dict(texts=self.texts, png=self.png), code=CODE["copy"]))
         scene.js_on_click(CustomJS(args=dict(source=self.toml, name="scene.toml", text64=False), code=CODE["save"]))
         args = dict(source=self.png, name="slipper.png", text64=True)
         self.png.js_on_change("data", CustomJS(args=args, code=CODE["save"]))
@@ -189,7 +195,9 @@ class Page:
     def _left(self) -> Any:
         self.choice = Select(title="Colours", options=[], width=190)
         self.choice.on_change("value", self._chosen)
-        self.begin = Select(title="Start of the next case", options=list(STARTS.items()), value="map", width=250)
+        self.begin = Select(
+            title="Start of the next case", name="begin", options=list(STARTS.items()), value="map", width=250
+        )
         self.legend = Div(width=WIDTH, styles={"font-size": "12px", "line-height": "1.7"})
         options: dict[str, Any] = dict(tools="box_select,wheel_zoom,pan,reset,save", active_drag="box_select")
         ranges = dict(x_range=Range1d(0, 1), y_range=Range1d(0, 1))

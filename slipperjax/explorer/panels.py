@@ -89,7 +89,7 @@ class Panels:
         shared = dict(x_range=self.phase.x_range, y_range=self.phase.y_range)
         self.section = panel("Section once per period: click a start", name="section", **shared)
         self.spectrum = panel("Spectrum", "multiples of the forcing frequency", y_axis_type="log")
-        self.circle = panel("Multipliers", "real part", "imaginary part", match_aspect=True)
+        self.circle = panel("Multipliers", "real part", "imaginary part", match_aspect=True, name="circle")
         self.branch = panel("Branch", width=2 * WIDTH, height=260, visible=False, name="branch")
         self.window = panel(
             "Forces in the window and before", "distance [m]", "force [kN]", width=2 * WIDTH, height=420
@@ -183,19 +183,22 @@ class Panels:
                 here |= {"name": [f"{name}{k}" for name in drawn.names]}
                 zero = np.zeros(len(drawn.names))
                 dots.data = {**here, **dict.fromkeys(("x", "y", "tip_x", "tip_y", "alpha"), zero)}
-            self.instant.value = drawn.busiest
             self.frames.data = drawn.frames
+            self.instant.value = drawn.busiest
             longest = f"lines are forces, the longest {drawn.highest:.3g} kN"
             self.scale.text = f"displacements × {drawn.magnify:g}; {longest}; filled: touches"
         self.show_orbit(session)
         self.show_branch(session)
 
-    def show_orbit(self, session: Session) -> None:
-        """Draws the orbit's multipliers."""
+    def show_orbit(self, session: Session, busy: bool = False) -> None:
+        """Draws the orbit's multipliers.
+
+        **Arguments:** `busy`: whether it is being looked for.
+        """
         orbit = session.orbit
         mu = np.array([]) if orbit is None else np.asarray(orbit.multipliers)
         self.data["circle"].data = {"x": mu.real, "y": mu.imag}
-        text = "no periodic orbit"
+        text = "looking for the orbit" if busy else "no periodic orbit"
         if orbit is not None:
             text = f"period {orbit.period}, {'stable' if orbit.stable else 'unstable'}, largest {abs(mu[0]):.3g}"
         self.circle.title.text = f"Multipliers: {text}"

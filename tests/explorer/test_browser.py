@@ -33,6 +33,7 @@ PLACE = """([name, x, y]) => {
 CASE_CHANGED = "(old) => Bokeh.documents[0].get_model_by_name('case').text != old"
 
 
+FOUND = "!Bokeh.documents[0].get_model_by_name('circle').title.text.includes('looking')"
 COMPUTED = "!Bokeh.documents[0].get_model_by_name('line').text.includes('computing')"
 
 
@@ -111,6 +112,7 @@ class Window:
 
     def ready(self):
         self.wait("Click a point")
+        self.page.wait_for_function(FOUND, timeout=WAIT)
 
     def press(self, label):
         self.page.get_by_role("button", name=label, exact=True).click()
@@ -132,11 +134,13 @@ def test_a_map_is_computed_clicked_and_refined(browser, tmp_path):
         window.ready()
         window.wait("period 1")
         window.shoot("2_map")
-        times = []
-        for x, y in [(300 + 200 * k, 0.5 + 0.3 * (k % 5)) for k in range(10)] * 2:
-            times.append(window.look(x, y))
-            time.sleep(0.1)
-        print(f"click to picture: median {np.median(times):.2f} s, 95th percentile {np.percentile(times, 95):.2f} s")
+        for name in ("first", "warm"):
+            times = []
+            for k in range(20):
+                times.append(window.look(300 + 100 * k, 0.5 + 0.3 * (k % 5)))
+                window.ready()
+            shown = f"median {np.median(times):.2f} s, 95th percentile {np.percentile(times, 95):.2f} s"
+            print(f"click to picture, {name}: {shown}")
         window.ready()
         window.shoot("3_clicked")
         # a slider
@@ -188,7 +192,11 @@ def test_a_map_is_computed_clicked_and_refined(browser, tmp_path):
         assert (tmp_path / "slipper.png").read_bytes()[:4] == b"\x89PNG"
         # a branch, with its events
         window.press("Follow the branch")
-        window.wait("Branch of period", WAIT)
+        window.page.wait_for_function("Bokeh.documents[0].get_model_by_name('branch').visible", timeout=WAIT)
+        window.shoot("5_branch_begun")
+        window.page.wait_for_function(
+            "!Bokeh.documents[0].get_model_by_name('line').text.includes('branch')", timeout=WAIT
+        )
         window.ready()
         window.shoot("5_branch")
         # another window goes on from here, and does not disturb this one
@@ -228,7 +236,7 @@ def test_a_store_grows_and_is_seen_to(browser, tmp_path):
         before = window.model("case", "text")
         window.click(-1.0, 0.0, name="section")
         window.page.wait_for_function(CASE_CHANGED, arg=before, timeout=WAIT)
-        window.wait("a state clicked in the section")
+        assert "a state clicked in the section" in window.model("case", "text")
         window.close()
 
 
@@ -236,10 +244,11 @@ def test_a_diagram_is_computed_and_followed(browser):
     with serving("--over", "speed", "1100", "1500", "60") as (_, url):
         window = Window(browser, url)
         window.page.wait_for_function(COMPUTED, timeout=WAIT)
-        window.look(1200, 0.0)
+        low, high = (window.model("map", f"y_range.{end}") for end in ("start", "end"))
+        window.look(1200, (low + high) / 2)
         window.ready()
         window.shoot("8_diagram")
-        window.drag(1150, -10, 1200, 10)
+        window.drag(1150, 0.3 * low + 0.7 * high, 1200, 0.7 * low + 0.3 * high)
         window.page.wait_for_function("Bokeh.documents[0].get_model_by_name('map').x_range.end < 1300")
         window.page.wait_for_function(COMPUTED, timeout=WAIT)
         window.close()
