@@ -90,7 +90,7 @@ class Panels:
         self.section = panel("Section once per period: click a start", name="section", **shared)
         self.spectrum = panel("Spectrum", "multiples of the forcing frequency", y_axis_type="log")
         self.circle = panel("Multipliers", "real part", "imaginary part", match_aspect=True, name="circle")
-        self.branch = panel("Branch", width=2 * WIDTH, height=260, visible=False, name="branch")
+        self.branch = panel("Branch", width=545, height=280, visible=False, name="branch")
         self.window = panel(
             "Forces in the window and before", "distance [m]", "force [kN]", width=2 * WIDTH, height=420
         )
@@ -115,7 +115,7 @@ class Panels:
         self.events = event_marks(self.branch)
         slipper = self._slipper()
         rows = (self.time, self.forces), (self.phase, self.section), (self.spectrum, self.circle)
-        self.of_case = column(*slipper, *(row(*pair) for pair in rows), self.branch)
+        self.of_case = column(*slipper, *(row(*pair) for pair in rows))
         self.root = column(row(self.title, self.motion), self.of_case, self.window)
 
     def _slipper(self) -> list[Any]:
@@ -200,7 +200,7 @@ class Panels:
         self.data["circle"].data = {"x": mu.real, "y": mu.imag}
         text = "looking for the orbit" if busy else "no periodic orbit"
         if orbit is not None:
-            text = f"period {orbit.period}, {'stable' if orbit.stable else 'unstable'}, largest {abs(mu[0]):.3g}"
+            text = f"period {orbit.period}, {'stable' if orbit.stable else 'unstable'}"
         self.circle.title.text = f"Multipliers: {text}"
 
     def show_branch(self, session: Session) -> None:

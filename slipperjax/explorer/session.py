@@ -386,7 +386,7 @@ class Session:
             orbit.scene, name, bounds, start=first, steps_per_period=steps, solver=orbit.solver, points=POINTS
         )
         yield branch
-        while "points" in branch.points.attrs["ended"]:
+        while "count" in branch.points.attrs["ended"]:
             branch = branch.extended(points=POINTS)
             yield branch
 
