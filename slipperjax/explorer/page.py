@@ -193,7 +193,7 @@ class Page:
         return row(*buttons, self.line, self.keys)
 
     def _left(self) -> Any:
-        self.choice = Select(title="Colours", options=[], width=190)
+        self.choice = Select(title="Shown", options=[], width=190)
         self.choice.on_change("value", self._chosen)
         self.begin = Select(
             title="Start of the next case", name="begin", options=list(STARTS.items()), value="map", width=250

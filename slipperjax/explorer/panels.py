@@ -24,6 +24,7 @@ from bokeh.plotting import figure
 
 from ..flow.status import Status
 from ..model.quantities import PARAMETERS, SECTIONS, quantity
+from ..plots.runs import edges_of
 from ..plots.style import COLORS
 from . import pictures
 from .session import SLIDERS, Session, Shown
@@ -220,7 +221,8 @@ class Panels:
     def show_window(self, ds: Any) -> None:
         """Draws the window of a run."""
         self.window_lines.data = pictures.in_window(ds)
-        self.title.text = f"<b>{float(ds['distance'][0]):.6g} to {float(ds['distance'][-1]):.6g} m</b>"
+        begin, end = edges_of(ds, "distance")[[0, -1]]
+        self.title.text = f"<b>{begin:.6g} to {end:.6g} m</b>"
 
 
 def _words(shown: Shown) -> str:

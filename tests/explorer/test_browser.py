@@ -243,6 +243,7 @@ def test_a_store_grows_and_is_seen_to(browser, tmp_path):
 def test_a_diagram_is_computed_and_followed(browser):
     with serving("--over", "speed", "1100", "1500", "60") as (_, url):
         window = Window(browser, url)
+        window.wait("highest force")
         window.page.wait_for_function(COMPUTED, timeout=WAIT)
         low, high = (window.model("map", f"y_range.{end}") for end in ("start", "end"))
         window.look(1200, (low + high) / 2)
@@ -260,7 +261,7 @@ def test_a_run_shows_its_windows(browser, tmp_path):
     with serving(tmp_path / "run.nc") as (_, url):
         window = Window(browser, url)
         window.click(150, 1.0)
-        window.wait("148 to", WAIT)
+        window.wait("147 to 150 m", WAIT)
         window.ready()
         window.shoot("9_run")
         window.close()
