@@ -236,7 +236,8 @@ class Page:
         follows = row(self.path, column(Div(height=12), row(follow, again)))
         self.controls = column(row(one, two), row(three, four), follows)
         self.code = Div(width=WIDTH)
-        return column(row(self.choice, self.begin), self.legend, self.map, self.controls, self.panels.branch, self.code)
+        choices = row(self.choice, self.begin)
+        return column(choices, self.legend, self.map, self.controls, self.panels.branch, self.code)
 
     # --- the map ----------------------------------------------------------------------------------------------------
 
