@@ -56,12 +56,13 @@ def serving(*arguments):
     """The command's process, and the address that it prints."""
     code = "import sys; sys.argv = ['slipperjax', *sys.argv[1:]]; from slipperjax_command import main; main()"
     command = [sys.executable, "-c", code, "explore", "--no-browser", *map(str, arguments)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        yield process, process.stdout.readline().split()[0]
-    finally:
-        process.send_signal(signal.SIGINT)
-        assert process.wait(20) == 130
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        try:
+            yield process, process.stdout.readline().split()[0]
+        finally:
+            process.send_signal(signal.SIGINT)
+            code = process.wait(20)
+    assert code == 130
 
 
 class Window:
