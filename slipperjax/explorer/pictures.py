@@ -261,7 +261,7 @@ def branch_events(branch: OrbitBranch, coordinate: str) -> dict[str, list[Any]]:
     return {
         "x": [float(varied.shown(event.value)) for event in events],
         "y": [float(strobe[event.point]) for event in events],
-        "label": [event.label for event in events],
+        "label": [event.label * (event.label != "GR") for event in events],  # grazings crowd
         "name": [EVENT_NAMES[event.label] for event in events],
     }
 
