@@ -4,6 +4,7 @@ from . import analysis as analysis
 from . import bench as bench
 from . import cli as cli
 from . import design as design
+from . import explorer as explorer
 from . import flow as flow
 from . import model as model
 from . import orbits as orbits
@@ -13,6 +14,7 @@ from . import studies as studies
 from . import sweeps as sweeps
 from . import tools as tools
 from .design.optimise import optimise_design as optimise_design
+from .explorer.launch import explore as explore
 from .flow.datasets import load_run as load_run
 from .flow.datasets import load_scene as load_scene
 from .flow.datasets import load_start as load_start

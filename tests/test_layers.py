@@ -18,7 +18,7 @@ FLOORS = [
     {"flow"},
     {"orbits", "plots"},
     {"sweeps"},
-    {"studies", "design", "bench"},
+    {"studies", "design", "bench", "explorer"},
     {"cli"},
 ]
 EXPORTING = {"analysis", "design", "flow", "model", "orbits", "plots", "solvers", "sweeps"}
@@ -35,6 +35,7 @@ MAY_BE_HEAVY = (
     "studies",
     "design",
     "bench",
+    "explorer",
     "cli",
 )
 

@@ -6,7 +6,7 @@ import warnings
 
 import click
 
-from . import design, motions, runs, study, sweep  # noqa: F401  (each adds its commands)
+from . import design, explore, motions, runs, study, sweep  # noqa: F401  (each adds its commands)
 from .interrupts import Signals, ignore_signals, leave
 from .options import INTERRUPTED, WRONG
 from .options import app as app

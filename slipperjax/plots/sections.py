@@ -1,6 +1,6 @@
 """The cross section, and the slipper around the rail head in motion, with forces as arrows and their history."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import matplotlib.pyplot as plt
@@ -113,27 +113,35 @@ def colors_of(shape: Section) -> list[str]:
     return [POINT_COLORS[k % len(POINT_COLORS)] for k in range(len(shape.names))]
 
 
-def draw_rail(shape: Section, ax: Any, labels: Any) -> None:
-    """Draws the rail head with a web through the slipper's opening, and a label inside it at each point."""
-    order, rail, tall = contour(shape), 1e3 * np.asarray(shape.track_points), 1e3 * height(shape)
-    head = rail[order]
+def rail_outline(shape: Section) -> Float[np.ndarray, "corners 2"]:
+    """Gives the corners [mm] of the rail head with a web through the slipper's opening."""
+    head, tall = 1e3 * np.asarray(shape.track_points)[contour(shape)], 1e3 * height(shape)
     across = head[0] - head[-1]  # of the opening
     down = np.array([-across[1], across[0]]) / np.linalg.norm(across)  # out of the rail head, as it goes clockwise
     foot = np.stack([head[-1] + 0.3 * across, head[-1] + 0.7 * across])
     web = np.stack([foot[0], foot[0] + 0.6 * tall * down, foot[1] + 0.6 * tall * down, foot[1]])
-    ax.fill(*np.concatenate([head, web]).T, **RAIL_STYLE)
+    return np.concatenate([head, web])
+
+
+def label_places(shape: Section) -> Float[np.ndarray, "points 2"]:
+    """Gives places of the points' labels inside the rail head [mm]."""
+    return 1e3 * (np.asarray(shape.track_points) - 0.13 * height(shape) * np.asarray(shape.normals))
+
+
+def draw_rail(shape: Section, ax: Any, labels: Any) -> None:
+    """Draws the rail head with its web, and a label inside it at each point."""
+    ax.fill(*rail_outline(shape).T, **RAIL_STYLE)
     box = {"boxstyle": "round,pad=0.1", "facecolor": "white", "alpha": 0.6, "lw": 0}
-    inside = rail - 0.13 * tall * np.asarray(shape.normals)
-    for label, (y, z) in zip(labels, inside, strict=True):
+    for label, (y, z) in zip(labels, label_places(shape), strict=True):
         ax.text(y, z, label, fontsize=6.5, ha="center", va="center", zorder=6, bbox=box)
 
 
-def outline(shape: Section, points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "corners 2"]:
+def outline(shape: Section, points: Float[np.ndarray, "*n points 2"]) -> Float[np.ndarray, "*n corners 2"]:
     """Gives the corners [mm] of the slipper with its points at `points` [m]: inside, and back along the outside."""
     order = contour(shape)
-    inner = 1e3 * points[order]
+    inner = 1e3 * points[..., order, :]
     outer = inner + 1e3 * THICKNESS * height(shape) * np.asarray(shape.normals)[order]
-    return np.concatenate([inner, outer[::-1]])
+    return np.concatenate([inner, outer[..., ::-1, :]], axis=-2)
 
 
 def frame(ax: Any, points: Float[np.ndarray, "n points 2"], margin: float) -> None:
@@ -206,27 +214,51 @@ def instant(
     return picture.figure
 
 
+class Frames(NamedTuple):
+    """The slipper at the front and the rear over time, as it is drawn around the rail head."""
+
+    ds: xr.Dataset
+    """The instants that are drawn."""
+    shape: Section
+    period: Float[np.ndarray, " time"]
+    """Time [forcing periods]."""
+    points: Float[np.ndarray, "time 2 points 2"]
+    """Where the slipper's points are drawn [m], see `drawn_points`."""
+    force: Float[np.ndarray, "time 2 points"]
+    """Contact forces [N]."""
+    magnify: float
+    """How many times as large displacements are drawn."""
+    newton: float
+    """Length of arrows [m/N]."""
+
+
+def frames_of(
+    run: Any, scene: Scene | None = None, *, magnify: float | None = None, last: float | None = 2.0
+) -> Frames:
+    """Gives what `animate` draws, with the same arguments and errors."""
+    ds, scene = _one_case(run, scene)
+    # peaks are those of the periods that are shown
+    ds = ds.drop_vars(["peak_force", "peak_period"], errors="ignore")
+    if last is not None:
+        ds = ds.isel(time=ds["period"].values > ds["period"].values[-1] - last + 1e-9)
+    force = ds["contact_force"].transpose("time", "end", "point").values
+    gap, offset = _displacements(ds, scene)
+    if not (np.isfinite(gap).all() and np.isfinite(force).all()):
+        raise ValueError("Argument `run` must have finite motions in what is drawn, but has NaN; shorten the run.")
+    if magnify is None:
+        magnify = default_magnification(scene.section, gap)
+    points = drawn_points(scene.section, gap, offset, number(positive, "magnify", magnify))
+    newton = LONGEST_ARROW * height(scene.section) / max(float(force.max()), 1e-9)
+    return Frames(ds, scene.section, ds["period"].values, points, force, magnify, newton)
+
+
 class _Picture:
     """The figure, and the artists that change with time."""
 
     def __init__(self, run: Any, scene: Scene | None, magnify: float | None, last: float | None, most: int):
-        ds, scene = _one_case(run, scene)
-        # peaks are those of the periods that are shown
-        ds = ds.drop_vars(["peak_force", "peak_period"], errors="ignore")
-        if last is not None:
-            ds = ds.isel(time=ds["period"].values > ds["period"].values[-1] - last + 1e-9)
-        self.shape, self.period = scene.section, ds["period"].values
-        self.force = ds["contact_force"].transpose("time", "end", "point").values
-        gap, offset = _displacements(ds, scene)
-        if not (np.isfinite(gap).all() and np.isfinite(self.force).all()):
-            raise ValueError(
-                "Argument `run` must have finite motions in what is drawn, but has NaN; shorten the run."
-            )
-        if magnify is None:
-            magnify = default_magnification(self.shape, gap)
-        self.points = drawn_points(self.shape, gap, offset, number(positive, "magnify", magnify))
-        highest = float(self.force.max())
-        self.newton = LONGEST_ARROW * height(self.shape) / max(highest, 1e-9)  # metres drawn per newton
+        frames = frames_of(run, scene, magnify=magnify, last=last)
+        self.shape, self.period, self.force, self.points = frames.shape, frames.period, frames.force, frames.points
+        ds, self.newton, highest = frames.ds, frames.newton, float(frames.force.max())
         with styled():
             shape: dict[str, Any] = dict(figsize=(7.2, 4.3), layout="constrained")
             self.figure, axes = plt.subplot_mosaic("FR;HH", height_ratios=(2.4, 1), **shape)
@@ -236,7 +268,7 @@ class _Picture:
             contact_forces(ds, forces, most=most, last=None)
             self.cursor = forces.axvline(self.period[0], lw=0.9, color="black")
             self.time = front.text(0.02, 0.97, "", transform=front.transAxes, va="top", fontsize=7)
-            scales = f"play and displacement × {magnify:g}, longest arrow {highest / 1e3:.3g} kN"
+            scales = f"play and displacement × {frames.magnify:g}, longest arrow {highest / 1e3:.3g} kN"
             self.figure.suptitle("; ".join(text for text in (case_title(ds), scales) if text), fontsize=7.5)
         self.figure.draw_without_rendering()
         self.figure.set_layout_engine("none")  # the panels stay where they are while the picture changes

@@ -1,0 +1,48 @@
+// What runs in the browser. Each part after a line of slashes and a name is the body of a callback.
+//// show: draws an instant of the slipper
+const k = time.value, f = frames.data
+if (!f.period) return
+const row = (key) => {
+  const all = f[key], n = all.length / count
+  return Array.from({length: n}, (_, i) => all[k * n + i])
+}
+for (const [end, patch, dots] of [["front", front, front_dots], ["rear", rear, rear_dots]]) {
+  patch.data = {x: row(end + "_corner_y"), y: row(end + "_corner_z")}
+  const at = {x: row(end + "_point_y"), y: row(end + "_point_z"), tip_x: row(end + "_tip_y"), tip_y: row(end + "_tip_z")}
+  dots.data = {...dots.data, ...at, alpha: row(end + "_force").map((force) => force > 0 ? 1 : 0)}
+}
+cursor.data = {x: [f.period[k]]}
+//// play
+clearInterval(window.slipper_timer)
+if (toggle.active) window.slipper_timer = setInterval(() => { time.value = (time.value + 1) % (time.end + 1) }, 50)
+toggle.label = toggle.active ? "Pause" : "Play"
+//// keys
+window.addEventListener("keydown", (event) => {
+  const path = event.composedPath(), tag = path[0].tagName
+  if (tag == "INPUT" || tag == "SELECT" || path.some((e) => e.classList?.contains("noUi-handle"))) return
+  if (["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "[", "]", "Escape"].includes(event.key)) {
+    keys.value = event.key + " " + Date.now()
+    event.preventDefault()
+  } else if (event.key == " " && tag != "BUTTON") {
+    toggle.active = !toggle.active
+    event.preventDefault()
+  }
+})
+//// copy
+const old_way = () => {
+  const area = document.createElement("textarea")
+  area.value = texts.data.python[0]
+  document.body.appendChild(area)
+  area.select()
+  document.execCommand("copy")
+  area.remove()
+}
+if (navigator.clipboard) navigator.clipboard.writeText(texts.data.python[0]).catch(old_way)
+else old_way()
+//// save: a file that the page has made
+const text = source.data.content[0]
+const content = text64 ? Uint8Array.from(atob(text), (c) => c.charCodeAt(0)) : text
+const link = document.createElement("a")
+link.href = URL.createObjectURL(new Blob([content], {type: "application/octet-stream"}))
+link.download = name
+link.click()

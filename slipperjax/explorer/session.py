@@ -1,0 +1,462 @@
+"""The state of a page without the page: maps and their history, the case looked at, and calls that compute them."""
+
+import copy
+import dataclasses
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+import xarray as xr
+
+from ..analysis.attractor import classify
+from ..flow.datasets import dataset_of, load_base, load_call, load_scene, load_start, varied_names
+from ..flow.simulate import Trajectory, simulate
+from ..flow.status import Status
+from ..model.dang2024 import paper_scene, table_2_start
+from ..model.kinematics import euler_angles, quaternion_from_euler
+from ..model.paths import parameter
+from ..model.quantities import COORDINATE_SCALES, COORDINATES, STARTS, Parameter
+from ..model.scene import Scene, check_steady
+from ..model.step_size import default_steps_per_period
+from ..orbits.branches import OrbitBranch, continue_orbit, steps_of_branch
+from ..orbits.periodic import PeriodicOrbit, periodic_orbit
+from ..sweeps.attractors import FLOOR
+from ..sweeps.grid import Cases
+from ..sweeps.runs import run as run_along
+from ..sweeps.store import open_store
+from ..sweeps.sweep import sweep
+from ..tools.checks import require
+
+PERIODS, SETTLED = 320, 200
+"""Forcing periods of a case that is looked at, and those at its end that are drawn and classified."""
+SAVES = 40
+"""Saved states per forcing period."""
+LIVE: dict[str, int] = {"transient": 100, "periods": 64}
+"""Forcing periods of the cases of a map that is computed here."""
+SURE = 200
+"""Recorded periods with which tori and chaos are told apart, where no period was found with fewer."""
+COUNTS = {1: (200,), 2: (16, 25)}
+"""Cases along each parameter of what is computed here, by the number of parameters."""
+SLICE, LANES = 100, 56
+"""Cases that are computed and shown at once, and in one call: always as many, so that one program serves all."""
+POINTS = 8
+"""Points of a branch, of each way, that are computed and shown at once."""
+WINDOWS = 20
+"""Windows into which one of a run is divided where it is looked at."""
+SLIDERS = {"speed": (100.0, 2500.0), "clearance": (1e-4, 5e-3), "length": (0.05, 0.5), "restitution": (0.1, 1.0)}
+"""Parameters with a slider, and its ends [SI units]."""
+MOST_PERIOD = 8
+"""Longest period of a motion whose orbit is looked for [forcing periods]: a program each."""
+
+
+def default_grid() -> dict[str, np.ndarray]:
+    """The map that is computed where none is given: 400 cases over speed and clearance."""
+    rows, columns = COUNTS[2]
+    return {"clearance": np.linspace(2e-4, 4e-3, rows), "speed": np.linspace(200.0, 2500.0, columns)}
+
+
+@dataclass(frozen=True)
+class View:
+    """A map, a diagram or a run, which the left side of a page shows."""
+
+    scene: Scene
+    start: Any = None
+    ds: xr.Dataset | None = None
+    """What is there of it; None before anything is."""
+    grid: dict[str, np.ndarray] | None = None
+    """Values by parameter [SI units] of what is computed here; None for what was given."""
+    record: tuple[str, ...] = ()
+    source: Path | None = None
+    """File or store that it is from."""
+
+    @property
+    def names(self) -> list[str]:
+        """The coordinates that vary, the one drawn upwards first."""
+        return list(map(Cases.label, self.grid)) if self.grid is not None else varied_names(self.ds)
+
+    @property
+    def parameters(self) -> list[str]:
+        """The names of what varies in a grid for `sweep`."""
+        return [name.removeprefix("start_") for name in self.names]
+
+    @property
+    def is_run(self) -> bool:
+        """Whether it is of a run over a length of rail."""
+        return self.ds is not None and "distance" in self.ds.dims
+
+    def axis(self, name: str) -> np.ndarray:
+        """The values of a coordinate [SI units]."""
+        if self.grid is not None:
+            return self.grid[name.removeprefix("start_")]
+        assert self.ds is not None
+        return self.ds[name].values
+
+    def quantity(self, name: str) -> Parameter:
+        """The quantity that a coordinate is of."""
+        bare = name.removeprefix("start_")
+        return STARTS[bare] if bare != name else parameter(name, self.scene)
+
+    @property
+    def growing(self) -> bool:
+        """Whether it is a store that lacks cases."""
+        return self.source is not None and self.ds is not None and bool((self.ds["status"] == Status.NOT_RUN).any())
+
+
+@dataclass(frozen=True)
+class Case:
+    """One case that is looked at."""
+
+    scene: Scene
+    start: Any = None
+    """A motion or state; None is Table 2's."""
+    origin: str = "Table 2's start"
+    steps: int | None = None
+    """Integration steps per forcing period, where they are not the default."""
+    solver: Any = None
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What its functions need besides the scene."""
+        return {name: v for name, v in (("steps_per_period", self.steps), ("solver", self.solver)) if v is not None}
+
+
+class Shown(NamedTuple):
+    """A case that was computed."""
+
+    case: Case
+    run: Trajectory
+    ds: xr.Dataset
+    """Its last `SETTLED` forcing periods."""
+    kind: str
+    """Of `slipperjax.analysis.kinds.KINDS`."""
+    period: int
+    """Forcing periods after which it recurs; 0 for others."""
+
+
+@dataclass
+class Session:
+    """What a page shows, and what it can compute. Copies share nothing that changes."""
+
+    views: list[View] = field(default_factory=list)
+    at: int = 0
+    """Which of the views is shown."""
+    case: Case | None = None
+    shown: Shown | None = None
+    orbit: PeriodicOrbit | None = None
+    branch: OrbitBranch | None = None
+    picked: Any = None
+    """The state that was clicked in the section."""
+
+    @classmethod
+    def of(cls, source: Any = None, grid: Mapping[str, Any] | None = None, *, start: Any = None) -> "Session":
+        """Makes the first view of a scene, a dataset, a file or a store.
+
+        **Raises:** `ValueError` where it is none of these, or `grid` is wrong; `OSError` for what cannot be read.
+        """
+        path, ds, given = None, None, source
+        if source is None:
+            scene = paper_scene()
+        elif isinstance(source, Scene):
+            scene = source
+        else:
+            if isinstance(source, str | Path):
+                path = Path(source).resolve()
+                need = "be a store, a netCDF file or a scene's TOML file of slipperjax"
+                require(path.suffix != ".zarr" or path.is_dir(), "source", need, shown=f"{path}, which is not there")
+                given = _opened(path)
+            if isinstance(given, Path):  # of a scene
+                scene, start = load_scene(given), start or load_start(given)
+            else:
+                ds = dataset_of(given)
+                scene, of_ds = load_base(ds)
+                start = of_ds if start is None else start
+        if ds is not None and grid is None and (varied_names(ds) or "distance" in ds.dims):
+            view = View(scene, start, ds, source=path)
+            _check_drawable(view)
+        else:
+            check_steady(scene)
+            grid = {k: np.asarray(v, float) for k, v in (default_grid() if grid is None else grid).items()}
+            require(len(grid) in COUNTS, "grid", "have one or two parameters", list(grid))
+            Cases(scene, grid, start or table_2_start())
+            view = View(scene, start, None, grid, ("motion",) if len(grid) == 2 else ("sections",))
+        return cls([view], 0, None if view.is_run else Case(scene, start, _origin(start)))
+
+    def copied(self) -> "Session":
+        """A session for another window, which goes on from here."""
+        return dataclasses.replace(self, views=copy.copy(self.views))
+
+    @property
+    def view(self) -> View:
+        """What is shown on the left."""
+        return self.views[self.at]
+
+    # --- the map ----------------------------------------------------------------------------------------------------
+
+    def show(self, view: View) -> None:
+        """Shows another view, from which `move` leads back to this one; those that were ahead are forgotten."""
+        self.views[self.at + 1 :] = [view]
+        self.at += 1
+
+    def move(self, step: int) -> bool:
+        """Goes back (-1) or forward (1) in the history; says whether there was something."""
+        moved = 0 <= self.at + step < len(self.views)
+        self.at += step * moved
+        return moved
+
+    def box(self, *ends: tuple[float, float]) -> View | None:
+        """A finer view of a box, the ends of its sides along `view.names` [SI units]; None where it is too small."""
+        names, grid = self.view.names, {}
+        for name, pair, count in zip(names, ends, COUNTS[len(names)], strict=True):
+            values = self.view.axis(name)
+            low, high = np.clip(sorted(pair), values.min(), values.max())
+            if not high - low > 1e-6 * np.ptp(values):
+                return None
+            grid[name.removeprefix("start_")] = np.linspace(low, high, count)
+        record = ("sections",) if len(names) == 1 else self.view.record if self.view.grid else ("motion",)
+        return View(self.view.scene, self.view.start, None, grid, record)
+
+    def with_case(self) -> View | None:
+        """The same map with the other values of the case that is looked at; None where there is no case."""
+        if self.case is None:
+            return None
+        grid = self.view.grid or {
+            name.removeprefix("start_"): np.unique(self.view.axis(name)) for name in self.view.names
+        }
+        return dataclasses.replace(
+            self.view,
+            scene=self.case.scene,
+            ds=None,
+            grid=grid,
+            source=None,
+            record=self.view.record or (("motion",) if len(grid) == 2 else ("sections",)),
+        )
+
+    def compute(self, view: View) -> Iterator[tuple[View, str, float]]:
+        """Computes a view, `SLICE` cases at a time: gives what there is of it, what is being done, and its share.
+
+        Cases of a map that have no period in the record are run once more with `SURE` periods.
+        """
+        assert view.grid is not None
+        cases = Cases(view.scene, view.grid, view.start or table_2_start())
+        mesh = np.meshgrid(*view.grid.values(), indexing="ij")
+        flat = {name: values.ravel() for name, values in zip(view.grid, mesh, strict=True)}
+        # cases with the same steps together, which run as one batch
+        order, options = np.argsort(-cases.default_steps(), kind="stable"), self.sweep_options(view)
+        whole: xr.Dataset | None = None
+        for text in ("computing the map", "telling chaos from quasi-periodic motions"):
+            for first in range(0, len(order), SLICE):
+                part = order[first : first + SLICE]
+                values = {name: v[part] for name, v in flat.items()}
+                ds = sweep(view.scene, values, product=False, **options, chunk=LANES)
+                whole = _put(whole, ds, part, cases)
+                yield dataclasses.replace(view, ds=whole), text, min(1.0, (first + SLICE) / len(order))
+            if whole is None or "kind" not in whole:
+                return
+            unsure = (whole["kind"].values == "unresolved") & (whole["status"].values == Status.FINITE)
+            order, options = order[unsure.ravel()[order]], options | {"periods": SURE}
+
+    @staticmethod
+    def sweep_options(view: View) -> dict[str, Any]:
+        """Arguments of `slipperjax.sweep` for a view, those of all of its cases where it is there."""
+        record = view.record[0] if len(view.record) == 1 else list(view.record)
+        lengths = LIVE if "motion" in view.record else {"transient": 200, "periods": 10}
+        if view.ds is not None:
+            lengths = lengths | {"periods": int(view.ds.attrs["periods"])}
+        return {"record": record, **lengths, **({} if view.start is None else {"start": view.start})}
+
+    def refreshed(self) -> View | None:
+        """A growing store as it is now; None where nothing is new."""
+        view = self.view
+        if not view.growing:
+            return None
+        ds = open_store(view.source)
+        assert view.ds is not None
+        before, now = (int((one["status"] == Status.NOT_RUN).sum()) for one in (view.ds, ds))
+        if now == before:
+            return None
+        self.views[self.at] = dataclasses.replace(view, ds=ds.assign(status=ds["status"].load()))
+        return self.view
+
+    # --- the case ---------------------------------------------------------------------------------------------------
+
+    def nearest(self, *place: float) -> dict[str, int]:
+        """Indices by dimension of the case nearest to a place along `view.names` [SI units]."""
+        view = self.view
+        names, axes = view.names, [view.axis(name) for name in view.names]
+        if view.grid is None and view.ds is not None and view.ds[names[0]].dims == ("case",):
+            away = sum(((v - p) / (np.ptp(v) or 1.0)) ** 2 for v, p in zip(axes, place, strict=True))
+            return {"case": int(np.argmin(away))}
+        return {name: int(np.argmin(abs(v - p))) for name, v, p in zip(names, axes, place, strict=True)}
+
+    def case_at(self, index: Mapping[str, int]) -> Case:
+        """The case at a place of the map."""
+        view = self.view
+        values = {name: float(view.axis(name)[index.get(name, index.get("case", 0))]) for name in view.names}
+        of_start = {name.removeprefix("start_"): v for name, v in values.items() if name.startswith("start_")}
+        scene = view.scene.replace(**{name: v for name, v in values.items() if not name.startswith("start_")})
+        start, origin = view.start, _origin(view.start)
+        if of_start:
+            begin = table_2_start() if start is None else start
+            motion = dataclasses.replace(getattr(begin, "motion", begin), **of_start)
+            start = dataclasses.replace(begin, motion=motion) if hasattr(begin, "motion") else motion
+            origin = "the map's start"
+        steps = solver = None
+        if view.ds is not None and view.grid is None:
+            solver = load_call(view.ds).get("solver")
+            count = int(view.ds["steps_per_period"].isel(index)) if "steps_per_period" in view.ds else 0
+            steps = count if count and count != default_steps_per_period(scene) else None
+        return Case(scene, start, origin, steps, solver)
+
+    def place(self) -> list[float] | None:
+        """Where the case that is looked at is on the map, along `view.names` [SI units]; None for a run."""
+        if self.case is None or self.view.is_run or any(name.startswith("start_") for name in self.view.names):
+            return None
+        return [float(parameter(name, self.case.scene).of(self.case.scene)) for name in self.view.names]
+
+    def begun(self, case: Case, choice: str) -> Case:
+        """The case from a chosen start: "map", "picked", or "end" of what is shown now."""
+        if choice == "picked" and self.picked is not None:
+            return dataclasses.replace(case, start=self.picked, origin="a state clicked in the section")
+        if choice == "end" and self.shown is not None and int(self.shown.run.status) == Status.FINITE:
+            return dataclasses.replace(case, start=self.shown.run.end, origin="the end of the case before")
+        return case
+
+    def pick(self, coordinate: str, velocity: str, *place: float) -> None:
+        """Takes the state of the section nearest to a place in a plane [display units], put there, as a start."""
+        assert self.shown is not None
+        names, quantities = (coordinate, velocity), (COORDINATES[coordinate], COORDINATES[velocity])
+        values = [q.from_shown(p) for q, p in zip(quantities, place, strict=True)]
+        away = [(self.strobe(n) - v) / q.scale for n, q, v in zip(names, quantities, values, strict=True)]
+        at = (PERIODS - SETTLED + int(np.argmin(np.hypot(*away)))) * (len(self.shown.run.period) // PERIODS)
+        motion = jax.tree.map(lambda a: float(np.asarray(a)[at]), self.shown.run.state.motion)
+        angles = dict(zip(("roll", "pitch", "yaw"), map(float, euler_angles(motion)), strict=True))
+        changed = dict(zip(names, values, strict=True))
+        turned = quaternion_from_euler(*(angles | {n: v for n, v in changed.items() if n in angles}).values())
+        changed = dict(zip(("q_x", "q_y", "q_z"), map(float, turned), strict=True)) | changed
+        self.picked = dataclasses.replace(motion, **{n: v for n, v in changed.items() if n not in angles})
+
+    def strobe(self, name: str) -> np.ndarray:
+        """A coordinate of what is shown, once per forcing period [SI unit]."""
+        assert self.shown is not None
+        return self.shown.ds[name].values[:: (self.shown.ds.sizes["time"] - 1) // SETTLED]
+
+    def look(self, case: Case) -> Iterator[Shown]:
+        """Computes the motion of a case."""
+        saves = {} if case.steps is None or case.steps % SAVES else {"saves_per_period": SAVES}
+        run = simulate(case.scene, PERIODS, start=case.start, **case.options, **saves)
+        ds = run.to_xarray()
+        ds = ds.isel(time=slice(-SETTLED * (len(run.period) // PERIODS) - 1, None))
+        kind, period = "unresolved", 0
+        if int(run.status) == Status.FINITE:
+            strobe = np.stack([ds[name].values[:: len(run.period) // PERIODS] for name in COORDINATES], axis=-1)
+            found = classify(strobe, scales=COORDINATE_SCALES, floor=FLOOR)
+            kind, period = str(found.kind), int(found.period)
+        yield Shown(case, run, ds, kind, period)
+
+    def find_orbit(self, shown: Shown) -> Iterator[PeriodicOrbit]:
+        """Finds the orbit of a case whose motion is periodic."""
+        case = shown.case
+        if shown.kind == "period" and shown.period <= MOST_PERIOD and float(case.scene.track.recurrence) == 1:
+            yield periodic_orbit(case.scene, shown.period, start=shown.run.end, **case.options)
+
+    def warm(self) -> Iterator[None]:
+        """Compiles the programs of `look` for all of the map, which are few: the steps' capacity tells them."""
+        ends = [np.array([axis.min(), axis.max()]) for axis in map(self.view.axis, self.view.names)]
+        corners = Cases(self.view.scene, dict(zip(self.view.parameters, ends, strict=True)), table_2_start())
+        for steps in np.unique(corners.default_steps()):
+            simulate(self.view.scene, PERIODS, steps_per_period=int(steps), saves_per_period=SAVES)
+            yield
+
+    def follow(self, name: str) -> Iterator[OrbitBranch]:
+        """Follows the orbit of the case over a parameter between the map's ends, some points at a time."""
+        require(
+            self.orbit is not None and int(self.orbit.status) == Status.FINITE, "orbit", "be found first", self.orbit
+        )
+        orbit, bounds = self.orbit, self.branch_bounds(name)
+        assert orbit is not None
+        steps = steps_of_branch(orbit.scene, parameter(name, orbit.scene), bounds, None)
+        first = periodic_orbit(
+            orbit.scene, orbit.period, start=orbit.state, steps_per_period=steps, solver=orbit.solver
+        )
+        branch = continue_orbit(
+            orbit.scene, name, bounds, start=first, steps_per_period=steps, solver=orbit.solver, points=POINTS
+        )
+        yield branch
+        while "count" in branch.points.attrs["ended"]:
+            branch = branch.extended(points=POINTS)
+            yield branch
+
+    def branch_bounds(self, name: str) -> tuple[float, float]:
+        """Ends between which a branch is followed [SI unit], which hold the case's value."""
+        assert self.orbit is not None
+        value = float(parameter(name, self.orbit.scene).of(self.orbit.scene))
+        ends = self.view.axis(name) if name in self.view.names else np.array(SLIDERS[name])
+        return min(float(np.min(ends)), value), max(float(np.max(ends)), value)
+
+    def window(self, distance: float) -> Iterator[xr.Dataset]:
+        """Runs once more over the window of a run at a distance [m], in finer windows."""
+        ds, scene = self.view.ds, self.view.scene
+        assert ds is not None
+        width, ends = ds.attrs["window [m]"], ds["distance"].values
+        at = min(int(np.searchsorted(ends, distance)), len(ends) - 1)
+        before = [float(s) for s in ds["stretch"].values if s <= ends[at] - width * (1 - 1e-9)]
+        begin, start = (before[-1], ds) if before else (float(ends[0]) - width, load_start(ds))
+        fine = run_along(scene, length=float(ends[at]) - begin, begin=begin, start=start, window=width / WINDOWS)
+        yield fine.isel(distance=slice(-WINDOWS * min(3, at + 1), None))
+
+
+def _opened(path: Path) -> Any:
+    """A store or a file as a dataset, with statuses in memory; the path of a scene's file as it is."""
+    if path.suffix.lower() == ".toml":
+        return path
+    ds = open_store(path) if path.is_dir() else dataset_of(path)
+    return ds.assign(status=ds["status"].load()) if "status" in ds else ds
+
+
+def _check_drawable(view: View) -> None:
+    """Raises `ValueError` for a dataset with more parameters than a plane has."""
+    assert view.ds is not None
+    if view.is_run:
+        over = view.ds["status"].dims
+        require(not over, "source", "be one run, as is ds.isel(...)", shown=f"over {', '.join(map(str, over))}")
+        return
+    count, points = len(view.names), "point" in view.ds.dims and "state" in view.ds
+    require(
+        count in COUNTS and not points,
+        "source",
+        "be a sweep over one or two parameters",
+        shown=f"over {', '.join(view.names)}",
+    )
+    check_steady(view.scene)
+
+
+def _put(whole: xr.Dataset | None, ds: xr.Dataset, part: np.ndarray, cases: Cases) -> xr.Dataset:
+    """Puts some cases of a grid, side by side in `ds`, into the dataset of all of them."""
+    data = {}
+    for name, variable in ds.data_vars.items():
+        shape = variable.shape[1:]
+        old = (
+            None if whole is None else whole[name].values.reshape(cases.count, *whole[name].shape[len(cases.dims) :])
+        )
+        if old is not None:  # the number of crossings differs
+            shape = tuple(map(max, shape, old.shape[1:]))
+        empty: Any = {"f": np.nan, "U": ""}.get(variable.dtype.kind, 0)
+        dtype = "U16" if variable.dtype.kind == "U" else variable.dtype
+        full = np.full((cases.count, *shape), int(Status.NOT_RUN) if name == "status" else empty, dtype)
+        if old is not None:
+            full[(slice(None), *map(slice, old.shape[1:]))] = old
+        full[(part, *map(slice, variable.shape[1:]))] = variable.values
+        data[name] = ((*cases.dims, *variable.dims[1:]), full.reshape(*cases.shape, *shape), variable.attrs)
+    others = {str(d): ds[d] for d in ds.indexes if d not in ("case", *cases.dims)}
+    return xr.Dataset(data, {**others, **cases.coordinates()}, ds.attrs)
+
+
+def _origin(start: Any) -> str:
+    same = start is None or json.dumps(jax.tree.map(float, vars(getattr(start, "motion", start)))) == json.dumps(
+        jax.tree.map(float, vars(table_2_start()))
+    )
+    return "Table 2's start" if same else "the map's start"

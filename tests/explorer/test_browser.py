@@ -1,0 +1,266 @@
+"""The page in a real browser. All of it, with its screenshots and times:
+
+SLIPPERJAX_SCREENSHOTS=shots python -m pytest -m slow -s tests/explorer/test_browser.py
+"""
+
+import contextlib
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import slipperjax as sj
+
+pytestmark = pytest.mark.slow
+BROWSER = os.environ.get("SLIPPERJAX_BROWSER") or shutil.which("chromium") or shutil.which("google-chrome")
+WAIT = 240_000
+"""Milliseconds that a program may take to compile."""
+# places in the page: models have views, and views have scales
+PLACE = """([name, x, y]) => {
+  const view = Bokeh.index.find_one(Bokeh.documents[0].get_model_by_name(name)), frame = view.frame
+  const box = view.el.getBoundingClientRect()
+  return [box.x + frame.x_scale.compute(x), box.y + frame.y_scale.compute(y)]
+}"""
+
+
+CASE_CHANGED = "(old) => Bokeh.documents[0].get_model_by_name('case').text != old"
+
+
+FOUND = "!Bokeh.documents[0].get_model_by_name('circle').title.text.includes('looking')"
+COMPUTED = "!Bokeh.documents[0].get_model_by_name('line').text.includes('computing')"
+
+
+@pytest.fixture(scope="module")
+def browser():
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
+    pytest.importorskip("bokeh", reason="needs bokeh")
+    if BROWSER is None:
+        pytest.skip("no Chromium here; its path may be given as SLIPPERJAX_BROWSER")
+    with playwright.sync_playwright() as driver:
+        # every name but the loopback address is unknown, as without a network
+        options = ["--no-sandbox", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"]
+        browser = driver.chromium.launch(executable_path=BROWSER, args=options)
+        yield browser
+        browser.close()
+
+
+@contextlib.contextmanager
+def serving(*arguments):
+    """The command's process, and the address that it prints."""
+    code = "import sys; sys.argv = ['slipperjax', *sys.argv[1:]]; from slipperjax_command import main; main()"
+    command = [sys.executable, "-c", code, "explore", "--no-browser", *map(str, arguments)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        try:
+            yield process, process.stdout.readline().split()[0]
+        finally:
+            process.send_signal(signal.SIGINT)
+            code = process.wait(20)
+    assert code == 130
+
+
+class Window:
+    """A window of the browser, with all that went wrong in it."""
+
+    def __init__(self, browser, url):
+        self.wrong, self.asked = [], []
+        self.context = browser.new_context(viewport={"width": 1300, "height": 1200}, accept_downloads=True)
+        self.context.grant_permissions(["clipboard-read", "clipboard-write"])
+        self.page = page = self.context.new_page()
+        page.on("console", lambda m: self.wrong.append(m.text) if m.type == "error" else None)
+        page.on("pageerror", lambda error: self.wrong.append(str(error)))
+        page.on("request", lambda request: self.asked.append(request.url))
+        page.goto(url)
+        page.wait_for_function("window.Bokeh && Bokeh.documents.length && Bokeh.index.roots.length", timeout=WAIT)
+
+    def shoot(self, name):
+        if folder := os.environ.get("SLIPPERJAX_SCREENSHOTS"):
+            Path(folder).mkdir(parents=True, exist_ok=True)
+            self.page.screenshot(path=Path(folder) / f"{name}.png")
+
+    def place(self, name, x, y):
+        return self.page.evaluate(PLACE, [name, x, y])
+
+    def click(self, x, y, name="map"):
+        self.page.mouse.click(*self.place(name, x, y))
+
+    def look(self, x, y, name="map"):
+        """Clicks, and gives the seconds until the picture is there."""
+        before, began = self.model("case", "text"), time.perf_counter()
+        self.click(x, y, name)
+        self.page.wait_for_function(CASE_CHANGED, arg=before, polling="raf", timeout=WAIT)
+        self.page.evaluate("new Promise((r) => requestAnimationFrame(() => requestAnimationFrame(r)))")
+        return time.perf_counter() - began
+
+    def drag(self, x0, y0, x1, y1):
+        self.page.mouse.move(*self.place("map", x0, y0))
+        self.page.mouse.down()
+        self.page.mouse.move(*self.place("map", (x0 + x1) / 2, (y0 + y1) / 2))
+        self.page.mouse.move(*self.place("map", x1, y1))
+        self.page.mouse.up()
+
+    def model(self, name, what):
+        return self.page.evaluate(f"Bokeh.documents[0].get_model_by_name('{name}').{what}")
+
+    def wait(self, text, timeout=WAIT):
+        self.page.get_by_text(text).first.wait_for(timeout=timeout)
+
+    def ready(self):
+        self.wait("Click a point")
+        self.page.wait_for_function(FOUND, timeout=WAIT)
+
+    def press(self, label):
+        self.page.get_by_role("button", name=label, exact=True).click()
+
+    def close(self):
+        assert self.wrong == []
+        assert {
+            re.match(r"\w+://([\d.]+):", url)[1] for url in self.asked if not url.startswith(("data", "blob"))
+        } == {"127.0.0.1"}
+        self.context.close()
+
+
+def test_a_map_is_computed_clicked_and_refined(browser, tmp_path):
+    began = time.perf_counter()
+    with serving() as (process, url):
+        window = Window(browser, url)
+        print(f"\nfirst page after {time.perf_counter() - began:.2f} s")
+        window.shoot("1_first")
+        window.ready()
+        window.wait("period 1")
+        window.shoot("2_map")
+        for name in ("first", "warm"):
+            times = []
+            for k in range(20):
+                times.append(window.look(300 + 100 * k, 0.5 + 0.3 * (k % 5)))
+                window.ready()
+            shown = f"median {np.median(times):.2f} s, 95th percentile {np.percentile(times, 95):.2f} s"
+            print(f"click to picture, {name}: {shown}")
+        window.ready()
+        window.shoot("3_clicked")
+        # a slider
+        handle = window.page.locator(".noUi-handle").first
+        handle.focus()
+        before = window.model("case", "text")
+        for _ in range(5):
+            window.page.keyboard.press("ArrowRight")
+        window.page.wait_for_function(CASE_CHANGED, arg=before)
+        window.ready()
+        # a box, and back
+        wide = window.model("map", "x_range.end")
+        t = time.perf_counter()
+        window.drag(900, 0.5, 1500, 2.0)
+        window.page.wait_for_function(f"Bokeh.documents[0].get_model_by_name('map').x_range.end < {wide}")
+        window.page.wait_for_function(COMPUTED, timeout=WAIT)
+        print(f"a box of 400 cases took {time.perf_counter() - t:.2f} s")
+        window.ready()
+        window.shoot("4_box")
+        window.press("◀ Back")
+        window.page.wait_for_function(f"Bokeh.documents[0].get_model_by_name('map').x_range.end == {wide}")
+        window.press("Forward ▶")
+        window.page.wait_for_function(f"Bokeh.documents[0].get_model_by_name('map').x_range.end < {wide}")
+        window.page.keyboard.press("[")
+        window.page.wait_for_function(f"Bokeh.documents[0].get_model_by_name('map').x_range.end == {wide}")
+        # stop
+        window.drag(600, 0.5, 2300, 3.9)
+        window.press("■ Stop")
+        window.wait("stopped")
+        window.press("◀ Back")
+        # what was copied runs, and gives the same
+        window.look(1250, 1.0)
+        window.ready()
+        window.press("Copy as Python")
+        script = window.page.evaluate("navigator.clipboard.readText()")
+        (tmp_path / "copied.py").write_text(
+            f"import matplotlib; matplotlib.use('Agg')\n{script}print(float(run.peak.force))"
+        )
+        done = subprocess.run([sys.executable, tmp_path / "copied.py"], capture_output=True, text=True, check=True)
+        assert f"{float(done.stdout) / 1e3:.3g} kN" in window.model("case", "text")
+        with window.page.expect_download() as download:
+            window.press("Save scene")
+        download.value.save_as(tmp_path / "scene.toml")
+        assert "speed" in (tmp_path / "scene.toml").read_text()
+        assert sj.load_scene(tmp_path / "scene.toml").value("clearance") == pytest.approx(1e-3, rel=0.2)
+        with window.page.expect_download(timeout=60_000) as download:
+            window.press("Save picture")
+        download.value.save_as(tmp_path / "slipper.png")
+        assert (tmp_path / "slipper.png").read_bytes()[:4] == b"\x89PNG"
+        # a branch, with its events
+        window.press("Follow the branch")
+        window.page.wait_for_function("Bokeh.documents[0].get_model_by_name('branch').visible", timeout=WAIT)
+        time.sleep(20)
+        window.press("■ Stop")  # where the branch is by then
+        window.wait("stopped")
+        window.shoot("5_branch")
+        # another window goes on from here, and does not disturb this one
+        other = Window(browser, url)
+        other.ready()
+        assert other.model("case", "text") == window.model("case", "text")
+        other.look(2000, 0.5)
+        assert other.model("case", "text") != window.model("case", "text")
+        other.close()
+        window.close()
+        again = Window(browser, url)  # after the browser was closed
+        again.wait("period 1")
+        again.close()
+        assert process.poll() is None
+
+
+def test_a_store_grows_and_is_seen_to(browser, tmp_path):
+    grid = {"clearance": np.linspace(5e-4, 2e-3, 4), "speed": np.linspace(1000.0, 1900.0, 6)}
+    fill = lambda share: sj.sweep(
+        sj.paper_scene(), grid, record=["motion", "peak_force"], periods=64, store=sj.Store(path, tile=6, share=share)
+    )
+    path = tmp_path / "map.zarr"
+    fill((1, 2))
+    with serving(path) as (_, url):
+        window = Window(browser, url)
+        window.wait("not computed yet")
+        window.ready()
+        window.shoot("6_growing_store")
+        fill((2, 2))
+        window.page.get_by_text("not computed yet").wait_for(state="hidden", timeout=WAIT)
+        window.page.locator("select").first.select_option("peak_force")
+        window.wait("Colours: highest normal contact force")
+        window.look(1300, 1.5)
+        window.ready()
+        window.shoot("7_store")
+        # a state of the section as a start
+        before = window.model("case", "text")
+        window.click(-1.0, 0.0, name="section")
+        window.page.wait_for_function(CASE_CHANGED, arg=before, timeout=WAIT)
+        assert "a state clicked in the section" in window.model("case", "text")
+        window.close()
+
+
+def test_a_diagram_is_computed_and_followed(browser):
+    with serving("--over", "speed", "1100", "1500", "60") as (_, url):
+        window = Window(browser, url)
+        window.wait("highest force")
+        window.page.wait_for_function(COMPUTED, timeout=WAIT)
+        low, high = (window.model("map", f"y_range.{end}") for end in ("start", "end"))
+        window.look(1200, (low + high) / 2)
+        window.ready()
+        window.shoot("8_diagram")
+        window.drag(1150, 0.3 * low + 0.7 * high, 1200, 0.7 * low + 0.3 * high)
+        window.page.wait_for_function("Bokeh.documents[0].get_model_by_name('map').x_range.end < 1300")
+        window.page.wait_for_function(COMPUTED, timeout=WAIT)
+        window.close()
+
+
+def test_a_run_shows_its_windows(browser, tmp_path):
+    speed = sj.SpeedProgramme.stages([sj.Stage(250.0, speed=300.0)], start=100.0)
+    sj.run(sj.paper_scene(), length=250.0, speed=speed).to_netcdf(tmp_path / "run.nc", engine="h5netcdf")
+    with serving(tmp_path / "run.nc") as (_, url):
+        window = Window(browser, url)
+        window.click(150, 1.0)
+        window.wait("147 to 150 m", WAIT)
+        window.ready()
+        window.shoot("9_run")
+        window.close()

@@ -1,0 +1,239 @@
+"""What a page shows and computes, without Bokeh."""
+
+import threading
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+
+import slipperjax as sj
+from slipperjax.explorer.pictures import MOTIONS, REGIMES, choices, image, label, picture_of
+from slipperjax.explorer.scripts import python_of, scene_text, start_text
+from slipperjax.explorer.session import COUNTS, Case, Session
+from slipperjax.explorer.worker import Worker
+from slipperjax.flow.datasets import run_attributes
+from slipperjax.model import scene_to_json
+from slipperjax.model.quantities import PARAMETERS, quantity
+
+SPEEDS, CLEARANCES = np.array([500.0, 1000.0, 2000.0]), np.array([1e-3, 2e-3])
+
+
+def a_map(**variables):
+    """A dataset of a sweep over clearance and speed, with numbers made up."""
+    scene, dims = sj.paper_scene(), ("clearance", "speed")
+    kinds = np.array([["period", "period", "chaotic"], ["torus", "unresolved", "period"]])
+    data = {"kind": (dims, kinds), "period": (dims, np.array([[1, 7, 0], [0, 0, 3]]))}
+    data |= {"status": (dims, np.array([[0, 0, 0], [0, 1, 7]])), **variables}
+    attrs = run_attributes(scene, sj.table_2_start(), {"function": "sweep"}, dims) | {"periods": 200}
+    return xr.Dataset(data, {"clearance": CLEARANCES, "speed": SPEEDS}, attrs)
+
+
+def test_a_click_gives_the_case_of_its_cell():
+    session = Session.of(a_map())
+    index = session.nearest(1.2e-3, 1900.0)
+    case = session.case_at(index)
+    assert index == {"clearance": 0, "speed": 2}
+    assert float(case.scene.value("speed")) == 2000.0
+    assert float(case.scene.value("clearance")) == pytest.approx(1e-3)
+    session.case = case
+    assert session.place() == pytest.approx([1e-3, 2000.0])
+
+
+def test_starts_that_were_varied_are_those_of_the_case():
+    ds = a_map().rename(clearance="start_y")
+    ds.attrs["varied"] = '["start_y", "speed"]'
+    case = Session.of(ds).case_at({"start_y": 1, "speed": 0})
+    assert case.start.y == 2e-3
+    assert case.start.v_z == 0.5
+
+
+def test_a_box_is_finer_within_the_map_and_history_leads_back_and_forward():
+    session = Session.of(a_map())
+    first = session.view
+    assert session.box((1e-3, 1e-3), (600.0, 900.0)) is None
+    box = session.box((5e-4, 1.5e-3), (1500.0, 600.0))
+    assert box.grid["clearance"][[0, -1]] == pytest.approx([1e-3, 1.5e-3])
+    assert box.grid["speed"][[0, -1]] == pytest.approx([600.0, 1500.0])
+    assert tuple(map(len, box.grid.values())) == COUNTS[2]
+    session.show(box)
+    assert not session.move(1)
+    assert session.move(-1)
+    assert session.view is first
+    assert session.move(1)
+    assert session.view is box
+    other = session.copied()
+    other.move(-1)
+    other.show(first)
+    assert session.view is box
+    assert session.views[1] is box
+
+
+def test_sources_that_are_no_maps_are_named(tmp_path):
+    for source in (tmp_path / "none.zarr", tmp_path / "none.nc", tmp_path, 3, xr.Dataset()):
+        with pytest.raises((ValueError, OSError), match=r"source|No such file|none.nc"):
+            Session.of(source)
+    with pytest.raises(ValueError, match="one or two parameters"):
+        Session.of(None, {"speed": [1.0, 2.0], "clearance": [1e-3], "length": [0.2]})
+    deep = a_map().expand_dims(length=[0.2]).assign_attrs(varied='["length", "clearance", "speed"]')
+    with pytest.raises(ValueError, match="one or two parameters"):
+        Session.of(deep)
+
+
+@pytest.mark.parametrize("end", ["map", "picked"])
+def test_the_start_is_chosen(end):
+    session = Session.of()
+    session.picked = sj.Motion(y=1e-3)
+    case = session.begun(Case(sj.paper_scene()), end)
+    assert case.start is (session.picked if end == "picked" else None)
+
+
+# --- scripts --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "scene", [sj.paper_scene(1234.5, 7e-4, restitution=0.5), sj.paper_scene().replace(**{"section.play.2": 4e-4})]
+)
+def test_a_scene_in_a_script_is_the_same_to_the_last_bit(scene):
+    assert scene_to_json(eval(scene_text(scene), {"sj": sj})) == scene_to_json(scene)
+
+
+def test_a_start_in_a_script_is_the_same_to_the_last_bit():
+    start = sj.State(sj.Motion(y=0.1 + 0.2, w_x=-3e-7), jnp.arange(3.0) / 7)
+    again = eval(start_text(start), {"sj": sj, "jnp": jnp})
+    assert vars(again.motion) == vars(start.motion)
+    assert np.array_equal(again.memory, start.memory)
+
+
+def test_a_script_computes_the_map_that_is_shown():
+    session = Session.of()
+    names = {}
+    lines = [line for line in python_of(session).splitlines() if not line.startswith(("map", "run", "ds", "sj."))]
+    exec("\n".join(lines), names)
+    grid = next(line for line in python_of(session).splitlines() if line.startswith("map = "))
+    made = eval(grid[grid.index("{") : grid.index("}") + 1], names)
+    assert all(np.array_equal(made[name], values) for name, values in session.view.grid.items())
+    assert scene_to_json(names["scene"]) == scene_to_json(session.view.scene)
+
+
+# --- pictures -------------------------------------------------------------------------------------------------------
+
+
+def test_kinds_of_motions_have_their_colours_and_missing_ones_none():
+    picture = picture_of(Session.of(a_map()).view, "motion")
+    names = [None if np.isnan(k) else picture.names[int(k)] for k in picture.values.ravel()]
+    assert names == ["period 1", "other periods", "chaotic", "quasi-periodic", "status not 0", None]
+    assert picture.colors[picture.names.index("chaotic")] == MOTIONS["chaotic"]
+
+
+def test_numbers_are_the_highest_of_all_points_in_their_display_unit():
+    force = (("clearance", "speed", "point"), np.arange(12.0).reshape(2, 3, 2) * 1e3)
+    view = Session.of(a_map(peak_force=force)).view
+    assert "peak_force" in choices(view)
+    picture = picture_of(view, "peak_force")
+    assert picture.values[0].tolist() == [1.0, 3.0, 5.0]
+    assert np.isnan(picture.values[1, 1:]).all()
+
+
+@pytest.mark.parametrize("x", [np.array([1.0, 2.0, 3.0]), np.array([3.0, 2.0, 1.0]), np.array([1.0, 2.0, 7.0])])
+def test_an_image_has_each_value_where_its_cell_is(x):
+    y, values = np.array([5.0, 6.0]), np.array([[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]])
+    drawn = image(x, y, values)
+    pixels, (left,), (width,) = drawn["image"][0], drawn["x"], drawn["dw"]
+    for k, place in enumerate(x):
+        column = int((place - left) / width * pixels.shape[1])
+        assert pixels[:, min(column, pixels.shape[1] - 1)].tolist() == values[:, k].tolist()
+    assert drawn["dh"] == [2.0]
+
+
+def test_labels_have_words_and_units():
+    assert label(PARAMETERS["clearance"]) == "clearance C [mm]"
+    assert label(quantity("w_x")) == "roll rate [rad/s]"
+    assert label(PARAMETERS["restitution"]) == "restitution c_r"
+
+
+# Machado et al. 2009, doi:10.1109/TVCG.2009.113: full deuteranopia and protanopia, on linear RGB
+BLIND = {
+    "neither": np.eye(3),
+    "deuteranopia": np.array(
+        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
+    ),
+    "protanopia": np.array(
+        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
+    ),
+}
+
+
+@pytest.mark.parametrize("blind", BLIND)
+@pytest.mark.parametrize("palette", [MOTIONS, REGIMES])
+def test_colours_of_motions_differ_for_everybody(palette, blind):
+    lab = []
+    for color in palette.values():
+        srgb = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+        linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+        to_xyz = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+        xyz = np.array(to_xyz) @ np.clip(BLIND[blind] @ linear, 0, 1) / [0.9505, 1.0, 1.089]
+        f = np.cbrt(np.maximum(xyz, 1e-9))
+        lab.append([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+    lab = np.array(lab)
+    away = np.linalg.norm(lab[:, None] - lab[None], axis=-1)[np.triu_indices(len(lab), 1)]
+    assert away.min() > 25
+
+
+# --- work beside the page -------------------------------------------------------------------------------------------
+
+
+class Collected:
+    """What a worker delivers."""
+
+    def __init__(self):
+        self.pieces, self.errors, self.end = [], [], threading.Event()
+        self.worker = Worker(lambda piece, wanted: self.pieces.append(piece), self.ended)
+
+    def ended(self, error):
+        self.errors.append(error)
+        self.end.set()
+
+
+def test_a_job_delivers_its_pieces_and_says_its_error():
+    work = Collected()
+
+    def job():
+        yield 1
+        raise ValueError("no")
+
+    work.worker.submit(job)
+    assert work.end.wait(10)
+    assert work.pieces == [1]
+    assert str(work.errors[0]) == "no"
+    assert not work.worker.busy
+    work.end.clear()
+    work.worker.submit(lambda: iter([2]))  # it lives on
+    assert work.end.wait(10)
+    assert work.pieces == [1, 2]
+    work.worker.close()
+
+
+@pytest.mark.parametrize("stopped", [True, False])
+def test_a_stop_or_a_later_job_leaves_a_job_between_its_pieces(stopped):
+    work, at, go = Collected(), threading.Event(), threading.Event()
+
+    def endless():
+        yield "first"
+        at.set()
+        go.wait(10)
+        while True:
+            yield "late"
+
+    work.worker.submit(endless)
+    assert at.wait(10)
+    work.worker.submit(None if stopped else lambda: iter(["second"]))
+    go.set()
+    if stopped:
+        work.worker.submit(None)
+        assert not work.worker.busy
+        work.worker.submit(lambda: iter(["second"]))
+    assert work.end.wait(10)
+    assert work.pieces == ["first", "second"]
+    assert work.errors == [None]
+    work.worker.close()
