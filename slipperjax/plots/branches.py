@@ -163,7 +163,7 @@ def multiplier_circle(ds: Any, ax: Any = None) -> Any:
     values, modulus = np.repeat(shown(one, name), one.sizes["multiplier"]), np.abs(mu)
     reach = min(LARGEST_MODULUS, max(1.0, float(np.max(modulus))))
     mu = mu / np.maximum(1.0, modulus / LARGEST_MODULUS)
-    with drawing(ax, one, 3.5, 3.3) as ax:
+    with drawing(ax, one, 4.6, 4.2) as ax:
         ax.add_patch(Circle((0, 0), 1.0, fill=False, lw=0.8, ec="black", zorder=1))
         dots = ax.scatter(mu.real, mu.imag, c=values, cmap="viridis", s=7, linewidths=0, zorder=2)
         handles = [Line2D([], [], ls="", marker=".", ms=5, color=COLORS["grey"], label="multiplier")]
