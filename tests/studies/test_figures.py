@@ -92,16 +92,15 @@ def test_lines_are_named_in_figure_13(drawn):
     assert axes[0].texts[0].get_position()[0] == 150
 
 
-def test_basins_leave_flagged_starts_white(drawn):
-    found = np.array([[0, 1, -1], [2, 9, 0]])
+def test_basins_leave_flagged_starts_without_a_colour(drawn):
+    found, dims = np.array([[0, 1, -1], [2, 9, 0]]), ("start_v_y", "start_v_z")
     starts = {"start_v_y": [0.0, 1.0], "start_v_z": [0.0, 1.0, 2.0]}
-    ds = xr.Dataset({"attractor": (("start_v_y", "start_v_z"), found)}, starts)
-    ax, bar = drawn("basins", {"basins": ds}).axes
-    shown = ax.collections[0].get_array()
+    of_each = {"basin_period": ("attractor", np.ones(10, int)), "share": ("attractor", np.full(10, 0.1))}
+    ds = xr.Dataset({"basin": (dims, found), "status": (dims, np.where(found < 0, 2, 0)), **of_each}, starts)
+    shown = drawn("basins", {"basins": ds}).axes[0].collections[0].get_array()
     assert shown.mask.tolist() == [[False, False], [False, False], [True, False]]
-    assert shown.max() == 7  # further ones share a colour
-    assert bar.get_ylim() == (-0.5, 7.5)
-    lost = ds.assign(attractor=ds["attractor"] * 0 - 1)
+    assert shown.max() == 6  # further ones share a colour
+    lost = ds.assign(basin=ds["basin"] * 0 - 1)
     assert drawn("basins", {"basins": lost}).axes[0].collections[0].get_array().mask.all()
 
 
@@ -128,7 +127,7 @@ def test_branches_are_drawn_over_the_dots_with_one_legend(drawn):
         *("from one start", "period 1", "period 2", "stable", "unstable"),
         *("LP fold", "PD flip", "GR grazing"),
     ]
-    assert [ax.get_xlabel() for ax in figure.axes[:4]] == [""] * 4
+    assert [ax.get_xlabel() for ax in figure.axes[:3]] == [""] * 3  # in two columns
     top = figure.axes[0]
     dots = [line for line in top.lines if line.get_label() == "from one start"]
     assert [line.get_color() for line in dots] == [COLORS["grey"]]
