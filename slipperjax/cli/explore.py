@@ -24,10 +24,13 @@ def explore(case: Case, over: Any, by: Any, port: int, no_browser: bool, source:
     """
     import webbrowser
 
+    import matplotlib
+
     from ..explorer.launch import explore as serve
 
     if by is not None and over is None:
         raise ValueError("Option --by needs --over.")
+    matplotlib.use("Agg")  # in this process only: in a notebook its own backend draws
     grid = make_grid(case.scene, *([] if by is None else [by]), over) if over is not None else None
     shown = case.scene if source is None else source
     try:

@@ -449,9 +449,7 @@ class Page:
 
     def _draw_picture(self) -> Iterator[bytes]:
         """The case, or the run, as `slipperjax.plots` draws it."""
-        import matplotlib
-
-        matplotlib.use("Agg")
+        # here, because matplotlib takes long to import
         from ..plots.runs import run_overview
         from ..plots.style import png
         from ..plots.trajectories import overview
