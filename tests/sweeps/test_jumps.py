@@ -32,6 +32,13 @@ def test_groups_are_numbered_by_the_size_of_their_basins():
     assert repr(named) == "Attractors(9 cases: unresolved: 9)"
 
 
+def test_the_largest_basin_comes_first_wherever_it_is_met():
+    kind = np.array([0, 0, 1, 2, 2, 2])
+    found = groups(dataset(3e-4 * np.tile(kind[:, None, None], (1, 30, 10)), ("a",)))
+    assert found["basin"].values.tolist() == [1, 1, 2, 0, 0, 0]
+    assert found["share"].values == pytest.approx([3 / 6, 2 / 6, 1 / 6])
+
+
 def test_motions_on_one_orbit_share_a_group_whatever_their_phase():
     """Seven orbits of period 3, each met in its three phases, and one of period 1."""
     rng = np.random.default_rng(0)
