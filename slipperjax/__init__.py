@@ -27,4 +27,4 @@ def __getattr__(name: str):
 
 
 if "xarray" in sys.modules:  # otherwise with the first dataset that is made
-    from .flow import accessor as _accessor  # noqa: F401
+    from .tools import accessor as _accessor  # noqa: F401

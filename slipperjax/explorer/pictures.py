@@ -1,4 +1,4 @@
-"""What a page draws, as plain arrays in display units: maps, diagrams and the panels of a case."""
+"""Maps, diagrams and the panels of a case, as plain arrays in display units that a page draws."""
 
 from typing import Any, NamedTuple
 
@@ -59,7 +59,7 @@ def label(q: Quantity) -> str:
 
 
 def choices(view: View) -> list[str]:
-    """What the left side can show: kinds of motions, sections, and numbers of each case, the usual ones first."""
+    """The choices of the left side: kinds of motions, sections, and numbers of each case, the usual ones first."""
     if view.ds is None or view.is_run:
         return ["peak_force"] if view.is_run else ["motion", "peak_force"] if len(view.names) == 2 else list(SECTIONS)
     ds, over = view.ds, set(view.ds["status"].dims)
@@ -122,17 +122,12 @@ def image(x: np.ndarray, y: np.ndarray, values: np.ndarray) -> dict[str, Any]:
     """An image of values over two axes that rise or fall, of even pixels."""
     pixels = []
     for axis in (x, y):
-        border, step = cells(axis), np.diff(axis)
+        order = np.argsort(axis)
+        border, step = cells(axis[order]), np.diff(axis)
         even = len(axis) < 3 or np.ptp(step) < 1e-6 * abs(step[0])
         count = len(axis) if even else MOST_PIXELS
         middle = border[0] + (np.arange(count) + 0.5) * (border[-1] - border[0]) / count
-        index = np.array([int(np.argmin(abs(axis - m))) for m in middle])
-        index = (
-            np.clip(np.searchsorted(np.sort(border), middle, "right") - 1, 0, len(axis) - 1) if not even else index
-        )
-        index = len(axis) - 1 - index if not even and border[0] > border[-1] else index
-        order = slice(None) if border[0] < border[-1] else slice(None, None, -1)
-        pixels.append((index[order], min(border[0], border[-1]), abs(border[-1] - border[0])))
+        pixels.append((order[np.searchsorted(border[1:-1], middle)], border[0], border[-1] - border[0]))
     (i, left, width), (j, bottom, height) = pixels
     return {
         "image": [values[np.ix_(j, i)].astype("float32")],
@@ -179,14 +174,13 @@ def forces(shown: Shown) -> dict[str, list[Any]]:
     }
 
 
-def _last(ds: xr.Dataset) -> xr.Dataset:
-    return ds.isel(time=ds["period"].values >= ds["period"].values[-1] - LAST - 1e-9)
+def _last(ds: xr.Dataset, periods: int = LAST) -> xr.Dataset:
+    return ds.isel(time=ds["period"].values >= ds["period"].values[-1] - periods - 1e-9)
 
 
 def phase(shown: Shown, coordinate: str, velocity: str, periods: int = 64) -> dict[str, np.ndarray]:
     """The motion in the plane of a coordinate and its velocity, over its last forcing periods."""
-    ds = shown.ds
-    ds = ds.isel(time=ds["period"].values >= ds["period"].values[-1] - periods - 1e-9)
+    ds = _last(shown.ds, periods)
     return {
         "x": quantity(coordinate).shown(ds[coordinate].values),
         "y": quantity(velocity).shown(ds[velocity].values),
@@ -238,7 +232,6 @@ def slipper(shown: Shown) -> Slipper | None:
         for name, places in (("corner", corners), ("point", points), ("tip", tips)):
             columns |= {f"{end}_{name}_{axis}": np.ascontiguousarray(places[..., j]) for j, axis in enumerate("yz")}
         columns[f"{end}_force"] = drawn.force[:, k] / 1e3
-    highest = float(drawn.force.max()) / 1e3
     places, colors = label_places(shape), colors_of(shape)
     highest, busiest = float(drawn.force.max()) / 1e3, int(np.argmax(drawn.force.max(axis=(1, 2))))
     rail = rail_outline(shape)

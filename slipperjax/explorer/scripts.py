@@ -1,4 +1,4 @@
-"""What a page shows as a script that computes the same numbers."""
+"""The script that computes the numbers which a page shows."""
 
 from typing import Any
 
@@ -40,9 +40,7 @@ def _map(view: View) -> list[str]:
         if view.source is None:
             return ["# the map is a dataset of the session that opened the page"]
         return [f"map = sj.flow.dataset_of({str(view.source)!r})"]
-    options = {name: value for name, value in Session.sweep_options(view).items() if name != "start"}
-    if view.start is not None:
-        options["start"] = view.start
+    options = Session.sweep_options(view)
     given = ", ".join(f"{k}={start_text(v) if k == 'start' else repr(v)}" for k, v in options.items())
     grid = ", ".join(f"{name!r}: {_axis(values)}" for name, values in view.grid.items())
     draw = "sj.plots.attractor_map(map)" if len(view.grid) == 2 else "sj.plots.bifurcation(map, 'v_z')"

@@ -41,6 +41,8 @@ SURE = 200
 """Recorded periods with which tori and chaos are told apart, where no period was found with fewer."""
 COUNTS = {1: (200,), 2: (16, 25)}
 """Cases along each parameter of what is computed here, by the number of parameters."""
+RECORDS = {1: ("sections",), 2: ("motion",)}
+"""Its records, by the number of parameters."""
 SLICE, LANES = 100, 56
 """Cases that are computed and shown at once, and in one call: always as many, so that one program serves all."""
 POINTS = 8
@@ -66,7 +68,7 @@ class View:
     scene: Scene
     start: Any = None
     ds: xr.Dataset | None = None
-    """What is there of it; None before anything is."""
+    """Its cases so far; None before there are any."""
     grid: dict[str, np.ndarray] | None = None
     """Values by parameter [SI units] of what is computed here; None for what was given."""
     record: tuple[str, ...] = ()
@@ -120,7 +122,7 @@ class Case:
 
     @property
     def options(self) -> dict[str, Any]:
-        """What its functions need besides the scene."""
+        """Arguments of its functions besides the scene."""
         return {name: v for name, v in (("steps_per_period", self.steps), ("solver", self.solver)) if v is not None}
 
 
@@ -139,7 +141,7 @@ class Shown(NamedTuple):
 
 @dataclass
 class Session:
-    """What a page shows, and what it can compute. Copies share nothing that changes."""
+    """All that a page shows and can compute. Copies share nothing that changes."""
 
     views: list[View] = field(default_factory=list)
     at: int = 0
@@ -182,7 +184,7 @@ class Session:
             grid = {k: np.asarray(v, float) for k, v in (default_grid() if grid is None else grid).items()}
             require(len(grid) in COUNTS, "grid", "have one or two parameters", list(grid))
             Cases(scene, grid, start or table_2_start())
-            view = View(scene, start, None, grid, ("motion",) if len(grid) == 2 else ("sections",))
+            view = View(scene, start, None, grid, RECORDS[len(grid)])
         return cls([view], 0, None if view.is_run else Case(scene, start, _origin(start)))
 
     def copied(self) -> "Session":
@@ -191,7 +193,7 @@ class Session:
 
     @property
     def view(self) -> View:
-        """What is shown on the left."""
+        """The view that is shown on the left."""
         return self.views[self.at]
 
     # --- the map ----------------------------------------------------------------------------------------------------
@@ -216,7 +218,7 @@ class Session:
             if not high - low > 1e-6 * np.ptp(values):
                 return None
             grid[name.removeprefix("start_")] = np.linspace(low, high, count)
-        record = ("sections",) if len(names) == 1 else self.view.record if self.view.grid else ("motion",)
+        record = self.view.record if self.view.grid and len(names) == 2 else RECORDS[len(names)]
         return View(self.view.scene, self.view.start, None, grid, record)
 
     def with_case(self) -> View | None:
@@ -232,7 +234,7 @@ class Session:
             ds=None,
             grid=grid,
             source=None,
-            record=self.view.record or (("motion",) if len(grid) == 2 else ("sections",)),
+            record=self.view.record or RECORDS[len(grid)],
         )
 
     def compute(self, view: View) -> Iterator[tuple[View, str, float]]:
@@ -242,15 +244,13 @@ class Session:
         """
         assert view.grid is not None
         cases = Cases(view.scene, view.grid, view.start or table_2_start())
-        mesh = np.meshgrid(*view.grid.values(), indexing="ij")
-        flat = {name: values.ravel() for name, values in zip(view.grid, mesh, strict=True)}
         # cases with the same steps together, which run as one batch
         order, options = np.argsort(-cases.default_steps(), kind="stable"), self.sweep_options(view)
         whole: xr.Dataset | None = None
         for text in ("computing the map", "telling chaos from quasi-periodic motions"):
             for first in range(0, len(order), SLICE):
                 part = order[first : first + SLICE]
-                values = {name: v[part] for name, v in flat.items()}
+                values = cases.part(np.unravel_index(part, cases.shape))
                 ds = sweep(view.scene, values, product=False, **options, chunk=LANES)
                 whole = _put(whole, ds, part, cases)
                 yield dataclasses.replace(view, ds=whole), text, min(1.0, (first + SLICE) / len(order))

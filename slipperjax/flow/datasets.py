@@ -52,7 +52,7 @@ def run_attributes(scene: Scene, start: Motion | State, call: Mapping[str, Any],
     **Arguments:** `call`: the function's name as `function`, and its arguments; `varied`: names of the coordinates
     that hold what differs between cases.
     """
-    from . import accessor  # noqa: F401  # which datasets then have; here, because it imports xarray
+    from ..tools import accessor  # noqa: F401  # which datasets then have; here, because it imports xarray
 
     return {
         "scene": scene_to_json(scene),

@@ -145,7 +145,7 @@ class PerWindow(AbstractQuantityRecord):
 
 
 class Worn(NamedTuple):
-    """What friction has done to each face since the start."""
+    """The work of friction at each face since the start, and the play that it opened."""
 
     work: Float[Any, "*cases faces"]  # [J]
     play: Float[Any, "*cases faces"]  # that wear has added [m]

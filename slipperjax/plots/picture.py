@@ -10,7 +10,7 @@ from .branches import branches
 from .designs import design_overview
 from .maps import attractor_map, basin_map, bifurcations, exponents, quantity_map, regime_map
 from .runs import run_overview
-from .style import dataset_of
+from .style import as_dataset
 from .trajectories import overview
 
 PICTURES: tuple[tuple[set[str], int | None, Callable[..., Any]], ...] = (
@@ -42,7 +42,7 @@ def plot(result: Any, **options: Any) -> Any:
 
     **Raises:** `ValueError` where none fits.
     """
-    ds = dataset_of(result)
+    ds = as_dataset(result)
     if not isinstance(ds, xr.Dataset):
         raise ValueError(f"Argument `result` must be a result of slipperjax, but is {type(result).__name__}.")
     parameters = list(ds["status"].dims) if "status" in ds else []

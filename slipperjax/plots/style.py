@@ -113,7 +113,7 @@ def shown(ds: xr.Dataset, name: str) -> np.ndarray:
         return values
 
 
-def dataset_of(result: Any) -> Any:
+def as_dataset(result: Any) -> Any:
     """Gives the dataset of a trajectory, a design or a branch, and anything else as it is."""
     return result.to_xarray() if hasattr(result, "to_xarray") else getattr(result, "points", result)
 
@@ -123,7 +123,7 @@ def check_dataset(ds: Any, source: str, *names: str, argument: str = "ds") -> xr
 
     **Raises:** `ValueError` where it has not the variables `names`; `source` says what makes one.
     """
-    ds = dataset_of(ds)
+    ds = as_dataset(ds)
     if not isinstance(ds, xr.Dataset):
         raise ValueError(f"Argument `{argument}` must be a dataset of {source}, but is {type(ds).__name__}.")
     for name in names:

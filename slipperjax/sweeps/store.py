@@ -107,9 +107,10 @@ class Store:
         return store if isinstance(store, Store) else Store(Path(store))
 
     def _repr_html_(self) -> str:
+        status: Any = "nothing yet"
         with suppress(ValueError):
-            return f"<b>Store: {html.escape(str(self.path))}</b><br>{store_status(self.path)}"
-        return f"<b>Store: {html.escape(str(self.path))}</b><br>nothing yet"
+            status = store_status(self.path)
+        return f"<b>Store: {html.escape(str(self.path))}</b><br>{status}"
 
     @property
     def free_bytes(self) -> float:
