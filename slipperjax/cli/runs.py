@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from ..tools.units import STANDARD_GRAVITY, unit_factor
+from ..tools.units import STANDARD_GRAVITY, unit_factor, unit_in
 from .files import Outputs, keeping
 from .options import FILE, LOST, Case, app, given, result, takes_case
 
@@ -61,7 +61,7 @@ def _units_in(value: Any, si: str) -> Iterator[str]:
         for part in value.values() if isinstance(value, dict) else value:
             yield from _units_in(part, si)
     elif isinstance(value, str):
-        unit = value.strip().lstrip("+-.0123456789eE/ ")
+        unit = unit_in(value)
         with contextlib.suppress(ValueError):
             unit_factor("unit", unit, si)
             yield unit

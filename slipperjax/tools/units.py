@@ -6,18 +6,26 @@ from typing import Any
 
 from .checks import brief
 
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_QUANTITY = re.compile(rf"\s*({_NUMBER})(?:/([1-9]\d*))?(\s+\S.*?|[^\W\d_].*?|°)\s*")
+"""A number or a fraction, and a unit."""
+
 
 def parsed(name: str, value: Any, unit: str) -> float:
     """Reads a text such as "1.5 mm" or "1/16 in" in the SI unit `unit`.
 
     **Raises:** `ValueError` for other texts, and bare numbers.
     """
-    text = value if isinstance(value, str) else ""
-    number = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-    words = re.fullmatch(rf"\s*({number})(?:/([1-9]\d*))?(\s+\S.*?|[^\W\d_].*?|°)\s*", text)
+    words = _QUANTITY.fullmatch(value if isinstance(value, str) else "")
     if words is None:
         raise ValueError(f'`{name}` must be a number with a unit, as in "1.5 {unit}", but is {brief(value)}.')
     return float(words[1]) / float(words[2] or 1) * unit_factor(name, words[3].strip(), unit)
+
+
+def unit_in(text: str) -> str:
+    """Returns the unit in a text such as "1.5 mm", or the text where it is no number with one."""
+    words = _QUANTITY.fullmatch(text)
+    return text.strip() if words is None else words[3].strip()
 
 
 STANDARD_GRAVITY = 9.80665
