@@ -19,6 +19,9 @@ from .floquet import floquet as floquet
 from .floquet import jacobians as jacobians
 from .floquet import largest_exponent as largest_exponent
 from .floquet import multipliers as multipliers
+from .hybrid import impact_step as impact_step
+from .hybrid import return_step as return_step
+from .hybrid import switched_step as switched_step
 from .kinds import KINDS as KINDS
 from .kinds import REGIMES as REGIMES
 from .kinds import Regime as Regime
@@ -33,7 +36,6 @@ from .lyapunov import weighted_mean as weighted_mean
 from .newton import AbstractEquations as AbstractEquations
 from .ode import ode_spectrum as ode_spectrum
 from .ode import ode_step as ode_step
-from .ode import switched_step as switched_step
 from .regions import holding as holding
 from .regions import regions as regions
 from .shooting import PeriodicMotions as PeriodicMotions

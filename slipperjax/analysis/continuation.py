@@ -205,12 +205,11 @@ def switch(branch: Branch, event: Event, *, length: float = 0.05, tolerance: flo
     while length > 1e-6:
         guess = spot.z + length * direction
         new = correct(equations, guess, spot.weights**2 * direction, spot.z, tolerance=tolerance)
-        strayed = np.linalg.norm(new.weights * (new.z - guess))
-        # a motion that still recurs after half the intervals is one of the old branch
-        missed = evaluated(branch.equations, new.z).residual
-        left = event.label == "BP" or np.linalg.norm(new.weights[: missed.size] * missed) > SEPARATION * length
-        if new.residual <= tolerance and strayed < 2 * length and left:
-            return equations, new
+        if new.residual <= tolerance and np.linalg.norm(new.weights * (new.z - guess)) < 2 * length:
+            # a motion that still recurs after half the intervals is one of the old branch
+            missed = evaluated(branch.equations, new.z).residual
+            if event.label == "BP" or np.linalg.norm(new.weights[: missed.size] * missed) > SEPARATION * length:
+                return equations, new
         length /= 2
     raise ValueError(f"Argument `event` must have a branch that leaves it, but none was found at {event.label}.")
 

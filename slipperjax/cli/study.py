@@ -88,6 +88,29 @@ def bench(quick: bool, scene: Any, method: Any, batch: Any, repeats: int | None,
 
 
 @app.command()
+@click.argument("systems", nargs=-1)
+@out("literature", "Makes OUT.md.", ".md")
+def literature(systems: tuple[str, ...], out: Path) -> None:
+    """Compute numbers that others published on maps, flows and oscillators with impacts, and compare.
+
+    SYSTEMS: by name; default all of them.
+    """
+    from ..bench.literature import SYSTEMS, numbers, rows
+    from ..tools.checks import one_of
+
+    Outputs(out, ".md")
+    for system in systems:
+        one_of("SYSTEMS", system, tuple(SYSTEMS))
+    found = []
+    for number in numbers(systems):
+        print(f"{number.system}, {number.quantity}: {number.published}, ours {number.shown}", flush=True)
+        found.append(number)
+    print(f"{sum(n.agrees for n in found)} of {len(found)} within the published digits and our errors")
+    table = "\n".join(rows(found)) + "\n"
+    print(said(write_each({Path(f"{out}.md"): table.encode})))
+
+
+@app.command()
 @option("--batch", COUNT, "Trajectories at once; repeat for several; default 100 to 1000000.", multiple=True)
 @option("--engine", str, "RK4, Rodas4 or Lyapunov; repeat for several; default all.", multiple=True)
 @option(

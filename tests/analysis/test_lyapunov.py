@@ -9,6 +9,7 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.analysis.floquet import floquet
+from slipperjax.analysis.hybrid import switched_step
 from slipperjax.analysis.lyapunov import (
     first_tangents,
     gram_schmidt,
@@ -20,7 +21,7 @@ from slipperjax.analysis.lyapunov import (
     two_trajectory_exponent,
     weighted_mean,
 )
-from slipperjax.analysis.ode import ode_spectrum, ode_step, switched_step
+from slipperjax.analysis.ode import ode_spectrum, ode_step
 
 from .systems import rk4
 

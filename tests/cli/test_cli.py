@@ -119,7 +119,7 @@ def test_no_arguments_ask_for_help(monkeypatch, capsys):
     assert {*texts, capsys.readouterr().out} == {texts[0]}
     named = set(re.findall(r"^  (\w+) ", texts[0], re.MULTILINE))
     assert named >= {"simulate", "orbit", "continue", "design", "bifurcation", "lyapunov", "sweep", "store"}
-    assert named >= {"reproduce", "bench", "throughput"}
+    assert named >= {"reproduce", "bench", "literature", "throughput"}
     assert call(["--version"], capsys)[0].startswith(f"slipperjax {sj.__version__} (python 3")
 
 
