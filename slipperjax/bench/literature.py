@@ -20,7 +20,7 @@ from ..analysis.shooting import PeriodicMotions, shoot
 from ..tools.files import table_lines
 
 CAPD = "CAPD, interval methods (github.com/CAPDGroup/CAPD, 7310792)"
-TUCKER = "Galias and Tucker 2011, doi:10.1142/S0218127411028581, in CAPD"
+TUCKER = "Galias and Tucker, Int. J. Bifurcation Chaos 21, 551 (2011), in CAPD"
 FORTIN = "Fortin, interval methods (github.com/ClementFortin/BilliardOscillatingParabola, 6b95943)"
 SICONOS = "Siconos, LinearOscillatorED.ref (github.com/siconos/siconos-tutorials, b6c9bfd)"
 AUTO = "AUTO-07p, tutorial, demo ab (github.com/auto-07p/auto-07p, 44cc1c4)"
@@ -90,8 +90,8 @@ def rows(found: Sequence[Number]) -> list[str]:
             {
                 "system": system,
                 "numbers": len(some),
-                "within digits and errors": sum(n.agrees for n in some),
-                "worst": f"{worst.quantity}: {worst.published}, ours {worst.shown}",
+                "within": sum(n.agrees for n in some),
+                "furthest": f"{worst.quantity}: {worst.published}, ours {worst.shown}",
                 "source": source,
             }
         )
