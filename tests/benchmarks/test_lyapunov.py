@@ -1,4 +1,4 @@
-"""Lyapunov exponents: cost relative to the plain trajectory, and Lorenz compared with lyapax (extra `peers`).
+"""Lyapunov exponents: cost relative to the plain trajectory. Beside other tools: `test_rivals.py`.
 
 pytest -m benchmark -s tests/benchmarks/test_lyapunov.py
 """
@@ -12,43 +12,11 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.analysis.lyapunov import map_spectrum
 from slipperjax.flow.period_map import advance, advance_tangents, initial_states, initial_tangents
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.sweeps.grid import Cases
 
-from ..analysis.test_lyapunov import Rk4, lorenz
-
 pytestmark = pytest.mark.benchmark
-TRUE = np.array([0.9056, 0.0, -14.5723])
-
-
-def seconds(run, times=5):
-    run()  # compiles
-    taken = []
-    for _ in range(times):
-        begin = time.perf_counter()
-        jax.block_until_ready(run())
-        taken.append(time.perf_counter() - begin)
-    return statistics.median(taken)
-
-
-def test_lorenz_beside_lyapax():
-    lyapax = pytest.importorskip("lyapax")
-    dt, every, intervals = 0.01, 10, 20_000
-    problem = lyapax.ode_problem(lambda y: lorenz(0.0, y), state0=jnp.array([1.0, 1.0, 20.0]), dt=dt)
-    step, period = Rk4(lorenz, dt, every), dt * every
-    ours = lambda: map_spectrum(step, jnp.array([1.0, 1.0, 20.0]), intervals, transient=200, align=100, period=period)
-    theirs = lambda: lyapax.lyapunov_spectrum(
-        problem, n_steps=every * intervals, renorm_every=every, t_transient=200 * period
-    )
-    print(f"\nLorenz, RK4 of step {dt}, {intervals} orthonormalisations, errors of the three exponents:")
-    taken = {}
-    for name, run, value in (("slipperjax", ours, lambda r: r.per_second), ("lyapax", theirs, lambda r: r.exponents)):
-        error = np.abs(np.asarray(value(run())) - TRUE)
-        taken[name] = seconds(lambda run=run: jax.tree.leaves(run().history))
-        print(f"  {name:10} {error[0]:.1e} {error[1]:.1e} {error[2]:.1e}   {taken[name]:.2f} s")
-    print(f"  lyapax takes {taken['lyapax'] / taken['slipperjax']:.2f} times as long")
 
 
 @pytest.mark.parametrize("count", [1, 10])
