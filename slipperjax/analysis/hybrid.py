@@ -2,15 +2,17 @@
 
 The instant of a crossing depends on the state in a differentiable way, so that Jacobians of these maps contain the
 saltation matrix of each switch and rebound (Leine and Nijmeijer 2004, doi:10.1007/978-3-540-44398-8). Crossings must
-be transversal: at a grazing the derivative does not exist.
+be transversal: at a grazing the derivative does not exist. Derivatives are there in forward and reverse mode.
 """
 
+import abc
 from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
 from ..tools.checks import finite, positive, require, whole
@@ -53,7 +55,42 @@ def share_before(
     return jnp.where(crosses, jax.lax.fori_loop(0, CROSSING_ITERATIONS, closer, chord), 1.0)
 
 
-class SwitchedStep(eqx.Module):
+class AbstractCrossingStep(eqx.Module):
+    """`step` that takes whole integration steps until one crosses a surface, and splits that one."""
+
+    dt: eqx.AbstractVar[Float[Array, ""]]
+    t0: eqx.AbstractVar[Float[Array, ""]]
+    steps: eqx.AbstractVar[int]
+
+    @abc.abstractmethod
+    def _ahead(self, t: Any, y: Any) -> tuple[Any, Bool[Array, ""]]:
+        """The state after a whole step from (t, y), and whether that crosses."""
+
+    @abc.abstractmethod
+    def _across(self, t: Any, y: Any, crosses: Bool[Array, ""]) -> Any:
+        """The state after a step from (t, y) with a crossing inside, where it `crosses`."""
+
+    def __call__(self, state: Any, k: Any) -> Any:
+        return in_both_modes(self._interval, state, k)
+
+    def _interval(self, state, k):
+        instant = lambda i: self.t0 + (k * self.steps + i) * self.dt
+
+        def whole_step(carry):
+            i, y, _ = carry
+            end, crosses = self._ahead(instant(i), y)
+            return jnp.where(crosses, i, i + 1), _where(crosses, y, end), crosses
+
+        def to_crossing(carry):
+            i, y, _ = jax.lax.while_loop(lambda c: (c[0] < self.steps) & ~c[2], whole_step, (*carry, False))
+            crosses = i < self.steps
+            y = _where(crosses, self._across(instant(i), y, crosses), y)
+            return jnp.where(crosses, i + 1, i), y
+
+        return jax.lax.while_loop(lambda carry: carry[0] < self.steps, to_crossing, (0, state))[1]
+
+
+class SwitchedStep(AbstractCrossingStep):
     """`step` of y' = above(t, y) where surface(t, y) >= 0, and below(t, y) elsewhere. See `switched_step`."""
 
     above: Field
@@ -63,23 +100,22 @@ class SwitchedStep(eqx.Module):
     t0: Float[Array, ""]
     steps: int = eqx.field(static=True)
 
-    def __call__(self, state: Any, k: Any) -> Any:
-        return _repeat(self._across, self, state, k)
+    def _field(self, up):
+        return lambda t, y: _where(up, self.above(t, y), self.below(t, y))
 
-    def _across(self, t, y):
+    def _ahead(self, t, y):
         up = self.surface(t, y) >= 0
+        end = rk4(self._field(up), t, y, self.dt)
+        return end, (self.surface(t + self.dt, end) >= 0) != up
 
-        def side(up):
-            pick = lambda a, b: jnp.where(up, a, b)
-            return lambda t, y: jax.tree.map(pick, self.above(t, y), self.below(t, y))
-
-        flow = lambda share: rk4(side(up), t, y, share * self.dt)
-        crosses = (self.surface(t + self.dt, flow(1.0)) >= 0) != up
+    def _across(self, t, y, crosses):
+        up = self.surface(t, y) >= 0
+        flow = lambda share: rk4(self._field(up), t, y, share * self.dt)
         share = share_before(self.surface, flow, t, self.dt, crosses)
-        return rk4(side(~up), t + share * self.dt, flow(share), (1 - share) * self.dt)
+        return rk4(self._field(~up), t + share * self.dt, flow(share), (1 - share) * self.dt)
 
 
-class ImpactStep(eqx.Module):
+class ImpactStep(AbstractCrossingStep):
     """`step` of y' = field(t, y), which rebounds where `surface` falls to zero. See `impact_step`."""
 
     field: Field
@@ -89,18 +125,17 @@ class ImpactStep(eqx.Module):
     t0: Float[Array, ""]
     steps: int = eqx.field(static=True)
 
-    def __call__(self, state: Any, k: Any) -> Any:
-        return _repeat(self._over, self, state, k)
-
-    def _over(self, t, y):
-        flow = lambda share: rk4(self.field, t, y, share * self.dt)
-        end = self.surface(t + self.dt, flow(1.0))
+    def _ahead(self, t, y):
+        end = rk4(self.field, t, y, self.dt)
+        height = self.surface(t + self.dt, end)
         # by falling, since a state on the surface may lie below it by rounding
-        hits = (end < 0) & (end < self.surface(t, y))
-        share = share_before(self.surface, flow, t, self.dt, hits)
-        then, there = t + share * self.dt, flow(share)
-        after = jax.tree.map(lambda a, b: jnp.where(hits, a, b), self.reset(then, there), there)
-        return rk4(self.field, then, after, (1 - share) * self.dt)
+        return end, (height < 0) & (height < self.surface(t, y))
+
+    def _across(self, t, y, crosses):
+        flow = lambda share: rk4(self.field, t, y, share * self.dt)
+        share = share_before(self.surface, flow, t, self.dt, crosses)
+        then = t + share * self.dt
+        return rk4(self.field, then, self.reset(then, flow(share)), (1 - share) * self.dt)
 
 
 class ReturnStep(eqx.Module):
@@ -113,22 +148,54 @@ class ReturnStep(eqx.Module):
     most: int = eqx.field(static=True)
 
     def __call__(self, state: Any, k: Any) -> Any:
-        def search(carry):
+        return in_both_modes(self._flight, state, k)
+
+    def _flight(self, state, k):
+        def whole_step(carry):
             i, y, risen, _ = carry
-            t = i * self.dt
-            end = rk4(self.field, t, y, self.dt)
-            height = self.surface(t + self.dt, end)
+            end = rk4(self.field, i * self.dt, y, self.dt)
+            height = self.surface((i + 1) * self.dt, end)
             falls = risen & (height < 0)
-            kept = jax.tree.map(lambda a, b: jnp.where(falls, a, b), y, end)
-            return jnp.where(falls, i, i + 1), kept, risen | (height > 0), falls
+            return jnp.where(falls, i, i + 1), _where(falls, y, end), risen | (height > 0), falls
 
         # a start on the surface lies above or below it by rounding: it must have risen before it can fall
-        start = state if self.reset is None else self.reset(jnp.zeros_like(self.dt), state)
-        begin = jnp.asarray(0), start, jnp.asarray(False), jnp.asarray(False)
-        i, y, _, falls = jax.lax.while_loop(lambda carry: ~carry[3] & (carry[0] < self.most), search, begin)
-        flow = lambda share: rk4(self.field, i * self.dt, y, share * self.dt)
-        end = flow(share_before(self.surface, flow, i * self.dt, self.dt, falls))
+        begin = 0, state if self.reset is None else self.reset(jnp.zeros_like(self.dt), state), False, False
+        i, y, _, falls = jax.lax.while_loop(lambda c: (c[0] < self.most) & ~c[3], whole_step, begin)
+        t = i * self.dt
+        flow = lambda share: rk4(self.field, t, y, share * self.dt)
+        end = flow(share_before(self.surface, flow, t, self.dt, falls))
         return jax.tree.map(lambda y: jnp.where(falls, y, jnp.nan), end)
+
+
+def in_both_modes(function: Callable[[Any, Any], Any], state: Any, k: Any) -> Any:
+    """Gives function(state, k) with derivatives in reverse mode too, where loops know forward mode only.
+
+    They are those of its Jacobian by forward mode, a matrix, by all numbers that are differentiated, also those
+    that `function` closes over. States are small; a derivative costs as many as there are such numbers.
+    """
+    state, k = jax.tree.map(jnp.asarray, (state, k))
+    return _by_jacobian(eqx.filter_closure_convert(function, state, k), state, k)
+
+
+@eqx.filter_custom_jvp
+def _by_jacobian(function, state, k):
+    return function(state, k)
+
+
+@_by_jacobian.def_jvp
+def _(primals, tangents):
+    moves = jax.tree.map(lambda _, tangent: tangent is not None, primals, tangents)
+    moving, fixed = eqx.partition(primals, moves)
+    flat, unravel = ravel_pytree(moving)
+    back = ravel_pytree(primals[1])[1]  # a step gives a state of the same kind
+
+    def end(flat):
+        function, state, k = eqx.combine(unravel(flat), fixed)
+        return ravel_pytree(function(state, k))[0]
+
+    slopes = lambda direction: jax.jvp(end, (flat,), (direction,))
+    value, jacobian = jax.vmap(slopes, out_axes=(None, 1))(jnp.eye(flat.size))
+    return back(value), back(jacobian @ ravel_pytree(tangents)[0])
 
 
 def switched_step(
@@ -154,7 +221,7 @@ def impact_step(
     """Makes `step` of an oscillator with rigid stops: where `surface` falls to zero, `reset` gives the state.
 
     The motion rebounds at the instant of the impact inside a step, at most once a step: impacts that accumulate are
-    not followed to rest. Differentiable in both modes, as is `switched_step`.
+    not followed to rest.
 
     **Arguments:**
 
@@ -176,7 +243,7 @@ def return_step(
 
     `shoot` on it finds periodic orbits of a flow without a phase condition: along the flow the map's Jacobian has the
     multiplier zero, because neighbours on one trajectory return at one point. With `reset` it is an impact map, from
-    just before an impact to just before the next. Differentiable in forward mode.
+    just before an impact to just before the next.
 
     **Arguments:**
 
@@ -191,10 +258,8 @@ def return_step(
     return ReturnStep(vector_field, surface, reset, positive("dt")(dt), whole("most", most, 1))
 
 
-def _repeat(one, step, state, k):
-    """`step.steps` steps from the start of interval `k`; `one(t, y)` is the state a step later."""
-    start = k * step.steps
-    return jax.lax.fori_loop(0, step.steps, lambda i, y: one(step.t0 + (start + i) * step.dt, y), state)
+def _where(which, one, other):
+    return jax.tree.map(lambda a, b: jnp.where(which, a, b), one, other)
 
 
 def _check(**functions):
