@@ -20,7 +20,9 @@ from ..model.quantities import PARAMETERS
 from ..model.scene import scene_to_toml
 from ..orbits.branches import OrbitBranch
 from ..orbits.periodic import PeriodicOrbit
-from ..plots.style import COLORS
+from ..plots.runs import run_overview
+from ..plots.style import COLORS, png
+from ..plots.trajectories import overview
 from . import pictures
 from .panels import CODE, Panels, event_marks, source
 from .scripts import python_of
@@ -70,7 +72,6 @@ class Page:
         args = dict(keys=self.keys, toggle=self.panels.play)
         doc.js_on_event(DocumentReady, CustomJS(args=args, code=CODE["keys"]))
         doc.on_event(DocumentReady, self._begin)
-        doc.on_session_destroyed(lambda context: self.close())
         if session.view.growing:
             doc.add_periodic_callback(self._refresh, REFRESH)
         self._show_view()
@@ -79,7 +80,7 @@ class Page:
     def _begin(self, event: Any) -> None:
         """Computes what is shown first, when the page is there: tracing would delay it."""
         session = self.session
-        if session.case is not None and (session.shown is None or session.shown.case is not session.case):
+        if session.shown is None or session.shown.case is not session.case:
             self._look(session.case)
         if session.view.ds is None:
             self._compute(session.view)
@@ -157,8 +158,6 @@ class Page:
             count = f"{piece.points.sizes['point']} orbits, {len(piece.events)} events"
             self._say(f"following the branch: {count}")
             self._show_case()
-        elif piece is not None:
-            self.panels.show_window(piece)
         self._write_texts()
 
     def _refresh(self) -> None:
@@ -258,8 +257,9 @@ class Page:
         self.legend.text, self.bar.visible = "", False
         pixels, dots, curve = NO_IMAGE, NO_DOTS, NO_LINE
         if view.is_run:
-            curve = pictures.along(view.ds)
-            self._axes("distance [m]", "highest contact force [kN]", curve["x"], np.append(curve["y"], 0.0))
+            curve = pictures.along(view, self.choice.value)
+            across, up = (pictures.label(pictures.unit_of(name, view)) for name in ("distance", self.choice.value))
+            self._axes(across, up, np.array(view.span or curve["x"]), np.append(curve["y"], 0.0))
         elif len(view.names) == 1:
             q = view.quantity(view.names[0])
             x, y = np.array([]), np.array([])
@@ -313,7 +313,7 @@ class Page:
     def _mark(self) -> None:
         """Draws a cross where the case is, and the branch of its orbit as a line, where these are on the map."""
         session, view = self.session, self.session.view
-        place, names = session.place(), [] if view.is_run else view.names
+        place, names = session.place(), view.names
         shown = [float(view.quantity(n).shown(p)) for n, p in zip(names, place, strict=True)] if place else []
         point = {"x": shown[-1:], "y": shown[:1] if len(shown) == 2 else [self.map.y_range.start] * len(shown)}
         marks: dict[str, dict[str, Any]] = {"case": point, "stable": NO_LINE, "unstable": NO_LINE}
@@ -338,19 +338,14 @@ class Page:
         return [float(view.quantity(name).from_shown(p)) for name, p in zip(view.names, places, strict=True)]
 
     def _clicked(self, x: float, y: float) -> None:
-        if self.session.view.is_run:
-            self.marks["case"].data = {"x": [x], "y": [0.0]}
-            self._say("running over that window once more")
-            self.workers["case"].submit(lambda: self.session.window(x))
-        else:
-            self._look_at(self.session.nearest(*self._si(x, y)))
+        self._look_at(self.session.nearest(*self._si(x, y)))
 
     def _look_at(self, index: dict[str, int]) -> None:
         self._look(self.session.begun(self.session.case_at(index), self.begin.value))
 
     def _boxed(self, event: Any) -> None:
         ends = event.geometry
-        if event.final and ends.get("type") == "rect" and not self.session.view.is_run:
+        if event.final and ends.get("type") == "rect":
             low, high = self._si(ends["x0"], ends["y0"]), self._si(ends["x1"], ends["y1"])
             self._show_new(self.session.box(*zip(low, high, strict=True)))
 
@@ -415,20 +410,20 @@ class Page:
 
     def _slid(self, name: str, attr: str, old: float, new: float) -> None:
         case = self.session.case
-        if not self.quiet and case is not None:
+        if not self.quiet:
             scene = case.scene.replace(**{name: float(PARAMETERS[name].from_shown(new))})
             self._look(self.session.begun(dataclasses.replace(case, scene=scene, steps=None), self.begin.value))
 
     def _follow(self) -> None:
         if self.session.orbit is None:
-            self._say("a branch needs a periodic orbit: click a case that has a period first", wrong=True)
+            self._say(f"a branch needs an orbit. {self.panels.circle.title.text}", wrong=True)
         else:
             name = self.path.value
             self._say("following the branch; the first time its programs are compiled, which takes a while")
             self.workers["case"].submit(lambda: self.session.follow(name))
 
     def _picked(self, x: float, y: float) -> None:
-        if self.session.shown is not None and self.session.case is not None:
+        if self.session.shown is not None:
             self.session.pick(*self.panels.names, x, y)
             self.begin.value = "picked"
             self._look(self.session.begun(self.session.case, "picked"))
@@ -438,9 +433,9 @@ class Page:
     def _write_texts(self) -> None:
         session = self.session
         self.keep(session.copied())
-        text, scene = python_of(session), session.view.scene if session.case is None else session.case.scene
+        text = python_of(session)
         try:
-            toml = scene_to_toml(scene)
+            toml = scene_to_toml(session.case.scene)
         except ValueError as error:  # of parts that plain text cannot hold
             toml = f"# {error}\n"
         self.texts.data, self.toml.data = {"python": [text]}, {"content": [toml]}
@@ -449,14 +444,9 @@ class Page:
 
     def _draw_picture(self) -> Iterator[bytes]:
         """The case, or the run, as `slipperjax.plots` draws it."""
-        # here, because matplotlib takes long to import
-        from ..plots.runs import run_overview
-        from ..plots.style import png
-        from ..plots.trajectories import overview
-
-        view, shown = self.session.view, self.session.shown
-        if view.is_run or shown is not None:
-            axes = run_overview(view.ds) if shown is None else overview(shown.run.to_xarray())
+        shown, view = self.session.shown, self.session.view
+        if shown is not None:
+            axes = run_overview(view.ds) if view.is_run else overview(shown.run)
             yield png(np.ravel(axes)[0].figure, 200)
 
     def _got_picture(self, content: bytes | None) -> None:

@@ -28,7 +28,6 @@ from ..orbits.periodic import PeriodicOrbit, periodic_orbit
 from ..plots.runs import edges_of, peak_of
 from ..sweeps.attractors import FLOOR
 from ..sweeps.grid import Cases
-from ..sweeps.runs import LEAST_STEPS_PER_WINDOW
 from ..sweeps.runs import run as run_along
 from ..sweeps.store import open_store
 from ..sweeps.sweep import sweep
@@ -50,6 +49,8 @@ SLICE, LANES, FEW = 80, 40, 16
 """Cases that are computed and shown at once; in one call, so that one program serves all; and in one of `SURE`."""
 POINTS = 8
 """Points of a branch, of each way, that are computed and shown at once."""
+HALVINGS = 6
+"""How often at most windows of a run are halved."""
 SLIDERS = {"speed": (100.0, 2500.0), "clearance": (1e-4, 5e-3), "length": (0.05, 0.5), "restitution": (0.1, 1.0)}
 """Parameters with a slider, and its ends [SI units]."""
 MOST_PERIOD = 8
@@ -145,6 +146,11 @@ class Shown(NamedTuple):
     period: int
     """Forcing periods after which it recurs; 0 for others."""
 
+    @property
+    def unit(self) -> float:
+        """Of the axis over time: a forcing period, which is one, or of a run its length [m]."""
+        return 1.0 if self.case.window is None else _wavelength(self.case.scene)
+
 
 @dataclass
 class Session:
@@ -194,7 +200,7 @@ class Session:
             view = View(scene, start, None, grid, RECORDS[len(grid)])
         session = cls([view], 0, Case(scene, start, _origin(start)))
         if view.is_run:  # the window with the highest force, where forces are known
-            place = float(peak_of(ds)["peak_distance"]) if "peak_force" in ds else 0.0
+            place = float(peak_of(session.run)["peak_distance"]) if "peak_force" in session.run else 0.0
             session.case = session.case_at(session.nearest(place))
         return session
 
@@ -225,7 +231,7 @@ class Session:
         names, grid = self.view.names, {}
         for name, pair, count in zip(names, ends, COUNTS[len(names)], strict=True):
             values = self.view.axis(name)
-            low, high = np.clip(sorted(pair), values.min(), values.max())
+            low, high = map(float, np.clip(sorted(pair), values.min(), values.max()))
             if not high - low > 1e-6 * np.ptp(values):
                 return None
             grid[name.removeprefix("start_")] = np.linspace(low, high, count)
@@ -321,10 +327,9 @@ class Session:
         return run_along(self.views[0].scene, length=begin - kept, **options)
 
     def finer(self, span: tuple[float, float]) -> float | None:
-        """The length of windows [m] in which a part is computed: halved while there are few, and steps in each."""
-        width, steps = self.run.attrs["window [m]"], int(self.run["steps_per_window"].min())
-        few = math.ceil(math.log2(COUNTS[1][0] * width / (span[1] - span[0])))
-        halvings = min(few, int(math.log2(steps / LEAST_STEPS_PER_WINDOW)))
+        """The length of windows in which a part is computed [m], halved while there are few; None where it is not."""
+        width = float(self.run.attrs["window [m]"])
+        halvings = min(math.ceil(math.log2(COUNTS[1][0] * width / (span[1] - span[0]))), HALVINGS)
         return width / 2**halvings if halvings > 0 else None
 
     def passage(self, case: Case) -> tuple[Scene, int, float]:

@@ -126,6 +126,20 @@ class Window:
         self.context.close()
 
 
+def run_copied(window, folder):
+    """Runs the script in the clipboard, and gives the highest force of its `run` [kN]."""
+    script = window.page.evaluate("navigator.clipboard.readText()")
+    lines = ["import matplotlib; matplotlib.use('Agg')", script, "print(float(run.peak.force) / 1e3)"]
+    (folder / "copied.py").write_text("\n".join(lines))
+    done = subprocess.run([sys.executable, folder / "copied.py"], capture_output=True, text=True, check=True)
+    return done.stdout
+
+
+def peak_of(window):
+    """The highest force that the page states [kN]."""
+    return float(re.search(r"highest force ([\d.]+) kN", window.model("case", "text"))[1])
+
+
 def test_a_map_is_computed_clicked_and_refined(browser, tmp_path):
     began = time.perf_counter()
     with serving() as (process, url):
@@ -176,12 +190,7 @@ def test_a_map_is_computed_clicked_and_refined(browser, tmp_path):
         window.look(1250, 1.0)
         window.ready()
         window.press("Copy as Python")
-        script = window.page.evaluate("navigator.clipboard.readText()")
-        (tmp_path / "copied.py").write_text(
-            f"import matplotlib; matplotlib.use('Agg')\n{script}print(float(run.peak.force))"
-        )
-        done = subprocess.run([sys.executable, tmp_path / "copied.py"], capture_output=True, text=True, check=True)
-        assert f"{float(done.stdout) / 1e3:.3g} kN" in window.model("case", "text")
+        assert float(run_copied(window, tmp_path)) == pytest.approx(peak_of(window), rel=1e-2)
         with window.page.expect_download() as download:
             window.press("Save scene")
         download.value.save_as(tmp_path / "scene.toml")
@@ -254,13 +263,42 @@ def test_a_diagram_is_computed_and_followed(browser):
         window.close()
 
 
-def test_a_run_shows_its_windows(browser, tmp_path):
+def test_a_run_shows_its_windows_and_parts_of_it_finer(browser, tmp_path):
     speed = sj.SpeedProgramme.stages([sj.Stage(250.0, speed=300.0)], start=100.0)
-    sj.run(sj.paper_scene(), length=250.0, speed=speed).to_netcdf(tmp_path / "run.nc", engine="h5netcdf")
-    with serving(tmp_path / "run.nc") as (_, url):
+    ds = sj.run(sj.paper_scene(), length=250.0, speed=speed)
+    ds.to_netcdf(tmp_path / "run.nc", engine="h5netcdf")
+    force = ds["peak_force"].max(("end", "point"))
+    highest = float(ds["distance"][force.values.argmax()])
+    with serving(tmp_path / "run.nc") as (process, url):
         window = Window(browser, url)
-        window.click(150, 1.0)
-        window.wait("147 to 150 m", WAIT)
+        window.wait(f"{highest - 1:g} to {highest:g} m", WAIT)  # where the force is highest
+        assert f"{float(force.max()) / 1e3:.3g} kN" in window.model("case", "text")
         window.ready()
         window.shoot("9_run")
+        window.look(149.5, 1.0)
+        window.wait("149 to 150 m")
+        before = window.model("case", "text")
+        window.page.keyboard.press("ArrowRight")
+        window.page.wait_for_function(CASE_CHANGED, arg=before, timeout=WAIT)
+        window.wait("150 to 151 m")
+        window.ready()
+        # a part of it in finer windows, and back
+        t = time.perf_counter()
+        window.drag(120, 0.5, 130, 1.0)
+        window.ready()
+        print(f"a part of a run, first, took {time.perf_counter() - t:.2f} s")
+        t = time.perf_counter()
+        window.drag(121, 0.5, 129, 1.0)
+        window.ready()
+        print(f"a part of a run took {time.perf_counter() - t:.2f} s")
+        window.look(125.0, 1.0)
+        window.shoot("10_part_of_a_run")
+        window.press("Copy as Python")
+        assert float(run_copied(window, tmp_path)) == pytest.approx(peak_of(window), rel=1e-2)
+        window.page.locator("select").first.select_option("impacts")
+        window.page.wait_for_function("Bokeh.documents[0].get_model_by_name('map').below")
+        window.press("◀ Back")
+        window.press("◀ Back")
+        assert window.model("map", "x_range.end") > 250
         window.close()
+        assert "The page was closed" in process.stdout.readline()
