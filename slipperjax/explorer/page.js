@@ -1,7 +1,8 @@
 // What runs in the browser. Each part after a line of slashes and a name is the body of a callback.
 //// show: draws an instant of the slipper
-const k = time.value, f = frames.data
+const f = frames.data
 if (!f.x) return
+const k = Math.min(time.value, f.x.length - 1)
 const row = (key) => {
   const all = f[key], n = all.length / f.x.length
   return Array.from({length: n}, (_, i) => all[k * n + i])

@@ -4,8 +4,8 @@ import base64
 import dataclasses
 import functools
 import html
-import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, wait
 from typing import Any
 
 import numpy as np
@@ -96,17 +96,17 @@ class Page:
 
     def _deliver(self, take: Callable[[Any], None], piece: Any, wanted: Callable[[], bool]) -> None:
         """Hands a piece from a worker's thread to the page, and waits until it is there."""
-        there = threading.Event()
+        there: Future = Future()
 
         def hand() -> None:
             try:
-                if wanted():
-                    take(piece)
-            finally:
-                there.set()
+                there.set_result(take(piece) if wanted() else None)
+            except Exception as error:  # which would be lost here
+                there.set_exception(error)
 
         self.doc.add_next_tick_callback(hand)
-        there.wait(PATIENCE)
+        if wait([there], PATIENCE).done:
+            there.result()
 
     def _ended(self, error: Exception | None) -> None:
         if error is not None:
@@ -211,7 +211,8 @@ class Page:
         self.map.add_layout(self.bar, "right")
         self.map.scatter("x", "y", source=self.dots, size=3, color="color")
         self.map.step("x", "y", source=self.curve, mode="before", color=COLORS["blue"])
-        self.marks = {name: source("x", "y") for name in ("stable", "unstable", "case")}
+        self.marks = {name: source("x", "y") for name in ("stable", "unstable", "case", "line")}
+        self.map.vspan("x", source=self.marks["line"], color="black", line_dash="dotted")
         for color, width in (("white", 5), ("black", 2)):
             for name, dash in (("stable", "solid"), ("unstable", "dashed")):
                 self.map.line("x", "y", source=self.marks[name], color=color, line_width=width, line_dash=dash)
@@ -315,8 +316,9 @@ class Page:
         session, view = self.session, self.session.view
         place, names = session.place(), view.names
         shown = [float(view.quantity(n).shown(p)) for n, p in zip(names, place, strict=True)] if place else []
-        point = {"x": shown[-1:], "y": shown[:1] if len(shown) == 2 else [self.map.y_range.start] * len(shown)}
-        marks: dict[str, dict[str, Any]] = {"case": point, "stable": NO_LINE, "unstable": NO_LINE}
+        marks: dict[str, dict[str, Any]] = {"stable": NO_LINE, "unstable": NO_LINE}
+        marks["case"] = {"x": shown[1:], "y": shown[: len(shown) - 1]}
+        marks["line"] = {"x": shown, "y": shown} if len(shown) == 1 else NO_LINE
         events: dict[str, Any] = {"x": [], "y": [], "label": [], "name": []}
         branch = session.branch
         if branch is not None and len(shown) == 2 and branch.parameter.name in names:

@@ -101,7 +101,7 @@ class Panels:
         for f in (self.phase, self.section):
             f.scatter("x", "y", source=self.data["section"], color=red, size=5)
         self.section.on_event(Tap, lambda event: picked(event.x, event.y))
-        self.window = BoxAnnotation(left=0, right=0, fill_color=COLORS["orange"], fill_alpha=0.15)
+        self.window = BoxAnnotation(left=0, right=0, fill_color=COLORS["orange"], fill_alpha=0.15, line_color=COLORS["orange"])
         for f in (self.time, self.forces):
             f.vspan("x", source=self.cursor, color="black", line_width=1)
             f.add_layout(self.window)
@@ -166,18 +166,19 @@ class Panels:
         (coordinate, velocity), data = self.names, self.data
         across, up = (pictures.label(quantity(name)) for name in self.names)
         self.title.text = _words(shown)
-        if window is not None:
+        if window is None:
+            data["section"].data = pictures.section(session, coordinate, velocity)
+            data["spectrum"].data = pictures.spectrum(shown, velocity)
+            self.spectrum.yaxis.axis_label = f"density of {velocity} [({quantity(velocity).unit})²/Hz]"
+        else:
             self.time.xaxis.axis_label = self.forces.xaxis.axis_label = "distance [m]"
             self.window.update(left=window[0], right=window[1])
         data["time"].data = pictures.over_time(shown, coordinate)
         self.time.yaxis.axis_label = across
         self.lines.data = pictures.forces(shown)
         data["phase"].data = pictures.phase(shown, coordinate, velocity)
-        data["section"].data = pictures.section(session, coordinate, velocity)
         for f in (self.phase, self.section):
             f.xaxis.axis_label, f.yaxis.axis_label = across, up
-        data["spectrum"].data = pictures.spectrum(shown, velocity)
-        self.spectrum.yaxis.axis_label = f"density of {velocity} [({quantity(velocity).unit})²/Hz]"
         if (drawn := pictures.slipper(shown)) is not None:
             for k, (dots, rail) in enumerate(zip(self.dots, self.rails, strict=True), 1):
                 rail.data = {"x": drawn.rail[:, 0], "y": drawn.rail[:, 1]}
@@ -238,9 +239,6 @@ def _words(shown: Shown) -> str:
     if float(peak.force) > 0:
         at = f"{scene.section.names[int(peak.point)]}{int(peak.end) + 1}"
         force = f"highest force {float(peak.force) / 1e3:.3g} kN at {at}"
-    wrong = (
-        ""
-        if status == Status.FINITE
-        else f'<br><span style="color:{COLORS["red"]}">{html.escape(str(status))}</span>'
-    )
-    return f"<b>{', '.join(words)}</b><br><b>{kind}</b>; {force}; {html.escape(shown.case.origin)}{wrong}"
+    wrong = f'<br><span style="color:{COLORS["red"]}">{html.escape(str(status))}</span>'
+    said = "; ".join([f"<b>{kind}</b>", force, *filter(None, [html.escape(shown.case.origin)])])
+    return f"<b>{', '.join(words)}</b><br>{said}{wrong * (status != Status.FINITE)}"

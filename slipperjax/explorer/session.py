@@ -333,15 +333,15 @@ class Session:
         return width / 2**halvings if halvings > 0 else None
 
     def passage(self, case: Case) -> tuple[Scene, int, float]:
-        """The scene in a window, and forcing periods from a place on [m], one at least, which end with the window."""
+        """The scene in a window, and whole forcing periods that have it near their end, from a place on [m]."""
         assert case.window is not None
         scene, (low, high), wave = case.scene, case.window, _wavelength(case.scene)
-        kept, begin = self.way(min(low, high - wave))
-        most = (scene.track.end - begin) / wave
+        periods = max(1, math.ceil((high - self.way(low)[1]) / wave - 1e-6))
+        kept, begin = self.way(high - periods * wave + self.run.attrs["window [m]"] - 2e-6)
         if scene.wear is not None:  # too little to matter within a window
             play = self.run["play"].sel(stretch=kept).values if kept in self.run["stretch"] else scene.section.play
             scene = dataclasses.replace(scene, wear=None, section=dataclasses.replace(scene.section, play=play))
-        return scene, max(1, int(min(math.ceil((high - begin) / wave - 1e-6), most))), begin
+        return scene, periods, begin
 
     # --- the case ---------------------------------------------------------------------------------------------------
 
