@@ -126,7 +126,7 @@ class Page:
         self.line.text = f'{bar}<span style="color:{color}">{html.escape(text)}</span>'
 
     def _compute(self, view: View) -> None:
-        self._say("computing the map; the first time its program is compiled, which takes a while", 0.0)
+        self._say("computing; the first time its program is compiled, which takes a while", 0.0)
         self.workers["map"].submit(lambda: self.session.compute(view))
 
     def _got_view(self, piece: tuple[View, str, float]) -> None:
@@ -217,7 +217,7 @@ class Page:
             for name, dash in (("stable", "solid"), ("unstable", "dashed")):
                 self.map.line("x", "y", source=self.marks[name], color=color, line_width=width, line_dash=dash)
             style = dict(marker="cross", size=18, line_width=width, color=color)
-            self.map.scatter("x", "y", source=self.marks["case"], **style)
+            self.map.scatter("x", "y", source=self.marks["case"], name="cross" * (width == 2), **style)
         self.events = event_marks(self.map)
         self.sliders = {}
         for name, ends in SLIDERS.items():
@@ -314,8 +314,8 @@ class Page:
     def _mark(self) -> None:
         """Draws a cross where the case is, and the branch of its orbit as a line, where these are on the map."""
         session, view = self.session, self.session.view
-        place, names = session.place(), view.names
-        shown = [float(view.quantity(n).shown(p)) for n, p in zip(names, place, strict=True)] if place else []
+        names = view.names
+        shown = [float(view.quantity(n).shown(p)) for n, p in zip(names, session.place(), strict=True)]
         marks: dict[str, dict[str, Any]] = {"stable": NO_LINE, "unstable": NO_LINE}
         marks["case"] = {"x": shown[1:], "y": shown[: len(shown) - 1]}
         marks["line"] = {"x": shown, "y": shown} if len(shown) == 1 else NO_LINE
@@ -376,8 +376,8 @@ class Page:
             self._stop()
         elif key in ("[", "]"):
             self._step(1 if key == "]" else -1)
-        elif key in steps and (place := session.place()) is not None:
-            index, names = session.nearest(*place), session.view.names
+        elif key in steps:
+            index, names = session.nearest(*session.place()), session.view.names
             for name, by in zip(names, steps[key][-len(names) :], strict=True):
                 if name in index:
                     index[name] = int(np.clip(index[name] + by, 0, len(session.view.axis(name)) - 1))

@@ -101,7 +101,9 @@ class Panels:
         for f in (self.phase, self.section):
             f.scatter("x", "y", source=self.data["section"], color=red, size=5)
         self.section.on_event(Tap, lambda event: picked(event.x, event.y))
-        self.window = BoxAnnotation(left=0, right=0, fill_color=COLORS["orange"], fill_alpha=0.15, line_color=COLORS["orange"])
+        self.window = BoxAnnotation(
+            left=0, right=0, fill_color=COLORS["orange"], fill_alpha=0.15, line_color=COLORS["orange"]
+        )
         for f in (self.time, self.forces):
             f.vspan("x", source=self.cursor, color="black", line_width=1)
             f.add_layout(self.window)

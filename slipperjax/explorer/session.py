@@ -379,13 +379,14 @@ class Session:
             steps = count if count and count != default_steps_per_period(scene) else None
         return Case(scene, start, origin, steps, solver)
 
-    def place(self) -> list[float] | None:
-        """Where the case that is looked at is on the map, along `view.names` [SI units]; None where starts vary."""
-        if self.case.window is not None:
-            return [float(np.mean(self.case.window))]
-        if any(name.startswith("start_") for name in self.view.names):
-            return None
-        return [float(parameter(name, self.case.scene).of(self.case.scene)) for name in self.view.names]
+    def place(self) -> list[float]:
+        """Where the case that is looked at is on the map, along `view.names` [SI units]."""
+        case, motion = self.case, getattr(self.case.start, "motion", self.case.start) or table_2_start()
+        if case.window is not None:
+            return [float(np.mean(case.window))]
+        of_start = lambda name: getattr(motion, name.removeprefix("start_"))
+        of_scene = lambda name: parameter(name, case.scene).of(case.scene)
+        return [float(of_start(n) if n.startswith("start_") else of_scene(n)) for n in self.view.names]
 
     def begun(self, case: Case, choice: str) -> Case:
         """The case from a chosen start: "map", "picked", or "end" of what is shown now."""

@@ -4,10 +4,12 @@ SLIPPERJAX_SCREENSHOTS=shots python -m pytest -m slow -s tests/explorer/test_bro
 """
 
 import contextlib
+import json
 import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -283,14 +285,13 @@ def test_a_run_shows_its_windows_and_parts_of_it_finer(browser, tmp_path):
         window.wait("150 to 151 m")
         window.ready()
         # a part of it in finer windows, and back
-        t = time.perf_counter()
-        window.drag(120, 0.5, 130, 1.0)
+        for name, low, high in (("first", 120, 130), ("warm", 121, 129)):
+            t = time.perf_counter()
+            window.drag(low, 0.5, high, 1.0)
+            window.page.wait_for_function(f"Bokeh.documents[0].get_model_by_name('map').x_range.end < {high} + 1")
+            window.page.wait_for_function(COMPUTED, timeout=WAIT)
+            print(f"a part of a run, {name}: {time.perf_counter() - t:.2f} s")
         window.ready()
-        print(f"a part of a run, first, took {time.perf_counter() - t:.2f} s")
-        t = time.perf_counter()
-        window.drag(121, 0.5, 129, 1.0)
-        window.ready()
-        print(f"a part of a run took {time.perf_counter() - t:.2f} s")
         window.look(125.0, 1.0)
         window.shoot("10_part_of_a_run")
         window.press("Copy as Python")
@@ -302,3 +303,104 @@ def test_a_run_shows_its_windows_and_parts_of_it_finer(browser, tmp_path):
         assert window.model("map", "x_range.end") > 250
         window.close()
         assert "The page was closed" in process.stdout.readline()
+
+
+@contextlib.contextmanager
+def shown(browser, *arguments):
+    """A window on a page of this process."""
+    page = sj.explore(*arguments)
+    window = Window(browser, page.url)
+    try:
+        window.wait("highest force")
+        yield window
+        window.close()
+    finally:
+        page.stop()
+
+
+def arrows(window, *keys):
+    """What the page says of the case after each of some keys."""
+    for key in keys:
+        before = window.model("case", "text")
+        window.page.keyboard.press(key)
+        window.page.wait_for_function(CASE_CHANGED, arg=before, timeout=WAIT)
+    return window.model("case", "text")
+
+
+def cross(window):
+    """Where the cross on the map is."""
+    window.page.wait_for_function("Bokeh.documents[0].get_model_by_name('cross').data_source.data.x.length")
+    return [window.model("cross", f"data_source.data.{axis}[0]") for axis in "xy"]
+
+
+def test_a_map_over_starts_is_walked_with_keys(browser):
+    grid = {"v_z": np.linspace(0.1, 0.7, 3), "y": np.linspace(-2e-4, 2e-4, 3)}
+    with shown(browser, sj.paper_scene(), grid) as window:
+        window.page.wait_for_function(COMPUTED, timeout=WAIT)
+        window.look(0.2, 0.1)
+        assert cross(window) == pytest.approx([0.2, 0.1])
+        arrows(window, "ArrowLeft")
+        assert cross(window) == pytest.approx([0.0, 0.1])
+        arrows(window, "ArrowUp")
+        assert cross(window) == pytest.approx([0.0, 0.4])
+        window.page.keyboard.press(" ")
+        window.page.get_by_role("button", name="Pause").wait_for()
+        window.page.keyboard.press(" ")
+        window.page.get_by_role("button", name="Play").wait_for()
+        window.shoot("11_starts")
+
+
+def test_samples_are_clicked(browser):
+    speed, clearance = np.linspace(900.0, 1600.0, 6), np.array([1.0, 2.0, 0.8, 1.5, 1.1, 1.9]) * 1e-3
+    grid = {"clearance": clearance, "speed": speed}
+    ds = sj.sweep(sj.paper_scene(), grid, product=False, record=["motion", "peak_force"], periods=64)
+    with shown(browser, ds) as window:
+        window.look(speed[3] + 20, 1e3 * clearance[3] + 0.05)
+        assert cross(window) == pytest.approx([speed[3], 1e3 * clearance[3]])
+        window.ready()
+        window.shoot("12_samples")
+
+
+def test_a_map_with_uneven_values_is_clicked(browser):
+    speed = np.geomspace(200.0, 2000.0, 5)
+    ds = sj.sweep(
+        sj.paper_scene(), {"clearance": np.array([1e-3, 2e-3]), "speed": speed}, record="motion", periods=64
+    )
+    with shown(browser, ds) as window:
+        for k in (0, 3):
+            window.look(speed[k] * 1.02, 1.1)
+            assert cross(window) == pytest.approx([speed[k], 1.0])
+        window.ready()
+        window.shoot("13_logarithmic")
+
+
+def test_a_notebook_shows_the_page(browser, tmp_path):
+    pytest.importorskip("jupyterlab", reason="needs the extra notebook")
+    code = 'import slipperjax as sj\nsj.explore(sj.paper_scene(), {"clearance": [1e-3, 2e-3], "speed": [1e3, 1.5e3]})'
+    cell = {"cell_type": "code", "source": code, "metadata": {}, "outputs": [], "execution_count": None, "id": "one"}
+    kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}
+    notebook = {"cells": [cell], "metadata": kernel, "nbformat": 4, "nbformat_minor": 5}
+    (tmp_path / "page.ipynb").write_text(json.dumps(notebook))
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    options = ["--no-browser", "--allow-root", f"--port={port}", "--ip=127.0.0.1", "--IdentityProvider.token=secret"]
+    command = [sys.executable, "-m", "jupyterlab", *options, f"--notebook-dir={tmp_path}"]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+        try:
+            page = browser.new_page(viewport={"width": 1400, "height": 1300})
+            for _ in range(60):
+                with contextlib.suppress(Exception):
+                    page.goto(f"http://127.0.0.1:{port}/lab/tree/page.ipynb?token=secret")
+                    break
+                time.sleep(1.0)
+            page.locator(".jp-CodeCell").first.click(timeout=WAIT)
+            page.keyboard.press("Shift+Enter")
+            frame = page.frame_locator("iframe[src^='http://127.0.0.1']")
+            frame.get_by_text("highest force").first.wait_for(timeout=WAIT)
+            frame.get_by_text("period 1").first.wait_for(timeout=WAIT)
+            if folder := os.environ.get("SLIPPERJAX_SCREENSHOTS"):
+                page.screenshot(path=Path(folder) / "14_notebook.png")
+            page.close()
+        finally:
+            process.terminate()
