@@ -100,11 +100,7 @@ class Explorer:
 
 
 def explore(
-    source: Any = None,
-    grid: Mapping[str, Any] | None = None,
-    *,
-    start: Any = None,
-    port: int = 0,
+    source: Any = None, grid: Mapping[str, Any] | None = None, *, start: Any = None, port: int = 0
 ) -> Explorer:
     """Serves a page on which clicking a point of a map shows how that slipper moves.
 
