@@ -84,7 +84,7 @@ class Panels:
         self.motion = Select(title="Motion shown below", options=names, value="v_z", width=160)
         self.motion.on_change("value", lambda attr, old, new: chosen())
         self.cursor = source("x")
-        self.time = panel("Motion over time", "forcing periods")
+        self.time = panel("Motion over time", "forcing periods", name="time")
         self.forces = panel("Contact forces of points", "forcing periods", "force [kN]")
         self.phase = panel("Phase portrait")
         shared = dict(x_range=self.phase.x_range, y_range=self.phase.y_range)
@@ -174,7 +174,7 @@ class Panels:
             self.spectrum.yaxis.axis_label = f"density of {velocity} [({quantity(velocity).unit})²/Hz]"
         else:
             self.time.xaxis.axis_label = self.forces.xaxis.axis_label = "distance [m]"
-            self.window.update(left=window[0], right=window[1])
+            self.window.update(left=window[0], right=window[1], visible=True)
         data["time"].data = pictures.over_time(shown, coordinate)
         self.time.yaxis.axis_label = across
         self.lines.data = pictures.forces(shown)

@@ -347,6 +347,7 @@ def test_a_map_over_starts_is_walked_with_keys(browser):
         window.page.get_by_role("button", name="Pause").wait_for()
         window.page.keyboard.press(" ")
         window.page.get_by_role("button", name="Play").wait_for()
+        assert window.model("time", "x_range.start") > 315  # the last periods and no more
         window.shoot("11_starts")
 
 
