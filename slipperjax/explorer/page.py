@@ -202,7 +202,7 @@ class Page:
         ranges = dict(x_range=Range1d(0, 1), y_range=Range1d(0, 1))
         self.map: Any = figure(width=WIDTH, height=440, name="map", **options, **ranges)
         self.map.toolbar.logo, self.map.grid.visible, self.map.axis.minor_tick_line_color = None, False, None
-        self.map.on_event(Tap, lambda event: self._clicked(event.x, event.y))
+        self.map.on_event(Tap, lambda e: self._look_at(self.session.nearest(*self._si(e.x, e.y))))
         self.map.on_event(SelectionGeometry, self._boxed)
         self.pixels, self.dots, self.curve = source(*NO_IMAGE), source(*NO_DOTS), source(*NO_LINE)
         self.mapper: Any = LinearColorMapper(palette=["#ffffff"], nan_color="rgba(0,0,0,0)")
@@ -314,8 +314,8 @@ class Page:
     def _mark(self) -> None:
         """Draws a cross where the case is, and the branch of its orbit as a line, where these are on the map."""
         session, view = self.session, self.session.view
-        names = view.names
-        shown = [float(view.quantity(n).shown(p)) for n, p in zip(names, session.place(), strict=True)]
+        names, places = view.names, session.place()
+        shown = [float(view.quantity(n).shown(p)) for n, p in zip(names, places, strict=True)]
         marks: dict[str, dict[str, Any]] = {"stable": NO_LINE, "unstable": NO_LINE}
         marks["case"] = {"x": shown[1:], "y": shown[: len(shown) - 1]}
         marks["line"] = {"x": shown, "y": shown} if len(shown) == 1 else NO_LINE
@@ -338,9 +338,6 @@ class Page:
         view = self.session.view
         places = (y, x)[-len(view.names) :]
         return [float(view.quantity(name).from_shown(p)) for name, p in zip(view.names, places, strict=True)]
-
-    def _clicked(self, x: float, y: float) -> None:
-        self._look_at(self.session.nearest(*self._si(x, y)))
 
     def _look_at(self, index: dict[str, int]) -> None:
         self._look(self.session.begun(self.session.case_at(index), self.begin.value))

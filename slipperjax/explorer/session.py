@@ -99,7 +99,7 @@ class View:
         if self.grid is not None:
             return self.grid[name.removeprefix("start_")]
         assert self.ds is not None
-        return self.ds[name].values - self.ds.attrs["window [m]"] / 2 * self.is_run
+        return self.ds[name].values - self.ds.attrs.get("window [m]", 0.0) / 2
 
     def quantity(self, name: str) -> Quantity:
         """The quantity that a coordinate is of."""
