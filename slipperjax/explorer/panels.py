@@ -9,7 +9,6 @@ import numpy as np
 from bokeh.events import Tap
 from bokeh.layouts import column, row
 from bokeh.models import (
-    BoxAnnotation,
     ColumnDataSource,
     CustomJS,
     Div,
@@ -83,7 +82,7 @@ class Panels:
         ]
         self.motion = Select(title="Motion shown below", options=names, value="v_z", width=160)
         self.motion.on_change("value", lambda attr, old, new: chosen())
-        self.cursor = source("x")
+        self.cursor, self.window = source("x"), source("x")
         self.time = panel("Motion over time", "forcing periods", name="time")
         self.forces = panel("Contact forces of points", "forcing periods", "force [kN]")
         self.phase = panel("Phase portrait")
@@ -101,12 +100,9 @@ class Panels:
         for f in (self.phase, self.section):
             f.scatter("x", "y", source=self.data["section"], color=red, size=5)
         self.section.on_event(Tap, lambda event: picked(event.x, event.y))
-        self.window = BoxAnnotation(
-            left=0, right=0, fill_color=COLORS["orange"], fill_alpha=0.15, line_color=COLORS["orange"]
-        )
         for f in (self.time, self.forces):
             f.vspan("x", source=self.cursor, color="black", line_width=1)
-            f.add_layout(self.window)
+            f.vspan("x", source=self.window, color=COLORS["orange"], line_width=2)
         turn = np.linspace(0, 2 * np.pi, 90)
         self.circle.line(np.cos(turn), np.sin(turn), color=COLORS["grey"])
         self.circle.scatter("x", "y", source=self.data["circle"], size=7, color=blue, line_color="white")
@@ -174,7 +170,7 @@ class Panels:
             self.spectrum.yaxis.axis_label = f"density of {velocity} [({quantity(velocity).unit})²/Hz]"
         else:
             self.time.xaxis.axis_label = self.forces.xaxis.axis_label = "distance [m]"
-            self.window.update(left=window[0], right=window[1], visible=True)
+            self.window.data = {"x": window}
         data["time"].data = pictures.over_time(shown, coordinate)
         self.time.yaxis.axis_label = across
         self.lines.data = pictures.forces(shown)

@@ -94,6 +94,7 @@ def along():
     return sj.run(sj.paper_scene(), length=130.0, speed=sj.SpeedProgramme.over_distance([0.0, 130.0], [100.0, 200.0]))
 
 
+@pytest.mark.slow
 def test_a_window_of_a_run_is_a_case_with_the_same_forces(along):
     session = Session.of(along)
     highest = along["peak_force"].max(("end", "point"))
@@ -110,6 +111,7 @@ def test_a_window_of_a_run_is_a_case_with_the_same_forces(along):
     assert no_orbit(shown) == "none, as the motion has no period"
 
 
+@pytest.mark.slow
 def test_a_part_of_a_run_is_finer_with_the_same_forces(along):
     session = Session.of(along)
     session.show(session.box((104.2, 108.0)))
@@ -122,6 +124,7 @@ def test_a_part_of_a_run_is_finer_with_the_same_forces(along):
     np.testing.assert_allclose(fine, along["peak_force"].sel(distance=106.0), rtol=2e-2, atol=10.0)
 
 
+@pytest.mark.slow
 def test_a_script_computes_what_is_shown_of_a_run(along, tmp_path):
     along.to_netcdf(tmp_path / "run.nc", engine="h5netcdf")
     session = Session.of(tmp_path / "run.nc")

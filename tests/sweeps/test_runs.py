@@ -81,7 +81,7 @@ def test_a_trajectory_goes_on_from_a_state_that_a_run_kept(steady):
     assert run.loads is not None
     np.testing.assert_allclose(run.loads.peak_force, steady["peak_force"][3:], rtol=1e-10)
     np.testing.assert_allclose(8.0 * run.loads.peak_period, steady["peak_distance"][3:], rtol=1e-10)
-    np.testing.assert_allclose(run.period[[0, -1]], [3.0, 8.0])
+    np.testing.assert_allclose(np.asarray(run.period)[[0, -1]], [3.0, 8.0])
     np.testing.assert_allclose(run.time[0], steady["seconds"][2])
     with pytest.raises(ValueError, match="Argument `begin` must be one of the distances where the earlier run kept"):
         sj.simulate(SCENE, 1, start=first, begin=17.0)
