@@ -32,13 +32,16 @@ def explore(case: Case, over: Any, by: Any, port: int, no_browser: bool, source:
         raise ValueError("Option --by needs --over.")
     matplotlib.use("Agg")  # in this process only: in a notebook its own backend draws
     grid = make_grid(case.scene, *([] if by is None else [by]), over) if over is not None else None
-    shown = case.scene if source is None else source
     try:
-        page = serve(shown, grid, start=case.start, port=port)
+        page = serve(case.scene if source is None else source, grid, start=case.start, port=port)
     except ImportError as error:
         raise ValueError(str(error)) from None
     print(f"{page.url}  (Ctrl-C ends it)", flush=True)
     if not no_browser:
         webbrowser.open(page.url)
+    shown = 0
     while True:
-        time.sleep(3600)
+        time.sleep(1.0)
+        if shown and not page.windows:
+            print(f"The page was closed. {page.url} shows it again, Ctrl-C ends this.", flush=True)
+        shown = page.windows

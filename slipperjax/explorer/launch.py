@@ -62,7 +62,19 @@ class Explorer:
         """Fills the document of a new window, which goes on where the latest one is."""
         from .page import Page
 
-        self._pages.append(Page(doc, self._latest.copied(), self._keep))
+        page = Page(doc, self._latest.copied(), self._keep)
+        self._pages.append(page)
+
+        def left(context: Any) -> None:
+            page.close()
+            self._pages.remove(page)
+
+        doc.on_session_destroyed(left)
+
+    @property
+    def windows(self) -> int:
+        """How many windows show it."""
+        return len(self._pages)
 
     def _keep(self, session: Session) -> None:
         self._latest = session
@@ -88,11 +100,7 @@ class Explorer:
 
 
 def explore(
-    source: Any = None,
-    grid: Mapping[str, Any] | None = None,
-    *,
-    start: Any = None,
-    port: int = 0,
+    source: Any = None, grid: Mapping[str, Any] | None = None, *, start: Any = None, port: int = 0
 ) -> Explorer:
     """Serves a page on which clicking a point of a map shows how that slipper moves.
 

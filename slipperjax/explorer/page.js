@@ -1,9 +1,10 @@
 // What runs in the browser. Each part after a line of slashes and a name is the body of a callback.
 //// show: draws an instant of the slipper
-const k = time.value, f = frames.data
-if (!f.period) return
+const f = frames.data
+if (!f.x) return
+const k = Math.min(time.value, f.x.length - 1)
 const row = (key) => {
-  const all = f[key], n = all.length / count
+  const all = f[key], n = all.length / f.x.length
   return Array.from({length: n}, (_, i) => all[k * n + i])
 }
 for (const [end, patch, dots] of [["front", front, front_dots], ["rear", rear, rear_dots]]) {
@@ -11,7 +12,7 @@ for (const [end, patch, dots] of [["front", front, front_dots], ["rear", rear, r
   const at = {x: row(end + "_point_y"), y: row(end + "_point_z"), tip_x: row(end + "_tip_y"), tip_y: row(end + "_tip_z")}
   dots.data = {...dots.data, ...at, alpha: row(end + "_force").map((force) => force > 0 ? 1 : 0)}
 }
-cursor.data = {x: [f.period[k]]}
+cursor.data = {x: [f.x[k]]}
 //// play
 clearInterval(window.slipper_timer)
 if (toggle.active) window.slipper_timer = setInterval(() => { time.value = (time.value + 1) % (time.end + 1) }, 50)

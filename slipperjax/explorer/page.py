@@ -4,8 +4,8 @@ import base64
 import dataclasses
 import functools
 import html
-import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, wait
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,9 @@ from ..model.quantities import PARAMETERS
 from ..model.scene import scene_to_toml
 from ..orbits.branches import OrbitBranch
 from ..orbits.periodic import PeriodicOrbit
-from ..plots.style import COLORS
+from ..plots.runs import run_overview
+from ..plots.style import COLORS, png
+from ..plots.trajectories import overview
 from . import pictures
 from .panels import CODE, Panels, event_marks, source
 from .scripts import python_of
@@ -70,7 +72,6 @@ class Page:
         args = dict(keys=self.keys, toggle=self.panels.play)
         doc.js_on_event(DocumentReady, CustomJS(args=args, code=CODE["keys"]))
         doc.on_event(DocumentReady, self._begin)
-        doc.on_session_destroyed(lambda context: self.close())
         if session.view.growing:
             doc.add_periodic_callback(self._refresh, REFRESH)
         self._show_view()
@@ -79,7 +80,7 @@ class Page:
     def _begin(self, event: Any) -> None:
         """Computes what is shown first, when the page is there: tracing would delay it."""
         session = self.session
-        if session.case is not None and (session.shown is None or session.shown.case is not session.case):
+        if session.shown is None or session.shown.case is not session.case:
             self._look(session.case)
         if session.view.ds is None:
             self._compute(session.view)
@@ -95,17 +96,17 @@ class Page:
 
     def _deliver(self, take: Callable[[Any], None], piece: Any, wanted: Callable[[], bool]) -> None:
         """Hands a piece from a worker's thread to the page, and waits until it is there."""
-        there = threading.Event()
+        there: Future = Future()
 
         def hand() -> None:
             try:
-                if wanted():
-                    take(piece)
-            finally:
-                there.set()
+                there.set_result(take(piece) if wanted() else None)
+            except Exception as error:  # which would be lost here
+                there.set_exception(error)
 
         self.doc.add_next_tick_callback(hand)
-        there.wait(PATIENCE)
+        if wait([there], PATIENCE).done:
+            there.result()
 
     def _ended(self, error: Exception | None) -> None:
         if error is not None:
@@ -125,7 +126,7 @@ class Page:
         self.line.text = f'{bar}<span style="color:{color}">{html.escape(text)}</span>'
 
     def _compute(self, view: View) -> None:
-        self._say("computing the map; the first time its program is compiled, which takes a while", 0.0)
+        self._say("computing; the first time its program is compiled, which takes a while", 0.0)
         self.workers["map"].submit(lambda: self.session.compute(view))
 
     def _got_view(self, piece: tuple[View, str, float]) -> None:
@@ -157,8 +158,6 @@ class Page:
             count = f"{piece.points.sizes['point']} orbits, {len(piece.events)} events"
             self._say(f"following the branch: {count}")
             self._show_case()
-        elif piece is not None:
-            self.panels.show_window(piece)
         self._write_texts()
 
     def _refresh(self) -> None:
@@ -203,7 +202,7 @@ class Page:
         ranges = dict(x_range=Range1d(0, 1), y_range=Range1d(0, 1))
         self.map: Any = figure(width=WIDTH, height=440, name="map", **options, **ranges)
         self.map.toolbar.logo, self.map.grid.visible, self.map.axis.minor_tick_line_color = None, False, None
-        self.map.on_event(Tap, lambda event: self._clicked(event.x, event.y))
+        self.map.on_event(Tap, lambda e: self._look_at(self.session.nearest(*self._si(e.x, e.y))))
         self.map.on_event(SelectionGeometry, self._boxed)
         self.pixels, self.dots, self.curve = source(*NO_IMAGE), source(*NO_DOTS), source(*NO_LINE)
         self.mapper: Any = LinearColorMapper(palette=["#ffffff"], nan_color="rgba(0,0,0,0)")
@@ -212,12 +211,13 @@ class Page:
         self.map.add_layout(self.bar, "right")
         self.map.scatter("x", "y", source=self.dots, size=3, color="color")
         self.map.step("x", "y", source=self.curve, mode="before", color=COLORS["blue"])
-        self.marks = {name: source("x", "y") for name in ("stable", "unstable", "case")}
+        self.marks = {name: source("x", "y") for name in ("stable", "unstable", "case", "line")}
+        self.map.vspan("x", source=self.marks["line"], color="black", line_dash="dotted")
         for color, width in (("white", 5), ("black", 2)):
             for name, dash in (("stable", "solid"), ("unstable", "dashed")):
                 self.map.line("x", "y", source=self.marks[name], color=color, line_width=width, line_dash=dash)
             style = dict(marker="cross", size=18, line_width=width, color=color)
-            self.map.scatter("x", "y", source=self.marks["case"], **style)
+            self.map.scatter("x", "y", source=self.marks["case"], name="cross" * (width == 2), **style)
         self.events = event_marks(self.map)
         self.sliders = {}
         for name, ends in SLIDERS.items():
@@ -258,8 +258,9 @@ class Page:
         self.legend.text, self.bar.visible = "", False
         pixels, dots, curve = NO_IMAGE, NO_DOTS, NO_LINE
         if view.is_run:
-            curve = pictures.along(view.ds)
-            self._axes("distance [m]", "highest contact force [kN]", curve["x"], np.append(curve["y"], 0.0))
+            curve = pictures.along(view, self.choice.value)
+            across, up = (pictures.label(pictures.unit_of(name, view)) for name in ("distance", self.choice.value))
+            self._axes(across, up, np.array(view.span or curve["x"]), np.append(curve["y"], 0.0))
         elif len(view.names) == 1:
             q = view.quantity(view.names[0])
             x, y = np.array([]), np.array([])
@@ -313,10 +314,11 @@ class Page:
     def _mark(self) -> None:
         """Draws a cross where the case is, and the branch of its orbit as a line, where these are on the map."""
         session, view = self.session, self.session.view
-        place, names = session.place(), [] if view.is_run else view.names
-        shown = [float(view.quantity(n).shown(p)) for n, p in zip(names, place, strict=True)] if place else []
-        point = {"x": shown[-1:], "y": shown[:1] if len(shown) == 2 else [self.map.y_range.start] * len(shown)}
-        marks: dict[str, dict[str, Any]] = {"case": point, "stable": NO_LINE, "unstable": NO_LINE}
+        names, places = view.names, session.place()
+        shown = [float(view.quantity(n).shown(p)) for n, p in zip(names, places, strict=True)]
+        marks: dict[str, dict[str, Any]] = {"stable": NO_LINE, "unstable": NO_LINE}
+        marks["case"] = {"x": shown[1:], "y": shown[: len(shown) - 1]}
+        marks["line"] = {"x": shown, "y": shown} if len(shown) == 1 else NO_LINE
         events: dict[str, Any] = {"x": [], "y": [], "label": [], "name": []}
         branch = session.branch
         if branch is not None and len(shown) == 2 and branch.parameter.name in names:
@@ -337,20 +339,12 @@ class Page:
         places = (y, x)[-len(view.names) :]
         return [float(view.quantity(name).from_shown(p)) for name, p in zip(view.names, places, strict=True)]
 
-    def _clicked(self, x: float, y: float) -> None:
-        if self.session.view.is_run:
-            self.marks["case"].data = {"x": [x], "y": [0.0]}
-            self._say("running over that window once more")
-            self.workers["case"].submit(lambda: self.session.window(x))
-        else:
-            self._look_at(self.session.nearest(*self._si(x, y)))
-
     def _look_at(self, index: dict[str, int]) -> None:
         self._look(self.session.begun(self.session.case_at(index), self.begin.value))
 
     def _boxed(self, event: Any) -> None:
         ends = event.geometry
-        if event.final and ends.get("type") == "rect" and not self.session.view.is_run:
+        if event.final and ends.get("type") == "rect":
             low, high = self._si(ends["x0"], ends["y0"]), self._si(ends["x1"], ends["y1"])
             self._show_new(self.session.box(*zip(low, high, strict=True)))
 
@@ -379,8 +373,8 @@ class Page:
             self._stop()
         elif key in ("[", "]"):
             self._step(1 if key == "]" else -1)
-        elif key in steps and (place := session.place()) is not None:
-            index, names = session.nearest(*place), session.view.names
+        elif key in steps:
+            index, names = session.nearest(*session.place()), session.view.names
             for name, by in zip(names, steps[key][-len(names) :], strict=True):
                 if name in index:
                     index[name] = int(np.clip(index[name] + by, 0, len(session.view.axis(name)) - 1))
@@ -415,20 +409,20 @@ class Page:
 
     def _slid(self, name: str, attr: str, old: float, new: float) -> None:
         case = self.session.case
-        if not self.quiet and case is not None:
+        if not self.quiet:
             scene = case.scene.replace(**{name: float(PARAMETERS[name].from_shown(new))})
             self._look(self.session.begun(dataclasses.replace(case, scene=scene, steps=None), self.begin.value))
 
     def _follow(self) -> None:
         if self.session.orbit is None:
-            self._say("a branch needs a periodic orbit: click a case that has a period first", wrong=True)
+            self._say(f"a branch needs an orbit. {self.panels.circle.title.text}", wrong=True)
         else:
             name = self.path.value
             self._say("following the branch; the first time its programs are compiled, which takes a while")
             self.workers["case"].submit(lambda: self.session.follow(name))
 
     def _picked(self, x: float, y: float) -> None:
-        if self.session.shown is not None and self.session.case is not None:
+        if self.session.shown is not None:
             self.session.pick(*self.panels.names, x, y)
             self.begin.value = "picked"
             self._look(self.session.begun(self.session.case, "picked"))
@@ -438,9 +432,9 @@ class Page:
     def _write_texts(self) -> None:
         session = self.session
         self.keep(session.copied())
-        text, scene = python_of(session), session.view.scene if session.case is None else session.case.scene
+        text = python_of(session)
         try:
-            toml = scene_to_toml(scene)
+            toml = scene_to_toml(session.case.scene)
         except ValueError as error:  # of parts that plain text cannot hold
             toml = f"# {error}\n"
         self.texts.data, self.toml.data = {"python": [text]}, {"content": [toml]}
@@ -449,14 +443,9 @@ class Page:
 
     def _draw_picture(self) -> Iterator[bytes]:
         """The case, or the run, as `slipperjax.plots` draws it."""
-        # here, because matplotlib takes long to import
-        from ..plots.runs import run_overview
-        from ..plots.style import png
-        from ..plots.trajectories import overview
-
-        view, shown = self.session.view, self.session.shown
-        if view.is_run or shown is not None:
-            axes = run_overview(view.ds) if shown is None else overview(shown.run.to_xarray())
+        shown, view = self.session.shown, self.session.view
+        if shown is not None:
+            axes = run_overview(view.ds) if view.is_run else overview(shown.run)
             yield png(np.ravel(axes)[0].figure, 200)
 
     def _got_picture(self, content: bytes | None) -> None:

@@ -24,10 +24,9 @@ from bokeh.plotting import figure
 
 from ..flow.status import Status
 from ..model.quantities import PARAMETERS, SECTIONS, quantity
-from ..plots.runs import edges_of
 from ..plots.style import COLORS
 from . import pictures
-from .session import SLIDERS, Session, Shown
+from .session import SLIDERS, Session, Shown, no_orbit
 
 WIDTH, LOW = 346, 212
 """Width and height of a panel [pixels]."""
@@ -83,8 +82,8 @@ class Panels:
         ]
         self.motion = Select(title="Motion shown below", options=names, value="v_z", width=160)
         self.motion.on_change("value", lambda attr, old, new: chosen())
-        self.cursor = source("x")
-        self.time = panel("Motion over time", "forcing periods")
+        self.cursor, self.window = source("x"), source("x")
+        self.time = panel("Motion over time", "forcing periods", name="time")
         self.forces = panel("Contact forces of points", "forcing periods", "force [kN]")
         self.phase = panel("Phase portrait")
         shared = dict(x_range=self.phase.x_range, y_range=self.phase.y_range)
@@ -92,10 +91,7 @@ class Panels:
         self.spectrum = panel("Spectrum", "multiples of the forcing frequency", y_axis_type="log")
         self.circle = panel("Multipliers", "real part", "imaginary part", match_aspect=True, name="circle")
         self.branch = panel("Branch", width=545, height=280, visible=False, name="branch")
-        self.window = panel(
-            "Forces in the window and before", "distance [m]", "force [kN]", width=2 * WIDTH, height=420
-        )
-        self.lines, self.window_lines = _force_lines(self.forces), _force_lines(self.window)
+        self.lines = _force_lines(self.forces)
         self.data = {name: source("x", "y") for name in ("time", "phase", "section", "spectrum", "circle")}
         for name in ("time", "phase", "spectrum"):
             getattr(self, name).line(
@@ -106,6 +102,7 @@ class Panels:
         self.section.on_event(Tap, lambda event: picked(event.x, event.y))
         for f in (self.time, self.forces):
             f.vspan("x", source=self.cursor, color="black", line_width=1)
+            f.vspan("x", source=self.window, color=COLORS["orange"], line_width=2)
         turn = np.linspace(0, 2 * np.pi, 90)
         self.circle.line(np.cos(turn), np.sin(turn), color=COLORS["grey"])
         self.circle.scatter("x", "y", source=self.data["circle"], size=7, color=blue, line_color="white")
@@ -116,8 +113,7 @@ class Panels:
         self.events = event_marks(self.branch)
         slipper = self._slipper()
         rows = (self.time, self.forces), (self.phase, self.section), (self.spectrum, self.circle)
-        self.of_case = column(*slipper, *(row(*pair) for pair in rows))
-        self.root = column(row(self.title, self.motion), self.of_case, self.window)
+        self.root = column(row(self.title, self.motion), *slipper, *(row(*pair) for pair in rows))
 
     def _slipper(self) -> list[Any]:
         self.frames, self.ends, self.dots, self.rails, args = source(), [], [], [], {}
@@ -146,7 +142,7 @@ class Panels:
         self.play = Toggle(label="Play", width=70, name="play")
         self.scale = Div(width=330, styles={"font-size": "12px"})
         show = CustomJS(
-            args=dict(time=self.instant, frames=self.frames, cursor=self.cursor, count=80, **args), code=CODE["show"]
+            args=dict(time=self.instant, frames=self.frames, cursor=self.cursor, **args), code=CODE["show"]
         )
         self.instant.js_on_change("value", show)
         self.frames.js_on_change("data", show)
@@ -160,23 +156,27 @@ class Panels:
 
     def show(self, session: Session) -> None:
         """Draws the case, its orbit and its branch."""
-        self.of_case.visible, self.window.visible = not session.view.is_run, session.view.is_run
-        self.motion.visible = self.of_case.visible
-        shown = session.shown
+        shown, window = session.shown, session.case.window
+        for f in (self.section, self.spectrum, self.circle):  # of steady motions
+            f.visible = window is None
         if shown is None:
             return
         (coordinate, velocity), data = self.names, self.data
         across, up = (pictures.label(quantity(name)) for name in self.names)
         self.title.text = _words(shown)
+        if window is None:
+            data["section"].data = pictures.section(session, coordinate, velocity)
+            data["spectrum"].data = pictures.spectrum(shown, velocity)
+            self.spectrum.yaxis.axis_label = f"density of {velocity} [({quantity(velocity).unit})²/Hz]"
+        else:
+            self.time.xaxis.axis_label = self.forces.xaxis.axis_label = "distance [m]"
+            self.window.data = {"x": window}
         data["time"].data = pictures.over_time(shown, coordinate)
         self.time.yaxis.axis_label = across
         self.lines.data = pictures.forces(shown)
         data["phase"].data = pictures.phase(shown, coordinate, velocity)
-        data["section"].data = pictures.section(session, coordinate, velocity)
         for f in (self.phase, self.section):
             f.xaxis.axis_label, f.yaxis.axis_label = across, up
-        data["spectrum"].data = pictures.spectrum(shown, velocity)
-        self.spectrum.yaxis.axis_label = f"density of {velocity} [({quantity(velocity).unit})²/Hz]"
         if (drawn := pictures.slipper(shown)) is not None:
             for k, (dots, rail) in enumerate(zip(self.dots, self.rails, strict=True), 1):
                 rail.data = {"x": drawn.rail[:, 0], "y": drawn.rail[:, 1]}
@@ -184,7 +184,7 @@ class Panels:
                 here |= {"name": [f"{name}{k}" for name in drawn.names]}
                 zero = np.zeros(len(drawn.names))
                 dots.data = {**here, **dict.fromkeys(("x", "y", "tip_x", "tip_y", "alpha"), zero)}
-            self.frames.data = drawn.frames
+            self.frames.data, self.instant.end = drawn.frames, len(drawn.frames["x"]) - 1
             self.instant.value = drawn.busiest
             longest = f"lines are forces, the longest {drawn.highest:.3g} kN"
             self.scale.text = f"displacements × {drawn.magnify:g}; {longest}; filled: touches"
@@ -199,8 +199,10 @@ class Panels:
         orbit = session.orbit
         mu = np.array([]) if orbit is None else np.asarray(orbit.multipliers)
         self.data["circle"].data = {"x": mu.real, "y": mu.imag}
-        text = "looking for the orbit" if busy else "no periodic orbit"
-        if orbit is not None:
+        text = "looking for the orbit" if busy else "none found"
+        if session.shown is not None and (reason := no_orbit(session.shown)):
+            text = reason
+        elif orbit is not None:
             text = f"period {orbit.period}, {'stable' if orbit.stable else 'unstable'}"
         self.circle.title.text = f"Multipliers: {text}"
 
@@ -218,12 +220,6 @@ class Panels:
         )
         self.branch.title.text = f"Branch of period {branch.period}: the state at the start of a forcing period"
 
-    def show_window(self, ds: Any) -> None:
-        """Draws the window of a run."""
-        self.window_lines.data = pictures.in_window(ds)
-        begin, end = edges_of(ds, "distance")[[0, -1]]
-        self.title.text = f"<b>{begin:.6g} to {end:.6g} m</b>"
-
 
 def _words(shown: Shown) -> str:
     """A case in two lines of HTML: its parameters, and what it does."""
@@ -233,14 +229,14 @@ def _words(shown: Shown) -> str:
         if (value := q.of(scene)) is not None and np.ndim(value) == 0:
             words.append(f"{q.name} {float(q.shown(float(value))):.4g} {q.display_unit}".removesuffix(" 1"))
     kind = f"period {shown.period}" if shown.kind == "period" else KINDS.get(shown.kind, shown.kind)
+    if shown.case.window is not None:
+        begin, end, low, high = (*shown.case.window, *shown.unit * shown.ds["period"].values[[0, -1]])
+        kind = f"{begin:.6g} to {end:.6g} m, drawn from {low:.6g} to {high:.6g} m"
     peak = shown.run.peak
     force = "no contact"
     if float(peak.force) > 0:
         at = f"{scene.section.names[int(peak.point)]}{int(peak.end) + 1}"
         force = f"highest force {float(peak.force) / 1e3:.3g} kN at {at}"
-    wrong = (
-        ""
-        if status == Status.FINITE
-        else f'<br><span style="color:{COLORS["red"]}">{html.escape(str(status))}</span>'
-    )
-    return f"<b>{', '.join(words)}</b><br><b>{kind}</b>; {force}; {html.escape(shown.case.origin)}{wrong}"
+    wrong = f'<br><span style="color:{COLORS["red"]}">{html.escape(str(status))}</span>'
+    said = "; ".join([f"<b>{kind}</b>", force, *filter(None, [html.escape(shown.case.origin)])])
+    return f"<b>{', '.join(words)}</b><br>{said}{wrong * (status != Status.FINITE)}"

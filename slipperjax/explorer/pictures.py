@@ -11,8 +11,9 @@ from ..model.quantities import COORDINATES, PARAMETERS, SECTIONS, Quantity, quan
 from ..orbits.branches import OrbitBranch
 from ..plots.branches import EVENT_NAMES, joined, stable_parts
 from ..plots.maps import motions_of, regimes_of
+from ..plots.runs import edges_of
 from ..plots.sections import colors_of, frames_of, label_places, outline, rail_outline
-from ..plots.style import FLAGGED_LABEL, POINT_COLORS, REGIME_COLORS, flagged
+from ..plots.style import FLAGGED_LABEL, REGIME_COLORS, flagged
 from ..plots.trajectories import most_loaded
 from .session import SURE, Session, Shown, View
 
@@ -36,20 +37,21 @@ MOST_PIXELS = 400
 """Columns and rows to which maps with uneven axes are drawn."""
 LAST = 4
 """Forcing periods at the end of a case that are drawn over time."""
+MOST_FRAMES = 640
+"""Instants at which the slipper of a run is drawn."""
 MOST_FORCES = 6
 """Points whose forces are drawn."""
 
 
 def unit_of(name: str, view: View) -> Quantity:
     """The quantity of a variable or coordinate of a view, with its display unit."""
+    if name in view.names:
+        return view.quantity(name)
     try:
         return quantity(name)
     except KeyError:
-        pass
-    if name in view.names:
-        return view.quantity(name)
-    attrs = {} if view.ds is None else view.ds[name].attrs
-    return Quantity(name, attrs.get("units", "1"), name.replace("_", " "))
+        attrs = {} if view.ds is None else view.ds[name].attrs
+        return Quantity(name, attrs.get("units", "1"), name.replace("_", " "))
 
 
 def label(q: Quantity) -> str:
@@ -60,20 +62,18 @@ def label(q: Quantity) -> str:
 
 def choices(view: View) -> list[str]:
     """The choices of the left side: kinds of motions, sections, and numbers of each case, the usual ones first."""
-    if view.ds is None or view.is_run:
-        return ["peak_force"] if view.is_run else ["motion", "peak_force"] if len(view.names) == 2 else list(SECTIONS)
-    ds, over = view.ds, set(view.ds["status"].dims)
-    inner = {"end", "point", "count"}
+    ds, plane = view.ds, len(view.names) == 2
+    if ds is None:
+        return ["motion", "peak_force"] if plane else list(SECTIONS)
+    over, inner = {"distance"} if view.is_run else set(ds["status"].dims), {"end", "point", "count"}
     numbers = [
         str(n)
         for n, v in ds.data_vars.items()
         if v.dtype.kind in "fiu" and over <= set(v.dims) <= over | inner and n not in ("status", "period")
     ]
-    first = ["motion"] * ("kind" in ds and len(view.names) == 2) + ["regime"] * (
-        "regime" in ds and len(view.names) == 2
-    )
-    first += [name for name in SECTIONS if name in ds and len(view.names) == 1]
-    wanted = ["peak_force"] if view.grid is not None and len(view.names) == 2 else []
+    kinds = [name for name, of in (("motion", "kind"), ("regime", "regime")) if of in ds]
+    first = kinds if plane else [name for name in SECTIONS if name in ds]
+    wanted = ["peak_force"] if view.grid is not None and plane else []
     return list(dict.fromkeys([*first, *wanted, *numbers]))
 
 
@@ -152,21 +152,29 @@ def dots(view: View, choice: str) -> tuple[np.ndarray, np.ndarray]:
     return x[case], q.shown(rows[case, crossing])
 
 
+def along(view: View, choice: str) -> dict[str, np.ndarray]:
+    """A number of each window of a run, the highest of all points, in its display unit over distance [m]."""
+    assert view.ds is not None
+    numbers = view.ds[choice]
+    y = numbers.max([d for d in numbers.dims if d != "distance"]).values
+    return {"x": edges_of(view.ds, "distance"), "y": unit_of(choice, view).shown(np.append(y[:1], y))}
+
+
 # --- panels of a case -----------------------------------------------------------------------------------------------
 
 
 def over_time(shown: Shown, name: str) -> dict[str, np.ndarray]:
-    """A coordinate over the last forcing periods."""
-    ds = _last(shown.ds)
-    return {"x": ds["period"].values, "y": quantity(name).shown(ds[name].values)}
+    """A coordinate over the last forcing periods, or the distance of a run [m]."""
+    ds = _last(shown)
+    return {"x": ds["period"].values * shown.unit, "y": quantity(name).shown(ds[name].values)}
 
 
 def forces(shown: Shown) -> dict[str, list[Any]]:
     """Forces of the points with the highest ones [kN], a line each."""
-    ds = _last(shown.ds).drop_vars(["peak_force", "peak_period"], errors="ignore")
+    ds = _last(shown).drop_vars(["peak_force", "peak_period"], errors="ignore")
     lines = [line for line in most_loaded(ds, MOST_FORCES) if line.peak > 0]
     return {
-        "xs": [ds["period"].values for _ in lines],
+        "xs": [ds["period"].values * shown.unit for _ in lines],
         "ys": [line.force for line in lines],
         "name": [line.name for line in lines],
         "color": [line.style["color"] for line in lines],
@@ -174,17 +182,17 @@ def forces(shown: Shown) -> dict[str, list[Any]]:
     }
 
 
-def _last(ds: xr.Dataset, periods: int = LAST) -> xr.Dataset:
-    return ds.isel(time=ds["period"].values >= ds["period"].values[-1] - periods - 1e-9)
+def _last(shown: Shown, periods: int = LAST) -> xr.Dataset:
+    """The last forcing periods; all of a run's."""
+    period = shown.ds["period"].values
+    return shown.ds.isel(time=(period >= period[-1] - periods - 1e-9) | (shown.case.window is not None))
 
 
-def phase(shown: Shown, coordinate: str, velocity: str, periods: int = 64) -> dict[str, np.ndarray]:
+def phase(shown: Shown, coordinate: str, velocity: str) -> dict[str, np.ndarray]:
     """The motion in the plane of a coordinate and its velocity, over its last forcing periods."""
-    ds = _last(shown.ds, periods)
-    return {
-        "x": quantity(coordinate).shown(ds[coordinate].values),
-        "y": quantity(velocity).shown(ds[velocity].values),
-    }
+    ds = _last(shown, 64)
+    x, y = (quantity(name).shown(ds[name].values) for name in (coordinate, velocity))
+    return {"x": x, "y": y}
 
 
 def section(session: Session, coordinate: str, velocity: str) -> dict[str, np.ndarray]:
@@ -203,14 +211,14 @@ def spectrum(shown: Shown, velocity: str, most: float = 8.0) -> dict[str, np.nda
 
 
 class Slipper(NamedTuple):
-    """The slipper around the rail head over two forcing periods, at the front and the rear [mm]."""
+    """The slipper around the rail head over two forcing periods or a run's, at the front and the rear [mm]."""
 
     rail: np.ndarray
     places: np.ndarray
     names: tuple[str, ...]
     colors: list[str]
     frames: dict[str, np.ndarray]
-    """By column, (instants, numbers): corners, points and ends of arrows of both ends; and `period`."""
+    """By column, (instants, numbers): corners, points and ends of arrows of both ends; and `x`, as that of forces."""
     magnify: float
     highest: float
     """Force of the longest arrow [kN]."""
@@ -220,11 +228,12 @@ class Slipper(NamedTuple):
 
 def slipper(shown: Shown) -> Slipper | None:
     """The drawing of `slipperjax.plots.animate`; None where the motion is not finite."""
+    ds = shown.ds if shown.case.window is None else shown.ds.thin(time=-(-shown.ds.sizes["time"] // MOST_FRAMES))
     try:
-        drawn = frames_of(shown.ds, shown.run.scene)
+        drawn = frames_of(ds, shown.run.scene, last=2.0 if shown.case.window is None else None)
     except ValueError:
         return None
-    shape, columns = drawn.shape, {"period": drawn.period}
+    shape, columns = drawn.shape, {"x": drawn.period * shown.unit}
     for k, end in enumerate(("front", "rear")):
         corners = outline(shape, drawn.points[:, k])
         points = 1e3 * drawn.points[:, k]
@@ -256,30 +265,4 @@ def branch_events(branch: OrbitBranch, coordinate: str) -> dict[str, list[Any]]:
         "y": [float(strobe[event.point]) for event in events],
         "label": [event.label * (event.label != "GR") for event in events],  # grazings crowd
         "name": [EVENT_NAMES[event.label] for event in events],
-    }
-
-
-# --- runs -----------------------------------------------------------------------------------------------------------
-
-
-def along(ds: xr.Dataset) -> dict[str, np.ndarray]:
-    """The highest contact force of each window of a run [kN], over distance [m]."""
-    return {"x": ds["distance"].values, "y": ds["peak_force"].max(["end", "point"]).values / 1e3}
-
-
-def in_window(ds: xr.Dataset) -> dict[str, list[Any]]:
-    """Forces of the points with the highest ones [kN] over distance [m], a line each."""
-    stacked = ds["peak_force"].stack(at=("end", "point"))
-    peaks = stacked.max("distance")
-    order = np.argsort(-peaks.values)[:MOST_FORCES]
-    names = list(ds["point"].values)
-    found = [
-        (end, point, stacked.isel(at=int(k)).values / 1e3) for k in order for end, point in [peaks["at"].values[k]]
-    ]
-    return {
-        "xs": [ds["distance"].values for _ in found],
-        "ys": [force for *_, force in found],
-        "name": [f"{point}{1 if end == 'front' else 2}" for end, point, _ in found],
-        "color": [POINT_COLORS[names.index(point) % len(POINT_COLORS)] for _, point, _ in found],
-        "dash": ["solid" if end == "front" else "dashed" for end, *_ in found],
     }

@@ -2,49 +2,74 @@
 
 from typing import Any
 
+import diffrax
 import jax
 import numpy as np
 
 from ..model.dang2024 import paper_scene
 from ..model.scene import Scene, scene_to_toml
 from ..model.scene_files import scene_to_json
-from .session import PERIODS, SAVES, SLIDERS, Session, View
+from .session import PERIODS, SAVES, SLIDERS, Session
 
 
 def python_of(session: Session) -> str:
-    """The script: the map, the case, its orbit and its branch, as far as they are there."""
-    lines = ["import numpy as np", "import slipperjax as sj", ""]
-    lines += _map(session.view)
-    case, shown = session.case, session.shown
-    if case is not None:
-        lines += ["", f"# the case that was looked at, from {case.origin}", f"scene = {scene_text(case.scene)}"]
-        options = "".join(f", {name}={_option(value)}" for name, value in case.options.items())
-        start = "" if case.start is None else f", start={start_text(case.start)}"
-        saves = f", saves_per_period={SAVES}" if case.steps is not None and case.steps % SAVES == 0 else ""
-        lines += [f"run = sj.simulate(scene, {PERIODS}{start}{options}{saves})", "ds = run.to_xarray()"]
-        lines.append("sj.plots.overview(ds)")
-        if session.orbit is not None and shown is not None:
-            lines.append(f"orbit = sj.periodic_orbit(scene, {session.orbit.period}, start=run.end{options})")
-        if session.branch is not None:
-            name = session.branch.parameter.name
-            bounds = ", ".join(f"{float(end)!r}" for end in session.branch_bounds(name))
-            orbit = "start=orbit.state, period=orbit.period"
-            lines.append(f"branch = sj.continue_orbit(scene, {name!r}, ({bounds}), {orbit})")
-            lines.append("sj.plots.branches(branch)")
+    """The script: the map or the run, the case, its orbit and its branch, as far as they are there."""
+    case, orbit, branch = session.case, session.orbit, session.branch
+    lines = ["import numpy as np", "import slipperjax as sj", "", *_left(session), ""]
+    if case.window is None:
+        lines += [f"# the case that was looked at, from {case.origin}", f"scene = {scene_text(case.scene)}"]
+        saves = SAVES if case.steps is not None and case.steps % SAVES == 0 else None
+        call = f"{PERIODS}{_arguments(start=case.start, **case.options, saves_per_period=saves)}"
+    else:
+        scene, periods, begin = session.passage(case)
+        lines += ["# the window that was looked at", *_state_at(session, begin)]
+        lines += [f"scene = {scene_text(scene)}"] * (scene is not case.scene)
+        call = f"{periods}, start=start{_arguments(begin=begin, **case.options, saves_per_period=case.steps)}"
+    lines += [f"run = sj.simulate(scene, {call})", "sj.plots.overview(run)"]
+    if orbit is not None:
+        lines.append(f"orbit = sj.periodic_orbit(scene, {orbit.period}, start=run.end{_arguments(**case.options)})")
+    if branch is not None:
+        name = branch.parameter.name
+        given = f"{name!r}, {session.branch_bounds(name)}, start=orbit.state, period=orbit.period"
+        lines += [f"branch = sj.continue_orbit(scene, {given})", "sj.plots.branches(branch)"]
     text = "\n".join(lines) + "\n"
     return f"import jax.numpy as jnp\n{text}" if "jnp." in text else text
 
 
-def _map(view: View) -> list[str]:
-    if view.grid is None:
-        if view.source is None:
-            return ["# the map is a dataset of the session that opened the page"]
-        return [f"map = sj.flow.dataset_of({str(view.source)!r})"]
-    options = Session.sweep_options(view)
-    given = ", ".join(f"{k}={start_text(v) if k == 'start' else repr(v)}" for k, v in options.items())
-    grid = ", ".join(f"{name!r}: {_axis(values)}" for name, values in view.grid.items())
-    draw = "sj.plots.attractor_map(map)" if len(view.grid) == 2 else "sj.plots.bifurcation(map, 'v_z')"
-    return [f"scene = {scene_text(view.scene)}", f"map = sj.sweep(scene, {{{grid}}}, {given})", draw]
+def _left(session: Session) -> list[str]:
+    view = session.view
+    if view.grid is not None:
+        grid = ", ".join(f"{name!r}: {_axis(values)}" for name, values in view.grid.items())
+        draw = "sj.plots.attractor_map(map)" if len(view.grid) == 2 else "sj.plots.bifurcation(map, 'v_z')"
+        call = f"map = sj.sweep(scene, {{{grid}}}{_arguments(**Session.sweep_options(view))})"
+        return [f"scene = {scene_text(view.scene)}", call, draw]
+    source = "ds  # that with which the page was opened"
+    source = source if view.source is None else f"sj.flow.dataset_of({str(view.source)!r})"
+    if not view.is_run:
+        return [f"map = {source}", "sj.plots.plot(map)"]
+    lines = [f"given = {source}", "scene = sj.load_scene(given)"]
+    if view.span is None or (window := session.finer(view.span)) is None:
+        return [*lines, "sj.plots.run_overview(given)"]
+    begin = session.way(view.span[0])[1]
+    more = _arguments(begin=begin, window=window, **session.run_options)
+    call = f"part = sj.run(scene, length={view.span[1] - begin!r}, start=start{more})"
+    return [*lines, *_state_at(session, begin), call, "sj.plots.run_overview(part)"]
+
+
+def _state_at(session: Session, distance: float) -> list[str]:
+    """As `Session.state_at`."""
+    kept, begin = session.way(distance)
+    start = "given" if kept in session.run["stretch"] else "sj.load_start(given)"
+    if kept == begin:
+        return [f"start = {start}"]
+    more = _arguments(begin=kept, window=float(session.run.attrs["window [m]"]), **session.run_options)
+    return [f"start = sj.run(scene, length={begin - kept!r}, start={start}{more})"]
+
+
+def _arguments(**values: Any) -> str:
+    """Those arguments of a call that are not None, each after a comma."""
+    text = {name: start_text(v) if name == "start" else _option(v) for name, v in values.items() if v is not None}
+    return "".join(f", {name}={value}" for name, value in text.items())
 
 
 def _axis(values: np.ndarray) -> str:
@@ -82,5 +107,5 @@ def start_text(start: Any) -> str:
 
 
 def _option(value: Any) -> str:
-    """A number of steps, or a solver by its name where it has no settings of its own."""
-    return repr(value) if isinstance(value, int) else repr(type(value).__name__)
+    """An option as it is written, and a solver by its name where it has no settings of its own."""
+    return repr(type(value).__name__ if isinstance(value, diffrax.AbstractSolver) else value)

@@ -3,8 +3,9 @@
 import copy
 import dataclasses
 import json
+import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,11 +20,12 @@ from ..flow.status import Status
 from ..model.dang2024 import paper_scene, table_2_start
 from ..model.kinematics import euler_angles, quaternion_from_euler
 from ..model.paths import parameter
-from ..model.quantities import COORDINATE_SCALES, COORDINATES, STARTS, Parameter
+from ..model.quantities import COORDINATE_SCALES, COORDINATES, STARTS, Quantity
 from ..model.scene import Scene, check_steady
 from ..model.step_size import default_steps_per_period
 from ..orbits.branches import OrbitBranch, continue_orbit, steps_of_branch
 from ..orbits.periodic import PeriodicOrbit, periodic_orbit
+from ..plots.runs import edges_of, peak_of
 from ..sweeps.attractors import FLOOR
 from ..sweeps.grid import Cases
 from ..sweeps.runs import run as run_along
@@ -43,12 +45,12 @@ COUNTS = {1: (200,), 2: (16, 25)}
 """Cases along each parameter of what is computed here, by the number of parameters."""
 RECORDS = {1: ("sections",), 2: ("motion",)}
 """Its records, by the number of parameters."""
-SLICE, LANES = 100, 56
-"""Cases that are computed and shown at once, and in one call: always as many, so that one program serves all."""
+SLICE, LANES, FEW = 80, 40, 16
+"""Cases that are computed and shown at once; in one call, so that one program serves all; and in one of `SURE`."""
 POINTS = 8
 """Points of a branch, of each way, that are computed and shown at once."""
-WINDOWS = 20
-"""Windows into which one of a run is divided where it is looked at."""
+HALVINGS = 6
+"""How often at most windows of a run are halved."""
 SLIDERS = {"speed": (100.0, 2500.0), "clearance": (1e-4, 5e-3), "length": (0.05, 0.5), "restitution": (0.1, 1.0)}
 """Parameters with a slider, and its ends [SI units]."""
 MOST_PERIOD = 8
@@ -74,11 +76,13 @@ class View:
     record: tuple[str, ...] = ()
     source: Path | None = None
     """File or store that it is from."""
+    span: tuple[float, float] | None = None
+    """Distances of a run between which it is shown, in finer windows where these are computed [m]; None for all."""
 
     @property
     def names(self) -> list[str]:
-        """The coordinates that vary, the one drawn upwards first."""
-        return list(map(Cases.label, self.grid)) if self.grid is not None else varied_names(self.ds)
+        """The coordinates that vary, the one drawn upwards first; of a run its distance."""
+        return list(map(Cases.label, self.grid)) if self.grid is not None else varied_names(self.ds) or ["distance"]
 
     @property
     def parameters(self) -> list[str]:
@@ -91,14 +95,16 @@ class View:
         return self.ds is not None and "distance" in self.ds.dims
 
     def axis(self, name: str) -> np.ndarray:
-        """The values of a coordinate [SI units]."""
+        """The values of a coordinate [SI units]; of a distance the middles of windows."""
         if self.grid is not None:
             return self.grid[name.removeprefix("start_")]
         assert self.ds is not None
-        return self.ds[name].values
+        return self.ds[name].values - self.ds.attrs.get("window [m]", 0.0) / 2
 
-    def quantity(self, name: str) -> Parameter:
+    def quantity(self, name: str) -> Quantity:
         """The quantity that a coordinate is of."""
+        if name == "distance":
+            return Quantity(name, "m", name)
         bare = name.removeprefix("start_")
         return STARTS[bare] if bare != name else parameter(name, self.scene)
 
@@ -119,6 +125,8 @@ class Case:
     steps: int | None = None
     """Integration steps per forcing period, where they are not the default."""
     solver: Any = None
+    window: tuple[float, float] | None = None
+    """Where of a run it is [m]; None for a steady motion."""
 
     @property
     def options(self) -> dict[str, Any]:
@@ -132,21 +140,26 @@ class Shown(NamedTuple):
     case: Case
     run: Trajectory
     ds: xr.Dataset
-    """Its last `SETTLED` forcing periods."""
+    """Its last `SETTLED` forcing periods, or all of a run's."""
     kind: str
-    """Of `slipperjax.analysis.kinds.KINDS`."""
+    """Of `slipperjax.analysis.kinds.KINDS`, or "run"."""
     period: int
     """Forcing periods after which it recurs; 0 for others."""
+
+    @property
+    def unit(self) -> float:
+        """Of the axis over time: a forcing period, which is one, or of a run its length [m]."""
+        return 1.0 if self.case.window is None else _wavelength(self.case.scene)
 
 
 @dataclass
 class Session:
     """All that a page shows and can compute. Copies share nothing that changes."""
 
-    views: list[View] = field(default_factory=list)
-    at: int = 0
+    views: list[View]
+    at: int
     """Which of the views is shown."""
-    case: Case | None = None
+    case: Case
     shown: Shown | None = None
     orbit: PeriodicOrbit | None = None
     branch: OrbitBranch | None = None
@@ -185,7 +198,11 @@ class Session:
             require(len(grid) in COUNTS, "grid", "have one or two parameters", list(grid))
             Cases(scene, grid, start or table_2_start())
             view = View(scene, start, None, grid, RECORDS[len(grid)])
-        return cls([view], 0, None if view.is_run else Case(scene, start, _origin(start)))
+        session = cls([view], 0, Case(scene, start, _origin(start)))
+        if view.is_run:  # the window with the highest force, where forces are known
+            place = float(peak_of(session.run)["peak_distance"]) if "peak_force" in session.run else 0.0
+            session.case = session.case_at(session.nearest(place))
+        return session
 
     def copied(self) -> "Session":
         """A session for another window, which goes on from here."""
@@ -214,44 +231,43 @@ class Session:
         names, grid = self.view.names, {}
         for name, pair, count in zip(names, ends, COUNTS[len(names)], strict=True):
             values = self.view.axis(name)
-            low, high = np.clip(sorted(pair), values.min(), values.max())
+            low, high = map(float, np.clip(sorted(pair), values.min(), values.max()))
             if not high - low > 1e-6 * np.ptp(values):
                 return None
             grid[name.removeprefix("start_")] = np.linspace(low, high, count)
+        if self.view.is_run:
+            return dataclasses.replace(self.view, span=(low, high))
         record = self.view.record if self.view.grid and len(names) == 2 else RECORDS[len(names)]
         return View(self.view.scene, self.view.start, None, grid, record)
 
-    def with_case(self) -> View | None:
-        """The same map with the other values of the case that is looked at; None where there is no case."""
-        if self.case is None:
-            return None
-        grid = self.view.grid or {
-            name.removeprefix("start_"): np.unique(self.view.axis(name)) for name in self.view.names
-        }
-        return dataclasses.replace(
-            self.view,
-            scene=self.case.scene,
-            ds=None,
-            grid=grid,
-            source=None,
-            record=self.view.record or RECORDS[len(grid)],
-        )
+    def with_case(self) -> View:
+        """The same map with the other values of the case that is looked at."""
+        view = self.view
+        grid = view.grid or {p: np.unique(view.axis(n)) for n, p in zip(view.names, view.parameters, strict=True)}
+        return View(self.case.scene, view.start, None, grid, view.record or RECORDS[len(grid)])
 
     def compute(self, view: View) -> Iterator[tuple[View, str, float]]:
         """Computes a view, `SLICE` cases at a time: gives what there is of it, what is being done, and its share.
 
         Cases of a map that have no period in the record are run once more with `SURE` periods.
         """
+        if view.is_run:
+            if (span := view.span) is not None and (window := self.finer(span)) is not None:
+                begin = self.way(span[0])[1]
+                options = {"begin": begin, "start": self.state_at(begin), "window": window, **self.run_options}
+                ds = run_along(view.scene, length=span[1] - begin, **options)
+                yield dataclasses.replace(view, ds=ds), "running once more", 1.0
+            return
         assert view.grid is not None
         cases = Cases(view.scene, view.grid, view.start or table_2_start())
         # cases with the same steps together, which run as one batch
         order, options = np.argsort(-cases.default_steps(), kind="stable"), self.sweep_options(view)
         whole: xr.Dataset | None = None
-        for text in ("computing the map", "telling chaos from quasi-periodic motions"):
+        for text, lanes in (("computing the map", LANES), ("telling chaos from quasi-periodic motions", FEW)):
             for first in range(0, len(order), SLICE):
                 part = order[first : first + SLICE]
                 values = cases.part(np.unravel_index(part, cases.shape))
-                ds = sweep(view.scene, values, product=False, **options, chunk=LANES)
+                ds = sweep(view.scene, values, product=False, **options, chunk=lanes)
                 whole = _put(whole, ds, part, cases)
                 yield dataclasses.replace(view, ds=whole), text, min(1.0, (first + SLICE) / len(order))
             if whole is None or "kind" not in whole:
@@ -281,6 +297,52 @@ class Session:
         self.views[self.at] = dataclasses.replace(view, ds=ds.assign(status=ds["status"].load()))
         return self.view
 
+    # --- runs -------------------------------------------------------------------------------------------------------
+
+    @property
+    def run(self) -> xr.Dataset:
+        """The whole run, of which views and cases are parts."""
+        assert self.views[0].ds is not None
+        return self.views[0].ds
+
+    @property
+    def run_options(self) -> dict[str, Any]:
+        """Its records and its solver."""
+        call = load_call(self.run)
+        return {name: call[name] for name in ("record", "solver") if call.get(name) is not None}
+
+    def way(self, distance: float) -> tuple[float, float]:
+        """The last place up to a distance where the run kept its state, and where its window there begins [m]."""
+        edges = edges_of(self.run, "distance")
+        before = lambda places: float(max(p for p in places if p <= max(distance, edges[0]) + 1e-6))
+        return before([edges[0], *self.run["stretch"].values]), before(edges)
+
+    def state_at(self, distance: float) -> Any:
+        """A run with its state where the window at a distance [m] begins, or the start there."""
+        kept, begin = self.way(distance)
+        start = self.run if kept in self.run["stretch"] else load_start(self.run)
+        if begin == kept:
+            return start
+        options = {"begin": kept, "start": start, "window": self.run.attrs["window [m]"], **self.run_options}
+        return run_along(self.views[0].scene, length=begin - kept, **options)
+
+    def finer(self, span: tuple[float, float]) -> float | None:
+        """The length of windows in which a part is computed [m], halved while there are few; None where it is not."""
+        width = float(self.run.attrs["window [m]"])
+        halvings = min(math.ceil(math.log2(COUNTS[1][0] * width / (span[1] - span[0]))), HALVINGS)
+        return width / 2**halvings if halvings > 0 else None
+
+    def passage(self, case: Case) -> tuple[Scene, int, float]:
+        """The scene in a window, and whole forcing periods that have it near their end, from a place on [m]."""
+        assert case.window is not None
+        scene, (low, high), wave = case.scene, case.window, _wavelength(case.scene)
+        periods = max(1, math.ceil((high - self.way(low)[1]) / wave - 1e-6))
+        kept, begin = self.way(high - periods * wave + self.run.attrs["window [m]"] - 2e-6)
+        if scene.wear is not None:  # too little to matter within a window
+            play = self.run["play"].sel(stretch=kept).values if kept in self.run["stretch"] else scene.section.play
+            scene = dataclasses.replace(scene, wear=None, section=dataclasses.replace(scene.section, play=play))
+        return scene, periods, begin
+
     # --- the case ---------------------------------------------------------------------------------------------------
 
     def nearest(self, *place: float) -> dict[str, int]:
@@ -295,6 +357,12 @@ class Session:
     def case_at(self, index: Mapping[str, int]) -> Case:
         """The case at a place of the map."""
         view = self.view
+        if view.is_run:
+            ds, window = self.run, edges_of(view.ds, "distance")[index["distance"] :][:2]
+            at = min(int(np.searchsorted(ds["stretch"].values, window.mean())), ds.sizes["stretch"] - 1)
+            count = float(ds["steps_per_window"][at]) * _wavelength(view.scene) / ds.attrs["window [m]"]
+            solver = load_call(ds).get("solver")
+            return Case(view.scene, view.start, "", math.ceil(count), solver, (float(window[0]), float(window[1])))
         values = {name: float(view.axis(name)[index.get(name, index.get("case", 0))]) for name in view.names}
         of_start = {name.removeprefix("start_"): v for name, v in values.items() if name.startswith("start_")}
         scene = view.scene.replace(**{name: v for name, v in values.items() if not name.startswith("start_")})
@@ -311,11 +379,14 @@ class Session:
             steps = count if count and count != default_steps_per_period(scene) else None
         return Case(scene, start, origin, steps, solver)
 
-    def place(self) -> list[float] | None:
-        """Where the case that is looked at is on the map, along `view.names` [SI units]; None for a run."""
-        if self.case is None or self.view.is_run or any(name.startswith("start_") for name in self.view.names):
-            return None
-        return [float(parameter(name, self.case.scene).of(self.case.scene)) for name in self.view.names]
+    def place(self) -> list[float]:
+        """Where the case that is looked at is on the map, along `view.names` [SI units]."""
+        case, motion = self.case, getattr(self.case.start, "motion", self.case.start) or table_2_start()
+        if case.window is not None:
+            return [float(np.mean(case.window))]
+        of_start = lambda name: getattr(motion, name.removeprefix("start_"))
+        of_scene = lambda name: parameter(name, case.scene).of(case.scene)
+        return [float(of_start(n) if n.startswith("start_") else of_scene(n)) for n in self.view.names]
 
     def begun(self, case: Case, choice: str) -> Case:
         """The case from a chosen start: "map", "picked", or "end" of what is shown now."""
@@ -346,6 +417,12 @@ class Session:
 
     def look(self, case: Case) -> Iterator[Shown]:
         """Computes the motion of a case."""
+        if case.window is not None:
+            scene, periods, begin = self.passage(case)
+            start, saves = self.state_at(begin), {"saves_per_period": case.steps}
+            run = simulate(scene, periods, start=start, begin=begin, **case.options, **saves)
+            yield Shown(case, run, run.to_xarray(), "run", 0)
+            return
         saves = {} if case.steps is None or case.steps % SAVES else {"saves_per_period": SAVES}
         run = simulate(case.scene, PERIODS, start=case.start, **case.options, **saves)
         ds = run.to_xarray()
@@ -360,7 +437,7 @@ class Session:
     def find_orbit(self, shown: Shown) -> Iterator[PeriodicOrbit]:
         """Finds the orbit of a case whose motion is periodic."""
         case = shown.case
-        if shown.kind == "period" and shown.period <= MOST_PERIOD and float(case.scene.track.recurrence) == 1:
+        if not no_orbit(shown):
             yield periodic_orbit(case.scene, shown.period, start=shown.run.end, **case.options)
 
     def warm(self) -> Iterator[None]:
@@ -397,16 +474,18 @@ class Session:
         ends = self.view.axis(name) if name in self.view.names else np.array(SLIDERS[name])
         return min(float(np.min(ends)), value), max(float(np.max(ends)), value)
 
-    def window(self, distance: float) -> Iterator[xr.Dataset]:
-        """Runs once more over the window of a run at a distance [m], in finer windows."""
-        ds, scene = self.view.ds, self.view.scene
-        assert ds is not None
-        width, ends = ds.attrs["window [m]"], ds["distance"].values
-        at = min(int(np.searchsorted(ends, distance)), len(ends) - 1)
-        before = [float(s) for s in ds["stretch"].values if s <= ends[at] - width * (1 - 1e-9)]
-        begin, start = (before[-1], ds) if before else (float(ends[0]) - width, load_start(ds))
-        fine = run_along(scene, length=float(ends[at]) - begin, begin=begin, start=start, window=width / WINDOWS)
-        yield fine.isel(distance=slice(-WINDOWS * min(3, at + 1), None))
+
+def no_orbit(shown: Shown) -> str:
+    """Why no orbit is looked for; empty where one is."""
+    if shown.kind != "period":
+        return "none, as the motion has no period"
+    if float(shown.case.scene.track.recurrence) != 1:
+        return "none, as the rail does not repeat after a wavelength"
+    return f"looked for up to period {MOST_PERIOD} only" if shown.period > MOST_PERIOD else ""
+
+
+def _wavelength(scene: Scene) -> float:
+    return float(np.max(np.asarray(scene.track.wavelength)))
 
 
 def _opened(path: Path) -> Any:

@@ -23,6 +23,7 @@ from ..model.paths import parameter
 from ..model.quantities import LOADS, PARAMETERS, STARTS
 from ..model.scene import Scene
 from ..model.scene_files import SceneFile, scene_from_json, scene_from_toml, scene_to_json
+from ..model.travel import SpeedProgramme
 from ..tools.checks import require
 from ..tools.compile import jit
 from ..tools.description import build, describe
@@ -182,7 +183,8 @@ def load_call(source: Any) -> dict[str, Any]:
     """
     call = json.loads(_attribute(dataset_of(source), "call"))
     of_diffrax = diffrax.AbstractSolver, diffrax.AbstractStepSizeController, diffrax.AbstractAdjoint
-    kinds = (*of_diffrax, optimistix.AbstractRootFinder, lineax.AbstractLinearSolver, Motion, AbstractRecord)
+    of_others = optimistix.AbstractRootFinder, lineax.AbstractLinearSolver
+    kinds = (*of_diffrax, *of_others, Motion, SpeedProgramme, AbstractRecord)
     return {name: build(value, kinds, name) for name, value in call.items()}
 
 

@@ -16,11 +16,12 @@ from jaxtyping import Array, Float, Int
 from ..model.dang2024 import table_2_start
 from ..model.dynamics import Args, Reactions, State, check_start, initial_state, reactions
 from ..model.kinematics import Motion, euler_angles, scaled_size
+from ..model.layout import StateLayout
 from ..model.quantities import quantity
 from ..model.scene import Scene, check_scene
 from ..model.step_size import LEAST_STEPS, traced_steps_per_period
 from ..solvers.named import resolve_controller, resolve_solver
-from ..tools.checks import instance, require, shown_number, whole, yes_or_no
+from ..tools.checks import instance, not_negative, number, require, shown_number, whole, yes_or_no
 from ..tools.compile import call_compiled, is_traced, jit
 from ..tools.description import describe
 from ..tools.html import repr_html
@@ -105,13 +106,13 @@ def _mapped(map_: PeriodMap, static: tuple, state: State) -> State:
     return map_(state)
 
 
-def check_rail(scene: Scene, periods: int) -> None:
+def check_rail(scene: Scene, periods: int, begin: float = 0.0) -> None:
     """Raises `ValueError` where a rail ends before a run of some forcing periods does, or where slippers wear."""
     require(scene.wear is None, "scene", "have no wear here, which slipperjax.run follows alone", scene.wear)
     if is_traced(scene.track):
         return
     if (end := scene.track.end) < np.inf:
-        most = int(end / float(np.max(np.asarray(scene.track.wavelength))) * (1 + 1e-9))
+        most = int((end - begin) / float(np.max(np.asarray(scene.track.wavelength))) * (1 + 1e-9))
         need = f"be at most {most} here, transient included, because the rail ends at {end:g} m"
         require(periods <= most, "periods", need, periods)
 
@@ -256,11 +257,13 @@ def _peak(loads: Loads) -> Peak:
 
 
 @functools.partial(jit, static_argnames=("saves",))
-def _finished(first: State, passage: Passage, scene: Scene, most_stability_number: Any, *, saves: int) -> tuple:
+def _finished(
+    first: State, passage: Passage, scene: Scene, most_stability_number: Any, epoch: Any, *, saves: int
+) -> tuple:
     """Gives states, loads, instants [forcing periods] and status of a run; one program, not one per operation."""
     saved, *loads = passage.samples
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b.reshape(-1, *b.shape[2:])]), first, saved)
-    times = jnp.arange(passage.steps_taken.shape[0] * saves + 1) / saves
+    times = epoch + jnp.arange(passage.steps_taken.shape[0] * saves + 1) / saves
     # states between the ends of periods count, too
     code = jnp.where(passage.status == int(Status.FINITE), status_of(states), passage.status)
     code = with_resolution(code, scene, jnp.min(passage.steps_taken))
@@ -279,7 +282,8 @@ def simulate(
     steps_per_period: int | None = None,
     solver: diffrax.AbstractSolver | str | None = None,
     stepsize_controller: diffrax.AbstractStepSizeController | None = None,
-    start: Motion | State | Trajectory | None = None,
+    start: Any = None,
+    begin: float = 0.0,
     saves_per_period: int | None = None,
     adjoint: diffrax.AbstractAdjoint | None = None,
     loads: bool = True,
@@ -299,8 +303,9 @@ def simulate(
     - `stepsize_controller`: default constant steps. `AdaptiveSteps(tolerance)`, or one of diffrax's, goes with
         solvers that estimate their error; then `steps_per_period` is the first guess, and states between the ends
         of periods are interpolated at as many instants, to third order.
-    - `start`: motion or state at time zero, or a `Trajectory`, from whose end it goes on; default Table 2 of Dang et
-        al. 2024. The time begins at zero again.
+    - `start`: motion or state at `begin`, or a `Trajectory`, from whose end it goes on; default Table 2 of Dang et
+        al. 2024. Or a dataset of `slipperjax.run`, from whose state at `begin` it goes on, by default at its end.
+    - `begin`: distance travelled at the start [m], as of a place of a rail; time counts from distance zero.
     - `saves_per_period`: saved states per forcing period, a divisor of `steps_per_period`; default 40, or
         50, 40 or all, the first that divides them, where `steps_per_period` is given.
     - `adjoint`: for a step size controller only, as constant steps can be differentiated in both modes: default
@@ -316,10 +321,11 @@ def simulate(
     """
     check_scene(scene)
     periods, loads = whole("periods", periods, 1), yes_or_no("loads", loads)
-    check_rail(scene, periods)
+    begin, start = beginning(begin, start)
+    epoch = begin / scene.track.wavelength
+    check_rail(scene, periods, begin)
     steps, saves = step_plan(lambda: default_steps(scene, None), steps_per_period, saves_per_period)
     solver = resolve_solver(scene, solver)
-    start = first_of(start)
     controller = resolve_controller(stepsize_controller, solver)
     probe, traced = whole("probe", probe, 0), is_traced((scene, start))
     require(not (probe and traced), "probe", "be 0 under jit, vmap or grad", probe)
@@ -327,7 +333,7 @@ def simulate(
     if not is_traced(steps):
         needed, seconds = 8.0 * records.values(0, periods), SECONDS_PER_STEP * steps * periods
         refuse_impossible(f"{periods} forcing periods of {steps} steps", needed, seconds)
-    first = initial_state(scene, start)
+    first = initial_state(scene, start, epoch)
     if controller is not None:
         stepping = _controlled(steps if loads else saves, steps, controller, adjoint)
     elif traced:
@@ -335,17 +341,18 @@ def simulate(
     else:
         stepping = dynamic_steps(steps, inside=records.inside, finer=bool(probe))
     run = PeriodMap(scene, stepping, solver)
-    passage = run_compiled(run, first, periods, records) if traced else run_eagerly(run, first, periods, records)
+    apply = run_compiled if traced else run_eagerly
+    passage = apply(run, first, periods, records, epoch)
     limit = most_stability_number(solver, controller)
-    states, loads_of_periods, times, status = _finished(first, passage, scene, limit, saves=saves)
+    states, loads_of_periods, times, status = _finished(first, passage, scene, limit, epoch, saves=saves)
     shown = steps if controller is None or loads or saves == 1 else saves
     options = dict(periods=periods, steps_per_period=steps, saves_per_period=saves, solver=solver)
-    options |= dict(stepsize_controller=controller, loads=loads, probe=probe)
+    options |= dict(stepsize_controller=controller, loads=loads, probe=probe, begin=begin)
     call = json.dumps(describe(options))
     trajectory = Trajectory(scene, times, states, shown, passage.steps_taken, status, loads_of_periods, call)
     if not probe:
         return trajectory
-    repeat = lambda s, state, epoch: run_eagerly(PeriodMap(scene, s, solver), state, 1, records, epoch, periods)
+    repeat = lambda s, state, k: run_eagerly(PeriodMap(scene, s, solver), state, 1, records, epoch + k, periods)
     measured = _probed(stepping, states, saves, probe, repeat)
     if int(status) == Status.FINITE and not np.max(np.asarray(measured.error)) <= INACCURATE:
         status = jnp.asarray(np.int64(Status.INACCURATE))
@@ -353,7 +360,7 @@ def simulate(
 
 
 def run_eagerly(
-    run: PeriodMap, state: State, periods: int, records: RecordSet, epoch: float = 0.0, like: int | None = None
+    run: PeriodMap, state: State, periods: int, records: RecordSet, epoch: Any = 0.0, like: int | None = None
 ) -> Passage:
     """Runs with a program that serves other numbers of periods, too; that of a run of `like` periods if given."""
     size = capacity_for(periods if like is None else like)
@@ -391,3 +398,21 @@ def first_of(start: Any) -> Motion | State:
     if start is None:
         return table_2_start()
     return check_start("start", start.end if isinstance(start, Trajectory) else start)
+
+
+def beginning(begin: float, start: Any) -> tuple[float, Motion | State]:
+    """Returns where a run begins [m], and its start, which may be the state of an earlier run there."""
+    begin = number(not_negative, "begin", begin, "m")
+    if not hasattr(start, "data_vars"):
+        return begin, first_of(start)
+    from .datasets import load_base  # which is of trajectories
+
+    marks = start.get("state")
+    need = "be a motion, a state, or one run of slipperjax"
+    require(marks is not None and marks.ndim == 2, "start", need, shown="another dataset")
+    places = start["stretch"].values
+    at = int(np.argmin(np.abs(places - begin))) if begin else len(places) - 1
+    need = f"be one of the distances where the earlier run kept its state, {places[0]:g} to {places[-1]:g} m"
+    require(not begin or abs(places[at] - begin) <= 1e-9 * begin, "begin", need, begin)
+    state = StateLayout.of(load_base(start)[0]).unpack(jnp.asarray(start["state"].values[at]))
+    return float(places[at]), first_of(state)

@@ -52,7 +52,7 @@ FIRST_TRIAL: dict[str, Any] = dict(ls="", marker="s", ms=6.5, mfc="none", mec="b
 """Marker of the first trial of a start."""
 BOUND: dict[str, Any] = dict(ls=":", lw=0.9, color=COLORS["red"], zorder=1)
 """Line of the least and the greatest value that a variable may have."""
-GRID_MINIMUM: dict[str, Any] = dict(ls="", marker="P", ms=6, mfc="white", mec="black", mew=0.7, zorder=5)
+GRID_MINIMUM: dict[str, Any] = dict(ls="", marker="P", ms=6, mfc="white", mec="black", mew=0.7, zorder=7)
 """Marker of the lowest value of a grid."""
 
 
@@ -307,6 +307,8 @@ def _draw_margins(margins: xr.Dataset, ds: xr.Dataset, ax: Any) -> list[Any]:
     handles = [Line2D([], [], lw=3.5, alpha=0.35, color=c, label=of_case(case)) for case, c in colors.items()]
     dark: dict[str, Any] = dict(ls="", ms=5, mew=0.9, color="black")
     present = [label for label in EVENT_MARKERS if label in labels]
+    if not np.all(labels):
+        handles.append(Line2D([], [], lw=3.5, alpha=0.35, color="black", label="no marker: no event up to there"))
     return handles + [Line2D([], [], marker=EVENT_MARKERS[m], label=f"{m} {EVENT_NAMES[m]}", **dark) for m in present]
 
 
@@ -362,7 +364,9 @@ def _draw_map(surroundings: xr.Dataset, ds: xr.Dataset, ax: Any) -> list[Any]:
                 entries.append(Patch(hatch=hatch, label=text, facecolor=COLORS["grey"], edgecolor="white", lw=0))
         color_bar(ax, mesh, label)
         ax.grid(False)
-    handles = [Line2D([], [], label="best design", **OPTIMUM)]
+    of_cases = [*_kinds_of(ds["regime"].values)]  # the hatch is that of the least regular one
+    words = ",\n".join(f"{of_cases.count(kind)} × {kind}" for kind in dict.fromkeys(sorted(of_cases)))
+    handles = [Line2D([], [], label=f"best design:\n{words}", **OPTIMUM)]
     if finite.any():
         ax.plot(*lowest, **GRID_MINIMUM)
         handles.append(Line2D([], [], label=f"lowest of the grid, {np.min(total[finite]):.4g}", **GRID_MINIMUM))

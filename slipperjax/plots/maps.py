@@ -134,16 +134,15 @@ def bifurcations(
 
 
 def _stacked(count: int, columns: int) -> np.ndarray:
-    """Gives some Axes of a new figure over one another, in columns."""
+    """Gives some Axes of a new figure over one another, in columns, of which the first row may lack its last."""
     rows = -(-count // columns)
     size = (3.6 * columns, 1.6 * rows + 0.7)
     _, grid = plt.subplots(rows, columns, figsize=size, sharex=True, layout="constrained", squeeze=False)
     axes = grid.ravel()
-    for ax in axes[count:]:
+    absent = slice(columns - (-count % columns), columns)  # at the top, as the lowest ones have labels
+    for ax in axes[absent]:
         ax.remove()
-    for ax in axes[count - columns : count]:
-        ax.tick_params(labelbottom=True)
-    return axes[:count]
+    return np.delete(axes, absent)
 
 
 def _draw_dots(

@@ -13,11 +13,11 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float, Int
 
-from ..flow.datasets import load_base, run_attributes, scene_attributes
+from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.period_map import advance, initial_states
 from ..flow.record import AbstractRecord, RecordedSpan, RecordSet
 from ..flow.records import AbstractNumber, ContactChecks, judged_by_contacts
-from ..flow.simulate import Trajectory, first_of
+from ..flow.simulate import Trajectory, beginning
 from ..flow.status import MEANINGS, first_problem, most_stability_number
 from ..flow.stepping import ConstantSteps, capacity_for
 from ..flow.windows import (
@@ -45,7 +45,7 @@ from ..model.travel import SpeedProgramme
 from ..solvers.latching import solver_name
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
-from ..tools.checks import not_negative, number, positive, require, warn, whole
+from ..tools.checks import number, positive, require, warn, whole
 from ..tools.compile import jit
 from .grid import Cases, filled, with_tracks
 from .records import OF_LOADS
@@ -120,7 +120,7 @@ def run(
     """
     call = call_of("run", locals())
     scene = at_speed(scene, speed)
-    earlier, (begin, start) = start, _beginning(begin, start)
+    earlier, (begin, start) = start, beginning(begin, start)
     worn = _worn(scene, earlier, begin)
     windows = _windows(scene, number(positive, "length", length, "m"), begin, number(positive, "window", window, "m"))
     records = RecordSet((*_records(scene, record), ThirdOctaves()))
@@ -184,22 +184,6 @@ class _Frame(NamedTuple):
     def stretches(self) -> np.ndarray:
         """Travel at the end of each stretch [m]."""
         return self.ends[stretch_ends(self.windows)]
-
-
-def _beginning(begin: float, start: Any) -> tuple[float, Motion | State]:
-    """Returns where a run begins [m], and its start, which may be the state of an earlier run there."""
-    begin = number(not_negative, "begin", begin, "m")
-    if not isinstance(start, xr.Dataset):
-        return begin, first_of(start)
-    marks = start.get("state")
-    need = "be a motion, a state, or one run of slipperjax"
-    require(marks is not None and marks.ndim == 2, "start", need, shown="another dataset")
-    places = start["stretch"].values
-    at = int(np.argmin(np.abs(places - begin))) if begin else len(places) - 1
-    need = f"be one of the distances where the earlier run kept its state, {places[0]:g} to {places[-1]:g} m"
-    require(not begin or abs(places[at] - begin) <= 1e-9 * begin, "begin", need, begin)
-    state = StateLayout.of(load_base(start)[0]).unpack(jnp.asarray(start["state"].values[at]))
-    return float(places[at]), first_of(state)
 
 
 def _windows(scene: Scene, length: float, begin: float, window: float) -> int:

@@ -4,10 +4,12 @@ SLIPPERJAX_SCREENSHOTS=shots python -m pytest -m slow -s tests/explorer/test_bro
 """
 
 import contextlib
+import json
 import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -126,6 +128,20 @@ class Window:
         self.context.close()
 
 
+def run_copied(window, folder):
+    """Runs the script in the clipboard, and gives the highest force of its `run` [kN]."""
+    script = window.page.evaluate("navigator.clipboard.readText()")
+    lines = ["import matplotlib; matplotlib.use('Agg')", script, "print(float(run.peak.force) / 1e3)"]
+    (folder / "copied.py").write_text("\n".join(lines))
+    done = subprocess.run([sys.executable, folder / "copied.py"], capture_output=True, text=True, check=True)
+    return done.stdout
+
+
+def peak_of(window):
+    """The highest force that the page states [kN]."""
+    return float(re.search(r"highest force ([\d.]+) kN", window.model("case", "text"))[1])
+
+
 def test_a_map_is_computed_clicked_and_refined(browser, tmp_path):
     began = time.perf_counter()
     with serving() as (process, url):
@@ -176,12 +192,7 @@ def test_a_map_is_computed_clicked_and_refined(browser, tmp_path):
         window.look(1250, 1.0)
         window.ready()
         window.press("Copy as Python")
-        script = window.page.evaluate("navigator.clipboard.readText()")
-        (tmp_path / "copied.py").write_text(
-            f"import matplotlib; matplotlib.use('Agg')\n{script}print(float(run.peak.force))"
-        )
-        done = subprocess.run([sys.executable, tmp_path / "copied.py"], capture_output=True, text=True, check=True)
-        assert f"{float(done.stdout) / 1e3:.3g} kN" in window.model("case", "text")
+        assert float(run_copied(window, tmp_path)) == pytest.approx(peak_of(window), rel=1e-2)
         with window.page.expect_download() as download:
             window.press("Save scene")
         download.value.save_as(tmp_path / "scene.toml")
@@ -254,13 +265,143 @@ def test_a_diagram_is_computed_and_followed(browser):
         window.close()
 
 
-def test_a_run_shows_its_windows(browser, tmp_path):
+def test_a_run_shows_its_windows_and_parts_of_it_finer(browser, tmp_path):
     speed = sj.SpeedProgramme.stages([sj.Stage(250.0, speed=300.0)], start=100.0)
-    sj.run(sj.paper_scene(), length=250.0, speed=speed).to_netcdf(tmp_path / "run.nc", engine="h5netcdf")
-    with serving(tmp_path / "run.nc") as (_, url):
+    ds = sj.run(sj.paper_scene(), length=250.0, speed=speed)
+    ds.to_netcdf(tmp_path / "run.nc", engine="h5netcdf")
+    force = ds["peak_force"].max(("end", "point"))
+    highest = float(ds["distance"][force.values.argmax()])
+    with serving(tmp_path / "run.nc") as (process, url):
         window = Window(browser, url)
-        window.click(150, 1.0)
-        window.wait("147 to 150 m", WAIT)
+        window.wait(f"{highest - 1:g} to {highest:g} m", WAIT)  # where the force is highest
+        assert f"{float(force.max()) / 1e3:.3g} kN" in window.model("case", "text")
         window.ready()
         window.shoot("9_run")
+        window.look(149.5, 1.0)
+        window.wait("149 to 150 m")
+        before = window.model("case", "text")
+        window.page.keyboard.press("ArrowRight")
+        window.page.wait_for_function(CASE_CHANGED, arg=before, timeout=WAIT)
+        window.wait("150 to 151 m")
+        window.ready()
+        # a part of it in finer windows, and back
+        for name, low, high in (("first", 120, 130), ("warm", 121, 129)):
+            t = time.perf_counter()
+            window.drag(low, 0.5, high, 1.0)
+            window.page.wait_for_function(f"Bokeh.documents[0].get_model_by_name('map').x_range.end < {high} + 1")
+            window.page.wait_for_function(COMPUTED, timeout=WAIT)
+            print(f"a part of a run, {name}: {time.perf_counter() - t:.2f} s")
+        window.ready()
+        window.look(125.0, 1.0)
+        window.shoot("10_part_of_a_run")
+        window.press("Copy as Python")
+        assert float(run_copied(window, tmp_path)) == pytest.approx(peak_of(window), rel=1e-2)
+        window.page.locator("select").first.select_option("impacts")
+        window.page.wait_for_function("Bokeh.documents[0].get_model_by_name('map').below")
+        window.press("◀ Back")
+        window.press("◀ Back")
+        assert window.model("map", "x_range.end") > 250
         window.close()
+        assert "The page was closed" in process.stdout.readline()
+
+
+@contextlib.contextmanager
+def shown(browser, *arguments):
+    """A window on a page of this process."""
+    page = sj.explore(*arguments)
+    window = Window(browser, page.url)
+    try:
+        window.wait("highest force")
+        yield window
+        window.close()
+    finally:
+        page.stop()
+
+
+def arrows(window, *keys):
+    """What the page says of the case after each of some keys."""
+    for key in keys:
+        before = window.model("case", "text")
+        window.page.keyboard.press(key)
+        window.page.wait_for_function(CASE_CHANGED, arg=before, timeout=WAIT)
+    return window.model("case", "text")
+
+
+def cross(window):
+    """Where the cross on the map is."""
+    window.page.wait_for_function("Bokeh.documents[0].get_model_by_name('cross').data_source.data.x.length")
+    return [window.model("cross", f"data_source.data.{axis}[0]") for axis in "xy"]
+
+
+def test_a_map_over_starts_is_walked_with_keys(browser):
+    grid = {"v_z": np.linspace(0.1, 0.7, 3), "y": np.linspace(-2e-4, 2e-4, 3)}
+    with shown(browser, sj.paper_scene(), grid) as window:
+        window.page.wait_for_function(COMPUTED, timeout=WAIT)
+        window.look(0.2, 0.1)
+        assert cross(window) == pytest.approx([0.2, 0.1])
+        arrows(window, "ArrowLeft")
+        assert cross(window) == pytest.approx([0.0, 0.1])
+        arrows(window, "ArrowUp")
+        assert cross(window) == pytest.approx([0.0, 0.4])
+        window.page.keyboard.press(" ")
+        window.page.get_by_role("button", name="Pause").wait_for()
+        window.page.keyboard.press(" ")
+        window.page.get_by_role("button", name="Play").wait_for()
+        assert window.model("time", "x_range.start") > 315  # the last periods and no more
+        window.shoot("11_starts")
+
+
+def test_samples_are_clicked(browser):
+    speed, clearance = np.linspace(900.0, 1600.0, 6), np.array([1.0, 2.0, 0.8, 1.5, 1.1, 1.9]) * 1e-3
+    grid = {"clearance": clearance, "speed": speed}
+    ds = sj.sweep(sj.paper_scene(), grid, product=False, record=["motion", "peak_force"], periods=64)
+    with shown(browser, ds) as window:
+        window.look(speed[3] + 20, 1e3 * clearance[3] + 0.05)
+        assert cross(window) == pytest.approx([speed[3], 1e3 * clearance[3]])
+        window.ready()
+        window.shoot("12_samples")
+
+
+def test_a_map_with_uneven_values_is_clicked(browser):
+    speed = np.geomspace(200.0, 2000.0, 5)
+    ds = sj.sweep(
+        sj.paper_scene(), {"clearance": np.array([1e-3, 2e-3]), "speed": speed}, record="motion", periods=64
+    )
+    with shown(browser, ds) as window:
+        for k in (0, 3):
+            window.look(speed[k] * 1.02, 1.1)
+            assert cross(window) == pytest.approx([speed[k], 1.0])
+        window.ready()
+        window.shoot("13_logarithmic")
+
+
+def test_a_notebook_shows_the_page(browser, tmp_path):
+    pytest.importorskip("jupyterlab", reason="needs the extra notebook")
+    code = 'import slipperjax as sj\nsj.explore(sj.paper_scene(), {"clearance": [1e-3, 2e-3], "speed": [1e3, 1.5e3]})'
+    cell = {"cell_type": "code", "source": code, "metadata": {}, "outputs": [], "execution_count": None, "id": "one"}
+    kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3"}}
+    notebook = {"cells": [cell], "metadata": kernel, "nbformat": 4, "nbformat_minor": 5}
+    (tmp_path / "page.ipynb").write_text(json.dumps(notebook))
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    options = ["--no-browser", "--allow-root", f"--port={port}", "--ip=127.0.0.1", "--IdentityProvider.token=secret"]
+    command = [sys.executable, "-m", "jupyterlab", *options, f"--notebook-dir={tmp_path}"]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+        try:
+            page = browser.new_page(viewport={"width": 1400, "height": 1300})
+            for _ in range(60):
+                with contextlib.suppress(Exception):
+                    page.goto(f"http://127.0.0.1:{port}/lab/tree/page.ipynb?token=secret")
+                    break
+                time.sleep(1.0)
+            page.locator(".jp-CodeCell").first.click(timeout=WAIT)
+            page.keyboard.press("Shift+Enter")
+            frame = page.frame_locator("iframe[src^='http://127.0.0.1']")
+            frame.get_by_text("highest force").first.wait_for(timeout=WAIT)
+            frame.get_by_text("period 1").first.wait_for(timeout=WAIT)
+            if folder := os.environ.get("SLIPPERJAX_SCREENSHOTS"):
+                page.screenshot(path=Path(folder) / "14_notebook.png")
+            page.close()
+        finally:
+            process.terminate()

@@ -10,7 +10,7 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax.explorer.pictures import MOTIONS, REGIMES, choices, image, label, picture_of
 from slipperjax.explorer.scripts import python_of, scene_text, start_text
-from slipperjax.explorer.session import COUNTS, Case, Session
+from slipperjax.explorer.session import COUNTS, Case, Session, Shown, no_orbit
 from slipperjax.explorer.worker import Worker
 from slipperjax.flow.datasets import run_attributes
 from slipperjax.model import scene_to_json
@@ -86,6 +86,59 @@ def test_the_start_is_chosen(end):
     session.picked = sj.Motion(y=1e-3)
     case = session.begun(Case(sj.paper_scene()), end)
     assert case.start is (session.picked if end == "picked" else None)
+
+
+@pytest.fixture(scope="module")
+def along():
+    """A run of 130 windows, of which the states after 100 and 130 m are kept."""
+    return sj.run(sj.paper_scene(), length=130.0, speed=sj.SpeedProgramme.over_distance([0.0, 130.0], [100.0, 200.0]))
+
+
+@pytest.mark.slow
+def test_a_window_of_a_run_is_a_case_with_the_same_forces(along):
+    session = Session.of(along)
+    highest = along["peak_force"].max(("end", "point"))
+    assert session.case.window[1] == along["distance"][highest.values.argmax()]
+    session.case = session.case_at(session.nearest(119.7))
+    assert session.case.window == (119.0, 120.0)
+    assert session.place() == [119.5]
+    (shown,) = session.look(session.case)
+    distance = shown.unit * shown.ds["period"].values
+    assert distance[[0, -1]] == pytest.approx([112.0, 120.0])
+    found = shown.run.to_xarray()["peak_force"].max("point")
+    there = along["peak_force"].sel(distance=slice(112.5, 120.0)).max(("distance", "point"))
+    np.testing.assert_allclose(found, there, rtol=1e-4)  # the steps differ: measured 5e-6
+    assert no_orbit(shown) == "none, as the motion has no period"
+
+
+@pytest.mark.slow
+def test_a_part_of_a_run_is_finer_with_the_same_forces(along):
+    session = Session.of(along)
+    session.show(session.box((104.2, 108.0)))
+    assert session.view.names == ["distance"]
+    assert session.finer((0.0, 130.0)) == 0.5
+    ((view, _, _),) = session.compute(session.view)
+    assert view.ds.attrs["window [m]"] == 1 / 64
+    assert view.ds["distance"][0] == 104.0 + 1 / 64
+    fine = view.ds["peak_force"].sel(distance=slice(105.0001, 106.0)).max("distance")
+    np.testing.assert_allclose(fine, along["peak_force"].sel(distance=106.0), rtol=2e-2, atol=10.0)
+
+
+@pytest.mark.slow
+def test_a_script_computes_what_is_shown_of_a_run(along, tmp_path):
+    along.to_netcdf(tmp_path / "run.nc", engine="h5netcdf")
+    session = Session.of(tmp_path / "run.nc")
+    session.case = session.case_at(session.nearest(119.7))
+    (session.shown,) = session.look(session.case)
+    lines = [line for line in python_of(session).splitlines() if not line.startswith("sj.plots")]
+    names = {}
+    exec("\n".join(lines), names)
+    np.testing.assert_array_equal(names["run"].state.motion.y, session.shown.run.state.motion.y)
+
+
+@pytest.mark.parametrize(("kind", "period", "words"), [("chaotic", 0, "no period"), ("period", 12, "up to period 8")])
+def test_a_branch_that_cannot_be_followed_has_a_reason(kind, period, words):
+    assert words in no_orbit(Shown(Case(sj.paper_scene()), None, None, kind, period))
 
 
 # --- scripts --------------------------------------------------------------------------------------------------------

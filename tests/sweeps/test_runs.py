@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.flow.datasets import load_call
 from slipperjax.flow.windows import BANDS, SAMPLES_PER_WINDOW, STRETCH, _bands
 from slipperjax.sweeps.grid import Cases
 from slipperjax.sweeps.runs import _keys, _step_profiles
@@ -74,6 +75,18 @@ def test_a_run_goes_on_from_where_another_one_ended(steady):
         sj.run(SCENE, length=8.0, start=lost)
 
 
+def test_a_trajectory_goes_on_from_a_state_that_a_run_kept(steady):
+    first = sj.run(SCENE, length=24.0, window=8.0, steps_per_period=STEPS)
+    run = sj.simulate(SCENE, 5, start=first, begin=24.0, steps_per_period=STEPS)
+    assert run.loads is not None
+    np.testing.assert_allclose(run.loads.peak_force, steady["peak_force"][3:], rtol=1e-10)
+    np.testing.assert_allclose(8.0 * run.loads.peak_period, steady["peak_distance"][3:], rtol=1e-10)
+    np.testing.assert_allclose(np.asarray(run.period)[[0, -1]], [3.0, 8.0])
+    np.testing.assert_allclose(run.time[0], steady["seconds"][2])
+    with pytest.raises(ValueError, match="Argument `begin` must be one of the distances where the earlier run kept"):
+        sj.simulate(SCENE, 1, start=first, begin=17.0)
+
+
 def test_loads_show_what_is_wrong_with_a_run():
     of = lambda scene, **start: sj.run(
         scene, length=16.0, window=8.0, steps_per_period=STEPS, start=sj.Motion(**start)
@@ -101,6 +114,10 @@ def test_starts_may_be_all_that_differs(steady):
     # of another program, in a motion that magnifies rounding little over eight periods
     np.testing.assert_allclose(started["peak_force"][0], steady["peak_force"], rtol=1e-9, atol=1e-6)
     assert float(np.max(np.abs(started["peak_force"][1] - steady["peak_force"]))) > 100.0
+
+
+def test_the_call_of_a_run_holds_its_programme(runs):
+    np.testing.assert_array_equal(load_call(runs)["speed"].speed, FAST.speed)
 
 
 def test_each_run_of_a_grid_is_that_of_its_rail(runs):
