@@ -175,7 +175,7 @@ CHANGES = {
     "sled rail of the same RMS": of_sine(random_rail),
     "four times the steps": (with_part(), 4),
 }
-"""What is changed, one at a time: a function of the scene, that and a multiple of the steps, or an acceleration [g]."""
+"""What is changed, one at a time: a function of the scene, with a multiple of the steps, or an acceleration [g]."""
 
 
 def changed(ensemble, change, count=MEMBERS):
@@ -291,6 +291,7 @@ def test_estimates_of_what_is_not_computed():
     scene, force, lost = sj.paper_scene(1250.0), 3e4, {}
     for stiffness in (1e8, 5e10):
         of, depth = f"stiffness {stiffness:g}", (force / stiffness) ** (2 / 3)
+        row(f"penetration at 100 kN, {of}", "(F / K)^(2/3)", 1e3 * (1e5 / stiffness) ** (2 / 3), "mm")
         row(f"penetration at 30 kN, {of}", "(F / K)^(2/3)", 1e3 * depth, "mm")
         tangent = row(f"tangent stiffness there, {of}", "3/2 K d^(1/2)", 1.5 * stiffness * depth**0.5, "N/m")
         lost[stiffness] = 100 * ((1 + tangent / between) ** -0.5 - 1)
