@@ -205,6 +205,21 @@ def percent(before, after, share=0.5):
     return f"{100 * value:+.0f} ± {100 * error:.0f}"
 
 
+def test_effects_have_errors():
+    """Of two samples of one distribution, and of one with a known shift; twice the error is passed once in twenty."""
+    rng = np.random.default_rng(0)
+    pairs = [effect(*rng.lognormal(0.0, 0.3, (2, 128))) for _ in range(40)]
+    assert np.mean([abs(value) > error for value, error in pairs]) <= 0.15  # measured 0.075
+    value, error = effect(rng.lognormal(0.0, 0.3, 512), rng.lognormal(np.log(1.5), 0.3, 512))
+    assert abs(value - 0.5) < error < 0.15
+    assert percent(np.full(8, 2.0), np.full(8, 2.5)) == "+25 ± 0"
+
+
+def test_the_page_shows_every_row():
+    rows = set(re.findall(r"^\| (.*?) \|", PAGE.read_text(), re.M))
+    assert {*ENSEMBLES, *CHANGES} <= rows
+
+
 @pytest.mark.slow
 def test_effects_of_what_is_left_out():
     """The first tables. Its control, other members of the same ensemble, is no effect, and a few effects are."""
