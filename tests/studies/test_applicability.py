@@ -156,13 +156,15 @@ CHANGES = {
         "accelerated by 10 g": 10.0,
         "accelerated by 100 g": 100.0,
     },
-    "contacts": {
+    "stiffness": {
         "stiffness 3e8": with_number(stiffness=3e8),
         "stiffness 1e9": with_number(stiffness=1e9),
         "stiffness 1e10": with_number(stiffness=1e10),
         "stiffness 5e10, steel": with_number(stiffness=5e10),
         "exponent 1, equal at 4 mm": with_law(Straight),
         "stiffness 1e10, four times the steps": (with_number(stiffness=1e10), 4),
+    },
+    "points, restitution, damping": {
         "four points on each face, half as stiff; of one": with_more_points,
         "restitution 0.95": with_number(restitution=0.95),
         "restitution 0.8": with_number(restitution=0.8),
