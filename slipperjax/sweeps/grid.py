@@ -274,10 +274,12 @@ def path_grid(scene: Scene, path: Mapping[str, Any]) -> tuple[Grid, str, np.ndar
 
 METHODS = ("sobol", "halton", "latin", "random")
 """Ways to spread points: low-discrepancy sequences, a Latin hypercube, or independent ones."""
+LEAST_SHARE = 2.0**-31
+"""Half the spacing of Sobol points, for distributions without a lowest value."""
 
 
 def sample_box(
-    box: Mapping[str, tuple[float, float]],
+    box: Mapping[str, Any],
     count: int,
     *,
     method: str = "sobol",
@@ -285,26 +287,28 @@ def sample_box(
     seed: int = 0,
     scene: Scene | None = None,
 ) -> dict[str, np.ndarray]:
-    """Points spread over a box of parameters, from `scipy.stats.qmc`, for `sweep(..., product=False)`.
+    """Points spread over a box, or by distributions, of parameters, from `scipy.stats.qmc`, for lists side by side.
 
     ```python
     grid = sj.sample_box({"speed": (500.0, 2000.0), "clearance": (0.3e-3, 3e-3)}, 4096, log=["clearance"])
+    grid = sj.sample_box({"speed": (500.0, 2000.0), "clearance": scipy.stats.norm(1e-3, 5e-5)}, 4096)
     ds = sj.sweep(scene, grid, product=False)
     ```
 
-    **Arguments:** `box`: lowest and highest value by name, as in a grid, in SI units; `count`: of points, for "sobol"
-    best a power of two; `method`: of `METHODS`; `log`: names whose logarithm is spread; `seed`: of the points;
+    **Arguments:** `box`: by name, as in a grid, in SI units, the lowest and the highest value, or a distribution of
+    `scipy.stats` with its parameters, independent of the others; `count`: of points, for "sobol" best a power of
+    two; `method`: of `METHODS`; `log`: names with two bounds whose logarithm is spread; `seed`: of the points;
     `scene`: where paths such as section.play.2 are names.
 
     **Returns:** lists of `count` values by name.
 
-    **Raises:** `ValueError` that names the argument which is wrong.
+    **Raises:** `ValueError` that names the argument which is wrong, or a parameter of which a value is not allowed.
     """
     from scipy.stats import qmc
 
     require(isinstance(box, Mapping) and box, "box", "name one or more parameters with their bounds", box)
     count, of = whole("count", count, 1), paper_scene() if scene is None else scene
-    low, high = np.array([_bounds(of, name, ends) for name, ends in box.items()]).T
+    spread = {name: _spread(of, name, ends, name in log) for name, ends in box.items()}
     rng, dimensions = np.random.default_rng(whole("seed", seed, 0)), len(box)
     method = one_of("method", method, METHODS)
     if method == "random":
@@ -316,17 +320,30 @@ def sample_box(
     unknown = [name for name in log if name not in box]
     if unknown:
         raise ValueError(f"Argument `log` must name parameters of `box`, but has {unknown[0]!r}.")
-    lists = {}
-    for name, a, b, share in zip(box, low, high, points.T, strict=True):
-        if name in log and not a > 0:
-            raise ValueError(f"Argument `log` must name parameters above zero, but {name} begins at {a:g}.")
-        lists[name] = a * (b / a) ** share if name in log else a + (b - a) * share
-    return lists
+    return {name: spread[name](share) for name, share in zip(box, points.T, strict=True)}
 
 
-def _bounds(scene: Scene, name: str, ends: Any) -> tuple[float, float]:
-    """Two values of a parameter, the lower first."""
-    values = np.asarray(_parameter(scene, name).checked(ends), float)
+def _spread(scene: Scene, name: str, ends: Any, log: bool) -> Callable[[np.ndarray], np.ndarray]:
+    """Makes the function that gives values of a parameter from shares of 0 to 1 of its range or distribution."""
+    quantity = _parameter(scene, name)
+    if hasattr(ends, "ppf"):
+        require(not log, "log", "name parameters with two bounds", shown=f"{name}, which has a distribution")
+        return lambda share: np.asarray(quantity.checked(_drawn(name, ends, share)), float)
+    values = np.asarray(quantity.checked(ends), float)
     pair = values.shape == (2,) and values[0] < values[1]
-    require(pair, "box", f"have the lower and the higher bound of {name}", ends)
-    return float(values[0]), float(values[1])
+    require(pair, "box", f"have the lower and the higher bound of {name}, or its distribution", ends)
+    low, high = map(float, values)
+    if log and not low > 0:
+        raise ValueError(f"Argument `log` must name parameters above zero, but {name} begins at {low:g}.")
+    return lambda share: low * (high / low) ** share if log else low + (high - low) * share
+
+
+def _drawn(name: str, distribution: Any, share: np.ndarray) -> np.ndarray:
+    """Values of a parameter below which a distribution has these shares."""
+    need = f"have a distribution of {name} with all its parameters"
+    try:  # a share may be 0, of which the value may be infinite
+        values = np.asarray(distribution.ppf(np.maximum(share, LEAST_SHARE)), float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"Argument `box` must {need}: {error}") from None
+    require(bool(np.all(np.isfinite(values))), "box", need, shown="one without finite values")
+    return values
