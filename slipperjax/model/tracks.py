@@ -74,9 +74,8 @@ class AbstractTrack(ShapeChecked):
         By default 1 or infinite, from samples one and `MANY_WAVELENGTHS` wavelengths apart.
         """
         shares = jnp.arange(HEIGHT_SAMPLES) / HEIGHT_SAMPLES
-        heights = lambda shift: jnp.stack(
-            [h for h in self.irregularity(self.wavelength * (shares + shift)) if h is not None]
-        )
+        there = lambda shift: self.motion(self.wavelength * (shares + shift))[0]
+        heights = lambda shift: jnp.stack([h for h in there(shift) if h is not None])
         here = heights(0.0)
         within = 1e-6 * jnp.max(jnp.abs(here), axis=1, keepdims=True)
         equal = [jnp.abs(heights(shift) - here) <= within for shift in (1.0, float(MANY_WAVELENGTHS))]

@@ -1,5 +1,7 @@
 """Tracks as functions of distance, and the speeds at which the rail approaches the slipper."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -120,6 +122,16 @@ def test_default_steps_resolve_a_short_second_wave():
         scene = sj.paper_scene(400.0, wavelengths=(8.0, wave), restitution=0.7)
         coarse, fine = (coordinates(sj.simulate(scene, 1, steps_per_period=n).end) for n in (None, 3200))
         assert np.max(np.abs(coarse - fine) / COORDINATE_SCALES) < bound
+
+
+def test_rails_that_do_not_recur_get_steps_for_touchdowns_that_are_pressed_on():
+    """At a restitution of 0.5 120 steps made peak forces three times too high: see docs/applicability.md, Steps."""
+    steps = lambda track, restitution: sj.default_steps_per_period(
+        dataclasses.replace(sj.paper_scene(1000.0), track=track).replace(restitution=restitution)
+    )
+    rail, sine = sj.RandomTrack.sled(length=200.0), sj.paper_scene().track
+    assert [steps(rail, r) for r in (0.9, 0.5, 0.3)] == [120, 480, 1280]
+    assert [steps(sine, r) for r in (0.9, 0.5, 0.3)] == [40, 40, 80]
 
 
 def test_lateral_and_vertical_are_separate():
