@@ -376,7 +376,7 @@ def test_the_recipe_finds_which_input_matters(monkeypatch, tmp_path):
     assert {count for count, *_ in made} == {256, 256 * len(names["box"])}
     exact = np.array([0.8 if n == "stiffness" else 0.2 if n == "restitution" else 0.0 for n in names["box"]])
     for found in (names["found"].first_order, names["found"].total_order):
-        assert np.allclose(found, exact, atol=0.03)  # measured 0.004
+        assert np.allclose(found, exact, atol=0.03)  # measured 0.024, of 256 draws and of the other inputs
     assert names["forces"].shape == (256,)
     assert "stiffness" in text.getvalue()
     report_uncertain(names, tmp_path / "uncertain.png")
