@@ -58,9 +58,9 @@ def share_before(
 class AbstractCrossingStep(eqx.Module):
     """`step` that takes whole integration steps until one crosses a surface, and splits that one."""
 
-    dt: eqx.AbstractVar[Float[Array, ""]]
-    t0: eqx.AbstractVar[Float[Array, ""]]
-    steps: eqx.AbstractVar[int]
+    dt: Float[Array, ""]
+    t0: Float[Array, ""]
+    steps: int = eqx.field(static=True)
 
     @abc.abstractmethod
     def _ahead(self, t: Any, y: Any) -> tuple[Any, Bool[Array, ""]]:
@@ -96,9 +96,6 @@ class SwitchedStep(AbstractCrossingStep):
     above: Field
     below: Field
     surface: Surface
-    dt: Float[Array, ""]
-    t0: Float[Array, ""]
-    steps: int = eqx.field(static=True)
 
     def _field(self, up):
         return lambda t, y: _where(up, self.above(t, y), self.below(t, y))
@@ -121,9 +118,6 @@ class ImpactStep(AbstractCrossingStep):
     field: Field
     surface: Surface
     reset: Reset
-    dt: Float[Array, ""]
-    t0: Float[Array, ""]
-    steps: int = eqx.field(static=True)
 
     def _ahead(self, t, y):
         end = rk4(self.field, t, y, self.dt)
@@ -212,7 +206,7 @@ def switched_step(
     **Raises:** `ValueError` that names the argument which is wrong.
     """
     _check(above=above, below=below, surface=surface)
-    return SwitchedStep(above, below, surface, positive("dt")(dt), finite("t0")(t0), whole("steps", steps, 1))
+    return SwitchedStep(*_instants(dt, t0, steps), above, below, surface)
 
 
 def impact_step(
@@ -233,7 +227,7 @@ def impact_step(
     **Raises:** `ValueError` that names the argument which is wrong.
     """
     _check(vector_field=vector_field, surface=surface, reset=reset)
-    return ImpactStep(vector_field, surface, reset, positive("dt")(dt), finite("t0")(t0), whole("steps", steps, 1))
+    return ImpactStep(*_instants(dt, t0, steps), vector_field, surface, reset)
 
 
 def return_step(
@@ -256,6 +250,10 @@ def return_step(
     """
     _check(vector_field=vector_field, surface=surface, reset=vector_field if reset is None else reset)
     return ReturnStep(vector_field, surface, reset, positive("dt")(dt), whole("most", most, 1))
+
+
+def _instants(dt, t0, steps):
+    return positive("dt")(dt), finite("t0")(t0), whole("steps", steps, 1)
 
 
 def _where(which, one, other):

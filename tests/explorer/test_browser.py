@@ -300,7 +300,7 @@ def test_a_run_shows_its_windows_and_parts_of_it_finer(browser, tmp_path):
         window.page.wait_for_function("Bokeh.documents[0].get_model_by_name('map').below")
         window.press("◀ Back")
         window.press("◀ Back")
-        assert window.model("map", "x_range.end") > 250
+        window.page.wait_for_function("Bokeh.documents[0].get_model_by_name('map').x_range.end > 250")
         window.close()
         assert "The page was closed" in process.stdout.readline()
 
