@@ -286,6 +286,27 @@ grid in display units
 tests/cli/test_cli.py -k axes_are_read_in_display_units
 -grid[name] = quantity.from_shown((np.geomspace
 +grid[name] = quantity.shown((np.geomspace
+
+# crossings, steps on random rails, distributions
+a section is met at its own start
+tests/analysis/test_hybrid.py
+-            falls = risen & (height < 0)
++            falls = height < 0
+
+the instant of a crossing is the chord's
+tests/analysis/test_hybrid.py
+-jax.lax.fori_loop(0, CROSSING_ITERATIONS, closer, chord)
++chord
+
+random rails get the steps of a sine
+tests/model/test_tracks.py
+-scene.track.recurrence > IRREGULAR, PRESSED_ON, 1.0
++scene.track.recurrence > IRREGULAR, 1.0, 1.0
+
+a distribution has a value at the share of zero
+tests/sweeps/test_explain.py
+-np.maximum(share, LEAST_SHARE)
++share
 """
 """The defects by room, each as its name, arguments of pytest, and a change as in a patch: - before, + after."""
 
