@@ -52,7 +52,7 @@ FIRST_TRIAL: dict[str, Any] = dict(ls="", marker="s", ms=6.5, mfc="none", mec="b
 """Marker of the first trial of a start."""
 BOUND: dict[str, Any] = dict(ls=":", lw=0.9, color=COLORS["red"], zorder=1)
 """Line of the least and the greatest value that a variable may have."""
-GRID_MINIMUM: dict[str, Any] = dict(ls="", marker="P", ms=6, mfc="white", mec="black", mew=0.7, zorder=7)
+GRID_MINIMUM: dict[str, Any] = dict(ls="", marker="P", ms=4, mfc="white", mec="black", mew=0.7, zorder=7)
 """Marker of the lowest value of a grid."""
 
 
