@@ -1,6 +1,6 @@
 """Numbers that others published, computed anew by `slipperjax.analysis`: maps, flows and oscillators with impacts.
 
-Nothing is tuned: starts of Newton's method are the published values, rounded; nothing else is known beforehand.
+Nothing is tuned: Newton's method starts from published values, rounded, or where the source's computation begins.
 """
 
 import itertools
@@ -47,7 +47,7 @@ class Number(NamedTuple):
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """What was published: the interval, or one unit of the last digit to each side."""
+        """The published interval, or one unit of the last digit to each side."""
         if " to " in self.published:
             low, high = map(float, self.published.split(" to "))
             return low, high
@@ -144,7 +144,7 @@ def logistic() -> Iterator[Number]:
     fold = next(event for event in branch.events if event.label == "LP").node.spot.z
     yield from compared("logistic map", PATRA, "fold of period 3 at r", "3.8284", fold[-1])
     step = family(fold[-1])
-    cycle = sorted(float(x) for x in itertools.accumulate(range(2), lambda x, k: step(x, k), initial=fold[0]))
+    cycle = sorted(float(x) for x in itertools.accumulate(range(2), step, initial=fold[0]))
     points = ", ".join(f"point {k} of the orbit at the fold" for k in (1, 2, 3))
     yield from compared("logistic map", CHAOSTOOLS, points, "0.1599288 0.5143553 0.9563178", cycle)
 
@@ -304,7 +304,12 @@ def parabola_map(alpha: float, restitution: float, amplitude: float) -> Callable
         return jnp.stack([phase, x, y, v + slope * kick, w - kick])
 
     flight = return_step(field, gap, rebound, dt=0.01, most=1000)
-    return lambda s, k: flight(s, k).at[0].add(-jnp.floor(flight(s, k)[0]))
+
+    def step(state, k):
+        end = flight(state, k)
+        return end.at[0].add(-jnp.floor(end[0]))
+
+    return step
 
 
 PARABOLAS = {
