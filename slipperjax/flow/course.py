@@ -33,7 +33,7 @@ from ..model.sliding import tractions
 from ..model.travel import Travel
 from ..tools.checks import require
 from ..tools.fused import materialise, sums
-from ..tools.hermite import Cubic, highest_point
+from ..tools.hermite import Cubic, highest_point, sign_change
 
 GAUSS_PLACES = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
 """Places inside a step at which curves are sampled [steps]: those of Gauss's formula with two points."""
@@ -175,12 +175,7 @@ def contact_rate(now: Contacts, memory: Any, args: Args) -> Array:
 def _share_closed(g0: Array, d0: Array, g1: Array, d1: Array) -> Array:
     """Returns the share of a step in which a gap is negative [1]."""
     changes = (g0 < 0) != (g1 < 0)
-    x = g0 / jnp.where(changes, g0 - g1, 1.0)
-    gap = Cubic.through(g0, d0, g1, d1)
-    for _ in range(2):
-        slope = gap.slope_at(x)
-        towards = changes & (slope * (g1 - g0) > 0)
-        x = jnp.clip(x - jnp.where(towards, gap.value(x) / jnp.where(towards, slope, 1.0), 0.0), 0.0, 1.0)
+    x = sign_change(Cubic.through(g0, d0, g1, d1), g1, changes)
     within = jnp.where(g0 < 0, x, 1 - x)
     return jnp.where(changes, within, jnp.where(g0 < 0, 1.0, 0.0))
 
@@ -205,18 +200,7 @@ def crossing(q0, d0, q1, d1, v0, a0, v1, a1):
     **Returns:** the place in [0, 1] and the velocity, both NaN without an upward crossing.
     """
     crosses = (q0 < 0) & (q1 >= 0)
-    coordinate = Cubic.through(q0, d0, q1, d1)
-
-    def newton(_, bracket):  # kept between bounds that close in
-        x, low, high = bracket
-        value, slope = coordinate.value(x), coordinate.slope_at(x)
-        low, high = jnp.where(value < 0, x, low), jnp.where(value < 0, high, x)
-        to = x - value / jnp.where(slope > 0, slope, 1.0)
-        inside = (slope > 0) & (to >= low) & (to <= high)
-        return jnp.where(inside, to, (low + high) / 2), low, high
-
-    x = -q0 / jnp.where(crosses, q1 - q0, 1.0)
-    x, _, _ = jax.lax.fori_loop(0, 6, newton, (x, jnp.zeros_like(x), jnp.ones_like(x)))
+    x = sign_change(Cubic.through(q0, d0, q1, d1), q1, crosses)
     velocity = Cubic.through(v0, a0, v1, a1).value(x)
     return jnp.where(crosses, x, jnp.nan), jnp.where(crosses, velocity, jnp.nan)
 

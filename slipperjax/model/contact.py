@@ -29,6 +29,7 @@ from ..tools.checks import (
     warn_unless_within,
     yes_or_no,
 )
+from ..tools.hermite import Cubic, sign_change
 
 
 class AbstractContactLaw(ShapeChecked):
@@ -218,36 +219,12 @@ class EventLatch(AbstractMemory):
         """
         # Tested by the memory: where a run starts at a gap of zero, the sign of the previous gap is a rounding error.
         entered = (memory == 0) & (gap < 0)
-        slope, slope1 = step * before.rate, step * rate
-        a = 2 * before.gap - 2 * gap + slope + slope1
-        b = -3 * before.gap + 3 * gap - 2 * slope - slope1
-        x = _falling_zero(a, b, slope, before.gap, gap, entered)
+        path = Cubic.through(before.gap, step * before.rate, gap, step * rate)
+        x = sign_change(path, gap, entered)
         rise = rate - before.rate
         bend = (rise - ratio * (before.rate - before.earlier_rate)) * (ratio / (1 + ratio))
         began = jnp.minimum(before.rate + x * (rise + (x - 1) * bend), -self.slowest)
         return jnp.where(gap >= 0, 0.0, jnp.where(entered, 1 / began, memory))
-
-
-@jax.custom_jvp
-def _falling_zero(a: Array, b: Array, slope: Array, start: Array, end: Array, wanted: Any) -> Array:
-    """Tells where ((a x + b) x + slope) x + start, which is `end` at 1, falls through zero between 0 and 1."""
-    fall = start - end
-    x = start / jnp.where(wanted & (fall > 0), fall, jnp.inf)
-    for _ in range(3):  # Newton's method from the chord
-        value, steep = ((a * x + b) * x + slope) * x + start, (3 * a * x + 2 * b) * x + slope
-        x = jnp.clip(x - value / jnp.where(wanted & (steep < 0), steep, -jnp.inf), 0.0, 1.0)
-    return x
-
-
-@_falling_zero.defjvp
-def _falling_zero_jvp(primals, tangents):
-    # that of the zero itself: one division, where the iterations have six
-    a, b, slope, _, _, wanted = primals
-    x = _falling_zero(*primals)
-    a1, b1, slope1, start1, _, _ = tangents
-    steep = (3 * a * x + 2 * b) * x + slope
-    inside = wanted & (steep < 0) & (x > 0) & (x < 1)
-    return x, (((a1 * x + b1) * x + slope1) * x + start1) / jnp.where(inside, -steep, jnp.inf)
 
 
 class Before(NamedTuple):

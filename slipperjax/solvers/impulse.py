@@ -28,7 +28,7 @@ from ..model.dynamics import (
 from ..model.kinematics import Contacts, Motion, RailFrame, attitude_rates, contacts, moved
 from ..model.scene import Scene
 from ..tools.fused import held, kept, materialise, sums
-from ..tools.hermite import Cubic
+from ..tools.hermite import Cubic, sign_change
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
 NODES_THROUGH = (0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0))
@@ -210,16 +210,17 @@ def _edge(scene: Scene, path: _Path, gap: Array, rate: Array, memory: Array | No
     touches = (gap < 0) & ((start >= 0) if memory is None else (memory == 0))
     ends = (gap >= 0) & (start < 0)
     wanted = bends = touches | ends
-    zero_of = (*path.gap, start - gap)
+    cubic, end = path.gap, gap
     if scene.contact.clamp:
         # the damping ends the force of a closed contact, or lets it begin again, where their sum is zero
         one, other = (1 + _damping(scene, v, memory) for v in (path.rate, rate))
         limited = (start < 0) & (one * other < 0)
         ends = jnp.where(limited, other < 0, ends)
-        line = one, other - one, 0.0, 0.0, one - other
-        zero_of = [jnp.where(limited, v, u) for u, v in zip(zero_of, line, strict=True)]
+        line = Cubic(one, other - one, 0.0, 0.0)
+        cubic = Cubic(*(jnp.where(limited, v, u) for u, v in zip(cubic, line, strict=True)))
+        end = jnp.where(limited, other, end)
         wanted, bends = bends | limited, bends & ~limited
-    place = _zero(wanted, *zero_of)
+    place = sign_change(cubic, end, wanted)
     return place, jnp.where(ends, -place, 1 - place), touches, bends
 
 
@@ -236,31 +237,6 @@ def _pressing(scene: Scene, path: _Path, gap: Array, rate: Array, x: Array) -> A
 def _damping(scene: Scene, rate: Any, memory: Array | None) -> Any:
     """Returns the damping force over the elastic one [1]."""
     return scene.contact.damping(rate, None if memory is None else scene.memory.rate_ratio(memory, rate))
-
-
-def _zero(wanted: Array, start: Array, s: Array, b: Array, a: Array, fall: Array) -> Array:
-    """Tells where start + s x + b x^2 + a x^3, which falls by `fall` from 0 to 1, is zero [1]; 0 where not `wanted`.
-
-    A step of Newton's method from the chord, with both divisions in one.
-    """
-    curve, turn, slope = a * start * start, b * start * fall, s * fall * fall
-    steep = 3 * curve + 2 * turn + slope
-    good = wanted & (steep * fall < 0)
-    over = jnp.where(good, start * (2 * curve + turn - fall * fall * fall), jnp.where(wanted, start, 0.0))
-    under = jnp.where(good, fall * steep, jnp.where(wanted, fall, 1.0))
-    return jax.lax.clamp(0.0, _quotient(over, under), 1.0)
-
-
-@jax.custom_jvp
-def _quotient(over: Array, under: Array) -> Array:
-    return over / under
-
-
-@_quotient.defjvp
-def _quotient_jvp(primals, tangents):
-    # with one division where JAX's has two
-    ratio = _quotient(*primals)
-    return ratio, (tangents[0] - ratio * tangents[1]) / primals[1]
 
 
 def _turning(args: Args, t: Any, frame: RailFrame, m: Motion) -> Array:

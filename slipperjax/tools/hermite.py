@@ -2,9 +2,17 @@
 
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
+
+REFINEMENTS = 2
+"""Corrections of the first guess of a zero.
+
+Over touchdowns on sled rails at default steps, the error of the slope at the zero is 1e-15 in the median, 6e-7 in 1 %
+and 2e-3 in 0.1 % of them; with one correction 1e-7, 1e-3 and 0.06.
+"""
 
 
 class Cubic(NamedTuple):
@@ -59,3 +67,42 @@ def highest_point(start: Array, slope: Array, end: Array, end_slope: Array) -> t
     root = jnp.sqrt(jnp.where(inside, cubic.square * cubic.square - 3 * cubic.cube * slope, 1.0))
     x = jnp.where(inside, slope / jnp.where(inside, root - cubic.square, 1.0), jnp.where(end > start, 1.0, 0.0))
     return x, jnp.where(inside, cubic.value(x), jnp.maximum(start, end))
+
+
+@jax.custom_jvp
+def sign_change(cubic: Cubic, end: Array, wanted: Bool[Array, "..."]) -> Array:
+    """Returns the x in [0, 1] at which cubics go from the side of zero where they start to the side where they end.
+
+    A cubic that leaves zero first, or turns back after the change, has further zeros, at which it goes the other way;
+    so has one that starts at zero. The first guess is the zero in the right direction of the parabola through the
+    start, its slope, and the end. Where the cubic goes the wrong way at a guess, the next one is on the chord to that
+    end which is on the other side of zero; else Newton's method is applied.
+
+    Derivatives are those of the zero, in both modes and to all orders; 0 where the cubic does not pass through zero.
+
+    **Arguments:** `end`: the cubics' values at 1; `wanted`: where the zero is wanted; the result is 0 elsewhere.
+    """
+    start, slope = cubic.start, cubic.slope
+    bend = start + slope - end  # of the parabola start + slope x - bend x^2
+    root = jnp.sqrt(jnp.maximum(slope * slope + 4 * bend * start, 0.0))
+    root = jnp.where(start < end, -root, root)
+    leaves = slope * root > 0
+    # two forms of one solution, of which one has no cancellation
+    x = jnp.where(leaves, slope + root, 2 * start) / jnp.where(leaves, 2 * bend, root - slope)
+    for _ in range(REFINEMENTS):
+        value, steep = cubic.value(x), cubic.slope_at(x)
+        passed, along = value * root < 0, steep * root < 0
+        over = jnp.where(along, value, value * jnp.where(passed, x, x - 1))
+        under = jnp.where(along, steep, value - jnp.where(passed, start, end))
+        x = x - over / under
+    # NaN where start, slope and end are zero
+    return jnp.where(wanted & (x >= 0), jnp.minimum(x, 1.0), 0.0)
+
+
+@sign_change.defjvp
+def _sign_change_jvp(primals, tangents):
+    cubic, end, wanted = primals
+    x = sign_change(*primals)
+    steep = cubic.slope_at(x)
+    passes = wanted & (steep * (cubic.start - end) < 0) & (x > 0) & (x < 1)
+    return x, tangents[0].value(x) / jnp.where(passes, -steep, jnp.inf)
