@@ -125,3 +125,13 @@ def keeping(keep: Callable[[Any], str]) -> Iterator[None]:
         kept = "nothing is written" if stop.result is None else keep(stop.result)
         print(f"{count}: {kept}", file=sys.stderr)
         raise
+
+
+def step_error(changes: Any) -> str:
+    """Says by how much half the step changes forcing periods: the most of some, in scales [1]."""
+    import numpy as np
+
+    most = float(np.max(changes))
+    if not np.isfinite(most):
+        return "half the step does not stay finite"
+    return f"half the step changes a period by {most:.1e} (unit: 1 mm, 10 mrad, 1 m/s, 10 rad/s)"

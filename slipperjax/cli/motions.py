@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from .files import Outputs, keeping
+from .files import Outputs, keeping, step_error
 from .interrupts import on_thread
 from .options import (
     CASE,
@@ -78,12 +78,10 @@ def _error(probe: Any) -> str:
     """Says by how much half the step changes a result."""
     import numpy as np
 
-    most, peaks = float(np.max(probe.error)), np.asarray(probe.peak_error)
+    peaks = np.asarray(probe.peak_error)
     of_force = peaks[np.isfinite(peaks)]
-    if not np.isfinite(most):
-        return "half the step does not stay finite"
     force = f" and its highest force by {float(np.max(of_force)):.1e} of it" if len(of_force) else ""
-    return f"half the step changes a period by {most:.1e} (unit: 1 mm, 10 mrad, 1 m/s, 10 rad/s){force}"
+    return step_error(probe.error) + force
 
 
 @app.command()

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from ..tools.units import STANDARD_GRAVITY, unit_factor, unit_in
-from .files import Outputs, keeping
+from .files import Outputs, keeping, step_error
 from .options import FILE, LOST, Case, app, given, result, takes_case
 
 
@@ -35,12 +35,14 @@ def run(case: Case, out: Any) -> int:
     options = case.options | {name: value for name, value in table.items() if not given(name)}
     files = Outputs(out, ".nc", ".png")
     with keeping(lambda ds: files.write(ds, _page, partial=True)):
-        ds = over_rail(case.scene, **options, progress=True)
+        ds = over_rail(case.scene, **options, probe=PROBES, progress=True)
     print(files.write(ds, _page))
     print(f"{case.text()}\n{report(ds, case.scene, units_of(click.get_current_context().params['scene']))}")
     return LOST if int(ds["status"]) == Status.NOT_FINITE else 0
 
 
+PROBES = 3
+"""Places of a run where its error is measured by half the step."""
 UNITS = {"m": "m", "m/s": "m/s", "N": "kN"}
 """Units of distances, speeds and forces by the SI unit, where a file has none."""
 
@@ -104,6 +106,8 @@ def report(ds: Any, scene: Any, units: Mapping[str, str] = UNITS) -> str:
         ):
             k = int(np.argmax(values))
             lines.append(f"worst {words}: {in_unit(values[k])} from {from_to(edges[k], edges[k + 1])}")
+    if "probe_error" in ds:
+        lines.append(step_error(ds["probe_error"].values))
     return "\n".join([*lines, f"status: {status}"])
 
 

@@ -14,13 +14,13 @@ import xarray as xr
 
 from ..analysis.step_error import with_step_error
 from ..flow.datasets import run_attributes, scene_attributes
-from ..flow.status import Interrupted
+from ..flow.status import INACCURATE, Interrupted
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.paths import parameter
 from ..model.quantities import Quantity
 from ..model.scene import Scene
-from ..tools.checks import instance, require, whole, yes_or_no
+from ..tools.checks import instance, require, warn, whole, yes_or_no
 from ..tools.files import write_whole
 from ..tools.html import repr_html
 from ..tools.progress import bar as progress_bar
@@ -58,8 +58,8 @@ class Design:
     case, of the best combination of the derivatives of the cases within 0.1 % of the worst."""
     cases: xr.Dataset
     """Over the cases: `objective`, `smooth`, their errors `objective_stderr` and `stderr`, `gradient` of `smooth` by
-    variable and `gradient_stderr`, on orbits what half the step changes; `regime`, `multiplier`, `status`,
-    `constraint`."""
+    variable and `gradient_stderr`, on orbits what half the step changes; `step_change` [1] of `smooth` by half the
+    step, on orbits and over rails; `regime`, `multiplier`, `status`, `constraint`."""
     starts: xr.Dataset
     """Over the starts: first and last design, and objective, violation and convergence of the last."""
     history: xr.Dataset
@@ -304,18 +304,28 @@ class _Search:
         of_trials = [(trial, evaluation.take(index)) for trial, index in zip(trials, cases, strict=True)]
         return [trial._replace(values=self.problem.case_values(one), evaluation=one) for trial, one in of_trials]
 
-    def _with_errors(self, trial: Trial) -> Evaluation:
-        """Returns the evaluation of a trial with what half the step changes as the errors of cases on orbits."""
+    def _with_half_step(self, trial: Trial) -> tuple[Evaluation, np.ndarray]:
+        """Returns the evaluation of a trial with what half the step changes as the errors of cases on orbits.
+
+        And that change of the smooth objective in each case [1]; NaN where motions from disturbed starts are
+        averaged.
+        """
         evaluation, steps = trial.evaluation, self.problem.steps
-        if not np.any(evaluation.period):
-            return evaluation
-        half = dataclasses.replace(self.problem, steps=2 * steps).evaluate(trial.at[None], evaluation)
+        on_rails = isinstance(self.problem.ensemble, RailEnsemble)
+        if not on_rails and not np.any(evaluation.period):
+            return evaluation, np.full(len(evaluation.period), np.nan)
+        # a trial on rails was judged anew on those that the search has not seen
+        problem = dataclasses.replace(self._unseen() if on_rails else self.problem, steps=2 * steps)
+        half = problem.evaluate(trial.at[None], None if on_rails else evaluation)
+        change = _relative_change(self.problem, evaluation, half)
+        if on_rails:
+            return evaluation._replace(simulated=2 * half.simulated), change
         on_orbit = (evaluation.period > 0) & (half.period == evaluation.period)
         numbers = lambda of: {"stderr": of.value, "gradient_stderr": of.gradient}
         _, errors = with_step_error(lambda n: numbers(evaluation if n == steps else half), steps, (1, 2))
         rows = lambda error: on_orbit.reshape(-1, *[1] * (error.ndim - 1))
         errors = {name: np.where(rows(error), error, getattr(evaluation, name)) for name, error in errors.items()}
-        return evaluation._replace(simulated=2 * half.simulated, **errors)
+        return evaluation._replace(simulated=2 * half.simulated, **errors), np.where(on_orbit, change, np.nan)
 
     def _add(self, trial: Trial) -> None:
         """Adds a trial and shows it."""
@@ -338,8 +348,9 @@ class _Search:
         ends = self._judged_anew(ends) if checked else ends
         best = min(ends, key=lambda trial: (trial.values.violation > VIOLATED, trial.values.total))
         values, evaluation = best.values, best.evaluation._replace(simulated=0 * best.evaluation.simulated)
+        change = np.full(len(evaluation.period), np.nan)
         if checked:
-            evaluation = self._with_errors(best)
+            evaluation, change = self._with_half_step(best)
         errors = evaluation.stderr[:, problem.index(problem.objective.smooth)]
         worst = int(np.argmax(np.where(np.isfinite(values.value), values.value, -np.inf)))
         if not np.isfinite(values.total):
@@ -356,14 +367,31 @@ class _Search:
             values.total,
             float(errors[worst] if problem.robust == "worst" else np.sqrt(np.sum(errors**2)) / len(errors)),
             _gradient_norm(best),
-            _cases(problem, evaluation),
+            _cases(problem, evaluation, change),
             _starts(history, np.stack([end.at for end in ends]), [self.moves[end.start].finished for end in ends]),
             history,
             status,
         )
 
 
-def _cases(problem: Problem, evaluation: Evaluation) -> xr.Dataset:
+def _relative_change(problem: Problem, evaluation: Evaluation, half: Evaluation) -> np.ndarray:
+    """Returns by how much half the step changes the smooth objective of each case [1].
+
+    Gives a warning where that is more than a tenth, and more than can be the chance of rails: twice its error.
+    """
+    at = problem.index(problem.objective.smooth)
+    value, other = evaluation.value[:, at], half.value[:, at]
+    change = other / value - 1
+    chance = 2 * np.hypot(evaluation.stderr[:, at], half.stderr[:, at]) / np.abs(value)
+    if np.any(np.abs(change) > INACCURATE + chance):
+        worst = float(change[np.nanargmax(np.abs(change))])
+        warn(
+            f"Argument `steps_per_period` should be more: half the step changes the objective by {100 * worst:.2g} %."
+        )
+    return change
+
+
+def _cases(problem: Problem, evaluation: Evaluation, change: np.ndarray) -> xr.Dataset:
     """Returns the dataset of the cases of a design."""
     q, of_smooth = problem.objective.quantity, problem.objective.smooth.quantity
     hard, smooth = problem.index(problem.objective), problem.index(problem.objective.smooth)
@@ -373,6 +401,7 @@ def _cases(problem: Problem, evaluation: Evaluation) -> xr.Dataset:
         "objective": ("case", evaluation.value[:, hard], _labels(q)),
         "smooth": ("case", evaluation.value[:, smooth], _labels(of_smooth)),
         "stderr": ("case", evaluation.stderr[:, smooth], words("standard error of smooth")),
+        "step_change": ("case", change, words("relative change of smooth by half the step", "1")),
         "objective_stderr": ("case", evaluation.stderr[:, hard], words("standard error of objective")),
         "gradient": (slope, evaluation.gradient[:, smooth], words("derivative of smooth", per)),
         "gradient_stderr": (slope, evaluation.gradient_stderr[:, smooth], words("standard error of gradient", per)),

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, PyTree
 from ..model.dynamics import Args, State
 from ..model.kinematics import MOTION_SCALES, Motion, scaled_size
 from ..solvers.adaptive import AdaptiveSteps
-from ..solvers.latching import AbstractLatchingSolver, differentiable, with_tolerance
+from ..solvers.latching import AbstractLatchingSolver, differentiable, field_of, with_tolerance
 from ..tools.checks import whole
 
 MOST_ADAPTIVE_STEPS = 1_000_000
@@ -208,8 +208,9 @@ class ControlledSteps(AbstractStepping):
     def period(self, terms, solver, state, solver_state, args, inside):
         solver_state, wanted = solver_state
         subs = {"end": diffrax.SubSaveAt(t1=True)}
+        instants = jnp.arange(1, self.samples + 1) / self.samples
         if inside:
-            subs["inside"] = diffrax.SubSaveAt(ts=jnp.arange(1, self.samples + 1) / self.samples)
+            subs["inside"] = diffrax.SubSaveAt(ts=instants)
         saved = dict(solver_state=solver_state is not None, controller_state=wanted is not None)
         first = 1 / self.first_steps if wanted is None else wanted
         options = dict(stepsize_controller=self.controller, adjoint=self.adjoint, max_steps=MOST_ADAPTIVE_STEPS)
@@ -219,8 +220,9 @@ class ControlledSteps(AbstractStepping):
         end = jax.tree.map(lambda ys: ys[-1], solution.ys["end"])
         states = None
         if inside:
-            join = lambda a, ys: jnp.concatenate([a[None], ys[: self.samples]])
-            states = jax.tree.map(join, state, solution.ys["inside"])
+            within = jax.tree.map(lambda ys: ys[: self.samples], solution.ys["inside"])
+            within = jax.vmap(lambda t, y: field_of(terms).inside_step(t, y, args))(instants, within)
+            states = jax.tree.map(lambda a, ys: jnp.concatenate([a[None], ys]), state, within)
         failed = solution.result != diffrax.RESULTS.successful
         wanted = None if solution.controller_state is None else solution.controller_state[0]
         solver_state = None if solver_state is None else solution.solver_state, wanted

@@ -281,6 +281,10 @@ class AbstractVectorField(eqx.Module):
         """Returns `before` of the first step, for `close_step`. Here None."""
         return None
 
+    def inside_step(self, t: Any, state: State, args: Args) -> State:
+        """Returns an interpolated state with the memory that fits its gaps. Here unchanged."""
+        return state
+
     def close_step(
         self, before: Any, t0: Any, t1: Any, state: State, args: Args, frame: RailFrame | None = None
     ) -> tuple[State, State, Any]:
@@ -312,6 +316,11 @@ class MemorylessField(ContactField):
 
 class LatchedField(ContactField):
     """For `EventLatch`: ten states, and a memory that changes between steps only."""
+
+    def inside_step(self, t, state, args):
+        # of the steps in which a contact opens, the memory is that of the closed contact throughout
+        gap = contacts(args.frame(t), state.motion).gap
+        return State(state.motion, jnp.where(gap >= 0, 0.0, state.memory))
 
     def open_step(self, t0, state, args):
         now = contacts(args.frame(t0), state.motion)

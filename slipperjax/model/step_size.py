@@ -20,7 +20,9 @@ PER_WAVE = 10
 """Least default number of steps per shortest wavelength of the track.
 
 With a second wave of 0.5 or 1 m and amplitudes of 0.1 to 0.3 mm, the error after two periods was 1e-4 to 0.05 scales,
-and 0.6 to 4 with half as many steps or fewer.
+and 0.6 to 4 with half as many steps or fewer. Times the square root of the damping force over the elastic one at
+touchdown where that is above one: at restitutions of 0.5 and 0.3 on sled rails, the 95 % quantile of the highest
+force was 6 to 9 % too low without it. See `tests/benchmarks/test_tails.py`.
 """
 DAMPED = 2.0
 """Damping force over elastic force at a typical touchdown, above which steps are shortened in proportion [1].
@@ -29,16 +31,6 @@ The damping of a slow touchdown that is then pressed in decays several times fas
 Of 200 random scenes with restitutions of 0.2 to 1 and RK4, 4 % had an error above 0.1 after the first period without
 this, and 1.5 % had with it, two of the three with a status that says so.
 """
-PRESSED_ON = 25.0
-"""Approach rate over that at touchdown of a contact that counts as typical on a rail that does not soon recur [1].
-
-On a sine touchdowns are fast or hardly pressed. On random rails some are slow and then pressed in at full speed, and
-their damping makes a run's highest force. The 95 % quantile of that over sled rails, 50 periods at 1000 m/s: at a
-restitution of 0.5 28.3, 17.4 and 11.9 kN with 120 (the default without this), 240 and 480 steps (the default), 10.2
-with 960; at 0.3 32.9 with 120, 12.1 with 1280 (the default), 13.4 with 2560.
-"""
-IRREGULAR = 16
-"""First wavelengths of a track that does not recur within them, for that."""
 MOST_STEPS = 100_000
 """Steps per forcing period above which a default is refused."""
 LEAST_STEPS = 40
@@ -91,13 +83,13 @@ def prepared(scene: Scene) -> Scene:
 def steps_needed(scene: Scene) -> Float[Array, ""]:
     """Returns steps per forcing period with which a typical impact takes `PER_CONTACT` of them [1].
 
-    There are more where it is damped, the more so on a rail that does not soon recur, and such that the shortest wave
-    takes `PER_WAVE`.
+    There are more such that the shortest wave takes `PER_WAVE`; where impacts are damped there are more of both.
     """
-    ratio = jnp.where(scene.track.recurrence > IRREGULAR, PRESSED_ON, 1.0)
-    damping = jnp.asarray(scene.contact.damping(-_approach(scene), ratio))
+    law = scene.contact
+    damping = jnp.asarray(law.damping(-_approach(scene), jnp.ones(()) if law.has_memory else None))
     waves = scene.track.wavelength / scene.track.shortest_wavelength
-    return jnp.maximum(PER_CONTACT * impacts_per_period(scene) * jnp.maximum(damping / DAMPED, 1.0), PER_WAVE * waves)
+    per_impact = PER_CONTACT * impacts_per_period(scene) * jnp.maximum(damping / DAMPED, 1.0)
+    return jnp.maximum(per_impact, PER_WAVE * waves * jnp.sqrt(jnp.maximum(damping, 1.0)))
 
 
 _steps_needed = jit(steps_needed)
@@ -107,8 +99,7 @@ def default_steps_per_period(scene: Scene) -> int:
     """Returns steps per forcing period, at least `LEAST_STEPS`: a typical impact takes `PER_CONTACT` of them.
 
     More where the track's shortest wave would take less than `PER_WAVE` steps, or where the damping force at a
-    touchdown exceeds `DAMPED` times the elastic one: for restitutions below 0.44, and below 0.95 on rails that do
-    not soon recur.
+    touchdown exceeds `DAMPED` times the elastic one: for restitutions below 0.44.
     Rounded up: to a multiple of 40 up to 240 steps, of 80 up to 480, of 160 up to 960, and so on.
 
     **Raises:** `ValueError` for a traced scene, whose values are unknown.

@@ -18,7 +18,7 @@ from .simplified_newton import SimplifiedNewton, with_root_finder
 
 
 class StateInterpolation(diffrax.ThirdOrderHermitePolynomialInterpolation):
-    """Cubic in the motion; a latched memory is constant during a step, with its value at the step's end."""
+    """Cubic in the motion; a latched memory is constant during a step, that of a contact which acts in it."""
 
     frozen: Any
 
@@ -45,12 +45,16 @@ def field_of(terms: Any) -> AbstractVectorField:
 
 def dense_info(dt: Any, y0: State, y1: State, rates0: State, rates1: State) -> dict[str, Any]:
     """Packs a step for `StateInterpolation`; `rates0`, `rates1`: derivatives at its ends [per forcing period]."""
+    frozen = None
+    if rates1.memory is None and y1.memory is not None:
+        # of a contact that opens in the step, the memory at the end is that of an open point already
+        frozen = jnp.where(y1.memory < 0, y1.memory, y0.memory)
     return dict(
         y0=y0,
         y1=y1,
         k0=(dt * fill_frozen(rates0, y0) ** ω).ω,
         k1=(dt * fill_frozen(rates1, y1) ** ω).ω,
-        frozen=y1.memory if rates1.memory is None else None,
+        frozen=frozen,
     )
 
 

@@ -16,7 +16,7 @@ from ..tools.checks import whole
 from ..tools.limits import cores, shown_bytes, shown_time
 from .estimate import CountedEstimate
 from .grid import Grid, Tiling
-from .run import LARGEST_CHUNK, SAMPLED_CASES
+from .run import LARGEST_CHUNK, SAMPLED_CASES, refined
 from .store import Store, bytes_of_case
 
 
@@ -102,8 +102,9 @@ def explain(
     cases = Grid(scene, grid, product=options.get("product", True))
     workers = cores() if workers is None else whole("workers", workers, 1)
     steps = options.get("steps_per_period")
+    refine = refined(options.pop("refine", 1), steps)
     if steps is None:
-        steps = cases.sample(first_of(options.get("start")), SAMPLED_CASES).default_steps()
+        steps = refine * cases.sample(first_of(options.get("start")), SAMPLED_CASES).default_steps()
     steps = np.ravel(steps)
     # the same for all, so that the probe is one batch
     used = -(-int(np.ceil(steps.mean())) // LEAST_STEPS) * LEAST_STEPS if np.ptp(steps) else int(steps[0])

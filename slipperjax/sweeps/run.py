@@ -14,21 +14,23 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from ..flow.period_map import advance
 from ..flow.record import AbstractRecord, RecordedSpan, RecordSet, Samples, Strobe
 from ..flow.simulate import check_rail, step_plan
-from ..flow.status import ASKED, Interrupted, Status, blank, first_problem
+from ..flow.status import ASKED, Interrupted, Status, blank, first_problem, with_accuracy
 from ..flow.stepping import ConstantSteps, capacity_for
 from ..model.dynamics import State
 from ..model.kinematics import Motion
+from ..model.layout import coordinates
+from ..model.quantities import COORDINATE_SCALES
 from ..model.scene import Scene
 from ..model.step_size import LEAST_STEPS
 from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
-from ..tools.checks import TOLD, whole
+from ..tools.checks import TOLD, require, whole
 from ..tools.limits import cores
 from ..tools.progress import bar as progress_bar
 from ..tools.progress import is_live
@@ -40,6 +42,10 @@ LARGEST_CHUNK = 128
 of one core with 8 cases, 0.35 with 32, 0.34 with 128, 0.36 with 256 and 0.45 with 1024."""
 CHUNK_OF_DEVICE = 131_072
 """The same on other devices than a CPU, where each kernel is a launch, and one call uses the whole device."""
+PROBE_COST = 3.0
+"""Cost of a period and of the same with half the step, in forcing periods."""
+CHEAP = 0.1
+"""Share of a run's time that probes may take by default."""
 LANES_PER_START = 2
 """Cost of a step that does not depend on the lanes, in lanes: measured at 8 to 128 lanes."""
 PERIODS_PER_CALL = 10
@@ -68,6 +74,15 @@ class RunOptions(NamedTuple):
     steps_per_period: int | Sequence[int] | np.ndarray | None = None
     saves_per_period: int | None = None
     solver: diffrax.AbstractSolver | str | None = None
+    refine: int = 1
+    """Factor of the default steps [1]."""
+
+
+def refined(refine: int, steps_per_period: Any) -> int:
+    """Returns the factor of the default steps [1]; raises `ValueError` where steps are given besides."""
+    refine = whole("refine", refine, 1)
+    require(refine == 1 or steps_per_period is None, "refine", "be 1 where steps_per_period is given", refine)
+    return refine
 
 
 def call_of(function: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
@@ -81,7 +96,10 @@ def call_of(function: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 ARGUMENTS_WITHOUT_EFFECT = ("progress", "workers", "chunk", "store", "executor")
 """Arguments that change no number."""
-ARGUMENTS_NOT_IN_CALL = ("scene", "grid", "path", "start", "steps_per_period", "solver", *ARGUMENTS_WITHOUT_EFFECT)
+ARGUMENTS_NOT_IN_CALL = (
+    *("scene", "grid", "path", "start", "steps_per_period", "refine", "solver"),
+    *ARGUMENTS_WITHOUT_EFFECT,
+)
 """Those, and what results keep as attributes or variables of their own."""
 
 
@@ -151,6 +169,7 @@ class Plan:
     steps: Int[np.ndarray, " cases"]  # integration steps per forcing period of each case
     transient: Calls  # periods that pass before anything is recorded
     recorded: Calls
+    probed: bool = False  # whether the first recorded period is repeated with half the step, for its error
 
     @property
     def most_steps(self) -> int:
@@ -174,8 +193,8 @@ class Plan:
     @property
     def cost(self) -> float:
         """Cost of one case, in unrecorded forcing periods, without what runs on after all chunks."""
-        periods = self.recorded.periods
-        return self.transient.periods + self.records.cost * periods + self.records.cost_after(periods)
+        periods, probe = self.recorded.periods, PROBE_COST * self.probed
+        return self.transient.periods + probe + self.records.cost * periods + self.records.cost_after(periods)
 
     def estimate(self, count: int) -> CountedEstimate:
         """Counts time and memory of `count` cases such as these."""
@@ -239,7 +258,12 @@ def make_plan(grid: Grid, start: Motion | State, options: RunOptions, records: R
     if transient > PERIODS_PER_CALL:
         transient = math.ceil(transient / PERIODS_PER_CALL) * PERIODS_PER_CALL
     grid.check_steps(options.steps_per_period)
-    steps_and_saves = lambda cases: step_plan(cases.default_steps, options.steps_per_period, options.saves_per_period)
+    refine = refined(options.refine, options.steps_per_period)
+
+    def steps_and_saves(cases: Cases) -> tuple[Any, int]:
+        needed = lambda: refine * cases.default_steps()
+        return step_plan(needed, options.steps_per_period, options.saves_per_period)
+
     steps, saves = steps_and_saves(cases)
     solver, records = resolve_solver(grid.scene, options.solver), records.with_saves(saves)
     plan = Plan(cases, solver, records, np.atleast_1d(steps), Calls.of(transient), Calls.of(recorded))
@@ -263,6 +287,7 @@ class ChunkRun(NamedTuple):
     state: State  # the states at the end, with a leading axis of lanes
     status: Int[np.ndarray, " lanes"]  # `slipperjax.Status` codes
     record: tuple[Any, ...]  # arrays of the plan's records, with a leading axis of lanes
+    probe: Float[np.ndarray, " lanes"] | None = None  # errors by half the step [1]; None where not measured
 
 
 class RecordedChunk(NamedTuple):
@@ -330,7 +355,14 @@ def run_chunk(
     if records.inside:
         alike = bool(np.all(plan.steps == steps))
         recording = ConstantSteps(steps) if alike else ConstantSteps(plan.capacity(steps), number)
-    for calls, kept, chosen in ((plan.transient, records.from_start, stepping), (plan.recorded, records, recording)):
+    early, probe = records.from_start, None
+    for calls, kept, chosen in ((plan.transient, early, stepping), (plan.recorded, records, recording)):
+        if kept is records and plan.probed:
+            # the program of the transient, which is there already, serves this one period, too
+            like = dict(solver=plan.solver, periods=plan.transient.capacity, records=early)
+            carry = initial_carry(early, scenes, states)
+            probe = half_step_change(scenes, states, period, steps, used=jnp.asarray(1.0), earlier=carry, **like)
+            on_progress(PROBE_COST)
         carry = initial_carry(kept, scenes, states)
         # a program serves several numbers of periods; samples of periods beyond its use are cut off
         options: dict[str, Any] = dict(solver=plan.solver, periods=calls.capacity, records=kept)
@@ -346,8 +378,22 @@ def run_chunk(
     kept = samples.joined()
     chunk = RecordedChunk(plan, scenes, states, period, steps, len(status) if cases is None else cases, on_progress)
     carry, status = records.after(carry, kept, status, chunk)
+    if probe is not None:
+        status = with_accuracy(status, probe)
     span = RecordedSpan(plan.recorded.periods, steps, float(epoch), status)
-    return ChunkRun(states, status, records.finish(carry, kept, span))
+    return ChunkRun(states, status, records.finish(carry, kept, span), probe)
+
+
+def half_step_change(
+    scenes: Batched[Scene], states: State, epoch: float, steps: int, **options: Any
+) -> Float[np.ndarray, " lanes"]:
+    """Returns what half the step changes over some periods, in multiples of the coordinates' scales [1].
+
+    **Arguments:** `options`: of `advance`, with the number of periods.
+    """
+    numbers = [ConstantSteps(steps=jnp.asarray(float(number))) for number in (steps, 2 * steps)]
+    one, other = (coordinates(advance(scenes, states, epoch, number, **options).state) for number in numbers)
+    return np.max(np.abs(one - other) / COORDINATE_SCALES, axis=1)
 
 
 def initial_carry(records: RecordSet, scenes: Batched[Scene], states: State) -> Any:

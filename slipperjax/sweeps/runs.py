@@ -11,14 +11,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.period_map import advance, initial_states
 from ..flow.record import AbstractRecord, RecordedSpan, RecordSet
 from ..flow.records import AbstractNumber, ContactChecks, judged_by_contacts
 from ..flow.simulate import Trajectory, beginning
-from ..flow.status import MEANINGS, first_problem, most_stability_number
+from ..flow.status import MEANINGS, first_problem, most_stability_number, with_accuracy
 from ..flow.stepping import ConstantSteps, capacity_for
 from ..flow.windows import (
     DEFAULT,
@@ -37,8 +37,7 @@ from ..flow.windows import (
 )
 from ..model.dynamics import State
 from ..model.kinematics import Motion
-from ..model.layout import StateLayout, coordinates
-from ..model.quantities import COORDINATE_SCALES
+from ..model.layout import StateLayout
 from ..model.scene import Scene, at_speed
 from ..model.step_size import rounded_steps, steps_needed
 from ..model.travel import SpeedProgramme
@@ -49,7 +48,17 @@ from ..tools.checks import number, positive, require, warn, whole
 from ..tools.compile import jit
 from .grid import Cases, filled, with_tracks
 from .records import OF_LOADS
-from .run import Calls, ChunkInputs, Plan, call_of, initial_carry, run_cases, shared_capacity
+from .run import (
+    Calls,
+    ChunkInputs,
+    Plan,
+    call_of,
+    half_step_change,
+    initial_carry,
+    refined,
+    run_cases,
+    shared_capacity,
+)
 from .store import Store, storable
 
 LEAST_STEPS_PER_WINDOW = 4
@@ -72,6 +81,7 @@ def run(
     record: str | AbstractNumber | Sequence[str | AbstractNumber] | None = None,
     start: Motion | State | Trajectory | xr.Dataset | None = None,
     steps_per_period: int | None = None,
+    refine: int = 1,
     solver: diffrax.AbstractSolver | str | None = None,
     probe: int = 0,
     product: bool = True,
@@ -101,9 +111,10 @@ def run(
     - `start`: as for `simulate`, at the place where the run begins; or, without a store, an earlier run, from whose
         state at `begin` this one goes on, by default at its end.
     - `steps_per_period`: integration steps per wavelength of the track, or reference length, the same all the way;
-        by default those that the least speed of each `STRETCH` windows needs.
+        by default those that the least speed of each `STRETCH` windows needs, times `refine`.
     - `probe`: at the start of how many stretches the error is measured by half the step, over a wavelength of the
-        track or its reference length: `probe_error`, in multiples of `slipperjax.model.COORDINATE_SCALES` [1].
+        track or its reference length: `probe_error`, in multiples of `slipperjax.model.COORDINATE_SCALES` [1]; above
+        a tenth the status says so.
     - `solver`, `product`, `chunk`, `workers`, `progress`, `store`, `executor`: as for `sweep`.
 
     **Returns:** an `xarray.Dataset` over the grid and `distance`, the travel at the end of each window [m], with
@@ -126,7 +137,7 @@ def run(
     records = RecordSet((*_records(scene, record), ThirdOctaves()))
     only = grid is None
     cases = Cases(scene, {"length": [float(scene.slipper.length)]} if grid is None else grid, start, product=product)
-    profiles = _step_profiles(cases, begin, window, windows, steps_per_period)
+    profiles = _step_profiles(cases, begin, window, windows, steps_per_period, refined(refine, steps_per_period))
     totals, profile_of = _keys(profiles, windows)
     plan = Plan(cases, resolve_solver(scene, solver), records, totals, Calls(1, 0), Calls(windows, 1))
     records.check(scene, windows, LEAST_STEPS_PER_WINDOW, (*cases.dims, "status", "state"))
@@ -222,7 +233,7 @@ def _records(scene: Scene, record: Any) -> list[AbstractRecord]:
 
 
 def _step_profiles(
-    cases: Cases, begin: float, window: float, windows: int, steps_per_period: int | None
+    cases: Cases, begin: float, window: float, windows: int, steps_per_period: int | None, refine: int
 ) -> Int[np.ndarray, "cases stretches"]:
     """Returns the integration steps in a window of each case and stretch."""
     stretches = -(-windows // STRETCH)
@@ -233,7 +244,7 @@ def _step_profiles(
         edges = begin + window * STRETCH * np.arange(stretches)
         places = edges[:, None] + window * STRETCH * np.linspace(0, 1, SPEEDS_PER_STRETCH)[None]
         needed = np.asarray(_steps_along(*batch, jnp.asarray(places)))[: cases.count]
-        steps = rounded_steps(needed)
+        steps = refine * rounded_steps(needed)
     else:
         steps = np.full((cases.count, stretches), whole("steps_per_period", steps_per_period, 1))
     per_window = np.ceil(steps * (window / reference) * (1 - 1e-12)).astype(int)
@@ -330,7 +341,9 @@ def _run_windows(
         stepping = ConstantSteps(steps) if alike else varied
         if k in probes.stretches:
             now = _opened(scenes, carry[count].play) if wears else scenes
-            errors.append(_probe(plan, now, states, epoch + k * STRETCH, steps, probes.windows)[:cases])
+            over = dict(used=jnp.asarray(float(probes.windows)), periods=capacity_for(probes.windows))
+            change = half_step_change(now, states, epoch + k * STRETCH, steps, solver=plan.solver, **over)
+            errors.append(change[:cases])
         options: dict[str, Any] = dict(solver=plan.solver, periods=STRETCH, records=looked_at, earlier=carry)
         passed = advance(scenes, states, epoch + k * STRETCH, stepping, used=jnp.asarray(float(used)), **options)
         # records of a stretch begin anew with the next one, and those of the whole run go on
@@ -354,22 +367,10 @@ def _run_windows(
         limit = most_stability_number(plan.solver)
         status = np.asarray(judged_by_contacts(scenes, jnp.asarray(status), carry[-1], limit))
     probe = np.stack(errors, axis=1) if errors else np.empty((cases, 0))
+    if errors:
+        status[:cases] = with_accuracy(status[:cases], probe.max(axis=1))
     play = np.stack(plays, axis=1) if plays else None
     return _Results(states, status, tuple(arrays), np.stack(marks, axis=1), play, probe)
-
-
-def _probe(
-    plan: Plan, scenes: Batched[Scene], states: State, epoch: float, steps: int, windows: int
-) -> Float[np.ndarray, " lanes"]:
-    """Returns what half the step changes over some windows, in multiples of the coordinates' scales [1]."""
-    used = jnp.asarray(float(windows))
-    options: dict[str, Any] = dict(solver=plan.solver, periods=capacity_for(windows), used=used)
-    ends = [
-        advance(scenes, states, epoch, ConstantSteps(steps=jnp.asarray(float(number))), **options).state
-        for number in (steps, 2 * steps)
-    ]
-    one, other = map(coordinates, ends)
-    return np.max(np.abs(one - other) / COORDINATE_SCALES, axis=1)
 
 
 def _dataset(

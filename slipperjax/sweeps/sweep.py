@@ -1,5 +1,6 @@
 """Grids of parameters as one batch to xarray: each case from the same start."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,12 +22,24 @@ from ..model.scene import Scene, check_scene
 from ..orbits.exponents import check_count
 from ..orbits.periodic import TOLERANCE
 from ..solvers.latching import solver_name
-from ..tools.checks import whole
+from ..tools.checks import whole, yes_or_no
 from .exponents import BLOCK, LyapunovExponents
 from .grid import Grid
 from .orbits import NearestOrbit
 from .records import resolved_record
-from .run import PERIODS_PER_CALL, ChunkInputs, ChunkRun, Plan, RunOptions, call_of, make_plan, run_cases, run_chunk
+from .run import (
+    CHEAP,
+    PERIODS_PER_CALL,
+    PROBE_COST,
+    ChunkInputs,
+    ChunkRun,
+    Plan,
+    RunOptions,
+    call_of,
+    make_plan,
+    run_cases,
+    run_chunk,
+)
 from .store import Store, storable
 
 
@@ -40,9 +53,11 @@ def sweep(
     transient: int = 200,
     periods: int = 10,
     steps_per_period: int | Sequence[int] | np.ndarray | None = None,
+    refine: int = 1,
     saves_per_period: int | None = None,
     solver: diffrax.AbstractSolver | str | None = None,
     start: Motion | State | Trajectory | None = None,
+    probe: bool | None = None,
     loads: bool | None = None,
     chunk: int | None = None,
     workers: int | None = None,
@@ -70,7 +85,10 @@ def sweep(
         `ForcePercentile`, `SpectrumLines`, and `Record` of any function of a period's course.
     - `transient`: forcing periods to pass before; above ten rounded up to tens, see the attribute `transient`.
     - `steps_per_period`: one number for all cases, or an array of the grid's shape with one for each; default what
-        `default_steps_per_period` gives for each. Cases with the same number run together.
+        `default_steps_per_period` gives for each, times `refine`. Cases with the same number run together.
+    - `probe`: whether the error of the first recorded period is measured in every case, by half the step:
+        `probe_error`, in multiples of `slipperjax.model.COORDINATE_SCALES` [1]; above a tenth the status says so.
+        Default where that takes less than a tenth of the time and compiles nothing more.
     - `solver`, `start`, `saves_per_period`: as for `simulate`.
     - `loads`: whether peak forces, impulses, times in contact and penetrations of the recorded periods come with
         the others, default with sections and histories. With any load come the statuses that follow from loads: no
@@ -93,8 +111,10 @@ def sweep(
     """
     call = call_of("sweep", locals())
     cases, start = Grid(scene, grid, product=product), first_of(start)
-    lengths = RunOptions(transient, periods, steps_per_period, saves_per_period, solver)
+    lengths = RunOptions(transient, periods, steps_per_period, saves_per_period, solver, refine)
     plan = make_plan(cases, start, lengths, resolved_record(record, loads))
+    cheap = plan.transient.periods > 0 and CHEAP * plan.cost >= PROBE_COST
+    plan = dataclasses.replace(plan, probed=cheap if probe is None else yes_or_no("probe", probe))
 
     def work(part: ChunkInputs) -> ChunkRun:
         states = initial_states(part.scenes, part.starts)
@@ -217,6 +237,9 @@ def sweep_dataset(
     data, coords = plan.records.label(cases.scene, dims, record)
     label = {"long_name": "status", "meaning": MEANINGS}
     data["status"] = (dims, results.status.reshape(shape), label)
+    if results.probe is not None:
+        label = {"units": "1", "long_name": "what half the step changes in a forcing period, in scales"}
+        data["probe_error"] = (dims, results.probe.reshape(shape), label)
     label = {"units": "1", "long_name": "integration steps per forcing period"}
     data["steps_per_period"] = (dims, steps.reshape(shape), label)
     if "time" in [dim for dim, *_ in coords.values()]:  # of histories

@@ -6,6 +6,7 @@ import scipy.stats
 import xarray as xr
 
 from slipperjax.analysis.quantiles import bootstrap, mean_plane, quantile_plane
+from slipperjax.flow.status import Status
 from slipperjax.sweeps import over_rails
 
 CORNERS = np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
@@ -81,6 +82,33 @@ def test_lost_rails_count_as_the_greatest():
     many = values.where(values < 80)
     assert np.isnan(over_rails(many, 0.9)["value"][0])
     assert np.isnan(over_rails(few, None)["value"][0])
+
+
+def test_more_steps_that_change_a_quantile_are_told():
+    """In chaos a run with half the step is another one: only the distribution may be compared."""
+    values = sample(400, 0).assign_coords({"track.seed": np.arange(400)})
+    seeds = np.arange(300, 400)[::-1]
+    other = sample(100, 1).assign_coords({"track.seed": seeds})
+    alike = over_rails(values, 0.9, finer=other)
+    assert np.all(alike["status"] == Status.FINITE)
+    assert np.all(np.abs(alike["step_change"]) < 3 * alike["step_change_stderr"])
+    lower = over_rails(values, 0.9, finer=0.7 * other.transpose("track.seed", "clearance"))
+    assert np.all(lower["status"] == Status.INACCURATE)
+    np.testing.assert_allclose(lower["step_change"], -0.3, atol=0.1)
+    # compared on the same rails: those with more steps, in their order
+    same = over_rails(values, 0.9, finer=1.2 * values.sel({"track.seed": seeds}))
+    np.testing.assert_allclose(same["step_change"], 0.2, rtol=1e-12)
+    np.testing.assert_allclose(same["step_change_stderr"], 0.0, atol=1e-12)
+    assert np.all(same["status"] == Status.INACCURATE)
+    lost = over_rails(values, 0.9, finer=other.where(other < 10))
+    assert np.all(lost["status"] == Status.INACCURATE)
+    for wrong, words in (
+        (other.assign_coords({"track.seed": seeds + 300}), "on rails that are among those of `values`"),
+        (other.isel(clearance=0), "have the dimensions track.seed, clearance"),
+        (3.0, "be an xarray.DataArray"),
+    ):
+        with pytest.raises(ValueError, match=f"Argument `finer` must .*{words}"):
+            over_rails(values, 0.9, finer=wrong)
 
 
 @pytest.mark.parametrize(

@@ -60,6 +60,7 @@ def test_a_search_on_common_rails_is_judged_on_others():
     assert known == pytest.approx(again.value[0, 1], rel=1e-9)
     assert best.objective != pytest.approx(known, rel=1e-3)  # measured 2 % apart
     assert best.stderr > 0
+    assert 0 < abs(float(best.cases["step_change"][0])) < 0.5  # by half the step, on the same rails
     assert RailEnsemble(*load_call(best.to_xarray())["ensemble"]) == FEW
 
 

@@ -9,7 +9,10 @@ import optimistix as optx
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow.stepping import ControlledSteps
+from slipperjax.flow.period_map import PeriodMap
+from slipperjax.flow.record import RecordSet
+from slipperjax.flow.records import RECORDS
+from slipperjax.flow.stepping import ConstantSteps, ControlledSteps
 from slipperjax.model.contact import AbstractMemory
 from slipperjax.model.dynamics import Args, vector_field
 from slipperjax.model.kinematics import Motion
@@ -123,3 +126,33 @@ def test_an_integrated_memory_of_one_s_own_counts_as_it_is():
     )
     large = eqx.tree_at(lambda s: s.memory, small, state.memory + 1e-3)
     assert [bool(step(error)[0]) for error in (small, large)] == [True, False]
+
+
+def test_records_of_adaptive_steps_are_those_of_many_constant_ones():
+    """With contacts that are damped until they open: interpolated states need the memory of a contact that acts."""
+    scene = sj.paper_scene(restitution=0.4)
+    state = sj.initial_state(scene, sj.table_2_start())
+    records = RecordSet(tuple(r for r in RECORDS.values() if r.name != "peak_period"))
+
+    def joined(stepping, solver):
+        run = lambda state: PeriodMap(scene, stepping, solver).run(state, periods=2, records=records).carried
+        return dict(zip(records.name.split(", "), jax.jit(run)(state), strict=True))
+
+    right = joined(ConstantSteps(3200), sj.ImpulseRK4())
+    found = joined(ControlledSteps(400, 400, sj.AdaptiveSteps(1e-6)), sj.Tsit5())
+    error = {name: float(np.max(np.abs(found[name] - of)) / np.max(np.abs(of))) for name, of in right.items()}
+    print(", ".join(f"{name} {e:.1e}" for name, e in sorted(error.items(), key=lambda pair: -pair[1])[:5]))
+    # measured: 1e-3 at most, of a least distance; 2e-5 and 4e-5 of impulses and peaks; with the memory at the step's
+    # end impulses were 10 % off, mean squares of accelerations 14 %
+    assert max(error.values()) < 3e-3
+    assert max(error[name] for name in ("impulse", "peak_force", "contact_work", "contact_load")) < 2e-4
+
+
+def test_a_run_goes_on_from_a_state_between_adaptive_steps():
+    """Where a contact has just opened its memory is that of an open point, so that it may touch down again."""
+    scene = sj.paper_scene(restitution=0.4)
+    options = dict(stepsize_controller=sj.AdaptiveSteps(1e-5), solver="Tsit5", steps_per_period=400)
+    run = sj.simulate(scene, 2, saves_per_period=400, **options)
+    gap, memory = run.reactions.gap.reshape(len(run.period), -1), run.state.memory
+    assert np.any((memory < 0) & (gap < 0))
+    assert np.all((memory == 0) | (gap < 0))

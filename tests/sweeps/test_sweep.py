@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.flow.status import Status
 from slipperjax.model.quantities import COORDINATES
 
 from ..common import columns
@@ -125,3 +126,43 @@ def test_starts_can_be_varied_and_lists_be_read_side_by_side():
     np.testing.assert_array_equal(listed["strobe"].values, [product["strobe"].values[k, k, k] for k in range(2)])
     with pytest.raises(ValueError, match="lists of one length"):
         sj.sweep(sj.paper_scene(), {"speed": [1e3, 2e3], "length": [0.2]}, product=False)
+
+
+def test_sweeps_say_what_half_the_step_changes():
+    of_steps = lambda steps, **how: sj.sweep(
+        sj.paper_scene(),
+        {"speed": SPEEDS},
+        record="strobe",
+        chunk=8,
+        **(OPTIONS | dict(steps_per_period=steps) | how),
+    )
+    few, more = (of_steps(steps, probe=True) for steps in (25, 100))
+    assert np.all((more["probe_error"] > 0) & (more["probe_error"] < 2e-3))  # measured 6e-6 to 5e-4
+    assert more["probe_error"].median() < 0.1 * few["probe_error"].median()
+    np.testing.assert_array_equal(more["strobe"], of_steps(100)["strobe"])
+    # as it costs a tenth at most, and there is a program for it
+    assert "probe_error" in of_steps(100, transient=20)
+    assert "probe_error" not in of_steps(100)
+    assert "probe_error" not in of_steps(100, transient=20, probe=False)
+
+
+@pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")
+def test_inaccurate_cases_are_marked():
+    options = OPTIONS | dict(steps_per_period=10, probe=True)
+    ds = sj.sweep(sj.paper_scene(), {"speed": SPEEDS}, record="strobe", chunk=8, **options)
+    wrong = ds["probe_error"].values > 0.1
+    assert 0 < wrong.sum() < len(SPEEDS)
+    fine = ds["status"].isin([Status.FINITE, Status.INACCURATE]).values
+    np.testing.assert_array_equal((ds["status"] == Status.INACCURATE).values, wrong & fine)
+
+
+def test_default_steps_may_be_refined():
+    options = dict(record="strobe", transient=0, periods=10, chunk=8)
+    steps = [sj.sweep(sj.paper_scene(), {"speed": SPEEDS}, refine=k, **options)["steps_per_period"] for k in (1, 3)]
+    np.testing.assert_array_equal(steps[1], 3 * steps[0])
+    for how, words in (
+        (dict(refine=0), "1 or more"),
+        (dict(refine=2, steps_per_period=50), "be 1 where steps_per_p"),
+    ):
+        with pytest.raises(ValueError, match=f"Argument `refine` must .*{words}"):
+            sj.sweep(sj.paper_scene(), {"speed": SPEEDS}, **options, **how)

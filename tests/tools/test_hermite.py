@@ -1,8 +1,11 @@
 """Cubics through values and slopes: against NumPy's polynomials."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+import pytest
 
-from slipperjax.tools.hermite import Cubic
+from slipperjax.tools.hermite import Cubic, sign_change
 
 
 def test_values_are_exact_for_cubics():
@@ -32,3 +35,95 @@ def test_cubics_have_the_values_slopes_and_extremes_of_their_polynomials():
         if turns[k]:
             np.testing.assert_allclose([x[k]], inside, atol=1e-11)
     assert 10 < turns.sum() < 40
+
+
+COUNT = 2000
+"""Cubics of each kind."""
+
+
+def path(kind, rng):
+    """Start, slope, square and cube of cubics that begin above zero, or at it, and end below."""
+    start, end, more = rng.uniform(0.0, 1.0, COUNT), -rng.uniform(0.01, 1.0, COUNT), rng.uniform(0.0, 2.0, COUNT)
+    if kind == "hesitates":
+        # -(x - at) (slowness + (x - at)^2), nearly level where it is zero
+        at, slowness = rng.uniform(0.1, 0.9, COUNT), 10 ** rng.uniform(-2, 0, COUNT)
+        return at**3 + slowness * at, -(3 * at**2 + slowness), 3 * at, -np.ones(COUNT)
+    slope = {
+        "falls": end - start + 0.3 * more,
+        "rises first": more,
+        "turns": 2.5 * (end - start) - more,  # and is on its way up at the end
+        "leaves zero": more,
+        "begins to fall": 0.0 * more,
+    }[kind]
+    start = np.where(kind in ("leaves zero", "begins to fall"), 0.0, start)
+    # the parabola with these, bent by a fifth at most
+    bend = start + slope - end
+    cube = 0.2 * rng.uniform(-1, 1, COUNT) * np.maximum(np.abs(bend), np.abs(slope))
+    return start, slope, -bend - cube, cube
+
+
+def right_zeros(start, slope, square, cube):
+    """The zeros between 0 and 1 at which a cubic falls, by NumPy."""
+    roots = np.roots([cube, square, slope, start])
+    real = np.sort(roots[np.abs(roots.imag) < 1e-9].real)
+    falls = (3 * cube * real + 2 * square) * real + slope <= 1e-12
+    return real[falls & (real > -1e-12) & (real < 1 + 1e-12)]
+
+
+# greatest errors in all, in 99 % and in the median, about three times what was measured
+GREATEST = {
+    "falls": (4e-5, 5e-7, 1e-10),
+    "rises first": (2e-4, 2e-5, 1e-8),
+    "turns": (8e-4, 2e-5, 1e-10),
+    "leaves zero": (9e-4, 4e-4, 1e-6),
+    "begins to fall": (1e-15, 1e-15, 1e-15),
+    "hesitates": (0.3, 0.3, 0.04),  # triple zeros, nearly, at which Newton's method is slow
+}
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("kind", GREATEST)
+def test_the_zero_is_that_in_the_direction_of_the_change(kind, sign):
+    numbers = np.stack(path(kind, np.random.default_rng(1)))
+    end = numbers.sum(axis=0)
+    assert np.all(end < 0)
+    cubic, last = jax.tree.map(jnp.asarray, (Cubic(*(sign * numbers)), sign * end))
+    found = np.asarray(sign_change(cubic, last, jnp.ones(COUNT, bool)))
+    # where there are two of them, either is one
+    error = np.array([np.min(np.abs(right_zeros(*row) - x)) for row, x in zip(numbers.T, found, strict=True)])
+    print(kind, np.quantile(error, (1.0, 0.99, 0.5)))
+    assert np.all(np.quantile(error, (1.0, 0.99, 0.5)) <= GREATEST[kind])
+    # nowhere does it go the other way
+    assert np.all(sign * cubic.slope_at(found) <= 0)
+
+
+def test_no_zero_is_looked_for_where_none_is_wanted():
+    cubic = Cubic(jnp.array([1.0, 0.0, jnp.nan]), jnp.array([-2.0, 0.0, 0.0]), jnp.zeros(3), jnp.zeros(3))
+    end, wanted = jnp.array([-1.0, 0.0, 1.0]), jnp.array([False, True, False])
+    assert np.all(sign_change(cubic, end, wanted) == 0)
+    slopes = jax.grad(lambda c: sign_change(c, end, wanted).sum())(cubic)
+    assert all(np.all(part == 0) for part in slopes)
+
+
+def test_derivatives_are_those_of_the_zero_to_second_order():
+    """Of a stone thrown upwards, whose fall to the ground has a closed form, and of a cubic by differences."""
+
+    def landing(p):
+        height, rate, weight = p
+        return sign_change(Cubic(height, rate, -weight, 0.0), height + rate - weight, jnp.array(True))
+
+    exact = lambda p: (p[1] + jnp.sqrt(p[1] ** 2 + 4 * p[2] * p[0])) / (2 * p[2])
+    for p in ((0.1, 0.4, 1.3), (0.3, -0.2, 1.0), (0.0, 0.5, 0.9)):
+        at = jnp.array(p)
+        assert landing(at) == pytest.approx(float(exact(at)), abs=1e-14)
+        for first, second in ((jax.jacfwd, jax.jacfwd), (jax.jacrev, jax.jacrev), (jax.jacfwd, jax.jacrev)):
+            np.testing.assert_allclose(first(landing)(at), first(exact)(at), rtol=1e-12)
+            np.testing.assert_allclose(second(first(landing))(at), second(first(exact))(at), rtol=1e-11, atol=1e-12)
+    cubic = lambda p: sign_change(Cubic(*p), jnp.sum(p), jnp.array(True))
+    p = np.array([0.3, 0.4, -1.2, -0.2])
+    by_roots = lambda p: right_zeros(*p)[0]
+    step = 1e-4 * np.eye(4)
+    mixed = lambda i, j: sum(a * b * by_roots(p + a * step[i] + b * step[j]) for a in (1, -1) for b in (1, -1)) / 4e-8
+    differences = np.array([[mixed(i, j) for j in range(4)] for i in range(4)])
+    # measured 2.5e-6, the differences' own error
+    np.testing.assert_allclose(jax.hessian(cubic)(jnp.array(p)), differences, atol=1e-5)
