@@ -238,12 +238,27 @@ def per_period(travel: Travel, rates: Motion) -> Motion:
     return jax.tree.map(lambda r: period * r, rates)
 
 
+_NEEDS_CLOSED_STEPS = (
+    "Argument `solver` must be one of slipperjax, or slipperjax.Latching of one of diffrax's, for a contact memory that "
+    "changes between steps, such as EventLatch: no other latches touchdowns. With memory=SmoothSwitch() any solver "
+    "serves."
+)
+
+
 class AbstractVectorField(eqx.Module):
     """The right-hand side of a scene for `diffrax.ODETerm`, with the methods that latching solvers call."""
 
     def __call__(self, t: Any, state: State, args: Args) -> State:
-        """Returns the derivative of the whole state [per forcing period]."""
-        return fill_frozen(self.evaluate(t, state, args), state)
+        """Returns the derivative of the whole state [per forcing period], as of an ODE for any solver.
+
+        **Raises:** `equinox.EquinoxRuntimeError` where the memory is frozen over a step: it changes where a solver of
+        `slipperjax` closes one. At an instant take `evaluate`.
+        """
+        rates = self.evaluate(t, state, args)
+        if rates.memory is not None or state.memory is None:
+            return rates
+        # at run time and where it is used alone, because diffrax asks every right-hand side for its shapes
+        return eqx.error_if(fill_frozen(rates, state), jnp.asarray(t) == t, _NEEDS_CLOSED_STEPS)
 
     @jax.jit  # traced once for all stages of all steps, which halves the tracing
     def evaluate(self, t: Any, state: State, args: Args, frame: RailFrame | None = None) -> State:

@@ -46,7 +46,9 @@ def test_rates_and_reactions_are_those_of_a_constant_speed_there(memory):
     scene = dataclasses.replace(accelerating(), memory=memory)
     start, args = sj.initial_state(scene, sj.Motion(z=-8e-4, v_z=-0.5)), sj.Args(scene, 3.0)
     there = dataclasses.replace(sj.paper_scene(), memory=memory).replace(speed=scene.travel(3.25).speed)
-    rates = [jax.tree.leaves(sj.vector_field(s)(0.25, start, sj.Args(s, 3.0)).motion) for s in (scene, there)]
+    rates = [
+        jax.tree.leaves(sj.vector_field(s).evaluate(0.25, start, sj.Args(s, 3.0)).motion) for s in (scene, there)
+    ]
     np.testing.assert_allclose(*rates, rtol=1e-12)
     forces = [sj.reactions(0.25, start, a).contact_force for a in (args, args._replace(scene=there))]
     assert np.max(forces[0]) > 0
