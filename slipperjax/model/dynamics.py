@@ -239,9 +239,9 @@ def per_period(travel: Travel, rates: Motion) -> Motion:
 
 
 _NEEDS_CLOSED_STEPS = (
-    "Argument `solver` must be one of slipperjax, or slipperjax.Latching of one of diffrax's, for a contact memory that "
-    "changes between steps, such as EventLatch: no other latches touchdowns. With memory=SmoothSwitch() any solver "
-    "serves."
+    "Argument `solver` must be one of slipperjax, or slipperjax.Latching of one of diffrax's, for a contact memory "
+    "that changes between steps, such as EventLatch: no other latches touchdowns. With memory=SmoothSwitch() any "
+    "solver serves."
 )
 
 
