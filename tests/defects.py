@@ -137,6 +137,21 @@ tests/flow/test_status.py -k first_problem
 -return np.where((earlier == Status.FINITE) | lost, later, earlier)
 +return np.where(earlier == Status.FINITE, later, earlier)
 
+runs judged where the whole programme is slowest
+tests/flow/test_status.py -k judged_where
+-slowest = scene.slowest_between(epoch, epoch + 1)
++slowest = scene.slowest
+
+periods judged that were not run
+tests/flow/test_status.py -k over_their_stretch
+-judged = jnp.where(run, steps_taken, jnp.inf)
++judged = steps_taken
+
+starts judged where the whole programme is slowest
+tests/model/test_travel.py -k starts_are_judged
+-outside = -jnp.min(now.gap) / contact_depth(scene, scene.travel(place))
++outside = -jnp.min(now.gap) / contact_depth(scene)
+
 crossings downwards
 tests/flow/test_poincare.py
 -crosses = (q0 < 0) & (q1 >= 0)

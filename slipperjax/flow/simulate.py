@@ -29,7 +29,7 @@ from ..tools.limits import refuse_impossible
 from .course import Loads, over_periods
 from .period_map import Passage, PeriodMap, run_compiled
 from .record import PeriodLoads, RecordSet, States
-from .status import INACCURATE, Status, most_stability_number, status_of, with_loads, with_resolution
+from .status import INACCURATE, Status, most_stability_number, status_of, with_loads
 from .stepping import AbstractStepping, ConstantSteps, ControlledSteps, UnknownSteps, capacity_for
 
 
@@ -95,7 +95,8 @@ def period_map(
     """
     check_scene(scene)
     instance("state", state, State, "a slipperjax.State")
-    steps, periods = default_steps(scene, steps_per_period), whole("periods", periods, 1)
+    periods = whole("periods", periods, 1)
+    steps = default_steps(_at_slowest(scene, 0.0, periods), steps_per_period)
     solver = resolve_solver(scene, solver)
     controller = resolve_controller(stepsize_controller, solver)
     stepping = static_steps(steps) if controller is None else _controlled(1, steps, controller, adjoint)
@@ -123,6 +124,11 @@ def default_steps(scene: Scene, steps: int | None) -> Any:
         return whole("steps_per_period", steps, 1)
     needed = traced_steps_per_period(scene)  # a plain number where the scene is merely differentiated
     return jnp.minimum(needed, MOST_UNKNOWN) if is_traced(needed) else int(needed)
+
+
+def _at_slowest(scene: Scene, begin: Any, periods: int) -> Scene:
+    """Returns a scene at the least speed of a run from the forcing period number `begin` on, for its steps."""
+    return eqx.tree_at(lambda s: s.speed, scene, scene.slowest_between(begin, begin + periods).speed)
 
 
 def dynamic_steps(steps: int, *, inside: bool = False, finer: bool = False) -> ConstantSteps:
@@ -266,7 +272,6 @@ def _finished(
     times = epoch + jnp.arange(passage.steps_taken.shape[0] * saves + 1) / saves
     # states between the ends of periods count, too
     code = jnp.where(passage.status == int(Status.FINITE), status_of(states), passage.status)
-    code = with_resolution(code, scene, jnp.min(passage.steps_taken))
     if not loads:
         return states, None, times, code
     total = over_periods(loads[0])
@@ -295,9 +300,10 @@ def simulate(
 
     - `scene`: the case, see `paper_scene`.
     - `periods`: number of forcing periods, wavelength / speed each.
-    - `steps_per_period`: integration steps per forcing period; default from the duration of a typical contact,
-        see `default_steps_per_period`, rounded up to a multiple of `saves_per_period`. Where the scene's values are
-        traced (jit, vmap), the default is at most `MOST_UNKNOWN`, and a given number is faster.
+    - `steps_per_period`: integration steps per forcing period; default from the duration of a typical contact at the
+        least speed of the run, see `default_steps_per_period`, rounded up to a multiple of `saves_per_period`. Where
+        the scene's values are traced (jit, vmap), the default is at most `MOST_UNKNOWN`, and a number given is
+        faster.
     - `solver`: a diffrax solver, or the name of one as in "Rodas4"; see `resolve_solver` for the default. With
         `EventLatch` memory a stock one is put into `Latching`.
     - `stepsize_controller`: default constant steps. `AdaptiveSteps(tolerance)`, or one of diffrax's, goes with
@@ -324,7 +330,8 @@ def simulate(
     begin, start = beginning(begin, start)
     epoch = begin / scene.track.wavelength
     check_rail(scene, periods, begin)
-    steps, saves = step_plan(lambda: default_steps(scene, None), steps_per_period, saves_per_period)
+    default = lambda: default_steps(_at_slowest(scene, epoch, periods), None)
+    steps, saves = step_plan(default, steps_per_period, saves_per_period)
     solver = resolve_solver(scene, solver)
     controller = resolve_controller(stepsize_controller, solver)
     probe, traced = whole("probe", probe, 0), is_traced((scene, start))

@@ -121,8 +121,9 @@ def state_and_penetration(scene: Scene, start: Motion | State, epoch: Any = 0) -
         motion = SledMotion(**vars(motion), **sled)
     elif scene.sled is None:
         motion = of_slipper(motion)
-    now = contacts(rail_frame(scene, phase(0.0, epoch)), motion)
-    outside = -jnp.min(now.gap) / contact_depth(scene)
+    place = phase(0.0, epoch)
+    now = contacts(rail_frame(scene, place), motion)
+    outside = -jnp.min(now.gap) / contact_depth(scene, scene.travel(place))
     if not scene.contact.has_memory:
         memory = None
     elif memory is None:

@@ -173,17 +173,17 @@ class Scene(ShapeChecked):
 
     @property
     def slowest(self) -> Travel:
-        """Travel at the least speed, where impacts take the least way."""
+        """Travel at the least speed of all, where impacts take the least way; of a stretch see `slowest_between`."""
         if not isinstance(self.speed, SpeedProgramme):
             return self.travel(0.0)
         return Travel(self.speed.scale * jnp.min(self.speed.speed), self.track.wavelength)
 
     def slowest_between(self, phase: Any, later: Any) -> Travel:
-        """Returns the slower travel of two places, after `phase` and `later` forcing periods."""
-        one = self.travel(phase)
+        """Returns the travel at the least speed between `phase` and `later` forcing periods."""
         if not isinstance(self.speed, SpeedProgramme):
-            return one
-        return one._replace(speed=jnp.minimum(one.speed, self.travel(later).speed), acceleration=None)
+            return self.travel(phase)
+        begin, end = (jnp.asarray(p, float) * self.track.wavelength for p in (phase, later))
+        return Travel(self.speed.least(begin, end), self.track.wavelength)
 
     def seconds(self, phase: Any) -> Any:
         """Returns the time [s] after `phase` forcing periods from the start."""
