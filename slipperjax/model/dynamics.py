@@ -83,9 +83,6 @@ def initial_state(scene: Scene, motion: Motion | State, epoch: Any = 0) -> State
 
     **Raises:** `ValueError` if JAX runs with 32-bit numbers, or for coordinates that are not finite numbers.
     """
-    if not jax.config.jax_enable_x64:
-        # 32 bits are too few for the phase epoch + t, and for penetrations of micrometres beside metres
-        raise ValueError("Option `jax_enable_x64` must be on, as slipperjax sets it on import, but is off.")
     check_scene(scene)
     motion = check_start("motion", motion)
     if isinstance(motion, State) and motion.memory is not None:

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import brief, require, shown_number
-from ..tools.compile import is_traced
+from ..tools.compile import is_traced, need_64_bits
 from ..tools.fused import held, kept, materialise, spread
 from .quantities import COORDINATES, MOTION_NUMBERS, SLED_NUMBERS
 from .scene import Scene
@@ -204,6 +204,7 @@ def rail_frame(scene: Scene, phase: Any, points: Points | None = None) -> RailFr
 
     **Arguments:** `points`: `contact_points(scene)`, if already computed.
     """
+    need_64_bits()  # each program of a motion is made with it, also by a plain jax.jit
     points = contact_points(scene) if points is None else points
     length = scene.slipper.length
     distance = jnp.asarray(phase, float) * scene.track.wavelength

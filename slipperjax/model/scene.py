@@ -25,7 +25,7 @@ from ..tools.checks import (
     warn_unless_within,
 )
 from ..tools.code import heed_new_code
-from ..tools.compile import is_traced
+from ..tools.compile import is_traced, need_64_bits
 from ..tools.description import TYPE, describe
 from ..tools.files import write_whole
 from ..tools.html import repr_html
@@ -246,7 +246,11 @@ class Scene(ShapeChecked):
 
 
 def check_scene(scene: Any) -> Scene:
-    """Returns `scene`, after which programs of replaced code are not used; raises `ValueError` where it is none."""
+    """Returns `scene`, after which programs of replaced code are not used.
+
+    **Raises:** `ValueError` where it is none, or if JAX runs with 32-bit numbers.
+    """
+    need_64_bits()
     instance("scene", scene, Scene, "a slipperjax.Scene")
     heed_new_code(scene)
     return scene
