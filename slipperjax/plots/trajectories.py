@@ -53,7 +53,7 @@ def contact_forces(ds: Any, ax: Any = None, *, most: int = 4, last: float | None
     """Draws the contact forces [kN] of the points with the highest peaks: front ones solid, rear ones dashed.
 
     The legend gives the highest force of each in all of `ds`, over every integration step where `ds` has that, and
-    its instant; a dot marks it where it lies in what is drawn. In a part of a run, as by `ds.isel`, that is without the
+    its instant; a dot marks it where it lies in what is drawn. In a part of a run, as by `ds.isel`, without the
     run's peak, it is the highest of the saved states, which may miss more. A peak whose instant `ds` lacks is named
     as that of the whole run.
 

@@ -3,13 +3,15 @@
 Few programs serve all tests: those of `fine` and `finest`, one with probes, one with adaptive steps.
 """
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow.course import over_periods
+from slipperjax.flow.course import contact_loads, over_periods
 from slipperjax.flow.status import Status
 
 from ..common import FINEST, PERIODS, STEPS, compilations, fine, finest
@@ -154,3 +156,39 @@ def test_damping_that_the_steps_cannot_follow_is_flagged():
     chosen = probed(scene, sj.default_steps_per_period(scene))
     assert int(chosen.status) == Status.FINITE
     assert float(chosen.peak.force) == pytest.approx(float(finest(scene).peak.force), rel=0.01)
+
+
+FASTER = sj.SpeedProgramme.over_distance([0.0, 8.0, 16.0, 32.0], [50.0, 400.0, 400.0, 100.0])
+
+
+@pytest.mark.parametrize("period", [0, 1, 2, 3])
+@pytest.mark.parametrize("capacity", [64, 80])
+def test_shares_in_contact_are_of_the_time(period, capacity):
+    """Of a gap that is closed for less than half of a forcing period, in which the speed may change."""
+    scene = sj.paper_scene()
+    turned = sj.Scene(FASTER, scene.slipper, scene.section, scene.track, scene.contact)
+    t = np.minimum(np.arange(capacity + 1), 64) / 64
+    gap = np.broadcast_to((np.sin(2 * np.pi * t) + 0.3)[:, None, None], (capacity + 1, 2, 10))
+    of = jax.jit(lambda args: contact_loads(0 * gap, gap, 0 * t, args, 64.0).contact_fraction)
+    edges = np.array([np.pi + np.arcsin(0.3), 2 * np.pi - np.arcsin(0.3)]) / (2 * np.pi)
+    assert np.asarray(of(sj.Args(scene, float(period)))) == pytest.approx(np.diff(edges)[0], rel=1e-6)
+    seconds = lambda places: np.diff(turned.seconds(period + np.asarray(places)))[0]
+    share = seconds(edges) / seconds([0.0, 1.0])
+    # measured: 1.3e-3 in the first period, from 50 m/s, 8e-5 in the others
+    assert np.asarray(of(sj.Args(turned, float(period)))) == pytest.approx(share, rel=3e-3)
+    if period in (0, 2, 3):  # there it is not that of the distance
+        assert abs(share / np.diff(edges)[0] - 1) > 0.05
+
+
+def test_shares_of_several_periods_are_of_their_time():
+    loads = first(fine(sj.paper_scene()).loads, 2)
+    loads = loads._replace(contact_fraction=np.array([0.0, 1.0])[:, None, None] + 0 * loads.contact_fraction)
+    assert np.all(np.asarray(over_periods(loads).contact_fraction) == 0.5)
+    assert np.asarray(over_periods(loads, jnp.array([3.0, 1.0])).contact_fraction) == pytest.approx(0.25)
+    scene = dataclasses.replace(sj.paper_scene(), speed=FASTER)
+    run = sj.simulate(scene, 4, steps_per_period=80)
+    seconds = np.diff(scene.seconds(np.arange(5.0)))
+    assert seconds[0] > 1.5 * seconds[2]
+    share = np.average(run.loads.contact_fraction, axis=0, weights=seconds)
+    np.testing.assert_allclose(run.to_xarray()["contact_fraction"], share, rtol=1e-9)
+    assert np.max(np.abs(share - np.mean(run.loads.contact_fraction, axis=0))) > 1e-3
