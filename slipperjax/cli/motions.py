@@ -69,21 +69,25 @@ def simulate(case: Case, periods: int, saves_per_period: int | None, probe: int,
         if float(trajectory.peak.force) > 0:
             parts.append(trajectory.peak.text(scene))
         if trajectory.probe is not None:
-            parts.append(_error(trajectory.probe))
+            parts.append(_error(scene, trajectory.probe))
     print("; ".join([*parts, f"status: {status}"]))
     return LOST if status == Status.NOT_FINITE else 0
 
 
-def _error(probe: Any) -> str:
+def _error(scene: Any, probe: Any) -> str:
     """Says by how much half the step changes a result."""
     import numpy as np
+
+    from ..model.kinematics import share_of_scale
 
     most, peaks = float(np.max(probe.error)), np.asarray(probe.peak_error)
     of_force = peaks[np.isfinite(peaks)]
     if not np.isfinite(most):
         return "half the step does not stay finite"
     force = f" and its highest force by {float(np.max(of_force)):.1e} of it" if len(of_force) else ""
-    return f"half the step changes a period by {most:.1e} (unit: 1 mm, 10 mrad, 1 m/s, 10 rad/s){force}"
+    share = float(share_of_scale(scene))
+    units = f"{share:g} mm, {10 * share:g} mrad, 1 m/s, 10 rad/s"
+    return f"half the step changes a period by {most:.1e} (unit: {units}){force}"
 
 
 @app.command()

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 
 from ..model.dang2024 import table_2_start
 from ..model.dynamics import Args, Reactions, State, check_start, initial_state, reactions
-from ..model.kinematics import Motion, euler_angles, scaled_size
+from ..model.kinematics import Motion, accuracy_scales, euler_angles, scaled_size
 from ..model.layout import StateLayout
 from ..model.quantities import quantity
 from ..model.scene import Scene, check_scene
@@ -43,12 +43,14 @@ class Probe(NamedTuple):
     period: Float[Array, " probes"]
     """Number of the repeated forcing period, from 0."""
     error: Float[Array, " probes"]
-    """Change of the motion at its end, in multiples of `slipperjax.model.COORDINATE_SCALES` [1]; NaN where lost."""
+    """Change of the motion at its end, in multiples of `slipperjax.model.accuracy_scales` [1]; NaN where lost."""
     peak_error: Float[Array, " probes"]
     """Relative change of its highest contact force [1]; NaN without contact or without loads."""
 
 
-def _probed(stepping: AbstractStepping, states: State, saves: int, count: int, run: Callable[..., Passage]) -> Probe:
+def _probed(
+    scene: Scene, stepping: AbstractStepping, states: State, saves: int, count: int, run: Callable[..., Passage]
+) -> Probe:
     """Repeats `count` periods of a run, or all if there are fewer, the first and others at equal distances.
 
     **Arguments:** `states`: saved ones, `saves` per period; `run(stepping, state, epoch)`: runs one period.
@@ -60,13 +62,13 @@ def _probed(stepping: AbstractStepping, states: State, saves: int, count: int, r
         coarse, fine = (run(s, state, float(k)) for s in (stepping, stepping.finer()))
         peak, finer_peak = (_highest(*passage.samples) for passage in (coarse, fine))
         peak_error = abs(peak - finer_peak) / finer_peak if finer_peak > 0 else np.nan
-        rows.append((k, np.asarray(_difference(coarse.state, fine.state)), peak_error))
+        rows.append((k, np.asarray(_difference(scene, coarse.state, fine.state)), peak_error))
     return Probe(*map(jnp.asarray, np.array(rows, float).T))
 
 
 @jit
-def _difference(a: State, b: State) -> Array:
-    return scaled_size(jax.tree.map(jnp.subtract, a.motion, b.motion))
+def _difference(scene: Scene, a: State, b: State) -> Array:
+    return scaled_size(jax.tree.map(jnp.subtract, a.motion, b.motion), accuracy_scales(scene))
 
 
 def _highest(states: State, loads: Loads | None = None) -> float:
@@ -360,7 +362,7 @@ def simulate(
     if not probe:
         return trajectory
     repeat = lambda s, state, k: run_eagerly(PeriodMap(scene, s, solver), state, 1, records, epoch + k, periods)
-    measured = _probed(stepping, states, saves, probe, repeat)
+    measured = _probed(scene, stepping, states, saves, probe, repeat)
     if int(status) == Status.FINITE and not np.max(np.asarray(measured.error)) <= INACCURATE:
         status = jnp.asarray(np.int64(Status.INACCURATE))
     return eqx.tree_at(lambda t: (t.status, t.probe), trajectory, (status, measured), is_leaf=lambda x: x is None)

@@ -27,7 +27,7 @@ where chaos is strongest, about 10 is the greatest."""
 PRESSED = 0.5
 """Penetration over the section's smaller extent above which the contact law has no meaning."""
 INACCURATE = 0.1
-"""Change of a period's end by half the step above which a run is not trusted, in multiples of `COORDINATE_SCALES`."""
+"""Change of a period's end by half the step above which a run is not trusted, in multiples of `accuracy_scales`."""
 
 
 class Status(enum.IntEnum):
@@ -67,7 +67,7 @@ class Status(enum.IntEnum):
     INACCURATE = (
         6,
         f"inaccurate: half the step changes a period by more than {INACCURATE:g} (unit: 1 mm, 10 mrad, 1 m/s, "
-        "10 rad/s)",
+        "10 rad/s; with less play than 1 mm the first two in proportion)",
         "raise steps_per_period, or take a solver of higher order",
     )
     NOT_RUN = 7, "not run: the sweep was interrupted before this case was finished", "run this case again"

@@ -18,7 +18,7 @@ from ..tools.checks import brief, require, shown_number
 from ..tools.compile import is_traced, need_64_bits
 from ..tools.fused import held, kept, materialise, spread
 from .quantities import COORDINATES, MOTION_NUMBERS, SLED_NUMBERS
-from .scene import Scene
+from .scene import LEAST_CLEARANCE, Scene
 
 
 class Motion(eqx.Module):
@@ -113,6 +113,20 @@ def scales_of(motion: Motion) -> Motion:
     if not isinstance(motion, SledMotion):
         return MOTION_SCALES
     return SledMotion(**vars(MOTION_SCALES), **{name: q.scale for name, q in SLED_NUMBERS.items()})
+
+
+def share_of_scale(scene: Scene) -> Float[Array, ""]:
+    """Returns the clearance of the tightest face that has play over that of `MOTION_SCALES`, 1 mm; 1 at most [1]."""
+    play = scene.section.play
+    tightest = 2 * jnp.min(jnp.where(play > 0, play, jnp.inf))
+    return jnp.clip(tightest, LEAST_CLEARANCE, MOTION_SCALES.z) / MOTION_SCALES.z
+
+
+def accuracy_scales(scene: Scene) -> Motion:
+    """Returns the scales by which errors of a scene are judged: `MOTION_SCALES`, but with less play than 1 mm
+    displacements and attitude in proportion, because an error of the size of the play leaves nothing right."""
+    share = share_of_scale(scene)
+    return Motion(*(share * s for s in _of_slipper(MOTION_SCALES)[:5]), *_of_slipper(MOTION_SCALES)[5:])
 
 
 def scaled_size(motion: Motion, scales: Motion = MOTION_SCALES) -> Float[Array, ""]:

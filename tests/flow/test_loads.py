@@ -12,11 +12,16 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.flow.course import contact_loads, over_periods
+from slipperjax.flow.simulate import _difference
 from slipperjax.flow.status import Status
+from slipperjax.model.kinematics import moved
 
 from ..common import FINEST, PERIODS, STEPS, compilations, fine, finest
 
 NAMES = ("peak_force", "peak_period", "impulse", "contact_fraction", "penetration")
+
+
+FAST = sj.Motion(v_z=0.1)
 
 
 def probed(scene, steps):
@@ -126,6 +131,19 @@ def test_an_error_probe_tells_good_steps_from_bad():
     assert int(bad.status) == Status.INACCURATE
     with pytest.raises(ValueError, match="`probe` must be 0 under jit"):
         jax.jit(lambda v: sj.simulate(sj.paper_scene(v), 1, probe=1).peak.force)(1250.0)
+
+
+def test_an_error_beside_the_play_is_inaccurate():
+    """Half the step changes the first period by 0.03 mm, of 0.1 mm of play; by a scale of 1 mm that is nothing."""
+    tight = sj.paper_scene(clearance=1e-4, stiffness=1.5e10)
+    coarse = probed(tight, 104)
+    assert int(coarse.status) == Status.INACCURATE
+    assert float(coarse.probe.error.max()) == pytest.approx(0.305, rel=0.1)  # 0.055 in the usual scales
+    assert int(probed(tight, 128).status) == Status.FINITE  # measured 0.017
+    wide, run = sj.paper_scene(), coarse.end
+    for change, sizes in ((sj.Motion(z=1e-4), (1.0, 0.1)), (sj.Motion(q_x=5e-4), (1.0, 0.1)), (FAST, (0.1, 0.1))):
+        other = dataclasses.replace(run, motion=moved(run.motion, change))
+        assert [float(_difference(s, run, other)) for s in (tight, wide)] == pytest.approx(sizes)
 
 
 def test_other_speeds_and_numbers_of_steps_compile_nothing_more():
