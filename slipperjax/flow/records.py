@@ -270,22 +270,34 @@ class OnePoint(AbstractNumber):
         return values[..., *indices[self.point]]
 
 
-@dataclass(frozen=True)
-class PeakPeriod(AbstractQuantityRecord):
-    """The instant of the highest normal force of each point; NaN where it is open throughout."""
+class AbstractAtPeak(AbstractQuantityRecord):
+    """A number at the highest normal force of each point in all periods; NaN where it is open throughout."""
 
-    quantity = LOADS["peak_period"]
     dims = POINTS
+
+    @abc.abstractmethod
+    def of(self, course: Course) -> Any:
+        """Returns the number at the highest force of one forcing period, (2, points)."""
 
     def begin(self, scene, state):
         none = np.zeros(self.shape(scene))
         return none, np.full_like(none, np.nan)
 
     def add(self, carried, course):
-        highest, when = carried
-        new = course.loads
-        later = new.peak_force > highest
-        return jnp.where(later, new.peak_force, highest), jnp.where(later, new.peak_period, when)
+        highest, there = carried
+        force = course.loads.peak_force
+        higher = force > highest
+        return jnp.where(higher, force, highest), jnp.where(higher, self.of(course), there)
+
+
+@dataclass(frozen=True)
+class PeakPeriod(AbstractAtPeak):
+    """The instant of the highest normal force of each point; NaN where it is open throughout."""
+
+    quantity = LOADS["peak_period"]
+
+    def of(self, course):
+        return course.loads.peak_period
 
     def finish(self, carried, samples, span):
         return np.asarray(carried[1]) - span.start

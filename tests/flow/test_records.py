@@ -7,11 +7,13 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 import slipperjax as sj
+from slipperjax.flow.course import Loads, over_periods
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.record import RecordedSpan, RecordSet, Sections
 from slipperjax.flow.records import ALIASES, RECORDS, ForcePercentile, Record, SpectrumLines
 from slipperjax.flow.status import Status
 from slipperjax.flow.stepping import ConstantSteps
+from slipperjax.flow.windows import PEAK_DISTANCE
 from slipperjax.model.layout import coordinate_rows
 from slipperjax.model.quantities import COORDINATES, Quantity
 
@@ -142,6 +144,40 @@ def test_crossings_beyond_the_capacity_are_counted_and_flagged():
     carried = record.add(record.begin(sj.paper_scene(), None), course)
     status = record.after(np.array([int(carried), 2]), None, np.zeros(2, int), None)[1]
     assert status.tolist() == [Status.POINTS_DROPPED, 0]
+
+
+AT_PEAK = {"peak_period": (RECORDS["peak_period"], 1.0), "peak_distance": (PEAK_DISTANCE, 8.0)}
+
+
+@pytest.mark.parametrize(("record", "per_period"), AT_PEAK.values(), ids=AT_PEAK)
+def test_what_is_told_of_a_peak_is_of_the_highest_of_all_periods(record, per_period):
+    """Of points whose force is highest in the first, the second and the last of three periods, equal, and zero."""
+    forces = np.array([[5.0, 2.0, 1.0, 4.0, 0.0], [1.0, 6.0, 2.0, 4.0, 0.0], [3.0, 5.0, 7.0, 4.0, 0.0]])
+    when = np.where(forces > 0, EPOCH + np.arange(3.0)[:, None] + np.linspace(0.1, 0.9, 5), np.nan)
+    loads = over_periods(Loads(*[jnp.zeros((1, 2, 5))] * 5, jnp.zeros(1)))
+    carried = jnp.zeros((2, 5)), jnp.full((2, 5), jnp.nan)
+    for force, instant in zip(forces, when, strict=True):
+        course = made_up_course()
+        both = (jnp.broadcast_to(row, (2, 5)) for row in (force, instant))
+        course.loads = loads._replace(**dict(zip(("peak_force", "peak_period"), both, strict=True)))
+        carried = record.add(carried, course)
+    wanted = per_period * when[[0, 1, 2, 0, 0], np.arange(5)]
+    found = record.finish(jax.tree.map(lambda a: np.asarray(a)[None], carried), None, span(3, STEPS))
+    np.testing.assert_allclose(found, np.broadcast_to(wanted, (1, 2, 5)), rtol=1e-14)
+
+
+def test_places_of_peaks_are_not_joined_without_their_forces():
+    places = jnp.arange(6.0).reshape(3, 2, 1)
+    assert np.all(np.isnan(PEAK_DISTANCE.total(places)))
+    np.testing.assert_array_equal(PEAK_DISTANCE.total(places[:1]), places[0])
+
+
+def test_a_sweep_tells_where_its_highest_forces_were():
+    grid = {"speed": [1250.0, 2100.0]}
+    record = ["peak_force", "peak_period", PEAK_DISTANCE]
+    ds = sj.sweep(sj.paper_scene(), grid, record=record, transient=2, periods=6, steps_per_period=STEPS)
+    np.testing.assert_allclose(ds["peak_distance"], 8.0 * ds["peak_period"], rtol=1e-12)
+    assert ds["peak_distance"].attrs["units"] == "m"
 
 
 def test_equal_ones_share_a_program():
