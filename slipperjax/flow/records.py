@@ -6,6 +6,7 @@ so that such a record has a smooth twin, `smooth`, for descents.
 
 import abc
 import dataclasses
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -90,8 +91,8 @@ class AbstractQuantityRecord(AbstractRecord):
         of_points = {"end": 2, "point": scene.points // 2}
         return tuple(of_points[d] if isinstance(d, str) else len(d[1]) for d in self.dims)
 
-    def values(self, periods):
-        return 20
+    def values(self, scene, periods):
+        return math.prod(self.shape(scene))
 
     def label(self, scene, dims, values):
         names = [d if isinstance(d, str) else d[0] for d in self.dims]
@@ -313,7 +314,7 @@ def judged_by_contacts(scenes: Batched[Scene], codes: Any, carried: Any, limit: 
 class ContactChecks(Unlabelled):
     """No variable, but the statuses that follow from loads: no contact, pressed in, and unresolved damping."""
 
-    def values(self, periods):
+    def values(self, scene, periods):
         return 3
 
     def begin(self, scene, state):
@@ -371,9 +372,6 @@ class ForcePercentile(AbstractQuantityRecord):
     @property
     def dims(self):
         return ("percentile", self.percentiles, attributes("percent", "percentile")), *POINTS
-
-    def values(self, periods):
-        return 20 * len(self.percentiles)
 
     def begin(self, scene, state):
         return np.zeros((2, scene.points // 2, FORCE_CLASSES), np.int32)

@@ -340,7 +340,7 @@ def simulate(
     require(not (probe and traced), "probe", "be 0 under jit, vmap or grad", probe)
     records = RecordSet((States(saves), *([PeriodLoads()] if loads else [])))
     if not is_traced(steps):
-        needed, seconds = 8.0 * records.values(0, periods), SECONDS_PER_STEP * steps * periods
+        needed, seconds = 8.0 * records.values(scene, 0, periods), SECONDS_PER_STEP * steps * periods
         refuse_impossible(f"{periods} forcing periods of {steps} steps", needed, seconds)
     first = initial_state(scene, start, epoch)
     if controller is not None:

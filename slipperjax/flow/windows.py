@@ -3,6 +3,7 @@
 A run of slippers over a rail is the same loop as a run of forcing periods, with a window of distance as the period.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -148,8 +149,8 @@ class PerWindow(AbstractQuantityRecord):
     def dims(self):
         return self.record.dims
 
-    def values(self, periods):
-        return 20 * periods
+    def values(self, scene, periods):
+        return math.prod(self.shape(scene)) * periods
 
     def sample(self, course):
         return self.record.of(course)
@@ -169,7 +170,7 @@ class Worn(NamedTuple):
 class Wearing(Unlabelled):
     """No variable, but the play that a scene's wear has opened before each window."""
 
-    def values(self, periods):
+    def values(self, scene, periods):
         return 10
 
     def begin(self, scene, state):
@@ -219,7 +220,7 @@ class ThirdOctaves(AbstractRecord):
     def variables(self):
         return ("band_a_y", "band_a_z")
 
-    def values(self, periods):
+    def values(self, scene, periods):
         return 2 * SAMPLES_PER_WINDOW * periods
 
     def sample(self, course):

@@ -169,7 +169,7 @@ class Plan:
     @property
     def values(self) -> int:
         """About how many numbers are kept of one case."""
-        return self.records.values(self.transient.periods, self.recorded.periods)
+        return self.records.values(self.cases.scene, self.transient.periods, self.recorded.periods)
 
     @property
     def cost(self) -> float:
