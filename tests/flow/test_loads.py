@@ -134,7 +134,7 @@ def test_an_error_probe_tells_good_steps_from_bad():
 
 
 def test_an_error_beside_the_play_is_inaccurate():
-    """Half the step changes the first period by 0.03 mm, of 0.1 mm of play; by a scale of 1 mm that is nothing."""
+    """Half the step changes the roll by 0.3 mrad, of the 1 mrad or so that a play of 0.1 mm leaves."""
     tight = sj.paper_scene(clearance=1e-4, stiffness=1.5e10)
     coarse = probed(tight, 104)
     assert int(coarse.status) == Status.INACCURATE
