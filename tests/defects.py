@@ -121,6 +121,11 @@ tests/solvers/test_impulse.py -k rebound_of
 -at, slowest = path.rate_at(place) - own * _pressing(scene, path, gap, rate, place), -scene.memory.slowest
 +at, slowest = path.rate_at(place), -scene.memory.slowest
 
+solvers that latch nothing are let through
+tests/solvers/test_solvers.py -k close_no_step
+-return eqx.error_if(fill_frozen(rates, state), jnp.asarray(t) == t, _NEEDS_CLOSED_STEPS)
++return fill_frozen(rates, state)
+
 impulses from the step's end
 tests/solvers/test_impulse.py -k rebound_of
 -earlies + (1 - x) * part
@@ -131,6 +136,46 @@ lost numbers hidden by coarse steps
 tests/flow/test_status.py -k first_problem
 -return np.where((earlier == Status.FINITE) | lost, later, earlier)
 +return np.where(earlier == Status.FINITE, later, earlier)
+
+runs judged where the whole programme is slowest
+tests/flow/test_status.py -k judged_where
+-slowest = scene.slowest_between(epoch, epoch + 1)
++slowest = scene.slowest
+
+periods judged that were not run
+tests/flow/test_status.py -k over_their_stretch
+-judged = jnp.where(run, steps_taken, jnp.inf)
++judged = steps_taken
+
+peaks of the whole run in pictures of a part
+tests/plots/test_plots.py -k part_of_a_run
+-peaks, instants = ds["peak_force"].where(within, peaks), when.where(within, instants)
++peaks, instants = ds["peak_force"], when
+
+shares of distance in contact
+tests/flow/test_loads.py -k shares_in_contact
+-of_time = lambda share, place: share if paces is None else paces[place] * share
++of_time = lambda share, place: share if paces is None else period * share
+
+errors judged by a millimetre of less play
+tests/flow/test_loads.py -k beside_the_play
+-return scaled_size(jax.tree.map(jnp.subtract, a.motion, b.motion), accuracy_scales(scene))
++return scaled_size(jax.tree.map(jnp.subtract, a.motion, b.motion))
+
+places of the last peak instead of the highest
+tests/flow/test_records.py -k told_of_a_peak
+-return jnp.where(higher, force, highest), jnp.where(higher, self.of(course), there)
++return force, self.of(course)
+
+programs made in 32 bits
+tests/model/test_inputs.py -k in_32_bits
+-    if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
++    if False:
+
+starts judged where the whole programme is slowest
+tests/model/test_travel.py -k starts_are_judged
+-outside = -jnp.min(now.gap) / contact_depth(scene, scene.travel(place))
++outside = -jnp.min(now.gap) / contact_depth(scene)
 
 crossings downwards
 tests/flow/test_poincare.py

@@ -127,11 +127,14 @@ def keeping(keep: Callable[[Any], str]) -> Iterator[None]:
         raise
 
 
-def step_error(changes: Any) -> str:
-    """Says by how much half the step changes forcing periods: the most of some, in scales [1]."""
+def step_error(scene: Any, changes: Any) -> str:
+    """Says by how much half the step changes forcing periods: the most of some, in multiples of `accuracy_scales`."""
     import numpy as np
 
-    most = float(np.max(changes))
+    from ..model.kinematics import share_of_scale
+
+    most, share = float(np.max(changes)), float(share_of_scale(scene))
     if not np.isfinite(most):
         return "half the step does not stay finite"
-    return f"half the step changes a period by {most:.1e} (unit: 1 mm, 10 mrad, 1 m/s, 10 rad/s)"
+    units = f"{share:g} mm, {10 * share:g} mrad, 1 m/s, 10 rad/s"
+    return f"half the step changes a period by {most:.1e} (unit: {units})"

@@ -69,19 +69,19 @@ def simulate(case: Case, periods: int, saves_per_period: int | None, probe: int,
         if float(trajectory.peak.force) > 0:
             parts.append(trajectory.peak.text(scene))
         if trajectory.probe is not None:
-            parts.append(_error(trajectory.probe))
+            parts.append(_error(scene, trajectory.probe))
     print("; ".join([*parts, f"status: {status}"]))
     return LOST if status == Status.NOT_FINITE else 0
 
 
-def _error(probe: Any) -> str:
+def _error(scene: Any, probe: Any) -> str:
     """Says by how much half the step changes a result."""
     import numpy as np
 
     peaks = np.asarray(probe.peak_error)
     of_force = peaks[np.isfinite(peaks)]
     force = f" and its highest force by {float(np.max(of_force)):.1e} of it" if len(of_force) else ""
-    return step_error(probe.error) + force
+    return step_error(scene, probe.error) + force
 
 
 @app.command()

@@ -13,7 +13,7 @@ import click
 from ..model.quantities import PARAMETERS, STARTS
 from ..tools.cache import compile_cache
 from ..tools.checks import require
-from .files import Outputs, keeping, make_folder, step_error
+from .files import Outputs, keeping, make_folder
 from .interrupts import on_thread
 from .options import (
     COUNT,
@@ -297,7 +297,8 @@ def summary(ds: Any, seconds: float) -> str:
     ]
     finite = ds["status"] != Status.NOT_FINITE
     if "probe_error" in ds and bool(finite.any()):
-        parts.append(step_error(ds["probe_error"].where(finite, 0.0).values))
+        most = float(ds["probe_error"].where(finite).max())
+        parts.append(f"half the step changes a period by {most:.1e} scales at most")
     if "regime" in ds:
         parts.append(", ".join(f"{int((ds['regime'] == name).sum())} {name}" for name in REGIMES))
     parts.append(f"{sum(flagged.values())} cases flagged" + (f" ({meanings})" if flagged else ""))

@@ -36,7 +36,7 @@ class PeriodValues(Unlabelled):
 
     numbers: Objectives
 
-    def values(self, periods):
+    def values(self, scene, periods):
         return 10 * len(self.numbers) * periods
 
     def sample(self, course):

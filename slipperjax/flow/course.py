@@ -108,6 +108,10 @@ def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Any)
     """
     most, step = len(force) - 1, 1 / steps
     period, steady = args.travel(0.5).period, args.travel(0.5).acceleration is None
+    places = jnp.arange(most)
+    # the pace in the middle of each step [s per period], where it changes
+    paces = None if steady else materialise(args.travel((places + 0.5) * step).period)
+    of_time = lambda share, place: share if paces is None else paces[place] * share
     fastest = jnp.max(jnp.where(jnp.arange(most + 1) <= steps, rate, 0.0)) * period
     # all points in one row, which is faster than two
     flat = lambda a: a.reshape(most + 1, -1)
@@ -123,8 +127,8 @@ def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Any)
         new = (
             jnp.maximum(highest, peak),
             jnp.where((peak > highest) & (peak > 0), (place + inside) * step + args.epoch, when),
-            impulse + (area if steady else args.travel((place + 0.5) * step).period * area),
-            contact + _share_closed(-begin[1], -slope[1], -end[1], -next_slope[1]),
+            impulse + of_time(area, place),
+            contact + of_time(_share_closed(-begin[1], -slope[1], -end[1], -next_slope[1]), place),
             jnp.maximum(deepest, deep),
         )
         return (jax.tree.map(lambda n, old: jnp.where(place < steps, n, old), new, carry[0]), next_slope), None
@@ -132,18 +136,25 @@ def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Any)
     nothing = jnp.zeros(values.shape[-1])
     totals = nothing - jnp.inf, nothing + jnp.nan, nothing, nothing, nothing - jnp.inf
     # step by step, so that what is computed stays in the cache
-    (totals, _), _ = jax.lax.scan(one, (totals, _slope(*values[:5])), jnp.arange(most))
+    (totals, _), _ = jax.lax.scan(one, (totals, _slope(*values[:5])), places)
     highest, when, impulse, contact, depth = (a.reshape(force.shape[1:]) for a in totals)
-    impulse = step * period * impulse if steady else step * impulse
-    return Loads(highest, when, impulse, step * contact, depth, step * fastest)
+    if paces is None:
+        impulse, contact = step * period * impulse, step * contact
+    else:
+        impulse, contact = step * impulse, contact / jnp.sum(jnp.where(places < steps, paces, 0.0))
+    return Loads(highest, when, impulse, contact, depth, step * fastest)
 
 
-def over_periods(loads: Loads) -> Loads:
-    """Returns loads of several periods from those of each, along the first axis. Contact fractions are means."""
+def over_periods(loads: Loads, seconds: Float[Array, " periods"] | None = None) -> Loads:
+    """Returns loads of several periods from those of each, along the first axis.
+
+    Contact fractions are means, weighted by the `seconds` of each period, which are alike at a constant speed.
+    """
     highest = jnp.max(loads.peak_force, 0)
     when = jnp.nanmin(jnp.where(loads.peak_force == highest[None], loads.peak_period, jnp.nan), 0)
     deepest, fastest = jnp.max(loads.penetration, 0), jnp.max(loads.stability_number, 0)
-    return Loads(highest, when, jnp.sum(loads.impulse, 0), jnp.mean(loads.contact_fraction, 0), deepest, fastest)
+    closed = jnp.average(loads.contact_fraction, 0, seconds)
+    return Loads(highest, when, jnp.sum(loads.impulse, 0), closed, deepest, fastest)
 
 
 def _slope(a: Array, b: Array, here: Array, c: Array, d: Array) -> Array:
@@ -248,7 +259,7 @@ class Curve:
 
     @functools.cached_property
     def mean_square(self) -> Float[Array, "..."]:
-        """The mean of the square over time."""
+        """The mean of the square over time; over distance where the speed changes."""
         return self._course.mean(self.samples**2)
 
     @functools.cached_property
@@ -467,7 +478,8 @@ class Course:
         return jax.tree.map(lambda a: a[at], self.states)
 
     def mean(self, samples: Float[Array, "samples ..."]) -> Float[Array, "..."]:
-        """Returns the mean over time of what was computed from samples of curves."""
+        """Returns the mean over time of what was computed from samples of curves; over distance where the speed
+        changes."""
         return jnp.sum(self.counted(samples, 0.0), axis=0) / (self.steps * len(GAUSS_PLACES))
 
     def counted(self, values: Shaped[Array, "samples ..."], filler: float) -> Shaped[Array, "samples ..."]:

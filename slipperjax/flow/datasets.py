@@ -111,7 +111,8 @@ def trajectory_dataset(trajectory: Any) -> Any:
     attrs |= {"steps_per_period": int(trajectory.steps_per_period), "status": int(trajectory.status)}
     attrs["status_meaning"] = MEANINGS
     if trajectory.loads is not None:
-        total = _over_periods(trajectory.loads)
+        saves = (len(trajectory.period) - 1) // len(trajectory.steps_taken)
+        total = _over_periods(trajectory.loads, jnp.diff(trajectory.time[::saves]))
         data |= {n: (("end", "point"), np.asarray(getattr(total, n)), q.attributes) for n, q in LOADS.items()}
     if trajectory.probe is not None:
         attrs["probe_error [scales]"] = float(np.max(trajectory.probe.error))

@@ -144,13 +144,13 @@ class PeriodMap(eqx.Module):
         epochs = epoch + jnp.arange(float(count))
         one = period if used is None else period_if_used
         (end, _, carried), (samples, codes, steps_taken) = jax.lax.scan(one, (state, solver_state, earlier), epochs)
+        judged = steps_taken
         if used is not None:
-            steps_taken = jnp.where(jnp.arange(count) < used, steps_taken, jnp.max(steps_taken))
-        code = codes[jnp.argmax(codes != int(Status.FINITE))]
-        slowest = scene.slowest_between(epoch, epoch + count)
-        return Passage(
-            end, samples, with_resolution(code, scene, jnp.min(steps_taken), slowest), steps_taken, carried
-        )
+            run = jnp.arange(count) < used
+            steps_taken = jnp.where(run, steps_taken, jnp.max(steps_taken))
+            judged = jnp.where(run, steps_taken, jnp.inf)
+        code = with_resolution(codes[jnp.argmax(codes != int(Status.FINITE))], scene, judged, epoch)
+        return Passage(end, samples, code, steps_taken, carried)
 
 
 def _lost_where(failed: Any, state: State) -> State:
@@ -250,7 +250,8 @@ def advance_tangents(
 
         epochs = epoch + jnp.arange(float(periods))
         (state, tangents), (history, strobe) = jax.lax.scan(period, (state, tangents), epochs)
-        code = with_growth(with_resolution(status_of(state), scene, stepping.number), history)
+        code = with_resolution(status_of(state), scene, jnp.full(periods, stepping.number), epoch)
+        code = with_growth(code, history)
         return TangentPassage(state, tangents, history, strobe, code)
 
     return scenes.map(one, states, tangents)

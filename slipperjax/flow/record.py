@@ -69,8 +69,8 @@ class AbstractRecord(abc.ABC):
         return (self.name,)
 
     @abc.abstractmethod
-    def values(self, periods: int) -> int:
-        """Estimates how many numbers of a case are kept, of so many periods."""
+    def values(self, scene: Scene, periods: int) -> int:
+        """Estimates how many numbers of a case are kept, of so many periods, from the shapes of a scene."""
 
     def last(self, periods: int) -> int:
         """Returns how many of the last recorded periods need their samples kept."""
@@ -188,9 +188,9 @@ class RecordSet:
         """Returns the cost of the work after so many recorded periods, in unrecorded ones."""
         return sum((r.cost_after(periods) for r in self.records), 0.0)
 
-    def values(self, transient: int, periods: int) -> int:
-        """Estimates how many numbers of a case are kept."""
-        return sum(r.values(periods + (transient if r.from_start else 0)) for r in self.records)
+    def values(self, scene: Scene, transient: int, periods: int) -> int:
+        """Estimates how many numbers of a case are kept, from the shapes of a scene."""
+        return sum(r.values(scene, periods + (transient if r.from_start else 0)) for r in self.records)
 
     def with_saves(self, saves: int) -> "RecordSet":
         """Returns the same, of so many saves per period where they leave that to the run."""
@@ -332,7 +332,7 @@ class Strobe(AbstractRecord):
         if self.latest is not None:
             whole("latest", self.latest, 1)
 
-    def values(self, periods):
+    def values(self, scene, periods):
         return len(COORDINATES) * self.last(periods)
 
     def last(self, periods):
@@ -383,7 +383,7 @@ class Sections(AbstractRecord):
     def variables(self):
         return tuple(f"{before}{name}{behind}" for before, behind in _SECTION_NAMES for name in SECTIONS)
 
-    def values(self, periods):
+    def values(self, scene, periods):
         return len(SECTIONS) * 2 * self.capacity * periods
 
     def begin(self, scene, state):
@@ -464,8 +464,9 @@ class History(AbstractRecord):
     def variables(self):
         return (*COORDINATES, *ACCELERATIONS, *_INNER_DIMS)
 
-    def values(self, periods):
-        return 57 * (self.saves or 1) * periods
+    def values(self, scene, periods):
+        alone = len(COORDINATES) + len(ACCELERATIONS) + 2  # with time and drive force
+        return (alone + 2 * scene.points) * (self.saves or 1) * periods
 
     def sample(self, course) -> HistoryValues:
         assert self.saves is not None  # see `check`
@@ -505,8 +506,8 @@ class States(Unlabelled):
     def inside(self):
         return self.saves > 1
 
-    def values(self, periods):
-        return 100 * self.saves * periods  # with the forces that follow from them
+    def values(self, scene, periods):
+        return (40 + 3 * scene.points) * self.saves * periods  # with the forces that follow from them
 
     def sample(self, course):
         return course.saved(self.saves)
@@ -516,8 +517,8 @@ class States(Unlabelled):
 class PeriodLoads(Unlabelled):
     """The contact loads of each period."""
 
-    def values(self, periods):
-        return 100 * periods
+    def values(self, scene, periods):
+        return (5 * scene.points + 1) * periods
 
     def sample(self, course) -> Loads:
         return course.loads

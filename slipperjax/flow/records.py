@@ -6,6 +6,7 @@ so that such a record has a smooth twin, `smooth`, for descents.
 
 import abc
 import dataclasses
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -90,8 +91,8 @@ class AbstractQuantityRecord(AbstractRecord):
         of_points = {"end": 2, "point": scene.points // 2}
         return tuple(of_points[d] if isinstance(d, str) else len(d[1]) for d in self.dims)
 
-    def values(self, periods):
-        return 20
+    def values(self, scene, periods):
+        return math.prod(self.shape(scene))
 
     def label(self, scene, dims, values):
         names = [d if isinstance(d, str) else d[0] for d in self.dims]
@@ -270,22 +271,34 @@ class OnePoint(AbstractNumber):
         return values[..., *indices[self.point]]
 
 
-@dataclass(frozen=True)
-class PeakPeriod(AbstractQuantityRecord):
-    """The instant of the highest normal force of each point; NaN where it is open throughout."""
+class AbstractAtPeak(AbstractQuantityRecord):
+    """A number at the highest normal force of each point in all periods; NaN where it is open throughout."""
 
-    quantity = LOADS["peak_period"]
     dims = POINTS
+
+    @abc.abstractmethod
+    def of(self, course: Course) -> Any:
+        """Returns the number at the highest force of one forcing period, (2, points)."""
 
     def begin(self, scene, state):
         none = np.zeros(self.shape(scene))
         return none, np.full_like(none, np.nan)
 
     def add(self, carried, course):
-        highest, when = carried
-        new = course.loads
-        later = new.peak_force > highest
-        return jnp.where(later, new.peak_force, highest), jnp.where(later, new.peak_period, when)
+        highest, there = carried
+        force = course.loads.peak_force
+        higher = force > highest
+        return jnp.where(higher, force, highest), jnp.where(higher, self.of(course), there)
+
+
+@dataclass(frozen=True)
+class PeakPeriod(AbstractAtPeak):
+    """The instant of the highest normal force of each point; NaN where it is open throughout."""
+
+    quantity = LOADS["peak_period"]
+
+    def of(self, course):
+        return course.loads.peak_period
 
     def finish(self, carried, samples, span):
         return np.asarray(carried[1]) - span.start
@@ -301,7 +314,7 @@ def judged_by_contacts(scenes: Batched[Scene], codes: Any, carried: Any, limit: 
 class ContactChecks(Unlabelled):
     """No variable, but the statuses that follow from loads: no contact, pressed in, and unresolved damping."""
 
-    def values(self, periods):
+    def values(self, scene, periods):
         return 3
 
     def begin(self, scene, state):
@@ -359,9 +372,6 @@ class ForcePercentile(AbstractQuantityRecord):
     @property
     def dims(self):
         return ("percentile", self.percentiles, attributes("percent", "percentile")), *POINTS
-
-    def values(self, periods):
-        return 20 * len(self.percentiles)
 
     def begin(self, scene, state):
         return np.zeros((2, scene.points // 2, FORCE_CLASSES), np.int32)

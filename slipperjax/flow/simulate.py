@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 
 from ..model.dang2024 import table_2_start
 from ..model.dynamics import Args, Reactions, State, check_start, initial_state, reactions
-from ..model.kinematics import Motion, euler_angles, scaled_size
+from ..model.kinematics import Motion, accuracy_scales, euler_angles, scaled_size
 from ..model.layout import StateLayout
 from ..model.quantities import quantity
 from ..model.scene import Scene, check_scene
@@ -29,7 +29,7 @@ from ..tools.limits import refuse_impossible
 from .course import Loads, over_periods
 from .period_map import Passage, PeriodMap, run_compiled
 from .record import PeriodLoads, RecordSet, States
-from .status import INACCURATE, Status, most_stability_number, status_of, with_loads, with_resolution
+from .status import INACCURATE, Status, most_stability_number, status_of, with_loads
 from .stepping import AbstractStepping, ConstantSteps, ControlledSteps, UnknownSteps, capacity_for
 
 
@@ -43,12 +43,14 @@ class Probe(NamedTuple):
     period: Float[Array, " probes"]
     """Number of the repeated forcing period, from 0."""
     error: Float[Array, " probes"]
-    """Change of the motion at its end, in multiples of `slipperjax.model.COORDINATE_SCALES` [1]; NaN where lost."""
+    """Change of the motion at its end, in multiples of `slipperjax.model.accuracy_scales` [1]; NaN where lost."""
     peak_error: Float[Array, " probes"]
     """Relative change of its highest contact force [1]; NaN without contact or without loads."""
 
 
-def _probed(stepping: AbstractStepping, states: State, saves: int, count: int, run: Callable[..., Passage]) -> Probe:
+def _probed(
+    scene: Scene, stepping: AbstractStepping, states: State, saves: int, count: int, run: Callable[..., Passage]
+) -> Probe:
     """Repeats `count` periods of a run, or all if there are fewer, the first and others at equal distances.
 
     **Arguments:** `states`: saved ones, `saves` per period; `run(stepping, state, epoch)`: runs one period.
@@ -60,13 +62,13 @@ def _probed(stepping: AbstractStepping, states: State, saves: int, count: int, r
         coarse, fine = (run(s, state, float(k)) for s in (stepping, stepping.finer()))
         peak, finer_peak = (_highest(*passage.samples) for passage in (coarse, fine))
         peak_error = abs(peak - finer_peak) / finer_peak if finer_peak > 0 else np.nan
-        rows.append((k, np.asarray(_difference(coarse.state, fine.state)), peak_error))
+        rows.append((k, np.asarray(_difference(scene, coarse.state, fine.state)), peak_error))
     return Probe(*map(jnp.asarray, np.array(rows, float).T))
 
 
 @jit
-def _difference(a: State, b: State) -> Array:
-    return scaled_size(jax.tree.map(jnp.subtract, a.motion, b.motion))
+def _difference(scene: Scene, a: State, b: State) -> Array:
+    return scaled_size(jax.tree.map(jnp.subtract, a.motion, b.motion), accuracy_scales(scene))
 
 
 def _highest(states: State, loads: Loads | None = None) -> float:
@@ -95,7 +97,8 @@ def period_map(
     """
     check_scene(scene)
     instance("state", state, State, "a slipperjax.State")
-    steps, periods = default_steps(scene, steps_per_period), whole("periods", periods, 1)
+    periods = whole("periods", periods, 1)
+    steps = default_steps(_at_slowest(scene, 0.0, periods), steps_per_period)
     solver = resolve_solver(scene, solver)
     controller = resolve_controller(stepsize_controller, solver)
     stepping = static_steps(steps) if controller is None else _controlled(1, steps, controller, adjoint)
@@ -123,6 +126,11 @@ def default_steps(scene: Scene, steps: int | None) -> Any:
         return whole("steps_per_period", steps, 1)
     needed = traced_steps_per_period(scene)  # a plain number where the scene is merely differentiated
     return jnp.minimum(needed, MOST_UNKNOWN) if is_traced(needed) else int(needed)
+
+
+def _at_slowest(scene: Scene, begin: Any, periods: int) -> Scene:
+    """Returns a scene at the least speed of a run from the forcing period number `begin` on, for its steps."""
+    return eqx.tree_at(lambda s: s.speed, scene, scene.slowest_between(begin, begin + periods).speed)
 
 
 def dynamic_steps(steps: int, *, inside: bool = False, finer: bool = False) -> ConstantSteps:
@@ -266,7 +274,6 @@ def _finished(
     times = epoch + jnp.arange(passage.steps_taken.shape[0] * saves + 1) / saves
     # states between the ends of periods count, too
     code = jnp.where(passage.status == int(Status.FINITE), status_of(states), passage.status)
-    code = with_resolution(code, scene, jnp.min(passage.steps_taken))
     if not loads:
         return states, None, times, code
     total = over_periods(loads[0])
@@ -295,9 +302,10 @@ def simulate(
 
     - `scene`: the case, see `paper_scene`.
     - `periods`: number of forcing periods, wavelength / speed each.
-    - `steps_per_period`: integration steps per forcing period; default from the duration of a typical contact,
-        see `default_steps_per_period`, rounded up to a multiple of `saves_per_period`. Where the scene's values are
-        traced (jit, vmap), the default is at most `MOST_UNKNOWN`, and a given number is faster.
+    - `steps_per_period`: integration steps per forcing period; default from the duration of a typical contact at the
+        least speed of the run, see `default_steps_per_period`, rounded up to a multiple of `saves_per_period`. Where
+        the scene's values are traced (jit, vmap), the default is at most `MOST_UNKNOWN`, and a number given is
+        faster.
     - `solver`: a diffrax solver, or the name of one as in "Rodas4"; see `resolve_solver` for the default. With
         `EventLatch` memory a stock one is put into `Latching`.
     - `stepsize_controller`: default constant steps. `AdaptiveSteps(tolerance)`, or one of diffrax's, goes with
@@ -324,14 +332,15 @@ def simulate(
     begin, start = beginning(begin, start)
     epoch = begin / scene.track.wavelength
     check_rail(scene, periods, begin)
-    steps, saves = step_plan(lambda: default_steps(scene, None), steps_per_period, saves_per_period)
+    default = lambda: default_steps(_at_slowest(scene, epoch, periods), None)
+    steps, saves = step_plan(default, steps_per_period, saves_per_period)
     solver = resolve_solver(scene, solver)
     controller = resolve_controller(stepsize_controller, solver)
     probe, traced = whole("probe", probe, 0), is_traced((scene, start))
     require(not (probe and traced), "probe", "be 0 under jit, vmap or grad", probe)
     records = RecordSet((States(saves), *([PeriodLoads()] if loads else [])))
     if not is_traced(steps):
-        needed, seconds = 8.0 * records.values(0, periods), SECONDS_PER_STEP * steps * periods
+        needed, seconds = 8.0 * records.values(scene, 0, periods), SECONDS_PER_STEP * steps * periods
         refuse_impossible(f"{periods} forcing periods of {steps} steps", needed, seconds)
     first = initial_state(scene, start, epoch)
     if controller is not None:
@@ -353,7 +362,7 @@ def simulate(
     if not probe:
         return trajectory
     repeat = lambda s, state, k: run_eagerly(PeriodMap(scene, s, solver), state, 1, records, epoch + k, periods)
-    measured = _probed(stepping, states, saves, probe, repeat)
+    measured = _probed(scene, stepping, states, saves, probe, repeat)
     if int(status) == Status.FINITE and not np.max(np.asarray(measured.error)) <= INACCURATE:
         status = jnp.asarray(np.int64(Status.INACCURATE))
     return eqx.tree_at(lambda t: (t.status, t.probe), trajectory, (status, measured), is_leaf=lambda x: x is None)

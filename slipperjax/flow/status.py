@@ -13,7 +13,6 @@ from jaxtyping import Array, Int
 from ..model.dynamics import State
 from ..model.scene import Scene
 from ..model.step_size import contact_duration
-from ..model.travel import Travel
 from ..solvers.latching import is_explicit
 
 LEAST_PER_CONTACT = 3
@@ -28,7 +27,7 @@ where chaos is strongest, about 10 is the greatest."""
 PRESSED = 0.5
 """Penetration over the section's smaller extent above which the contact law has no meaning."""
 INACCURATE = 0.1
-"""Change of a period's end by half the step above which a run is not trusted, in multiples of `COORDINATE_SCALES`."""
+"""Change of a period's end by half the step above which a run is not trusted, in multiples of `accuracy_scales`."""
 
 
 class Status(enum.IntEnum):
@@ -68,7 +67,7 @@ class Status(enum.IntEnum):
     INACCURATE = (
         6,
         f"inaccurate: half the step changes a period by more than {INACCURATE:g} (unit: 1 mm, 10 mrad, 1 m/s, "
-        "10 rad/s)",
+        "10 rad/s; with less play than 1 mm the first two in proportion)",
         "raise steps_per_period, or take a solver of higher order",
     )
     NOT_RUN = 7, "not run: the sweep was interrupted before this case was finished", "run this case again"
@@ -106,15 +105,20 @@ def status_of(states: State) -> Int[Array, ""]:
     return jnp.where(jnp.all(jnp.isfinite(leaves)), good, int(Status.NOT_FINITE))
 
 
-def with_resolution(code: Array, scene: Scene, steps: Any, travel: Travel | None = None) -> Int[Array, ""]:
-    """Returns a code of `status_of`, or `UNRESOLVED` where `steps` per period are too few for the scene's impacts.
+def with_resolution(code: Array, scene: Scene, steps: Any, begin: Any = 0.0) -> Int[Array, ""]:
+    """Returns a code of `status_of`, or `UNRESOLVED` where a period's steps are too few for its impacts.
 
     `UNRESOLVED` comes before `DERAILED`, which too few steps can bring about.
 
-    **Arguments:** `travel`: where the steps are, by default where the scene is slowest.
+    **Arguments:** `steps`: of each period, from the period number `begin` on.
     """
-    travel = scene.slowest if travel is None else travel
-    return _unresolved_where(contact_duration(scene, travel) * steps < LEAST_PER_CONTACT * travel.period, code)
+
+    def too_few(steps, epoch):
+        slowest = scene.slowest_between(epoch, epoch + 1)
+        return contact_duration(scene, slowest) * steps < LEAST_PER_CONTACT * slowest.period
+
+    steps = jnp.atleast_1d(steps)
+    return _unresolved_where(jnp.any(jax.vmap(too_few)(steps, begin + jnp.arange(len(steps)))), code)
 
 
 def _unresolved_where(problem: Any, code: Any) -> Array:

@@ -3,6 +3,7 @@
 A run of slippers over a rail is the same loop as a run of forcing periods, with a window of distance as the period.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -17,7 +18,7 @@ from ..model.tracks import AbstractTrack, Irregularity
 from ..tools.checks import positive
 from .course import Course
 from .record import AbstractRecord, Unlabelled
-from .records import POINTS, RECORDS, AbstractNumber, AbstractQuantityRecord, Record
+from .records import POINTS, RECORDS, AbstractAtPeak, AbstractNumber, AbstractQuantityRecord, Join, Record
 
 STRETCH = 100
 """Windows in a stretch, after which states are kept, and over which spectra and rates are taken."""
@@ -70,19 +71,33 @@ def touchdowns(course: Course) -> Float[Array, "2 points"]:
     return jnp.sum(course.counted((closed[1:] & ~closed[:-1]).astype(float), 0.0), axis=0)
 
 
-def _peak_distance(course: Course) -> Float[Array, "2 points"]:
-    return course.loads.peak_period * course.travel.wavelength
-
-
 def _peak(k: int, q: Quantity) -> Record:
     text = f"greatest magnitude of the {q.long_name}"
     size = lambda c: jnp.maximum(c.acceleration.greatest, -c.acceleration.least)[k]
     return Record(Quantity(f"peak_{q.name}", q.unit, text, rf"|{q.symbol}|_{{\max}}"), size, "max")
 
 
-PEAK_DISTANCE = Record(
-    Quantity("peak_distance", "m", "distance travelled at the highest contact force"), _peak_distance, "max", POINTS
-)
+def _only(values: Any, axis: int = 0) -> Any:
+    """Returns the only one of some values along the first axis, NaN for several."""
+    return values[0] if len(values) == 1 else jnp.full_like(values[0], jnp.nan)
+
+
+@dataclass(frozen=True)
+class PeakDistance(AbstractAtPeak, AbstractNumber):
+    """The distance travelled at the highest normal force of each point; NaN where it is open throughout."""
+
+    quantity = Quantity("peak_distance", "m", "distance travelled at the highest contact force")
+    # distances alone do not tell where the highest force of several windows was
+    join = Join(np.nan, _only)
+
+    def of(self, course):
+        return course.loads.peak_period * course.travel.wavelength
+
+    def finish(self, carried, samples, span):
+        return np.asarray(carried[1])
+
+
+PEAK_DISTANCE = PeakDistance()
 FRICTION_WORK = Record(
     Quantity("friction_work", "J", "heat that friction makes", "Q"),
     lambda c: c.friction_power.integral,
@@ -134,8 +149,8 @@ class PerWindow(AbstractQuantityRecord):
     def dims(self):
         return self.record.dims
 
-    def values(self, periods):
-        return 20 * periods
+    def values(self, scene, periods):
+        return math.prod(self.shape(scene)) * periods
 
     def sample(self, course):
         return self.record.of(course)
@@ -155,7 +170,7 @@ class Worn(NamedTuple):
 class Wearing(Unlabelled):
     """No variable, but the play that a scene's wear has opened before each window."""
 
-    def values(self, periods):
+    def values(self, scene, periods):
         return 10
 
     def begin(self, scene, state):
@@ -205,7 +220,7 @@ class ThirdOctaves(AbstractRecord):
     def variables(self):
         return ("band_a_y", "band_a_z")
 
-    def values(self, periods):
+    def values(self, scene, periods):
         return 2 * SAMPLES_PER_WINDOW * periods
 
     def sample(self, course):

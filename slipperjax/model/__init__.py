@@ -3,6 +3,7 @@
 from .kinematics import MOTION_SCALES as MOTION_SCALES
 from .kinematics import Contacts as Contacts
 from .kinematics import RailFrame as RailFrame
+from .kinematics import accuracy_scales as accuracy_scales
 from .kinematics import contact_points as contact_points
 from .kinematics import contacts as contacts
 from .kinematics import euler_angles as euler_angles

@@ -83,9 +83,6 @@ def initial_state(scene: Scene, motion: Motion | State, epoch: Any = 0) -> State
 
     **Raises:** `ValueError` if JAX runs with 32-bit numbers, or for coordinates that are not finite numbers.
     """
-    if not jax.config.jax_enable_x64:
-        # 32 bits are too few for the phase epoch + t, and for penetrations of micrometres beside metres
-        raise ValueError("Option `jax_enable_x64` must be on, as slipperjax sets it on import, but is off.")
     check_scene(scene)
     motion = check_start("motion", motion)
     if isinstance(motion, State) and motion.memory is not None:
@@ -121,8 +118,9 @@ def state_and_penetration(scene: Scene, start: Motion | State, epoch: Any = 0) -
         motion = SledMotion(**vars(motion), **sled)
     elif scene.sled is None:
         motion = of_slipper(motion)
-    now = contacts(rail_frame(scene, phase(0.0, epoch)), motion)
-    outside = -jnp.min(now.gap) / contact_depth(scene)
+    place = phase(0.0, epoch)
+    now = contacts(rail_frame(scene, place), motion)
+    outside = -jnp.min(now.gap) / contact_depth(scene, scene.travel(place))
     if not scene.contact.has_memory:
         memory = None
     elif memory is None:
@@ -238,12 +236,27 @@ def per_period(travel: Travel, rates: Motion) -> Motion:
     return jax.tree.map(lambda r: period * r, rates)
 
 
+_NEEDS_CLOSED_STEPS = (
+    "Argument `solver` must be one of slipperjax, or slipperjax.Latching of one of diffrax's, for a contact memory "
+    "that changes between steps, such as EventLatch: no other latches touchdowns. With memory=SmoothSwitch() any "
+    "solver serves."
+)
+
+
 class AbstractVectorField(eqx.Module):
     """The right-hand side of a scene for `diffrax.ODETerm`, with the methods that latching solvers call."""
 
     def __call__(self, t: Any, state: State, args: Args) -> State:
-        """Returns the derivative of the whole state [per forcing period]."""
-        return fill_frozen(self.evaluate(t, state, args), state)
+        """Returns the derivative of the whole state [per forcing period], as of an ODE for any solver.
+
+        **Raises:** `equinox.EquinoxRuntimeError` where the memory is frozen over a step: it changes where a solver of
+        `slipperjax` closes one. At an instant take `evaluate`.
+        """
+        rates = self.evaluate(t, state, args)
+        if rates.memory is not None or state.memory is None:
+            return rates
+        # at run time and where it is used alone, because diffrax asks every right-hand side for its shapes
+        return eqx.error_if(fill_frozen(rates, state), jnp.asarray(t) == t, _NEEDS_CLOSED_STEPS)
 
     @jax.jit  # traced once for all stages of all steps, which halves the tracing
     def evaluate(self, t: Any, state: State, args: Args, frame: RailFrame | None = None) -> State:

@@ -15,10 +15,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import brief, require, shown_number
-from ..tools.compile import is_traced
+from ..tools.compile import is_traced, need_64_bits
 from ..tools.fused import held, kept, materialise, spread
 from .quantities import COORDINATES, MOTION_NUMBERS, SLED_NUMBERS
-from .scene import Scene
+from .scene import LEAST_CLEARANCE, Scene
 
 
 class Motion(eqx.Module):
@@ -115,6 +115,20 @@ def scales_of(motion: Motion) -> Motion:
     return SledMotion(**vars(MOTION_SCALES), **{name: q.scale for name, q in SLED_NUMBERS.items()})
 
 
+def share_of_scale(scene: Scene) -> Float[Array, ""]:
+    """Returns the clearance of the tightest face that has play over that of `MOTION_SCALES`, 1 mm; 1 at most [1]."""
+    play = scene.section.play
+    tightest = 2 * jnp.min(jnp.where(play > 0, play, jnp.inf))
+    return jnp.clip(tightest, LEAST_CLEARANCE, MOTION_SCALES.z) / MOTION_SCALES.z
+
+
+def accuracy_scales(scene: Scene) -> Motion:
+    """Returns the scales by which errors of a scene are judged: `MOTION_SCALES`, but with less play than 1 mm
+    displacements and attitude in proportion, because an error of the size of the play leaves nothing right."""
+    share = share_of_scale(scene)
+    return Motion(*(share * s for s in _of_slipper(MOTION_SCALES)[:5]), *_of_slipper(MOTION_SCALES)[5:])
+
+
 def scaled_size(motion: Motion, scales: Motion = MOTION_SCALES) -> Float[Array, ""]:
     """Returns the largest magnitude in a difference of two slippers' motions, in multiples of `scales` [1]."""
     scaled = [jnp.abs(d) / s for d, s in zip(_of_slipper(motion), _of_slipper(scales), strict=True)]
@@ -204,6 +218,7 @@ def rail_frame(scene: Scene, phase: Any, points: Points | None = None) -> RailFr
 
     **Arguments:** `points`: `contact_points(scene)`, if already computed.
     """
+    need_64_bits()  # each program of a motion is made with it, also by a plain jax.jit
     points = contact_points(scene) if points is None else points
     length = scene.slipper.length
     distance = jnp.asarray(phase, float) * scene.track.wavelength

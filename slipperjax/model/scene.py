@@ -25,7 +25,7 @@ from ..tools.checks import (
     warn_unless_within,
 )
 from ..tools.code import heed_new_code
-from ..tools.compile import is_traced
+from ..tools.compile import is_traced, need_64_bits
 from ..tools.description import TYPE, describe
 from ..tools.files import write_whole
 from ..tools.html import repr_html
@@ -173,17 +173,17 @@ class Scene(ShapeChecked):
 
     @property
     def slowest(self) -> Travel:
-        """Travel at the least speed, where impacts take the least way."""
+        """Travel at the least speed of all, where impacts take the least way; of a stretch see `slowest_between`."""
         if not isinstance(self.speed, SpeedProgramme):
             return self.travel(0.0)
         return Travel(self.speed.scale * jnp.min(self.speed.speed), self.track.wavelength)
 
     def slowest_between(self, phase: Any, later: Any) -> Travel:
-        """Returns the slower travel of two places, after `phase` and `later` forcing periods."""
-        one = self.travel(phase)
+        """Returns the travel at the least speed between `phase` and `later` forcing periods."""
         if not isinstance(self.speed, SpeedProgramme):
-            return one
-        return one._replace(speed=jnp.minimum(one.speed, self.travel(later).speed), acceleration=None)
+            return self.travel(phase)
+        begin, end = (jnp.asarray(p, float) * self.track.wavelength for p in (phase, later))
+        return Travel(self.speed.least(begin, end), self.track.wavelength)
 
     def seconds(self, phase: Any) -> Any:
         """Returns the time [s] after `phase` forcing periods from the start."""
@@ -246,7 +246,11 @@ class Scene(ShapeChecked):
 
 
 def check_scene(scene: Any) -> Scene:
-    """Returns `scene`, after which programs of replaced code are not used; raises `ValueError` where it is none."""
+    """Returns `scene`, after which programs of replaced code are not used.
+
+    **Raises:** `ValueError` where it is none, or if JAX runs with 32-bit numbers.
+    """
+    need_64_bits()
     instance("scene", scene, Scene, "a slipperjax.Scene")
     heed_new_code(scene)
     return scene

@@ -133,6 +133,12 @@ class SpeedProgramme(ShapeChecked):
         square = self.speed**2
         return self.scale * jnp.sqrt(square[k] + share * (square[k + 1] - square[k]))
 
+    def least(self, begin: Any, end: Any) -> Float[Array, ""]:
+        """Returns the least speed [m/s] between two distances from the start [m]."""
+        between = (self.distance > begin) & (self.distance < end)
+        inside = self.scale * jnp.min(jnp.where(between, self.speed, jnp.inf))
+        return jnp.minimum(inside, jnp.minimum(self.at(begin), self.at(end)))
+
     def acceleration(self, distance: Any) -> Float[Array, "*places"]:
         """Returns the travelling acceleration [m/s^2] at some distances [m]; zero beyond the ends."""
         distance = jnp.asarray(distance, float)

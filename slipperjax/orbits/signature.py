@@ -57,7 +57,7 @@ class Signature(NamedTuple):
 class GapSamples(Unlabelled):
     """Gaps [m] and their rates [m/s] at both ends of every step, of all points, the front ones first."""
 
-    def values(self, periods):
+    def values(self, scene, periods):
         return 0  # kept for one case only, of which no sweep asks how much memory it takes
 
     def sample(self, course):

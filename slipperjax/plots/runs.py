@@ -50,8 +50,9 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None, axes: Any = None) -
     rear. Spectra are root mean squares of the vertical acceleration in third octaves; those that are finer than a
     stretch resolves, or beyond half of the sampling frequency, are blank.
 
-    **Arguments:** `ds`: of `run`, without a grid or one case of it; `scene`: whose rail is drawn, default that of the
-    dataset; `axes`: one for each panel; default those of a new figure, with the case as its title.
+    **Arguments:** `ds`: of `run`, without a grid or one case of it, or a part of it along the distance; `scene`:
+    whose rail is drawn, default that of the dataset; `axes`: one for each panel; default those of a new figure, with
+    the case as its title.
 
     **Returns:** the Axes, an array.
     """
@@ -60,6 +61,7 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None, axes: Any = None) -
     require(not dims, "ds", "be of one run, as is ds.isel(...)", shown=f"over {', '.join(map(str, dims))}")
     if scene is None and "scene" in ds.attrs:
         scene = load_scene(ds)
+    ds = _stretches_of(ds)
     panels: list[Any] = [] if scene is None else [lambda ax, ds: _rail(ax, ds, check_scene(scene))]
     needs = {_speed: "seconds", _forces: "peak_force", _impacts: "impact_rate", _spectra: "band_a_z"}
     panels += [draw for draw, name in needs.items() if name in ds]
@@ -87,6 +89,15 @@ def edges_of(ds: xr.Dataset, along: str) -> np.ndarray:
     return np.append(ds["distance"].values[0] - ds.attrs["window [m]"], ends)
 
 
+def _stretches_of(ds: xr.Dataset) -> xr.Dataset:
+    """Gives a part of a run, as by `ds.isel`, with the stretches alone that it lies in."""
+    if "stretch" not in ds.dims:
+        return ds
+    begin, end = edges_of(ds, "distance")[[0, -1]]
+    first, last = np.searchsorted(ds["stretch"].values, [begin * (1 + 1e-12), end * (1 - 1e-12)])
+    return ds.isel(stretch=slice(first, last + 1))
+
+
 def _speed_name(ds: xr.Dataset) -> str:
     """Gives the name of the speed along a run, which is another one where the speed was varied."""
     return "speed_along" if "speed_along" in ds.coords else "speed"
@@ -112,7 +123,9 @@ def _speed(ax: Any, ds: xr.Dataset) -> list[Any]:
     ax.plot(places, np.pad(speed, 1, "edge"), lw=0.9, color=COLORS["blue"], label="speed")
     ax.set_ylabel(axis_label("speed"))
     beside = ax.twinx()
-    beside.plot(edges, np.append(0.0, ds["seconds"].values), lw=0.9, color=COLORS["orange"], label="time")
+    seconds = ds["seconds"].values
+    begin = seconds[0] - ds.attrs["window [m]"] / speed[0]  # zero, or later in a part of a run
+    beside.plot(edges, np.append(begin, seconds), lw=0.9, color=COLORS["orange"], label="time")
     beside.set_ylabel("time [s]")
     beside.grid(visible=False)
     _from_zero(ax, beside)

@@ -52,8 +52,10 @@ def history(ds: Any, name: str, ax: Any = None) -> Any:
 def contact_forces(ds: Any, ax: Any = None, *, most: int = 4, last: float | None = LAST_PERIODS) -> Any:
     """Draws the contact forces [kN] of the points with the highest peaks: front ones solid, rear ones dashed.
 
-    The legend gives the highest force of each in the whole run, over every integration step where `ds` has that, and
-    its instant; a dot marks it where it lies in what is drawn. The saved states may miss it.
+    The legend gives the highest force of each in all of `ds`, over every integration step where `ds` has that, and
+    its instant; a dot marks it where it lies in what is drawn. In a part of a run, as by `ds.isel`, without the
+    run's peak, it is the highest of the saved states, which may miss more. A peak whose instant `ds` lacks is named
+    as that of the whole run.
 
     **Arguments:** `ds`, `ax`: as for `history`; `most`: number of points; `last`: forcing periods at the end of the
     run that are drawn, None for all.
@@ -71,7 +73,8 @@ def _draw_contact_forces(ds: xr.Dataset, ax: Any, most: int = 4, last: float | N
     period = ds["period"].values
     drawn = period >= (-np.inf if last is None else period[-1] - last - 1e-9)
     for line in most_loaded(ds, most):
-        instant = f" at {line.instant:.4g}" if np.isfinite(line.instant) else ""
+        unknown = " in the whole run" if line.peak > 0 else ""
+        instant = f" at {line.instant:.4g}" if np.isfinite(line.instant) else unknown
         label = f"{line.name}, peak {line.peak:.3g} kN{instant}"
         ax.plot(period[drawn], line.force[drawn], lw=0.9, label=label, **line.style)
         if np.any(drawn) and period[drawn][0] <= line.instant <= period[-1]:
@@ -85,7 +88,7 @@ def highest_forces(ds: Any, ax: Any = None, *, most: int = 4) -> Any:
     """Draws the highest contact force [kN] of each forcing period, of the points with the highest peaks.
 
     It is found among the saved states; a dot marks the highest force of each point over every integration step. Lines
-    as in `contact_forces`.
+    and peaks as in `contact_forces`.
 
     **Arguments:** `ds`, `ax`, `most`: as for `contact_forces`.
 
@@ -122,18 +125,20 @@ class PointForce(NamedTuple):
     force: np.ndarray
     peak: float
     instant: float
-    """Time of the peak [forcing periods], NaN where the dataset lacks it."""
+    """Time of the peak [forcing periods], NaN without contact or where the dataset lacks it."""
     style: dict[str, Any]
 
 
 def most_loaded(ds: xr.Dataset, most: int) -> list[PointForce]:
-    """Gives forces of the points with the highest peaks, the highest first."""
+    """Gives forces of the points with the highest peaks within a dataset's times, the highest first."""
+    force, period = ds["contact_force"].fillna(-np.inf), ds["period"].values
+    peaks = force.max("time")
+    instants = ds["period"].isel(time=force.argmax("time")).where(peaks > 0)
     if "peak_force" in ds:
-        peaks = ds["peak_force"]
-        instants = ds["peak_period"] if "peak_period" in ds else np.nan * peaks
-    else:
-        force = ds["contact_force"].fillna(-np.inf)
-        peaks, instants = force.max("time"), ds["period"].isel(time=force.argmax("time"))
+        when = ds["peak_period"] if "peak_period" in ds else np.nan * ds["peak_force"]
+        # a record begins one interval before its first saved state
+        within = (when > 2 * period[0] - period[:2][-1]) & (when <= period[-1]) | np.isnan(when)
+        peaks, instants = ds["peak_force"].where(within, peaks), when.where(within, instants)
     stacked = peaks.stack(at=("end", "point"))
     lines = []
     for end, point in stacked.sortby(stacked, ascending=False)["at"].values[:most]:

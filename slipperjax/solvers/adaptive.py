@@ -119,7 +119,9 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         return _until(gap - 0.5 * args.scene.memory.width, period * rate, period * acceleration, wanted)
 
     def _longest(self, args, t):
-        return jax.lax.stop_gradient(contact_duration(args.scene) / args.travel(t).period / self.per_contact)
+        return jax.lax.stop_gradient(
+            contact_duration(args.scene, args.travel(t)) / args.travel(t).period / self.per_contact
+        )
 
 
 def _until(gap: Any, rate: Any, acceleration: Any, wanted: Any) -> Any:

@@ -79,7 +79,7 @@ class AbstractLatchingSolver(diffrax.AbstractSolver):
         return field_of(terms).open_step(t0, y0, args)
 
     def func(self, terms, t0, y0, args):
-        return terms.vf(t0, y0, args)
+        return fill_frozen(field_of(terms).evaluate(t0, y0, args), y0)
 
 
 class _FrozenField(eqx.Module):

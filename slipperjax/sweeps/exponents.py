@@ -333,7 +333,7 @@ class LyapunovExponents(ContinuedRecord):
     def last(self, periods):
         return min(LAST, periods)
 
-    def values(self, periods):
+    def values(self, scene, periods):
         measured = measured_periods(counted_blocks(self.periods, periods))
         return 10 * self.last(periods) + measured * (self.count + self.certify)
 

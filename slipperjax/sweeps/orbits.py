@@ -349,7 +349,7 @@ class NearestOrbit(ContinuedRecord):
         names = ("orbit", "orbit_state", "multiplier_real", "multiplier_imag", "orbit_exponent", "stable")
         return (*names, "residual", "iterations")
 
-    def values(self, periods):
+    def values(self, scene, periods):
         return 150
 
     def check(self, scene, periods, steps):

@@ -55,7 +55,7 @@ class MotionKind(AbstractRecord):
     def last(self, periods):
         return min(self.latest, periods)
 
-    def values(self, periods):
+    def values(self, scene, periods):
         return len(COORDINATE_SCALES) * self.last(periods)
 
     def sample(self, course):
@@ -115,7 +115,7 @@ class LargestExponent(ContinuedRecord):
     def variables(self):
         return "exponent", "exponent_stderr"
 
-    def values(self, periods):
+    def values(self, scene, periods):
         return 2
 
     def cost_after(self, periods):

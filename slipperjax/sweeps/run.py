@@ -22,15 +22,14 @@ from ..flow.simulate import check_rail, step_plan
 from ..flow.status import ASKED, Interrupted, Status, blank, first_problem, with_accuracy
 from ..flow.stepping import ConstantSteps, capacity_for
 from ..model.dynamics import State
-from ..model.kinematics import Motion
-from ..model.layout import coordinates
-from ..model.quantities import COORDINATE_SCALES
+from ..model.kinematics import Motion, accuracy_scales, scaled_size
 from ..model.scene import Scene
 from ..model.step_size import LEAST_STEPS
 from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.checks import TOLD, require, whole
+from ..tools.compile import jit
 from ..tools.limits import cores
 from ..tools.progress import bar as progress_bar
 from ..tools.progress import is_live
@@ -188,7 +187,7 @@ class Plan:
     @property
     def values(self) -> int:
         """About how many numbers are kept of one case."""
-        return self.records.values(self.transient.periods, self.recorded.periods)
+        return self.records.values(self.cases.scene, self.transient.periods, self.recorded.periods)
 
     @property
     def cost(self) -> float:
@@ -387,13 +386,20 @@ def run_chunk(
 def half_step_change(
     scenes: Batched[Scene], states: State, epoch: float, steps: int, **options: Any
 ) -> Float[np.ndarray, " lanes"]:
-    """Returns what half the step changes over some periods, in multiples of the coordinates' scales [1].
+    """Returns what half the step changes over some periods, in multiples of `slipperjax.model.accuracy_scales` [1].
 
     **Arguments:** `options`: of `advance`, with the number of periods.
     """
     numbers = [ConstantSteps(steps=jnp.asarray(float(number))) for number in (steps, 2 * steps)]
-    one, other = (coordinates(advance(scenes, states, epoch, number, **options).state) for number in numbers)
-    return np.max(np.abs(one - other) / COORDINATE_SCALES, axis=1)
+    ends = (advance(scenes, states, epoch, number, **options).state.motion for number in numbers)
+    return np.asarray(_distances(scenes, *ends))
+
+
+@jit
+def _distances(scenes: Batched[Scene], one: Motion, other: Motion) -> jax.Array:
+    """Distances of two motions of each case in the scales by which errors are judged [1]."""
+    size = lambda scene, a, b: scaled_size(jax.tree.map(jnp.subtract, a, b), accuracy_scales(scene))
+    return scenes.map(size, one, other)
 
 
 def initial_carry(records: RecordSet, scenes: Batched[Scene], states: State) -> Any:

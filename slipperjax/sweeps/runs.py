@@ -113,7 +113,7 @@ def run(
     - `steps_per_period`: integration steps per wavelength of the track, or reference length, the same all the way;
         by default those that the least speed of each `STRETCH` windows needs, times `refine`.
     - `probe`: at the start of how many stretches the error is measured by half the step, over a wavelength of the
-        track or its reference length: `probe_error`, in multiples of `slipperjax.model.COORDINATE_SCALES` [1]; above
+        track or its reference length: `probe_error`, in multiples of `slipperjax.model.accuracy_scales` [1]; above
         a tenth the status says so.
     - `solver`, `product`, `chunk`, `workers`, `progress`, `store`, `executor`: as for `sweep`.
 

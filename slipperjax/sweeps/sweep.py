@@ -87,7 +87,7 @@ def sweep(
     - `steps_per_period`: one number for all cases, or an array of the grid's shape with one for each; default what
         `default_steps_per_period` gives for each, times `refine`. Cases with the same number run together.
     - `probe`: whether the error of the first recorded period is measured in every case, by half the step:
-        `probe_error`, in multiples of `slipperjax.model.COORDINATE_SCALES` [1]; above a tenth the status says so.
+        `probe_error`, in multiples of `slipperjax.model.accuracy_scales` [1]; above a tenth the status says so.
         Default where that takes less than a tenth of the time and compiles nothing more.
     - `solver`, `start`, `saves_per_period`: as for `simulate`.
     - `loads`: whether peak forces, impulses, times in contact and penetrations of the recorded periods come with

@@ -55,6 +55,8 @@ def jit(fun: Callable, **kwargs: Any) -> Callable:
     this is a plain `jax.jit`.
 
     **Arguments:** `fun`, `kwargs`: as for `jax.jit`.
+
+    **Raises:** at a call, `ValueError` if JAX runs with 32-bit numbers.
     """
     inner = jax.jit(fun, **kwargs)
 
@@ -64,11 +66,21 @@ def jit(fun: Callable, **kwargs: Any) -> Callable:
 
     @functools.wraps(fun)
     def call(*args: Any, **options: Any) -> Any:
+        need_64_bits()
         if is_transformed():
             return inner(*args, **options)
         return outermost(jax.default_backend())(*args, **options)
 
     return call
+
+
+def need_64_bits() -> None:
+    """Raises `ValueError` if JAX runs with 32-bit numbers.
+
+    They are too few for the phase epoch + t, and for penetrations of micrometres beside metres.
+    """
+    if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+        raise ValueError("Option `jax_enable_x64` must be on, as slipperjax sets it on import, but is off.")
 
 
 def is_transformed() -> bool:

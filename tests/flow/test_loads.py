@@ -3,18 +3,25 @@
 Few programs serve all tests: those of `fine` and `finest`, one with probes, one with adaptive steps.
 """
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow.course import over_periods
+from slipperjax.flow.course import contact_loads, over_periods
+from slipperjax.flow.simulate import _difference
 from slipperjax.flow.status import Status
+from slipperjax.model.kinematics import moved
 
 from ..common import FINEST, PERIODS, STEPS, compilations, fine, finest
 
 NAMES = ("peak_force", "peak_period", "impulse", "contact_fraction", "penetration")
+
+
+FAST = sj.Motion(v_z=0.1)
 
 
 def probed(scene, steps):
@@ -126,6 +133,19 @@ def test_an_error_probe_tells_good_steps_from_bad():
         jax.jit(lambda v: sj.simulate(sj.paper_scene(v), 1, probe=1).peak.force)(1250.0)
 
 
+def test_an_error_beside_the_play_is_inaccurate():
+    """Half the step changes the roll by 0.3 mrad, of the 1 mrad or so that a play of 0.1 mm leaves."""
+    tight = sj.paper_scene(clearance=1e-4, stiffness=1.5e10)
+    coarse = probed(tight, 104)
+    assert int(coarse.status) == Status.INACCURATE
+    assert float(coarse.probe.error.max()) == pytest.approx(0.305, rel=0.1)  # 0.055 in the usual scales
+    assert int(probed(tight, 128).status) == Status.FINITE  # measured 0.017
+    wide, run = sj.paper_scene(), coarse.end
+    for change, sizes in ((sj.Motion(z=1e-4), (1.0, 0.1)), (sj.Motion(q_x=5e-4), (1.0, 0.1)), (FAST, (0.1, 0.1))):
+        other = dataclasses.replace(run, motion=moved(run.motion, change))
+        assert [float(_difference(s, run, other)) for s in (tight, wide)] == pytest.approx(sizes)
+
+
 def test_other_speeds_and_numbers_of_steps_compile_nothing_more():
     run = lambda speed, steps: probed(sj.paper_scene(speed), steps).status.block_until_ready()
     run(1250.0, 152)
@@ -154,3 +174,39 @@ def test_damping_that_the_steps_cannot_follow_is_flagged():
     chosen = probed(scene, sj.default_steps_per_period(scene))
     assert int(chosen.status) == Status.FINITE
     assert float(chosen.peak.force) == pytest.approx(float(finest(scene).peak.force), rel=0.01)
+
+
+FASTER = sj.SpeedProgramme.over_distance([0.0, 8.0, 16.0, 32.0], [50.0, 400.0, 400.0, 100.0])
+
+
+@pytest.mark.parametrize("period", [0, 1, 2, 3])
+@pytest.mark.parametrize("capacity", [64, 80])
+def test_shares_in_contact_are_of_the_time(period, capacity):
+    """Of a gap that is closed for less than half of a forcing period, in which the speed may change."""
+    scene = sj.paper_scene()
+    turned = sj.Scene(FASTER, scene.slipper, scene.section, scene.track, scene.contact)
+    t = np.minimum(np.arange(capacity + 1), 64) / 64
+    gap = np.broadcast_to((np.sin(2 * np.pi * t) + 0.3)[:, None, None], (capacity + 1, 2, 10))
+    of = jax.jit(lambda args: contact_loads(0 * gap, gap, 0 * t, args, 64.0).contact_fraction)
+    edges = np.array([np.pi + np.arcsin(0.3), 2 * np.pi - np.arcsin(0.3)]) / (2 * np.pi)
+    assert np.asarray(of(sj.Args(scene, float(period)))) == pytest.approx(np.diff(edges)[0], rel=1e-6)
+    seconds = lambda places: np.diff(turned.seconds(period + np.asarray(places)))[0]
+    share = seconds(edges) / seconds([0.0, 1.0])
+    # measured: 1.3e-3 in the first period, from 50 m/s, 8e-5 in the others
+    assert np.asarray(of(sj.Args(turned, float(period)))) == pytest.approx(share, rel=3e-3)
+    if period in (0, 2, 3):  # there it is not that of the distance
+        assert abs(share / np.diff(edges)[0] - 1) > 0.05
+
+
+def test_shares_of_several_periods_are_of_their_time():
+    loads = first(fine(sj.paper_scene()).loads, 2)
+    loads = loads._replace(contact_fraction=np.array([0.0, 1.0])[:, None, None] + 0 * loads.contact_fraction)
+    assert np.all(np.asarray(over_periods(loads).contact_fraction) == 0.5)
+    assert np.asarray(over_periods(loads, jnp.array([3.0, 1.0])).contact_fraction) == pytest.approx(0.25)
+    scene = dataclasses.replace(sj.paper_scene(), speed=FASTER)
+    run = sj.simulate(scene, 4, steps_per_period=80)
+    seconds = np.diff(scene.seconds(np.arange(5.0)))
+    assert seconds[0] > 1.5 * seconds[2]
+    share = np.average(run.loads.contact_fraction, axis=0, weights=seconds)
+    np.testing.assert_allclose(run.to_xarray()["contact_fraction"], share, rtol=1e-9)
+    assert np.max(np.abs(share - np.mean(run.loads.contact_fraction, axis=0))) > 1e-3

@@ -1,5 +1,7 @@
 """Records inside programs: joined periods, extremes of curves, percentiles, lines of spectra, several at once."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,11 +9,13 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 import slipperjax as sj
+from slipperjax.flow.course import Course, Loads, over_periods
 from slipperjax.flow.period_map import PeriodMap
-from slipperjax.flow.record import RecordedSpan, RecordSet, Sections
+from slipperjax.flow.record import History, PeriodLoads, RecordedSpan, RecordSet, Sections, Strobe
 from slipperjax.flow.records import ALIASES, RECORDS, ForcePercentile, Record, SpectrumLines
 from slipperjax.flow.status import Status
 from slipperjax.flow.stepping import ConstantSteps
+from slipperjax.flow.windows import PEAK_DISTANCE, PerWindow
 from slipperjax.model.layout import coordinate_rows
 from slipperjax.model.quantities import COORDINATES, Quantity
 
@@ -61,7 +65,7 @@ def coordinates_and_slopes(scene, periods, states):
     """Of saved states: the ten coordinates, and their derivatives by the vector field [per forcing period]."""
 
     def one(period, state):
-        rates = sj.vector_field(scene)(0.0, state, sj.Args(scene, period)).motion
+        rates = sj.vector_field(scene).evaluate(0.0, state, sj.Args(scene, period)).motion
         return jax.jvp(lambda m: coordinate_rows(sj.State(m, None)), (state.motion,), (rates,))
 
     return jax.vmap(one)(periods, states)
@@ -142,6 +146,80 @@ def test_crossings_beyond_the_capacity_are_counted_and_flagged():
     carried = record.add(record.begin(sj.paper_scene(), None), course)
     status = record.after(np.array([int(carried), 2]), None, np.zeros(2, int), None)[1]
     assert status.tolist() == [Status.POINTS_DROPPED, 0]
+
+
+AT_PEAK = {"peak_period": (RECORDS["peak_period"], 1.0), "peak_distance": (PEAK_DISTANCE, 8.0)}
+
+
+@pytest.mark.parametrize(("record", "per_period"), AT_PEAK.values(), ids=AT_PEAK)
+def test_what_is_told_of_a_peak_is_of_the_highest_of_all_periods(record, per_period):
+    """Of points whose force is highest in the first, the second and the last of three periods, equal, and zero."""
+    forces = np.array([[5.0, 2.0, 1.0, 4.0, 0.0], [1.0, 6.0, 2.0, 4.0, 0.0], [3.0, 5.0, 7.0, 4.0, 0.0]])
+    when = np.where(forces > 0, EPOCH + np.arange(3.0)[:, None] + np.linspace(0.1, 0.9, 5), np.nan)
+    loads = over_periods(Loads(*[jnp.zeros((1, 2, 5))] * 5, jnp.zeros(1)))
+    carried = jnp.zeros((2, 5)), jnp.full((2, 5), jnp.nan)
+    for force, instant in zip(forces, when, strict=True):
+        course = made_up_course()
+        both = (jnp.broadcast_to(row, (2, 5)) for row in (force, instant))
+        course.loads = loads._replace(**dict(zip(("peak_force", "peak_period"), both, strict=True)))
+        carried = record.add(carried, course)
+    wanted = per_period * when[[0, 1, 2, 0, 0], np.arange(5)]
+    found = record.finish(jax.tree.map(lambda a: np.asarray(a)[None], carried), None, span(3, STEPS))
+    np.testing.assert_allclose(found, np.broadcast_to(wanted, (1, 2, 5)), rtol=1e-14)
+
+
+def test_places_of_peaks_are_not_joined_without_their_forces():
+    places = jnp.arange(6.0).reshape(3, 2, 1)
+    assert np.all(np.isnan(PEAK_DISTANCE.total(places)))
+    np.testing.assert_array_equal(PEAK_DISTANCE.total(places[:1]), places[0])
+
+
+def test_a_sweep_tells_where_its_highest_forces_were():
+    grid = {"speed": [1250.0, 2100.0]}
+    record = ["peak_force", "peak_period", PEAK_DISTANCE]
+    ds = sj.sweep(sj.paper_scene(), grid, record=record, transient=2, periods=6, steps_per_period=STEPS)
+    np.testing.assert_allclose(ds["peak_distance"], 8.0 * ds["peak_period"], rtol=1e-12)
+    assert ds["peak_distance"].attrs["units"] == "m"
+
+
+def with_faces(count):
+    """A scene whose section is a regular polygon, of which every other side is a face."""
+    angles = -2 * np.pi * np.arange(2 * count) / (2 * count)  # clockwise
+    names = tuple(f"P{k}" for k in range(2 * count))
+    points = 0.05 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    scene, faces = sj.paper_scene(), tuple(zip(names[::2], names[1::2], strict=True))
+    return dataclasses.replace(scene, section=sj.Section(points, np.full(count, 5e-4), names, faces))
+
+
+KEPT = (
+    History(8),
+    PeriodLoads(),
+    Strobe(),
+    Sections(),
+    PerWindow(RECORDS["impulse"]),
+    PerWindow(RECORDS["drive_force"]),
+)
+
+
+@pytest.mark.parametrize("record", KEPT, ids=lambda record: type(record).__name__)
+@pytest.mark.parametrize("faces", [3, 5, 12])
+def test_memory_is_counted_by_the_points_of_the_section(record, faces):
+    scene = with_faces(faces)
+    state = sj.initial_state(scene, sj.Motion())
+    inside = jax.tree.map(lambda a: jnp.broadcast_to(a, (9, *jnp.shape(a))), state)
+    of_period = lambda: record.sample(Course(state, inside, sj.Args(scene, 0.0), 8))
+    kept = sum(leaf.size for leaf in jax.tree.leaves(jax.eval_shape(of_period)))
+    found = record.values(scene, 7) / 7
+    # counts of crossings are left out, one in 17
+    assert found == pytest.approx(kept, rel=0.06 if isinstance(record, Sections) else 1e-12)
+    assert RecordSet((record,)).values(scene, 0, 7) == 7 * found
+
+
+def test_memory_of_numbers_of_a_run_is_counted_by_their_dimensions():
+    few, many = with_faces(3), with_faces(12)
+    for name, sizes in (("peak_force", (12, 48)), ("drive_force", (1, 1)), ("rms_a_z", (1, 1))):
+        assert tuple(RECORDS[name].values(scene, 100) for scene in (few, many)) == sizes
+    assert ForcePercentile((50, 99)).values(many, 100) == 96
 
 
 def test_equal_ones_share_a_program():

@@ -1,5 +1,6 @@
 """Failures are marked, and stay marked."""
 
+import dataclasses
 import pickle
 
 import diffrax
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow.status import Status, first_problem
+from slipperjax.flow.status import Status, first_problem, with_resolution
 from slipperjax.sweeps.follow import find_jump
 
 
@@ -35,6 +36,49 @@ def test_an_interrupt_says_what_it_left():
     kept = pickle.loads(pickle.dumps(sj.Interrupted("a design", 3, unit="trials")))  # as from another process
     assert (kept.result, kept.finished, kept.of, kept.unit) == ("a design", 3, None, "trials")
     assert isinstance(kept, KeyboardInterrupt)  # `except Exception` does not catch it
+
+
+# braked to 50 m/s for one forcing period, the 103rd
+DIP = sj.SpeedProgramme.over_distance([0.0, 800.0, 816.0, 824.0, 840.0], [1000.0, 1000.0, 50.0, 50.0, 1000.0])
+BRAKED = dataclasses.replace(sj.paper_scene(), speed=DIP)
+
+
+@pytest.mark.parametrize(
+    ("begin", "steps", "code"),
+    [
+        (0, [40] * 100, Status.FINITE),  # far from the slow place
+        (0, [40] * 102, Status.UNRESOLVED),
+        (102, [320], Status.FINITE),
+        (102, [40], Status.UNRESOLVED),
+        (101, [320] * 3, Status.FINITE),
+        (99, [40, 320, 320, 320, 320, 40], Status.FINITE),  # as of adaptive steps: each period has its own
+        (99, [320, 320, 320, 40, 320, 320], Status.UNRESOLVED),
+        (105, [40] * 100, Status.FINITE),  # behind it
+        (0, [40] * 200, Status.UNRESOLVED),  # fast at both ends
+    ],
+    ids=lambda value: getattr(value, "name", None),
+)
+def test_steps_are_judged_where_they_are(begin, steps, code):
+    found = with_resolution(int(Status.FINITE), BRAKED, np.array(steps, float), float(begin))
+    assert int(found) == code
+
+
+@pytest.mark.parametrize(
+    ("begin", "periods", "code"),
+    [
+        (784.0, 3, Status.FINITE),  # a program of four periods, the last of which is slower
+        (784.0, 4, Status.UNRESOLVED),
+        (848.0, 3, Status.FINITE),
+    ],
+    ids=lambda value: getattr(value, "name", None),
+)
+def test_runs_are_judged_over_their_stretch_alone(begin, periods, code):
+    run = sj.simulate(BRAKED, periods, begin=begin, steps_per_period=40, loads=False)
+    assert int(run.status) == code
+    by_default = sj.simulate(BRAKED, periods, begin=begin, loads=False)
+    slowest = DIP.at(np.linspace(begin, begin + 8.0 * periods, 1001)).min()
+    assert by_default.steps_per_period == sj.default_steps_per_period(sj.paper_scene(speed=slowest))
+    assert int(by_default.status) == Status.FINITE
 
 
 class GivesUp(sj.Latching):

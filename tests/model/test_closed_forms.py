@@ -51,7 +51,7 @@ def test_work_of_the_drive_is_stored_or_dissipated():
         now = contacts(frame, m)
         force = contact_forces(scene, now, state.memory)
         elastic = contact_forces(scene, now, jnp.full(20, -1e-300))  # a ratio of zero: no damping
-        rates = sj.vector_field(scene)(0.0, state, args).motion
+        rates = sj.vector_field(scene).evaluate(0.0, state, args).motion
         _, turning = jax.jvp(lambda p, m: contacts(rail_frame(scene, p), m).gap, (phase, m), (1.0, rates))
         inertia = scene.slipper.inertia
         kinetic = 0.5 * (14.0 * (m.v_y**2 + m.v_z**2) + inertia @ jnp.stack([m.w_x, m.w_y, m.w_z]) ** 2)

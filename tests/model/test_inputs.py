@@ -84,6 +84,44 @@ def test_starts_in_32_bits_run_as_64_bits():
         np.testing.assert_array_equal(one, other)
 
 
+STATE = sj.initial_state(SCENE, sj.table_2_start())
+GRID = {"speed": [1000.0, 1200.0]}
+FIELD, ARGS = sj.vector_field(SCENE), sj.Args(SCENE)
+CALLS = {
+    "initial_state": lambda: sj.initial_state(SCENE, sj.table_2_start()),
+    "period_map": lambda: sj.period_map(SCENE, STATE),
+    "period_map in jit": lambda: jax.jit(lambda s: sj.period_map(SCENE, s, steps_per_period=50))(STATE),
+    "period_map in grad": lambda: jax.grad(
+        lambda v: sj.period_map(SCENE.replace(speed=v), STATE, steps_per_period=50).motion.z
+    )(1000.0),
+    "simulate": lambda: sj.simulate(SCENE, 1),
+    "run": lambda: sj.run(SCENE, length=8.0),
+    "sweep": lambda: sj.sweep(SCENE, GRID, steps_per_period=50),
+    "follow": lambda: sj.follow(SCENE, GRID, steps_per_period=50),
+    "lyapunov_spectrum": lambda: sj.lyapunov_spectrum(SCENE, 1, steps_per_period=50),
+    "lyapunov_sweep": lambda: sj.lyapunov_sweep(SCENE, GRID, steps_per_period=50),
+    "orbit_sweep": lambda: sj.orbit_sweep(SCENE, GRID, steps_per_period=50),
+    "periodic_orbit": lambda: sj.periodic_orbit(SCENE, steps_per_period=50),
+    "reactions": lambda: sj.reactions(0.0, STATE, ARGS),
+    "vector_field": lambda: FIELD.evaluate(0.0, STATE, ARGS),
+    "diffeqsolve": lambda: diffrax.diffeqsolve(diffrax.ODETerm(FIELD), sj.RK4(), 0.0, 1.0, 0.01, STATE, args=ARGS),
+    "an ODE of one's own": lambda: sj.analysis.ode_spectrum(lambda t, y, args: -y, np.ones(2), 3, dt=0.1, steps=2),
+    "a function of one's own": lambda: sj.jit(lambda x: 2 * x)(1.0),
+}
+
+
+@pytest.mark.filterwarnings("ignore:Explicitly requested dtype")  # JAX's own, of diffrax's call
+@pytest.mark.parametrize("call", CALLS.values(), ids=CALLS)
+def test_nothing_is_computed_in_32_bits(call):
+    """Where the option was switched off after the import."""
+    jax.config.update("jax_enable_x64", False)
+    try:
+        with pytest.raises(ValueError, match="Option `jax_enable_x64` must be on, as slipperjax sets it on import"):
+            call()
+    finally:
+        jax.config.update("jax_enable_x64", True)
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

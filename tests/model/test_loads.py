@@ -63,7 +63,7 @@ def test_what_is_off_adds_no_operation(solver):
 
 def test_loads_push_a_free_slipper():
     scene = dataclasses.replace(sj.paper_scene(clearance=30e-3), load=LOAD, speed=1000.0)
-    rates = sj.vector_field(scene)(0.0, sj.initial_state(scene, sj.Motion()), sj.Args(scene)).motion
+    rates = sj.vector_field(scene).evaluate(0.0, sj.initial_state(scene, sj.Motion()), sj.Args(scene)).motion
     per_second = [float(v) / float(scene.period) for v in (rates.v_y, rates.v_z, rates.w_x, rates.w_y, rates.w_z)]
     j = np.asarray(scene.slipper.inertia)
     np.testing.assert_allclose(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.model.kinematics import MOTION_SCALES, scaled_size
+from slipperjax.model.kinematics import MOTION_SCALES, accuracy_scales, scaled_size
 from slipperjax.model.paths import parameter
 from slipperjax.model.quantities import (
     ACCELERATIONS,
@@ -101,6 +101,20 @@ def test_a_part_that_was_none_is_added():
     assert float(rolling.track.roll_amplitude) == 1e-3
     with pytest.raises(ValueError, match="`roll_amplitude` cannot be set: the scene has no"):
         with_track(sj.StraightTrack()).replace(roll_amplitude=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("play", "share"),
+    [(5e-4, 1.0), (5e-3, 1.0), (5e-5, 0.1), ([5e-3, 5e-5, 0, 0, 5e-4], 0.1), (1e-6, 5e-3), (0.0, 1.0)],
+)
+def test_errors_are_judged_by_the_play_where_it_is_less_than_a_scale(play, share):
+    """By that of the tightest face that has any; 5e-6 m count as the least."""
+    scene = sj.paper_scene()
+    scene = eqx.tree_at(lambda s: s.section.play, scene, np.broadcast_to(np.asarray(play, float), 5))
+    scales, usual = (np.array(jax.tree.leaves(s)) for s in (accuracy_scales(scene), MOTION_SCALES))
+    np.testing.assert_allclose(scales, usual * np.array([share] * 5 + [1.0] * 5), rtol=1e-12)
+    if share == 1.0:
+        np.testing.assert_array_equal(scales, usual)
 
 
 def test_scales_of_states_stand_in_one_place():

@@ -55,7 +55,7 @@ def test_dampers_and_stops_add_their_forces():
 def test_a_sled_begins_at_rest_on_its_spring():
     scene = dataclasses.replace(FREE, gravity=9.81)
     state = sj.initial_state(scene, sj.Motion(y=1e-3, v_y=0.5))
-    rates = sj.vector_field(scene)(0.0, state, sj.Args(scene)).motion
+    rates = sj.vector_field(scene).evaluate(0.0, state, sj.Args(scene)).motion
     period = float(scene.period)
     np.testing.assert_allclose([rates.sled_v_y / period, rates.sled_v_z / period], 0.0, atol=1e-9)
     assert float(rates.v_z) / period == pytest.approx(-9.81 * 114 / 14)  # the whole weight

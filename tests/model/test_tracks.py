@@ -146,7 +146,7 @@ def test_lateral_and_vertical_are_separate():
         # of the front; the rear is 0.2 m behind
         seen.append(np.asarray(gaps(t))[0] + normals @ shift)
     np.testing.assert_allclose(seen, [seen[0]] * 3, atol=1e-6)
-    assert np.all(np.isfinite(jax.tree.leaves(sj.vector_field(scene)(0.0, state, sj.Args(scene)).motion)))
+    assert np.all(np.isfinite(jax.tree.leaves(sj.vector_field(scene).evaluate(0.0, state, sj.Args(scene)).motion)))
 
 
 def test_wrong_tracks_and_starts_are_named():

@@ -1,5 +1,6 @@
 """A travel whose speed changes with the place: the seam for speed programmes."""
 
+import contextlib
 import dataclasses
 
 import jax
@@ -8,6 +9,7 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.model import rail_frame
+from slipperjax.model.dynamics import state_and_penetration
 from slipperjax.model.travel import Travel
 
 GAIN = 0.05
@@ -46,7 +48,9 @@ def test_rates_and_reactions_are_those_of_a_constant_speed_there(memory):
     scene = dataclasses.replace(accelerating(), memory=memory)
     start, args = sj.initial_state(scene, sj.Motion(z=-8e-4, v_z=-0.5)), sj.Args(scene, 3.0)
     there = dataclasses.replace(sj.paper_scene(), memory=memory).replace(speed=scene.travel(3.25).speed)
-    rates = [jax.tree.leaves(sj.vector_field(s)(0.25, start, sj.Args(s, 3.0)).motion) for s in (scene, there)]
+    rates = [
+        jax.tree.leaves(sj.vector_field(s).evaluate(0.25, start, sj.Args(s, 3.0)).motion) for s in (scene, there)
+    ]
     np.testing.assert_allclose(*rates, rtol=1e-12)
     forces = [sj.reactions(0.25, start, a).contact_force for a in (args, args._replace(scene=there))]
     assert np.max(forces[0]) > 0
@@ -88,6 +92,36 @@ def test_speeds_over_time_are_linear_in_time():
     way = lambda t: 100.0 * t + 100.0 * t**2
     np.testing.assert_allclose(programme.seconds(np.array([way(0.3), way(0.9)])), [0.3, 0.9])
     np.testing.assert_allclose(programme.at(np.array([way(0.3)])), [160.0])
+
+
+DIP = sj.SpeedProgramme.over_distance([0.0, 800.0, 816.0, 824.0, 840.0], [1000.0, 1000.0, 50.0, 50.0, 1000.0])
+"""Braked to 50 m/s for one forcing period, the 103rd."""
+
+
+@pytest.mark.parametrize("programme", [PROGRAMME, DIP, dataclasses.replace(DIP, scale=1.3)])
+def test_the_least_speed_of_a_stretch_is_that_of_all_its_places(programme):
+    rng, far = np.random.default_rng(0), float(programme.distance[-1]) * 1.2
+    stretches = [(0.0, 8.0), (-50.0, far), (790.0, 850.0), (818.0, 820.0), *np.sort(rng.uniform(-50, far, (20, 2)))]
+    for begin, end in stretches:
+        least = np.min(programme.at(np.linspace(begin, end, 20_001)))
+        exact = float(programme.least(begin, end))
+        assert exact <= least * (1 + 1e-12)
+        # the places are up to 0.25 m apart; measured 5.8e-3 at the dip
+        np.testing.assert_allclose(exact, least, rtol=2e-2)
+
+
+@pytest.mark.parametrize("place", [0.0, 640.0, 804.0, 820.0, 2000.0])
+def test_starts_are_judged_by_the_speed_at_their_place(place):
+    scene = dataclasses.replace(sj.paper_scene(), speed=DIP)
+    there = sj.paper_scene(speed=float(DIP.at(place)))
+    start = sj.Motion(z=-1.5e-3)
+    depths = [state_and_penetration(s, start, place / 8.0)[1] for s in (scene, there)]
+    np.testing.assert_allclose(*depths, rtol=1e-12)
+    expected = (
+        contextlib.nullcontext() if place != 820.0 else pytest.warns(sj.ImplausibleWarning, match="outside the")
+    )
+    with expected:
+        sj.initial_state(scene, start, place / 8.0)
 
 
 def test_a_programme_is_differentiable_and_swept():

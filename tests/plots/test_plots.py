@@ -307,6 +307,40 @@ def test_peaks_between_the_saved_states_are_drawn_where_they_are_known():
     assert drawn(mark) == pytest.approx(np.array([[1.001, 5.5]]))
 
 
+@pytest.mark.parametrize("steps", [1.0, 1.1], ids=["saved", "over all steps"])
+@pytest.mark.parametrize("part", [slice(0, 150), slice(150, 250), slice(250, None)], ids=["before", "with", "behind"])
+def test_peaks_of_a_part_of_a_run_are_those_of_the_part(part, steps):
+    """Of the whole run the peak is at 1, whose saved force is 1 / `steps` of it."""
+    ds = trajectory()
+    if steps > 1:
+        ds["peak_force"] = steps * ds["contact_force"].max("time")
+        ds["peak_period"] = 0 * ds["peak_force"] + 1.001
+    ds = ds.isel(time=part)
+    highest = ds["contact_force"].max("time").sel(end="rear", point="C").item()
+    wanted = 5.0 * steps if part == slice(150, 250) else highest / 1e3
+    for ax in (plots.contact_forces(ds, last=None, most=1), plots.overview(ds)[5, 1]):
+        name, text = legend(ax)[0].split(", peak ")
+        assert name == "C2"
+        assert text == (f"{wanted:.3g} kN" if wanted == 0 else f"{wanted:.3g} kN at {instant(ds, steps):.4g}")
+    marks = [drawn(line) for line in plots.highest_forces(ds).lines if len(drawn(line)) == 1]
+    assert all(ds["period"][0] <= mark[0, 0] <= ds["period"][-1] for mark in marks if np.isfinite(mark).all())
+
+
+def instant(ds, steps):
+    """When the rear force of C is highest in a dataset."""
+    period = ds["period"].values
+    if steps > 1 and period[0] < 1 < period[-1]:
+        return 1.001
+    return period[np.argmax(ds["contact_force"].sel(end="rear", point="C").values)]
+
+
+def test_a_peak_at_an_unknown_instant_is_that_of_the_whole_run():
+    ds = trajectory()
+    ds["peak_force"] = 1.1 * ds["contact_force"].max("time")
+    ax = plots.contact_forces(ds.isel(time=slice(300, None)), most=1)
+    assert legend(ax) == ["C2, peak 5.5 kN in the whole run"]
+
+
 def test_an_overview_shows_everything_and_names_a_bad_status():
     axes = plots.overview(trajectory())
     names = ["y", "v_y", "z", "v_z", "roll", "w_x", "pitch", "w_y", "yaw", "w_z", "contact_force", "drive_force"]

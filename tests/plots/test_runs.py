@@ -82,6 +82,31 @@ def test_a_run_is_drawn_over_one_distance():
     assert len({(ax.get_position().x0, ax.get_position().x1) for ax in axes}) == 1
 
 
+@pytest.mark.parametrize(
+    ("part", "stretches", "peak"),
+    [
+        (slice(0, 50), [0], "1 kN at A1, 222 m"),
+        (slice(120, 130), [1], "5 kN at C2, 222.5 m"),
+        (slice(90, 110), [0, 1], "1 kN at A1, 222 m"),
+        (slice(100, 250), [1, 2], "5 kN at C2, 222.5 m"),
+        (slice(200, 250), [2], "1 kN at A1, 222 m"),
+        (slice(0, 250), [0, 1, 2], "5 kN at C2, 222.5 m"),
+    ],
+)
+def test_a_part_of_a_run_shows_its_own_numbers(part, stretches, peak):
+    ds = made().isel(distance=part)
+    begin, end = BEGIN + part.start, BEGIN + part.stop
+    speed, force, impacts, spectra = plots.run_overview(ds)
+    assert legend(force)[-1] == peak
+    for steps in (heights(force)[1], heights(impacts)[0]):
+        assert steps[1].tolist() == [begin, *(ENDS[k] for k in stretches)]
+    assert heights(force)[1][0].tolist() == [3.0 * k for k in stretches]
+    assert spectra.collections[0].get_array().shape[1] == len(stretches)
+    beside = next(ax for ax in speed.figure.axes if ax.get_ylabel() == "time [s]")
+    times = [[begin, part.start / 100], [end, part.stop / 100]]
+    assert drawn(beside.lines[0])[[0, -1]] == pytest.approx(np.array(times))
+
+
 def test_what_a_run_lacks_is_left_out():
     axes = plots.run_overview(made().drop_vars(["band_a_z", "impact_rate"]))
     assert [ax.get_ylabel() for ax in axes] == ["speed $V$ [m/s]", "contact force $F$ [kN]"]

@@ -1,6 +1,7 @@
 """Solvers on scenes, against reference states and MBDyn; on exact systems see `test_exact_systems`."""
 
 import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import slipperjax as sj
 from slipperjax.model.linearised import LinearSystem, dense_linearised
 from slipperjax.solvers.latching import calls_lapack, solver_name
+from slipperjax.solvers.named import OWN_SOLVERS
 from slipperjax.solvers.twostep import two_step_weights
 from slipperjax.sweeps.grid import Grid
 from slipperjax.sweeps.run import RunOptions, make_plan
@@ -211,3 +213,66 @@ def test_solvers_that_call_lapack_run_on_one_thread():
         plan = make_plan(grid, sj.table_2_start(), RunOptions(0, 1, solver=solver))
         assert plan.chunks(chunk=8, workers=2)[1] == threads
         assert plan.chunks(chunk=8, workers=2, tangents=True)[1] == with_tangents
+
+
+def solve(scene, solver, **options):
+    """A period by diffrax's own `diffeqsolve`."""
+    options = dict(dt0=0.01, args=sj.Args(scene), stepsize_controller=diffrax.ConstantStepSize()) | options
+    state, terms = sj.initial_state(scene, sj.table_2_start()), diffrax.ODETerm(sj.vector_field(scene))
+    return diffrax.diffeqsolve(terms, solver, 0.0, 1.0, y0=state, **options).ys
+
+
+class OwnMemory(sj.EventLatch):
+    """A latch of one's own."""
+
+
+NEEDS_ONE_OF_OURS = "Argument `solver` must be one of slipperjax, or slipperjax.Latching of one of diffrax's"
+FOREIGN = (
+    (diffrax.Euler(), OwnMemory()),
+    (diffrax.Tsit5(), sj.EventLatch()),
+    (diffrax.HalfSolver(diffrax.Heun()), sj.EventLatch()),
+    (diffrax.ReversibleHeun(), sj.EventLatch()),
+    (diffrax.ImplicitEuler(root_finder=optx.Newton(1e-6, 1e-6)), sj.EventLatch()),
+)
+
+
+@pytest.mark.parametrize(("solver", "memory"), FOREIGN, ids=lambda one: type(one).__name__)
+def test_solvers_that_close_no_step_are_refused_for_a_latch(solver, memory):
+    with pytest.raises(RuntimeError, match=NEEDS_ONE_OF_OURS):
+        solve(sj.paper_scene(memory=memory), solver)
+
+
+def test_other_integrators_are_refused_for_a_latch():
+    scene = sj.paper_scene()
+    field, state, args = sj.vector_field(scene), sj.initial_state(scene, sj.table_2_start()), sj.Args(scene)
+    step = sj.analysis.ode_step(field, dt=0.01, steps=2, args=args)
+    for call in (lambda: step(state, 0.0), lambda: field(0.0, state, args)):
+        with pytest.raises(RuntimeError, match=NEEDS_ONE_OF_OURS):
+            call()
+    frozen = field.evaluate(0.0, state, args)  # at one instant the derivative is asked for by name
+    assert frozen.memory is None
+    assert np.all(np.isfinite(jax.tree.leaves(frozen.motion)))
+
+
+@pytest.mark.parametrize("part", [sj.SmoothSwitch(), sj.HertzSpring(1e8)], ids=lambda part: type(part).__name__)
+def test_any_solver_takes_an_ode(part):
+    scene = sj.paper_scene()
+    at = lambda s: s.memory if isinstance(part, sj.SmoothSwitch) else s.contact
+    scene = eqx.tree_at(at, scene, part)
+    ours = sj.period_map(scene, sj.initial_state(scene, sj.table_2_start()), steps_per_period=800)
+    ends = solve(scene, diffrax.Tsit5(), dt0=1 / 800).motion, ours.motion
+    there, here = (np.ravel(jax.tree.leaves(end)) for end in ends)
+    np.testing.assert_allclose(there, here, atol=1e-2)
+
+
+@pytest.mark.parametrize(
+    "solver", [*(kind() for kind in OWN_SOLVERS.values()), sj.Latching(diffrax.Dopri5())], ids=solver_name
+)
+def test_own_solvers_take_a_latch_in_diffrax_without_a_check_in_the_program(solver):
+    """Also where the controller chooses the first step, for which it asks the solver for a derivative."""
+    scene, several = sj.paper_scene(), [{}]
+    program = lambda solver, options: str(jax.make_jaxpr(lambda: solve(scene, solver, throw=False, **options))())
+    if isinstance(getattr(solver, "solver", solver), diffrax.AbstractAdaptiveSolver):
+        several.append(dict(dt0=None, stepsize_controller=diffrax.PIDController(rtol=1e-4, atol=1e-6)))
+    assert all("pure_callback" not in program(solver, options) for options in several)
+    assert "pure_callback" in program(diffrax.Tsit5(), {})  # which is how it is refused

@@ -11,8 +11,11 @@ from slipperjax.model.quantities import Quantity
 
 SCENE = dataclasses.replace(sj.paper_scene(1000.0), track=sj.RandomTrack.sled(length=500.0))
 BY_EVENTS = {0.5: (4.71, 0.05), 0.95: (6.62, 0.16)}
-"""Quantiles over 384 rails of the highest force over 400 m after 40 m [kN], and their standard errors: of another code,
-whose adaptive Dormand-Prince steps end at each zero of a gap. Its touchdowns are never at the least rate."""
+"""Quantiles over 384 rails of the highest force over 400 m after 40 m [kN], and their standard errors.
+
+Of another code, whose adaptive Dormand-Prince steps end at each zero of a gap; none of its touchdowns is at the least
+rate.
+"""
 
 
 def begun(course):
@@ -41,7 +44,7 @@ def on_rails(count, solver):
 
 
 def test_forces_on_sled_rails_at_default_steps():
-    """With places at which gaps rise, 40 of 17,974 touchdowns were at the least rate and the 95 % quantile 11.3 kN."""
+    """With places at which gaps rise, 40 of 17,974 touchdowns were at the least rate, the 95 % quantile 11.3 kN."""
     ds = on_rails(192, "ImpulseRK4")
     assert np.all(ds["status"] == 0)
     assert ds["touchdowns"].sum() > 100_000
