@@ -234,7 +234,13 @@ class Session:
             low, high = map(float, np.clip(sorted(pair), values.min(), values.max()))
             if not high - low > 1e-6 * np.ptp(values):
                 return None
-            grid[name.removeprefix("start_")] = np.linspace(low, high, count)
+            finer = np.linspace(low, high, count)
+            if self.view.quantity(name).whole:
+                whole = np.unique(np.round(finer))
+                finer = whole[(whole >= low) & (whole <= high)]
+                if len(finer) < 2:
+                    return None
+            grid[name.removeprefix("start_")] = finer
         if self.view.is_run:
             return dataclasses.replace(self.view, span=(low, high))
         record = self.view.record if self.view.grid and len(names) == 2 else RECORDS[len(names)]
