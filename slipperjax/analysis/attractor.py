@@ -134,7 +134,7 @@ def zero_one_test(series, *, samples=100, seed=0) -> np.ndarray:
     if x.ndim == 0 or x.shape[-1] < 40:
         raise ValueError(f"Argument `series` must be of 40 periods or more, but is of shape {x.shape}.")
     count = whole("samples", samples, 1)
-    c = np.random.default_rng(seed).uniform(math.pi / 5, 4 * math.pi / 5, count)
+    c = np.random.default_rng(whole("seed", seed, 0)).uniform(math.pi / 5, 4 * math.pi / 5, count)
     rows = [_growth_of_displacement(row, c) for row in x.reshape(-1, x.shape[-1])]
     return np.reshape(rows, x.shape[:-1])
 
@@ -169,7 +169,7 @@ def classify(strobe, *, scales=None, max_period=16, tolerance=1e-3, floor=1e-6, 
     **Raises:** `ValueError` for arrays of other shapes, too few periods and settings out of range.
     """
     x = _scaled(strobe, scales)
-    most = whole("max_period", max_period, 1)
+    most, seed = whole("max_period", max_period, 1), whole("seed", seed, 0)
     if x.shape[-2] < 16:
         raise ValueError(f"Argument `strobe` must be of 16 periods or more, but is of shape {x.shape}.")
     for name, value in (("tolerance", tolerance), ("floor", floor)):

@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from ..analysis.attractor import MIN_TEST
 from ..model.quantities import PARAMETERS, STARTS
 from ..tools.cache import compile_cache
 from ..tools.checks import require
@@ -35,7 +36,7 @@ from .options import (
 
 Axis = tuple[str, float | str, float | str, int]
 """Parameter, first and last value in its display unit or as texts with a unit, number of values."""
-PERIODS = {"exponents": 500, "orbits": 1, "motion": 64}
+PERIODS = {"exponents": 500, "orbits": 1, "motion": MIN_TEST}
 """Forcing periods by default, where they are not 10."""
 
 

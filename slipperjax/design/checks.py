@@ -13,6 +13,8 @@ from ..model.layout import StateLayout
 from ..model.paths import parameter
 from ..orbits.branches import OrbitBranch, continue_orbit
 from ..orbits.periodic import periodic_orbit
+from ..sweeps.attractors import LAST
+from ..sweeps.records import LEAST_PERIODS, MotionKind
 from ..sweeps.sweep import sweep
 from ..tools.checks import number, positive, require, whole
 from .objectives import RailEnsemble
@@ -55,7 +57,8 @@ def surroundings(
         return _with_total(design, _on_other_rails(problem, grid))
     objectives = list(dict.fromkeys([problem.objective, smooth]))
     call: dict[str, Any] = dict(steps_per_period=problem.steps, solver=problem.solver, start=problem.start)
-    call |= dict(transient=transient, periods=periods, record=[*objectives, "motion"])
+    kinds = MotionKind(min(max(whole("periods", periods, 1), LEAST_PERIODS), LAST))
+    call |= dict(transient=transient, periods=periods, record=[*objectives, kinds])
     ds = sweep(problem.scene, grid | problem.over, **(call | options))
     for objective in objectives:
         ds[objective.name] = ds[objective.name].where(ds["status"] == Status.FINITE)

@@ -152,6 +152,7 @@ def _checked_bounds(scene: Scene, variables: Any) -> dict[str, tuple[float, floa
     for name, pair in variables.items():
         variable = parameter(name, scene)
         variable.check_exists(scene)
+        variable.check_varies()
         require(np.shape(pair) == (2,), name, "be a lower and an upper bound", pair)
         low, high = (float(v) for v in np.asarray(variable.checked(pair)))
         if not low < high:

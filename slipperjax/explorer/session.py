@@ -26,8 +26,9 @@ from ..model.step_size import default_steps_per_period
 from ..orbits.branches import OrbitBranch, continue_orbit, steps_of_branch
 from ..orbits.periodic import PeriodicOrbit, periodic_orbit
 from ..plots.runs import edges_of, peak_of
-from ..sweeps.attractors import FLOOR
+from ..sweeps.attractors import FLOOR, LAST
 from ..sweeps.grid import Cases
+from ..sweeps.records import MotionKind
 from ..sweeps.runs import run as run_along
 from ..sweeps.store import open_store
 from ..sweeps.sweep import sweep
@@ -234,7 +235,13 @@ class Session:
             low, high = map(float, np.clip(sorted(pair), values.min(), values.max()))
             if not high - low > 1e-6 * np.ptp(values):
                 return None
-            grid[name.removeprefix("start_")] = np.linspace(low, high, count)
+            finer = np.linspace(low, high, count)
+            if self.view.quantity(name).whole:
+                whole = np.unique(np.round(finer))
+                finer = whole[(whole >= low) & (whole <= high)]
+                if len(finer) < 2:
+                    return None
+            grid[name.removeprefix("start_")] = finer
         if self.view.is_run:
             return dataclasses.replace(self.view, span=(low, high))
         record = self.view.record if self.view.grid and len(names) == 2 else RECORDS[len(names)]
@@ -267,7 +274,10 @@ class Session:
             for first in range(0, len(order), SLICE):
                 part = order[first : first + SLICE]
                 values = cases.part(np.unravel_index(part, cases.shape))
-                ds = sweep(view.scene, values, product=False, **options, chunk=lanes)
+                # of too few periods for the others, which are run once more
+                kinds = MotionKind(min(options["periods"], LAST))
+                record = [kinds if name == "motion" else name for name in view.record]
+                ds = sweep(view.scene, values, product=False, **options | {"record": record}, chunk=lanes)
                 whole = _put(whole, ds, part, cases)
                 yield dataclasses.replace(view, ds=whole), text, min(1.0, (first + SLICE) / len(order))
             if whole is None or "kind" not in whole:

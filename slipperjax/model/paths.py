@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import axes_of, brief, finite, require, unit_of
+from ..tools.checks import ShapeChecked, axes_of, brief, finite, require, unit_of
 from ..tools.compile import is_traced
 from .quantities import PARAMETERS, Parameter, entry
 
@@ -66,6 +66,7 @@ def checked_parameters(names: Any, scene: Any) -> list[Parameter]:
     parameters = [parameter(name, scene) for name in names]
     for one in parameters:
         one.check_exists(scene)
+        one.check_varies()
         if one.of(scene) is None:
             raise ValueError(f"Argument `names` must be of numbers that the scene has, but it has no {one.name}.")
     refuse_undone(parameters, scene)
@@ -105,7 +106,7 @@ def _at_path(path: str, scene: Any) -> Parameter:
         raise ValueError(f"Argument `{path}` leads to no number: {'.'.join(fields)} is {leaf}.")
     sizes = shape[len(shape) - rank :]  # without axes of cases
     index = [_place(path, word, size, owner) for word, size in zip(words, sizes, strict=True)]
-    check = field.metadata.get("converter")
+    check = owner.check_of(field.name) if isinstance(owner, ShapeChecked) else None
     need = (
         finite
         if check is None

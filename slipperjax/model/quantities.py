@@ -43,6 +43,11 @@ class Quantity:
         return self.shown_unit or self.unit
 
     @property
+    def whole(self) -> bool:
+        """Whether the values are whole numbers, such as choose one of several rails."""
+        return False
+
+    @property
     def attributes(self) -> dict[str, str]:
         """xarray attributes: unit and description."""
         return {"units": self.unit, "long_name": self.long_name}
@@ -99,6 +104,15 @@ class Parameter(Quantity):
             self.where(scene)
         except AttributeError:
             raise ValueError(f"Argument `{self.name}` cannot be set: the scene has no {self.long_name}.") from None
+
+    @property
+    def whole(self) -> bool:
+        return getattr(self.check(self.name, self.unit), "whole", False)
+
+    def check_varies(self) -> None:
+        """Raises `ValueError` where the values are whole numbers, by which nothing can be differentiated."""
+        if self.whole:
+            raise ValueError(f"Argument `{self.name}` cannot be varied by little: it is a whole number, of no slope.")
 
     def replaced(self, scene: Any, value: Any) -> Any:
         """Returns a copy of `scene` with another value, unchecked; `value` may have leading axes of cases.

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import (
+    Check,
     finite,
     instance,
     not_negative,
@@ -20,9 +21,10 @@ from ..tools.checks import (
     require,
     shown_number,
     warn,
+    whole_number,
 )
 from ..tools.compile import is_traced
-from .tracks import AbstractTrack, Irregularity, least_common_count
+from .tracks import AbstractTrack, Irregularity, chosen, least_common_count
 
 ENDS = ("straight", "repeat", "error")
 """How a rail of samples goes on beyond its ends: straight at zero; as itself again; or not at all, which is an error:
@@ -545,8 +547,8 @@ class TrackSet(AbstractRail):
     tracks: tuple[AbstractRail, ...] = eqx.field(converter=tuple)
     """Rails of samples, surveys or random rails, with the same `ends`, reference length and kinds of displacement."""
     chosen_by: ClassVar = "number"
-    number: Float[Array, ""] = eqx.field(converter=not_negative("number"), default=0)
-    """Which of them is the track, from 0 [1]; NaN where there is no such one."""
+    number: Float[Array, ""] = eqx.field(converter=finite("number"), default=0)
+    """Which of them is the track, from 0 [1]; a traced number of which there is none gives NaN."""
 
     def __check_init__(self):
         require(self.tracks, "tracks", "be one or more rails", self.tracks)
@@ -554,9 +556,14 @@ class TrackSet(AbstractRail):
             require(isinstance(track, AbstractRail), "tracks", "be rails such as slipperjax.SampledTrack", track)
         alike = {(track.ends, getattr(track, "roll", None) is None) for track in self.tracks}
         require(len(alike) == 1, "tracks", "have the same ends, and all roll or none", shown=f"{len(alike)} kinds")
+        if not is_traced(self.number):
+            self.check_of("number")(self.number)
         if not is_traced(self.tracks):
             lengths = {float(track.wavelength) for track in self.tracks}
             require(len(lengths) == 1, "tracks", "have one reference length", shown=f"{sorted(lengths)} m")
+
+    def check_of(self, field: str) -> Check | None:
+        return whole_number(field, most=len(self.tracks) - 1) if field == "number" else super().check_of(field)
 
     def __repr__(self) -> str:
         return f"TrackSet({len(self.tracks)} rails, number={shown_number(self.number)})"
@@ -574,12 +581,11 @@ class TrackSet(AbstractRail):
         splines = [track.prepared() for track in self.tracks]
         most = max(len(spline.coefficients) for spline in splines)
         longer = lambda rows: jnp.pad(rows, ((0, most - len(rows)), (0, 0)))
-        known = (self.number >= 0) & (self.number < len(splines)) & (self.number == jnp.floor(self.number))
-        index = jnp.where(known, self.number, 0).astype(int)
-        chosen = lambda values: jnp.stack(values)[index]
-        coefficients = jnp.where(known, chosen([longer(spline.coefficients) for spline in splines]), jnp.nan)
+        index, known = chosen(self)
+        of_index = lambda values: jnp.stack(values)[index]
+        coefficients = jnp.where(known, of_index([longer(spline.coefficients) for spline in splines]), jnp.nan)
         first, spacing, count = (
-            chosen([getattr(s, of) for s in splines]) for of in ("first", "spacing", "intervals")
+            of_index([getattr(s, of) for s in splines]) for of in ("first", "spacing", "intervals")
         )
         return SplineTrack(first, spacing, count, coefficients, self.wavelength, self.ends)
 

@@ -23,9 +23,11 @@ from ..tools.checks import (
     positive,
     require,
     warn,
+    whole_number,
 )
+from ..tools.deviates import keys_of, normal, uniform
 from .rails import DEFAULT_RAMP, ENDS, AbstractRail, SplineTrack, mean_wave, ramps, repeats_after
-from .tracks import Irregularity
+from .tracks import Irregularity, chosen
 
 SAMPLES_PER_WAVE = 8
 """Samples of a random rail in its shortest wavelength: the spline changes that wave by a thousandth."""
@@ -145,8 +147,8 @@ class RandomTrack(AbstractRail):
     """Shortest and longest wavelength [m]."""
     length: float = eqx.field(static=True, default=1000.0, metadata={"unit": "m"})
     """Length of the rail [m]."""
-    seed: Float[Array, ""] = eqx.field(converter=not_negative("seed"), default=0)
-    """Number of the rail, a whole number [1]."""
+    seed: Float[Array, ""] = eqx.field(converter=whole_number("seed"), default=0)
+    """Number of the rail, a whole number of 0 or more [1]; a traced one that is not gives NaN."""
     roughness: Float[Array, ""] = eqx.field(converter=not_negative("roughness"), default=1.0)
     """Factor of all displacements [1]."""
     coherence: Float[Array, ""] | None = eqx.field(converter=optional(fraction("coherence")), default=None)
@@ -178,7 +180,7 @@ class RandomTrack(AbstractRail):
     def fra(cls, track_class: int, **options: Any) -> "RandomTrack":
         """Makes a rail of a track class of the Federal Railroad Administration, 1 to 6; wavelengths of 1.5 to
         50 m."""
-        require(track_class in FRA_VERTICAL, "track_class", "be a class of 1 to 6", track_class)
+        require(track_class in list(FRA_VERTICAL), "track_class", "be a class of 1 to 6", track_class)
         of = lambda table: CornerSpectrum(FRA_FACTOR * table[track_class] * 1e-4, 0.0, FRA_CORNER)
         spectra = {"vertical": of(FRA_VERTICAL), "lateral": of(FRA_LATERAL)}
         return cls(**{"band": (1.5, 50.0), **spectra, **options})
@@ -240,7 +242,8 @@ class RandomTrack(AbstractRail):
         k = np.arange(count // 2 + 1) / self.length
         inside = (k >= 1 / self.band[1]) & (k <= 1 / self.band[0])
         first, last = np.flatnonzero(inside)[[0, -1]]
-        k, keys = jnp.asarray(k[first : last + 1]), jax.random.split(jax.random.key(self.seed.astype(int)), 4)
+        seed, known = chosen(self)
+        k, keys = jnp.asarray(k[first : last + 1]), keys_of(seed, 4)
         spacing = self.length / count
         # a spline with coefficients that are a wave is that wave, times this
         share = lambda wavenumber: (2 + jnp.cos(2 * jnp.pi * spacing * wavenumber)) / 3
@@ -252,19 +255,19 @@ class RandomTrack(AbstractRail):
             every = jnp.zeros(count // 2 + 1, complex).at[first : last + 1].set(waves)
             return jnp.fft.irfft(every, n=count) * count / 2
 
-        vertical, lateral, roll = (jax.random.normal(key, (2, k.size)) for key in keys[:3])
+        vertical, lateral, roll = (normal(key, (2, k.size)) for key in keys[:3])
         if self.coherence is not None:
             lateral = self.coherence * vertical + jnp.sqrt(1 - self.coherence**2) * lateral
         rows = [coefficients(self.lateral, lateral), coefficients(self.vertical, vertical)]
         if self.line_wavelengths is not None and self.line_amplitudes is not None:
             wavenumber = 1 / self.line_wavelengths
-            phase = jax.random.uniform(keys[3], wavenumber.shape, maxval=2 * jnp.pi)
+            phase = 2 * jnp.pi * uniform(keys[3], wavenumber.shape)
             angle = 2 * jnp.pi * jnp.arange(count)[:, None] * spacing * wavenumber[None] + phase[None]
             rows[1] = rows[1] + jnp.sum((self.line_amplitudes / share(wavenumber))[None] * jnp.sin(angle), axis=1)
         if self.roll is not None:
             rows.append(coefficients(self.roll, roll))
         around = lambda row: jnp.concatenate([row[-1:], row, row[:2]])
-        rail = self.roughness * jnp.stack([around(row) for row in rows], axis=1)
+        rail = jnp.where(known, self.roughness, jnp.nan) * jnp.stack([around(row) for row in rows], axis=1)
         if self.ends == "straight":
             away = spacing * jnp.asarray(np.minimum(np.arange(-1, count + 2), np.arange(count + 1, -2, -1)))
             rail = ramps(away, self.ramp)[:, None] * rail

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from ..tools.checks import ShapeChecked, finite, instance, optional, positive, warn_unless_within
 from ..tools.compile import is_traced
@@ -55,7 +55,7 @@ class AbstractTrack(ShapeChecked):
         return self
 
     chosen_by: ClassVar[str] = ""
-    """Name of the number that chooses one of many rails, for tracks that are such."""
+    """Name of the number that chooses one of many rails, for tracks that are such, see `chosen`."""
 
     @property
     def extent(self) -> float:
@@ -95,6 +95,15 @@ class AbstractTrack(ShapeChecked):
     def approach_speed(self, speed: Float[Array, ""]) -> Float[Array, ""]:
         """Returns a typical speed at which the rail approaches the slipper at `speed` [m/s], for step sizes."""
         return speed * self.steepest_slope
+
+
+def chosen(track: AbstractTrack) -> tuple[Int[Array, ""], Bool[Array, ""]]:
+    """Returns the number that chooses one of many rails as an index, and whether there is such a rail; 0 where there
+    is none. Traced numbers may be any, and the rail of such a one is NaN."""
+    number, check = getattr(track, track.chosen_by), track.check_of(track.chosen_by)
+    assert check is not None  # of each such track
+    known = ~check.is_bad(number)
+    return jnp.where(known, number, 0).astype(int), known
 
 
 WHOLE_WITHIN = 1e-9

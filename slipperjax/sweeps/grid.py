@@ -328,14 +328,19 @@ def _spread(scene: Scene, name: str, ends: Any, log: bool) -> Callable[[np.ndarr
     quantity = _parameter(scene, name)
     if hasattr(ends, "ppf"):
         require(not log, "log", "name parameters with two bounds", shown=f"{name}, which has a distribution")
-        return lambda share: np.asarray(quantity.checked(_drawn(name, ends, share)), float)
-    values = np.asarray(quantity.checked(ends), float)
+        return lambda share: _allowed(quantity, _drawn(name, ends, share))
+    values = _allowed(quantity, ends)
     pair = values.shape == (2,) and values[0] < values[1]
     require(pair, "box", f"have the lower and the higher bound of {name}, or its distribution", ends)
     low, high = map(float, values)
     if log and not low > 0:
         raise ValueError(f"Argument `log` must name parameters above zero, but {name} begins at {low:g}.")
-    return lambda share: low * (high / low) ** share if log else low + (high - low) * share
+    return lambda share: _allowed(quantity, low * (high / low) ** share if log else low + (high - low) * share)
+
+
+def _allowed(quantity: Parameter, values: Any) -> np.ndarray:
+    """Values of a parameter, of which each must be allowed."""
+    return np.asarray(quantity.checked(values), float)
 
 
 def _drawn(name: str, distribution: Any, share: np.ndarray) -> np.ndarray:

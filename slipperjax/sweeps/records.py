@@ -15,7 +15,7 @@ from ..flow.status import first_problem
 from ..model.dynamics import State
 from ..model.layout import coordinates
 from ..model.quantities import COORDINATE_SCALES, LOADS, Quantity
-from ..tools.checks import require, whole, yes_or_no
+from ..tools.checks import require, warn, whole, yes_or_no
 from .attractors import LAST, Motions, motions_of
 from .exponents import LyapunovExponents, counted_blocks, measure, measured_periods, tangents_cost
 from .orbits import NearestOrbit
@@ -37,7 +37,8 @@ class MotionKind(AbstractRecord):
     """
 
     latest: int = LAST
-    """How many periods at the end of the record are looked at, at most."""
+    """How many periods at the end of the record are looked at, at most. With fewer than `MIN_TEST` only periodic
+    motions are asked for, and no warning says that the others need more."""
 
     def __post_init__(self):
         whole("latest", self.latest, LEAST_PERIODS)
@@ -64,6 +65,11 @@ class MotionKind(AbstractRecord):
     def check(self, scene, periods, steps):
         need = f"be {LEAST_PERIODS} or more to classify motions, {MIN_TEST} or more to tell tori from chaos"
         require(periods >= LEAST_PERIODS, "periods", need, periods)
+        if periods < MIN_TEST <= self.latest:
+            warn(
+                f"Argument `periods` is {periods}: motions that are not periodic, chaos too, stay unresolved with "
+                f"fewer than {MIN_TEST} recorded periods."
+            )
 
     def finish(self, carried, samples, span: RecordedSpan) -> Motions:
         return motions_of(coordinates(State(samples, None)), span.status)

@@ -50,11 +50,13 @@ class Check:
     need: str
     is_bad: Callable[[Any], Any]
     optional: bool = False
+    whole: bool = False
+    """Whether the numbers are whole, which cannot be varied by little."""
 
     def __call__(self, value: Any) -> Any:
         if self.optional and value is None:
             return None
-        name, need, suffix = self.name, self.need, f" {self.unit}" if self.unit else ""
+        name, need, suffix = self.name, self.need, f" {self.unit}" if self.unit not in ("", "1") else ""
         if isinstance(value, jax.core.Tracer):
             value = jnp.asarray(value, float)
             return jnp.where(self.is_bad(value), jnp.nan, value)
@@ -68,8 +70,12 @@ class Check:
             raise ValueError(f"Argument `{name}` must be {need}, but is {brief(value)}, not {kind}.") from None
         bad = self.is_bad(array)
         if np.any(bad):
-            shown = array[bad][0] if array.ndim else array
-            raise ValueError(f"Argument `{name}` must be {need}, but is {shown:g}{suffix}.")
+            worst = float(array[bad][0] if array.ndim else array)
+            # as many digits as show what is wrong
+            shown = next(
+                (text for text in (f"{worst:g}", f"{worst:.12g}") if self.is_bad(np.float64(text))), f"{worst!r}"
+            )
+            raise ValueError(f"Argument `{name}` must be {need}, but is {shown}{suffix}.")
         return jnp.asarray(array)
 
 
@@ -91,6 +97,18 @@ def finite(name: str, unit: str = "") -> Check:
 def fraction(name: str, unit: str = "") -> Check:
     """Makes a field converter to an array of any shape, which requires numbers in (0, 1] [`unit`]."""
     return Check(name, unit, "above 0 and at most 1", lambda x: ~((x > 0) & (x <= 1)))
+
+
+MOST_WHOLE = 2**53 - 1
+"""Greatest whole number up to which all have a number in double precision of their own."""
+
+
+def whole_number(name: str, unit: str = "", *, most: int = MOST_WHOLE) -> Check:
+    """Makes a field converter to an array of any shape, which requires whole numbers of 0 to `most`: such as choose
+    one of several rails."""
+    shown = "2^53 - 1" if most == MOST_WHOLE else most
+    need = f"a whole number of 0 to {shown}"
+    return Check(name, unit, need, lambda x: ~((x >= 0) & (x <= most) & (x == x.round())), whole=True)
 
 
 def optional(check: Check) -> Check:
@@ -217,6 +235,11 @@ class ShapeChecked(eqx.Module):
             if value is not None:
                 parts.append(f"{field.name}={shown_number(value)}{f' {unit}' if unit else ''}")
         return f"{type(self).__name__}({', '.join(parts)})"
+
+    def check_of(self, field: str) -> Check | None:
+        """Returns the check of a field's values, by default its converter; None where it has none."""
+        found = {f.name: f.metadata for f in dataclasses.fields(self)}[field].get("converter")
+        return found if isinstance(found, Check) else None
 
     def __check_init__(self):
         for field in dataclasses.fields(self):

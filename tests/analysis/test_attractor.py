@@ -244,6 +244,8 @@ def test_zero_one_test():
         (lambda x: decay_rate(x[:, 0], floor=-1.0), "`floor` must be zero or positive"),
         (lambda x: zero_one_test(x[:39, 0]), "`series` must be of 40 periods or more"),
         (lambda x: zero_one_test(x[:, 0], samples=0), "`samples` must be a whole number of 1 or more"),
+        (lambda x: zero_one_test(x[:, 0], seed=3.7), "`seed` must be a whole number of 0 or more, but is 3.7"),
+        (lambda x: classify(x, seed=-1), "`seed` must be a whole number of 0 or more, but is -1"),
     ],
 )
 def test_bad_input(call, message):

@@ -1,5 +1,6 @@
 """What a page shows and computes, without Bokeh."""
 
+import dataclasses
 import threading
 
 import jax.numpy as jnp
@@ -46,6 +47,15 @@ def test_starts_that_were_varied_are_those_of_the_case():
     case = Session.of(ds).case_at({"start_y": 1, "speed": 0})
     assert case.start.y == 2e-3
     assert case.start.v_z == 0.5
+
+
+def test_a_box_over_seeds_holds_whole_numbers():
+    ds = a_map().rename(speed="track.seed").assign_coords({"track.seed": [0.0, 50.0, 99.0]})
+    scene = dataclasses.replace(sj.paper_scene(), track=sj.RandomTrack.sled(length=200.0))
+    ds.attrs |= run_attributes(scene, sj.table_2_start(), {"function": "sweep"}, ds["kind"].dims)
+    session = Session.of(ds)
+    np.testing.assert_array_equal(session.box((5e-4, 1.5e-3), (2.5, 6.5)).grid["track.seed"], [3, 4, 5, 6])
+    assert session.box((5e-4, 1.5e-3), (2.5, 3.5)) is None
 
 
 def test_a_box_is_finer_within_the_map_and_history_leads_back_and_forward():

@@ -1,14 +1,18 @@
 """Runs on rails of samples and on random ones: beside harmonic ones, over seeds, with derivatives, to their ends."""
 
 import dataclasses
+import re
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.stats
 
 import slipperjax as sj
+from slipperjax.design import sensitivities
 from slipperjax.model.layout import coordinates
+from slipperjax.model.paths import parameter
 
 SCENE, STEPS = sj.paper_scene(1000.0), 50
 RAIL = sj.RandomTrack.sled(length=400.0)
@@ -46,11 +50,77 @@ def test_measured_rails_are_an_axis():
     rails = [sj.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)]
     options = dict(transient=0, periods=2, steps_per_period=STEPS, record="strobe")
     scenes = dataclasses.replace(SCENE, track=sj.TrackSet(rails))
-    ds = sj.sweep(scenes, {"track.number": [0.0, 1.0, 2.0]}, **options)
-    np.testing.assert_array_equal(ds["status"], [0, 0, 1])  # there is no third rail
+    ds = sj.sweep(scenes, {"track.number": [0.0, 1.0]}, **options)
+    np.testing.assert_array_equal(ds["status"], [0, 0])
     for k, rail in enumerate(rails):
         run = sj.simulate(dataclasses.replace(SCENE, track=rail), 2, steps_per_period=STEPS)
         np.testing.assert_allclose(coordinates(run.end), ds["strobe"][k, -1], rtol=1e-9, atol=1e-12)
+
+
+def test_a_traced_number_of_no_rail_marks_its_case():
+    """Where values cannot be looked at, they lose the case and do not choose another rail."""
+    rails = sj.TrackSet([sj.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)])
+    seeds, numbers = ([1.0, 0.5, -1.0, most, np.nan, np.inf] for most in (2.0**53, 2.0))
+    for track, values in ((RAIL, seeds), (rails, numbers)):
+        scene, name = dataclasses.replace(SCENE, track=track), f"track.{track.chosen_by}"
+        checked = lambda value, scene=scene, name=name: scene.replace(**{name: value})
+        unchecked = lambda value, scene=scene, name=name: parameter(name, scene).replaced(scene, value)
+        for put in (checked, unchecked):
+            height = lambda value, put=put: put(value).track.irregularity(jnp.asarray(11.3)).lateral
+            heights = jax.jit(jax.vmap(height))(jnp.asarray(values))
+            assert np.isnan(heights).tolist() == [False] + [True] * 5
+            assert np.isclose(heights[0], height(jnp.asarray(1.0)), rtol=1e-12)
+    status = lambda seed: sj.simulate(ON_RAIL.replace(**{"track.seed": seed}), 1, steps_per_period=STEPS).status
+    np.testing.assert_array_equal(jax.jit(jax.vmap(status))(jnp.asarray(seeds)), [0, 1, 1, 1, 1, 1])
+
+
+@pytest.mark.parametrize("value", [0.5, 3.7, -1, 2.0**53, 1e300, np.inf, np.nan, 1 + 1e-12, True, "1", 7])
+@pytest.mark.parametrize("chosen_by", ["seed", "number"])
+def test_a_number_that_chooses_a_rail_is_whole_and_in_range(chosen_by, value):
+    """Before anything is compiled, in each place where one is given; of two rails there is no 7."""
+    rails = sj.TrackSet([sj.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)])
+    track, most = (RAIL, "2^53 - 1") if chosen_by == "seed" else (rails, "1")
+    if chosen_by == "seed" and value == 7:
+        value = -7
+    alone, both = (dataclasses.replace(SCENE, track=t) for t in (track, sj.SumTrack(SCENE.track, track)))
+    own, other = f"track.{chosen_by}", f"track.other.{chosen_by}"
+    grid = {own: [value] if isinstance(value, bool | str) else [0.0, value]}
+    for make, name in (
+        (lambda: dataclasses.replace(track, **{chosen_by: value}), chosen_by),
+        (lambda: alone.replace(**{own: value}), own),
+        (lambda: both.replace(**{other: value}), other),
+        (lambda: sj.sweep(alone, grid, periods=1), own),
+        (lambda: sj.run(alone, grid, length=8.0), own),
+        (lambda: sj.lyapunov_sweep(alone, grid), own),
+    ):
+        need = (
+            "(finite|a whole number of 0 to 1)" if name == "number" else f"a whole number of 0 to {re.escape(most)}"
+        )
+        with pytest.raises(ValueError, match=f"Argument `{name}` must be {need}, but is "):
+            make()
+
+
+def test_a_wrong_number_is_shown_with_the_digits_that_make_it_wrong():
+    with pytest.raises(
+        ValueError, match=re.escape("`seed` must be a whole number of 0 to 2^53 - 1, but is 1.000000001.")
+    ):
+        sj.RandomTrack.sled(seed=1.000000001)
+
+
+def test_whole_numbers_are_not_varied_by_little():
+    for call in (
+        lambda: sj.sample_box({"track.seed": (0, 100)}, 8, scene=ON_RAIL),
+        lambda: sj.sample_box({"track.seed": scipy.stats.uniform(0, 100)}, 8, scene=ON_RAIL),
+    ):
+        with pytest.raises(ValueError, match=r"`track.seed` must be a whole number of 0 to"):
+            call()
+    longer = dataclasses.replace(SCENE, track=sj.RandomTrack.sled())
+    for call in (
+        lambda: sensitivities(longer, "peak_force", ["track.seed"]),
+        lambda: sj.optimise_design(longer, "peak_force", {"track.seed": (0, 5)}),
+    ):
+        with pytest.raises(ValueError, match=r"`track.seed` cannot be varied by little: it is a whole number"):
+            call()
 
 
 def test_a_run_may_begin_where_a_rail_does():

@@ -2,6 +2,7 @@
 
 import functools
 import json
+import warnings
 
 import numpy as np
 import pytest
@@ -159,6 +160,23 @@ def test_motions_are_those_of_the_strobe_states(reduced):
     assert reduced["kind"].values.tolist() == ["period"] + ["unresolved"] * 4
     with pytest.raises(ValueError, match=r"`periods` must be 16 or more to classify motions, 200 or .* but is 15"):
         swept(["rms", "motion"], periods=15)
+
+
+@pytest.mark.parametrize("periods", [16, 64, 199])
+def test_too_few_periods_to_tell_chaos_are_said_at_the_call(periods):
+    """Before anything is compiled, once, and not where only periodic motions are asked for."""
+    start = sj.table_2_start()
+    grid = Grid(sj.paper_scene(), {"speed": [1250.0]})
+    plan = lambda record, periods: make_plan(grid, start, RunOptions(0, periods), resolved_record(record))
+    words = f"`periods` is {periods}: motions that are not periodic, chaos too, stay unresolved with fewer than 200"
+    with pytest.warns(sj.ImplausibleWarning, match=words) as given:
+        plan(["rms", "motion"], periods)
+    assert len(given) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        plan("motion", 200)
+        plan(MotionKind(periods), periods)
+        plan("rms", periods)
 
 
 @pytest.mark.slow
