@@ -265,8 +265,8 @@ tests/sweeps/test_interrupts.py -k finished_chunks_are_kept
 
 rails that lost a slipper count as the best
 tests/analysis/test_quantiles.py -k lost
--    numbers = np.where(np.isnan(numbers) & (quantile is not None), np.inf, numbers)
-+    numbers = np.where(np.isnan(numbers) & (quantile is not None), -np.inf, numbers)
+-np.where(np.isnan(values) & (quantile is not None), np.inf, values)
++np.where(np.isnan(values) & (quantile is not None), -np.inf, values)
 
 wear by twice the work
 tests/sweeps/test_runs.py -k wear_opens
@@ -358,10 +358,30 @@ tests/sweeps/test_runs.py -k third
 -    return np.where(far < 1, 2 / 3 - far**2 + far**3 / 2, np.maximum(2 - far, 0.0) ** 3 / 6)
 +    return np.maximum(1 - 4 * far, 0.0) * 4
 
-random rails get the steps of a sine
-tests/model/test_tracks.py
--scene.track.recurrence > IRREGULAR, PRESSED_ON, 1.0
-+scene.track.recurrence > IRREGULAR, 1.0, 1.0
+short waves get no more steps where impacts are damped
+tests/model/test_tracks.py -k short_waves
+-PER_WAVE * waves * jnp.sqrt(jnp.maximum(damping, 1.0))
++PER_WAVE * waves
+
+touchdowns are looked for from the chord
+tests/tools/test_hermite.py -k direction
+-    x = jnp.where(leaves, slope + root, 2 * start) / jnp.where(leaves, 2 * bend, root - slope)
++    x = start / jnp.where(start == end, 1.0, start - end)
+
+touchdowns where gaps rise
+tests/solvers/test_touchdowns.py -k sled_rails
+-        passed, along = value * root < 0, steep * root < 0
++        passed, along = value * root < 0, steep != 0
+
+the memory between adaptive steps is that at their end
+tests/solvers/test_adaptive.py -k records_of
+-        frozen = jnp.where(y1.memory < 0, y1.memory, y0.memory)
++        frozen = y1.memory
+
+inaccurate cases are not marked
+tests/sweeps/test_sweep.py -k inaccurate
+-    return np.where(inaccurate, int(Status.INACCURATE), status)
++    return np.where(inaccurate, int(Status.FINITE), status)
 
 a distribution has a value at the share of zero
 tests/sweeps/test_explain.py
