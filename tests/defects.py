@@ -343,6 +343,11 @@ tests/analysis/test_hybrid.py
 -jax.lax.fori_loop(0, CROSSING_ITERATIONS, closer, chord)
 +chord
 
+one run's error leaves out that it drifts
+tests/analysis/test_lyapunov.py -k one_motion
+-    return np.hypot(blocks, change / np.sqrt(12))
++    return blocks
+
 a fractional seed is the rail below it
 tests/flow/test_rails.py -k "traced_number"
 -    return jnp.where(known, number, 0).astype(int), known

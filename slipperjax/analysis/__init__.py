@@ -25,9 +25,11 @@ from .hybrid import switched_step as switched_step
 from .kinds import KINDS as KINDS
 from .kinds import REGIMES as REGIMES
 from .kinds import Regime as Regime
+from .kinds import lasting as lasting
 from .lyapunov import LyapunovSpectrum as LyapunovSpectrum
 from .lyapunov import kaplan_yorke as kaplan_yorke
 from .lyapunov import map_spectrum as map_spectrum
+from .lyapunov import one_motion_standard_error as one_motion_standard_error
 from .lyapunov import pooled_standard_error as pooled_standard_error
 from .lyapunov import regime as regime
 from .lyapunov import standard_error as standard_error

@@ -49,3 +49,16 @@ KINDS = "period", "torus", "chaotic", "unresolved"
 """Names for kinds of motions by recurrence, in the order of legends."""
 REGIMES = "periodic", "regular", "chaotic", "unresolved", "transient chaos"
 """Names for kinds of motions by recurrence and the largest exponent, in the order of legends."""
+
+
+def lasting(name: str, least_mean_life: Any) -> str:
+    """Gives the name of a regime as it is shown: of chaos with how long it lasts on average at least, where that was
+    looked at. A transient that is longer cannot be told from chaos.
+
+    **Arguments:** `name`: of `REGIMES`; `least_mean_life`: of the cases, see `slipperjax.lyapunov_sweep`, NaN where
+    there is none.
+    """
+    known = np.ravel(least_mean_life)[np.isfinite(np.ravel(least_mean_life))]
+    if name != Regime.CHAOTIC.regime_name or not len(known):
+        return name
+    return f"{name} (mean life {known.min():.0f} periods or more)"

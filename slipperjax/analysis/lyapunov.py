@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..tools.checks import finite, positive, require, shown_number, whole
 from ..tools.compile import call_compiled, is_traced
@@ -44,6 +44,8 @@ class LyapunovSpectrum(eqx.Module):
     """Length of a period [s], or in the unit of the system's time."""
     status: Any = None
     """Status code of the state at the end, such as `slipperjax.Status`; None where it was not checked."""
+    slowest: float = eqx.field(static=True, default=0.0)
+    """Periods over which chaos of the system is known to change; 0 where nothing is known."""
 
     def __repr__(self) -> str:
         if is_traced(self.history) or np.ndim(self.history) != 2:
@@ -51,9 +53,10 @@ class LyapunovSpectrum(eqx.Module):
         pairs = zip(np.asarray(self.per_period), self.stderr, strict=True)
         total = self.history.shape[0] * float(self.periods)
         status = "" if self.status is None else f", status {shown_number(self.status)}"
+        short = f",\n  not resolved: errors without changes over {self.slowest:g} periods, see lyapunov_sweep"
         return (
             f"LyapunovSpectrum({', '.join(f'{e:.5g} +- {s:.2g}' for e, s in pairs)} [1/period],\n"
-            f"  over {total:g} periods of {float(self.period):.5g} s{status})"
+            f"  over {total:g} periods of {float(self.period):.5g} s{status}{'' if self.resolved else short})"
         )
 
     @property
@@ -68,13 +71,20 @@ class LyapunovSpectrum(eqx.Module):
 
     @property
     def stderr(self) -> Float[np.ndarray, "*lanes count"]:
-        """Standard errors of `per_period` [1/period], see `pooled_standard_error`, with the scatter of the record's
-        quarters; not for use under a transformation.
+        """Standard errors of `per_period` [1/period], see `one_motion_standard_error`; not for use under a
+        transformation. Of chaos they hold where it is `resolved`."""
+        return one_motion_standard_error(self.history) / np.asarray(self.periods)[..., None]
 
-        They are those of the motion that was recorded: of chaos that moves to another band after thousands of
-        periods, a shorter record shows one band. `slipperjax.lyapunov_sweep` runs several motions for longer.
+    @property
+    def resolved(self) -> Bool[np.ndarray, "*lanes"]:
+        """Whether the record can show its errors; not for use under a transformation.
+
+        One record tells nothing of changes that are slower than itself. Therefore chaos is not resolved where the
+        record is shorter than `LONG` times `slowest`: its errors are those of the stretch that was recorded.
+        `slipperjax.lyapunov_sweep` runs several motions for longer.
         """
-        return pooled_standard_error(self.history[..., None, :, :], parts=4) / np.asarray(self.periods)[..., None]
+        long = self.history.shape[-2] * np.asarray(self.periods) >= LONG * self.slowest
+        return np.asarray(long | ~is_chaotic(self.per_period[..., 0], self.stderr[..., 0]))
 
     @property
     def weighted(self) -> Float[np.ndarray, "*lanes count"]:
@@ -286,6 +296,8 @@ def check_state(state: Any) -> Any:
     return jax.tree.map(finite("state"), state)
 
 
+LONG = 4.0
+"""Length of a record from which on its parts show a slow change of the system, in multiples of its time."""
 SURE = 3.0
 """Number of standard errors by which an exponent must exceed zero to count as positive."""
 LEAST = 1e-3
@@ -388,22 +400,54 @@ def standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
     return np.sqrt(np.where(covariance[0] == 0, 0.0, density) / n)
 
 
-def pooled_standard_error(history: Any, parts: int = 2) -> Float[np.ndarray, "*lanes count"]:
+PARTS = 8
+"""Parts of one record, between which slow changes are looked for."""
+
+
+def one_motion_standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
+    """Computes the standard error of the mean over one motion's record, with changes that are as slow as the record.
+
+    The greatest of that of `standard_error`, the scatter of the record's quarters and that of its eighths, which
+    exceed it where means of blocks have not levelled off with their length (doi:10.1063/1.457480); in quadrature with
+    the standard deviation of the straight line through the eighths: a change that takes longer than the record leaves
+    its mean as far off as that. Of records that show all of their correlation it is 1.4 to 1.7 times the scatter. No
+    record shows changes that take several times its length.
+
+    **Arguments:** `history`: shape (*lanes, intervals, count).
+    """
+    history = np.asarray(history)
+    within = standard_error(history)
+    if history.shape[-2] < PARTS:
+        return within
+    means = _means_of_parts(history, PARTS)
+    scatter = lambda parts: parts.std(axis=-2, ddof=1) / np.sqrt(parts.shape[-2])
+    place = (np.arange(PARTS) - (PARTS - 1) / 2)[:, None]
+    change = PARTS * np.sum(place * means, axis=-2) / np.sum(place**2)
+    blocks = np.max([within, scatter(_means_of_parts(history, PARTS // 2)), scatter(means)], axis=0)
+    return np.hypot(blocks, change / np.sqrt(12))
+
+
+def _means_of_parts(history: np.ndarray, parts: int) -> np.ndarray:
+    """Returns the means of the last intervals in so many parts of equal length, shape (*lanes, parts, count)."""
+    length = history.shape[-2] // parts
+    used = history[..., history.shape[-2] - parts * length :, :]
+    return used.reshape(*history.shape[:-2], parts, length, history.shape[-1]).mean(axis=-2)
+
+
+def pooled_standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
     """Computes the standard error of the mean over several independent motions on one attractor.
 
     The larger of two estimates. One is that of `standard_error` within the motions. The other is the scatter of the
-    means of their parts about the mean of all, which sees correlations that are as long as a motion's record, and
+    means of their halves about the mean of all, which sees correlations that are as long as a motion's record, and
     drift: with 500 forcing periods of a chaotic slipper these can double the error of the first.
 
-    **Arguments:** `history`: local exponents, shape (*lanes, motions, intervals, count); `parts`: of each motion,
-    halves by default.
+    **Arguments:** `history`: local exponents, shape (*lanes, motions, intervals, count).
     """
     history = np.asarray(history)
     motions, intervals, count = history.shape[-3:]
     within = np.sqrt(np.mean(standard_error(history) ** 2, axis=-2) / motions)
     if intervals < 8:
         return within
-    length = intervals // parts
-    means = history[..., intervals - parts * length :, :].reshape(*history.shape[:-2], parts, length, count).mean(-2)
-    means = means.reshape(*history.shape[:-3], motions * parts, count)
-    return np.maximum(within, means.std(axis=-2, ddof=1) / np.sqrt(motions * parts))
+    means = _means_of_parts(history, 2)
+    means = means.reshape(*history.shape[:-3], 2 * motions, count)
+    return np.maximum(within, means.std(axis=-2, ddof=1) / np.sqrt(2 * motions))

@@ -281,7 +281,7 @@ def summary(ds: Any, seconds: float) -> str:
     """A sweep in one line: cases, periods, steps, time, regimes, and how many cases have which status."""
     import numpy as np
 
-    from ..analysis.kinds import REGIMES
+    from ..analysis.kinds import REGIMES, lasting
     from ..flow.status import Status
 
     steps = np.unique([ds["steps_per_period"].min(), ds["steps_per_period"].max()])
@@ -301,7 +301,8 @@ def summary(ds: Any, seconds: float) -> str:
         most = float(ds["probe_error"].where(finite).max())
         parts.append(f"half the step changes a period by {most:.1e} scales at most")
     if "regime" in ds:
-        parts.append(", ".join(f"{int((ds['regime'] == name).sum())} {name}" for name in REGIMES))
+        life = ds.get("least_mean_life", np.nan)
+        parts.append(", ".join(f"{int((ds['regime'] == name).sum())} {lasting(name, life)}" for name in REGIMES))
     parts.append(f"{sum(flagged.values())} cases flagged" + (f" ({meanings})" if flagged else ""))
     return "; ".join(parts)
 

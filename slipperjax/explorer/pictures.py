@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from ..analysis.kinds import lasting
 from ..analysis.spectra import power_spectral_density
 from ..flow.status import Status
 from ..model.quantities import COORDINATES, PARAMETERS, SECTIONS, Quantity, quantity
@@ -105,7 +106,10 @@ def picture_of(view: View, choice: str) -> Picture:
     index = np.select([words == name for name in names], [float(k) for k in range(len(names))], np.nan)
     short = "motion" in view.record and int(ds.attrs["periods"]) < SURE
     told = [
-        f"no period within {ds.attrs['periods']} forcing periods" if short and n == "unresolved" else n for n in names
+        f"no period within {ds.attrs['periods']} forcing periods"
+        if short and n == "unresolved"
+        else lasting(n, ds.get("least_mean_life", np.nan))
+        for n in names
     ]
     return Picture(np.where(missing, np.nan, index), told, [colors[n] for n in names], choice)
 

@@ -557,7 +557,7 @@ class TrackSet(AbstractRail):
         alike = {(track.ends, getattr(track, "roll", None) is None) for track in self.tracks}
         require(len(alike) == 1, "tracks", "have the same ends, and all roll or none", shown=f"{len(alike)} kinds")
         if not is_traced(self.number):
-            self.check_of("number")(self.number)
+            whole_number("number", most=len(self.tracks) - 1)(self.number)
         if not is_traced(self.tracks):
             lengths = {float(track.wavelength) for track in self.tracks}
             require(len(lengths) == 1, "tracks", "have one reference length", shown=f"{sorted(lengths)} m")

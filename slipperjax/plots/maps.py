@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.colors import BoundaryNorm, Colormap, FuncNorm, ListedColormap, Normalize
 from matplotlib.patches import Patch
 
-from ..analysis.kinds import REGIMES, Regime
+from ..analysis.kinds import REGIMES, Regime, lasting
 from ..analysis.lyapunov import LEAST, SURE
 from ..flow.datasets import varied_names
 from ..flow.status import Status
@@ -189,6 +189,11 @@ def regimes_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
     return np.where(flagged(ds, *dims), "unresolved", names)
 
 
+def lasting_name(ds: xr.Dataset, name: str) -> str:
+    """Gives a regime's entry in a legend, in two lines where chaos has a least mean life."""
+    return lasting(name, ds.get("least_mean_life", np.nan)).replace(" (", "\n(")
+
+
 def motions_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
     """Gives the name in `MOTION_COLORS` of each case, shape as `dims`: its regime, or its period."""
     regime = regimes_of(ds, *dims)
@@ -314,7 +319,11 @@ def draw_attractors(ds: xr.Dataset, over: Sequence[str], ax: Any) -> list[Any]:
     _, handles = map_over(ds, over, index, ax, ListedColormap(list(MOTION_COLORS.values())), lambda values: norm)
     present = set(motions[~flagged(ds, *over)])
     edge = dict(edgecolor=COLORS["grey"], linewidth=0.4)
-    patches = [Patch(facecolor=MOTION_COLORS[name], label=name, **edge) for name in names if name in present]
+    patches = [
+        Patch(facecolor=MOTION_COLORS[name], label=lasting_name(ds, name), **edge)
+        for name in names
+        if name in present
+    ]
     return patches + handles
 
 
@@ -420,7 +429,9 @@ def exponents(ds: xr.Dataset, ax: Any = None) -> Any:
         for name, color in REGIME_COLORS.items():
             at = (regimes == name) & ~absent
             if name != "transient chaos" or at.any():  # rare
-                bars = dict(fmt=_MARKERS[name], ms=3.5, mew=0, elinewidth=0.8, color=color, label=name)
+                bars = dict(
+                    fmt=_MARKERS[name], ms=3.5, mew=0, elinewidth=0.8, color=color, label=lasting_name(ds, name)
+                )
                 handles.append(ax.errorbar(x[at], y[at], SURE * error[at], **bars))
         mark_cases(ax, x[absent])
         legend_above(ax, handles + [cross(label="no exponent")] * bool(absent.any()))

@@ -14,8 +14,16 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..analysis.floquet import largest_exponent
-from ..analysis.kinds import Regime
-from ..analysis.lyapunov import is_chaotic, kaplan_yorke, pooled_standard_error, regime, standard_error, weighted_mean
+from ..analysis.kinds import Regime, lasting
+from ..analysis.lyapunov import (
+    is_chaotic,
+    kaplan_yorke,
+    one_motion_standard_error,
+    pooled_standard_error,
+    regime,
+    standard_error,
+    weighted_mean,
+)
 from ..flow.period_map import advance_tangents, initial_tangents
 from ..flow.record import Labelled
 from ..flow.simulate import dynamic_steps
@@ -160,6 +168,15 @@ def run_longer_motions(
     return LongerMotions(chosen, by_case(history), np.sum(by_case(regular), axis=1), first), run.interrupted
 
 
+def least_mean_life(measured: int) -> float:
+    """Returns the least mean life of chaos [forcing periods] with 95 % confidence, where none of the longer motions
+    became regular, of so many measured periods.
+
+    Where they end at a constant rate, one of them would have with 95 % chance in three mean lives.
+    """
+    return MOTIONS * (HOLD + measured + BLOCK) / -np.log(0.05)
+
+
 # --- the certificate ------------------------------------------------------------------------------------------------
 
 AGREE = 1e-3
@@ -201,15 +218,16 @@ def exponent_variables(
     # an orbit's are exact
     exponent[by_orbit] = weighted[by_orbit] = history[by_orbit, 0]
     error[by_orbit] = 0.0
-    lasting, escapes, chaotic_for = longer.escapes == 0, np.zeros(len(good), int), np.zeros(len(good), int)
-    exponent[longer.chosen[lasting]] = longer.history[lasting].mean(axis=(1, 2))
-    error[longer.chosen[lasting]] = pooled_standard_error(longer.history[lasting])
+    alone = is_chaotic(exponent[:, 0], error[:, 0])  # those with longer motions take theirs
+    error[alone] = one_motion_standard_error(history[alone])
+    stayed, escapes, chaotic_for = longer.escapes == 0, np.zeros(len(good), int), np.zeros(len(good), int)
+    exponent[longer.chosen[stayed]] = longer.history[stayed].mean(axis=(1, 2))
+    error[longer.chosen[stayed]] = pooled_standard_error(longer.history[stayed])
     escapes[longer.chosen] = longer.escapes
     stretch = history.shape[1] + BLOCK
-    chaotic_for[longer.chosen] = passed + stretch + lasting * (HOLD + stretch)
-    # escapes at a constant rate: with 95 % chance one would have been seen in three mean lives
+    chaotic_for[longer.chosen] = passed + stretch + stayed * (HOLD + stretch)
     life = np.full(len(good), np.nan)
-    life[longer.chosen] = np.where(lasting, MOTIONS * (HOLD + stretch) / -np.log(0.05), np.nan)
+    life[longer.chosen] = np.where(stayed, least_mean_life(history.shape[1]), np.nan)
     kind = np.where(good, Regime.kind_names(measured.kind), Regime.UNRESOLVED.kind_name)
     variables: dict[str, np.ndarray] = {}
     if measured.checks is not None:
@@ -443,5 +461,8 @@ class LyapunovExponents(ContinuedRecord):
             label = {"units": unit, "long_name": text} if unit else {"long_name": text}
             data[name] = ((*dims, *over), values[name], label)
         if self.periods is not None:
-            data["exponent"][2]["measured_periods"] = BLOCK * counted_blocks(self.periods, 0)
+            measured = BLOCK * counted_blocks(self.periods, 0)
+            data["exponent"][2]["measured_periods"] = measured
+            if self.certify:
+                data["regime"][2]["chaotic"] = lasting("chaotic", least_mean_life(measured))
         return data, {}

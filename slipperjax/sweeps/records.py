@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from ..analysis.attractor import MIN_TEST
 from ..analysis.kinds import Regime
-from ..analysis.lyapunov import standard_error
+from ..analysis.lyapunov import one_motion_standard_error
 from ..flow.record import AbstractRecord, History, Labelled, RecordedSpan, RecordSet, Sections, Strobe, attributes
 from ..flow.records import ALIASES, RECORDS, ContactChecks, OnePoint
 from ..flow.status import first_problem
@@ -133,7 +133,7 @@ class LargestExponent(ContinuedRecord):
 
     def finish(self, carried, samples, span) -> OneExponent:
         history = np.asarray(carried)
-        return OneExponent(history.mean(axis=1)[:, 0], standard_error(history)[:, 0])
+        return OneExponent(history.mean(axis=1)[:, 0], one_motion_standard_error(history)[:, 0])
 
     def label(self, scene, dims, values: OneExponent) -> Labelled:
         label = attributes("1/period", "largest Lyapunov exponent, uncertified")

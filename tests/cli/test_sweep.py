@@ -12,7 +12,7 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.cli import main
-from slipperjax.cli.sweep import picture
+from slipperjax.cli.sweep import picture, summary
 from slipperjax.flow.status import ASKED
 from slipperjax.model.quantities import COORDINATES
 from slipperjax.sweeps.store import Archive
@@ -147,3 +147,14 @@ def test_strobe_states_are_drawn_by_coordinate():
         axes = picture(ds, show)
         assert axes.get_ylabel() == label
         plt.close(axes.figure)
+
+
+def test_chaos_stands_with_its_least_mean_life_in_a_line():
+    regimes, life = ["periodic", "chaotic", "chaotic"], [np.nan, 3400.0, 3365.1]
+    data = {"regime": ("speed", regimes), "status": ("speed", [0] * 3), "steps_per_period": ("speed", [50] * 3)}
+    ds = xr.Dataset(data)
+    told = "1 periodic, 0 regular, 2 chaotic{}, 0 unresolved, 0 transient chaos;"
+    assert told.format("") in summary(ds, 1.0)
+    with_life = told.format(" (mean life 3365 periods or more)")
+    assert with_life in summary(ds.assign(least_mean_life=("speed", life)), 1.0)
+    assert told.format("") in summary(ds.assign(least_mean_life=("speed", [np.nan] * 3)), 1.0)

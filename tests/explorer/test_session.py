@@ -49,6 +49,15 @@ def test_starts_that_were_varied_are_those_of_the_case():
     assert case.start.v_z == 0.5
 
 
+def test_chaos_stands_with_its_least_mean_life():
+    dims = ("clearance", "speed")
+    regime = np.array([["periodic", "periodic", "chaotic"], ["regular", "unresolved", "periodic"]])
+    ds = a_map(regime=(dims, regime), least_mean_life=(dims, np.where(regime == "chaotic", 3365.1, np.nan)))
+    view = Session.of(ds).view
+    for choice in ("regime", "motion"):
+        assert "chaotic (mean life 3365 periods or more)" in picture_of(view, choice).names
+
+
 def test_a_box_over_seeds_holds_whole_numbers():
     ds = a_map().rename(speed="track.seed").assign_coords({"track.seed": [0.0, 50.0, 99.0]})
     scene = dataclasses.replace(sj.paper_scene(), track=sj.RandomTrack.sled(length=200.0))

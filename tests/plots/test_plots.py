@@ -207,6 +207,22 @@ def test_exponents_are_coloured_by_regime_with_three_standard_errors():
     assert chaotic[0][:, 1] == pytest.approx([0.3 - 0.03, 0.3 + 0.03])
 
 
+def test_chaos_stands_with_its_least_mean_life_in_legends():
+    life = np.where(np.array(REGIME_NAMES) == "chaotic", 3365.1, np.nan)
+    line, grid = (
+        ds.assign(
+            least_mean_life=(ds["regime"].dims, life.reshape(ds["regime"].shape)),
+            kind=(ds["regime"].dims, np.full(ds["regime"].shape, "unresolved")),
+            period=(ds["regime"].dims, np.ones(ds["regime"].shape, int)),
+        )
+        for ds in (measured(LINE), measured(GRID))
+    )
+    for ax in (plots.exponents(line), plots.attractor_map(grid)):
+        assert "chaotic\n(mean life 3365 periods or more)" in legend(ax)
+        assert "chaotic" not in legend(ax)
+        check_legend_fits(ax)
+
+
 def test_flagged_exponents_are_unresolved():
     exponent = np.where(np.arange(6) == 4, np.nan, EXPONENTS)
     ax = plots.exponents(measured(LINE, [0, 0, 1, 0, 1, 0], exponent))

@@ -74,6 +74,7 @@ def test_an_interrupt_during_the_longer_motions_keeps_what_was_measured(monkeypa
     if finished:
         total = MOTIONS * (HOLD + float(found["exponent"].attrs["measured_periods"]) + BLOCK)
         np.testing.assert_allclose(np.exp(-total / life[0]), 0.05, rtol=1e-12)
+        assert found["regime"].attrs["chaotic"] == f"chaotic (mean life {life[0]:.0f} periods or more)"
 
 
 @pytest.fixture(scope="module")
