@@ -22,7 +22,7 @@ from ..analysis.critical import (
 )
 from ..analysis.curves import Pace
 from ..analysis.events import CRITICAL_DISTANCE
-from ..analysis.floquet import multipliers
+from ..analysis.floquet import circle_error, multipliers
 from ..analysis.shooting import PeriodicMotions
 from ..analysis.step_error import with_step_error
 from ..flow.datasets import load_call, scene_attributes, varied_names
@@ -387,4 +387,4 @@ def _outside(mu: np.ndarray, label: str) -> int:
     pair = _nearest_to_circle(mu[mu.imag >= 0]) if label == "NS" else 1j
     values = {"LP": [1], "PD": [-1], "NS": [pair, np.conj(pair)], "GR": []}[label]
     critical = [int(np.argmin(np.abs(mu - value))) for value in values]
-    return int(np.sum(np.abs(np.delete(mu, critical)) > 1 + CRITICAL_DISTANCE))
+    return int(np.sum(np.abs(np.delete(mu, critical)) > 1 + max(CRITICAL_DISTANCE, float(circle_error(mu)))))
