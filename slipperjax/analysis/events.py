@@ -37,6 +37,20 @@ CRITICAL_DISTANCE = 1e-6
 """Greatest distance of a critical multiplier's modulus from 1."""
 
 
+STRONG = {"1:1": 0.0, "1:2": np.pi, "1:3": 2 * np.pi / 3, "1:4": np.pi / 2}
+"""Angles of multipliers at strong resonances, where no torus needs to leave a Neimark-Sacker (Kuznetsov, Elements of
+Applied Bifurcation Theory, chapter 9)."""
+RESONANT = 0.05
+"""Greatest distance from such an angle that counts as near it: the phase drifts by a turn in 126 periods."""
+
+
+def resonance(angle: float) -> str:
+    """Names the strong resonance that a multiplier of this angle is near, such as "1:3"; empty for none."""
+    angle = float(np.abs(np.angle(np.exp(1j * angle))))
+    name = min(STRONG, key=lambda name: abs(angle - STRONG[name]))
+    return name if abs(angle - STRONG[name]) <= RESONANT else ""
+
+
 class Observation(NamedTuple):
     """A user's view of a point, by which grazings are detected."""
 
@@ -237,7 +251,9 @@ class EventSearch(NamedTuple):
         )
         converged = high - low <= 4 * BRACKET and near and (label != "NS" or critical.imag != 0)
         node = nodes[root]._replace(label=label)
-        return Event(label, node, min(values), max(values), critical, bool(converged), "")
+        near_to = resonance(np.angle(critical)) if label == "NS" else ""
+        note = f"near the strong resonance {near_to}: a torus need not branch off" if near_to else ""
+        return Event(label, node, min(values), max(values), critical, bool(converged), note)
 
     def crossing(self, a: Node, b: Node, turning: bool = False) -> Event | None:
         """Locates a branch point by interpolation from both sides: there itself Newton's method is singular.

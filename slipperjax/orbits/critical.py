@@ -335,8 +335,9 @@ def continue_event(
         own parameter, default those of the branch.
     - `points`: most points of each way. `progress`: shows a bar.
 
-    **Returns:** an `OrbitCurve`. It ends where it meets a bound, or where no step converges, also with `RELAXED`: at
-    a grazing the multipliers' second derivatives jump.
+    **Returns:** an `OrbitCurve`. It ends where it meets a bound, where the pair of a Neimark-Sacker becomes real
+    ("strong resonance 1:1" or 1:2), or where no step converges, also with `RELAXED`: at a grazing the multipliers'
+    second derivatives jump.
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C,
     with the curve until then as its `result`.

@@ -295,3 +295,13 @@ def test_errors_by_rounding_follow_the_condition_of_multipliers():
     scaled = turn * np.array([[1.0, 1e6], [1e-6, 1.0]])
     assert rounding_errors(np.linalg.eigvals(scaled[0]), scaled).max() < 1e-13
     assert np.all(rounding_errors(np.ones(2), turn * np.nan) < 1e-13)
+
+
+@pytest.mark.parametrize(
+    ("angle", "name"), [(0.03, "1:1"), (2.088, "1:3"), (1.58, "1:4"), (3.13, "1:2"), (0.4, ""), (1.0, ""), (2.5, "")]
+)
+def test_a_neimark_sacker_beside_a_strong_resonance_is_told(angle, name):
+    turn = jnp.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    branch = follow(lambda p: lambda s, k: (1 + p) * turn @ s, [0.0, 0.0], -0.1, (-0.2, 0.2))
+    note = only(branch, "NS").note
+    assert note == (f"near the strong resonance {name}: a torus need not branch off" if name else "")
