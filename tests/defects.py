@@ -333,15 +333,30 @@ tests/cli/test_cli.py -k axes_are_read_in_display_units
 +grid[name] = quantity.shown((np.geomspace
 
 # crossings, steps on random rails, distributions
+every multiplier above one counts as outside
+tests/analysis/test_events.py -k neutral
+-        return int(np.sum(sizes > 1 + np.maximum(self.errors, margin(conserved))))
++        return int(np.sum(sizes > 1))
+
 a section is met at its own start
 tests/analysis/test_hybrid.py
--            falls = risen & (height < 0)
+-            falls = (risen | (self.reset is not None)) & (height < 0)
 +            falls = height < 0
 
 the instant of a crossing is the chord's
 tests/analysis/test_hybrid.py
--jax.lax.fori_loop(0, CROSSING_ITERATIONS, closer, chord)
-+chord
+-    return jax.lax.while_loop(going, closer, (first, zero, zero + 1, 0, False))[0]
++    return start / (start - end)
+
+Newton's method for a crossing leaves its bracket
+tests/analysis/test_hybrid.py -k instant
+-        good = (slope < 0) & (newton >= low) & (newton <= high)
++        good = slope != 0
+
+impacts that accumulate are followed one by one
+tests/analysis/test_hybrid.py -k comes_to_rest
+-            sticks = jnp.where(stuck, ~happens, happens & self._stuck(at(share), y))
++            sticks = stuck & ~happens
 
 one run's error leaves out that it drifts
 tests/analysis/test_lyapunov.py -k one_motion

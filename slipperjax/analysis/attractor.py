@@ -77,17 +77,17 @@ class Attractors(NamedTuple):
         return f"Attractors({kinds.size} cases: {', '.join(counts)})"
 
 
-def recurrence(strobe, *, scales=None, max_period=16) -> np.ndarray:
+def recurrence(strobe, *, scales=None, turns=None, max_period=16) -> np.ndarray:
     """Computes recurrence residuals |x_k - x_{k-n}|, in the maximum norm over scaled states.
 
     **Arguments:** `strobe`: shape (*cases, periods, states); `scales`, shape (states,): divisors of the
-    states, in their units, by default as in `classify`; `max_period`: greatest lag n.
+    states, in their units, by default as in `classify`; `turns`: as there; `max_period`: greatest lag n.
 
     **Returns:** shape (*cases, max_period, periods), [scales]; entry (n - 1, k) is for lag n, NaN for k < n.
 
     **Raises:** `ValueError` for arrays of other shapes, and scales that are not positive.
     """
-    x = _scaled(strobe, scales)
+    x = _scaled(strobe, scales, turns)
     most = whole("max_period", max_period, 1)
     periods = x.shape[-2]
     out = np.full((*x.shape[:-2], most, periods), np.nan)
@@ -139,7 +139,7 @@ def zero_one_test(series, *, samples=100, seed=0) -> np.ndarray:
     return np.reshape(rows, x.shape[:-1])
 
 
-def classify(strobe, *, scales=None, max_period=16, tolerance=1e-3, floor=1e-6, seed=0) -> Attractors:
+def classify(strobe, *, scales=None, turns=None, max_period=16, tolerance=1e-3, floor=1e-6, seed=0) -> Attractors:
     """Classifies the attractor of each motion.
 
     - "period": after n periods the states recur, within `tolerance` of the attractor's extent or within `floor`, from
@@ -159,7 +159,9 @@ def classify(strobe, *, scales=None, max_period=16, tolerance=1e-3, floor=1e-6, 
     or (periods, states), 16 periods or more; `scales`, shape (states,): divisors of the states, in their units.
     The default is the greatest magnitude over all cases and periods (1 where that is below 1e-12, so that
     rounding errors of a state that is zero by symmetry are not amplified); explicit scales are better, such as
-    clearance and clearance times frequency. `max_period`: greatest n (at most a quarter of the record is tried);
+    clearance and clearance times frequency. `turns`, shape (states,): full turns of states that are wrapped, such as
+    2 pi of an angle from -pi to pi, infinite for others; default none. Without it a motion at the cut seems to jump.
+    `max_period`: greatest n (at most a quarter of the record is tried);
     `tolerance`: as a fraction of the attractor's extent, which is the greatest peak-to-peak value of a scaled
     state in the last quarter of the record, and above the error of an integration that is accurate to 1e-4;
     `floor` [scales]: smaller distances count as zero; `seed`: of the 0-1 test.
@@ -168,7 +170,7 @@ def classify(strobe, *, scales=None, max_period=16, tolerance=1e-3, floor=1e-6, 
 
     **Raises:** `ValueError` for arrays of other shapes, too few periods and settings out of range.
     """
-    x = _scaled(strobe, scales)
+    x = _scaled(strobe, scales, turns)
     most, seed = whole("max_period", max_period, 1), whole("seed", seed, 0)
     if x.shape[-2] < 16:
         raise ValueError(f"Argument `strobe` must be of 16 periods or more, but is of shape {x.shape}.")
@@ -178,18 +180,28 @@ def classify(strobe, *, scales=None, max_period=16, tolerance=1e-3, floor=1e-6, 
     return Attractors(*(np.reshape(np.array(column), x.shape[:-2]) for column in zip(*cases, strict=True)))
 
 
-def _scaled(strobe, scales):
+def _scaled(strobe, scales, turns):
     x = np.asarray(strobe, dtype=float)
     if x.ndim < 2 or 0 in x.shape or x.shape[-2] < 2:
         raise ValueError(f"Argument `strobe` must be of shape (*cases, periods, states), but is {x.shape}.")
-    if scales is None:
+    default = scales is None
+    if default:
         every = x.reshape(-1, x.shape[-1])
         scales = np.max(np.abs(every), axis=0, initial=0.0, where=np.isfinite(every))
         scales = np.where(scales < 1e-12, 1.0, scales)
     scales = np.asarray(scales, dtype=float)
     require(scales.shape in ((), x.shape[-1:]), "scales", f"be of shape {x.shape[-1:]}", scales.shape)
     require(np.all((scales > 0) & (scales < np.inf)), "scales", "be positive", scales)
-    return x / scales
+    if turns is None:
+        return x / scales
+    turns = np.asarray(turns, dtype=float)
+    require(turns.shape == x.shape[-1:], "turns", f"be of shape {x.shape[-1:]}", turns.shape)
+    require(np.all(turns > 0), "turns", "be positive", turns)
+    # a wrapped state is a point on a circle, with two coordinates
+    wrapped = np.isfinite(turns)
+    radius, scales = turns[wrapped] / (2 * np.pi), np.broadcast_to(scales, turns.shape)
+    angle, size = x[..., wrapped] / radius, radius / (radius if default else scales[wrapped])
+    return np.concatenate([(x / scales)[..., ~wrapped], size * np.cos(angle), size * np.sin(angle)], axis=-1)
 
 
 def _classified(states, most, tolerance, floor, seed):

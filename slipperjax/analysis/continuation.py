@@ -52,7 +52,7 @@ class Branch:
 
     @property
     def stable(self) -> np.ndarray:
-        """True where all multipliers lie inside the unit circle, of shape (points,)."""
+        """True where no multiplier lies outside the unit circle, neutral ones left out, of shape (points,)."""
         return np.array([node.outside == 0 for node in self.nodes])
 
     @property
@@ -157,7 +157,7 @@ def _extended(
 
     def add(spot: Spot) -> str:
         last, new = nodes[-1], as_node(spot, observe)
-        between = search.events(last, new)
+        between = search.between(last, new)
         events.extend(between)
         nodes.extend(event.node for event in between)
         # the first points are near the start without a return to it

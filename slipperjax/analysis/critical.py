@@ -21,7 +21,8 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import one_of, shown_number
 from ..tools.compile import call_compiled, is_transformed
-from .curves import Curve, bounds_of_unknowns, check_within, correct, evaluated, follow_curve
+from .curves import Curve, Spot, bounds_of_unknowns, check_within, correct, evaluated, follow_curve
+from .events import resonance
 from .floquet import product, solve
 from .newton import AbstractEquations, Linearisation, newton, without_derivatives
 from .shooting import PeriodicMotions
@@ -30,6 +31,8 @@ CRITICAL_MULTIPLIERS = {"LP": 1.0, "PD": -1.0, "NS": None}
 """The critical multiplier by label; None for a pair of unknown angle."""
 BORDER_UPDATES = 3
 """Updates of the borders before Newton's method begins."""
+LEAST_ANGLE = 1e-3
+"""Angle of a pair from +1 and -1 at which a curve of Neimark-Sackers ends; its parameters are off by the square."""
 CURVE_START_ITERATIONS = 20
 """Newton iterations for the first point of a curve."""
 
@@ -256,6 +259,9 @@ def continue_critical(
     ones; `state`, `values`: near a motion of the curve, of which the second value is kept; `angle`: of the
     multiplier in radians, for "NS"; `bounds`: of both parameters; `options`: of `follow_curve`.
 
+    **Returns:** a `Curve`. One of Neimark-Sackers ends inside the bounds at the strong resonances 1:1 and 1:2, where
+    the pair becomes real and curves of folds and flips pass; its reason is "strong resonance 1:1", for example.
+
     **Raises:** `ValueError` where there is no such motion near the start, or the bounds do not hold it.
     """
     motions, critical = equations.motions, isinstance(equations, CriticalMotions)
@@ -274,4 +280,16 @@ def continue_critical(
     for index in (motions.size, motions.size + 1):
         check_within("values", first.z[index], (low[index], high[index]))
     equations = equations.update(first.z, first.null_vectors)
-    return follow_curve(equations, first, low, high, tolerance=tolerance, **options)
+    if not angles:
+        return follow_curve(equations, first, low, high, tolerance=tolerance, **options)
+    # at 0 and pi the equations hold on whole curves of folds and flips
+    low[-1], high[-1] = np.pi * np.floor(first.z[-1] / np.pi) + [LEAST_ANGLE, np.pi - LEAST_ANGLE]
+    curve = follow_curve(equations, first, low, high, tolerance=tolerance, **options)
+    parameters = slice(motions.size, motions.size + 2)
+
+    def reason(ended: str, spot: Spot) -> str:
+        inside = np.all((low < spot.z)[parameters] & (spot.z < high)[parameters])
+        near_to = resonance(spot.z[-1]) if inside and ended in ("bound", "no convergence") else ""
+        return f"strong resonance {near_to}" if near_to else ended
+
+    return curve._replace(ended=(reason(curve.ended[0], curve.spots[0]), reason(curve.ended[1], curve.spots[-1])))

@@ -286,7 +286,7 @@ def passes(start: Spot, one: Spot, other: Spot) -> bool:
 
 class Curve(NamedTuple):
     """Points of a curve in their order, and the reasons why it ends at the first and the last: "bound", "closed",
-    "no convergence", "count" or "interrupted"; empty where it begins there."""
+    "no convergence", "count", "interrupted" or that of `continue_critical`; empty where it begins there."""
 
     spots: tuple[Spot, ...]
     ended: tuple[str, str]

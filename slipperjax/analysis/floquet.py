@@ -121,6 +121,49 @@ def _blocks(matrices: np.ndarray) -> list[np.ndarray]:
     return [np.stack([m[a:b, a:b] for m in inside]) for a, b in zip(cuts, [*cuts[1:], size], strict=True)]
 
 
+CONSERVED = 1e-6
+"""Greatest |ln| of the product of all multipliers' moduli at which a map counts as conservative: the product is one
+but for errors of integration."""
+ROUNDING = 100 * np.finfo(float).eps
+"""Relative error of a Jacobian over a period by rounding."""
+
+
+def is_conservative(multipliers: Any) -> Any:
+    """Tells whether multipliers (*cases, size) are those of a conservative or reversible map: pairs mu and 1/mu.
+
+    Such pairs stay on the unit circle along whole stretches of a branch.
+    """
+    xp = jnp if is_traced(multipliers) else np
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return xp.abs(xp.sum(xp.log(xp.abs(multipliers)), axis=-1)) <= CONSERVED
+
+
+def circle_error(multipliers: Any) -> Any:
+    """Gives errors of the largest modulus of multipliers (*cases, size); within them of one it is neutral."""
+    xp = jnp if is_traced(multipliers) else np
+    return xp.where(is_conservative(multipliers), CONSERVED, ROUNDING)
+
+
+def rounding_errors(multipliers: np.ndarray, matrices: Any) -> np.ndarray:
+    """Estimates errors of multipliers by rounding, from the successive Jacobians.
+
+    They are `ROUNDING` times the norm of the balanced product and the multiplier's condition, or the root of that
+    where two multipliers nearly coincide (Wilkinson 1965, The Algebraic Eigenvalue Problem, chapter 2).
+    """
+    from scipy.linalg import eig, matrix_balance  # here, because importing takes time that most runs need not spend
+
+    whole_period = product(np.asarray(matrices))
+    if not np.all(np.isfinite(whole_period)):
+        return np.full(np.shape(multipliers), ROUNDING)
+    matrix = matrix_balance(whole_period)[0]
+    decomposed: Any = eig(matrix, left=True)
+    values, left, right = decomposed
+    cosines = np.abs(np.sum(left.conj() * right, axis=0))  # zero for a double one
+    norm = np.linalg.norm(matrix, 2)
+    errors = np.minimum(ROUNDING * norm / np.maximum(cosines, ROUNDING), np.sqrt(ROUNDING) * norm)
+    return errors[np.argmin(np.abs(np.asarray(multipliers)[:, None] - values), axis=1)]
+
+
 def largest_exponent(matrices: Any, period: int) -> float:
     """Computes ln |largest Floquet multiplier| per interval of a motion that recurs after `period` intervals.
 

@@ -23,8 +23,14 @@ Surface = Callable[[Any, Any], Any]
 """A number at (t, y), which is zero on a surface: a gap, or a coordinate."""
 Reset = Callable[[Any, Any], Any]
 """The state after a rebound, at (t, y) on the surface."""
-CROSSING_ITERATIONS = 5
-"""Newton iterations for the instant of a crossing from the chord; converged, so that the derivative is exact too."""
+CROSSING_ITERATIONS = 60
+"""Most iterations for the instant of a crossing: bisections to rounding, where Newton's method never helps."""
+CLOSE = 1e-9
+"""Newton step, as a share of the integration step, after which the instant is exact: the next one is its square."""
+SHORTEST = 1e-3
+"""Shortest flight between impacts, as a share of the integration step; the motion sticks instead of a shorter one."""
+MOST_IMPACTS = 2000
+"""Impacts in one integration step after which the state is NaN; flights of `SHORTEST` are half as many."""
 
 
 def rk4(field: Field, t: Any, y: Any, h: Any) -> Any:
@@ -40,19 +46,47 @@ def rk4(field: Field, t: Any, y: Any, h: Any) -> Any:
 def share_before(
     surface: Surface, flow: Callable[[Any], Any], t: Any, dt: Any, crosses: Bool[Array, ""]
 ) -> Float[Array, ""]:
-    """Computes the share of a step from `t` after which `surface` is zero; 1 where it is not crossed.
+    """Computes the share of a step from `t` after which `surface` crosses zero; 1 where it does not cross.
+
+    It crosses in the direction of its sign at the end. A start on the surface by rounding, from which it first moves
+    the other way, is no crossing. The derivatives are those of the exact share, of any order and in both modes.
 
     **Arguments:** `flow(share)`: the state after this share of the step `dt`.
     """
     height = lambda share: surface(t + share * dt, flow(share))
-    start, end = height(0.0), height(1.0)
+    # where nothing crosses, a line that does at the end
+    sought = lambda share: jnp.where(crosses, height(share), share - 1)
+    slope = lambda line, miss: miss / (lambda steep: jnp.where(steep == 0, jnp.inf, steep))(line(jnp.ones_like(miss)))
+    return jax.lax.custom_root(sought, jnp.zeros_like(jnp.asarray(dt, float)), _crossing, slope)
 
-    def closer(_, share):
-        value, slope = jax.jvp(height, (share,), (jnp.ones_like(share),))
-        return jnp.clip(share - value / jnp.where(slope == 0, jnp.inf, slope), 0.0, 1.0)
 
-    chord = jnp.clip(start / jnp.where(crosses, start - end, 1.0), 0.0, 1.0)
-    return jnp.where(crosses, jax.lax.fori_loop(0, CROSSING_ITERATIONS, closer, chord), 1.0)
+def _crossing(height: Callable[[Array], Array], zero: Array) -> Array:
+    """Finds where a function on 0 to 1 gets the sign that it has at 1, by Newton's method kept in a bracket."""
+    slope_at = lambda share: jax.jvp(height, (share,), (jnp.ones_like(share),))
+    (start, end), (slope, _) = jax.vmap(slope_at)(jnp.stack([zero, zero + 1]))
+    side = jnp.where(end < 0, 1.0, -1.0)
+    start, end, slope = side * start, side * end, side * slope
+    # the falling zero of the parabola through the value and slope at the start and the value at the end
+    start = jnp.maximum(start, 0.0)
+    bend = start - end + slope
+    root = jnp.sqrt(jnp.maximum(slope**2 + 4 * bend * start, 0.0))
+    first = jnp.where(slope > 0, (slope + root) / (2 * bend), 2 * start / (root - slope))
+    first = jnp.where(jnp.isfinite(first), jnp.clip(first, 0.0, 1.0), 0.0)
+
+    def closer(carry):
+        x, low, high, count, _ = carry
+        value, slope = (side * a for a in slope_at(x))
+        low, high = jnp.where(value > 0, x, low), jnp.where(value > 0, high, x)
+        newton = x - value / slope
+        # to the zero at which it falls, which is the only one of interest
+        good = (slope < 0) & (newton >= low) & (newton <= high)
+        new = jnp.where(good, newton, (low + high) / 2)
+        # a bisection is no estimate of what is left
+        done = jnp.abs(new - x) < jnp.where(good, CLOSE, jnp.finfo(new.dtype).eps)
+        return new, low, high, count + 1, done
+
+    going = lambda carry: (carry[3] < CROSSING_ITERATIONS) & ~carry[4]
+    return jax.lax.while_loop(going, closer, (first, zero, zero + 1, 0, False))[0]
 
 
 class AbstractCrossingStep(eqx.Module):
@@ -67,8 +101,12 @@ class AbstractCrossingStep(eqx.Module):
         """The state after a whole step from (t, y), and whether that crosses."""
 
     @abc.abstractmethod
-    def _across(self, t: Any, y: Any, crosses: Bool[Array, ""]) -> Any:
-        """The state after a step from (t, y) with a crossing inside, where it `crosses`."""
+    def _across(self, t: Any, y: Any, crosses: Bool[Array, ""]) -> tuple[Any, Bool[Array, ""]]:
+        """The state after a step from (t, y) with a crossing inside, where it `crosses`, and `_stuck` there."""
+
+    def _stuck(self, t: Any, y: Any) -> Bool[Array, ""] | bool:
+        """Whether the motion is held on the surface, so that no step from there is a whole one."""
+        return False
 
     def __call__(self, state: Any, k: Any) -> Any:
         return in_both_modes(self._interval, state, k)
@@ -82,12 +120,13 @@ class AbstractCrossingStep(eqx.Module):
             return jnp.where(crosses, i, i + 1), _where(crosses, y, end), crosses
 
         def to_crossing(carry):
-            i, y, _ = jax.lax.while_loop(lambda c: (c[0] < self.steps) & ~c[2], whole_step, (*carry, False))
+            i, y, _ = jax.lax.while_loop(lambda c: (c[0] < self.steps) & ~c[2], whole_step, carry)
             crosses = i < self.steps
-            y = _where(crosses, self._across(instant(i), y, crosses), y)
-            return jnp.where(crosses, i + 1, i), y
+            end, stuck = self._across(instant(i), y, crosses)
+            return jnp.where(crosses, i + 1, i), _where(crosses, end, y), stuck
 
-        return jax.lax.while_loop(lambda carry: carry[0] < self.steps, to_crossing, (0, state))[1]
+        begin = 0, state, jnp.asarray(self._stuck(instant(0), state))
+        return jax.lax.while_loop(lambda carry: carry[0] < self.steps, to_crossing, begin)[1]
 
 
 class SwitchedStep(AbstractCrossingStep):
@@ -109,7 +148,8 @@ class SwitchedStep(AbstractCrossingStep):
         up = self.surface(t, y) >= 0
         flow = lambda share: rk4(self._field(up), t, y, share * self.dt)
         share = share_before(self.surface, flow, t, self.dt, crosses)
-        return rk4(self._field(~up), t + share * self.dt, flow(share), (1 - share) * self.dt)
+        end = rk4(self._field(~up), t + share * self.dt, flow(share), (1 - share) * self.dt)
+        return end, jnp.zeros_like(crosses)
 
 
 class ImpactStep(AbstractCrossingStep):
@@ -119,17 +159,77 @@ class ImpactStep(AbstractCrossingStep):
     surface: Surface
     reset: Reset
 
+    @property
+    def _rate(self) -> Surface:
+        return _along(self.field, self.surface)
+
+    @property
+    def _push(self) -> Surface:
+        """The gap's acceleration in flight, negative where the motion is pressed into the surface."""
+        return _along(self.field, self._rate)
+
     def _ahead(self, t, y):
         end = rk4(self.field, t, y, self.dt)
-        height = self.surface(t + self.dt, end)
+        return end, self._falls(t, y, t + self.dt, end)
+
+    def _falls(self, t, y, then, end):
+        height = self.surface(then, end)
         # by falling, since a state on the surface may lie below it by rounding
-        return end, (height < 0) & (height < self.surface(t, y))
+        return (height < 0) & (height < self.surface(t, y))
+
+    def _stuck(self, t, y):
+        gap, rate, push = jnp.maximum(self.surface(t, y), 0.0), jnp.abs(self._rate(t, y)), self._push(t, y)
+        pressed = push < 0
+        flight = (rate + jnp.sqrt(jnp.maximum(rate**2 - 2 * push * gap, 0.0))) / jnp.where(pressed, -push, 1.0)
+        return pressed & (flight < SHORTEST * self.dt)
 
     def _across(self, t, y, crosses):
-        flow = lambda share: rk4(self.field, t, y, share * self.dt)
-        share = share_before(self.surface, flow, t, self.dt, crosses)
-        then = t + share * self.dt
-        return rk4(self.field, then, self.reset(then, flow(share)), (1 - share) * self.dt)
+        at, left = lambda share: t + share * self.dt, lambda share: (1 - share) * self.dt
+
+        def to_event(carry):
+            # to an impact, to where a motion that sticks is released, or to the end of the step
+            share, y, stuck, _, count = carry
+            # each traced once, because tracing takes longer than all steps
+            surface = jax.jit(lambda t, y: jnp.where(stuck, self._push(t, y), self.surface(t, y)))
+            field = jax.jit(self._field(stuck))
+            flow = jax.jit(lambda part: rk4(field, at(share), y, part * left(share)))
+            end = flow(1.0)
+            released, touches = self._push(at(1.0), end) > 0, self._falls(at(share), y, at(1.0), end)
+            happens = crosses & jnp.where(stuck, released, touches)
+            part = share_before(surface, flow, at(share), left(share), happens)
+            share, y = share + part * (1 - share), flow(part)
+            y = _where(happens & ~stuck, self.reset(at(share), y), y)
+            sticks = jnp.where(stuck, ~happens, happens & self._stuck(at(share), y))
+            y = _where(sticks | stuck, self._settled(at(share), y), y)
+            return share, y, sticks, happens, count + 1
+
+        stuck = self._stuck(t, y)
+        begin = jnp.zeros_like(self.dt), _where(stuck, self._settled(t, y), y), stuck, True, 0
+        going = lambda carry: carry[3] & (carry[4] < MOST_IMPACTS)
+        _, y, stuck, lost, _ = jax.lax.while_loop(going, to_event, begin)
+        return jax.tree.map(lambda y: jnp.where(lost, jnp.nan, y), y), stuck
+
+    def _field(self, stuck):
+        return lambda t, y: _where(stuck, self._held(t, y), self.field(t, y))
+
+    def _reaction(self, t, y):
+        """The direction of impacts' changes of the state, by which the rate of the gap changes by one."""
+        slope = jax.grad(lambda y: self._rate(t, y))(y)
+        jump = jax.tree.map(jnp.subtract, jax.jvp(lambda y: self.reset(t, y), (y,), (slope,))[1], slope)
+        return jax.tree.map(lambda a: a / _dot(slope, jump), jump)
+
+    def _held(self, t, y):
+        """The field of a motion that stays on the surface."""
+        push = self._push(t, y)
+        return jax.tree.map(lambda f, d: f - push * d, self.field(t, y), self._reaction(t, y))
+
+    def _settled(self, t, y):
+        """The state on the surface and at rest across it."""
+        slope = jax.grad(lambda y: self.surface(t, y))(y)
+        share = self.surface(t, y) / _dot(slope, slope)
+        y = jax.tree.map(lambda y, s: y - share * s, y, slope)
+        rate = self._rate(t, y)
+        return jax.tree.map(lambda y, d: y - rate * d, y, self._reaction(t, y))
 
 
 class ReturnStep(eqx.Module):
@@ -145,20 +245,27 @@ class ReturnStep(eqx.Module):
         return in_both_modes(self._flight, state, k)
 
     def _flight(self, state, k):
+        start = jnp.zeros_like(self.dt)
+
         def whole_step(carry):
             i, y, risen, _ = carry
             end = rk4(self.field, i * self.dt, y, self.dt)
             height = self.surface((i + 1) * self.dt, end)
-            falls = risen & (height < 0)
+            # after a reset that does not lift off it falls at once
+            falls = (risen | (self.reset is not None)) & (height < 0)
             return jnp.where(falls, i, i + 1), _where(falls, y, end), risen | (height > 0), falls
 
         # a start on the surface lies above or below it by rounding: it must have risen before it can fall
-        begin = 0, state if self.reset is None else self.reset(jnp.zeros_like(self.dt), state), False, False
-        i, y, _, falls = jax.lax.while_loop(lambda c: (c[0] < self.most) & ~c[3], whole_step, begin)
+        if self.reset is None:
+            begin = 0, state, jnp.zeros((), bool), False
+        else:
+            state = self.reset(start, state)
+            begin = 0, state, _along(self.field, self.surface)(start, state) > 0, False
+        i, y, risen, falls = jax.lax.while_loop(lambda c: (c[0] < self.most) & ~c[3], whole_step, begin)
         t = i * self.dt
         flow = lambda share: rk4(self.field, t, y, share * self.dt)
         end = flow(share_before(self.surface, flow, t, self.dt, falls))
-        return jax.tree.map(lambda y: jnp.where(falls, y, jnp.nan), end)
+        return jax.tree.map(lambda y: jnp.where(falls & risen, y, jnp.nan), end)
 
 
 def in_both_modes(function: Callable[[Any, Any], Any], state: Any, k: Any) -> Any:
@@ -178,18 +285,32 @@ def _by_jacobian(function, state, k):
 
 @_by_jacobian.def_jvp
 def _(primals, tangents):
-    moves = jax.tree.map(lambda _, tangent: tangent is not None, primals, tangents)
-    moving, fixed = eqx.partition(primals, moves)
-    flat, unravel = ravel_pytree(moving)
-    back = ravel_pytree(primals[1])[1]  # a step gives a state of the same kind
+    moving = jax.tree.leaves(jax.tree.map(lambda _, tangent: tangent is not None, primals, tangents))
+    function, state, k = primals
+    # itself differentiated in this way, for derivatives of any order
+    value, jacobian = _by_jacobian(_Linearised(function, tuple(moving)), state, k)
+    flat, back = ravel_pytree(value)
+    return value, back((jacobian @ ravel_pytree(tangents)[0]).astype(flat.dtype))
 
-    def end(flat):
-        function, state, k = eqx.combine(unravel(flat), fixed)
-        return ravel_pytree(function(state, k))[0]
 
-    slopes = lambda direction: jax.jvp(end, (flat,), (direction,))
-    value, jacobian = jax.vmap(slopes, out_axes=(None, 1))(jnp.eye(flat.size))
-    return back(value), back(jacobian @ ravel_pytree(tangents)[0])
+class _Linearised(eqx.Module):
+    """A function's value, and its Jacobian by all numbers that are differentiated, as one matrix."""
+
+    function: Callable[[Any, Any], Any]
+    moving: tuple[bool, ...] = eqx.field(static=True)
+
+    def __call__(self, state: Any, k: Any) -> tuple[Any, Array]:
+        primals = self.function, state, k
+        moving, fixed = eqx.partition(primals, jax.tree.unflatten(jax.tree.structure(primals), self.moving))
+        flat, unravel = ravel_pytree(moving)
+
+        def end(flat):
+            function, state, k = eqx.combine(unravel(flat), fixed)
+            return function(state, k)
+
+        slopes = lambda direction: jax.jvp(end, (flat,), (direction,))
+        value, slopes = jax.vmap(slopes, out_axes=(None, 0))(jnp.eye(flat.size))
+        return value, jax.vmap(lambda slope: ravel_pytree(slope)[0], out_axes=1)(slopes)
 
 
 def switched_step(
@@ -214,8 +335,11 @@ def impact_step(
 ) -> ImpactStep:
     """Makes `step` of an oscillator with rigid stops: where `surface` falls to zero, `reset` gives the state.
 
-    The motion rebounds at the instant of the impact inside a step, at most once a step: impacts that accumulate are
-    not followed to rest.
+    The motion rebounds at the instant of each impact inside a step. Where impacts accumulate (chattering), it sticks
+    to the surface instead of a flight shorter than `SHORTEST` of a step: it comes to rest across the surface and goes
+    along it, held by a force in the direction of the impacts' changes, until the vector field pulls it off (Nordmark
+    and Piiroinen 2009, Nonlinear Dynamics 58, 85). Where `reset` does not turn a motion around, it becomes NaN. A
+    surface that is touched and left within one step is not noticed.
 
     **Arguments:**
 
@@ -237,14 +361,14 @@ def return_step(
 
     `shoot` on it finds periodic orbits of a flow without a phase condition: along the flow the map's Jacobian has the
     multiplier zero, because neighbours on one trajectory return at one point. With `reset` it is an impact map, from
-    just before an impact to just before the next.
+    just before an impact to just before the next. A motion that sticks to the surface has no next impact: NaN.
 
     **Arguments:**
 
     - `vector_field`: y' at (t, y), t from the start of a return; a forced system carries its phase in the state.
     - `surface`: a number at (t, y); where it should rise, take its negative.
     - `reset`: as for `impact_step`, at the start of each return; default none.
-    - `dt`: integration step, shorter than any flight; `most`: steps after which the state is NaN.
+    - `dt`: integration step; `most`: steps after which the state is NaN.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
@@ -254,6 +378,21 @@ def return_step(
 
 def _instants(dt, t0, steps):
     return positive("dt")(dt), finite("t0")(t0), whole("steps", steps, 1)
+
+
+def _along(field: Field, function: Surface) -> Surface:
+    """Gives the derivative in time of a number along the motions of a field."""
+
+    def derivative(t, y):
+        t = jnp.asarray(t, float)
+        rates = jax.tree.map(lambda y, rate: jnp.zeros_like(y) + rate, y, field(t, y))
+        return jax.jvp(function, (t, y), (jnp.ones_like(t), rates))[1]
+
+    return derivative
+
+
+def _dot(one, other):
+    return sum(jnp.vdot(a, b) for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True))
 
 
 def _where(which, one, other):

@@ -46,6 +46,7 @@ def shoot(
     index: Any = 0.0,
     scale: Scale | None = None,
     consistent: Consistent | None = None,
+    turns: Any = None,
     tolerance: float = 1e-10,
     max_iterations: int = 30,
 ) -> Shot:
@@ -62,6 +63,8 @@ def shoot(
     - `scale`: gives the weights of the components at a state, which the residual's components are multiplied by; a
         component of weight zero is left out. Default all one.
     - `consistent(step, proposed, mapped)`: makes proposed states consistent, see `Consistent`; default leaves them.
+    - `turns`: full turns of components that are wrapped, such as 2 pi of an angle from -pi to pi, infinite for
+        others, as a pytree like the state; default none.
     - `tolerance`: residual at which the iteration ends. `max_iterations`: it ends then in any case.
 
     **Returns:** a `Shot`; look at its `residual`, which is NaN or large where there is no such motion nearby.
@@ -74,15 +77,15 @@ def shoot(
     tolerance = number(positive, "tolerance", tolerance)
     index = finite("index")(index)
     static = count, limit, is_transformed()
-    return call_compiled(_shoot, (step, scale, consistent), static, state, index, jnp.asarray(tolerance))
+    return call_compiled(_shoot, (step, scale, consistent, turns), static, state, index, jnp.asarray(tolerance))
 
 
 def _shoot(functions, static, state, index, tolerance):
-    (step, scale, consistent), (intervals, limit, differentiable) = functions, static
+    (step, scale, consistent, turns), (intervals, limit, differentiable) = functions, static
 
     def motions(step, scale, consistent, index):
         # of one map, without parameters
-        return PeriodicMotions(lambda: step, state, jnp.zeros(0), scale, index, intervals, consistent)
+        return PeriodicMotions(lambda: step, state, jnp.zeros(0), scale, index, intervals, consistent, turns=turns)
 
     # the iteration itself is not differentiated
     constant, guess = without_derivatives(((step, scale, consistent, index), ravel_pytree(state)[0]))
@@ -97,27 +100,39 @@ def _shoot(functions, static, state, index, tolerance):
     return Shot(exact.state(z), root.residual, root.iterations, matrices)
 
 
-def minimal_period(step: Step, state: Any, intervals: int, *, index: Any = 0.0, scale: Scale | None = None) -> Any:
+def minimal_period(
+    step: Step, state: Any, intervals: int, *, index: Any = 0.0, scale: Scale | None = None, turns: Any = None
+) -> Any:
     """Computes the residuals of a motion that recurs after `intervals` intervals, after each of its divisors. Pure.
+
+    **Arguments:** as for `shoot`.
 
     **Returns:** a dict of residuals, as in `Shot`, by divisor; the first that is small is the minimal period.
     """
     count = whole("intervals", intervals, 1)
-    return call_compiled(_residuals, (step, scale), (count,), check_state(state), finite("index")(index))
+    return call_compiled(_residuals, (step, scale, turns), (count,), check_state(state), finite("index")(index))
 
 
 def _residuals(functions, static, state, index):
-    step, scale = functions
+    step, scale, turns = functions
     flat, _ = ravel_pytree(state)
     weights = weights_of(state, scale)
     weights = jnp.ones(flat.size) if weights is None else weights
 
     def interval(s, k):
         s = step(s, k)
-        return s, weighted_size(ravel_pytree(s)[0] - flat, weights)
+        return s, weighted_size(_missed(ravel_pytree(s)[0], flat, turns), weights)
 
     residuals = jax.lax.scan(interval, state, index + jnp.arange(float(static[0])))[1]
     return {n: residuals[n - 1] for n in range(1, static[0] + 1) if static[0] % n == 0}
+
+
+def _missed(end: Array, start: Array, turns: Any) -> Array:
+    """Gives the change of a state, without full turns of wrapped components."""
+    if turns is None:
+        return end - start
+    turns = ravel_pytree(turns)[0]
+    return end - start - jnp.where(jnp.isfinite(turns), turns * jnp.round((end - start) / turns), 0.0)
 
 
 Family = Callable[..., Step]
@@ -145,6 +160,8 @@ class PeriodicMotions(AbstractEquations):
     """Makes proposed states consistent, see `Consistent`; None leaves them."""
     lengths: Any = 1.0
     """Divisors of the state's weights in the length of a curve, infinite for components that do not count."""
+    turns: Any = None
+    """Full turns of wrapped components, as for `slipperjax.analysis.shoot`."""
 
     @property
     def size(self) -> int:
@@ -184,7 +201,7 @@ class PeriodicMotions(AbstractEquations):
 
         end, matrices = linearise(step, z, self.intervals, index=self.index)
         jacobian = product(matrices)[:size] - jnp.eye(size, z.size)
-        return Linearisation(end[:size] - z[:size], jacobian, matrices[:, :size, :size])
+        return Linearisation(_missed(end[:size], z[:size], self.turns), jacobian, matrices[:, :size, :size])
 
     def weights(self, z: Array) -> tuple[Array, Array]:
         weights = weights_of(self.state(z), self.scale)

@@ -327,7 +327,8 @@ class _Run:
         multipliers = np.array([node.multipliers for node in nodes])
         # at a bifurcation rounding decides on which side the critical multiplier lies
         critical = np.array([node.label in BIFURCATIONS for node in nodes])
-        outside = np.sum(np.abs(multipliers) > 1 + CRITICAL_DISTANCE * critical[:, None], axis=1)
+        near = [np.maximum(node.margins, CRITICAL_DISTANCE * (node.label in BIFURCATIONS)) for node in nodes]
+        outside = np.sum(np.abs(multipliers) > 1 + np.array(near), axis=1)
         call = {
             "function": "continue_orbit",
             "parameter": self.varied.name,
@@ -343,7 +344,7 @@ class _Run:
         signatures = [view.signature for view in views]
         data = {
             "tangent": along([spot.tangent for spot in spots], "direction of the branch", "number_and_parameter"),
-            "stable": along((outside == 0) & ~critical, "whether all multipliers lie inside the unit circle"),
+            "stable": along((outside == 0) & ~critical, "whether no multiplier lies outside the unit circle"),
             "iterations": along([spot.iterations for spot in spots], "iterations of Newton's method"),
             "label": along([node.label for node in nodes], EVENT_COLUMNS["label"][1]),
             "signature": along([" ".join(s.points) for s in signatures], "touchdowns in their order"),

@@ -22,7 +22,7 @@ from ..analysis.critical import (
 )
 from ..analysis.curves import Pace
 from ..analysis.events import CRITICAL_DISTANCE
-from ..analysis.floquet import multipliers
+from ..analysis.floquet import circle_error, multipliers
 from ..analysis.shooting import PeriodicMotions
 from ..analysis.step_error import with_step_error
 from ..flow.datasets import load_call, scene_attributes, varied_names
@@ -335,8 +335,9 @@ def continue_event(
         own parameter, default those of the branch.
     - `points`: most points of each way. `progress`: shows a bar.
 
-    **Returns:** an `OrbitCurve`. It ends where it meets a bound, or where no step converges, also with `RELAXED`: at
-    a grazing the multipliers' second derivatives jump.
+    **Returns:** an `OrbitCurve`. It ends where it meets a bound, where the pair of a Neimark-Sacker becomes real
+    ("strong resonance 1:1" or 1:2), or where no step converges, also with `RELAXED`: at a grazing the multipliers'
+    second derivatives jump.
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C,
     with the curve until then as its `result`.
@@ -387,4 +388,4 @@ def _outside(mu: np.ndarray, label: str) -> int:
     pair = _nearest_to_circle(mu[mu.imag >= 0]) if label == "NS" else 1j
     values = {"LP": [1], "PD": [-1], "NS": [pair, np.conj(pair)], "GR": []}[label]
     critical = [int(np.argmin(np.abs(mu - value))) for value in values]
-    return int(np.sum(np.abs(np.delete(mu, critical)) > 1 + CRITICAL_DISTANCE))
+    return int(np.sum(np.abs(np.delete(mu, critical)) > 1 + max(CRITICAL_DISTANCE, float(circle_error(mu)))))

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..analysis.floquet import multipliers
+from ..analysis.floquet import circle_error, multipliers
 from ..analysis.newton import without_derivatives
 from ..analysis.shooting import Shot, minimal_period, shoot
 from ..flow.period_map import PeriodMap, tangent_weights
@@ -78,8 +78,8 @@ class PeriodicOrbit(eqx.Module):
 
     @property
     def stable(self) -> Any:
-        """True where all multipliers lie inside the unit circle."""
-        inside = abs(self.multipliers[..., 0]) < 1
+        """True where no multiplier lies outside the unit circle by more than its error, see `circle_error`."""
+        inside = abs(self.multipliers[..., 0]) <= 1 + circle_error(self.multipliers)
         return inside if is_traced(inside) else bool(np.all(inside))
 
     @property

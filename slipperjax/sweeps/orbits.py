@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from ..analysis.floquet import multipliers
+from ..analysis.floquet import circle_error, multipliers
 from ..analysis.newton import LEAST_FALL
 from ..flow.period_map import advance, batch_jacobians, tangent_weights
 from ..flow.record import Labelled, RecordSet, attributes
@@ -197,8 +197,8 @@ class Orbits(NamedTuple):
 
     @property
     def stable(self) -> np.ndarray:
-        """Whether all multipliers lie inside the unit circle."""
-        return np.abs(self.multipliers[:, 0]) < 1
+        """Whether all multipliers lie inside the unit circle by more than their errors: the orbit attracts."""
+        return np.abs(self.multipliers[:, 0]) < 1 - circle_error(self.multipliers)
 
 
 def find_orbits(
@@ -380,7 +380,11 @@ class NearestOrbit(ContinuedRecord):
             "multiplier_real": (over, mu.real, label("1", "Floquet multipliers, real parts")),
             "multiplier_imag": (over, mu.imag, label("1", "Floquet multipliers, imaginary parts")),
             "orbit_exponent": (dims, exponent, label("1/period", "ln of the largest multiplier's modulus")),
-            "stable": (dims, largest < 1, {"long_name": "whether all multipliers lie inside the unit circle"}),
+            "stable": (
+                dims,
+                largest <= 1 + circle_error(mu),
+                {"long_name": "whether no multiplier lies outside the unit circle"},
+            ),
             "residual": (dims, residual, label("1", "scaled residual")),
             "iterations": (dims, iterations, label("1", "iterations of Newton's method")),
         }, {"coordinate": list(COORDINATES)}

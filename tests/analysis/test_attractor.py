@@ -186,6 +186,25 @@ def test_noise_is_not_chaos(states):
     assert abs(result.growth) < 0.1  # found: -0.004 and 0.002; -0.03 to 0.07 with other seeds
 
 
+@pytest.mark.parametrize("middle", [np.pi, 1.0])
+def test_wrapped_angles_recur_across_their_cut(middle):
+    """A damped pendulum in steps about `middle`: at pi rounding decides on which side of the cut it is seen."""
+    states = np.zeros((600, 2))
+    states[0] = middle - 0.5, 0.1
+    for k in range(1, 600):
+        speed = 0.9 * states[k - 1, 1] - 0.5 * np.sin(states[k - 1, 0] - middle)
+        states[k] = (states[k - 1, 0] + speed + np.pi) % (2 * np.pi) - np.pi, speed
+    ends = states[400:]
+    for scales in (None, (1.0, 0.1)):
+        found = classify(ends, scales=scales, turns=(2 * np.pi, np.inf))
+        assert (found.kind, found.period) == ("period", 1)
+    apart = recurrence(ends, scales=(1.0, 1.0), turns=(2 * np.pi, np.inf), max_period=4)
+    assert np.nanmax(apart) < 1e-5
+    # a motion that goes round, of period 5
+    rounds = np.stack([(0.4 * np.pi * np.arange(200) + 0.1) % (2 * np.pi), np.ones(200)], axis=1)
+    assert classify(rounds, turns=(2 * np.pi, np.inf)).period == 5
+
+
 def test_recurrence():
     x = np.arange(6.0)[:, None] * [1.0, 4.0]
     out = recurrence(x, scales=[1.0, 2.0], max_period=8)

@@ -149,9 +149,27 @@ def test_a_curve_of_neimark_sackers_ends_at_a_strong_resonance():
     found = curve("NS", 0.25, (4.5, 2.5), ((3.0, 8.0), (1.0, 6.0)), delayed, angle=2.4)
     r, c, angle = (column(found.spots, k) for k in (2, 3, 4))
     np.testing.assert_allclose(r, 2 + c, rtol=0, atol=1e-6)  # measured: 5e-8, at the end, where it is ill-conditioned
-    assert found.ended == ("bound", "no convergence")
+    assert found.ended == ("bound", "strong resonance 1:2")
     assert abs(c[-1] - 3) < 1e-5  # measured: 6e-7
     assert abs(angle[-1] - np.pi) < 1e-2  # measured: 8e-4
+
+
+def test_a_curve_of_neimark_sackers_does_not_go_on_as_one_of_folds_or_flips():
+    """In a generalised Hénon map b is the product of both multipliers."""
+    family = lambda a, b: lambda s, k: jnp.stack([s[1], a - b * s[0] - s[1] ** 2])
+    x = np.sqrt(2) - 1
+    found = continue_critical(
+        CriticalMotions.of(PeriodicMotions(family, jnp.zeros(2), jnp.ones(2)), "NS"),
+        jnp.array([x, x]),
+        (1.0, 1.0),
+        ((-2.0, 5.0), (0.0, 2.0)),
+        angle=np.arccos(-x),
+    )
+    assert found.ended == ("strong resonance 1:1", "strong resonance 1:2")
+    a, b, angle = (column(found.spots, k) for k in (2, 3, 4))
+    np.testing.assert_allclose(b, 1.0, rtol=0, atol=1e-8)  # measured: 4e-10
+    np.testing.assert_allclose(a, np.cos(angle) ** 2 - 2 * np.cos(angle), rtol=0, atol=1e-8)  # measured: 5e-10
+    np.testing.assert_allclose(a[[0, -1]], [-1.0, 3.0], rtol=0, atol=1e-5)  # measured: 2e-6
 
 
 class Conic(eqx.Module):

@@ -10,6 +10,7 @@ from scipy.optimize import root
 from slipperjax.analysis.continuation import continue_motion
 from slipperjax.analysis.curves import Pace, Spot
 from slipperjax.analysis.events import EventSearch, Node, Observation
+from slipperjax.analysis.floquet import rounding_errors
 
 from .systems import Polynomial, Stopped, follow, labels, motions, one_touch, only, where
 
@@ -197,3 +198,110 @@ def test_an_event_whose_condition_jumps_is_kept_but_not_converged():
     assert not found.converged
     assert found.low <= 0.3 <= found.high
     assert found.high - found.low < 1e-6
+
+
+def kicked(kick):
+    """An area-preserving map over a parameter: a momentum that is kicked, and a place that it moves."""
+
+    def family(p):
+        def step(s, k):
+            momentum = s[1] + kick(s[0], p)
+            return jnp.stack([s[0] + momentum, momentum])
+
+        return step
+
+    return family
+
+
+STANDARD = kicked(lambda x, p: p * jnp.sin(x))
+
+
+def test_the_standard_maps_fixed_point_is_neutral_up_to_its_flip():
+    branch = follow(STANDARD, [np.pi, 0.0], 0.5, (0.5, 5.0))
+    assert labels(branch) == ["EP", "PD", "EP"]
+    assert abs(where(only(branch, "PD")) - 4) < 1e-10  # measured: 1e-12
+    np.testing.assert_array_equal(branch.stable, branch.values < 4 + 1e-9)
+    # driven by it, a motion that is damped has its multipliers, though the map is not conservative
+    driven = lambda p: lambda s, k: jnp.append(now := STANDARD(p)(s[:2], k), 0.5 * s[2] + 0.1 * now[1])
+    branch = follow(driven, [np.pi, 0.0, 0.0], 0.5, (0.5, 5.0))
+    assert labels(branch) == ["EP", "PD", "EP"]
+    assert abs(where(only(branch, "PD")) - 4) < 1e-10  # measured: 3e-15
+
+
+def leapfrog(force, s, t, h):
+    """Conserves areas to rounding."""
+    x = s[0] + h / 2 * s[1]
+    v = s[1] + h * force(x, t + h / 2)
+    return jnp.stack([x + h / 2 * v, v])
+
+
+def heun(force, s, t, h):
+    """Makes areas grow by its error."""
+    one = jnp.stack([s[1], force(s[0], t)])
+    end = s + h * one
+    return s + h / 2 * (one + jnp.stack([end[1], force(end[0], t + h)]))
+
+
+@pytest.mark.parametrize(("method", "steps", "least", "most"), [(leapfrog, 60, 0.0, 1e-14), (heun, 400, 1e-8, 2e-7)])
+@pytest.mark.parametrize("swing", [jnp.sin, lambda x: x + x**3])
+def test_an_undamped_oscillator_is_neutral_to_the_error_of_its_integration(swing, method, steps, least, most):
+    def family(w):
+        h, force = 2 * jnp.pi / w / steps, lambda x, t: 0.1 * jnp.cos(w * t) - swing(x)
+        step = lambda s, i: (method(force, s, i * h, h), None)
+        return lambda s, k: jax.lax.scan(step, s, jnp.arange(float(steps)))[0]
+
+    branch = follow(family, [-0.03, 0.0], 2.3, (2.1, 3.2))
+    assert labels(branch) == ["EP", "EP"]
+    assert np.all(branch.stable)
+    off = [abs(mu) - 1 for node in branch.nodes for mu in node.multipliers]
+    assert least < max(off) < most
+
+
+def test_folds_and_branch_points_of_area_preserving_maps():
+    fold = follow(kicked(lambda x, p: p - x**2), [0.5, 0.0], 0.25, (-1.0, 1.0))
+    assert labels(fold) == ["EP", "LP", "EP"]
+    assert abs(where(only(fold, "LP"))) < 1e-10  # measured: 2e-19
+    # a pair of multipliers meets at +1, where the moduli have a corner
+    pitchfork = follow(kicked(lambda x, p: p * x - x**3), [0.0, 0.0], -0.5, (-1.0, 1.0))
+    assert labels(pitchfork) == ["EP", "BP", "EP"]
+    assert abs(where(only(pitchfork, "BP"))) < 1e-10  # measured: 3e-19
+    np.testing.assert_array_equal(pitchfork.stable, pitchfork.values < 1e-9)
+
+
+def test_pairs_that_meet_on_the_circle_and_leave_it():
+    """Two oscillators of energies of opposite sign, coupled by c: 2 - mu - 1/mu is 1.15 +- (0.15^2 - c^2)^(1/2)."""
+
+    def family(c):
+        def step(s, k):
+            x, y, p, q = s
+            p, q = p - x - c * y, q + 1.3 * y - c * x
+            return jnp.stack([x + p, y - q, p, q])
+
+        return step
+
+    branch = follow(family, [0.0] * 4, 0.01, (0.0, 0.3))
+    assert labels(branch) == ["EP", "NS", "EP"]
+    assert abs(where(only(branch, "NS")) - 0.15) < 1e-9  # measured: 1e-11
+    np.testing.assert_array_equal(branch.stable, branch.values < 0.15 + 1e-9)
+
+
+def test_errors_by_rounding_follow_the_condition_of_multipliers():
+    # a double multiplier has the root of the error
+    double = np.array([[[1.0, 1.0], [0.0, 1.0]]])
+    assert 1e-8 < rounding_errors(np.linalg.eigvals(double[0]), double).min() < 1e-6
+    turn = np.array([[[np.cos(1.0), -np.sin(1.0)], [np.sin(1.0), np.cos(1.0)]]])
+    assert rounding_errors(np.linalg.eigvals(turn[0]), turn).max() < 1e-13
+    # units make no difference
+    scaled = turn * np.array([[1.0, 1e6], [1e-6, 1.0]])
+    assert rounding_errors(np.linalg.eigvals(scaled[0]), scaled).max() < 1e-13
+    assert np.all(rounding_errors(np.ones(2), turn * np.nan) < 1e-13)
+
+
+@pytest.mark.parametrize(
+    ("angle", "name"), [(0.03, "1:1"), (2.088, "1:3"), (1.58, "1:4"), (3.13, "1:2"), (0.4, ""), (1.0, ""), (2.5, "")]
+)
+def test_a_neimark_sacker_beside_a_strong_resonance_is_told(angle, name):
+    turn = jnp.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    branch = follow(lambda p: lambda s, k: (1 + p) * turn @ s, [0.0, 0.0], -0.1, (-0.2, 0.2))
+    note = only(branch, "NS").note
+    assert note == (f"near the strong resonance {name}: a torus need not branch off" if name else "")

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from slipperjax.analysis.floquet import floquet, jacobians, multipliers
-from slipperjax.analysis.hybrid import impact_step, return_step
+from slipperjax.analysis.hybrid import impact_step, return_step, share_before
 from slipperjax.analysis.shooting import shoot
 
-from .systems import Stopped
+from .systems import Stopped, rk4
 
 DAMPING, FREQUENCY, GAP, RESTITUTION = 0.1, 2.2, 0.15, 0.8
 PERIOD = 2 * np.pi / FREQUENCY
@@ -83,6 +83,180 @@ def test_flights_of_a_ball_from_impact_to_impact():
     step = return_step(ball, lambda t, s: s[0], lambda t, s: s * jnp.array([1.0, -0.8, 1.0]), dt=0.01)
     state = step(jnp.array([0.0, -3.0, 0.0]), 0.0)
     np.testing.assert_allclose(state, [0.0, -2.4, 2 * 2.4 / 9.81], atol=1e-13)
+
+
+GRAVITY = 9.81
+BOTH_MODES = [(one, other) for one in (jax.jacfwd, jax.jacrev) for other in (jax.jacfwd, jax.jacrev)]
+
+
+def falling(restitution, dt, steps, make=impact_step):
+    """A ball above a floor; the second form carries the time."""
+    field = lambda t, s: jnp.stack([s[1], -GRAVITY * jnp.ones_like(s[1])])
+    rebound = lambda t, s: jnp.stack([s[0], -restitution * s[1]])
+    return make(field, lambda t, s: s[0], rebound, dt=dt, **({"steps": steps} if make is impact_step else {}))
+
+
+def bounced(state, restitution, time):
+    """The state of the ball after one rebound, in closed form."""
+    speed = jnp.sqrt(state[1] ** 2 + 2 * GRAVITY * state[0])
+    left, up = time - (state[1] + speed) / GRAVITY, restitution * speed
+    return jnp.stack([up * left - GRAVITY * left**2 / 2, up - GRAVITY * left])
+
+
+def cubics():
+    """Coefficients, the lowest first, of gaps that end below zero: falling, rising first, turning, from zero."""
+    random = np.random.default_rng(0)
+    start = np.concatenate([10.0 ** random.uniform(-12, 0, 300), np.zeros(100), -1e-17 * random.uniform(0, 1, 100)])
+    slope = random.normal(size=500) * 10.0 ** random.uniform(-3, 1, 500)
+    slope[300:] = np.abs(slope[300:])
+    square = random.normal(size=500) * 10.0 ** random.uniform(-3, 1, 500)
+    end = -(10.0 ** random.uniform(-9, 1, 500))
+    return np.stack([start, slope, square, end - start - slope - square], axis=1)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_instant_of_a_crossing_is_where_the_gap_goes_to_its_sign_at_the_end(sign):
+    gap = lambda c: lambda t, x: sign * (c[0] + c[1] * x + c[2] * x**2 + c[3] * x**3)
+    found = jax.jit(jax.vmap(lambda c: share_before(gap(c), lambda x: x, 0.0, 1.0, jnp.asarray(True))))
+    coefficients = cubics()
+    shares, kinds = np.asarray(found(coefficients)), set()
+    for c, share in zip(coefficients, shares, strict=True):
+        slope = np.polyder(np.poly1d(c[::-1]))
+        roots = np.roots(c[::-1])
+        real = roots[np.abs(roots.imag) < 1e-9].real
+        # a start on the surface, from which the gap rises, is not looked for
+        falls = [x for x in real if (1e-13 if c[0] <= 0 else 0) < x <= 1 + 1e-9 and slope(x) < 0]
+        if not falls:
+            continue  # a double root
+        kinds.add((slope(0) > 0, c[0] <= 0, len(falls)))
+        # rounding of the cubic over its slope
+        rounding = 1e-15 * np.abs(c).sum() / -slope(min(falls, key=lambda x: abs(x - share)))
+        assert min(abs(x - share) for x in falls) <= 10 * rounding + 1e-13, (c, share, falls)
+    assert {(True, True, 1), (True, False, 1), (False, False, 1)} <= kinds
+
+
+def test_a_gap_that_nearly_touches_before_it_crosses_and_one_that_does_not_cross():
+    touching = lambda t, x: ((x - 0.5) ** 2 + 1e-6) * (0.75 - x)
+    share = share_before(touching, lambda x: x, 0.0, 1.0, jnp.asarray(True))
+    np.testing.assert_allclose(share, 0.75, atol=1e-13)  # measured: 0
+    share, slope = jax.value_and_grad(lambda a: share_before(lambda t, x: a, lambda x: x, 0.0, 1.0, a < 0))(1.0)
+    assert (share, slope) == (1.0, 0.0)
+
+
+@pytest.mark.parametrize("modes", BOTH_MODES)
+@pytest.mark.parametrize("numbers", [(1e-4, 0.1, 0.15), (0.0, 0.05, 0.15), (0.1, -0.05, 0.2), (0.1, -0.3, -0.1)])
+def test_derivatives_of_an_instant_to_second_order(modes, numbers):
+    exact = lambda n: (n[1] + jnp.sqrt(n[1] ** 2 + 4 * n[2] * n[0])) / (2 * n[2])
+    found = lambda n: share_before(
+        lambda t, x: n[0] + n[1] * x - n[2] * x**2, lambda x: x, 0.0, 1.0, jnp.asarray(True)
+    )
+    numbers, (one, other) = jnp.array(numbers), modes
+    np.testing.assert_allclose(found(numbers), exact(numbers), rtol=1e-14)  # measured: 2e-16
+    np.testing.assert_allclose(one(found)(numbers), one(exact)(numbers), rtol=1e-12)  # measured: 1e-15
+    twice = [jax.jit(one(other(f)))(numbers) for f in (found, exact)]
+    np.testing.assert_allclose(*twice, rtol=1e-12, atol=1e-10)  # measured: 5e-13 where it is 1e3
+
+
+def test_a_ball_that_rises_first_rebounds_in_its_step():
+    state = jnp.array([1e-4, 0.1])
+    end = falling(0.8, 0.03, 1)(state, 0.0)
+    np.testing.assert_allclose(end, [0.390e-3, 0.00257], rtol=2e-3)
+    np.testing.assert_allclose(end, bounced(state, 0.8, 0.03), atol=1e-15)  # measured: 2e-17
+
+
+@pytest.mark.parametrize("modes", BOTH_MODES)
+def test_second_derivatives_of_a_motion_through_an_impact(modes):
+    state, (one, other) = jnp.array([0.1, -1.0]), modes
+    step = falling(0.8, 0.03, 5)
+    found = jax.jit(one(other(lambda s: step(s, 0.0))))(state)
+    np.testing.assert_allclose(
+        found, jax.hessian(lambda s: bounced(s, 0.8, 0.15))(state), rtol=1e-12
+    )  # measured: 6e-16
+
+
+@pytest.mark.parametrize(("dt", "restitution"), [(1e-3, 0.5), (0.01, 0.9), (0.07, 0.5), (0.01, 0.0)])
+def test_a_ball_comes_to_rest_on_the_floor_and_never_passes_it(dt, restitution):
+    speed = np.sqrt(2 * GRAVITY)
+    rest = (speed + 2 * restitution * speed / (1 - restitution)) / GRAVITY  # when its impacts have accumulated
+    step = falling(restitution, dt, 1)
+    ahead = lambda s, k: (lambda end: (end, end))(step(s, k))
+    _, states = eqx.filter_jit(lambda s: jax.lax.scan(ahead, s, jnp.arange(float(np.ceil(rest / dt) + 50))))(
+        jnp.array([1.0, 0.0])
+    )
+    assert np.all(states[:, 0] > -1e-15)  # measured: -2e-18
+    resting = dt * (np.arange(len(states)) + 1) > rest
+    np.testing.assert_allclose(states[resting], 0.0, atol=1e-15)  # measured: 0
+    # before, of flights longer than a step
+    moving = dt * (np.arange(len(states)) + 1) < speed / GRAVITY * (1 + 2 * restitution)
+    moving &= dt * (np.arange(len(states)) + 1) > speed / GRAVITY
+    exact = jax.vmap(lambda time: bounced(jnp.array([1.0, 0.0]), restitution, time))
+    if restitution:
+        times = dt * (np.arange(len(states))[moving] + 1)
+        np.testing.assert_allclose(states[moving], exact(times), atol=1e-12)  # measured: 3e-14
+    rounding = jax.jacfwd(lambda s: step(s, 0.0))(jnp.zeros(2))
+    np.testing.assert_array_equal(rounding, 0.0)  # at rest all neighbours come to the same
+
+
+def shaken(dt, steps, restitution=0.3):
+    """A ball on a table that shakes by 1.5 times its weight: held, thrown off, caught."""
+    amplitude, frequency = 1.5 * GRAVITY / (2 * np.pi * 5) ** 2, 2 * np.pi * 5
+    field = lambda t, s: jnp.stack([s[1], -GRAVITY * jnp.ones_like(s[1])])
+    table = lambda t: (amplitude * jnp.sin(frequency * t), amplitude * frequency * jnp.cos(frequency * t))
+    rebound = lambda t, s: jnp.stack([s[0], (1 + restitution) * table(t)[1] - restitution * s[1]])
+    return impact_step(field, lambda t, s: s[0] - table(t)[0], rebound, dt=dt, steps=steps), table, frequency
+
+
+@pytest.mark.parametrize("steps", [40, 67, 400])
+def test_a_ball_on_a_shaking_table_is_thrown_off_where_its_weight_no_longer_holds_it(steps):
+    step, table, frequency = shaken(0.2 / steps, 1)
+    off = np.arcsin(1 / 1.5) / frequency
+    ahead = lambda s, k: (lambda end: (end, end))(step(s, k))
+    held = jnp.array([0.0, table(0.0)[1]])  # moving with the table
+    times = 0.2 / steps * (1 + np.arange(steps))
+    _, states = eqx.filter_jit(lambda s: jax.lax.scan(ahead, s, jnp.arange(float(steps))))(held)
+    place, speed = table(off)
+    thrown = lambda left: jnp.stack([place + speed * left - GRAVITY * left**2 / 2, speed - GRAVITY * left])
+    free = (times > off) & (times < 0.1)
+    np.testing.assert_allclose(states[free], jax.vmap(thrown)(times[free] - off), atol=1e-14)  # measured: 9e-16
+    on = np.stack(table(times[times < off]), axis=1)
+    np.testing.assert_allclose(states[times < off], on, atol=1e-15)  # measured: 6e-17
+    assert np.all(states[:, 0] - table(times)[0] > -1e-15)
+
+
+def test_a_bead_stays_on_the_inside_of_a_ring():
+    """Pressed into a curved surface it slides along that as a pendulum does."""
+    field = lambda t, s: jnp.stack([s[2], s[3], 0 * s[0], 0 * s[0] - GRAVITY])
+    gap = lambda t, s: 1 - jnp.sqrt(s[0] ** 2 + s[1] ** 2)
+
+    def rebound(t, s):
+        across = (s[0] * s[2] + s[1] * s[3]) / (s[0] ** 2 + s[1] ** 2)
+        return s - 1.5 * across * jnp.stack([0 * s[0], 0 * s[0], s[0], s[1]])
+
+    step = impact_step(field, gap, rebound, dt=0.01, steps=100)
+    end = eqx.filter_jit(step)(jnp.array([np.sin(1.0), -np.cos(1.0), 0.0, 0.0]), 0.0)
+    pendulum = lambda s, t: jnp.stack([s[1], -GRAVITY * jnp.sin(s[0])])
+    angle, turn = rk4(pendulum, jnp.array([1.0, 0.0]), 1.0, 2000)
+    exact = [np.sin(angle), -np.cos(angle), turn * np.cos(angle), turn * np.sin(angle)]
+    np.testing.assert_allclose(end, exact, atol=1e-6)  # measured: 7e-8, of RK4
+    assert gap(0.0, end) > -1e-15
+
+
+def test_a_reset_that_never_turns_the_motion_gives_nan():
+    field = lambda t, s: jnp.stack([s[1], -GRAVITY * jnp.ones_like(s[1])])
+    step = impact_step(field, lambda t, s: s[0], lambda t, s: s, dt=0.1, steps=5)
+    assert np.all(np.isnan(eqx.filter_jit(step)(jnp.array([0.1, 0.0]), 0.0)))
+
+
+def test_flights_shorter_than_a_step_are_flights():
+    step = falling(0.5, 0.01, None, return_step)
+    state, ahead = jnp.array([0.0, -1.0]), jax.jit(lambda s: step(s, 0.0))
+    for k in range(40):
+        state = ahead(state)
+        np.testing.assert_allclose(state[1], -(0.5 ** (k + 1)), rtol=1e-12)  # measured: 1e-14
+    slope = jax.jit(jax.jacfwd(lambda s: step(s, 0.0)))(jnp.array([0.0, -1e-3]))
+    np.testing.assert_allclose(slope[1, 1], 0.5, rtol=1e-12)  # measured: 4e-16
+    plastic = falling(0.0, 0.01, None, return_step)
+    assert np.all(np.isnan(plastic(jnp.array([0.0, -1.0]), 0.0)))  # there is no next impact
 
 
 def test_wrong_arguments_are_named():
