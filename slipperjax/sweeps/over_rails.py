@@ -111,7 +111,9 @@ def _same_rails(finer: xr.DataArray, rows: xr.DataArray, dim: str) -> tuple[np.n
     """
     instance("finer", finer, xr.DataArray, "an xarray.DataArray of a sweep")
     alike = set(finer.dims) == set(rows.dims)
-    require(alike, "finer", f"have the dimensions {', '.join(map(str, rows.dims))}", shown=", ".join(finer.dims))
+    require(
+        alike, "finer", f"have the dimensions {', '.join(map(str, rows.dims))}", shown=", ".join(map(str, finer.dims))
+    )
     fine = finer.transpose(*rows.dims)
     places = [np.flatnonzero(rows[dim].values == number) for number in fine[dim].values]
     good = all(len(found) == 1 for found in places) and fine.shape[1:] == rows.shape[1:]
