@@ -106,8 +106,8 @@ def report(ds: Any, scene: Any, units: Mapping[str, str] = UNITS) -> str:
         ):
             k = int(np.argmax(values))
             lines.append(f"worst {words}: {in_unit(values[k])} from {from_to(edges[k], edges[k + 1])}")
-    if "probe_error" in ds:
-        lines.append(step_error(scene, ds["probe_error"].values))
+        if "probe_error" in ds:
+            lines.append(step_error(scene, ds["probe_error"].values))
     return "\n".join([*lines, f"status: {status}"])
 
 

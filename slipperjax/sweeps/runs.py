@@ -342,8 +342,7 @@ def _run_windows(
         if k in probes.stretches:
             now = _opened(scenes, carry[count].play) if wears else scenes
             over = dict(used=jnp.asarray(float(probes.windows)), periods=capacity_for(probes.windows))
-            change = half_step_change(now, states, epoch + k * STRETCH, steps, solver=plan.solver, **over)
-            errors.append(change[:cases])
+            errors.append(half_step_change(now, states, epoch + k * STRETCH, steps, solver=plan.solver, **over))
         options: dict[str, Any] = dict(solver=plan.solver, periods=STRETCH, records=looked_at, earlier=carry)
         passed = advance(scenes, states, epoch + k * STRETCH, stepping, used=jnp.asarray(float(used)), **options)
         # records of a stretch begin anew with the next one, and those of the whole run go on
@@ -366,11 +365,11 @@ def _run_windows(
     if judged:
         limit = most_stability_number(plan.solver)
         status = np.asarray(judged_by_contacts(scenes, jnp.asarray(status), carry[-1], limit))
-    probe = np.stack(errors, axis=1) if errors else np.empty((cases, 0))
+    probe = np.stack(errors, axis=1) if errors else np.empty((len(status), 0))
     if errors:
-        status[:cases] = with_accuracy(status[:cases], probe.max(axis=1))
+        status = with_accuracy(status, probe.max(axis=1))
     play = np.stack(plays, axis=1) if plays else None
-    return _Results(states, status, tuple(arrays), np.stack(marks, axis=1), play, probe)
+    return _Results(states, status, tuple(arrays), np.stack(marks, axis=1), play, probe[:cases])
 
 
 def _dataset(

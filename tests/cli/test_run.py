@@ -90,6 +90,8 @@ def test_a_run_is_written_drawn_and_told(file, tmp_path, capsys):
     assert numbers(text, r"RMS of a_z: (..) m/s\^2 \((..) g\) from 0 to 80 m") == pytest.approx(
         [rms, rms / 9.80665], rel=1e-2
     )
+    error = float(ds["probe_error"].max())
+    assert numbers(text, "half the step changes a period by (..) \\(unit: 1 mm") == pytest.approx([error], rel=0.1)
     assert text.endswith("status: finite\n")
 
     assert {name for name in ds.variables if f"`{name}`" not in DOCS} == set()
