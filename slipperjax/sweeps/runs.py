@@ -233,7 +233,7 @@ def _records(scene: Scene, record: Any) -> list[AbstractRecord]:
 
 
 def _step_profiles(
-    cases: Cases, begin: float, window: float, windows: int, steps_per_period: int | None, refine: int
+    cases: Cases, begin: float, window: float, windows: int, steps_per_period: int | None, refine: int = 1
 ) -> Int[np.ndarray, "cases stretches"]:
     """Returns the integration steps in a window of each case and stretch."""
     stretches = -(-windows // STRETCH)

@@ -47,7 +47,8 @@ def test_the_peak_does_not_depend_on_the_saves_and_converges_in_the_step(stiffne
     few, many, exact = (
         over_periods(first(run(scene).loads, 2)) for run in (lambda s: probed(s, STEPS), fine, finest)
     )
-    np.testing.assert_array_equal(few.peak_force, many.peak_force)
+    # measured 3e-14 at one of the three: sums are reassociated differently in another program
+    np.testing.assert_allclose(few.peak_force, many.peak_force, rtol=1e-11)
     at = np.unravel_index(np.argmax(exact.peak_force), exact.peak_force.shape)
     assert np.argmax(many.peak_force) == np.argmax(exact.peak_force)
     # measured: 1e-6, 2e-5, 3e-4
