@@ -44,9 +44,9 @@ def survey():
 
 
 RAILS = {
-    "sled": sj.RandomTrack.sled(length=900.0),
-    "german": sj.RandomTrack.german("low", length=900.0),
-    "survey": survey(),
+    "sled": lambda: sj.RandomTrack.sled(length=900.0),
+    "german": lambda: sj.RandomTrack.german("low", length=900.0),
+    "survey": survey,
 }
 
 
@@ -73,7 +73,7 @@ COUNTS = [
 
 
 def scene_of(rail, speed, restitution):
-    return dataclasses.replace(sj.paper_scene(speed, restitution=restitution), track=RAILS[rail])
+    return dataclasses.replace(sj.paper_scene(speed, restitution=restitution), track=RAILS[rail]())
 
 
 def ensemble(rail, speed, restitution, steps, seeds):
