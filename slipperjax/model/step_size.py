@@ -20,9 +20,9 @@ PER_WAVE = 10
 """Least default number of steps per shortest wavelength of the track.
 
 With a second wave of 0.5 or 1 m and amplitudes of 0.1 to 0.3 mm, the error after two periods was 1e-4 to 0.05 scales,
-and 0.6 to 4 with half as many steps or fewer. Times the square root of the damping force over the elastic one at
-touchdown where that is above one: at restitutions of 0.5 and 0.3 on sled rails, the 95 % quantile of the highest
-force was 6 to 9 % too low without it. See `tests/benchmarks/test_tails.py`.
+and 0.6 to 4 with half as many steps or fewer. Times the damping force over the elastic one at touchdown where
+that is above one: at restitutions of 0.5 and 0.3 on sled rails, the 95 % quantile of the highest force was 6 to 9 %
+too low without it, and 15 % at 0.3 with its square root. See `tests/benchmarks/test_tails.py`.
 """
 DAMPED = 2.0
 """Damping force over elastic force at a typical touchdown, above which steps are shortened in proportion [1].
@@ -89,7 +89,7 @@ def steps_needed(scene: Scene) -> Float[Array, ""]:
     damping = jnp.asarray(law.damping(-_approach(scene), jnp.ones(()) if law.has_memory else None))
     waves = scene.track.wavelength / scene.track.shortest_wavelength
     per_impact = PER_CONTACT * impacts_per_period(scene) * jnp.maximum(damping / DAMPED, 1.0)
-    return jnp.maximum(per_impact, PER_WAVE * waves * jnp.sqrt(jnp.maximum(damping, 1.0)))
+    return jnp.maximum(per_impact, PER_WAVE * waves * jnp.maximum(damping, 1.0))
 
 
 _steps_needed = jit(steps_needed)
