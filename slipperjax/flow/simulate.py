@@ -29,7 +29,7 @@ from ..tools.limits import refuse_impossible
 from .course import Loads, over_periods
 from .period_map import Passage, PeriodMap, run_compiled
 from .record import PeriodLoads, RecordSet, States
-from .status import INACCURATE, Status, most_stability_number, status_of, with_loads
+from .status import Status, most_stability_number, status_of, with_accuracy, with_loads
 from .stepping import AbstractStepping, ConstantSteps, ControlledSteps, UnknownSteps, capacity_for
 
 
@@ -363,8 +363,7 @@ def simulate(
         return trajectory
     repeat = lambda s, state, k: run_eagerly(PeriodMap(scene, s, solver), state, 1, records, epoch + k, periods)
     measured = _probed(scene, stepping, states, saves, probe, repeat)
-    if int(status) == Status.FINITE and not np.max(np.asarray(measured.error)) <= INACCURATE:
-        status = jnp.asarray(np.int64(Status.INACCURATE))
+    status = jnp.asarray(with_accuracy(np.asarray(status), np.max(np.asarray(measured.error))))
     return eqx.tree_at(lambda t: (t.status, t.probe), trajectory, (status, measured), is_leaf=lambda x: x is None)
 
 

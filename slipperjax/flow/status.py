@@ -224,10 +224,10 @@ def blank(result, lanes: int):
     return jax.tree.map(empty, result)._replace(status=np.full(lanes, int(Status.NOT_RUN)))
 
 
-def with_accuracy(status: Int[np.ndarray, " cases"], error: np.ndarray) -> Int[np.ndarray, " cases"]:
+def with_accuracy(status: Int[np.ndarray, "*cases"], error: Any) -> Int[np.ndarray, "*cases"]:
     """Returns statuses with `INACCURATE` where nothing else is wrong and half the step changes too much.
 
-    **Arguments:** `error`: what half the step changes over a period, in scales [1], of shape (cases,).
+    **Arguments:** `error`: what half the step changes over a period, in scales [1], of shape (*cases,).
     """
     inaccurate = (status == Status.FINITE) & ~(error <= INACCURATE)
     return np.where(inaccurate, int(Status.INACCURATE), status)

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow import Record
-from slipperjax.model.quantities import Quantity
+
+from ..solvers.test_touchdowns import COUNTS
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")]
 SHARES = 0.5, 0.95, 0.99
@@ -48,28 +48,6 @@ RAILS = {
     "german": lambda: sj.RandomTrack.german("low", length=900.0),
     "survey": survey,
 }
-
-
-def _begun(course):
-    """The memory after the steps in which a contact began, elsewhere 0."""
-    memory = course.states.memory
-    begins = (memory[:-1] == 0) & (memory[1:] < 0) & course.used[:, None]
-    return begins * memory[1:]
-
-
-def touchdowns(course):
-    return (_begun(course) < 0).sum()
-
-
-def at_floor(course):
-    """Those at the least rate, `EventLatch.slowest`."""
-    return (_begun(course) <= -0.999999 / course.scene.memory.slowest).sum()
-
-
-COUNTS = [
-    Record(Quantity("touchdowns", "1", "touchdowns"), touchdowns, "sum"),
-    Record(Quantity("at_floor", "1", "touchdowns at the least rate"), at_floor, "sum"),
-]
 
 
 def scene_of(rail, speed, restitution):
