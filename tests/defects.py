@@ -380,7 +380,7 @@ tests/sweeps/test_runs.py -k third
 
 short waves get no more steps where impacts are damped
 tests/model/test_tracks.py -k short_waves
--PER_WAVE * waves * jnp.maximum(damping, 1.0)
+-PER_WAVE * waves * damped_waves(damping)
 +PER_WAVE * waves
 
 touchdowns are looked for from the chord

@@ -14,7 +14,7 @@ import xarray as xr
 
 from ..analysis.step_error import with_step_error
 from ..flow.datasets import run_attributes, scene_attributes
-from ..flow.status import INACCURATE, Interrupted
+from ..flow.status import Interrupted, Status, with_accuracy
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.paths import parameter
@@ -317,15 +317,15 @@ class _Search:
         # a trial on rails was judged anew on those that the search has not seen
         problem = dataclasses.replace(self._unseen() if on_rails else self.problem, steps=2 * steps)
         half = problem.evaluate(trial.at[None], None if on_rails else evaluation)
-        change = _relative_change(self.problem, evaluation, half)
         if on_rails:
-            return evaluation._replace(simulated=2 * half.simulated), change
+            return evaluation._replace(simulated=2 * half.simulated), _relative_change(self.problem, evaluation, half)
         on_orbit = (evaluation.period > 0) & (half.period == evaluation.period)
         numbers = lambda of: {"stderr": of.value, "gradient_stderr": of.gradient}
         _, errors = with_step_error(lambda n: numbers(evaluation if n == steps else half), steps, (1, 2))
         rows = lambda error: on_orbit.reshape(-1, *[1] * (error.ndim - 1))
         errors = {name: np.where(rows(error), error, getattr(evaluation, name)) for name, error in errors.items()}
-        return evaluation._replace(simulated=2 * half.simulated, **errors), np.where(on_orbit, change, np.nan)
+        change = _relative_change(self.problem, evaluation, half, on_orbit)
+        return evaluation._replace(simulated=2 * half.simulated, **errors), change
 
     def _add(self, trial: Trial) -> None:
         """Adds a trial and shows it."""
@@ -374,16 +374,18 @@ class _Search:
         )
 
 
-def _relative_change(problem: Problem, evaluation: Evaluation, half: Evaluation) -> np.ndarray:
-    """Returns by how much half the step changes the smooth objective of each case [1].
+def _relative_change(problem: Problem, evaluation: Evaluation, half: Evaluation, compared: Any = True) -> np.ndarray:
+    """Returns by how much half the step changes the smooth objective of each case [1]; NaN where not `compared`.
 
     Gives a warning where that is more than a tenth, and more than can be the chance of rails: twice its error.
     """
     at = problem.index(problem.objective.smooth)
     value, other = evaluation.value[:, at], half.value[:, at]
-    change = other / value - 1
-    chance = 2 * np.hypot(evaluation.stderr[:, at], half.stderr[:, at]) / np.abs(value)
-    if np.any(np.abs(change) > INACCURATE + chance):
+    compared = compared & np.isfinite(other / value)
+    change = np.where(compared, other / value - 1, np.nan)
+    chance = np.hypot(evaluation.stderr[:, at], half.stderr[:, at]) / np.abs(value)
+    status = with_accuracy(evaluation.status[compared], np.abs(change[compared]), np.nan_to_num(chance[compared]))
+    if np.any(status == Status.INACCURATE):
         worst = float(change[np.nanargmax(np.abs(change))])
         warn(
             f"Argument `steps_per_period` should be more: half the step changes the objective by {100 * worst:.2g} %."

@@ -16,7 +16,7 @@ from ..model.step_size import contact_duration
 from ..solvers.latching import is_explicit
 
 LEAST_PER_CONTACT = 3
-"""Steps of a typical impact below which a case is not trusted. The default is 15; at K = 1e12 a case stayed finite
+"""Steps of a typical impact below which a case is not trusted. The default is 10; at K = 1e12 a case stayed finite
 at 5 and did not at 1.3."""
 UNSTABLE = 5.0
 """Step length times the contacts' rate (`Loads.stability_number`) above which an explicit method is not trusted. Of
@@ -224,10 +224,11 @@ def blank(result, lanes: int):
     return jax.tree.map(empty, result)._replace(status=np.full(lanes, int(Status.NOT_RUN)))
 
 
-def with_accuracy(status: Int[np.ndarray, "*cases"], error: Any) -> Int[np.ndarray, "*cases"]:
+def with_accuracy(status: Any, error: Any, stderr: Any = 0.0) -> Int[np.ndarray, "*cases"]:
     """Returns statuses with `INACCURATE` where nothing else is wrong and half the step changes too much.
 
-    **Arguments:** `error`: what half the step changes over a period, in scales [1], of shape (*cases,).
+    **Arguments:** `error`: what half the step changes, over a period in scales, or relative [1], of shape (*cases,);
+    `stderr`: its standard error, twice which is forgiven [1].
     """
-    inaccurate = (status == Status.FINITE) & ~(error <= INACCURATE)
+    inaccurate = (status == Status.FINITE) & ~(error - 2 * stderr <= INACCURATE)
     return np.where(inaccurate, int(Status.INACCURATE), status)

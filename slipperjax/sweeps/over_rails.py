@@ -8,7 +8,7 @@ import scipy.stats
 import xarray as xr
 
 from ..analysis.quantiles import bootstrap, check_quantile
-from ..flow.status import INACCURATE, MEANINGS, Status
+from ..flow.status import MEANINGS, Status, with_accuracy
 from ..tools.checks import instance, one_of, require, whole
 
 
@@ -124,10 +124,10 @@ def _same_rails(finer: xr.DataArray, rows: xr.DataArray, dim: str) -> tuple[np.n
 
 def _changes(dims: list, change: np.ndarray, stderr: np.ndarray) -> dict[str, Any]:
     """Returns the variables of what steps change [1]."""
-    wrong = ~(np.abs(change) - 2 * stderr <= INACCURATE)
+    status = with_accuracy(np.full(change.shape, int(Status.FINITE)), np.abs(change), stderr)
     words = lambda text: {"units": "1", "long_name": text}
     return {
         "step_change": (dims, change, words("relative change by more steps")),
         "step_change_stderr": (dims, stderr, words("standard error of the relative change")),
-        "status": (dims, np.where(wrong, int(Status.INACCURATE), int(Status.FINITE)), {"meaning": MEANINGS}),
+        "status": (dims, status, {"meaning": MEANINGS}),
     }

@@ -96,9 +96,9 @@ def _linear(name: str, implementation: Callable, shape: Callable, transpose: Cal
         return out
 
     def batch(operands, axes, **parameters):
-        size = next(x.shape[a] for x, a in zip(operands, axes, strict=True) if a is not batching.not_mapped)
+        size = next(x.shape[a] for x, a in zip(operands, axes, strict=True) if a is not None)
         moved = [
-            jnp.broadcast_to(x, (size, *x.shape)) if a is batching.not_mapped else jnp.moveaxis(x, a, 0)
+            jnp.broadcast_to(x, (size, *x.shape)) if a is None else jnp.moveaxis(x, a, 0)
             for x, a in zip(operands, axes, strict=True)
         ]
         return primitive.bind(*moved, **parameters), [0] * len(moved)

@@ -125,12 +125,12 @@ def test_default_steps_resolve_a_short_second_wave():
 
 
 def test_short_waves_get_more_steps_where_impacts_are_damped():
-    """At restitutions of 0.5 and 0.3 120 steps made the 95 % quantile of highest forces 6 to 9 % too low."""
+    """See `slipperjax.model.step_size.damped_waves`."""
     steps = lambda track, restitution: sj.default_steps_per_period(
         dataclasses.replace(sj.paper_scene(1000.0), track=track).replace(restitution=restitution)
     )
     rail, sine = sj.RandomTrack.sled(length=200.0), sj.paper_scene().track
-    assert [steps(rail, r) for r in (0.9, 0.7, 0.5, 0.3)] == [120, 120, 200, 480]
+    assert [steps(rail, r) for r in (0.9, 0.7, 0.5, 0.3)] == [120, 200, 320, 480]
     assert [steps(sine, r) for r in (0.9, 0.7, 0.5, 0.3)] == [40, 40, 40, 80]
 
 
