@@ -6,10 +6,7 @@ import sys
 import jax
 import lazy_loader
 
-from .tools.compile import loops_in_one_kernel as _loops_in_one_kernel
-
 jax.config.update("jax_enable_x64", True)
-_loops_in_one_kernel()
 
 __version__ = importlib.metadata.version("slipperjax")
 # the public names stand in __init__.pyi

@@ -11,6 +11,7 @@ from jaxtyping import Array, Complex, Float, Inexact
 
 from ..tools.checks import finite, whole
 from ..tools.compile import call_compiled, is_traced
+from ..tools.one_kernel import in_one_kernel
 from .lyapunov import Step, check_functions, check_state
 
 
@@ -53,7 +54,7 @@ def linearise(
         flow = lambda x: ravel_pytree(step(unravel(x), k))[0]
         return jax.vmap(lambda t: jax.jvp(flow, (x,), (t,)), out_axes=(None, 1))(jnp.eye(x.size))
 
-    return jax.lax.scan(interval, flat, index + jnp.arange(float(intervals)))
+    return in_one_kernel(lambda flat: jax.lax.scan(interval, flat, index + jnp.arange(float(intervals))), flat)
 
 
 def product(matrices: Any) -> Any:

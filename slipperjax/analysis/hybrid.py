@@ -16,6 +16,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
 from ..tools.checks import finite, positive, require, whole
+from ..tools.one_kernel import in_one_kernel
 
 Field = Callable[[Any, Any], Any]
 """y' at (t, y)."""
@@ -280,7 +281,7 @@ def in_both_modes(function: Callable[[Any, Any], Any], state: Any, k: Any) -> An
 
 @eqx.filter_custom_jvp
 def _by_jacobian(function, state, k):
-    return function(state, k)
+    return in_one_kernel(function, state, k)
 
 
 @_by_jacobian.def_jvp

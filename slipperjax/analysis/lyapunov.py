@@ -21,6 +21,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..tools.checks import finite, positive, require, shown_number, whole
 from ..tools.compile import call_compiled, is_traced
+from ..tools.one_kernel import in_one_kernel
 from .kinds import Regime
 
 Step = Callable[[Any, Any], Any]
@@ -194,7 +195,8 @@ def push_tangents(
         tangents, logs = orthonormalise(tangents, state, scale)
         return (state, tangents), logs
 
-    (state, tangents), history = jax.lax.scan(interval, (state, tangents), index + jnp.arange(float(intervals)))
+    run = lambda carry: jax.lax.scan(interval, carry, index + jnp.arange(float(intervals)))
+    (state, tangents), history = in_one_kernel(run, (state, tangents))
     return state, tangents, history
 
 
@@ -272,7 +274,8 @@ def _begin(functions, static, state, index, transient):
     (step, scale), (count, runs, fixed) = functions, static
     if runs:
         most = transient if fixed is None else fixed
-        state = jax.lax.fori_loop(0, most, lambda i, s: step(s, index + i), state)
+        run = lambda state: jax.lax.fori_loop(0, most, lambda i, s: step(s, index + i), state)
+        state = in_one_kernel(run, state)
     return state, first_tangents(state, count, scale)
 
 

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from ..tools.checks import finite, number, positive, require, whole
 from ..tools.compile import call_compiled, is_transformed
+from ..tools.one_kernel import in_one_kernel
 from .floquet import linearise, product, solve
 from .lyapunov import Scale, Step, check_functions, check_state, weights_of
 from .newton import AbstractEquations, Linearisation, newton, weighted_size, without_derivatives
@@ -123,7 +124,8 @@ def _residuals(functions, static, state, index):
         s = step(s, k)
         return s, weighted_size(_missed(ravel_pytree(s)[0], flat, turns), weights)
 
-    residuals = jax.lax.scan(interval, state, index + jnp.arange(float(static[0])))[1]
+    run = lambda state: jax.lax.scan(interval, state, index + jnp.arange(float(static[0])))[1]
+    residuals = in_one_kernel(run, state)
     return {n: residuals[n - 1] for n in range(1, static[0] + 1) if static[0] % n == 0}
 
 
@@ -189,7 +191,8 @@ class PeriodicMotions(AbstractEquations):
     def mapped(self, z: Array) -> Array:
         """Gives the state after the intervals, as one array. Pure."""
         step, ks = self.step(z), self.index + jnp.arange(float(self.intervals))
-        return ravel_pytree(jax.lax.scan(lambda s, k: (step(s, k), None), self.state(z), ks)[0])[0]
+        run = lambda state: jax.lax.scan(lambda s, k: (step(s, k), None), state, ks)[0]
+        return ravel_pytree(in_one_kernel(run, self.state(z)))[0]
 
     def evaluate(self, z: Array) -> Linearisation:
         size, unravel = self.size, ravel_pytree(self.like)[1]

@@ -24,6 +24,7 @@ from ..model.step_size import prepared
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.compile import call_compiled, jit
+from ..tools.one_kernel import in_one_kernel
 from .course import Course
 from .record import RecordSet
 from .status import Status, status_of, with_growth, with_resolution
@@ -143,7 +144,8 @@ class PeriodMap(eqx.Module):
         solver_state = self.stepping.begin(terms, solver, state, Args(scene, epoch, points))
         epochs = epoch + jnp.arange(float(count))
         one = period if used is None else period_if_used
-        (end, _, carried), (samples, codes, steps_taken) = jax.lax.scan(one, (state, solver_state, earlier), epochs)
+        run = lambda carry: jax.lax.scan(one, carry, epochs)
+        (end, _, carried), (samples, codes, steps_taken) = in_one_kernel(run, (state, solver_state, earlier))
         judged = steps_taken
         if used is not None:
             run = jnp.arange(count) < used

@@ -15,6 +15,7 @@ from ..model.kinematics import MOTION_SCALES, Motion, scaled_size
 from ..solvers.adaptive import AdaptiveSteps
 from ..solvers.latching import AbstractLatchingSolver, differentiable, field_of, with_tolerance
 from ..tools.checks import whole
+from ..tools.one_kernel import in_one_kernel
 
 MOST_ADAPTIVE_STEPS = 1_000_000
 """Adaptive steps per forcing period after which a case has failed."""
@@ -131,7 +132,8 @@ class ConstantSteps(AbstractStepping):
                 carry = step(carry, k)
                 return carry, ends_of(carry)
 
-            return jax.lax.scan(scanned, carry, jnp.arange(float(self.most)))
+            steps = jnp.arange(float(self.most))
+            return in_one_kernel(lambda carry: jax.lax.scan(scanned, carry, steps), carry)
 
         def one(k, both):
             carry, ends = both
@@ -144,7 +146,8 @@ class ConstantSteps(AbstractStepping):
             return jnp.broadcast_to(end[None], (self.most, *end.shape))
 
         steps = jnp.asarray(self.steps).astype(int)
-        return jax.lax.fori_loop(0, steps, one, (carry, jax.tree.map(repeated, ends_of(carry))))
+        loop = lambda both: jax.lax.fori_loop(0, steps, one, both)
+        return in_one_kernel(loop, (carry, jax.tree.map(repeated, ends_of(carry))))
 
 
 class UnknownSteps(ConstantSteps):
@@ -163,7 +166,8 @@ class UnknownSteps(ConstantSteps):
             carry = jax.lax.cond(k < self.steps, lambda c: step(c, k), lambda c: c, carry)
             return carry, ends_of(carry)
 
-        return jax.lax.scan(one, carry, jnp.arange(float(self.most)))
+        steps = jnp.arange(float(self.most))
+        return in_one_kernel(lambda carry: jax.lax.scan(one, carry, steps), carry)
 
 
 class ControlledSteps(AbstractStepping):

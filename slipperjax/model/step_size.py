@@ -91,11 +91,13 @@ def steps_needed(scene: Scene) -> Float[Array, ""]:
 
 
 def damped_waves(damping: Any) -> Any:
-    """Returns how many times `PER_WAVE` steps a shortest wave takes [1], from damping over elastic force at touchdown.
+    """Returns how many times `PER_WAVE` steps the shortest wave takes [1].
 
-    Of the highest forces of 768 sled rails at 1000 m/s and a restitution of 0.5, the 95 and 99 % quantiles were 11 and
-    18 % below those with 800 steps where the factor was the damping itself, with 200 steps, and 6 % and 5 % below with
-    400; at 0.7 they were 4 % below those with 480 where it was one. See `tests/benchmarks/test_tails.py`.
+    Of the highest forces on 768 sled rails at 1000 m/s and a restitution of 0.5, the 95 and 99 % quantiles were 11
+    and 18 % below those with 800 steps where the factor was the damping itself, and 6 and 5 % below with 400; at 0.7
+    they were 4 % below those with 480 where it was one. See `tests/benchmarks/test_tails.py`.
+
+    **Arguments:** `damping`: damping force over elastic force at a typical touchdown [1].
     """
     return jnp.maximum(2 * jnp.sqrt(damping), 1.0)
 

@@ -1,7 +1,6 @@
 """Compiling: `jax.jit` with compiler options, at the top level and inside other transformations."""
 
 import functools
-import os
 from collections.abc import Callable
 from typing import Any
 
@@ -25,27 +24,10 @@ _CPU_OPTIONS = {
 COMPILER_OPTIONS: dict[str, dict[str, Any]] = {"cpu": _CPU_OPTIONS}
 """XLA options by backend; a backend that is not listed gets XLA's defaults."""
 
-LOOP_BYTES = 64_000_000
-"""Bytes that a pass of a loop may move for the loop to be one kernel: those of 1024 cases and more."""
-_EXTRA = "--xla_backend_extra_options"
-
 
 def compiler_options(backend: str | None = None) -> dict[str, Any]:
     """Gives the XLA options for a backend, by default the one that JAX uses now."""
     return COMPILER_OPTIONS.get(jax.default_backend() if backend is None else backend, {})
-
-
-def loops_in_one_kernel() -> None:
-    """Makes XLA compile each loop on a CPU to one kernel, without LAPACK calls, scatters or sorts in it.
-
-    Otherwise each step of an integration starts some hundred kernels, which takes longer than a batch of 30 cases
-    needs to compute. XLA has this as a flag of the process only, which it reads when the first program is made: later
-    there is no effect. Where `XLA_FLAGS` sets extra options of the backend already, they stay as they are.
-    """
-    flags = os.environ.get("XLA_FLAGS", "")
-    if _EXTRA not in flags:
-        option = f"{_EXTRA}=xla_cpu_small_while_loop_byte_threshold={LOOP_BYTES}"
-        os.environ["XLA_FLAGS"] = f"{flags} {option}".strip()
 
 
 def jit(fun: Callable, **kwargs: Any) -> Callable:

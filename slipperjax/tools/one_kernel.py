@@ -1,0 +1,106 @@
+"""Parts of a program that XLA compiles to one kernel on a CPU, their loops included.
+
+By default XLA starts each of the some hundred kernels in a step of an integration on its own, which takes longer than
+a batch of 30 cases needs to compute. A call that it must not inline and that bears the attribute `xla_cpu_small_call`
+becomes one kernel; no other program of the process is changed by it.
+
+The part is a `jax.jit` inside the program, whose rules for derivatives and batches are JAX's own. Its results pass
+through a primitive that does nothing but set the attributes on the call which they come from, when the program is
+lowered. The transpose of that primitive is one for arguments and vice versa, so that calls of reverse mode are marked
+by what are their results.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+from jax.extend.core import Primitive
+from jax.extend.mlir import ir
+from jax.extend.mlir.dialects import stablehlo
+from jax.interpreters import ad, batching, mlir
+
+ATTRIBUTES = "mhlo.frontend_attributes"
+MARK = {"inlineable": "false", "xla_cpu_small_call": "true"}
+NOT_IN_A_KERNEL = frozenset(
+    ("chlo.top_k", "stablehlo.custom_call", "stablehlo.fft", "stablehlo.select_and_scatter", "stablehlo.sort")
+)
+"""Operations for which XLA on a CPU calls a library, or has no code inside a kernel."""
+
+
+def in_one_kernel(fun: Callable, *args: Any) -> Any:
+    """Calls `fun(*args)`: one kernel of a compiled program on a CPU, where no LAPACK call, scatter or sort is in it.
+
+    **Arguments:** `fun`: of pytrees, whose result is a pytree of arrays.
+    """
+    arrays, others = eqx.partition((fun, args), eqx.is_array)
+
+    def call(arrays):
+        fun, args = eqx.combine(arrays, others)
+        return fun(*args)
+
+    # what the function closes over is an argument of the call, too
+    of_arrays, closed_over = jax.closure_convert(call, arrays)
+    results = jax.jit(of_arrays)(*jax.tree.map(_argument.bind, (arrays, *closed_over)))
+    return jax.tree.map(_result.bind, results)
+
+
+def _nothing_on(name: str) -> Primitive:
+    """Makes a linear primitive of one array that leaves it as it is."""
+    primitive = Primitive(name)
+    primitive.def_impl(lambda x: x)
+    primitive.def_abstract_eval(lambda x: x)
+
+    def jvp(primals, tangents):
+        (t,) = tangents
+        return primitive.bind(*primals), t if type(t) is ad.Zero else primitive.bind(t)
+
+    ad.primitive_jvps[primitive] = jvp
+    batching.primitive_batchers[primitive] = lambda operands, axes: (primitive.bind(*operands), axes[0])
+    mlir.register_lowering(primitive, lambda context, x: [x])
+    return primitive
+
+
+def _mark(context: Any, x: Any) -> list:
+    """Sets the attributes on the call that a value comes from, once, unless it holds what cannot be in a kernel."""
+    call = getattr(x.owner, "operation", x.owner)
+    if getattr(call, "name", "") == "func.call" and ATTRIBUTES not in call.attributes:
+        mark = MARK if _fits(call, context.module_context.symbol_table, set()) else {}
+        call.attributes[ATTRIBUTES] = ir.DictAttr.get({key: ir.StringAttr.get(text) for key, text in mark.items()})
+    return [x]
+
+
+def _fits(call: Any, functions: Any, seen: set[str]) -> bool:
+    """Tells whether a called function, with those that it calls, has no operation of `NOT_IN_A_KERNEL`."""
+    name = ir.FlatSymbolRefAttr(call.attributes["callee"]).value
+    if name in seen:
+        return True
+    seen.add(name)
+    good = True
+
+    def visit(operation):
+        nonlocal good
+        if operation.name == "func.call":
+            good = _fits(operation, functions, seen)
+        elif operation.name == "stablehlo.scatter":
+            good = _updates_once(operation)
+        else:
+            good = operation.name not in NOT_IN_A_KERNEL
+        return ir.WalkResult.ADVANCE if good else ir.WalkResult.INTERRUPT
+
+    functions[name].operation.walk(visit)
+    return good
+
+
+def _updates_once(scatter: Any) -> bool:
+    """Tells whether a scatter has one index, so that XLA makes a slice's update of it."""
+    numbers = stablehlo.ScatterDimensionNumbers(scatter.attributes["scatter_dimension_numbers"])
+    shape = ir.RankedTensorType(scatter.operands[len(scatter.results)].type).shape
+    return all(size == 1 for k, size in enumerate(shape) if k != numbers.index_vector_dim)
+
+
+_argument, _result = _nothing_on("slipperjax_argument"), _nothing_on("slipperjax_result")
+for one, other in ((_argument, _result), (_result, _argument)):
+    ad.primitive_transposes[one] = lambda t, x, other=other: [t if type(t) is ad.Zero else other.bind(t)]
+# a lowering that JAX keeps for several calls would not see where its operand comes from
+mlir.register_lowering(_result, _mark, platform="cpu", cacheable=False)

@@ -1,0 +1,119 @@
+"""Loops that are one kernel on a CPU: which are, in every transformation, and that nothing else is."""
+
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from slipperjax.tools.one_kernel import in_one_kernel
+
+pytestmark = pytest.mark.skipif(jax.default_backend() != "cpu", reason="for CPUs")
+MARK = "xla_cpu_small_call"
+PLACES = jnp.array([3, 1, 3, 0])
+FITS = {
+    "sums": lambda x: jnp.sin(jnp.cumsum(x)),
+    "products": lambda x: jnp.sin(jnp.outer(x, x) @ x),
+    "deviates": lambda x: x + jax.random.normal(jax.random.key(0), x.shape),
+    "an entry set": lambda x: x.at[jnp.argmax(x)].set(0.1),
+    "a loop": lambda x: jax.lax.while_loop(lambda x: jnp.sum(x) > 3.0, lambda x: x / 2, x),
+}
+DOES_NOT_FIT = {
+    "LAPACK": lambda x: jnp.linalg.solve(jnp.outer(x, x) + 3 * jnp.eye(x.size), x),
+    "a sort": jnp.sort,
+    "an order": lambda x: x[jnp.argsort(-x)],
+    "the largest": lambda x: jax.lax.top_k(x, x.size)[0],
+    "a transform": lambda x: jnp.abs(jnp.fft.fft(x)),
+    "a scatter": lambda x: x.at[PLACES].add(x[:4]),
+    "a callback": lambda x: jax.pure_callback(lambda x: x, x, x),
+}
+X = jnp.linspace(0.1, 0.9, 8)
+
+
+def repeated(body):
+    return lambda x: jax.lax.fori_loop(0, 5, lambda k, x: 0.9 * body(x), x)
+
+
+def calls_of(fun, *args):
+    """The program's calls with the mark."""
+    return [line for line in jax.jit(fun).lower(*args).as_text().splitlines() if MARK in line]
+
+
+@pytest.mark.parametrize("body", [*FITS.values(), *DOES_NOT_FIT.values()], ids=[*FITS, *DOES_NOT_FIT])
+def test_what_is_in_a_kernel(body):
+    loop = repeated(body)
+    marked = lambda x: in_one_kernel(loop, x)
+    assert bool(calls_of(marked, X)) == (body in FITS.values())
+    np.testing.assert_allclose(jax.jit(marked)(X), jax.jit(loop)(X), rtol=1e-14)  # measured: 0
+
+
+def loop(x, v, rate):
+    """Twenty steps of coupled oscillators."""
+
+    def body(carry, k):
+        x, v = carry
+        v = v - 0.1 * (jnp.sin(x) + rate * v + 0.01 * jnp.sum(x * x))
+        return (x + 0.1 * v, v), None
+
+    return jax.lax.scan(body, (x, v), None, length=20)[0]
+
+
+def plain(x, v, rate):
+    return jnp.sum(loop(x, v, rate)[0] ** 2)
+
+
+def marked(x, v, rate):
+    return jnp.sum(in_one_kernel(loop, x, v, rate)[0] ** 2)
+
+
+def closed(x, v, rate):
+    """With the rate closed over."""
+    return jnp.sum(in_one_kernel(lambda x, v: loop(x, v, rate), x, v)[0] ** 2)
+
+
+TRANSFORMED = {
+    "itself": (lambda f: f, 1),
+    "vmap": (lambda f: lambda *a: jax.vmap(f, in_axes=(0, None, None))(jnp.stack([a[0], 2 * a[0]]), *a[1:]), 1),
+    "jvp": (lambda f: lambda *a: jax.jvp(f, a, a), 1),
+    "grad": (lambda f: jax.grad(f, (0, 1, 2)), 2),
+    "grad of the rate": (lambda f: jax.grad(f, 2), 2),
+    "jacfwd of grad": (lambda f: jax.jacfwd(jax.grad(f)), 2),
+    "grad of grad": (lambda f: jax.grad(lambda *a: jnp.sum(jax.grad(f)(*a) ** 2)), 3),
+    "checkpoint": (lambda f: jax.grad(jax.checkpoint(f)), 2),
+}
+
+
+@pytest.mark.parametrize("fun", [marked, closed])
+@pytest.mark.parametrize(("transform", "least"), TRANSFORMED.values(), ids=TRANSFORMED)
+def test_all_loops_of_transformed_programs_are_kernels(fun, transform, least):
+    args = X, jnp.zeros(8), jnp.asarray(0.3)
+    assert len(calls_of(transform(fun), *args)) >= least
+    for found, right in zip(*(jax.tree.leaves(jax.jit(transform(f))(*args)) for f in (fun, plain)), strict=True):
+        np.testing.assert_allclose(found, right, rtol=1e-12)  # measured: 4e-15
+    # and every loop is in one of them
+    program = jax.jit(transform(fun)).lower(*args).as_text()
+    functions = program.split("func.func ")[1:]
+    outside = next(text for text in functions if "@main" in text)
+    assert "stablehlo.while" not in outside
+
+
+def test_other_programs_of_the_process_are_as_without_the_import():
+    """The options of the process stay, and the texts of other people's programs."""
+    code = """
+import os, sys, jax, jax.numpy as jnp
+flags = os.environ.get("XLA_FLAGS")
+if sys.argv[1] == "with":
+    import slipperjax
+    jax.config.update("jax_enable_x64", False)
+assert os.environ.get("XLA_FLAGS") == flags
+loop = lambda x: jax.lax.scan(lambda x, _: (jnp.tanh(x @ x), None), x, None, length=5)[0]
+print(jax.jit(loop).lower(jnp.eye(64)).compile().as_text())
+"""
+    texts = {
+        subprocess.run([sys.executable, "-c", code, which], check=True, capture_output=True, text=True).stdout
+        for which in ("with", "without")
+    }
+    assert len(texts) == 1
+    assert MARK not in texts.pop()
