@@ -2,6 +2,9 @@
 
 import enum
 import threading
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from contextvars import ContextVar, copy_context
 from typing import Any
 
 import diffrax
@@ -165,11 +168,35 @@ def first_problem(earlier: Any, later: Any) -> np.ndarray:
     return np.where((earlier == Status.FINITE) | lost, later, earlier)
 
 
-ASKED = threading.Event()
-"""Set by programs that catch signals themselves: all runs end as by Ctrl-C, within a quarter of a second.
+class Stop(threading.Event):
+    """Once set, the runs that it was submitted with end as by Ctrl-C, within a quarter of a second, and no others."""
+
+    def __init__(self, outer: "Stop | None" = None):
+        super().__init__()
+        self.outer = outer
+        """Which ends them, too."""
+
+    def is_set(self) -> bool:
+        return super().is_set() or (self.outer is not None and self.outer.is_set())
+
+    @staticmethod
+    def here() -> "Stop":
+        """Returns the one that this thread's runs were submitted with, by default `ASKED`."""
+        return _HERE.get()
+
+    def submit(self, pool: Executor, call: Callable, *args: Any) -> Future:
+        """Submits a call to threads; runs in it end with this one."""
+        context = copy_context()
+        context.run(_HERE.set, self)
+        return pool.submit(context.run, call, *args)
+
+
+ASKED = Stop()
+"""Set by programs that catch signals themselves: all runs of the process end.
 
 An exception that a signal's handler raises is lost where it meets a callback, such as JAX's in the garbage collector.
 """
+_HERE = ContextVar("stop", default=ASKED)
 
 
 class Interrupted(KeyboardInterrupt):

@@ -20,7 +20,7 @@ from ..flow.datasets import dataset_of, load_base, load_call, run_attributes, sc
 from ..flow.period_map import PeriodMap
 from ..flow.record import RecordedSpan, RecordSet, SectionPoints, Sections, Strobe
 from ..flow.simulate import Trajectory, default_steps, dynamic_steps
-from ..flow.status import ASKED, Interrupted
+from ..flow.status import Interrupted, Stop
 from ..model.dynamics import State, initial_state
 from ..model.kinematics import Motion
 from ..model.layout import coordinates
@@ -441,12 +441,12 @@ def finished(result: Any) -> Any:
 def counted(shown: bool, text: str, varied: Parameter) -> Iterator[Callable[[Any], None]]:
     """Gives a function that counts points, with their values of a parameter [SI unit], in a progress bar if `shown`.
 
-    At each point it polls Ctrl-C of a command.
+    At each point it polls whether this run is asked to end.
     """
     bar = progress_bar(desc=text, unit=" points") if shown else None
 
     def count(value: Any) -> None:
-        if ASKED.is_set():
+        if Stop.here().is_set():
             raise KeyboardInterrupt
         if bar is not None:
             bar.set_postfix_str(f"{varied.shown(float(value)):.6g} {varied.display_unit}", refresh=False)

@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Int
 from ..flow.period_map import advance
 from ..flow.record import AbstractRecord, RecordedSpan, RecordSet, Samples, Strobe
 from ..flow.simulate import check_rail, step_plan
-from ..flow.status import ASKED, Interrupted, Status, blank, first_problem, with_accuracy
+from ..flow.status import Interrupted, Status, Stop, blank, first_problem, with_accuracy
 from ..flow.stepping import ConstantSteps, capacity_for
 from ..model.dynamics import State
 from ..model.kinematics import Motion, accuracy_scales, scaled_size
@@ -327,8 +327,8 @@ class ContinuedRecord(AbstractRecord):
 
 
 def heed_interrupts(periods: float = 0.0) -> None:
-    """Raises `KeyboardInterrupt` where all runs are asked to end: an `OnProgress` for runs that show none."""
-    if ASKED.is_set():
+    """Raises `KeyboardInterrupt` where this run is asked to end: an `OnProgress` for runs that show none."""
+    if Stop.here().is_set():
         raise KeyboardInterrupt
 
 
@@ -582,27 +582,15 @@ def concurrently(*calls: Callable[[], Any]) -> list[Any]:
 
     Where one of them fails, the runs of the others end as by Ctrl-C, and are waited for (`STOPPING`).
     """
-    pool = ThreadPoolExecutor(len(calls))
-    futures = [pool.submit(call) for call in calls]
+    pool, stop = ThreadPoolExecutor(len(calls)), Stop(Stop.here())
+    futures = [stop.submit(pool, call) for call in calls]
     try:
         for future in as_completed(futures):
             future.result()
         return [future.result() for future in futures]
     except BaseException:
-        with all_stopped():
-            wait(futures, STOPPING)
+        stop.set()
+        wait(futures, STOPPING)
         raise
     finally:
         pool.shutdown(wait=False)
-
-
-@contextmanager
-def all_stopped() -> Iterator[None]:
-    """Within this context all runs end as by Ctrl-C."""
-    before = ASKED.is_set()
-    ASKED.set()
-    try:
-        yield
-    finally:
-        if not before:
-            ASKED.clear()

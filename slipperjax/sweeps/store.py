@@ -30,7 +30,7 @@ import xarray as xr
 
 from ..flow.datasets import versions
 from ..flow.simulate import first_of
-from ..flow.status import Interrupted, Status
+from ..flow.status import Interrupted, Status, Stop
 from ..model.scene import at_speed
 from ..model.scene_files import scene_to_json
 from ..solvers.latching import calls_lapack
@@ -42,7 +42,7 @@ from ..tools.description import describe, type_name
 from ..tools.limits import cores, shown_bytes
 from .estimate import CountedEstimate
 from .grid import Grid, Tiling
-from .run import ARGUMENTS_WITHOUT_EFFECT, LARGEST_CHUNK, TICK, all_stopped, heed_interrupts, progress_shown
+from .run import ARGUMENTS_WITHOUT_EFFECT, LARGEST_CHUNK, TICK, heed_interrupts, progress_shown
 
 MARK = "slipperjax_store"
 """Attribute by which a store of ours is known: its identity, the call as JSON, and its tiles."""
@@ -674,9 +674,10 @@ def _run_tasks(
     if type(pool).__module__.split(".")[0] == "distributed":
         # tasks of one function and argument are the same to dask unless they are said to be impure
         pool = pool.get_executor(pure=False, retries=RETRIES)
-    cases = sum(sizes.values())
+    stop, cases = Stop(Stop.here()), sum(sizes.values())
+    submit = pool.submit if executor is not None else functools.partial(stop.submit, pool)
     with progress_shown(cases, cases, **shown_as) as shown:
-        futures = {pool.submit(task, number, *part): number for number, part in parts.items()}
+        futures = {submit(task, number, *part): number for number, part in parts.items()}
         try:
             while futures:
                 for future in wait(futures, TICK, "FIRST_COMPLETED").done:
@@ -687,8 +688,8 @@ def _run_tasks(
         except BaseException:
             running = [future for future in futures if not future.cancel()]
             if executor is None:
-                with all_stopped():
-                    wait(running, THREADS_WAIT)
+                stop.set()
+                wait(running, THREADS_WAIT)
             raise
         finally:
             if executor is None:

@@ -41,8 +41,15 @@ def in_one_kernel(fun: Callable, *args: Any) -> Any:
 
     # what the function closes over is an argument of the call, too
     of_arrays, closed_over = jax.closure_convert(call, arrays)
-    results = jax.jit(of_arrays)(*jax.tree.map(_argument.bind, (arrays, *closed_over)))
-    return jax.tree.map(_result.bind, results)
+    # Of the call that becomes the kernel XLA finds only those arguments in memory that an operation inside it has as
+    # operands, and fails where one is without use. Those of a second call inside it are all operands.
+    return _marked(_marked(of_arrays))(arrays, *closed_over)
+
+
+def _marked(fun: Callable) -> Callable:
+    """Gives a function that calls another one by a call with the attributes."""
+    inner = jax.jit(fun)
+    return lambda *args: jax.tree.map(_result.bind, inner(*jax.tree.map(_argument.bind, args)))
 
 
 def _nothing_on(name: str) -> Primitive:

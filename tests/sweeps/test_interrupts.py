@@ -2,6 +2,7 @@
 
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import matplotlib.pyplot as plt
@@ -10,7 +11,7 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.flow.record import History, HistoryValues
-from slipperjax.flow.status import Status
+from slipperjax.flow.status import ASKED, Status, Stop
 from slipperjax.plots.maps import bifurcations
 from slipperjax.sweeps import run as runs
 from slipperjax.sweeps.attractors import attractors
@@ -72,19 +73,32 @@ def test_finished_chunks_are_kept_and_others_are_blank(interrupt_after):
     assert begun == [0, 3, 6]  # none is begun after it
 
 
-def test_runs_can_be_asked_to_end(monkeypatch):
-    monkeypatch.setattr(runs, "ASKED", threading.Event())
+@pytest.mark.parametrize("outer", [False, True])
+def test_a_run_can_be_asked_to_end_and_no_other_ends(outer):
+    first = Stop()
+    stop, others, asked = Stop(first), Stop(), threading.Event()
 
     def work(chunk, on_progress):
         if chunk.index[0] >= 3:
-            runs.ASKED.set()  # as from a signal's handler whose exception is lost
+            (first if outer else stop).set()  # as from a signal's handler whose exception is lost
+            asked.set()
             while True:
                 time.sleep(0.01)
                 on_progress(1)
         return found_of(chunk)
 
-    _, done = run(work)
+    def goes_on(chunk, on_progress):
+        asked.wait(5.0)
+        time.sleep(0.3)
+        on_progress(1)
+        return found_of(chunk)
+
+    with ThreadPoolExecutor(2) as pool:
+        ended, other = stop.submit(pool, run, work), others.submit(pool, run, goes_on)
+        (_, done), (_, whole) = ended.result(), other.result()
     assert (done.finished.sum(), done.interrupted) == (3, True)
+    assert (whole.finished.sum(), whole.interrupted) == (12, False)
+    assert Stop.here() is ASKED
 
 
 def test_nothing_is_kept_where_nothing_was_finished_and_errors_are_raised(interrupt_after):
@@ -120,7 +134,7 @@ def test_functions_on_threads_are_told_of_the_end():
     with pytest.raises(ValueError, match="seen"):
         concurrently(waits, fails)
     assert ended.wait(5.0)
-    assert not runs.ASKED.is_set()
+    assert not ASKED.is_set()
     assert concurrently(lambda: 1, lambda: 2) == [1, 2]
 
 

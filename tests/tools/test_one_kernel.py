@@ -49,6 +49,23 @@ def test_what_is_in_a_kernel(body):
     np.testing.assert_allclose(jax.jit(marked)(X), jax.jit(loop)(X), rtol=1e-14)  # measured: 0
 
 
+@pytest.mark.parametrize("place", ["alone", "in a branch", "in another kernel"])
+def test_arguments_without_use_and_constants(place):
+    """XLA finds out late that an argument has no use, or is a constant."""
+
+    def part(x, unused, constant):
+        loop = jax.lax.fori_loop(0, 5, lambda k, c: (jnp.sin(c[0]) + c[1], c[1]), (x, constant))
+        return loop[0] + 0 * unused
+
+    kernel = lambda x: in_one_kernel(part, x, 2 * x, jnp.zeros(x.shape))
+    placed = {
+        "alone": kernel,
+        "in a branch": lambda x: jax.lax.cond(x[0] > 0, kernel, lambda x: x, x),
+        "in another kernel": lambda x: in_one_kernel(kernel, x),
+    }[place]
+    np.testing.assert_allclose(jax.jit(placed)(X), part(X, X, 0 * X), rtol=1e-14)  # measured: 1e-16
+
+
 def loop(x, v, rate):
     """Twenty steps of coupled oscillators."""
 
@@ -103,6 +120,7 @@ def test_other_programs_of_the_process_are_as_without_the_import():
     """The options of the process stay, and the texts of other people's programs."""
     code = """
 import os, sys, jax, jax.numpy as jnp
+jax.config.update("jax_enable_compilation_cache", False)
 flags = os.environ.get("XLA_FLAGS")
 if sys.argv[1] == "with":
     import slipperjax

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from ...flow.status import Interrupted, Status
+from ...flow.status import Interrupted, Status, Stop
 from ...model.dang2024 import paper_scene
 from ...sweeps.attractors import attractors, groups
 from ...sweeps.follow import find_jump, follow
-from ...sweeps.run import all_stopped, concurrently
+from ...sweeps.run import concurrently
 from ...sweeps.sweep import lyapunov_sweep, sweep
 from ...tools.checks import one_of, whole
 from . import branches, verdicts
@@ -286,7 +286,7 @@ def _runs(wanted: set[str], effort: Effort, progress: bool) -> Iterator[Finished
     data: dict[str, Data] = {name: {} for name in chosen}
     begun: dict[str, float] = {}
     ends: dict[str, Future[tuple[Answers, float]]] = {}
-    pool = ThreadPoolExecutor(2)
+    pool, stop = ThreadPoolExecutor(2), Stop(Stop.here())
 
     def one(name: str) -> tuple[Answers, float]:
         begun[name] = time.perf_counter()
@@ -294,7 +294,7 @@ def _runs(wanted: set[str], effort: Effort, progress: bool) -> Iterator[Finished
         return answers, time.perf_counter() - begun[name]
 
     def begin(names: list[str]) -> None:
-        ends.update({name: pool.submit(one, name) for name in names if name not in ends})
+        ends.update({name: stop.submit(pool, one, name) for name in names if name not in ends})
 
     left = list(chosen)
     try:
@@ -305,14 +305,14 @@ def _runs(wanted: set[str], effort: Effort, progress: bool) -> Iterator[Finished
             left.remove(name)
             figures = tuple(f for f in RUNS[name][0] if f in wanted)
             yield Finished(name, figures, data[name], answers, seconds)
-    except BaseException as stop:
-        with all_stopped():
-            pool.shutdown(cancel_futures=True)
-        if not isinstance(stop, KeyboardInterrupt):
+    except BaseException as end:
+        stop.set()
+        pool.shutdown(cancel_futures=True)
+        if not isinstance(end, KeyboardInterrupt):
             raise
         for name in left:
-            end = ends.get(name)
-            error = None if end is None or end.cancelled() else end.exception()
+            future = ends.get(name)
+            error = None if future is None or future.cancelled() else future.exception()
             if isinstance(error, Interrupted) and error.result is not None:
                 data[name]["interrupted"] = error.result
             if data[name]:
