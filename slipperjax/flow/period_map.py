@@ -148,7 +148,7 @@ class PeriodMap(eqx.Module):
         (end, _, carried), (samples, codes, steps_taken) = in_one_kernel(run, (state, solver_state, earlier))
         judged = steps_taken
         if used is not None:
-            run = jnp.arange(count) < used
+            run = jnp.arange(float(count)) < used
             steps_taken = jnp.where(run, steps_taken, jnp.max(steps_taken))
             judged = jnp.where(run, steps_taken, jnp.inf)
         code = with_resolution(codes[jnp.argmax(codes != int(Status.FINITE))], scene, judged, epoch)

@@ -121,7 +121,7 @@ def with_resolution(code: Array, scene: Scene, steps: Any, begin: Any = 0.0) -> 
         return contact_duration(scene, slowest) * steps < LEAST_PER_CONTACT * slowest.period
 
     steps = jnp.atleast_1d(steps)
-    return _unresolved_where(jnp.any(jax.vmap(too_few)(steps, begin + jnp.arange(len(steps)))), code)
+    return _unresolved_where(jnp.any(jax.vmap(too_few)(steps, begin + jnp.arange(float(len(steps))))), code)
 
 
 def _unresolved_where(problem: Any, code: Any) -> Array:

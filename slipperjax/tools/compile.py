@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import equinox as eqx
@@ -9,7 +10,8 @@ import jax
 import numpy as np
 from jax.extend.core import get_opaque_trace_state
 
-_TOP_LEVEL = get_opaque_trace_state()
+with ThreadPoolExecutor(1) as _pool:  # whose state is that outside of transformations, wherever the import is
+    _TOP_LEVEL = _pool.submit(get_opaque_trace_state).result()
 _CPU_OPTIONS = {
     # Lets LLVM reassociate the sum over the contact points, which vectorises it. The other four options preserve
     # NaN, infinity, division and square root.
@@ -40,11 +42,17 @@ def jit(fun: Callable, **kwargs: Any) -> Callable:
 
     **Raises:** at a call, `ValueError` if JAX runs with 32-bit numbers.
     """
-    inner = jax.jit(fun, **kwargs)
+
+    @functools.wraps(fun)
+    def traced(*args: Any, **options: Any) -> Any:
+        with jax.numpy_dtype_promotion("standard"):  # also where the user's own code is to be strict
+            return fun(*args, **options)
+
+    inner = jax.jit(traced, **kwargs)
 
     @functools.cache
     def outermost(backend: str) -> Callable:
-        return jax.jit(fun, compiler_options=compiler_options(backend), **kwargs)
+        return jax.jit(traced, compiler_options=compiler_options(backend), **kwargs)
 
     @functools.wraps(fun)
     def call(*args: Any, **options: Any) -> Any:

@@ -21,7 +21,6 @@ from jax.extend.mlir.dialects import stablehlo
 from jax.interpreters import ad, batching, mlir
 
 ATTRIBUTES = "mhlo.frontend_attributes"
-MARK = {"inlineable": "false", "xla_cpu_small_call": "true"}
 NOT_IN_A_KERNEL = frozenset(
     ("chlo.top_k", "stablehlo.custom_call", "stablehlo.fft", "stablehlo.select_and_scatter", "stablehlo.sort")
 )
@@ -42,39 +41,61 @@ def in_one_kernel(fun: Callable, *args: Any) -> Any:
     # what the function closes over is an argument of the call, too
     of_arrays, closed_over = jax.closure_convert(call, arrays)
     # Of the call that becomes the kernel XLA finds only those arguments in memory that an operation inside it has as
-    # operands, and fails where one is without use. Those of a second call inside it are all operands.
-    return _marked(_marked(of_arrays))(arrays, *closed_over)
+    # operands, and fails where one is without use. Those of a second call inside it are all operands. The third one
+    # is the whole program where the function is called outside of any.
+    return jax.jit(_called(_called(of_arrays, kernel=False), kernel=True))(arrays, *closed_over)
 
 
-def _marked(fun: Callable) -> Callable:
-    """Gives a function that calls another one by a call with the attributes."""
+def _called(fun: Callable, kernel: bool) -> Callable:
+    """Gives a function that calls another one by a call that XLA does not inline; as a kernel if so said."""
     inner = jax.jit(fun)
-    return lambda *args: jax.tree.map(_result.bind, inner(*jax.tree.map(_argument.bind, args)))
+    argument, result = (lambda x, p=p: p.bind(x, kernel=kernel) for p in (_argument, _result))
+    return lambda *args: jax.tree.map(result, inner(*jax.tree.map(argument, args)))
 
 
 def _nothing_on(name: str) -> Primitive:
     """Makes a linear primitive of one array that leaves it as it is."""
     primitive = Primitive(name)
-    primitive.def_impl(lambda x: x)
-    primitive.def_abstract_eval(lambda x: x)
+    primitive.def_impl(lambda x, kernel: x)
+    primitive.def_abstract_eval(lambda x, kernel: x)
 
-    def jvp(primals, tangents):
+    def jvp(primals, tangents, **of_call):
         (t,) = tangents
-        return primitive.bind(*primals), t if type(t) is ad.Zero else primitive.bind(t)
+        return primitive.bind(*primals, **of_call), t if type(t) is ad.Zero else primitive.bind(t, **of_call)
 
     ad.primitive_jvps[primitive] = jvp
-    batching.primitive_batchers[primitive] = lambda operands, axes: (primitive.bind(*operands), axes[0])
-    mlir.register_lowering(primitive, lambda context, x: [x])
+    batching.primitive_batchers[primitive] = lambda operands, axes, **of_call: (
+        primitive.bind(*operands, **of_call),
+        axes[0],
+    )
+    mlir.register_lowering(primitive, lambda context, x, kernel: [x])
     return primitive
 
 
-def _mark(context: Any, x: Any) -> list:
-    """Sets the attributes on the call that a value comes from, once, unless it holds what cannot be in a kernel."""
+def _mark(context: Any, x: Any, kernel: bool) -> list:
+    """Sets the attributes on the call that a value comes from, once; not those of a kernel where it cannot be one."""
     call = getattr(x.owner, "operation", x.owner)
     if getattr(call, "name", "") == "func.call" and ATTRIBUTES not in call.attributes:
-        mark = MARK if _fits(call, context.module_context.symbol_table, set()) else {}
-        call.attributes[ATTRIBUTES] = ir.DictAttr.get({key: ir.StringAttr.get(text) for key, text in mark.items()})
+        marks = {"inlineable": "false"}
+        if kernel:
+            functions = context.module_context.symbol_table
+            good = _only_calls(call, functions) and _fits(call, functions, set())
+            marks = marks | {"xla_cpu_small_call": "true"} if good else {}
+        call.attributes[ATTRIBUTES] = ir.DictAttr.get({key: ir.StringAttr.get(text) for key, text in marks.items()})
     return [x]
+
+
+def _called_function(call: Any, functions: Any) -> Any:
+    return functions[ir.FlatSymbolRefAttr(call.attributes["callee"]).value]
+
+
+def _only_calls(call: Any, functions: Any) -> bool:
+    """Tells whether the called function does nothing but call another one, not inlined, with all its arguments."""
+    block = _called_function(call, functions).entry_block
+    first, *_, last = (operation.operation for operation in block.operations)
+    if len(list(block.operations)) != 2 or first.name != "func.call" or ATTRIBUTES not in first.attributes:
+        return False
+    return last.name == "func.return" and set(block.arguments) <= set(first.operands)
 
 
 def _fits(call: Any, functions: Any, seen: set[str]) -> bool:
@@ -108,6 +129,8 @@ def _updates_once(scatter: Any) -> bool:
 
 _argument, _result = _nothing_on("slipperjax_argument"), _nothing_on("slipperjax_result")
 for one, other in ((_argument, _result), (_result, _argument)):
-    ad.primitive_transposes[one] = lambda t, x, other=other: [t if type(t) is ad.Zero else other.bind(t)]
+    ad.primitive_transposes[one] = lambda t, x, kernel, other=other: [
+        t if type(t) is ad.Zero else other.bind(t, kernel=kernel)
+    ]
 # a lowering that JAX keeps for several calls would not see where its operand comes from
 mlir.register_lowering(_result, _mark, platform="cpu", cacheable=False)
