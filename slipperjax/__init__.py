@@ -6,6 +6,9 @@ import sys
 import jax
 import lazy_loader
 
+from .tools.compile import warn_if_told_otherwise as _warn_if_told_otherwise
+
+_warn_if_told_otherwise()
 jax.config.update("jax_enable_x64", True)
 
 __version__ = importlib.metadata.version("slipperjax")

@@ -23,7 +23,7 @@ from ..model.scene import Scene
 from ..model.step_size import prepared
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
-from ..tools.compile import call_compiled, jit
+from ..tools.compile import call_compiled, jit, with_standard_promotion
 from ..tools.one_kernel import in_one_kernel
 from .course import Course
 from .record import RecordSet
@@ -94,6 +94,7 @@ class PeriodMap(eqx.Module):
         """Returns the state after one application, the one number `k`."""
         return self.run(state, k * self.periods).state
 
+    @with_standard_promotion
     def run(
         self,
         state: State,

@@ -554,6 +554,7 @@ def _stored(function: Callable[..., Any], options: dict[str, Any], store: Store,
     """
     need = "be a dask.distributed.Client or a concurrent.futures.Executor"
     require(executor is None or callable(getattr(executor, "submit", None)), "executor", need, executor)
+    _check_not_forked(executor)
     scene, steps, workers = (options.pop(name) for name in ("scene", "steps_per_period", "workers"))
     scene = at_speed(scene, options.pop("speed", None))  # of `run`, whose grid may vary it
     grid = Grid(scene, options.pop("grid"), product=options["product"])
@@ -652,6 +653,16 @@ def _compute_tile(
         cases = f"{archive.complete_cases()} of {math.prod(archive.tiles.shape)} cases are stored"
         text = f"cannot write to {archive.path}: {error.strerror or error}; {cases}, call again to go on"
         raise OSError(error.errno or errno.EIO, text) from None
+
+
+def _check_not_forked(executor: Any) -> None:
+    """Raises `ValueError` for forked processes, in which programs of JAX wait for threads that were not copied."""
+    context = getattr(
+        executor, "_mp_context", None
+    )  # of a ProcessPoolExecutor; Python's default on Linux before 3.14
+    forked = context is not None and context.get_start_method() == "fork"
+    need = "start new processes, as slipperjax.processes() or mp_context=multiprocessing.get_context('spawn') does"
+    require(not forked, "executor", need, shown="one that forks this one, in whose copies JAX hangs")
 
 
 def _run_tasks(

@@ -1,6 +1,8 @@
 """Compiling: `jax.jit` with compiler options, at the top level and inside other transformations."""
 
 import functools
+import os
+import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -42,12 +44,7 @@ def jit(fun: Callable, **kwargs: Any) -> Callable:
 
     **Raises:** at a call, `ValueError` if JAX runs with 32-bit numbers.
     """
-
-    @functools.wraps(fun)
-    def traced(*args: Any, **options: Any) -> Any:
-        with jax.numpy_dtype_promotion("standard"):  # also where the user's own code is to be strict
-            return fun(*args, **options)
-
+    traced = with_standard_promotion(fun)
     inner = jax.jit(traced, **kwargs)
 
     @functools.cache
@@ -62,6 +59,28 @@ def jit(fun: Callable, **kwargs: Any) -> Callable:
         return outermost(jax.default_backend())(*args, **options)
 
     return call
+
+
+def with_standard_promotion(fun: Callable) -> Callable:
+    """Makes a function within which JAX promotes types as by default, where the user's own code is to be strict."""
+
+    @functools.wraps(fun)
+    def call(*args: Any, **options: Any) -> Any:
+        with jax.numpy_dtype_promotion("standard"):
+            return fun(*args, **options)
+
+    return call
+
+
+def warn_if_told_otherwise() -> None:
+    """Gives a warning where the environment asks for 32-bit numbers, which no part of this package can do with."""
+    asked = os.environ.get("JAX_ENABLE_X64")
+    if asked is not None and asked.lower() in ("0", "f", "false", "n", "no", "off"):
+        warnings.warn(
+            f"JAX_ENABLE_X64={asked} has no effect: slipperjax needs 64-bit numbers and turns them on for the whole "
+            "process, so that arrays of other code are of 64 bits, too, where it gives no type.",
+            stacklevel=3,
+        )
 
 
 def need_64_bits() -> None:

@@ -2,13 +2,14 @@
 
 import errno
 import itertools
+import multiprocessing
 import os
 import random
 import shutil
 import subprocess
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -533,9 +534,11 @@ def test_each_kind_of_warning_is_given_once_however_many_parts_there_are(tmp_pat
 
 def test_what_is_no_executor_or_no_store_is_named(tmp_path):
     path, asked = tmp_path / "m.zarr", lambda **how: made_up.made_up(sj.paper_scene(), a_grid(), **how)
+    forked = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("fork"))  # which starts none by itself
     for make, words in (
         (lambda: asked(executor=3, store=path), "must be a dask.distributed.Client or"),
         (lambda: asked(executor=ThreadPoolExecutor(1)), "`executor` needs `store`"),
+        (lambda: asked(executor=forked, store=path), "must start new processes, .* but is one that forks"),
         (lambda: asked(store=7), "must be a path or a slipperjax.Store"),
         (lambda: asked(store=path, steps_per_period=np.ones(3)), "one for each case, \\(12, 10\\)"),
         *((lambda n=n: sj.Store(path, share=n), "`share` must be") for n in ((0, 2), (3, 2), (1,), "1/2")),

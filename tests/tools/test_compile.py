@@ -1,0 +1,70 @@
+"""In the programs of others: their settings of JAX, and an import where something is traced."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+SMALL = """
+import jax
+import numpy as np
+def slope(speed):
+    import slipperjax as sj
+    scene = sj.paper_scene(1000.0)
+    state = sj.initial_state(scene, sj.table_2_start())
+    return sj.period_map(scene.replace(speed=speed), state, steps_per_period=40).motion.v_z
+"""
+STRICT = (
+    SMALL
+    + """
+import slipperjax as sj
+from slipperjax.flow.period_map import PeriodMap
+assert sj.simulate(sj.paper_scene(1000.0), periods=1).status == 0
+assert np.isfinite(jax.jit(jax.grad(slope))(1000.0))
+scene = sj.paper_scene(1000.0)
+assert np.isfinite(jax.jit(lambda state: PeriodMap(scene, 40)(state).motion.v_z)(sj.initial_state(scene, sj.table_2_start())))
+rail = sj.RandomTrack.sled(length=200.0).prepared()
+assert np.isfinite(jax.jit(lambda x: rail.irregularity(x).vertical)(9.0))
+assert np.all(sj.sweep(scene, {"speed": [900.0, 950.0]}, transient=1, periods=2)["status"] == 0)
+try:
+    jax.numpy.ones(2) + jax.numpy.ones(2, int)
+except Exception as error:
+    assert "strict" in str(error)  # the user's own code stays so
+else:
+    raise AssertionError
+"""
+)
+INSIDE = (
+    SMALL
+    + """
+jax.config.update("jax_enable_x64", True)
+assert np.isfinite(jax.jit(slope)(1000.0))  # imports it
+import slipperjax as sj
+assert np.isclose(sj.simulate(sj.paper_scene(1000.0), periods=1).end.motion.v_z, slope(1000.0), rtol=1e-9)
+from slipperjax.tools.compile import is_transformed
+assert not is_transformed()
+"""
+)
+
+
+def run(code, **environment):
+    words = [sys.executable, "-W", "error::UserWarning", "-c", code]
+    return subprocess.run(words, env=os.environ | environment, capture_output=True, text=True)
+
+
+def test_the_users_code_may_be_strict_about_types():
+    done = run(STRICT, JAX_NUMPY_DTYPE_PROMOTION="strict")
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
+def test_the_first_import_may_be_inside_a_traced_function():
+    done = run(INSIDE)
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
+@pytest.mark.parametrize(("asked", "warned"), [("0", True), ("False", True), ("1", False)])
+def test_a_wish_for_32_bits_is_answered_by_one_warning(asked, warned):
+    done = run("import slipperjax", JAX_ENABLE_X64=asked)
+    assert (f"JAX_ENABLE_X64={asked} has no effect: slipperjax needs 64-bit numbers" in done.stderr) == warned
+    assert done.returncode == warned
