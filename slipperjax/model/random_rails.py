@@ -25,6 +25,7 @@ from ..tools.checks import (
     warn,
     whole_number,
 )
+from ..tools.compile import with_standard_promotion
 from ..tools.deviates import keys_of, normal, uniform
 from .rails import DEFAULT_RAMP, ENDS, AbstractRail, SplineTrack, mean_wave, ramps, repeats_after
 from .tracks import Irregularity, chosen
@@ -236,6 +237,7 @@ class RandomTrack(AbstractRail):
     def recurrence(self) -> Float[Array, ""]:
         return repeats_after(self, self.length)
 
+    @with_standard_promotion
     def prepared(self) -> SplineTrack:
         """Returns this seed's rail as a spline, by one Fourier transform for each direction."""
         count = 2 * int(np.ceil(SAMPLES_PER_WAVE * self.length / self.band[0] / 2))

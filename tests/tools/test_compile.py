@@ -23,7 +23,8 @@ from slipperjax.flow.period_map import PeriodMap
 assert sj.simulate(sj.paper_scene(1000.0), periods=1).status == 0
 assert np.isfinite(jax.jit(jax.grad(slope))(1000.0))
 scene = sj.paper_scene(1000.0)
-assert np.isfinite(jax.jit(lambda state: PeriodMap(scene, 40)(state).motion.v_z)(sj.initial_state(scene, sj.table_2_start())))
+state = sj.initial_state(scene, sj.table_2_start())
+assert np.isfinite(jax.jit(lambda state: PeriodMap(scene, 40)(state).motion.v_z)(state))
 rail = sj.RandomTrack.sled(length=200.0).prepared()
 assert np.isfinite(jax.jit(lambda x: rail.irregularity(x).vertical)(9.0))
 assert np.all(sj.sweep(scene, {"speed": [900.0, 950.0]}, transient=1, periods=2)["status"] == 0)
