@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..tools.checks import require, whole
+from ..tools.checks import numbers, require, whole
 from .kinds import Regime
 
 MIN_TEST = 200
@@ -107,7 +107,7 @@ def decay_rate(residual, *, windows=12, floor=0.0) -> Decay:
 
     **Raises:** `ValueError` for settings out of range.
     """
-    r = np.asarray(residual, dtype=float)
+    r = numbers("residual", residual).astype(float)
     windows = whole("windows", windows, 6)
     require(r.ndim != 0, "residual", "be of shape (*cases, periods)", r)
     require(floor >= 0, "floor", "be zero or positive", floor)
@@ -130,7 +130,7 @@ def zero_one_test(series, *, samples=100, seed=0) -> np.ndarray:
 
     **Raises:** `ValueError` for fewer than 40 periods and settings out of range.
     """
-    x = np.asarray(series, dtype=float)
+    x = numbers("series", series).astype(float)
     if x.ndim == 0 or x.shape[-1] < 40:
         raise ValueError(f"Argument `series` must be of 40 periods or more, but is of shape {x.shape}.")
     count = whole("samples", samples, 1)
@@ -181,7 +181,7 @@ def classify(strobe, *, scales=None, turns=None, max_period=16, tolerance=1e-3, 
 
 
 def _scaled(strobe, scales, turns):
-    x = np.asarray(strobe, dtype=float)
+    x = numbers("strobe", strobe).astype(float)
     if x.ndim < 2 or 0 in x.shape or x.shape[-2] < 2:
         raise ValueError(f"Argument `strobe` must be of shape (*cases, periods, states), but is {x.shape}.")
     default = scales is None

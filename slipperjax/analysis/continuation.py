@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from ..tools.checks import shown_number, whole
+from ..tools.checks import instance, require, shown_number, whole
 from .curves import Pace, Spot, Walk, bounds_of_unknowns, check_within, checked_bounds, correct, evaluated, passes
 from .events import Event, EventSearch, Node, Observe, as_node
 from .floquet import product
@@ -97,6 +97,9 @@ def continue_motion(
 
     **Raises:** `ValueError` where there is no motion near the start, or the bounds do not hold it.
     """
+    instance("equations", equations, PeriodicMotions, "slipperjax.analysis.PeriodicMotions")
+    pair = isinstance(start, Spot | tuple | list) and len(start) >= 2
+    require(pair, "start", "be a state and the parameter's value there, or a point of a branch", start)
     check_within("start", start.z[-1] if isinstance(start, Spot) else start[1], checked_bounds(bounds))
     if not isinstance(start, Spot):
         z = equations.unknowns(*start)
@@ -131,6 +134,7 @@ def extend_motion(
     - `points`: most points of each way. `until`: labels of events after which a way is not followed further.
     - `on_point`: is called with each point, for progress.
     """
+    instance("branch", branch, Branch, "a slipperjax.analysis.Branch")
     most, (low, high) = whole("points", points, 1), bounds_of_unknowns(branch.equations.size, bounds)
     interrupted = False
     # ahead from the last point, then turned around and ahead once more
@@ -192,6 +196,8 @@ def switch(branch: Branch, event: Event, *, length: float = 0.05, tolerance: flo
 
     **Raises:** `ValueError` for other events, or where no point is found.
     """
+    instance("branch", branch, Branch, "a slipperjax.analysis.Branch")
+    instance("event", event, Event, "one of the branch's events")
     if event.label not in ("PD", "BP"):
         raise ValueError(f"Argument `event` must be a flip (PD) or a branch point (BP), but is {event.label}.")
     equations, spot = branch.equations, event.node.spot

@@ -9,7 +9,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Complex, Float, Inexact
 
-from ..tools.checks import finite, whole
+from ..tools.checks import finite, numbers, whole
 from ..tools.compile import call_compiled, is_traced
 from ..tools.one_kernel import in_one_kernel
 from .lyapunov import Step, check_functions, check_state
@@ -76,7 +76,7 @@ def multipliers(
     if is_traced(matrices):
         mu = jnp.linalg.eigvals(product(matrices)).astype(complex)
         return mu[jnp.argsort(-jnp.abs(mu))]
-    matrices = np.asarray(matrices)
+    matrices = numbers("matrices", matrices, 3)
     blocks = [matrices] if len(matrices) == 1 or not np.all(np.isfinite(matrices)) else _blocks(matrices)
     mu = np.concatenate([_eigenvalues(product(block)) for block in blocks])
     return mu[np.argsort(-np.abs(mu), kind="stable")]
@@ -170,7 +170,7 @@ def largest_exponent(matrices: Any, period: int) -> float:
 
     **Arguments:** `matrices`: Jacobians of `period` or more successive intervals, (intervals, size, size).
     """
-    return float(np.log(np.abs(multipliers(np.asarray(matrices)[:period])[0])) / period)
+    return float(np.log(np.abs(multipliers(numbers("matrices", matrices, 3)[:period])[0])) / period)
 
 
 def floquet(step: Step, state: Any, *, index: Any = 0.0, intervals: int = 1) -> Complex[Array | np.ndarray, " size"]:

@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from ..tools.checks import numbers
+
 
 class Regime(enum.IntEnum):
     """Code of a kind of motion, with its names in results; 0 also marks cases that were not computed."""
@@ -58,6 +60,7 @@ def lasting(name: str, least_mean_life: Any) -> str:
     **Arguments:** `name`: of `REGIMES`; `least_mean_life`: of the cases, see `slipperjax.lyapunov_sweep`, NaN where
     there is none.
     """
+    least_mean_life = numbers("least_mean_life", least_mean_life)
     known = np.ravel(least_mean_life)[np.isfinite(np.ravel(least_mean_life))]
     if name != Regime.CHAOTIC.regime_name or not len(known):
         return name

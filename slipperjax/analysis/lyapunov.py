@@ -19,7 +19,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
-from ..tools.checks import finite, positive, require, shown_number, whole
+from ..tools.checks import finite, numbers, positive, require, shown_number, whole
 from ..tools.compile import call_compiled, is_traced
 from ..tools.one_kernel import in_one_kernel
 from .kinds import Regime
@@ -341,7 +341,7 @@ def kaplan_yorke(exponents: Any) -> Float[np.ndarray, "*lanes"]:
     exponent whose exact value is zero is used as measured: the dimension of a limit cycle of an ODE is 1 for a
     measured +1e-9, and 0 for -1e-9.
     """
-    falling = -np.sort(-np.asarray(exponents), axis=-1)
+    falling = -np.sort(-numbers("exponents", exponents, 1), axis=-1)
     sums = np.cumsum(falling, axis=-1)
     whole_part = np.sum(sums >= 0, axis=-1, keepdims=True)
     surplus = np.take_along_axis(np.concatenate([0 * sums[..., :1], sums], axis=-1), whole_part, axis=-1)
@@ -360,7 +360,7 @@ def weighted_mean(history: Any) -> Float[np.ndarray, "*lanes count"]:
 
     **Arguments:** `history`: shape (*lanes, intervals, count).
     """
-    history = np.asarray(history)
+    history = numbers("history", history, 2)
     t = (np.arange(history.shape[-2]) + 0.5) / history.shape[-2]
     weights = np.exp(-1 / (t * (1 - t)))
     return np.einsum("k,...kc->...c", weights / weights.sum(), history)
@@ -378,7 +378,7 @@ def standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
 
     **Arguments:** `history`: shape (*lanes, intervals, count).
     """
-    history = np.asarray(history)
+    history = numbers("history", history, 2)
     if history.shape[-2] < 8:
         return np.full(history.shape[:-2] + history.shape[-1:], np.nan)
     length = max(1, history.shape[-2] // 100)
@@ -418,7 +418,7 @@ def one_motion_standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]
 
     **Arguments:** `history`: shape (*lanes, intervals, count).
     """
-    history = np.asarray(history)
+    history = numbers("history", history, 2)
     within = standard_error(history)
     if history.shape[-2] < PARTS:
         return within
@@ -446,7 +446,7 @@ def pooled_standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
 
     **Arguments:** `history`: local exponents, shape (*lanes, motions, intervals, count).
     """
-    history = np.asarray(history)
+    history = numbers("history", history, 3)
     motions, intervals, count = history.shape[-3:]
     within = np.sqrt(np.mean(standard_error(history) ** 2, axis=-2) / motions)
     if intervals < 8:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..tools.checks import require
+from ..tools.checks import numbers, require
 
 Points = Float[np.ndarray, "_ 2"]
 """A curve: its points in their order, one column per parameter; NaN between parts that are apart."""
@@ -59,7 +59,7 @@ def holding(
 
 
 def _rising(name: str, values: np.ndarray) -> np.ndarray:
-    values = np.asarray(values, float)
+    values = numbers(name, values).astype(float)
     require(values.ndim == 1 and np.all(np.diff(values) > 0), name, "be values that rise", values)
     return values
 

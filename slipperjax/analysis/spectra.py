@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..tools.checks import number, one_of, positive, whole
+from ..tools.checks import instance, number, one_of, positive, whole
 
 THRESHOLD = 15.0
 """Least height of a line above the local floor [dB]. Each bin of white noise exceeds its median by 15 dB with a
@@ -187,6 +187,7 @@ class _Bins:
         import scipy.ndimage
         import scipy.signal
 
+        instance("spectrum", spectrum, Spectrum, "a slipperjax.analysis.Spectrum")
         self.frequency, self.density = (np.asarray(x, dtype=float) for x in spectrum)
         size, shape = self.density.size, self.density.shape
         if self.density.ndim != 1 or shape != self.frequency.shape or size < 5:

@@ -7,6 +7,8 @@ from typing import Any
 import jax
 import numpy as np
 
+from ..tools.checks import require, whole
+
 FINER = 3, 6, 12
 """Multiples of the steps of a motion on which its derivatives are taken: they converge an order later than values, so
 that with the default steps one in ten is wrong by a third."""
@@ -24,6 +26,8 @@ def with_step_error(function: Callable[[int], Any], steps: int, finer: Sequence[
     difference, and at least what errors of second order leave of the one before, which may be small by chance. They
     are meant as standard errors: nearly all true errors lie within three of them, see the pages on orbits and design.
     """
+    require(callable(function), "function", "be a function of the number of steps", function)
+    steps = whole("steps", steps, 1)
     results = [function(times * steps) for times in finer]
     ratio = (finer[-1] / finer[-2]) ** 2
 

@@ -333,7 +333,8 @@ def simulate(
     epoch = begin / scene.track.wavelength
     check_rail(scene, periods, begin)
     default = lambda: default_steps(_at_slowest(scene, epoch, periods), None)
-    steps, saves = step_plan(default, steps_per_period, saves_per_period)
+    given = None if steps_per_period is None else whole("steps_per_period", steps_per_period, 1)
+    steps, saves = step_plan(default, given, saves_per_period)
     solver = resolve_solver(scene, solver)
     controller = resolve_controller(stepsize_controller, solver)
     probe, traced = whole("probe", probe, 0), is_traced((scene, start))

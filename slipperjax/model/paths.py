@@ -92,9 +92,9 @@ def _at_path(path: str, scene: Any) -> Parameter:
         owner = part
         numbers = [f.name for f in dataclasses.fields(owner) if not f.metadata.get("static", False)]
         if words[0] not in numbers:
+            has = f"{', '.join(numbers)}, but not" if numbers else "no numbers, and so not"
             raise ValueError(
-                f"Argument `{path}` leads to no number: {type(owner).__name__} has {', '.join(numbers)}, "
-                f"but not {brief(words[0])}."
+                f"Argument `{path}` leads to no number: {type(owner).__name__} has {has} {brief(words[0])}."
             )
         fields.append(words.pop(0))
         part = getattr(owner, fields[-1])

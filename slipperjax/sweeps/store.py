@@ -89,6 +89,7 @@ class Store:
     """(i, n): compute the i-th of n shares only, i from 1 to n, while other processes compute the others."""
 
     def __post_init__(self):
+        require(isinstance(self.path, str | os.PathLike), "store", "be a path that ends in .zarr", self.path)
         object.__setattr__(self, "path", Path(self.path))
         require(self.path.suffix == ".zarr", "store", "be a path that ends in .zarr", str(self.path))
         if self.tile is not None:

@@ -141,6 +141,20 @@ def instance(name: str, value: Any, kind: type, text: str) -> Any:
     return value
 
 
+def numbers(name: str, value: Any, axes: int = 0, least: int = 1) -> np.ndarray:
+    """Gives an array of numbers with so many axes or more, each of `least` or more; raises `ValueError` otherwise."""
+    try:
+        array = np.asarray(value)
+    except ValueError:  # of rows of several lengths
+        array = np.asarray(None)
+    shapes = f" with {axes} axes or more" if axes > 1 else " along one axis or more" if axes else ""
+    need = f"be numbers{shapes}"
+    require(array.dtype.kind in "biufc", name, need, value)
+    require(array.ndim >= axes, name, need, shown=f"of shape {array.shape}")
+    require(min(array.shape, default=least) >= least, name, need, shown=f"of shape {array.shape}")
+    return array
+
+
 TOLD: ContextVar[set[str] | None] = ContextVar("TOLD", default=None)
 """In the parts of a run: the warnings that were given, without numbers, each of which is given once."""
 
