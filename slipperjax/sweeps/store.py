@@ -6,6 +6,7 @@ files are there; the digest is written last. The same call goes on where the las
 
 import errno
 import functools
+import glob
 import hashlib
 import html
 import inspect
@@ -17,11 +18,12 @@ import shutil
 import signal
 import threading
 import uuid
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import jax
@@ -271,10 +273,31 @@ class Archive(NamedTuple):
 
         Nobody else may be writing to them.
         """
-        own = None if numbers is None else {file for number in numbers for file in self.files(number).values()}
+        own = self.own_files(range(self.tiles.count) if numbers is None else numbers)
         for part in self.path.rglob("*.partial"):
-            if own is None or part.with_name(part.name.partition(".")[0]) in own:
+            if _whole_name(part) in own:
                 part.unlink(missing_ok=True)
+
+    def own_files(self, numbers: Iterable[int]) -> set[Path]:
+        """The files of some tiles, and those of no tile, without their endings."""
+        of_tiles = {file for number in numbers for file in self.files(number).values()}
+        return of_tiles | {_whole_name(self.path / name) for name in ("zarr.json", *self.mark.get("common", ()))}
+
+    def check_own(self) -> None:
+        """Checks that nothing is in the store but its own files.
+
+        **Raises:** `ValueError` that names another one.
+        """
+        own = self.own_files(range(self.tiles.count))
+        for file in self.path.rglob("*"):
+            is_own = _whole_name(file) in own and file.suffix in ("", ".json", ".partial")
+            if file.is_symlink() or not (is_own or file.is_dir()):
+                raise ValueError(f"Argument `store` must hold nothing else where it is made anew, but has {file}.")
+
+
+def _whole_name(file: Path) -> Path:
+    """A file's name without its ending; of one that was not finished, that of the whole one."""
+    return file.parent / file.name.partition(".")[0]
 
 
 def _fitted(name: str, variable: xr.Variable, capacity: Mapping[str, int]) -> xr.Variable:
@@ -358,17 +381,14 @@ def _make_archive(path: Path, *contents: Any) -> Archive:
 
     **Arguments:** `contents`: as for `_create`.
     """
-    for part in path.parent.glob(f".{path.name}.*.part"):  # of processes that were killed
+    begin, end = f".{path.name}.", ".part"
+    for part in path.parent.glob(f"{glob.escape(begin)}*{end}"):  # of processes that were killed
         shutil.rmtree(part, ignore_errors=True)
-    new, old = (path.with_name(f".{path.name}.{kind}-{os.getpid()}.part") for kind in ("new", "old"))
-    try:
-        _create(new, *contents)
+    with TemporaryDirectory(end, begin, path.parent, ignore_cleanup_errors=True) as part:
+        _create(Path(part, "new"), *contents)
         if path.exists():
-            os.rename(path, old)
-        os.rename(new, path)
-    finally:
-        for part in (new, old):
-            shutil.rmtree(part, ignore_errors=True)
+            os.rename(path, Path(part, "old"))
+        os.rename(Path(part, "new"), path)
     return _open_archive(path)
 
 
@@ -483,7 +503,7 @@ def _writing(store: Store) -> Iterator[None]:
             raise PermissionError(f"{store.path} is protected against writing")
         if store.share is None:
             path = store.path.resolve()
-            for other in path.parent.glob(f"{path.name}.*-of-*.lock"):
+            for other in path.parent.glob(f"{glob.escape(path.name)}.*-of-*.lock"):
                 with _held(other):
                     pass
         yield
@@ -510,6 +530,8 @@ def _held(path: Path, seconds: float = LOCK_WAIT) -> Iterator[None]:
             "then call again: what it has finished is kept."
         ) from None
     except OSError as error:
+        if path.is_symlink():
+            raise PermissionError(f"{path} must be a lock and no link, which leads elsewhere: delete it") from None
         if isinstance(error, PermissionError) or error.errno == errno.EROFS:
             raise PermissionError(f"{path.parent} is protected against writing") from None
         raise
@@ -621,12 +643,7 @@ def _check_replaceable(path: Path) -> None:
             f"Argument `store` must be no link where it is made anew, but {path} leads to {path.resolve()}."
         )
     if path.exists():
-        _open_archive(path)
-        for file in path.rglob("*"):
-            parts = file.relative_to(path).parts
-            own = parts[-1] == "zarr.json" or "c" in parts[1:2] or file.name.endswith(".partial")
-            if not (own or (file.is_dir() and len(parts) == 1)):
-                raise ValueError(f"Argument `store` must hold nothing else where it is made anew, but has {file}.")
+        _open_archive(path).check_own()
 
 
 # --- workers --------------------------------------------------------------------------------------------------------

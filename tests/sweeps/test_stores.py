@@ -311,15 +311,47 @@ def test_only_stores_of_ours_are_replaced_and_none_through_a_link(tmp_path, stor
     with pytest.raises(ValueError, match="must be a store of slipperjax, but is none"):
         call(other, fresh=True)
     assert files(other) == before
-    for name in ("thesis.tex", "notes/thesis.tex", "v_z/thesis.tex"):
+    for name in (
+        *("thesis.tex", "notes/thesis.tex", "v_z/thesis.tex", "v_z/c/thesis.tex", "v_z/c/3/0/0.tex", "v_z/c/99/0/0"),
+        *("notes/zarr.json", "notes/c/0", "thesis.partial", "v_z/thesis.partial", ".git/config"),
+    ):
         file = stored / name
-        file.parent.mkdir(exist_ok=True)
+        file.parent.mkdir(exist_ok=True, parents=True)
         file.write_text("years of work")
         with pytest.raises(ValueError, match="must hold nothing else where it is made anew"):
             call(stored, fresh=True)
+        module._open_archive(stored).tidy()
         assert file.read_text() == "years of work"
         file.unlink()
+    (stored / "v_z" / "zarr.1.partial").write_text("of a process that was killed")
+    (stored / "v_z" / "c" / "3" / "0" / "0.1.partial").write_text("of another one")
+    call(stored, fresh=True)
     assert files(stored) == whole
+
+
+def test_names_with_brackets_are_names(tmp_path):
+    path, other = tmp_path / "map[1].zarr", tmp_path / ".map1.zarr.x.part"
+    other.mkdir()
+    call(path)
+    assert other.is_dir()
+    with module._writing(Store(path, share=(1, 2))), pytest.raises(StoreInUse):
+        call(path, fresh=True)
+
+
+def test_nothing_is_written_through_a_link_in_place_of_a_lock_or_a_new_store(tmp_path, whole):
+    path, victim = tmp_path / "map.zarr", tmp_path / "victim"
+    victim.mkdir()
+    (victim / "thesis.tex").write_text("years of work")
+    for kind in ("new", "old"):
+        (tmp_path / f".map.zarr.{kind}-{os.getpid()}.part").symlink_to(victim)
+    for target in ("victim/thesis.tex", "victim/new"):
+        (tmp_path / "map.zarr.lock").symlink_to(tmp_path / target)
+        with pytest.raises(PermissionError, match=r"map\.zarr\.lock must be a lock and no link"):
+            call(path)
+        (tmp_path / "map.zarr.lock").unlink()
+    call(path)
+    assert files(path) == whole
+    assert [(file.name, file.read_text()) for file in victim.iterdir()] == [("thesis.tex", "years of work")]
 
 
 @pytest.mark.parametrize("name", ["v_z/zarr.json", "digest_of_tile/zarr.json", "speed/zarr.json", "point/c/0"])
