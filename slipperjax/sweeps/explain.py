@@ -133,7 +133,7 @@ def explain(
         compile=max(seconds[0] - seconds[1], 0.0),
         resident=_resident(),
         per_case_stored=_compressed(ds),
-        files_per_tile=1 + sum("case" in v.dims for name, v in ds.variables.items() if name not in axes),
+        files_per_tile=2 + sum("case" in v.dims for name, v in ds.variables.items() if name not in axes),
     )
 
 

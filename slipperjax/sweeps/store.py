@@ -38,9 +38,10 @@ from ..model.scene_files import scene_to_json
 from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
 from ..tools.cache import compile_cache, keep_programs
-from ..tools.checks import TOLD, require, whole, yes_or_no
-from ..tools.code import classes_of, code_digest, package_digest
+from ..tools.checks import TOLD, require, warn, whole, yes_or_no
+from ..tools.code import IMPORTED, classes_of, code_digest, package_digest
 from ..tools.description import describe, type_name
+from ..tools.files import listed
 from ..tools.limits import cores, shown_bytes
 from .estimate import CountedEstimate
 from .grid import Grid, Tiling
@@ -50,6 +51,8 @@ MARK = "slipperjax_store"
 """Attribute by which a store of ours is known: its identity, the call as JSON, and its tiles."""
 DIGEST = "digest_of_tile"
 """Array of the tiles' digests, which are written last."""
+VERSIONS = "versions_of_tile"
+"""Array of the versions of packages with which tiles were computed, as JSON."""
 RETRIES = 3
 """How often dask tries a task again that failed."""
 LOCK_WAIT, SHARE_WAIT = 0.5, 60.0
@@ -140,7 +143,6 @@ def _fingerprint(function: Any, grid: Grid, options: Mapping[str, Any], tiles: T
         "tile": tiles.tile,
         "arguments": {name: _described(value) for name, value in arguments.items()},
         "code": code,
-        "versions": {name: version for name, version in versions().items() if name != "python"},
     }
     return json.loads(json.dumps(call))
 
@@ -173,7 +175,7 @@ class Archive(NamedTuple):
     """A store that exists."""
 
     path: Path
-    # Content of its attribute `MARK`: `identity`, `call`, `dims`, `shape`, `tile`, `axes`, `coords`, the
+    # Content of its attribute `MARK`: `identity`, `call`, `versions`, `dims`, `shape`, `tile`, `axes`, `coords`, the
     # dimensions of the `variables` that tiles have a chunk of, and digests of the `common` files, of no tile.
     mark: dict[str, Any]
 
@@ -182,6 +184,11 @@ class Archive(NamedTuple):
         """Its tiles."""
         return Tiling(tuple(self.mark["shape"]), tuple(self.mark["tile"]))
 
+    def place(self, number: int) -> dict[str, slice]:
+        """Slices of the dimensions of `VERSIONS` and `DIGEST` that make up a tile."""
+        dims, at = self.mark["dims"], self.tiles.indices(number)
+        return {f"tile_{d}": slice(k, k + 1) for d, k in zip(dims, at, strict=True)}
+
     def region(self, number: int) -> dict[str, slice]:
         """Slices of the dimensions that make up a tile."""
         return dict(zip(self.mark["dims"], self.tiles.region(number), strict=True))
@@ -189,7 +196,7 @@ class Archive(NamedTuple):
     def files(self, number: int) -> dict[str, Path]:
         """The files of a tile by variable, that of the digest last."""
         at = dict(zip(self.mark["dims"], map(str, self.tiles.indices(number)), strict=True))
-        variables = self.mark["variables"] | {DIGEST: self.mark["dims"]}
+        variables = self.mark["variables"] | dict.fromkeys((VERSIONS, DIGEST), self.mark["dims"])
         return {
             name: self.path.joinpath(name, "c", *(at.get(d, "0") for d in dims)) for name, dims in variables.items()
         }
@@ -207,14 +214,14 @@ class Archive(NamedTuple):
         """All of it, digests and texts as they are stored."""
         return xr.open_zarr(self.path, chunks=None, mask_and_scale=False, **ZARR)
 
-    def digest(self, number: int) -> int:
-        """The digest of a tile, of the bytes of its files.
+    def digest(self, number: int, of_versions: str) -> int:
+        """The digest of a tile: of the store's call, its versions, and the bytes of its files.
 
         **Raises:** `FileNotFoundError` where one is missing.
         """
-        total = hashlib.sha256(str(number).encode())
+        total = hashlib.sha256(json.dumps([self.mark["call"], number, of_versions], sort_keys=True).encode())
         for name, file in self.files(number).items():
-            if name != DIGEST:
+            if name in self.mark["variables"]:
                 total.update(name.encode() + hashlib.sha256(file.read_bytes()).digest())
         return int.from_bytes(total.digest()[:8], "big") >> 1
 
@@ -226,13 +233,14 @@ class Archive(NamedTuple):
 
     def damage(self, number: int, ds: xr.Dataset) -> str | None:
         """Says what is wrong with a tile whose digest is there, as far as checksums tell; None where nothing is."""
-        files = self.files(number)
+        files, of_tile = self.files(number), {}
         try:
-            try:
-                stored = int(ds[DIGEST].variable[self.tiles.indices(number)].values)
-            except Exception as error:
-                return f"{files[DIGEST]} cannot be read: {error}"
-            if stored == self.digest(number):
+            for name in (VERSIONS, DIGEST):
+                try:
+                    of_tile[name] = ds[name].isel(self.place(number)).values.item()
+                except Exception as error:
+                    return f"{files[name]} cannot be read: {error}"
+            if of_tile[DIGEST] == self.digest(number, of_tile[VERSIONS]):
                 return None
             for name in self.mark["variables"]:
                 try:
@@ -264,9 +272,10 @@ class Archive(NamedTuple):
         part = xr.Dataset({name: _fitted(name, ds.variables[name], capacity) for name in self.mark["variables"]})
         part.to_zarr(self.path, region=self.region(number), write_empty_chunks=True, **ZARR)
         self.check_same()
-        place = {f"tile_{d}": slice(k, k + 1) for d, k in zip(dims, self.tiles.indices(number), strict=True)}
-        digest = xr.Dataset({DIGEST: (tuple(place), np.full((1,) * len(dims), self.digest(number)))})
-        digest.to_zarr(self.path, region=place, write_empty_chunks=True, **ZARR)
+        place, of_versions = self.place(number), json.dumps(versions())
+        values = {VERSIONS: np.array(of_versions, object), DIGEST: self.digest(number, of_versions)}
+        one = xr.Dataset({name: (tuple(place), np.full((1,) * len(place), value)) for name, value in values.items()})
+        one.to_zarr(self.path, region=place, write_empty_chunks=True, **ZARR)
 
     def tidy(self, numbers: Collection[int] | None = None) -> None:
         """Deletes what a killed process had not finished to write, of some tiles or of all of the store.
@@ -357,13 +366,15 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, Any], like
             chunks = tuple(max(n, 1) for n in _lengths(variable, pieces))
             compressors = (ZstdCodec(level=3, checksum=True),)
             encoding[name] = {"chunks": chunks, "fill_value": fill, "compressors": compressors}
-    mark: dict[str, Any] = {"identity": uuid.uuid4().hex, "call": call, "dims": dims, "axes": list(axes)}
+    mark: dict[str, Any] = {"identity": uuid.uuid4().hex, "call": call, "versions": versions()}
+    mark |= {"dims": dims, "axes": list(axes)}
     mark |= {"shape": tiles.shape, "tile": tiles.tile, "coords": [n for n in like.coords if n not in axes]}
     mark["variables"] = {name: data[name].dims for name in sorted(shapes)}
-    ones, shapes[DIGEST] = (1,) * len(dims), tiles.counts
-    label = {"long_name": "digest of the files of a tile"}
-    data[DIGEST] = xr.Variable([f"tile_{d}" for d in dims], np.zeros(ones, np.int64), label)
-    encoding[DIGEST] = {"chunks": ones, "fill_value": 0}
+    ones = (1,) * len(dims)
+    for name, fill, text in ((VERSIONS, "", "versions of packages"), (DIGEST, 0, "digest of the files")):
+        values = np.full(ones, fill, object if name == VERSIONS else np.int64)
+        data[name] = xr.Variable([f"tile_{d}" for d in dims], values, {"long_name": f"{text} of a tile"})
+        encoding[name], shapes[name] = {"chunks": ones, "fill_value": fill}, tiles.counts
     for of_variable in encoding.values():
         of_variable["_FillValue"] = None  # else it would be an attribute, too
     xr.Dataset(data).to_zarr(path, mode="w-", encoding=encoding, write_empty_chunks=False, **ZARR)
@@ -432,7 +443,7 @@ def open_store(path: Any) -> xr.Dataset:
     **Raises:** `ValueError` for a path that is no store of slipperjax, or one that lacks more than tiles.
     """
     archive = _undamaged(_open_archive(Path(path)))
-    ds = archive.open().drop_vars(DIGEST)
+    ds = archive.open().drop_vars([VERSIONS, DIGEST])
     del ds.attrs[MARK]
     # labels, such as those of points, as other datasets have them
     labels = {name: (name, np.array(ds[name].values.tolist())) for name in ds.indexes if ds[name].dtype.kind in "OT"}
@@ -619,6 +630,7 @@ def _stored(function: Callable[..., Any], options: dict[str, Any], store: Store,
         share, shares = store.share or (1, 1)
         todo = [k for k in range(tiles.count) if not done[k] and k % shares == share - 1]
         archive.tidy(None if store.share is None else todo)
+        _warn_of_versions(archive)
         task = functools.partial(_compute_tile, archive, compute, alone)
         parts = {k: (grid.part(tiles.region(k)), steps_of(tiles.region(k))) for k in todo}
         before = archive.complete_cases(done)
@@ -631,6 +643,17 @@ def _stored(function: Callable[..., Any], options: dict[str, Any], store: Store,
             stored = f"{archive.complete_cases()} cases or more are stored, call again to go on"
             raise WorkerLost(f"a worker process ended abruptly, for want of memory perhaps; {stored}") from error
     return open_store(store.path)
+
+
+def _warn_of_versions(archive: Archive) -> None:
+    """Warns where a store was begun with other versions of packages, whose last digits may differ."""
+    before, now = archive.mark["versions"], versions()
+    other = [f"{name} {before.get(name)} and not {now[name]}" for name in now if before.get(name) != now[name]]
+    if other:
+        warn(
+            f"The store {archive.path} was begun with {listed(other)}: tiles may differ by rounding, chaotic cases "
+            f"altogether. Its array `{VERSIONS}` says which tile is of which; fresh=True starts over."
+        )
 
 
 def _check_replaceable(path: Path) -> None:
@@ -657,6 +680,8 @@ def _compute_tile(
     **Arguments:** `alone`: whether a process may compute one tile at a time only; `values`, `steps`: of the tile, by
     name of the grid and as `steps_per_period`.
     """
+    if archive.mark["call"]["code"]["slipperjax"] != IMPORTED:
+        raise RuntimeError("a worker imported other code of slipperjax than the process that called it: restart both")
     before = TOLD.set(_TOLD.setdefault(archive.mark["identity"], set()))
     try:
         with _ALONE if alone else nullcontext():

@@ -2,6 +2,7 @@
 
 import errno
 import itertools
+import json
 import os
 import random
 import shutil
@@ -290,6 +291,41 @@ def test_tiles_that_were_swapped_or_cut_short_and_other_axes_are_found(stored, w
     axis = stored / "clearance" / "c" / "0"
     axis.unlink()
     assert check_store(stored) == [f"{axis} is missing or changed: start over with fresh=True"]
+
+
+def test_a_tile_of_another_store_is_found(stored, tmp_path, whole):
+    other = tmp_path / "other.zarr"
+    made_up.made_up(sj.paper_scene(restitution=0.8), a_grid(), store=Store(other, tile=10))
+    for file in other.glob("*/c/3/**/*"):
+        if file.is_file() and file.relative_to(other).parts[0] not in ("speed", "clearance", "point"):
+            (stored / file.relative_to(other)).write_bytes(file.read_bytes())
+    (line,) = check_store(stored, repair=True)
+    assert line == "tile 3: its files are not those that were written"
+    call(stored)
+    assert files(stored) == whole
+
+
+def test_other_versions_go_on_with_a_warning_and_stand_by_tile(stored, whole, monkeypatch):
+    next(stored.glob("digest_of_tile/c/4/0")).unlink()
+    now = module.versions()
+    monkeypatch.setattr(module, "versions", lambda: now | {"numpy": "1.2.3"})
+    with pytest.warns(sj.ImplausibleWarning, match=f"begun with numpy {now['numpy']} and not 1.2.3"):
+        call(stored)
+    of_tile = xr.open_zarr(stored, consolidated=False, chunks=None)["versions_of_tile"].values.ravel()
+    assert [json.loads(text)["numpy"] for text in of_tile] == [now["numpy"]] * 4 + ["1.2.3"] + [now["numpy"]] * 7
+    assert check_store(stored) == []
+    call(stored)  # of a complete one nothing is said
+    (stored / "versions_of_tile" / "c" / "4" / "0").write_bytes(whole["versions_of_tile/c/3/0"])
+    assert check_store(stored) == ["tile 4: its files are not those that were written"]
+
+
+def test_workers_with_other_code_write_nothing(stored, whole, monkeypatch):
+    next(stored.glob("digest_of_tile/c/4/0")).unlink()
+    before = files(stored)
+    monkeypatch.setattr(module, "IMPORTED", "other", raising=False)
+    with pytest.raises(RuntimeError, match="a worker imported other code"):
+        call(stored)
+    assert files(stored) == before
 
 
 def test_an_old_worker_does_not_write_into_a_new_store(stored, whole):
