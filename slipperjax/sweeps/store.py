@@ -43,7 +43,7 @@ from ..tools.code import IMPORTED, classes_of, code_digest, package_digest
 from ..tools.description import describe, type_name
 from ..tools.files import listed
 from ..tools.limits import cores, shown_bytes
-from .estimate import CountedEstimate
+from .estimate import STORE, CountedEstimate
 from .grid import Grid, Tiling
 from .run import ARGUMENTS_WITHOUT_EFFECT, LARGEST_CHUNK, TICK, all_stopped, heed_interrupts, progress_shown
 
@@ -616,13 +616,17 @@ def _stored(function: Callable[..., Any], options: dict[str, Any], store: Store,
                 _check_replaceable(store.path)
                 # first of all one case, so that a wrong argument deletes nothing
                 corner = tuple(slice(1) for _ in grid.shape)
+                shared = executor is not None or store.share is not None
+                of_store: dict[str, Any] = dict(tiles=tiles, at_once=threads, shared=shared)
+                before = STORE.set(CountedEstimate(grid.count, math.nan, 0.0, **of_store))
                 try:
                     like = compute(grid.part(corner), steps_per_period=steps_of(corner))
                 except Interrupted:
                     raise Interrupted(None, 0, grid.count) from None
+                finally:
+                    STORE.reset(before)
                 size = bytes_of_case(like, grid.dims, grid.coordinates())
-                of_store: dict[str, Any] = dict(tiles=tiles, at_once=threads, free=store.free_bytes)
-                CountedEstimate(grid.count, math.nan, size, **of_store).check()
+                CountedEstimate(grid.count, math.nan, size, free=store.free_bytes, **of_store).check()
                 archive = _make_archive(store.path, grid, tiles, call, like)
             else:
                 archive = _undamaged(_open_archive(store.path, call))
