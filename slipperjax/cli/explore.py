@@ -5,7 +5,8 @@ from typing import Any
 
 import click
 
-from .options import FILE, FROM_ZERO, Case, app, flag, option, takes_case
+from ..tools.files import listed
+from .options import CASE, FILE, FROM_ZERO, Case, app, flag, given, option, takes_case
 from .sweep import axis, make_grid
 
 
@@ -20,7 +21,7 @@ def explore(case: Case, over: Any, by: Any, port: int, no_browser: bool, source:
     """Look at a map in the browser: click a point to see how that slipper moves, drag a box to compute it finer.
 
     STORE, FILE: a store or a netCDF file of sweep, bifurcation, lyapunov or run. SCENE: a TOML file, whose map is
-    computed.
+    computed. Options that change the case go with --scene in place of it.
     """
     import webbrowser
 
@@ -28,6 +29,10 @@ def explore(case: Case, over: Any, by: Any, port: int, no_browser: bool, source:
 
     from ..explorer.launch import explore as serve
 
+    if source is not None and (of_case := given(*CASE)):
+        raise ValueError(f"Argument {source} must not be given with {listed(of_case)}, which change --scene.")
+    if without_effect := given("solver", "steps_per_period"):
+        raise ValueError(f"Option {without_effect[0]} must not be given: the page takes the scene's own.")
     if by is not None and over is None:
         raise ValueError("Option --by needs --over.")
     matplotlib.use("Agg")  # in this process only: in a notebook its own backend draws

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from ..flow.simulate import first_of
 from ..model.paths import parameter, refuse_undone
 from ..model.scene import Scene, check_scene
+from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver
 from ..sweeps.grid import Cases
 from ..tools.checks import one_of, require, whole, yes_or_no
@@ -132,7 +133,7 @@ def checked_problem(
         tuple(bounds),
         tuple(dict.fromkeys([objective.smooth, objective, *(one for one, _, _ in limits)])),
         solver,
-        whole("steps_per_period", steps, 1),
+        given_steps(steps),
         start,
         {name: ensemble.box_reach * (high - low) for name, (low, high) in bounds.items()},
         whole("transient", transient, 0),

@@ -4,7 +4,7 @@ import base64
 import dataclasses
 import functools
 import html
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, wait
 from typing import Any
 
@@ -263,12 +263,11 @@ class Page:
             self._axes(across, up, np.array(view.span or curve["x"]), np.append(curve["y"], 0.0))
         elif len(view.names) == 1:
             q = view.quantity(view.names[0])
-            x, y = np.array([]), np.array([])
             up = pictures.label(pictures.unit_of(self.choice.value, view))
             if view.ds is not None:
-                x, y = pictures.dots(view, self.choice.value)
-                dots = {"x": x, "y": y, "color": [COLORS["blue"]] * len(x)}
-            self._axes(pictures.label(q), up, q.shown(view.axis(view.names[0])), y)
+                dots = pictures.dots(view, self.choice.value)
+            self.legend.text = _legend((color, f"followed {way}") for way, color in pictures.ways(view).items())
+            self._axes(pictures.label(q), up, q.shown(view.axis(view.names[0])), np.asarray(dots["y"]))
         else:
             pixels, dots = self._show_map(view)
         self.pixels.data, self.dots.data, self.curve.data = pixels, dots, curve
@@ -287,8 +286,7 @@ class Page:
         if picture.names:
             pairs = [*zip(picture.colors, picture.names, strict=True)]
             pairs += [("#ffffff", "not computed yet")] * bool(np.isnan(picture.values).any())
-            squares = [SQUARE.format(color, html.escape(name)) for color, name in pairs]
-            self.legend.text = " &ensp; ".join(squares)
+            self.legend.text = _legend(pairs)
             self.mapper.update(palette=picture.colors, low=-0.5, high=len(picture.names) - 0.5)
         else:
             low, high = _ends(picture.values)
@@ -451,6 +449,11 @@ class Page:
     def _got_picture(self, content: bytes | None) -> None:
         if content is not None:  # that of a program which was compiled in advance
             self.png.data = {"content": [base64.b64encode(content).decode()]}
+
+
+def _legend(pairs: Iterable[tuple[str, str]]) -> str:
+    """Colours and their names as HTML."""
+    return " &ensp; ".join(SQUARE.format(color, html.escape(name)) for color, name in pairs)
 
 
 def _ends(values: np.ndarray) -> tuple[float, float]:

@@ -236,7 +236,7 @@ def _words(shown: Shown) -> str:
     force = "no contact"
     if float(peak.force) > 0:
         at = f"{scene.section.names[int(peak.point)]}{int(peak.end) + 1}"
-        force = f"highest force {float(peak.force) / 1e3:.3g} kN at {at}"
+        force = f"highest force {float(peak.force) / 1e3:.3g} kN at {html.escape(at)}"
     wrong = f'<br><span style="color:{COLORS["red"]}">{html.escape(str(status))}</span>'
     said = "; ".join([f"<b>{kind}</b>", force, *filter(None, [html.escape(shown.case.origin)])])
     return f"<b>{', '.join(words)}</b><br>{said}{wrong * (status != Status.FINITE)}"

@@ -11,10 +11,10 @@ from ..flow.status import Status
 from ..model.quantities import COORDINATES, PARAMETERS, SECTIONS, Quantity, quantity
 from ..orbits.branches import OrbitBranch
 from ..plots.branches import EVENT_NAMES, joined, stable_parts
-from ..plots.maps import motions_of, regimes_of
+from ..plots.maps import DIRECTION_COLORS, motions_of, regimes_of
 from ..plots.runs import edges_of
 from ..plots.sections import colors_of, frames_of, label_places, outline, rail_outline
-from ..plots.style import FLAGGED_LABEL, REGIME_COLORS, flagged
+from ..plots.style import COLORS, FLAGGED_LABEL, REGIME_COLORS, flagged
 from ..plots.trajectories import most_loaded
 from .session import SURE, Session, Shown, View
 
@@ -142,18 +142,29 @@ def image(x: np.ndarray, y: np.ndarray, values: np.ndarray) -> dict[str, Any]:
     }
 
 
-def dots(view: View, choice: str) -> tuple[np.ndarray, np.ndarray]:
-    """Dots over one parameter: those of a section, or one number of each case."""
+def ways(view: View) -> dict[str, str]:
+    """Colours of the ways of `follow`; none for other datasets."""
+    there = () if view.ds is None or "direction" not in view.ds.dims else view.ds["direction"].values
+    return {way: color for way, color in DIRECTION_COLORS.items() if way in there}
+
+
+def dots(view: View, choice: str) -> dict[str, np.ndarray]:
+    """Dots over one parameter: those of a section, or one number of each case; those of each way in its colour."""
     assert view.ds is not None
+    parts = [(view.ds.sel(direction=way), color) for way, color in ways(view).items()]
+    columns = [_dots(ds, view, choice, color) for ds, color in parts or [(view.ds, COLORS["blue"])]]
+    return {name: np.concatenate([one[name] for one in columns]) for name in columns[0]}
+
+
+def _dots(ds: xr.Dataset, view: View, choice: str, color: str) -> dict[str, np.ndarray]:
     (name,) = view.names
-    q, ds = unit_of(choice, view), view.ds
     x = view.quantity(name).shown(ds[name].values)
-    rows = ds[choice].transpose(name, ...).values.astype(float)
-    rows = (
-        rows.reshape(len(x), -1) if choice in SECTIONS else np.nanmax(rows.reshape(len(x), -1), axis=1, keepdims=True)
-    )
+    rows = ds[choice].transpose(name, ...).values.astype(float).reshape(len(x), -1)
+    if choice not in SECTIONS:
+        rows = np.nanmax(rows, axis=1, keepdims=True)
     case, crossing = np.nonzero(np.isfinite(rows) & ~flagged(ds, name)[:, None])
-    return x[case], q.shown(rows[case, crossing])
+    y = unit_of(choice, view).shown(rows[case, crossing])
+    return {"x": x[case], "y": y, "color": np.full(len(case), color)}
 
 
 def along(view: View, choice: str) -> dict[str, np.ndarray]:

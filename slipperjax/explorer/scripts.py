@@ -85,9 +85,11 @@ def scene_text(scene: Scene) -> str:
         if scene_to_json(paper_scene(**values)) == scene_to_json(scene):
             return f"sj.paper_scene({', '.join(f'{name}={value!r}' for name, value in values.items())})"
     try:
-        return f'sj.model.scene_from_toml("""\n{scene_to_toml(scene)}""").scene'
+        toml = scene_to_toml(scene)
     except ValueError:  # for parts that TOML cannot hold
         return f"sj.model.scene_from_json({scene_to_json(scene)!r})"
+    toml = toml.replace("\\", "\\\\").replace('"""', '\\"\\"\\"')
+    return f'sj.model.scene_from_toml("""\n{toml}""").scene'
 
 
 def _number(scene: Scene, name: str) -> float | None:

@@ -385,7 +385,7 @@ class Session:
         steps = solver = None
         if view.ds is not None and view.grid is None:
             solver = load_call(view.ds).get("solver")
-            count = int(view.ds["steps_per_period"].isel(index)) if "steps_per_period" in view.ds else 0
+            count = int(view.ds["steps_per_period"].isel(index).max()) if "steps_per_period" in view.ds else 0
             steps = count if count and count != default_steps_per_period(scene) else None
         return Case(scene, start, origin, steps, solver)
 

@@ -19,7 +19,7 @@ from ..model.kinematics import Motion, accuracy_scales, euler_angles, scaled_siz
 from ..model.layout import StateLayout
 from ..model.quantities import quantity
 from ..model.scene import Scene, check_scene
-from ..model.step_size import LEAST_STEPS, traced_steps_per_period
+from ..model.step_size import LEAST_STEPS, given_steps, traced_steps_per_period
 from ..solvers.named import resolve_controller, resolve_solver
 from ..tools.checks import instance, not_negative, number, require, shown_number, whole, yes_or_no
 from ..tools.compile import call_compiled, is_traced, jit
@@ -123,7 +123,7 @@ def check_rail(scene: Scene, periods: int, begin: float = 0.0) -> None:
 def default_steps(scene: Scene, steps: int | None) -> Any:
     """Returns the caller's steps per period, or the default, which is traced where the scene is."""
     if steps is not None:
-        return whole("steps_per_period", steps, 1)
+        return given_steps(steps)
     needed = traced_steps_per_period(scene)  # a plain number where the scene is merely differentiated
     return jnp.minimum(needed, MOST_UNKNOWN) if is_traced(needed) else int(needed)
 
@@ -390,7 +390,7 @@ def step_plan(default: Callable[[], Any], steps: Any, saves: int | None) -> tupl
     if steps is None:
         saves = LEAST_STEPS if saves is None else saves
         return -(-default() // saves) * saves, saves
-    numbers = [whole("steps_per_period", n, 1) for n in (np.ravel(steps).tolist() if np.ndim(steps) else [steps])]
+    numbers = [given_steps(n) for n in (np.ravel(steps).tolist() if np.ndim(steps) else [steps])]
     if saves is None:
         common = math.gcd(*numbers)
         saves = next(n for n in (50, LEAST_STEPS, common) if common % n == 0)

@@ -12,9 +12,9 @@ from jaxtyping import Array, Float, PyTree
 
 from ..model.dynamics import Args, State
 from ..model.kinematics import MOTION_SCALES, Motion, scaled_size
+from ..model.step_size import given_steps
 from ..solvers.adaptive import AdaptiveSteps
 from ..solvers.latching import AbstractLatchingSolver, differentiable, field_of, with_tolerance
-from ..tools.checks import whole
 from ..tools.one_kernel import in_one_kernel
 
 MOST_ADAPTIVE_STEPS = 1_000_000
@@ -74,7 +74,7 @@ class ConstantSteps(AbstractStepping):
 
     def __check_init__(self):
         if self.steps is None:
-            whole("steps_per_period", self.most, 1)
+            given_steps(self.most)
 
     @property
     def number(self) -> Any:

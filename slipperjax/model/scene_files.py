@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..tools.checks import brief, not_negative, number, positive, unit_of, whole
+from ..tools.checks import brief, not_negative, number, positive, unit_of
 from ..tools.description import TYPE, build, describe, known_type, type_name
 from ..tools.units import parsed
 from .dang2024 import paper_scene
@@ -30,6 +30,7 @@ from .random_rails import AbstractSpectrum
 from .scene import NUMBERS, PARTS, QUATERNION, START_UNITS, UNITS, Scene, Slipper
 from .section import Section
 from .sled import SledMass
+from .step_size import given_steps
 from .surveys import SurveyedTrack
 from .tracks import AbstractTrack
 from .travel import STAGE_UNITS, SpeedProgramme, Stage
@@ -225,7 +226,7 @@ class _Reader:
             if "length" not in table:
                 raise ValueError("`length` is missing.")
             if "steps_per_period" in table:
-                whole("steps_per_period", table["steps_per_period"], 1)
+                given_steps(table["steps_per_period"])
             given = {name: of for name, of in RUN.items() if name in table}
             return table | {n: number(c, n, quantity(n, table[n], unit), unit) for n, (c, unit) in given.items()}
 

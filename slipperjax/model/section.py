@@ -1,5 +1,7 @@
 """The rail-head section: contact points, the flat faces they bound, face normals and the play per face."""
 
+import re
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -24,7 +26,7 @@ class Section(ShapeChecked):
     play: Float[Array, " faces"] = eqx.field(converter=not_negative("play", "m"))
     """Gap at each face when slipper and rail are centred [m]."""
     names: tuple[str, ...] = eqx.field(static=True, default=tuple("ABCDEFGHIJ"))
-    """Names of the points."""
+    """Names of the points, of letters, digits, _ and -."""
     faces: tuple[tuple[str, str], ...] = eqx.field(static=True, default=_FACES)
     """Names of the corners of each face."""
 
@@ -37,8 +39,9 @@ class Section(ShapeChecked):
 
     def __check_init__(self):
         names, faces = self.names, self.faces
-        different = isinstance(names, tuple) and len(set(names)) == len(names)
-        require(different, "names", "be a tuple of different names", names)
+        plain = isinstance(names, tuple) and all(isinstance(n, str) and re.fullmatch(r"[\w-]+", n) for n in names)
+        require(plain, "names", "be a tuple of names of letters, digits, _ and -", names)
+        require(len(set(names)) == len(names), "names", "be a tuple of different names", names)
         pairs = isinstance(faces, tuple) and all(isinstance(face, tuple) and len(face) == 2 for face in faces)
         corners = [corner for face in faces for corner in face] if pairs else []
         different = pairs and len(set(corners)) == len(corners)

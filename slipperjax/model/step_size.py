@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..tools.checks import whole
 from ..tools.compile import is_traced, jit
 from .scene import Scene, check_scene
 from .travel import Travel
@@ -31,8 +32,15 @@ this, and 1.5 % had with it, two of the three with a status that says so.
 """
 MOST_STEPS = 100_000
 """Steps per forcing period above which a default is refused."""
+MOST_GIVEN = 100 * MOST_STEPS
+"""Steps per forcing period above which given ones are refused."""
 LEAST_STEPS = 40
 """Lower bound on the default steps per forcing period, and the smallest unit to which they are rounded up."""
+
+
+def given_steps(steps: Any) -> int:
+    """Returns steps per forcing period that were given; raises `ValueError` unless they are 1 to `MOST_GIVEN`."""
+    return whole("steps_per_period", steps, 1, MOST_GIVEN)
 
 
 def contact_duration(scene: Scene, travel: Travel | None = None) -> Float[Array, ""]:

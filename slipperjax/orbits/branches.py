@@ -27,6 +27,7 @@ from ..model.layout import coordinates
 from ..model.paths import parameter
 from ..model.quantities import Parameter
 from ..model.scene import Scene, check_scene
+from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver
 from ..tools.checks import brief, number, positive, shown_number, whole
 from ..tools.compile import call_compiled
@@ -484,7 +485,7 @@ def labels(until: Any) -> tuple[str, ...]:
 def steps_of_branch(scene: Scene, varied: Parameter, bounds: tuple[float, float], steps: int | None) -> int:
     """Gives the integration steps per forcing period of a branch, as given or by default, see `continue_orbit`."""
     if steps is not None:
-        return whole("steps_per_period", steps, 1)
+        return given_steps(steps)
     at = (scene, *(varied.replaced(scene, value) for value in bounds))
     return FINER * max(default_steps(one, None) for one in at)
 

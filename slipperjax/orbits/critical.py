@@ -33,8 +33,9 @@ from ..flow.stepping import AbstractStepping
 from ..model.dynamics import State
 from ..model.paths import at_values, checked_parameters, parameter, values_of
 from ..model.scene import Scene, check_scene
+from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver
-from ..tools.checks import one_of, require, shown_number, whole
+from ..tools.checks import one_of, require, shown_number
 from ..tools.compile import is_traced, jit
 from ..tools.hermite import Cubic
 from ..tools.html import repr_html
@@ -125,9 +126,7 @@ def critical_orbit(
     check_scene(scene)
     one_of("label", label, tuple(CRITICAL_MULTIPLIERS))
     parameter(name, scene)
-    steps = (
-        int(start.steps_per_period) if steps_per_period is None else whole("steps_per_period", steps_per_period, 1)
-    )
+    steps = int(start.steps_per_period) if steps_per_period is None else given_steps(steps_per_period)
     if solver is not None:
         start = dataclasses.replace(start, solver=resolve_solver(scene, solver))
     if angle is None:

@@ -11,7 +11,7 @@ import diffrax
 
 from ..analysis.lyapunov import LyapunovSpectrum, map_spectrum
 from ..flow.period_map import PeriodMap, tangent_weights
-from ..flow.simulate import Trajectory, default_steps, dynamic_steps, first_of, static_steps
+from ..flow.simulate import SECONDS_PER_STEP, Trajectory, default_steps, dynamic_steps, first_of, static_steps
 from ..flow.status import status_of, with_growth, with_resolution
 from ..model.dynamics import State, initial_state
 from ..model.kinematics import Motion
@@ -20,6 +20,7 @@ from ..model.scene import Scene, check_scene, check_steady
 from ..solvers.named import resolve_solver
 from ..tools.checks import whole
 from ..tools.compile import is_traced
+from ..tools.limits import refuse_impossible
 
 SLOWEST = 2000.0
 """Forcing periods over which chaos of slippers is known to change: at 2100 m/s many motions begin in a band that they
@@ -74,6 +75,10 @@ def lyapunov_spectrum(
     start = first_of(start)
     blocks = lambda name, value, least: -(-whole(name, value, least) // every)
     count = check_count(scene, count)
+    if not is_traced(steps):
+        of_run = blocks("periods", periods, 1)
+        seconds = SECONDS_PER_STEP * steps * every * (of_run + blocks("transient", transient, 0))
+        refuse_impossible(f"{periods} forcing periods of {steps} steps", 8.0 * of_run * count, seconds)
     # differentiated in both modes, or by one program for all numbers of steps
     stepping = static_steps(steps) if is_traced((scene, start)) else dynamic_steps(steps)
     spectrum = map_spectrum(

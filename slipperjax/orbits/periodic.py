@@ -37,6 +37,8 @@ from .signature import Gaps, GapSamples, Signature, signature
 
 TOLERANCE = 1e-10
 """Default scaled residual at which an orbit counts as found [1]: 1e-13 m, 1e-10 m/s."""
+MOST_PERIOD = 10_000
+"""Forcing periods of an orbit above which it is refused."""
 TRANSIENTS = 60, 240
 """Forcing periods simulated before Newton's method from a motion, and once more where that finds no orbit."""
 DIVISOR = 1e-6
@@ -149,7 +151,7 @@ def periodic_orbit(
     not recur with the first.
     """
     check_scene(scene)
-    period, limit = whole("period", period, 1), whole("max_iterations", max_iterations, 1)
+    period, limit = whole("period", period, 1, MOST_PERIOD), whole("max_iterations", max_iterations, 1)
     tolerance = number(positive, "tolerance", tolerance)
     check_forcing(scene)
     steps, solver = default_steps(scene, steps_per_period), resolve_solver(scene, solver)

@@ -2,7 +2,8 @@
 
 import math
 import warnings
-from dataclasses import dataclass, field
+from contextvars import ContextVar
+from dataclasses import dataclass, field, replace
 
 from ..tools.checks import warn
 from ..tools.limits import LONGEST, available_memory, cores, refuse_impossible, shown_bytes, shown_time
@@ -15,6 +16,8 @@ LEAST_BYTES = 1000.0
 COPIES_OF_RESULT, COPIES_OF_TILE = 2.0, 3.0
 """How often results are in memory while they are put together, and while a tile is written."""
 WEEK = 7 * 86400.0
+STORE: ContextVar["CountedEstimate | None"] = ContextVar("STORE", default=None)
+"""While the first case of a store is run, which tells its memory: the estimate of all, but for the time of a case."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,8 @@ class CountedEstimate:
     """Tiles that are in the memory of a machine together."""
     free: float = math.inf
     """Bytes that are free on the disk of the store."""
+    shared: bool = False
+    """Whether more processes than this one compute the store: an executor's, or those of other shares."""
 
     @property
     def seconds(self) -> float:
@@ -65,10 +70,14 @@ class CountedEstimate:
     def check(self) -> None:
         """Refuses a sweep that needs more memory than there is or, without a store, more than a year.
 
-        Of a store that may not fit on its disk it warns, and of more than a day without one, or a year with one.
+        Of a store that may not fit on its disk it warns, and of more than a day without one. Of a store that one
+        process computes it refuses more than a year, and of others it warns of that. The first case of a store is
+        judged as all of its cases.
 
-        **Raises:** `ValueError` that names memory and time, or the tiles.
+        **Raises:** `ValueError` that names memory and time, or the store.
         """
+        if (store := STORE.get()) is not None:
+            self = replace(store, per_case=self.per_case, periods=self.periods)
         if self.tiles is None:
             refuse_impossible(f"{self.cases} cases{self.periods}", self.memory, self.seconds)
             return
@@ -85,11 +94,13 @@ class CountedEstimate:
                 "case, such as record=['peak_force'], or take another disk."
             )
         if self.seconds > LONGEST:
-            warn(
-                f"The store takes {shown_time(self.seconds)} on {self.workers} cores: "
-                f"{math.ceil(self.workers * self.seconds / WEEK):.3g} cores would be done in a week, see `executor` "
-                "and shares."
-            )
+            takes = f"{shown_time(self.seconds)} on {self.workers} cores"
+            weeks = math.ceil(self.workers * self.seconds / WEEK)
+            advice = f"{weeks:.3g} cores would be done in a week, see `executor` and shares."
+            if not self.shared:
+                cases = f"{self.cases} cases{self.periods}"
+                raise ValueError(f"Argument `store` must be done in a year, but {cases} take {takes}: {advice}")
+            warn(f"The store takes {takes}: {advice}")
 
     @property
     def problems(self) -> list[str]:
@@ -98,6 +109,7 @@ class CountedEstimate:
             warnings.simplefilter("always")
             try:
                 self.check()
+                refusal = []
             except ValueError as error:
-                return [f"impossible: {error}"]
-        return [f"warning: {one.message}" for one in caught]
+                refusal = [f"impossible: {error}"]
+        return [*refusal, *(f"warning: {one.message}" for one in caught)]

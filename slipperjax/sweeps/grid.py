@@ -20,6 +20,7 @@ from ..model.tracks import AbstractTrack
 from ..tools.batching import Batched
 from ..tools.checks import one_of, require, whole, yes_or_no
 from ..tools.compile import is_traced, jit
+from ..tools.limits import refuse_impossible
 
 
 class Grid:
@@ -308,6 +309,7 @@ def sample_box(
 
     require(isinstance(box, Mapping) and box, "box", "name one or more parameters with their bounds", box)
     count, of = whole("count", count, 1), paper_scene() if scene is None else scene
+    refuse_impossible(f"{count} points", 8.0 * count * len(box), 1e-7 * count * len(box))
     spread = {name: _spread(of, name, ends, name in log) for name, ends in box.items()}
     rng, dimensions = np.random.default_rng(whole("seed", seed, 0)), len(box)
     method = one_of("method", method, METHODS)

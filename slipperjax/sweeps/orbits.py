@@ -28,7 +28,7 @@ from ..model.layout import StateLayout, coordinates
 from ..model.quantities import COORDINATES
 from ..model.scene import Scene
 from ..orbits.motions import check_forcing, consistent_memory
-from ..orbits.periodic import TOLERANCE
+from ..orbits.periodic import MOST_PERIOD, TOLERANCE
 from ..tools.batching import Batched
 from ..tools.checks import number, positive, whole
 from ..tools.compile import jit
@@ -338,7 +338,7 @@ class NearestOrbit(ContinuedRecord):
     max_iterations: int = 40
 
     def __post_init__(self):
-        whole("period", self.period, 1)
+        whole("period", self.period, 1, MOST_PERIOD)
         whole("max_iterations", self.max_iterations, 1)
         number(positive, "tolerance", self.tolerance)
 

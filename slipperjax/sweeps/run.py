@@ -65,6 +65,10 @@ OnProgress = Callable[[float], Any]
 # --- plans ----------------------------------------------------------------------------------------------------------
 
 
+MOST_REFINED = 1000
+"""Greatest factor of the default steps."""
+
+
 class RunOptions(NamedTuple):
     """Lengths, steps, saves and solver of a run as a user gives them, see `slipperjax.sweep`."""
 
@@ -79,7 +83,7 @@ class RunOptions(NamedTuple):
 
 def refined(refine: int, steps_per_period: Any) -> int:
     """Returns the factor of the default steps [1]; raises `ValueError` where steps are given besides."""
-    refine = whole("refine", refine, 1)
+    refine = whole("refine", refine, 1, MOST_REFINED)
     require(refine == 1 or steps_per_period is None, "refine", "be 1 where steps_per_period is given", refine)
     return refine
 

@@ -39,7 +39,7 @@ from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.layout import StateLayout
 from ..model.scene import Scene, at_speed
-from ..model.step_size import rounded_steps, steps_needed
+from ..model.step_size import given_steps, rounded_steps, steps_needed
 from ..model.travel import SpeedProgramme
 from ..solvers.latching import solver_name
 from ..solvers.named import resolve_solver
@@ -246,7 +246,7 @@ def _step_profiles(
         needed = np.asarray(_steps_along(*batch, jnp.asarray(places)))[: cases.count]
         steps = refine * rounded_steps(needed)
     else:
-        steps = np.full((cases.count, stretches), whole("steps_per_period", steps_per_period, 1))
+        steps = np.full((cases.count, stretches), given_steps(steps_per_period))
     per_window = np.ceil(steps * (window / reference) * (1 - 1e-12)).astype(int)
     return np.maximum(np.broadcast_to(per_window, (cases.count, stretches)), LEAST_STEPS_PER_WINDOW)
 

@@ -6,6 +6,7 @@ files are there; the digest is written last. The same call goes on where the las
 
 import errno
 import functools
+import glob
 import hashlib
 import html
 import inspect
@@ -17,11 +18,12 @@ import shutil
 import signal
 import threading
 import uuid
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import jax
@@ -36,11 +38,12 @@ from ..model.scene_files import scene_to_json
 from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
 from ..tools.cache import compile_cache, keep_programs
-from ..tools.checks import TOLD, require, whole, yes_or_no
-from ..tools.code import classes_of, code_digest, package_digest
+from ..tools.checks import TOLD, require, warn, whole, yes_or_no
+from ..tools.code import IMPORTED, classes_of, code_digest, package_digest
 from ..tools.description import describe, type_name
+from ..tools.files import listed
 from ..tools.limits import cores, shown_bytes
-from .estimate import CountedEstimate
+from .estimate import STORE, CountedEstimate
 from .grid import Grid, Tiling
 from .run import ARGUMENTS_WITHOUT_EFFECT, LARGEST_CHUNK, TICK, heed_interrupts, progress_shown
 
@@ -48,6 +51,8 @@ MARK = "slipperjax_store"
 """Attribute by which a store of ours is known: its identity, the call as JSON, and its tiles."""
 DIGEST = "digest_of_tile"
 """Array of the tiles' digests, which are written last."""
+VERSIONS = "versions_of_tile"
+"""Array of the versions of packages with which tiles were computed, as JSON."""
 RETRIES = 3
 """How often dask tries a task again that failed."""
 LOCK_WAIT, SHARE_WAIT = 0.5, 60.0
@@ -139,7 +144,6 @@ def _fingerprint(function: Any, grid: Grid, options: Mapping[str, Any], tiles: T
         "tile": tiles.tile,
         "arguments": {name: _described(value) for name, value in arguments.items()},
         "code": code,
-        "versions": {name: version for name, version in versions().items() if name != "python"},
     }
     return json.loads(json.dumps(call))
 
@@ -172,7 +176,7 @@ class Archive(NamedTuple):
     """A store that exists."""
 
     path: Path
-    # Content of its attribute `MARK`: `identity`, `call`, `dims`, `shape`, `tile`, `axes`, `coords`, the
+    # Content of its attribute `MARK`: `identity`, `call`, `versions`, `dims`, `shape`, `tile`, `axes`, `coords`, the
     # dimensions of the `variables` that tiles have a chunk of, and digests of the `common` files, of no tile.
     mark: dict[str, Any]
 
@@ -181,6 +185,11 @@ class Archive(NamedTuple):
         """Its tiles."""
         return Tiling(tuple(self.mark["shape"]), tuple(self.mark["tile"]))
 
+    def place(self, number: int) -> dict[str, slice]:
+        """Slices of the dimensions of `VERSIONS` and `DIGEST` that make up a tile."""
+        dims, at = self.mark["dims"], self.tiles.indices(number)
+        return {f"tile_{d}": slice(k, k + 1) for d, k in zip(dims, at, strict=True)}
+
     def region(self, number: int) -> dict[str, slice]:
         """Slices of the dimensions that make up a tile."""
         return dict(zip(self.mark["dims"], self.tiles.region(number), strict=True))
@@ -188,7 +197,7 @@ class Archive(NamedTuple):
     def files(self, number: int) -> dict[str, Path]:
         """The files of a tile by variable, that of the digest last."""
         at = dict(zip(self.mark["dims"], map(str, self.tiles.indices(number)), strict=True))
-        variables = self.mark["variables"] | {DIGEST: self.mark["dims"]}
+        variables = self.mark["variables"] | dict.fromkeys((VERSIONS, DIGEST), self.mark["dims"])
         return {
             name: self.path.joinpath(name, "c", *(at.get(d, "0") for d in dims)) for name, dims in variables.items()
         }
@@ -206,14 +215,14 @@ class Archive(NamedTuple):
         """All of it, digests and texts as they are stored."""
         return xr.open_zarr(self.path, chunks=None, mask_and_scale=False, **ZARR)
 
-    def digest(self, number: int) -> int:
-        """The digest of a tile, of the bytes of its files.
+    def digest(self, number: int, of_versions: str) -> int:
+        """The digest of a tile: of the store's call, its versions, and the bytes of its files.
 
         **Raises:** `FileNotFoundError` where one is missing.
         """
-        total = hashlib.sha256(str(number).encode())
+        total = hashlib.sha256(json.dumps([self.mark["call"], number, of_versions], sort_keys=True).encode())
         for name, file in self.files(number).items():
-            if name != DIGEST:
+            if name in self.mark["variables"]:
                 total.update(name.encode() + hashlib.sha256(file.read_bytes()).digest())
         return int.from_bytes(total.digest()[:8], "big") >> 1
 
@@ -225,13 +234,14 @@ class Archive(NamedTuple):
 
     def damage(self, number: int, ds: xr.Dataset) -> str | None:
         """Says what is wrong with a tile whose digest is there, as far as checksums tell; None where nothing is."""
-        files = self.files(number)
+        files, of_tile = self.files(number), {}
         try:
-            try:
-                stored = int(ds[DIGEST].variable[self.tiles.indices(number)].values)
-            except Exception as error:
-                return f"{files[DIGEST]} cannot be read: {error}"
-            if stored == self.digest(number):
+            for name in (VERSIONS, DIGEST):
+                try:
+                    of_tile[name] = ds[name].isel(self.place(number)).values.item()
+                except Exception as error:
+                    return f"{files[name]} cannot be read: {error}"
+            if of_tile[DIGEST] == self.digest(number, of_tile[VERSIONS]):
                 return None
             for name in self.mark["variables"]:
                 try:
@@ -263,19 +273,41 @@ class Archive(NamedTuple):
         part = xr.Dataset({name: _fitted(name, ds.variables[name], capacity) for name in self.mark["variables"]})
         part.to_zarr(self.path, region=self.region(number), write_empty_chunks=True, **ZARR)
         self.check_same()
-        place = {f"tile_{d}": slice(k, k + 1) for d, k in zip(dims, self.tiles.indices(number), strict=True)}
-        digest = xr.Dataset({DIGEST: (tuple(place), np.full((1,) * len(dims), self.digest(number)))})
-        digest.to_zarr(self.path, region=place, write_empty_chunks=True, **ZARR)
+        place, of_versions = self.place(number), json.dumps(versions())
+        values = {VERSIONS: np.array(of_versions, object), DIGEST: self.digest(number, of_versions)}
+        one = xr.Dataset({name: (tuple(place), np.full((1,) * len(place), value)) for name, value in values.items()})
+        one.to_zarr(self.path, region=place, write_empty_chunks=True, **ZARR)
 
     def tidy(self, numbers: Collection[int] | None = None) -> None:
         """Deletes what a killed process had not finished to write, of some tiles or of all of the store.
 
         Nobody else may be writing to them.
         """
-        own = None if numbers is None else {file for number in numbers for file in self.files(number).values()}
+        own = self.own_files(range(self.tiles.count) if numbers is None else numbers)
         for part in self.path.rglob("*.partial"):
-            if own is None or part.with_name(part.name.partition(".")[0]) in own:
+            if _whole_name(part) in own:
                 part.unlink(missing_ok=True)
+
+    def own_files(self, numbers: Iterable[int]) -> set[Path]:
+        """The files of some tiles, and those of no tile, without their endings."""
+        of_tiles = {file for number in numbers for file in self.files(number).values()}
+        return of_tiles | {_whole_name(self.path / name) for name in ("zarr.json", *self.mark.get("common", ()))}
+
+    def check_own(self) -> None:
+        """Checks that nothing is in the store but its own files.
+
+        **Raises:** `ValueError` that names another one.
+        """
+        own = self.own_files(range(self.tiles.count))
+        for file in self.path.rglob("*"):
+            is_own = _whole_name(file) in own and file.suffix in ("", ".json", ".partial")
+            if file.is_symlink() or not (is_own or file.is_dir()):
+                raise ValueError(f"Argument `store` must hold nothing else where it is made anew, but has {file}.")
+
+
+def _whole_name(file: Path) -> Path:
+    """A file's name without its ending; of one that was not finished, that of the whole one."""
+    return file.parent / file.name.partition(".")[0]
 
 
 def _fitted(name: str, variable: xr.Variable, capacity: Mapping[str, int]) -> xr.Variable:
@@ -335,13 +367,15 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, Any], like
             chunks = tuple(max(n, 1) for n in _lengths(variable, pieces))
             compressors = (ZstdCodec(level=3, checksum=True),)
             encoding[name] = {"chunks": chunks, "fill_value": fill, "compressors": compressors}
-    mark: dict[str, Any] = {"identity": uuid.uuid4().hex, "call": call, "dims": dims, "axes": list(axes)}
+    mark: dict[str, Any] = {"identity": uuid.uuid4().hex, "call": call, "versions": versions()}
+    mark |= {"dims": dims, "axes": list(axes)}
     mark |= {"shape": tiles.shape, "tile": tiles.tile, "coords": [n for n in like.coords if n not in axes]}
     mark["variables"] = {name: data[name].dims for name in sorted(shapes)}
-    ones, shapes[DIGEST] = (1,) * len(dims), tiles.counts
-    label = {"long_name": "digest of the files of a tile"}
-    data[DIGEST] = xr.Variable([f"tile_{d}" for d in dims], np.zeros(ones, np.int64), label)
-    encoding[DIGEST] = {"chunks": ones, "fill_value": 0}
+    ones = (1,) * len(dims)
+    for name, fill, text in ((VERSIONS, "", "versions of packages"), (DIGEST, 0, "digest of the files")):
+        values = np.full(ones, fill, object if name == VERSIONS else np.int64)
+        data[name] = xr.Variable([f"tile_{d}" for d in dims], values, {"long_name": f"{text} of a tile"})
+        encoding[name], shapes[name] = {"chunks": ones, "fill_value": fill}, tiles.counts
     for of_variable in encoding.values():
         of_variable["_FillValue"] = None  # else it would be an attribute, too
     xr.Dataset(data).to_zarr(path, mode="w-", encoding=encoding, write_empty_chunks=False, **ZARR)
@@ -359,17 +393,14 @@ def _make_archive(path: Path, *contents: Any) -> Archive:
 
     **Arguments:** `contents`: as for `_create`.
     """
-    for part in path.parent.glob(f".{path.name}.*.part"):  # of processes that were killed
+    begin, end = f".{path.name}.", ".part"
+    for part in path.parent.glob(f"{glob.escape(begin)}*{end}"):  # of processes that were killed
         shutil.rmtree(part, ignore_errors=True)
-    new, old = (path.with_name(f".{path.name}.{kind}-{os.getpid()}.part") for kind in ("new", "old"))
-    try:
-        _create(new, *contents)
+    with TemporaryDirectory(end, begin, path.parent, ignore_cleanup_errors=True) as part:
+        _create(Path(part, "new"), *contents)
         if path.exists():
-            os.rename(path, old)
-        os.rename(new, path)
-    finally:
-        for part in (new, old):
-            shutil.rmtree(part, ignore_errors=True)
+            os.rename(path, Path(part, "old"))
+        os.rename(Path(part, "new"), path)
     return _open_archive(path)
 
 
@@ -413,7 +444,7 @@ def open_store(path: Any) -> xr.Dataset:
     **Raises:** `ValueError` for a path that is no store of slipperjax, or one that lacks more than tiles.
     """
     archive = _undamaged(_open_archive(Path(path)))
-    ds = archive.open().drop_vars(DIGEST)
+    ds = archive.open().drop_vars([VERSIONS, DIGEST])
     del ds.attrs[MARK]
     # labels, such as those of points, as other datasets have them
     labels = {name: (name, np.array(ds[name].values.tolist())) for name in ds.indexes if ds[name].dtype.kind in "OT"}
@@ -484,7 +515,7 @@ def _writing(store: Store) -> Iterator[None]:
             raise PermissionError(f"{store.path} is protected against writing")
         if store.share is None:
             path = store.path.resolve()
-            for other in path.parent.glob(f"{path.name}.*-of-*.lock"):
+            for other in path.parent.glob(f"{glob.escape(path.name)}.*-of-*.lock"):
                 with _held(other):
                     pass
         yield
@@ -511,6 +542,8 @@ def _held(path: Path, seconds: float = LOCK_WAIT) -> Iterator[None]:
             "then call again: what it has finished is kept."
         ) from None
     except OSError as error:
+        if path.is_symlink():
+            raise PermissionError(f"{path} must be a lock and no link, which leads elsewhere: delete it") from None
         if isinstance(error, PermissionError) or error.errno == errno.EROFS:
             raise PermissionError(f"{path.parent} is protected against writing") from None
         raise
@@ -585,13 +618,17 @@ def _stored(function: Callable[..., Any], options: dict[str, Any], store: Store,
                 _check_replaceable(store.path)
                 # first of all one case, so that a wrong argument deletes nothing
                 corner = tuple(slice(1) for _ in grid.shape)
+                shared = executor is not None or store.share is not None
+                of_store: dict[str, Any] = dict(tiles=tiles, at_once=threads, shared=shared)
+                before = STORE.set(CountedEstimate(grid.count, math.nan, 0.0, **of_store))
                 try:
                     like = compute(grid.part(corner), steps_per_period=steps_of(corner))
                 except Interrupted:
                     raise Interrupted(None, 0, grid.count) from None
+                finally:
+                    STORE.reset(before)
                 size = bytes_of_case(like, grid.dims, grid.coordinates())
-                of_store: dict[str, Any] = dict(tiles=tiles, at_once=threads, free=store.free_bytes)
-                CountedEstimate(grid.count, math.nan, size, **of_store).check()
+                CountedEstimate(grid.count, math.nan, size, free=store.free_bytes, **of_store).check()
                 archive = _make_archive(store.path, grid, tiles, call, like)
             else:
                 archive = _undamaged(_open_archive(store.path, call))
@@ -599,6 +636,7 @@ def _stored(function: Callable[..., Any], options: dict[str, Any], store: Store,
         share, shares = store.share or (1, 1)
         todo = [k for k in range(tiles.count) if not done[k] and k % shares == share - 1]
         archive.tidy(None if store.share is None else todo)
+        _warn_of_versions(archive)
         task = functools.partial(_compute_tile, archive, compute, alone)
         parts = {k: (grid.part(tiles.region(k)), steps_of(tiles.region(k))) for k in todo}
         before = archive.complete_cases(done)
@@ -613,6 +651,17 @@ def _stored(function: Callable[..., Any], options: dict[str, Any], store: Store,
     return open_store(store.path)
 
 
+def _warn_of_versions(archive: Archive) -> None:
+    """Warns where a store was begun with other versions of packages, whose last digits may differ."""
+    before, now = archive.mark["versions"], versions()
+    other = [f"{name} {before.get(name)} and not {now[name]}" for name in now if before.get(name) != now[name]]
+    if other:
+        warn(
+            f"The store {archive.path} was begun with {listed(other)}: tiles may differ by rounding, chaotic cases "
+            f"altogether. Its array `{VERSIONS}` says which tile is of which; fresh=True starts over."
+        )
+
+
 def _check_replaceable(path: Path) -> None:
     """Refuses to delete anything but a store of ours, with nothing else in it, and anything through a link.
 
@@ -623,12 +672,7 @@ def _check_replaceable(path: Path) -> None:
             f"Argument `store` must be no link where it is made anew, but {path} leads to {path.resolve()}."
         )
     if path.exists():
-        _open_archive(path)
-        for file in path.rglob("*"):
-            parts = file.relative_to(path).parts
-            own = parts[-1] == "zarr.json" or "c" in parts[1:2] or file.name.endswith(".partial")
-            if not (own or (file.is_dir() and len(parts) == 1)):
-                raise ValueError(f"Argument `store` must hold nothing else where it is made anew, but has {file}.")
+        _open_archive(path).check_own()
 
 
 # --- workers --------------------------------------------------------------------------------------------------------
@@ -642,6 +686,8 @@ def _compute_tile(
     **Arguments:** `alone`: whether a process may compute one tile at a time only; `values`, `steps`: of the tile, by
     name of the grid and as `steps_per_period`.
     """
+    if archive.mark["call"]["code"]["slipperjax"] != IMPORTED:
+        raise RuntimeError("a worker imported other code of slipperjax than the process that called it: restart both")
     before = TOLD.set(_TOLD.setdefault(archive.mark["identity"], set()))
     try:
         with _ALONE if alone else nullcontext():

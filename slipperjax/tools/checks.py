@@ -192,10 +192,11 @@ def warn(text: str) -> None:
 _OWN = (__name__.split(".")[0], "equinox", "jax")
 
 
-def whole(name: str, value: Any, least: int) -> int:
-    """Gives `value` as an `int` of at least `least`; raises `ValueError` otherwise."""
+def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
+    """Gives `value` as an `int` of at least `least`, and at most `most`; raises `ValueError` otherwise."""
     ok = isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least
     require(ok, name, f"be a whole number of {least} or more", value)
+    require(most is None or value <= most, name, f"be at most {most}", value)
     return int(value)
 
 

@@ -27,8 +27,7 @@ _SEEN: weakref.WeakKeyDictionary[type, tuple[int, list[tuple[Mapping[str, Any], 
 """Of each class the number of its members, and the names by which it reached code when it was used last."""
 
 
-@functools.cache
-def package_digest() -> str:
+def _source_digest() -> str:
     """Gives a digest of this package's own source, as far as numbers depend on it."""
     root = Path(__file__).parents[1]
     files = {path.relative_to(root): path for path in root.rglob("*.py")}
@@ -37,6 +36,20 @@ def package_digest() -> str:
         if name.parts[0] not in SHOWING:
             total.update(str(name).encode() + hashlib.sha256(files[name].read_bytes()).digest())
     return total.hexdigest()[:12]
+
+
+IMPORTED = _source_digest()
+"""That of the source when it was imported."""
+
+
+def package_digest() -> str:
+    """Gives the digest of this package's own source when it was imported.
+
+    **Raises:** `RuntimeError` where it was edited since: this process has the old code, or some of both.
+    """
+    if _source_digest() != IMPORTED:
+        raise RuntimeError("the source of slipperjax was edited after this process imported it: begin a new process")
+    return IMPORTED
 
 
 def code_digest(thing: Any) -> str:

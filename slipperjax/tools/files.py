@@ -1,6 +1,7 @@
 """Files that are written whole or not at all."""
 
 import os
+import secrets
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -18,7 +19,7 @@ def write_whole(path: Path, content: Content) -> bool:
     """Writes a file under a temporary name in its folder, and moves it into place when all of it is on the disk.
 
     So a full disk, an interrupt or a lost process leaves a file that was there before as it was, and programs that
-    have it open keep reading what they opened. A process that is killed at once may leave a file `.NAME.PID.part`.
+    have it open keep reading what they opened. A process that is killed at once may leave a file `.NAME.RANDOM.part`.
 
     **Returns:** whether a file was replaced.
 
@@ -28,9 +29,9 @@ def write_whole(path: Path, content: Content) -> bool:
     exists = path.exists()
     if exists and not os.access(path, os.W_OK):
         raise PermissionError(f"{path} is protected against writing")
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
-        with open(part, "wb") as file:
+        with open(part, "xb") as file:  # and through no link that somebody has put there
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
@@ -71,12 +72,15 @@ def write_each(contents: Mapping[Path, Callable[[], Content]]) -> dict[Path, boo
 
 def _kept_elsewhere(path: Path, content: Content) -> str:
     """Writes a file to the folder for temporary files, and says so or that it is lost."""
-    elsewhere = Path(tempfile.gettempdir()) / f"slipperjax_{os.getpid()}_{path.name}"
+    folder = None
     try:
-        write_whole(elsewhere, content)
+        folder = Path(tempfile.mkdtemp(prefix="slipperjax_"))  # which nobody else can write to
+        write_whole(folder / path.name, content)
     except OSError:
+        if folder is not None:
+            folder.rmdir()
         return "and nowhere else: it is lost"
-    return f"it is kept as {elsewhere}"
+    return f"it is kept as {folder / path.name}"
 
 
 def said(done: Mapping[Path, bool]) -> str:

@@ -1,18 +1,26 @@
 """The server of a page, and errors of its command in one line."""
 
+import dataclasses
+import html
+import http.client
 import re
 import socket
 import urllib.error
+import urllib.parse
 import urllib.request
+from types import SimpleNamespace
 
 import pytest
 
 import slipperjax as sj
-from slipperjax.explorer.session import Session
+from slipperjax.explorer.launch import BROWSER
+from slipperjax.explorer.pictures import ways
+from slipperjax.explorer.session import Case, Session
 
 from ..cli.commands import error_of
 
 pytest.importorskip("bokeh", reason="needs the extra explore")
+IMAGE = "<img src=x onerror='alert(1)'>"
 GRID = {"clearance": [1e-3, 2e-3], "speed": [1000.0, 1500.0]}
 
 
@@ -29,12 +37,59 @@ def test_a_page_and_all_that_it_loads_are_served_at_the_loopback_address(page):
     loaded = re.findall(r'(?:src|href)="([^"]+)"', text)
     assert loaded
     for address in loaded:
-        assert address.startswith(("/static/", "data:")), address
-        if address.startswith("/static/"):
-            with urllib.request.urlopen(page.url + address[1:]) as answer:
-                assert answer.status == 200
+        if not address.startswith("data:"):
+            assert address.startswith(f"/{page.url.split('/')[3]}/static/"), address
+            assert status_of(page, address) == 200
     assert not re.search(r"https?://(?!127\.0\.0\.1|www\.w3\.org)", text)
     assert page.url in page._repr_html_()
+
+
+def status_of(page, path="", socket=False, **headers):
+    """The status of the answer to a request of a page, or of a socket that is asked for."""
+    if socket:
+        headers |= {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
+        headers |= {"Sec-WebSocket-Key": "c2xpcHBlcmpheCBzbGlwcA==", "Sec-WebSocket-Protocol": "bokeh, token"}
+    connection = http.client.HTTPConnection("127.0.0.1", page.port, timeout=30)
+    connection.request("GET", path or urllib.parse.urlsplit(page.url).path, headers=headers)
+    status = connection.getresponse().status
+    connection.close()
+    return status
+
+
+def test_whoever_does_not_know_the_address_gets_nothing(page):
+    secret = page.url.split("/")[3]
+    assert len(secret) >= 32
+    for path in ("/", "/ws", "/metadata", "/autoload.js", "/static/js/bokeh.min.js", f"/{secret[:-1]}/", "/none/ws"):
+        assert status_of(page, path) == 404, path
+        assert status_of(page, path, socket=True, Origin=page.url.rpartition(f"/{secret}")[0]) == 404, path
+    other = sj.explore(sj.paper_scene(), GRID)
+    assert secret not in other.url
+    other.stop()
+
+
+def test_other_hosts_and_origins_are_refused(page):
+    socket, home = urllib.parse.urlsplit(page.url).path + "ws", f"127.0.0.1:{page.port}"
+    for host in (home, f"localhost:{page.port}"):
+        assert status_of(page, Host=host) == 200
+        assert status_of(page, socket, socket=True, Host=host, Origin=f"http://{host}") == 101
+    for host in ("evil.example", f"evil.example:{page.port}", "127.0.0.1", f"127.0.0.1:{page.port + 1}"):
+        assert status_of(page, Host=host) == 403
+        assert status_of(page, socket, socket=True, Host=host, Origin=f"http://{home}") == 403
+        assert status_of(page, socket, socket=True, Host=home, Origin=f"http://{host}") == 403
+        assert status_of(page, Host=home, Origin=f"http://{host}") == 403
+    assert status_of(page, socket, socket=True) == 403  # without an origin, as no browser asks
+    assert status_of(page, socket, socket=True, Origin="null") == 403
+
+
+def test_windows_of_one_browser_go_on_from_one_another_and_those_of_others_do_not(page):
+    def opened(browser):
+        status_of(page, Cookie=f"{BROWSER}={browser}")
+        return page._pages[-1]
+
+    one = opened("one")
+    one.session.show(one.session.box((1e-3, 2e-3), (1100.0, 1300.0)))
+    one.keep(one.session.copied())
+    assert [len(opened(browser).session.views) for browser in ("one", "other")] == [2, 1]
 
 
 def test_a_stopped_page_is_gone():
@@ -62,6 +117,59 @@ def test_bad_sources_are_one_line(capsys, tmp_path):
     for source in ("none.zarr", "none.nc", "none.toml", "text.nc", "empty.zarr"):
         assert source in error_of(["explore", "--no-browser", tmp_path / source], capsys)
     assert "--by needs --over" in error_of(["explore", "--by", "speed", "1", "2", "3"], capsys)
+
+
+@pytest.mark.parametrize("option", [["--speed", 900], ["--scene", "other.toml"], ["--set", "mass=15"]])
+def test_options_of_the_case_are_used_or_refused(capsys, tmp_path, option):
+    source = tmp_path / "scene.toml"
+    for path in (source, tmp_path / "other.toml"):
+        path.write_text(sj.model.scene_to_toml(sj.paper_scene()))
+    option = [tmp_path / part if part == "other.toml" else part for part in option]
+    text = error_of(["explore", "--no-browser", source, *option], capsys)
+    assert "scene.toml must not be given with" in text
+    assert option[0] in text
+    for name, value in (("--solver", "RK4"), ("--steps-per-period", 100)):
+        text = error_of(["explore", "--no-browser", name, value], capsys)
+        assert f"Option {name} must not be given" in text
+
+
+@pytest.mark.parametrize("port", [-1, 65536, "80", 1.5])
+def test_what_is_no_port_is_named(port):
+    with pytest.raises(ValueError, match="`port` must be a whole number of 0 to 65535, but is"):
+        sj.explore(sj.paper_scene(), GRID, port=port)
+
+
+def test_names_of_points_reach_the_page_as_text():
+    from slipperjax.explorer.panels import _words
+
+    scene = sj.paper_scene()
+    with pytest.raises(ValueError, match="`names` must be a tuple of names of letters"):
+        dataclasses.replace(scene.section, names=(IMAGE, *scene.section.names[1:]))
+    object.__setattr__(scene.section, "names", (IMAGE,) * 10)  # as of a file that an older version wrote
+    peak = SimpleNamespace(force=1e3, point=0, end=0)
+    shown = SimpleNamespace(case=Case(scene), run=SimpleNamespace(status=0, peak=peak), kind="period", period=1)
+    assert html.escape(IMAGE) in _words(shown)
+    assert IMAGE not in _words(shown)
+
+
+def test_a_followed_path_is_shown_each_way_in_its_colour():
+    from bokeh.document import Document
+
+    from slipperjax.explorer.page import Page
+
+    speeds = [1000.0, 1200.0]
+    followed = sj.follow(sj.paper_scene(), {"speed": speeds}, transient=10, periods=10, record="strobe")
+    ds = followed.assign(v_z=followed["strobe"].sel(coordinate="v_z").rename(strobe_period="crossing"))
+    session = Session.of(ds)
+    page = Page(Document(), session, lambda _: None)
+    page.choice.value = "v_z"
+    assert set(page.dots.data["color"]) == set(ways(session.view).values())
+    assert len(page.dots.data["x"]) == ds["v_z"].size
+    for way in ("up", "down"):
+        assert f"followed {way}" in page.legend.text
+    case = session.case_at(session.nearest(1190.0))
+    assert float(case.scene.speed) == 1200.0
+    page.close()
 
 
 def test_another_window_goes_on_where_the_latest_is():

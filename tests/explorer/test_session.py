@@ -170,6 +170,20 @@ def test_a_scene_in_a_script_is_the_same_to_the_last_bit(scene):
     assert scene_to_json(eval(scene_text(scene), {"sj": sj})) == scene_to_json(scene)
 
 
+def test_a_path_in_a_script_is_the_same_whatever_is_in_it(tmp_path):
+    folder = tmp_path / 'a \\n\'b\' "c" """d'
+    folder.mkdir()
+    rail, result = folder / "rail.csv", folder / "map.nc"
+    rail.write_text("distance [m], lateral [mm], vertical [mm]\n" + "".join(f"{k}, 0, 0\n" for k in range(50)))
+    scene = dataclasses.replace(sj.paper_scene(), track=sj.load_rail(rail))
+    assert scene_to_json(eval(scene_text(scene), {"sj": sj})) == scene_to_json(scene)
+    a_map().to_netcdf(result, engine="h5netcdf")
+    (line,) = [line for line in python_of(Session.of(result)).splitlines() if line.startswith("map = ")]
+    names = {"sj": sj}
+    exec(line, names)
+    assert names["map"].equals(a_map())
+
+
 def test_a_start_in_a_script_is_the_same_to_the_last_bit():
     start = sj.State(sj.Motion(y=0.1 + 0.2, w_x=-3e-7), jnp.arange(3.0) / 7)
     again = eval(start_text(start), {"sj": sj, "jnp": jnp})

@@ -9,8 +9,13 @@ import pytest
 from scipy import stats
 
 import slipperjax as sj
+from slipperjax.sweeps.estimate import CountedEstimate
+from slipperjax.sweeps.explain import SECONDS_PER_FILE
+from slipperjax.sweeps.grid import Tiling
 
 from .made_up import a_grid, made_up
+
+SCENE = sj.paper_scene()
 
 
 def test_an_estimate_counts_and_measures(tmp_path, monkeypatch):
@@ -21,7 +26,9 @@ def test_an_estimate_counts_and_measures(tmp_path, monkeypatch):
     assert found.steps_per_period == (100, 100)
     # a tenth of a second for the 128 cases of the probe
     assert 0.1 / 128 <= found.per_case < 0.5 / 128
-    assert found.seconds == pytest.approx(found.compile + 120 * found.per_case / 4)
+    assert found.writing == pytest.approx(found.files * SECONDS_PER_FILE / (4 if found.shared else 1))
+    assert found.seconds == pytest.approx(found.compile + 120 * found.per_case / 4 + found.writing)
+    assert "writing" in str(found)
     assert found.stored == 120 * found.per_case_stored
     assert found.problems == []
     assert "120 cases in 12 tiles of 10 (1 x 10)" in str(found)
@@ -57,6 +64,54 @@ def test_calls_and_estimates_refuse_alike(tmp_path, monkeypatch):
         made_up(store=store, **options)
     assert explained[0].split(" need ")[0] == f"impossible: {refused.value}".split(" need ")[0]
     assert explained[1].startswith("impossible: 120 cases need about")
+
+
+MILLION = {"speed": np.linspace(1e3, 2e3, 10**4), "clearance": np.linspace(1e-3, 2e-3, 10**4)}
+TWO = {"speed": [1e3, 2e3]}
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (
+            lambda s, at: sj.sweep(s, MILLION, periods=10**6, record="peak_force", store=at),
+            "`store` must be done in a y",
+        ),
+        (lambda s, at: sj.lyapunov_sweep(s, MILLION, periods=10**6, store=at), "`store` must be done in a year"),
+        (lambda s, at: sj.sample_box({"speed": (1e3, 2e3)}, 10**12), "1000000000000 points need about 8 TB"),
+        (lambda s, at: sj.simulate(s, 60, steps_per_period=10**9), "`steps_per_period` must be at most"),
+        (lambda s, at: sj.sweep(s, TWO, steps_per_period=10**9), "`steps_per_period` must be at most"),
+        (lambda s, at: sj.sweep(s, TWO, steps_per_period=10**9, store=at), "`steps_per_period` must be at most"),
+        (lambda s, at: sj.sweep(s, TWO, refine=10**9), "`refine` must be at most"),
+        (lambda s, at: sj.follow(s, TWO, steps_per_period=10**9), "`steps_per_period` must be at most"),
+        (lambda s, at: sj.run(s, length=100.0, steps_per_period=10**9), "`steps_per_period` must be at most"),
+        (lambda s, at: sj.lyapunov_spectrum(s, steps_per_period=10**9), "`steps_per_period` must be at most"),
+        (
+            lambda s, at: sj.lyapunov_spectrum(s, periods=10**12),
+            "1000000000000 forcing periods of 40 steps need about",
+        ),
+        (lambda s, at: sj.periodic_orbit(s, 10**9), "`period` must be at most"),
+        (lambda s, at: sj.periodic_orbit(s, steps_per_period=10**9), "`steps_per_period` must be at most"),
+        (lambda s, at: sj.orbit_sweep(s, TWO, period=10**9), "`period` must be at most"),
+        (lambda s, at: sj.continue_orbit(s, "speed", (9e2, 2e3), period=10**9), "`period` must be at most"),
+        (
+            lambda s, at: sj.continue_orbit(s, "speed", (9e2, 2e3), steps_per_period=10**9),
+            "`steps_per_period` must be",
+        ),
+    ],
+)
+def test_what_would_take_years_is_refused_before_it_is_begun(tmp_path, call, words):
+    with pytest.raises(ValueError, match=words):
+        call(SCENE, tmp_path / "map.zarr")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_store_that_others_compute_too_is_warned_of():
+    options = dict(tiles=Tiling.of((10**8,)), workers=2)
+    with pytest.raises(ValueError, match=r"must be done in a year, but 100000000 cases take .+ years on 2 cores"):
+        CountedEstimate(10**8, 20.0, 8.0, **options).check()
+    with pytest.warns(sj.ImplausibleWarning, match="cores would be done in a week"):
+        CountedEstimate(10**8, 20.0, 8.0, shared=True, **options).check()
 
 
 @pytest.mark.parametrize("method", ["sobol", "halton", "latin", "random"])

@@ -1,5 +1,7 @@
 """Results hold what they were made of: scenes come back exactly, and a run again gives the same bits."""
 
+import json
+
 import diffrax
 import equinox as eqx
 import jax
@@ -64,6 +66,22 @@ def test_a_file_is_computed_again_to_the_same_bits(make, tmp_path):
     same_bits(first, again)
     for name in ("scene", "start", "call", "varied", "versions"):
         assert first.attrs[name] == again.attrs[name]
+
+
+@pytest.mark.parametrize("name", ["simulate", "grid", "follow"])
+def test_a_file_says_numbers_only_and_no_paths_or_executors(name, grid, tmp_path):
+    ds = grid.copy() if name == "grid" else RUNS[name]()
+    path = tmp_path / "anywhere.zarr"
+    call = json.loads(ds.attrs["call"])
+    others = dict(store=str(path), executor="x", chunk=1, workers=1, progress=True, start=None, refine=2, other=1)
+    for more in ({key: value} for key, value in others.items()):
+        ds.attrs["call"] = json.dumps(call | more)
+        with pytest.raises(ValueError, match=f"`source` must have a call of .*, but has {next(iter(more))}, too"):
+            sj.repeat(ds)
+    ds.attrs["call"] = json.dumps({"function": ["sweep"]})
+    with pytest.raises(ValueError, match="`source` must be a result of one of simulate, sweep, follow"):
+        sj.repeat(ds)
+    assert not list(tmp_path.iterdir())
 
 
 def test_scenes_and_starts_come_back_exactly():

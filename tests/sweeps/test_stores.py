@@ -2,6 +2,7 @@
 
 import errno
 import itertools
+import json
 import multiprocessing
 import os
 import random
@@ -293,6 +294,41 @@ def test_tiles_that_were_swapped_or_cut_short_and_other_axes_are_found(stored, w
     assert check_store(stored) == [f"{axis} is missing or changed: start over with fresh=True"]
 
 
+def test_a_tile_of_another_store_is_found(stored, tmp_path, whole):
+    other = tmp_path / "other.zarr"
+    made_up.made_up(sj.paper_scene(restitution=0.8), a_grid(), store=Store(other, tile=10))
+    for file in other.glob("*/c/3/**/*"):
+        if file.is_file() and file.relative_to(other).parts[0] not in ("speed", "clearance", "point"):
+            (stored / file.relative_to(other)).write_bytes(file.read_bytes())
+    (line,) = check_store(stored, repair=True)
+    assert line == "tile 3: its files are not those that were written"
+    call(stored)
+    assert files(stored) == whole
+
+
+def test_other_versions_go_on_with_a_warning_and_stand_by_tile(stored, whole, monkeypatch):
+    next(stored.glob("digest_of_tile/c/4/0")).unlink()
+    now = module.versions()
+    monkeypatch.setattr(module, "versions", lambda: now | {"numpy": "1.2.3"})
+    with pytest.warns(sj.ImplausibleWarning, match=f"begun with numpy {now['numpy']} and not 1.2.3"):
+        call(stored)
+    of_tile = xr.open_zarr(stored, consolidated=False, chunks=None)["versions_of_tile"].values.ravel()
+    assert [json.loads(text)["numpy"] for text in of_tile] == [now["numpy"]] * 4 + ["1.2.3"] + [now["numpy"]] * 7
+    assert check_store(stored) == []
+    call(stored)  # of a complete one nothing is said
+    (stored / "versions_of_tile" / "c" / "4" / "0").write_bytes(whole["versions_of_tile/c/3/0"])
+    assert check_store(stored) == ["tile 4: its files are not those that were written"]
+
+
+def test_workers_with_other_code_write_nothing(stored, whole, monkeypatch):
+    next(stored.glob("digest_of_tile/c/4/0")).unlink()
+    before = files(stored)
+    monkeypatch.setattr(module, "IMPORTED", "other", raising=False)
+    with pytest.raises(RuntimeError, match="a worker imported other code"):
+        call(stored)
+    assert files(stored) == before
+
+
 def test_an_old_worker_does_not_write_into_a_new_store(stored, whole):
     old = module._open_archive(stored)
     ds = made_up.made_up(sj.paper_scene(), a_grid()).isel(speed=slice(2, 3))
@@ -312,15 +348,47 @@ def test_only_stores_of_ours_are_replaced_and_none_through_a_link(tmp_path, stor
     with pytest.raises(ValueError, match="must be a store of slipperjax, but is none"):
         call(other, fresh=True)
     assert files(other) == before
-    for name in ("thesis.tex", "notes/thesis.tex", "v_z/thesis.tex"):
+    for name in (
+        *("thesis.tex", "notes/thesis.tex", "v_z/thesis.tex", "v_z/c/thesis.tex", "v_z/c/3/0/0.tex", "v_z/c/99/0/0"),
+        *("notes/zarr.json", "notes/c/0", "thesis.partial", "v_z/thesis.partial", ".git/config"),
+    ):
         file = stored / name
-        file.parent.mkdir(exist_ok=True)
+        file.parent.mkdir(exist_ok=True, parents=True)
         file.write_text("years of work")
         with pytest.raises(ValueError, match="must hold nothing else where it is made anew"):
             call(stored, fresh=True)
+        module._open_archive(stored).tidy()
         assert file.read_text() == "years of work"
         file.unlink()
+    (stored / "v_z" / "zarr.1.partial").write_text("of a process that was killed")
+    (stored / "v_z" / "c" / "3" / "0" / "0.1.partial").write_text("of another one")
+    call(stored, fresh=True)
     assert files(stored) == whole
+
+
+def test_names_with_brackets_are_names(tmp_path):
+    path, other = tmp_path / "map[1].zarr", tmp_path / ".map1.zarr.x.part"
+    other.mkdir()
+    call(path)
+    assert other.is_dir()
+    with module._writing(Store(path, share=(1, 2))), pytest.raises(StoreInUse):
+        call(path, fresh=True)
+
+
+def test_nothing_is_written_through_a_link_in_place_of_a_lock_or_a_new_store(tmp_path, whole):
+    path, victim = tmp_path / "map.zarr", tmp_path / "victim"
+    victim.mkdir()
+    (victim / "thesis.tex").write_text("years of work")
+    for kind in ("new", "old"):
+        (tmp_path / f".map.zarr.{kind}-{os.getpid()}.part").symlink_to(victim)
+    for target in ("victim/thesis.tex", "victim/new"):
+        (tmp_path / "map.zarr.lock").symlink_to(tmp_path / target)
+        with pytest.raises(PermissionError, match=r"map\.zarr\.lock must be a lock and no link"):
+            call(path)
+        (tmp_path / "map.zarr.lock").unlink()
+    call(path)
+    assert files(path) == whole
+    assert [(file.name, file.read_text()) for file in victim.iterdir()] == [("thesis.tex", "years of work")]
 
 
 @pytest.mark.parametrize("name", ["v_z/zarr.json", "digest_of_tile/zarr.json", "speed/zarr.json", "point/c/0"])

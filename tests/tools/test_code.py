@@ -2,14 +2,17 @@
 
 import functools
 import os
+import shutil
 import subprocess
 import sys
 import types
+from pathlib import Path
 
 import equinox as eqx
 import numpy as np
 import pytest
 
+import slipperjax
 import slipperjax as sj
 from slipperjax.tools.code import classes_of, code_digest, package_digest
 
@@ -62,6 +65,22 @@ def test_classes_inside_values_are_found():
     found = {kind.__name__ for kind in classes_of({"scene": [sj.paper_scene()], "others": (np.ones(2), len)})}
     assert found == {"Scene", "Slipper", "Section", "HarmonicTrack", "Flores", "EventLatch"}
     assert len(package_digest()) == 12
+
+
+def test_code_is_that_of_the_import_and_not_that_of_an_edit_since(tmp_path):
+    package = Path(slipperjax.__file__).parent
+    shutil.copytree(package, tmp_path / "slipperjax", ignore=shutil.ignore_patterns("__pycache__"))
+    program = (
+        "import pathlib, slipperjax as sj\n"
+        "scene = sj.paper_scene()\n"
+        "file = pathlib.Path('slipperjax') / 'sweeps' / 'run.py'\n"
+        "file.write_text(file.read_text() + '# edited\\n')\n"
+        "sj.sweep(scene, {'speed': [1e3]}, transient=0, periods=1, store='map.zarr')\n"
+    )
+    options = dict(cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True)
+    found = subprocess.run([sys.executable, "-c", program], check=False, **options)
+    assert "RuntimeError: the source of slipperjax was edited after this process imported it" in found.stderr
+    assert not (tmp_path / "map.zarr").exists()
 
 
 @pytest.mark.slow

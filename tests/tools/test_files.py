@@ -72,7 +72,7 @@ def test_what_cannot_be_written_goes_elsewhere_and_the_rest_to_its_place(full_di
     contents = {folder / "a.nc": lambda: b"new", tmp_path / "a.png": lambda: b"picture"}
     with pytest.raises(NotWritten) as failed:
         write_each(contents)
-    (kept,) = elsewhere.iterdir()
+    (kept,) = elsewhere.glob("*/*")
     assert str(failed.value) == (
         f"cannot write {folder / 'a.nc'}: No space left on device (it is kept as {kept}); wrote {tmp_path / 'a.png'}"
     )
@@ -80,6 +80,22 @@ def test_what_cannot_be_written_goes_elsewhere_and_the_rest_to_its_place(full_di
     assert (folder / "a.nc").read_bytes() == b"old"
     assert names(folder) == ["a.nc"]
     assert (tmp_path / "a.png").read_bytes() == b"picture"
+
+
+def test_nothing_is_written_through_links_that_somebody_has_put_there(full_disk, monkeypatch):
+    folder, elsewhere = full_disk
+    victim = elsewhere.parent / "victim"
+    victim.write_bytes(b"years of work")
+    monkeypatch.setattr("secrets.token_hex", lambda count: "guessed")
+    for link in (folder / f".a.nc.{os.getpid()}.part", folder / ".a.nc.guessed.part"):
+        link.symlink_to(victim)
+    (elsewhere / f"slipperjax_{os.getpid()}_a.nc").symlink_to(victim)
+    with pytest.raises(NotWritten, match="cannot write"):
+        write_each({folder / "a.nc": lambda: b"new"})
+    assert victim.read_bytes() == b"years of work"
+    (kept,) = elsewhere.glob("slipperjax_*/a.nc")
+    assert kept.read_bytes() == b"new"
+    assert stat.S_IMODE(kept.parent.stat().st_mode) == 0o700
 
 
 def test_what_was_done_is_said(tmp_path):
