@@ -333,7 +333,7 @@ def simulate(
     epoch = begin / scene.track.wavelength
     check_rail(scene, periods, begin)
     default = lambda: default_steps(_at_slowest(scene, epoch, periods), None)
-    given = None if steps_per_period is None else whole("steps_per_period", steps_per_period, 1)
+    given = None if steps_per_period is None else given_steps(steps_per_period)
     steps, saves = step_plan(default, given, saves_per_period)
     solver = resolve_solver(scene, solver)
     controller = resolve_controller(stepsize_controller, solver)
