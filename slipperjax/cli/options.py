@@ -205,6 +205,13 @@ def _of_case(name: str, type: Any = None, text: str = "", **more: Any) -> Callab
     return option(f"--{name.replace('_', '-')}", type, text, show_default=shown, **more)
 
 
+begin = option(
+    "--begin",
+    Measure("begin", "m"),
+    "Place of the rail where it begins [m]; default where the rail does.",
+    show_default=False,
+)
+"""The option of commands that travel along the rail."""
 CASE: dict[str, Callable[..., Any]] = {
     "scene": option("--scene", FILE, "A TOML file of a scene, or a result's netCDF file."),
     **{name: _of_case(name) for name in PAPER if name not in ("wavelength", "memory")},

@@ -24,7 +24,7 @@ from ..tools.checks import (
     whole_number,
 )
 from ..tools.compile import is_traced
-from .tracks import AbstractTrack, Irregularity, chosen, least_common_count
+from .tracks import AbstractTrack, Irregularity, chosen, greatest, least_common_count
 
 ENDS = ("straight", "repeat", "error")
 """How a rail of samples goes on beyond its ends: straight at zero; as itself again; or not at all, which is an error:
@@ -273,8 +273,17 @@ class SampledTrack(AbstractRail):
         return repeats_after(self, self.length)
 
     @property
-    def extent(self) -> float:
-        return float(np.asarray(self.distance)[1])
+    def begin(self) -> Any:
+        return -np.inf if self.ends == "repeat" else self._described[0]
+
+    @property
+    def extent(self) -> Any:
+        return np.inf if self.ends == "repeat" else self._described[1]
+
+    @property
+    def _described(self) -> Any:
+        """Distances of the first and the last sample [m], known while programs are made unless they are traced."""
+        return self.distance if is_traced(self.distance) else np.asarray(self.distance).tolist()
 
     @property
     def steepest_slope(self) -> Float[Array, ""]:
@@ -513,8 +522,12 @@ class SumTrack(AbstractTrack):
         return least_common_count(self.wavelength, jnp.stack(lengths))
 
     @property
-    def extent(self) -> float:
-        return min(self.one.extent, self.other.extent)
+    def begin(self) -> Any:
+        return greatest((self.one.begin, self.other.begin))
+
+    @property
+    def extent(self) -> Any:
+        return -greatest((-self.one.extent, -self.other.extent))
 
     @property
     def end(self) -> float:
@@ -590,9 +603,14 @@ class TrackSet(AbstractRail):
         return SplineTrack(first, spacing, count, coefficients, self.wavelength, self.ends)
 
     @property
-    def extent(self) -> float:
+    def begin(self) -> Any:
+        """Where all of them are described [m]."""
+        return greatest([track.begin for track in self.tracks])
+
+    @property
+    def extent(self) -> Any:
         """That of the shortest rail [m]."""
-        return min(track.extent for track in self.tracks)
+        return -greatest([-track.extent for track in self.tracks])
 
     @property
     def recurrence(self) -> Float[Array, ""]:

@@ -229,8 +229,12 @@ class RandomTrack(AbstractRail):
             warn(f"Argument `band` has no waves below {self.band[0]:g} m, of which slippers feel most.")
 
     @property
+    def begin(self) -> float:
+        return -np.inf if self.ends == "repeat" else 0.0
+
+    @property
     def extent(self) -> float:
-        return self.length
+        return np.inf if self.ends == "repeat" else self.length
 
     @property
     def recurrence(self) -> Float[Array, ""]:

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..tools.checks import brief, not_negative, number, positive, unit_of, whole
+from ..tools.checks import brief, finite, number, positive, unit_of, whole
 from ..tools.description import TYPE, build, describe, known_type, type_name
 from ..tools.units import parsed
 from .dang2024 import paper_scene
@@ -40,7 +40,7 @@ INNER = (AbstractTrack, AbstractSpectrum)
 """Bases of classes within parts of a scene."""
 
 
-RUN = {"length": (positive, "m"), "begin": (not_negative, "m"), "window": (positive, "m")}
+RUN = {"length": (positive, "m"), "begin": (finite, "m"), "window": (positive, "m")}
 """Checks and units of the numbers in the table `run`."""
 
 
@@ -153,20 +153,18 @@ class _Reader:
         """Returns the programme of speeds in the table `speed`: places, times or stages."""
         table = dict(self.tables["speed"])
         with self.placed("speed"):
+            begin = {"begin": quantity("begin", table.pop("begin"), "m")} if "begin" in table else {}
             if "stages" in table:
                 start, rows = quantity("start", table.pop("start", None), "m/s"), table.pop("stages")
                 if not (isinstance(rows, list) and all(isinstance(row, dict) for row in rows)):
                     raise ValueError(f"`stages` must be a list of tables, but is {brief(rows)}.")
-                made = SpeedProgramme.stages([self.stage(row) for row in rows], start=start)
+                made = SpeedProgramme.stages([self.stage(row) for row in rows], start=start, **begin)
             elif "time" in table:
                 time, speed = (quantity(n, table.pop(n, None), u) for n, u in (("time", "s"), ("speed", "m/s")))
-                made = SpeedProgramme.over_time(time, speed)
+                made = SpeedProgramme.over_time(time, speed, **begin)
             else:
-                return build(
-                    {TYPE: type_name(SpeedProgramme), **self.written(SpeedProgramme, table)},
-                    (SpeedProgramme,),
-                    "speed",
-                )
+                values = self.written(SpeedProgramme, table) | begin
+                return build({TYPE: type_name(SpeedProgramme), **values}, (SpeedProgramme,), "speed")
             if table:
                 raise ValueError(f"`{next(iter(table))}` must not be given here.")
             return made
