@@ -15,7 +15,7 @@ from ..model.paths import parameter, refuse_undone
 from ..model.scene import Scene, check_scene
 from ..solvers.named import resolve_solver
 from ..sweeps.grid import Cases
-from ..tools.checks import one_of, require, whole, yes_or_no
+from ..tools.checks import in_unit, one_of, require, whole, yes_or_no
 from .judge import judge
 from .methods import CaseValues
 from .objectives import Evaluation, EvaluationPlan, Objective, RailEnsemble, ensemble_for, objective_named
@@ -172,6 +172,7 @@ def _checked_limits(constraints: Any) -> tuple[tuple[Objective, float, float], .
         objective = objective_named(name)
         ends = pair if isinstance(pair, Sequence) else (None, pair)
         try:
+            ends = in_unit(ends, objective.quantity.unit)
             low, high = (
                 default if v is None else float(v) for v, default in zip(ends, (-np.inf, np.inf), strict=True)
             )

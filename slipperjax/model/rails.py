@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 from ..tools.checks import (
     Check,
     finite,
+    in_unit,
     instance,
     not_negative,
     number,
@@ -207,7 +208,7 @@ class SampledTrack(AbstractRail):
         self.ends = one_of("ends", ends, ENDS)
         require(not is_traced(distance), "distance", "be known while programs are made", shown="traced")
         finite("distance", "m")(distance)
-        places = np.asarray(distance, float)  # inside jit, too
+        places = np.asarray(in_unit(distance, "m"), float)  # inside jit, too
         require(places.ndim == 1 and len(places) > 1, "distance", "be a list of distances", distance)
         given = {"lateral": lateral, "vertical": vertical, "roll": roll}
         checks = {
@@ -243,7 +244,8 @@ class SampledTrack(AbstractRail):
             reference_length = length if ends == "repeat" else 8.0
         if not is_traced(ramp):
             limit = length / 2
-            require(number(not_negative, "ramp", ramp, "m") <= limit, "ramp", f"be at most {limit:g} m", float(ramp))
+            ramp = number(not_negative, "ramp", ramp, "m")
+            require(ramp <= limit, "ramp", f"be at most {limit:g} m", ramp)
         self.distance = jnp.asarray(ends_of)
         self.lateral, self.vertical, self.roll = channels["lateral"], channels["vertical"], channels.get("roll")
         self.ramp, self.reference_length = ramp, reference_length

@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import (
     ShapeChecked,
+    converted,
     fraction,
     instance,
     not_negative,
@@ -143,9 +144,11 @@ class RandomTrack(AbstractRail):
     """Spectrum of the vertical displacement."""
     roll: AbstractSpectrum | None = None
     """Spectrum of the roll angle [rad^2 per cycle/m]; None: the track does not roll."""
-    band: tuple[float, float] = eqx.field(static=True, default=SLED_BAND, metadata={"unit": "m"})
+    band: tuple[float, float] = eqx.field(
+        static=True, converter=converted("band", "m"), default=SLED_BAND, metadata={"unit": "m"}
+    )
     """Shortest and longest wavelength [m]."""
-    length: float = eqx.field(static=True, default=1000.0, metadata={"unit": "m"})
+    length: float = eqx.field(static=True, converter=converted("length", "m"), default=1000.0, metadata={"unit": "m"})
     """Length of the rail [m]."""
     seed: Float[Array, ""] = eqx.field(converter=whole_number("seed"), default=0)
     """Number of the rail, a whole number of 0 or more [1]; a traced one that is not gives NaN."""

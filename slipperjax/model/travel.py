@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import ShapeChecked, finite, instance, number, positive, require
+from ..tools.checks import ShapeChecked, finite, in_unit, instance, number, positive, require
 from ..tools.compile import is_traced
 
 LEAST_SPEED = 1.0
@@ -76,7 +76,7 @@ class SpeedProgramme(ShapeChecked):
         time. At the first one the sled is at `begin` [m] along the rail."""
         finite("time", "s")(time)
         positive("speed", "m/s")(speed)
-        time, speed = np.asarray(time, float), np.asarray(speed, float)
+        time, speed = np.asarray(in_unit(time, "s"), float), np.asarray(in_unit(speed, "m/s"), float)
         need = f"have one value per time, {time.shape}"
         require(time.ndim == 1 and time.shape == speed.shape, "speed", need, shown=f"shape {speed.shape}")
         require(np.all(np.diff(time) > 0), "time", "increase", time)
