@@ -22,6 +22,7 @@ import numpy as np
 
 from ..tools.checks import brief, finite, number, positive, unit_of, whole
 from ..tools.description import TYPE, build, describe, known_type, type_name
+from ..tools.files import user_path
 from ..tools.units import parsed
 from .dang2024 import paper_scene
 from .kinematics import Motion
@@ -66,7 +67,7 @@ def scene_from_json(text: str) -> Scene:
     """
     try:
         description = json.loads(text)
-    except json.JSONDecodeError as error:
+    except (json.JSONDecodeError, RecursionError) as error:
         raise ValueError(f"Argument `scene` must be JSON of a scene, but is {brief(text)}: {error}.") from None
     return build(description, (Scene, SpeedProgramme, *(kind for kind, _ in PARTS.values()), *INNER), "scene")
 
@@ -85,9 +86,11 @@ def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
     """
     try:
         tables = tomllib.loads(text.removeprefix("\ufeff"))
+        return _Reader(text, file, tables).read()
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{file}: {error}.") from None
-    return _Reader(text, file, tables).read()
+    except RecursionError:
+        raise ValueError(f"{file}: has tables in tables too deeply.") from None
 
 
 class _Reader:
@@ -195,7 +198,7 @@ class _Reader:
             else:
                 values[field] = quantity(field, value, unit_of(kind, field) or ("m" if field == "clearance" else ""))
         if issubclass(kind, SurveyedTrack) and "file" in values:  # beside the scene's file
-            values["file"] = str(Path(self.file).parent / str(values["file"]))
+            values["file"] = str(Path(self.file).parent / user_path(str(values["file"])))
         return values
 
     def start(self) -> Motion:

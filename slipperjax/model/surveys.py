@@ -15,6 +15,7 @@ import equinox as eqx
 import numpy as np
 
 from ..tools.checks import brief, number, positive, require, shown_number, warn
+from ..tools.files import content_of, user_path
 from ..tools.units import unit_factor
 from .rails import EQUAL_SPACING, SampledTrack
 
@@ -75,13 +76,12 @@ class SurveyedTrack(SampledTrack):
 
         **Raises:** `ValueError` for a file that is no survey, or has another digest; `OSError` for none.
         """
-        if not Path(file).is_file():
-            raise FileNotFoundError(f"No such file: {file}")
-        content = Path(file).read_bytes()
+        path = user_path(file)
+        content = content_of(path)
         self.file, self.sha256 = str(file), hashlib.sha256(content).hexdigest()[:16]
         need = "be the content with which the scene was made"
         require(sha256 in (None, self.sha256), "sha256", need, shown=f"another one of {file} now")
-        columns = _read(Path(file), content)
+        columns = _read(path, content)
         self.chord = None if chord is None else number(positive, "chord", chord, "m")
         if self.chord is not None:
             columns = _from_chords(columns, self.chord)

@@ -54,6 +54,6 @@ def unit_factor(name: str, unit: str, si: str) -> float:
     try:
         if not re.fullmatch(_UNIT, unit):
             raise ValueError("it is no product of units and small powers")
-        return float(pint.Quantity(1.0, _as_pint_reads(unit)).to(pint_unit(si)).magnitude)
+        return float(pint.Quantity(1.0, pint_unit(_as_pint_reads(unit))).to(pint_unit(si)).magnitude)
     except (pint.PintError, ValueError, TypeError, AssertionError) as error:
         raise ValueError(f"`{name}` must be in a unit like {si}, but is in {brief(unit)}: {error}") from None

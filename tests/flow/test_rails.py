@@ -182,7 +182,7 @@ def test_what_begins_or_records_off_the_rail_is_refused():
         lambda: sj.sweep(FAR, {"mass": [14.0]}, transient=8, periods=1),
         lambda: sj.follow(FAR, {"mass": [14.0, 15.0, 16.0, 17.0]}, transient=2, periods=1),
     ):
-        with pytest.raises((ValueError, sj.ImplausibleWarning), match="the rail (ends at|is known up to) 129837 m"):
+        with pytest.raises((ValueError, sj.ImplausibleWarning), match=r"the rail (ends at|is known up to) 129837 m"):
             call()
     with pytest.warns(sj.ImplausibleWarning, match="leads to 129845 m, but the rail is known up to 129837 m only"):
         sj.simulate(FAR, 9, steps_per_period=STEPS)
