@@ -351,9 +351,9 @@ def simulate(
     """
     check_scene(scene)
     periods, loads = whole("periods", periods, 1), yes_or_no("loads", loads)
-    begin, start = beginning(scene, begin, start)
-    epoch = begin / scene.track.wavelength
-    check_rail(scene, periods, begin)
+    origin, start = beginning(scene, begin, start)
+    epoch = origin / scene.track.wavelength
+    check_rail(scene, periods, origin)
     default = lambda: default_steps(_at_slowest(scene, epoch, periods), None)
     steps, saves = step_plan(default, steps_per_period, saves_per_period)
     solver = resolve_solver(scene, solver)
@@ -378,7 +378,7 @@ def simulate(
     states, loads_of_periods, times, status = _finished(first, passage, scene, limit, epoch, saves=saves)
     shown = steps if controller is None or loads or saves == 1 else saves
     options = dict(periods=periods, steps_per_period=steps, saves_per_period=saves, solver=solver)
-    options |= dict(stepsize_controller=controller, loads=loads, probe=probe, begin=begin)
+    options |= dict(stepsize_controller=controller, loads=loads, probe=probe, begin=origin)
     call = json.dumps(describe(options))
     trajectory = Trajectory(scene, times, states, shown, passage.steps_taken, status, loads_of_periods, call)
     if not probe:

@@ -11,7 +11,7 @@ import diffrax
 
 from ..analysis.lyapunov import LyapunovSpectrum, map_spectrum
 from ..flow.period_map import PeriodMap, tangent_weights
-from ..flow.simulate import Trajectory, beginning_of, default_steps, dynamic_steps, first_of, static_steps
+from ..flow.simulate import Trajectory, beginning_of, check_rail, default_steps, dynamic_steps, first_of, static_steps
 from ..flow.status import status_of, with_growth, with_resolution
 from ..model.dynamics import State, initial_state
 from ..model.kinematics import Motion
@@ -72,19 +72,21 @@ def lyapunov_spectrum(
     check_scene(scene)
     every = whole("orthonormalise_every", orthonormalise_every, 1)
     steps = default_steps(scene, steps_per_period)
-    start, begin = first_of(start), beginning_of(scene, begin)
-    epoch = begin / scene.track.wavelength
+    start, origin = first_of(start), beginning_of(scene, begin)
+    epoch = origin / scene.track.wavelength
     blocks = lambda name, value, least: -(-whole(name, value, least) // every)
+    counted = blocks("periods", periods, 1), blocks("transient", transient, 0), blocks("align", align, 0)
+    check_rail(scene, every * sum(counted), origin)
     count = check_count(scene, count)
     # differentiated in both modes, or by one program for all numbers of steps
     stepping = static_steps(steps) if is_traced((scene, start)) else dynamic_steps(steps)
     spectrum = map_spectrum(
         PeriodMap(scene, stepping, resolve_solver(scene, solver), periods=every),
         initial_state(scene, start, epoch),
-        blocks("periods", periods, 1),
+        counted[0],
         count=count,
-        transient=blocks("transient", transient, 0),
-        align=blocks("align", align, 0),
+        transient=counted[1],
+        align=counted[2],
         scale=tangent_weights(scene),
         index=epoch / every,
         periods=float(every),

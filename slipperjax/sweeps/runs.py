@@ -132,19 +132,19 @@ def run(
     """
     call = call_of("run", locals())
     scene = at_speed(scene, speed)
-    earlier, (begin, start) = start, beginning(scene, begin, start)
-    worn = _worn(scene, earlier, begin)
-    windows = _windows(scene, number(positive, "length", length, "m"), begin, number(positive, "window", window, "m"))
+    earlier, (origin, start) = start, beginning(scene, begin, start)
+    worn, window = _worn(scene, earlier, origin), number(positive, "window", window, "m")
+    windows = _windows(scene, number(positive, "length", length, "m"), origin, window)
     records = RecordSet((*_records(scene, record), ThirdOctaves()))
     only = grid is None
     cases = Cases(scene, {"length": [float(scene.slipper.length)]} if grid is None else grid, start, product=product)
-    profiles = _step_profiles(cases, begin, window, windows, steps_per_period, refined(refine, steps_per_period))
+    profiles = _step_profiles(cases, origin, window, windows, steps_per_period, refined(refine, steps_per_period))
     totals, profile_of = _keys(profiles, windows)
     plan = Plan(cases, resolve_solver(scene, solver), records, totals, Calls(1, 0), Calls(windows, 1))
     records.check(scene, windows, LEAST_STEPS_PER_WINDOW, (*cases.dims, "status", "state"))
     per_case = 4e-7 * float(np.mean(totals)) * records.cost
     dataclasses.replace(plan.estimate(cases.count), per_case=per_case, periods=f" of {windows} windows").check()
-    epoch, stretches = begin / window, profiles.shape[1]
+    epoch, stretches = origin / window, profiles.shape[1]
     probed = np.unique(np.linspace(0, stretches - 1, min(whole("probe", probe, 0), stretches)).astype(int))
     around = max(1, round(float(np.max(np.asarray(scene.track.wavelength))) / window))
 
@@ -156,7 +156,7 @@ def run(
         return _run_windows(plan, scenes, states, profile_of[part.steps], epoch, part, probes)
 
     done = run_cases(plan, work, cost=1.0, chunk=chunk, workers=workers, progress=progress)
-    frame = _Frame(begin, window, windows, only, begin + probed * STRETCH * window)
+    frame = _Frame(origin, window, windows, only, origin + probed * STRETCH * window)
     return done.checked(lambda: _dataset(plan, done.results, profiles, frame, call))
 
 
