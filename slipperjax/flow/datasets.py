@@ -222,7 +222,7 @@ def dataset_of(source: Any) -> Any:
 def _labels_of(source: Any) -> Any:
     """Returns the attributes and coordinates of a result, which say its scenes, as a dataset."""
     with _opened(source) as ds:
-        return ds.drop_vars(list(ds.data_vars)).load()
+        return ds if ds is source else ds.drop_vars(list(ds.data_vars)).load()
 
 
 @contextmanager
