@@ -99,17 +99,19 @@ def period_map(
     repeat each call begins where the rail does, unless `begin` says how far the one before has come [m].
     """
     check_scene(scene)
-    epoch = beginning_of(scene, begin) / scene.track.wavelength
+    origin = beginning_of(scene, begin)
+    epoch = origin / scene.track.wavelength
     instance("state", state, State, "a slipperjax.State")
     periods = whole("periods", periods, 1)
     steps = default_steps(_at_slowest(scene, epoch, periods), steps_per_period)
     solver = resolve_solver(scene, solver)
     controller = resolve_controller(stepsize_controller, solver)
     stepping = static_steps(steps) if controller is None else _controlled(1, steps, controller, adjoint)
-    return call_compiled(_mapped, PeriodMap(scene, stepping, solver, periods), (), state, jnp.asarray(epoch, float))
+    epochs = (epoch,) if is_traced(origin) or origin else ()  # zero is a constant of the program
+    return call_compiled(_mapped, PeriodMap(scene, stepping, solver, periods), (), state, *epochs)
 
 
-def _mapped(map_: PeriodMap, static: tuple, state: State, epoch: Any) -> State:
+def _mapped(map_: PeriodMap, static: tuple, state: State, epoch: Any = 0.0) -> State:
     return map_.run(state, epoch).state
 
 
