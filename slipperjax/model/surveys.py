@@ -197,11 +197,11 @@ def _from_csv(path: Path, content: bytes) -> tuple[list[_Column], Callable[[int]
     body = io.StringIO(text, newline=None)
     for _ in range(header.lines):
         body.readline()
-    samples = body.read()
+    samples = re.sub("#.*", "", body.read())
     decimal = "." if header.delimiter == "," or "," not in samples else ","
     if decimal == "," and "." in samples:
         raise ValueError(f"{path}: has commas and points in its numbers: write one of them, for decimals.")
-    options = dict(sep=header.delimiter, decimal=decimal, header=None, comment="#", skipinitialspace=True)
+    options = dict(sep=header.delimiter, decimal=decimal, header=None, skipinitialspace=True)
     options |= dict(keep_default_na=False, na_values=[""])
     try:
         table = pd.read_csv(io.StringIO(samples), **options)  # pyright: ignore[reportArgumentType, reportCallIssue]
@@ -214,7 +214,7 @@ def _from_csv(path: Path, content: bytes) -> tuple[list[_Column], Callable[[int]
         raise _wrong_count(path, header.lines + int(words[1]), int(words[2]), header) from None
 
     def place(sample: int) -> str:
-        shown = (k for k, line in enumerate(samples.split("\n"), 1) if line.strip() and line.lstrip()[0] != "#")
+        shown = (k for k, line in enumerate(samples.split("\n"), 1) if line.strip())
         return f"line {header.lines + next(itertools.islice(shown, sample, None))}"
 
     if table.shape[1] != len(header.columns):
@@ -325,7 +325,7 @@ def _from_netcdf(path: Path, content: bytes) -> tuple[list[_Column], Callable[[i
             for key in map(str, ds.variables):
                 if _name(key) in COLUMNS:
                     columns.append(_variable(path, key, ds[key]))
-    except (OSError, KeyError, TypeError) as error:
+    except (OSError, KeyError, TypeError, RuntimeError) as error:
         raise ValueError(f"{path} is no netCDF file that can be read: {error}") from None
     if len({len(one.values) for one in columns}) > 1:
         raise ValueError(f"{path}: {', '.join(one.written for one in columns)} must have one length.")

@@ -43,6 +43,6 @@ def test_scenes_are_read_without_the_results_beside_them(tmp_path):
     assert eqx.tree_equal(sj.load_start(tmp_path / "run.nc"), start)
     assert tracemalloc.get_traced_memory()[1] < 20e6
     tracemalloc.stop()
-    little = mock.patch("slipperjax.tools.limits.available_memory", lambda: 1e9)
+    little = mock.patch("slipperjax.tools.limits.available_memory", return_value=1e9)
     with little, pytest.raises(ValueError, match=r"run\.nc need about 1.6 GB of memory"):
         sj.flow.dataset_of(tmp_path / "run.nc")

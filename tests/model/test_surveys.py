@@ -156,8 +156,9 @@ def text(header, delimiter=",", decimal=".", table=TABLE):
         (text(["distance\tlateral\tvertical", "[m]\t[mm]\t[mm]"], "\t"), "utf-16"),
         (text(["# Länge", "distance [m], lateral [µm], z [µm]"], table=TABLE * [1, 1e3, 1e3]), "latin-1"),
         (text([HEADER]).replace("\n", "\r\n"), "utf-8"),
+        (text([HEADER.replace(",", ";"), "  # left, right"], ";") + "# by N. N., in spring\n", "utf-8"),
     ],
-    ids=["semicolons", "preamble", "units below", "utf-16", "latin-1", "crlf"],
+    ids=["semicolons", "preamble", "units below", "utf-16", "latin-1", "crlf", "remarks"],
 )
 def test_tables_of_other_programs_are_read(tmp_path, content, encoding):
     (tmp_path / "survey.csv").write_bytes(content.encode(encoding))
