@@ -29,6 +29,7 @@ MAY_BE_HEAVY = (
     "sweeps",
     "tools.progress",
     "tools.accessor",
+    "model.surveys",
     "flow.datasets",
     "orbits.branches",
     "orbits.critical",

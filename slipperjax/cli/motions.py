@@ -17,6 +17,7 @@ from .options import (
     LOST,
     Case,
     app,
+    begin,
     bounds,
     case_text,
     given,
@@ -45,9 +46,12 @@ def _overview(ds: Any) -> Any:
 @option("--periods", COUNT, "Forcing periods to simulate.", default=60)
 @option("--saves-per-period", COUNT, "Saved states per forcing period.")
 @option("--probe", FROM_ZERO, "Periods that are repeated with half the step, for the error; or 0.", default=4)
+@begin
 @result("trajectory")
 @takes_case
-def simulate(case: Case, periods: int, saves_per_period: int | None, probe: int, out: Path) -> int:
+def simulate(
+    case: Case, periods: int, saves_per_period: int | None, probe: int, begin: float | None, out: Path
+) -> int:
     """Simulate one case and write its trajectory."""
     from ..flow.simulate import default_steps, step_plan
     from ..flow.simulate import simulate as run
@@ -60,7 +64,7 @@ def simulate(case: Case, periods: int, saves_per_period: int | None, probe: int,
         f"simulating {periods} period{'s' * (periods != 1)} of {float(scene.period) * 1e3:.4g} ms ...",
         file=sys.stderr,
     )
-    options = dict(saves_per_period=saves_per_period, probe=probe, **case.options)
+    options = dict(saves_per_period=saves_per_period, probe=probe, begin=begin, **case.options)
     trajectory = on_thread(lambda: run(scene, periods, **options))
     ds = trajectory.to_xarray()
     print(files.write(ds, _overview))

@@ -15,7 +15,7 @@ from ..model.paths import parameter
 from ..model.quantities import PARAMETERS, STARTS
 from ..tools.cache import compile_cache
 from ..tools.checks import require
-from ..tools.files import listed
+from ..tools.files import listed, user_path
 
 LOST = 1
 """Exit code where nothing finite came out."""
@@ -90,7 +90,14 @@ def app(cache: bool) -> None:
         compile_cache()
 
 
-FILE = click.Path(path_type=Path)
+class FilePath(click.Path):
+    """A path, which begins in the user's home after ~ also where the shell leaves it, as in --out=~/run."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return super().convert(user_path(value), param, ctx)
+
+
+FILE = FilePath(path_type=Path)
 
 
 class Whole(click.IntRange):
@@ -205,6 +212,13 @@ def _of_case(name: str, type: Any = None, text: str = "", **more: Any) -> Callab
     return option(f"--{name.replace('_', '-')}", type, text, show_default=shown, **more)
 
 
+begin = option(
+    "--begin",
+    Measure("begin", "m"),
+    "Place of the rail where it begins [m]; default where the rail does.",
+    show_default=False,
+)
+"""The option of commands that travel along the rail."""
 CASE: dict[str, Callable[..., Any]] = {
     "scene": option("--scene", FILE, "A TOML file of a scene, or a result's netCDF file."),
     **{name: _of_case(name) for name in PAPER if name not in ("wavelength", "memory")},

@@ -8,7 +8,7 @@ import click
 
 from ..tools.units import STANDARD_GRAVITY, unit_factor, unit_in
 from .files import Outputs, keeping, step_error
-from .options import FILE, LOST, Case, app, given, result, takes_case
+from .options import FILE, LOST, Case, app, begin, given, result, takes_case
 
 
 def _page(ds: Any) -> Any:
@@ -19,10 +19,11 @@ def _page(ds: Any) -> Any:
 
 
 @app.command()
+@begin
 @result("run")
 @takes_case
 @click.argument("scene", metavar="FILE", type=FILE)
-def run(case: Case, out: Any) -> int:
+def run(case: Case, begin: float | None, out: Any) -> int:
     """Run the scene of FILE over a length of rail, as its table [run] says, at a speed that may change.
 
     FILE: a TOML file with a table [run], as in length = "5 km".
@@ -32,7 +33,7 @@ def run(case: Case, out: Any) -> int:
     from ..sweeps.runs import run as over_rail
 
     table = load_run(click.get_current_context().params["scene"])
-    options = case.options | {name: value for name, value in table.items() if not given(name)}
+    options = case.options | {"begin": begin} | {name: value for name, value in table.items() if not given(name)}
     files = Outputs(out, ".nc", ".png")
     with keeping(lambda ds: files.write(ds, _page, partial=True)):
         ds = over_rail(case.scene, **options, probe=PROBES, progress=True)

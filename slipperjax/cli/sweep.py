@@ -24,6 +24,7 @@ from .options import (
     VALUE,
     Case,
     app,
+    begin,
     flag,
     option,
     out,
@@ -62,6 +63,7 @@ show = option("--show", str, "Draw this variable; default what suits the record.
 @log
 @transient
 @option("--periods", COUNT, "Forcing periods to record.", default=10)
+@begin
 @result("bifurcation")
 @takes_case
 def bifurcation(case: Case, over: Axis, log: tuple[str, ...], out: Path, **options: Any) -> int:
@@ -79,6 +81,7 @@ def bifurcation(case: Case, over: Axis, log: tuple[str, ...], out: Path, **optio
 @option("--count", COUNT, "Number of exponents, the largest first.", default=1)
 @transient
 @option("--periods", COUNT, "Forcing periods to average over.", default=500)
+@begin
 @option("--certify/--no-certify", None, "Check every case by other means.", default=True)
 @option("--orbits/--no-orbits", None, "Take the exponents of periodic cases from their orbits.", default=True)
 @result("lyapunov")
@@ -109,6 +112,7 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
 )
 @transient
 @option("--periods", COUNT, "Forcing periods to record; default 10, motion 64, exponents 500, orbits 1.")
+@begin
 @option("--store", FILE, "A zarr store to write, NAME.zarr; the same command goes on where the last one ended.")
 @option("--tile", COUNT, "Cases that are computed and written as one.")
 @flag("--fresh", "Delete what the store holds, and start over.")
@@ -119,14 +123,16 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
 @show
 @out(None, "Where to write: OUT.png, and without a store OUT.nc; default sweep, or the store's name.", ".nc", ".png")
 @takes_case
-def sweep(case: Case, over: Axis, by, log, sample, record, periods, store, explain, show, out, transient, **storing):
+def sweep(
+    case: Case, over: Axis, by, log, sample, record, periods, begin, store, explain, show, out, transient, **storing
+):
     """Run every combination of some parameters, or a sample, into a file or a store that survives anything."""
     from ..sweeps.explain import explain as estimate
     from ..sweeps.sweep import lyapunov_sweep, orbit_sweep
     from ..sweeps.sweep import sweep as run
 
     names, function = record or ("sections",), run
-    options: dict[str, Any] = dict(transient=transient, product=sample is None)
+    options: dict[str, Any] = dict(transient=transient, product=sample is None, begin=begin)
     options["periods"] = periods or next((PERIODS[name] for name in names if name in PERIODS), 10)
     if names == ("exponents",):
         function = lyapunov_sweep
@@ -250,10 +256,10 @@ def _swept(
         assert files is not None
         return files.write(ds, _draw(ds), partial=True)
 
-    begin = time.perf_counter()
+    before = time.perf_counter()
     with keeping(keep):
         ds = function(case.scene, grid, progress=True, **case.options, **options)
-    seconds = time.perf_counter() - begin
+    seconds = time.perf_counter() - before
     if files is None:
         assert store is not None
         print(f"share {store.share[0]}/{store.share[1]}: {store_status(store.path)}")

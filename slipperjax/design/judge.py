@@ -88,7 +88,7 @@ def judge_on_orbits(
 
     def work(chunk: Chunk, on_progress: OnProgress) -> Evaluation:
         scenes, starts = cases.take(chunk.index)
-        batch = _Batch(plan, scenes, initial_states(scenes, starts), on_progress)
+        batch = _Batch(plan, scenes, initial_states(scenes, starts, transient.epoch), on_progress)
         return batch.evaluated(transient, None if warm_start is None else warm_start.take(chunk.index))
 
     cost = (transient.cost if warm_start is None else 0) + 2 * JACOBIAN + 2 * SLOPES_COST
@@ -99,7 +99,7 @@ def judge_on_orbits(
 def at_starts(plan: EvaluationPlan, grid: Mapping[str, Any]) -> Evaluation:
     """Returns an evaluation of cases at their starts, without values. Arguments as for `judge_on_orbits`."""
     cases = Cases(plan.scene, grid, plan.start, product=False)
-    return Evaluation.of_states(plan, rows_of(initial_states(*cases.take(np.arange(cases.count)))))
+    return Evaluation.of_states(plan, rows_of(initial_states(*cases.take(np.arange(cases.count)), plan.epoch)))
 
 
 def judge_run(plan: EvaluationPlan, periods: int) -> tuple[Evaluation, float]:
@@ -229,7 +229,7 @@ class _Batch:
         options: dict[str, Any] = dict(names=plan.names, objectives=plan.of_courses, solver=plan.solver)
         scenes, lanes = self._lanes(index)
         rows, slopes = self.cases.state[lanes], slopes[lanes]
-        for epoch in range(int(period[index].max())):
+        for epoch in plan.epoch + np.arange(float(period[index].max())):
             span = push_period(scenes, maps.states(rows), jnp.asarray(slopes), float(epoch), stepping, **options)
             span = jax.tree.map(np.asarray, span)
             yield span

@@ -187,7 +187,8 @@ def ensemble_for(scene: Scene, ensemble: EnsembleSettings | None) -> EnsembleSet
     kind = RailEnsemble if on_rails else EnsembleSettings
     instance("ensemble", ensemble, kind, f"a slipperjax.design.{kind.__name__}")
     if on_rails:
-        most = np.floor(scene.track.extent / float(scene.track.wavelength) * (1 + 1e-9))
+        known = scene.track.extent - scene.track.origin
+        most = np.floor(known / float(scene.track.wavelength) * (1 + 1e-9))
         periods = ensemble.transient + ensemble.periods
         need = f"have at most {most:g} periods, transient included, because the rail is known up to that"
         require(periods <= most, "ensemble", need, shown=f"{periods}")
@@ -241,6 +242,11 @@ class EvaluationPlan:
     def of_courses(self) -> tuple[AbstractNumber, ...]:
         """The objectives that are computed from courses of periods: all but exponents."""
         return tuple(one for one in self.objectives if isinstance(one, AbstractNumber))
+
+    @property
+    def epoch(self) -> float:
+        """Forcing periods from distance zero to where runs begin."""
+        return float(self.scene.track.origin / np.asarray(self.scene.track.wavelength))
 
     def limits(self, name: str) -> tuple[float, float]:
         """Lowest and highest value of a parameter in ensembles [its SI unit]."""

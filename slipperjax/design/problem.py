@@ -16,7 +16,7 @@ from ..model.scene import Scene, check_scene
 from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver
 from ..sweeps.grid import Cases
-from ..tools.checks import one_of, require, whole, yes_or_no
+from ..tools.checks import in_unit, one_of, require, whole, yes_or_no
 from .judge import judge
 from .methods import CaseValues
 from .objectives import Evaluation, EvaluationPlan, Objective, RailEnsemble, ensemble_for, objective_named
@@ -173,6 +173,7 @@ def _checked_limits(constraints: Any) -> tuple[tuple[Objective, float, float], .
         objective = objective_named(name)
         ends = pair if isinstance(pair, Sequence) else (None, pair)
         try:
+            ends = in_unit(ends, objective.quantity.unit)
             low, high = (
                 default if v is None else float(v) for v, default in zip(ends, (-np.inf, np.inf), strict=True)
             )

@@ -33,6 +33,7 @@ from ..sweeps.runs import run as run_along
 from ..sweeps.store import open_store
 from ..sweeps.sweep import sweep
 from ..tools.checks import require
+from ..tools.files import user_path
 
 PERIODS, SETTLED = 320, 200
 """Forcing periods of a case that is looked at, and those at its end that are drawn and classified."""
@@ -180,7 +181,7 @@ class Session:
             scene = source
         else:
             if isinstance(source, str | Path):
-                path = Path(source).resolve()
+                path = user_path(source).resolve()
                 need = "be a store, a netCDF file or a scene's TOML file of slipperjax"
                 require(path.suffix != ".zarr" or path.is_dir(), "source", need, shown=f"{path}, which is not there")
                 given = _opened(path)

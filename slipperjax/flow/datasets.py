@@ -5,7 +5,8 @@ import importlib.metadata
 import json
 import os
 import platform
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,8 @@ from ..model.travel import SpeedProgramme
 from ..tools.checks import require
 from ..tools.compile import jit
 from ..tools.description import build, describe
+from ..tools.files import check_file, content_of, user_path
+from ..tools.limits import refuse_impossible
 from .course import over_periods
 from .record import AbstractRecord, History, HistoryValues, attributes
 from .status import MEANINGS
@@ -132,7 +135,7 @@ def load_scene(source: Any, **chosen: float) -> Scene:
     file = _scene_file(source, chosen)
     if file is not None:
         return file.scene
-    ds = dataset_of(source)
+    ds = _labels_of(source)
     scene, _ = load_base(ds)
     values = _varied(ds, chosen, of_start=False)
     return scene.replace(**values) if values else scene
@@ -146,7 +149,7 @@ def load_start(source: Any, **chosen: float) -> Motion | State | None:
     file = _scene_file(source, chosen)
     if file is not None:
         return file.start
-    ds = dataset_of(source)
+    ds = _labels_of(source)
     _, start = load_base(ds)
     values = {name.removeprefix("start_"): v for name, v in _varied(ds, chosen, of_start=True).items()}
     if isinstance(start, State):
@@ -168,7 +171,7 @@ def load_run(source: Any) -> dict[str, Any]:
 
 def load_base(source: Any) -> tuple[Scene, Motion | State]:
     """Gives the scene and the start of which a result's cases are variations; raises `ValueError` as `load_scene`."""
-    ds = dataset_of(source)
+    ds = _labels_of(source)
     scene, description = scene_from_json(_attribute(ds, "scene")), json.loads(_attribute(ds, "start"))
     if "motion" not in description:
         return scene, build(description, (Motion,), "start")
@@ -182,7 +185,7 @@ def load_call(source: Any) -> dict[str, Any]:
 
     **Raises:** `ValueError` where a solver, controller or record cannot be rebuilt.
     """
-    call = json.loads(_attribute(dataset_of(source), "call"))
+    call = json.loads(_attribute(_labels_of(source), "call"))
     of_diffrax = diffrax.AbstractSolver, diffrax.AbstractStepSizeController, diffrax.AbstractAdjoint
     of_others = optimistix.AbstractRootFinder, lineax.AbstractLinearSolver
     kinds = (*of_diffrax, *of_others, Motion, SpeedProgramme, AbstractRecord)
@@ -194,9 +197,7 @@ def _scene_file(source: Any, chosen: Mapping[str, Any]) -> SceneFile | None:
     if not isinstance(source, str | os.PathLike) or Path(source).suffix.lower() != ".toml":
         return None
     try:
-        text = Path(source).read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise FileNotFoundError(f"No such file: {source}") from None
+        text = content_of(user_path(source)).decode()
     except UnicodeDecodeError as error:
         raise ValueError(f"{source}: must be UTF-8 text, but is not: {error}.") from None
     file = scene_from_toml(text, str(source))
@@ -208,26 +209,45 @@ def _scene_file(source: Any, chosen: Mapping[str, Any]) -> SceneFile | None:
 def dataset_of(source: Any) -> Any:
     """Returns a dataset as it is, or that of a netCDF file or a zarr store.
 
-    **Raises:** `ValueError` for something else; `OSError` for a file that cannot be read.
+    **Raises:** `ValueError` for something else, or more than fits into memory; `OSError` for a file that cannot be
+    read.
     """
+    with _opened(source) as ds:
+        if not (isinstance(source, str | os.PathLike) and user_path(source).is_file()):
+            return ds
+        refuse_impossible(f"the variables of {source}", float(ds.nbytes), 0.0)
+        return ds.load()
+
+
+def _labels_of(source: Any) -> Any:
+    """Returns the attributes and coordinates of a result, which say its scenes, as a dataset."""
+    with _opened(source) as ds:
+        return ds if ds is source else ds.drop_vars(list(ds.data_vars)).load()
+
+
+@contextmanager
+def _opened(source: Any) -> Iterator[Any]:
+    """Gives a dataset as it is, or that of a file or a store, of which nothing is read yet; see `dataset_of`."""
     import xarray as xr
 
     if not isinstance(source, str | os.PathLike):
         is_dataset = hasattr(source, "attrs") and hasattr(source, "coords")
         require(is_dataset, "source", "be a TOML or netCDF file, or a dataset of slipperjax", source)
-        return source
-    path = Path(source)
+        yield source
+        return
+    path = user_path(source)
     if (path / "zarr.json").is_file():
-        return xr.open_zarr(path, consolidated=False, chunks=None, zarr_format=3)
+        yield xr.open_zarr(path, consolidated=False, chunks=None, zarr_format=3)
+        return
     require(not path.is_dir(), "source", "be a file or a store of slipperjax", shown=f"the folder {path}")
-    if not path.is_file():
-        raise FileNotFoundError(f"No such file: {path}")
+    check_file(path)
     try:
-        return xr.load_dataset(path, engine="h5netcdf")
+        ds = xr.open_dataset(path, engine="h5netcdf")
     except (OSError, ValueError) as error:
-        raise ValueError(
-            f"{path}: must be a TOML file or a netCDF file of slipperjax, but is neither: {error}"
-        ) from None
+        need = "must be a TOML file or a netCDF file of slipperjax"
+        raise ValueError(f"{path}: {need}, but is neither: {error}") from None
+    with ds:
+        yield ds
 
 
 def _attribute(ds: Any, name: str) -> str:

@@ -20,8 +20,9 @@ from ..model.layout import StateLayout
 from ..model.quantities import quantity
 from ..model.scene import Scene, check_scene
 from ..model.step_size import LEAST_STEPS, given_steps, traced_steps_per_period
+from ..model.tracks import AbstractTrack
 from ..solvers.named import resolve_controller, resolve_solver
-from ..tools.checks import instance, not_negative, number, require, shown_number, whole, yes_or_no
+from ..tools.checks import finite, instance, number, require, shown_number, warn, whole, yes_or_no
 from ..tools.compile import call_compiled, is_traced, jit
 from ..tools.description import describe
 from ..tools.html import repr_html
@@ -90,34 +91,56 @@ def period_map(
     solver: diffrax.AbstractSolver | str | None = None,
     stepsize_controller: diffrax.AbstractStepSizeController | None = None,
     adjoint: diffrax.AbstractAdjoint | None = None,
+    begin: float | None = None,
 ) -> State:
     """Maps `state` to that `periods` forcing periods later, stroboscopically. Pure; jit, vmap or differentiate it.
 
-    **Arguments:** as for `simulate`; `state` comes from `initial_state` or an earlier call.
+    **Arguments:** as for `simulate`; `state` comes from `initial_state` or an earlier call. On a rail that does not
+    repeat each call begins where the rail does, unless `begin` says how far the one before has come [m].
     """
     check_scene(scene)
+    origin = beginning_of(scene, begin)
+    epoch = origin / scene.track.wavelength
     instance("state", state, State, "a slipperjax.State")
     periods = whole("periods", periods, 1)
-    steps = default_steps(_at_slowest(scene, 0.0, periods), steps_per_period)
+    steps = default_steps(_at_slowest(scene, epoch, periods), steps_per_period)
     solver = resolve_solver(scene, solver)
     controller = resolve_controller(stepsize_controller, solver)
     stepping = static_steps(steps) if controller is None else _controlled(1, steps, controller, adjoint)
-    return call_compiled(_mapped, PeriodMap(scene, stepping, solver, periods), (), state)
+    epochs = (epoch,) if is_traced(origin) or origin else ()  # zero is a constant of the program
+    return call_compiled(_mapped, PeriodMap(scene, stepping, solver, periods), (), state, *epochs)
 
 
-def _mapped(map_: PeriodMap, static: tuple, state: State) -> State:
-    return map_(state)
+def _mapped(map_: PeriodMap, static: tuple, state: State, epoch: Any = 0.0) -> State:
+    return map_.run(state, epoch).state
 
 
-def check_rail(scene: Scene, periods: int, begin: float = 0.0) -> None:
-    """Raises `ValueError` where a rail ends before a run of some forcing periods does, or where slippers wear."""
+def check_rail(scene: Scene, periods: int, begin: Any, transient: int = 0) -> None:
+    """Raises `ValueError` where a rail ends before a run of some forcing periods does, or where slippers wear.
+
+    A warning says where a rail that goes on straight is known no further.
+
+    **Arguments:** `begin`: where the run begins [m]; `transient`: how many of the periods pass before any is
+    recorded: they must end on the rail.
+    """
     require(scene.wear is None, "scene", "have no wear here, which slipperjax.run follows alone", scene.wear)
-    if is_traced(scene.track):
+    track = scene.track
+    if is_traced(track) or not track.extent < np.inf:
         return
-    if (end := scene.track.end) < np.inf:
-        most = int((end - begin) / float(np.max(np.asarray(scene.track.wavelength))) * (1 + 1e-9))
-        need = f"be at most {most} here, transient included, because the rail ends at {end:g} m"
+    wave = float(np.max(np.asarray(track.wavelength)))
+    most = int((track.extent - begin) / wave * (1 + 1e-9))
+    if track.end < np.inf:
+        need = f"be at most {most} here, transient included, because the rail ends at {track.end:g} m"
         require(periods <= most, "periods", need, periods)
+    need = f"be fewer than {most + 1} periods here, because the rail ends at {track.extent:g} m"
+    require(begin + transient * wave < track.extent, "transient", need, transient)
+    warn_beyond(track, "periods", begin + periods * wave)
+
+
+def warn_beyond(track: AbstractTrack, name: str, travelled: float) -> None:
+    """Warns where the argument `name` leads to a distance [m] beyond what is known of a rail."""
+    if travelled > track.extent + 1e-9 * abs(track.extent):
+        warn(f"Argument `{name}` leads to {travelled:g} m, but the rail is known up to {track.extent:g} m only.")
 
 
 def default_steps(scene: Scene, steps: int | None) -> Any:
@@ -290,7 +313,7 @@ def simulate(
     solver: diffrax.AbstractSolver | str | None = None,
     stepsize_controller: diffrax.AbstractStepSizeController | None = None,
     start: Any = None,
-    begin: float = 0.0,
+    begin: float | None = None,
     saves_per_period: int | None = None,
     adjoint: diffrax.AbstractAdjoint | None = None,
     loads: bool = True,
@@ -313,7 +336,8 @@ def simulate(
         of periods are interpolated at as many instants, to third order.
     - `start`: motion or state at `begin`, or a `Trajectory`, from whose end it goes on; default Table 2 of Dang et
         al. 2024. Or a dataset of `slipperjax.run`, from whose state at `begin` it goes on, by default at its end.
-    - `begin`: distance travelled at the start [m], as of a place of a rail; time counts from distance zero.
+    - `begin`: place of the rail at which the run begins [m], by default where the rail does; zero for rails without
+        a beginning. Time counts from distance zero.
     - `saves_per_period`: saved states per forcing period, a divisor of `steps_per_period`; default 40, or
         50, 40 or all, the first that divides them, where `steps_per_period` is given.
     - `adjoint`: for a step size controller only, as constant steps can be differentiated in both modes: default
@@ -329,9 +353,9 @@ def simulate(
     """
     check_scene(scene)
     periods, loads = whole("periods", periods, 1), yes_or_no("loads", loads)
-    begin, start = beginning(begin, start)
-    epoch = begin / scene.track.wavelength
-    check_rail(scene, periods, begin)
+    origin, start = beginning(scene, begin, start)
+    epoch = origin / scene.track.wavelength
+    check_rail(scene, periods, origin)
     default = lambda: default_steps(_at_slowest(scene, epoch, periods), None)
     given = None if steps_per_period is None else given_steps(steps_per_period)
     steps, saves = step_plan(default, given, saves_per_period)
@@ -357,7 +381,7 @@ def simulate(
     states, loads_of_periods, times, status = _finished(first, passage, scene, limit, epoch, saves=saves)
     shown = steps if controller is None or loads or saves == 1 else saves
     options = dict(periods=periods, steps_per_period=steps, saves_per_period=saves, solver=solver)
-    options |= dict(stepsize_controller=controller, loads=loads, probe=probe, begin=begin)
+    options |= dict(stepsize_controller=controller, loads=loads, probe=probe, begin=origin)
     call = json.dumps(describe(options))
     trajectory = Trajectory(scene, times, states, shown, passage.steps_taken, status, loads_of_periods, call)
     if not probe:
@@ -409,19 +433,47 @@ def first_of(start: Any) -> Motion | State:
     return check_start("start", start.end if isinstance(start, Trajectory) else start)
 
 
-def beginning(begin: float, start: Any) -> tuple[float, Motion | State]:
+TABLES = ("speed", "wear")
+"""Parts of a scene that may be tables by distance."""
+
+
+def beginning_of(scene: Scene, begin: float | None) -> Any:
+    """Returns where a run begins [m]: by default where its rail does.
+
+    **Raises:** `ValueError` for a place off the rail; by default for a programme of speeds, or a table of wear, that
+    has ended before the rail begins.
+    """
+    track = scene.track
+    if begin is not None:
+        begin = number(finite, "begin", begin, "m")
+        if not is_traced(track):
+            slack = 1e-9 * abs(begin)
+            on_rail = track.begin - slack <= begin < track.extent
+            need = f"be on the rail, which is known from {track.begin:.10g} to {track.extent:.10g} m"
+            require(on_rail, "begin", need, shown=f"{begin:.10g} m")
+        return begin
+    for name in TABLES:
+        places = getattr(getattr(scene, name), "distance", None)
+        if places is not None and not is_traced((places, track)) and (origin := track.origin):
+            last = float(np.asarray(places)[-1])
+            need = f"be by distances along the rail, which begins at {origin:.10g} m: or give `begin`"
+            require(last >= origin, name, need, shown=f"a table up to {last:.10g} m")
+    return track.origin
+
+
+def beginning(scene: Scene, begin: float | None, start: Any) -> tuple[Any, Motion | State]:
     """Returns where a run begins [m], and its start, which may be the state of an earlier run there."""
-    begin = number(not_negative, "begin", begin, "m")
     if not hasattr(start, "data_vars"):
-        return begin, first_of(start)
+        return beginning_of(scene, begin), first_of(start)
+    begin = None if begin is None else number(finite, "begin", begin, "m")
     from .datasets import load_base  # which is of trajectories
 
     marks = start.get("state")
     need = "be a motion, a state, or one run of slipperjax"
     require(marks is not None and marks.ndim == 2, "start", need, shown="another dataset")
     places = start["stretch"].values
-    at = int(np.argmin(np.abs(places - begin))) if begin else len(places) - 1
+    at = len(places) - 1 if begin is None else int(np.argmin(np.abs(places - begin)))
     need = f"be one of the distances where the earlier run kept its state, {places[0]:g} to {places[-1]:g} m"
-    require(not begin or abs(places[at] - begin) <= 1e-9 * begin, "begin", need, begin)
+    require(begin is None or abs(places[at] - begin) <= 1e-9 * abs(begin), "begin", need, begin)
     state = StateLayout.of(load_base(start)[0]).unpack(jnp.asarray(start["state"].values[at]))
     return float(places[at]), first_of(state)

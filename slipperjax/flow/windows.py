@@ -40,7 +40,11 @@ class WindowedTrack(AbstractTrack):
         return jnp.asarray(jnp.inf)
 
     @property
-    def extent(self) -> float:
+    def begin(self) -> Any:
+        return self.track.begin
+
+    @property
+    def extent(self) -> Any:
         return self.track.extent
 
     @property

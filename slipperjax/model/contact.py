@@ -21,6 +21,7 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import (
     ShapeChecked,
+    converted,
     fraction,
     not_negative,
     number,
@@ -193,7 +194,9 @@ class EventLatch(AbstractMemory):
     """
 
     unit: ClassVar = "s/m"
-    slowest: float = eqx.field(static=True, default=SLOWEST_IMPACT, metadata={"unit": "m/s"})
+    slowest: float = eqx.field(
+        static=True, converter=converted("slowest", "m/s"), default=SLOWEST_IMPACT, metadata={"unit": "m/s"}
+    )
     """Least approach rate at touchdown [m/s], see `SLOWEST_IMPACT`."""
 
     def __check_init__(self):

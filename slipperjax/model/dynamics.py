@@ -73,8 +73,10 @@ def phase(t: Any, epoch: Any) -> Any:
     return epoch + t
 
 
-def initial_state(scene: Scene, motion: Motion | State, epoch: Any = 0) -> State:
+def initial_state(scene: Scene, motion: Motion | State, epoch: Any = None) -> State:
     """Returns the state of `motion` at the start of the period `epoch`, with the matching contact memory.
+
+    By default that is where the rail begins.
 
     A `State`, such as a run ended with, keeps its memory, which must be of the scene's kind; contacts of a `Motion`
     that are closed begin here.
@@ -89,6 +91,7 @@ def initial_state(scene: Scene, motion: Motion | State, epoch: Any = 0) -> State
         good = np.shape(motion.memory) == (scene.points,)
         need = f"have a memory of shape ({scene.points},), one for each point"
         require(good, "motion", need, shown=f"one of shape {np.shape(motion.memory)}")
+    epoch = scene.track.origin / scene.track.wavelength if epoch is None else epoch
     state, outside = state_and_penetration(scene, jax.tree.map(lambda v: jnp.asarray(v, float), motion), epoch)
     if isinstance(motion, Motion):  # a run may end deep inside a contact
         warn_if_outside(outside)

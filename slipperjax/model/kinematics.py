@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import brief, require, shown_number
+from ..tools.checks import brief, converted, require, shown_number
 from ..tools.compile import is_traced, need_64_bits
 from ..tools.fused import held, kept, materialise, spread
 from .quantities import COORDINATES, MOTION_NUMBERS, SLED_NUMBERS
@@ -24,9 +24,9 @@ from .scene import LEAST_CLEARANCE, Scene
 class Motion(eqx.Module):
     """Position, attitude and velocities of a rigid slipper, each a scalar."""
 
-    y: Any = 0.0
+    y: Any = eqx.field(default=0.0, converter=converted("y", "m"))
     """Lateral displacement of the centre, positive to the left [m]."""
-    z: Any = 0.0
+    z: Any = eqx.field(default=0.0, converter=converted("z", "m"))
     """Vertical displacement of the centre, positive upwards [m]."""
     q_x: Any = 0.0
     """x of the attitude quaternion's vector part [1]."""
@@ -34,15 +34,15 @@ class Motion(eqx.Module):
     """y of the attitude quaternion's vector part [1]."""
     q_z: Any = 0.0
     """z of the attitude quaternion's vector part [1]."""
-    v_y: Any = 0.0
+    v_y: Any = eqx.field(default=0.0, converter=converted("v_y", "m/s"))
     """Lateral velocity [m/s]."""
-    v_z: Any = 0.0
+    v_z: Any = eqx.field(default=0.0, converter=converted("v_z", "m/s"))
     """Vertical velocity [m/s]."""
-    w_x: Any = 0.0
+    w_x: Any = eqx.field(default=0.0, converter=converted("w_x", "rad/s"))
     """Angular velocity about the slipper's x axis [rad/s]."""
-    w_y: Any = 0.0
+    w_y: Any = eqx.field(default=0.0, converter=converted("w_y", "rad/s"))
     """Angular velocity about the slipper's y axis [rad/s]."""
-    w_z: Any = 0.0
+    w_z: Any = eqx.field(default=0.0, converter=converted("w_z", "rad/s"))
     """Angular velocity about the slipper's z axis [rad/s]."""
 
     def __repr__(self) -> str:
@@ -56,22 +56,24 @@ class Motion(eqx.Module):
     @staticmethod
     def from_euler(*, y=0.0, z=0.0, roll=0.0, pitch=0.0, yaw=0.0, v_y=0.0, v_z=0.0, w_x=0.0, w_y=0.0, w_z=0.0):
         """Returns a motion from positions [m], Euler angles of Eq. (2) [rad], velocities [m/s] and spins [rad/s]."""
-        for name, angle in (("roll", roll), ("pitch", pitch), ("yaw", yaw)):
+        angles = {"roll": roll, "pitch": pitch, "yaw": yaw}
+        for name, given in angles.items():
+            angles[name] = angle = converted(name, "rad")(given)
             require(is_traced(angle) or _is_real(angle), name, "be a real number [rad]", angle)
-        q = quaternion_from_euler(roll, pitch, yaw)
+        q = quaternion_from_euler(**angles)
         return Motion(y, z, *q, v_y, v_z, w_x, w_y, w_z)
 
 
 class SledMotion(Motion):
     """Motion of a slipper and of the sled on it, see `slipperjax.SledMass`."""
 
-    sled_y: Any = 0.0
+    sled_y: Any = eqx.field(default=0.0, converter=converted("sled_y", "m"))
     """Lateral displacement of the sled [m]."""
-    sled_z: Any = 0.0
+    sled_z: Any = eqx.field(default=0.0, converter=converted("sled_z", "m"))
     """Vertical displacement of the sled [m]."""
-    sled_v_y: Any = 0.0
+    sled_v_y: Any = eqx.field(default=0.0, converter=converted("sled_v_y", "m/s"))
     """Lateral velocity of the sled [m/s]."""
-    sled_v_z: Any = 0.0
+    sled_v_z: Any = eqx.field(default=0.0, converter=converted("sled_v_z", "m/s"))
     """Vertical velocity of the sled [m/s]."""
 
 

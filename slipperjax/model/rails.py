@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 from ..tools.checks import (
     Check,
     finite,
+    in_unit,
     instance,
     not_negative,
     number,
@@ -24,7 +25,7 @@ from ..tools.checks import (
     whole_number,
 )
 from ..tools.compile import is_traced
-from .tracks import AbstractTrack, Irregularity, chosen, least_common_count
+from .tracks import AbstractTrack, Irregularity, chosen, greatest, least_common_count
 
 ENDS = ("straight", "repeat", "error")
 """How a rail of samples goes on beyond its ends: straight at zero; as itself again; or not at all, which is an error:
@@ -207,7 +208,7 @@ class SampledTrack(AbstractRail):
         self.ends = one_of("ends", ends, ENDS)
         require(not is_traced(distance), "distance", "be known while programs are made", shown="traced")
         finite("distance", "m")(distance)
-        places = np.asarray(distance, float)  # inside jit, too
+        places = np.asarray(in_unit(distance, "m"), float)  # inside jit, too
         require(places.ndim == 1 and len(places) > 1, "distance", "be a list of distances", distance)
         given = {"lateral": lateral, "vertical": vertical, "roll": roll}
         checks = {
@@ -243,7 +244,8 @@ class SampledTrack(AbstractRail):
             reference_length = length if ends == "repeat" else 8.0
         if not is_traced(ramp):
             limit = length / 2
-            require(number(not_negative, "ramp", ramp, "m") <= limit, "ramp", f"be at most {limit:g} m", float(ramp))
+            ramp = number(not_negative, "ramp", ramp, "m")
+            require(ramp <= limit, "ramp", f"be at most {limit:g} m", ramp)
         self.distance = jnp.asarray(ends_of)
         self.lateral, self.vertical, self.roll = channels["lateral"], channels["vertical"], channels.get("roll")
         self.ramp, self.reference_length = ramp, reference_length
@@ -273,8 +275,17 @@ class SampledTrack(AbstractRail):
         return repeats_after(self, self.length)
 
     @property
-    def extent(self) -> float:
-        return float(np.asarray(self.distance)[1])
+    def begin(self) -> Any:
+        return -np.inf if self.ends == "repeat" else self._described[0]
+
+    @property
+    def extent(self) -> Any:
+        return np.inf if self.ends == "repeat" else self._described[1]
+
+    @property
+    def _described(self) -> Any:
+        """Distances of the first and the last sample [m], known while programs are made unless they are traced."""
+        return self.distance if is_traced(self.distance) else np.asarray(self.distance).tolist()
 
     @property
     def steepest_slope(self) -> Float[Array, ""]:
@@ -513,8 +524,12 @@ class SumTrack(AbstractTrack):
         return least_common_count(self.wavelength, jnp.stack(lengths))
 
     @property
-    def extent(self) -> float:
-        return min(self.one.extent, self.other.extent)
+    def begin(self) -> Any:
+        return greatest((self.one.begin, self.other.begin))
+
+    @property
+    def extent(self) -> Any:
+        return -greatest((-self.one.extent, -self.other.extent))
 
     @property
     def end(self) -> float:
@@ -590,9 +605,14 @@ class TrackSet(AbstractRail):
         return SplineTrack(first, spacing, count, coefficients, self.wavelength, self.ends)
 
     @property
-    def extent(self) -> float:
+    def begin(self) -> Any:
+        """Where all of them are described [m]."""
+        return greatest([track.begin for track in self.tracks])
+
+    @property
+    def extent(self) -> Any:
         """That of the shortest rail [m]."""
-        return min(track.extent for track in self.tracks)
+        return -greatest([-track.extent for track in self.tracks])
 
     @property
     def recurrence(self) -> Float[Array, ""]:

@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import (
     ShapeChecked,
+    converted,
     fraction,
     instance,
     not_negative,
@@ -144,9 +145,11 @@ class RandomTrack(AbstractRail):
     """Spectrum of the vertical displacement."""
     roll: AbstractSpectrum | None = None
     """Spectrum of the roll angle [rad^2 per cycle/m]; None: the track does not roll."""
-    band: tuple[float, float] = eqx.field(static=True, default=SLED_BAND, metadata={"unit": "m"})
+    band: tuple[float, float] = eqx.field(
+        static=True, converter=converted("band", "m"), default=SLED_BAND, metadata={"unit": "m"}
+    )
     """Shortest and longest wavelength [m]."""
-    length: float = eqx.field(static=True, default=1000.0, metadata={"unit": "m"})
+    length: float = eqx.field(static=True, converter=converted("length", "m"), default=1000.0, metadata={"unit": "m"})
     """Length of the rail [m]."""
     seed: Float[Array, ""] = eqx.field(converter=whole_number("seed"), default=0)
     """Number of the rail, a whole number of 0 or more [1]; a traced one that is not gives NaN."""
@@ -230,8 +233,12 @@ class RandomTrack(AbstractRail):
             warn(f"Argument `band` has no waves below {self.band[0]:g} m, of which slippers feel most.")
 
     @property
+    def begin(self) -> float:
+        return -np.inf if self.ends == "repeat" else 0.0
+
+    @property
     def extent(self) -> float:
-        return self.length
+        return np.inf if self.ends == "repeat" else self.length
 
     @property
     def recurrence(self) -> Float[Array, ""]:

@@ -20,8 +20,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..tools.checks import brief, not_negative, number, positive, unit_of
+from ..tools.checks import brief, finite, number, positive, unit_of
 from ..tools.description import TYPE, build, describe, known_type, type_name
+from ..tools.files import user_path
 from ..tools.units import parsed
 from .dang2024 import paper_scene
 from .kinematics import Motion
@@ -41,7 +42,7 @@ INNER = (AbstractTrack, AbstractSpectrum)
 """Bases of classes within parts of a scene."""
 
 
-RUN = {"length": (positive, "m"), "begin": (not_negative, "m"), "window": (positive, "m")}
+RUN = {"length": (positive, "m"), "begin": (finite, "m"), "window": (positive, "m")}
 """Checks and units of the numbers in the table `run`."""
 
 
@@ -67,7 +68,7 @@ def scene_from_json(text: str) -> Scene:
     """
     try:
         description = json.loads(text)
-    except json.JSONDecodeError as error:
+    except (json.JSONDecodeError, RecursionError) as error:
         raise ValueError(f"Argument `scene` must be JSON of a scene, but is {brief(text)}: {error}.") from None
     return build(description, (Scene, SpeedProgramme, *(kind for kind, _ in PARTS.values()), *INNER), "scene")
 
@@ -86,9 +87,11 @@ def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
     """
     try:
         tables = tomllib.loads(text.removeprefix("\ufeff"))
+        return _Reader(text, file, tables).read()
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{file}: {error}.") from None
-    return _Reader(text, file, tables).read()
+    except RecursionError:
+        raise ValueError(f"{file}: has tables in tables too deeply.") from None
 
 
 class _Reader:
@@ -154,20 +157,18 @@ class _Reader:
         """Returns the programme of speeds in the table `speed`: places, times or stages."""
         table = dict(self.tables["speed"])
         with self.placed("speed"):
+            begin = {"begin": quantity("begin", table.pop("begin"), "m")} if "begin" in table else {}
             if "stages" in table:
                 start, rows = quantity("start", table.pop("start", None), "m/s"), table.pop("stages")
                 if not (isinstance(rows, list) and all(isinstance(row, dict) for row in rows)):
                     raise ValueError(f"`stages` must be a list of tables, but is {brief(rows)}.")
-                made = SpeedProgramme.stages([self.stage(row) for row in rows], start=start)
+                made = SpeedProgramme.stages([self.stage(row) for row in rows], start=start, **begin)
             elif "time" in table:
                 time, speed = (quantity(n, table.pop(n, None), u) for n, u in (("time", "s"), ("speed", "m/s")))
-                made = SpeedProgramme.over_time(time, speed)
+                made = SpeedProgramme.over_time(time, speed, **begin)
             else:
-                return build(
-                    {TYPE: type_name(SpeedProgramme), **self.written(SpeedProgramme, table)},
-                    (SpeedProgramme,),
-                    "speed",
-                )
+                values = self.written(SpeedProgramme, table) | begin
+                return build({TYPE: type_name(SpeedProgramme), **values}, (SpeedProgramme,), "speed")
             if table:
                 raise ValueError(f"`{next(iter(table))}` must not be given here.")
             return made
@@ -198,7 +199,7 @@ class _Reader:
             else:
                 values[field] = quantity(field, value, unit_of(kind, field) or ("m" if field == "clearance" else ""))
         if issubclass(kind, SurveyedTrack) and "file" in values:  # beside the scene's file
-            values["file"] = str(Path(self.file).parent / str(values["file"]))
+            values["file"] = str(Path(self.file).parent / user_path(str(values["file"])))
         return values
 
     def start(self) -> Motion:

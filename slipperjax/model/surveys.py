@@ -1,15 +1,21 @@
 """Surveyed rails: tables in CSV or netCDF files with units in their headers, as tracks that know their files."""
 
+import codecs
+import contextlib
 import csv
 import hashlib
+import io
+import itertools
 import re
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
 
 from ..tools.checks import brief, number, positive, require, shown_number, warn
+from ..tools.files import content_of, user_path
 from ..tools.units import unit_factor
 from .rails import EQUAL_SPACING, SampledTrack
 
@@ -17,6 +23,24 @@ COLUMNS = {"distance": "m", "lateral": "m", "vertical": "m", "roll": "rad"}
 """Columns of a survey, and the kinds of their units."""
 ALIASES = {"chainage": "distance", "station": "distance", "x": "distance", "y": "lateral", "z": "vertical"}
 """Other names of columns."""
+PLAUSIBLE = {"lateral": 1.0, "vertical": 1.0, "roll": 0.5}
+"""Greatest plausible magnitudes of columns [m, m, rad]: a level above the sea is no displacement."""
+MISSING = (-9999.0, -99999.0)
+"""Numbers that stand for none in many files, whatever the unit."""
+STATIONS = {("m", 3): 1000.0, ("m", 4): 1000.0, ("ft", 2): 100.0}
+"""What a distance such as 129+773 counts before its plus, by its unit and the digits after: kilometres, or feet."""
+NAMED = r"\s*([A-Za-z_]+)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*"
+"""A name, and a unit if any."""
+UNIT = r"\s*[\[(]?\s*(?:[^\W\d_]+|°)\s*[\])]?\s*"
+"""A unit in a line of units."""
+CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f\x7f-\x9f]")
+"""Characters that are in no table."""
+NETCDF = (b"\x89HDF", b"CDF")
+"""Beginnings of netCDF files: of version 4, and of those before."""
+MOST_LINES_BEFORE = 200
+"""Lines within which the names must stand."""
+MOST_SAMPLES = 50_000_000
+"""Most samples of a survey."""
 LARGEST_GAP = 3.0
 """Distance between neighbours that is a gap, over the median of all."""
 COARSE = 4.0
@@ -52,13 +76,12 @@ class SurveyedTrack(SampledTrack):
 
         **Raises:** `ValueError` for a file that is no survey, or has another digest; `OSError` for none.
         """
-        if not Path(file).is_file():
-            raise FileNotFoundError(f"No such file: {file}")
-        content = Path(file).read_bytes()
+        path = user_path(file)
+        content = content_of(path)
         self.file, self.sha256 = str(file), hashlib.sha256(content).hexdigest()[:16]
         need = "be the content with which the scene was made"
         require(sha256 in (None, self.sha256), "sha256", need, shown=f"another one of {file} now")
-        columns = _read(Path(file), content)
+        columns = _read(path, content)
         self.chord = None if chord is None else number(positive, "chord", chord, "m")
         if self.chord is not None:
             columns = _from_chords(columns, self.chord)
@@ -73,9 +96,11 @@ class SurveyedTrack(SampledTrack):
 def load_rail(file: Any, *, chord: float | None = None, **options: Any) -> SurveyedTrack:
     """Reads a survey of a rail.
 
-    A CSV file has a line of names with units in brackets, such as `chainage [ft], lateral [mm], vertical [mm]`, and a
-    line for each sample; `roll` is optional, and lines that begin with # are left out. A netCDF-4 file has variables
-    of these names with an attribute `units`. Lateral counts positive to the left, vertical upwards, roll about x.
+    A CSV file has a line of names with units in brackets, such as `chainage [ft], lateral [mm], vertical [mm]`, or
+    with units in the line below, and a line for each sample; `roll` is optional. Lines above the names are left out,
+    and lines that begin with #. Columns stand between commas, or between semicolons or tabs, where decimals may have
+    commas; distances may be stations such as 129+773 [m]. A netCDF file has variables of these names with an
+    attribute `units`, packed or not. Lateral counts positive to the left, vertical upwards, roll about x.
 
     **Arguments:**
 
@@ -87,104 +112,237 @@ def load_rail(file: Any, *, chord: float | None = None, **options: Any) -> Surve
 
     **Returns:** a `SurveyedTrack`, which is a `SampledTrack`.
 
-    **Raises:** `ValueError` with file and line for names, units or numbers that are wrong, distances that do not
-    increase, and gaps; `OSError` for a file that cannot be read.
+    **Raises:** `ValueError` with file and line for names, units or numbers that are wrong, two columns of one
+    meaning, marks of missing values such as -9999, distances that do not increase, and gaps; `OSError` for a file
+    that cannot be read. A warning names the line of a displacement that is implausible, such as a level of the sea.
     """
     return SurveyedTrack(file, chord=chord, **options)
 
 
+class _Column(NamedTuple):
+    """A column of a file, as it is written there."""
+
+    written: str  # its name in the file
+    name: str  # that of `COLUMNS`
+    unit: str
+    values: np.ndarray  # in its unit; NaN where there is no number
+
+
 def _read(path: Path, content: bytes) -> dict[str, np.ndarray]:
     """Returns the columns of a file by name, in SI units."""
-    columns = _from_netcdf(path) if content.startswith(b"\x89HDF") else _from_csv(path, content)
-    distance = columns["distance"]
-    steps, line = np.diff(distance), lambda k: columns["line"][k] if "line" in columns else k
+    is_netcdf = content.startswith(NETCDF)
+    columns, place = _from_netcdf(path, content) if is_netcdf else _from_csv(path, content)
+    for k, one in enumerate(columns):
+        for other in columns[:k]:
+            if other.name == one.name:
+                raise ValueError(f"{path}: {other.written} and {one.written} are both {one.name}: leave one out.")
+    si = {}
+    for one in columns:
+        for bad, words in ((~np.isfinite(one.values), "no number"), (np.isin(one.values, MISSING), "a mark of none")):
+            if np.any(bad):
+                raise ValueError(f"{path}, {place(int(np.argmax(bad)))}: `{one.name}` has {words}.")
+        si[one.name] = one.values * unit_factor(one.name, one.unit, COLUMNS[one.name])
+        far = np.abs(si[one.name]) - PLAUSIBLE.get(one.name, np.inf)
+        if np.max(far) > 0:
+            k = int(np.argmax(far))
+            warn(
+                f"{path}, {place(k)}: `{one.name}` is {one.values[k]:g} {one.unit}; plausible are displacements of "
+                f"{PLAUSIBLE[one.name]:g} {COLUMNS[one.name]} at most. Are the unit and the column right?"
+            )
+    if "distance" not in si or not {"lateral", "vertical"} & set(si):
+        found = ", ".join(si) or "neither"
+        raise ValueError(f"{path} must have distance, and lateral or vertical, but has {found}.")
+    _check_distances(path, si["distance"], place)
+    zero = np.zeros_like(si["distance"])
+    return {"lateral": zero, "vertical": zero} | si
+
+
+def _check_distances(path: Path, distance: np.ndarray, place: Callable[[int], str]) -> None:
+    """Raises `ValueError` for distances that do not increase, and for gaps."""
+    steps = np.diff(distance)
+    if len(steps) and np.all(steps < 0):
+        raise ValueError(
+            f"{path}: distances fall, and slippers go the way they rise: reverse the rows, and change the signs of "
+            "lateral and roll if left was left along the falling distance."
+        )
     back = np.flatnonzero(steps <= 0)
     if len(back):
-        k = back[0]
-        raise ValueError(
-            f"{path}, line {line(k + 1):g}: distance {distance[k + 1]:g} m does not exceed {distance[k]:g} m."
-        )
+        k = int(back[0])
+        shown = f"distance {distance[k + 1]:.10g} m does not exceed {distance[k]:.10g} m"
+        raise ValueError(f"{path}, {place(k + 1)}: {shown}.")
     wide = np.flatnonzero(steps > LARGEST_GAP * np.median(steps)) if len(steps) else steps
     if len(wide):
-        k = wide[0]
-        raise ValueError(
-            f"{path}, line {line(k + 1):g}: a gap of {steps[k]:g} m after {distance[k]:g} m, in samples every "
-            f"{np.median(steps):g} m."
-        )
-    columns.pop("line", None)
-    return columns
+        k = int(wide[0])
+        shown = f"a gap of {steps[k]:g} m after {distance[k]:.10g} m, in samples every {np.median(steps):g} m"
+        raise ValueError(f"{path}, {place(k + 1)}: {shown}.")
 
 
-def _from_csv(path: Path, content: bytes) -> dict[str, np.ndarray]:
+# --- CSV ------------------------------------------------------------------------------------------------------------
+
+
+class _Header(NamedTuple):
+    """The lines of a file above its samples."""
+
+    lines: int  # how many there are
+    delimiter: str
+    columns: list[tuple[str, str, str]]  # as written, by name, and the unit
+
+
+def _from_csv(path: Path, content: bytes) -> tuple[list[_Column], Callable[[int], str]]:
+    """Returns the columns of a text, and a function that names the line of a sample."""
+    import pandas as pd  # here, because importing it takes time
+
+    text = _decoded(path, content)
+    header = _header(path, text)
+    body = io.StringIO(text, newline=None)
+    for _ in range(header.lines):
+        body.readline()
+    samples = re.sub("#.*", "", body.read())
+    decimal = "." if header.delimiter == "," or "," not in samples else ","
+    if decimal == "," and "." in samples:
+        raise ValueError(f"{path}: has commas and points in its numbers: write one of them, for decimals.")
+    options = dict(sep=header.delimiter, decimal=decimal, header=None, skipinitialspace=True)
+    options |= dict(keep_default_na=False, na_values=[""])
     try:
-        lines = content.decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError:
-        raise ValueError(f"{path} is neither a text in UTF-8 nor a netCDF-4 file.") from None
-    rows = [(k, line) for k, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
-    if not rows:
-        raise ValueError(f"{path} has no lines.")
-    (header_line, header), *rows = rows
-    delimiter = next((d for d in ("\t", ";", ",") if d in header), None)
-    if delimiter is None:
-        raise ValueError(f"{path}, line {header_line}: names must be separated by commas, semicolons or tabs.")
-    names = [_column(path, header_line, text) for text in next(csv.reader([header], delimiter=delimiter))]
-    values = np.empty((len(rows), len(names)))
-    for k, (line, text) in enumerate(rows):
-        cells = next(csv.reader([text], delimiter=delimiter))
-        if len(cells) != len(names):
-            raise ValueError(f"{path}, line {line}: has {len(cells)} values for {len(names)} names.")
-        for j, (cell, (name, _)) in enumerate(zip(cells, names, strict=True)):
-            try:
-                values[k, j] = float(cell)
-            except ValueError:
-                shown = brief(cell) if cell.strip() else "missing"
-                raise ValueError(f"{path}, line {line}: `{name}` must be a number, but is {shown}.") from None
-        if not np.all(np.isfinite(values[k])):
-            raise ValueError(f"{path}, line {line}: has a number that is not finite.")
-    columns = {name: factor * values[:, j] for j, (name, factor) in enumerate(names)}
-    return _complete(path, columns) | {"line": np.array([line for line, _ in rows], float)}
+        table = pd.read_csv(io.StringIO(samples), **options)  # pyright: ignore[reportArgumentType, reportCallIssue]
+    except pd.errors.EmptyDataError:
+        raise ValueError(f"{path} has no samples.") from None
+    except pd.errors.ParserError as error:
+        words = re.search(r"in line (\d+), saw (\d+)", str(error))
+        if words is None:
+            raise ValueError(f"{path} is no table: {error}") from None
+        raise _wrong_count(path, header.lines + int(words[1]), int(words[2]), header) from None
+
+    def place(sample: int) -> str:
+        shown = (k for k, line in enumerate(samples.split("\n"), 1) if line.strip())
+        return f"line {header.lines + next(itertools.islice(shown, sample, None))}"
+
+    if table.shape[1] != len(header.columns):
+        raise _wrong_count(path, int(place(0).split()[1]), table.shape[1], header)
+    columns = []
+    for (written, name, unit), (_, cells) in zip(header.columns, table.items(), strict=True):
+        columns.append(_Column(written, name, unit, _numbers(path, name, unit, cells, decimal, place)))
+    return columns, place
 
 
-def _column(path: Path, line: int, text: str) -> tuple[str, float]:
-    """Returns the name of a column, and the SI units in one of its units."""
-    match = re.fullmatch(r"\s*([A-Za-z_]+)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*", text)
-    name = "" if match is None else ALIASES.get(match[1].lower(), match[1].lower())
-    if match is None or name not in COLUMNS:
+def _wrong_count(path: Path, line: int, found: int, header: _Header) -> ValueError:
+    hint = "; decimal commas need semicolons between columns" if header.delimiter == "," else ""
+    return ValueError(f"{path}, line {line}: has {found} values for {len(header.columns)} names{hint}.")
+
+
+def _decoded(path: Path, content: bytes) -> str:
+    """Returns the text of a file in UTF-8 or Latin-1, or in UTF-16 that says so."""
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        encodings = ("utf-16",)
+    else:
+        encodings = ("utf-8-sig", "latin-1")
+    for encoding in encodings:
+        with contextlib.suppress(UnicodeDecodeError):
+            text = content.decode(encoding)
+            if not CONTROL.search(text):
+                return text
+    raise ValueError(f"{path} is neither a text in UTF-8, UTF-16 or Latin-1 nor a netCDF file.")
+
+
+def _header(path: Path, text: str) -> _Header:
+    """Finds the line of names, after lines of other words if any, and the units there or in the line below."""
+    delimiter, lines = None, list(itertools.islice(io.StringIO(text, newline=None), MOST_LINES_BEFORE))
+    for k, line in enumerate(lines, 1):
+        told = re.fullmatch(r'\s*"?sep=(.)"?\s*', line, re.IGNORECASE)
+        delimiter = told[1] if told else delimiter
+        if told or line.lstrip().startswith("#"):
+            continue
+        mark = delimiter or next((d for d in ("\t", ";", ",") if d in line), None)
+        cells = [] if mark is None else next(csv.reader([line.strip("\r\n")], delimiter=mark))
+        found = [re.fullmatch(NAMED, cell) for cell in cells]
+        known = [match is not None and _name(match[1]) in COLUMNS for match in found]
+        if mark is None or sum(known) < 2:
+            continue
+        units = [match and match[2] for match in found]
+        below = next(csv.reader([lines[k].strip("\r\n")], delimiter=mark)) if k < len(lines) else []
+        in_line_below = not any(units) and len(below) == len(cells) and all(re.fullmatch(UNIT, c) for c in below)
+        if in_line_below:
+            units = [cell.strip().strip("[]()") for cell in below]
+        columns = [_column(path, k, *one) for one in zip(cells, found, units, strict=True)]
+        return _Header(k + in_line_below, mark, columns)
+    names = ", ".join(f"{name} [{unit}]" for name, unit in COLUMNS.items())
+    raise ValueError(f"{path} has no line of names with units, such as {names}, between commas, semicolons or tabs.")
+
+
+def _name(text: str) -> str:
+    return ALIASES.get(text.lower(), text.lower())
+
+
+def _column(path: Path, line: int, cell: str, match: re.Match | None, unit: str | None) -> tuple[str, str, str]:
+    """Returns a column as it is written, its name and its unit."""
+    name = "" if match is None else _name(match[1])
+    if match is None or unit is None or name not in COLUMNS:
         names = ", ".join(f"{name} [{unit}]" for name, unit in COLUMNS.items())
-        raise ValueError(f"{path}, line {line}: {brief(text.strip())} is no name with a unit, such as {names}.")
+        raise ValueError(f"{path}, line {line}: {brief(cell.strip())} is no name with a unit, such as {names}.")
     try:
-        return name, unit_factor(name, match[2], COLUMNS[name])
+        unit_factor(name, unit, COLUMNS[name])
     except ValueError as error:
         raise ValueError(f"{path}, line {line}: {error}") from None
+    return cell.strip(), name, unit
 
 
-def _from_netcdf(path: Path) -> dict[str, np.ndarray]:
-    import h5py  # here, because importing it takes time that other files need not spend
+def _numbers(path: Path, name: str, unit: str, cells: Any, decimal: str, place: Callable[[int], str]) -> np.ndarray:
+    """Returns the cells of a column as numbers, those with a plus inside as `STATIONS` says."""
+    refused = lambda k, shown, also="": ValueError(
+        f"{path}, {place(k)}: `{name}` must be a number{also}, but is {shown}."
+    )
+    if cells.isna().any():
+        raise refused(int(np.argmax(cells.isna())), "missing")
+    if cells.dtype.kind in "fiu":
+        return cells.to_numpy(float)
+    values = np.empty(len(cells))
+    for k, cell in enumerate(cells):
+        words = str(cell).replace(decimal, ".").strip()
+        station = re.fullmatch(r"(\d+)\+(\d+)(\.\d*)?", words) if name == "distance" else None
+        if station is not None and (unit, len(station[2])) not in STATIONS:
+            raise refused(k, brief(cell), ", or as 129+773 in m, or as 1297+73 in ft")
+        try:
+            values[k] = float(words if station is None else station[2] + (station[3] or ""))
+        except ValueError:
+            raise refused(k, brief(cell)) from None
+        if station is not None:
+            values[k] += STATIONS[unit, len(station[2])] * int(station[1])
+    return values
 
-    columns = {}
-    with h5py.File(path, "r") as file:
-        for key in map(str, file):
-            name = ALIASES.get(key.lower(), key.lower())
-            if name in COLUMNS:
-                unit = file[key].attrs.get("units", b"")
-                unit = unit.decode() if isinstance(unit, bytes) else str(unit)
-                require(unit, f"{path}: {key}", "have an attribute `units`", shown="none")
-                columns[name] = np.asarray(file[key], float) * unit_factor(name, unit, COLUMNS[name])
-    for name, array in columns.items():
-        bad = np.flatnonzero(~np.isfinite(array))
-        if len(bad):
-            raise ValueError(f"{path}: `{name}` has no number at sample {bad[0]}.")
-    return _complete(path, columns)
+
+# --- netCDF ---------------------------------------------------------------------------------------------------------
 
 
-def _complete(path: Path, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Returns columns with zeros for one direction that a file leaves out."""
-    if "distance" not in columns or not {"lateral", "vertical"} & set(columns):
-        raise ValueError(
-            f"{path} must have distance, and lateral or vertical, but has {', '.join(columns) or 'neither'}."
-        )
-    zero = np.zeros_like(columns["distance"])
-    return {"lateral": zero, "vertical": zero} | columns
+def _from_netcdf(path: Path, content: bytes) -> tuple[list[_Column], Callable[[int], str]]:
+    """Returns the columns of a netCDF file, unpacked, and a function that names a sample."""
+    import xarray as xr  # here, because importing it takes time
+
+    how: dict[str, Any] = dict(engine="h5netcdf", phony_dims="sort")
+    how = how if content.startswith(NETCDF[0]) else dict(engine="scipy")
+    columns = []
+    try:
+        with xr.open_dataset(path, decode_times=False, **how) as ds:
+            for key in map(str, ds.variables):
+                if _name(key) in COLUMNS:
+                    columns.append(_variable(path, key, ds[key]))
+    except (OSError, KeyError, TypeError, RuntimeError) as error:
+        raise ValueError(f"{path} is no netCDF file that can be read: {error}") from None
+    if len({len(one.values) for one in columns}) > 1:
+        raise ValueError(f"{path}: {', '.join(one.written for one in columns)} must have one length.")
+    return columns, lambda sample: f"sample {sample}"
+
+
+def _variable(path: Path, key: str, array: Any) -> _Column:
+    """Returns a variable of a netCDF file as a column."""
+    unit = str(array.attrs.get("units", ""))
+    require(unit, f"{path}: {key}", "have an attribute `units`", shown="none")
+    good = array.ndim == 1 and 0 < array.size <= MOST_SAMPLES and array.dtype.kind in "fiu"
+    need = f"be numbers along one dimension, {MOST_SAMPLES} at most"
+    require(good, f"{path}: {key}", need, shown=f"{array.dtype} of shape {array.shape}")
+    return _Column(key, _name(key), unit, np.asarray(array.values, float))
+
+
+# --- chords ---------------------------------------------------------------------------------------------------------
 
 
 def _from_chords(columns: dict[str, np.ndarray], chord: float) -> dict[str, np.ndarray]:

@@ -1,6 +1,7 @@
 """Tracks: the rail's irregularity as functions of distance, Eqs. (9)-(11) and (24)-(26) of Dang et al. 2024."""
 
 import abc
+from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -58,8 +59,21 @@ class AbstractTrack(ShapeChecked):
     """Name of the number that chooses one of many rails, for tracks that are such, see `chosen`."""
 
     @property
-    def extent(self) -> float:
-        """Distance up to which the rail is described [m]."""
+    def begin(self) -> Any:
+        """Distance from which on the rail is described [m]; -inf where it is everywhere."""
+        return -np.inf
+
+    @property
+    def origin(self) -> Any:
+        """Distance at which runs begin unless told otherwise [m]: where the rail does, or else zero."""
+        begin = self.begin
+        if is_traced(begin):
+            return jnp.where(jnp.isfinite(begin), begin, 0.0)
+        return float(begin) if np.isfinite(begin) else 0.0
+
+    @property
+    def extent(self) -> Any:
+        """Distance up to which the rail is described [m]; inf where it is everywhere."""
         return np.inf
 
     @property
@@ -104,6 +118,11 @@ def chosen(track: AbstractTrack) -> tuple[Int[Array, ""], Bool[Array, ""]]:
     assert check is not None  # of each such track
     known = ~check.is_bad(number)
     return jnp.where(known, number, 0).astype(int), known
+
+
+def greatest(values: Sequence[Any]) -> Any:
+    """Returns the greatest of some numbers, which may be traced."""
+    return jnp.max(jnp.stack(values)) if is_traced(values) else max(values)
 
 
 WHOLE_WITHIN = 1e-9

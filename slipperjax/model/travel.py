@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import ShapeChecked, finite, instance, number, positive, require
+from ..tools.checks import ShapeChecked, finite, in_unit, instance, number, positive, require
 from ..tools.compile import is_traced
 
 LEAST_SPEED = 1.0
@@ -59,7 +59,7 @@ class SpeedProgramme(ShapeChecked):
     """
 
     distance: Float[Array, " places"] = eqx.field(converter=finite("distance", "m"))
-    """Distances from the start of the run, increasing [m]."""
+    """Distances along the rail, increasing [m]."""
     speed: Float[Array, " places"] = eqx.field(converter=positive("speed", "m/s"))
     """Speeds there [m/s], `LEAST_SPEED` at least."""
     scale: Float[Array, ""] = eqx.field(converter=positive("scale"), default=1.0)
@@ -71,27 +71,27 @@ class SpeedProgramme(ShapeChecked):
         return cls(distance, speed)
 
     @classmethod
-    def over_time(cls, time: Any, speed: Any) -> "SpeedProgramme":
+    def over_time(cls, time: Any, speed: Any, *, begin: float = 0.0) -> "SpeedProgramme":
         """Makes a programme from speeds [m/s] at some times [s], increasing; between them the speed is linear in
-        time."""
+        time. At the first one the sled is at `begin` [m] along the rail."""
         finite("time", "s")(time)
         positive("speed", "m/s")(speed)
-        time, speed = np.asarray(time, float), np.asarray(speed, float)
+        time, speed = np.asarray(in_unit(time, "s"), float), np.asarray(in_unit(speed, "m/s"), float)
         need = f"have one value per time, {time.shape}"
         require(time.ndim == 1 and time.shape == speed.shape, "speed", need, shown=f"shape {speed.shape}")
         require(np.all(np.diff(time) > 0), "time", "increase", time)
         way = np.cumsum(np.diff(time) * (speed[1:] + speed[:-1]) / 2)
-        return cls(np.concatenate([[0.0], way]), speed)
+        return cls(number(finite, "begin", begin, "m") + np.concatenate([[0.0], way]), speed)
 
     @classmethod
-    def stages(cls, stages: Sequence[Stage], *, start: float) -> "SpeedProgramme":
+    def stages(cls, stages: Sequence[Stage], *, start: float, begin: float = 0.0) -> "SpeedProgramme":
         """Makes a programme of stages with one acceleration each.
 
-        **Arguments:** `start`: speed at the beginning [m/s].
+        **Arguments:** `start`: speed at the beginning [m/s]; `begin`: where that is along the rail [m].
 
         **Raises:** `ValueError` that names the stage which is wrong: one without an end, or that misses its speed.
         """
-        distance, speed = [0.0], [number(positive, "start", start, "m/s")]
+        distance, speed = [number(finite, "begin", begin, "m")], [number(positive, "start", start, "m/s")]
         instance("stages", stages, Sequence, "a list of slipperjax.Stage")
         for k, stage in enumerate(stages):
             name = f"stages[{k}]"

@@ -11,7 +11,16 @@ import diffrax
 
 from ..analysis.lyapunov import LyapunovSpectrum, map_spectrum
 from ..flow.period_map import PeriodMap, tangent_weights
-from ..flow.simulate import SECONDS_PER_STEP, Trajectory, default_steps, dynamic_steps, first_of, static_steps
+from ..flow.simulate import (
+    SECONDS_PER_STEP,
+    Trajectory,
+    beginning_of,
+    check_rail,
+    default_steps,
+    dynamic_steps,
+    first_of,
+    static_steps,
+)
 from ..flow.status import status_of, with_growth, with_resolution
 from ..model.dynamics import State, initial_state
 from ..model.kinematics import Motion
@@ -52,6 +61,7 @@ def lyapunov_spectrum(
     steps_per_period: int | None = None,
     solver: diffrax.AbstractSolver | str | None = None,
     start: Motion | State | Trajectory | None = None,
+    begin: float | None = None,
 ) -> LyapunovSpectrum:
     """Computes Lyapunov exponents of one scene by Benettin's method (doi:10.1007/BF02128236), with exact tangents.
 
@@ -61,7 +71,7 @@ def lyapunov_spectrum(
     - `transient`: forcing periods before anything is counted; `align`: those after it in which the tangents turn
         into their directions; `periods`: those that count.
     - `orthonormalise_every`: forcing periods between orthonormalisations.
-    - `steps_per_period`, `solver`, `start`: as for `simulate`.
+    - `steps_per_period`, `solver`, `start`, `begin`: as for `simulate`.
 
     **Returns:** a `LyapunovSpectrum`: `.per_period`, `.per_second`, `.stderr`, `.resolved`, `.history`,
     `.kaplan_yorke`, and `.status`, a `slipperjax.Status` code of the state at the end and of the tangents' growth.
@@ -72,23 +82,26 @@ def lyapunov_spectrum(
     check_scene(scene)
     every = whole("orthonormalise_every", orthonormalise_every, 1)
     steps = default_steps(scene, steps_per_period)
-    start = first_of(start)
+    start, origin = first_of(start), beginning_of(scene, begin)
+    epoch = origin / scene.track.wavelength
     blocks = lambda name, value, least: -(-whole(name, value, least) // every)
+    counted = blocks("periods", periods, 1), blocks("transient", transient, 0), blocks("align", align, 0)
+    check_rail(scene, every * sum(counted), origin)
     count = check_count(scene, count)
     if not is_traced(steps):
-        of_run = blocks("periods", periods, 1)
-        seconds = SECONDS_PER_STEP * steps * every * (of_run + blocks("transient", transient, 0))
-        refuse_impossible(f"{periods} forcing periods of {steps} steps", 8.0 * of_run * count, seconds)
+        seconds = SECONDS_PER_STEP * steps * every * sum(counted)
+        refuse_impossible(f"{periods} forcing periods of {steps} steps", 8.0 * counted[0] * count, seconds)
     # differentiated in both modes, or by one program for all numbers of steps
     stepping = static_steps(steps) if is_traced((scene, start)) else dynamic_steps(steps)
     spectrum = map_spectrum(
         PeriodMap(scene, stepping, resolve_solver(scene, solver), periods=every),
-        initial_state(scene, start),
-        blocks("periods", periods, 1),
+        initial_state(scene, start, epoch),
+        counted[0],
         count=count,
-        transient=blocks("transient", transient, 0),
-        align=blocks("align", align, 0),
+        transient=counted[1],
+        align=counted[2],
         scale=tangent_weights(scene),
+        index=epoch / every,
         periods=float(every),
         period=scene.period,
     )

@@ -25,8 +25,8 @@ def rail(scene: Scene, ds: xr.Dataset | None = None, axes: Any = None, *, length
     those in which it crosses its play and back, twice the clearance over the rail's steepest slope.
 
     **Arguments:** `ds`: from `Trajectory.to_xarray`; default none, without forces. `axes`: Axes to draw into, two or
-    with `ds` three; default those of a new figure. `length`: of the rail that is drawn [m], default that of `ds`, or
-    25 reference lengths.
+    with `ds` three; default those of a new figure. `length`: of the rail that is drawn [m], from where the run or the
+    rail begins, default that of `ds`, or 25 reference lengths.
 
     **Returns:** the Axes, an array.
     """
@@ -34,9 +34,10 @@ def rail(scene: Scene, ds: xr.Dataset | None = None, axes: Any = None, *, length
     unit = float(scene.track.wavelength)
     if ds is not None:
         check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
-    most = 25 * unit if ds is None else float(ds["period"].values[-1]) * unit
+    first, last = (scene.track.origin, np.inf) if ds is None else unit * ds["period"].values[[0, -1]]
+    most = 25 * unit if ds is None else float(last - first)
     most = most if length is None else number(positive, "length", length, "m")
-    distance = np.arange(SAMPLES) * most / SAMPLES
+    distance = first + np.arange(SAMPLES) * most / SAMPLES
     here = scene.track.irregularity(distance + 0 * scene.track.wavelength)
     with styled():
         if axes is None:
@@ -49,7 +50,7 @@ def rail(scene: Scene, ds: xr.Dataset | None = None, axes: Any = None, *, length
             spectrum = power_spectral_density(height, SAMPLES / most)
             seen = slice(1, SAMPLES // 4)  # finer waves are the drawing's
             lower.loglog(spectrum.frequency[seen], spectrum.density[seen] + 1e-300, lw=0.6, color=COLORS[color])
-        upper.set(xlabel="distance [m]", ylabel="rail [mm]", xlim=(0, most))
+        upper.set(xlabel="distance [m]", ylabel="rail [mm]", xlim=(first, first + most))
         legend_above(upper, upper.get_legend_handles_labels()[0])
         slope, slipper = float(scene.track.steepest_slope), float(scene.slipper.length)
         if slope > 0:
@@ -63,6 +64,6 @@ def rail(scene: Scene, ds: xr.Dataset | None = None, axes: Any = None, *, length
         for ax, run in zip(middle, [] if ds is None else [ds], strict=False):
             for line in most_loaded(run, 3):
                 ax.plot(run["period"].values * unit, line.force, lw=0.7, label=line.name, **line.style)
-            ax.set(xlabel="distance [m]", ylabel=axis_label("contact_force"), xlim=(0, most))
+            ax.set(xlabel="distance [m]", ylabel=axis_label("contact_force"), xlim=(first, first + most))
             legend_above(ax, ax.get_legend_handles_labels()[0])
     return np.ravel(axes)

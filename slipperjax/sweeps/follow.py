@@ -9,7 +9,7 @@ import xarray as xr
 
 from ..flow.period_map import initial_states
 from ..flow.record import AbstractRecord, RecordSet, Strobe
-from ..flow.simulate import Trajectory, first_of
+from ..flow.simulate import Trajectory, beginning_of, check_rail, first_of
 from ..flow.status import Status
 from ..model.dynamics import State
 from ..model.kinematics import Motion
@@ -37,6 +37,7 @@ def follow(
     saves_per_period: int | None = None,
     solver: diffrax.AbstractSolver | str | None = None,
     start: Motion | State | Trajectory | None = None,
+    begin: float | None = None,
     progress: bool = False,
 ) -> xr.Dataset:
     """Sweeps a parameter with memory: each case starts from the state in which its neighbour ended.
@@ -50,8 +51,8 @@ def follow(
     - `directions`: "up" begins at the first value, "down" at the last; both run as one batch.
     - `transient`, `periods`: forcing periods at each value, before recording and recorded. The transient is
         rounded up to tens if above ten.
-    - others: as for `sweep`; `start` is that of the first value met. Values that are visited together take the larger
-        of their step counts.
+    - others: as for `sweep`; `start` is that of the first value met, and `begin` where the rail is then, on which
+        all values follow one another. Values that are visited together take the larger of their step counts.
 
     **Returns:** as `sweep`, with `direction` as first dimension.
 
@@ -65,10 +66,11 @@ def follow(
     )
     require(several, "directions", "name one or more ways, each once", directions)
     ways = [DIRECTIONS[one_of("directions", d, tuple(DIRECTIONS))] for d in directions]
-    options = RunOptions(transient, periods, steps_per_period, saves_per_period, solver)
+    options = RunOptions(transient, periods, steps_per_period, saves_per_period, solver, begin=begin)
     records = resolved_record(record)
     require(not records.continues, "record", "not run on where cases follow one another", record)
     plan = make_plan(grid, start, options, records)
+    check_rail(scene, plan.periods * len(values), beginning_of(scene, begin))
     cases, lanes = plan.cases, np.arange(len(ways))
     columns = np.stack([np.arange(len(values))[::way] for way in ways], axis=1)  # (values, directions)
     # where the cases at each value stand in the list of all directions and values
@@ -79,8 +81,8 @@ def follow(
     def work(chunk: Chunk, on_progress: OnProgress) -> ChunkRun:
         nonlocal states, passed
         scenes, starts = cases.take(filled(columns[passed], len(ways)))
-        begin = initial_states(scenes, starts) if states is None else states
-        run = run_chunk(plan, scenes, begin, chunk.steps, on_progress, epoch=passed * plan.periods)
+        before = initial_states(scenes, starts, plan.epoch) if states is None else states
+        run = run_chunk(plan, scenes, before, chunk.steps, on_progress, epoch=passed * plan.periods)
         states, passed = run.state, passed + 1
         return run
 
@@ -134,6 +136,7 @@ def find_jump(
     periods: int = 10,
     steps_per_period: int | None = None,
     start: Motion | State | Trajectory | None = None,
+    begin: float | None = None,
     threshold: float = 0.3,
 ) -> Jump:
     """Follows a motion along a parameter until it jumps, and bisects for where.
@@ -155,14 +158,14 @@ def find_jump(
     _, name, values = path_grid(scene, path)
     way = DIRECTIONS[one_of("direction", direction, tuple(DIRECTIONS))]
     within, threshold = number(positive, "within", within), number(positive, "threshold", threshold)
-    options = RunOptions(transient, periods, steps_per_period)
+    options = RunOptions(transient, periods, steps_per_period, begin=begin)
     lanes, epoch = filled(np.zeros(1, int), 1), 0
 
     def run(value: float, state: State | None) -> _HeldMotion:
         nonlocal epoch
         plan = make_plan(Grid(scene, {name: [value]}), start, options, RecordSet((Strobe(),)))
         scenes, starts = plan.cases.take(lanes)
-        state = initial_states(scenes, starts) if state is None else state
+        state = initial_states(scenes, starts, plan.epoch) if state is None else state
         done = run_chunk(plan, scenes, state, plan.most_steps, epoch=epoch)
         epoch += plan.periods
         mark = done.record[0][0].mean(axis=0) / COORDINATE_SCALES

@@ -215,6 +215,11 @@ class Cases(Grid):
         """The forcing period of each case [s]."""
         return np.asarray(_forcing_periods(*self.unprepared(np.arange(self.count))))
 
+    def wavelengths(self) -> Float[np.ndarray, " cases"]:
+        """The length of travel that counts as a forcing period of each case [m]."""
+        index = filled(np.arange(self.count), self.count)
+        return np.asarray(_wavelengths(*self.unprepared(index)))[: self.count]
+
     def default_steps(self) -> Int[np.ndarray, " cases"]:
         """Steps per period that each case needs, see `slipperjax.default_steps_per_period`."""
         index = filled(np.arange(self.count), self.count)
@@ -238,6 +243,11 @@ def with_tracks(scenes: Batched[Scene], change: Callable[[AbstractTrack], Abstra
 @jit
 def _steps_needed(scenes: Batched[Scene], starts: Motion | State) -> jax.Array:
     return scenes.map(lambda scene, start: steps_needed(scene), starts)
+
+
+@jit
+def _wavelengths(scenes: Batched[Scene], starts: Motion | State) -> jax.Array:
+    return scenes.map(lambda scene, start: scene.track.wavelength, starts)
 
 
 @jit

@@ -60,8 +60,9 @@ class Maps(NamedTuple):
     epoch: float = 0.0  # forcing period at which the maps begin
 
     @classmethod
-    def of(cls, run: RecordedChunk, periods: Int[np.ndarray, " cases"], epoch: float = 0.0) -> "Maps":
-        """Maps of the cases of a chunk."""
+    def of(cls, run: RecordedChunk, periods: Int[np.ndarray, " cases"], epoch: float | None = None) -> "Maps":
+        """Maps of the cases of a chunk, by default from where its plan begins."""
+        epoch = run.plan.epoch if epoch is None else epoch
         return cls(run.scenes, run.steps, run.plan.solver, periods, run.on_progress, epoch)
 
     def states(self, rows: np.ndarray) -> State:

@@ -24,7 +24,8 @@ def over_rails(
     """Computes a quantile over rails, with its error, and how it differs between cases on the same rails.
 
     ```python
-    ds = sj.sweep(scene, {"clearance": [0.5e-3, 1e-3], "track.seed": range(400)}, record="peak_force")
+    rails = dict(transient=5, periods=60, record="peak_force")  # on which 1000 m of rail suffice
+    ds = sj.sweep(scene, {"clearance": [0.5e-3, 1e-3], "track.seed": range(400)}, **rails)
     over_rails(ds["peak_force"].max(("end", "point")), 0.99)
     ```
 
@@ -32,7 +33,7 @@ def over_rails(
     others, but their distribution must be the same.
 
     ```python
-    fine = sj.sweep(scene, {"clearance": [0.5e-3, 1e-3], "track.seed": range(100)}, record="peak_force", refine=2)
+    fine = sj.sweep(scene, {"clearance": [0.5e-3, 1e-3], "track.seed": range(100)}, refine=2, **rails)
     ```
 
     **Arguments:** `values`: of one number in each case; `quantile`: the share of rails that lies below [1], or None

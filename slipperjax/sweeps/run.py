@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..flow.period_map import advance
 from ..flow.record import AbstractRecord, RecordedSpan, RecordSet, Samples, Strobe
-from ..flow.simulate import check_rail, step_plan
+from ..flow.simulate import beginning_of, check_rail, step_plan
 from ..flow.status import Interrupted, Status, Stop, blank, first_problem, with_accuracy
 from ..flow.stepping import ConstantSteps, capacity_for
 from ..model.dynamics import State
@@ -79,6 +79,8 @@ class RunOptions(NamedTuple):
     solver: diffrax.AbstractSolver | str | None = None
     refine: int = 1
     """Factor of the default steps [1]."""
+    begin: float | None = None
+    """Where the run begins [m]; None for where its rail does."""
 
 
 def refined(refine: int, steps_per_period: Any) -> int:
@@ -173,6 +175,7 @@ class Plan:
     transient: Calls  # periods that pass before anything is recorded
     recorded: Calls
     probed: bool = False  # whether the first recorded period is repeated with half the step, for its error
+    epoch: float = 0.0  # forcing periods from distance zero to where the run begins
 
     @property
     def most_steps(self) -> int:
@@ -270,15 +273,29 @@ def make_plan(grid: Grid, start: Motion | State, options: RunOptions, records: R
     steps, saves = steps_and_saves(cases)
     solver, records = resolve_solver(grid.scene, options.solver), records.with_saves(saves)
     plan = Plan(cases, solver, records, np.atleast_1d(steps), Calls.of(transient), Calls.of(recorded))
-    check_rail(grid.scene, plan.periods)
+    begin = beginning_of(grid.scene, options.begin)
+    check_rail(grid.scene, plan.periods, begin, plan.transient.periods)
     plan.estimate(grid.count).check()  # before all cases are made, which may not fit into memory
     if cases.count < grid.count:
         cases = grid.sample(start, grid.count)
         steps, _ = steps_and_saves(cases)
-    plan = replace(plan, cases=cases, steps=np.broadcast_to(steps, cases.count))
+    plan = replace(plan, cases=cases, steps=np.broadcast_to(steps, cases.count), epoch=_epoch(cases, begin))
     labels = ("status", "steps_per_period", *grid.dims, *map(grid.label, grid.axes))
     records.check(grid.scene, recorded, int(plan.steps.min()), labels)
     return plan
+
+
+def _epoch(cases: Cases, begin: float) -> float:
+    """Returns forcing periods from distance zero to where a run begins [m].
+
+    **Raises:** `ValueError` where these differ between cases, which run as one batch.
+    """
+    if not begin:
+        return 0.0
+    lengths = np.unique(cases.wavelengths())
+    need = "be zero where cases differ in the length of their forcing periods"
+    require(len(lengths) == 1, "begin", need, begin)
+    return begin / float(lengths[0])
 
 
 # --- one chunk ------------------------------------------------------------------------------------------------------
@@ -342,16 +359,17 @@ def run_chunk(
     states: State,
     steps: int,
     on_progress: OnProgress = heed_interrupts,
-    epoch: int = 0,
+    epoch: float = 0.0,
     cases: int | None = None,
 ) -> ChunkRun:
-    """Runs a chunk of cases through its plan, from the forcing period `epoch` on, with `steps` per period.
+    """Runs a chunk of cases through its plan, with `steps` per period, from `epoch` forcing periods behind the place
+    where the plan begins.
 
     Times in records count from there.
 
     **Arguments:** `cases`: how many lanes count, default all.
     """
-    records, period, status = plan.records, float(epoch), np.zeros(len(states.motion.y), int)
+    records, period, status = plan.records, plan.epoch + epoch, np.zeros(len(states.motion.y), int)
     samples = Samples(records, plan.recorded.periods)
     number = jnp.asarray(float(steps))  # an array, so that one compiled program serves every number of steps
     stepping = recording = ConstantSteps(steps=number)
@@ -383,7 +401,7 @@ def run_chunk(
     carry, status = records.after(carry, kept, status, chunk)
     if probe is not None:
         status = with_accuracy(status, probe)
-    span = RecordedSpan(plan.recorded.periods, steps, float(epoch), status)
+    span = RecordedSpan(plan.recorded.periods, steps, plan.epoch + epoch, status)
     return ChunkRun(states, status, records.finish(carry, kept, span), probe)
 
 
@@ -429,8 +447,9 @@ class ChunkInputs(NamedTuple):
     on_progress: OnProgress
 
     def recorded(self, plan: Plan, states: State, epoch: float) -> RecordedChunk:
-        """The chunk with its states after `epoch` forcing periods."""
-        return RecordedChunk(plan, self.scenes, states, float(epoch), self.steps, self.cases, self.on_progress)
+        """The chunk with its states `epoch` forcing periods behind the place where the plan begins."""
+        at = plan.epoch + epoch
+        return RecordedChunk(plan, self.scenes, states, at, self.steps, self.cases, self.on_progress)
 
 
 class Run(NamedTuple):

@@ -17,7 +17,7 @@ from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.period_map import advance, initial_states
 from ..flow.record import AbstractRecord, RecordedSpan, RecordSet
 from ..flow.records import AbstractNumber, ContactChecks, judged_by_contacts
-from ..flow.simulate import Trajectory, beginning
+from ..flow.simulate import Trajectory, beginning, warn_beyond
 from ..flow.status import MEANINGS, first_problem, most_stability_number, with_accuracy
 from ..flow.stepping import ConstantSteps, capacity_for
 from ..flow.windows import (
@@ -44,7 +44,7 @@ from ..model.travel import SpeedProgramme
 from ..solvers.latching import solver_name
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
-from ..tools.checks import number, positive, require, warn, whole
+from ..tools.checks import number, positive, require, whole
 from ..tools.compile import jit
 from .grid import Cases, filled, with_tracks
 from .records import OF_LOADS
@@ -76,7 +76,7 @@ def run(
     *,
     length: float,
     speed: SpeedProgramme | float | None = None,
-    begin: float = 0.0,
+    begin: float | None = None,
     window: float = 1.0,
     record: str | AbstractNumber | Sequence[str | AbstractNumber] | None = None,
     start: Motion | State | Trajectory | xr.Dataset | None = None,
@@ -103,7 +103,8 @@ def run(
 
     - `grid`: values by parameter name as for `sweep`, such as `{"track.seed": range(200)}`, "speed.scale" of a
         programme, or none for one run.
-    - `length`: how far to travel [m], rounded up to whole windows; `begin`: the distance from which on [m].
+    - `length`: how far to travel [m], rounded up to whole windows; `begin`: the place from which on [m], by default
+        where the rail begins.
     - `speed`: a programme, or a constant speed [m/s]; default that of the scene.
     - `window`: length over which records are joined [m].
     - `record`: names or records of numbers, which are kept of each window: those of `slipperjax.flow.RECORDS` and
@@ -131,19 +132,19 @@ def run(
     """
     call = call_of("run", locals())
     scene = at_speed(scene, speed)
-    earlier, (begin, start) = start, beginning(begin, start)
-    worn = _worn(scene, earlier, begin)
-    windows = _windows(scene, number(positive, "length", length, "m"), begin, number(positive, "window", window, "m"))
+    earlier, (origin, start) = start, beginning(scene, begin, start)
+    worn, window = _worn(scene, earlier, origin), number(positive, "window", window, "m")
+    windows = _windows(scene, number(positive, "length", length, "m"), origin, window)
     records = RecordSet((*_records(scene, record), ThirdOctaves()))
     only = grid is None
     cases = Cases(scene, {"length": [float(scene.slipper.length)]} if grid is None else grid, start, product=product)
-    profiles = _step_profiles(cases, begin, window, windows, steps_per_period, refined(refine, steps_per_period))
+    profiles = _step_profiles(cases, origin, window, windows, steps_per_period, refined(refine, steps_per_period))
     totals, profile_of = _keys(profiles, windows)
     plan = Plan(cases, resolve_solver(scene, solver), records, totals, Calls(1, 0), Calls(windows, 1))
     records.check(scene, windows, LEAST_STEPS_PER_WINDOW, (*cases.dims, "status", "state"))
     per_case = 4e-7 * float(np.mean(totals)) * records.cost
     dataclasses.replace(plan.estimate(cases.count), per_case=per_case, periods=f" of {windows} windows").check()
-    epoch, stretches = begin / window, profiles.shape[1]
+    epoch, stretches = origin / window, profiles.shape[1]
     probed = np.unique(np.linspace(0, stretches - 1, min(whole("probe", probe, 0), stretches)).astype(int))
     around = max(1, round(float(np.max(np.asarray(scene.track.wavelength))) / window))
 
@@ -155,7 +156,7 @@ def run(
         return _run_windows(plan, scenes, states, profile_of[part.steps], epoch, part, probes)
 
     done = run_cases(plan, work, cost=1.0, chunk=chunk, workers=workers, progress=progress)
-    frame = _Frame(begin, window, windows, only, begin + probed * STRETCH * window)
+    frame = _Frame(origin, window, windows, only, origin + probed * STRETCH * window)
     return done.checked(lambda: _dataset(plan, done.results, profiles, frame, call))
 
 
@@ -204,12 +205,9 @@ def _windows(scene: Scene, length: float, begin: float, window: float) -> int:
     """
     windows = int(np.ceil(length / window * (1 - 1e-12)))
     travelled = begin + windows * window
-    far = scene.track.end * (1 + 1e-9)
+    far = scene.track.end + 1e-9 * abs(scene.track.end)
     require(travelled <= far, "length", f"end before the rail does at {scene.track.end:g} m", travelled)
-    if travelled > scene.track.extent * (1 + 1e-9) and getattr(scene.track, "ends", "") == "straight":
-        warn(
-            f"Argument `length` leads to {travelled:g} m, but the rail is known up to {scene.track.extent:g} m only."
-        )
+    warn_beyond(scene.track, "length", travelled)
     return windows
 
 
@@ -237,23 +235,16 @@ def _step_profiles(
 ) -> Int[np.ndarray, "cases stretches"]:
     """Returns the integration steps in a window of each case and stretch."""
     stretches = -(-windows // STRETCH)
-    index = np.arange(cases.count)
-    batch = cases.unprepared(filled(index, cases.count))
-    reference = np.asarray(_reference_lengths(*batch))[: cases.count, None]
     if steps_per_period is None:
+        batch = cases.unprepared(filled(np.arange(cases.count), cases.count))
         edges = begin + window * STRETCH * np.arange(stretches)
         places = edges[:, None] + window * STRETCH * np.linspace(0, 1, SPEEDS_PER_STRETCH)[None]
         needed = np.asarray(_steps_along(*batch, jnp.asarray(places)))[: cases.count]
         steps = refine * rounded_steps(needed)
     else:
         steps = np.full((cases.count, stretches), given_steps(steps_per_period))
-    per_window = np.ceil(steps * (window / reference) * (1 - 1e-12)).astype(int)
+    per_window = np.ceil(steps * (window / cases.wavelengths()[:, None]) * (1 - 1e-12)).astype(int)
     return np.maximum(np.broadcast_to(per_window, (cases.count, stretches)), LEAST_STEPS_PER_WINDOW)
-
-
-@jit
-def _reference_lengths(scenes: Batched[Scene], starts: Any) -> jax.Array:
-    return scenes.map(lambda scene, start: scene.track.wavelength, starts)
 
 
 @jit

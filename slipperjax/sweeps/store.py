@@ -41,7 +41,7 @@ from ..tools.cache import compile_cache, keep_programs
 from ..tools.checks import TOLD, require, warn, whole, yes_or_no
 from ..tools.code import IMPORTED, classes_of, code_digest, package_digest
 from ..tools.description import describe, type_name
-from ..tools.files import listed
+from ..tools.files import listed, user_path
 from ..tools.limits import cores, shown_bytes
 from .estimate import STORE, CountedEstimate
 from .grid import Grid, Tiling
@@ -95,7 +95,7 @@ class Store:
 
     def __post_init__(self):
         require(isinstance(self.path, str | os.PathLike), "store", "be a path that ends in .zarr", self.path)
-        object.__setattr__(self, "path", Path(self.path))
+        object.__setattr__(self, "path", user_path(self.path))
         require(self.path.suffix == ".zarr", "store", "be a path that ends in .zarr", str(self.path))
         if self.tile is not None:
             whole("tile", self.tile, 1)
@@ -443,7 +443,7 @@ def open_store(path: Any) -> xr.Dataset:
 
     **Raises:** `ValueError` for a path that is no store of slipperjax, or one that lacks more than tiles.
     """
-    archive = _undamaged(_open_archive(Path(path)))
+    archive = _undamaged(_open_archive(user_path(path)))
     ds = archive.open().drop_vars([VERSIONS, DIGEST])
     del ds.attrs[MARK]
     # labels, such as those of points, as other datasets have them
@@ -473,7 +473,7 @@ def store_status(path: Any) -> StoreStatus:
 
     **Raises:** `ValueError` for a path that is no store of slipperjax.
     """
-    archive = _open_archive(Path(path))
+    archive = _open_archive(user_path(path))
     done = archive.complete_tiles()
     size = sum(file.stat().st_size for file in archive.path.rglob("*") if file.is_file())
     return StoreStatus(len(done), int(done.sum()), math.prod(archive.tiles.shape), archive.complete_cases(done), size)
@@ -486,7 +486,7 @@ def check_store(path: Any, *, repair: bool = False) -> list[str]:
 
     **Raises:** `ValueError` for a path that is no store of slipperjax.
     """
-    archive = _open_archive(Path(path))
+    archive = _open_archive(user_path(path))
     lines = archive.common_damage()
     if lines:
         return lines

@@ -57,6 +57,7 @@ def sweep(
     saves_per_period: int | None = None,
     solver: diffrax.AbstractSolver | str | None = None,
     start: Motion | State | Trajectory | None = None,
+    begin: float | None = None,
     probe: bool | None = None,
     loads: bool | None = None,
     chunk: int | None = None,
@@ -89,7 +90,7 @@ def sweep(
     - `probe`: whether the error of the first recorded period is measured in every case, by half the step:
         `probe_error`, in multiples of `slipperjax.model.accuracy_scales` [1]; above a tenth the status says so.
         Default where that takes less than a tenth of the time and compiles nothing more.
-    - `solver`, `start`, `saves_per_period`: as for `simulate`.
+    - `solver`, `start`, `begin`, `saves_per_period`: as for `simulate`.
     - `loads`: whether peak forces, impulses, times in contact and penetrations of the recorded periods come with
         the others, default with sections and histories. With any load come the statuses that follow from loads: no
         contact, pressed in, and unresolved for damping that is too fast for the steps.
@@ -111,13 +112,13 @@ def sweep(
     """
     call = call_of("sweep", locals())
     cases, start = Grid(scene, grid, product=product), first_of(start)
-    lengths = RunOptions(transient, periods, steps_per_period, saves_per_period, solver, refine)
+    lengths = RunOptions(transient, periods, steps_per_period, saves_per_period, solver, refine, begin)
     plan = make_plan(cases, start, lengths, resolved_record(record, loads))
     cheap = plan.transient.periods > 0 and CHEAP * plan.cost >= PROBE_COST
     plan = dataclasses.replace(plan, probed=cheap if probe is None else yes_or_no("probe", probe))
 
     def work(part: ChunkInputs) -> ChunkRun:
-        states = initial_states(part.scenes, part.starts)
+        states = initial_states(part.scenes, part.starts, plan.epoch)
         return run_chunk(plan, part.scenes, states, part.steps, part.on_progress, cases=part.cases)
 
     options: dict[str, Any] = dict(chunk=chunk, workers=workers, progress=progress)

@@ -41,9 +41,41 @@ def require(ok: Any, name: str, need: str, value: Any = None, *, shown: str = ""
         raise ValueError(f"{of} must {need}, but {verb} {shown or number}.")
 
 
+def pint_unit(unit: str) -> str:
+    """Gives a unit as pint reads it: "m^2 per cycle/m" has one quotient below another."""
+    whole, per, part = unit.partition(" per ")
+    return f"({whole})/({part})" if per else whole.removeprefix("1") if whole == "1" else whole
+
+
+def in_unit(value: Any, unit: str) -> Any:
+    """Gives a quantity of pint, or lists of such, as numbers in a unit, and other values as they are.
+
+    **Raises:** `TypeError` for a quantity of another dimension.
+    """
+    if type(value) in (list, tuple):
+        return type(value)(in_unit(part, unit) for part in value)
+    is_quantity = hasattr(value, "magnitude") and hasattr(value, "to")
+    return value.to(pint_unit(unit)).magnitude if is_quantity else value
+
+
+def converted(name: str, unit: str) -> Callable[[Any], Any]:
+    """Makes a field converter of quantities of pint to numbers in a unit, which checks nothing else."""
+
+    def convert(value: Any) -> Any:
+        try:
+            return in_unit(value, unit)
+        except TypeError as error:
+            raise ValueError(f"Argument `{name}` must be in {unit}, but is {brief(value)}: {error}") from None
+
+    return convert
+
+
 @dataclasses.dataclass(frozen=True)
 class Check:
-    """Field converter to an array of any shape, which requires numbers of some kind; `optional` lets None pass."""
+    """Field converter to an array of any shape, which requires numbers of some kind; `optional` lets None pass.
+
+    Quantities of pint are converted to `unit`.
+    """
 
     name: str
     unit: str
@@ -61,10 +93,11 @@ class Check:
             value = jnp.asarray(value, float)
             return jnp.where(self.is_bad(value), jnp.nan, value)
         try:
+            numbers = in_unit(value, self.unit)
             # NumPy makes numbers of None, bools and some texts: refuse these
-            if value is None or (np.size(value) and np.asarray(value).dtype.kind not in "fiu"):
+            if numbers is None or (np.size(numbers) and np.asarray(numbers).dtype.kind not in "fiu"):
                 raise TypeError
-            array = np.asarray(value, dtype=float)
+            array = np.asarray(numbers, dtype=float)
         except (TypeError, ValueError):
             kind = f"a number{f' in {self.unit}' if self.unit not in ('', '1') else ''}"
             raise ValueError(f"Argument `{name}` must be {need}, but is {brief(value)}, not {kind}.") from None
@@ -126,7 +159,7 @@ def number(check: Callable[[str, str], Check], name: str, value: Any, unit: str 
     """Gives a single number that passes `check`, such as `positive`; raises `ValueError` otherwise."""
     array = check(name, unit)(value)
     require(array.ndim == 0, name, "be one number", value)
-    return float(np.asarray(value, float))  # and not of `array`, which inside jit is traced
+    return float(np.asarray(in_unit(value, unit), float))  # and not of `array`, which inside jit is traced
 
 
 def yes_or_no(name: str, value: Any) -> bool:

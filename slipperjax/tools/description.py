@@ -40,7 +40,8 @@ def subclasses(base: type) -> Iterator[type]:
 def describe(value: Any) -> Any:
     """Gives a module, or a dataclass, as nested dicts of plain values, which `build` turns into an equal module.
 
-    Arrays become lists of numbers; 64-bit numbers come back to the last bit. A module that holds what is no plain
+    Arrays become lists of numbers; 64-bit numbers come back to the last bit. Quantities of pint become numbers in SI
+    units. A module that holds what is no plain
     value, such as a function, but equals the one that is made without arguments, is described by its name alone.
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
@@ -49,6 +50,8 @@ def describe(value: Any) -> Any:
         if any(_opaque(part) for part in fields.values()) and _is_default(value):
             fields = {}
         return {TYPE: type_name(kind), **fields}
+    if hasattr(value, "to_base_units"):  # a quantity of pint
+        return describe(value.to_base_units().magnitude)
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, jax.core.Tracer):

@@ -11,6 +11,34 @@ Content = bytes | memoryview
 """Content of a file."""
 
 
+LARGEST_FILE = 2**31
+"""Bytes of the largest file that is read."""
+
+
+def user_path(path: Any) -> Path:
+    """Gives a path; one that begins with ~ is in the user's home."""
+    return Path(os.path.expanduser(path))
+
+
+def check_file(path: Path) -> None:
+    """Raises `OSError` where there is no file, and `ValueError` for another thing, such as a device or a pipe."""
+    if not path.exists():
+        raise FileNotFoundError(f"No such file: {path}")
+    if not path.is_file():
+        raise ValueError(f"{path} must be a file, but is a folder, a device or a pipe.")
+
+
+def content_of(path: Path) -> bytes:
+    """Returns the content of a file.
+
+    **Raises:** as `check_file`, and `ValueError` for more than `LARGEST_FILE`.
+    """
+    check_file(path)
+    if (size := path.stat().st_size) > LARGEST_FILE:
+        raise ValueError(f"{path} must have {LARGEST_FILE:,} bytes at most, but has {size:,}.")
+    return path.read_bytes()
+
+
 class NotWritten(OSError):
     """Error where files could not be written; the message names them, the reasons, and the files written."""
 
@@ -25,7 +53,7 @@ def write_whole(path: Path, content: Content) -> bool:
 
     **Raises:** `OSError` where that is impossible; then nothing is left behind.
     """
-    path = Path(os.path.realpath(path))  # the file that a link leads to, not the link
+    path = Path(os.path.realpath(user_path(path)))  # the file that a link leads to, not the link
     exists = path.exists()
     if exists and not os.access(path, os.W_OK):
         raise PermissionError(f"{path} is protected against writing")

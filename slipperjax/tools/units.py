@@ -4,7 +4,7 @@ import functools
 import re
 from typing import Any
 
-from .checks import brief
+from .checks import brief, pint_unit
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})(?:/([1-9]\d*))?(\s+\S.*?|[^\W\d_].*?|°)\s*")
@@ -30,8 +30,16 @@ def unit_in(text: str) -> str:
 
 STANDARD_GRAVITY = 9.80665
 """g, in which accelerations are given [m/s^2]."""
-_UNIT = r"(?:[^\W\d_]|[µ°%*/^().·\s-]|\d(?!\s*(?:\d|\*\*|\^))){1,40}"
+_UNIT = r"(?:[^\W\d]|[µ°%*/^().·\s-]|\d(?!\s*(?:\d|\*\*|\^))){1,40}"
 """Units in products, quotients and small powers: no numbers to a power, which could be of any size."""
+OTHER_NAMES = {"lbm": "lb"} | dict.fromkeys(("us_survey_foot", "US_survey_foot", "ftUS"), "survey_foot")
+"""Units by names that pint does not know."""
+
+
+def _as_pint_reads(unit: str) -> str:
+    """Gives a unit with the names that pint knows, and with a sign before powers that are written as in m s-1."""
+    powers = re.sub(r"(?<=[^\W\d_])(-?\d)\b", r"**\1", unit)
+    return re.sub(r"[^\W\d]+", lambda name: OTHER_NAMES.get(name[0], name[0]), powers)
 
 
 @functools.cache
@@ -46,6 +54,6 @@ def unit_factor(name: str, unit: str, si: str) -> float:
     try:
         if not re.fullmatch(_UNIT, unit):
             raise ValueError("it is no product of units and small powers")
-        return float(pint.Quantity(1.0, unit).to(si).magnitude)
+        return float(pint.Quantity(1.0, pint_unit(_as_pint_reads(unit))).to(pint_unit(si)).magnitude)
     except (pint.PintError, ValueError, TypeError, AssertionError) as error:
         raise ValueError(f"`{name}` must be in a unit like {si}, but is in {brief(unit)}: {error}") from None

@@ -94,7 +94,7 @@ def test_defaults_are_the_paper_s(replaced, tmp_path, capsys):
     assert equal(scene, SCENE)
     assert periods == 60
     assert isinstance(options.pop("solver"), sj.ImpulseRK4)
-    assert options == dict(start=None, steps_per_period=None, saves_per_period=None, probe=4)
+    assert options == dict(start=None, steps_per_period=None, saves_per_period=None, probe=4, begin=None)
 
 
 def test_help_names_the_paper_s_values_with_units(capsys):
@@ -330,3 +330,24 @@ def test_bench_writes_after_each_scene(replaced, tmp_path, capsys):
     assert names(out.parent) == ["costs.md", "costs.png"]
     assert "| K = 1e10 |" in (out.parent / "costs.md").read_text()
     assert matplotlib.image.imread(f"{out}.png").ndim == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "function"),
+    [
+        (["simulate"], "flow.simulate.simulate"),
+        (["bifurcation", "--over", "speed", 900, 1000, 2], "sweeps.sweep.sweep"),
+        (["lyapunov", "--over", "speed", 900, 1000, 2], "sweeps.sweep.lyapunov_sweep"),
+        (["sweep", "--over", "speed", 900, 1000, 2], "sweeps.sweep.sweep"),
+        (["sweep", "--over", "speed", 900, 1000, 2, "--explain"], "sweeps.explain.explain"),
+        (["run", "FILE"], "sweeps.runs.run"),
+    ],
+)
+def test_commands_that_travel_begin_where_they_are_told(words, function, replaced, tmp_path, capsys):
+    (tmp_path / "FILE.toml").write_text('base = "paper"\n[run]\nlength = "8 m"\nbegin = "8 m"\n')
+    words = [tmp_path / "FILE.toml" if word == "FILE" else word for word in words]
+    called = replaced(function, side_effect=ValueError("seen"))
+    out = [] if "--explain" in words else ["--out", tmp_path / "out"]
+    for more, place in (([], 8.0 if words[0] == "run" else None), (["--begin", "0.3 km"], 300.0)):
+        assert call([*words, *out, *more], capsys, 2)[1].endswith("error: seen\n")
+        assert called.call_args[1]["begin"] == place

@@ -141,7 +141,10 @@ def test_options_come_before_the_table(file, tmp_path, capsys, replaced):
             '[run]\nlength = "5 m"\nwindow = "0 m"',
             "sled.toml, line 4: Argument `window` must be positive, but is 0 m",
         ),
-        ('[run]\nlength = "5 m"\nbegin = "-1 m"', "sled.toml, line 4: Argument `begin` must be zero or positive"),
+        (
+            '[run]\nlength = "5 m"\nbegin = "1 s"',
+            "sled.toml, line 4: `begin` must be in a unit like m, but is in 's'",
+        ),
         ('[run]\nlenght = "5 m"', "sled.toml, line 3: `lenght` is none of length, begin, window, steps_per_period"),
         ('[run]\nlength = "5 m"\nsteps_per_period = 0.5', "sled.toml, line 4: Argument `steps_per_period` must be a"),
         ('[run]\nlength = "5 m"\nsolver = "foo"', "Argument `solver` must be one of RK4,"),

@@ -1,9 +1,15 @@
 """Datasets and their scenes."""
 
+import tracemalloc
+from unittest import mock
+
+import equinox as eqx
+import h5netcdf
 import pytest
+import xarray as xr
 
 import slipperjax as sj
-from slipperjax.flow.datasets import scene_attributes
+from slipperjax.flow.datasets import run_attributes, scene_attributes
 
 
 @pytest.mark.parametrize(
@@ -22,3 +28,21 @@ from slipperjax.flow.datasets import scene_attributes
 def test_what_depends_on_a_varied_number_is_no_attribute(varied, gone):
     scene = sj.paper_scene()
     assert set(scene_attributes(scene)) - set(scene_attributes(scene, without=[varied])) == gone
+
+
+def test_scenes_are_read_without_the_results_beside_them(tmp_path):
+    """A variable of 1.6 GB that takes no room on the disk."""
+    scene, start = sj.paper_scene(), sj.table_2_start()
+    attributes = run_attributes(scene, start, {"function": "simulate"})
+    xr.Dataset(attrs=attributes).to_netcdf(tmp_path / "run.nc", engine="h5netcdf")
+    with h5netcdf.File(tmp_path / "run.nc", "a") as file:
+        file.dimensions["n"] = 200_000_000
+        file.create_variable("unused", ("n",), "f8", chunks=(1_000_000,))
+    tracemalloc.start()
+    assert eqx.tree_equal(sj.load_scene(tmp_path / "run.nc"), scene)
+    assert eqx.tree_equal(sj.load_start(tmp_path / "run.nc"), start)
+    assert tracemalloc.get_traced_memory()[1] < 20e6
+    tracemalloc.stop()
+    little = mock.patch("slipperjax.tools.limits.available_memory", return_value=1e9)
+    with little, pytest.raises(ValueError, match=r"run\.nc need about 1.6 GB of memory"):
+        sj.flow.dataset_of(tmp_path / "run.nc")

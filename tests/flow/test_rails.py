@@ -129,6 +129,84 @@ def test_a_run_may_begin_where_a_rail_does():
     assert int(run.status) == 0
 
 
+FIRST = 129_773.0
+"""Where a survey of one's own section begins [m]."""
+
+
+def section(first=0.0, last=64.0, **options):
+    places = np.linspace(0.0, last, 257)
+    return sj.SampledTrack(first + places, 1e-3 * np.sin(places), 1e-3 * np.cos(1.7 * places), **options)
+
+
+NEAR, FAR = (dataclasses.replace(SCENE, track=section(first)) for first in (0.0, FIRST))
+SHORT = dict(transient=1, periods=2, steps_per_period=STEPS)
+FOUND = {
+    "simulate": lambda scene, **more: coordinates(sj.simulate(scene, 3, steps_per_period=STEPS, **more).end),
+    "run": lambda scene, **more: sj.run(scene, length=16.0, window=8.0, steps_per_period=STEPS, **more)["peak_force"],
+    "sweep": lambda scene, **more: sj.sweep(scene, {"mass": [14.0, 15.0]}, record="strobe", **SHORT, **more)[
+        "strobe"
+    ],
+    "follow": lambda scene, **more: sj.follow(scene, {"mass": [14.0, 15.0]}, record="strobe", **SHORT, **more)[
+        "strobe"
+    ],
+    "lyapunov_spectrum": lambda scene, **more: (
+        sj.lyapunov_spectrum(scene, transient=1, align=1, periods=2, steps_per_period=STEPS, **more).history
+    ),
+    "period_map": lambda scene, **more: coordinates(
+        sj.period_map(scene, sj.initial_state(scene, sj.table_2_start()), steps_per_period=STEPS, **more)
+    ),
+    "inside jit": lambda scene, **more: coordinates(
+        jax.jit(lambda scene: sj.simulate(scene, 2, steps_per_period=STEPS, **more).end)(scene)
+    ),
+}
+"""What functions give of motions on a rail."""
+
+
+@pytest.mark.parametrize("name", FOUND)
+def test_motions_begin_where_their_rail_does(name):
+    find = FOUND[name]
+    np.testing.assert_allclose(find(FAR), find(NEAR), rtol=1e-5, atol=1e-7)
+    if name != "period_map":  # whose state is given
+        np.testing.assert_allclose(find(FAR, begin=FIRST + 16.0), find(NEAR, begin=16.0), rtol=1e-5, atol=1e-7)
+        assert np.max(np.abs(np.asarray(find(NEAR, begin=16.0)) - np.asarray(find(NEAR)))) > 1e-4
+
+
+def test_what_begins_or_records_off_the_rail_is_refused():
+    for begin in (0.0, FIRST + 64.0):
+        for run in (FOUND[name] for name in ("simulate", "run", "sweep", "follow", "lyapunov_spectrum")):
+            with pytest.raises(
+                ValueError, match=f"`begin` must be on the rail, .* 129773 to 129837 m, but is {begin:g}"
+            ):
+                run(FAR, begin=begin)
+    for call in (
+        lambda: sj.sweep(FAR, {"mass": [14.0]}, transient=8, periods=1),
+        lambda: sj.follow(FAR, {"mass": [14.0, 15.0, 16.0, 17.0]}, transient=2, periods=1),
+    ):
+        with pytest.raises((ValueError, sj.ImplausibleWarning), match=r"the rail (ends at|is known up to) 129837 m"):
+            call()
+    with pytest.warns(sj.ImplausibleWarning, match="leads to 129845 m, but the rail is known up to 129837 m only"):
+        sj.simulate(FAR, 9, steps_per_period=STEPS)
+
+
+def test_tables_by_distance_must_reach_the_rail():
+    fast = lambda **more: sj.SpeedProgramme.stages([sj.Stage(200.0, speed=900.0)], start=800.0, **more)
+    with pytest.raises(ValueError, match="`speed` must be by distances along the rail, which begins at 129773 m"):
+        sj.simulate(dataclasses.replace(FAR, speed=fast()), 2)
+    there = sj.run(dataclasses.replace(FAR, speed=fast(begin=FIRST)), length=16.0, steps_per_period=STEPS)
+    here = sj.run(dataclasses.replace(NEAR, speed=fast()), length=16.0, steps_per_period=STEPS)
+    np.testing.assert_allclose(there["speed"], here["speed"])
+
+
+def test_sums_and_sets_begin_where_all_of_their_rails_are_known():
+    joints = sj.LocalTrack(place=[6.0], height=[-3e-4], length=0.5, shape="joint", every=12.0)
+    assert sj.SumTrack(joints, FAR.track).origin == FIRST
+    assert sj.SumTrack(section(-20.0), joints).origin == -20.0
+    assert sj.TrackSet([section(3.0), section(5.0)]).origin == 5.0
+    assert section(5.0, ends="error").origin == 5.0
+    closed = sj.SampledTrack(5.0 + PLACES, 1e-3 * WAVE, 0.0, ends="repeat")
+    assert closed.origin == RAIL.origin == SCENE.track.origin == 0.0
+
+
 def test_runs_beyond_a_rail_are_refused_and_so_are_orbits_where_nothing_recurs():
     short = dataclasses.replace(ON_RAIL, track=dataclasses.replace(RAIL, ends="error"))
     for run in (

@@ -3,11 +3,15 @@
 import diffrax
 import jax
 import numpy as np
+import pint
 import pytest
 
 import slipperjax as sj
 from slipperjax.cli import main
 from slipperjax.flow.status import Status
+from slipperjax.sweeps.grid import Grid
+from slipperjax.tools.checks import Check, ShapeChecked, number, pint_unit, positive
+from slipperjax.tools.description import subclasses
 
 NAN = float("nan")
 SCENE = sj.paper_scene()
@@ -151,3 +155,72 @@ def test_command_line_errors_are_one_line_and_code_2(arguments, words, capsys, t
     assert stopped.value.code == 2
     assert error.count("\n") == 0
     assert words in error
+
+
+Q = pint.Quantity
+WAVE = Q(np.sin(np.arange(9.0)), "mm")
+STAGES = [sj.Stage(Q(20.0, "standard_gravity"), length=Q(0.1, "km")), sj.Stage(0.0, duration=Q(1e3, "ms"))]
+
+
+@pytest.mark.parametrize(
+    ("given", "exact"),
+    [
+        (lambda: sj.paper_scene(speed=Q(900.0, "km/h")).speed, 250.0),
+        (lambda: sj.paper_scene(clearance=Q(1.0, "mm"), length=Q(2.0, "dm")).section.play, [0.5e-3] * 5),
+        (lambda: SCENE.replace(speed=Q(900.0, "km/h")).speed, 250.0),
+        (lambda: SCENE.replace(**{"section.play.2": Q(0.4, "mm")}).section.play[2], 0.4e-3),
+        (lambda: sj.HarmonicTrack([Q(8.0, "m"), Q(100.0, "cm")], Q(1.0, "mm")).wavelengths, [8.0, 1.0]),
+        (lambda: sj.SampledTrack(Q([0.0, 10.0], "ft"), WAVE, WAVE).distance, [0.0, 3.048]),
+        (lambda: sj.SampledTrack(np.arange(9.0), WAVE, WAVE, ramp=Q(50, "cm")).ramp, 0.5),
+        (lambda: sj.RandomTrack.sled(length=Q(1.0, "km"), band=(Q(50, "cm"), Q(100, "m"))).length, 1000.0),
+        (lambda: sj.RandomTrack.sled(band=(Q(50, "cm"), Q(100, "m"))).band, [0.5, 100.0]),
+        (lambda: sj.SpeedProgramme.over_distance(Q([0.0, 1.0], "km"), Q([36.0, 72.0], "km/h")).speed, [10.0, 20.0]),
+        (lambda: sj.SpeedProgramme.over_time(Q([0.0, 1.0], "min"), Q([36.0, 36.0], "km/h")).distance, [0.0, 600.0]),
+        (lambda: sj.SpeedProgramme.stages(STAGES, start=Q(36.0, "km/h")).distance[:2], [0.0, 100.0]),
+        (lambda: sj.AppliedLoad(force=Q([0.0, 0.0, -1.0], "kN")).force, [0.0, 0.0, -1000.0]),
+        (lambda: sj.EventLatch(slowest=Q(1.0, "mm/s")).slowest, 1e-3),
+        (lambda: sj.Motion(y=Q(1.0, "mm")).y, 1e-3),
+        (lambda: sj.Motion.from_euler(roll=Q(1.0, "degree")).q_x, np.sin(np.pi / 360)),
+        (lambda: Grid(SCENE, {"speed": Q([900.0, 1800.0], "km/h")}).axes["speed"], [250.0, 500.0]),
+        (lambda: Grid(SCENE, {"y": [Q(1.0, "mm"), 2e-3]}).axes["y"], [1e-3, 2e-3]),
+        (lambda: number(positive, "length", Q(1.0, "km"), "m"), 1000.0),
+    ],
+)
+def test_quantities_are_converted(given, exact):
+    np.testing.assert_allclose(given(), exact, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: SCENE.replace(speed=Q(30.0, "kg")), "`speed` must be positive, but is <Quantity(30.0, 'kilogram')>"),
+        (lambda: Grid(SCENE, {"speed": Q([1.0, 2.0], "mm")}), "`speed` must be positive, but is <Quantity([1. 2.]"),
+        (lambda: sj.Motion(y=Q(1.0, "mm/s")), "`y` must be in m, but is <Quantity(1.0, 'millimeter / second')>"),
+        (lambda: sj.RandomTrack.sled(length=Q(1.0, "s")), "`length` must be in m, but is <Quantity(1.0, 'second')>"),
+        (lambda: sj.paper_scene(restitution=Q(0.9, "m")), "`restitution` must be above 0 and at most 1, but is <"),
+        (
+            lambda: sj.model.PowerLawSpectrum(Q(1.0, "m"), 2.0),
+            "`amplitude` must be zero or positive, but is <Quantity(1.0,",
+        ),
+        (lambda: run(begin=Q(1.0, "s")), "`begin` must be finite, but is <Quantity(1.0, 'second')>"),
+    ],
+)
+def test_quantities_of_another_dimension_are_refused(call, words):
+    with pytest.raises(ValueError, match=r"^Argument ") as caught:
+        call()
+    assert words in str(caught.value)
+
+
+def test_every_field_with_a_unit_takes_quantities_of_its_dimension():
+    checks = [
+        check
+        for kind in subclasses(ShapeChecked)
+        if kind.__module__.startswith("slipperjax")
+        for field in kind.__dataclass_fields__.values()
+        if isinstance(check := field.metadata.get("converter"), Check)
+    ]
+    assert len(checks) > 40
+    for check in checks:
+        assert float(check(Q(1.0, pint_unit(check.unit)))) == 1.0
+        with pytest.raises(ValueError, match=f"Argument `{check.name}` must be"):
+            check(Q(1.0, "kelvin"))

@@ -170,7 +170,7 @@ def test_scenes_on_known_rails_can_be_made_inside_jit(track):
 
     def period(gravity):
         scene = dataclasses.replace(on(track), gravity=gravity)
-        check_rail(scene, 5)
+        check_rail(scene, 5, scene.track.origin)
         return scene.period
 
     np.testing.assert_allclose(jax.jit(period)(9.81), 8.0 / 1250.0)

@@ -1,6 +1,9 @@
 """Scene files: units are needed and converted, errors name file and line, and a scene comes back to the last bit."""
 
+import dataclasses
+import itertools
 import math
+import os
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -8,6 +11,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.cli.options import FILE as FILE_OPTION
 from slipperjax.model.scene import scene_to_toml
 from slipperjax.model.scene_files import scene_from_json, scene_from_toml, scene_to_json
 from slipperjax.tools.checks import finite, positive
@@ -108,6 +112,70 @@ def test_units_are_converted_and_the_rest_is_the_base_s():
         np.testing.assert_allclose(parsed("roll_amplitude", text, "rad"), math.radians(0.2), rtol=1e-15)
     np.testing.assert_allclose(found.start.v_y, 0.5, rtol=1e-15)
     np.testing.assert_allclose(found.start.q_y, math.sin(0.5e-3), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "si", "exact"),
+    [
+        ("20 standard_gravity", "m/s^2", 196.133),
+        ("20 g", "m/s^2", 196.133),
+        ("9.81 m s-2", "m/s^2", 9.81),
+        ("50 m s-1", "m/s", 50.0),
+        ("50 m*s^-1", "m/s", 50.0),
+        ("0.06 kg m2", "kg m^2", 0.06),
+        ("3937 us_survey_foot", "m", 1200.0),
+        ("3937 US_survey_foot", "m", 1200.0),
+        ("30 lbm", "kg", 13.6077711),
+        ("2 mm^2 per cycle/m", "m^2 per cycle/m", 2e-6),
+        ("2 mm^2/(cycle/m)", "m^2 per cycle/m", 2e-6),
+    ],
+)
+def test_units_of_engineers_and_of_netcdf_files(text, si, exact):
+    np.testing.assert_allclose(parsed("name", text, si), exact, rtol=1e-12)
+
+
+@pytest.mark.parametrize("text", ["1 m", "1 m^2", "1 m**9**9**9", "1 standard_gravit", "1 m s-", "1 lbm2"])
+def test_units_of_another_kind_are_one_line(text):
+    with pytest.raises(ValueError, match=r"`name` must be in a unit like m.2 per cycle/m, but is in"):
+        parsed("name", text, "m^2 per cycle/m")
+
+
+def test_paths_begin_in_the_user_s_home(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    rows = "\n".join(f"{0.25 * k}, {np.sin(k / 8)}, 0.5" for k in range(65))
+    (tmp_path / "survey.csv").write_text(f"distance [m], lateral [mm], vertical [mm]\n{rows}\n")
+    track = sj.load_rail("~/survey.csv")
+    scene = dataclasses.replace(sj.paper_scene(), track=track)
+    assert scene_from_json(scene_to_json(scene)).track == track
+    (tmp_path / "deep").mkdir()
+    for file in ("scene.toml", "deep/scene.toml"):
+        (tmp_path / file).write_text('base = "paper"\n[track]\nfile = "~/survey.csv"\n')
+        assert eqx.tree_equal(sj.load_scene(f"~/{file}").track.lateral, track.lateral)
+    scene.to_toml("~/again.toml")
+    assert (tmp_path / "again.toml").is_file()
+    with pytest.raises(ValueError, match=f"{tmp_path}/none.zarr: must be a store of slipperjax"):
+        sj.open_store("~/none.zarr")
+    assert sj.Store("~/none.zarr").path == tmp_path / "none.zarr"
+    assert FILE_OPTION.convert("~/run", None, None) == tmp_path / "run"
+
+
+def test_what_is_no_file_and_what_is_too_deep_is_one_line(tmp_path):
+    os.mkfifo(tmp_path / "pipe.toml")
+    (tmp_path / "zero.toml").symlink_to("/dev/zero")
+    for name, load in itertools.product(("pipe.toml", "zero.toml"), (sj.load_scene, sj.load_rail, sj.load_run)):
+        with pytest.raises(ValueError, match=f"{name} must be a file, but is a folder, a device or a pipe"):
+            load(tmp_path / name)
+    for name, load in itertools.product(("pipe", "zero"), (sj.load_scene, sj.load_rail)):
+        link = tmp_path / f"{name}.nc"
+        link.unlink(missing_ok=True)
+        link.symlink_to(tmp_path / f"{name}.toml")
+        with pytest.raises(ValueError, match="must be a file, but is a folder, a device or a pipe"):
+            load(link)
+    for text in (".".join("a" * 20_000) + " = 1", f"a = {'[' * 20_000}{']' * 20_000}", "a = " + "{a=" * 9999):
+        with pytest.raises(ValueError, match=r"^scene\.toml: "):
+            scene_from_toml(text, "scene.toml")
+    with pytest.raises(ValueError, match="`scene` must be JSON of a scene"):
+        scene_from_json("[" * 100_000)
 
 
 BASE = 'base = "paper"\n'

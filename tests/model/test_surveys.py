@@ -1,11 +1,15 @@
 """Surveys in files: columns, units, chords, scenes that name them, and what is wrong by file and line."""
 
 import dataclasses
+import math
+import re
+import tracemalloc
 
 import h5py
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray as xr
 
 import slipperjax as sj
 from slipperjax.model.scene_files import scene_from_json, scene_from_toml, scene_to_json
@@ -103,7 +107,12 @@ HEADER = "distance [m], lateral [mm], vertical [mm]"
         ("distance [m], height [m], vertical [mm]", {}, r"line 1: 'height \[m\]' is no name with a unit"),
         (HEADER, {(7, 1): "?"}, r"line 10: `lateral` must be a number, but is '\?'"),
         (HEADER, {(7, 2): ""}, "line 10: `vertical` must be a number, but is missing"),
-        (HEADER, {(7, 1): "nan"}, "line 10: has a number that is not finite"),
+        (HEADER, {(7, 1): "nan"}, "line 10: `lateral` has no number"),
+        (HEADER, {(7, 1): "-9999"}, "line 10: `lateral` has a mark of none"),
+        (HEADER, {(7, 1): "1,5"}, "line 10: has 4 values for 3 names; decimal commas need semicolons"),
+        (HEADER, {(7, 0): "1+75"}, r"line 10: `distance` must be a number, or as 129\+773 in m.* but is '1\+75'"),
+        ("distance [m], lateral [mm], y [mm]", {}, r"lateral \[mm\] and y \[mm\] are both lateral: leave one out"),
+        ("chainage [m], x [m], y [mm]", {}, r"chainage \[m\] and x \[m\] are both distance: leave one out"),
         (HEADER, {(7, 0): 1.5}, r"line 10: distance 1.5 m does not exceed 1.5 m"),
         (HEADER, {(240, 0): 90.0}, r"line 243: a gap of 30.25 m after 59.75 m, in samples every 0.25 m"),
     ],
@@ -112,7 +121,7 @@ def test_what_is_wrong_is_one_line_with_file_and_line(tmp_path, header, cells, w
     path = tmp_path / "survey.csv"
     lines = [header, "# a remark", *(",".join(map(str, row)) for row in rows(at=cells).tolist())]
     path.write_text("\n".join(lines))
-    with pytest.raises(ValueError, match=rf"survey\.csv, {words}"):
+    with pytest.raises(ValueError, match=rf"survey\.csv[,:] {words}"):
         sj.load_rail(path)
 
 
@@ -120,10 +129,142 @@ def test_coarse_samples_and_files_of_another_kind_are_named(tmp_path):
     coarse = np.column_stack([np.arange(40.0), np.random.default_rng(0).normal(0, 1, 40), np.zeros(40)])
     with pytest.warns(sj.ImplausibleWarning, match=r"is sampled every 1 m, too coarsely for waves of \S+ m"):
         sj.load_rail(written(tmp_path, HEADER, coarse, delimiter=","))
-    (tmp_path / "picture.csv").write_bytes(b"\x89PNG\xff\xfe")
-    with pytest.raises(ValueError, match="neither a text in UTF-8 nor a netCDF-4 file"):
-        sj.load_rail(tmp_path / "picture.csv")
+    for content in (b"\x89PNG\xff\xfe", b"\xff\xfe\x00", b"\x00" * 8):
+        (tmp_path / "picture.csv").write_bytes(content)
+        with pytest.raises(ValueError, match="neither a text in UTF-8, UTF-16 or Latin-1 nor a netCDF file"):
+            sj.load_rail(tmp_path / "picture.csv")
     with pytest.raises(OSError, match=r"nowhere\.csv"):
         sj.load_rail(tmp_path / "nowhere.csv")
     with pytest.raises(ValueError, match="must have distance, and lateral or vertical, but has lateral, vertical"):
         sj.load_rail(written(tmp_path, "lateral [mm], vertical [mm]", coarse[:, :2]))
+
+
+TABLE = np.column_stack([DISTANCE, LATERAL * 1e3, VERTICAL * 1e3])
+
+
+def text(header, delimiter=",", decimal=".", table=TABLE):
+    rows = [delimiter.join(repr(value).replace(".", decimal) for value in row) for row in table.tolist()]
+    return "\n".join([*header, *rows]) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "encoding"),
+    [
+        (text(["sep=;", "chainage [m];lateral [mm];vertical [mm]"], ";", ","), "utf-8"),
+        (text(["Track survey, north rail", "Date: 2026-05-01; operator: N. N.", "", HEADER]), "utf-8"),
+        (text(["distance;lateral;vertical", "m;mm;mm"], ";", ","), "utf-8-sig"),
+        (text(["distance\tlateral\tvertical", "[m]\t[mm]\t[mm]"], "\t"), "utf-16"),
+        (text(["# Länge", "distance [m], lateral [µm], z [µm]"], table=TABLE * [1, 1e3, 1e3]), "latin-1"),
+        (text([HEADER]).replace("\n", "\r\n"), "utf-8"),
+        (text([HEADER.replace(",", ";"), "  # left, right"], ";") + "# by N. N., in spring\n", "utf-8"),
+    ],
+    ids=["semicolons", "preamble", "units below", "utf-16", "latin-1", "crlf", "remarks"],
+)
+def test_tables_of_other_programs_are_read(tmp_path, content, encoding):
+    (tmp_path / "survey.csv").write_bytes(content.encode(encoding))
+    assert same(sj.load_rail(tmp_path / "survey.csv"))
+
+
+@pytest.mark.parametrize(("unit", "station"), [("m", "129+{:07.3f}"), ("m", "129+{:08.3f}"), ("ft", "1297+{:05.2f}")])
+def test_stations_are_distances(tmp_path, unit, station):
+    places = np.arange(73.0, 89.01, 0.25) if unit == "ft" else np.arange(773.0, 789.01, 0.25)
+    rows = [f"{station.format(place)}, {math.sin(k / 8)!r}, 0.5" for k, place in enumerate(places)]
+    (tmp_path / "survey.csv").write_text("\n".join([HEADER.replace("distance [m]", f"chainage [{unit}]"), *rows]))
+    factor, before = (0.3048, 129_700.0) if unit == "ft" else (1.0, 129_000.0)
+    np.testing.assert_allclose(
+        sj.load_rail(tmp_path / "survey.csv").distance, factor * (before + places[[0, -1]]), rtol=1e-14
+    )
+
+
+def test_numbers_that_may_mean_two_things_are_one_line(tmp_path):
+    for content, words in (
+        (text([HEADER], table=TABLE[::-1]), "distances fall, .* reverse the rows"),
+        (text([HEADER.replace(",", ";")], ";").replace("0.25;", "0,25;", 1), "has commas and points in its numbers"),
+        ("", "has no line of names with units"),
+        (HEADER, "has no samples"),
+    ):
+        (tmp_path / "survey.csv").write_text(content)
+        with pytest.raises(ValueError, match=rf"survey\.csv:? {words}"):
+            sj.load_rail(tmp_path / "survey.csv")
+
+
+@pytest.mark.parametrize(
+    ("header", "change", "words"),
+    [
+        (HEADER, [0, 0, 1.277e6], "line 9: `vertical` is 1.277e[+]06 mm; plausible are displacements of 1 m at most"),
+        (HEADER.replace("[mm]", "[Mm]", 1), [0, 0, 0], "line .*: `lateral` is .* Mm; plausible"),
+        (HEADER.replace("vertical [mm]", "roll [rad], z [m]"), [0, 0, 3.0], "line 9: `roll` is .* rad; plausible"),
+    ],
+)
+def test_implausible_samples_are_told(tmp_path, header, change, words):
+    table = TABLE if "roll" not in header else np.column_stack([TABLE * 1e-3, 0 * DISTANCE])
+    table = table + 0.0
+    table[:, 0] = DISTANCE
+    table[7, :3] += change
+    (tmp_path / "survey.csv").write_text(text([header], table=table))
+    with pytest.warns(sj.ImplausibleWarning) as told:
+        sj.load_rail(tmp_path / "survey.csv")
+    assert re.search(rf"survey\.csv, {words}", "\n".join(str(one.message) for one in told))
+
+
+def netcdf(folder, format="NETCDF4", change=lambda ds: ds, **encoding):
+    """Writes a survey with packed variables."""
+    of = lambda values, unit: ("row", values, {"units": unit})
+    ds = xr.Dataset({"distance": of(DISTANCE, "m"), "y": of(LATERAL * 1e3, "mm"), "z": of(VERTICAL * 1e3, "mm")})
+    engine = "h5netcdf" if format == "NETCDF4" else "scipy"
+    change(ds).to_netcdf(folder / "survey.nc", engine=engine, format=format, encoding=encoding)
+    return folder / "survey.nc"
+
+
+@pytest.mark.parametrize("format", ["NETCDF4", "NETCDF3_64BIT"])
+def test_packed_variables_are_unpacked(tmp_path, format):
+    """Rounded to 1e-7 mm."""
+    pack = dict(scale_factor=1e-7, add_offset=0.5, dtype="int32", _FillValue=-2147483648)
+    track = sj.load_rail(netcdf(tmp_path, format, y=pack, z=pack))
+    exact = sj.SampledTrack(DISTANCE, LATERAL, VERTICAL)
+    np.testing.assert_allclose(track.lateral, exact.lateral, atol=1e-10)
+    np.testing.assert_allclose(track.vertical, exact.vertical, atol=1e-10)
+
+
+def test_gaps_in_netcdf_files_are_named(tmp_path):
+    lost = lambda ds: ds.assign(y=ds["y"].where(ds["row"] != 7))
+    for attribute in ("_FillValue", "missing_value"):
+        with pytest.raises(ValueError, match=r"survey\.nc, sample 7: `lateral` has no number"):
+            sj.load_rail(netcdf(tmp_path, change=lost, y={attribute: -9999.0, "dtype": "float64"}))
+    marked = lambda ds: ds.assign(y=ds["y"].copy(data=np.where(DISTANCE == 1.75, -9999.0, ds["y"])))
+    with pytest.raises(ValueError, match=r"survey\.nc, sample 7: `lateral` has a mark of none"):
+        sj.load_rail(netcdf(tmp_path, change=marked))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda ds: ds.assign(lateral=ds["y"]), ": (y and lateral|lateral and y) are both lateral: leave one out"),
+        (lambda ds: ds.assign(y=ds["y"].astype(str).assign_attrs(units="m")), ": y` must be numbers along one dim"),
+        (
+            lambda ds: ds.assign(y=ds["y"].expand_dims("side", 1)),
+            r": y` must be .* but is float64 of shape \(241, 1\)",
+        ),
+        (lambda ds: ds.assign(y=ds["y"][:9].rename(row="some")), ": .* must have one length"),
+    ],
+)
+def test_wrong_netcdf_files_are_one_line(tmp_path, change, words):
+    with pytest.raises(ValueError, match=rf"survey\.nc{words}"):
+        sj.load_rail(netcdf(tmp_path, change=change))
+    (tmp_path / "cut.nc").write_bytes(netcdf(tmp_path).read_bytes()[:700])
+    with pytest.raises(ValueError, match="no netCDF file that can be read"):
+        sj.load_rail(tmp_path / "cut.nc")
+
+
+def test_huge_variables_that_are_not_read_take_nothing(tmp_path):
+    with h5py.File(netcdf(tmp_path), "a") as file:
+        file.create_dataset("unused", (20_000, 20_000), "f8", chunks=(1000, 1000), compression="gzip")
+    tracemalloc.start()
+    sj.load_rail(tmp_path / "survey.nc")
+    assert tracemalloc.get_traced_memory()[1] < 50e6
+    tracemalloc.stop()
+    with h5py.File(tmp_path / "survey.nc", "a") as file:
+        del file["y"]
+        file.create_dataset("y", (10**9,), "f8", chunks=(1000,), compression="gzip").attrs["units"] = "m"
+    with pytest.raises(ValueError, match="y` must be numbers along one dimension, 50000000 at most"):
+        sj.load_rail(tmp_path / "survey.nc")

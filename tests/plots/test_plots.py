@@ -1,11 +1,14 @@
 """Pictures of datasets made by hand: dots, values in display units, labels, colours and marks."""
 
+import dataclasses
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.colors import to_hex
 
+import slipperjax as sj
 from slipperjax import plots
 from slipperjax.model.quantities import COORDINATES, SECTIONS
 
@@ -454,3 +457,12 @@ def test_the_style_leaves_all_other_settings_as_they_are():
     plt.rcParams["interactive"] = before["interactive"]
     assert after.pop("interactive") is not before.pop("interactive")
     assert after == before
+
+
+def test_rails_are_drawn_from_where_they_begin():
+    places = np.linspace(0.0, 64.0, 257)
+    track = sj.SampledTrack(129_773.0 + places, 1e-3 * np.sin(places), 0.0, ramp=0.0)
+    upper, _ = plots.rail(dataclasses.replace(sj.paper_scene(), track=track), length=64.0)
+    x, y = upper.lines[0].get_data()
+    np.testing.assert_allclose(upper.get_xlim(), (129_773.0, 129_837.0))
+    np.testing.assert_allclose(y, np.sin(x - 129_773.0), atol=5e-3)  # the spline is natural at the ends

@@ -209,7 +209,7 @@ def test_profiles_of_steps_have_numbers_of_their_own():
         (dict(start=sj.sweep), "Argument `start` must be"),
         (dict(steps_per_period=0), "Argument `steps_per_period` must be a whole number"),
         (dict(grid={"speeed": [1.0]}), "Argument `speeed` is no parameter"),
-        (dict(begin=-1.0), "Argument `begin` must be zero or positive"),
+        (dict(begin=np.nan), "Argument `begin` must be finite"),
     ],
 )
 def test_bad_runs_name_what_is_wrong(change, words):
