@@ -407,6 +407,31 @@ a distribution has a value at the share of zero
 tests/sweeps/test_explain.py
 -np.maximum(share, LEAST_SHARE)
 +share
+
+a kernel's arguments may be without use
+tests/tools/test_one_kernel.py -k "transformed or in_a_kernel"
+-    return jax.jit(_called(_called(of_arrays, kernel=False), kernel=True))(arrays, *closed_over)
++    return jax.jit(_called(of_arrays, kernel=True))(arrays, *closed_over)
+
+what a kernel closes over is none of its arguments
+tests/tools/test_one_kernel.py -k transformed
+-    of_arrays, closed_over = jax.closure_convert(call, arrays)
++    of_arrays, closed_over = call, ()
+
+one run's stop is that of all
+tests/sweeps/test_interrupts.py -k "threads or asked_to_end"
+-    pool, stop = ThreadPoolExecutor(len(calls)), Stop(Stop.here())
++    pool, stop = ThreadPoolExecutor(len(calls)), Stop.here()
+
+types are promoted as the user wants it
+tests/tools/test_compile.py -k strict
+-        with jax.numpy_dtype_promotion("standard"):
++        with jax.numpy_dtype_promotion(jax.config.jax_numpy_dtype_promotion):
+
+the first import is taken for the top level
+tests/tools/test_compile.py -k first_import
+-    _TOP_LEVEL = _pool.submit(get_opaque_trace_state).result()
++    _TOP_LEVEL = get_opaque_trace_state()
 """
 """The defects by room, each as its name, arguments of pytest, and a change as in a patch: - before, + after."""
 
