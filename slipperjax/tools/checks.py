@@ -174,8 +174,8 @@ def instance(name: str, value: Any, kind: type, text: str) -> Any:
     return value
 
 
-def numbers(name: str, value: Any, axes: int = 0, least: int = 1) -> np.ndarray:
-    """Gives an array of numbers with so many axes or more, each of `least` or more; raises `ValueError` otherwise."""
+def numbers(name: str, value: Any, axes: int = 0) -> np.ndarray:
+    """Gives an array of numbers with so many axes or more; raises `ValueError` otherwise."""
     try:
         array = np.asarray(value)
     except ValueError:  # of rows of several lengths
@@ -184,7 +184,6 @@ def numbers(name: str, value: Any, axes: int = 0, least: int = 1) -> np.ndarray:
     need = f"be numbers{shapes}"
     require(array.dtype.kind in "biufc", name, need, value)
     require(array.ndim >= axes, name, need, shown=f"of shape {array.shape}")
-    require(min(array.shape, default=least) >= least, name, need, shown=f"of shape {array.shape}")
     return array
 
 
