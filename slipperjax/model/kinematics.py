@@ -58,8 +58,9 @@ class Motion(eqx.Module):
         """Returns a motion from positions [m], Euler angles of Eq. (2) [rad], velocities [m/s] and spins [rad/s]."""
         angles = {"roll": roll, "pitch": pitch, "yaw": yaw}
         for name, given in angles.items():
-            angles[name] = angle = converted(name, "rad")(given)
-            require(is_traced(angle) or _is_real(angle), name, "be a real number [rad]", angle)
+            angle = converted(name, "rad")(given)
+            require(is_traced(angle) or (_is_real(angle) and np.size(angle)), name, "be a real number [rad]", angle)
+            angles[name] = angle if is_traced(angle) else jnp.asarray(angle, float)
         q = quaternion_from_euler(**angles)
         return Motion(y, z, *q, v_y, v_z, w_x, w_y, w_z)
 

@@ -222,7 +222,8 @@ class RandomTrack(AbstractRail):
         pair = isinstance(self.band, tuple) and len(self.band) == 2 and 0 < self.band[0] < self.band[1]
         require(pair, "band", "be a tuple of the shortest and the longest wavelength [m]", self.band)
         need = f"be at least twice the longest wave, {self.band[1]:g} m"
-        require(self.length >= 2 * self.band[1], "length", need, self.length)
+        one = isinstance(self.length, int | float | np.number) and self.length >= 2 * self.band[1]
+        require(one, "length", need, self.length)
         one_of("ends", self.ends, ENDS)
         pair = (self.line_wavelengths is None) == (self.line_amplitudes is None)
         require(pair, "line_amplitudes", "be given with line_wavelengths", self.line_amplitudes)

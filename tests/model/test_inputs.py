@@ -224,3 +224,9 @@ def test_every_field_with_a_unit_takes_quantities_of_its_dimension():
         assert float(check(Q(1.0, pint_unit(check.unit)))) == 1.0
         with pytest.raises(ValueError, match=f"Argument `{check.name}` must be"):
             check(Q(1.0, "kelvin"))
+
+
+@pytest.mark.parametrize("wrong", [[], [[]], None, "level", 1j])
+def test_an_angle_is_a_number(wrong):
+    with pytest.raises(ValueError, match="Argument `pitch` must be a real number"):
+        sj.Motion.from_euler(pitch=wrong)

@@ -302,6 +302,7 @@ def test_wrong_random_rails_are_named():
     for options, words in (
         (dict(band=(3.0, 1.0)), "`band` must be a tuple of the shortest and the longest"),
         (dict(length=50.0), "`length` must be at least twice the longest wave, 100 m"),
+        (dict(length=[]), "`length` must be at least twice the longest wave, 100 m"),
         (dict(line_wavelengths=(1.0,)), "`line_amplitudes` must be given with"),
         (dict(lateral=1e-3), "`lateral` must be a spectrum such as"),
     ):
