@@ -69,6 +69,12 @@ def test_stores_are_looked_after(stored, folder, capsys):
     assert call(["store", "status", stored], capsys)[0].startswith("20 of 20 cases (100.0%), 3 of 3 tiles, ")
     assert call(["store", "check", stored], capsys)[0].startswith("nothing is damaged: 20 of 20")
     shutil.copytree(stored, folder / "copy.zarr")
+    damaged = folder / "copy.zarr" / "status" / "c" / "0" / "0"
+    whole = damaged.read_bytes()
+    damaged.write_bytes(whole[:9])
+    error = error_of(["store", "draw", folder / "copy.zarr", "--out", folder / "p.png"], capsys)
+    assert "a file of the store is damaged, which `slipperjax store check` names" in error
+    damaged.write_bytes(whole)
     (folder / "copy.zarr" / "v_z" / "c" / "1" / "0" / "0").write_bytes(b"nothing")
     out, _ = call(["store", "check", folder / "copy.zarr", "--repair"], capsys, 1)
     assert out.startswith("tile 1: ")
