@@ -1,0 +1,50 @@
+"""Loops as one kernel against kernels of their own, alternating in one process: the table of docs/speed.md.
+
+pytest -m benchmark -s tests/benchmarks/test_kernels.py
+"""
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import jax
+import pytest
+
+from slipperjax.bench import rates
+from slipperjax.tools import one_kernel
+
+pytestmark = pytest.mark.benchmark
+RUNS = 30
+STEPS = rates.NOMINAL_STEPS * rates.CALL_PERIODS
+
+
+def least(calls, at_once):
+    """The least time of each call [s], of runs that alternate, so many of one call at once."""
+    found = dict.fromkeys(calls, float("inf"))
+    with ThreadPoolExecutor(at_once) as pool:
+        for _ in range(RUNS):
+            for name, call in calls.items():
+                begin = time.perf_counter()
+                list(pool.map(lambda _, call=call: jax.block_until_ready(call()), range(at_once)))
+                found[name] = min(found[name], time.perf_counter() - begin)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("engine", "batches"),
+    [("RK4", (1, 8, 32, 128, 256, 512, 1024)), ("Lyapunov", (1, 8, 32, 160)), ("Rodas4", (32,))],
+)
+def test_one_kernel(engine, batches, monkeypatch):
+    print(f"\n{engine}: one core's time of a step and case [us]; compiling [s of a core]")
+    for lanes in batches:
+        calls, compiling = {}, {}
+        for name, fits in (("kernels of their own", lambda *_: False), ("one kernel", one_kernel._fits)):
+            monkeypatch.setattr(one_kernel, "_fits", fits)
+            begin = time.process_time()
+            calls[name] = rates._program(engine, lanes)
+            compiling[name] = time.process_time() - begin
+            jax.block_until_ready(calls[name]())
+        monkeypatch.undo()
+        for at_once in (1, 2):
+            for name, seconds in least(calls, at_once).items():
+                time_of_core = 1e6 * seconds / (STEPS * lanes)
+                print(f"  {lanes:5d} cases, {at_once} at once, {name}: {time_of_core:.2f} ({compiling[name]:.1f})")
