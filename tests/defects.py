@@ -408,10 +408,10 @@ tests/sweeps/test_explain.py
 -np.maximum(share, LEAST_SHARE)
 +share
 
-a kernel's arguments may be without use
-tests/tools/test_one_kernel.py -k "transformed or in_a_kernel"
--    return jax.jit(_called(_called(of_arrays, kernel=False), kernel=True))(arrays, *closed_over)
-+    return jax.jit(_called(of_arrays, kernel=True))(arrays, *closed_over)
+a kernel has arguments without use
+tests/tools/test_one_kernel.py -k period_map
+-    return jax.jit(_called(kernel, kernel=True))(arrays, *closed_over)
++    return jax.jit(kernel)(arrays, *closed_over)
 
 what a kernel closes over is none of its arguments
 tests/tools/test_one_kernel.py -k transformed

@@ -41,9 +41,11 @@ def in_one_kernel(fun: Callable, *args: Any) -> Any:
     # what the function closes over is an argument of the call, too
     of_arrays, closed_over = jax.closure_convert(call, arrays)
     # Of the call that becomes the kernel XLA finds only those arguments in memory that an operation inside it has as
-    # operands, and fails where one is without use. Those of a second call inside it are all operands. The third one
-    # is the whole program where the function is called outside of any.
-    return jax.jit(_called(_called(of_arrays, kernel=False), kernel=True))(arrays, *closed_over)
+    # operands, and fails where one is without use. Those of a second call inside it are all operands. Derivatives
+    # leave the outermost of several calls with arguments that the next one does not get: then that one is the kernel.
+    # The last one is the whole program where the function is called outside of any.
+    kernel = _called(_called(of_arrays, kernel=False), kernel=True)
+    return jax.jit(_called(kernel, kernel=True))(arrays, *closed_over)
 
 
 def _called(fun: Callable, kernel: bool) -> Callable:

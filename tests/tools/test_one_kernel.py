@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import slipperjax as sj
 from slipperjax.tools.one_kernel import in_one_kernel
 
 pytestmark = pytest.mark.skipif(jax.default_backend() != "cpu", reason="for CPUs")
@@ -135,3 +136,12 @@ print(jax.jit(loop).lower(jnp.eye(64)).compile().as_text())
     }
     assert len(texts) == 1
     assert MARK not in texts.pop()
+
+
+@pytest.mark.parametrize(("transform", "least"), [(lambda f: f, 1), (jax.jacfwd, 1), (jax.grad, 3)])
+def test_the_loops_of_the_period_map_are_kernels(transform, least):
+    """In reverse mode: of the steps ahead, of the steps back, and of the periods ahead."""
+    scene = sj.paper_scene()
+    state = sj.initial_state(scene, sj.table_2_start())
+    ahead = lambda speed: sj.period_map(scene.replace(speed=speed), state, steps_per_period=40).motion.v_z
+    assert len(calls_of(transform(ahead), 1000.0)) >= least
