@@ -1,5 +1,6 @@
 """Results as labelled xarray datasets with all that made them; scenes, starts and calls from datasets and files."""
 
+import contextlib
 import functools
 import importlib.metadata
 import json
@@ -172,7 +173,7 @@ def load_run(source: Any) -> dict[str, Any]:
 def load_base(source: Any) -> tuple[Scene, Motion | State]:
     """Gives the scene and the start of which a result's cases are variations; raises `ValueError` as `load_scene`."""
     ds = _labels_of(source)
-    scene, description = scene_from_json(_attribute(ds, "scene")), json.loads(_attribute(ds, "start"))
+    scene, description = scene_from_json(str(_attribute(ds, "scene"))), _described(ds, "start", dict)
     if "motion" not in description:
         return scene, build(description, (Motion,), "start")
     memory = description["memory"]
@@ -185,7 +186,7 @@ def load_call(source: Any) -> dict[str, Any]:
 
     **Raises:** `ValueError` where a solver, controller or record cannot be rebuilt.
     """
-    call = json.loads(_attribute(_labels_of(source), "call"))
+    call = _described(_labels_of(source), "call", dict)
     of_diffrax = diffrax.AbstractSolver, diffrax.AbstractStepSizeController, diffrax.AbstractAdjoint
     of_others = optimistix.AbstractRootFinder, lineax.AbstractLinearSolver
     kinds = (*of_diffrax, *of_others, Motion, SpeedProgramme, AbstractRecord)
@@ -250,7 +251,17 @@ def _opened(source: Any) -> Iterator[Any]:
         yield ds
 
 
-def _attribute(ds: Any, name: str) -> str:
+def _described(ds: Any, name: str, kind: type) -> Any:
+    """Gives what an attribute describes in JSON; raises `ValueError` where that is of another kind."""
+    text, found = _attribute(ds, name), None
+    with contextlib.suppress(json.JSONDecodeError, RecursionError, TypeError):
+        found = json.loads(text)
+    need = f"have JSON of {'names' if kind is list else 'values by name'} in its attribute `{name}`"
+    require(isinstance(found, kind), "source", need, text)
+    return found
+
+
+def _attribute(ds: Any, name: str) -> Any:
     if name not in ds.attrs:
         raise ValueError(
             f"Argument `source` must be a result of slipperjax, but has no attribute `{name}`. Single variables and "
@@ -261,9 +272,9 @@ def _attribute(ds: Any, name: str) -> str:
 
 def varied_names(ds: Any) -> list[str]:
     """Returns names of the coordinates that were varied; raises `ValueError` where one of them is lost."""
-    names = json.loads(_attribute(ds, "varied"))
+    names = _described(ds, "varied", list)
     for name in names:
-        if name not in ds.coords:
+        if not isinstance(name, str) or name not in ds.coords:
             raise ValueError(
                 f"Argument `source` must have the coordinate `{name}`, which was varied; without it the scene is "
                 f"unknown."

@@ -70,7 +70,8 @@ class Section(ShapeChecked):
         area = float(np.sum(along_y * z - along_z * y))
         if np.any((along_y == 0) & (along_z == 0)):
             raise ValueError("Argument `points` must have two different corners for each face, but two are equal.")
-        if area < -1e-6 * float(np.ptp(points)) ** 2:
+        extent = float(np.ptp(points))
+        if area < -1e-6 * extent * extent:
             raise ValueError(
                 f"Argument `points` must be in an order in which the faces' normals point out of the rail head "
                 f"(each face's corners clockwise, y to the right, z up), but they point inwards around {-area:g} m^2."
