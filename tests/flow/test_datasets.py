@@ -51,8 +51,8 @@ def test_scenes_are_read_without_the_results_beside_them(tmp_path):
 @pytest.mark.parametrize("wrong", [3, "x", "[[1]]", "null", '{"a": ['])
 @pytest.mark.parametrize("name", ["scene", "start", "varied"])
 def test_attributes_of_other_kinds_are_one_line(name, wrong):
-    ds = sj.simulate(sj.paper_scene(), 1).to_dataset()
+    ds = sj.simulate(sj.paper_scene(), 1).to_xarray()
     ds.attrs[name] = wrong
-    with pytest.raises(ValueError, match="^Argument `(source|scene)` must") as told:
+    with pytest.raises(ValueError, match=r"^Argument `(source|scene)` must") as told:
         sj.load_scene(ds)
     assert "\n" not in str(told.value)
