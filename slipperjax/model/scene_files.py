@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..tools.checks import brief, finite, number, positive, unit_of
+from ..tools.checks import brief, finite, instance, number, positive, unit_of
 from ..tools.description import TYPE, build, describe, known_type, type_name
 from ..tools.files import user_path
 from ..tools.units import parsed
@@ -70,7 +70,8 @@ def scene_from_json(text: str) -> Scene:
         description = json.loads(text)
     except (json.JSONDecodeError, RecursionError) as error:
         raise ValueError(f"Argument `scene` must be JSON of a scene, but is {brief(text)}: {error}.") from None
-    return build(description, (Scene, SpeedProgramme, *(kind for kind, _ in PARTS.values()), *INNER), "scene")
+    scene = build(description, (Scene, SpeedProgramme, *(kind for kind, _ in PARTS.values()), *INNER), "scene")
+    return instance("scene", scene, Scene, "JSON of a scene")
 
 
 def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
