@@ -87,22 +87,24 @@ def _mark(context: Any, x: Any, kernel: bool) -> list:
     return [x]
 
 
-def _called_function(call: Any, functions: Any) -> Any:
-    return functions[ir.FlatSymbolRefAttr(call.attributes["callee"]).value]
+def _callee(call: Any) -> str:
+    """Gives the name of the called function."""
+    return ir.FlatSymbolRefAttr(call.attributes["callee"]).value
 
 
 def _only_calls(call: Any, functions: Any) -> bool:
     """Tells whether the called function does nothing but call another one, not inlined, with all its arguments."""
-    block = _called_function(call, functions).entry_block
-    first, *_, last = (operation.operation for operation in block.operations)
-    if len(list(block.operations)) != 2 or first.name != "func.call" or ATTRIBUTES not in first.attributes:
+    block = functions[_callee(call)].entry_block
+    operations = [operation.operation for operation in block.operations]
+    if [operation.name for operation in operations] != ["func.call", "func.return"]:
         return False
-    return last.name == "func.return" and set(block.arguments) <= set(first.operands)
+    inner = operations[0]
+    return ATTRIBUTES in inner.attributes and set(block.arguments) <= set(inner.operands)
 
 
 def _fits(call: Any, functions: Any, seen: set[str]) -> bool:
     """Tells whether a called function, with those that it calls, has no operation of `NOT_IN_A_KERNEL`."""
-    name = ir.FlatSymbolRefAttr(call.attributes["callee"]).value
+    name = _callee(call)
     if name in seen:
         return True
     seen.add(name)
