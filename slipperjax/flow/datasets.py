@@ -1,13 +1,12 @@
 """Results as labelled xarray datasets with all that made them; scenes, starts and calls from datasets and files."""
 
-import contextlib
 import functools
 import importlib.metadata
 import json
 import os
 import platform
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -254,7 +253,7 @@ def _opened(source: Any) -> Iterator[Any]:
 def _described(ds: Any, name: str, kind: type) -> Any:
     """Gives what an attribute describes in JSON; raises `ValueError` where that is of another kind."""
     text, found = _attribute(ds, name), None
-    with contextlib.suppress(json.JSONDecodeError, RecursionError, TypeError):
+    with suppress(json.JSONDecodeError, RecursionError, TypeError):
         found = json.loads(text)
     need = f"have JSON of {'names' if kind is list else 'values by name'} in its attribute `{name}`"
     require(isinstance(found, kind), "source", need, text)
