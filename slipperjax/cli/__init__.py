@@ -62,13 +62,9 @@ def _called(arguments: list[str], signals: Signals) -> int:
         return 0
     except Exception as error:
         usage = isinstance(error, click.ClickException)
-        # numcodecs has no class of its own for it
-        damaged = isinstance(error, RuntimeError) and "decompression error" in str(error)
         # what an interrupt breaks on its way is no error of its own
-        if not usage and not damaged and not isinstance(error, ValueError | OSError) and signals.code is None:
+        if not usage and not isinstance(error, ValueError | OSError) and signals.code is None:
             raise
         text = error.format_message() if usage else str(error)
-        if damaged:
-            text = f"a file of the store is damaged, which `slipperjax store check` names: {text}"
         print("error: " + " ".join(text.split()), file=sys.stderr)
         return WRONG

@@ -23,8 +23,6 @@ def explore(case: Case, over: Any, by: Any, port: int, no_browser: bool, source:
     STORE, FILE: a store or a netCDF file of sweep, bifurcation, lyapunov or run. SCENE: a TOML file, whose map is
     computed. Options that change the case go with --scene in place of it.
     """
-    import webbrowser
-
     import matplotlib
 
     from ..explorer.launch import explore as serve
@@ -43,7 +41,7 @@ def explore(case: Case, over: Any, by: Any, port: int, no_browser: bool, source:
         raise ValueError(str(error)) from None
     print(f"{page.url}  (Ctrl-C ends it)", flush=True)
     if not no_browser:
-        webbrowser.open(page.url)
+        page.open_browser()
     shown = 0
     while True:
         time.sleep(1.0)

@@ -5,13 +5,19 @@ import functools
 import secrets
 import socket
 import threading
+import time
+import webbrowser
 from collections.abc import Callable, Collection, Mapping
+from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import Any
 
 from ..tools.checks import require
 from .session import Session
 
 ADDRESS = "127.0.0.1"
+LOOK = 0.2
+"""Seconds between two looks whether a browser shows the page."""
 LEFT = 2000
 """Milliseconds after which the computations of a window that was closed end."""
 STARTING = 30.0
@@ -73,6 +79,22 @@ class Explorer:
     def url(self) -> str:
         """Its address, whose secret lets in whoever knows it."""
         return f"http://{ADDRESS}:{self.port}/{self._secret}/"
+
+    def open_browser(self) -> None:
+        """Opens a browser, and returns when it shows the page or does not within `STARTING`.
+
+        It is led there by a file that only this user can read, and that is deleted then: every user of the machine
+        sees with which address a browser was started.
+        """
+        page = f'<!doctype html><meta http-equiv="refresh" content="0; url={self.url}"><title>slipperjax</title>'
+        # in the home: browsers in a sandbox see neither the usual folder of temporary files nor hidden ones
+        with NamedTemporaryFile("w", prefix="slipperjax-", suffix=".html", dir=Path.home()) as file:
+            file.write(page)
+            file.flush()
+            webbrowser.open(Path(file.name).as_uri())
+            latest = time.monotonic() + STARTING
+            while not self._pages and time.monotonic() < latest:
+                time.sleep(LOOK)
 
     def _open(self, doc: Any) -> None:
         """Fills the document of a new window, which goes on where the latest one of its browser is."""

@@ -25,7 +25,7 @@ from ..model.quantities import LOADS, PARAMETERS, STARTS
 from ..model.scene import Scene
 from ..model.scene_files import SceneFile, scene_from_json, scene_from_toml, scene_to_json
 from ..model.travel import SpeedProgramme
-from ..tools.checks import require
+from ..tools.checks import finite, number, require
 from ..tools.compile import jit
 from ..tools.description import build, describe
 from ..tools.files import check_file, content_of, user_path
@@ -123,11 +123,11 @@ def trajectory_dataset(trajectory: Any) -> Any:
     return xr.Dataset(data, coords, attrs)
 
 
-def load_scene(source: Any, **chosen: float) -> Scene:
+def load_scene(source: Any, **chosen: Any) -> Scene:
     """Returns the scene of a TOML file, of a result's netCDF file, or of a dataset; exactly as it was.
 
     **Arguments:** `source`: a path or an `xarray.Dataset`. `chosen`: for a result of many cases, the values of what
-    was varied, by name [SI units], unless the dataset is of one case already, as by `ds.isel(speed=3)`.
+    was varied, by name [SI units, or quantities], unless the dataset is of one case already, as by `ds.isel(speed=3)`.
 
     **Raises:** `ValueError` where the source holds no scene, or several and none is chosen; `OSError` for a file that
     cannot be read.
@@ -141,7 +141,7 @@ def load_scene(source: Any, **chosen: float) -> Scene:
     return scene.replace(**values) if values else scene
 
 
-def load_start(source: Any, **chosen: float) -> Motion | State | None:
+def load_start(source: Any, **chosen: Any) -> Motion | State | None:
     """Returns the start of a TOML file, a netCDF file or a dataset; None where a TOML file has none.
 
     **Arguments:** and **Raises:** as for `load_scene`.
@@ -281,7 +281,7 @@ def varied_names(ds: Any) -> list[str]:
     return names
 
 
-def _varied(ds: Any, chosen: Mapping[str, float], of_start: bool) -> dict[str, float]:
+def _varied(ds: Any, chosen: Mapping[str, Any], of_start: bool) -> dict[str, float]:
     """Gives the values of one case of what was varied of the start, or of the scene: chosen, or the dataset's own if
     it is of one case."""
     names = varied_names(ds)
@@ -291,6 +291,7 @@ def _varied(ds: Any, chosen: Mapping[str, float], of_start: bool) -> dict[str, f
     cases = ds.coords.to_dataset()[names]
     for name, value in chosen.items():
         values = np.asarray(cases[name].values, float)
+        value = float(number(finite, name, value, cases[name].attrs.get("units", "")))
         hits = np.abs(values - value) <= SAME_VALUE * abs(value)
         if not np.any(hits):
             nearest = values.ravel()[np.argmin(np.abs(values.ravel() - value))]

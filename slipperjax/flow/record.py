@@ -117,6 +117,10 @@ class AbstractRecord(abc.ABC):
         """Returns the cost of running on after all chunks, in unrecorded periods."""
         return 0.0
 
+    def periods_continuing(self, periods: int) -> int:
+        """Returns for how many forcing periods cases run on after so many recorded ones."""
+        return 0
+
     def continue_cases(
         self, values: Any, status: np.ndarray, plan: Any, options: Any, interrupted: bool
     ) -> tuple[Any, np.ndarray, bool]:
@@ -245,6 +249,9 @@ class RecordSet:
     def cost_continuing(self, periods: int) -> float:
         """Returns the cost of running on after all chunks, in unrecorded periods."""
         return sum((r.cost_continuing(periods) for r in self.records), 0.0)
+
+    def periods_continuing(self, periods):
+        return max((r.periods_continuing(periods) for r in self.records), default=0)
 
     def continue_cases(
         self, values: tuple[Any, ...], status: np.ndarray, plan: Any, options: Any, interrupted: bool

@@ -103,7 +103,9 @@ def period_map(
     epoch = origin / scene.track.wavelength
     instance("state", state, State, "a slipperjax.State")
     periods = whole("periods", periods, 1)
+    check_rail(scene, periods, origin)
     steps = default_steps(_at_slowest(scene, epoch, periods), steps_per_period)
+    _refuse_impossible(periods, steps)
     solver = resolve_solver(scene, solver)
     controller = resolve_controller(stepsize_controller, solver)
     stepping = static_steps(steps) if controller is None else _controlled(1, steps, controller, adjoint)
@@ -115,26 +117,39 @@ def _mapped(map_: PeriodMap, static: tuple, state: State, epoch: Any = 0.0) -> S
     return map_.run(state, epoch).state
 
 
-def check_rail(scene: Scene, periods: int, begin: Any, transient: int = 0) -> None:
+def _refuse_impossible(periods: int, steps: Any, numbers: int = 0) -> None:
+    """Raises `ValueError` for a run of one case that keeps too many numbers or takes too long."""
+    if not is_traced(steps):
+        what = f"{periods} forcing periods of {steps} steps"
+        refuse_impossible(what, 8.0 * numbers, SECONDS_PER_STEP * steps * periods)
+
+
+def check_rail(scene: Scene, periods: int, begin: Any, transient: int = 0, after: int = 0) -> None:
     """Raises `ValueError` where a rail ends before a run of some forcing periods does, or where slippers wear.
 
     A warning says where a rail that goes on straight is known no further.
 
     **Arguments:** `begin`: where the run begins [m]; `transient`: how many of the periods pass before any is
-    recorded: they must end on the rail.
+    recorded: they must end on the rail; `after`: periods that records run on for.
     """
     require(scene.wear is None, "scene", "have no wear here, which slipperjax.run follows alone", scene.wear)
     track = scene.track
-    if is_traced(track) or not track.extent < np.inf:
+    if is_traced((track, begin)) or not track.extent < np.inf:
         return
     wave = float(np.max(np.asarray(track.wavelength)))
     most = int((track.extent - begin) / wave * (1 + 1e-9))
     if track.end < np.inf:
         need = f"be at most {most} here, transient included, because the rail ends at {track.end:g} m"
         require(periods <= most, "periods", need, periods)
+        need = (
+            f"run on for {most - periods} periods at most after the others, because the rail ends at {track.end:g} m"
+        )
+        require(periods + after <= most, "record", need, shown=f"one that runs on for {after}")
     need = f"be fewer than {most + 1} periods here, because the rail ends at {track.extent:g} m"
     require(begin + transient * wave < track.extent, "transient", need, transient)
     warn_beyond(track, "periods", begin + periods * wave)
+    if after:
+        warn_beyond(track, "record", begin + (periods + after) * wave)
 
 
 def warn_beyond(track: AbstractTrack, name: str, travelled: float) -> None:
@@ -357,16 +372,15 @@ def simulate(
     epoch = origin / scene.track.wavelength
     check_rail(scene, periods, origin)
     default = lambda: default_steps(_at_slowest(scene, epoch, periods), None)
-    given = None if steps_per_period is None else given_steps(steps_per_period)
-    steps, saves = step_plan(default, given, saves_per_period)
+    if steps_per_period is not None:
+        steps_per_period = given_steps(steps_per_period)  # one number here
+    steps, saves = step_plan(default, steps_per_period, saves_per_period)
     solver = resolve_solver(scene, solver)
     controller = resolve_controller(stepsize_controller, solver)
     probe, traced = whole("probe", probe, 0), is_traced((scene, start))
     require(not (probe and traced), "probe", "be 0 under jit, vmap or grad", probe)
     records = RecordSet((States(saves), *([PeriodLoads()] if loads else [])))
-    if not is_traced(steps):
-        needed, seconds = 8.0 * records.values(scene, 0, periods), SECONDS_PER_STEP * steps * periods
-        refuse_impossible(f"{periods} forcing periods of {steps} steps", needed, seconds)
+    _refuse_impossible(periods, steps, records.values(scene, 0, periods))
     first = initial_state(scene, start, epoch)
     if controller is not None:
         stepping = _controlled(steps if loads else saves, steps, controller, adjoint)

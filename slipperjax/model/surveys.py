@@ -339,7 +339,21 @@ def _variable(path: Path, key: str, array: Any) -> _Column:
     good = array.ndim == 1 and 0 < array.size <= MOST_SAMPLES and array.dtype.kind in "fiu"
     need = f"be numbers along one dimension, {MOST_SAMPLES} at most"
     require(good, f"{path}: {key}", need, shown=f"{array.dtype} of shape {array.shape}")
-    return _Column(key, _name(key), unit, np.asarray(array.values, float))
+    down = array.attrs.get("positive", "up") == "down"
+    require(not down, f"{path}: {key}", "be positive upwards: change its signs and the attribute", shown="downwards")
+    values = np.asarray(array.values, float)
+    low, high = _valid(path, key, array)
+    return _Column(key, _name(key), unit, np.where((low <= values) & (values <= high), values, np.nan))
+
+
+def _valid(path: Path, key: str, array: Any) -> tuple[float, float]:
+    """Returns the ends of the valid range of a variable, which files give for packed numbers."""
+    given = {name: array.attrs[name] for name in ("valid_min", "valid_max") if name in array.attrs}
+    if "valid_range" in array.attrs:
+        given = {"valid_min": array.attrs["valid_range"][0], "valid_max": array.attrs["valid_range"][-1]}
+    packed = np.array([given.get("valid_min", -np.inf), given.get("valid_max", np.inf)], float)
+    low, high = np.sort(array.encoding.get("scale_factor", 1.0) * packed + array.encoding.get("add_offset", 0.0))
+    return float(low), float(high)
 
 
 # --- chords ---------------------------------------------------------------------------------------------------------

@@ -371,6 +371,10 @@ class LyapunovExponents(ContinuedRecord):
         measured = (tangents_cost(self.count) + half_step) * measured_periods(counted_blocks(self.periods, periods))
         return measured + LOOK * PERIODS_PER_CALL
 
+    def periods_continuing(self, periods):
+        measured = measured_periods(counted_blocks(self.periods, periods))
+        return measured + (HOLD + measured) * self.certify
+
     def after(self, carried, samples, status, run: RecordedChunk):
         """Looks for the orbits that cases of a chunk have reached at the end of the recorded span."""
         states = jax.tree.map(np.asarray, run.states)

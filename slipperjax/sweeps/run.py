@@ -274,7 +274,7 @@ def make_plan(grid: Grid, start: Motion | State, options: RunOptions, records: R
     solver, records = resolve_solver(grid.scene, options.solver), records.with_saves(saves)
     plan = Plan(cases, solver, records, np.atleast_1d(steps), Calls.of(transient), Calls.of(recorded))
     begin = beginning_of(grid.scene, options.begin)
-    check_rail(grid.scene, plan.periods, begin, plan.transient.periods)
+    check_rail(grid.scene, plan.periods, begin, plan.transient.periods, records.periods_continuing(recorded))
     plan.estimate(grid.count).check()  # before all cases are made, which may not fit into memory
     if cases.count < grid.count:
         cases = grid.sample(start, grid.count)

@@ -29,6 +29,8 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar
 import jax
 import numpy as np
 import xarray as xr
+from xarray.backends import BackendArray, BackendEntrypoint
+from xarray.core import indexing
 
 from ..flow.datasets import versions
 from ..flow.simulate import first_of
@@ -436,6 +438,33 @@ def _undamaged(archive: Archive) -> Archive:
     return archive
 
 
+class _Reader(BackendEntrypoint):
+    """Opens a store's results so that a value which cannot be read is said with its place, whenever that is."""
+
+    def open_dataset(self, filename_or_obj: Any, *, drop_variables: Any = None, **options: Any) -> xr.Dataset:
+        ds = _open_archive(Path(filename_or_obj)).open().drop_vars([VERSIONS, DIGEST])
+        lazy = lambda name: indexing.LazilyIndexedArray(_Stored(Path(filename_or_obj), str(name), ds.variables[name]))
+        return ds.assign({name: ds.variables[name].copy(data=lazy(name)) for name in ds.data_vars})
+
+
+class _Stored(BackendArray):
+    """Values of a variable, which are read when they are asked for."""
+
+    def __init__(self, path: Path, name: str, variable: xr.Variable):
+        self.path, self.name, self.variable = path, name, variable
+        self.shape, self.dtype = variable.shape, variable.dtype
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
+
+    def _read(self, key: tuple[Any, ...]) -> np.ndarray:
+        try:
+            return self.variable[key].values
+        except (RuntimeError, ValueError, TypeError, OSError) as error:  # codecs have no class of their own
+            advice = f"`slipperjax store check {self.path}` names the file"
+            raise OSError(f"{self.path / self.name} is damaged: {advice}: {error}") from None
+
+
 def open_store(path: Any) -> xr.Dataset:
     """Opens a store as a dataset over its whole grid, whose values are read from disk when they are asked for.
 
@@ -444,7 +473,7 @@ def open_store(path: Any) -> xr.Dataset:
     **Raises:** `ValueError` for a path that is no store of slipperjax, or one that lacks more than tiles.
     """
     archive = _undamaged(_open_archive(user_path(path)))
-    ds = archive.open().drop_vars([VERSIONS, DIGEST])
+    ds = xr.open_dataset(archive.path, engine=_Reader)
     del ds.attrs[MARK]
     # labels, such as those of points, as other datasets have them
     labels = {name: (name, np.array(ds[name].values.tolist())) for name in ds.indexes if ds[name].dtype.kind in "OT"}

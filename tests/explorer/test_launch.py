@@ -8,6 +8,7 @@ import socket
 import urllib.error
 import urllib.parse
 import urllib.request
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -98,6 +99,25 @@ def test_a_stopped_page_is_gone():
     page.stop()
     with pytest.raises(urllib.error.URLError):
         urllib.request.urlopen(page.url, timeout=5)
+
+
+def test_the_browser_is_led_by_a_file_of_this_user_alone(page, tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    seen = []
+
+    def browse(address):
+        file = Path(urllib.request.url2pathname(urllib.parse.urlsplit(address).path))
+        seen.append((address, file.read_text(), file.stat().st_mode & 0o777))
+        page._pages.append(None)  # as when the browser shows it
+
+    monkeypatch.setattr("webbrowser.open", browse)
+    page.open_browser()
+    page._pages.clear()
+    (address, text, mode), secret = seen[0], page.url.split("/")[3]
+    assert secret not in address
+    assert f'content="0; url={page.url}"' in text
+    assert mode == 0o600
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_port_in_use_is_named(page, capsys):

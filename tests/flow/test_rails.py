@@ -1,6 +1,7 @@
 """Runs on rails of samples and on random ones: beside harmonic ones, over seeds, with derivatives, to their ends."""
 
 import dataclasses
+import functools
 import re
 
 import jax
@@ -13,6 +14,7 @@ import slipperjax as sj
 from slipperjax.design import sensitivities
 from slipperjax.model.layout import coordinates
 from slipperjax.model.paths import parameter
+from slipperjax.sweeps.exponents import LyapunovExponents
 
 SCENE, STEPS = sj.paper_scene(1000.0), 50
 RAIL = sj.RandomTrack.sled(length=400.0)
@@ -184,8 +186,26 @@ def test_what_begins_or_records_off_the_rail_is_refused():
     ):
         with pytest.raises((ValueError, sj.ImplausibleWarning), match=r"the rail (ends at|is known up to) 129837 m"):
             call()
-    with pytest.warns(sj.ImplausibleWarning, match="leads to 129845 m, but the rail is known up to 129837 m only"):
-        sj.simulate(FAR, 9, steps_per_period=STEPS)
+    state = sj.initial_state(FAR, sj.table_2_start())
+    for call in (lambda: sj.simulate(FAR, 9, steps_per_period=STEPS), lambda: sj.period_map(FAR, state, periods=9)):
+        with pytest.raises(sj.ImplausibleWarning, match="to 129845 m, but the rail is known up to 129837 m only"):
+            call()
+
+
+def test_records_that_run_on_beyond_the_rail_say_so():
+    """After 3 recorded periods exponents are measured for 20 and 20 more."""
+    sweep = functools.partial(
+        sj.sweep, grid={"mass": [14.0]}, record=LyapunovExponents(periods=20), transient=0, periods=3
+    )
+    with pytest.raises(
+        sj.ImplausibleWarning, match="`record` leads to 130117 m, but the rail is known up to 129837 m"
+    ):
+        sweep(FAR)
+    ended = dataclasses.replace(FAR, track=section(FIRST, ends="error"))
+    with pytest.raises(
+        ValueError, match="`record` must run on for 5 periods at most .* but is one that runs on for 40"
+    ):
+        sweep(ended)
 
 
 def test_tables_by_distance_must_reach_the_rail():

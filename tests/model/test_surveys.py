@@ -236,9 +236,24 @@ def test_gaps_in_netcdf_files_are_named(tmp_path):
         sj.load_rail(netcdf(tmp_path, change=marked))
 
 
+def test_what_lies_outside_the_valid_range_is_no_number(tmp_path):
+    """Ranges are of packed numbers where numbers are."""
+    pack = {"y": dict(scale_factor=1e-7, add_offset=0.5, dtype="int32")}
+    least, most = int(LATERAL.min() * 1e10) - 5_000_001, int(LATERAL.max() * 1e10) - 4_999_999
+    ranged = lambda ds, **limits: ds.assign(y=ds["y"].assign_attrs(limits))
+    sj.load_rail(netcdf(tmp_path, change=lambda ds: ranged(ds, valid_range=np.array([least, most])), **pack))
+    for limits in ({"valid_range": np.array([least, most // 2])}, {"valid_max": most // 2}, {"valid_min": 0}):
+        with pytest.raises(ValueError, match=r"survey\.nc, sample \d+: `lateral` has no number"):
+            sj.load_rail(netcdf(tmp_path, change=lambda ds, limits=limits: ranged(ds, **limits), **pack))
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
+        (
+            lambda ds: ds.assign(z=ds["z"].assign_attrs(positive="down")),
+            ": z` must be positive upwards: change its signs",
+        ),
         (lambda ds: ds.assign(lateral=ds["y"]), ": (y and lateral|lateral and y) are both lateral: leave one out"),
         (lambda ds: ds.assign(y=ds["y"].astype(str).assign_attrs(units="m")), ": y` must be numbers along one dim"),
         (

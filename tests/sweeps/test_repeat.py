@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pint
 import pytest
 import xarray as xr
 
@@ -104,6 +105,7 @@ def test_selections_are_rebuilt_or_refused(grid, tmp_path):
     part = ds.isel(speed=[1])
     same_bits(sj.repeat(part), part, kept)
     assert eqx.tree_equal(sj.load_scene(ds, speed=900.0), SCENE.replace(speed=900.0))
+    assert eqx.tree_equal(sj.load_scene(ds, speed=pint.Quantity(3240.0, "km/h")), SCENE.replace(speed=900.0))
     lost = ds.isel(speed=0).drop_vars("speed")
     for wrong, words in (
         (lambda: sj.load_scene(ds), "`speed` must be given, as the result has 2 values"),

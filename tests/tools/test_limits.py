@@ -36,6 +36,7 @@ def test_memory_and_time_decide(monkeypatch):
 def test_runs_are_refused_before_anything_is_allocated():
     assert 1e7 < available_memory() < 1e16
     scene, speed = sj.paper_scene(), {"speed": [1e3]}
+    state = sj.initial_state(scene, sj.table_2_start())
     for run in (
         lambda: sj.sweep(scene, dict.fromkeys(("v_y", "v_z", "w_x"), np.linspace(0.5, 1, 10**4))),
         lambda: sj.sweep(scene, speed, periods=10**12),
@@ -43,6 +44,7 @@ def test_runs_are_refused_before_anything_is_allocated():
         lambda: sj.follow(scene, speed, transient=10**12),
         lambda: sj.lyapunov_sweep(scene, speed, periods=10**12),
         lambda: sj.simulate(scene, 10**10),
+        lambda: sj.period_map(scene, state, periods=10**12),
     ):
         with pytest.raises(ValueError, match=r"need about .*B of memory and .*(are available|more than a year)"):
             run()
