@@ -127,7 +127,7 @@ def load_scene(source: Any, **chosen: Any) -> Scene:
     """Returns the scene of a TOML file, of a result's netCDF file, or of a dataset; exactly as it was.
 
     **Arguments:** `source`: a path or an `xarray.Dataset`. `chosen`: for a result of many cases, the values of what
-    was varied, by name [SI units, or quantities], unless the dataset is of one case already, as by `ds.isel(speed=3)`.
+    was varied, by name [SI units, or quantities], unless the dataset is of one case, as by `ds.isel(speed=3)`.
 
     **Raises:** `ValueError` where the source holds no scene, or several and none is chosen; `OSError` for a file that
     cannot be read.

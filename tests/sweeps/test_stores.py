@@ -267,7 +267,7 @@ def test_a_damaged_tile_is_found_and_computed_again(stored, whole):
     (stored / "good" / "c" / "5" / "0").unlink()
     ds = sj.open_store(stored)
     assert np.isfinite(ds["v_z"].isel(speed=slice(0, 1)).values).any()  # the others are read
-    with pytest.raises(OSError, match="v_z is damaged: `slipperjax store check .*map.zarr` names the file"):
+    with pytest.raises(OSError, match=r"v_z is damaged: `slipperjax store check .*map.zarr` names the file"):
         ds["v_z"].load()
     with pytest.raises(IndexError):
         ds["v_z"].isel(speed=99).load()
