@@ -238,7 +238,7 @@ def test_gaps_in_netcdf_files_are_named(tmp_path):
 
 def test_what_lies_outside_the_valid_range_is_no_number(tmp_path):
     """Ranges are of packed numbers where numbers are."""
-    pack = {"y": dict(scale_factor=1e-7, add_offset=0.5, dtype="int32")}
+    pack = {"y": dict(scale_factor=1e-7, add_offset=0.5, dtype="int32", _FillValue=-2147483648)}
     least, most = int(LATERAL.min() * 1e10) - 5_000_001, int(LATERAL.max() * 1e10) - 4_999_999
     ranged = lambda ds, **limits: ds.assign(y=ds["y"].assign_attrs(limits))
     sj.load_rail(netcdf(tmp_path, change=lambda ds: ranged(ds, valid_range=np.array([least, most])), **pack))
