@@ -24,6 +24,7 @@ from ..model.step_size import prepared
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.compile import call_compiled, jit, with_standard_promotion
+from ..tools.jacobian import by_jacobian
 from ..tools.one_kernel import in_one_kernel
 from .course import Course
 from .record import RecordSet
@@ -114,13 +115,17 @@ class PeriodMap(eqx.Module):
         **Returns:** a `Passage` with scalar status. Where solver or controller gave up, the motion is NaN from there
         on.
         """
+        count = self.periods if periods is None else periods
+        run = lambda self, *of_run: self._run(count, records, *of_run)
+        return by_jacobian(run, self, state, jnp.asarray(epoch, float), used, earlier)
+
+    def _run(self, count: int, records: RecordSet, state: State, epoch: Any, used: Any, earlier: Any) -> Passage:
         scene = prepared(self.scene)
         state = jax.tree.map(lambda a: jnp.asarray(a, float), state)  # 32-bit numbers become 64-bit ones
         solver = self.stepping.prepared(resolve_solver(scene, self.solver))
         points = contact_points(scene)  # once for the whole run, not in every evaluation
         terms = diffrax.ODETerm(vector_field(scene))
         earlier = records.begin(scene, state) if earlier is None else earlier
-        epoch = jnp.asarray(epoch, float)
 
         @functools.partial(jax.jit, inline=True)  # traced once: `period_if_used` needs its shapes, too
         def period(carry, epoch):
@@ -141,7 +146,6 @@ class PeriodMap(eqx.Module):
             none = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(period, carry, epoch_now)[1])
             return jax.lax.cond(epoch_now < epoch + used, period, lambda c, _: (c, none), carry, epoch_now)
 
-        count = self.periods if periods is None else periods
         solver_state = self.stepping.begin(terms, solver, state, Args(scene, epoch, points))
         epochs = epoch + jnp.arange(float(count))
         one = period if used is None else period_if_used

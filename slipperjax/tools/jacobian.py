@@ -1,0 +1,160 @@
+"""Reverse mode by Jacobians of forward mode, for functions of few numbers.
+
+Reverse mode through the steps of an integration is a program of three times the size of forward mode's, which takes
+as much longer to compile. Where few numbers are differentiated, the product with a Jacobian is the same derivative.
+"""
+
+import functools
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun, set_current_trace
+from jax.interpreters import ad, batching, mlir, partial_eval
+
+MOST_FORWARD = 40
+"""Numbers up to which a derivative in reverse mode is a product with the Jacobian."""
+
+
+def by_jacobian(fun: Callable, *args: Any) -> Any:
+    """Calls `fun(*args)`, whose derivatives in reverse mode are products with its Jacobian by forward mode.
+
+    So they are where `MOST_FORWARD` numbers are differentiated at most, those that `fun` closes over included, and
+    it is not called for a batch; elsewhere reverse mode goes through `fun`.
+
+    **Arguments:** `fun`: of pytrees, whose result is a pytree of arrays.
+    """
+    arrays, others = eqx.partition((fun, args), eqx.is_array)
+
+    def call(arrays):
+        fun, args = eqx.combine(arrays, others)
+        return fun(*args)
+
+    program, shapes = jax.make_jaxpr(call, return_shape=True)(arrays)
+    results = _called.bind(*_operands(program), *jax.tree.leaves(arrays), program=program.jaxpr)
+    return jax.tree.unflatten(jax.tree.structure(shapes), results)
+
+
+def _operands(program: ClosedJaxpr) -> list[Any]:
+    """Gives what a traced function closed over, which may be traced itself."""
+    return [jnp.asarray(value) for value in program.consts]
+
+
+def _call(*operands: Any, program: Any) -> list[Any]:
+    consts = len(program.constvars)
+    return jaxpr_as_fun(ClosedJaxpr(program, operands[:consts]))(*operands[consts:])
+
+
+def _is_float(value: Any) -> bool:
+    return jnp.issubdtype(value.dtype, jnp.floating)
+
+
+def _push(*operands: Any, program: Any, live: tuple[bool, ...]) -> list[Any]:
+    """Gives results, and tangents of those that are numbers, from arguments and tangents of the `live` ones."""
+    primals, tangents = operands[: len(live)], operands[len(live) :]
+
+    def moving(*some):
+        ours = iter(some)
+        results = _call(*(next(ours) if is_live else p for p, is_live in zip(primals, live, strict=True)), program=program)
+        return [r for r in results if _is_float(r)], results
+
+    at = tuple(p for p, is_live in zip(primals, live, strict=True) if is_live)
+    _, pushed, results = jax.jvp(moving, at, tangents, has_aux=True)
+    return [*results, *pushed]
+
+
+def _linearised(operands: Sequence[Any], live: tuple[bool, ...], program: Any) -> tuple[list[Any], list[list[Any]]]:
+    """Gives results and Jacobians: of each result that is a number, by each of the `live` arguments."""
+    at = [p for p, is_live in zip(operands, live, strict=True) if is_live]
+    sizes = [math.prod(p.shape) for p in at]
+    ends = np.cumsum([0, *sizes])
+    count = len(program.outvars)
+
+    def pushed(direction):
+        parts = [direction[a:b].reshape(p.shape).astype(p.dtype) for a, b, p in zip(ends, ends[1:], at)]
+        both = _push(*operands, *parts, program=program, live=live)
+        return both[:count], both[count:]
+
+    results, rows = jax.vmap(pushed, out_axes=(None, 0))(jnp.eye(int(ends[-1])))
+    split = lambda row: [row[a:b].reshape(*p.shape, *row.shape[1:]) for a, b, p in zip(ends, ends[1:], at)]
+    return results, [split(row) for row in rows]
+
+
+def _jvp(primals, tangents, *, of: Primitive, **parameters):
+    """Rule of both primitives: the second one pushes the tangents of a function that calls the one `of`."""
+    if of is _called:
+        program, operands = parameters["program"], primals
+    else:
+        closed = jax.make_jaxpr(functools.partial(_push, **parameters))(*primals)
+        program, operands = closed.jaxpr, [*_operands(closed), *primals]
+        tangents = [None] * len(closed.consts) + list(tangents)
+    live = tuple(t is not None and type(t) is not ad.Zero for t in tangents)
+    moving = [t for t, is_live in zip(tangents, live, strict=True) if is_live]
+    both = _pushed.bind(*operands, *moving, program=program, live=live)
+    results, pushed = both[: len(program.outvars)], iter(both[len(program.outvars) :])
+    zero = lambda r: ad.Zero(jax.typeof(r).to_tangent_aval())
+    return results, [next(pushed) if _is_float(r) else zero(r) for r in results]
+
+
+def _batched(operands, axes, **parameters):
+    """Rule of both primitives: reverse mode goes through a batch."""
+    live = parameters.get("live", ())
+    of, count = (_push, len(live)) if live else (_call, len(operands))
+    if any(axis is not None for axis in axes[:count]):
+        results = jax.vmap(functools.partial(of, **parameters), in_axes=axes)(*operands)
+        return results, [0] * len(results)
+    # tangents alone: the results are those of all
+    push = lambda *tangents: of(*operands[:count], *tangents, **parameters)
+    wanted = len(parameters["program"].outvars)
+    both = jax.vmap(lambda *t: (lambda r: (r[:wanted], r[wanted:]))(push(*t)), in_axes=axes[count:], out_axes=(None, 0))
+    results, pushed = both(*operands[count:])
+    return [*results, *pushed], [None] * len(results) + [0] * len(pushed)
+
+
+def _evaluated_partially(trace, *tracers, program, live):
+    """Rule of pushed tangents: the results are known, and tangents will be."""
+    known = [t.pval.get_known() for t in tracers]
+    if all(k is not None for k in known):
+        return _pushed.bind(*known, program=program, live=live)
+    count = len(live)
+    size = sum(math.prod(t.aval.shape) for t in tracers[count:])
+    if any(k is None for k in known[:count]) or size > MOST_FORWARD:
+        with set_current_trace(trace):
+            return _push(*tracers, program=program, live=live)
+    results, jacobians = _linearised([jnp.asarray(k) for k in known[:count]], live, program)
+    with set_current_trace(trace):
+        return [*results, *(_product(row, tracers[count:]) for row in jacobians)]
+
+
+def _product(row: list[Any], tangents: Sequence[Any]) -> Any:
+    """Gives a result's tangent from its Jacobians by the arguments, whose axes are the first, and their tangents."""
+    return sum(jnp.tensordot(t, j, axes=jnp.ndim(t)) for j, t in zip(row, tangents, strict=True))
+
+
+def _primitive(name: str, implementation: Callable, avals: Callable) -> Primitive:
+    primitive = Primitive(name)
+    primitive.multiple_results = True
+    primitive.def_impl(implementation)
+    primitive.def_abstract_eval(lambda *operands, **parameters: avals(parameters["program"]))
+    ad.primitive_jvps[primitive] = functools.partial(_jvp, of=primitive)
+    batching.primitive_batchers[primitive] = _batched
+    mlir.register_lowering(primitive, mlir.lower_fun(implementation, multiple_results=True))
+    return primitive
+
+
+def _results(program):
+    return [v.aval for v in program.outvars]
+
+
+def _results_and_tangents(program):
+    results = _results(program)
+    return [*results, *(r for r in results if _is_float(r))]
+
+
+_called = _primitive("slipperjax_called", _call, _results)
+_pushed = _primitive("slipperjax_pushed", _push, _results_and_tangents)
+partial_eval.custom_partial_eval_rules[_pushed] = _evaluated_partially
