@@ -83,8 +83,19 @@ def _mark(context: Any, x: Any, kernel: bool) -> list:
             functions = context.module_context.symbol_table
             good = _only_calls(call, functions) and _fits(call, functions, set())
             marks = marks | {"xla_cpu_small_call": "true"} if good else {}
+            if good:
+                _hide_constants(call)
         call.attributes[ATTRIBUTES] = ir.DictAttr.get({key: ir.StringAttr.get(text) for key, text in marks.items()})
     return [x]
+
+
+def _hide_constants(call: Any) -> None:
+    """Passes the operands of a call through a barrier: XLA folds constants into what is called, where the arguments
+    are without use then."""
+    with ir.InsertionPoint(call), call.location:
+        barrier = stablehlo.OptimizationBarrierOp(list(call.operands))
+    for k, value in enumerate(barrier.operation.results):
+        call.operands[k] = value
 
 
 def _callee(call: Any) -> str:

@@ -68,6 +68,17 @@ def test_arguments_without_use_and_constants(place):
     np.testing.assert_allclose(jax.jit(placed)(X), part(X, X, 0 * X), rtol=1e-14)  # measured: 1e-16
 
 
+def test_constants_of_a_program_in_reverse_mode(monkeypatch):
+    """Those that XLA would fold into what is called: it ended the process."""
+    monkeypatch.setattr("slipperjax.tools.jacobian.MOST_FORWARD", 0)
+    scene = sj.paper_scene(speed=1250.0)
+    state = sj.initial_state(scene, sj.table_2_start())
+    options = dict(periods=3, steps_per_period=4, solver=sj.RK4())
+    end = lambda speed: sj.period_map(scene.replace(speed=speed), state, **options).motion.y
+    found = jax.jit(jax.grad(end))(1250.0)
+    np.testing.assert_allclose(found, jax.jit(jax.jacfwd(end))(1250.0), rtol=1e-9)
+
+
 def loop(x, v, rate):
     """Twenty steps of coupled oscillators."""
 
