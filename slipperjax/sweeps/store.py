@@ -803,8 +803,8 @@ def processes(count: int | None = None) -> ProcessPoolExecutor:
     """Makes an executor of spawned processes for `store`, one for each group of cores; default one per core.
 
     Programs that are kept on disk, see `slipperjax.compile_cache`, are kept for them, too. They end with the process
-    that made them, however it ends. In a script it belongs under `if __name__ == "__main__":`, because new processes
-    import the script.
+    that made them, however it ends, and all of them where one ends abruptly. In a script it belongs under
+    `if __name__ == "__main__":`, because new processes import the script.
 
     ```python
     with sj.processes(2) as pool:
