@@ -17,11 +17,13 @@ import os
 import shutil
 import signal
 import threading
+import time
 import uuid
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
+from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, ParamSpec, TypeVar
@@ -62,6 +64,8 @@ LOCK_WAIT, SHARE_WAIT = 0.5, 60.0
 THREADS_WAIT = 10.0
 """Seconds after Ctrl-C that threads have to end the call that they are in."""
 ZARR: Any = {"zarr_format": 3, "consolidated": False}
+IMPORTED_BY = os.getpid()
+"""Process that imported this module; in a forked copy, the one that was copied."""
 _ALONE = threading.Lock()
 _TOLD: dict[str, set[str]] = {}
 """Warnings that this process has given, by identity of the store."""
@@ -666,7 +670,7 @@ def _stored(function: Callable[..., Any], options: dict[str, Any], store: Store,
         todo = [k for k in range(tiles.count) if not done[k] and k % shares == share - 1]
         archive.tidy(None if store.share is None else todo)
         _warn_of_versions(archive)
-        task = functools.partial(_compute_tile, archive, compute, alone)
+        task = functools.partial(_compute_tile, archive, compute, alone, os.getpid())
         parts = {k: (grid.part(tiles.region(k)), steps_of(tiles.region(k))) for k in todo}
         before = archive.complete_cases(done)
         name = f"{before} cases stored before" if before else ""
@@ -708,13 +712,20 @@ def _check_replaceable(path: Path) -> None:
 
 
 def _compute_tile(
-    archive: Archive, compute: Callable[..., Any], alone: bool, number: int, values: dict[str, np.ndarray], steps: Any
+    archive: Archive,
+    compute: Callable[..., Any],
+    alone: bool,
+    caller: int,
+    number: int,
+    values: dict[str, np.ndarray],
+    steps: Any,
 ) -> None:
     """Computes a tile of a store and writes it. Calling it again is harmless: it writes the same bytes.
 
-    **Arguments:** `alone`: whether a process may compute one tile at a time only; `values`, `steps`: of the tile, by
-    name of the grid and as `steps_per_period`.
+    **Arguments:** `alone`: whether a process may compute one tile at a time only; `caller`: process that asks for it;
+    `values`, `steps`: of the tile, by name of the grid and as `steps_per_period`.
     """
+    _require_new(forked=caller == IMPORTED_BY != os.getpid())
     if archive.mark["call"]["code"]["slipperjax"] != IMPORTED:
         raise RuntimeError("a worker imported other code of slipperjax than the process that called it: restart both")
     before = TOLD.set(_TOLD.setdefault(archive.mark["identity"], set()))
@@ -732,11 +743,14 @@ def _compute_tile(
 
 
 def _check_not_forked(executor: Any) -> None:
+    """Raises `ValueError` before anything is computed where it can be told; else each worker tells it of itself."""
+    # of a ProcessPoolExecutor; Python's default on Linux before 3.14
+    context = getattr(executor, "_mp_context", None)
+    _require_new(forked=context is not None and context.get_start_method() == "fork")
+
+
+def _require_new(forked: bool) -> None:
     """Raises `ValueError` for forked processes, in which programs of JAX wait for threads that were not copied."""
-    context = getattr(
-        executor, "_mp_context", None
-    )  # of a ProcessPoolExecutor; Python's default on Linux before 3.14
-    forked = context is not None and context.get_start_method() == "fork"
     need = "start new processes, as slipperjax.processes() or mp_context=multiprocessing.get_context('spawn') does"
     require(not forked, "executor", need, shown="one that forks this one, in whose copies JAX hangs")
 
@@ -772,6 +786,8 @@ def _run_tasks(
                     size = sizes[futures.pop(future)]
                     shown(size, size)
                 heed_interrupts()
+        except BrokenExecutor:  # which ends all tasks itself, and fails where it finds a cancelled one
+            raise
         except BaseException:
             running = [future for future in futures if not future.cancel()]
             if executor is None:
@@ -787,8 +803,8 @@ def processes(count: int | None = None) -> ProcessPoolExecutor:
     """Makes an executor of spawned processes for `store`, one for each group of cores; default one per core.
 
     Programs that are kept on disk, see `slipperjax.compile_cache`, are kept for them, too. They end with the process
-    that made them, however it ends. In a script it belongs under `if __name__ == "__main__":`, because new processes
-    import the script.
+    that made them, however it ends, and all of them where one ends abruptly. In a script it belongs under
+    `if __name__ == "__main__":`, because new processes import the script.
 
     ```python
     with sj.processes(2) as pool:
@@ -798,21 +814,48 @@ def processes(count: int | None = None) -> ProcessPoolExecutor:
     **Raises:** `ValueError` for fewer than one.
     """
     count = cores() if count is None else whole("count", count, 1)
-    context = multiprocessing.get_context("spawn")
+    context = _Together()
     folder = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
     # each process takes a group of cores, as equal as they can be; processes above the number of cores share them
-    own, groups = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else [], context.SimpleQueue()
-    for k in range(count):
-        groups.put(own[k % max(len(own), 1) :: count])
+    own = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
+    # by locks that nobody waits for: who is killed takes no more than its own group along
+    groups = [(context.Lock(), own[k % len(own) :: count]) for k in range(count if own else 0)]
     begun = (groups, None if folder is None else str(folder))
     return ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=begun)
 
 
-def _begin(groups: Any, folder: str | None) -> None:
+class _Together(SpawnContext):
+    """Makes processes that end together: where one ends abruptly, the others are ended.
+
+    They might wait for ever for a lock that it held. A pool of Python's ends them, too, unless it is shut down then.
+    """
+
+    def __init__(self) -> None:
+        self._made: list[SpawnProcess] = []
+
+    def Process(self, *args: Any, **kwargs: Any) -> SpawnProcess:
+        self._made.append(SpawnProcess(*args, **kwargs))
+        if len(self._made) == 1:
+            threading.Thread(target=self._end_together, daemon=True).start()
+        return self._made[-1]
+
+    def _end_together(self) -> None:
+        """Waits until all processes have ended."""
+        codes: list[int | None] = [None]
+        while None in codes:
+            time.sleep(TICK)
+            codes = [process.exitcode for process in self._made]
+            if any(codes):
+                for process in self._made:
+                    if process.pid is not None and process.exitcode is None:
+                        process.kill()
+
+
+def _begin(groups: list[tuple[Any, list[int]]], folder: str | None) -> None:
     """Prepares a new process, before JAX starts its threads."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the business of who waits for the results
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    group = groups.get()
+    group = next((group for free, group in groups if free.acquire(block=False)), None)
     if group:
         with suppress(OSError):
             os.sched_setaffinity(0, group)

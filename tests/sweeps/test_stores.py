@@ -7,10 +7,11 @@ import multiprocessing
 import os
 import random
 import shutil
+import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -586,6 +587,52 @@ def test_processes_compute_tiles_and_shares_and_a_killed_one_is_named(tmp_path, 
     assert store_status(dies).tiles_done < 12
     call(dies)
     assert files(dies) == whole
+
+
+def test_processes_end_together_where_one_is_lost_and_not_where_one_is_done():
+    context = module._Together()
+    done, lost, other = (context.Process(target=time.sleep, args=(seconds,)) for seconds in (0.0, 60.0, 60.0))
+    for one in (done, lost, other):
+        one.start()
+    done.join()
+    time.sleep(2 * run.TICK)
+    assert (done.exitcode, other.exitcode) == (0, None)
+    lost.kill()
+    other.join(10.0)  # as a pool does without a limit where it is shut down
+    assert other.exitcode == -signal.SIGKILL
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="cores cannot be chosen here")
+def test_processes_take_groups_of_cores_and_wait_for_nobody_to_take_them():
+    own = sorted(os.sched_getaffinity(0))
+    with sj.processes(len(own)) as pool:
+        groups = pool._initargs[0]
+        assert [group for _, group in groups] == [[core] for core in own]
+        groups[0][0].acquire()  # held for ever, as by one that was killed
+        assert pool.submit(os.sched_getaffinity, 0).result() == set(own[1:2] or own)
+
+
+def test_tasks_of_a_broken_executor_are_left_to_it(tmp_path):
+    futures = []
+
+    def submit(*work):
+        futures.append(Future())
+        if len(futures) == 12:
+            futures[3].set_exception(BrokenExecutor("lost"))
+        return futures[-1]
+
+    with pytest.raises(WorkerLost):
+        call(tmp_path / "map.zarr", executor=SimpleNamespace(submit=submit))
+    assert not any(future.cancelled() for future in futures)
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="nothing can be forked here")
+@pytest.mark.filterwarnings("ignore")  # of JAX and of Python, about forks
+def test_a_forked_worker_computes_nothing(tmp_path):
+    forked, words = multiprocessing.get_context("fork"), r"must start new processes, .* but is one that forks"
+    with ProcessPoolExecutor(1, mp_context=forked) as pool, pytest.raises(ValueError, match=words):
+        call(tmp_path / "map.zarr", executor=SimpleNamespace(submit=pool.submit))
+    assert store_status(tmp_path / "map.zarr").tiles_done == 0
 
 
 def test_each_kind_of_warning_is_given_once_however_many_parts_there_are(tmp_path):
