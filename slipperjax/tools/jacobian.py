@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun, set_current_trace
+from jax.extend.core import ClosedJaxpr, Primitive, Var, jaxpr_as_fun, set_current_trace
 from jax.interpreters import ad, batching, mlir, partial_eval
 
 MOST_FORWARD = 40
@@ -130,6 +130,21 @@ def _evaluated_partially(trace, *tracers, program, live):
         return [*results, *(_product(row, tracers[count:]) for row in jacobians)]
 
 
+def _evaluated_twice(saveable, unknown, instantiated, equation):
+    """The same rule inside `jax.checkpoint`: results are known, and are computed again with the tangents."""
+    program, count = equation.params["program"], len(equation.params["live"])
+    results = len(program.outvars)
+    needed = [x for x, there in zip(equation.invars, instantiated, strict=True) if isinstance(x, Var) and not there]
+    known, later = equation, [False] * len(equation.outvars)
+    if any(unknown[:count]):
+        known, later = None, [True] * len(equation.outvars)
+    elif any(unknown):
+        of_results = dict(invars=equation.invars[:count], outvars=equation.outvars[:results])
+        known = equation.replace(primitive=_called, params={"program": program}, **of_results)
+        later[results:] = [True] * (len(later) - results)
+    return known, equation, later, [True] * len(later), needed
+
+
 def _product(row: list[Any], tangents: Sequence[Any]) -> Any:
     """Gives a result's tangent from its Jacobians by the arguments, whose axes are the first, and their tangents."""
     return sum(jnp.tensordot(t, j, axes=jnp.ndim(t)) for j, t in zip(row, tangents, strict=True))
@@ -158,3 +173,4 @@ def _results_and_tangents(program):
 _called = _primitive("slipperjax_called", _call, _results)
 _pushed = _primitive("slipperjax_pushed", _push, _results_and_tangents)
 partial_eval.custom_partial_eval_rules[_pushed] = _evaluated_partially
+partial_eval.partial_eval_jaxpr_custom_rules[_pushed] = _evaluated_twice
