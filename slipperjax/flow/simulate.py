@@ -26,6 +26,7 @@ from ..tools.checks import finite, instance, number, require, shown_number, warn
 from ..tools.compile import call_compiled, is_traced, jit
 from ..tools.description import describe
 from ..tools.html import repr_html
+from ..tools.jacobian import by_jacobian
 from ..tools.limits import refuse_impossible
 from .course import Loads, over_periods
 from .period_map import Passage, PeriodMap, run_compiled
@@ -381,7 +382,6 @@ def simulate(
     require(not (probe and traced), "probe", "be 0 under jit, vmap or grad", probe)
     records = RecordSet((States(saves), *([PeriodLoads()] if loads else [])))
     _refuse_impossible(periods, steps, records.values(scene, 0, periods))
-    first = initial_state(scene, start, epoch)
     if controller is not None:
         stepping = _controlled(steps if loads else saves, steps, controller, adjoint)
     elif traced:
@@ -389,8 +389,12 @@ def simulate(
     else:
         stepping = dynamic_steps(steps, inside=records.inside, finer=bool(probe))
     run = PeriodMap(scene, stepping, solver)
-    apply = run_compiled if traced else run_eagerly
-    passage = apply(run, first, periods, records, epoch)
+    if traced:
+        # from the start, so that the numbers of a derivative are those of the caller
+        first, passage = call_compiled(_from_start, run, (periods, records), start, epoch)
+    else:
+        first = initial_state(scene, start, epoch)
+        passage = run_eagerly(run, first, periods, records, epoch)
     limit = most_stability_number(solver, controller)
     states, loads_of_periods, times, status = _finished(first, passage, scene, limit, epoch, saves=saves)
     shown = steps if controller is None or loads or saves == 1 else saves
@@ -404,6 +408,17 @@ def simulate(
     measured = _probed(scene, stepping, states, saves, probe, repeat)
     status = jnp.asarray(with_accuracy(np.asarray(status), np.max(np.asarray(measured.error))))
     return eqx.tree_at(lambda t: (t.status, t.probe), trajectory, (status, measured), is_leaf=lambda x: x is None)
+
+
+def _from_start(run: PeriodMap, static: tuple, start: Motion | State, epoch: Any) -> tuple[State, Passage]:
+    """Returns the state with which a run begins, and the run."""
+    periods, records = static
+
+    def begun(run: PeriodMap, start: Motion | State) -> tuple[State, Passage]:
+        first = initial_state(run.scene, start, epoch)
+        return first, run.run(first, epoch, periods=periods, records=records)
+
+    return by_jacobian(begun, run, start)
 
 
 def run_eagerly(
