@@ -25,7 +25,7 @@ from ..model.quantities import LOADS, PARAMETERS, STARTS
 from ..model.scene import Scene
 from ..model.scene_files import SceneFile, scene_from_json, scene_from_toml, scene_to_json
 from ..model.travel import SpeedProgramme
-from ..tools.checks import finite, number, require
+from ..tools.checks import finite, known, number, require
 from ..tools.compile import jit
 from ..tools.description import build, describe
 from ..tools.files import check_file, content_of, user_path
@@ -103,6 +103,7 @@ def trajectory_dataset(trajectory: Any) -> Any:
     """
     import xarray as xr  # here, because importing it takes longer than a small simulation
 
+    known("trajectory", trajectory)
     now = trajectory.reactions
     parts = trajectory.period, now.acceleration, now.contact_force, now.gap, now.drive_force
     history = HistoryValues(coordinates(trajectory.state), *map(np.asarray, parts))
@@ -197,7 +198,7 @@ def _scene_file(source: Any, chosen: Mapping[str, Any]) -> SceneFile | None:
     if not isinstance(source, str | os.PathLike) or Path(source).suffix.lower() != ".toml":
         return None
     try:
-        text = content_of(user_path(source)).decode()
+        text = content_of(user_path(source, "source")).decode()
     except UnicodeDecodeError as error:
         raise ValueError(f"{source}: must be UTF-8 text, but is not: {error}.") from None
     file = scene_from_toml(text, str(source))
@@ -213,7 +214,7 @@ def dataset_of(source: Any) -> Any:
     read.
     """
     with _opened(source) as ds:
-        if not (isinstance(source, str | os.PathLike) and user_path(source).is_file()):
+        if not (isinstance(source, str | os.PathLike) and user_path(source, "source").is_file()):
             return ds
         refuse_impossible(f"the variables of {source}", float(ds.nbytes), 0.0)
         return ds.load()
@@ -235,7 +236,7 @@ def _opened(source: Any) -> Iterator[Any]:
         require(is_dataset, "source", "be a TOML or netCDF file, or a dataset of slipperjax", source)
         yield source
         return
-    path = user_path(source)
+    path = user_path(source, "source")
     if (path / "zarr.json").is_file():
         yield xr.open_zarr(path, consolidated=False, chunks=None, zarr_format=3)
         return

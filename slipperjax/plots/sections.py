@@ -14,7 +14,7 @@ from ..model.kinematics import Motion, contacts, face_offsets, quaternion_from_e
 from ..model.quantities import quantity
 from ..model.scene import Scene, check_scene
 from ..model.section import Section
-from ..tools.checks import number, positive, whole
+from ..tools.checks import known, number, positive, whole
 from .style import COLORS, POINT_COLORS, case_title, drawing, styled
 from .trajectories import contact_forces
 
@@ -46,7 +46,7 @@ def section(scene: Scene, ax: Any = None, *, magnify: float | None = None) -> An
 
     **Raises:** `ValueError` for a `magnify` that is not positive.
     """
-    shape = check_scene(scene).section
+    shape = known("scene", check_scene(scene)).section
     magnify = default_magnification(shape) if magnify is None else number(positive, "magnify", magnify)
     still = drawn_points(shape, np.asarray(shape.play)[shape.face_of_point], np.zeros(len(shape.names)), magnify)
     reach = 1e3 * THICKNESS * height(shape)

@@ -59,6 +59,8 @@ RETRIES = 3
 """How often dask tries a task again that failed."""
 LOCK_WAIT, SHARE_WAIT = 0.5, 60.0
 """Seconds for which a lock is waited for, and for which a share waits until another one has made the store."""
+MOST_PROCESSES = 4096
+"""Processes of one executor."""
 THREADS_WAIT = 10.0
 """Seconds after Ctrl-C that threads have to end the call that they are in."""
 ZARR: Any = {"zarr_format": 3, "consolidated": False}
@@ -797,7 +799,7 @@ def processes(count: int | None = None) -> ProcessPoolExecutor:
 
     **Raises:** `ValueError` for fewer than one.
     """
-    count = cores() if count is None else whole("count", count, 1)
+    count = cores() if count is None else whole("count", count, 1, MOST_PROCESSES)
     context = multiprocessing.get_context("spawn")
     folder = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
     # each process takes a group of cores, as equal as they can be; processes above the number of cores share them
