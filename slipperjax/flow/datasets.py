@@ -28,7 +28,7 @@ from ..model.travel import SpeedProgramme
 from ..tools.checks import finite, known, number, require
 from ..tools.compile import jit
 from ..tools.description import build, describe
-from ..tools.files import check_file, content_of, user_path
+from ..tools.files import check_file, content_of, readable, user_path
 from ..tools.limits import refuse_impossible
 from .course import over_periods
 from .record import AbstractRecord, History, HistoryValues, attributes
@@ -217,13 +217,17 @@ def dataset_of(source: Any) -> Any:
         if not (isinstance(source, str | os.PathLike) and user_path(source, "source").is_file()):
             return ds
         refuse_impossible(f"the variables of {source}", float(ds.nbytes), 0.0)
-        return ds.load()
+        with readable(source, "netCDF file"):
+            return ds.load()
 
 
 def _labels_of(source: Any) -> Any:
     """Returns the attributes and coordinates of a result, which say its scenes, as a dataset."""
     with _opened(source) as ds:
-        return ds if ds is source else ds.drop_vars(list(ds.data_vars)).load()
+        if ds is source:
+            return ds
+        with readable(source, "result"):
+            return ds.drop_vars(list(ds.data_vars)).load()
 
 
 @contextmanager
@@ -238,15 +242,17 @@ def _opened(source: Any) -> Iterator[Any]:
         return
     path = user_path(source, "source")
     if (path / "zarr.json").is_file():
-        yield xr.open_zarr(path, consolidated=False, chunks=None, zarr_format=3)
+        with readable(path, "zarr store"):
+            ds = xr.open_zarr(path, consolidated=False, chunks=None, zarr_format=3)
+        yield ds
         return
     require(not path.is_dir(), "source", "be a file or a store of slipperjax", shown=f"the folder {path}")
     check_file(path)
     try:
         ds = xr.open_dataset(path, engine="h5netcdf")
-    except (OSError, ValueError) as error:
+    except Exception as error:  # of damaged files of any class
         need = "must be a TOML file or a netCDF file of slipperjax"
-        raise ValueError(f"{path}: {need}, but is neither: {error}") from None
+        raise ValueError(f"{path}: {need}, but is neither: {' '.join(str(error).split())}") from None
     with ds:
         yield ds
 

@@ -56,7 +56,7 @@ def content_of(path: Path) -> bytes:
 
 
 @contextmanager
-def readable(path: Path, kind: str) -> Iterator[None]:
+def readable(path: Any, kind: str) -> Iterator[None]:
     """Around calls of other packages that read a file, which raise errors of any class for a damaged one.
 
     **Arguments:** `kind`: what the file should be, as in "netCDF file".
