@@ -176,9 +176,9 @@ def load_base(source: Any) -> tuple[Scene, Motion | State]:
     scene, description = scene_from_json(str(_attribute(ds, "scene"))), _described(ds, "start", dict)
     if "motion" not in description:
         return scene, build(description, (Motion,), "start")
-    memory = description["memory"]
+    memory = description.get("memory")
     motion = build(description["motion"], (Motion,), "start")
-    return scene, State(motion, None if memory is None else jnp.asarray(memory))
+    return scene, State(motion, None if memory is None else finite("start.memory")(memory))
 
 
 def load_call(source: Any) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from ..analysis.events import MEANINGS
 from ..flow.datasets import varied_names
 from ..model.quantities import COORDINATES, SECTIONS
 from ..model.quantities import quantity as registered
-from ..tools.checks import require
+from ..tools.checks import one_of, require
 from .maps import bifurcation, draw_attractors, draw_regimes
 from .style import (
     COLORS,
@@ -124,7 +124,7 @@ def branches(ds: Any, quantity: str = "v_z", brute: xr.Dataset | None = None, ax
 
 def check_quantity(quantity: str) -> None:
     """Raises `ValueError` where branches have no such quantity."""
-    require(quantity in QUANTITIES, "quantity", f"be one of {', '.join(QUANTITIES)}", quantity)
+    one_of("quantity", quantity, tuple(QUANTITIES))
 
 
 def check_brute(brute: Any, name: str, quantity: str) -> None:

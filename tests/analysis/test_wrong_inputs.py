@@ -176,3 +176,19 @@ OUTSIDE_OF_JIT = [
 def test_what_cannot_be_inside_jit(function):
     with pytest.raises(ValueError, match=r"^Argument `\w+` must be of values that are known: call this outside of"):
         jax.jit(function)(900.0)
+
+
+OF_ANALYSES = [
+    (lambda: analysis.classify(np.ones((20, 2)), scales=object()), "`scales` must be numbers"),
+    (lambda: analysis.recurrence(np.ones((20, 2)), turns="text"), "`turns` must be numbers"),
+    (lambda: analysis.classify(np.ones((20, 2)), tolerance="text"), "`tolerance` must be finite"),
+    (lambda: analysis.decay_rate(np.ones(20), floor=()), "`floor` must be one number"),
+    (lambda: analysis.regime([1.0], [0.1], ["chaotic"], None), "`trusted` must be numbers"),
+    (lambda: analysis.regime([1.0], "text", ["chaotic"], [True]), "`stderr` must be numbers"),
+]
+
+
+@pytest.mark.parametrize(("call", "words"), OF_ANALYSES, ids=[row[1] for row in OF_ANALYSES])
+def test_wrong_settings_of_analyses(call, words):
+    with pytest.raises(ValueError, match=f"^Argument {words}"):
+        call()
