@@ -25,7 +25,7 @@ from ..model.quantities import LOADS, PARAMETERS, STARTS
 from ..model.scene import Scene
 from ..model.scene_files import SceneFile, scene_from_json, scene_from_toml, scene_to_json
 from ..model.travel import SpeedProgramme
-from ..tools.checks import finite, known, number, require
+from ..tools.checks import brief, finite, known, number, require
 from ..tools.compile import jit
 from ..tools.description import build, describe
 from ..tools.files import check_file, content_of, readable, user_path
@@ -166,7 +166,7 @@ def load_run(source: Any) -> dict[str, Any]:
     """
     file = _scene_file(source, {})
     if file is None or file.run is None:
-        raise ValueError(f"Argument `source` must be a TOML file with a table [run], but is {source}.")
+        raise ValueError(f"Argument `source` must be a TOML file with a table [run], but is {brief(source)}.")
     return file.run
 
 

@@ -92,6 +92,7 @@ def initial_state(scene: Scene, motion: Motion | State, epoch: Any = None) -> St
         need = f"have a memory of shape ({scene.points},), one for each point"
         require(good, "motion", need, shown=f"one of shape {np.shape(motion.memory)}")
     epoch = scene.track.origin / scene.track.wavelength if epoch is None else finite("epoch")(epoch)
+    require(np.ndim(epoch) == 0, "epoch", "be one number", epoch)
     state, outside = state_and_penetration(scene, jax.tree.map(lambda v: jnp.asarray(v, float), motion), epoch)
     if isinstance(motion, Motion):  # a run may end deep inside a contact
         warn_if_outside(outside)
@@ -416,7 +417,8 @@ def reactions(t: Any, state: State, args: Args) -> Reactions:
     """
     instance("state", state, State, "a slipperjax.State")
     instance("args", args, Args, "slipperjax.Args")
-    return _reactions(real("t", t), state, args)
+    require(np.ndim(real("t", t)) == 0, "t", "be one number", t)
+    return _reactions(t, state, args)
 
 
 @jax.jit

@@ -90,7 +90,10 @@ def _of_slipper(m: Motion) -> list[Any]:
 
 def _is_real(value: Any) -> bool:
     """Tells whether a value is one real number, or an array of them."""
-    return value is not None and np.asarray(value).dtype.kind in "fiu"
+    try:
+        return value is not None and np.asarray(value).dtype.kind in "fiu"
+    except (TypeError, ValueError):  # of datasets, and of rows of several lengths
+        return False
 
 
 def check_motion(name: str, motion: Any) -> Motion:

@@ -327,9 +327,10 @@ def _from_netcdf(path: Path, content: bytes) -> tuple[list[_Column], Callable[[i
     import xarray as xr  # here, because importing it takes time
 
     how: dict[str, Any] = dict(engine="h5netcdf", phony_dims="sort")
-    how = how if content.startswith(NETCDF[0]) else dict(engine="scipy")
+    # scipy maps files into memory, and cannot close those that it fails to read
+    source, how = (path, how) if content.startswith(NETCDF[0]) else (io.BytesIO(content), dict(engine="scipy"))
     with readable(path, "netCDF file"):
-        ds = xr.open_dataset(path, decode_times=False, **how)
+        ds = xr.open_dataset(source, decode_times=False, **how)
     with ds:
         columns = [_variable(path, key, ds[key]) for key in map(str, ds.variables) if _name(key) in COLUMNS]
     if len({len(one.values) for one in columns}) > 1:

@@ -319,7 +319,7 @@ def sample_box(
 
     require(isinstance(box, Mapping) and box, "box", "name one or more parameters with their bounds", box)
     count, of = whole("count", count, 1), paper_scene() if scene is None else check_scene(scene)
-    listed = isinstance(log, Collection) and not isinstance(log, str | bytes)
+    listed = isinstance(log, Collection) and not isinstance(log, str) and all(isinstance(name, str) for name in log)
     require(listed, "log", "be a list of parameters of `box`", log)
     refuse_impossible(f"{count} points", 8.0 * count * len(box), 1e-7 * count * len(box))
     spread = {name: _spread(of, name, ends, name in log) for name, ends in box.items()}
