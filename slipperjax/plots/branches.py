@@ -87,6 +87,7 @@ def branches(ds: Any, quantity: str = "v_z", brute: xr.Dataset | None = None, ax
 
     **Raises:** `ValueError` for another kind of dataset, an unknown quantity, or where the parameters differ.
     """
+    check_quantity(quantity)
     points = _datasets(ds, "branch", "continue_orbit", "stable", "event_point")
     name = _parameter(points)
     lines = [_lines_of(one, quantity) for one in points]

@@ -179,6 +179,7 @@ def test_what_cannot_be_inside_jit(function):
 
 
 OF_ANALYSES = [
+    (lambda: analysis.minimal_period(3, np.ones(2), 2), "`step` must be a function"),
     (lambda: analysis.classify(np.ones((20, 2)), scales=object()), "`scales` must be numbers"),
     (lambda: analysis.recurrence(np.ones((20, 2)), turns="text"), "`turns` must be numbers"),
     (lambda: analysis.classify(np.ones((20, 2)), tolerance="text"), "`tolerance` must be finite"),
