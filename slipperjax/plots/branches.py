@@ -15,7 +15,7 @@ from ..analysis.events import MEANINGS
 from ..flow.datasets import varied_names
 from ..model.quantities import COORDINATES, SECTIONS
 from ..model.quantities import quantity as registered
-from ..tools.checks import one_of, require
+from ..tools.checks import instance, one_of, require
 from .maps import bifurcation, draw_attractors, draw_regimes
 from .style import (
     COLORS,
@@ -87,7 +87,7 @@ def branches(ds: Any, quantity: str = "v_z", brute: xr.Dataset | None = None, ax
 
     **Raises:** `ValueError` for another kind of dataset, an unknown quantity, or where the parameters differ.
     """
-    check_quantity(quantity)
+    instance("quantity", quantity, str, "the name of a variable")
     points = _datasets(ds, "branch", "continue_orbit", "stable", "event_point")
     name = _parameter(points)
     lines = [_lines_of(one, quantity) for one in points]
