@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..tools.checks import numbers, require, whole
+from ..tools.checks import finite, not_negative, number, numbers, real, require, whole
 from .kinds import Regime
 
 MIN_TEST = 200
@@ -110,7 +110,7 @@ def decay_rate(residual, *, windows=12, floor=0.0) -> Decay:
     r = numbers("residual", residual).astype(float)
     windows = whole("windows", windows, 6)
     require(r.ndim != 0, "residual", "be of shape (*cases, periods)", r)
-    require(floor >= 0, "floor", "be zero or positive", floor)
+    floor = number(not_negative, "floor", floor)
     fits = [_geometric_fit(row, windows, floor) for row in r.reshape(-1, r.shape[-1])]
     return Decay(*np.reshape(np.array(fits, dtype=float).T, (4, *r.shape[:-1])))
 
@@ -175,7 +175,7 @@ def classify(strobe, *, scales=None, turns=None, max_period=16, tolerance=1e-3, 
     if x.shape[-2] < 16:
         raise ValueError(f"Argument `strobe` must be of 16 periods or more, but is of shape {x.shape}.")
     for name, value in (("tolerance", tolerance), ("floor", floor)):
-        require(0 < value < 1, name, "be above 0 and below 1", value)
+        require(0 < number(finite, name, value) < 1, name, "be above 0 and below 1", value)
     cases = [_classified(states, most, tolerance, floor, seed) for states in x.reshape(-1, *x.shape[-2:])]
     return Attractors(*(np.reshape(np.array(column), x.shape[:-2]) for column in zip(*cases, strict=True)))
 
@@ -189,12 +189,12 @@ def _scaled(strobe, scales, turns):
         every = x.reshape(-1, x.shape[-1])
         scales = np.max(np.abs(every), axis=0, initial=0.0, where=np.isfinite(every))
         scales = np.where(scales < 1e-12, 1.0, scales)
-    scales = np.asarray(scales, dtype=float)
+    scales = real("scales", numbers("scales", scales)).astype(float)
     require(scales.shape in ((), x.shape[-1:]), "scales", f"be of shape {x.shape[-1:]}", scales.shape)
     require(np.all((scales > 0) & (scales < np.inf)), "scales", "be positive", scales)
     if turns is None:
         return x / scales
-    turns = np.asarray(turns, dtype=float)
+    turns = real("turns", numbers("turns", turns)).astype(float)
     require(turns.shape == x.shape[-1:], "turns", f"be of shape {x.shape[-1:]}", turns.shape)
     require(np.all(turns > 0), "turns", "be positive", turns)
     # a wrapped state is a point on a circle, with two coordinates

@@ -324,14 +324,16 @@ def regime(exponent: Any, stderr: Any, kind: Any, trusted: Any, escapes: Any = 0
     `Attractors`; `trusted`: whether status and certificates are good; `escapes`: how many of several longer motions
     became regular in the end. All have the same shape.
     """
-    exponent, stderr, kind = np.asarray(exponent), np.asarray(stderr), np.asarray(kind)
+    given = {"exponent": exponent, "stderr": stderr, "trusted": trusted, "escapes": escapes}
+    exponent, stderr, trusted, escapes = (numbers(name, value) for name, value in given.items())
+    kind = np.asarray(kind)
     chaotic, periodic = is_chaotic(exponent, stderr), kind == Regime.PERIODIC.kind_name
     sure = chaotic | (SURE * stderr <= np.maximum(np.abs(exponent), WIDEST))
     contradicts = (chaotic & periodic) | (~chaotic & (kind == Regime.CHAOTIC.kind_name))
-    lasting = np.where(np.asarray(escapes) > 0, Regime.TRANSIENT, Regime.CHAOTIC)
-    numbers = np.where(chaotic, lasting, np.where(periodic, Regime.PERIODIC, Regime.REGULAR))
-    good = np.asarray(trusted) & np.isfinite(exponent) & sure & ~contradicts
-    return Regime.regime_names(np.where(good, numbers, Regime.UNRESOLVED))
+    lasting = np.where(escapes > 0, Regime.TRANSIENT, Regime.CHAOTIC)
+    codes = np.where(chaotic, lasting, np.where(periodic, Regime.PERIODIC, Regime.REGULAR))
+    good = trusted.astype(bool) & np.isfinite(exponent) & sure & ~contradicts
+    return Regime.regime_names(np.where(good, codes, Regime.UNRESOLVED))
 
 
 def kaplan_yorke(exponents: Any) -> Float[np.ndarray, "*lanes"]:

@@ -110,6 +110,7 @@ def minimal_period(
 
     **Returns:** a dict of residuals, as in `Shot`, by divisor; the first that is small is the minimal period.
     """
+    check_functions(step, scale)
     count = whole("intervals", intervals, 1)
     return call_compiled(_residuals, (step, scale, turns), (count,), check_state(state), finite("index")(index))
 

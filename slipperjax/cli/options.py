@@ -14,7 +14,7 @@ import click
 from ..model.paths import parameter
 from ..model.quantities import PARAMETERS, STARTS
 from ..tools.cache import compile_cache
-from ..tools.checks import require
+from ..tools.checks import finite, number, require
 from ..tools.files import listed, user_path
 
 LOST = 1
@@ -217,6 +217,7 @@ begin = option(
     Measure("begin", "m"),
     "Place of the rail where it begins [m]; default where the rail does.",
     show_default=False,
+    callback=lambda ctx, _, value: None if value is None else number(finite, "begin", value, "m"),
 )
 """The option of commands that travel along the rail."""
 CASE: dict[str, Callable[..., Any]] = {

@@ -13,6 +13,8 @@ import optax
 from jaxtyping import Bool, Float
 from scipy.optimize import linprog
 
+from ..tools.checks import number, positive, require, whole, yes_or_no
+
 VIOLATION_PRICE = 30.0
 """Price of a violated constraint, in multiples of the objective's size."""
 
@@ -137,6 +139,10 @@ class TrustRegion(AbstractMethod):
     least: float = 1e-3
     """Half width at which a start ends [unit box]."""
 
+    def __post_init__(self):
+        number(positive, "radius", self.radius)
+        number(positive, "least", self.least)
+
     def start(self, at, values):
         return _TrustRegionMove(at, values, values.size, self.radius, self.least)
 
@@ -205,6 +211,12 @@ class Descent(AbstractMethod):
     steps: int = 60
     fresh: bool = False
     """Whether each step takes new rails or disturbances, which the optimiser averages, and not always the same."""
+
+    def __post_init__(self):
+        good = self.optimiser is None or hasattr(self.optimiser, "update")
+        require(good, "optimiser", "be an optax.GradientTransformation", self.optimiser)
+        whole("steps", self.steps, 1)
+        yes_or_no("fresh", self.fresh)
 
     def start(self, at, values):
         optimiser = self.optimiser or optax.adam(optax.exponential_decay(0.05, self.steps, 0.02))

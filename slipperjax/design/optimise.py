@@ -4,7 +4,6 @@ import dataclasses
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import diffrax
@@ -21,7 +20,7 @@ from ..model.paths import parameter
 from ..model.quantities import Quantity
 from ..model.scene import Scene
 from ..tools.checks import instance, require, warn, whole, yes_or_no
-from ..tools.files import write_whole
+from ..tools.files import user_path, write_whole
 from ..tools.html import repr_html
 from ..tools.progress import bar as progress_bar
 from .methods import AbstractMethod, AbstractMove, CaseValues, TrustRegion, inside
@@ -156,7 +155,7 @@ class Design:
 
     def to_netcdf(self, path: Any) -> None:
         """Writes `to_xarray()`, whole or not at all; `load_scene` reads the best design's scene from it."""
-        write_whole(Path(path), self.to_xarray().to_netcdf(engine="h5netcdf"))
+        write_whole(user_path(path), self.to_xarray().to_netcdf(engine="h5netcdf"))
 
 
 def optimise_design(

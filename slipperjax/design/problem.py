@@ -16,7 +16,7 @@ from ..model.scene import Scene, check_scene
 from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver
 from ..sweeps.grid import Cases
-from ..tools.checks import in_unit, one_of, require, whole, yes_or_no
+from ..tools.checks import in_unit, known, one_of, require, whole, yes_or_no
 from .judge import judge
 from .methods import CaseValues
 from .objectives import Evaluation, EvaluationPlan, Objective, RailEnsemble, ensemble_for, objective_named
@@ -109,7 +109,7 @@ def checked_problem(
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
-    check_scene(scene)
+    known("scene", check_scene(scene))
     ensemble = ensemble_for(scene, ensemble)
     need = "be False where the rail does not recur"
     require(not (yes_or_no("periodic", periodic) and isinstance(ensemble, RailEnsemble)), "periodic", need, periodic)

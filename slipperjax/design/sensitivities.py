@@ -21,7 +21,7 @@ from ..model.paths import checked_parameters, parameter
 from ..model.scene import Scene, check_scene
 from ..orbits.motions import check_forcing
 from ..solvers.named import resolve_solver
-from ..tools.checks import number, one_of, positive, require, whole, yes_or_no
+from ..tools.checks import known, number, one_of, positive, require, whole, yes_or_no
 from .gradients import pulled_gradient
 from .judge import at_starts, ensemble_averages, judge_on_orbits, judge_run
 from .objectives import (
@@ -80,7 +80,7 @@ def sensitivities(
     **Raises:** `ValueError` that names the argument which is wrong, also where there is no orbit, and for a run whose
     derivatives grow without bound.
     """
-    check_scene(scene)
+    known("scene", check_scene(scene))
     ensemble = ensemble_for(scene, ensemble)
     on_rails = isinstance(ensemble, RailEnsemble)
     reach = number(positive, "reach", ensemble.relative_reach if reach is None else reach)

@@ -25,10 +25,10 @@ from ..model.quantities import LOADS, PARAMETERS, STARTS
 from ..model.scene import Scene
 from ..model.scene_files import SceneFile, scene_from_json, scene_from_toml, scene_to_json
 from ..model.travel import SpeedProgramme
-from ..tools.checks import finite, number, require
+from ..tools.checks import brief, finite, known, number, require
 from ..tools.compile import jit
 from ..tools.description import build, describe
-from ..tools.files import check_file, content_of, user_path
+from ..tools.files import check_file, content_of, readable, user_path
 from ..tools.limits import refuse_impossible
 from .course import over_periods
 from .record import AbstractRecord, History, HistoryValues, attributes
@@ -103,6 +103,7 @@ def trajectory_dataset(trajectory: Any) -> Any:
     """
     import xarray as xr  # here, because importing it takes longer than a small simulation
 
+    known("trajectory", trajectory)
     now = trajectory.reactions
     parts = trajectory.period, now.acceleration, now.contact_force, now.gap, now.drive_force
     history = HistoryValues(coordinates(trajectory.state), *map(np.asarray, parts))
@@ -165,7 +166,7 @@ def load_run(source: Any) -> dict[str, Any]:
     """
     file = _scene_file(source, {})
     if file is None or file.run is None:
-        raise ValueError(f"Argument `source` must be a TOML file with a table [run], but is {source}.")
+        raise ValueError(f"Argument `source` must be a TOML file with a table [run], but is {brief(source)}.")
     return file.run
 
 
@@ -175,9 +176,9 @@ def load_base(source: Any) -> tuple[Scene, Motion | State]:
     scene, description = scene_from_json(str(_attribute(ds, "scene"))), _described(ds, "start", dict)
     if "motion" not in description:
         return scene, build(description, (Motion,), "start")
-    memory = description["memory"]
+    memory = description.get("memory")
     motion = build(description["motion"], (Motion,), "start")
-    return scene, State(motion, None if memory is None else jnp.asarray(memory))
+    return scene, State(motion, None if memory is None else finite("start.memory")(memory))
 
 
 def load_call(source: Any) -> dict[str, Any]:
@@ -197,7 +198,7 @@ def _scene_file(source: Any, chosen: Mapping[str, Any]) -> SceneFile | None:
     if not isinstance(source, str | os.PathLike) or Path(source).suffix.lower() != ".toml":
         return None
     try:
-        text = content_of(user_path(source)).decode()
+        text = content_of(user_path(source, "source")).decode()
     except UnicodeDecodeError as error:
         raise ValueError(f"{source}: must be UTF-8 text, but is not: {error}.") from None
     file = scene_from_toml(text, str(source))
@@ -213,16 +214,20 @@ def dataset_of(source: Any) -> Any:
     read.
     """
     with _opened(source) as ds:
-        if not (isinstance(source, str | os.PathLike) and user_path(source).is_file()):
+        if not (isinstance(source, str | os.PathLike) and user_path(source, "source").is_file()):
             return ds
         refuse_impossible(f"the variables of {source}", float(ds.nbytes), 0.0)
-        return ds.load()
+        with readable(source, "netCDF file"):
+            return ds.load()
 
 
 def _labels_of(source: Any) -> Any:
     """Returns the attributes and coordinates of a result, which say its scenes, as a dataset."""
     with _opened(source) as ds:
-        return ds if ds is source else ds.drop_vars(list(ds.data_vars)).load()
+        if ds is source:
+            return ds
+        with readable(source, "result"):
+            return ds.drop_vars(list(ds.data_vars)).load()
 
 
 @contextmanager
@@ -235,17 +240,19 @@ def _opened(source: Any) -> Iterator[Any]:
         require(is_dataset, "source", "be a TOML or netCDF file, or a dataset of slipperjax", source)
         yield source
         return
-    path = user_path(source)
+    path = user_path(source, "source")
     if (path / "zarr.json").is_file():
-        yield xr.open_zarr(path, consolidated=False, chunks=None, zarr_format=3)
+        with readable(path, "zarr store"):
+            ds = xr.open_zarr(path, consolidated=False, chunks=None, zarr_format=3)
+        yield ds
         return
     require(not path.is_dir(), "source", "be a file or a store of slipperjax", shown=f"the folder {path}")
     check_file(path)
     try:
         ds = xr.open_dataset(path, engine="h5netcdf")
-    except (OSError, ValueError) as error:
+    except Exception as error:  # of damaged files of any class
         need = "must be a TOML file or a netCDF file of slipperjax"
-        raise ValueError(f"{path}: {need}, but is neither: {error}") from None
+        raise ValueError(f"{path}: {need}, but is neither: {' '.join(str(error).split())}") from None
     with ds:
         yield ds
 

@@ -21,7 +21,7 @@ from ..model.kinematics import Motion
 from ..model.layout import coordinate_rows, coordinates
 from ..model.quantities import ACCELERATIONS, COORDINATES, REACTIONS, SECTIONS, Quantity
 from ..model.scene import Scene
-from ..tools.checks import require, whole
+from ..tools.checks import require, whole, yes_or_no
 from .course import Course, Loads
 from .status import Status
 
@@ -336,6 +336,7 @@ class Strobe(AbstractRecord):
     inside = False
 
     def __post_init__(self):
+        yes_or_no("from_start", self.from_start)
         if self.latest is not None:
             whole("latest", self.latest, 1)
 
@@ -459,6 +460,10 @@ class History(AbstractRecord):
     """A divisor of the steps per period; None for the run's `saves_per_period`."""
 
     name = "history"
+
+    def __post_init__(self):
+        if self.saves is not None:
+            whole("saves", self.saves, 1)
 
     def with_saves(self, saves):
         return History(saves) if self.saves is None else self

@@ -203,7 +203,9 @@ class PowerMean(AbstractNumber):
 
     def __post_init__(self):
         number(positive, "order", self.order)
-        require(self.record.samples, "record", "have samples", self.record.name)
+        instance("record", self.record, AbstractNumber, "a record of one number")
+        samples = getattr(self.record, "samples", None)
+        require(samples, "record", "have samples", shown=type(self.record).__name__)
 
     @property
     def quantity(self):
@@ -240,6 +242,9 @@ class OnePoint(AbstractNumber):
     """A point's name and 1 for the front or 2 for the rear, such as "A1"; None for all."""
 
     def __post_init__(self):
+        instance("record", self.record, Record, "a slipperjax.flow.Record")
+        need = "be a point's name with 1 or 2, or None"
+        require(self.point is None or isinstance(self.point, str), "point", need, self.point)
         if self.record.dims != POINTS or self.record.over not in ("max", "min"):
             raise ValueError(f"Argument `record` must be a greatest or least of points, but is {self.record.name}.")
 
@@ -341,10 +346,18 @@ FORCE_CLASSES = _MOST_CLASS - _LEAST_CLASS + 2
 """Number of classes, the first for zero and the last for infinite forces."""
 
 
+LARGEST = float(np.finfo(float).max)
+"""Largest number in double precision."""
+
+
 def _each_once(name: str, values: Any, good: Callable[[Any], bool], need: str) -> tuple[float, ...]:
     """Returns one or several numbers as a tuple; raises `ValueError` where one is not good, or given twice."""
-    numbers = np.atleast_1d(np.asarray(values if np.size(values) else None, dtype=object))
-    fits = [isinstance(x, int | float | np.number) and not isinstance(x, bool) and good(x) for x in numbers]
+    try:
+        numbers = np.atleast_1d(np.asarray(values if np.size(values) else None, dtype=object))
+    except (TypeError, ValueError):  # of datasets, and of rows of several lengths
+        numbers = np.array([None])
+    is_number = lambda x: isinstance(x, int | float | np.number) and not isinstance(x, bool) and abs(x) <= LARGEST
+    fits = [is_number(x) and good(x) for x in numbers]
     require(numbers.ndim == 1 and all(fits) and len(set(numbers.tolist())) == len(numbers), name, need, values)
     return tuple(float(x) for x in numbers)
 

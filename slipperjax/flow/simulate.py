@@ -106,7 +106,7 @@ def period_map(
     periods = whole("periods", periods, 1)
     check_rail(scene, periods, origin)
     steps = default_steps(_at_slowest(scene, epoch, periods), steps_per_period)
-    _refuse_impossible(periods, steps)
+    refuse_periods(periods, steps)
     solver = resolve_solver(scene, solver)
     controller = resolve_controller(stepsize_controller, solver)
     stepping = static_steps(steps) if controller is None else _controlled(1, steps, controller, adjoint)
@@ -118,7 +118,7 @@ def _mapped(map_: PeriodMap, static: tuple, state: State, epoch: Any = 0.0) -> S
     return map_.run(state, epoch).state
 
 
-def _refuse_impossible(periods: int, steps: Any, numbers: int = 0) -> None:
+def refuse_periods(periods: int, steps: Any, numbers: int = 0) -> None:
     """Raises `ValueError` for a run of one case that keeps too many numbers or takes too long."""
     if not is_traced(steps):
         what = f"{periods} forcing periods of {steps} steps"
@@ -381,7 +381,7 @@ def simulate(
     probe, traced = whole("probe", probe, 0), is_traced((scene, start))
     require(not (probe and traced), "probe", "be 0 under jit, vmap or grad", probe)
     records = RecordSet((States(saves), *([PeriodLoads()] if loads else [])))
-    _refuse_impossible(periods, steps, records.values(scene, 0, periods))
+    refuse_periods(periods, steps, records.values(scene, 0, periods))
     if controller is not None:
         stepping = _controlled(steps if loads else saves, steps, controller, adjoint)
     elif traced:

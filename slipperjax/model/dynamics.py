@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import require, shown_number, warn
+from ..tools.checks import finite, instance, real, require, shown_number, warn
 from ..tools.compile import is_traced, jit
 from ..tools.fused import held, kept, sums
 from .contact import Before, SmoothSwitch
@@ -91,7 +91,8 @@ def initial_state(scene: Scene, motion: Motion | State, epoch: Any = None) -> St
         good = np.shape(motion.memory) == (scene.points,)
         need = f"have a memory of shape ({scene.points},), one for each point"
         require(good, "motion", need, shown=f"one of shape {np.shape(motion.memory)}")
-    epoch = scene.track.origin / scene.track.wavelength if epoch is None else epoch
+    epoch = scene.track.origin / scene.track.wavelength if epoch is None else finite("epoch")(epoch)
+    require(np.ndim(epoch) == 0, "epoch", "be one number", epoch)
     state, outside = state_and_penetration(scene, jax.tree.map(lambda v: jnp.asarray(v, float), motion), epoch)
     if isinstance(motion, Motion):  # a run may end deep inside a contact
         warn_if_outside(outside)
@@ -377,6 +378,7 @@ class SmoothField(ContactField):
 
 def vector_field(scene: Scene) -> AbstractVectorField:
     """Returns the right-hand side for a scene, chosen by its contact law and memory."""
+    instance("scene", scene, Scene, "a slipperjax.Scene")
     if not scene.contact.has_memory:
         return MemorylessField()
     return SmoothField() if isinstance(scene.memory, SmoothSwitch) else LatchedField()
@@ -406,9 +408,21 @@ class Reactions(NamedTuple):
     """v_y', v_z' [m/s^2], w_x', w_y', w_z' [rad/s^2]."""
 
 
-@jax.jit
 def reactions(t: Any, state: State, args: Args) -> Reactions:
-    """Returns contact forces, and Eq. (13)'s reactions: the drive force and the loads on the track nodes."""
+    """Returns contact forces, and Eq. (13)'s reactions: the drive force and the loads on the track nodes.
+
+    **Arguments:** `t`: [forcing periods], from the epoch of `args`.
+
+    **Raises:** `ValueError` for an argument of another kind.
+    """
+    instance("state", state, State, "a slipperjax.State")
+    instance("args", args, Args, "slipperjax.Args")
+    require(np.ndim(real("t", t)) == 0, "t", "be one number", t)
+    return _reactions(t, state, args)
+
+
+@jax.jit
+def _reactions(t: Any, state: State, args: Args) -> Reactions:
     scene, m = args.scene, state.motion
     frame, travel = args.frame(t), args.travel(t)
     now = contacts(frame, m)

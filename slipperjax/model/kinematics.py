@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import brief, converted, require, shown_number
+from ..tools.checks import brief, converted, instance, real, require, shown_number
 from ..tools.compile import is_traced, need_64_bits
 from ..tools.fused import held, kept, materialise, spread
 from .quantities import COORDINATES, MOTION_NUMBERS, SLED_NUMBERS
@@ -61,8 +61,8 @@ class Motion(eqx.Module):
             angle = converted(name, "rad")(given)
             require(is_traced(angle) or (_is_real(angle) and np.size(angle)), name, "be a real number [rad]", angle)
             angles[name] = angle if is_traced(angle) else jnp.asarray(angle, float)
-        q = quaternion_from_euler(**angles)
-        return Motion(y, z, *q, v_y, v_z, w_x, w_y, w_z)
+        q_x, q_y, q_z = quaternion_from_euler(**angles)
+        return Motion(y, z, q_x, q_y, q_z, v_y, v_z, w_x, w_y, w_z)
 
 
 class SledMotion(Motion):
@@ -84,12 +84,16 @@ def moved(m: Motion, change: Motion) -> Motion:
 
 
 def _of_slipper(m: Motion) -> list[Any]:
+    instance("motion", m, Motion, "a slipperjax.Motion")
     return [getattr(m, name) for name in MOTION_NUMBERS]
 
 
 def _is_real(value: Any) -> bool:
     """Tells whether a value is one real number, or an array of them."""
-    return value is not None and np.asarray(value).dtype.kind in "fiu"
+    try:
+        return value is not None and np.asarray(value).dtype.kind in "fiu"
+    except (TypeError, ValueError):  # of datasets, and of rows of several lengths
+        return False
 
 
 def check_motion(name: str, motion: Any) -> Motion:
@@ -128,7 +132,7 @@ def share_of_scale(scene: Scene) -> Float[Array, ""]:
 def accuracy_scales(scene: Scene) -> Motion:
     """Returns the scales by which errors of a scene are judged: `MOTION_SCALES`, but with less play than 1 mm
     displacements and attitude in proportion, because an error of the size of the play leaves nothing right."""
-    share = share_of_scale(scene)
+    share = share_of_scale(instance("scene", scene, Scene, "a slipperjax.Scene"))
     return Motion(*(share * s for s in _of_slipper(MOTION_SCALES)[:5]), *_of_slipper(MOTION_SCALES)[5:])
 
 
@@ -139,7 +143,11 @@ def scaled_size(motion: Motion, scales: Motion = MOTION_SCALES) -> Float[Array, 
 
 
 def quaternion_from_euler(roll, pitch, yaw):
-    """Gives (q_x, q_y, q_z) of the quaternion of Rz(yaw) Ry(pitch) Rx(roll), with q_0 >= 0; angles in rad."""
+    """Gives (q_x, q_y, q_z) of the quaternion of Rz(yaw) Ry(pitch) Rx(roll), with q_0 >= 0; angles in rad.
+
+    **Raises:** `ValueError` for what is no numbers.
+    """
+    roll, pitch, yaw = (jnp.asarray(real(*one), float) for one in (("roll", roll), ("pitch", pitch), ("yaw", yaw)))
     cr, sr = jnp.cos(roll / 2), jnp.sin(roll / 2)
     cp, sp = jnp.cos(pitch / 2), jnp.sin(pitch / 2)
     cy, sy = jnp.cos(yaw / 2), jnp.sin(yaw / 2)
@@ -169,7 +177,7 @@ def rotation(m: Motion):
 
 def euler_angles(m: Motion):
     """Returns roll, pitch and yaw of Eq. (2) [rad]."""
-    r = rotation(m)
+    r = rotation(instance("m", m, Motion, "a slipperjax.Motion"))
     return jnp.arctan2(r[2][1], r[2][2]), jnp.arcsin(-r[2][0]), jnp.arctan2(r[1][0], r[0][0])
 
 
@@ -196,7 +204,7 @@ class Points(NamedTuple):
 
 def contact_points(scene: Scene) -> Points:
     """Returns the scene's contact points, computed once per run because they cost as much as a rail frame."""
-    section = scene.section
+    section = instance("scene", scene, Scene, "a slipperjax.Scene").section
     both = lambda a: jnp.tile(a, (2, 1)).T
     # A constant array: an index computed inside the loop over lanes and points would prevent vectorisation.
     x = scene.slipper.length * np.repeat([0.5, -0.5], section.points.shape[0])
@@ -222,9 +230,10 @@ def rail_frame(scene: Scene, phase: Any, points: Points | None = None) -> RailFr
     **Arguments:** `points`: `contact_points(scene)`, if already computed.
     """
     need_64_bits()  # each program of a motion is made with it, also by a plain jax.jit
+    instance("scene", scene, Scene, "a slipperjax.Scene")
     points = contact_points(scene) if points is None else points
     length = scene.slipper.length
-    distance = jnp.asarray(phase, float) * scene.track.wavelength
+    distance = jnp.asarray(real("phase", phase), float) * scene.track.wavelength
     front, rear = (_node(scene, points, at) for at in (distance, distance - length))
     # Eq. (4): the face runs from the front node's points to the rear node's, which tilts its normal along x
     along_y, along_z = rear.y - front.y, rear.z - front.z
@@ -277,6 +286,8 @@ class Contacts(NamedTuple):
 
 def contacts(frame: RailFrame, m: Motion) -> Contacts:
     """Returns gaps, gap rates and levers of all points, at both ends."""
+    instance("frame", frame, RailFrame, "that of slipperjax.model.rail_frame")
+    instance("m", m, Motion, "a slipperjax.Motion")
     # stored, as XLA does not move it out of the loop over the points
     r = materialise(rotation(m))
     (n_x, n_y, n_z), (a_x, a_y, a_z) = frame.normal, frame.arm

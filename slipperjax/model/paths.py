@@ -27,12 +27,14 @@ def parameter(name: Any, scene: Any = None) -> Parameter:
 
     **Raises:** `ValueError` for an unknown name, or a path that leads to no number.
     """
+    require(scene is None or hasattr(scene, "__dataclass_fields__"), "scene", "be a slipperjax.Scene", scene)
     if isinstance(name, str) and name in PARAMETERS:
         return PARAMETERS[name]
     if isinstance(name, str) and "." in name and scene is not None:
         return _at_path(name, scene)
+    shown = name if isinstance(name, str) and name in brief(name) else brief(name)  # without quotes where it can be
     raise ValueError(
-        f"Argument `{name}` is no parameter; the names are {', '.join(PARAMETERS)}, and paths such as "
+        f"Argument `{shown}` is no parameter; the names are {', '.join(PARAMETERS)}, and paths such as "
         f"section.play.2 or slipper.inertia.1."
     )
 

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import finite, fraction, not_negative, positive, warn_unless_within
+from ..tools.checks import finite, fraction, instance, not_negative, positive, warn_unless_within
 from ..tools.compile import is_traced
 
 
@@ -284,8 +284,9 @@ SECTIONS = {"v_y": "y", "v_z": "z", "w_x": "roll", "w_y": "pitch", "w_z": "yaw"}
 def quantity(name: str) -> Quantity:
     """Returns a quantity by its name in datasets, where a start's coordinate x is `start_x`.
 
-    **Raises:** `KeyError` for an unknown name.
+    **Raises:** `KeyError` for an unknown name, `ValueError` for what is no name.
     """
+    instance("name", name, str, "the name of a quantity")
     if name.startswith("start_"):
         return STARTS[name.removeprefix("start_")]
     for quantities in (PARAMETERS, COORDINATES, ACCELERATIONS, REACTIONS, LOADS):

@@ -1,6 +1,7 @@
 """Rails of samples, such as surveys, and sums of tracks: cubic splines with continuous second derivatives."""
 
 import abc
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -559,7 +560,9 @@ class TrackSet(AbstractRail):
     ```
     """
 
-    tracks: tuple[AbstractRail, ...] = eqx.field(converter=tuple)
+    tracks: tuple[AbstractRail, ...] = eqx.field(
+        converter=lambda tracks: tuple(instance("tracks", tracks, Sequence, "one or more rails"))
+    )
     """Rails of samples, surveys or random rails, with the same `ends`, reference length and kinds of displacement."""
     chosen_by: ClassVar = "number"
     number: Float[Array, ""] = eqx.field(converter=finite("number"), default=0)

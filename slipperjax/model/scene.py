@@ -3,7 +3,6 @@
 import dataclasses
 import json
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -15,6 +14,7 @@ from jaxtyping import Array, Float
 from ..tools.checks import (
     ShapeChecked,
     instance,
+    known,
     not_negative,
     optional,
     positive,
@@ -27,7 +27,7 @@ from ..tools.checks import (
 from ..tools.code import heed_new_code
 from ..tools.compile import is_traced, need_64_bits
 from ..tools.description import TYPE, describe
-from ..tools.files import write_whole
+from ..tools.files import user_path, write_whole
 from ..tools.html import repr_html
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch
 from .loads import AbstractFriction, AbstractLoad
@@ -215,8 +215,9 @@ class Scene(ShapeChecked):
         scene, parameters = self, [parameter(name, self) for name in values]
         refuse_undone(parameters, self)
         for p, value in zip(parameters, values.values(), strict=True):
-            require(np.size(value) != 0, p.name, "be one or more values", value)
-            scene = p.replaced(scene, p.check(p.name, p.unit)(value))
+            checked = p.check(p.name, p.unit)(value)
+            require(np.size(checked) != 0, p.name, "be one or more values", value)
+            scene = p.replaced(scene, checked)
         scene.warn_unless_plausible(parameters)
         return scene
 
@@ -229,7 +230,7 @@ class Scene(ShapeChecked):
         """
         text = scene_to_toml(self, start)
         if file is not None:
-            write_whole(Path(file), text.encode())
+            write_whole(user_path(file, "file"), text.encode())
         return text
 
     def value(self, name: str) -> Array:
@@ -276,6 +277,7 @@ def scene_to_toml(scene: Scene, start: Any = None) -> str:
 
     **Raises:** `ValueError` for a part that has parts of its own, or holds what is no plain value.
     """
+    known("scene", instance("scene", scene, Scene, "a slipperjax.Scene"))
     numbers, lines = describe(scene), []
     for name in NUMBERS:
         if not isinstance(numbers[name], dict):

@@ -25,7 +25,7 @@ from ..tools.description import TYPE, build, describe, known_type, type_name
 from ..tools.files import user_path
 from ..tools.units import parsed
 from .dang2024 import paper_scene
-from .kinematics import Motion
+from .kinematics import Motion, check_motion
 from .quantities import half_play
 from .random_rails import AbstractSpectrum
 from .scene import NUMBERS, PARTS, QUATERNION, START_UNITS, UNITS, Scene, Slipper
@@ -58,6 +58,7 @@ class SceneFile(NamedTuple):
 
 def scene_to_json(scene: Scene) -> str:
     """Returns a scene as JSON, exact to the last bit; see `scene_from_json`."""
+    instance("scene", scene, Scene, "a slipperjax.Scene")
     return json.dumps(describe(scene))
 
 
@@ -67,7 +68,7 @@ def scene_from_json(text: str) -> Scene:
     **Raises:** `ValueError` for a text that describes none, or a class that is not defined in this process.
     """
     try:
-        description = json.loads(text)
+        description = json.loads(instance("text", text, str, "JSON of a scene"))
     except (json.JSONDecodeError, RecursionError) as error:
         raise ValueError(f"Argument `scene` must be JSON of a scene, but is {brief(text)}: {error}.") from None
     scene = build(description, (Scene, SpeedProgramme, *(kind for kind, _ in PARTS.values()), *INNER), "scene")
@@ -86,11 +87,14 @@ def scene_from_toml(text: str, file: str = "scene") -> SceneFile:
     **Raises:** `ValueError` with file and line for a syntax error, an unknown name, a value without a unit or with
     one of another kind, or a value out of range.
     """
+    instance("text", text, str, "TOML text of a scene")
+    instance("file", file, str, "a file's name")
     try:
-        tables = tomllib.loads(text.removeprefix("\ufeff"))
+        try:
+            tables = tomllib.loads(text.removeprefix("\ufeff"))
+        except ValueError as error:  # also of whole numbers with thousands of digits
+            raise ValueError(f"{file}: {error}.") from None
         return _Reader(text, file, tables).read()
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{file}: {error}.") from None
     except RecursionError:
         raise ValueError(f"{file}: has tables in tables too deeply.") from None
 
@@ -216,7 +220,7 @@ class _Reader:
             )
             if angles and quaternion:
                 raise ValueError(f"`{angles[0]}` and `{quaternion[0]}` must not both be given.")
-            return Motion.from_euler(**values) if angles else Motion(**values)
+            return check_motion("start", Motion.from_euler(**values) if angles else Motion(**values))
 
     def run(self) -> dict[str, Any]:
         """Returns the arguments of a run."""
@@ -241,7 +245,8 @@ class _Reader:
             names = self.tables.get(table, {}) if table else self.tables
             mentioned = re.findall(r"`(?:\w+\.)*(\w+)`", str(error))
             line = self.line_of(table, next((name for name in mentioned if name in names), ""))
-            raise ValueError(f"{self.file}{'' if line is None else f', line {line}'}: {error}") from None
+            words = " ".join(str(error).split())  # keys may have line breaks
+            raise ValueError(f"{self.file}{'' if line is None else f', line {line}'}: {words}") from None
 
     def line_of(self, table: str, name: str) -> int | None:
         """Returns the line where a name gets its value, or else where its table begins."""

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import whole
+from ..tools.checks import instance, whole
 from ..tools.compile import is_traced, jit
 from .scene import Scene, check_scene
 from .travel import Travel
@@ -52,12 +52,17 @@ def contact_duration(scene: Scene, travel: Travel | None = None) -> Float[Array,
     effective mass at a corner, from translation and rotation. It is used to choose step sizes and the smooth switch,
     and to check that steps resolve impacts.
     """
+    instance("scene", scene, Scene, "a slipperjax.Scene")
     return 2.94 * contact_depth(scene, travel) / _approach(scene, travel)
 
 
-@jax.jit  # one small program instead of one for each operation
 def impacts_per_period(scene: Scene) -> Float[Array, ""]:
     """Returns the forcing period over the duration of a typical impact [1], see `contact_duration`."""
+    return _impacts_per_period(instance("scene", scene, Scene, "a slipperjax.Scene"))
+
+
+@jax.jit  # one small program instead of one for each operation
+def _impacts_per_period(scene: Scene) -> Float[Array, ""]:
     return scene.slowest.period / contact_duration(scene)
 
 

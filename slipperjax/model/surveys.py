@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
-from ..tools.checks import brief, number, positive, require, shown_number, warn
-from ..tools.files import content_of, user_path
+from ..tools.checks import brief, number, numbers, positive, require, shown_number, warn
+from ..tools.files import content_of, readable, user_path
 from ..tools.units import unit_factor
 from .rails import EQUAL_SPACING, SampledTrack
 
@@ -76,7 +76,7 @@ class SurveyedTrack(SampledTrack):
 
         **Raises:** `ValueError` for a file that is no survey, or has another digest; `OSError` for none.
         """
-        path = user_path(file)
+        path = user_path(file, "file")
         content = content_of(path)
         self.file, self.sha256 = str(file), hashlib.sha256(content).hexdigest()[:16]
         need = "be the content with which the scene was made"
@@ -253,13 +253,13 @@ def _header(path: Path, text: str) -> _Header:
         if told or line.lstrip().startswith("#"):
             continue
         mark = delimiter or next((d for d in ("\t", ";", ",") if d in line), None)
-        cells = [] if mark is None else next(csv.reader([line.strip("\r\n")], delimiter=mark))
+        cells = [] if mark is None else _cells(line, mark)
         found = [re.fullmatch(NAMED, cell) for cell in cells]
         known = [match is not None and _name(match[1]) in COLUMNS for match in found]
         if mark is None or sum(known) < 2:
             continue
         units = [match and match[2] for match in found]
-        below = next(csv.reader([lines[k].strip("\r\n")], delimiter=mark)) if k < len(lines) else []
+        below = _cells(lines[k], mark) if k < len(lines) else []
         in_line_below = not any(units) and len(below) == len(cells) and all(re.fullmatch(UNIT, c) for c in below)
         if in_line_below:
             units = [cell.strip().strip("[]()") for cell in below]
@@ -267,6 +267,13 @@ def _header(path: Path, text: str) -> _Header:
         return _Header(k + in_line_below, mark, columns)
     names = ", ".join(f"{name} [{unit}]" for name, unit in COLUMNS.items())
     raise ValueError(f"{path} has no line of names with units, such as {names}, between commas, semicolons or tabs.")
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    """Returns the cells of a line; none where one is longer than any name."""
+    with contextlib.suppress(csv.Error):
+        return next(csv.reader([line.strip("\r\n")], delimiter=delimiter), [])
+    return []
 
 
 def _name(text: str) -> str:
@@ -302,6 +309,8 @@ def _numbers(path: Path, name: str, unit: str, cells: Any, decimal: str, place: 
         if station is not None and (unit, len(station[2])) not in STATIONS:
             raise refused(k, brief(cell), ", or as 129+773 in m, or as 1297+73 in ft")
         try:
+            if "_" in words:  # which Python reads as thousands
+                raise ValueError
             values[k] = float(words if station is None else station[2] + (station[3] or ""))
         except ValueError:
             raise refused(k, brief(cell)) from None
@@ -318,15 +327,12 @@ def _from_netcdf(path: Path, content: bytes) -> tuple[list[_Column], Callable[[i
     import xarray as xr  # here, because importing it takes time
 
     how: dict[str, Any] = dict(engine="h5netcdf", phony_dims="sort")
-    how = how if content.startswith(NETCDF[0]) else dict(engine="scipy")
-    columns = []
-    try:
-        with xr.open_dataset(path, decode_times=False, **how) as ds:
-            for key in map(str, ds.variables):
-                if _name(key) in COLUMNS:
-                    columns.append(_variable(path, key, ds[key]))
-    except (OSError, KeyError, TypeError, RuntimeError) as error:
-        raise ValueError(f"{path} is no netCDF file that can be read: {error}") from None
+    # scipy maps files into memory, and cannot close those that it fails to read
+    source, how = (path, how) if content.startswith(NETCDF[0]) else (io.BytesIO(content), dict(engine="scipy"))
+    with readable(path, "netCDF file"):
+        ds = xr.open_dataset(source, decode_times=False, **how)
+    with ds:
+        columns = [_variable(path, key, ds[key]) for key in map(str, ds.variables) if _name(key) in COLUMNS]
     if len({len(one.values) for one in columns}) > 1:
         raise ValueError(f"{path}: {', '.join(one.written for one in columns)} must have one length.")
     return columns, lambda sample: f"sample {sample}"
@@ -341,17 +347,17 @@ def _variable(path: Path, key: str, array: Any) -> _Column:
     require(good, f"{path}: {key}", need, shown=f"{array.dtype} of shape {array.shape}")
     down = array.attrs.get("positive", "up") == "down"
     require(not down, f"{path}: {key}", "be positive upwards: change its signs and the attribute", shown="downwards")
-    values = np.asarray(array.values, float)
+    with readable(path, "netCDF file"):
+        values = np.asarray(array.values, float)
     low, high = _valid(path, key, array)
     return _Column(key, _name(key), unit, np.where((low <= values) & (values <= high), values, np.nan))
 
 
 def _valid(path: Path, key: str, array: Any) -> tuple[float, float]:
     """Returns the ends of the valid range of a variable, which files give for packed numbers."""
-    given = {name: array.attrs[name] for name in ("valid_min", "valid_max") if name in array.attrs}
-    if "valid_range" in array.attrs:
-        given = {"valid_min": array.attrs["valid_range"][0], "valid_max": array.attrs["valid_range"][-1]}
-    packed = np.array([given.get("valid_min", -np.inf), given.get("valid_max", np.inf)], float)
+    ends = [array.attrs.get("valid_min", -np.inf), array.attrs.get("valid_max", np.inf)]
+    packed = numbers(f"valid range of {key}", array.attrs.get("valid_range", ends), 1)
+    require(packed.shape == (2,), f"valid range of {key}", "be two numbers", packed)
     low, high = np.sort(array.encoding.get("scale_factor", 1.0) * packed + array.encoding.get("add_offset", 0.0))
     return float(low), float(high)
 

@@ -123,7 +123,7 @@ class SpeedProgramme(ShapeChecked):
         if not is_traced(self.distance):
             require(np.all(np.diff(np.asarray(self.distance)) > 0), "distance", "increase", np.asarray(self.distance))
         if not is_traced((self.speed, self.scale)):
-            least = float(np.min(np.asarray(self.speed) * np.min(np.asarray(self.scale))))
+            least = float(np.min(np.asarray(self.speed) * np.min(np.asarray(self.scale), initial=np.inf)))
             require(least >= LEAST_SPEED * (1 - 1e-9), "speed", f"be {LEAST_SPEED:g} m/s or more", least)
 
     def at(self, distance: Any) -> Float[Array, "*places"]:

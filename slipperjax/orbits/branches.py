@@ -4,7 +4,6 @@ import contextlib
 import dataclasses
 import functools
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import diffrax
@@ -29,9 +28,9 @@ from ..model.quantities import Parameter
 from ..model.scene import Scene, check_scene
 from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver
-from ..tools.checks import brief, number, positive, shown_number, whole
+from ..tools.checks import brief, known, number, positive, require, shown_number, whole
 from ..tools.compile import call_compiled
-from ..tools.files import write_whole
+from ..tools.files import user_path, write_whole
 from ..tools.html import repr_html
 from ..tools.progress import bar as progress_bar
 from .motions import check_forcing, slipper_motions
@@ -94,9 +93,13 @@ class OrbitPoints:
     points: Any
     """An `xarray.Dataset` along `point`."""
 
+    def __post_init__(self):
+        good = hasattr(self.points, "attrs") and hasattr(self.points, "coords")
+        require(good, "points", "be an xarray.Dataset along `point`", self.points)
+
     def to_netcdf(self, path: Any) -> None:
         """Writes `points`, whole or not at all; `load_branch` reads that of an `OrbitBranch`."""
-        write_whole(Path(path), self.points.to_netcdf(engine="h5netcdf"))
+        write_whole(user_path(path), self.points.to_netcdf(engine="h5netcdf"))
 
     def to_dataframe(self) -> Any:
         """Gives a `pandas.DataFrame` with a row per point: parameters, numbers of the orbits, multipliers, and states
@@ -113,7 +116,7 @@ class OrbitPoints:
 
     def to_csv(self, path: Any) -> None:
         """Writes `to_dataframe` as a table with commas, whole or not at all."""
-        write_whole(Path(path), self.to_dataframe().to_csv().encode())
+        write_whole(user_path(path), self.to_dataframe().to_csv().encode())
 
 
 @dataclasses.dataclass(frozen=True)
@@ -525,7 +528,7 @@ def continue_orbit(
     **Raises:** `ValueError` that names the argument which is wrong, also where there is no orbit near the start;
     `Interrupted` after Ctrl-C, with the branch until then as its `result`, whose method `extended` goes on.
     """
-    check_scene(scene)
+    known("scene", check_scene(scene))
     check_forcing(scene)
     varied = parameter(name, scene)
     bounds, until = bounds_of(varied, bounds), labels(until)

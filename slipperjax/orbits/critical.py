@@ -35,7 +35,7 @@ from ..model.paths import at_values, checked_parameters, parameter, values_of
 from ..model.scene import Scene, check_scene
 from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver
-from ..tools.checks import one_of, require, shown_number
+from ..tools.checks import known, one_of, require, shown_number
 from ..tools.compile import is_traced, jit
 from ..tools.hermite import Cubic
 from ..tools.html import repr_html
@@ -123,7 +123,7 @@ def critical_orbit(
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
-    check_scene(scene)
+    known("scene", check_scene(scene))
     one_of("label", label, tuple(CRITICAL_MULTIPLIERS))
     parameter(name, scene)
     steps = int(start.steps_per_period) if steps_per_period is None else given_steps(steps_per_period)

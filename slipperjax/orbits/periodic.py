@@ -19,6 +19,7 @@ from ..flow.simulate import (
     default_steps,
     dynamic_steps,
     first_of,
+    refuse_periods,
     run_eagerly,
     simulate,
     static_steps,
@@ -159,6 +160,7 @@ def periodic_orbit(
     traced = is_traced((scene, begin))
     if transient is not None:
         tries = (whole("transient", transient, 0),)
+        refuse_periods(transient, steps)
     else:
         tries = (0,) if isinstance(begin, State) else TRANSIENTS[: 1 if traced else None]
     # differentiated in both modes, or by one program for all numbers of steps

@@ -15,7 +15,7 @@ from ..analysis.events import MEANINGS
 from ..flow.datasets import varied_names
 from ..model.quantities import COORDINATES, SECTIONS
 from ..model.quantities import quantity as registered
-from ..tools.checks import require
+from ..tools.checks import instance, one_of, require
 from .maps import bifurcation, draw_attractors, draw_regimes
 from .style import (
     COLORS,
@@ -87,6 +87,7 @@ def branches(ds: Any, quantity: str = "v_z", brute: xr.Dataset | None = None, ax
 
     **Raises:** `ValueError` for another kind of dataset, an unknown quantity, or where the parameters differ.
     """
+    instance("quantity", quantity, str, "the name of a variable")
     points = _datasets(ds, "branch", "continue_orbit", "stable", "event_point")
     name = _parameter(points)
     lines = [_lines_of(one, quantity) for one in points]
@@ -124,7 +125,7 @@ def branches(ds: Any, quantity: str = "v_z", brute: xr.Dataset | None = None, ax
 
 def check_quantity(quantity: str) -> None:
     """Raises `ValueError` where branches have no such quantity."""
-    require(quantity in QUANTITIES, "quantity", f"be one of {', '.join(QUANTITIES)}", quantity)
+    one_of("quantity", quantity, tuple(QUANTITIES))
 
 
 def check_brute(brute: Any, name: str, quantity: str) -> None:

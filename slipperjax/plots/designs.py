@@ -21,6 +21,7 @@ from .style import (
     COLORS,
     axis_label,
     case_title,
+    check_axes,
     check_dataset,
     color_bar,
     color_norm,
@@ -85,7 +86,8 @@ def design_overview(
             figure.suptitle(_title(ds), fontsize=7)
             axes = np.array([panels[label] for label in sorted(panels)])
         # legends come last: their columns follow from widths that each panel changes
-        legends_above([(ax, draw(ds, ax)) for ax, draw in zip(np.ravel(axes), draws, strict=True)])
+        every = np.ravel(check_axes(axes, len(draws)))
+        legends_above([(ax, draw(ds, ax)) for ax, draw in zip(every, draws, strict=True)])
     return axes
 
 

@@ -14,12 +14,13 @@ from ..analysis.lyapunov import LEAST, SURE
 from ..flow.datasets import varied_names
 from ..flow.status import Status
 from ..model.quantities import SECTIONS
-from ..tools.checks import one_of
+from ..tools.checks import instance, one_of
 from .style import (
     COLORS,
     FLAGGED_LABEL,
     REGIME_COLORS,
     axis_label,
+    check_axes,
     check_dataset,
     color_bar,
     color_norm,
@@ -106,13 +107,17 @@ def bifurcations(
     **Returns:** the Axes, an array.
     """
     check_dataset(ds, "sweep or follow", *SECTIONS)
+    instance("sections", sections, Sequence, "a list of sections")
     for name in sections:
         one_of("sections", name, tuple(SECTIONS))
+    if followed is not None:
+        check_dataset(followed, "follow", "direction", argument="followed")
     with styled():
         columns = 2 if axes is None and len(sections) > 3 else 1
         if axes is None:
             axes = _stacked(len(sections), columns)
             name_case(axes[0].figure, ds, full=True)
+        check_axes(axes, len(sections))
         ways = {} if followed is None else {way: followed.sel(direction=way) for way in followed["direction"].values}
         lost = False
         for tag, section, ax in zip("abcde", sections, axes, strict=False):

@@ -9,7 +9,7 @@ import xarray as xr
 from ..analysis.spectra import power_spectral_density
 from ..model.scene import Scene, check_scene
 from ..tools.checks import number, positive
-from .style import COLORS, axis_label, check_dataset, legend_above, styled
+from .style import COLORS, axis_label, check_axes, check_dataset, legend_above, styled
 from .trajectories import TRAJECTORY_SOURCE, most_loaded
 
 SAMPLES = 4096
@@ -43,7 +43,7 @@ def rail(scene: Scene, ds: xr.Dataset | None = None, axes: Any = None, *, length
         if axes is None:
             rows = 2 if ds is None else 3
             _, axes = plt.subplots(rows, 1, figsize=(7.2, 2.0 * rows), layout="constrained")
-        upper, *middle, lower = np.ravel(axes)
+        upper, *middle, lower = np.ravel(check_axes(axes, 2 if ds is None else 3))
         for name, color in (("lateral", "blue"), ("vertical", "red")):
             height = 1e3 * np.asarray(getattr(here, name))
             upper.plot(distance, height, lw=0.7, color=COLORS[color], label=name)

@@ -16,6 +16,7 @@ from .branches import DASHED, SOLID, joined, stable_parts
 from .style import (
     COLORS,
     axis_label,
+    check_axes,
     check_dataset,
     color_bar,
     color_norm,
@@ -70,7 +71,7 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None, axes: Any = None) -
             size = (7.2, 1.5 * len(panels) + 0.5)
             figure, axes = plt.subplots(len(panels), 1, figsize=size, sharex=True, layout="constrained")
             name_case(figure, ds.drop_vars(_speed_name(ds)), full=True)
-        axes = np.ravel(axes)
+        axes = np.ravel(check_axes(axes, len(panels)))
         figure = axes[0].figure
         entries = [(ax, draw(ax, ds)) for ax, draw in zip(axes, panels, strict=True)]
         for ax in axes:

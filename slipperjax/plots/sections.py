@@ -14,7 +14,7 @@ from ..model.kinematics import Motion, contacts, face_offsets, quaternion_from_e
 from ..model.quantities import quantity
 from ..model.scene import Scene, check_scene
 from ..model.section import Section
-from ..tools.checks import number, positive, whole
+from ..tools.checks import finite, known, number, positive, whole
 from .style import COLORS, POINT_COLORS, case_title, drawing, styled
 from .trajectories import contact_forces
 
@@ -46,7 +46,7 @@ def section(scene: Scene, ax: Any = None, *, magnify: float | None = None) -> An
 
     **Raises:** `ValueError` for a `magnify` that is not positive.
     """
-    shape = check_scene(scene).section
+    shape = known("scene", check_scene(scene)).section
     magnify = default_magnification(shape) if magnify is None else number(positive, "magnify", magnify)
     still = drawn_points(shape, np.asarray(shape.play)[shape.face_of_point], np.zeros(len(shape.names)), magnify)
     reach = 1e3 * THICKNESS * height(shape)
@@ -210,7 +210,7 @@ def instant(
     **Arguments:** as for `animate`. **Returns:** the figure.
     """
     picture = _Picture(run, scene, magnify, last, most)
-    picture.show(-1 if at is None else int(np.argmin(np.abs(picture.period - at))))
+    picture.show(-1 if at is None else int(np.argmin(np.abs(picture.period - number(finite, "at", at)))))
     return picture.figure
 
 
@@ -240,6 +240,7 @@ def frames_of(
     # peaks are those of the periods that are shown
     ds = ds.drop_vars(["peak_force", "peak_period"], errors="ignore")
     if last is not None:
+        last = number(positive, "last", last)
         ds = ds.isel(time=ds["period"].values > ds["period"].values[-1] - last + 1e-9)
     force = ds["contact_force"].transpose("time", "end", "point").values
     gap, offset = _displacements(ds, scene)

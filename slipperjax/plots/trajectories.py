@@ -8,10 +8,12 @@ import xarray as xr
 
 from ..flow.status import Status
 from ..model.quantities import quantity
+from ..tools.checks import instance, number, positive, real, require, whole
 from .style import (
     COLORS,
     POINT_COLORS,
     axis_label,
+    check_axes,
     check_dataset,
     drawing,
     legend_above,
@@ -71,7 +73,7 @@ def contact_forces(ds: Any, ax: Any = None, *, most: int = 4, last: float | None
 def _draw_contact_forces(ds: xr.Dataset, ax: Any, most: int = 4, last: float | None = LAST_PERIODS) -> list[Any]:
     """Draws the forces of `contact_forces`; gives the entries of a legend."""
     period = ds["period"].values
-    drawn = period >= (-np.inf if last is None else period[-1] - last - 1e-9)
+    drawn = period >= (-np.inf if last is None else period[-1] - number(positive, "last", last) - 1e-9)
     for line in most_loaded(ds, most):
         unknown = " in the whole run" if line.peak > 0 else ""
         instant = f" at {line.instant:.4g}" if np.isfinite(line.instant) else unknown
@@ -139,6 +141,7 @@ def most_loaded(ds: xr.Dataset, most: int) -> list[PointForce]:
         # a record begins one interval before its first saved state
         within = (when > 2 * period[0] - period[:2][-1]) & (when <= period[-1]) | np.isnan(when)
         peaks, instants = ds["peak_force"].where(within, peaks), when.where(within, instants)
+    most = whole("most", most, 1)
     stacked = peaks.stack(at=("end", "point"))
     lines = []
     for end, point in stacked.sortby(stacked, ascending=False)["at"].values[:most]:
@@ -164,8 +167,9 @@ def overview(ds: Any, axes: Any = None) -> Any:
         if axes is None:
             figure, axes = plt.subplots(7, 2, figsize=(7.2, 9.4), layout="constrained")
             name_case(figure, ds, full=True)
+        check_axes(axes, 14)
         names = ("y", "v_y", "z", "v_z", "roll", "w_x", "pitch", "w_y", "yaw", "w_z")
-        for name, ax in zip(names, axes.flat, strict=False):
+        for name, ax in zip(names, np.ravel(axes), strict=False):
             history(ds, name, ax).set_xlabel("")
             ax.tick_params(labelbottom=False)
         left, right = axes[5]
@@ -210,8 +214,12 @@ def spectrum(frequency: Any, density: Any, ax: Any = None, *, unit: str = "", hi
 
     **Returns:** the Axes.
     """
-    frequency, density = np.asarray(frequency), np.asarray(density)
-    drawn = (frequency > 0) & (frequency <= (np.inf if highest is None else highest))
+    frequency, density = real("frequency", frequency), real("density", density)
+    frequency, density = np.asarray(frequency, float), np.asarray(density, float)
+    good = frequency.ndim == 1 and frequency.shape == density.shape
+    require(good, "density", "be of the shape of `frequency`, along one axis", shown=f"of shape {density.shape}")
+    instance("unit", unit, str, "a text")
+    drawn = (frequency > 0) & (frequency <= (np.inf if highest is None else number(positive, "highest", highest)))
     with drawing(ax) as ax:
         ax.semilogy(frequency[drawn], density[drawn], lw=0.6, color=COLORS["blue"])
         ax.set(xlabel="frequency [Hz]", ylabel=f"PSD [{typeset(unit)}]" if unit else "PSD")

@@ -1,7 +1,7 @@
 """Grids and samples of parameters as batches of scenes and starts, and as tiles: names are resolved here only."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -18,8 +18,8 @@ from ..model.scene import Scene, check_scene
 from ..model.step_size import rounded_steps, steps_needed
 from ..model.tracks import AbstractTrack
 from ..tools.batching import Batched
-from ..tools.checks import one_of, require, whole, yes_or_no
-from ..tools.compile import is_traced, jit
+from ..tools.checks import known, one_of, require, whole, yes_or_no
+from ..tools.compile import jit
 from ..tools.limits import refuse_impossible
 
 
@@ -43,8 +43,8 @@ class Grid:
         """
         self.scene = check_scene(scene)
         require(isinstance(grid, Mapping) and grid, "grid", "name one or more parameters with their values", grid)
-        need = "be of values that are known: call sweeps outside of jax.jit, jax.grad and jax.vmap"
-        require(not is_traced((scene, dict(grid))), "grid", need, shown="traced")
+        known("scene", scene)
+        known("grid", dict(grid))
         self.axes = {name: _values(scene, name, raw) for name, raw in grid.items()}
         self.product = yes_or_no("product", product)
         lengths = tuple(len(v) for v in self.axes.values())
@@ -318,7 +318,9 @@ def sample_box(
     from scipy.stats import qmc
 
     require(isinstance(box, Mapping) and box, "box", "name one or more parameters with their bounds", box)
-    count, of = whole("count", count, 1), paper_scene() if scene is None else scene
+    count, of = whole("count", count, 1), paper_scene() if scene is None else check_scene(scene)
+    listed = isinstance(log, Collection) and not isinstance(log, str) and all(isinstance(name, str) for name in log)
+    require(listed, "log", "be a list of parameters of `box`", log)
     refuse_impossible(f"{count} points", 8.0 * count * len(box), 1e-7 * count * len(box))
     spread = {name: _spread(of, name, ends, name in log) for name, ends in box.items()}
     rng, dimensions = np.random.default_rng(whole("seed", seed, 0)), len(box)

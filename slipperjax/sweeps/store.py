@@ -45,7 +45,7 @@ from ..tools.cache import compile_cache, keep_programs
 from ..tools.checks import TOLD, require, warn, whole, yes_or_no
 from ..tools.code import IMPORTED, classes_of, code_digest, package_digest
 from ..tools.description import describe, type_name
-from ..tools.files import listed, user_path
+from ..tools.files import content_of, listed, readable, user_path
 from ..tools.limits import cores, shown_bytes
 from .estimate import STORE, CountedEstimate
 from .grid import Grid, Tiling
@@ -61,6 +61,10 @@ RETRIES = 3
 """How often dask tries a task again that failed."""
 LOCK_WAIT, SHARE_WAIT = 0.5, 60.0
 """Seconds for which a lock is waited for, and for which a share waits until another one has made the store."""
+MOST_TILES = 10**8
+"""Tiles of one store: each is some files."""
+MOST_PROCESSES = 4096
+"""Processes of one executor."""
 THREADS_WAIT = 10.0
 """Seconds after Ctrl-C that threads have to end the call that they are in."""
 ZARR: Any = {"zarr_format": 3, "consolidated": False}
@@ -218,8 +222,12 @@ class Archive(NamedTuple):
         return sum(self.tiles.cases(int(k)) for k in np.flatnonzero(self.complete_tiles() if done is None else done))
 
     def open(self) -> xr.Dataset:
-        """All of it, digests and texts as they are stored."""
-        return xr.open_zarr(self.path, chunks=None, mask_and_scale=False, **ZARR)
+        """All of it, digests and texts as they are stored.
+
+        **Raises:** `ValueError` where zarr or xarray cannot read it.
+        """
+        with readable(self.path, "zarr store"):
+            return xr.open_zarr(_regular_files(self.path), chunks=None, mask_and_scale=False, **ZARR)
 
     def digest(self, number: int, of_versions: str) -> int:
         """The digest of a tile: of the store's call, its versions, and the bytes of its files.
@@ -241,21 +249,21 @@ class Archive(NamedTuple):
     def damage(self, number: int, ds: xr.Dataset) -> str | None:
         """Says what is wrong with a tile whose digest is there, as far as checksums tell; None where nothing is."""
         files, of_tile = self.files(number), {}
-        try:
-            for name in (VERSIONS, DIGEST):
-                try:
-                    of_tile[name] = ds[name].isel(self.place(number)).values.item()
-                except Exception as error:
-                    return f"{files[name]} cannot be read: {error}"
-            if of_tile[DIGEST] == self.digest(number, of_tile[VERSIONS]):
-                return None
-            for name in self.mark["variables"]:
-                try:
-                    ds[name].isel(self.region(number)).load()
-                except Exception as error:  # codecs raise many kinds of errors
-                    return f"{files[name]} cannot be read: {error}"
-        except FileNotFoundError as error:
-            return f"{error.filename} is missing"
+        for file in files.values():  # a pipe or a device would be read for ever
+            if not file.is_file():
+                return f"{file} is {'no file' if file.exists() else 'missing'}"
+        for name in (VERSIONS, DIGEST):
+            try:
+                of_tile[name] = ds[name].isel(self.place(number)).values.item()
+            except Exception as error:
+                return f"{files[name]} cannot be read: {error}"
+        if of_tile[DIGEST] == self.digest(number, of_tile[VERSIONS]):
+            return None
+        for name in self.mark["variables"]:
+            try:
+                ds[name].isel(self.region(number)).load()
+            except Exception as error:  # codecs raise many kinds of errors
+                return f"{files[name]} cannot be read: {error}"
         return "its files are not those that were written"
 
     def check_same(self) -> None:
@@ -309,6 +317,20 @@ class Archive(NamedTuple):
             is_own = _whole_name(file) in own and file.suffix in ("", ".json", ".partial")
             if file.is_symlink() or not (is_own or file.is_dir()):
                 raise ValueError(f"Argument `store` must hold nothing else where it is made anew, but has {file}.")
+
+
+def _regular_files(path: Path) -> Any:
+    """Returns what zarr reads a store by, which refuses links, devices and pipes, some of which never end."""
+    from zarr.storage import LocalStore
+
+    class RegularFiles(LocalStore):
+        async def get(self, key, prototype=None, byte_range=None):
+            file = self.root / key
+            if file.is_symlink() or (file.exists() and not file.is_file()):
+                raise OSError(f"{file} is no regular file")
+            return await super().get(key, prototype, byte_range)
+
+    return RegularFiles(path, read_only=True)
 
 
 def _whole_name(file: Path) -> Path:
@@ -416,10 +438,12 @@ def _open_archive(path: Path, call: Mapping[str, Any] | None = None) -> Archive:
     **Raises:** `ValueError` where it is none of ours, or was made by another call than `call`, with the differences.
     """
     try:
-        attributes = json.loads((path / "zarr.json").read_text())["attributes"]
+        attributes = json.loads(content_of(path / "zarr.json"))["attributes"]
         archive = Archive(path, json.loads(attributes[MARK]))
-    except (OSError, KeyError, ValueError, TypeError) as error:
+    except (OSError, KeyError, ValueError, TypeError, RecursionError) as error:
         raise ValueError(f"{path}: must be a store of slipperjax, but is none: {error!r}") from None
+    if not _is_mark(archive.mark):
+        raise ValueError(f"{path}: must be a store of slipperjax, but its attribute `{MARK}` was changed.")
     if call is None:
         return archive
     stored, called = dict(_leaves(archive.mark["call"])), dict(_leaves(call))
@@ -433,6 +457,32 @@ def _open_archive(path: Path, call: Mapping[str, Any] | None = None) -> Archive:
             "Take another path, or start over with slipperjax.Store(path, fresh=True), on the command line --fresh."
         )
     return archive
+
+
+_KINDS = {"identity": str, "call": dict, "versions": dict, "dims": [str], "shape": [int], "tile": [int]}
+_KINDS |= {"axes": [str], "coords": [str], "variables": {str: [str]}, "common": {str: str}}
+
+
+def _is_mark(mark: Any) -> bool:
+    """Tells whether a value is what the attribute `MARK` holds, of a store of at most `MOST_TILES`."""
+    if not isinstance(mark, dict):
+        return False
+    kinds = all(_fits(mark.get(name, {} if name == "common" else None), kind) for name, kind in _KINDS.items())
+    if not kinds or not len(mark["dims"]) == len(mark["shape"]) == len(mark["tile"]) > 0:
+        return False
+    return (
+        min(mark["shape"] + mark["tile"]) > 0
+        and Tiling(tuple(mark["shape"]), tuple(mark["tile"])).count <= MOST_TILES
+    )
+
+
+def _fits(value: Any, kind: Any) -> bool:
+    """Tells whether a value is of a class, or a list or dict of values of one."""
+    if isinstance(kind, list):
+        return isinstance(value, list) and all(_fits(one, kind[0]) for one in value)
+    if isinstance(kind, dict):
+        return isinstance(value, dict) and all(_fits(one, kind[str]) for one in value.values())
+    return type(value) is kind
 
 
 def _undamaged(archive: Archive) -> Archive:
@@ -464,7 +514,9 @@ class _Stored(BackendArray):
     def _read(self, key: tuple[Any, ...]) -> np.ndarray:
         try:
             return self.variable[key].values
-        except (RuntimeError, ValueError, TypeError, OSError) as error:  # codecs have no class of their own
+        except IndexError:  # of what is asked for
+            raise
+        except Exception as error:  # codecs raise many kinds of errors
             advice = f"`slipperjax store check {self.path}` names the file"
             raise OSError(f"{self.path / self.name} is damaged: {advice}: {error}") from None
 
@@ -813,7 +865,7 @@ def processes(count: int | None = None) -> ProcessPoolExecutor:
 
     **Raises:** `ValueError` for fewer than one.
     """
-    count = cores() if count is None else whole("count", count, 1)
+    count = cores() if count is None else whole("count", count, 1, MOST_PROCESSES)
     context = _Together()
     folder = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
     # each process takes a group of cores, as equal as they can be; processes above the number of cores share them

@@ -13,6 +13,8 @@ from pathlib import Path
 import jax
 import platformdirs
 
+from .files import user_path
+
 VARIABLE = "SLIPPERJAX_CACHE"
 """Environment variable: a folder for the cache, or "off"."""
 LEAST_FREE = 1 << 26
@@ -38,7 +40,7 @@ def compile_cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
     that is one `CacheWarning` and no error. Where JAX has a cache folder already (`jax_compilation_cache_dir`), it
     stays.
     """
-    chosen = os.environ.get(VARIABLE, "") if folder is None else os.fspath(folder)
+    chosen = os.environ.get(VARIABLE, "") if folder is None else str(user_path(folder, "folder"))
     if chosen.lower() == "off":
         return None
     if jax.config.jax_compilation_cache_dir:  # type: ignore[attr-defined]

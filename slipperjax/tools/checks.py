@@ -23,8 +23,12 @@ from .compile import is_traced
 
 
 def brief(value: Any) -> str:
-    """Gives `repr` of a value on one line, cut where it is long."""
-    text = " ".join(repr(value).split())
+    """Gives `repr` of a value on one line, cut where it is long; its class where it has none, as a list in too many
+    lists and a number of too many digits."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # of whatever class a user's own `repr` raises
+        text = f"<{type(value).__name__}>"
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 
@@ -98,7 +102,7 @@ class Check:
             if numbers is None or (np.size(numbers) and np.asarray(numbers).dtype.kind not in "fiu"):
                 raise TypeError
             array = np.asarray(numbers, dtype=float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, RecursionError):
             kind = f"a number{f' in {self.unit}' if self.unit not in ('', '1') else ''}"
             raise ValueError(f"Argument `{name}` must be {need}, but is {brief(value)}, not {kind}.") from None
         bad = self.is_bad(array)
@@ -157,7 +161,7 @@ def unit_of(kind: type, field: str) -> str:
 
 def number(check: Callable[[str, str], Check], name: str, value: Any, unit: str = "") -> float:
     """Gives a single number that passes `check`, such as `positive`; raises `ValueError` otherwise."""
-    array = check(name, unit)(value)
+    array = check(name, unit)(known(name, value))
     require(array.ndim == 0, name, "be one number", value)
     return float(np.asarray(in_unit(value, unit), float))  # and not of `array`, which inside jit is traced
 
@@ -178,13 +182,19 @@ def numbers(name: str, value: Any, axes: int = 0) -> np.ndarray:
     """Gives an array of numbers with so many axes or more; raises `ValueError` otherwise."""
     try:
         array = np.asarray(value)
-    except ValueError:  # of rows of several lengths
+    except (TypeError, ValueError):  # of datasets, and of rows of several lengths
         array = np.asarray(None)
     shapes = f" with {axes} axes or more" if axes > 1 else " along one axis or more" if axes else ""
     need = f"be numbers{shapes}"
     require(array.dtype.kind in "biufc", name, need, value)
     require(array.ndim >= axes, name, need, shown=f"of shape {array.shape}")
     return array
+
+
+def real(name: str, value: Any) -> Any:
+    """Gives `value`, which must be real numbers or traced; raises `ValueError` otherwise."""
+    require(is_traced(value) or numbers(name, value).dtype.kind in "fiu", name, "be real numbers", value)
+    return value
 
 
 TOLD: ContextVar[set[str] | None] = ContextVar("TOLD", default=None)
@@ -224,11 +234,22 @@ def warn(text: str) -> None:
 _OWN = (__name__.split(".")[0], "equinox", "jax")
 
 
-def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
+def known(name: str, value: Any) -> Any:
+    """Gives `value`; raises `ValueError` where it is traced, for what makes no program but datasets and pictures."""
+    need = "be of values that are known: call this outside of jax.jit, jax.grad and jax.vmap"
+    require(not is_traced(value), name, need, shown="traced")
+    return value
+
+
+MOST_OF_ANY = 2**128
+"""Greatest whole number that is accepted where nothing else bounds it: seeds may be as long."""
+
+
+def whole(name: str, value: Any, least: int, most: int = MOST_OF_ANY) -> int:
     """Gives `value` as an `int` of at least `least`, and at most `most`; raises `ValueError` otherwise."""
     ok = isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least
     require(ok, name, f"be a whole number of {least} or more", value)
-    require(most is None or value <= most, name, f"be at most {most}", value)
+    require(value <= most, name, f"be at most {'2^128' if most == MOST_OF_ANY else most}", value)
     return int(value)
 
 

@@ -126,8 +126,8 @@ def known_type(name: str, bases: tuple[type, ...], where: str) -> type:
     if name not in classes:
         own = ", ".join(sorted(k for k in classes if "." not in k))
         raise ValueError(
-            f"Argument `{where}.{TYPE}` must be one of {own}, but is {name!r}. A class of your own must be imported "
-            f"before."
+            f"Argument `{where}.{TYPE}` must be one of {own}, but is {brief(name)}. A class of your own must be "
+            f"imported before."
         )
     return classes[name]
 

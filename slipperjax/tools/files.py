@@ -3,9 +3,12 @@
 import os
 import secrets
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from .checks import require
 
 Content = bytes | memoryview
 """Content of a file."""
@@ -15,9 +18,22 @@ LARGEST_FILE = 2**31
 """Bytes of the largest file that is read."""
 
 
-def user_path(path: Any) -> Path:
-    """Gives a path; one that begins with ~ is in the user's home."""
-    return Path(os.path.expanduser(path))
+LONGEST_PATH = 4096
+"""Characters of the longest path."""
+
+
+def user_path(path: Any, name: str = "path") -> Path:
+    """Gives a path; one that begins with ~ is in the user's home.
+
+    **Arguments:** `name`: of the argument.
+
+    **Raises:** `ValueError` for what is no path.
+    """
+    require(isinstance(path, str | os.PathLike), name, "be a path", path)
+    text = os.fspath(path)
+    good = isinstance(text, str) and len(text) <= LONGEST_PATH and "\0" not in text
+    require(good, name, "be a path", path)
+    return Path(os.path.expanduser(text))
 
 
 def check_file(path: Path) -> None:
@@ -37,6 +53,21 @@ def content_of(path: Path) -> bytes:
     if (size := path.stat().st_size) > LARGEST_FILE:
         raise ValueError(f"{path} must have {LARGEST_FILE:,} bytes at most, but has {size:,}.")
     return path.read_bytes()
+
+
+@contextmanager
+def readable(path: Any, kind: str) -> Iterator[None]:
+    """Around calls of other packages that read a file, which raise errors of any class for a damaged one.
+
+    **Arguments:** `kind`: what the file should be, as in "netCDF file".
+
+    **Raises:** `ValueError` that names the file.
+    """
+    try:
+        yield
+    except Exception as error:
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        raise ValueError(f"{path} is no {kind} that can be read: {text}") from None
 
 
 class NotWritten(OSError):

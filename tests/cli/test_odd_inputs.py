@@ -472,6 +472,8 @@ LINES = [
     (["simulate", "--memory", "latch"], "'--memory': 'latch' is not one of 'event', 'smooth'"),
     (["simulate", "--out", "/proc/no/place"], "--out must name a place that can be written"),
     (["simulate", "--out", ""], "--out"),
+    (["simulate", "--begin", "inf"], "`begin` must be finite, but is inf m"),
+    (["simulate", "--scene", "a\0b"], "`path` must be a path"),
     (["simulate", "1250"], "1250"),
     (["simulate", "--gravity", "-9.81"], "`gravity` must be zero or positive, but is -9.81"),
     (["simulate", "--stiffness", "1e30"], "`steps_per_period` must be given: the default would be"),

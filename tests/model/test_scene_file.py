@@ -217,6 +217,14 @@ BASE = 'base = "paper"\n'
         ('base = "mine"', "line 1: `base` must be one of paper, but is 'mine'"),
         ('speed = "3 m/s', "Unterminated string"),
         (BASE + 'speed = "1 m/s"\nspeed = "2 m/s"', "Cannot overwrite a value"),
+        (BASE + f"speed = {'1' * 5000}", "scene.toml: Exceeds the limit"),
+        (BASE + '"a\\nb" = 1', "`a b` is none of base, speed"),
+        (
+            BASE + "[start]\nq_x = { values = [1.0], unit = 3 }",
+            "line 2: Argument `start` must be finite, but its q_x",
+        ),
+        (BASE + '[track]\ntype = "TrackSet"\ntracks = 1979-05-27', "line 4: Argument `tracks` must be one or more"),
+        (BASE + f'[track]\ntype = "{"a" * 9999}"', "line 3: Argument `track.type` must be one of"),
     ],
 )
 def test_errors_name_file_and_line(text, words):
@@ -224,6 +232,7 @@ def test_errors_name_file_and_line(text, words):
         scene_from_toml(text, "scene.toml")
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 500
 
 
 def test_files_are_written_and_read(tmp_path):

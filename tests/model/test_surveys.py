@@ -271,6 +271,32 @@ def test_wrong_netcdf_files_are_one_line(tmp_path, change, words):
         sj.load_rail(tmp_path / "cut.nc")
 
 
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
+def test_netcdf_files_of_version_3_that_were_cut_are_one_line(tmp_path, share):
+    """Of which scipy's reader raises errors of many classes."""
+    content = netcdf(tmp_path, "NETCDF3_64BIT").read_bytes()
+    (tmp_path / "cut.nc").write_bytes(content[: int(share * len(content))])
+    with pytest.raises(ValueError, match=r"cut\.nc is no netCDF file that can be read: \w+: ") as told:
+        sj.load_rail(tmp_path / "cut.nc")
+    assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize("limits", [{"valid_range": np.zeros(0)}, {"valid_range": "a"}, {"valid_min": "a"}])
+def test_wrong_valid_ranges_are_one_line(tmp_path, limits):
+    with pytest.raises(ValueError, match="`valid range of y` must be"):
+        sj.load_rail(netcdf(tmp_path, change=lambda ds: ds.assign(y=ds["y"].assign_attrs(limits))))
+
+
+def test_huge_cells_are_one_line(tmp_path):
+    file = tmp_path / "survey.csv"
+    for cell in ("a" * 200_000, "9" * 200_000):
+        for text in (f"{HEADER}\n0, {cell}, 0\n1, 0, 0\n", f"{HEADER}, {cell} [m]\n0, 0, 0, 0\n"):
+            file.write_text(text)
+            with pytest.raises(ValueError, match=r"survey\.csv") as told:
+                sj.load_rail(file)
+            assert len(str(told.value)) < 300
+
+
 def test_huge_variables_that_are_not_read_take_nothing(tmp_path):
     with h5py.File(netcdf(tmp_path), "a") as file:
         file.create_dataset("unused", (20_000, 20_000), "f8", chunks=(1000, 1000), compression="gzip")

@@ -6,6 +6,7 @@ import json
 import multiprocessing
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -311,6 +312,80 @@ def test_a_tile_of_another_store_is_found(stored, tmp_path, whole):
     assert line == "tile 3: its files are not those that were written"
     call(stored)
     assert files(stored) == whole
+
+
+MARKS = [
+    *(
+        lambda mark, name=name: mark.pop(name)
+        for name in ("identity", "call", "versions", "dims", "shape", "variables")
+    ),
+    lambda mark: mark.update(shape=[-12, 10]),
+    lambda mark: mark.update(shape=[10**30, 10]),
+    lambda mark: mark.update(tile=[0, 10]),
+    lambda mark: mark.update(tile="large"),
+    lambda mark: mark.update(dims=["speed"]),
+    lambda mark: mark.update(coords=[3]),
+    lambda mark: mark.update(variables={"v_z": 3}),
+    lambda mark: mark.update(call=[]),
+]
+"""Changes of the attribute by which stores are known."""
+
+
+@pytest.mark.parametrize("change", MARKS)
+def test_a_store_with_another_mark_is_none_of_ours(stored, change):
+    group = json.loads((stored / "zarr.json").read_text())
+    mark = json.loads(group["attributes"][module.MARK])
+    change(mark)
+    group["attributes"][module.MARK] = json.dumps(mark)
+    (stored / "zarr.json").write_text(json.dumps(group))
+    before = files(stored)
+    for function in (sj.open_store, store_status, check_store, call, lambda path: call(path, fresh=True)):
+        with pytest.raises(ValueError, match="must be a store of slipperjax, but its attribute"):
+            function(stored)
+    assert files(stored) == before
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe{", b"[" * 100_000, b"3", b'{"attributes": 3}'])
+def test_a_store_without_a_mark_is_none_of_ours(stored, content):
+    (stored / "zarr.json").write_bytes(content)
+    for function in (sj.open_store, store_status, check_store):
+        with pytest.raises(ValueError, match="must be a store of slipperjax, but is none"):
+            function(stored)
+
+
+def test_pipes_and_folders_in_place_of_files_are_damage(stored):
+    pipe, folder = stored / "good" / "c" / "3" / "0", stored / "v_z" / "c" / "5" / "0" / "0"
+    pipe.unlink()
+    os.mkfifo(pipe)
+    folder.unlink()
+    folder.mkdir()
+    assert check_store(stored) == [f"tile 3: {pipe} is no file", f"tile 5: {folder} is no file"]
+    link = stored / "status" / "c" / "4" / "0"
+    link.unlink()
+    link.symlink_to("/dev/zero")
+    ds = sj.open_store(stored)
+    for name, file in {"good": pipe, "v_z": folder, "status": link}.items():
+        with pytest.raises(OSError, match=re.escape(f"{file} is no regular file")):
+            ds[name].load()
+    link.unlink()
+    assert store_status(stored).tiles_done == 9
+    (stored / "zarr.json").unlink()
+    os.mkfifo(stored / "zarr.json")
+    with pytest.raises(ValueError, match="must be a store of slipperjax, but is none"):
+        check_store(stored)
+
+
+def test_what_zarr_cannot_read_is_one_line(stored):
+    group = json.loads((stored / "zarr.json").read_text())
+    mark = json.loads(group["attributes"][module.MARK])
+    group["attributes"][module.MARK] = json.dumps(mark | {"common": {}})  # by whose digests it would be found
+    (stored / "zarr.json").write_text(json.dumps(group))
+    array = json.loads((stored / "v_z" / "zarr.json").read_text())
+    (stored / "v_z" / "zarr.json").write_text(json.dumps(array | {"data_type": "no type"}))
+    for function in (sj.open_store, check_store):
+        with pytest.raises(ValueError, match=r"map\.zarr is no zarr store that can be read: \w+: ") as told:
+            function(stored)
+        assert "\n" not in str(told.value)
 
 
 def test_other_versions_go_on_with_a_warning_and_stand_by_tile(stored, whole, monkeypatch):
