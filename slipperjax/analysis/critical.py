@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import one_of, shown_number
 from ..tools.compile import call_compiled, is_transformed
-from .curves import Curve, Spot, bounds_of_unknowns, check_within, correct, evaluated, follow_curve
+from .curves import Curve, Spot, bounds_of_unknowns, check_within, correct, follow_curve
 from .events import resonance
 from .floquet import product, solve
 from .newton import AbstractEquations, Linearisation, newton, without_derivatives
@@ -151,7 +151,11 @@ class CriticalMotions(AbstractEquations):
         """Gives P_x v. Pure."""
         flow = lambda x: self.motions.mapped(jnp.concatenate([x, of[self.size :]]))
         push = lambda t: jax.jvp(flow, (of[: self.size],), (t,))[1]
-        return push(v.real) + 1j * push(v.imag) if self.angled else push(v)
+        if not self.angled:
+            return push(v)
+        # in one, because that is half the program
+        real, imaginary = jax.vmap(push)(jnp.stack([v.real, v.imag]))
+        return real + 1j * imaginary
 
 
 class CriticalMotion(eqx.Module):
@@ -268,9 +272,10 @@ def continue_critical(
     angles = [angle] if isinstance(equations, CriticalMotions) and equations.angled else []
     low, high = bounds_of_unknowns(motions.size, *bounds, *[(-np.inf, np.inf) for _ in angles])
     z = motions.unknowns(state, *values, *angles)
-    for _ in range(BORDER_UPDATES if critical else 0):
-        equations = equations.update(z, evaluated(equations, z).null_vectors)
     row = jnp.zeros(z.size).at[motions.size + 1].set(1.0)
+    for _ in range(BORDER_UPDATES if critical else 0):
+        # by the program that corrects, of which the equations are most
+        equations = equations.update(z, correct(equations, z, row, tolerance=tolerance, iterations=0).null_vectors)
     first = correct(equations, z, row, tolerance=tolerance, iterations=CURVE_START_ITERATIONS)
     if not first.residual <= tolerance:
         raise ValueError(

