@@ -10,6 +10,7 @@ lowered. The transpose of that primitive is one for arguments and vice versa, so
 by what are their results.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -25,6 +26,10 @@ NOT_IN_A_KERNEL = frozenset(
     ("chlo.top_k", "stablehlo.custom_call", "stablehlo.fft", "stablehlo.select_and_scatter", "stablehlo.sort")
 )
 """Operations for which XLA on a CPU calls a library, or has no code inside a kernel."""
+
+
+LARGE = 1024
+"""Numbers from which sums and extremes are left to a library: measured 4096, of sums along an axis 1280."""
 
 
 def in_one_kernel(fun: Callable, *args: Any) -> Any:
@@ -85,6 +90,7 @@ def _mark(context: Any, x: Any, kernel: bool) -> list:
             marks = marks | {"xla_cpu_small_call": "true"} if good else {}
             if good:
                 _hide_constants(call)
+                _hide_reductions(_callee(call), functions, set())
         call.attributes[ATTRIBUTES] = ir.DictAttr.get({key: ir.StringAttr.get(text) for key, text in marks.items()})
     return [x]
 
@@ -96,6 +102,40 @@ def _hide_constants(call: Any) -> None:
         barrier = stablehlo.OptimizationBarrierOp(list(call.operands))
     for k, value in enumerate(barrier.operation.results):
         call.operands[k] = value
+
+
+def _hide_reductions(name: str, functions: Any, seen: set[str]) -> None:
+    """Lets large sums and extremes in a function, and in those that it calls, be none that XLA knows.
+
+    It computes those by a library (YNNPACK, since JAX 0.11), which it has no code for inside a kernel.
+    """
+    if name in seen:
+        return
+    seen.add(name)
+    found = []
+
+    def visit(operation):
+        if operation.name == "func.call":
+            _hide_reductions(_callee(operation), functions, seen)
+        elif operation.name in ("stablehlo.reduce", "stablehlo.reduce_window") and len(operation.operands) == 2:
+            found.append(operation)
+        return ir.WalkResult.ADVANCE
+
+    functions[name].operation.walk(visit)
+    for operation in found:
+        kind = ir.RankedTensorType(operation.operands[0].type)
+        block = operation.regions[0].blocks[0]
+        step, end = block.operations[0], block.operations[len(block.operations) - 1]
+        if (
+            math.prod(kind.shape) >= LARGE
+            and len(block.operations) == 2
+            and isinstance(kind.element_type, ir.FloatType)
+        ):
+            with ir.InsertionPoint(end), end.location:
+                # the same for all numbers, NaN included
+                value = block.arguments[1]
+                is_nan = stablehlo.compare(value, value, stablehlo.ComparisonDirectionAttr.get("NE"))
+                end.operands[0] = stablehlo.select(is_nan, value, step.results[0])
 
 
 def _callee(call: Any) -> str:

@@ -68,6 +68,22 @@ def test_arguments_without_use_and_constants(place):
     np.testing.assert_allclose(jax.jit(placed)(X), part(X, X, 0 * X), rtol=1e-14)  # measured: 1e-16
 
 
+@pytest.mark.parametrize("reduce", [jnp.sum, jnp.max, jnp.min, jnp.prod, jnp.any, jnp.argmax])
+@pytest.mark.parametrize("size", [8, 128])
+def test_large_sums_and_extremes_are_in_a_kernel(reduce, size):
+    """Since JAX 0.11 a library computes them elsewhere, in kernels not."""
+    loop = repeated(lambda x: jnp.sin(x) + 1e-3 * reduce(x, axis=1)[:, None])
+    marked = lambda x: in_one_kernel(loop, x)
+    x = jnp.linspace(0.1, 0.9, size * 80).reshape(size, 80)
+    assert calls_of(marked, x)
+    right = jax.jit(loop)(x)
+    np.testing.assert_allclose(jax.jit(marked)(x), right, rtol=1e-13)  # measured: 2e-15
+    found = jax.jit(marked)(x.at[3, 4].set(jnp.nan))  # which the library's extremes leave out
+    np.testing.assert_allclose(np.delete(found, 3, axis=0), np.delete(right, 3, axis=0), rtol=1e-13)
+    if reduce in (jnp.sum, jnp.max, jnp.min, jnp.prod):
+        assert np.all(np.isnan(found[3]))
+
+
 def test_constants_of_a_program_in_reverse_mode(monkeypatch):
     """Those that XLA would fold into what is called: it ended the process."""
     monkeypatch.setattr("slipperjax.tools.jacobian.MOST_FORWARD", 0)
