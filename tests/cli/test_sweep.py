@@ -74,6 +74,7 @@ def test_stores_are_looked_after(stored, folder, capsys):
     damaged.write_bytes(whole[:9])
     error = error_of(["store", "draw", folder / "copy.zarr", "--out", folder / "p.png"], capsys)
     assert f"{damaged.parents[2]} is damaged: `slipperjax store check {folder / 'copy.zarr'}` names the file" in error
+    plt.close("all")  # as the end of the command's process does
     damaged.write_bytes(whole)
     (folder / "copy.zarr" / "v_z" / "c" / "1" / "0" / "0").write_bytes(b"nothing")
     out, _ = call(["store", "check", folder / "copy.zarr", "--repair"], capsys, 1)
