@@ -24,7 +24,7 @@ from ..model.step_size import prepared
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.compile import call_compiled, jit, with_standard_promotion
-from ..tools.jacobian import by_jacobian
+from ..tools.jacobian import by_jacobian, moving_with
 from ..tools.one_kernel import in_one_kernel
 from .course import Course
 from .record import RecordSet
@@ -122,6 +122,7 @@ class PeriodMap(eqx.Module):
     def _run(self, count: int, records: RecordSet, state: State, epoch: Any, used: Any, earlier: Any) -> Passage:
         scene = prepared(self.scene)
         state = jax.tree.map(lambda a: jnp.asarray(a, float), state)  # 32-bit numbers become 64-bit ones
+        state = moving_with(state, eqx.filter(scene, eqx.is_array))
         solver = self.stepping.prepared(resolve_solver(scene, self.solver))
         points = contact_points(scene)  # once for the whole run, not in every evaluation
         terms = diffrax.ODETerm(vector_field(scene))

@@ -183,3 +183,19 @@ _called = _primitive("slipperjax_called", _call, _results)
 _pushed = _primitive("slipperjax_pushed", _push, _results_and_tangents)
 partial_eval.custom_partial_eval_rules[_pushed] = _evaluated_partially
 partial_eval.partial_eval_jaxpr_custom_rules[_pushed] = _evaluated_twice
+
+
+@jax.custom_jvp
+def moving_with(state: Any, numbers: Any) -> Any:
+    """Gives `state`, which has tangents where `numbers` have, and is a batch where their tangents are one.
+
+    A loop that carries it on is traced once then: JAX would find out by further traces, one for each loop in a loop.
+    """
+    return state
+
+
+@moving_with.defjvp
+def _moving_with_jvp(primals, tangents):
+    state, numbers = tangents
+    nothing = 0.0 * sum(jnp.sum(t) for t in jax.tree.leaves(numbers) if t.dtype != jax.dtypes.float0)
+    return primals[0], jax.tree.map(lambda t: t if t.dtype == jax.dtypes.float0 else t + nothing, state)
