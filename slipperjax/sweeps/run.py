@@ -436,7 +436,8 @@ def _distances(scenes: Batched[Scene], one: Motion, other: Motion) -> jax.Array:
 
 def initial_carry(records: RecordSet, scenes: Batched[Scene], states: State) -> Any:
     """Carries of records that have seen no period, with a leading axis of lanes."""
-    lanes, first = len(states.motion.y), lambda tree: jax.tree.map(lambda a: a[0], tree)
+    # on the host, where an entry of another shape needs no compilation
+    lanes, first = len(states.motion.y), lambda tree: jax.tree.map(lambda a: np.asarray(a)[0], tree)
     one = records.begin(eqx.combine(first(scenes.varied), scenes.shared), first(states))
     return jax.tree.map(lambda a: np.broadcast_to(a, (lanes, *np.shape(a))), one)
 
@@ -574,7 +575,7 @@ def _in_order(chunks: Sequence[Chunk], parts: Sequence[Any], interrupted: bool) 
             return of_one if of_one.flags.writeable else of_one.copy()  # large results are in arrays of NumPy
         ordered = np.empty((cases, *arrays[0].shape[1:]), arrays[0].dtype)
         for chunk, array in zip(chunks, arrays, strict=True):
-            ordered[chunk.index[: chunk.cases]] = array[: chunk.cases]
+            ordered[chunk.index[: chunk.cases]] = np.asarray(array)[: chunk.cases]
         return ordered
 
     finished = joined(*(np.full(len(c.index), part is not None) for c, part in zip(chunks, parts, strict=True)))
