@@ -1,19 +1,26 @@
 """Shapes and types of annotations are enforced, and a program is compiled once in a session of tests."""
 
+import contextlib
 import importlib
 import os
 import pkgutil
+import platform
 import shutil
 import sys
 import tempfile
+import zlib
+from pathlib import Path
 
+import platformdirs
 import pytest
 
 # tests leave the user's cache alone
 os.environ["SLIPPERJAX_CACHE"] = "off"
 CACHE = "JAX_COMPILATION_CACHE_DIR"
-"""JAX's own variable: a folder that is given by it is kept, so that a second run compiles nothing."""
-_MADE = []
+"""JAX's own variable: a folder for compiled programs, by default one below the user's cache folder. They are found by
+their content, so that a second run compiles what has changed."""
+MOST = 1 << 31
+"""Bytes of programs above which all are deleted before a run."""
 
 
 def pytest_configure(config):
@@ -40,20 +47,31 @@ def pytest_configure(config):
             importlib.import_module(module.name)
 
 
-def pytest_unconfigure():
-    while _MADE:
-        shutil.rmtree(_MADE.pop(), ignore_errors=True)
-
-
 def _share_programs():
     """Gives one cache to this process and those that it starts, by variables that JAX reads when it is imported."""
     if CACHE not in os.environ:
-        _MADE.append(tempfile.mkdtemp(prefix="slipperjax_tests_"))
-        os.environ[CACHE] = _MADE[-1]
+        os.environ[CACHE] = str(_folder())
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
     # XLA logs an error for each program that it takes from the cache on processors with AVX-512 (jax #38445)
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+
+
+def _folder() -> Path:
+    """A folder for this kind of processor, whose programs may not run on another one; made where it can be."""
+    features = platform.processor()
+    with contextlib.suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text().splitlines()  # Linux
+        features += "".join(sorted({line for line in lines if line.startswith(("flags", "Features", "model name"))}))
+    folder = Path(platformdirs.user_cache_dir("slipperjax"), f"tests-{zlib.crc32(features.encode()):x}")
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if sum(file.stat().st_size for file in folder.iterdir()) > MOST:
+            shutil.rmtree(folder)
+            folder.mkdir(mode=0o700)
+    except OSError:
+        return Path(tempfile.mkdtemp(prefix="slipperjax_tests_"))
+    return folder
 
 
 @pytest.fixture

@@ -30,7 +30,7 @@ from ..model.quantities import COORDINATE_SCALES, MOTION_NUMBERS
 from ..model.scene import Scene
 from ..orbits.periodic import TOLERANCE
 from ..sweeps.attractors import FLOOR, LAST
-from ..sweeps.grid import Cases, Grid, filled
+from ..sweeps.grid import VECTOR_LANES, Cases, Grid, filled
 from ..sweeps.orbits import JACOBIAN, Maps, Orbits, find_orbits, rows_of
 from ..sweeps.reached import reached_orbits
 from ..sweeps.run import Chunk, ChunkInputs, OnProgress, Plan, RunOptions, make_plan, run_cases, run_chunk, run_chunks
@@ -39,8 +39,9 @@ from ..tools.limits import cores
 from .gradients import PeriodDerivatives, PeriodValues, matrix_slopes, push_period, total_slopes, totals
 from .objectives import Evaluation, EvaluationPlan, RailEnsemble
 
-LANES_PER_CALL = 32
-"""Most cases in one call."""
+LANES_PER_CALL = VECTOR_LANES
+"""Cases in one call, however many there are: a search asks for many cases first and for few later on, of which each
+number would be programs of its own."""
 SLOPES_COST = 8.0
 """Cost of a period with its derivatives by two parameters, in unrecorded periods: measured."""
 SAME_ORBIT = 1.0
@@ -82,9 +83,8 @@ def judge_on_orbits(
     options = RunOptions(0, 1, plan.steps, None, plan.solver)
     transient = make_plan(Grid(plan.scene, grid, product=False), plan.start, options)
     transient, cases = transient.strobes(max(plan.transient, SHORTEST_TRANSIENT)), transient.cases
-    size = min(LANES_PER_CALL, -(-cases.count // cores()))
-    parts = [np.arange(at, min(at + size, cases.count)) for at in range(0, cases.count, size)]
-    chunks = [Chunk(filled(index, size), len(index), plan.steps) for index in parts]
+    parts = np.split(np.arange(cases.count), range(LANES_PER_CALL, cases.count, LANES_PER_CALL))
+    chunks = [Chunk(filled(index, LANES_PER_CALL), len(index), plan.steps) for index in parts]
 
     def work(chunk: Chunk, on_progress: OnProgress) -> Evaluation:
         scenes, starts = cases.take(chunk.index)
