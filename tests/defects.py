@@ -418,6 +418,31 @@ tests/tools/test_one_kernel.py -k transformed
 -    of_arrays, closed_over = jax.closure_convert(call, arrays)
 +    of_arrays, closed_over = call, ()
 
+constants of a program are folded into a kernel
+tests/tools/test_one_kernel.py -k constants_of_a_program
+-                _hide_constants(call)
++                pass
+
+reverse mode goes through the steps for few numbers
+tests/tools/test_jacobian.py -k few
+-    if any(k is None for k in known[:count]) or size > MOST_FORWARD:
++    if any(k is None for k in known[:count]) or size > 0:
+
+a tangent comes from the first argument alone
+tests/tools/test_jacobian.py -k derivatives_are
+-    return sum(jnp.tensordot(t, j, axes=jnp.ndim(t)) for j, t in zip(row, tangents, strict=True))
++    return sum(jnp.tensordot(t, j, axes=jnp.ndim(t)) for j, t in zip(row[:1], tangents[:1], strict=True))
+
+tangents of a batch are those of its first lane
+tests/tools/test_jacobian.py -k derivatives_are
+-    return [*results, *pushed], [None] * len(results) + [0] * len(pushed)
++    return [*results, *(p[0] for p in pushed)], [None] * (len(results) + len(pushed))
+
+what cannot be read in a store has no place
+tests/sweeps/test_stores.py -k damaged_tile
+-            raise OSError(f"{self.path / self.name} is damaged: {advice}: {error}") from None
++            raise
+
 one run's stop is that of all
 tests/sweeps/test_interrupts.py -k "threads or asked_to_end"
 -    pool, stop = ThreadPoolExecutor(len(calls)), Stop(Stop.here())

@@ -57,34 +57,39 @@ def _is_float(value: Any) -> bool:
     return jnp.issubdtype(value.dtype, jnp.floating)
 
 
-def _push(*operands: Any, program: Any, live: tuple[bool, ...]) -> list[Any]:
+def _push(*operands: Any, program: Any, live: tuple[bool, ...]) -> tuple[list[Any], list[Any]]:
     """Gives results, and tangents of those that are numbers, from arguments and tangents of the `live` ones."""
     primals, tangents = operands[: len(live)], operands[len(live) :]
 
     def moving(*some):
-        ours = iter(some)
-        results = _call(
-            *(next(ours) if is_live else p for p, is_live in zip(primals, live, strict=True)), program=program
-        )
+        of_live = iter(some)
+        every = [next(of_live) if is_live else p for p, is_live in zip(primals, live, strict=True)]
+        results = _call(*every, program=program)
         return [r for r in results if _is_float(r)], results
 
-    at = tuple(p for p, is_live in zip(primals, live, strict=True) if is_live)
-    _, pushed, results = jax.jvp(moving, at, tangents, has_aux=True)
+    _, pushed, results = jax.jvp(moving, _of_live(primals, live), tangents, has_aux=True)
+    return results, pushed
+
+
+def _push_flat(*operands: Any, **parameters: Any) -> list[Any]:
+    results, pushed = _push(*operands, **parameters)
     return [*results, *pushed]
+
+
+def _of_live(values: Sequence[Any], live: tuple[bool, ...]) -> tuple[Any, ...]:
+    return tuple(value for value, is_live in zip(values, live, strict=True) if is_live)
 
 
 def _linearised(operands: Sequence[Any], live: tuple[bool, ...], program: Any) -> tuple[list[Any], list[list[Any]]]:
     """Gives results and Jacobians: of each result that is a number, by each of the `live` arguments."""
-    at = [p for p, is_live in zip(operands, live, strict=True) if is_live]
+    at = _of_live(operands, live)
     sizes = [math.prod(p.shape) for p in at]
     ends = np.cumsum(sizes)
-    count = len(program.outvars)
     parts = [(slice(end - size, end), p) for end, size, p in zip(ends, sizes, at, strict=True)]
 
     def pushed(direction):
         directions = [direction[where].reshape(p.shape).astype(p.dtype) for where, p in parts]
-        both = _push(*operands, *directions, program=program, live=live)
-        return both[:count], both[count:]
+        return _push(*operands, *directions, program=program, live=live)
 
     results, rows = jax.vmap(pushed, out_axes=(None, 0))(jnp.eye(int(ends[-1])))
     split = lambda row: [row[where].reshape(*p.shape, *row.shape[1:]) for where, p in parts]
@@ -96,12 +101,11 @@ def _jvp(primals, tangents, *, of: Primitive, **parameters):
     if of is _called:
         program, operands = parameters["program"], primals
     else:
-        closed = jax.make_jaxpr(functools.partial(_push, **parameters))(*primals)
+        closed = jax.make_jaxpr(functools.partial(_push_flat, **parameters))(*primals)
         program, operands = closed.jaxpr, [*_operands(closed), *primals]
         tangents = [None] * len(closed.consts) + list(tangents)
     live = tuple(t is not None and type(t) is not ad.Zero for t in tangents)
-    moving = [t for t, is_live in zip(tangents, live, strict=True) if is_live]
-    both = _pushed.bind(*operands, *moving, program=program, live=live)
+    both = _pushed.bind(*operands, *_of_live(tangents, live), program=program, live=live)
     results, pushed = both[: len(program.outvars)], iter(both[len(program.outvars) :])
     zero = lambda r: ad.Zero(jax.typeof(r).to_tangent_aval())
     return results, [next(pushed) if _is_float(r) else zero(r) for r in results]
@@ -110,17 +114,14 @@ def _jvp(primals, tangents, *, of: Primitive, **parameters):
 def _batched(operands, axes, **parameters):
     """Rule of both primitives: reverse mode goes through a batch."""
     live = parameters.get("live", ())
-    of, count = (_push, len(live)) if live else (_call, len(operands))
+    count = len(live) if live else len(operands)
     if any(axis is not None for axis in axes[:count]):
+        of = _push_flat if live else _call
         results = jax.vmap(functools.partial(of, **parameters), in_axes=axes)(*operands)
         return results, [0] * len(results)
-    # tangents alone: the results are those of all
-    push = lambda *tangents: of(*operands[:count], *tangents, **parameters)
-    wanted = len(parameters["program"].outvars)
-    both = jax.vmap(
-        lambda *t: (lambda r: (r[:wanted], r[wanted:]))(push(*t)), in_axes=axes[count:], out_axes=(None, 0)
-    )
-    results, pushed = both(*operands[count:])
+    # of tangents alone: the results are those of all
+    push = lambda *tangents: _push(*operands[:count], *tangents, **parameters)
+    results, pushed = jax.vmap(push, in_axes=axes[count:], out_axes=(None, 0))(*operands[count:])
     return [*results, *pushed], [None] * len(results) + [0] * len(pushed)
 
 
@@ -133,7 +134,7 @@ def _evaluated_partially(trace, *tracers, program, live):
     size = sum(math.prod(t.aval.shape) for t in tracers[count:])
     if any(k is None for k in known[:count]) or size > MOST_FORWARD:
         with set_current_trace(trace):
-            return _push(*tracers, program=program, live=live)
+            return _push_flat(*tracers, program=program, live=live)
     results, jacobians = _linearised([jnp.asarray(k) for k in known[:count]], live, program)
     with set_current_trace(trace):
         return [*results, *(_product(row, tracers[count:]) for row in jacobians)]
@@ -180,7 +181,7 @@ def _results_and_tangents(program):
 
 
 _called = _primitive("slipperjax_called", _call, _results)
-_pushed = _primitive("slipperjax_pushed", _push, _results_and_tangents)
+_pushed = _primitive("slipperjax_pushed", _push_flat, _results_and_tangents)
 partial_eval.custom_partial_eval_rules[_pushed] = _evaluated_partially
 partial_eval.partial_eval_jaxpr_custom_rules[_pushed] = _evaluated_twice
 
