@@ -84,15 +84,22 @@ def test_large_sums_and_extremes_are_in_a_kernel(reduce, size):
         assert np.all(np.isnan(found[3]))
 
 
-def test_constants_of_a_program_in_reverse_mode(monkeypatch):
+def test_constants_of_a_program_in_reverse_mode():
     """Those that XLA would fold into what is called: it ended the process."""
-    monkeypatch.setattr("slipperjax.tools.jacobian.MOST_FORWARD", 0)
-    scene = sj.paper_scene(speed=1250.0)
-    state = sj.initial_state(scene, sj.table_2_start())
-    options = dict(periods=3, steps_per_period=4, solver=sj.RK4())
-    end = lambda speed: sj.period_map(scene.replace(speed=speed), state, **options).motion.y
-    found = jax.jit(jax.grad(end))(1250.0)
-    np.testing.assert_allclose(found, jax.jit(jax.jacfwd(end))(1250.0), rtol=1e-9)
+    code = """
+import jax, slipperjax as sj
+from slipperjax.tools import jacobian
+jacobian.MOST_FORWARD = 0
+scene = sj.paper_scene(speed=1250.0)
+state = sj.initial_state(scene, sj.table_2_start())
+options = dict(periods=3, steps_per_period=4, solver=sj.RK4())
+end = lambda speed: sj.period_map(scene.replace(speed=speed), state, **options).motion.y
+print(*(float(jax.jit(derivative(end))(1250.0)) for derivative in (jax.grad, jax.jacfwd)))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-300:]
+    backward, forward = map(float, done.stdout.split())
+    np.testing.assert_allclose(backward, forward, rtol=1e-9)
 
 
 def loop(x, v, rate):
@@ -176,9 +183,12 @@ def loops_outside(program):
     return sum("stablehlo.while" in texts[name] for name in reached)
 
 
-@pytest.mark.parametrize(("transform", "most"), [(lambda f: f, 0), (jax.jacfwd, 0), (jax.grad, 1)])
-def test_the_loops_of_the_period_map_are_kernels(transform, most):
+@pytest.mark.parametrize(
+    ("transform", "forward", "most"), [(lambda f: f, 16, 0), (jax.jacfwd, 16, 0), (jax.grad, 16, 0), (jax.grad, 0, 1)]
+)
+def test_the_loops_of_the_period_map_are_kernels(transform, forward, most, monkeypatch):
     """But for the one over periods back, which has one pass; the steps of each period are kernels there, too."""
+    monkeypatch.setattr("slipperjax.tools.jacobian.MOST_FORWARD", forward)
     scene = sj.paper_scene()
     state = sj.initial_state(scene, sj.table_2_start())
     ahead = lambda speed: sj.period_map(scene.replace(speed=speed), state, steps_per_period=40).motion.v_z
