@@ -1,4 +1,4 @@
-"""Shapes and types of annotations are enforced, and a program is compiled once in a session of tests."""
+"""Shapes and types of annotations are enforced, and a program that is not kept already is compiled once."""
 
 import contextlib
 import importlib

@@ -4,7 +4,7 @@ import math
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed, wait
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import copy_context
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -383,10 +383,11 @@ def run_chunk(
 
     def compile_recording() -> None:
         none = dict(used=jnp.asarray(0.0), earlier=initial_carry(records, scenes, states))
-        advance(scenes, states, period, recording, **none, **options_of(plan.recorded, records))
+        with suppress(Exception):  # which the call below meets, too
+            advance(scenes, states, period, recording, **none, **options_of(plan.recorded, records))
 
     if plan.transient.count and not calls_lapack(plan.solver):
-        # while the program of the transient is compiled, too; what goes wrong with it will be seen below
+        # while the program of the transient is compiled
         threading.Thread(target=copy_context().run, args=(compile_recording,)).start()
     for calls, kept, chosen in ((plan.transient, early, stepping), (plan.recorded, records, recording)):
         if kept is records and plan.probed:
