@@ -26,10 +26,8 @@ NOT_IN_A_KERNEL = frozenset(
     ("chlo.top_k", "stablehlo.custom_call", "stablehlo.fft", "stablehlo.select_and_scatter", "stablehlo.sort")
 )
 """Operations for which XLA on a CPU calls a library, or has no code inside a kernel."""
-
-
 LARGE = 1024
-"""Numbers from which sums and extremes are left to a library: measured 4096, of sums along an axis 1280."""
+"""Numbers from which sums and extremes may be left to a library: measured 4096."""
 
 
 def in_one_kernel(fun: Callable, *args: Any) -> Any:
@@ -86,11 +84,12 @@ def _mark(context: Any, x: Any, kernel: bool) -> list:
         marks = {"inlineable": "false"}
         if kernel:
             functions = context.module_context.symbol_table
-            good = _only_calls(call, functions) and _fits(call, functions, set())
+            inside = _operations(_callee(call), functions, set())
+            good = _only_calls(call, functions) and all(map(_fits, inside))
             marks = marks | {"xla_cpu_small_call": "true"} if good else {}
             if good:
                 _hide_constants(call)
-                _hide_reductions(_callee(call), functions, set())
+                _hide_reductions(inside)
         call.attributes[ATTRIBUTES] = ir.DictAttr.get({key: ir.StringAttr.get(text) for key, text in marks.items()})
     return [x]
 
@@ -104,33 +103,19 @@ def _hide_constants(call: Any) -> None:
         call.operands[k] = value
 
 
-def _hide_reductions(name: str, functions: Any, seen: set[str]) -> None:
-    """Lets large sums and extremes in a function, and in those that it calls, be none that XLA knows.
+def _hide_reductions(operations: list[Any]) -> None:
+    """Lets large sums and extremes be none that XLA knows.
 
     It computes those by a library (YNNPACK, since JAX 0.11), which it has no code for inside a kernel.
     """
-    if name in seen:
-        return
-    seen.add(name)
-    found = []
-
-    def visit(operation):
-        if operation.name == "func.call":
-            _hide_reductions(_callee(operation), functions, seen)
-        elif operation.name in ("stablehlo.reduce", "stablehlo.reduce_window") and len(operation.operands) == 2:
-            found.append(operation)
-        return ir.WalkResult.ADVANCE
-
-    functions[name].operation.walk(visit)
-    for operation in found:
+    for operation in operations:
+        if operation.name != "stablehlo.reduce" or len(operation.operands) != 2:
+            continue
         kind = ir.RankedTensorType(operation.operands[0].type)
         block = operation.regions[0].blocks[0]
-        step, end = block.operations[0], block.operations[len(block.operations) - 1]
-        if (
-            math.prod(kind.shape) >= LARGE
-            and len(block.operations) == 2
-            and isinstance(kind.element_type, ir.FloatType)
-        ):
+        simple = len(block.operations) == 2 and isinstance(kind.element_type, ir.FloatType)
+        if simple and math.prod(kind.shape) >= LARGE:
+            step, end = block.operations
             with ir.InsertionPoint(end), end.location:
                 # the same for all numbers, NaN included
                 value = block.arguments[1]
@@ -153,26 +138,26 @@ def _only_calls(call: Any, functions: Any) -> bool:
     return ATTRIBUTES in inner.attributes and set(block.arguments) <= set(inner.operands)
 
 
-def _fits(call: Any, functions: Any, seen: set[str]) -> bool:
-    """Tells whether a called function, with those that it calls, has no operation of `NOT_IN_A_KERNEL`."""
-    name = _callee(call)
-    if name in seen:
-        return True
-    seen.add(name)
-    good = True
+def _operations(name: str, functions: Any, seen: set[str]) -> list[Any]:
+    """Gives the operations of a function, and of those that it calls, each once."""
+    found = []
 
     def visit(operation):
-        nonlocal good
-        if operation.name == "func.call":
-            good = _fits(operation, functions, seen)
-        elif operation.name == "stablehlo.scatter":
-            good = _updates_once(operation)
-        else:
-            good = operation.name not in NOT_IN_A_KERNEL
-        return ir.WalkResult.ADVANCE if good else ir.WalkResult.INTERRUPT
+        found.append(operation)
+        if operation.name == "func.call" and _callee(operation) not in seen:
+            found.extend(_operations(_callee(operation), functions, seen))
+        return ir.WalkResult.ADVANCE
 
+    seen.add(name)
     functions[name].operation.walk(visit)
-    return good
+    return found
+
+
+def _fits(operation: Any) -> bool:
+    """Tells whether an operation can be inside a kernel."""
+    if operation.name == "stablehlo.scatter":
+        return _updates_once(operation)
+    return operation.name not in NOT_IN_A_KERNEL
 
 
 def _updates_once(scatter: Any) -> bool:
