@@ -361,13 +361,15 @@ def run_chunk(
     on_progress: OnProgress = heed_interrupts,
     epoch: float = 0.0,
     cases: int | None = None,
+    ahead: bool = False,
 ) -> ChunkRun:
     """Runs a chunk of cases through its plan, with `steps` per period, from `epoch` forcing periods behind the place
     where the plan begins.
 
     Times in records count from there.
 
-    **Arguments:** `cases`: how many lanes count, default all.
+    **Arguments:** `cases`: how many lanes count, default all; `ahead`: whether the program that records is compiled
+    while that of the transient is.
     """
     records, period, status = plan.records, plan.epoch + epoch, np.zeros(len(states.motion.y), int)
     samples = Samples(records, plan.recorded.periods)
@@ -386,8 +388,7 @@ def run_chunk(
         with suppress(Exception):  # which the call below meets, too
             advance(scenes, states, period, recording, **none, **options_of(plan.recorded, records))
 
-    if plan.transient.count and not calls_lapack(plan.solver):
-        # while the program of the transient is compiled
+    if ahead and plan.transient.count and not calls_lapack(plan.solver):
         threading.Thread(target=copy_context().run, args=(compile_recording,)).start()
     for calls, kept, chosen in ((plan.transient, early, stepping), (plan.recorded, records, recording)):
         if kept is records and plan.probed:
