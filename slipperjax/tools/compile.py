@@ -111,6 +111,17 @@ def is_traced(tree: Any) -> bool:
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
+def split_arrays(fun: Callable, args: tuple) -> tuple[Callable[[Any], Any], Any]:
+    """Gives a function of the arrays in `fun` and `args` alone that calls `fun(*args)`, and these, a pytree."""
+    arrays, others = eqx.partition((fun, args), eqx.is_array)
+
+    def call(arrays: Any) -> Any:
+        fun, args = eqx.combine(arrays, others)
+        return fun(*args)
+
+    return call, arrays
+
+
 def call_compiled(fun: Callable, functions: Any, static: tuple, *arrays: Any) -> Any:
     """Calls `fun(functions, static, *arrays)`, compiled; inside another transformation it is a part of that program.
 

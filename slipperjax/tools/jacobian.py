@@ -9,12 +9,13 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Primitive, Var, jaxpr_as_fun, set_current_trace
 from jax.interpreters import ad, batching, mlir, partial_eval
+
+from .compile import split_arrays
 
 MOST_FORWARD = 16
 """Numbers up to which a derivative in reverse mode is a product with the Jacobian.
@@ -32,12 +33,7 @@ def by_jacobian(fun: Callable, *args: Any) -> Any:
 
     **Arguments:** `fun`: of pytrees, whose result is a pytree of arrays.
     """
-    arrays, others = eqx.partition((fun, args), eqx.is_array)
-
-    def call(arrays):
-        fun, args = eqx.combine(arrays, others)
-        return fun(*args)
-
+    call, arrays = split_arrays(fun, args)
     program, shapes = jax.make_jaxpr(call, return_shape=True)(arrays)
     results = _called.bind(*_operands(program), *jax.tree.leaves(arrays), program=program.jaxpr)
     return jax.tree.unflatten(jax.tree.structure(shapes), results)

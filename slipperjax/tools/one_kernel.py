@@ -14,12 +14,13 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
 import jax
 from jax.extend.core import Primitive
 from jax.extend.mlir import ir
 from jax.extend.mlir.dialects import stablehlo
 from jax.interpreters import ad, batching, mlir
+
+from .compile import split_arrays
 
 ATTRIBUTES = "mhlo.frontend_attributes"
 NOT_IN_A_KERNEL = frozenset(
@@ -35,12 +36,7 @@ def in_one_kernel(fun: Callable, *args: Any) -> Any:
 
     **Arguments:** `fun`: of pytrees, whose result is a pytree of arrays.
     """
-    arrays, others = eqx.partition((fun, args), eqx.is_array)
-
-    def call(arrays):
-        fun, args = eqx.combine(arrays, others)
-        return fun(*args)
-
+    call, arrays = split_arrays(fun, args)
     # what the function closes over is an argument of the call, too
     of_arrays, closed_over = jax.closure_convert(call, arrays)
     # Of the call that becomes the kernel XLA finds only those arguments in memory that an operation inside it has as
