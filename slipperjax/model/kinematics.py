@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import brief, converted, instance, real, require, shown_number
 from ..tools.compile import is_traced, need_64_bits
-from ..tools.fused import held, kept, materialise, spread
+from ..tools.fused import circle, held, kept, materialise, spread
 from .quantities import COORDINATES, MOTION_NUMBERS, SLED_NUMBERS
 from .scene import LEAST_CLEARANCE, Scene
 
@@ -266,7 +266,7 @@ def _node(scene: Scene, points: Points, distance: Array) -> _Node:
     (n_y, n_z), (y, z) = points.normal, points.track
     v_y, v_z = slope.lateral, slope.vertical
     if rail.roll is not None:
-        c, s = materialise((jnp.cos(rail.roll), jnp.sin(rail.roll)))
+        c, s = circle(rail.roll)
         n_y, n_z = c * n_y - s * n_z, s * n_y + c * n_z
         y, z = c * y - s * z, s * y + c * z
         v_y, v_z = v_y - slope.roll * z, v_z + slope.roll * y

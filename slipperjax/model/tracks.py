@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..tools.checks import ShapeChecked, finite, instance, optional, positive, warn_unless_within
 from ..tools.compile import is_traced
+from ..tools.fused import circle
 
 SLOPE_SAMPLES, SLOPE_WAVELENGTHS = 512, 16
 """Points per first wavelength at which the slope of a track is sampled, and how many of these are sampled."""
@@ -176,7 +177,7 @@ class HarmonicTrack(AbstractTrack):
         for k in range(self.wavelengths.shape[0]):
             cycles = distance / self.wavelengths[k]
             # whole cycles are subtracted before the sine, which keeps its precision after any number of periods
-            shape = shape + jnp.sin(2 * jnp.pi * (cycles - jnp.floor(cycles)))
+            shape = shape + circle(2 * jnp.pi * (cycles - jnp.floor(cycles)))[1]
         offset = self.amplitude * shape
         return Irregularity(offset, offset, None if self.roll_amplitude is None else self.roll_amplitude * shape)
 

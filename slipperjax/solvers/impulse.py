@@ -85,19 +85,20 @@ class ImpulseRK4(AbstractLatchingSolver):
                 f"without memory, for a {type(field).__name__} with memory {type(args.scene.memory).__name__}."
             )
         t0 = jnp.asarray(t0, float)
-        frame = args.frame(t0)
-        now = contacts(frame, y0.motion)
-        return _ended(args, t0, frame, now, _turning(args, t0, frame, y0.motion), y0)
+        rail = _moving(args, t0)
+        now, turning = contacts(rail[0], y0.motion), _turning(args, t0, rail, y0.motion)
+        return _ended(args, t0, rail[0], now, turning, y0)
 
     @jax.jit  # diffrax traces it more than once
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         k1, before = solver_state
         scene, m0, dt = args.scene, y0.motion, t1 - t0
-        middle, last = ((args.frame(t), args.travel(t)) for t in (t0 + 0.5 * dt, t1))
+        half = t0 + 0.5 * dt
+        middle, rail = args.frame(half), _moving(args, t1)
 
-        def stage(place, rates, share):
+        def stage(t, frame, rates, share):
             """Computes a stage's motion, its derivative, and its forces' wrench by the start's unit wrenches."""
-            frame, travel = place
+            travel = args.travel(t)
             m = materialise(jax.tree.map(lambda a, k: a + share * dt * k, m0, rates))
             now = contacts(frame, m)
             force = contact_forces(scene, now, y0.memory)
@@ -105,32 +106,33 @@ class ImpulseRK4(AbstractLatchingSolver):
             wrenches = sums(*(force * d for d in (*own, *before.wrenches)))
             return m, per_period(travel, newton_euler(scene, m, wrenches[:5], travel)), wrenches[5:]
 
-        y2, k2, f2 = stage(middle, k1, 0.5)
-        y3, k3, f3 = stage(middle, k2, 0.5)
-        y4, k4, f4 = stage(last, k3, 1.0)
+        y2, k2, f2 = stage(half, middle, k1, 0.5)
+        y3, k3, f3 = stage(half, middle, k2, 0.5)
+        y4, k4, f4 = stage(t1, rail[0], k3, 1.0)
         # m0 + dt (k1 + 2 k2 + 2 k3 + k4) / 6
         end = jax.tree.map(lambda a, p, q, r, k: (p + 2 * q + r - a) * (1 / 3) + (dt / 6) * k, m0, y2, y3, y4, k4)
         early = [(a + b + c) / 6 for a, b, c in zip(before.wrench, f2, f3, strict=True)]
         mean = [e + (b + c + d) / 6 for e, b, c, d in zip(early, f2, f3, f4, strict=True)]
         state = State(materialise(end), y0.memory)
-        y1, rates, after = _corrected(args, last[0], before, t1, dt, state, mean, early)
+        y1, rates, after = _corrected(args, rail, before, t1, dt, state, mean, early)
         rates = materialise(rates)
         dense = dense_info(dt, y0, y1, State(k1, None), State(rates, None))
         return y1, None, dense, (rates, after), RESULTS.successful
 
 
 def _corrected(
-    args: Args, frame: RailFrame, before: Ends, t1: Any, dt: Any, state: State, mean: list[Array], early: list[Array]
+    args: Args, rail: tuple, before: Ends, t1: Any, dt: Any, state: State, mean: list[Array], early: list[Array]
 ) -> tuple[State, Motion, Ends]:
     """Returns the state, its derivative and the contacts at the end of a step that RK4 ends at `state`.
 
-    **Arguments:** `mean`, `early`: RK4's means over the step of the contacts' wrench and of that times the part of
-    the step that is left, from which velocities and positions follow.
+    **Arguments:** `rail`: `_moving` at the end; `mean`, `early`: RK4's means over the step of the contacts' wrench
+    and of that times the part of the step that is left, from which velocities and positions follow.
     """
     scene, m, memory, seconds = args.scene, state.motion, state.memory, dt * args.travel(t1 - 0.5 * dt).period
+    frame, _ = rail
     now = contacts(frame, m)
     lever = materialise(now.lever)
-    gap, turning = materialise((now.gap, _turning(args, t1, frame, m)))
+    gap, turning = materialise((now.gap, _turning(args, t1, rail, m)))
     directions = (*frame.normal[1:], *lever)
     along = lambda v: sum(d * part for d, part in zip(directions, v, strict=True))
     rate = materialise(along((m.v_y, m.v_z, m.w_x, m.w_y, m.w_z)) - frame.velocity)
@@ -239,7 +241,12 @@ def _damping(scene: Scene, rate: Any, memory: Array | None) -> Any:
     return scene.contact.damping(rate, None if memory is None else scene.memory.rate_ratio(memory, rate))
 
 
-def _turning(args: Args, t: Any, frame: RailFrame, m: Motion) -> Array:
-    """Returns the gap's true rate less Eq. (8)'s [m/s]."""
-    _, change = jax.jvp(args.frame, (t,), (jnp.ones_like(t),))
+def _moving(args: Args, t: Any) -> tuple[RailFrame, RailFrame]:
+    """Returns the rail, and its derivative by time [per forcing period]."""
+    return jax.jvp(args.frame, (t,), (jnp.ones_like(t),))
+
+
+def _turning(args: Args, t: Any, rail: tuple[RailFrame, RailFrame], m: Motion) -> Array:
+    """Returns the gap's true rate less Eq. (8)'s [m/s]; `rail`: that of `_moving`."""
+    frame, change = rail
     return contacts(change._replace(arm=frame.arm), m).gap * (1 / args.travel(t).period) + frame.velocity

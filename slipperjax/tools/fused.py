@@ -178,3 +178,15 @@ def kept(tree):
 @kept.defjvp
 def _kept_jvp(primals, tangents):
     return materialise(primals[0]), materialise(tangents[0])
+
+
+@jax.custom_jvp
+def circle(angle):
+    """Gives cosine and sine of an angle [rad], stored, so that derivatives of all orders take them from there."""
+    return materialise((jnp.cos(angle), jnp.sin(angle)))
+
+
+@circle.defjvp
+def _circle_jvp(primals, tangents):
+    cosine, sine = circle(*primals)
+    return (cosine, sine), (-sine * tangents[0], cosine * tangents[0])
