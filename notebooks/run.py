@@ -34,7 +34,8 @@ def run(path: Path) -> None:
     notebook = nbformat.read(path, as_version=4)
     options = {"record_timing": False, "coalesce_streams": True, "kernel_name": "python3", "timeout": 900}
     client = nbclient.NotebookClient(notebook, resources={"metadata": {"path": str(path.parent)}}, **options)
-    client.execute(env={name: value for name, value in os.environ.items() if name != "MPLBACKEND"})
+    kept = {name: value for name, value in os.environ.items() if name != "MPLBACKEND"}
+    client.execute(env=kept | {"TQDM_DISABLE": "1"})  # no bars in what is kept
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
     notebook.metadata = {"kernelspec": kernel, "language_info": {"name": "python"}}
     for cell in notebook.cells:

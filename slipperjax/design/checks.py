@@ -100,7 +100,7 @@ def event_margins(
     cases: Sequence[int] | None = None,
     width: float = 0.2,
     points: int = 60,
-    progress: bool = False,
+    progress: bool | None = None,
 ) -> xr.Dataset:
     """Finds how far a parameter may change, either way, before the orbit of a case meets an event.
 

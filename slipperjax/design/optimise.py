@@ -19,7 +19,7 @@ from ..model.kinematics import Motion
 from ..model.paths import parameter
 from ..model.quantities import Quantity
 from ..model.scene import Scene
-from ..tools.checks import instance, require, warn, whole, yes_or_no
+from ..tools.checks import instance, require, warn, whole
 from ..tools.files import user_path, write_whole
 from ..tools.html import repr_html
 from ..tools.progress import bar as progress_bar
@@ -35,6 +35,8 @@ SAME_VALUE = 0.005
 """Relative difference of objectives within which two optima are equally good [1]."""
 ACTIVE_CASE = 1e-3
 """Relative distance from the worst case within which cases count as worst [1]."""
+PROGRAMS = 5
+"""Programs that most searches compile."""
 VIOLATED = 1e-6
 """Violation from which a design counts as infeasible, in multiples of the limit."""
 
@@ -176,7 +178,7 @@ def optimise_design(
     solver: diffrax.AbstractSolver | str | None = None,
     start: Motion | State | None = None,
     seed: int = 0,
-    progress: bool = False,
+    progress: bool | None = None,
 ) -> Design:
     """Finds parameters within bounds that keep an objective lowest, in the worst of some cases or in their mean.
 
@@ -202,7 +204,7 @@ def optimise_design(
         ensembles, by default those that the track needs.
     - `steps_per_period`: the same for all, by default the most that a corner of the box needs; `solver`: as for
         `simulate`.
-    - `progress`: shows a bar.
+    - `progress`: whether a bar is shown, by default on terminals and in notebooks.
 
     **Returns:** a `Design`; look at its `status`.
 
@@ -216,16 +218,16 @@ def optimise_design(
     instance("method", method, AbstractMethod, "a slipperjax.design method")
     limit = whole("max_trials", max_trials, 1)
     designs, count, fixed = first_designs(problem, starts, whole("seed", seed, 0))
-    search = _Search(problem, method, yes_or_no("progress", progress))
-    try:
-        search.run(designs, count, fixed, limit)
-    except KeyboardInterrupt:
-        best = search.result(checked=False) if search.trials else None
-        raise Interrupted(best, len(search.trials), unit="trials") from None
-    finally:
-        if search.bar is not None:
-            search.bar.close()
-    return search.result()
+    with progress_bar(
+        progress, programs=PROGRAMS, desc=f"design for {problem.objective.name}", unit=" trials"
+    ) as bar:
+        search = _Search(problem, method, bar)
+        try:
+            search.run(designs, count, fixed, limit)
+        except KeyboardInterrupt:
+            best = search.result(checked=False) if search.trials else None
+            raise Interrupted(best, len(search.trials), unit="trials") from None
+        return search.result()
 
 
 class Trial(NamedTuple):
@@ -242,14 +244,14 @@ class Trial(NamedTuple):
 class _Search:
     """Several starts on their way, judged together."""
 
-    def __init__(self, problem: Problem, method: AbstractMethod, shown: bool):
+    def __init__(self, problem: Problem, method: AbstractMethod, bar: Any):
         self.problem, self.method = problem, method
         self.moves: list[AbstractMove] = []
         self.trials: list[Trial] = []
         self.latest: dict[int, Trial] = {}  # the last one that each start accepted
         self.rounds = 0
         self.simulated = 0.0
-        self.bar = progress_bar(desc=f"design for {problem.objective.name}", unit=" trials") if shown else None
+        self.bar = bar
 
     def run(self, designs: np.ndarray, count: int, fixed: int, rounds: int) -> None:
         """Judges designs, begins from `count` of them, the first `fixed` included, and judges at most `rounds` trials
@@ -331,12 +333,11 @@ class _Search:
         self.trials.append(trial)
         if trial.taken:
             self.latest[trial.start] = trial
-        if self.bar is not None:
-            q, moving = self.problem.objective.quantity, sum(not move.finished for move in self.moves)
-            feasible = [one.values.total for one in self.trials if one.taken and one.values.violation <= 0]
-            best = q.shown(min(feasible, default=np.nan))
-            self.bar.set_postfix_str(f"{moving} starts move, lowest {best:.5g} {q.display_unit}", refresh=False)
-            self.bar.update()
+        q, moving = self.problem.objective.quantity, sum(not move.finished for move in self.moves)
+        feasible = [one.values.total for one in self.trials if one.taken and one.values.violation <= 0]
+        best = q.shown(min(feasible, default=np.nan))
+        self.bar.set_postfix_str(f"{moving} starts move, lowest {best:.5g} {q.display_unit}", refresh=False)
+        self.bar.update()
 
     def result(self, checked: bool = True) -> Design:
         """Returns the best design until now: the lowest objective among those that violate least.

@@ -42,6 +42,8 @@ BRANCH_PACE = Pace(first=0.02, least=1e-6, most=0.3)
 FINER = 4
 """Default steps per period over those of a simulation: multipliers jump a little where a touchdown passes from one
 step to the next. With 50 steps there were four folds at 2235 m/s; with 100 and more there is one."""
+PROGRAMS = 4
+"""Programs that a branch compiles, the search for its first orbit included."""
 BIFURCATIONS = ("LP", "PD", "NS", "BP")
 """Events with a critical multiplier."""
 
@@ -310,18 +312,24 @@ class _Run:
         return Observation(tuple(touches.touchdowns.tolist()), tuple(touches.margin.tolist()), view)
 
     def follow(
+        self, walk: Callable[..., Branch], *start: Any, progress: bool | None = None, **options: Any
+    ) -> OrbitBranch:
+        """Gives the branch that `walk` makes from a start, with a bar; `options`: of `counting`."""
+        with counted(progress, f"branch over {self.varied.name}", self.varied, PROGRAMS) as count:
+            return self.counting(count, walk, *start, **options)
+
+    def counting(
         self,
+        count: Callable[[Any], None],
         walk: Callable[..., Branch],
         *start: Any,
         points: int = 400,
         until: Sequence[str] = (),
-        progress: bool = False,
     ) -> OrbitBranch:
         """Gives the branch that `walk` makes from a start as a result; after Ctrl-C raises `Interrupted` with it."""
         options: dict[str, Any] = dict(tolerance=self.tolerance, pace=BRANCH_PACE, points=points, until=labels(until))
-        with counted(progress, f"branch over {self.varied.name}", self.varied) as count:
-            on_point = lambda node: count(node.spot.z[-1])
-            branch = walk(*start, self.bounds, observe=self.observe, on_point=on_point, **options)
+        on_point = lambda node: count(node.spot.z[-1])
+        branch = walk(*start, self.bounds, observe=self.observe, on_point=on_point, **options)
         return finished(OrbitBranch(self.dataset(branch), branch))
 
     def dataset(self, branch: Branch) -> Any:
@@ -442,21 +450,21 @@ def finished(result: Any) -> Any:
 
 
 @contextlib.contextmanager
-def counted(shown: bool, text: str, varied: Parameter) -> Iterator[Callable[[Any], None]]:
-    """Gives a function that counts points, with their values of a parameter [SI unit], in a progress bar if `shown`.
+def counted(shown: bool | None, text: str, varied: Parameter, programs: int) -> Iterator[Callable[[Any], None]]:
+    """Gives a function that counts points, with their values of a parameter [SI unit], in a progress bar.
 
     At each point it polls whether this run is asked to end.
-    """
-    bar = progress_bar(desc=text, unit=" points") if shown else None
 
-    def count(value: Any) -> None:
-        if Stop.here().is_set():
-            raise KeyboardInterrupt
-        if bar is not None:
+    **Arguments:** `shown`, `programs`: of `slipperjax.tools.progress.bar`.
+    """
+    with progress_bar(shown, programs=programs, desc=text, unit=" points") as bar:
+
+        def count(value: Any) -> None:
+            if Stop.here().is_set():
+                raise KeyboardInterrupt
             bar.set_postfix_str(f"{varied.shown(float(value)):.6g} {varied.display_unit}", refresh=False)
             bar.update()
 
-    with contextlib.nullcontext() if bar is None else bar:
         yield count
 
 
@@ -505,7 +513,7 @@ def continue_orbit(
     tolerance: float = TOLERANCE,
     points: int = 400,
     until: Sequence[str] = (),
-    progress: bool = False,
+    progress: bool | None = None,
 ) -> OrbitBranch:
     """Follows an orbit through a parameter both ways, stable or not, past folds, and names and locates events.
 
@@ -520,7 +528,8 @@ def continue_orbit(
     - `start`, `period`: as for `periodic_orbit`, or an orbit that it found.
     - `steps_per_period`: default `FINER` times that of the more demanding bound; `solver`: as for `simulate`, steps
         being constant.
-    - `tolerance`: scaled residual of the orbits [1]. `points`: most points of each way. `progress`: shows a bar.
+    - `tolerance`: scaled residual of the orbits [1]. `points`: most points of each way. `progress`: whether a bar is
+        shown, by default on terminals and in notebooks.
     - `until`: labels of events after which a way is not followed further, such as ("LP", "PD"); default none.
 
     **Returns:** an `OrbitBranch`.
@@ -535,11 +544,12 @@ def continue_orbit(
     tolerance, points = number(positive, "tolerance", tolerance), whole("points", points, 1)
     value, solver = value_within(scene, name, varied, bounds), resolve_solver(scene, solver)
     steps = steps_of_branch(scene, varied, bounds, steps_per_period)
-    if not isinstance(start, PeriodicOrbit):
-        start = periodic_orbit(scene, period, start=start, steps_per_period=steps, solver=solver, tolerance=tolerance)
-        if int(start.status):
-            raise ValueError(f"Argument `start` must be near a periodic orbit, but: {start!r}")
-    run = _Run.new(scene, varied, bounds, steps, solver, tolerance, start.period, start.state)
-    return run.follow(
-        continue_motion, run.equations, (start.state, value), points=points, until=until, progress=progress
-    )
+    with counted(progress, f"branch over {varied.name}", varied, PROGRAMS) as count:
+        if not isinstance(start, PeriodicOrbit):
+            options = dict(steps_per_period=steps, solver=solver, tolerance=tolerance)
+            start = periodic_orbit(scene, period, start=start, **options)
+            if int(start.status):
+                raise ValueError(f"Argument `start` must be near a periodic orbit, but: {start!r}")
+        run = _Run.new(scene, varied, bounds, steps, solver, tolerance, start.period, start.state)
+        at = start.state, value
+        return run.counting(count, continue_motion, run.equations, at, points=points, until=until)

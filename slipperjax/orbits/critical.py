@@ -55,6 +55,8 @@ from .signature import GapSamples, Grazing
 
 CURVES = ("LP", "PD", "NS", "GR")
 """Events that can be followed through the plane of two parameters."""
+PROGRAMS = 1
+"""Programs that most curves compile."""
 GAP_UNIT = 1e-5
 """Gap that counts as one in the equations of a grazing [m]."""
 ROUGH = {"LP": 1e-3, "PD": 1e-4, "NS": 1e-4}
@@ -323,7 +325,7 @@ def continue_event(
     *,
     first_bounds: tuple[float, float] | None = None,
     points: int = 200,
-    progress: bool = False,
+    progress: bool | None = None,
 ) -> OrbitCurve:
     """Follows an event of a branch through the plane of the branch's parameter and another one.
 
@@ -332,7 +334,7 @@ def continue_event(
     - `event`: one of `branch.events`: a fold, flip, Neimark-Sacker or grazing.
     - `name`: of the other parameter, or its path; `bounds`: of its values [SI unit]; `first_bounds`: of the branch's
         own parameter, default those of the branch.
-    - `points`: most points of each way. `progress`: shows a bar.
+    - `points`: most points of each way. `progress`: whether a bar is shown, by default on terminals and in notebooks.
 
     **Returns:** an `OrbitCurve`. It ends where it meets a bound, where the pair of a Neimark-Sacker becomes real
     ("strong resonance 1:1" or 1:2), or where no step converges, also with `RELAXED`: at a grazing the multipliers'
@@ -359,7 +361,7 @@ def continue_event(
         )
     pace = FOLD_PACE if event.label == "LP" else CURVE_PACE
     options = dict(tolerance=call["tolerance"], pace=pace, points=points, secant=True)
-    with counted(progress, f"{event.label} over {own.name} and {name}", own) as count:
+    with counted(progress, f"{event.label} over {own.name} and {name}", own, PROGRAMS) as count:
         on_point = lambda spot: count(spot.z[motions.size])
         options |= dict(angle=abs(float(np.angle(event.multiplier))), on_point=on_point)
         curve = continue_critical(equations, orbit.state, (event.value, value), limits, **options)

@@ -38,7 +38,7 @@ def follow(
     solver: diffrax.AbstractSolver | str | None = None,
     start: Motion | State | Trajectory | None = None,
     begin: float | None = None,
-    progress: bool = False,
+    progress: bool | None = None,
 ) -> xr.Dataset:
     """Sweeps a parameter with memory: each case starts from the state in which its neighbour ended.
 

@@ -491,7 +491,8 @@ def run_cases(
     chunk: int | None = None,
     workers: int | None = None,
     tangents: bool = False,
-    progress: bool = False,
+    progress: bool | None = None,
+    programs: int = 2,
     name: str = "",
 ) -> Run:
     """Calls `work(part)` for all cases of a plan, or those at `index`, chunk by chunk.
@@ -505,7 +506,7 @@ def run_cases(
         lanes = listed[chunk.index]
         return work(ChunkInputs(*plan.cases.take(lanes), lanes, chunk.index, chunk.cases, chunk.steps, on_progress))
 
-    return run_chunks(chunks, threads, of_chunk, cost=cost, progress=progress, name=name)
+    return run_chunks(chunks, threads, of_chunk, cost=cost, progress=progress, programs=programs, name=name)
 
 
 def run_chunks(
@@ -514,7 +515,8 @@ def run_chunks(
     work: Callable[[Chunk, OnProgress], Any],
     *,
     cost: float,
-    progress: bool,
+    progress: bool | None,
+    programs: int = 2,
     name: str = "",
 ) -> Run:
     """Calls `work(chunk, on_progress)` for each chunk on `workers` threads, the first chunks first.
@@ -524,7 +526,7 @@ def run_chunks(
     **Arguments:** `work`: gives a named tuple of arrays with a leading axis of lanes and a field `status`; it calls
     `on_progress(n)` when work is done that takes as long as n forcing periods of the chunk without a record. That
     raises where another chunk failed or the user interrupted, so that a chunk stops at its next call. `cost`: of
-    one case in all, in such periods. `progress`, `name`: whether progress is shown, and as what.
+    one case in all, in such periods. `progress`, `programs`, `name`: of `progress_shown`.
     """
     stop, interrupted = threading.Event(), False
     cases, parts = sum(chunk.cases for chunk in chunks), [None] * len(chunks)
@@ -542,10 +544,11 @@ def run_chunks(
             stop.set()
             raise
 
-    pool, futures, context = ThreadPoolExecutor(workers), [], copy_context()
-    if TOLD.get() is None:
-        context.run(TOLD.set, set())
-    with progress_shown(sum(chunk.cost for chunk in chunks) * cost, cases, name, progress) as shown:
+    pool, futures, total = ThreadPoolExecutor(workers), [], sum(chunk.cost for chunk in chunks) * cost
+    with progress_shown(total, cases, name, progress, programs) as shown:
+        context = copy_context()
+        if TOLD.get() is None:
+            context.run(TOLD.set, set())
         try:
             futures += [pool.submit(context.copy().run, one, k, chunk) for k, chunk in enumerate(chunks)]
             while wait(futures, TICK).not_done:
@@ -588,24 +591,24 @@ def _in_order(chunks: Sequence[Chunk], parts: Sequence[Any], interrupted: bool) 
 
 
 @contextmanager
-def progress_shown(total: float, cases: int, name: str, wanted: bool) -> Iterator[Callable[..., None]]:
+def progress_shown(
+    total: float, cases: int, name: str, wanted: bool | None, programs: int = 2
+) -> Iterator[Callable[..., None]]:
     """Shows how far a run is: a bar on terminals and in notebooks, now and then a line in files and pipes.
 
-    **Arguments:** `total`: all work, in any unit to which its time is proportional; `cases`: how many.
+    **Arguments:** `total`: all work, in any unit to which its time is proportional; `cases`: how many; `wanted`,
+    `programs`: of `slipperjax.tools.progress.bar`.
 
     **Gives:** a function that threads call with work that is done, and the number of cases that are finished by it.
     """
     layout = "{desc}{percentage:3.0f}%" + ("|{bar}|" if is_live() else ",") + " {elapsed}, {remaining} left{postfix}"
-    options: Any = dict(total=total, desc=f"{name} (compiling)".strip(), bar_format=layout)
     lock, finished = threading.Lock(), 0
-    with progress_bar(disable=not wanted, **options) as bar:
+    with progress_bar(wanted, programs=programs, total=total, desc=name, bar_format=layout) as bar:
 
         def add(work: float, done: int = 0) -> None:
             nonlocal finished
             with lock:
                 finished += done
-                if work:
-                    bar.set_description_str(f"{name}: " if name else "", refresh=False)
                 bar.set_postfix_str(f"{finished} of {cases} cases", refresh=False)
                 # rounding may bring the sum above the total, which tqdm warns of
                 bar.update(min(work, total - bar.n))

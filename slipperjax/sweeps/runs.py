@@ -87,7 +87,7 @@ def run(
     product: bool = True,
     chunk: int | None = None,
     workers: int | None = None,
-    progress: bool = False,
+    progress: bool | None = None,
     store: Store | str | Path | None = None,
     executor: Any = None,
 ) -> xr.Dataset:

@@ -62,7 +62,7 @@ def sweep(
     loads: bool | None = None,
     chunk: int | None = None,
     workers: int | None = None,
-    progress: bool = False,
+    progress: bool | None = None,
     store: Store | str | Path | None = None,
     executor: Any = None,
 ) -> xr.Dataset:
@@ -97,7 +97,8 @@ def sweep(
     - `chunk`: cases per call, rounded up to 16, 24, 32, 40, 48, 56, 64, 80, ..., or 8 where there are no more;
         `workers`: threads, default one per core, and never more than one where `solver` is one of diffrax's implicit
         ones, see `solvers.calls_lapack`. Neither changes any result.
-    - `progress`: show how far it is and how long it will take, as a bar, or a line now and then in files and pipes.
+    - `progress`: whether to show how far it is and how long it will take: True for a bar, or a line now and then in
+        files and pipes; by default a bar on terminals and in notebooks, which goes when the run has ended.
     - `store`: path of a zarr store, or a `Store`, which is written while the sweep runs; the same call goes on where
         the last one ended. `executor`: a `dask.distributed.Client` or `concurrent.futures.Executor` that computes it.
 

@@ -2,9 +2,11 @@
 
 import functools
 import os
+import threading
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import ContextVar
 from typing import Any
 
 import equinox as eqx
@@ -31,6 +33,56 @@ COMPILER_OPTIONS: dict[str, dict[str, Any]] = {"cpu": _CPU_OPTIONS}
 
 EFFORTS: dict[str, dict[str, Any]] = {"many": {}, "few": {"xla_backend_optimization_level": 0}}
 """XLA options by the calls that a program is made for."""
+
+
+class Programs:
+    """The programs that step through time which a run compiles, and a function that is told which one it is at."""
+
+    def __init__(self, expected: int, tell: Callable[[str], None]):
+        """**Arguments:** `expected`: how many there will be; `tell`: gets a text, empty where none is compiled."""
+        self.expected, self.tell = expected, tell
+        self.begun = 0
+        self.open: set[object] = set()  # the calls that compile one now
+        self.lock = threading.Lock()
+
+    def begin(self, call: object) -> None:
+        """Notes that a call compiles a program; also where it says so twice."""
+        with self.lock:
+            if call not in self.open:
+                self.open.add(call)
+                self.begun += 1
+                self.tell(f"compiling {self.begun} of {max(self.begun, self.expected)}")
+
+    def end(self, call: object) -> None:
+        """Notes that a call has returned."""
+        with self.lock:
+            if call in self.open:
+                self.open.remove(call)
+                if not self.open:
+                    self.tell("")
+
+
+PROGRAMS: ContextVar[Programs | None] = ContextVar("PROGRAMS", default=None)
+"""The programs of this run, where somebody is told of them."""
+_CALL: ContextVar[object] = ContextVar("_CALL", default=None)
+
+
+def say_compiling() -> None:
+    """Says that the program which is traced now is one that steps through time."""
+    programs, call = PROGRAMS.get(), _CALL.get()
+    if programs is not None and call is not None:
+        programs.begin(call)
+
+
+def _told(compiled: Callable, args: tuple, options: dict[str, Any], programs: Programs) -> Any:
+    """Calls a compiled function, during which `programs` learns what is compiled."""
+    call = object()
+    token = _CALL.set(call)
+    try:
+        return compiled(*args, **options)
+    finally:
+        _CALL.reset(token)
+        programs.end(call)
 
 
 def compiler_options(backend: str | None = None, effort: str = "many") -> dict[str, Any]:
@@ -65,7 +117,8 @@ def jit(fun: Callable, *, effort: str = "many", **kwargs: Any) -> Callable:
         need_64_bits()
         if is_transformed():
             return inner(*args, **options)
-        return outermost(jax.default_backend())(*args, **options)
+        compiled, programs = outermost(jax.default_backend()), PROGRAMS.get()
+        return compiled(*args, **options) if programs is None else _told(compiled, args, options, programs)
 
     return call
 

@@ -258,7 +258,11 @@ class Finished(NamedTuple):
 
 
 def reproduce(
-    figures: Iterable[str] = FIGURES, *, quick: bool = False, transient: int | None = None, progress: bool = False
+    figures: Iterable[str] = FIGURES,
+    *,
+    quick: bool = False,
+    transient: int | None = None,
+    progress: bool | None = None,
 ) -> Iterator[Finished]:
     """Runs the study, and yields each run when it is done.
 
@@ -281,7 +285,7 @@ ALONE = "motions"
 uses the other. This one follows branches by many short calls, which would wait for the long ones of those."""
 
 
-def _runs(wanted: set[str], effort: Effort, progress: bool) -> Iterator[Finished]:
+def _runs(wanted: set[str], effort: Effort, progress: bool | None) -> Iterator[Finished]:
     chosen = [name for name, (made, _) in RUNS.items() if wanted & set(made)]
     data: dict[str, Data] = {name: {} for name in chosen}
     begun: dict[str, float] = {}
