@@ -25,7 +25,7 @@ from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.compile import call_compiled, jit, with_standard_promotion
 from ..tools.jacobian import by_jacobian, moving_with
-from ..tools.one_kernel import in_one_kernel
+from ..tools.one_kernel import call_plainly, in_one_kernel
 from .course import Course
 from .record import RecordSet
 from .status import Status, status_of, with_growth, with_resolution
@@ -127,6 +127,10 @@ class PeriodMap(eqx.Module):
         points = contact_points(scene)  # once for the whole run, not in every evaluation
         terms = diffrax.ODETerm(vector_field(scene))
         earlier = records.begin(scene, state) if earlier is None else earlier
+        # What records make of the states inside a period is as much to compile as the steps: on its own it is compiled
+        # beside them. Its start each period takes some microseconds, which shorter work would feel.
+        split = records.inside
+        part, whole = (in_one_kernel, call_plainly) if split else (call_plainly, in_one_kernel)
 
         @functools.partial(jax.jit, inline=True)  # traced once: `period_if_used` needs its shapes, too
         def period(carry, epoch):
@@ -136,12 +140,17 @@ class PeriodMap(eqx.Module):
             if now is not scene:  # gaps that the solver keeps change, too
                 args = Args(now, epoch, contact_points(now))
                 solver_state = self.stepping.begin(terms, solver, state, args)
-            done = self.stepping.period(terms, solver, state, solver_state, args, records.inside)
+            stepped = lambda *at: self.stepping.period(terms, solver, *at, args, records.inside)
+            done = part(stepped, state, solver_state)
             end = _lost_where(done.failed, done.end)
             inside = _lost_where(done.failed, done.inside) if records.inside else None
-            course = Course(end, inside, args, self.stepping.number, done.rates)
-            carry = end, done.solver_state, records.add(carried, course)
-            return carry, (records.sample(course), status_of(end), jnp.asarray(done.steps_taken, int))
+
+            def recorded(end: State, inside: State | None, rates: Motion | None, carried: tuple) -> tuple:
+                course = Course(end, inside, args, self.stepping.number, rates)
+                return records.add(carried, course), records.sample(course), status_of(end)
+
+            carried, sample, code = part(recorded, end, inside, done.rates, carried)
+            return (end, done.solver_state, carried), (sample, code, jnp.asarray(done.steps_taken, int))
 
         def period_if_used(carry, epoch_now):
             none = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(period, carry, epoch_now)[1])
@@ -151,7 +160,7 @@ class PeriodMap(eqx.Module):
         epochs = epoch + jnp.arange(float(count))
         one = period if used is None else period_if_used
         run = lambda carry: jax.lax.scan(one, carry, epochs)
-        (end, _, carried), (samples, codes, steps_taken) = in_one_kernel(run, (state, solver_state, earlier))
+        (end, _, carried), (samples, codes, steps_taken) = whole(run, (state, solver_state, earlier))
         judged = steps_taken
         if used is not None:
             run = jnp.arange(float(count)) < used

@@ -48,6 +48,11 @@ def in_one_kernel(fun: Callable, *args: Any) -> Any:
     return jax.jit(_called(kernel, kernel=True))(arrays, *closed_over)
 
 
+def call_plainly(fun: Callable, *args: Any) -> Any:
+    """Calls `fun(*args)`: what `in_one_kernel` is where kernels are not to be made."""
+    return fun(*args)
+
+
 def _called(fun: Callable, kernel: bool) -> Callable:
     """Gives a function that calls another one by a call that XLA does not inline; as a kernel if so said."""
     inner = jax.jit(fun)
