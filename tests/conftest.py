@@ -1,4 +1,8 @@
-"""Shapes and types of annotations are enforced, and a program that is not kept already is compiled once."""
+"""Shapes and types of annotations are enforced; programs that are not kept already are compiled with little effort.
+
+`-m slow` and `-m benchmark` compile as users do, and so does the default tier with `XLA_FLAGS` of one's own, as in
+`XLA_FLAGS=--xla_backend_optimization_level=3 pytest`.
+"""
 
 import contextlib
 import importlib
@@ -26,6 +30,9 @@ MOST = 1 << 31
 def pytest_configure(config):
     if config.getoption("markexpr") == "benchmark":
         return  # checks cost time, which benchmarks measure, as they measure compiling
+    if config.getoption("markexpr") != "slow":
+        # most of what is compiled runs for milliseconds; the same operations, in other instructions
+        os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
     _share_programs()
     if config.getoption("numprocesses", None):
         return  # the tests run in workers, which come here too

@@ -1,6 +1,7 @@
 """Rails of samples, such as surveys, and sums of tracks: cubic splines with continuous second derivatives."""
 
 import abc
+import functools
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
@@ -25,7 +26,7 @@ from ..tools.checks import (
     warn,
     whole_number,
 )
-from ..tools.compile import is_traced
+from ..tools.compile import at_once, is_traced
 from .tracks import AbstractTrack, Irregularity, chosen, greatest, least_common_count
 
 ENDS = ("straight", "repeat", "error")
@@ -61,6 +62,7 @@ class SplineTrack(AbstractTrack):
     def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
         return self.motion(distance)[0]
 
+    @at_once
     def motion(self, distance: Float[Array, "*places"]) -> tuple[Irregularity, Irregularity]:
         (a, b, c, d), u, s = self._interval(distance)
         value = ((1 - u) ** 3 * a + (3 * u**3 - 6 * u**2 + 4) * b + (1 + 3 * u * (1 + u - u**2)) * c + u**3 * d) / 6
@@ -69,6 +71,7 @@ class SplineTrack(AbstractTrack):
             slope = jnp.where(s < 0, 0.0, slope)
         return self._of(value, s), self._of(slope, s)
 
+    @at_once
     def curvature(self, distance: Float[Array, "*places"]) -> Irregularity:
         """Returns second derivatives [1/m], of roll [rad/m^2]."""
         (a, b, c, d), u, s = self._interval(distance)
@@ -96,6 +99,7 @@ class SplineTrack(AbstractTrack):
         return Irregularity(*channels, *[None] * (3 - len(channels)))
 
 
+@functools.partial(at_once, static_argnums=1)
 def spline_coefficients(samples: Float[Array, " samples"], ends: str) -> Float[Array, " knots"]:
     """Computes the coefficients of cubic B-splines through equally spaced samples. Pure.
 
@@ -261,6 +265,7 @@ class SampledTrack(AbstractRail):
         """Distance between samples [m]."""
         return self.length / (self.lateral.shape[0] - 1)
 
+    @at_once
     def prepared(self) -> SplineTrack:
         """Returns the spline through the samples, risen from zero by ramps at the ends."""
         samples = jnp.stack([c for c in (self.lateral, self.vertical, self.roll) if c is not None], axis=1)
@@ -291,8 +296,7 @@ class SampledTrack(AbstractRail):
     @property
     def steepest_slope(self) -> Float[Array, ""]:
         """Greatest lateral or vertical slope at the samples and between them [1]."""
-        _, slope = self.prepared().motion(self._places())
-        return jnp.maximum(jnp.max(jnp.abs(slope.lateral)), jnp.max(jnp.abs(slope.vertical)))
+        return _steepest_slope(self)
 
     @property
     def shortest_wavelength(self) -> Float[Array, ""]:
@@ -306,7 +310,13 @@ class SampledTrack(AbstractRail):
         return self.distance[0] + self.length * jnp.arange(count) / count
 
 
-@jax.jit  # one small program instead of one for each operation
+@at_once
+def _steepest_slope(track: SampledTrack) -> Array:
+    _, slope = track.prepared().motion(track._places())
+    return jnp.maximum(jnp.max(jnp.abs(slope.lateral)), jnp.max(jnp.abs(slope.vertical)))
+
+
+@at_once
 def _mean_wave(track: SampledTrack) -> Array:
     spline, places = track.prepared(), track._places()
     rms = lambda of: jnp.sqrt(jnp.mean(of.lateral**2 + of.vertical**2))
@@ -319,6 +329,7 @@ def _smooth_step(x: Array) -> Array:
     return x**3 * (10 - 15 * x + 6 * x**2)
 
 
+@at_once
 def ramps(away: Array, ramp: Array) -> Array:
     """Returns factors that rise from 0 at the ends of a rail to 1 at the distance `ramp` `away` from them [m]."""
     return jnp.where(ramp > 0, _smooth_step(away / jnp.where(ramp > 0, ramp, 1.0)), 1.0)
@@ -395,6 +406,7 @@ class FourierTrack(AbstractTrack):
     def wavelength(self) -> Float[Array, ""]:
         return self.wavelengths[0]
 
+    @at_once
     def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
         row = lambda values: values.reshape((1,) * distance.ndim + (-1,))
         cycles = distance[..., None] / row(self.wavelengths)
@@ -456,6 +468,7 @@ class LocalTrack(AbstractTrack):
     def wavelength(self) -> Float[Array, ""]:
         return self.reference_length
 
+    @at_once
     def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
         row = lambda values: values.reshape((1,) * distance.ndim + (-1,))
         x = distance[..., None] - row(self.place)

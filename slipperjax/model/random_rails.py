@@ -26,7 +26,7 @@ from ..tools.checks import (
     warn,
     whole_number,
 )
-from ..tools.compile import with_standard_promotion
+from ..tools.compile import at_once, with_standard_promotion
 from ..tools.deviates import keys_of, normal, uniform
 from .rails import DEFAULT_RAMP, ENDS, AbstractRail, SplineTrack, mean_wave, ramps, repeats_after
 from .tracks import Irregularity, chosen
@@ -306,7 +306,7 @@ class RandomTrack(AbstractRail):
         return _mean_wave(self)
 
 
-@jax.jit  # one small program instead of one for each operation
+@at_once
 def _mean_wave(track: RandomTrack) -> Array:
     size = lambda of: jnp.sqrt(of.lateral**2 + of.vertical**2)
     return mean_wave(size(track.rms(1)), size(track.rms(2)), track.reference_length)

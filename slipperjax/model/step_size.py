@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import instance, whole
-from ..tools.compile import is_traced, jit
+from ..tools.compile import at_once, is_traced, jit
 from .scene import Scene, check_scene
 from .travel import Travel
 
@@ -61,7 +61,7 @@ def impacts_per_period(scene: Scene) -> Float[Array, ""]:
     return _impacts_per_period(instance("scene", scene, Scene, "a slipperjax.Scene"))
 
 
-@jax.jit  # one small program instead of one for each operation
+@at_once
 def _impacts_per_period(scene: Scene) -> Float[Array, ""]:
     return scene.slowest.period / contact_duration(scene)
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..tools.checks import ShapeChecked, finite, instance, optional, positive, warn_unless_within
-from ..tools.compile import is_traced
+from ..tools.compile import at_once, is_traced
 from ..tools.fused import circle
 
 SLOPE_SAMPLES, SLOPE_WAVELENGTHS = 512, 16
@@ -47,6 +47,7 @@ class AbstractTrack(ShapeChecked):
     def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
         """Returns the rail's displacements at `distance` [m]; differentiable, precise after any number of periods."""
 
+    @at_once
     def motion(self, distance: Float[Array, "*places"]) -> tuple[Irregularity, Irregularity]:
         """Returns displacements at `distance` [m], and their slopes per metre of travel."""
         here, slope = jax.jvp(self.irregularity, (distance,), (jnp.ones_like(distance),))
@@ -172,6 +173,7 @@ class HarmonicTrack(AbstractTrack):
     def wavelength(self) -> Float[Array, ""]:
         return self.wavelengths[0]
 
+    @at_once
     def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
         shape = jnp.zeros_like(distance)
         for k in range(self.wavelengths.shape[0]):

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import ShapeChecked, finite, in_unit, instance, number, positive, require
-from ..tools.compile import is_traced
+from ..tools.compile import at_once, is_traced
 
 LEAST_SPEED = 1.0
 """Least speed of a programme [m/s]: time runs on without end where a sled stands still on its way."""
@@ -126,6 +126,7 @@ class SpeedProgramme(ShapeChecked):
             least = float(np.min(np.asarray(self.speed) * np.min(np.asarray(self.scale), initial=np.inf)))
             require(least >= LEAST_SPEED * (1 - 1e-9), "speed", f"be {LEAST_SPEED:g} m/s or more", least)
 
+    @at_once
     def at(self, distance: Any) -> Float[Array, "*places"]:
         """Returns the speed [m/s] at some distances from the start [m], of shape (*places,)."""
         distance = jnp.asarray(distance, float)
@@ -133,12 +134,14 @@ class SpeedProgramme(ShapeChecked):
         square = self.speed**2
         return self.scale * jnp.sqrt(square[k] + share * (square[k + 1] - square[k]))
 
+    @at_once
     def least(self, begin: Any, end: Any) -> Float[Array, ""]:
         """Returns the least speed [m/s] between two distances from the start [m]."""
         between = (self.distance > begin) & (self.distance < end)
         inside = self.scale * jnp.min(jnp.where(between, self.speed, jnp.inf))
         return jnp.minimum(inside, jnp.minimum(self.at(begin), self.at(end)))
 
+    @at_once
     def acceleration(self, distance: Any) -> Float[Array, "*places"]:
         """Returns the travelling acceleration [m/s^2] at some distances [m]; zero beyond the ends."""
         distance = jnp.asarray(distance, float)
@@ -147,6 +150,7 @@ class SpeedProgramme(ShapeChecked):
         slope = (square[k + 1] - square[k]) / (self.distance[k + 1] - self.distance[k])
         return jnp.where(inside, 0.5 * self.scale**2 * slope, 0.0)
 
+    @at_once
     def seconds(self, distance: Any) -> Float[Array, "*places"]:
         """Returns the time [s] in which some distances [m] are reached from distance zero."""
         return self._since_first(jnp.asarray(distance, float)) - self._since_first(jnp.zeros(()))

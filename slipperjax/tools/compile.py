@@ -123,6 +123,11 @@ def jit(fun: Callable, *, effort: str = "many", **kwargs: Any) -> Callable:
     return call
 
 
+at_once = functools.partial(jax.jit, inline=True)
+"""`jax.jit` of a function of some operations: called on its own it is one small program, instead of one for each of
+them; elsewhere they are a part of the program that calls it."""
+
+
 def with_standard_promotion(fun: Callable) -> Callable:
     """Makes a function within which JAX promotes types as by default, where the user's own code is to be strict."""
 
