@@ -127,10 +127,9 @@ class PeriodMap(eqx.Module):
         points = contact_points(scene)  # once for the whole run, not in every evaluation
         terms = diffrax.ODETerm(vector_field(scene))
         earlier = records.begin(scene, state) if earlier is None else earlier
-        # What records make of the states inside a period is as much to compile as the steps: on its own it is compiled
-        # beside them. Its start each period takes some microseconds, which shorter work would feel.
-        split = records.inside
-        part, whole = (in_one_kernel, call_plainly) if split else (call_plainly, in_one_kernel)
+        # What records make of the states inside a period is as much to compile as the steps, and is compiled beside
+        # them as a kernel of its own. To start it each period takes microseconds, which shorter work would feel.
+        part, whole = (in_one_kernel, call_plainly) if records.inside else (call_plainly, in_one_kernel)
 
         @functools.partial(jax.jit, inline=True)  # traced once: `period_if_used` needs its shapes, too
         def period(carry, epoch):
