@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..tools.checks import require, shown_number
-from ..tools.compile import call_compiled
+from ..tools.compile import as_argument, call_compiled
 from .floquet import solve
 from .newton import AbstractEquations, Linearisation, newton
 
@@ -97,7 +97,7 @@ def correct(
     ends; `iterations`: it ends then in any case.
     """
     arrays = (jnp.asarray(a) for a in (z, row, z if near is None else near))
-    limits = jnp.asarray(float(tolerance)), jnp.asarray(iterations)
+    limits = as_argument(tolerance), jnp.asarray(np.asarray(iterations))
     return jax.device_get(call_compiled(_correct, equations, (), *arrays, limits))
 
 

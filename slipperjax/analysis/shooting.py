@@ -13,7 +13,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from ..tools.checks import finite, number, positive, require, whole
-from ..tools.compile import call_compiled, is_transformed
+from ..tools.compile import as_argument, call_compiled, is_transformed
 from ..tools.one_kernel import in_one_kernel
 from .floquet import linearise, product, solve
 from .lyapunov import Scale, Step, check_functions, check_state, weights_of
@@ -78,7 +78,7 @@ def shoot(
     tolerance = number(positive, "tolerance", tolerance)
     index = finite("index")(index)
     static = count, limit, is_transformed()
-    return call_compiled(_shoot, (step, scale, consistent, turns), static, state, index, jnp.asarray(tolerance))
+    return call_compiled(_shoot, (step, scale, consistent, turns), static, state, index, as_argument(tolerance))
 
 
 def _shoot(functions, static, state, index, tolerance):

@@ -225,7 +225,7 @@ class _Batch:
         **Arguments:** `slopes`: derivatives of the states at the start, (lanes, parameters, size).
         """
         plan, period = self.plan, self.cases.period
-        stepping, maps = dynamic_steps(plan.steps, inside=True), self._maps(period)
+        stepping, maps = dynamic_steps(plan.steps, most=plan.most_steps), self._maps(period)
         options: dict[str, Any] = dict(names=plan.names, objectives=plan.of_courses, solver=plan.solver)
         scenes, lanes = self._lanes(index)
         rows, slopes = self.cases.state[lanes], slopes[lanes]

@@ -231,6 +231,8 @@ class EvaluationPlan:
     solver: diffrax.AbstractSolver
     steps: int
     """Per forcing period, the same for all cases, so that objectives have no jumps where it would change."""
+    most_steps: int
+    """The most with which cases are judged again, for which programs have room."""
     start: Motion | State
     reach: Mapping[str, float]
     """Distance of ensembles' parameters from a case's, by name [their SI units]."""
@@ -246,7 +248,7 @@ class EvaluationPlan:
     @property
     def epoch(self) -> float:
         """Forcing periods from distance zero to where runs begin."""
-        return float(self.scene.track.origin / np.asarray(self.scene.track.wavelength))
+        return float(self.scene.epoch_at(self.scene.track.origin))
 
     def limits(self, name: str) -> tuple[float, float]:
         """Lowest and highest value of a parameter in ensembles [its SI unit]."""

@@ -134,6 +134,7 @@ def checked_problem(
         tuple(dict.fromkeys([objective.smooth, objective, *(one for one, _, _ in limits)])),
         solver,
         given_steps(steps),
+        2 * steps,
         start,
         {name: ensemble.box_reach * (high - low) for name, (low, high) in bounds.items()},
         whole("transient", transient, 0),

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from ..analysis.step_error import with_step_error
+from ..analysis.step_error import FINER, with_step_error
 from ..flow.datasets import scene_attributes
 from ..flow.simulate import Trajectory, default_steps, first_of
 from ..flow.status import Status
@@ -86,12 +86,14 @@ def sensitivities(
     reach = number(positive, "reach", ensemble.relative_reach if reach is None else reach)
     several = objectives if isinstance(objectives, Sequence) and not isinstance(objectives, str) else [objectives]
     grid = {one.name: np.array([float(one.of(scene))]) for one in checked_parameters(names, scene)}
+    steps = int(default_steps(scene, steps_per_period))
     plan = EvaluationPlan(
         scene,
         tuple(grid),
         tuple(dict.fromkeys(map(objective_named, several))),
         resolve_solver(scene, solver),
-        int(default_steps(scene, steps_per_period)),
+        steps,
+        (1 if method == "run" else FINER[-1]) * steps,
         first_of(start),
         {name: abs(float(value[0])) * reach for name, value in grid.items()},
         whole("transient", transient, 0),

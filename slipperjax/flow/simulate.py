@@ -23,7 +23,7 @@ from ..model.step_size import LEAST_STEPS, given_steps, traced_steps_per_period
 from ..model.tracks import AbstractTrack
 from ..solvers.named import resolve_controller, resolve_solver
 from ..tools.checks import finite, instance, number, require, shown_number, warn, whole, yes_or_no
-from ..tools.compile import call_compiled, is_traced, jit
+from ..tools.compile import as_argument, call_compiled, is_traced, jit
 from ..tools.description import describe
 from ..tools.html import repr_html
 from ..tools.jacobian import by_jacobian
@@ -101,7 +101,7 @@ def period_map(
     """
     check_scene(scene)
     origin = beginning_of(scene, begin)
-    epoch = origin / scene.track.wavelength
+    epoch = scene.epoch_at(origin)
     instance("state", state, State, "a slipperjax.State")
     periods = whole("periods", periods, 1)
     check_rail(scene, periods, origin)
@@ -172,14 +172,13 @@ def _at_slowest(scene: Scene, begin: Any, periods: int) -> Scene:
     return eqx.tree_at(lambda s: s.speed, scene, scene.slowest_between(begin, begin + periods).speed)
 
 
-def dynamic_steps(steps: int, *, inside: bool = False, finer: bool = False) -> ConstantSteps:
+def dynamic_steps(steps: int, *, most: int | None = None) -> ConstantSteps:
     """Returns constant steps whose number is an argument of the program: one for many numbers; for forward mode.
 
-    **Arguments:** `inside`: whether states inside periods are recorded, which takes capacity; `finer`: whether it is
-    to suffice for steps of half the length.
+    **Arguments:** `most`: the most steps that the program is to serve, where states inside periods are recorded.
     """
-    capacity = capacity_for(steps * (2 if finer else 1)) if inside else None
-    return ConstantSteps(capacity, jnp.asarray(np.float64(steps)))
+    capacity = None if most is None else capacity_for(most)
+    return ConstantSteps(capacity, as_argument(steps))
 
 
 def static_steps(steps: Any) -> ConstantSteps:
@@ -370,7 +369,7 @@ def simulate(
     check_scene(scene)
     periods, loads = whole("periods", periods, 1), yes_or_no("loads", loads)
     origin, start = beginning(scene, begin, start)
-    epoch = origin / scene.track.wavelength
+    epoch = scene.epoch_at(origin)
     check_rail(scene, periods, origin)
     default = lambda: default_steps(_at_slowest(scene, epoch, periods), None)
     if steps_per_period is not None:
@@ -387,7 +386,8 @@ def simulate(
     elif traced:
         stepping = static_steps(steps)
     else:
-        stepping = dynamic_steps(steps, inside=records.inside, finer=bool(probe))
+        most = (2 if probe else 1) * steps
+        stepping = dynamic_steps(steps, most=most if records.inside else None)
     run = PeriodMap(scene, stepping, solver)
     if traced:
         # from the start, so that the numbers of a derivative are those of the caller
@@ -426,7 +426,7 @@ def run_eagerly(
 ) -> Passage:
     """Runs with a program that serves other numbers of periods, too; that of a run of `like` periods if given."""
     size = capacity_for(periods if like is None else like)
-    passage = run_compiled(run, state, size, records, jnp.asarray(epoch), jnp.asarray(float(periods)))
+    passage = run_compiled(run, state, size, records, as_argument(epoch), as_argument(periods))
     # on the host, where a slice of another length needs no compilation
     cut = lambda tree: jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[:periods]), tree)
     return passage._replace(samples=cut(passage.samples), steps_taken=cut(passage.steps_taken))

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import finite, instance, real, require, shown_number, warn
-from ..tools.compile import is_traced, jit
+from ..tools.compile import as_argument, is_traced, jit
 from ..tools.fused import held, kept, sums
 from .contact import Before, SmoothSwitch
 from .kinematics import (
@@ -91,9 +91,9 @@ def initial_state(scene: Scene, motion: Motion | State, epoch: Any = None) -> St
         good = np.shape(motion.memory) == (scene.points,)
         need = f"have a memory of shape ({scene.points},), one for each point"
         require(good, "motion", need, shown=f"one of shape {np.shape(motion.memory)}")
-    epoch = scene.track.origin / scene.track.wavelength if epoch is None else finite("epoch")(epoch)
+    epoch = scene.epoch_at(scene.track.origin) if epoch is None else finite("epoch")(epoch)
     require(np.ndim(epoch) == 0, "epoch", "be one number", epoch)
-    state, outside = state_and_penetration(scene, jax.tree.map(lambda v: jnp.asarray(v, float), motion), epoch)
+    state, outside = state_and_penetration(scene, jax.tree.map(as_argument, motion), epoch)
     if isinstance(motion, Motion):  # a run may end deep inside a contact
         warn_if_outside(outside)
     return state

@@ -117,7 +117,10 @@ class Scene(ShapeChecked):
         self.warn_unless_plausible(PARAMETERS.values())
         if not is_traced((self.track, self.slipper.length)):
             with jax.ensure_compile_time_eval():  # inside jit, too
-                shortest, length = float(self.track.shortest_wavelength), float(np.max(self.slipper.length))
+                shortest, length = (
+                    float(self.track.shortest_wavelength),
+                    float(np.max(np.asarray(self.slipper.length))),
+                )
             if shortest < length:
                 warn(
                     f"Argument `track` has waves of {shortest:g} m, shorter than the slipper of {length:g} m, which "
@@ -184,6 +187,12 @@ class Scene(ShapeChecked):
             return self.travel(phase)
         begin, end = (jnp.asarray(p, float) * self.track.wavelength for p in (phase, later))
         return Travel(self.speed.least(begin, end), self.track.wavelength)
+
+    def epoch_at(self, distance: Any) -> Any:
+        """Returns forcing periods from distance zero to another one [m]; on the host where nothing is traced."""
+        if is_traced((distance, self.track)):
+            return distance / self.track.wavelength
+        return float(distance) / float(np.asarray(self.track.wavelength)) if distance else 0.0
 
     def seconds(self, phase: Any) -> Any:
         """Returns the time [s] after `phase` forcing periods from the start."""

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..tools.checks import ShapeChecked, finite, instance, optional, positive, warn_unless_within
-from ..tools.compile import at_once, is_traced
+from ..tools.compile import as_argument, at_once, is_traced
 from ..tools.fused import circle
 
 SLOPE_SAMPLES, SLOPE_WAVELENGTHS = 512, 16
@@ -141,7 +141,12 @@ def least_common_count(unit: Any, lengths: Any) -> Float[Array, ""]:
     counts = xp.arange(1.0, MOST_RECURRENCE + 1)
     times = xp.outer(counts, convert(unit) / convert(lengths))
     whole = (xp.abs(times - xp.round(times)) <= WHOLE_WITHIN * xp.maximum(times, 1)) & (xp.round(times) > 0)
-    return jnp.asarray(xp.min(xp.where(xp.all(whole, axis=1), counts, xp.inf)))
+    return as_argument(xp.min(xp.where(xp.all(whole, axis=1), counts, xp.inf)))
+
+
+def on_host(values: Array) -> Any:
+    """Gives an array as NumPy has it, with which nothing is compiled; as it is where it is traced."""
+    return values if is_traced(values) else np.asarray(values)
 
 
 class HarmonicTrack(AbstractTrack):
@@ -171,7 +176,7 @@ class HarmonicTrack(AbstractTrack):
 
     @property
     def wavelength(self) -> Float[Array, ""]:
-        return self.wavelengths[0]
+        return as_argument(on_host(self.wavelengths)[0])
 
     @at_once
     def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
@@ -185,7 +190,8 @@ class HarmonicTrack(AbstractTrack):
 
     @property
     def recurrence(self) -> Float[Array, ""]:
-        return least_common_count(self.wavelengths[0], self.wavelengths)
+        lengths = on_host(self.wavelengths)
+        return least_common_count(lengths[0], lengths)
 
     @property
     def steepest_slope(self) -> Float[Array, ""]:
@@ -194,9 +200,7 @@ class HarmonicTrack(AbstractTrack):
 
     @property
     def shortest_wavelength(self) -> Float[Array, ""]:
-        lengths = self.wavelengths
-        # on the host where nothing is traced, which compiles nothing
-        return jnp.min(lengths) if is_traced(lengths) else jnp.asarray(np.min(np.asarray(lengths)))
+        return as_argument(on_host(self.wavelengths).min())
 
 
 class StraightTrack(AbstractTrack):

@@ -299,7 +299,7 @@ class _Run:
     def observe(self, spot: Spot) -> Observation:
         """Observes the contacts and sections of an orbit."""
         # the same equations with samples inside the periods, as one program for all points
-        family = dataclasses.replace(self.equations.family, stepping=dynamic_steps(self.steps, inside=True))
+        family = dataclasses.replace(self.equations.family, stepping=dynamic_steps(self.steps, most=self.steps))
         equations, sections = dataclasses.replace(self.equations, family=family), Sections()
         records = RecordSet((GapSamples(), sections))
         ((gap, rate), crossed), period = call_compiled(_samples, equations, (records,), jnp.asarray(spot.z))

@@ -375,7 +375,8 @@ def _extreme_at(motions: PeriodicMotions, branch: OrbitBranch, event: BranchEven
     """Gives the extreme that is zero at a grazing."""
     touches: Grazing = branch.branch.nodes[event.point].view.data.grazing
     point = int(np.argmin(touches.margin))
-    inside = dynamic_steps(call["steps_per_period"], inside=True)
+    steps = call["steps_per_period"]
+    inside = dynamic_steps(steps, most=steps)
     family = dataclasses.replace(motions.family, stepping=inside)  # type: ignore[type-var]
     time, greatest = jnp.asarray(touches.time[point]), jnp.asarray(touches.opening[point])
     return GapExtreme(family, jnp.asarray(point), time, greatest, branch.period)

@@ -83,7 +83,7 @@ def lyapunov_spectrum(
     every = whole("orthonormalise_every", orthonormalise_every, 1)
     steps = default_steps(scene, steps_per_period)
     start, origin = first_of(start), beginning_of(scene, begin)
-    epoch = origin / scene.track.wavelength
+    epoch = scene.epoch_at(origin)
     blocks = lambda name, value, least: -(-whole(name, value, least) // every)
     counted = blocks("periods", periods, 1), blocks("transient", transient, 0), blocks("align", align, 0)
     check_rail(scene, every * sum(counted), origin)

@@ -114,7 +114,7 @@ class PeriodicOrbit(eqx.Module):
     def signature(self) -> Signature:
         """Touchdowns of the points in their order, with their rates; not for use under a transformation."""
         records, steps = RecordSet((GapSamples(),)), int(self.steps_per_period)
-        map_ = PeriodMap(self.scene, dynamic_steps(steps, inside=True), self.solver)
+        map_ = PeriodMap(self.scene, dynamic_steps(steps, most=steps), self.solver)
         ((gap, rate),) = run_eagerly(map_, self.state, self.period, records).samples
         return signature(self.scene, Gaps.of(gap, rate, steps, float(self.scene.period)))
 
@@ -174,9 +174,9 @@ def periodic_orbit(
             shot = Shot(state, jnp.asarray(jnp.nan), jnp.asarray(0), jnp.full((period, size, size), jnp.nan))
             break
         shot = shoot(step, state, intervals=period, tolerance=tolerance, max_iterations=limit, **options)
-        if traced or bool(shot.residual <= tolerance):
+        if traced or float(shot.residual) <= tolerance:
             break
-    if not traced and period > 1 and bool(shot.residual <= tolerance):
+    if not traced and period > 1 and float(shot.residual) <= tolerance:
         residuals = minimal_period(step, shot.state, period, scale=tangent_weights(scene))
         period = min((n for n, residual in residuals.items() if float(residual) < DIVISOR), default=period)
     matrices = shot.matrices[:period]

@@ -31,7 +31,7 @@ from ..orbits.motions import check_forcing, consistent_memory
 from ..orbits.periodic import MOST_PERIOD, TOLERANCE
 from ..tools.batching import Batched
 from ..tools.checks import number, positive, whole
-from ..tools.compile import jit
+from ..tools.compile import as_argument, jit
 from .grid import filled
 from .run import PERIODS_PER_CALL, ContinuedRecord, OnProgress, RecordedChunk
 
@@ -131,7 +131,7 @@ class Maps(NamedTuple):
         return np.asarray(batch_jacobians(*of, solver=self.solver, periods=1))[:, 0]
 
     def _looked(self, capacity: int, scenes: Batched[Scene], states: State) -> np.ndarray:
-        stepping, records = ConstantSteps(capacity, jnp.asarray(float(self.steps))), RecordSet((ContactChecks(),))
+        stepping, records = ConstantSteps(capacity, as_argument(self.steps)), RecordSet((ContactChecks(),))
         options: dict[str, Any] = dict(solver=self.solver, periods=PERIODS_PER_CALL, records=records)
         seen = advance(scenes, states, self.epoch, stepping, **options)
         return np.asarray(judged_by_contacts(scenes, seen.status, *seen.carried, most_stability_number(self.solver)))

@@ -29,7 +29,7 @@ from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.checks import TOLD, require, whole
-from ..tools.compile import jit
+from ..tools.compile import as_argument, jit
 from ..tools.limits import cores
 from ..tools.progress import bar as progress_bar
 from ..tools.progress import is_live
@@ -373,7 +373,7 @@ def run_chunk(
     """
     records, period, status = plan.records, plan.epoch + epoch, np.zeros(len(states.motion.y), int)
     samples = Samples(records, plan.recorded.periods)
-    number = jnp.asarray(float(steps))  # an array, so that one compiled program serves every number of steps
+    number = as_argument(steps)  # an array, so that one compiled program serves every number of steps
     stepping = recording = ConstantSteps(steps=number)
     if records.inside:
         alike = bool(np.all(plan.steps == steps))
@@ -384,7 +384,7 @@ def run_chunk(
         return dict(solver=plan.solver, periods=calls.capacity, records=kept)
 
     def compile_recording() -> None:
-        none = dict(used=jnp.asarray(0.0), earlier=initial_carry(records, scenes, states))
+        none = dict(used=as_argument(0), earlier=initial_carry(records, scenes, states))
         with suppress(Exception):  # which the call below meets, too
             advance(scenes, states, period, recording, **none, **options_of(plan.recorded, records))
 
@@ -393,13 +393,13 @@ def run_chunk(
     for calls, kept, chosen in ((plan.transient, early, stepping), (plan.recorded, records, recording)):
         if kept is records and plan.probed:
             # the program of the transient, which is there already, serves this one period, too
-            once = dict(used=jnp.asarray(1.0), earlier=initial_carry(early, scenes, states))
+            once = dict(used=as_argument(1), earlier=initial_carry(early, scenes, states))
             probe = half_step_change(scenes, states, period, steps, **once, **options_of(plan.transient, early))
             on_progress(PROBE_COST)
         carry = initial_carry(kept, scenes, states)
         # a program serves several numbers of periods; samples of periods beyond its use are cut off
         options = options_of(calls, kept)
-        used, cut = jnp.asarray(float(calls.length)), lambda a, n=calls.length: np.asarray(a)[:, :n]
+        used, cut = as_argument(calls.length), lambda a, n=calls.length: np.asarray(a)[:, :n]
         for _ in range(calls.count):
             on_progress(0)
             passed = advance(scenes, states, period, chosen, used=used, earlier=carry, **options)
@@ -424,7 +424,7 @@ def half_step_change(
 
     **Arguments:** `options`: of `advance`, with the number of periods.
     """
-    numbers = [ConstantSteps(steps=jnp.asarray(float(number))) for number in (steps, 2 * steps)]
+    numbers = [ConstantSteps(steps=as_argument(number)) for number in (steps, 2 * steps)]
     ends = (advance(scenes, states, epoch, number, **options).state.motion for number in numbers)
     return np.asarray(_distances(scenes, *ends))
 

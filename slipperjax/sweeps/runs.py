@@ -45,7 +45,7 @@ from ..solvers.latching import solver_name
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.checks import number, positive, require, whole
-from ..tools.compile import jit
+from ..tools.compile import as_argument, jit
 from .grid import Cases, filled, with_tracks
 from .records import OF_LOADS
 from .run import (
@@ -328,14 +328,14 @@ def _run_windows(
         part.on_progress(0.0)
         used = min(STRETCH, windows - k * STRETCH)
         alike = bool(np.all(profile == steps))
-        varied = ConstantSteps(shared_capacity(most, steps), jnp.asarray(float(steps)))
+        varied = ConstantSteps(shared_capacity(most, steps), as_argument(steps))
         stepping = ConstantSteps(steps) if alike else varied
         if k in probes.stretches:
             now = _opened(scenes, carry[count].play) if wears else scenes
-            over = dict(used=jnp.asarray(float(probes.windows)), periods=capacity_for(probes.windows))
+            over = dict(used=as_argument(probes.windows), periods=capacity_for(probes.windows))
             errors.append(half_step_change(now, states, epoch + k * STRETCH, steps, solver=plan.solver, **over))
         options: dict[str, Any] = dict(solver=plan.solver, periods=STRETCH, records=looked_at, earlier=carry)
-        passed = advance(scenes, states, epoch + k * STRETCH, stepping, used=jnp.asarray(float(used)), **options)
+        passed = advance(scenes, states, epoch + k * STRETCH, stepping, used=as_argument(used), **options)
         # records of a stretch begin anew with the next one, and those of the whole run go on
         states, carry = passed.state, (*empty[:count], *passed.carried[count:])
         status = first_problem(status, passed.status)

@@ -11,6 +11,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import get_opaque_trace_state
 
@@ -137,6 +138,11 @@ def with_standard_promotion(fun: Callable) -> Callable:
             return fun(*args, **options)
 
     return call
+
+
+def as_argument(value: Any) -> jax.Array:
+    """Makes an array of a number, which may be traced; nothing is compiled for it."""
+    return jnp.asarray(value, float) if is_traced(value) else jnp.asarray(np.asarray(value, float))
 
 
 def warn_if_told_otherwise() -> None:

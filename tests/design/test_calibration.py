@@ -78,7 +78,8 @@ def calibration(cases, objectives=OBJECTIVES_IN_CHAOS, seeds=SEEDS, settings=Ens
     # one reach for all, the default at their median length
     reach = {"length": EnsembleSettings.relative_reach * float(np.median(cases[:, 0]))}
     rows, evaluations = rows_of(settled(cases)), []
-    options = dict(solver=sj.RK4(), steps=STEPS, start=sj.table_2_start(), reach=reach, transient=200)
+    options = dict(solver=sj.RK4(), steps=STEPS, most_steps=STEPS, start=sj.table_2_start())
+    options |= dict(reach=reach, transient=200)
     for seed in range(seeds):
         plan = EvaluationPlan(
             sj.paper_scene(), ("length",), objectives, ensemble=dataclasses.replace(settings, seed=seed), **options

@@ -97,7 +97,7 @@ def slipper_slopes(cases):
         scene = at_values(sj.paper_scene(), NAMES, values)
 
         def step(x, p):
-            period_map = PeriodMap(at_values(scene, ("length",), p[None]), dynamic_steps(STEPS, inside=True))
+            period_map = PeriodMap(at_values(scene, ("length",), p[None]), dynamic_steps(STEPS, most=STEPS))
             passage = period_map.run(unravel(x), periods=1, records=records)
             return ravel_pytree(passage.state)[0], jnp.stack([a[0] for a in passage.samples[0]])
 
