@@ -35,7 +35,7 @@ SAME_VALUE = 0.005
 """Relative difference of objectives within which two optima are equally good [1]."""
 ACTIVE_CASE = 1e-3
 """Relative distance from the worst case within which cases count as worst [1]."""
-PROGRAMS = 5
+PROGRAMS = 6
 """Programs that most searches compile."""
 VIOLATED = 1e-6
 """Violation from which a design counts as infeasible, in multiples of the limit."""

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import finite, fraction, instance, not_negative, positive, warn_unless_within
-from ..tools.compile import is_traced
+from ..tools.compile import as_argument, is_traced
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class Parameter(Quantity):
         **Raises:** `ValueError` where the scene has no such part.
         """
         self.check_exists(scene)
-        written = self.write(jnp.asarray(value, float), self.where(scene))
+        written = self.write(as_argument(value), self.where(scene))
         return eqx.tree_at(self.where, scene, written, is_leaf=lambda x: x is None)
 
 

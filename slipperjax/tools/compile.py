@@ -88,10 +88,14 @@ def _told(compiled: Callable, args: tuple, options: dict[str, Any], programs: Pr
 
 def compiler_options(backend: str | None = None, effort: str = "many") -> dict[str, Any]:
     """Gives the XLA options for a backend, by default the one that JAX uses now, and for an effort, see `jit`."""
-    if effort not in EFFORTS:
-        raise ValueError(f"Argument `effort` must be one of {', '.join(EFFORTS)}, but is {effort!r}.")
+    _check_effort(effort)
     options = COMPILER_OPTIONS.get(jax.default_backend() if backend is None else backend, {})
     return options | EFFORTS[effort] if options else {}
+
+
+def _check_effort(effort: Any) -> None:
+    if effort not in EFFORTS:
+        raise ValueError(f"Argument `effort` must be one of {', '.join(EFFORTS)}, but is {effort!r}.")
 
 
 def jit(fun: Callable, *, effort: str = "many", **kwargs: Any) -> Callable:
@@ -105,7 +109,7 @@ def jit(fun: Callable, *, effort: str = "many", **kwargs: Any) -> Callable:
 
     **Raises:** `ValueError` for an unknown effort; at a call, if JAX runs with 32-bit numbers.
     """
-    compiler_options(effort=effort)
+    _check_effort(effort)  # alone: the import leaves the choice of a backend open
     traced = with_standard_promotion(fun)
     inner = jax.jit(traced, **kwargs)
 

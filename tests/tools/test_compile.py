@@ -64,6 +64,18 @@ def test_the_first_import_may_be_inside_a_traced_function():
     assert done.returncode == 0, done.stderr[-2000:]
 
 
+LEFT_OPEN = """
+import jax, slipperjax
+jax.config.update("jax_num_cpu_devices", 2)  # an error where a backend is there
+assert len(jax.devices()) == 2
+"""
+
+
+def test_the_import_leaves_the_choice_of_a_backend_open():
+    done = run(LEFT_OPEN)
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
 @pytest.mark.parametrize(("asked", "warned"), [("0", True), ("False", True), ("1", False)])
 def test_a_wish_for_32_bits_is_answered_by_one_warning(asked, warned):
     done = run("import slipperjax", JAX_ENABLE_X64=asked)
