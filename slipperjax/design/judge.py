@@ -29,12 +29,14 @@ from ..model.kinematics import MOTION_SCALES
 from ..model.quantities import COORDINATE_SCALES, MOTION_NUMBERS
 from ..model.scene import Scene
 from ..orbits.periodic import TOLERANCE
+from ..solvers.latching import calls_lapack
 from ..sweeps.attractors import FLOOR, LAST
 from ..sweeps.grid import VECTOR_LANES, Cases, Grid, filled
 from ..sweeps.orbits import JACOBIAN, Maps, Orbits, find_orbits, rows_of
 from ..sweeps.reached import reached_orbits
 from ..sweeps.run import Chunk, ChunkInputs, OnProgress, Plan, RunOptions, make_plan, run_cases, run_chunk, run_chunks
 from ..tools.batching import Batched
+from ..tools.compile import ahead
 from ..tools.limits import cores
 from .gradients import PeriodDerivatives, PeriodValues, matrix_slopes, push_period, total_slopes, totals
 from .objectives import Evaluation, EvaluationPlan, RailEnsemble
@@ -136,9 +138,13 @@ class _Batch:
 
     def evaluated(self, transient: Plan, warm_start: Evaluation | None) -> Evaluation:
         """Returns the evaluation, on the orbits of the cases that have one."""
-        cases = self.cases
+        cases, plan = self.cases, self.plan
         if warm_start is not None:
             self._follow(warm_start)
+        elif plan.names and not calls_lapack(plan.solver):
+            # the longest to compile of all, which the first evaluation does while others are compiled and run
+            slopes = np.zeros((self.count, len(plan.names), cases.state.shape[1]))
+            ahead(functools.partial(self._pushed, np.arange(1), cases.state, slopes, plan.epoch))
         if not np.all(cases.period):
             self._settle(np.flatnonzero(cases.period == 0), transient)
         index = np.flatnonzero(cases.period)
@@ -224,17 +230,22 @@ class _Batch:
 
         **Arguments:** `slopes`: derivatives of the states at the start, (lanes, parameters, size).
         """
-        plan, period = self.plan, self.cases.period
-        stepping, maps = dynamic_steps(plan.steps, most=plan.most_steps), self._maps(period)
-        options: dict[str, Any] = dict(names=plan.names, objectives=plan.of_courses, solver=plan.solver)
-        scenes, lanes = self._lanes(index)
+        _, lanes = self._lanes(index)
         rows, slopes = self.cases.state[lanes], slopes[lanes]
-        for epoch in plan.epoch + np.arange(float(period[index].max())):
-            span = push_period(scenes, maps.states(rows), jnp.asarray(slopes), float(epoch), stepping, **options)
-            span = jax.tree.map(np.asarray, span)
+        for epoch in self.plan.epoch + np.arange(float(self.cases.period[index].max())):
+            span = self._pushed(index, rows, slopes, epoch)
             yield span
             rows, slopes = span.end, span.end_slopes
             self.on_progress(SLOPES_COST)
+
+    def _pushed(self, index: np.ndarray, rows: np.ndarray, slopes: np.ndarray, epoch: float) -> PeriodDerivatives:
+        """Runs one forcing period of the cases at `index`, from states and their derivatives in all lanes."""
+        plan, (scenes, _) = self.plan, self._lanes(index)
+        stepping = dynamic_steps(plan.steps, most=plan.most_steps)
+        options: dict[str, Any] = dict(names=plan.names, objectives=plan.of_courses, solver=plan.solver)
+        states = self._maps(self.cases.period).states(rows)
+        span = push_period(scenes, states, jnp.asarray(slopes), float(epoch), stepping, **options)
+        return jax.tree.map(np.asarray, span)
 
     def _lanes(self, index: np.ndarray) -> tuple[Batched[Scene], np.ndarray]:
         """Scenes and indices of a batch in which the last case at `index` stands for the cases elsewhere."""

@@ -139,7 +139,7 @@ class PeriodMap(eqx.Module):
             if now is not scene:  # gaps that the solver keeps change, too
                 args = Args(now, epoch, contact_points(now))
                 solver_state = self.stepping.begin(terms, solver, state, args)
-            stepped = lambda *at: self.stepping.period(terms, solver, *at, args, records.inside)
+            stepped = lambda a, b: self.stepping.period(terms, solver, a, b, args, records.inside)
             done = part(stepped, state, solver_state)
             end = _lost_where(done.failed, done.end)
             inside = _lost_where(done.failed, done.inside) if records.inside else None

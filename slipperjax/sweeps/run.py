@@ -4,7 +4,7 @@ import math
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed, wait
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from contextvars import copy_context
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -29,7 +29,7 @@ from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.checks import TOLD, require, whole
-from ..tools.compile import as_argument, jit
+from ..tools.compile import ahead, as_argument, jit
 from ..tools.limits import cores
 from ..tools.progress import bar as progress_bar
 from ..tools.progress import is_live
@@ -361,15 +361,15 @@ def run_chunk(
     on_progress: OnProgress = heed_interrupts,
     epoch: float = 0.0,
     cases: int | None = None,
-    ahead: bool = False,
+    first: bool = False,
 ) -> ChunkRun:
     """Runs a chunk of cases through its plan, with `steps` per period, from `epoch` forcing periods behind the place
     where the plan begins.
 
     Times in records count from there.
 
-    **Arguments:** `cases`: how many lanes count, default all; `ahead`: whether the program that records is compiled
-    while that of the transient is.
+    **Arguments:** `cases`: how many lanes count, default all; `first`: whether it is the first chunk of its run, of
+    which the program that records is compiled while that of the transient is.
     """
     records, period, status = plan.records, plan.epoch + epoch, np.zeros(len(states.motion.y), int)
     samples = Samples(records, plan.recorded.periods)
@@ -385,11 +385,10 @@ def run_chunk(
 
     def compile_recording() -> None:
         none = dict(used=as_argument(0), earlier=initial_carry(records, scenes, states))
-        with suppress(Exception):  # which the call below meets, too
-            advance(scenes, states, period, recording, **none, **options_of(plan.recorded, records))
+        advance(scenes, states, period, recording, **none, **options_of(plan.recorded, records))
 
-    if ahead and plan.transient.count and not calls_lapack(plan.solver):
-        threading.Thread(target=copy_context().run, args=(compile_recording,)).start()
+    if first and plan.transient.count and not calls_lapack(plan.solver):
+        ahead(compile_recording)
     for calls, kept, chosen in ((plan.transient, early, stepping), (plan.recorded, records, recording)):
         if kept is records and plan.probed:
             # the program of the transient, which is there already, serves this one period, too

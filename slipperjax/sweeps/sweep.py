@@ -120,8 +120,8 @@ def sweep(
 
     def work(part: ChunkInputs) -> ChunkRun:
         states = initial_states(part.scenes, part.starts, plan.epoch)
-        ahead = bool(part.row[0] == 0)  # once, as most chunks share their programs
-        return run_chunk(plan, part.scenes, states, part.steps, part.on_progress, cases=part.cases, ahead=ahead)
+        first = bool(part.row[0] == 0)  # most chunks share their programs
+        return run_chunk(plan, part.scenes, states, part.steps, part.on_progress, cases=part.cases, first=first)
 
     options: dict[str, Any] = dict(chunk=chunk, workers=workers, progress=progress)
     run = run_cases(plan, work, cost=plan.cost, **options)

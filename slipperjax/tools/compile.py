@@ -6,7 +6,8 @@ import threading
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextvars import ContextVar
+from contextlib import suppress
+from contextvars import ContextVar, copy_context
 from typing import Any
 
 import equinox as eqx
@@ -34,6 +35,19 @@ COMPILER_OPTIONS: dict[str, dict[str, Any]] = {"cpu": _CPU_OPTIONS}
 
 EFFORTS: dict[str, dict[str, Any]] = {"many": {}, "few": {"xla_backend_optimization_level": 0}}
 """XLA options by the calls that a program is made for."""
+
+
+def ahead(call: Callable[[], Any]) -> None:
+    """Calls a function on a thread of its own, for the program that it compiles, while other work goes on.
+
+    What goes wrong there is met by the call that needs the program.
+    """
+
+    def compiled() -> None:
+        with suppress(Exception):
+            call()
+
+    threading.Thread(target=copy_context().run, args=(compiled,)).start()
 
 
 class Programs:
