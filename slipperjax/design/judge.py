@@ -235,7 +235,7 @@ class _Batch:
         for epoch in self.plan.epoch + np.arange(float(self.cases.period[index].max())):
             span = self._pushed(index, rows, slopes, epoch)
             yield span
-            rows, slopes = span.end, span.end_slopes
+            rows, slopes = np.asarray(span.end), np.asarray(span.end_slopes)
             self.on_progress(SLOPES_COST)
 
     def _pushed(self, index: np.ndarray, rows: np.ndarray, slopes: np.ndarray, epoch: float) -> PeriodDerivatives:
