@@ -408,6 +408,21 @@ tests/sweeps/test_explain.py
 -np.maximum(share, LEAST_SHARE)
 +share
 
+the import makes a backend
+tests/tools/test_compile.py -k backend
+-    _check_effort(effort)  # alone: the import leaves the choice of a backend open
++    compiler_options(effort=effort)
+
+a bar goes on to tell of a program that is there
+tests/tools/test_progress.py
+-        programs.end(call)
++        pass
+
+a rail's sine falls where it rises
+tests/model/test_tracks.py
+-    return (cosine, sine), (-sine * tangents[0], cosine * tangents[0])
++    return (cosine, sine), (-sine * tangents[0], -cosine * tangents[0])
+
 a kernel has arguments without use
 tests/tools/test_one_kernel.py -k period_map
 -    return jax.jit(_called(kernel, kernel=True))(arrays, *closed_over)

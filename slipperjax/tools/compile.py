@@ -119,7 +119,7 @@ def jit(fun: Callable, *, effort: str = "many", **kwargs: Any) -> Callable:
     this is a plain `jax.jit`.
 
     **Arguments:** `fun`, `kwargs`: as for `jax.jit`; `effort`: how many calls the program is made for, "many", or
-    "few", for which it is compiled in a third less time and runs six times as long.
+    "few", for which it is compiled in 0.6 of the time and runs six times as long.
 
     **Raises:** `ValueError` for an unknown effort; at a call, if JAX runs with 32-bit numbers.
     """

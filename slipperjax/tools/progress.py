@@ -42,7 +42,8 @@ def bar(wanted: bool | None, *, programs: int = 1, **options: Any) -> Iterator[A
     colon = ": " if "bar_format" in options else ""  # which tqdm's own format adds
 
     def described(*parts: str) -> str:
-        return "".join(f", {part}" for part in parts if part)[2:] + (colon if any(parts) else "")
+        text = ", ".join(part for part in parts if part)
+        return text + colon if text else text
 
     def tell(text: str) -> None:
         progress.delay = 0  # what has been seen is wiped out at the end
