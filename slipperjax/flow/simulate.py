@@ -32,7 +32,14 @@ from .course import Loads, over_periods
 from .period_map import Passage, PeriodMap, run_compiled
 from .record import PeriodLoads, RecordSet, States
 from .status import Status, most_stability_number, status_of, with_accuracy, with_loads
-from .stepping import AbstractStepping, ConstantSteps, ControlledSteps, UnknownSteps, capacity_for
+from .stepping import (
+    AbstractStepping,
+    ConstantSteps,
+    ControlledSteps,
+    UnknownSteps,
+    capacity_for,
+    capacity_for_periods,
+)
 
 
 class Probe(NamedTuple):
@@ -425,7 +432,7 @@ def run_eagerly(
     run: PeriodMap, state: State, periods: int, records: RecordSet, epoch: Any = 0.0, like: int | None = None
 ) -> Passage:
     """Runs with a program that serves other numbers of periods, too; that of a run of `like` periods if given."""
-    size = capacity_for(periods if like is None else like)
+    size = capacity_for_periods(periods if like is None else like)
     passage = run_compiled(run, state, size, records, as_argument(epoch), as_argument(periods))
     # on the host, where a slice of another length needs no compilation
     cut = lambda tree: jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[:periods]), tree)

@@ -238,6 +238,12 @@ def as_stepping(stepping: Any) -> AbstractStepping:
     return stepping if isinstance(stepping, AbstractStepping) else ConstantSteps(stepping)
 
 
+def capacity_for_periods(count: int) -> int:
+    """Gives the least of 1, 8, 64, 512, 1024, 2048, ... that is not below: for periods of one case, where those that are
+    not used cost memory alone."""
+    return next((size for size in (1, 8, 64, 512) if count <= size), 1 << (count - 1).bit_length())
+
+
 def capacity_for(count: int) -> int:
     """Gives the least of 1, 2, 4, 8, 16, 32, 50, 100, 200, ... that is not below: few sizes, so few programs."""
     if count <= 32:
