@@ -239,8 +239,8 @@ def as_stepping(stepping: Any) -> AbstractStepping:
 
 
 def capacity_for_periods(count: int) -> int:
-    """Gives the least of 1, 8, 64, 512, 1024, 2048, ... that is not below: for periods of one case, where those that are
-    not used cost memory alone."""
+    """Gives the least of 1, 8, 64, 512, 1024, 2048, ... that is not below: for periods of one case, where those that
+    are not used cost memory alone."""
     return next((size for size in (1, 8, 64, 512) if count <= size), 1 << (count - 1).bit_length())
 
 
