@@ -91,6 +91,8 @@ def judge_on_orbits(
     def work(chunk: Chunk, on_progress: OnProgress) -> Evaluation:
         scenes, starts = cases.take(chunk.index)
         batch = _Batch(plan, scenes, initial_states(scenes, starts, transient.epoch), on_progress)
+        if warm_start is None and chunk is chunks[0]:
+            batch.compile_ahead()
         return batch.evaluated(transient, None if warm_start is None else warm_start.take(chunk.index))
 
     cost = (transient.cost if warm_start is None else 0) + 2 * JACOBIAN + 2 * SLOPES_COST
@@ -136,15 +138,18 @@ class _Batch:
         self.cases = Evaluation.of_states(plan, rows_of(states))
         self.count = len(self.cases.status)
 
+    def compile_ahead(self) -> None:
+        """Compiles the program of derivatives, the longest of all, while others are compiled and run."""
+        plan, state = self.plan, self.cases.state
+        if plan.names and not calls_lapack(plan.solver):
+            slopes = np.zeros((self.count, len(plan.names), state.shape[1]))
+            ahead(functools.partial(self._pushed, np.arange(1), state.copy(), slopes, plan.epoch))
+
     def evaluated(self, transient: Plan, warm_start: Evaluation | None) -> Evaluation:
         """Returns the evaluation, on the orbits of the cases that have one."""
-        cases, plan = self.cases, self.plan
+        cases = self.cases
         if warm_start is not None:
             self._follow(warm_start)
-        elif plan.names and not calls_lapack(plan.solver):
-            # the longest to compile of all, which the first evaluation does while others are compiled and run
-            slopes = np.zeros((self.count, len(plan.names), cases.state.shape[1]))
-            ahead(functools.partial(self._pushed, np.arange(1), cases.state, slopes, plan.epoch))
         if not np.all(cases.period):
             self._settle(np.flatnonzero(cases.period == 0), transient)
         index = np.flatnonzero(cases.period)

@@ -117,10 +117,8 @@ class Scene(ShapeChecked):
         self.warn_unless_plausible(PARAMETERS.values())
         if not is_traced((self.track, self.slipper.length)):
             with jax.ensure_compile_time_eval():  # inside jit, too
-                shortest, length = (
-                    float(self.track.shortest_wavelength),
-                    float(np.max(np.asarray(self.slipper.length))),
-                )
+                shortest = float(self.track.shortest_wavelength)
+            length = float(np.max(np.asarray(self.slipper.length)))
             if shortest < length:
                 warn(
                     f"Argument `track` has waves of {shortest:g} m, shorter than the slipper of {length:g} m, which "

@@ -491,7 +491,6 @@ def run_cases(
     workers: int | None = None,
     tangents: bool = False,
     progress: bool | None = None,
-    programs: int = 2,
     name: str = "",
 ) -> Run:
     """Calls `work(part)` for all cases of a plan, or those at `index`, chunk by chunk.
@@ -505,7 +504,7 @@ def run_cases(
         lanes = listed[chunk.index]
         return work(ChunkInputs(*plan.cases.take(lanes), lanes, chunk.index, chunk.cases, chunk.steps, on_progress))
 
-    return run_chunks(chunks, threads, of_chunk, cost=cost, progress=progress, programs=programs, name=name)
+    return run_chunks(chunks, threads, of_chunk, cost=cost, progress=progress, name=name)
 
 
 def run_chunks(
@@ -515,7 +514,6 @@ def run_chunks(
     *,
     cost: float,
     progress: bool | None,
-    programs: int = 2,
     name: str = "",
 ) -> Run:
     """Calls `work(chunk, on_progress)` for each chunk on `workers` threads, the first chunks first.
@@ -525,7 +523,7 @@ def run_chunks(
     **Arguments:** `work`: gives a named tuple of arrays with a leading axis of lanes and a field `status`; it calls
     `on_progress(n)` when work is done that takes as long as n forcing periods of the chunk without a record. That
     raises where another chunk failed or the user interrupted, so that a chunk stops at its next call. `cost`: of
-    one case in all, in such periods. `progress`, `programs`, `name`: of `progress_shown`.
+    one case in all, in such periods. `progress`, `name`: of `progress_shown`.
     """
     stop, interrupted = threading.Event(), False
     cases, parts = sum(chunk.cases for chunk in chunks), [None] * len(chunks)
@@ -544,7 +542,7 @@ def run_chunks(
             raise
 
     pool, futures, total = ThreadPoolExecutor(workers), [], sum(chunk.cost for chunk in chunks) * cost
-    with progress_shown(total, cases, name, progress, programs) as shown:
+    with progress_shown(total, cases, name, progress) as shown:
         context = copy_context()
         if TOLD.get() is None:
             context.run(TOLD.set, set())
@@ -589,20 +587,22 @@ def _in_order(chunks: Sequence[Chunk], parts: Sequence[Any], interrupted: bool) 
     return Run(jax.tree.map(joined, *whole), finished, interrupted)
 
 
+PROGRAMS = 2
+"""Programs that most runs compile: of the transient, and of what is recorded."""
+
+
 @contextmanager
-def progress_shown(
-    total: float, cases: int, name: str, wanted: bool | None, programs: int = 2
-) -> Iterator[Callable[..., None]]:
+def progress_shown(total: float, cases: int, name: str, wanted: bool | None) -> Iterator[Callable[..., None]]:
     """Shows how far a run is: a bar on terminals and in notebooks, now and then a line in files and pipes.
 
-    **Arguments:** `total`: all work, in any unit to which its time is proportional; `cases`: how many; `wanted`,
-    `programs`: of `slipperjax.tools.progress.bar`.
+    **Arguments:** `total`: all work, in any unit to which its time is proportional; `cases`: how many; `wanted`: of
+    `slipperjax.tools.progress.bar`.
 
     **Gives:** a function that threads call with work that is done, and the number of cases that are finished by it.
     """
     layout = "{desc}{percentage:3.0f}%" + ("|{bar}|" if is_live() else ",") + " {elapsed}, {remaining} left{postfix}"
     lock, finished = threading.Lock(), 0
-    with progress_bar(wanted, programs=programs, total=total, desc=name, bar_format=layout) as bar:
+    with progress_bar(wanted, programs=PROGRAMS, total=total, desc=name, bar_format=layout) as bar:
 
         def add(work: float, done: int = 0) -> None:
             nonlocal finished
