@@ -1,0 +1,13 @@
+"""The one labeller of datasets: what xarray takes as a variable, with its unit and its description."""
+
+from typing import Any
+
+
+def column(dims: Any, values: Any, unit: str, text: str, **more: Any) -> tuple[Any, Any, dict[str, Any]]:
+    """Return dimensions, values and attributes of a dataset's variable.
+
+    **Arguments:** `dims`: names of the dimensions, or one name; `unit`: SI unit, "1" for pure numbers, "" for texts
+    and states; `text`: description in a few words; `more`: further attributes.
+    """
+    units = {"units": unit} if unit else {}
+    return dims, values, units | {"long_name": text} | more
