@@ -49,7 +49,7 @@ from .model.loads import AppliedLoad as AppliedLoad
 from .model.loads import Coulomb as Coulomb
 from .model.loads import FadingFriction as FadingFriction
 from .model.loads import TabulatedLoad as TabulatedLoad
-from .model.quantities import PARAMETERS as PARAMETERS
+from .model.parameters import PARAMETERS as PARAMETERS
 from .model.rails import FourierTrack as FourierTrack
 from .model.rails import LocalTrack as LocalTrack
 from .model.rails import SampledTrack as SampledTrack
@@ -57,9 +57,9 @@ from .model.rails import SumTrack as SumTrack
 from .model.rails import TrackSet as TrackSet
 from .model.random_rails import RandomTrack as RandomTrack
 from .model.scene import Scene as Scene
-from .model.scene import Slipper as Slipper
 from .model.section import Section as Section
 from .model.sled import SledMass as SledMass
+from .model.slipper import Slipper as Slipper
 from .model.step_size import contact_duration as contact_duration
 from .model.step_size import default_steps_per_period as default_steps_per_period
 from .model.surveys import load_rail as load_rail

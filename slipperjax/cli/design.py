@@ -5,8 +5,7 @@ from typing import Any
 
 import click
 
-from ..model.paths import parameter
-from ..model.quantities import PARAMETERS
+from ..model.parameters import PARAMETERS, parameter
 from .files import Outputs, keeping
 from .interrupts import on_thread
 from .options import (

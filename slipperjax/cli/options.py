@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 
 import click
 
-from ..model.paths import parameter
-from ..model.quantities import PARAMETERS, STARTS
+from ..model.parameters import PARAMETERS, STARTS, parameter
 from ..tools.cache import compile_cache
 from ..tools.checks import finite, number, require
 from ..tools.files import listed, user_path
@@ -388,7 +387,7 @@ def make_bounds(option: str, scene: Any, name: str, low: Any, high: Any) -> tupl
     """
     quantity = parameter_of(option, scene, name)
     low, high = (shown_value(option, quantity, end) for end in (low, high))
-    first, last = (float(quantity.checked(quantity.from_shown(end))) for end in (low, high))
+    first, last = (float(quantity.check(quantity.from_shown(end))) for end in (low, high))
     if not low < high:
         raise ValueError(
             f"Option {option} must have two bounds, the smaller first, but has {low:g} to {high:g} "

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from ..analysis.attractor import MIN_TEST
-from ..model.quantities import PARAMETERS, STARTS
+from ..model.parameters import PARAMETERS, STARTS
 from ..tools.cache import compile_cache
 from ..tools.checks import require
 from .files import Outputs, keeping, make_folder
@@ -188,7 +188,7 @@ def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = ()) -> dict[str, Any
             raise ValueError(f"Option --by must name another parameter than --over, but is {name!r} too.")
         if name in log and not min(first, last) > 0:
             raise ValueError(f"Option --log {name} needs values above zero, but {option} has {min(first, last):g}.")
-        quantity.check(name, quantity.unit)(quantity.from_shown(np.array([first, last])))
+        quantity.check(quantity.from_shown(np.array([first, last])))
         refuse_cases(count * math.prod(map(len, grid.values())))  # before the values take the memory
         grid[name] = quantity.from_shown((np.geomspace if name in log else np.linspace)(first, last, count))
     for name in log:

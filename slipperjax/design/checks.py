@@ -10,7 +10,7 @@ import xarray as xr
 
 from ..flow.status import Status
 from ..model.layout import StateLayout
-from ..model.paths import parameter
+from ..model.parameters import parameter
 from ..orbits.branches import OrbitBranch, continue_orbit
 from ..orbits.periodic import periodic_orbit
 from ..sweeps.attractors import LAST

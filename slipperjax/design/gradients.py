@@ -22,7 +22,7 @@ from ..flow.record import RecordSet, Unlabelled
 from ..flow.records import AbstractNumber
 from ..flow.stepping import AbstractStepping
 from ..model.dynamics import State
-from ..model.paths import at_values, values_of
+from ..model.parameters import at_values, values_of
 from ..model.scene import Scene
 from ..tools.batching import Batched
 from ..tools.compile import jit

@@ -16,7 +16,7 @@ from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.status import Interrupted, Status, with_accuracy
 from ..model.dynamics import State
 from ..model.kinematics import Motion
-from ..model.paths import parameter
+from ..model.parameters import parameter
 from ..model.quantities import Quantity
 from ..model.scene import Scene
 from ..tools.checks import instance, require, warn, whole

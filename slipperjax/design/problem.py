@@ -11,7 +11,7 @@ import scipy.stats.qmc
 from jaxtyping import Float
 
 from ..flow.simulate import first_of
-from ..model.paths import parameter, refuse_undone
+from ..model.parameters import check_no_overlap, parameter
 from ..model.scene import Scene, check_scene
 from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver
@@ -120,8 +120,8 @@ def checked_problem(
     both = [name for name in over if name in bounds]
     if both:
         raise ValueError(f"Argument `over` must name other parameters than `variables`, but has {both[0]}.")
-    refuse_undone([parameter(name, scene) for name in (*bounds, *over)], scene)
-    over = {name: np.atleast_1d(np.asarray(parameter(name, scene).checked(v), float)) for name, v in over.items()}
+    check_no_overlap([parameter(name, scene) for name in (*bounds, *over)], scene)
+    over = {name: np.atleast_1d(np.asarray(parameter(name, scene).check(v), float)) for name, v in over.items()}
     limits = _checked_limits(constraints)
     one_of("robust", robust, ("worst", "mean"))
     solver, start = resolve_solver(scene, solver), first_of(start)
@@ -156,7 +156,7 @@ def _checked_bounds(scene: Scene, variables: Any) -> dict[str, tuple[float, floa
         variable.check_exists(scene)
         variable.check_varies()
         require(np.shape(pair) == (2,), name, "be a lower and an upper bound", pair)
-        low, high = (float(v) for v in np.asarray(variable.checked(pair)))
+        low, high = (float(v) for v in np.asarray(variable.check(pair)))
         if not low < high:
             raise ValueError(
                 f"Argument `{name}` must have a lower bound below the upper one, but is {low:g} to {high:g} "

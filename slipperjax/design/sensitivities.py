@@ -17,7 +17,7 @@ from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.layout import StateLayout
-from ..model.paths import checked_parameters, parameter
+from ..model.parameters import checked_parameters, parameter
 from ..model.scene import Scene, check_scene
 from ..orbits.motions import check_forcing
 from ..solvers.named import resolve_solver

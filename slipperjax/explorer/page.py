@@ -16,7 +16,7 @@ from bokeh.palettes import Cividis256
 from bokeh.plotting import figure
 
 from ..flow.status import Status
-from ..model.quantities import PARAMETERS
+from ..model.parameters import PARAMETERS
 from ..model.scene import scene_to_toml
 from ..orbits.branches import OrbitBranch
 from ..orbits.periodic import PeriodicOrbit

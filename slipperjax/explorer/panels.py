@@ -23,7 +23,8 @@ from bokeh.models import (
 from bokeh.plotting import figure
 
 from ..flow.status import Status
-from ..model.quantities import PARAMETERS, SECTIONS, quantity
+from ..model.parameters import PARAMETERS, quantity
+from ..model.quantities import SECTIONS
 from ..plots.style import COLORS
 from . import pictures
 from .session import SLIDERS, Session, Shown, no_orbit

@@ -8,7 +8,8 @@ import xarray as xr
 from ..analysis.kinds import lasting
 from ..analysis.spectra import power_spectral_density
 from ..flow.status import Status
-from ..model.quantities import COORDINATES, PARAMETERS, SECTIONS, Quantity, quantity
+from ..model.parameters import PARAMETERS, quantity
+from ..model.quantities import COORDINATES, SECTIONS, Quantity
 from ..orbits.branches import OrbitBranch
 from ..plots.branches import EVENT_NAMES, joined, stable_parts
 from ..plots.maps import DIRECTION_COLORS, motions_of, regimes_of

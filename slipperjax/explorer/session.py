@@ -19,8 +19,8 @@ from ..flow.simulate import Trajectory, simulate
 from ..flow.status import Status
 from ..model.dang2024 import paper_scene, table_2_start
 from ..model.kinematics import euler_angles, quaternion_from_euler
-from ..model.paths import parameter
-from ..model.quantities import COORDINATE_SCALES, COORDINATES, STARTS, Quantity
+from ..model.parameters import STARTS, parameter
+from ..model.quantities import COORDINATE_SCALES, COORDINATES, Quantity
 from ..model.scene import Scene, check_steady
 from ..model.step_size import default_steps_per_period
 from ..orbits.branches import OrbitBranch, continue_orbit, steps_of_branch

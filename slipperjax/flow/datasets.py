@@ -20,8 +20,8 @@ import optimistix
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.layout import coordinates
-from ..model.paths import parameter
-from ..model.quantities import LOADS, PARAMETERS, STARTS
+from ..model.parameters import PARAMETERS, STARTS, parameter
+from ..model.quantities import LOADS
 from ..model.scene import Scene
 from ..model.scene_files import SceneFile, scene_from_json, scene_from_toml, scene_to_json
 from ..model.travel import SpeedProgramme

@@ -497,11 +497,11 @@ def _rms(k: int, q: Quantity) -> Record:
 
 _IMPACT_IMPULSE = Quantity("impact_impulse", "N s", "greatest impulse of a point in a forcing period", "I")
 _CONTACT_LOAD = Quantity(
-    "contact_load", "N", "mean normal force of all points together", r"\sum\bar F", shown_unit="kN", per_shown=1e3
+    "contact_load", "N", "mean normal force of all points together", r"\sum\bar F", shown_unit="kN"
 )
 _CONTACT_WORK = Quantity("contact_work", "J/m", "energy lost in contacts per metre of travel", "W")
 _DRIVE_FORCE = Quantity("drive_force", "N", "mean force along x that keeps the speed constant", r"\bar F_X")
-_GRAZING = Quantity("grazing_distance", "m", "least distance of a gap's extreme from zero", "d", 1e-3, "mm", 1e-3)
+_GRAZING = Quantity("grazing_distance", "m", "least distance of a gap's extreme from zero", "d", 1e-3, "mm")
 _TABLE = (
     Record(LOADS["peak_force"], lambda c: c.loads.peak_force, "max", POINTS, lambda c: c.force.samples),
     PeakPeriod(),

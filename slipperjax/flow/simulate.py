@@ -17,7 +17,7 @@ from ..model.dang2024 import table_2_start
 from ..model.dynamics import Args, Reactions, State, check_start, initial_state, reactions
 from ..model.kinematics import Motion, accuracy_scales, euler_angles, scaled_size
 from ..model.layout import StateLayout
-from ..model.quantities import quantity
+from ..model.parameters import quantity
 from ..model.scene import Scene, check_scene
 from ..model.step_size import LEAST_STEPS, given_steps, traced_steps_per_period
 from ..model.tracks import AbstractTrack

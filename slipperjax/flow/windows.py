@@ -16,6 +16,7 @@ from ..model.quantities import ACCELERATIONS, Quantity
 from ..model.scene import Scene
 from ..model.tracks import AbstractTrack, Irregularity
 from ..tools.checks import positive
+from ..tools.fields import field
 from .course import Course
 from .record import AbstractRecord, Unlabelled
 from .records import POINTS, RECORDS, AbstractAtPeak, AbstractNumber, AbstractQuantityRecord, Join, Record
@@ -28,7 +29,7 @@ class WindowedTrack(AbstractTrack):
     """A track whose unit of travel is a window of distance."""
 
     track: AbstractTrack
-    window: Float[Array, ""] = eqx.field(converter=positive("window", "m"))
+    window: Float[Array, ""] = field("m", positive)
     """Length of a window [m]."""
 
     @property
@@ -109,7 +110,7 @@ FRICTION_WORK = Record(
     POINTS,
 )
 SPRING_FORCE = Record(
-    Quantity("spring_force", "N", "greatest force of the sled's springs", shown_unit="kN", per_shown=1e3),
+    Quantity("spring_force", "N", "greatest force of the sled's springs", shown_unit="kN"),
     lambda c: jnp.maximum(c.spring_force.greatest, -c.spring_force.least),
     "max",
     (("direction", ("lateral", "vertical")),),

@@ -19,17 +19,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..tools.checks import (
-    ShapeChecked,
-    converted,
-    fraction,
-    not_negative,
-    number,
-    optional,
-    positive,
-    warn_unless_within,
-    yes_or_no,
-)
+from ..tools.checks import converted, fraction, not_negative, number, positive, warn_unless_within, yes_or_no
+from ..tools.fields import ShapeChecked, field
 from ..tools.hermite import Cubic, sign_change
 
 
@@ -39,7 +30,7 @@ class AbstractContactLaw(ShapeChecked):
     has_memory: ClassVar[bool] = False
     """Whether the force depends on the rate at touchdown."""
     clamp: eqx.AbstractVar[bool]
-    stiffness: Float[Array, ""] = eqx.field(converter=positive("stiffness", "N/m^1.5"))
+    stiffness: Float[Array, ""] = field("N/m^1.5", positive, plausible=(1e4, 1e14), symbol="K")
     """Generalised stiffness K [N/m^1.5]."""
 
     @abc.abstractmethod
@@ -81,7 +72,7 @@ class _RestitutionLaw(AbstractContactLaw):
     """Laws whose damping follows from a coefficient of restitution."""
 
     has_memory: ClassVar = True
-    restitution: Float[Array, ""] = eqx.field(converter=fraction("restitution"))
+    restitution: Float[Array, ""] = field("", fraction, text="coefficient of restitution", symbol="c_r")
     """Coefficient of restitution c_r [1], in (0, 1]."""
     clamp: bool = eqx.field(static=True, default=True)
     """Whether the force is limited to F >= 0. The paper has no such limit."""
@@ -135,7 +126,7 @@ class HertzSpring(AbstractContactLaw):
 class ConstantDamping(AbstractContactLaw):
     """F = K d^(3/2) (1 - chi g'), with the same chi for every impact, hence no memory."""
 
-    hysteresis: Float[Array, ""] = eqx.field(converter=not_negative("hysteresis", "s/m"))
+    hysteresis: Float[Array, ""] = field("s/m", not_negative)
     """Damping per approach rate chi [s/m]."""
     clamp: bool = eqx.field(static=True, default=True)
     """Whether the force is limited to F >= 0."""
@@ -261,11 +252,11 @@ class SmoothSwitch(AbstractMemory):
     """
 
     unit: ClassVar = "m/s"
-    width: Float[Array, ""] | None = eqx.field(converter=optional(positive("width", "m")), default=None)
+    width: Float[Array, ""] | None = field("m", positive, default=None)
     """Width of the switch about g = 0 [m]."""
-    relaxation: Float[Array, ""] | None = eqx.field(converter=optional(positive("relaxation", "s")), default=None)
+    relaxation: Float[Array, ""] | None = field("s", positive, default=None)
     """Decay time of errors in m while the point is open [s]; short compared with the time for which it is open."""
-    slowest: Float[Array, ""] = eqx.field(converter=positive("slowest", "m/s"), default=1e-3)
+    slowest: Float[Array, ""] = field("m/s", positive, default=1e-3)
     """Slowest approach rate [m/s]: keeps the force finite while m changes sign at the end of a contact."""
 
     def __check_init__(self):

@@ -4,12 +4,12 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from ..tools.checks import not_negative
 from .contact import AbstractMemory, EventLatch, Flores
 from .kinematics import Motion
-from .quantities import half_play
-from .scene import Scene, Slipper
+from .parameters import PARAMETERS, half_play
+from .scene import Scene
 from .section import Section
+from .slipper import Slipper
 from .tracks import HarmonicTrack
 
 # Table 1: y (left) and z (up) of the points A to J in the slipper's frame [m]
@@ -32,7 +32,7 @@ def paper_section(clearance: Any) -> Section:
 
     **Raises:** `ValueError` for a negative clearance.
     """
-    clearance = not_negative("clearance", "m")(clearance)
+    clearance = PARAMETERS["clearance"].check(clearance)
     if clearance.ndim:
         raise ValueError(f"Argument `clearance` must be of shape (), but has shape {clearance.shape}.")
     return Section(points=_TABLE_1, play=half_play(clearance, 5))

@@ -18,7 +18,7 @@ from ..tools.checks import brief, converted, instance, real, require, shown_numb
 from ..tools.compile import is_traced, need_64_bits
 from ..tools.fused import circle, held, kept, materialise, spread
 from .quantities import COORDINATES, MOTION_NUMBERS, SLED_NUMBERS
-from .scene import LEAST_CLEARANCE, Scene
+from .scene import Scene
 
 
 class Motion(eqx.Module):
@@ -106,6 +106,8 @@ def check_motion(name: str, motion: Any) -> Motion:
     return motion
 
 
+LEAST_CLEARANCE = 5e-6
+"""Clearance [m] below what is made and measured: smaller ones do not narrow the scales of errors further."""
 MOTION_SCALES = Motion(*(q.scale for q in MOTION_NUMBERS.values()))
 """Scales of the motion, those of `COORDINATES`: 1 mm, 10 mrad as 5e-3 of the quaternion, 1 m/s, 10 rad/s."""
 

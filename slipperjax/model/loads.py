@@ -2,13 +2,13 @@
 
 import abc
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import ShapeChecked, finite, not_negative, positive, require
+from ..tools.checks import finite, not_negative, positive, require
 from ..tools.compile import is_traced
+from ..tools.fields import ShapeChecked, field
 
 Vector = Float[Array, "3"]
 
@@ -32,13 +32,13 @@ class AppliedLoad(AbstractLoad):
     ```
     """
 
-    force: Vector = eqx.field(converter=finite("force", "N"), default=(0.0, 0.0, 0.0))
+    force: Vector = field("N", finite, default=(0.0, 0.0, 0.0))
     """Force along the track's x, y and z [N]."""
-    moment: Vector = eqx.field(converter=finite("moment", "N m"), default=(0.0, 0.0, 0.0))
+    moment: Vector = field("N m", finite, default=(0.0, 0.0, 0.0))
     """Moment about the slipper's x, y and z [N m]."""
-    force_by_square: Vector = eqx.field(converter=finite("force_by_square", "N s^2/m^2"), default=(0.0, 0.0, 0.0))
+    force_by_square: Vector = field("N s^2/m^2", finite, default=(0.0, 0.0, 0.0))
     """Force over the square of the speed [N s^2/m^2]: drag below zero along x, lift above zero along z."""
-    moment_by_square: Vector = eqx.field(converter=finite("moment_by_square", "N s^2/m"), default=(0.0, 0.0, 0.0))
+    moment_by_square: Vector = field("N s^2/m", finite, default=(0.0, 0.0, 0.0))
     """Moment over the square of the speed [N s^2/m]."""
 
     def wrench(self, speed):
@@ -49,11 +49,11 @@ class AppliedLoad(AbstractLoad):
 class TabulatedLoad(AbstractLoad):
     """Loads from a table by the speed, linear between its rows, and constant beyond its ends."""
 
-    speed: Float[Array, " rows"] = eqx.field(converter=not_negative("speed", "m/s"))
+    speed: Float[Array, " rows"] = field("m/s", not_negative)
     """Speeds of the rows, increasing [m/s]."""
-    force: Float[Array, "rows 3"] = eqx.field(converter=finite("force", "N"))
+    force: Float[Array, "rows 3"] = field("N", finite)
     """Forces along the track's x, y and z [N]."""
-    moment: Float[Array, "rows 3"] = eqx.field(converter=finite("moment", "N m"))
+    moment: Float[Array, "rows 3"] = field("N m", finite)
     """Moments about the slipper's x, y and z [N m]."""
 
     def __check_init__(self):
@@ -85,7 +85,7 @@ class AbstractFriction(ShapeChecked):
 class Coulomb(AbstractFriction):
     """Coulomb's friction, the same coefficient everywhere."""
 
-    coefficient: Float[Array, ""] = eqx.field(converter=not_negative("coefficient"))
+    coefficient: Float[Array, ""] = field("", not_negative)
     """mu [1]."""
 
     def coefficient_at(self, force, sliding):
@@ -96,11 +96,11 @@ class FadingFriction(AbstractFriction):
     """Friction that fades with the power that heats the contact, as steel's does at high speed:
     mu (1 + sliding speed x normal force / power)^-exponent."""
 
-    coefficient: Float[Array, ""] = eqx.field(converter=not_negative("coefficient"))
+    coefficient: Float[Array, ""] = field("", not_negative)
     """mu of slow sliding [1]."""
-    power: Float[Array, ""] = eqx.field(converter=positive("power", "W"))
+    power: Float[Array, ""] = field("W", positive)
     """Sliding speed times normal force at which it has faded to mu / 2^exponent [W]."""
-    exponent: Float[Array, ""] = eqx.field(converter=positive("exponent"))
+    exponent: Float[Array, ""] = field("", positive)
     """Exponent [1]."""
 
     def coefficient_at(self, force, sliding):

@@ -19,7 +19,6 @@ from ..tools.checks import (
     not_negative,
     number,
     one_of,
-    optional,
     positive,
     require,
     shown_number,
@@ -27,6 +26,7 @@ from ..tools.checks import (
     whole_number,
 )
 from ..tools.compile import at_once, is_traced
+from ..tools.fields import field
 from .tracks import AbstractTrack, Irregularity, chosen, greatest, least_common_count
 
 ENDS = ("straight", "repeat", "error")
@@ -171,19 +171,19 @@ class SampledTrack(AbstractRail):
     ```
     """
 
-    distance: Float[Array, "2"] = eqx.field(converter=finite("distance", "m"))
+    distance: Float[Array, "2"] = field("m", finite)
     """Distances of the first and the last sample [m]; the others lie at equal distances between them."""
-    lateral: Float[Array, " samples"] = eqx.field(converter=finite("lateral", "m"))
+    lateral: Float[Array, " samples"] = field("m", finite)
     """Displacement of the rail's axis along y at the samples [m]."""
-    vertical: Float[Array, " samples"] = eqx.field(converter=finite("vertical", "m"))
+    vertical: Float[Array, " samples"] = field("m", finite)
     """Displacement along z [m]."""
-    roll: Float[Array, " samples"] | None = eqx.field(converter=optional(finite("roll", "rad")))
+    roll: Float[Array, " samples"] | None = field("rad", finite, default=None)
     """Roll angle [rad]. None: the track does not roll."""
     ends: str = eqx.field(static=True)
     """One of `ENDS`."""
-    ramp: Float[Array, ""] = eqx.field(converter=not_negative("ramp", "m"))
+    ramp: Float[Array, ""] = field("m", not_negative)
     """Length over which a rail that goes on straight rises from zero at its ends [m]."""
-    reference_length: Float[Array, ""] = eqx.field(converter=positive("reference_length", "m"))
+    reference_length: Float[Array, ""] = field("m", positive)
     """Length of travel that counts as one period [m]: the window of records."""
 
     def __init__(
@@ -375,25 +375,19 @@ def _evenly_spaced(places: np.ndarray, channels: dict[str, Array]) -> dict[str, 
 class FourierTrack(AbstractTrack):
     """A sum of sines with an amplitude and a phase of its own for each wavelength and direction."""
 
-    wavelengths: Float[Array, " waves"] = eqx.field(converter=positive("wavelengths", "m"))
+    wavelengths: Float[Array, " waves"] = field("m", positive)
     """Wavelengths [m]. The first defines the forcing period."""
-    lateral: Float[Array, " waves"] = eqx.field(converter=finite("lateral", "m"))
+    lateral: Float[Array, " waves"] = field("m", finite)
     """Amplitudes of the lateral displacement [m]."""
-    vertical: Float[Array, " waves"] = eqx.field(converter=finite("vertical", "m"))
+    vertical: Float[Array, " waves"] = field("m", finite)
     """Amplitudes of the vertical displacement [m]."""
-    roll: Float[Array, " waves"] | None = eqx.field(converter=optional(finite("roll", "rad")), default=None)
+    roll: Float[Array, " waves"] | None = field("rad", finite, default=None)
     """Amplitudes of the roll angle [rad]. None: the track does not roll."""
-    lateral_phase: Float[Array, " waves"] | None = eqx.field(
-        converter=optional(finite("lateral_phase", "rad")), default=None
-    )
+    lateral_phase: Float[Array, " waves"] | None = field("rad", finite, default=None)
     """Phases of the lateral sines at distance zero [rad]; None for zero."""
-    vertical_phase: Float[Array, " waves"] | None = eqx.field(
-        converter=optional(finite("vertical_phase", "rad")), default=None
-    )
+    vertical_phase: Float[Array, " waves"] | None = field("rad", finite, default=None)
     """Likewise of the vertical ones [rad]."""
-    roll_phase: Float[Array, " waves"] | None = eqx.field(
-        converter=optional(finite("roll_phase", "rad")), default=None
-    )
+    roll_phase: Float[Array, " waves"] | None = field("rad", finite, default=None)
     """Likewise of roll [rad]."""
 
     def __check_init__(self):
@@ -442,19 +436,19 @@ JOINT_WIDTH = 0.1
 class LocalTrack(AbstractTrack):
     """Dips, steps or joints at some places of a rail that is straight otherwise, all of one length."""
 
-    place: Float[Array, " places"] = eqx.field(converter=finite("place", "m"))
+    place: Float[Array, " places"] = field("m", finite)
     """Distances of their middles [m]."""
-    height: Float[Array, " places"] = eqx.field(converter=finite("height", "m"))
+    height: Float[Array, " places"] = field("m", finite)
     """Displacement in the middle, of a step its height [m]; negative for dips."""
-    length: Float[Array, ""] = eqx.field(converter=positive("length", "m"))
+    length: Float[Array, ""] = field("m", positive)
     """Length of a shape from end to end [m]."""
     shape: str = eqx.field(static=True, default="dip")
     """One of `SHAPES`."""
     direction: str = eqx.field(static=True, default="vertical")
     """One of `DIRECTIONS`."""
-    every: Float[Array, ""] | None = eqx.field(converter=optional(positive("every", "m")), default=None)
+    every: Float[Array, ""] | None = field("m", positive, default=None)
     """Distance after which all of them come again [m], such as 1.32 for supports; None for once. Not for steps."""
-    reference_length: Float[Array, ""] = eqx.field(converter=positive("reference_length", "m"), default=8.0)
+    reference_length: Float[Array, ""] = field("m", positive, default=8.0)
     """Length of travel that counts as one period [m]."""
 
     def __check_init__(self):
@@ -578,7 +572,7 @@ class TrackSet(AbstractRail):
     )
     """Rails of samples, surveys or random rails, with the same `ends`, reference length and kinds of displacement."""
     chosen_by: ClassVar = "number"
-    number: Float[Array, ""] = eqx.field(converter=finite("number"), default=0)
+    number: Float[Array, ""] = field("", finite, default=0)
     """Which of them is the track, from 0 [1]; a traced number of which there is none gives NaN."""
 
     def __check_init__(self):

@@ -13,21 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import (
-    ShapeChecked,
-    converted,
-    fraction,
-    instance,
-    not_negative,
-    one_of,
-    optional,
-    positive,
-    require,
-    warn,
-    whole_number,
-)
+from ..tools.checks import converted, fraction, instance, not_negative, one_of, positive, require, warn, whole_number
 from ..tools.compile import at_once, with_standard_promotion
 from ..tools.deviates import keys_of, normal, uniform
+from ..tools.fields import ShapeChecked, field
 from .rails import DEFAULT_RAMP, ENDS, AbstractRail, SplineTrack, mean_wave, ramps, repeats_after
 from .tracks import Irregularity, chosen
 
@@ -62,9 +51,9 @@ class AbstractSpectrum(ShapeChecked):
 class PowerLawSpectrum(AbstractSpectrum):
     """A k^-n, with k in cycles per metre."""
 
-    amplitude: Float[Array, ""] = eqx.field(converter=not_negative("amplitude", "m^2 per cycle/m"))
+    amplitude: Float[Array, ""] = field("m^2 per cycle/m", not_negative)
     """Density at 1 cycle per metre [m^2 per cycle/m]."""
-    exponent: Float[Array, ""] = eqx.field(converter=positive("exponent"))
+    exponent: Float[Array, ""] = field("", positive)
     """n [1]."""
 
     def density(self, wavenumber):
@@ -74,11 +63,11 @@ class PowerLawSpectrum(AbstractSpectrum):
 class CornerSpectrum(AbstractSpectrum):
     """A Wc^2 / ((W^2 + Wr^2) (W^2 + Wc^2)), with W in radians per metre: the railways' form."""
 
-    amplitude: Float[Array, ""] = eqx.field(converter=not_negative("amplitude", "m^2 rad/m"))
+    amplitude: Float[Array, ""] = field("m^2 rad/m", not_negative)
     """A [m^2 rad/m], for a one-sided density per rad/m."""
-    low: Float[Array, ""] = eqx.field(converter=not_negative("low", "rad/m"))
+    low: Float[Array, ""] = field("rad/m", not_negative)
     """Wr [rad/m]."""
-    high: Float[Array, ""] = eqx.field(converter=positive("high", "rad/m"))
+    high: Float[Array, ""] = field("rad/m", positive)
     """Wc [rad/m]."""
 
     def density(self, wavenumber):
@@ -89,9 +78,9 @@ class CornerSpectrum(AbstractSpectrum):
 class TableSpectrum(AbstractSpectrum):
     """A table, interpolated between logarithms, and zero beyond its ends."""
 
-    wavenumber: Float[Array, " rows"] = eqx.field(converter=positive("wavenumber", "cycles/m"))
+    wavenumber: Float[Array, " rows"] = field("cycles/m", positive)
     """Wavenumbers, rising [cycles/m]."""
-    values: Float[Array, " rows"] = eqx.field(converter=positive("values", "m^2 per cycle/m"))
+    values: Float[Array, " rows"] = field("m^2 per cycle/m", positive)
     """One-sided densities there [m^2 per cycle/m]."""
 
     def __check_init__(self):
@@ -151,25 +140,21 @@ class RandomTrack(AbstractRail):
     """Shortest and longest wavelength [m]."""
     length: float = eqx.field(static=True, converter=converted("length", "m"), default=1000.0, metadata={"unit": "m"})
     """Length of the rail [m]."""
-    seed: Float[Array, ""] = eqx.field(converter=whole_number("seed"), default=0)
+    seed: Float[Array, ""] = field("", whole_number, default=0)
     """Number of the rail, a whole number of 0 or more [1]; a traced one that is not gives NaN."""
-    roughness: Float[Array, ""] = eqx.field(converter=not_negative("roughness"), default=1.0)
+    roughness: Float[Array, ""] = field("", not_negative, default=1.0)
     """Factor of all displacements [1]."""
-    coherence: Float[Array, ""] | None = eqx.field(converter=optional(fraction("coherence")), default=None)
+    coherence: Float[Array, ""] | None = field("", fraction, default=None)
     """Correlation of the lateral with the vertical displacement [1]; None for none."""
-    line_wavelengths: Float[Array, " lines"] | None = eqx.field(
-        converter=optional(positive("line_wavelengths", "m")), default=None
-    )
+    line_wavelengths: Float[Array, " lines"] | None = field("m", positive, default=None)
     """Wavelengths of vertical sines besides, of random phases, such as 1.32 m of supports [m]; None for none."""
-    line_amplitudes: Float[Array, " lines"] | None = eqx.field(
-        converter=optional(not_negative("line_amplitudes", "m")), default=None
-    )
+    line_amplitudes: Float[Array, " lines"] | None = field("m", not_negative, default=None)
     """Amplitudes of these [m]."""
     ends: str = eqx.field(static=True, default="straight")
     """How the rail goes on beyond its ends, see `SampledTrack`."""
-    ramp: Float[Array, ""] = eqx.field(converter=not_negative("ramp", "m"), default=DEFAULT_RAMP)
+    ramp: Float[Array, ""] = field("m", not_negative, default=DEFAULT_RAMP)
     """Length of the ramps at the ends of a rail that goes on straight [m]."""
-    reference_length: Float[Array, ""] = eqx.field(converter=positive("reference_length", "m"), default=8.0)
+    reference_length: Float[Array, ""] = field("m", positive, default=8.0)
     """Length of travel that counts as one period [m]."""
 
     @classmethod

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from collections.abc import Iterable
 from typing import Any
 
 import equinox as eqx
@@ -11,53 +10,24 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import (
-    ShapeChecked,
-    instance,
-    known,
-    not_negative,
-    optional,
-    positive,
-    require,
-    shown_number,
-    unit_of,
-    warn,
-    warn_unless_within,
-)
+from ..tools.checks import instance, known, require, shown_number, warn
 from ..tools.code import heed_new_code
 from ..tools.compile import is_traced, need_64_bits
 from ..tools.description import TYPE, describe
+from ..tools.fields import ShapeChecked, unit_of
 from ..tools.files import user_path, write_whole
 from ..tools.html import repr_html
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch
 from .loads import AbstractFriction, AbstractLoad
-from .paths import parameter, refuse_undone
-from .quantities import COORDINATES, PARAMETERS, Parameter
+from .parameters import PARAMETERS, check_no_overlap, parameter
+from .quantities import COORDINATES, MOTION_NUMBERS
 from .section import Section
 from .sled import SledMass
+from .slipper import Slipper
 from .tracks import AbstractTrack
 from .travel import SpeedProgramme, Travel
 from .wear import AbstractWear
 
-
-class Slipper(ShapeChecked):
-    """A rigid slipper."""
-
-    mass: Float[Array, ""] = eqx.field(converter=positive("mass", "kg"))
-    """Mass [kg]."""
-    inertia: Float[Array, "3"] = eqx.field(converter=positive("inertia", "kg m^2"))
-    """Principal moments of inertia about x, y and z of the slipper's frame [kg m^2]."""
-    length: Float[Array, ""] = eqx.field(converter=positive("length", "m"))
-    """Distance between the front and the rear section [m]."""
-
-    def __check_init__(self):
-        warn_unless_within("inertia", self.inertia, 1e-9, 1e4, "kg m^2")
-
-
-UNITS = {"speed": "m/s", "gravity": "m/s^2"}
-"""Units of the numbers of the scene itself."""
-NUMBERS = tuple(UNITS)
-"""Their names."""
 PARTS: dict[str, tuple[type, str]] = {
     "slipper": (Slipper, "a slipperjax.Slipper"),
     "section": (Section, "a slipperjax.Section"),
@@ -72,26 +42,22 @@ PARTS: dict[str, tuple[type, str]] = {
 """Parts of a scene, a table each in its file: their classes, and what must be given."""
 OPTIONAL = ("load", "friction", "sled", "wear")
 """Parts that may be None."""
-QUATERNION = ("q_x", "q_y", "q_z")
-START_UNITS: dict[str, str] = {name: q.unit for name, q in COORDINATES.items()} | dict.fromkeys(QUATERNION, "")
-"""Units of the coordinates at the start; the attitude's quaternion has none."""
-
-
-LEAST_CLEARANCE = 5e-6
-"""Smaller ones that are not zero [m] are below what is made and measured: allowed with a warning."""
-SMALLEST_RADIUS, LARGEST_RADIUS = 0.02, 2.0
-"""Radii of gyration beyond these, over the greatest size of the slipper [1], are allowed with a warning."""
+NUMBERS = ("speed", "gravity")
+"""Numbers of the scene itself."""
 
 
 def _speed(value: Any) -> Any:
-    """Returns a travelling speed as an array, or its programme."""
-    return value if isinstance(value, SpeedProgramme) else positive("speed", "m/s")(value)
+    """Return a travelling speed as an array, or its programme."""
+    return value if isinstance(value, SpeedProgramme) else PARAMETERS["speed"].check(value)
+
+
+_OPTIONAL_GRAVITY = dataclasses.replace(PARAMETERS["gravity"].check, optional=True)
 
 
 class Scene(ShapeChecked):
     """Everything that defines one case. Parts set to None are omitted; they add no state and no operations."""
 
-    speed: Float[Array, ""] | SpeedProgramme = eqx.field(converter=_speed)
+    speed: Float[Array, ""] | SpeedProgramme = eqx.field(converter=_speed, metadata={"unit": "m/s"})
     """Travelling speed V [m/s], or a programme of it."""
     slipper: Slipper
     section: Section
@@ -99,7 +65,7 @@ class Scene(ShapeChecked):
     contact: AbstractContactLaw
     memory: AbstractMemory = EventLatch()
     """Model of the contact memory, for laws that have one."""
-    gravity: Float[Array, ""] | None = eqx.field(converter=optional(not_negative("gravity", "m/s^2")), default=None)
+    gravity: Float[Array, ""] | None = eqx.field(converter=_OPTIONAL_GRAVITY, default=None)
     """Gravitational acceleration along -z [m/s^2]."""
     load: AbstractLoad | None = None
     """Force and moment besides contacts and gravity."""
@@ -114,16 +80,19 @@ class Scene(ShapeChecked):
         for name, (kind, text) in PARTS.items():
             if getattr(self, name) is not None or name not in OPTIONAL:
                 instance(name, getattr(self, name), kind, text)
-        self.warn_unless_plausible(PARAMETERS.values())
         if not is_traced((self.track, self.slipper.length)):
-            with jax.ensure_compile_time_eval():  # inside jit, too
-                shortest = float(self.track.shortest_wavelength)
-            length = float(np.max(np.asarray(self.slipper.length)))
-            if shortest < length:
-                warn(
-                    f"Argument `track` has waves of {shortest:g} m, shorter than the slipper of {length:g} m, which "
-                    "feels the rail at its two ends only."
-                )
+            self._check_waves()
+
+    def _check_waves(self) -> None:
+        """Give an `ImplausibleWarning` where the rail has waves that are shorter than the slipper."""
+        with jax.ensure_compile_time_eval():  # inside jit, too
+            shortest = float(self.track.shortest_wavelength)
+        length = float(np.max(np.asarray(self.slipper.length)))
+        if shortest < length:
+            warn(
+                f"Argument `track` has waves of {shortest:g} m, shorter than the slipper of {length:g} m, which "
+                "feels the rail at its two ends only."
+            )
 
     _repr_html_ = repr_html
 
@@ -132,33 +101,8 @@ class Scene(ShapeChecked):
         head = [f"speed={self.speed!r}" if changes else f"speed={shown_number(self.speed)} m/s"]
         if self.gravity is not None:
             head.append(f"gravity={shown_number(self.gravity)} m/s^2")
-        return "\n  ".join([f"Scene({', '.join(head)},", *(f"{part!r}," for part in self.parts.values())])[:-1] + ")"
-
-    def warn_unless_plausible(self, parameters: Iterable[Parameter]) -> None:
-        """Gives an `ImplausibleWarning` where a parameter is far from what is usual. Traced ones are let through."""
-        for p in parameters:
-            if not is_traced(p.leaf(self)):
-                p.warn_unless_plausible(p.of(self))
-        if any(p.name == "clearance" for p in parameters) and not is_traced(self.section):
-            points, clearance = np.asarray(self.section.points), 2 * np.max(np.asarray(self.section.play))
-            smallest = float(np.min(np.ptp(points, axis=0)))
-            # with more play than half its head on each side, the slipper can leave the rail
-            warn_unless_within("clearance", clearance, LEAST_CLEARANCE if clearance else 0, smallest, "m")
-        if any(p.name in ("length", "mass") or p.name.startswith("inertia") for p in parameters):
-            self._warn_unless_inertia_is_plausible()
-
-    def _warn_unless_inertia_is_plausible(self) -> None:
-        """Gives an `ImplausibleWarning` for moments of inertia that no body of the slipper's size and mass has."""
-        if is_traced((self.slipper, self.section)):
-            return
-        mass, length = (np.asarray(number)[..., None] for number in (self.slipper.mass, self.slipper.length))
-        inertia, size = np.asarray(self.slipper.inertia), np.ptp(np.asarray(self.section.points))
-        radii = np.sqrt(inertia / mass) / np.maximum(length, size)
-        if np.any((radii < SMALLEST_RADIUS) | (radii > LARGEST_RADIUS)):
-            worst = radii.flat[np.argmax(np.abs(np.log(radii)))]
-            warn(f"Argument `inertia` has a radius of gyration of {worst:g} slipper sizes. Are the units right?")
-        if np.any(2 * np.max(inertia, axis=-1) > np.sum(inertia, axis=-1) * (1 + 1e-9)):
-            warn("Argument `inertia` has a moment greater than the sum of the others, which no body has.")
+        rows = ",\n  ".join([", ".join(head), *map(repr, self.parts.values())])
+        return f"Scene({rows})"
 
     @property
     def period(self) -> Float[Array, ""]:
@@ -166,7 +110,7 @@ class Scene(ShapeChecked):
         return self.travel(0.0).period
 
     def travel(self, phase: Any) -> Travel:
-        """Returns speed and pace after `phase` forcing periods: the same everywhere at constant speed."""
+        """Return speed and pace after `phase` forcing periods: the same everywhere at constant speed."""
         if not isinstance(self.speed, SpeedProgramme):
             return Travel(self.speed, self.track.wavelength)
         distance = jnp.asarray(phase, float) * self.track.wavelength
@@ -180,20 +124,20 @@ class Scene(ShapeChecked):
         return Travel(self.speed.scale * jnp.min(self.speed.speed), self.track.wavelength)
 
     def slowest_between(self, phase: Any, later: Any) -> Travel:
-        """Returns the travel at the least speed between `phase` and `later` forcing periods."""
+        """Return the travel at the least speed between `phase` and `later` forcing periods."""
         if not isinstance(self.speed, SpeedProgramme):
             return self.travel(phase)
         begin, end = (jnp.asarray(p, float) * self.track.wavelength for p in (phase, later))
         return Travel(self.speed.least(begin, end), self.track.wavelength)
 
     def epoch_at(self, distance: Any) -> Any:
-        """Returns forcing periods from distance zero to another one [m]; on the host where nothing is traced."""
+        """Return forcing periods from distance zero to another one [m]; on the host where nothing is traced."""
         if is_traced((distance, self.track)):
             return distance / self.track.wavelength
         return float(distance) / float(np.asarray(self.track.wavelength)) if distance else 0.0
 
     def seconds(self, phase: Any) -> Any:
-        """Returns the time [s] after `phase` forcing periods from the start."""
+        """Return the time [s] after `phase` forcing periods from the start."""
         if not isinstance(self.speed, SpeedProgramme):
             return phase * self.period
         return self.speed.seconds(jnp.asarray(phase, float) * self.track.wavelength)
@@ -209,7 +153,7 @@ class Scene(ShapeChecked):
         return 2 * len(self.section.names)
 
     def replace(self, **values: Any) -> "Scene":
-        """Returns a copy with other values of named parameters; see `PARAMETERS` for the names and units.
+        """Return a copy with other values of named parameters; see `PARAMETERS` for the names and units.
 
         Other numbers are named by their path, as in `replace(**{"section.play.2": 4e-4})`, see `parameter`. A part
         that is None, such as gravity, is added.
@@ -219,17 +163,17 @@ class Scene(ShapeChecked):
         **Raises:** `ValueError` for an unknown name, a value that is out of range, a value that a later one would
         undo, or if the scene has no such part.
         """
-        scene, parameters = self, [parameter(name, self) for name in values]
-        refuse_undone(parameters, self)
+        scene = self
+        parameters = [parameter(name, self) for name in values]
+        check_no_overlap(parameters, self)
         for p, value in zip(parameters, values.values(), strict=True):
-            checked = p.check(p.name, p.unit)(value)
+            checked = p.check(value)
             require(np.size(checked) != 0, p.name, "be one or more values", value)
             scene = p.replaced(scene, checked)
-        scene.warn_unless_plausible(parameters)
         return scene
 
     def to_toml(self, file: Any = None, *, start: Any = None) -> str:
-        """Returns the scene as TOML text, exact to the last bit, which `slipperjax.load_scene` reads.
+        """Return the scene as TOML text, exact to the last bit, which `slipperjax.load_scene` reads.
 
         **Arguments:** `file`: where to write it, too; default nowhere. `start`: a motion to add.
 
@@ -241,7 +185,7 @@ class Scene(ShapeChecked):
         return text
 
     def value(self, name: str) -> Array:
-        """Returns the value of a named parameter; see `PARAMETERS` for the names and units.
+        """Return the value of a named parameter; see `PARAMETERS` for the names and units.
 
         **Raises:** `ValueError` for an unknown name, or if the scene has no such part.
         """
@@ -254,7 +198,7 @@ class Scene(ShapeChecked):
 
 
 def check_scene(scene: Any) -> Scene:
-    """Returns `scene`, after which programs of replaced code are not used.
+    """Return `scene`, after which programs of replaced code are not used.
 
     **Raises:** `ValueError` where it is none, or if JAX runs with 32-bit numbers.
     """
@@ -265,7 +209,7 @@ def check_scene(scene: Any) -> Scene:
 
 
 def check_steady(scene: Any) -> Scene:
-    """Returns a scene whose motion may go on for ever; raises `ValueError` for wear and for a programme of speeds."""
+    """Return a scene whose motion may go on for ever; raises `ValueError` for wear and for a programme of speeds."""
     scene = check_scene(scene)
     require(scene.wear is None, "scene", "have no wear here, which slipperjax.run follows alone", scene.wear)
     steady = not isinstance(scene.speed, SpeedProgramme)
@@ -274,21 +218,26 @@ def check_steady(scene: Any) -> Scene:
 
 
 def at_speed(scene: Any, speed: Any) -> Scene:
-    """Returns a scene, checked, at another speed or programme; with None at its own."""
+    """Return a scene, checked, at another speed or programme; with None at its own."""
     scene = check_scene(scene)
     return scene if speed is None else dataclasses.replace(scene, speed=speed)
 
 
+START = COORDINATES | MOTION_NUMBERS
+"""The numbers of a start in a file: its attitude stands there as Euler angles or as a quaternion."""
+
+
 def scene_to_toml(scene: Scene, start: Any = None) -> str:
-    """Returns a scene, and a motion at the start if given, as TOML text in SI units, exact to the last bit.
+    """Return a scene, and a motion at the start if given, as TOML text in SI units, exact to the last bit.
 
     **Raises:** `ValueError` for a part that has parts of its own, or holds what is no plain value.
     """
     known("scene", instance("scene", scene, Scene, "a slipperjax.Scene"))
-    numbers, lines = describe(scene), []
+    numbers = describe(scene)
+    lines = []
     for name in NUMBERS:
         if not isinstance(numbers[name], dict):
-            lines += _line(name, numbers[name], UNITS[name])
+            lines += _line(name, numbers[name], unit_of(Scene, name))
     if isinstance(scene.speed, SpeedProgramme):
         lines += ["", "[speed]", *_entries(scene.speed)[1:]]
     for name, own in scene.parts.items():
@@ -298,31 +247,40 @@ def scene_to_toml(scene: Scene, start: Any = None) -> str:
     if start is not None:
         is_motion = type(start).__name__ == "Motion"  # whose module needs this one
         require(is_motion, "start", "be a slipperjax.Motion in TOML, such as run.end.motion", start)
-        moving = {name: value for name, value in describe(start).items() if name != TYPE and value != 0}
-        lines += ["", "[start]", *(line for name in moving for line in _line(name, moving[name], START_UNITS[name]))]
+        lines += ["", "[start]"]
+        for name, value in describe(start).items():
+            if name != TYPE and value != 0:
+                lines += _line(name, value, START[name].unit)
     return "\n".join(lines) + "\n"
 
 
 def _entries(part: Any) -> list[str]:
-    """Returns the lines of TOML of a module: its type, and each value that is not None."""
+    """Return the lines of TOML of a module: its type, and each value that is not None."""
     lines = []
     for name, value in describe(part).items():
         inner = getattr(part, name, None)
-        table = lambda module: f"{{ {', '.join(_entries(module))} }}"
         if isinstance(inner, eqx.Module):
-            lines.append(f"{name} = {table(inner)}")
+            lines.append(f"{name} = {_table(inner)}")
         elif isinstance(inner, tuple) and inner and isinstance(inner[0], eqx.Module):
-            lines.append(f"{name} = [{', '.join(map(table, inner))}]")
+            tables = ", ".join(_table(module) for module in inner)
+            lines.append(f"{name} = [{tables}]")
         else:
             lines += _line(name, value, unit_of(type(part), name))
     return lines
 
 
+def _table(module: Any) -> str:
+    """Return a module as an inline table of TOML."""
+    return f"{{ {', '.join(_entries(module))} }}"
+
+
 def _line(name: str, value: Any, unit: str) -> list[str]:
-    """Returns a value as a line of TOML: with a unit a text for a number, and an inline table for an array."""
+    """Return a value as a line of TOML: with a unit a text for a number, and an inline table for an array."""
     if value is None:
         return []
     require(not isinstance(value, dict), "scene", "have no functions in TOML", value)
-    if unit and isinstance(value, list):
+    if unit in ("", "1"):
+        return [f"{name} = {json.dumps(value)}"]
+    if isinstance(value, list):
         return [f"{name} = {{ unit = {json.dumps(unit)}, values = {json.dumps(value)} }}"]
-    return [f"{name} = {json.dumps(f'{value!r} {unit}' if unit else value)}"]
+    return [f"{name} = {json.dumps(f'{value!r} {unit}')}"]

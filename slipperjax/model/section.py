@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import ShapeChecked, finite, not_negative, require, shown_number, warn, warn_unless_within
+from ..tools.checks import finite, not_negative, require, shown_number, warn, warn_unless_within
 from ..tools.compile import is_traced
+from ..tools.fields import ShapeChecked, field
 
 _FACES = (("J", "A"), ("B", "C"), ("D", "E"), ("F", "G"), ("H", "I"))
 
@@ -21,9 +22,9 @@ class Section(ShapeChecked):
     from the first to the second.
     """
 
-    points: Float[Array, "points 2"] = eqx.field(converter=finite("points", "m"))
+    points: Float[Array, "points 2"] = field("m", finite)
     """y and z of the slipper's contact points [m] in its own frame, whose origin is the slipper's centre of mass."""
-    play: Float[Array, " faces"] = eqx.field(converter=not_negative("play", "m"))
+    play: Float[Array, " faces"] = field("m", not_negative)
     """Gap at each face when slipper and rail are centred [m]."""
     names: tuple[str, ...] = eqx.field(static=True, default=tuple("ABCDEFGHIJ"))
     """Names of the points, of letters, digits, _ and -."""

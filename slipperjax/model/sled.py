@@ -2,11 +2,11 @@
 
 from typing import Any
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..tools.checks import ShapeChecked, not_negative, optional, positive
+from ..tools.checks import not_negative, positive
+from ..tools.fields import ShapeChecked, field
 
 Pair = Float[Array, "2"]
 
@@ -18,15 +18,15 @@ class SledMass(ShapeChecked):
     the mass at rest on its spring, moving as the slipper does.
     """
 
-    mass: Float[Array, ""] = eqx.field(converter=positive("mass", "kg"))
+    mass: Float[Array, ""] = field("kg", positive)
     """Mass [kg]."""
-    stiffness: Pair = eqx.field(converter=positive("stiffness", "N/m"))
+    stiffness: Pair = field("N/m", positive)
     """Stiffness of the lateral and the vertical spring [N/m]."""
-    damping: Pair = eqx.field(converter=not_negative("damping", "N s/m"), default=(0.0, 0.0))
+    damping: Pair = field("N s/m", not_negative, default=(0.0, 0.0))
     """Of the lateral and the vertical damper [N s/m]."""
-    travel: Pair | None = eqx.field(converter=optional(positive("travel", "m")), default=None)
+    travel: Pair | None = field("m", positive, default=None)
     """Deflection of the springs from which on stops are hit [m]; None: there are none."""
-    stop_stiffness: Pair | None = eqx.field(converter=optional(positive("stop_stiffness", "N/m")), default=None)
+    stop_stiffness: Pair | None = field("N/m", positive, default=None)
     """Stiffness of the stops [N/m]."""
 
     def __check_init__(self):

@@ -4,14 +4,14 @@ import abc
 from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..tools.checks import ShapeChecked, finite, instance, optional, positive, warn_unless_within
+from ..tools.checks import instance, not_negative, positive
 from ..tools.compile import as_argument, at_once, is_traced
+from ..tools.fields import ShapeChecked, field
 from ..tools.fused import circle
 
 SLOPE_SAMPLES, SLOPE_WAVELENGTHS = 512, 16
@@ -157,12 +157,20 @@ class HarmonicTrack(AbstractTrack):
     Dang et al. 2024, Eq. (10) for one wavelength and Eq. (25) for two.
     """
 
-    wavelengths: Float[Array, " waves"] = eqx.field(converter=positive("wavelengths", "m"))
+    wavelengths: Float[Array, " waves"] = field("m", positive, plausible=PLAUSIBLE_LENGTHS)
     """Wavelengths L_X [m]. The first defines the forcing period."""
-    amplitude: Float[Array, ""] = eqx.field(converter=finite("amplitude", "m"))
+    amplitude: Float[Array, ""] = field(
+        "m", not_negative, plausible=(0.0, 0.1), text="irregularity amplitude", symbol="A", shown_unit="mm"
+    )
     """Amplitude of the lateral and of the vertical displacement [m]."""
-    roll_amplitude: Float[Array, ""] | None = eqx.field(
-        converter=optional(finite("roll_amplitude", "rad")), default=None
+    roll_amplitude: Float[Array, ""] | None = field(
+        "rad",
+        not_negative,
+        plausible=(0.0, 0.1),
+        text="irregularity roll amplitude",
+        symbol="A_R",
+        shown_unit="degrees",
+        default=None,
     )
     """Amplitude of the roll angle [rad]. None: the track does not roll."""
 
@@ -172,7 +180,6 @@ class HarmonicTrack(AbstractTrack):
             raise ValueError(
                 f"Argument `wavelengths` must be a sequence of one or more lengths, but has shape {shape}."
             )
-        warn_unless_within("wavelengths", self.wavelengths, *PLAUSIBLE_LENGTHS, "m")
 
     @property
     def wavelength(self) -> Float[Array, ""]:
@@ -206,11 +213,8 @@ class HarmonicTrack(AbstractTrack):
 class StraightTrack(AbstractTrack):
     """A track without irregularity. `reference_length` only sets the unit of time, the forcing period."""
 
-    reference_length: Float[Array, ""] = eqx.field(converter=positive("reference_length", "m"), default=8.0)
+    reference_length: Float[Array, ""] = field("m", positive, plausible=PLAUSIBLE_LENGTHS, default=8.0)
     """Length of travel that counts as one period [m]."""
-
-    def __check_init__(self):
-        warn_unless_within("reference_length", self.reference_length, *PLAUSIBLE_LENGTHS, "m")
 
     @property
     def wavelength(self) -> Float[Array, ""]:

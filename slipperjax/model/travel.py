@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import ShapeChecked, finite, in_unit, instance, number, positive, require
+from ..tools.checks import finite, in_unit, instance, number, positive, require
 from ..tools.compile import at_once, is_traced
+from ..tools.fields import ShapeChecked, field
 
 LEAST_SPEED = 1.0
 """Least speed of a programme [m/s]: time runs on without end where a sled stands still on its way."""
@@ -31,21 +31,31 @@ class Travel(NamedTuple):
         return self.wavelength / self.speed
 
 
-class Stage(NamedTuple):
+class Stage(ShapeChecked):
     """A part of a run with one acceleration, up to the first that is given of a length, a duration and a speed."""
 
-    acceleration: float
+    acceleration: Float[Array, ""] = field("m/s^2", finite)
     """Travelling acceleration [m/s^2]: thrust above zero, a brake below, coasting at zero."""
-    length: float | None = None
+    length: Float[Array, ""] | None = field("m", positive, default=None)
     """Length of travel [m]."""
-    duration: float | None = None
+    duration: Float[Array, ""] | None = field("s", positive, default=None)
     """Time that it takes [s]."""
-    speed: float | None = None
+    speed: Float[Array, ""] | None = field("m/s", positive, default=None)
     """Speed at its end [m/s]."""
 
-
-STAGE_UNITS = {"acceleration": "m/s^2", "length": "m", "duration": "s", "speed": "m/s"}
-"""Units of the numbers of a stage."""
+    def after(self, speed: float) -> tuple[float, float]:
+        """Return the length of the stage [m] and the speed at its end [m/s], from that at its beginning [m/s]."""
+        acceleration = float(self.acceleration)
+        if self.length is not None:
+            length = float(self.length)
+            return length, float(np.sqrt(max(speed**2 + 2 * acceleration * length, 0.0)))
+        if self.duration is not None:
+            end = speed + acceleration * float(self.duration)
+            return float(self.duration) * (speed + end) / 2, end
+        require(self.speed is not None, "stages", "have a length, a duration or a speed each", self)
+        end = float(self.speed)
+        require((end - speed) * acceleration > 0, "stages", f"reach their speed from {speed:g} m/s", self)
+        return (end**2 - speed**2) / (2 * acceleration), end
 
 
 class SpeedProgramme(ShapeChecked):
@@ -58,11 +68,11 @@ class SpeedProgramme(ShapeChecked):
     Before the first place and after the last the speed is constant.
     """
 
-    distance: Float[Array, " places"] = eqx.field(converter=finite("distance", "m"))
+    distance: Float[Array, " places"] = field("m", finite)
     """Distances along the rail, increasing [m]."""
-    speed: Float[Array, " places"] = eqx.field(converter=positive("speed", "m/s"))
+    speed: Float[Array, " places"] = field("m/s", positive)
     """Speeds there [m/s], `LEAST_SPEED` at least."""
-    scale: Float[Array, ""] = eqx.field(converter=positive("scale"), default=1.0)
+    scale: Float[Array, ""] = field("", positive, default=1.0)
     """Factor of all speeds [1], for sweeps and derivatives."""
 
     @classmethod
@@ -89,29 +99,13 @@ class SpeedProgramme(ShapeChecked):
 
         **Arguments:** `start`: speed at the beginning [m/s]; `begin`: where that is along the rail [m].
 
-        **Raises:** `ValueError` that names the stage which is wrong: one without an end, or that misses its speed.
+        **Raises:** `ValueError` that shows the stage which is wrong: one without an end, or that misses its speed.
         """
-        distance, speed = [number(finite, "begin", begin, "m")], [number(positive, "start", start, "m/s")]
         instance("stages", stages, Sequence, "a list of slipperjax.Stage")
-        for k, stage in enumerate(stages):
-            name = f"stages[{k}]"
-            parts = instance(name, stage, Stage, "a slipperjax.Stage")._asdict().items()
-            given = [n for n, value in parts if n == "acceleration" or value is not None]
-            of = {n: number(finite, f"{name}.{n}", getattr(stage, n), STAGE_UNITS[n]) for n in given}
-            a, v = of["acceleration"], speed[-1]
-            if "length" in of:
-                length = of["length"]
-                end = float(np.sqrt(max(v**2 + 2 * a * length, 0.0)))
-            elif "duration" in of:
-                end = v + a * of["duration"]
-                length = of["duration"] * (v + end) / 2
-            else:
-                require("speed" in of, name, "have a length, a duration or a speed", stage)
-                end = of["speed"]
-                require((end - v) * a > 0, name, f"reach its speed from {v:g} m/s", stage)
-                length = (end**2 - v**2) / (2 * a)
-            require(length > 0, name, "have a length above zero", stage)
-            require(end >= LEAST_SPEED * (1 - 1e-9), name, f"end at {LEAST_SPEED:g} m/s or more", stage)
+        distance = [number(finite, "begin", begin, "m")]
+        speed = [number(positive, "start", start, "m/s")]
+        for stage in stages:
+            length, end = instance("stages", stage, Stage, "a list of slipperjax.Stage").after(speed[-1])
             distance.append(distance[-1] + length)
             speed.append(end)
         return cls(distance, speed)

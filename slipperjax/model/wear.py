@@ -3,13 +3,13 @@
 import abc
 from typing import Any, ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import ShapeChecked, not_negative, require
+from ..tools.checks import not_negative, require
 from ..tools.compile import is_traced
+from ..tools.fields import ShapeChecked, field
 from .section import Section
 
 
@@ -38,7 +38,7 @@ class Wear(AbstractWear):
     """
 
     by_friction: ClassVar = True
-    volume_per_work: Float[Array, ""] = eqx.field(converter=not_negative("volume_per_work", "m^3/J"))
+    volume_per_work: Float[Array, ""] = field("m^3/J", not_negative)
     """Volume worn off per work of friction [m^3/J]."""
 
     def added(self, section, length, distance, work):
@@ -48,9 +48,9 @@ class Wear(AbstractWear):
 class WearTable(AbstractWear):
     """Play that is added to all faces by the distance, linear between the rows of a table."""
 
-    distance: Float[Array, " rows"] = eqx.field(converter=not_negative("distance", "m"))
+    distance: Float[Array, " rows"] = field("m", not_negative)
     """Distances, increasing [m]."""
-    play: Float[Array, " rows"] = eqx.field(converter=not_negative("play", "m"))
+    play: Float[Array, " rows"] = field("m", not_negative)
     """Play added to each face there [m]; half of the clearance that is added."""
 
     def __check_init__(self):

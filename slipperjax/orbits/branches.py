@@ -23,8 +23,7 @@ from ..flow.status import Interrupted, Stop
 from ..model.dynamics import State, initial_state
 from ..model.kinematics import Motion
 from ..model.layout import coordinates
-from ..model.paths import parameter
-from ..model.quantities import Parameter
+from ..model.parameters import Parameter, parameter
 from ..model.scene import Scene, check_scene
 from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver
@@ -471,7 +470,7 @@ def counted(shown: bool | None, text: str, varied: Parameter, programs: int) -> 
 def bounds_of(varied: Parameter, bounds: Any) -> tuple[float, float]:
     """Gives two values of a parameter, the smaller first; raises `ValueError` for others."""
     low, high = checked_bounds(bounds, f"values of {varied.name} [{varied.unit}]")
-    return float(varied.checked(low)), float(varied.checked(high))
+    return float(varied.check(low)), float(varied.check(high))
 
 
 def value_within(scene: Scene, name: str, varied: Parameter, bounds: tuple[float, float]) -> float:

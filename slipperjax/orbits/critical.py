@@ -31,7 +31,7 @@ from ..flow.record import RecordSet
 from ..flow.simulate import dynamic_steps, static_steps
 from ..flow.stepping import AbstractStepping
 from ..model.dynamics import State
-from ..model.paths import at_values, checked_parameters, parameter, values_of
+from ..model.parameters import at_values, checked_parameters, parameter, values_of
 from ..model.scene import Scene, check_scene
 from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver

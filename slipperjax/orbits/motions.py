@@ -15,7 +15,7 @@ from ..flow.stepping import AbstractStepping
 from ..model.contact import EventLatch
 from ..model.dynamics import State
 from ..model.kinematics import contacts, rail_frame
-from ..model.paths import at_values
+from ..model.parameters import at_values
 from ..model.quantities import MOTION_NUMBERS
 from ..model.scene import Scene, check_steady
 from ..model.travel import SpeedProgramme

@@ -13,8 +13,8 @@ from matplotlib.transforms import Bbox
 
 from ..analysis.events import MEANINGS
 from ..flow.datasets import varied_names
+from ..model.parameters import quantity as registered
 from ..model.quantities import COORDINATES, SECTIONS
-from ..model.quantities import quantity as registered
 from ..tools.checks import instance, one_of, require
 from .maps import bifurcation, draw_attractors, draw_regimes
 from .style import (

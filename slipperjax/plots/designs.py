@@ -14,7 +14,8 @@ from matplotlib.patches import Patch
 
 from ..analysis.kinds import KINDS
 from ..flow.datasets import varied_names
-from ..model.quantities import PARAMETERS, Quantity, quantity
+from ..model.parameters import PARAMETERS, quantity
+from ..model.quantities import Quantity
 from .branches import EVENT_MARKERS, EVENT_NAMES
 from .maps import FLAGGED_COLOR
 from .style import (
@@ -435,7 +436,7 @@ def _objective(ds: xr.Dataset, name: str) -> Quantity:
     """Gives the quantity of a variable of objectives, from its attributes."""
     attrs = ds[name].attrs
     unit, symbol = attrs.get("units", "1"), attrs.get("symbol", "")
-    return Quantity(attrs["quantity"], unit, "", symbol, 1.0, attrs["shown_unit"], float(attrs["per_shown"]))
+    return Quantity(attrs["quantity"], unit, "", symbol, 1.0, attrs["shown_unit"])
 
 
 def _parameter(ds: xr.Dataset, name: str) -> Quantity:

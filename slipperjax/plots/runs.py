@@ -9,7 +9,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.ticker import NullLocator
 
 from ..flow.datasets import load_scene
-from ..model.quantities import quantity
+from ..model.parameters import quantity
 from ..model.scene import Scene, check_scene
 from ..tools.checks import require
 from .branches import DASHED, SOLID, joined, stable_parts

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from ..flow.datasets import load_scene
 from ..flow.simulate import Trajectory
 from ..model.kinematics import Motion, contacts, face_offsets, quaternion_from_euler, rail_frame
-from ..model.quantities import quantity
+from ..model.parameters import quantity
 from ..model.scene import Scene, check_scene
 from ..model.section import Section
 from ..tools.checks import finite, known, number, positive, whole

@@ -18,7 +18,8 @@ from matplotlib.ticker import NullLocator
 
 from ..analysis.kinds import REGIMES
 from ..flow.status import Status
-from ..model.quantities import PARAMETERS, REACTIONS, quantity
+from ..model.parameters import PARAMETERS, quantity
+from ..model.quantities import REACTIONS
 from ..tools.checks import instance, number, positive, require
 from ..tools.files import listed
 

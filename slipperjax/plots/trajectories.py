@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from ..flow.status import Status
-from ..model.quantities import quantity
+from ..model.parameters import quantity
 from ..tools.checks import instance, number, positive, real, require, whole
 from .style import (
     COLORS,

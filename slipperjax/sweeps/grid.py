@@ -12,8 +12,7 @@ from jaxtyping import Float, Int
 from ..model.dang2024 import paper_scene
 from ..model.dynamics import State
 from ..model.kinematics import Motion
-from ..model.paths import parameter
-from ..model.quantities import STARTS, Parameter
+from ..model.parameters import STARTS, Parameter, parameter
 from ..model.scene import Scene, check_scene
 from ..model.step_size import rounded_steps, steps_needed
 from ..model.tracks import AbstractTrack
@@ -106,7 +105,7 @@ def _parameter(scene: Scene, name: str) -> Parameter:
 def _values(scene: Scene, name: str, raw: Any) -> np.ndarray:
     quantity = _parameter(scene, name)
     quantity.check_exists(scene)
-    values = np.atleast_1d(np.asarray(quantity.checked(raw)))
+    values = np.atleast_1d(np.asarray(quantity.check(raw)))
     if values.ndim != 1 or values.size == 0:
         raise ValueError(f"Argument `{name}` must be a list of one or more values, but has shape {values.shape}.")
     return values
@@ -354,7 +353,7 @@ def _spread(scene: Scene, name: str, ends: Any, log: bool) -> Callable[[np.ndarr
 
 def _allowed(quantity: Parameter, values: Any) -> np.ndarray:
     """Values of a parameter, of which each must be allowed."""
-    return np.asarray(quantity.checked(values), float)
+    return np.asarray(quantity.check(values), float)
 
 
 def _drawn(name: str, distribution: Any, share: np.ndarray) -> np.ndarray:

@@ -1,20 +1,17 @@
 """Checks of arguments: one clear error that names the argument, its value and what it must be.
 
 A concrete value raises `ValueError` at once, before anything is compiled. A traced value (inside `jax.jit`,
-`jax.grad`, ...) cannot be inspected: a wrong one becomes NaN, which gives the result a status. `ShapeChecked` is the
-base class of the package's modules, which checks the shapes of their fields on construction.
+`jax.grad`, ...) cannot be inspected: a wrong one becomes NaN, which gives the result a status.
 """
 
 import dataclasses
 import re
 import sys
-import typing
 import warnings
 from collections.abc import Callable
 from contextvars import ContextVar
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -88,6 +85,8 @@ class Check:
     optional: bool = False
     whole: bool = False
     """Whether the numbers are whole, which cannot be varied by little."""
+    plausible: tuple[float, float] | None = None
+    """Range [unit] outside of which an `ImplausibleWarning` says that the unit may be wrong."""
 
     def __call__(self, value: Any) -> Any:
         if self.optional and value is None:
@@ -113,6 +112,8 @@ class Check:
                 (text for text in (f"{worst:g}", f"{worst:.12g}") if self.is_bad(np.float64(text))), f"{worst!r}"
             )
             raise ValueError(f"Argument `{name}` must be {need}, but is {shown}{suffix}.")
+        if self.plausible is not None:
+            warn_unless_within(name, array, *self.plausible, self.unit)
         return jnp.asarray(array)
 
 
@@ -151,12 +152,6 @@ def whole_number(name: str, unit: str = "", *, most: int = MOST_WHOLE) -> Check:
 def optional(check: Check) -> Check:
     """Makes a converter that also accepts `None`, unchecked."""
     return dataclasses.replace(check, optional=True)
-
-
-def unit_of(kind: type, field: str) -> str:
-    """Gives the unit of a module's field, from its metadata or its converter; empty where it has none."""
-    metadata = {f.name: f.metadata for f in dataclasses.fields(kind)}.get(field, {})
-    return metadata.get("unit", getattr(metadata.get("converter"), "unit", ""))
 
 
 def number(check: Callable[[str, str], Check], name: str, value: Any, unit: str = "") -> float:
@@ -277,45 +272,3 @@ def shown_number(value: Any) -> str:
     if array.size <= SHOWN_ENTRIES:
         return str([shown_number(part) for part in array]).replace("'", "")
     return f"<{' x '.join(map(str, array.shape))}, {array.min():.5g} to {array.max():.5g}>"
-
-
-def axes_of(field: dataclasses.Field, default: int) -> int:
-    """Gives the number of axes in the annotation of a module's field, or `default` where it has none."""
-    shapes = _shapes(field)
-    return len(shapes[0].dim_str.split()) if shapes else default
-
-
-def _shapes(field: dataclasses.Field) -> list[Any]:
-    """Gives the array types in a field's annotation."""
-    return [a for a in (field.type, *typing.get_args(field.type)) if hasattr(a, "dim_str")]
-
-
-class ShapeChecked(eqx.Module):
-    """Base of modules that check on construction that their array fields have the shapes of their annotations.
-
-    Their `repr` is one line, with units; fields of None are left out.
-    """
-
-    def __repr__(self) -> str:
-        parts = []
-        for field in dataclasses.fields(self):
-            value, unit = getattr(self, field.name), unit_of(type(self), field.name)
-            if value is not None:
-                parts.append(f"{field.name}={shown_number(value)}{f' {unit}' if unit else ''}")
-        return f"{type(self).__name__}({', '.join(parts)})"
-
-    def check_of(self, field: str) -> Check | None:
-        """Returns the check of a field's values, by default its converter; None where it has none."""
-        found = {f.name: f.metadata for f in dataclasses.fields(self)}[field].get("converter")
-        return found if isinstance(found, Check) else None
-
-    def __check_init__(self):
-        for field in dataclasses.fields(self):
-            shapes = _shapes(field)
-            value = getattr(self, field.name)
-            absent = value is None or isinstance(value, eqx.Module)  # a part in place of an array
-            if shapes and not absent and not any(isinstance(value, shape) for shape in shapes):
-                raise ValueError(
-                    f"Argument `{field.name}` must be of shape ({shapes[0].dim_str.replace(' ', ', ')}), "
-                    f"but has shape {jnp.shape(value)}."
-                )

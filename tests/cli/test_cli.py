@@ -16,7 +16,8 @@ from slipperjax.cli import main
 from slipperjax.cli.options import CASE, PAPER, Measure, make_case, make_scene
 from slipperjax.cli.sweep import make_grid
 from slipperjax.flow.status import Status
-from slipperjax.model.quantities import PARAMETERS, SECTIONS
+from slipperjax.model.parameters import PARAMETERS
+from slipperjax.model.quantities import SECTIONS
 from slipperjax.plots.style import COLORS, REGIME_COLORS
 
 from ..orbits.nominal import STEPS

@@ -15,7 +15,7 @@ import slipperjax as sj
 from slipperjax.cli.interrupts import on_thread
 from slipperjax.cli.options import make_bounds
 from slipperjax.flow.status import ASKED, Status
-from slipperjax.model.quantities import PARAMETERS
+from slipperjax.model.parameters import PARAMETERS
 from slipperjax.orbits.branches import FINER, OrbitBranch
 
 from .commands import BRANCH, call, error_of, names, picture

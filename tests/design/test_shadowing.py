@@ -15,7 +15,7 @@ from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.simulate import dynamic_steps
 from slipperjax.model.dynamics import State, initial_state
 from slipperjax.model.kinematics import MOTION_SCALES
-from slipperjax.model.paths import at_values
+from slipperjax.model.parameters import at_values
 
 from .shadowing import segments_of, slope_of
 from .test_calibration import OBJECTIVES_IN_CHAOS, STEPS, settled

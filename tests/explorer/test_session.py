@@ -15,7 +15,7 @@ from slipperjax.explorer.session import COUNTS, Case, Session, Shown, no_orbit
 from slipperjax.explorer.worker import Worker
 from slipperjax.flow.datasets import run_attributes
 from slipperjax.model import scene_to_json
-from slipperjax.model.quantities import PARAMETERS, quantity
+from slipperjax.model.parameters import PARAMETERS, quantity
 
 SPEEDS, CLEARANCES = np.array([500.0, 1000.0, 2000.0]), np.array([1e-3, 2e-3])
 

@@ -13,7 +13,7 @@ from slipperjax.flow.records import AbstractNumber
 from slipperjax.flow.simulate import MOST_UNKNOWN, default_steps
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.kinematics import MOTION_SCALES
-from slipperjax.model.paths import parameter
+from slipperjax.model.parameters import parameter
 
 from ..common import QUICK, STEPS, fine
 

@@ -13,7 +13,7 @@ import scipy.stats
 import slipperjax as sj
 from slipperjax.design import sensitivities
 from slipperjax.model.layout import coordinates
-from slipperjax.model.paths import parameter
+from slipperjax.model.parameters import parameter
 from slipperjax.sweeps.exponents import LyapunovExponents
 
 SCENE, STEPS = sj.paper_scene(1000.0), 50

@@ -12,7 +12,7 @@ import slipperjax as sj
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.model import contact_points, contacts, rail_frame
 from slipperjax.model.dynamics import contact_forces
-from slipperjax.model.paths import parameter
+from slipperjax.model.parameters import parameter
 from slipperjax.model.sliding import tractions
 from slipperjax.solvers.named import resolve_solver
 

@@ -7,16 +7,8 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.model.kinematics import MOTION_SCALES, accuracy_scales, scaled_size
-from slipperjax.model.paths import parameter
-from slipperjax.model.quantities import (
-    ACCELERATIONS,
-    COORDINATE_SCALES,
-    COORDINATES,
-    PARAMETERS,
-    SECTIONS,
-    STARTS,
-    quantity,
-)
+from slipperjax.model.parameters import PARAMETERS, STARTS, parameter, quantity
+from slipperjax.model.quantities import ACCELERATIONS, COORDINATE_SCALES, COORDINATES, SECTIONS
 
 from ..common import SCALES
 

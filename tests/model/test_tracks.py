@@ -71,7 +71,7 @@ def test_an_own_track_gets_the_steps_of_its_slope():
 
 TRACKS = {
     "one wave": (sj.HarmonicTrack((8.0,), 1e-3), 1, 2 * np.pi / 8000, 8.0),
-    "two waves": (sj.HarmonicTrack((10.0, 12.0), -1e-3), 6, 2 * np.pi * (1 / 10 + 1 / 12) / 1000, 10.0),
+    "two waves": (sj.HarmonicTrack((10.0, 12.0), 1e-3), 6, 2 * np.pi * (1 / 10 + 1 / 12) / 1000, 10.0),
     "a divisor": (sj.HarmonicTrack((8.0, 2.0), 1e-3), 1, 2 * np.pi * (1 / 8 + 1 / 2) / 1000, 2.0),
     "no ratio": (sj.HarmonicTrack((8.0, 5.0001), 1e-3), np.inf, 2 * np.pi * (1 / 8 + 1 / 5.0001) / 1000, 5.0001),
     "straight": (sj.StraightTrack(8.0), 1, 0.0, 8.0),

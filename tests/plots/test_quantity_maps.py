@@ -8,7 +8,7 @@ import xarray as xr
 
 from slipperjax import plots
 from slipperjax.flow.status import Status
-from slipperjax.model.quantities import PARAMETERS
+from slipperjax.model.parameters import PARAMETERS
 
 from .shown import legend, marked
 

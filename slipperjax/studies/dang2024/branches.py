@@ -15,7 +15,8 @@ from ...flow.simulate import simulate
 from ...flow.status import Status
 from ...model.dang2024 import paper_scene
 from ...model.layout import coordinates
-from ...model.quantities import COORDINATE_SCALES, COORDINATES, PARAMETERS
+from ...model.parameters import PARAMETERS
+from ...model.quantities import COORDINATE_SCALES, COORDINATES
 from ...model.scene import Scene
 from ...orbits.branches import BranchEvent, OrbitBranch, continue_orbit
 from ...orbits.periodic import PeriodicOrbit, periodic_orbit

@@ -1,0 +1,312 @@
+"""Every number of a scene as a named parameter: by its name in the registry, or by its path in the scene.
+
+A path names fields, and places in arrays: slipper.inertia.1 is the moment of inertia about y, section.play.2 the play
+of the third face, section.points.D.1 the height z of point D. Unit, check and plausible range are declared by the
+field, see `slipperjax.tools.fields`.
+"""
+
+import dataclasses
+import itertools
+import operator
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..tools.checks import Check, brief, finite, instance, not_negative, positive, require
+from ..tools.compile import as_argument, is_traced
+from ..tools.fields import ShapeChecked, axes_of, declared_check, labels_of
+from .contact import Flores
+from .quantities import ACCELERATIONS, COORDINATES, LOADS, REACTIONS, Quantity
+from .slipper import Slipper
+from .tracks import HarmonicTrack
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Parameter(Quantity):
+    """A number that a scene holds as one leaf."""
+
+    path: str
+    """Fields that lead to the leaf, joined by points; empty for a number of the start."""
+    check: Check
+    """Makes values [unit] an array; raises `ValueError` out of range, and warns where they are implausible."""
+
+    @property
+    def whole(self) -> bool:
+        return self.check.whole
+
+    def leaf(self, scene: Any) -> Any:
+        """Return the leaf in a scene; None where the scene has no such part, or does without it."""
+        try:
+            return self._where(scene)
+        except AttributeError:
+            return None
+
+    def of(self, scene: Any) -> Any:
+        """Return the value in a scene [unit]; None where the scene has no such part, or does without it."""
+        leaf = self.leaf(scene)
+        return None if leaf is None else self._read(leaf)
+
+    def check_exists(self, scene: Any) -> None:
+        """Raise `ValueError` where a scene has no such part; a part that is None can be set."""
+        try:
+            self._where(scene)
+        except AttributeError:
+            raise ValueError(f"Argument `{self.name}` cannot be set: the scene has no {self.long_name}.") from None
+
+    def check_varies(self) -> None:
+        """Raise `ValueError` where the values are whole numbers, by which nothing can be differentiated."""
+        if self.whole:
+            raise ValueError(f"Argument `{self.name}` cannot be varied by little: it is a whole number, of no slope.")
+
+    def replaced(self, scene: Any, value: Any) -> Any:
+        """Return a copy of `scene` with another value, unchecked; `value` may have leading axes of cases.
+
+        **Raises:** `ValueError` where the scene has no such part.
+        """
+        self.check_exists(scene)
+        leaf = self._write(as_argument(value), self._where(scene))
+        return eqx.tree_at(self._where, scene, leaf, is_leaf=lambda part: part is None)
+
+    def _where(self, scene: Any) -> Any:
+        if not self.path:
+            return None
+        leaf = operator.attrgetter(self.path)(scene)
+        if isinstance(leaf, eqx.Module):  # a part in place of a number, such as a programme of speeds
+            raise AttributeError(self.path)
+        return leaf
+
+    def _read(self, leaf: Any) -> Any:
+        return leaf
+
+    def _write(self, value: Array, leaf: Any) -> Array:
+        return value
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Entry(Parameter):
+    """A number that is one entry of an array."""
+
+    index: tuple[int, ...]
+    """Place in the array, behind axes of cases."""
+
+    def _read(self, leaf: Any) -> Any:
+        array = leaf if is_traced(leaf) else np.asarray(leaf)
+        return array[(..., *self.index)]
+
+    def _write(self, value: Array, leaf: Any) -> Array:
+        shape = np.shape(leaf)
+        of_cases = len(shape) - len(self.index)
+        cases = jnp.broadcast_shapes(np.shape(value), shape[:of_cases])
+        every = jnp.broadcast_to(leaf, (*cases, *shape[of_cases:]))
+        return every.at[(..., *self.index)].set(value)
+
+
+class Clearance(Parameter):
+    """The total play, of which each face has half; where faces differ, twice the mean of theirs."""
+
+    def _read(self, leaf: Any) -> Any:
+        mean = jnp.mean(leaf) if is_traced(leaf) else np.mean(np.asarray(leaf))
+        return 2 * mean
+
+    def _write(self, value: Array, leaf: Any) -> Array:
+        return half_play(value, leaf.shape[-1])
+
+
+def half_play(clearance: Any, faces: int) -> Float[Array, "*cases faces"]:
+    """Return a total play of `clearance` [m], shape (*cases,), as the play of each face [m]."""
+    on_host = not is_traced(clearance)  # where nothing is compiled
+    half = (np.asarray(clearance) if on_host else clearance)[..., None] / 2
+    shape = (*half.shape[:-1], faces)
+    return jnp.asarray(np.broadcast_to(half, shape)) if on_host else jnp.broadcast_to(half, shape)
+
+
+def _declared(path: str, owner: type, name: str, check: Check | None, index: tuple[int, ...] = ()) -> Parameter:
+    """Return the parameter that a field of a module declares.
+
+    **Arguments:** `path`: fields that lead to it; `owner`: the module's class; `name`: of the parameter; `check`: of
+    the field, None where it has none; `index`: place in the field's array.
+    """
+    own = dataclasses.replace(finite("") if check is None else check, name=name, optional=False)
+    labels = labels_of(owner, path.rpartition(".")[2])
+    text = labels.pop("text") or (name if "." in name else path).replace(".", " ")
+    common: dict[str, Any] = dict(path=path, check=own, **labels)
+    unit = own.unit or "1"
+    return Entry(name, unit, text, index=index, **common) if index else Parameter(name, unit, text, **common)
+
+
+def _named(path: str, owner: type) -> Parameter:
+    """Return the parameter that is named by its field."""
+    field = path.rpartition(".")[2]
+    return _declared(path, owner, field, declared_check(owner, field))
+
+
+def _moment_of_inertia(k: int, axis: str) -> Parameter:
+    check = declared_check(Slipper, "inertia")
+    moment = _declared("slipper.inertia", Slipper, f"inertia_{axis}", check, (k,))
+    return dataclasses.replace(moment, long_name=f"moment of inertia about {axis}", symbol=f"J_{axis}")
+
+
+def _own(q: Quantity, make: Any, plausible: tuple[float, float]) -> dict[str, Any]:
+    """Return the arguments of a parameter with the labels of a quantity."""
+    return vars(q) | dict(check=dataclasses.replace(make(q.name, q.unit), plausible=plausible))
+
+
+_SPEED = Quantity("speed", "m/s", "constant travelling speed", "V")
+_GRAVITY = Quantity("gravity", "m/s^2", "gravitational acceleration", "g")
+_CLEARANCE = Quantity("clearance", "m", "total play of slipper and rail", "C", shown_unit="mm")
+
+PARAMETERS: dict[str, Parameter] = {
+    p.name: p
+    for p in (
+        Parameter(path="speed", **_own(_SPEED, positive, (5.0, 1e4))),
+        Clearance(path="section.play", **_own(_CLEARANCE, not_negative, (0.0, 0.04))),
+        _named("slipper.length", Slipper),
+        _named("slipper.mass", Slipper),
+        *(_moment_of_inertia(k, axis) for k, axis in enumerate("xyz")),
+        _named("contact.stiffness", Flores),
+        _named("contact.restitution", Flores),
+        _named("track.amplitude", HarmonicTrack),
+        _named("track.roll_amplitude", HarmonicTrack),
+        Parameter(path="gravity", **_own(_GRAVITY, not_negative, (0.0, 1e3))),
+    )
+}
+"""The parameters of a scene by name, for `Scene.replace` and `sweep`."""
+
+_FARTHEST = {"m": 0.02, "m/s": 100.0, "rad/s": 1e3}
+"""Greatest plausible magnitudes at the start, by unit."""
+
+
+def _at_start(q: Quantity) -> Parameter:
+    far = _FARTHEST[q.unit]
+    text = f"{q.long_name.split(',')[0]} at the start"
+    return Parameter(path="", **_own(q, finite, (-far, far)) | dict(long_name=text))
+
+
+STARTS: dict[str, Parameter] = {
+    name: _at_start(q) for name, q in COORDINATES.items() if name not in ("roll", "pitch", "yaw")
+}
+"""The coordinates of the start that a grid may vary besides `PARAMETERS`, for basins of attraction."""
+
+
+def quantity(name: str) -> Quantity:
+    """Return a quantity by its name in datasets, where a start's coordinate x is `start_x`.
+
+    **Raises:** `KeyError` for an unknown name, `ValueError` for what is no name.
+    """
+    instance("name", name, str, "the name of a quantity")
+    if name.startswith("start_"):
+        return STARTS[name.removeprefix("start_")]
+    for quantities in (PARAMETERS, COORDINATES, ACCELERATIONS, REACTIONS, LOADS):
+        if name in quantities:
+            return quantities[name]
+    raise KeyError(name)
+
+
+def parameter(name: Any, scene: Any = None) -> Parameter:
+    """Return a scene's parameter by name or path.
+
+    **Arguments:** `scene`: where a path leads; without it paths are unknown.
+
+    **Raises:** `ValueError` for an unknown name, or a path that leads to no number.
+    """
+    require(scene is None or dataclasses.is_dataclass(scene), "scene", "be a slipperjax.Scene", scene)
+    if isinstance(name, str) and name in PARAMETERS:
+        return PARAMETERS[name]
+    if isinstance(name, str) and "." in name and scene is not None:
+        return _at_path(name, scene)
+    shown = name if isinstance(name, str) and name in brief(name) else brief(name)  # without quotes where it can be
+    raise ValueError(
+        f"Argument `{shown}` is no parameter; the names are {', '.join(PARAMETERS)}, and paths such as "
+        f"section.play.2 or slipper.inertia.1."
+    )
+
+
+def _at_path(path: str, scene: Any) -> Parameter:
+    """Return the parameter at a path: fields of modules, then indices into an array, the first by name for points."""
+    words = path.split(".")
+    part = owner = scene
+    fields = []
+    while words and dataclasses.is_dataclass(part):
+        owner = part
+        numbers = [f.name for f in dataclasses.fields(owner) if not f.metadata.get("static", False)]
+        if words[0] not in numbers:
+            has = f"{', '.join(numbers)}, but not" if numbers else "no numbers, and so not"
+            raise ValueError(
+                f"Argument `{path}` leads to no number: {type(owner).__name__} has {has} {brief(words[0])}."
+            )
+        fields.append(words.pop(0))
+        part = getattr(owner, fields[-1])
+    shape = () if part is None else np.shape(part)
+    rank = axes_of(type(owner), fields[-1], len(shape))
+    if dataclasses.is_dataclass(part) or len(words) != rank:
+        leaf = f"an array of shape {shape}" if shape else type(part).__name__
+        raise ValueError(f"Argument `{path}` leads to no number: {'.'.join(fields)} is {leaf}.")
+    sizes = shape[len(shape) - rank :]  # without axes of cases
+    index = tuple(_place(path, word, size, owner) for word, size in zip(words, sizes, strict=True))
+    check = owner.check_of(fields[-1]) if isinstance(owner, ShapeChecked) else None
+    return _declared(".".join(fields), type(owner), path, check, index)
+
+
+def _place(path: str, word: str, size: int, owner: Any) -> int:
+    """Return an index into an array, as a number or, for points of a section, as a name."""
+    names = getattr(owner, "names", ())
+    if word in names:
+        return names.index(word)
+    if word.isdecimal() and int(word) < size:
+        return int(word)
+    choices = f"a number of 0 to {size - 1}" + (f" or one of {', '.join(names)}" if len(names) == size else "")
+    raise ValueError(f"Argument `{path}` must have {choices} in place of {word!r}.")
+
+
+def check_no_overlap(parameters: Sequence[Parameter], scene: Any) -> None:
+    """Raise `ValueError` where one of several parameters, which are set in their order, undoes what another sets.
+
+    The clearance followed by section.play.2 is a section with another third face; the other way round
+    section.play.2 would be without effect, as would one of mass and slipper.mass.
+    """
+    with jax.ensure_compile_time_eval():
+        for first, later in itertools.combinations(parameters, 2):
+            if is_traced(first.leaf(scene)) or is_traced(later.leaf(scene)):
+                continue
+            # NaN is gone where the later one overwrites the first
+            both = later.replaced(first.replaced(scene, np.nan), 0.0)
+            if not np.any(np.isnan(first.of(both))):
+                raise ValueError(
+                    f"Argument `{first.name}` must not be given with `{later.name}`, which sets the same; "
+                    f"what is a part of the other must come second."
+                )
+
+
+def checked_parameters(names: Any, scene: Any) -> list[Parameter]:
+    """Return parameters by which results can be differentiated together.
+
+    **Raises:** `ValueError` where `names` is no list of parameters that the scene has and that do not undo each
+    other.
+    """
+    listed = isinstance(names, Sequence) and not isinstance(names, str) and names
+    require(listed, "names", "be a list of parameters", names)
+    parameters = [parameter(name, scene) for name in names]
+    for one in parameters:
+        one.check_exists(scene)
+        one.check_varies()
+        if one.of(scene) is None:
+            raise ValueError(f"Argument `names` must be of numbers that the scene has, but it has no {one.name}.")
+    check_no_overlap(parameters, scene)
+    return parameters
+
+
+def at_values(scene: Any, names: Sequence[str], values: Any) -> Any:
+    """Return the scene with other values of named parameters, unchecked."""
+    for k, name in enumerate(names):
+        scene = parameter(name, scene).replaced(scene, values[k])
+    return scene
+
+
+def values_of(scene: Any, names: tuple[str, ...]) -> Float[Array, " parameters"]:
+    """Return the values of named parameters [their SI units]."""
+    return jnp.stack([jnp.asarray(parameter(name, scene).of(scene), float) for name in names])

@@ -1,0 +1,118 @@
+"""Fields of modules that declare their numbers: unit, check, plausible range and labels are told there, once.
+
+```python
+class Slipper(ShapeChecked):
+    mass: Float[Array, ""] = field("kg", positive, plausible=(0.1, 1e4), symbol="m")
+```
+
+Errors, `repr`, scene files, parameters, datasets, axes and options of the command line read them there.
+"""
+
+import dataclasses
+import types
+import typing
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from .checks import Check, shown_number
+
+
+def field(
+    unit: str,
+    check: Callable[[str, str], Check],
+    *,
+    plausible: tuple[float, float] | None = None,
+    text: str = "",
+    symbol: str = "",
+    shown_unit: str = "",
+    **more: Any,
+) -> Any:
+    """Return a field of a `ShapeChecked` module: a number or an array of numbers [`unit`], or None if its default is.
+
+    **Arguments:** `unit`: SI unit, "" or "1" for pure numbers; `check`: `positive`, `finite`, ... of
+    `slipperjax.tools.checks`; `plausible`: values outside this range [unit] give an `ImplausibleWarning`; `text`:
+    description in a few words, by default the names that lead to the field; `symbol`: in LaTeX; `shown_unit`: unit in
+    pictures and on the command line, by default `unit`; `more`: as for `equinox.field`.
+    """
+    is_optional = "default" in more and more["default"] is None
+    converter = dataclasses.replace(check("", unit), plausible=plausible, optional=is_optional)
+    labels = {"text": text, "symbol": symbol, "shown_unit": shown_unit}
+    return eqx.field(converter=converter, metadata={"labels": labels}, **more)
+
+
+class ShapeChecked(eqx.Module):
+    """Base of modules that check on construction that their array fields have the shapes of their annotations.
+
+    Their `repr` is one line, with units; fields of None are left out.
+    """
+
+    def __init_subclass__(cls, **more: Any):
+        super().__init_subclass__(**more)
+        # a check that a field declares learns here of which argument it speaks
+        for name, declared in vars(cls).items():
+            check = getattr(declared, "metadata", {}).get("converter")
+            if isinstance(check, Check):
+                named = dataclasses.replace(check, name=name)
+                declared.metadata = types.MappingProxyType({**declared.metadata, "converter": named})
+
+    def __repr__(self) -> str:
+        parts = []
+        for part in dataclasses.fields(self):
+            value = getattr(self, part.name)
+            if value is not None:
+                parts.append(f"{part.name}={shown_number(value)} {unit_of(type(self), part.name)}".rstrip())
+        return f"{type(self).__name__}({', '.join(parts)})"
+
+    def check_of(self, name: str) -> Check | None:
+        """Return the check of a field's values, by default its converter; None where it has none."""
+        return declared_check(type(self), name)
+
+    def __check_init__(self):
+        for part in dataclasses.fields(self):
+            shapes = _shapes(part)
+            value = getattr(self, part.name)
+            absent = value is None or isinstance(value, eqx.Module)  # a part in place of an array
+            if shapes and not absent and not any(isinstance(value, shape) for shape in shapes):
+                raise ValueError(
+                    f"Argument `{part.name}` must be of shape ({shapes[0].dim_str.replace(' ', ', ')}), "
+                    f"but has shape {jnp.shape(value)}."
+                )
+
+
+def unit_of(kind: type, name: str) -> str:
+    """Return the unit of a module's field; empty where it has none."""
+    metadata = _metadata(kind, name)
+    return metadata.get("unit", getattr(metadata.get("converter"), "unit", ""))
+
+
+def declared_check(kind: type, name: str) -> Check | None:
+    """Return the check that a module's field declares; None where it has none."""
+    check = _metadata(kind, name).get("converter")
+    return check if isinstance(check, Check) else None
+
+
+def labels_of(kind: type, name: str) -> dict[str, str]:
+    """Return text, symbol and shown unit of a field that `field` made; all empty for another."""
+    return dict(_metadata(kind, name).get("labels", {"text": "", "symbol": "", "shown_unit": ""}))
+
+
+def axes_of(kind: type, name: str, default: int) -> int:
+    """Return the number of axes in the annotation of a module's field, or `default` where it has none."""
+    shapes = [shape for part in dataclasses.fields(kind) if part.name == name for shape in _shapes(part)]
+    return len(shapes[0].dim_str.split()) if shapes else default
+
+
+def _metadata(kind: type, name: str) -> Mapping[str, Any]:
+    """Return the metadata of a module's field; empty where it has no such field."""
+    for part in dataclasses.fields(kind):
+        if part.name == name:
+            return part.metadata
+    return {}
+
+
+def _shapes(part: dataclasses.Field) -> list[Any]:
+    """Return the array types in a field's annotation."""
+    return [kind for kind in (part.type, *typing.get_args(part.type)) if hasattr(kind, "dim_str")]
