@@ -173,11 +173,11 @@ class SampledTrack(AbstractRail):
 
     distance: Float[Array, "2"] = field("m", finite)
     """Distances of the first and the last sample [m]; the others lie at equal distances between them."""
-    lateral: Float[Array, " samples"] = field("m", finite)
+    lateral: Float[Array, " samples"] = field("m", finite, plausible=(-1.0, 1.0))
     """Displacement of the rail's axis along y at the samples [m]."""
-    vertical: Float[Array, " samples"] = field("m", finite)
+    vertical: Float[Array, " samples"] = field("m", finite, plausible=(-1.0, 1.0))
     """Displacement along z [m]."""
-    roll: Float[Array, " samples"] | None = field("rad", finite, default=None)
+    roll: Float[Array, " samples"] | None = field("rad", finite, plausible=(-0.5, 0.5), default=None)
     """Roll angle [rad]. None: the track does not roll."""
     ends: str = eqx.field(static=True)
     """One of `ENDS`."""

@@ -5,7 +5,6 @@ import contextlib
 import csv
 import hashlib
 import io
-import itertools
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -14,39 +13,23 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
-from ..tools.checks import brief, number, numbers, positive, require, shown_number, warn
+from ..tools.checks import brief, number, positive, require, shown_number, warn
+from ..tools.fields import unit_of
 from ..tools.files import content_of, readable, user_path
 from ..tools.units import unit_factor
 from .rails import EQUAL_SPACING, SampledTrack
 
-COLUMNS = {"distance": "m", "lateral": "m", "vertical": "m", "roll": "rad"}
-"""Columns of a survey, and the kinds of their units."""
+COLUMNS = {name: unit_of(SampledTrack, name) for name in ("distance", "lateral", "vertical", "roll")}
+"""Columns of a survey, and their SI units."""
 ALIASES = {"chainage": "distance", "station": "distance", "x": "distance", "y": "lateral", "z": "vertical"}
 """Other names of columns."""
-PLAUSIBLE = {"lateral": 1.0, "vertical": 1.0, "roll": 0.5}
-"""Greatest plausible magnitudes of columns [m, m, rad]: a level above the sea is no displacement."""
-MISSING = (-9999.0, -99999.0)
-"""Numbers that stand for none in many files, whatever the unit."""
 STATIONS = {("m", 3): 1000.0, ("m", 4): 1000.0, ("ft", 2): 100.0}
 """What a distance such as 129+773 counts before its plus, by its unit and the digits after: kilometres, or feet."""
-NAMED = r"\s*([A-Za-z_]+)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*"
-"""A name, and a unit if any."""
-UNIT = r"\s*[\[(]?\s*(?:[^\W\d_]+|°)\s*[\])]?\s*"
-"""A unit in a line of units."""
-CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f\x7f-\x9f]")
-"""Characters that are in no table."""
-NETCDF = (b"\x89HDF", b"CDF")
-"""Beginnings of netCDF files: of version 4, and of those before."""
-MOST_LINES_BEFORE = 200
-"""Lines within which the names must stand."""
-MOST_SAMPLES = 50_000_000
-"""Most samples of a survey."""
-LARGEST_GAP = 3.0
-"""Distance between neighbours that is a gap, over the median of all."""
-COARSE = 4.0
-"""Samples per typical wavelength below which a survey is too coarse."""
-LEAST_GAIN = 0.1
-"""Share of a wave that chords must show for the wave to be recovered from them."""
+MISSING = ("", "-9999", "-9999.0", "-99999", "-99999.0")
+"""Cells that stand for no number."""
+_HDF5 = b"\x89HDF"  # the beginning of netCDF files of version 4
+_NAMED = r"\s*([A-Za-z_]+)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*"  # a name, and a unit if any
+_UNIT = r"\s*[\[(]?\s*(?:[^\W\d_]+|°)\s*[\])]?\s*"  # a unit in a line of units
 
 
 class SurveyedTrack(SampledTrack):
@@ -78,7 +61,8 @@ class SurveyedTrack(SampledTrack):
         """
         path = user_path(file, "file")
         content = content_of(path)
-        self.file, self.sha256 = str(file), hashlib.sha256(content).hexdigest()[:16]
+        self.file = str(file)
+        self.sha256 = hashlib.sha256(content).hexdigest()[:16]
         need = "be the content with which the scene was made"
         require(sha256 in (None, self.sha256), "sha256", need, shown=f"another one of {file} now")
         columns = _read(path, content)
@@ -86,21 +70,31 @@ class SurveyedTrack(SampledTrack):
         if self.chord is not None:
             columns = _from_chords(columns, self.chord)
         super().__init__(**columns, ends=ends, ramp=ramp, reference_length=reference_length)
-        _check_sampling(self)
+        self._check_sampling()
 
     def __repr__(self) -> str:
         ends = f"{shown_number(self.distance)} m, {len(self.lateral)} samples, ends='{self.ends}'"
         return f"SurveyedTrack('{self.file}', {ends})"
 
+    def _check_sampling(self) -> None:
+        """Warn where the samples are too far apart for what they show."""
+        spacing = float(self.spacing)
+        wave = float(self.shortest_wavelength)
+        if wave < 4 * spacing:
+            warn(
+                f"Argument `file`, {self.file}, is sampled every {spacing:g} m, too coarsely for waves of {wave:.2g} "
+                "m: what lies between the samples is made up."
+            )
+
 
 def load_rail(file: Any, *, chord: float | None = None, **options: Any) -> SurveyedTrack:
-    """Reads a survey of a rail.
+    """Read a survey of a rail.
 
     A CSV file has a line of names with units in brackets, such as `chainage [ft], lateral [mm], vertical [mm]`, or
     with units in the line below, and a line for each sample; `roll` is optional. Lines above the names are left out,
-    and lines that begin with #. Columns stand between commas, or between semicolons or tabs, where decimals may have
-    commas; distances may be stations such as 129+773 [m]. A netCDF file has variables of these names with an
-    attribute `units`, packed or not. Lateral counts positive to the left, vertical upwards, roll about x.
+    and what follows #. Columns stand between commas, or between semicolons or tabs, where decimals may have commas;
+    distances may be stations such as 129+773 [m]. A netCDF file has variables of these names with an attribute
+    `units`, packed or not. Lateral counts positive to the left, vertical upwards, roll about x.
 
     **Arguments:**
 
@@ -114,7 +108,7 @@ def load_rail(file: Any, *, chord: float | None = None, **options: Any) -> Surve
 
     **Raises:** `ValueError` with file and line for names, units or numbers that are wrong, two columns of one
     meaning, marks of missing values such as -9999, distances that do not increase, and gaps; `OSError` for a file
-    that cannot be read. A warning names the line of a displacement that is implausible, such as a level of the sea.
+    that cannot be read. A warning tells displacements that are implausible, such as a level above the sea.
     """
     return SurveyedTrack(file, chord=chord, **options)
 
@@ -128,51 +122,47 @@ class _Column(NamedTuple):
     values: np.ndarray  # in its unit; NaN where there is no number
 
 
+Place = Callable[[int], str]
+"""Names the line or the number of a sample."""
+
+
 def _read(path: Path, content: bytes) -> dict[str, np.ndarray]:
-    """Returns the columns of a file by name, in SI units."""
-    is_netcdf = content.startswith(NETCDF)
+    """Return the columns of a file by name, in SI units."""
+    is_netcdf = content.startswith((_HDF5, b"CDF"))
     columns, place = _from_netcdf(path, content) if is_netcdf else _from_csv(path, content)
-    for k, one in enumerate(columns):
-        for other in columns[:k]:
-            if other.name == one.name:
-                raise ValueError(f"{path}: {other.written} and {one.written} are both {one.name}: leave one out.")
-    si = {}
+    found: dict[str, _Column] = {}
     for one in columns:
-        for bad, words in ((~np.isfinite(one.values), "no number"), (np.isin(one.values, MISSING), "a mark of none")):
-            if np.any(bad):
-                raise ValueError(f"{path}, {place(int(np.argmax(bad)))}: `{one.name}` has {words}.")
-        si[one.name] = one.values * unit_factor(one.name, one.unit, COLUMNS[one.name])
-        far = np.abs(si[one.name]) - PLAUSIBLE.get(one.name, np.inf)
-        if np.max(far) > 0:
-            k = int(np.argmax(far))
-            warn(
-                f"{path}, {place(k)}: `{one.name}` is {one.values[k]:g} {one.unit}; plausible are displacements of "
-                f"{PLAUSIBLE[one.name]:g} {COLUMNS[one.name]} at most. Are the unit and the column right?"
-            )
-    if "distance" not in si or not {"lateral", "vertical"} & set(si):
-        found = ", ".join(si) or "neither"
-        raise ValueError(f"{path} must have distance, and lateral or vertical, but has {found}.")
+        if one.name in found:
+            other = found[one.name].written
+            raise ValueError(f"{path}: {other} and {one.written} are both {one.name}: leave one out.")
+        if not np.all(np.isfinite(one.values)):
+            raise ValueError(f"{path}, {place(int(np.argmin(np.isfinite(one.values))))}: `{one.name}` has no number.")
+        found[one.name] = one
+    if "distance" not in found or not {"lateral", "vertical"} & set(found):
+        names = ", ".join(found) or "neither"
+        raise ValueError(f"{path} must have distance, and lateral or vertical, but has {names}.")
+    si = {name: one.values * unit_factor(name, one.unit, COLUMNS[name]) for name, one in found.items()}
     _check_distances(path, si["distance"], place)
     zero = np.zeros_like(si["distance"])
     return {"lateral": zero, "vertical": zero} | si
 
 
-def _check_distances(path: Path, distance: np.ndarray, place: Callable[[int], str]) -> None:
-    """Raises `ValueError` for distances that do not increase, and for gaps."""
+def _check_distances(path: Path, distance: np.ndarray, place: Place) -> None:
+    """Raise `ValueError` for distances that do not increase, and for gaps."""
     steps = np.diff(distance)
-    if len(steps) and np.all(steps < 0):
+    if not len(steps):
+        return
+    if np.all(steps < 0):
         raise ValueError(
             f"{path}: distances fall, and slippers go the way they rise: reverse the rows, and change the signs of "
             "lateral and roll if left was left along the falling distance."
         )
-    back = np.flatnonzero(steps <= 0)
-    if len(back):
-        k = int(back[0])
+    k = int(np.argmin(steps > 0))
+    if steps[k] <= 0:
         shown = f"distance {distance[k + 1]:.10g} m does not exceed {distance[k]:.10g} m"
         raise ValueError(f"{path}, {place(k + 1)}: {shown}.")
-    wide = np.flatnonzero(steps > LARGEST_GAP * np.median(steps)) if len(steps) else steps
-    if len(wide):
-        k = int(wide[0])
+    k = int(np.argmax(steps > 3 * np.median(steps)))
+    if steps[k] > 3 * np.median(steps):
         shown = f"a gap of {steps[k]:g} m after {distance[k]:.10g} m, in samples every {np.median(steps):g} m"
         raise ValueError(f"{path}, {place(k + 1)}: {shown}.")
 
@@ -188,40 +178,39 @@ class _Header(NamedTuple):
     columns: list[tuple[str, str, str]]  # as written, by name, and the unit
 
 
-def _from_csv(path: Path, content: bytes) -> tuple[list[_Column], Callable[[int], str]]:
-    """Returns the columns of a text, and a function that names the line of a sample."""
+def _from_csv(path: Path, content: bytes) -> tuple[list[_Column], Place]:
+    """Return the columns of a text, and the place of a sample."""
     import pandas as pd  # here, because importing it takes time
 
-    text = _decoded(path, content)
-    header = _header(path, text)
-    body = io.StringIO(text, newline=None)
-    for _ in range(header.lines):
-        body.readline()
-    samples = re.sub("#.*", "", body.read())
-    decimal = "." if header.delimiter == "," or "," not in samples else ","
+    lines = _decoded(path, content).splitlines()
+    header = _header(path, lines)
+    rows = {}  # samples without remarks, by the number of their line
+    for k, line in enumerate(lines[header.lines :], header.lines + 1):
+        sample = line.partition("#")[0]
+        if sample.strip():
+            rows[k] = sample
+    at = list(rows)
+    samples = "\n".join(rows.values())
+    decimal = "," if header.delimiter != "," and "," in samples else "."
     if decimal == "," and "." in samples:
         raise ValueError(f"{path}: has commas and points in its numbers: write one of them, for decimals.")
-    options = dict(sep=header.delimiter, decimal=decimal, header=None, skipinitialspace=True)
-    options |= dict(keep_default_na=False, na_values=[""])
+    if not rows:
+        raise ValueError(f"{path} has no samples.")
+    options: dict[str, Any] = dict(sep=header.delimiter, decimal=decimal, header=None, skipinitialspace=True)
     try:
-        table = pd.read_csv(io.StringIO(samples), **options)  # pyright: ignore[reportArgumentType, reportCallIssue]
-    except pd.errors.EmptyDataError:
-        raise ValueError(f"{path} has no samples.") from None
+        table = pd.read_csv(io.StringIO(samples), keep_default_na=False, na_values=list(MISSING), **options)
     except pd.errors.ParserError as error:
         words = re.search(r"in line (\d+), saw (\d+)", str(error))
         if words is None:
             raise ValueError(f"{path} is no table: {error}") from None
-        raise _wrong_count(path, header.lines + int(words[1]), int(words[2]), header) from None
-
-    def place(sample: int) -> str:
-        shown = (k for k, line in enumerate(samples.split("\n"), 1) if line.strip())
-        return f"line {header.lines + next(itertools.islice(shown, sample, None))}"
-
+        raise _wrong_count(path, at[int(words[1]) - 1], int(words[2]), header) from None
     if table.shape[1] != len(header.columns):
-        raise _wrong_count(path, int(place(0).split()[1]), table.shape[1], header)
+        raise _wrong_count(path, at[0], table.shape[1], header)
+    place = lambda sample: f"line {at[sample]}"
     columns = []
     for (written, name, unit), (_, cells) in zip(header.columns, table.items(), strict=True):
-        columns.append(_Column(written, name, unit, _numbers(path, name, unit, cells, decimal, place)))
+        number = _Number(path, name, unit, decimal, place)
+        columns.append(_Column(written, name, unit, number.each(cells)))
     return columns, place
 
 
@@ -231,48 +220,44 @@ def _wrong_count(path: Path, line: int, found: int, header: _Header) -> ValueErr
 
 
 def _decoded(path: Path, content: bytes) -> str:
-    """Returns the text of a file in UTF-8 or Latin-1, or in UTF-16 that says so."""
-    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        encodings = ("utf-16",)
-    else:
-        encodings = ("utf-8-sig", "latin-1")
-    for encoding in encodings:
+    """Return the text of a file in UTF-8 or Latin-1, or in UTF-16 that says so."""
+    wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    for encoding in ("utf-16",) if wide else ("utf-8-sig", "latin-1"):
         with contextlib.suppress(UnicodeDecodeError):
             text = content.decode(encoding)
-            if not CONTROL.search(text):
+            if not re.search(r"[\x00-\x08\x0e-\x1f\x7f-\x9f]", text):  # which are in no table
                 return text
     raise ValueError(f"{path} is neither a text in UTF-8, UTF-16 or Latin-1 nor a netCDF file.")
 
 
-def _header(path: Path, text: str) -> _Header:
-    """Finds the line of names, after lines of other words if any, and the units there or in the line below."""
-    delimiter, lines = None, list(itertools.islice(io.StringIO(text, newline=None), MOST_LINES_BEFORE))
-    for k, line in enumerate(lines, 1):
-        told = re.fullmatch(r'\s*"?sep=(.)"?\s*', line, re.IGNORECASE)
-        delimiter = told[1] if told else delimiter
-        if told or line.lstrip().startswith("#"):
+def _header(path: Path, lines: list[str]) -> _Header:
+    """Find the line of names, after lines of other words if any, and the units there or in the line below."""
+    for k, line in enumerate(lines[:200], 1):
+        delimiter = next((mark for mark in ("\t", ";", ",") if mark in line), None)
+        if delimiter is None or line.lstrip().startswith("#"):
             continue
-        mark = delimiter or next((d for d in ("\t", ";", ",") if d in line), None)
-        cells = [] if mark is None else _cells(line, mark)
-        found = [re.fullmatch(NAMED, cell) for cell in cells]
-        known = [match is not None and _name(match[1]) in COLUMNS for match in found]
-        if mark is None or sum(known) < 2:
+        cells = _cells(line, delimiter)
+        found = [re.fullmatch(_NAMED, cell) for cell in cells]
+        known = [match for match in found if match is not None and _name(match[1]) in COLUMNS]
+        if len(known) < 2:
             continue
         units = [match and match[2] for match in found]
-        below = _cells(lines[k], mark) if k < len(lines) else []
-        in_line_below = not any(units) and len(below) == len(cells) and all(re.fullmatch(UNIT, c) for c in below)
+        below = _cells(lines[k], delimiter) if k < len(lines) else []
+        in_line_below = not any(units) and len(below) == len(cells) and all(re.fullmatch(_UNIT, c) for c in below)
         if in_line_below:
             units = [cell.strip().strip("[]()") for cell in below]
         columns = [_column(path, k, *one) for one in zip(cells, found, units, strict=True)]
-        return _Header(k + in_line_below, mark, columns)
-    names = ", ".join(f"{name} [{unit}]" for name, unit in COLUMNS.items())
-    raise ValueError(f"{path} has no line of names with units, such as {names}, between commas, semicolons or tabs.")
+        return _Header(k + in_line_below, delimiter, columns)
+    raise ValueError(f"{path} has no line of names with units, such as {_NAMES}, between commas, semicolons or tabs.")
+
+
+_NAMES = ", ".join(f"{name} [{unit}]" for name, unit in COLUMNS.items())
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
-    """Returns the cells of a line; none where one is longer than any name."""
+    """Return the cells of a line; none where one is longer than any name."""
     with contextlib.suppress(csv.Error):
-        return next(csv.reader([line.strip("\r\n")], delimiter=delimiter), [])
+        return next(csv.reader([line], delimiter=delimiter), [])
     return []
 
 
@@ -281,11 +266,10 @@ def _name(text: str) -> str:
 
 
 def _column(path: Path, line: int, cell: str, match: re.Match | None, unit: str | None) -> tuple[str, str, str]:
-    """Returns a column as it is written, its name and its unit."""
+    """Return a column as it is written, its name and its unit."""
     name = "" if match is None else _name(match[1])
-    if match is None or unit is None or name not in COLUMNS:
-        names = ", ".join(f"{name} [{unit}]" for name, unit in COLUMNS.items())
-        raise ValueError(f"{path}, line {line}: {brief(cell.strip())} is no name with a unit, such as {names}.")
+    if unit is None or name not in COLUMNS:
+        raise ValueError(f"{path}, line {line}: {brief(cell.strip())} is no name with a unit, such as {_NAMES}.")
     try:
         unit_factor(name, unit, COLUMNS[name])
     except ValueError as error:
@@ -293,80 +277,76 @@ def _column(path: Path, line: int, cell: str, match: re.Match | None, unit: str 
     return cell.strip(), name, unit
 
 
-def _numbers(path: Path, name: str, unit: str, cells: Any, decimal: str, place: Callable[[int], str]) -> np.ndarray:
-    """Returns the cells of a column as numbers, those with a plus inside as `STATIONS` says."""
-    refused = lambda k, shown, also="": ValueError(
-        f"{path}, {place(k)}: `{name}` must be a number{also}, but is {shown}."
-    )
-    if cells.isna().any():
-        raise refused(int(np.argmax(cells.isna())), "missing")
-    if cells.dtype.kind in "fiu":
-        return cells.to_numpy(float)
-    values = np.empty(len(cells))
-    for k, cell in enumerate(cells):
-        words = str(cell).replace(decimal, ".").strip()
-        station = re.fullmatch(r"(\d+)\+(\d+)(\.\d*)?", words) if name == "distance" else None
-        if station is not None and (unit, len(station[2])) not in STATIONS:
-            raise refused(k, brief(cell), ", or as 129+773 in m, or as 1297+73 in ft")
-        try:
-            if "_" in words:  # which Python reads as thousands
-                raise ValueError
-            values[k] = float(words if station is None else station[2] + (station[3] or ""))
-        except ValueError:
-            raise refused(k, brief(cell)) from None
+class _Number(NamedTuple):
+    """Reads the cells of a column."""
+
+    path: Path
+    name: str
+    unit: str
+    decimal: str
+    place: Place
+
+    def each(self, cells: Any) -> np.ndarray:
+        """Return the cells as numbers, those with a plus inside as `STATIONS` says."""
+        if cells.dtype.kind in "fiu":
+            return cells.to_numpy(float)
+        return np.array([self.one(k, cell) for k, cell in enumerate(cells)])
+
+    def one(self, k: int, cell: Any) -> float:
+        """Return the number in a cell, NaN for none."""
+        words = str(cell).replace(self.decimal, ".").strip()
+        station = re.fullmatch(r"(\d+)\+(\d+)(\.\d*)?", words) if self.name == "distance" else None
+        before = 0.0
+        also = ""
         if station is not None:
-            values[k] += STATIONS[unit, len(station[2])] * int(station[1])
-    return values
+            before = float(station[1]) * STATIONS.get((self.unit, len(station[2])), np.nan)
+            words = station[2] + (station[3] or "")
+            also = ", or as 129+773 in m, or as 1297+73 in ft"
+        try:
+            # Python reads an underscore as a mark of thousands
+            value = before + (np.nan if "_" in words else float(words))
+        except ValueError:
+            value = np.nan
+        if np.isnan(value) and cell == cell:
+            need = f"must be a number{also}, but is {brief(cell)}"
+            raise ValueError(f"{self.path}, {self.place(k)}: `{self.name}` {need}.")
+        return value
 
 
 # --- netCDF ---------------------------------------------------------------------------------------------------------
 
 
-def _from_netcdf(path: Path, content: bytes) -> tuple[list[_Column], Callable[[int], str]]:
-    """Returns the columns of a netCDF file, unpacked, and a function that names a sample."""
+def _from_netcdf(path: Path, content: bytes) -> tuple[list[_Column], Place]:
+    """Return the columns of a netCDF file, unpacked, and the place of a sample."""
     import xarray as xr  # here, because importing it takes time
 
-    how: dict[str, Any] = dict(engine="h5netcdf", phony_dims="sort")
-    # scipy maps files into memory, and cannot close those that it fails to read
-    source, how = (path, how) if content.startswith(NETCDF[0]) else (io.BytesIO(content), dict(engine="scipy"))
-    with readable(path, "netCDF file"):
-        ds = xr.open_dataset(source, decode_times=False, **how)
-    with ds:
-        columns = [_variable(path, key, ds[key]) for key in map(str, ds.variables) if _name(key) in COLUMNS]
+    is_hdf5 = content.startswith(_HDF5)
+    engine: dict[str, Any] = dict(engine="h5netcdf", phony_dims="sort") if is_hdf5 else dict(engine="scipy")
+    with readable(path, "netCDF file"), xr.open_dataset(io.BytesIO(content), decode_times=False, **engine) as ds:
+        found = {str(key): ds[key].load() for key in ds.variables if _name(str(key)) in COLUMNS}
+    columns = [_variable(path, key, array) for key, array in found.items()]
     if len({len(one.values) for one in columns}) > 1:
-        raise ValueError(f"{path}: {', '.join(one.written for one in columns)} must have one length.")
+        raise ValueError(f"{path}: {', '.join(found)} must have one length.")
     return columns, lambda sample: f"sample {sample}"
 
 
 def _variable(path: Path, key: str, array: Any) -> _Column:
-    """Returns a variable of a netCDF file as a column."""
+    """Return a variable of a netCDF file as a column."""
     unit = str(array.attrs.get("units", ""))
     require(unit, f"{path}: {key}", "have an attribute `units`", shown="none")
-    good = array.ndim == 1 and 0 < array.size <= MOST_SAMPLES and array.dtype.kind in "fiu"
-    need = f"be numbers along one dimension, {MOST_SAMPLES} at most"
+    good = array.ndim == 1 and array.size > 0 and array.dtype.kind in "fiu"
+    need = "be numbers along one dimension"
     require(good, f"{path}: {key}", need, shown=f"{array.dtype} of shape {array.shape}")
     down = array.attrs.get("positive", "up") == "down"
     require(not down, f"{path}: {key}", "be positive upwards: change its signs and the attribute", shown="downwards")
-    with readable(path, "netCDF file"):
-        values = np.asarray(array.values, float)
-    low, high = _valid(path, key, array)
-    return _Column(key, _name(key), unit, np.where((low <= values) & (values <= high), values, np.nan))
-
-
-def _valid(path: Path, key: str, array: Any) -> tuple[float, float]:
-    """Returns the ends of the valid range of a variable, which files give for packed numbers."""
-    ends = [array.attrs.get("valid_min", -np.inf), array.attrs.get("valid_max", np.inf)]
-    packed = numbers(f"valid range of {key}", array.attrs.get("valid_range", ends), 1)
-    require(packed.shape == (2,), f"valid range of {key}", "be two numbers", packed)
-    low, high = np.sort(array.encoding.get("scale_factor", 1.0) * packed + array.encoding.get("add_offset", 0.0))
-    return float(low), float(high)
+    return _Column(key, _name(key), unit, np.asarray(array.values, float))
 
 
 # --- chords ---------------------------------------------------------------------------------------------------------
 
 
 def _from_chords(columns: dict[str, np.ndarray], chord: float) -> dict[str, np.ndarray]:
-    """Returns displacements from distances to the middle of a chord, see `load_rail`."""
+    """Return displacements from distances to the middle of a chord, see `load_rail`."""
     distance = columns["distance"]
     steps = np.diff(distance)
     even = np.ptp(steps) <= 2 * EQUAL_SPACING * steps.mean()
@@ -374,22 +354,13 @@ def _from_chords(columns: dict[str, np.ndarray], chord: float) -> dict[str, np.n
     count = 2 * len(steps)
     k = np.fft.rfftfreq(count, steps.mean())
     gain = 1 - np.cos(np.pi * k * chord)
-    seen = gain > LEAST_GAIN
+    seen = gain > 0.1  # waves that the chord hardly shows would be noise
+    inverse = np.where(seen, 1 / np.where(seen, gain, 1.0), 0.0)
     out = dict(columns)
     for name in ("lateral", "vertical"):
         # less the line through both ends, which no chord shows, and continued oddly, so that both ends meet
         odd = columns[name] - np.linspace(columns[name][0], columns[name][-1], len(distance))
         waves = np.fft.rfft(np.append(odd[:-1], -odd[:0:-1]))
-        found = np.fft.irfft(np.where(seen, waves / np.where(seen, gain, 1.0), 0.0), n=count)
+        found = np.fft.irfft(waves * inverse, n=count)
         out[name] = np.append(found, found[:1])[: len(distance)]
     return out
-
-
-def _check_sampling(track: SurveyedTrack) -> None:
-    """Warns where the samples are too far apart for what they show."""
-    spacing, wave = float(track.spacing), float(track.shortest_wavelength)
-    if wave < COARSE * spacing:
-        warn(
-            f"Argument `file`, {track.file}, is sampled every {spacing:g} m, too coarsely for waves of {wave:.2g} m: "
-            f"what lies between the samples is made up."
-        )
