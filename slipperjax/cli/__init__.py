@@ -1,6 +1,5 @@
 """The command line: parse, call, write."""
 
-import gc
 import sys
 import warnings
 
@@ -17,13 +16,6 @@ def _one_line(message, category, filename, lineno, file=None, line=None) -> None
     print("warning: " + " ".join(str(message).split()), file=sys.stderr)
 
 
-def _spare_collector() -> None:
-    """Lets Python look for garbage less often: modules are none, and a command makes little. Short runs take a tenth
-    less time."""
-    gc.freeze()
-    gc.set_threshold(50_000)
-
-
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: exit code 0, 1 where nothing finite came out, 2 with one line that says what is wrong, or after an
     interrupt 130 (Ctrl-C), 143 (`kill`) or 129 (a terminal that was closed).
@@ -32,8 +24,6 @@ def main(arguments: list[str] | None = None) -> None:
     without waiting for its threads.
     """
     warnings.showwarning = _one_line
-    if arguments is None:
-        _spare_collector()
     with Signals() as signals:
         try:
             code = _called(sys.argv[1:] if arguments is None else arguments, signals)
@@ -46,8 +36,6 @@ def main(arguments: list[str] | None = None) -> None:
             print("interrupted", file=sys.stderr)
             if arguments is None:
                 leave(code)
-    if arguments is None:
-        gc.freeze()  # what is left goes with the process: Python's last search would take longer than a short run
     sys.exit(code)
 
 

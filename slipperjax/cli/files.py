@@ -1,15 +1,11 @@
 """Files of a command: OUT with endings, written whole or not at all, also after an interrupt."""
 
-import importlib
 import sys
 import tempfile
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-
-import jax
 
 from ..flow.status import Interrupted
 from ..tools.files import listed, said, write_each
@@ -34,36 +30,6 @@ def make_folder(folder: Path, out: Path) -> None:
         raise ValueError(f"Option --out must name a place that can be written, but {out}: {error}") from error
 
 
-LARGE_PROGRAM = 0.1
-"""Seconds that it takes to lower a program which then takes seconds to compile."""
-_WAITING_IMPORTS: list[Callable[[], None]] = []
-
-
-def _import_while_compiling(event: str, seconds: float, **_: Any) -> None:
-    """Begins the imports that wait on a thread of their own: compiling does not hold the interpreter's lock."""
-    if event == "/jax/core/compile/jaxpr_to_mlir_module_duration" and seconds > LARGE_PROGRAM and _WAITING_IMPORTS:
-        threading.Thread(target=_WAITING_IMPORTS.pop()).start()
-
-
-jax.monitoring.register_event_duration_secs_listener(_import_while_compiling)
-
-
-def _import_writers() -> None:
-    """Imports the packages that write and draw."""
-    try:
-        import h5netcdf  # noqa: F401
-        import matplotlib
-        import xarray as xr
-
-        matplotlib.use("Agg")
-        xr.Dataset({"nothing": 0.0}).to_netcdf(
-            engine="h5netcdf"
-        )  # imports what it looks for: other arrays, schedulers
-        importlib.import_module("slipperjax.plots")
-    except Exception:  # who needs it will say so
-        pass
-
-
 def _picture(ds: Any, draw: Draw) -> bytes:
     """Draws a dataset by `draw`, as the content of a PNG file."""
     import matplotlib
@@ -86,12 +52,12 @@ class Outputs:
         if out.name in ("", ".."):
             raise ValueError(f"Option --out must name files, as ./result does, but is the folder '{out}'.")
         make_folder(out.parent, out)
-        self.out, self.endings = out, endings
+        self.out = out
+        self.endings = endings
         paths = [Path(f"{out}{ending}") for ending in endings]
         for path in paths:
             if path.is_dir():
                 raise ValueError(f"Option --out must name a place for {path.name}, but {path} is a folder.")
-        _WAITING_IMPORTS[:] = [_import_writers]
         old = [str(path) for path in paths if path.exists()]
         if old:
             print(f"{listed(old)} will be replaced", file=sys.stderr)
@@ -133,7 +99,8 @@ def step_error(scene: Any, changes: Any) -> str:
 
     from ..model.kinematics import share_of_scale
 
-    most, share = float(np.max(changes)), float(share_of_scale(scene))
+    most = float(np.max(changes))
+    share = float(share_of_scale(scene))
     if not np.isfinite(most):
         return "half the step does not stay finite"
     units = f"{share:g} mm, {10 * share:g} mrad, 1 m/s, 10 rad/s"

@@ -1,21 +1,12 @@
 """The command that runs a scene over a length of rail, and says in words what a test would ask."""
 
-import contextlib
-from collections.abc import Iterator, Mapping
 from typing import Any
 
 import click
 
-from ..tools.units import STANDARD_GRAVITY, unit_factor, unit_in
+from ..tools.units import STANDARD_GRAVITY
 from .files import Outputs, keeping, step_error
 from .options import FILE, LOST, Case, app, begin, given, result, takes_case
-
-
-def _page(ds: Any) -> Any:
-    # imported when it draws: compiling need not wait for it
-    from ..plots.runs import run_overview
-
-    return run_overview(ds)
 
 
 @app.command()
@@ -30,99 +21,83 @@ def run(case: Case, begin: float | None, out: Any) -> int:
     """
     from ..flow.datasets import load_run
     from ..flow.status import Status
+    from ..plots.runs import run_overview
     from ..sweeps.runs import run as over_rail
 
     table = load_run(click.get_current_context().params["scene"])
-    options = case.options | {"begin": begin} | {name: value for name, value in table.items() if not given(name)}
+    of_file = {name: value for name, value in table.items() if not given(name)}
+    options = case.options | {"begin": begin} | of_file
     files = Outputs(out, ".nc", ".png")
-    with keeping(lambda ds: files.write(ds, _page, partial=True)):
-        ds = over_rail(case.scene, **options, probe=PROBES, progress=True)
-    print(files.write(ds, _page))
-    print(f"{case.text()}\n{report(ds, case.scene, units_of(click.get_current_context().params['scene']))}")
+    with keeping(lambda ds: files.write(ds, run_overview, partial=True)):
+        ds = over_rail(case.scene, **options, probe=3, progress=True)
+    print(files.write(ds, run_overview))
+    print(f"{case.text()}\n{report(ds, case.scene)}")
     return LOST if int(ds["status"]) == Status.NOT_FINITE else 0
 
 
-PROBES = 3
-"""Places of a run where its error is measured by half the step."""
-UNITS = {"m": "m", "m/s": "m/s", "N": "kN"}
-"""Units of distances, speeds and forces by the SI unit, where a file has none."""
-
-
-def units_of(file: Any) -> dict[str, str]:
-    """Units of distances, speeds and forces, those of the tables [run], [speed] and [load] of a file: see `UNITS`."""
-    import tomllib
-    from pathlib import Path
-
-    tables = tomllib.loads(Path(file).read_text(encoding="utf-8-sig"))
-    asked = {"m": tables["run"], "m/s": tables.get("speed"), "N": tables.get("load")}
-    return {si: next(_units_in(table, si), UNITS[si]) for si, table in asked.items()}
-
-
-def _units_in(value: Any, si: str) -> Iterator[str]:
-    """The units of a kind in the texts of a table, such as "900 km/h" or unit = "lbf", in their order."""
-    if isinstance(value, dict | list):
-        for part in value.values() if isinstance(value, dict) else value:
-            yield from _units_in(part, si)
-    elif isinstance(value, str):
-        unit = unit_in(value)
-        with contextlib.suppress(ValueError):
-            unit_factor("unit", unit, si)
-            yield unit
-
-
-def report(ds: Any, scene: Any, units: Mapping[str, str] = UNITS) -> str:
-    """A run in words, a line for each answer, in units by the SI unit; what is not known is left out."""
-    import numpy as np
-
+def report(ds: Any, scene: Any) -> str:
+    """Return a run in words, a line for each answer; what is not known is left out."""
     from ..flow.status import Status
     from ..model.quantities import ACCELERATIONS
-    from ..plots.runs import edges_of, peak_of
+    from ..plots.runs import edges_of
 
-    # rounded first, because large numbers would be written as powers of ten
-    rounded = lambda value, si, digits: float(f"{value / unit_factor('', units[si], si):.{digits}g}")
-    number = lambda value, si, digits=4: f"{rounded(value, si, digits):.12g}"
-    in_words = lambda value, si, digits=4: f"{number(value, si, digits)} {units[si]}"
-    speed, seconds = ds["speed"].values, float(ds["seconds"][-1])
-    edges, at, status = edges_of(ds, "stretch"), peak_of(ds), Status(int(ds["status"]))
-    from_to = lambda low, high: f"{number(low, 'm', 6)} to {in_words(high, 'm', 6)}"
-    speeds = dict.fromkeys(number(value, "m/s") for value in (speed.min(), speed.max()))
-    lines = [f"{from_to(edges[0], edges[-1])} in {seconds:.4g} s, speed {' to '.join(speeds)} {units['m/s']}"]
-    if (peak := float(at["peak_force"])) > 0:
-        place, there = float(at["peak_distance"]), float(at["speed"])
-        where = f"{at['name'].item()} ({at['end'].item()}), {in_words(place, 'm', 6)} and {in_words(there, 'm/s')}"
-        static = static_load(scene, there)
-        times = f": {peak / static:.3g} times the static load of {in_words(static, 'N')}" if static > 0 else ""
-        lines.append(f"highest contact force {in_words(peak, 'N')} at {where}{times}")
+    speed = ds["speed"].values
+    seconds = float(ds["seconds"][-1])
+    edges = edges_of(ds, "stretch")
+    status = Status(int(ds["status"]))
+    speeds = dict.fromkeys((f"{speed.min():.4g}", f"{speed.max():.4g}"))
+    lines = [f"{edges[0]:.6g} to {edges[-1]:.6g} m in {seconds:.4g} s, speed {' to '.join(speeds)} m/s"]
+    lines += _peak(ds, scene)
     if status != Status.NOT_FINITE:
         impacts = float(ds["impacts"].sum())
         lines.append(f"{impacts:.0f} impacts, {impacts / seconds:.4g} per second")
-        most = [(f"{name} ", float(ds[f"peak_{name}"].max()), q.unit) for name, q in ACCELERATIONS.items()]
-        lines.append(f"greatest accelerations: {', '.join(name + _with_g(*value) for name, *value in most)}")
+        most = [f"{name} {_with_g(float(ds[f'peak_{name}'].max()), q.unit)}" for name, q in ACCELERATIONS.items()]
+        lines.append(f"greatest accelerations: {', '.join(most)}")
         if "friction_work" in ds:
             lines.append(f"friction work {float(ds['friction_work'].sum()) / 1e3:.4g} kJ")
-        percentile, rms = ds["peak_force_percentile"].sel(percentile=99).values, ds["rms_a_z"].values
-        for values, words, in_unit in (
-            (percentile, "99th percentile of the windows' highest forces", lambda value: in_words(value, "N")),
-            (rms, "RMS of a_z", lambda value: _with_g(value, "m/s^2")),
-        ):
-            k = int(np.argmax(values))
-            lines.append(f"worst {words}: {in_unit(values[k])} from {from_to(edges[k], edges[k + 1])}")
+        percentile = ds["peak_force_percentile"].sel(percentile=99).values / 1e3
+        lines.append(_worst("99th percentile of the windows' highest forces", percentile, "kN", edges))
+        lines.append(_worst("RMS of a_z", ds["rms_a_z"].values, "m/s^2", edges))
         if "probe_error" in ds:
             lines.append(step_error(scene, ds["probe_error"].values))
     return "\n".join([*lines, f"status: {status}"])
 
 
+def _peak(ds: Any, scene: Any) -> list[str]:
+    """Return the highest contact force and where it was, if there was any, as a line."""
+    from ..plots.runs import peak_of
+
+    at = peak_of(ds)
+    peak = float(at["peak_force"])
+    if not peak > 0:
+        return []
+    speed = float(at["speed"])
+    place = f"{at['name'].item()} ({at['end'].item()}), {float(at['peak_distance']):.6g} m and {speed:.4g} m/s"
+    static = static_load(scene, speed)
+    times = f": {peak / static:.3g} times the static load of {static / 1e3:.4g} kN" if static > 0 else ""
+    return [f"highest contact force {peak / 1e3:.4g} kN at {place}{times}"]
+
+
+def _worst(words: str, values: Any, unit: str, edges: Any) -> str:
+    """Return the greatest of a value of each stretch, and where it was."""
+    k = int(values.argmax())
+    return f"worst {words}: {_with_g(values[k], unit)} from {edges[k]:.6g} to {edges[k + 1]:.6g} m"
+
+
 def _with_g(value: float, unit: str) -> str:
-    """An acceleration, a linear one in multiples of standard gravity, too."""
+    """Return a value with its unit, a linear acceleration in multiples of standard gravity, too."""
     return f"{value:.4g} {unit}" + (f" ({value / STANDARD_GRAVITY:.3g} g)" if unit == "m/s^2" else "")
 
 
 def static_load(scene: Any, speed: float) -> float:
-    """Resultant across the rail of weight and load at a speed [N]."""
+    """Return the resultant across the rail of weight and load at a speed [N]."""
     import numpy as np
 
     from ..model.dynamics import driven_mass
 
-    _, y, z = (0.0, 0.0, 0.0) if scene.load is None else map(float, scene.load.wrench(speed)[0])
+    y = z = 0.0
+    if scene.load is not None:
+        force, _ = scene.load.wrench(speed)
+        y, z = float(force[1]), float(force[2])
     weight = 0.0 if scene.gravity is None else float(driven_mass(scene) * scene.gravity)
     return float(np.hypot(y, z - weight))

@@ -22,12 +22,6 @@ def parsed(name: str, value: Any, unit: str) -> float:
     return float(words[1]) / float(words[2] or 1) * unit_factor(name, words[3].strip(), unit)
 
 
-def unit_in(text: str) -> str:
-    """Returns the unit in a text such as "1.5 mm", or the text where it is no number with one."""
-    words = _QUANTITY.fullmatch(text)
-    return text.strip() if words is None else words[3].strip()
-
-
 STANDARD_GRAVITY = 9.80665
 """g, in which accelerations are given [m/s^2]."""
 _UNIT = r"(?:[^\W\d]|[µ°%*/^().·\s-]|\d(?!\s*(?:\d|\*\*|\^))){1,40}"
