@@ -61,8 +61,8 @@ tests/tools/test_limits.py -k durations
 # model
 degrees are inverted
 tests/model/test_paths.py
--per_shown=np.pi / 180
-+per_shown=180 / np.pi
+-"degrees": np.pi / 180
++"degrees": 180 / np.pi
 
 rear end ahead of the front
 tests/model/test_kernel.py -k right_hand_side

@@ -36,7 +36,7 @@ BRANCH_PATIENCE = 10.0
 
 
 def _overview(ds: Any) -> Any:
-    # imported when it draws: compiling need not wait for it
+    # imported when it draws: help and errors need not wait for it
     from ..plots.trajectories import overview
 
     return overview(ds)
@@ -45,7 +45,7 @@ def _overview(ds: Any) -> Any:
 @app.command()
 @option("--periods", COUNT, "Forcing periods to simulate.", default=60)
 @option("--saves-per-period", COUNT, "Saved states per forcing period.")
-@option("--probe", FROM_ZERO, "Periods that are repeated with half the step, for the error; or 0.", default=4)
+@option("--probe", FROM_ZERO, "Periods rerun at half the step to estimate the error; 0: none.", default=4)
 @begin
 @result("trajectory")
 @takes_case

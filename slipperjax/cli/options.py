@@ -5,12 +5,14 @@ Commands import what they need when they are called: help is quick.
 
 import dataclasses
 import functools
+import inspect
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
 
+from ..model.dang2024 import paper_scene
 from ..model.parameters import PARAMETERS, STARTS, parameter
 from ..tools.cache import compile_cache
 from ..tools.checks import finite, number, require
@@ -34,22 +36,8 @@ def flag(name: str, text: str) -> Callable[..., Any]:
     return click.option(name, is_flag=True, help=text)
 
 
-class Command(click.Command):
-    """A command that refuses an option which is given twice and can have one value only."""
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        _, _, order = self.make_parser(ctx).parse_args(list(args))
-        for one in order:
-            if order.count(one) > 1 and not getattr(one, "multiple", True):
-                raise click.UsageError(f"Option {one.opts[0]} must be given once, but is given more often.")
-        return super().parse_args(ctx, args)
-
-
 class Group(click.Group):
-    """A group of such commands, which an interrupt ends without a word of click's."""
-
-    command_class = Command
-    group_class = type
+    """A group of commands, which an interrupt ends without a word of click's."""
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
@@ -183,32 +171,17 @@ def result(default: str) -> Callable[..., Any]:
     return out(default, "Where to write: makes OUT.nc and OUT.png.", ".nc", ".png")
 
 
-PAPER: dict[str, Any] = {
-    "speed": 1250.0,
-    "clearance": 1.0,
-    "length": 0.2,
-    "mass": 14.0,
-    "gravity": "none",
-    "stiffness": 1e8,
-    "restitution": 0.9,
-    "wavelength": 8.0,
-    "amplitude": 1.0,
-    "roll_amplitude": 0.2,
-    "memory": "event",
-}
-"""Values of the paper's scene in display units, for help texts."""
+_PAPER = inspect.signature(paper_scene).parameters
 
 
-def _of_case(name: str, type: Any = None, text: str = "", **more: Any) -> Callable[..., Any]:
-    """An option that overrides what the scene's file says."""
-    if not text:
-        q = PARAMETERS[name]
-        type = Measure(name, q.unit, q.per_shown)
-        unit = ", above 0 and at most 1" if name == "restitution" else f" [{q.display_unit}]"
-        text = f"{q.long_name[0].upper()}{q.long_name[1:]}{unit}."
-    value = PAPER[name]
-    shown = f"{value if isinstance(value, str) else format(value, 'g')}, or the scene file's"
-    return option(f"--{name.replace('_', '-')}", type, text, show_default=shown, **more)
+def _of_case(name: str) -> Callable[..., Any]:
+    """Return the option that overrides a parameter of the scene."""
+    q = PARAMETERS[name]
+    shown = "the scene's"
+    if name in _PAPER:
+        shown = f"{q.shown(_PAPER[name].default):g}, or the scene file's"
+    text = f"{q.long_name[0].upper()}{q.long_name[1:]} [{q.display_unit}]."
+    return option(f"--{name.replace('_', '-')}", Measure(name, q.unit, q.per_shown), text, show_default=shown)
 
 
 begin = option(
@@ -221,16 +194,22 @@ begin = option(
 """The option of commands that travel along the rail."""
 CASE: dict[str, Callable[..., Any]] = {
     "scene": option("--scene", FILE, "A TOML file of a scene, or a result's netCDF file."),
-    **{name: _of_case(name) for name in PAPER if name not in ("wavelength", "memory")},
-    "wavelength": _of_case(
-        "wavelength",
+    **{name: _of_case(name) for name in PARAMETERS if not name.startswith("inertia")},
+    "wavelength": option(
+        "--wavelength",
         Measure("wavelength", "m"),
         "Irregularity wavelength [m]; repeat for several.",
         multiple=True,
         default=None,
+        show_default="8, or the scene file's",
     ),
     "rail": option("--rail", FILE, "A survey of the rail, CSV or netCDF-4, in place of the scene's track."),
-    "memory": _of_case("memory", click.Choice(["event", "smooth"]), "How contacts remember their touchdown."),
+    "memory": option(
+        "--memory",
+        click.Choice(["event", "smooth"]),
+        "How contacts remember their touchdown.",
+        show_default="event, or the scene file's",
+    ),
     "set": option(
         "--set",
         str,
@@ -313,7 +292,6 @@ def make_case(*, scene: Path | None, solver: str | None, steps_per_period: int |
     **Raises:** `ValueError` that names the argument or option which is wrong.
     """
     from ..flow.datasets import load_scene, load_start
-    from ..model.dang2024 import paper_scene
     from ..solvers.named import resolve_solver
 
     base, start = (paper_scene(), None) if scene is None else (load_scene(scene), load_start(scene))

@@ -55,7 +55,6 @@ def test_wrong_input_is_one_line(tmp_path, capsys):
         assert words in error_of(["design", "--out", tmp_path / "run", *arguments], capsys)
     three = ["--speeds", 1000, 1600, 3]
     for arguments, words in (
-        (["--mass", 1, "--mass", 2], "--mass must be given once"),
         (["--vary", "length", 1, 2], "Option --vary must name each parameter once, but has 'length'"),
         (["--vary", "slipper.length", 0.1, 0.2], "`length` must not be given with `slipper.length`"),
         (["--speeds", 1000, 1600], "--speeds"),

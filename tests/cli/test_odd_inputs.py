@@ -461,8 +461,6 @@ LINES = [
     (["simulate", "--set", "mass=3 m"], "`mass` must be in a unit like kg"),
     (["simulate", "--set", "wieght=3"], "`wieght` is no parameter"),
     (["simulate", "--set", "section.play.9=1e-3"], "must have a number of 0 to 4"),
-    (["simulate", "--speed", "900", "--speed", "1000"], "--speed must be given once"),
-    ([*OVER, "speed", "100", "2500", "3", "--over", "length", "0.1", "0.2", "2"], "--over must be given once"),
     ([*OVER, "speed", "0", "2500", "3", "--log", "speed"], "--log speed needs values above zero"),
     ([*OVER, "speed", "1", "2500", "3", "--log", "length"], "--log must name a parameter of --over or --by"),
     (["simulate", "--periods", "0"], "'--periods': 0 is not in the range x>=1"),
