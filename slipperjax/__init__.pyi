@@ -50,10 +50,10 @@ from .model.loads import Coulomb as Coulomb
 from .model.loads import FadingFriction as FadingFriction
 from .model.loads import TabulatedLoad as TabulatedLoad
 from .model.parameters import PARAMETERS as PARAMETERS
-from .model.rails import FourierTrack as FourierTrack
-from .model.rails import LocalTrack as LocalTrack
+from .model.tracks import FourierTrack as FourierTrack
+from .model.tracks import LocalTrack as LocalTrack
 from .model.rails import SampledTrack as SampledTrack
-from .model.rails import SumTrack as SumTrack
+from .model.tracks import SumTrack as SumTrack
 from .model.rails import TrackSet as TrackSet
 from .model.random_rails import RandomTrack as RandomTrack
 from .model.scene import Scene as Scene

@@ -15,19 +15,10 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import converted, fraction, instance, not_negative, one_of, positive, require, warn, whole_number
 from ..tools.compile import at_once, with_standard_promotion
-from ..tools.deviates import keys_of, normal, uniform
+from ..tools.deviates import keys_of, normal
 from ..tools.fields import ShapeChecked, field
-from .rails import DEFAULT_RAMP, ENDS, AbstractRail, SplineTrack, mean_wave, ramps, repeats_after
+from .rails import DEFAULT_RAMP, ENDS, AbstractRail, SplineTrack, mean_wave, ramps
 from .tracks import Irregularity, chosen
-
-SAMPLES_PER_WAVE = 8
-"""Samples of a random rail in its shortest wavelength: the spline changes that wave by a thousandth."""
-QUADRATURE = 4001
-"""Wavenumbers, evenly spaced by their logarithm, at which spectra are integrated."""
-HIGHEST = 4.0
-"""Slopes for step sizes, over their root mean square: of normal deviates one in 30,000 is greater."""
-SHORT_WAVES = 1.5
-"""Shortest wavelength from which on a rail has next to nothing that a slipper feels [m]: a warning says so."""
 
 
 class AbstractSpectrum(ShapeChecked):
@@ -35,15 +26,15 @@ class AbstractSpectrum(ShapeChecked):
 
     @abc.abstractmethod
     def density(self, wavenumber: Float[Array, "*places"]) -> Float[Array, "*places"]:
-        """Returns the one-sided density [m^2 per cycle/m], of roll [rad^2 per cycle/m].
+        """Return the one-sided density [m^2 per cycle/m], of roll [rad^2 per cycle/m].
 
         **Arguments:** `wavenumber` [cycles/m].
         """
 
     def rms(self, band: tuple[float, float], power: int = 0) -> Float[Array, ""]:
-        """Returns the root mean square over a band of wavelengths [m]: of the displacement [m], or with a `power` of
+        """Return the root mean square over a band of wavelengths [m]: of the displacement [m], or with a `power` of
         its derivative of that order by distance [m^(1 - power)]."""
-        k = jnp.geomspace(1 / band[1], 1 / band[0], QUADRATURE)
+        k = jnp.geomspace(1 / band[1], 1 / band[0], 4001)
         values = self.density(k) * (2 * jnp.pi * k) ** (2 * power)
         return jnp.sqrt(jnp.trapezoid(values * k, jnp.log(k)))
 
@@ -98,21 +89,8 @@ class TableSpectrum(AbstractSpectrum):
         return jnp.where(inside, jnp.exp(jnp.interp(jnp.log(k), *rows)), 0.0)
 
 
-GERMAN = {"low": (4.032e-7, 2.119e-7), "high": (1.08e-6, 6.125e-7)}
-"""German railway spectra: A of the vertical and of the lateral alignment [m^2 rad/m], by disturbance."""
-GERMAN_CORNERS = 0.0206, 0.8246
-"""Wr and Wc of these [rad/m]."""
-FRA_VERTICAL = {1: 1.2107, 2: 1.0181, 3: 0.6816, 4: 0.5376, 5: 0.2095, 6: 0.0339}
-"""A of the vertical profile by track class of the Federal Railroad Administration [cm^2 rad/m]."""
-FRA_LATERAL = {1: 3.3634, 2: 1.2107, 3: 0.4128, 4: 0.3027, 5: 0.0762, 6: 0.0339}
-"""Likewise of the lateral alignment, as commonly reprinted."""
-FRA_FACTOR, FRA_CORNER = 0.25, 0.8245
-"""k [1] and Wc [rad/m] of these."""
-SLED = 10e-6 * 0.01**2.085, 2.085
-"""A sled track's spectrum, a fit to 10 mm^2 m at 0.01 and 1e-4 mm^2 m at 2.5 cycles/m, doi:10.3969/j.issn.0258-2724.
-2015.06.028: amplitude [m^2 per cycle/m] and exponent."""
 SLED_BAND = 0.4, 100.0
-"""Wavelengths of that [m]."""
+"""Wavelengths of a sled track's published spectrum [m]."""
 
 
 class RandomTrack(AbstractRail):
@@ -146,10 +124,6 @@ class RandomTrack(AbstractRail):
     """Factor of all displacements [1]."""
     coherence: Float[Array, ""] | None = field("", fraction, default=None)
     """Correlation of the lateral with the vertical displacement [1]; None for none."""
-    line_wavelengths: Float[Array, " lines"] | None = field("m", positive, default=None)
-    """Wavelengths of vertical sines besides, of random phases, such as 1.32 m of supports [m]; None for none."""
-    line_amplitudes: Float[Array, " lines"] | None = field("m", not_negative, default=None)
-    """Amplitudes of these [m]."""
     ends: str = eqx.field(static=True, default="straight")
     """How the rail goes on beyond its ends, see `SampledTrack`."""
     ramp: Float[Array, ""] = field("m", not_negative, default=DEFAULT_RAMP)
@@ -159,30 +133,43 @@ class RandomTrack(AbstractRail):
 
     @classmethod
     def german(cls, disturbance: str = "low", **options: Any) -> "RandomTrack":
-        """Makes a rail of the German railways' spectra, of "low" or "high" disturbance; wavelengths of 3 to 25 m."""
-        vertical, lateral = GERMAN[one_of("disturbance", disturbance, tuple(GERMAN))]
-        spectra = {"vertical": CornerSpectrum(vertical, *GERMAN_CORNERS)}
-        spectra["lateral"] = CornerSpectrum(lateral, *GERMAN_CORNERS)
-        return cls(**{"band": (3.0, 25.0), **spectra, **options})
+        """Return a rail of the German railways' spectra, of "low" or "high" disturbance; wavelengths of 3 to 25 m."""
+        # A of the vertical and of the lateral alignment [m^2 rad/m]
+        amplitudes = {"low": (4.032e-7, 2.119e-7), "high": (1.08e-6, 6.125e-7)}
+        vertical, lateral = amplitudes[one_of("disturbance", disturbance, tuple(amplitudes))]
+        return cls(
+            **{
+                "band": (3.0, 25.0),
+                "vertical": CornerSpectrum(vertical, 0.0206, 0.8246),
+                "lateral": CornerSpectrum(lateral, 0.0206, 0.8246),
+                **options,
+            }
+        )
 
     @classmethod
     def fra(cls, track_class: int, **options: Any) -> "RandomTrack":
-        """Makes a rail of a track class of the Federal Railroad Administration, 1 to 6; wavelengths of 1.5 to
+        """Return a rail of a track class of the Federal Railroad Administration, 1 to 6; wavelengths of 1.5 to
         50 m."""
-        require(track_class in list(FRA_VERTICAL), "track_class", "be a class of 1 to 6", track_class)
-        of = lambda table: CornerSpectrum(FRA_FACTOR * table[track_class] * 1e-4, 0.0, FRA_CORNER)
-        spectra = {"vertical": of(FRA_VERTICAL), "lateral": of(FRA_LATERAL)}
-        return cls(**{"band": (1.5, 50.0), **spectra, **options})
+        require(track_class in range(1, 7), "track_class", "be a class of 1 to 6", track_class)
+        # A of the vertical profile and of the lateral alignment by class, as commonly reprinted [cm^2 rad/m]
+        vertical = (1.2107, 1.0181, 0.6816, 0.5376, 0.2095, 0.0339)
+        lateral = (3.3634, 1.2107, 0.4128, 0.3027, 0.0762, 0.0339)
+        of = lambda table: CornerSpectrum(0.25 * table[track_class - 1] * 1e-4, 0.0, 0.8245)
+        return cls(**{"band": (1.5, 50.0), "vertical": of(vertical), "lateral": of(lateral), **options})
 
     @classmethod
     def sled(cls, **options: Any) -> "RandomTrack":
-        """Makes a rail of a sled track's published spectrum, the same in both directions; wavelengths of 0.4 to
-        100 m."""
-        return cls.power_law(*SLED, **{"band": SLED_BAND, **options})
+        """Return a rail of a sled track's published spectrum, the same in both directions; wavelengths of 0.4 to
+        100 m.
+
+        A fit to 10 mm^2 m at 0.01 and 1e-4 mm^2 m at 2.5 cycles/m, doi:10.3969/j.issn.0258-2724.2015.06.028.
+        """
+        exponent = 2.085
+        return cls.power_law(10e-6 * 0.01**exponent, exponent, **{"band": SLED_BAND, **options})
 
     @classmethod
     def power_law(cls, amplitude: Any, exponent: Any, **options: Any) -> "RandomTrack":
-        """Makes a rail of the one-sided density `amplitude` k^-`exponent` in both directions.
+        """Return a rail of the one-sided density `amplitude` k^-`exponent` in both directions.
 
         **Arguments:** `amplitude`: at k = 1 cycle per metre [m^2 per cycle/m]; `options`: fields of `RandomTrack`.
         """
@@ -191,7 +178,7 @@ class RandomTrack(AbstractRail):
 
     @classmethod
     def spectrum(cls, wavenumber: Any, density: Any, **options: Any) -> "RandomTrack":
-        """Makes a rail of a table in both directions, its band that of the table.
+        """Return a rail of a table in both directions, its band that of the table.
 
         **Arguments:** `wavenumber` [cycles/m]; `density`: one-sided [m^2 per cycle/m].
         """
@@ -210,59 +197,43 @@ class RandomTrack(AbstractRail):
         one = isinstance(self.length, int | float | np.number) and self.length >= 2 * self.band[1]
         require(one, "length", need, self.length)
         one_of("ends", self.ends, ENDS)
-        pair = (self.line_wavelengths is None) == (self.line_amplitudes is None)
-        require(pair, "line_amplitudes", "be given with line_wavelengths", self.line_amplitudes)
-        if self.line_wavelengths is not None and self.line_amplitudes is not None:
-            good = self.line_wavelengths.shape == self.line_amplitudes.shape
-            require(good, "line_amplitudes", "have one value per wavelength", self.line_amplitudes)
-        if self.band[0] >= SHORT_WAVES and self.line_wavelengths is None:
+        if self.band[0] >= 1.5:
             warn(f"Argument `band` has no waves below {self.band[0]:g} m, of which slippers feel most.")
 
     @property
-    def begin(self) -> float:
-        return -np.inf if self.ends == "repeat" else 0.0
-
-    @property
-    def extent(self) -> float:
-        return np.inf if self.ends == "repeat" else self.length
-
-    @property
-    def recurrence(self) -> Float[Array, ""]:
-        return repeats_after(self, self.length)
+    def bounds(self) -> tuple[float, float]:
+        return 0.0, self.length
 
     @with_standard_promotion
     def prepared(self) -> SplineTrack:
-        """Returns this seed's rail as a spline, by one Fourier transform for each direction."""
-        count = 2 * int(np.ceil(SAMPLES_PER_WAVE * self.length / self.band[0] / 2))
-        k = np.arange(count // 2 + 1) / self.length
-        inside = (k >= 1 / self.band[1]) & (k <= 1 / self.band[0])
+        """Return this seed's rail as a spline, by one Fourier transform for each direction."""
+        # eight samples in the shortest wave: the spline changes that wave by a thousandth
+        count = 2 * int(np.ceil(8 * self.length / self.band[0] / 2))
+        wavenumbers = np.arange(count // 2 + 1) / self.length
+        inside = (wavenumbers >= 1 / self.band[1]) & (wavenumbers <= 1 / self.band[0])
         first, last = np.flatnonzero(inside)[[0, -1]]
-        seed, known = chosen(self)
-        k, keys = jnp.asarray(k[first : last + 1]), keys_of(seed, 4)
+        k = jnp.asarray(wavenumbers[first : last + 1])
         spacing = self.length / count
         # a spline with coefficients that are a wave is that wave, times this
-        share = lambda wavenumber: (2 + jnp.cos(2 * jnp.pi * spacing * wavenumber)) / 3
+        share = (2 + jnp.cos(2 * jnp.pi * spacing * k)) / 3
 
         def coefficients(spectrum: AbstractSpectrum | None, deviates: Array) -> Array:
+            """Return the coefficients of one direction, with one at each end that belongs to the neighbours."""
             if spectrum is None:
-                return jnp.zeros(count)
-            waves = jnp.sqrt(spectrum.density(k) / self.length) / share(k) * (deviates[0] - 1j * deviates[1])
+                return jnp.zeros(count + 3)
+            waves = jnp.sqrt(spectrum.density(k) / self.length) / share * (deviates[0] - 1j * deviates[1])
             every = jnp.zeros(count // 2 + 1, complex).at[first : last + 1].set(waves)
-            return jnp.fft.irfft(every, n=count) * count / 2
+            around = jnp.fft.irfft(every, n=count) * count / 2
+            return jnp.concatenate([around[-1:], around, around[:2]])
 
-        vertical, lateral, roll = (normal(key, (2, k.size)) for key in keys[:3])
+        seed, known = chosen(self)
+        vertical, lateral, roll = (normal(key, (2, k.size)) for key in keys_of(seed, 4)[:3])
         if self.coherence is not None:
             lateral = self.coherence * vertical + jnp.sqrt(1 - self.coherence**2) * lateral
         rows = [coefficients(self.lateral, lateral), coefficients(self.vertical, vertical)]
-        if self.line_wavelengths is not None and self.line_amplitudes is not None:
-            wavenumber = 1 / self.line_wavelengths
-            phase = 2 * jnp.pi * uniform(keys[3], wavenumber.shape)
-            angle = 2 * jnp.pi * jnp.arange(count)[:, None] * spacing * wavenumber[None] + phase[None]
-            rows[1] = rows[1] + jnp.sum((self.line_amplitudes / share(wavenumber))[None] * jnp.sin(angle), axis=1)
         if self.roll is not None:
             rows.append(coefficients(self.roll, roll))
-        around = lambda row: jnp.concatenate([row[-1:], row, row[:2]])
-        rail = jnp.where(known, self.roughness, jnp.nan) * jnp.stack([around(row) for row in rows], axis=1)
+        rail = jnp.where(known, self.roughness, jnp.nan) * jnp.stack(rows, axis=1)
         if self.ends == "straight":
             away = spacing * jnp.asarray(np.minimum(np.arange(-1, count + 2), np.arange(count + 1, -2, -1)))
             rail = ramps(away, self.ramp)[:, None] * rail
@@ -270,28 +241,21 @@ class RandomTrack(AbstractRail):
         return SplineTrack(*numbers, rail, self.reference_length, self.ends)
 
     def rms(self, power: int = 0) -> Irregularity:
-        """Returns the root mean squares of the displacements [m] and the roll [rad] that the spectra have, or of
+        """Return the root mean squares of the displacements [m] and the roll [rad] that the spectra have, or of
         their derivatives of the order `power`."""
         of = lambda spectrum: jnp.zeros(()) if spectrum is None else self.roughness * spectrum.rms(self.band, power)
-        vertical = of(self.vertical)
-        if self.line_wavelengths is not None and self.line_amplitudes is not None:
-            slopes = self.roughness * self.line_amplitudes * (2 * jnp.pi / self.line_wavelengths) ** power
-            vertical = jnp.sqrt(vertical**2 + jnp.sum(slopes**2) / 2)
-        return Irregularity(of(self.lateral), vertical, None if self.roll is None else of(self.roll))
+        return Irregularity(of(self.lateral), of(self.vertical), None if self.roll is None else of(self.roll))
 
     @property
     def steepest_slope(self) -> Float[Array, ""]:
-        """`HIGHEST` times the greater root mean square slope [1], the same for all seeds."""
+        """Four times the greater root mean square slope [1], the same for all seeds: of normal deviates one in 30,000
+        is greater."""
         slope = self.rms(1)
-        return HIGHEST * jnp.maximum(slope.lateral, slope.vertical)
+        return 4.0 * jnp.maximum(slope.lateral, slope.vertical)
 
     @property
+    @at_once
     def shortest_wavelength(self) -> Float[Array, ""]:
         """The wavelength of a sine with the same root mean squares of slope and curvature, see `SampledTrack` [m]."""
-        return _mean_wave(self)
-
-
-@at_once
-def _mean_wave(track: RandomTrack) -> Array:
-    size = lambda of: jnp.sqrt(of.lateral**2 + of.vertical**2)
-    return mean_wave(size(track.rms(1)), size(track.rms(2)), track.reference_length)
+        size = lambda of: jnp.sqrt(of.lateral**2 + of.vertical**2)
+        return mean_wave(size(self.rms(1)), size(self.rms(2)), self.reference_length)

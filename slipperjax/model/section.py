@@ -32,47 +32,48 @@ class Section(ShapeChecked):
     """Names of the corners of each face."""
 
     def __repr__(self) -> str:
-        names, faces = " ".join(self.names), " ".join(map("-".join, self.faces))
+        names = " ".join(self.names)
+        faces = " ".join("-".join(face) for face in self.faces)
         play = shown_number(self.play)
         if not is_traced(self.play) and np.ptp(np.asarray(self.play)) == 0:
             play = shown_number(np.ravel(self.play)[0])
         return f"Section(points={names}, faces={faces}, play={play} m)"
 
     def __check_init__(self):
-        names, faces = self.names, self.faces
-        plain = isinstance(names, tuple) and all(isinstance(n, str) and re.fullmatch(r"[\w-]+", n) for n in names)
-        require(plain, "names", "be a tuple of names of letters, digits, _ and -", names)
-        require(len(set(names)) == len(names), "names", "be a tuple of different names", names)
-        pairs = isinstance(faces, tuple) and all(isinstance(face, tuple) and len(face) == 2 for face in faces)
-        corners = [corner for face in faces for corner in face] if pairs else []
+        plain = isinstance(self.names, tuple) and all(re.fullmatch(r"[\w-]+", str(name)) for name in self.names)
+        require(plain, "names", "be a tuple of names of letters, digits, _ and -", self.names)
+        require(len(set(self.names)) == len(self.names), "names", "be a tuple of different names", self.names)
+        pairs = isinstance(self.faces, tuple) and all(isinstance(f, tuple) and len(f) == 2 for f in self.faces)
+        corners = [corner for face in self.faces for corner in face] if pairs else []
         different = pairs and len(set(corners)) == len(corners)
-        require(different, "faces", "be a tuple of pairs of different points", faces)
-        for corner in corners:
-            if corner not in names:
-                face = next(face for face in faces if corner in face)
-                raise ValueError(f"Argument `faces` must name points, but {face} has {corner!r}.")
-        good = self.play.shape[-1:] == (len(faces),)
-        require(good, "play", f"have one value per face, {len(faces)}", shown=f"shape {self.play.shape}")
-        good = self.points.shape[:1] == (len(names),) and 2 * len(faces) == len(names)
-        shown = f"shape {self.points.shape} with {len(faces)} faces and {len(names)} names"
+        require(different, "faces", "be a tuple of pairs of different points", self.faces)
+        for face in self.faces:
+            for corner in face:
+                require(corner in self.names, "faces", "name points", face)
+        count = len(self.faces)
+        need = f"have one value per face, {count}"
+        require(self.play.shape[-1:] == (count,), "play", need, shown=f"shape {self.play.shape}")
+        good = len(self.points) == len(self.names) == 2 * count
+        shown = f"shape {self.points.shape} with {count} faces and {len(self.names)} names"
         require(good, "points", "have two points per face and one per name", shown=shown)
-        if not is_traced(self.points) and self.points.shape[1:] == (2,):
+        if not is_traced(self.points):
             self._check_points()
 
     def _check_points(self):
         points = np.asarray(self.points)
         warn_unless_within("points", np.max(np.abs(points)), 2e-3, 2.0, "m")
-        low, high = np.min(points, axis=0), np.max(points, axis=0)
+        low = np.min(points, axis=0)
+        high = np.max(points, axis=0)
         if np.all(low < high) and np.any((low > 0) | (high < 0)):  # a single face encloses nothing
             warn("Argument `points` has its origin, the slipper's centre of mass, outside of the section.")
         start, end = points[self._corners]
-        # the area around the centre that the faces span, positive where their normals point away from it
-        (along_y, along_z), (y, z) = (end - start).T, ((start + end) / 2 - points.mean(axis=0)).T
-        area = float(np.sum(along_y * z - along_z * y))
-        if np.any((along_y == 0) & (along_z == 0)):
+        along = end - start
+        if np.any(np.all(along == 0, axis=1)):
             raise ValueError("Argument `points` must have two different corners for each face, but two are equal.")
-        extent = float(np.ptp(points))
-        if area < -1e-6 * extent * extent:
+        # the area around the centre that the faces span, positive where their normals point away from it
+        out = (start + end) / 2 - points.mean(axis=0)
+        area = float(np.sum(along[:, 0] * out[:, 1] - along[:, 1] * out[:, 0]))
+        if area < -1e-6 * float(np.ptp(points)) ** 2:
             raise ValueError(
                 f"Argument `points` must be in an order in which the faces' normals point out of the rail head "
                 f"(each face's corners clockwise, y to the right, z up), but they point inwards around {-area:g} m^2."

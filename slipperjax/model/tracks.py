@@ -4,24 +4,16 @@ import abc
 from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..tools.checks import instance, not_negative, positive
+from ..tools.checks import finite, instance, not_negative, one_of, positive, require
 from ..tools.compile import as_argument, at_once, is_traced
 from ..tools.fields import ShapeChecked, field
 from ..tools.fused import circle
-
-SLOPE_SAMPLES, SLOPE_WAVELENGTHS = 512, 16
-"""Points per first wavelength at which the slope of a track is sampled, and how many of these are sampled."""
-HEIGHT_SAMPLES = 64
-"""Points per first wavelength at which displacements are compared, a number of first wavelengths apart."""
-MANY_WAVELENGTHS = 1000
-"""First wavelengths over which a track must recur."""
-MOST_RECURRENCE = 100
-"""First wavelengths up to which the recurrence of several wavelengths is looked for."""
 
 
 class Irregularity(NamedTuple):
@@ -45,16 +37,16 @@ class AbstractTrack(ShapeChecked):
 
     @abc.abstractmethod
     def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
-        """Returns the rail's displacements at `distance` [m]; differentiable, precise after any number of periods."""
+        """Return the rail's displacements at `distance` [m]; differentiable, precise after any number of periods."""
 
     @at_once
     def motion(self, distance: Float[Array, "*places"]) -> tuple[Irregularity, Irregularity]:
-        """Returns displacements at `distance` [m], and their slopes per metre of travel."""
+        """Return displacements at `distance` [m], and their slopes per metre of travel."""
         here, slope = jax.jvp(self.irregularity, (distance,), (jnp.ones_like(distance),))
         return instance("irregularity", here, Irregularity, "a slipperjax.Irregularity"), slope
 
     def prepared(self) -> "AbstractTrack":
-        """Returns the track as runs evaluate it, with all work done that is the same at all distances."""
+        """Return the track as runs evaluate it, with all work done that is the same at all distances."""
         return self
 
     chosen_by: ClassVar[str] = ""
@@ -87,20 +79,24 @@ class AbstractTrack(ShapeChecked):
     def recurrence(self) -> Float[Array, ""]:
         """Number of first wavelengths after which the irregularity recurs [1]; infinite where it does not.
 
-        By default 1 or infinite, from samples one and `MANY_WAVELENGTHS` wavelengths apart.
+        By default 1 or infinite, from samples one and a thousand wavelengths apart.
         """
-        shares = jnp.arange(HEIGHT_SAMPLES) / HEIGHT_SAMPLES
-        there = lambda shift: self.motion(self.wavelength * (shares + shift))[0]
-        heights = lambda shift: jnp.stack([h for h in there(shift) if h is not None])
+        shares = jnp.arange(64) / 64
+
+        def heights(shift: float) -> Array:
+            displacements, _ = self.motion(self.wavelength * (shares + shift))
+            return jnp.stack([h for h in displacements if h is not None])
+
         here = heights(0.0)
         within = 1e-6 * jnp.max(jnp.abs(here), axis=1, keepdims=True)
-        equal = [jnp.abs(heights(shift) - here) <= within for shift in (1.0, float(MANY_WAVELENGTHS))]
-        return jnp.where(jnp.all(equal[0] & equal[1]), 1.0, jnp.inf)
+        next_is_equal = jnp.abs(heights(1.0) - here) <= within
+        far_is_equal = jnp.abs(heights(1000.0) - here) <= within
+        return jnp.where(jnp.all(next_is_equal & far_is_equal), 1.0, jnp.inf)
 
     @property
     def steepest_slope(self) -> Float[Array, ""]:
-        """Greatest lateral or vertical slope [1], by default sampled over `SLOPE_WAVELENGTHS` first wavelengths."""
-        _, slope = self.motion(self.wavelength * jnp.arange(SLOPE_SAMPLES * SLOPE_WAVELENGTHS) / SLOPE_SAMPLES)
+        """Greatest lateral or vertical slope [1], by default sampled over sixteen first wavelengths."""
+        _, slope = self.motion(self.wavelength * jnp.arange(16 * 512) / 512)
         return jnp.maximum(jnp.max(jnp.abs(slope.lateral)), jnp.max(jnp.abs(slope.vertical)))
 
     @property
@@ -109,12 +105,12 @@ class AbstractTrack(ShapeChecked):
         return self.wavelength
 
     def approach_speed(self, speed: Float[Array, ""]) -> Float[Array, ""]:
-        """Returns a typical speed at which the rail approaches the slipper at `speed` [m/s], for step sizes."""
+        """Return a typical speed at which the rail approaches the slipper at `speed` [m/s], for step sizes."""
         return speed * self.steepest_slope
 
 
 def chosen(track: AbstractTrack) -> tuple[Int[Array, ""], Bool[Array, ""]]:
-    """Returns the number that chooses one of many rails as an index, and whether there is such a rail; 0 where there
+    """Return the number that chooses one of many rails as an index, and whether there is such a rail; 0 where there
     is none. Traced numbers may be any, and the rail of such a one is NaN."""
     number, check = getattr(track, track.chosen_by), track.check_of(track.chosen_by)
     assert check is not None  # of each such track
@@ -123,29 +119,29 @@ def chosen(track: AbstractTrack) -> tuple[Int[Array, ""], Bool[Array, ""]]:
 
 
 def greatest(values: Sequence[Any]) -> Any:
-    """Returns the greatest of some numbers, which may be traced."""
+    """Return the greatest of some numbers, which may be traced."""
     return jnp.max(jnp.stack(values)) if is_traced(values) else max(values)
 
 
-WHOLE_WITHIN = 1e-9
-"""Distance from a whole number up to which a ratio of wavelengths counts as one [1]."""
 PLAUSIBLE_LENGTHS = 0.02, 2000.0
 """Wavelengths beyond these [m] are allowed with a warning."""
 
 
-def least_common_count(unit: Any, lengths: Any) -> Float[Array, ""]:
-    """Returns the least number of lengths `unit` that make whole numbers of each of `lengths`; infinite where there
-    is none up to `MOST_RECURRENCE`."""
+def least_common_count(unit: Any, lengths: Any, most: int = 100) -> Float[Array, ""]:
+    """Return the least number of lengths `unit` that make whole numbers of each of `lengths`; infinite where there
+    is none up to `most`."""
     # on the host where nothing is traced, which compiles nothing
-    xp, convert = (jnp, jnp.asarray) if is_traced((unit, lengths)) else (np, np.asarray)
-    counts = xp.arange(1.0, MOST_RECURRENCE + 1)
-    times = xp.outer(counts, convert(unit) / convert(lengths))
-    whole = (xp.abs(times - xp.round(times)) <= WHOLE_WITHIN * xp.maximum(times, 1)) & (xp.round(times) > 0)
+    traced = is_traced((unit, lengths))
+    xp = jnp if traced else np
+    counts = xp.arange(1.0, most + 1)
+    times = xp.outer(counts, xp.asarray(unit) / xp.asarray(lengths))
+    nearest = xp.round(times)
+    whole = (xp.abs(times - nearest) <= 1e-9 * xp.maximum(times, 1)) & (nearest > 0)
     return as_argument(xp.min(xp.where(xp.all(whole, axis=1), counts, xp.inf)))
 
 
 def on_host(values: Array) -> Any:
-    """Gives an array as NumPy has it, with which nothing is compiled; as it is where it is traced."""
+    """Return an array as NumPy has it, with which nothing is compiled; as it is where it is traced."""
     return values if is_traced(values) else np.asarray(values)
 
 
@@ -231,3 +227,204 @@ class StraightTrack(AbstractTrack):
     @property
     def steepest_slope(self) -> Float[Array, ""]:
         return jnp.zeros(())
+
+
+def _row(values: Array, distance: Array) -> Array:
+    """Return values with as many axes before them as distances have."""
+    return values.reshape((1,) * distance.ndim + (-1,))
+
+
+class FourierTrack(AbstractTrack):
+    """A sum of sines with an amplitude and a phase of its own for each wavelength and direction."""
+
+    wavelengths: Float[Array, " waves"] = field("m", positive)
+    """Wavelengths [m]. The first defines the forcing period."""
+    lateral: Float[Array, " waves"] = field("m", finite)
+    """Amplitudes of the lateral displacement [m]."""
+    vertical: Float[Array, " waves"] = field("m", finite)
+    """Amplitudes of the vertical displacement [m]."""
+    roll: Float[Array, " waves"] | None = field("rad", finite, default=None)
+    """Amplitudes of the roll angle [rad]. None: the track does not roll."""
+    lateral_phase: Float[Array, " waves"] | None = field("rad", finite, default=None)
+    """Phases of the lateral sines at distance zero [rad]; None for zero."""
+    vertical_phase: Float[Array, " waves"] | None = field("rad", finite, default=None)
+    """Likewise of the vertical ones [rad]."""
+    roll_phase: Float[Array, " waves"] | None = field("rad", finite, default=None)
+    """Likewise of roll [rad]."""
+
+    def __check_init__(self):
+        for name, array in vars(self).items():
+            if array is not None:
+                need = f"have one value per wavelength, {self.wavelengths.shape}"
+                require(array.shape == self.wavelengths.shape, name, need, shown=f"shape {array.shape}")
+
+    @property
+    def wavelength(self) -> Float[Array, ""]:
+        return self.wavelengths[0]
+
+    @at_once
+    def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
+        cycles = distance[..., None] / _row(self.wavelengths, distance)
+        # whole cycles are subtracted before the sine, which keeps its precision after any number of periods
+        angle = 2 * jnp.pi * (cycles - jnp.floor(cycles))
+
+        def waves(amplitudes: Array, phase: Array | None) -> Array:
+            shifted = angle if phase is None else angle + _row(phase, distance)
+            return jnp.sum(_row(amplitudes, distance) * jnp.sin(shifted), axis=-1)
+
+        lateral = waves(self.lateral, self.lateral_phase)
+        vertical = waves(self.vertical, self.vertical_phase)
+        return Irregularity(lateral, vertical, None if self.roll is None else waves(self.roll, self.roll_phase))
+
+    @property
+    def recurrence(self) -> Float[Array, ""]:
+        return least_common_count(self.wavelengths[0], self.wavelengths)
+
+    @property
+    def steepest_slope(self) -> Float[Array, ""]:
+        """An upper bound: the sum of all slopes [1]."""
+        sum_of = lambda size: jnp.sum(2 * jnp.pi * jnp.abs(size) / self.wavelengths)
+        return jnp.maximum(sum_of(self.lateral), sum_of(self.vertical))
+
+    @property
+    def shortest_wavelength(self) -> Float[Array, ""]:
+        return jnp.min(self.wavelengths)
+
+
+def smooth_step(x: Array) -> Array:
+    """Return a function that rises from 0 at 0 to 1 at 1, with continuous second derivatives."""
+    x = jnp.clip(x, 0.0, 1.0)
+    return x**3 * (10 - 15 * x + 6 * x**2)
+
+
+def _joint(u: Array) -> Array:
+    # the kink is rounded over a tenth of the length
+    bend = lambda u: jnp.sqrt(u**2 + 0.01) - 0.1
+    return jnp.maximum(1 - bend(u) / bend(1.0), 0.0) ** 3
+
+
+SHAPES = {
+    "dip": lambda u: jnp.maximum(1 - u**2, 0.0) ** 3,
+    "step": lambda u: smooth_step((u + 1) / 2),
+    "joint": _joint,
+}
+"""Local shapes from -1 to 1: a smooth dip (or bump), a smooth step to another level, and a joint, where both rails
+bend down."""
+
+
+class LocalTrack(AbstractTrack):
+    """Dips, steps or joints at some places of a rail that is straight otherwise, all of one length."""
+
+    place: Float[Array, " places"] = field("m", finite)
+    """Distances of their middles [m]."""
+    height: Float[Array, " places"] = field("m", finite)
+    """Displacement in the middle, of a step its height [m]; negative for dips."""
+    length: Float[Array, ""] = field("m", positive)
+    """Length of a shape from end to end [m]."""
+    shape: str = eqx.field(static=True, default="dip")
+    """One of `SHAPES`."""
+    direction: str = eqx.field(static=True, default="vertical")
+    """"lateral" or "vertical"."""
+    every: Float[Array, ""] | None = field("m", positive, default=None)
+    """Distance after which all of them come again [m], such as 1.32 for supports; None for once. Not for steps."""
+    reference_length: Float[Array, ""] = field("m", positive, default=8.0)
+    """Length of travel that counts as one period [m]."""
+
+    def __check_init__(self):
+        one_of("shape", self.shape, tuple(SHAPES))
+        one_of("direction", self.direction, ("lateral", "vertical"))
+        good = self.place.shape == self.height.shape
+        require(good, "height", f"have one value per place, {self.place.shape}", shown=f"shape {self.height.shape}")
+        require(self.every is None or self.shape != "step", "every", "be None for steps", self.every)
+
+    @property
+    def wavelength(self) -> Float[Array, ""]:
+        return self.reference_length
+
+    @at_once
+    def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
+        x = distance[..., None] - _row(self.place, distance)
+        if self.every is not None:
+            x = x - self.every * jnp.round(x / self.every)
+        form = SHAPES[self.shape](2 * x / self.length)
+        along = jnp.sum(_row(self.height, distance) * form, axis=-1)
+        zero = jnp.zeros_like(along)
+        return Irregularity(along, zero, None) if self.direction == "lateral" else Irregularity(zero, along, None)
+
+    @property
+    def recurrence(self) -> Float[Array, ""]:
+        return jnp.asarray(jnp.inf) if self.every is None else least_common_count(self.reference_length, self.every)
+
+    @property
+    def steepest_slope(self) -> Float[Array, ""]:
+        """That of the highest shape [1], from samples."""
+        u = jnp.linspace(-0.5, 0.5, 401) * self.length
+        own = LocalTrack(jnp.zeros(1), jnp.max(jnp.abs(self.height))[None], self.length, self.shape, "vertical")
+        return jnp.max(jnp.abs(own.motion(u)[1].vertical))
+
+    @property
+    def shortest_wavelength(self) -> Float[Array, ""]:
+        """The shapes' length, or the reference length if that is less [m]."""
+        return jnp.minimum(self.length, self.reference_length)
+
+
+class SumTrack(AbstractTrack):
+    """The sum of two tracks, such as joints on a surveyed rail; sums can be summed again."""
+
+    one: AbstractTrack
+    """The first, which defines the forcing period."""
+    other: AbstractTrack
+
+    def __check_init__(self):
+        for name in ("one", "other"):
+            instance(name, getattr(self, name), AbstractTrack, "a track such as slipperjax.HarmonicTrack(...)")
+
+    def __repr__(self) -> str:
+        return f"SumTrack({self.one!r}, {self.other!r})"
+
+    @property
+    def wavelength(self) -> Float[Array, ""]:
+        return self.one.wavelength
+
+    def prepared(self) -> "SumTrack":
+        return SumTrack(self.one.prepared(), self.other.prepared())
+
+    def irregularity(self, distance: Float[Array, "*places"]) -> Irregularity:
+        return _sum(*(track.irregularity(distance) for track in (self.one, self.other)))
+
+    def motion(self, distance: Float[Array, "*places"]) -> tuple[Irregularity, Irregularity]:
+        (here, slope), (there, other_slope) = (track.motion(distance) for track in (self.one, self.other))
+        return _sum(here, there), _sum(slope, other_slope)
+
+    @property
+    def recurrence(self) -> Float[Array, ""]:
+        """The least number of first wavelengths after which both recur."""
+        lengths = [track.recurrence * track.wavelength for track in (self.one, self.other)]
+        return least_common_count(self.wavelength, jnp.stack(lengths))
+
+    @property
+    def begin(self) -> Any:
+        return greatest((self.one.begin, self.other.begin))
+
+    @property
+    def extent(self) -> Any:
+        return -greatest((-self.one.extent, -self.other.extent))
+
+    @property
+    def end(self) -> float:
+        return min(self.one.end, self.other.end)
+
+    @property
+    def steepest_slope(self) -> Float[Array, ""]:
+        """An upper bound: the sum of both [1]."""
+        return self.one.steepest_slope + self.other.steepest_slope
+
+    @property
+    def shortest_wavelength(self) -> Float[Array, ""]:
+        return jnp.minimum(self.one.shortest_wavelength, self.other.shortest_wavelength)
+
+
+def _sum(one: Irregularity, other: Irregularity) -> Irregularity:
+    """Adds displacements, or slopes; a roll of None adds nothing."""
+    roll = one.roll if other.roll is None else other.roll if one.roll is None else one.roll + other.roll
+    return Irregularity(one.lateral + other.lateral, one.vertical + other.vertical, roll)

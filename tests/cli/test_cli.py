@@ -13,7 +13,7 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax.bench.work_precision import Point
 from slipperjax.cli import main
-from slipperjax.cli.options import Measure, make_case, make_scene
+from slipperjax.cli.options import CASE, Measure, make_case, make_scene
 from slipperjax.cli.sweep import make_grid
 from slipperjax.flow.status import Status
 from slipperjax.model.parameters import PARAMETERS
