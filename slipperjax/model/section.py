@@ -40,7 +40,8 @@ class Section(ShapeChecked):
         return f"Section(points={names}, faces={faces}, play={play} m)"
 
     def __check_init__(self):
-        plain = isinstance(self.names, tuple) and all(re.fullmatch(r"[\w-]+", str(name)) for name in self.names)
+        words = [isinstance(name, str) and re.fullmatch(r"[\w-]+", name) for name in self.names]
+        plain = isinstance(self.names, tuple) and all(words)
         require(plain, "names", "be a tuple of names of letters, digits, _ and -", self.names)
         require(len(set(self.names)) == len(self.names), "names", "be a tuple of different names", self.names)
         pairs = isinstance(self.faces, tuple) and all(isinstance(f, tuple) and len(f) == 2 for f in self.faces)

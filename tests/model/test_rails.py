@@ -112,7 +112,7 @@ def test_uneven_samples_are_resampled_and_the_error_is_said():
         (dict(ends="repeat", lateral=[0.0, 1.0, 2.0, 3.0, 4.0]), "`lateral` must end as it begins"),
         (dict(ramp=3.0), "`ramp` must be at most 2 m, but is 3"),
         (dict(distance=[0.0, 1.0, 2.0], lateral=np.zeros(3), vertical=0.0), "`distance` must be of four or more"),
-        (dict(lateral=None), "`lateral` must be displacements, but is None"),
+        (dict(lateral=None), "`lateral` must be finite, but is None"),
     ],
 )
 def test_wrong_samples_are_named(change, words):
