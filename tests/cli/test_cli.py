@@ -244,10 +244,10 @@ def test_two_parameters_make_a_regime_map(replaced, tmp_path, capsys):
         "status": (dims, np.reshape([0, 0, 0, 1], shape)),
         "steps_per_period": (dims, np.reshape([50, 100, 250, 50], shape)),
     }
-    made = xr.Dataset(data, {"speed": [1.0, 2.0], "roll_amplitude": np.radians([0.1, 0.2])})
+    made = xr.Dataset(data, {"speed": [10.0, 20.0], "roll_amplitude": np.radians([0.1, 0.2])})
     sweep = replaced("sweeps.sweep.lyapunov_sweep", return_value=made)
     out = tmp_path / "map"
-    axes = ["--over", "speed", 1, 2, 2, "--by", "roll_amplitude", 0.1, 0.2, 2]
+    axes = ["--over", "speed", 10, 20, 2, "--by", "roll_amplitude", 0.1, 0.2, 2]
     text, _ = call(["lyapunov", *axes, "--count", 2, "--periods", 40, "--out", out], capsys)
     (_, grid), options = sweep.call_args
     assert list(grid) == ["speed", "roll_amplitude"]
