@@ -19,10 +19,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import one_of, shown_number
+from ..tools.checks import one_of
 from ..tools.compile import call_compiled, is_transformed
-from .curves import Curve, Spot, bounds_of_unknowns, check_within, correct, follow_curve
-from .events import resonance
+from .continuation import Branch, begun, check_found, extend
+from .curves import Pace, check_within, checked_bounds, correct
+from .events import as_node, resonance
 from .floquet import product, solve
 from .newton import AbstractEquations, Linearisation, newton, without_derivatives
 from .shooting import PeriodicMotions
@@ -31,10 +32,6 @@ CRITICAL_MULTIPLIERS = {"LP": 1.0, "PD": -1.0, "NS": None}
 """The critical multiplier by label; None for a pair of unknown angle."""
 BORDER_UPDATES = 3
 """Updates of the borders before Newton's method begins."""
-LEAST_ANGLE = 1e-3
-"""Angle of a pair from +1 and -1 at which a curve of Neimark-Sackers ends; its parameters are off by the square."""
-CURVE_START_ITERATIONS = 20
-"""Newton iterations for the first point of a curve."""
 
 
 class CriticalMotions(AbstractEquations):
@@ -49,22 +46,13 @@ class CriticalMotions(AbstractEquations):
     right: Array
     label: str = eqx.field(static=True)
     """One of `CRITICAL_MULTIPLIERS`."""
-    sharpness: Any = 1.0
-    """Weight of the equations for the multiplier in the residual: less than one where the map's derivatives are
-    rough."""
-    relaxed: Any = 0.0
-    """Tolerance of these equations where a curve finds no other way on."""
-    missed: Any = 0.0
-    """Tolerance of these equations here: within it, Newton's method corrects the motion alone. Where the map's
-    derivatives jump there may be no motion on which the equations vanish, and iterations go to and fro."""
 
     @classmethod
-    def of(cls, motions: PeriodicMotions, label: str, sharpness: Any = 1.0, relaxed: Any = 0.0) -> "CriticalMotions":
-        """Makes them with arbitrary borders; those of evaluations are better, see `update`."""
+    def of(cls, motions: PeriodicMotions, label: str) -> "CriticalMotions":
+        """Returns them with arbitrary borders; those of evaluations are better, see `update`."""
         dtype = complex if CRITICAL_MULTIPLIERS[label] is None else float
         one = jnp.asarray(np.random.default_rng(0).standard_normal(motions.size), dtype)
-        tolerances = jnp.asarray(sharpness, float), jnp.asarray(relaxed, float), jnp.zeros(())
-        return cls(motions, one, one, label, *tolerances)
+        return cls(motions, one, one, label)
 
     @property
     def angled(self) -> bool:
@@ -77,13 +65,16 @@ class CriticalMotions(AbstractEquations):
         return self.motions.size
 
     def multiplier(self, z: Array) -> Array:
-        """Gives the critical multiplier."""
+        """Returns the critical multiplier."""
         return jnp.exp(1j * z[-1]) if self.angled else jnp.asarray(CRITICAL_MULTIPLIERS[self.label])
 
     def evaluate(self, z: Array) -> Linearisation:
-        of, mu, scale = self._of_motion(z), self.multiplier(z), self._scale(z)
+        of = self._of_motion(z)
+        mu = self.multiplier(z)
+        scale = self._scale(z)
         motion = self.motions.evaluate(of)
         v, w, g = self._null(product(motion.matrices), mu, scale)
+        # the derivative of g is that of P_x v, along each unknown in turn
         along = lambda t: jax.jvp(lambda of: self._pushed(of, v / scale), (of,), (t,))[1]
         slope = -jax.vmap(along)(jnp.eye(of.size)) @ jnp.conj(w * scale)
         jacobian = motion.jacobian
@@ -91,7 +82,6 @@ class CriticalMotions(AbstractEquations):
             slope = jnp.append(slope, 1j * mu * jnp.vdot(w, v))
             jacobian = jnp.concatenate([jacobian, jnp.zeros((self.size, 1))], axis=1)
         unit = lambda a: a / jnp.linalg.norm(a)
-        g = jnp.where(jnp.abs(g) <= self.missed, 0.0, g)
         return Linearisation(
             jnp.concatenate([motion.residual, self._parts(g)]),
             jnp.concatenate([jacobian, self._parts(slope)]),
@@ -100,8 +90,10 @@ class CriticalMotions(AbstractEquations):
         )
 
     def defect(self, z: Array, null_vectors: tuple[Array, Array]) -> Array:
-        """Computes the residual for fixed null vectors. Its derivatives are those of the exact equations. Pure."""
-        of, scale, mu = self._of_motion(z), self._scale(z), self.multiplier(z)
+        """Returns the residual for fixed null vectors. Its derivatives are those of the exact equations. Pure."""
+        of = self._of_motion(z)
+        scale = self._scale(z)
+        mu = self.multiplier(z)
         left, right = jax.lax.stop_gradient(null_vectors)
         miss = jnp.vdot(left * scale, self._pushed(of, right / scale) - mu * right / scale)
         factor = jnp.vdot(left, self.left) * jnp.vdot(self.right, right)  # of w and v over their lengths
@@ -110,45 +102,42 @@ class CriticalMotions(AbstractEquations):
     def weights(self, z: Array) -> tuple[Array, Array]:
         rows, columns = self.motions.weights(self._of_motion(z))
         more = 2 if self.angled else 1
-        return jnp.append(rows, jnp.full(more, self.sharpness)), jnp.append(columns, jnp.zeros(more - 1))
+        return jnp.append(rows, jnp.ones(more)), jnp.append(columns, jnp.zeros(more - 1))
 
     def project(self, z: Array, before: Array, residual: Array) -> Array:
         of = self.motions.project(self._of_motion(z), self._of_motion(before), residual[: self.size])
         return jnp.append(of, z[-1]) if self.angled else of
 
-    def relax(self) -> "CriticalMotions | None":
-        """Gives the equations with a tolerance of `relaxed` for the multiplier."""
-        return dataclasses.replace(self, missed=self.relaxed) if float(self.relaxed) > float(self.missed) else None
-
     def update(self, z: Any, null_vectors: tuple[Any, Any]) -> "CriticalMotions":
-        """Gives the equations with the null vectors of a point as borders."""
+        """Returns the equations with the null vectors of a point as borders."""
         left, right = map(jnp.asarray, null_vectors)
         return dataclasses.replace(self, left=left, right=right)
 
     def _of_motion(self, z: Array) -> Array:
-        """Gives the unknowns of the motion's equations."""
+        """Returns the unknowns of the motion's equations."""
         return z[:-1] if self.angled else z
 
     def _parts(self, value: Array) -> Array:
-        """Splits one equation into one or two real ones, as rows."""
+        """Returns one equation as one or two real ones, in rows."""
         return jnp.stack([value.real, value.imag]) if self.angled else value[None].real
 
     def _scale(self, z: Array) -> Array:
-        """Gives the weights of the state, one where they are zero."""
+        """Returns the weights of the state, one where they are zero."""
         weights = self.motions.weights(self._of_motion(z))[0]
         return jax.lax.stop_gradient(jnp.where(weights > 0, weights, 1.0))
 
     def _null(self, matrix: Array, mu: Array, scale: Array) -> tuple[Array, Array, Array]:
-        """Gives the vectors v and w of the bordered systems, in scaled components, and the number g."""
+        """Returns the vectors v and w of the bordered systems, in scaled components, and the number g."""
         critical = scale[:, None] * matrix / scale[None] - mu * jnp.eye(self.size)
         last = jnp.zeros(self.size + 1, critical.dtype).at[-1].set(1.0)
         system = jnp.concatenate([critical, self.left[:, None]], axis=1)
         system = jnp.concatenate([system, jnp.append(jnp.conj(self.right), 0.0)[None]])
-        ahead, back = solve(system, last), solve(jnp.conj(system.T), last)
+        ahead = solve(system, last)
+        back = solve(jnp.conj(system.T), last)
         return ahead[:-1], back[:-1], ahead[-1]
 
     def _pushed(self, of: Array, v: Array) -> Array:
-        """Gives P_x v. Pure."""
+        """Returns P_x v. Pure."""
         flow = lambda x: self.motions.mapped(jnp.concatenate([x, of[self.size :]]))
         push = lambda t: jax.jvp(flow, (of[: self.size],), (t,))[1]
         if not self.angled:
@@ -180,7 +169,7 @@ def critical_motion(
     tolerance: float = 1e-10,
     max_iterations: int = 20,
 ) -> CriticalMotion:
-    """Finds the fold, flip or Neimark-Sacker near a motion, by Newton's method on extended equations. Pure.
+    """Returns the fold, flip or Neimark-Sacker near a motion, by Newton's method on extended equations. Pure.
 
     The result has the derivatives of the exact one with respect to all numbers of `motions`, in both modes: of
     d(value)/d(number) the sensitivity of a bifurcation.
@@ -193,18 +182,22 @@ def critical_motion(
     **Raises:** `ValueError` for an unknown label.
     """
     one_of("label", label, tuple(CRITICAL_MULTIPLIERS))
-    z = motions.unknowns(state, value, *([angle] if CRITICAL_MULTIPLIERS[label] is None else []))
+    angles = [angle] if CRITICAL_MULTIPLIERS[label] is None else []
+    z = motions.unknowns(state, value, *angles)
     limits = jnp.asarray(tolerance, float), jnp.asarray(max_iterations)
     z, residual, count, matrices, mu = call_compiled(_critical, motions, (label, is_transformed()), z, limits)
     return CriticalMotion(motions.state(z), motions.values(z)[0], mu, residual, count, matrices)
 
 
 def _critical(exact: PeriodicMotions, static: tuple, z: Array, limits: tuple) -> tuple:
-    (label, differentiable), (tolerance, most) = static, limits
+    label, differentiable = static
+    tolerance, most = limits
     begin = CriticalMotions.of(without_derivatives(exact), label)
-    options = dict(tolerance=tolerance, iterations=most, updates=BORDER_UPDATES)
-    root = newton(begin, jax.lax.stop_gradient(z), **options)
-    z, now, equations = root.z, root.linearisation, root.equations
+    guess = jax.lax.stop_gradient(z)
+    root = newton(begin, guess, tolerance=tolerance, iterations=most, updates=BORDER_UPDATES)
+    z = root.z
+    now = root.linearisation
+    equations = root.equations
     if differentiable:
         # one more step, of no length, with the derivatives of the exact solution
         miss = dataclasses.replace(equations, motions=exact).defect(z, now.null_vectors)
@@ -255,46 +248,50 @@ def continue_critical(
     *,
     angle: Any = 0.0,
     tolerance: float = 1e-10,
+    pace: Pace = Pace(),
     **options: Any,
-) -> Curve:
+) -> Branch:
     """Follows folds, flips, Neimark-Sackers or motions with a condition through the plane of two parameters.
 
     **Arguments:** `equations`: of motions with two parameters, `CriticalMotions.of(motions, label)` for critical
     ones; `state`, `values`: near a motion of the curve, of which the second value is kept; `angle`: of the
-    multiplier in radians, for "NS"; `bounds`: of both parameters; `options`: of `follow_curve`.
+    multiplier in radians, for "NS"; `bounds`: of both parameters; `tolerance`, `pace`: as for `continue_motion`;
+    `options`: `points` and `on_point` of it.
 
-    **Returns:** a `Curve`. One of Neimark-Sackers ends inside the bounds at the strong resonances 1:1 and 1:2, where
-    the pair becomes real and curves of folds and flips pass; its reason is "strong resonance 1:1", for example.
+    **Returns:** a `Branch` without bifurcations. One of Neimark-Sackers ends inside the bounds at the strong
+    resonances 1:1 and 1:2, where the pair becomes real and curves of folds and flips pass; its reason is "strong
+    resonance 1:1", for example.
 
     **Raises:** `ValueError` where there is no such motion near the start, or the bounds do not hold it.
     """
-    motions, critical = equations.motions, isinstance(equations, CriticalMotions)
-    angles = [angle] if isinstance(equations, CriticalMotions) and equations.angled else []
-    low, high = bounds_of_unknowns(motions.size, *bounds, *[(-np.inf, np.inf) for _ in angles])
-    z = motions.unknowns(state, *values, *angles)
-    row = jnp.zeros(z.size).at[motions.size + 1].set(1.0)
+    size = equations.motions.size
+    limits = [checked_bounds(pair) for pair in bounds]
+    critical = isinstance(equations, CriticalMotions)
+    angles = [angle] if critical and equations.angled else []
+    z = equations.motions.unknowns(state, *values, *angles)
+    row = jnp.zeros(z.size).at[size + 1].set(1.0)
     for _ in range(BORDER_UPDATES if critical else 0):
         # by the program that corrects, of which the equations are most
         equations = equations.update(z, correct(equations, z, row, tolerance=tolerance, iterations=0).null_vectors)
-    first = correct(equations, z, row, tolerance=tolerance, iterations=CURVE_START_ITERATIONS)
-    if not first.residual <= tolerance:
-        raise ValueError(
-            f"Argument `state` must be near a motion of the curve, but Newton's method ended with a residual of "
-            f"{shown_number(first.residual)}."
-        )
-    for index in (motions.size, motions.size + 1):
-        check_within("values", first.z[index], (low[index], high[index]))
-    equations = equations.update(first.z, first.null_vectors)
+    first = correct(equations, z, row, tolerance=tolerance, iterations=20)
+    check_found("state", "a motion of the curve", first, tolerance)
+    for value, pair in zip(first.z[size:], limits, strict=False):
+        check_within("values", value, pair)
+    if angles:
+        # At 0 and pi the equations hold on whole curves of folds and flips. The parameters are off by the square of
+        # the distance from there at which the curve ends.
+        pair = np.pi * np.floor(first.z[-1] / np.pi) + [1e-3, np.pi - 1e-3]
+        limits.append(tuple(pair))
+    begin = begun(equations.update(first.z, first.null_vectors), as_node(first, None), pace)
+    curve = extend(begin, *limits, tolerance=tolerance, pace=pace, locate=False, **options)
     if not angles:
-        return follow_curve(equations, first, low, high, tolerance=tolerance, **options)
-    # at 0 and pi the equations hold on whole curves of folds and flips
-    low[-1], high[-1] = np.pi * np.floor(first.z[-1] / np.pi) + [LEAST_ANGLE, np.pi - LEAST_ANGLE]
-    curve = follow_curve(equations, first, low, high, tolerance=tolerance, **options)
-    parameters = slice(motions.size, motions.size + 2)
-
-    def reason(ended: str, spot: Spot) -> str:
-        inside = np.all((low < spot.z)[parameters] & (spot.z < high)[parameters])
-        near_to = resonance(spot.z[-1]) if inside and ended in ("bound", "no convergence") else ""
-        return f"strong resonance {near_to}" if near_to else ended
-
-    return curve._replace(ended=(reason(curve.ended[0], curve.spots[0]), reason(curve.ended[1], curve.spots[-1])))
+        return curve
+    ends = []
+    for end, node in zip(curve.ends, (curve.nodes[0], curve.nodes[-1]), strict=True):
+        # a pair became real where the curve ends within the bounds of the parameters
+        inside = all(low < value < high for value, (low, high) in zip(node.spot.z[size:], bounds, strict=False))
+        near_to = resonance(node.spot.z[-1])
+        if inside and near_to and end.reason in ("bound", "no convergence"):
+            end = end._replace(reason=f"strong resonance {near_to}")
+        ends.append(end)
+    return dataclasses.replace(curve, ends=tuple(ends))

@@ -1,6 +1,7 @@
 """Floquet multipliers of periodic motions, from the Jacobians of successive maps."""
 
 import functools
+import itertools
 from typing import Any
 
 import jax
@@ -16,7 +17,7 @@ from .lyapunov import Step, check_functions, check_state
 
 
 def solve(matrix: Inexact[Array, "n n"], rhs: Inexact[Array, "n ..."]) -> Inexact[Array, "n ..."]:
-    """Solves `matrix @ x = rhs` by Gauss and Jordan's elimination with partial pivoting. Pure.
+    """Returns x of `matrix @ x = rhs` by Gauss and Jordan's elimination with partial pivoting. Pure.
 
     NaN or infinite where the matrix is singular to rounding.
     """
@@ -24,6 +25,7 @@ def solve(matrix: Inexact[Array, "n n"], rhs: Inexact[Array, "n ..."]) -> Inexac
     columns = rhs if rhs.ndim == 2 else rhs[:, None]
     rows = jnp.arange(size)
 
+    # the row with the greatest pivot takes place k, and is subtracted from all others
     def eliminate(k: Any, both: Array) -> Array:
         pivot = jnp.argmax(jnp.where(rows >= k, jnp.abs(both[:, k]), -1.0))
         both = both.at[jnp.stack([k, pivot])].set(both[jnp.stack([pivot, k])])
@@ -35,7 +37,7 @@ def solve(matrix: Inexact[Array, "n n"], rhs: Inexact[Array, "n ..."]) -> Inexac
 
 
 def jacobians(step: Step, state: Any, intervals: int, *, index: Any = 0.0) -> Float[Array, "intervals size size"]:
-    """Computes Jacobians of `intervals` successive applications of `step`, along the motion from `state`. Pure.
+    """Returns Jacobians of `intervals` successive applications of `step`, along the motion from `state`. Pure.
 
     **Arguments:** `step(state, k)`: the state one interval later, differentiable in forward mode; `state`: a pytree
     of floats with `size` values in all; `index`: index of the first interval.
@@ -46,7 +48,7 @@ def jacobians(step: Step, state: Any, intervals: int, *, index: Any = 0.0) -> Fl
 def linearise(
     step: Step, state: Any, intervals: int, *, index: Any = 0.0
 ) -> tuple[Float[Array, " size"], Float[Array, "intervals size size"]]:
-    """Computes the state at the end as one array, and `jacobians`. Pure."""
+    """Returns the state at the end as one array, and `jacobians`. Pure."""
     flat, unravel = ravel_pytree(state)
 
     def interval(x, k):
@@ -58,7 +60,7 @@ def linearise(
 
 
 def product(matrices: Any) -> Any:
-    """Gives the product of successive matrices, the first applied first."""
+    """Returns the product of successive matrices, the first applied first."""
     if is_traced(matrices):
         return jax.lax.scan(lambda total, m: (_after(total, m), None), jnp.eye(matrices.shape[1]), matrices)[0]
     return functools.reduce(_after, np.asarray(matrices))
@@ -67,7 +69,7 @@ def product(matrices: Any) -> Any:
 def multipliers(
     matrices: Float[Array | np.ndarray, "intervals size size"],
 ) -> Complex[Array | np.ndarray, " size"]:
-    """Eigenvalues of the product of successive Jacobians, the largest modulus first.
+    """Returns the eigenvalues of the product of successive Jacobians, the largest modulus first.
 
     The product is not formed, because it would lose the small ones: QR factors of the Jacobians are passed through
     the intervals until they separate moduli (the orthogonal iteration; see Lust 2001, doi:10.1142/S0218127401003486).
@@ -82,44 +84,43 @@ def multipliers(
     return mu[np.argsort(-np.abs(mu), kind="stable")]
 
 
-QR_PASSES = 30
-"""Passages through all intervals in which the QR factors separate moduli."""
-SEPARATED = 1e-12
-"""Greatest entry that couples separated moduli, over the norm of the block of the larger ones. Over many intervals
-rounding errors grow to this, and forming a product because of them would cost more accuracy."""
-
-
 def _after(earlier: Any, later: Any) -> Any:
     return later @ earlier
 
 
 def _eigenvalues(matrix: np.ndarray) -> np.ndarray:
-    return (
-        np.linalg.eigvals(matrix).astype(complex)
-        if np.all(np.isfinite(matrix))
-        else np.full(len(matrix), np.nan + 0j)
-    )
+    if not np.all(np.isfinite(matrix)):
+        return np.full(len(matrix), np.nan + 0j)
+    return np.linalg.eigvals(matrix).astype(complex)
 
 
-def _blocks(matrices: np.ndarray) -> list[np.ndarray]:
-    """Gives the diagonal blocks of matrices in bases in which all are block triangular, each (intervals, k, k)."""
+def _blocks(matrices: np.ndarray, passes: int = 30, separated: float = 1e-12) -> list[np.ndarray]:
+    """Returns the diagonal blocks of matrices in bases in which all are block triangular, each (intervals, k, k).
+
+    **Arguments:** `passes`: through all intervals, in which the QR factors separate moduli; `separated`: greatest
+    entry that couples separated moduli, over the norm of the block of the larger ones. Over many intervals rounding
+    errors grow to this, and forming a product because of them would cost more accuracy.
+    """
+    size = matrices.shape[1]
     # orthogonal iteration: the bases converge to those of subspaces of falling moduli
-    basis = np.eye(matrices.shape[1])
-    for _ in range(QR_PASSES):
+    basis = np.eye(size)
+    for _ in range(passes):
         bases = [basis]
         for matrix in matrices:
             bases.append(np.linalg.qr(matrix @ bases[-1])[0])
         basis = bases[-1]
-    bases = bases[:-1]
-    inside = [
-        then.T @ matrix @ now for now, then, matrix in zip(bases, [*bases[1:], bases[0]], matrices, strict=True)
-    ]
+    # the last interval ends in the basis in which the first one begins
+    ends = [*bases[1:-1], bases[0]]
+    inside = [then.T @ matrix @ now for now, then, matrix in zip(bases[:-1], ends, matrices, strict=True)]
     # a cut is good where the entries below left of it are about rounding error in all matrices
-    size, cuts = matrices.shape[1], [0]
+    cuts = [0]
     for k in range(1, size):
-        if all(np.abs(m[k:, :k]).max() <= SEPARATED * max(np.linalg.norm(m[:k, :k], 2), 1e-300) for m in inside):
+        if all(np.abs(m[k:, :k]).max() <= separated * max(np.linalg.norm(m[:k, :k], 2), 1e-300) for m in inside):
             cuts.append(k)
-    return [np.stack([m[a:b, a:b] for m in inside]) for a, b in zip(cuts, [*cuts[1:], size], strict=True)]
+    blocks = []
+    for begin, end in itertools.pairwise([*cuts, size]):
+        blocks.append(np.stack([m[begin:end, begin:end] for m in inside]))
+    return blocks
 
 
 CONSERVED = 1e-6
@@ -140,13 +141,13 @@ def is_conservative(multipliers: Any) -> Any:
 
 
 def circle_error(multipliers: Any) -> Any:
-    """Gives errors of the largest modulus of multipliers (*cases, size); within them of one it is neutral."""
+    """Returns errors of the largest modulus of multipliers (*cases, size); within them of one it is neutral."""
     xp = jnp if is_traced(multipliers) else np
     return xp.where(is_conservative(multipliers), CONSERVED, ROUNDING)
 
 
 def rounding_errors(multipliers: np.ndarray, matrices: Any) -> np.ndarray:
-    """Estimates errors of multipliers by rounding, from the successive Jacobians.
+    """Returns errors of multipliers by rounding, estimated from the successive Jacobians.
 
     They are `ROUNDING` times the norm of the balanced product and the multiplier's condition, or the root of that
     where two multipliers nearly coincide (Wilkinson 1965, The Algebraic Eigenvalue Problem, chapter 2).
@@ -162,27 +163,31 @@ def rounding_errors(multipliers: np.ndarray, matrices: Any) -> np.ndarray:
     cosines = np.abs(np.sum(left.conj() * right, axis=0))  # zero for a double one
     norm = np.linalg.norm(matrix, 2)
     errors = np.minimum(ROUNDING * norm / np.maximum(cosines, ROUNDING), np.sqrt(ROUNDING) * norm)
-    return errors[np.argmin(np.abs(np.asarray(multipliers)[:, None] - values), axis=1)]
+    # each multiplier has the error of the nearest eigenvalue of the product
+    nearest = np.argmin(np.abs(np.asarray(multipliers)[:, None] - values), axis=1)
+    return errors[nearest]
 
 
 def largest_exponent(matrices: Any, period: int) -> float:
-    """Computes ln |largest Floquet multiplier| per interval of a motion that recurs after `period` intervals.
+    """Returns ln |largest Floquet multiplier| per interval of a motion that recurs after `period` intervals.
 
     **Arguments:** `matrices`: Jacobians of `period` or more successive intervals, (intervals, size, size).
     """
-    return float(np.log(np.abs(multipliers(numbers("matrices", matrices, 3)[:period])[0])) / period)
+    largest = multipliers(numbers("matrices", matrices, 3)[:period])[0]
+    return float(np.log(np.abs(largest)) / period)
 
 
 def floquet(step: Step, state: Any, *, index: Any = 0.0, intervals: int = 1) -> Complex[Array | np.ndarray, " size"]:
-    """Computes Floquet multipliers of a motion that recurs after some intervals of `step`, the largest modulus first.
+    """Returns Floquet multipliers of a motion that recurs after some intervals of `step`, the largest modulus first.
 
     The logarithms of their moduli, divided by `intervals`, are the exponents per interval.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
     check_functions(step, None)
-    state, count = check_state(state), whole("intervals", intervals, 1)
-    return multipliers(call_compiled(_jacobians, step, (count,), state, finite("index")(index)))
+    state = check_state(state)
+    static = (whole("intervals", intervals, 1),)
+    return multipliers(call_compiled(_jacobians, step, static, state, finite("index")(index)))
 
 
 def _jacobians(step, static, state, index):

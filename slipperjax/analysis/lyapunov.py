@@ -52,13 +52,14 @@ class LyapunovSpectrum(eqx.Module):
         if is_traced(self.history) or np.ndim(self.history) != 2:
             return f"LyapunovSpectrum(history={shown_number(self.history)})"
         pairs = zip(np.asarray(self.per_period), self.stderr, strict=True)
+        exponents = ", ".join(f"{exponent:.5g} +- {error:.2g}" for exponent, error in pairs)
         total = self.history.shape[0] * float(self.periods)
-        status = "" if self.status is None else f", status {shown_number(self.status)}"
-        short = f",\n  not resolved: errors without changes over {self.slowest:g} periods, see lyapunov_sweep"
-        return (
-            f"LyapunovSpectrum({', '.join(f'{e:.5g} +- {s:.2g}' for e, s in pairs)} [1/period],\n"
-            f"  over {total:g} periods of {float(self.period):.5g} s{status}{'' if self.resolved else short})"
-        )
+        text = f"LyapunovSpectrum({exponents} [1/period],\n  over {total:g} periods of {float(self.period):.5g} s"
+        if self.status is not None:
+            text += f", status {shown_number(self.status)}"
+        if not self.resolved:
+            text += f",\n  not resolved: errors without changes over {self.slowest:g} periods, see lyapunov_sweep"
+        return text + ")"
 
     @property
     def per_period(self) -> Float[Array, "*lanes count"]:
@@ -81,11 +82,12 @@ class LyapunovSpectrum(eqx.Module):
         """Whether the record can show its errors; not for use under a transformation.
 
         One record tells nothing of changes that are slower than itself. Therefore chaos is not resolved where the
-        record is shorter than `LONG` times `slowest`: its errors are those of the stretch that was recorded.
+        record is shorter than four times `slowest`: its errors are those of the stretch that was recorded.
         `slipperjax.lyapunov_sweep` runs several motions for longer.
         """
-        long = self.history.shape[-2] * np.asarray(self.periods) >= LONG * self.slowest
-        return np.asarray(long | ~is_chaotic(self.per_period[..., 0], self.stderr[..., 0]))
+        recorded = self.history.shape[-2] * np.asarray(self.periods)
+        chaotic = is_chaotic(self.per_period[..., 0], self.stderr[..., 0])
+        return np.asarray((recorded >= 4 * self.slowest) | ~chaotic)
 
     @property
     def weighted(self) -> Float[np.ndarray, "*lanes count"]:
@@ -159,14 +161,7 @@ def first_tangents(state: Any, count: int, scale: Scale | None = None) -> Any:
 
 
 def push_tangents(
-    step: Step,
-    state: Any,
-    tangents: Any,
-    intervals: int,
-    *,
-    index: Any = 0.0,
-    scale: Scale | None = None,
-    distance: Any = None,
+    step: Step, state: Any, tangents: Any, intervals: int, *, index: Any = 0.0, scale: Scale | None = None
 ) -> tuple[Any, Any, Float[Array, "intervals count"]]:
     """Propagates orthonormal tangents through `intervals` intervals. Pure; may be used under jit and vmap.
 
@@ -177,17 +172,13 @@ def push_tangents(
     - `index`: index of the first interval.
     - `scale`: gives the weights of the components at a state, like the state or broadcasting to it. A component of
         weight zero is omitted from the norm; its tangent is propagated and divided by the norms of the rest.
-    - `distance`: if given, tangents are difference quotients to neighbours at this distance instead of derivatives.
 
     **Returns:** the state and the tangents at the end, and the logarithms of the growth in each interval.
     """
 
-    def push(state, tangent, k):  # unbatched outputs, independent of the tangent, are computed once for all
-        if distance is None:
-            return jax.jvp(lambda s: step(s, k), (state,), (tangent,))
-        end = step(state, k)
-        near = step(jax.tree.map(lambda s, t: s + distance * t, state, tangent), k)
-        return end, jax.tree.map(lambda a, b: (a - b) / distance, near, end)
+    # the state at the end, which does not depend on the tangent, is computed once for all tangents
+    def push(state, tangent, k):
+        return jax.jvp(lambda s: step(s, k), (state,), (tangent,))
 
     def interval(carry, k):
         state, tangents = carry
@@ -212,7 +203,6 @@ def map_spectrum(
     index: Any = 0.0,
     periods: Any = 1.0,
     period: Any = 1.0,
-    distance: Any = None,
 ) -> LyapunovSpectrum:
     """Computes the Lyapunov spectrum of a map, or of a flow that `step` integrates.
 
@@ -232,7 +222,6 @@ def map_spectrum(
     - `scale`: weights of the components, see `push_tangents`.
     - `index`: index of the first interval.
     - `periods`: periods in an interval; `period`: length of a period [s].
-    - `distance`: see `push_tangents`; use `two_trajectory_exponent` instead.
 
     **Returns:** a `LyapunovSpectrum`.
 
@@ -243,35 +232,25 @@ def map_spectrum(
     size = sum(leaf.size for leaf in jax.tree.leaves(state))
     count = size if count is None else whole("count", count, 1)
     require(count <= size, "count", f"be at most {size}, the size of the state", count)
-    intervals, align = whole("intervals", intervals, 1), whole("align", align, 0)
-    index, transient = finite("index")(index), whole("transient", transient, 0)
-    periods, period = positive("periods")(periods), positive("period", "s")(period)
-    distance = None if distance is None else positive("distance")(distance)
+    intervals = whole("intervals", intervals, 1)
+    align = whole("align", align, 0)
+    transient = whole("transient", transient, 0)
+    index = finite("index")(index)
+    periods = positive("periods")(periods)
+    period = positive("period", "s")(period)
     functions = (step, scale)
     # a number of intervals that is an argument serves one program for all; in reverse mode it must be part of it
     fixed = transient if is_traced((step, state)) else None
     state, tangents = call_compiled(_begin, functions, (count, transient > 0, fixed), state, index, transient)
-    state, tangents, history = call_compiled(
-        _run, functions, (align, align + intervals), state, tangents, index + transient, distance
-    )
+    lengths = (align, align + intervals)
+    state, tangents, history = call_compiled(_run, functions, lengths, state, tangents, index + transient)
     return LyapunovSpectrum(history, state, tangents, periods, period)
 
 
-def two_trajectory_exponent(
-    step: Step, state: Any, intervals: int, *, distance: Any = 1e-7, scale: Scale | None = None, **options: Any
-) -> LyapunovSpectrum:
-    """Computes the largest exponent from two trajectories, the second rescaled to `distance` after each interval.
-
-    Needs no derivative of `step`, and is therefore correct even if the derivative of `step` is wrong. The relative
-    error is about `distance`, in the norm of `scale`, plus the rounding error over `distance`.
-
-    **Arguments:** `options`: as for `map_spectrum`, except `count`.
-    """
-    return map_spectrum(step, state, intervals, count=1, scale=scale, distance=distance, **options)
-
-
 def _begin(functions, static, state, index, transient):
-    (step, scale), (count, runs, fixed) = functions, static
+    """Returns the state after the transient, and its first tangents."""
+    step, scale = functions
+    count, runs, fixed = static
     if runs:
         most = transient if fixed is None else fixed
         run = lambda state: jax.lax.fori_loop(0, most, lambda i, s: step(s, index + i), state)
@@ -279,18 +258,18 @@ def _begin(functions, static, state, index, transient):
     return state, first_tangents(state, count, scale)
 
 
-def _run(functions, static, state, tangents, index, distance):
-    (step, scale), (align, intervals) = functions, static
-    state, tangents, history = push_tangents(
-        step, state, tangents, intervals, index=index, scale=scale, distance=distance
-    )
+def _run(functions, static, state, tangents, index):
+    """Returns the state and tangents at the end, and the history without the intervals of alignment."""
+    step, scale = functions
+    align, intervals = static
+    state, tangents, history = push_tangents(step, state, tangents, intervals, index=index, scale=scale)
     return state, tangents, history[align:]
 
 
 def check_functions(step: Any, scale: Any) -> None:
     """Raises `ValueError` unless both are callable; `scale` may be None."""
-    for name, value in (("step", step), ("scale", scale)):
-        require(callable(value) or (name == "scale" and value is None), name, "be a function", value)
+    require(callable(step), "step", "be a function", step)
+    require(scale is None or callable(scale), "scale", "be a function", scale)
 
 
 def check_state(state: Any) -> Any:
@@ -299,14 +278,10 @@ def check_state(state: Any) -> Any:
     return jax.tree.map(finite("state"), state)
 
 
-LONG = 4.0
-"""Length of a record from which on its parts show a slow change of the system, in multiples of its time."""
 SURE = 3.0
 """Number of standard errors by which an exponent must exceed zero to count as positive."""
 LEAST = 1e-3
 """Exponents up to this count as zero [1/period]."""
-WIDEST = 0.01
-"""Bound of `SURE` standard errors of exponents near zero, for these to be sure [1/period]."""
 
 
 def is_chaotic(exponent: Any, stderr: Any) -> np.ndarray:
@@ -324,11 +299,15 @@ def regime(exponent: Any, stderr: Any, kind: Any, trusted: Any, escapes: Any = 0
     `Attractors`; `trusted`: whether status and certificates are good; `escapes`: how many of several longer motions
     became regular in the end. All have the same shape.
     """
-    given = {"exponent": exponent, "stderr": stderr, "trusted": trusted, "escapes": escapes}
-    exponent, stderr, trusted, escapes = (numbers(name, value) for name, value in given.items())
+    exponent = numbers("exponent", exponent)
+    stderr = numbers("stderr", stderr)
+    trusted = numbers("trusted", trusted)
+    escapes = numbers("escapes", escapes)
     kind = np.asarray(kind)
-    chaotic, periodic = is_chaotic(exponent, stderr), kind == Regime.PERIODIC.kind_name
-    sure = chaotic | (SURE * stderr <= np.maximum(np.abs(exponent), WIDEST))
+    chaotic = is_chaotic(exponent, stderr)
+    periodic = kind == Regime.PERIODIC.kind_name
+    # exponents near zero are known well enough to 0.01 per period
+    sure = chaotic | (SURE * stderr <= np.maximum(np.abs(exponent), 0.01))
     contradicts = (chaotic & periodic) | (~chaotic & (kind == Regime.CHAOTIC.kind_name))
     lasting = np.where(escapes > 0, Regime.TRANSIENT, Regime.CHAOTIC)
     codes = np.where(chaotic, lasting, np.where(periodic, Regime.PERIODIC, Regime.REGULAR))
@@ -391,9 +370,12 @@ def standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
         x = means - means.mean(axis=-2, keepdims=True)
         top = min(int(10 * np.log10(n)), n // 4)
         covariance = [np.sum(x[..., lag:, :] * x[..., : n - lag, :], axis=-2) / n for lag in range(top + 1)]
-        noise, weights = covariance[0], []
-        densities, criteria = [noise * n / (n - 1)], [n * np.log(noise)]
-        for order in range(1, top + 1):  # Levinson and Durbin
+        noise = covariance[0]
+        weights = []
+        densities = [noise * n / (n - 1)]
+        criteria = [n * np.log(noise)]
+        # autoregressions of rising order, by the recursion of Levinson and Durbin
+        for order in range(1, top + 1):
             predicted = sum(w * covariance[order - 1 - lag] for lag, w in enumerate(weights))
             last = (covariance[order] - predicted) / noise
             weights = [w - last * v for w, v in zip(weights, weights[::-1], strict=True)] + [last]
@@ -403,10 +385,6 @@ def standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
         best = np.argmin(np.stack(criteria), axis=0)[None]
         density = np.take_along_axis(np.stack(densities), best, axis=0)[0]
     return np.sqrt(np.where(covariance[0] == 0, 0.0, density) / n)
-
-
-PARTS = 8
-"""Parts of one record, between which slow changes are looked for."""
 
 
 def one_motion_standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
@@ -422,13 +400,14 @@ def one_motion_standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]
     """
     history = numbers("history", history, 2)
     within = standard_error(history)
-    if history.shape[-2] < PARTS:
+    if history.shape[-2] < 8:
         return within
-    means = _means_of_parts(history, PARTS)
-    scatter = lambda parts: parts.std(axis=-2, ddof=1) / np.sqrt(parts.shape[-2])
-    place = (np.arange(PARTS) - (PARTS - 1) / 2)[:, None]
-    change = PARTS * np.sum(place * means, axis=-2) / np.sum(place**2)
-    blocks = np.max([within, scatter(_means_of_parts(history, PARTS // 2)), scatter(means)], axis=0)
+    eighths = _means_of_parts(history, 8)
+    quarters = _means_of_parts(history, 4)
+    blocks = np.max([within, _scatter(quarters), _scatter(eighths)], axis=0)
+    # change along the straight line through the eighths, from the start of the record to its end
+    place = (np.arange(8) - 3.5)[:, None]
+    change = 8 * np.sum(place * eighths, axis=-2) / np.sum(place**2)
     return np.hypot(blocks, change / np.sqrt(12))
 
 
@@ -437,6 +416,11 @@ def _means_of_parts(history: np.ndarray, parts: int) -> np.ndarray:
     length = history.shape[-2] // parts
     used = history[..., history.shape[-2] - parts * length :, :]
     return used.reshape(*history.shape[:-2], parts, length, history.shape[-1]).mean(axis=-2)
+
+
+def _scatter(means: np.ndarray) -> np.ndarray:
+    """Returns the standard error of the mean of independent numbers, along the axis before the last."""
+    return means.std(axis=-2, ddof=1) / np.sqrt(means.shape[-2])
 
 
 def pooled_standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
@@ -454,5 +438,4 @@ def pooled_standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
     if intervals < 8:
         return within
     means = _means_of_parts(history, 2)
-    means = means.reshape(*history.shape[:-3], 2 * motions, count)
-    return np.maximum(within, means.std(axis=-2, ddof=1) / np.sqrt(2 * motions))
+    return np.maximum(within, _scatter(means.reshape(*history.shape[:-3], 2 * motions, count)))

@@ -16,8 +16,6 @@ from .floquet import solve
 
 LEAST_FALL = 0.1
 """Share of a step by which the residual must fall for a damped step to be accepted."""
-POLISHED = 1e-3
-"""Residual over the tolerance below which a solution is not polished by one more step."""
 
 
 class Linearisation(NamedTuple):
@@ -38,23 +36,19 @@ class AbstractEquations(eqx.Module):
 
     @abc.abstractmethod
     def evaluate(self, z: Float[Array, " more"]) -> Linearisation:
-        """Computes residual and derivative at `z`. Pure."""
+        """Returns residual and derivative at `z`. Pure."""
 
     @abc.abstractmethod
     def weights(self, z: Float[Array, " more"]) -> tuple[Float[Array, " n"], Float[Array, " more"]]:
-        """Gives factors of the residual's components, and of the unknowns in the measure of length; zero for those
-        that are left out."""
+        """Returns factors of the residual's components, and of the unknowns in the measure of length; zero for
+        those that are left out."""
 
     def project(self, z: Array, before: Array, residual: Array) -> Array:
-        """Makes `z` consistent, which was proposed from `before`, where the residual was `residual`. Pure."""
+        """Returns a consistent point for `z`, proposed from `before`, where the residual was `residual`. Pure."""
         return z
 
-    def relax(self) -> "AbstractEquations | None":
-        """Gives equations that accept more, for a point where these have no solution. Here there are none."""
-        return None
-
     def update(self, z: Any, null_vectors: Any) -> "AbstractEquations":
-        """Gives the same equations in a form that suits the neighbourhood of a point `z`. Here as they are."""
+        """Returns the same equations in a form that suits the neighbourhood of a point `z`. Here as they are."""
         return self
 
 
@@ -75,14 +69,14 @@ class _Carry(NamedTuple):
     """State of the iteration."""
 
     z: Array  # to be evaluated next; at the end that of the linearisation
-    start: Array  # where the current step begins, with the residual there, its size, and Newton's step
-    missed: Array
-    size: Array
-    step: Array
+    start: Array  # where the current step begins
+    missed: Array  # residual there
+    size: Array  # of that residual
+    step: Array  # Newton's step from there
     share: Array  # of the step, to which it was halved
-    linearisation: Linearisation
-    count: Array
-    polishing: Array
+    linearisation: Linearisation  # of the last pass
+    count: Array  # of iterations, negative during updates
+    polishing: Array  # whether the step is the last one, which polishes
     going: Array
     numbers: Any  # array leaves of the equations
 
@@ -107,7 +101,8 @@ def newton(
         it is accepted whatever it gives.
     - `updates`: how often the equations are updated at `z` before the first step; if at all, they are updated
         after each step, too.
-    - `polish`: whether one more step follows, which is not counted, where the tolerance is met, but not `POLISHED`.
+    - `polish`: whether one more step follows, which is not counted, where the tolerance is met, but not a thousandth
+        of it.
 
     **Returns:** a `Root`; look at its `residual`.
     """
@@ -125,33 +120,57 @@ def newton(
         fell = size <= (1 - LEAST_FALL * carry.share) * carry.size
         accepted = fell | (carry.share <= 0.5**halvings) | carry.polishing
         ended = ~((size > tolerance) & (carry.count < iterations) & jnp.isfinite(size))
-        polishing = accepted & (size <= tolerance) & (size > POLISHED * tolerance) & ~carry.polishing & polish
+        polishing = accepted & (size <= tolerance) & (size > 1e-3 * tolerance) & ~carry.polishing & polish
         done = carry.polishing | (accepted & ~updating & ended & ~polishing)
-        # from here, or half as far from where the step began
+        # the next step begins here, or is half as long as the last one from where that began
         pick = lambda here, before: jnp.where(accepted, here, before)
-        start, missed = pick(carry.z, carry.start), pick(now.residual, carry.missed)
-        step, share = pick(solve(now.jacobian, -now.residual), carry.step), pick(1.0, carry.share / 2)
+        start = pick(carry.z, carry.start)
+        missed = pick(now.residual, carry.missed)
+        step = pick(solve(now.jacobian, -now.residual), carry.step)
+        share = pick(1.0, carry.share / 2)
         proposal = current.project(start + share * step, start, missed)
         new = eqx.filter(current.update(carry.z, now.null_vectors), eqx.is_array) if updates else carry.numbers
-        updated = jax.tree.map(lambda a, b: jnp.where(done, a, b), carry.numbers, new)
-        z, size = jnp.where(done | updating, carry.z, proposal), jnp.where(updating, jnp.inf, pick(size, carry.size))
-        count = carry.count + ~(done | polishing)
-        return _Carry(z, start, missed, size, step, share, now, count, polishing, ~done, updated)
+        return _Carry(
+            z=jnp.where(done | updating, carry.z, proposal),
+            start=start,
+            missed=missed,
+            size=jnp.where(updating, jnp.inf, pick(size, carry.size)),
+            step=step,
+            share=share,
+            linearisation=now,
+            count=carry.count + ~(done | polishing),
+            polishing=polishing,
+            going=~done,
+            numbers=jax.tree.map(lambda a, b: jnp.where(done, a, b), carry.numbers, new),
+        )
 
     nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(evaluate, numbers, z))
     # of the types that a pass gives, because the loop would be traced again otherwise
-    one, yes, count = jnp.ones(()), jnp.ones((), bool), jnp.zeros((), int) - updates
-    begin = _Carry(z, z, nothing.residual, jnp.inf * one, jnp.zeros_like(z), one, nothing, count, ~yes, yes, numbers)
+    one = jnp.ones(())
+    yes = jnp.ones((), bool)
+    begin = _Carry(
+        z=z,
+        start=z,
+        missed=nothing.residual,
+        size=jnp.inf * one,
+        step=jnp.zeros_like(z),
+        share=one,
+        linearisation=nothing,
+        count=jnp.zeros((), int) - updates,
+        polishing=~yes,
+        going=yes,
+        numbers=numbers,
+    )
     end = jax.lax.while_loop(lambda carry: carry.going, advance, begin)
     return Root(end.z, end.linearisation, end.size, end.count, eqx.combine(end.numbers, fixed))
 
 
 def weighted_size(residual: Array, weights: Array) -> Array:
-    """Gives the greatest weighted component, of those with weights; infinite where any is not finite."""
+    """Returns the greatest weighted component, of those with weights; infinite where any is not finite."""
     counted = jnp.where(weights > 0, weights * residual, 0.0)
     return jnp.where(jnp.all(jnp.isfinite(residual)), jnp.max(jnp.abs(counted)), jnp.inf)
 
 
 def without_derivatives(tree: Any) -> Any:
-    """Gives a pytree whose arrays are constants to derivatives."""
+    """Returns a pytree whose arrays are constants to derivatives."""
     return jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_array(a) else a, tree)

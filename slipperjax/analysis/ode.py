@@ -24,6 +24,7 @@ class OdeStep(eqx.Module):
     steps: int = eqx.field(static=True)
 
     def __call__(self, state: Any, k: Any) -> Any:
+        # time runs from 0 to 1 in each interval, so that all have the same steps
         def field(t, y, args):
             t_start, duration, args = args
             return jax.tree.map(lambda r: duration * r, self.vector_field(t_start + duration * t, y, args))
@@ -31,7 +32,7 @@ class OdeStep(eqx.Module):
         solution = diffrax.diffeqsolve(
             diffrax.ODETerm(field),
             self.solver,
-            t0=0.0,  # from 0 to 1 in each interval, so that all have the same steps
+            t0=0.0,
             t1=1.0,
             dt0=1 / self.steps,
             y0=state,
@@ -53,7 +54,7 @@ def ode_step(
     args: Any = None,
     t0: Any = 0.0,
 ) -> OdeStep:
-    """Makes `step` of y' = vector_field(t, y, args): `steps` steps of `dt` per interval, the first at time `t0`.
+    """Returns `step` of y' = vector_field(t, y, args): `steps` steps of `dt` per interval, the first at time `t0`.
 
     **Arguments:** `solver`: any diffrax solver; default `diffrax.Tsit5()`.
 
@@ -79,7 +80,7 @@ def ode_spectrum(
     t0: Any = 0.0,
     **options: Any,
 ) -> LyapunovSpectrum:
-    """Computes the Lyapunov spectrum of an ODE. Its `per_second` is per unit of the ODE's time.
+    """Returns the Lyapunov spectrum of an ODE. Its `per_second` is per unit of the ODE's time.
 
     **Arguments:** up to `t0` as for `ode_step`; `options` as for `map_spectrum`. If `period` is given, an
     interval has `dt * steps / period` periods; by default a period is one interval.

@@ -14,15 +14,8 @@ from jaxtyping import Float
 
 from ..tools.checks import require, warn
 
-RESAMPLES = 100
-"""Draws of the conditions, with replacement, from which an error is found: to 7 % of itself."""
-
-FEWEST_BEYOND = 4.0
-"""Values beyond a quantile from which on its error is true: of peak forces with 1 beyond, 78 % lay within two errors
-instead of 95."""
-
 Fit = Callable[[Float[np.ndarray, " groups"]], Float[np.ndarray, " numbers"]]
-"""Gives numbers from the weights of the conditions."""
+"""Function that makes numbers of the weights of the conditions."""
 
 
 def quantile_plane(
@@ -31,10 +24,13 @@ def quantile_plane(
     quantile: float,
     weights: Float[np.ndarray, " rows"],
 ) -> Float[np.ndarray, " columns"]:
-    """Fits coefficients such that a share `quantile` of weighted values lies below `system` @ coefficients."""
+    """Returns coefficients such that a share `quantile` of weighted values lies below `system` @ coefficients."""
     used = weights > 0
-    size = max(float(np.max(np.abs(values[used]))), 1e-300)  # numbers near 1 suit the solver's tolerances
-    x, y, w = system[used], values[used] / size, weights[used]
+    x = system[used]
+    w = weights[used]
+    # numbers near 1 suit the solver's tolerances
+    size = max(float(np.max(np.abs(values[used]))), 1e-300)
+    y = values[used] / size
     bounds = np.stack([np.zeros_like(w), w], axis=1)
     # the dual program, whose multipliers are the coefficients
     dual = scipy.optimize.linprog(-y, A_eq=x.T, b_eq=(1 - quantile) * (x.T @ w), bounds=bounds, method="highs")
@@ -46,24 +42,28 @@ def mean_plane(
     values: Float[np.ndarray, " rows"],
     weights: Float[np.ndarray, " rows"],
 ) -> Float[np.ndarray, " columns"]:
-    """Fits coefficients by weighted least squares."""
+    """Returns coefficients by weighted least squares."""
     root = np.sqrt(weights)
     return np.linalg.lstsq(system * root[:, None], values * root, rcond=None)[0]
 
 
-def bootstrap(fit: Fit, groups: int, *, resamples: int = RESAMPLES, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Returns numbers that `fit` gives of all conditions once, and those of draws of them, (resamples, numbers)."""
+def bootstrap(fit: Fit, groups: int, *, resamples: int = 100, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Returns numbers that `fit` gives of all conditions once, and those of draws of them, (resamples, numbers).
+
+    **Arguments:** `resamples`: draws with replacement; 100 give an error to 7 % of itself.
+    """
     draws = np.random.default_rng(seed).multinomial(groups, np.full(groups, 1 / groups), size=resamples)
     return fit(np.ones(groups)), np.stack([fit(draw.astype(float)) for draw in draws])
 
 
 def check_quantile(quantile: Any, count: int) -> None:
-    """Gives a warning where few of `count` values lie beyond a quantile.
+    """Warns where few of `count` values lie beyond a quantile.
 
     **Raises:** `ValueError` for what is neither None nor a share between 0 and 1.
     """
     good = quantile is None or (isinstance(quantile, int | float) and 0 < quantile < 1)
     require(good, "quantile", "be a share between 0 and 1, or None for the mean", quantile)
     beyond = count if quantile is None else count * min(quantile, 1 - quantile)
-    if beyond < FEWEST_BEYOND * (1 - 1e-9):
+    # with fewer than four beyond, errors are too small: with one, 78 % of peak forces lay within two errors
+    if beyond < 4 * (1 - 1e-9):
         warn(f"Argument `quantile` leaves {beyond:.2g} of {count} rails beyond it, too few for a true error.")

@@ -22,10 +22,6 @@ from .newton import AbstractEquations, Linearisation, newton, weighted_size, wit
 Consistent = Callable[[Any, Any, Any], Any]
 """A consistent state from the map, a state that Newton's method proposes, and what the last iterate is mapped to."""
 
-STEP_HALVINGS = 2
-"""How often a step of Newton's method may be halved. Short steps get stuck where the map's derivative jumps: of 70
-orbits at 880 to 2300 m/s, of period 1 and 2, 64 are found with 2 halvings, 58 with 8."""
-
 
 class Shot(eqx.Module):
     """A periodic motion, as far as Newton's method came."""
@@ -47,11 +43,10 @@ def shoot(
     index: Any = 0.0,
     scale: Scale | None = None,
     consistent: Consistent | None = None,
-    turns: Any = None,
     tolerance: float = 1e-10,
     max_iterations: int = 30,
 ) -> Shot:
-    """Finds a motion that recurs after some intervals, by Newton's method from a state near it. Pure.
+    """Returns a motion that recurs after some intervals, by Newton's method from a state near it. Pure.
 
     Steps are halved where the residual does not fall. The result has the derivatives of the exact motion with respect
     to all numbers of `step`, in forward and reverse mode, whatever the iterations were.
@@ -64,8 +59,6 @@ def shoot(
     - `scale`: gives the weights of the components at a state, which the residual's components are multiplied by; a
         component of weight zero is left out. Default all one.
     - `consistent(step, proposed, mapped)`: makes proposed states consistent, see `Consistent`; default leaves them.
-    - `turns`: full turns of components that are wrapped, such as 2 pi of an angle from -pi to pi, infinite for
-        others, as a pytree like the state; default none.
     - `tolerance`: residual at which the iteration ends. `max_iterations`: it ends then in any case.
 
     **Returns:** a `Shot`; look at its `residual`, which is NaN or large where there is no such motion nearby.
@@ -73,26 +66,31 @@ def shoot(
     **Raises:** `ValueError` that names the argument which is wrong.
     """
     check_functions(step, scale)
-    state, count = check_state(state), whole("intervals", intervals, 1)
+    state = check_state(state)
+    count = whole("intervals", intervals, 1)
     limit = whole("max_iterations", max_iterations, 0)
     tolerance = number(positive, "tolerance", tolerance)
     index = finite("index")(index)
     static = count, limit, is_transformed()
-    return call_compiled(_shoot, (step, scale, consistent, turns), static, state, index, as_argument(tolerance))
+    return call_compiled(_shoot, (step, scale, consistent), static, state, index, as_argument(tolerance))
 
 
 def _shoot(functions, static, state, index, tolerance):
-    (step, scale, consistent, turns), (intervals, limit, differentiable) = functions, static
+    """Returns a motion of one map, without parameters."""
+    intervals, limit, differentiable = static
 
     def motions(step, scale, consistent, index):
-        # of one map, without parameters
-        return PeriodicMotions(lambda: step, state, jnp.zeros(0), scale, index, intervals, consistent, turns=turns)
+        return PeriodicMotions(lambda: step, state, jnp.zeros(0), scale, index, intervals, consistent)
 
     # the iteration itself is not differentiated
-    constant, guess = without_derivatives(((step, scale, consistent, index), ravel_pytree(state)[0]))
-    options = dict(tolerance=tolerance, iterations=limit, halvings=STEP_HALVINGS, polish=True)
+    constant, guess = without_derivatives(((*functions, index), ravel_pytree(state)[0]))
+    # Short steps get stuck where the map's derivative jumps: of 70 orbits at 880 to 2300 m/s, of period 1 and 2, 64
+    # are found with 2 halvings, 58 with 8.
+    options = dict(tolerance=tolerance, iterations=limit, halvings=2, polish=True)
     root = newton(motions(*constant), guess, **options)
-    z, matrices, exact = root.z, root.linearisation.matrices, motions(step, scale, consistent, index)
+    z = root.z
+    matrices = root.linearisation.matrices
+    exact = motions(*functions, index)
     if differentiable:
         # one more step, of no length: with the derivatives of the map alone it has those of the exact motion
         miss = exact.mapped(z) - z
@@ -101,10 +99,8 @@ def _shoot(functions, static, state, index, tolerance):
     return Shot(exact.state(z), root.residual, root.iterations, matrices)
 
 
-def minimal_period(
-    step: Step, state: Any, intervals: int, *, index: Any = 0.0, scale: Scale | None = None, turns: Any = None
-) -> Any:
-    """Computes the residuals of a motion that recurs after `intervals` intervals, after each of its divisors. Pure.
+def minimal_period(step: Step, state: Any, intervals: int, *, index: Any = 0.0, scale: Scale | None = None) -> Any:
+    """Returns the residuals of a motion that recurs after `intervals` intervals, after each of its divisors. Pure.
 
     **Arguments:** as for `shoot`.
 
@@ -112,30 +108,24 @@ def minimal_period(
     """
     check_functions(step, scale)
     count = whole("intervals", intervals, 1)
-    return call_compiled(_residuals, (step, scale, turns), (count,), check_state(state), finite("index")(index))
+    return call_compiled(_residuals, (step, scale), (count,), check_state(state), finite("index")(index))
 
 
 def _residuals(functions, static, state, index):
-    step, scale, turns = functions
+    step, scale = functions
+    (intervals,) = static
     flat, _ = ravel_pytree(state)
     weights = weights_of(state, scale)
     weights = jnp.ones(flat.size) if weights is None else weights
 
+    # the state after each interval, and how far it is from the start
     def interval(s, k):
         s = step(s, k)
-        return s, weighted_size(_missed(ravel_pytree(s)[0], flat, turns), weights)
+        return s, weighted_size(ravel_pytree(s)[0] - flat, weights)
 
-    run = lambda state: jax.lax.scan(interval, state, index + jnp.arange(float(static[0])))[1]
+    run = lambda state: jax.lax.scan(interval, state, index + jnp.arange(float(intervals)))[1]
     residuals = in_one_kernel(run, state)
-    return {n: residuals[n - 1] for n in range(1, static[0] + 1) if static[0] % n == 0}
-
-
-def _missed(end: Array, start: Array, turns: Any) -> Array:
-    """Gives the change of a state, without full turns of wrapped components."""
-    if turns is None:
-        return end - start
-    turns = ravel_pytree(turns)[0]
-    return end - start - jnp.where(jnp.isfinite(turns), turns * jnp.round((end - start) / turns), 0.0)
+    return {n: residuals[n - 1] for n in range(1, intervals + 1) if intervals % n == 0}
 
 
 Family = Callable[..., Step]
@@ -163,49 +153,49 @@ class PeriodicMotions(AbstractEquations):
     """Makes proposed states consistent, see `Consistent`; None leaves them."""
     lengths: Any = 1.0
     """Divisors of the state's weights in the length of a curve, infinite for components that do not count."""
-    turns: Any = None
-    """Full turns of wrapped components, as for `slipperjax.analysis.shoot`."""
 
     @property
     def size(self) -> int:
-        """Count of numbers in a state."""
+        """Number of numbers in a state."""
         return sum(jnp.size(leaf) for leaf in jax.tree.leaves(self.like))
 
     def unknowns(self, state: Any, *values: Any) -> Array:
-        """Gives the unknowns from a state and values of the parameters."""
+        """Returns the unknowns from a state and values of the parameters."""
         flat = ravel_pytree(state)[0]
         require(flat.size == self.size, "state", f"have {self.size} numbers as `like` has", flat.size)
         return jnp.concatenate([flat, jnp.asarray(values, float)])
 
     def state(self, z: Array) -> Any:
-        """Gives the state of a point."""
+        """Returns the state of a point."""
         return ravel_pytree(self.like)[1](jnp.asarray(z)[: self.size])
 
     def values(self, z: Array) -> tuple[Array, ...]:
-        """Gives the values of the parameters at a point."""
+        """Returns the values of the parameters at a point."""
         return tuple(jnp.asarray(z)[self.size : self.size + jnp.size(self.reach)])
 
     def step(self, z: Array) -> Step:
-        """Gives the map at a point."""
+        """Returns the map at a point."""
         return self.family(*self.values(z))
 
     def mapped(self, z: Array) -> Array:
-        """Gives the state after the intervals, as one array. Pure."""
-        step, ks = self.step(z), self.index + jnp.arange(float(self.intervals))
+        """Returns the state after the intervals, as one array. Pure."""
+        step = self.step(z)
+        ks = self.index + jnp.arange(float(self.intervals))
         run = lambda state: jax.lax.scan(lambda s, k: (step(s, k), None), state, ks)[0]
         return ravel_pytree(in_one_kernel(run, self.state(z)))[0]
 
     def evaluate(self, z: Array) -> Linearisation:
-        size, unravel = self.size, ravel_pytree(self.like)[1]
+        size = self.size
+        unravel = ravel_pytree(self.like)[1]
 
+        # parameters are numbers of the state that do not change, so that all derivatives come at once
         def step(unknowns, k):
-            # parameters are numbers of the state that do not change, so that all derivatives come at once
             end = self.family(*unknowns[size:])(unravel(unknowns[:size]), k)
             return jnp.concatenate([ravel_pytree(end)[0], unknowns[size:]])
 
         end, matrices = linearise(step, z, self.intervals, index=self.index)
         jacobian = product(matrices)[:size] - jnp.eye(size, z.size)
-        return Linearisation(_missed(end[:size], z[:size], self.turns), jacobian, matrices[:, :size, :size])
+        return Linearisation(end[:size] - z[:size], jacobian, matrices[:, :size, :size])
 
     def weights(self, z: Array) -> tuple[Array, Array]:
         weights = weights_of(self.state(z), self.scale)

@@ -15,7 +15,7 @@ that with the default steps one in ten is wrong by a third."""
 
 
 def with_step_error(function: Callable[[int], Any], steps: int, finer: Sequence[int] = FINER) -> tuple[Any, Any]:
-    """Evaluates a function of the number of steps with more and more of them, whose differences give the error.
+    """Returns a function of the number of steps with many of them, and its error by the difference to fewer.
 
     **Arguments:**
 
@@ -31,6 +31,7 @@ def with_step_error(function: Callable[[int], Any], steps: int, finer: Sequence[
     results = [function(times * steps) for times in finer]
     ratio = (finer[-1] / finer[-2]) ** 2
 
+    # of one leaf of the pytree, from its values with each number of steps
     def error(*values: Any) -> Any:
         *earlier, last = (np.abs(np.subtract(b, a)) for a, b in itertools.pairwise(values))
         return np.maximum(last, earlier[-1] / ratio) if earlier else last

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..analysis.continuation import Branch, End, continue_motion, extend_motion, switch
+from ..analysis.continuation import Branch, End, continue_motion, extend, switch
 from ..analysis.curves import Pace, Spot, checked_bounds, correct
 from ..analysis.events import CRITICAL_DISTANCE, MEANINGS, Event, Node, Observation, as_node
 from ..analysis.shooting import PeriodicMotions
@@ -36,15 +36,9 @@ from .motions import check_forcing, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit, periodic_orbit
 from .signature import Gaps, GapSamples, Grazing, Signature, contact_names, grazing, signature
 
-BRANCH_PACE = Pace(first=0.02, least=1e-6, most=0.3)
-"""Steps along a branch: 1 is the whole range of the parameter, or 1 mm, 10 mrad, 1 m/s, 10 rad/s of the state."""
 FINER = 4
 """Default steps per period over those of a simulation: multipliers jump a little where a touchdown passes from one
 step to the next. With 50 steps there were four folds at 2235 m/s; with 100 and more there is one."""
-PROGRAMS = 4
-"""Programs that a branch compiles, the search for its first orbit included."""
-BIFURCATIONS = ("LP", "PD", "NS", "BP")
-"""Events with a critical multiplier."""
 
 
 class BranchEvent(NamedTuple):
@@ -103,21 +97,17 @@ class OrbitPoints:
         write_whole(user_path(path), self.points.to_netcdf(engine="h5netcdf"))
 
     def to_dataframe(self) -> Any:
-        """Gives a `pandas.DataFrame` with a row per point: parameters, numbers of the orbits, multipliers, and states
-        by number.
+        """Returns a `pandas.DataFrame` with a row per point: parameters, numbers of the orbits, multipliers, states.
 
         Poincare sections, whose number differs from orbit to orbit, are left out.
         """
         ds = self.points
         columns = {name: ds[name].values for name in varied_names(ds)}
         columns |= {name: array.values for name, array in ds.data_vars.items() if array.dims == ("point",)}
+        # a column for each multiplier and each number of the state
         for name in ("multiplier_real", "multiplier_imag", "state"):
             columns |= {f"{name}_{k}": column for k, column in enumerate(ds[name].values.T)}
         return ds["point"].to_index().to_frame(index=False).assign(**columns).set_index("point")
-
-    def to_csv(self, path: Any) -> None:
-        """Writes `to_dataframe` as a table with commas, whole or not at all."""
-        write_whole(user_path(path), self.to_dataframe().to_csv().encode())
 
 
 @dataclasses.dataclass(frozen=True)
@@ -156,7 +146,7 @@ class OrbitBranch(OrbitPoints):
         return tuple(map(BranchEvent, *(columns[name] for name in BranchEvent._fields)))
 
     def events_named(self, label: str) -> tuple[BranchEvent, ...]:
-        """Gives the events with a label such as "PD"."""
+        """Returns the events with a label such as "PD"."""
         return tuple(event for event in self.events if event.label == label)
 
     _repr_html_ = repr_html
@@ -165,9 +155,11 @@ class OrbitBranch(OrbitPoints):
         return self.summary()
 
     def summary(self) -> str:
-        """Gives the branch in words, with a table of its events."""
-        varied, ds = self.parameter, self.points
-        values, outside = ds[varied.name].values, ds["outside"].values
+        """Returns the branch in words, with a table of its events."""
+        varied = self.parameter
+        ds = self.points
+        values = ds[varied.name].values
+        outside = ds["outside"].values
         shown = lambda value: f"{varied.shown(value):.8g}"
         first, last = (
             f"{shown(values[k])} ({reason or 'start'})" for k, reason in zip((0, -1), ds.attrs["ended"], strict=True)
@@ -179,7 +171,8 @@ class OrbitBranch(OrbitPoints):
             f"  {'label':5}  {title:>20}  {'+-':>7}  {'multiplier':>22}  outside",
         ]
         for event in self.events:
-            mu, error = event.multiplier, varied.shown(event.high - event.low) / 2
+            mu = event.multiplier
+            error = varied.shown(event.high - event.low) / 2
             critical = "" if np.isnan(mu.real) else f"{mu.real:.5f}" + (f"{mu.imag:+.5f}i" if mu.imag else "")
             sure = f"{error:.0e}" if event.converged else "unsure"
             lines.append(
@@ -189,12 +182,12 @@ class OrbitBranch(OrbitPoints):
         return "\n".join(lines)
 
     def events_dataframe(self) -> Any:
-        """Gives a `pandas.DataFrame` with a row per event, as `events`."""
+        """Returns a `pandas.DataFrame` with a row per event, as `events`."""
         names = [name for name, array in self.points.data_vars.items() if array.dims == ("event",)]
         return self.points[names].to_dataframe().rename(columns=lambda name: name.removeprefix("event_"))
 
     def orbit(self, point: int | BranchEvent) -> PeriodicOrbit:
-        """Gives the orbit at a point, or at an event."""
+        """Returns the orbit at a point, or at an event."""
         ds = self.points.isel(point=point.point if isinstance(point, BranchEvent) else point)
         run = _Run.of(self)
         return PeriodicOrbit(
@@ -217,7 +210,7 @@ class OrbitBranch(OrbitPoints):
         `continue_orbit`.
         """
         run = _Run.of(self, bounds)
-        return run.follow(extend_motion, self.branch, **options)
+        return run.follow(extend, self.branch, **options)
 
     def switched(
         self, event: BranchEvent, *, bounds: tuple[float, float] | None = None, **options: Any
@@ -237,9 +230,11 @@ class OrbitBranch(OrbitPoints):
         """Branch as `slipperjax.analysis` has it; that of a file is computed once more at its points."""
         if self._branch is not None:
             return self._branch
-        run, ds = _Run.of(self), self.points
+        run = _Run.of(self)
+        ds = self.points
         z = np.column_stack([ds["state"].values, ds[run.varied.name].values])
         nodes = []
+        # the tolerance is met at once, so that the points stay what they are
         for unknowns, tangent, label in zip(z, ds["tangent"].values, ds["label"].values, strict=True):
             weights = np.asarray(run.equations.weights(jnp.asarray(unknowns))[1])
             spot = correct(run.equations, unknowns, weights**2 * tangent, tolerance=1.0)
@@ -252,7 +247,7 @@ class OrbitBranch(OrbitPoints):
 
 
 def _analysed(event: BranchEvent, nodes: Sequence[Node]) -> Event:
-    """Gives an event as `slipperjax.analysis` has it."""
+    """Returns an event as `slipperjax.analysis` has it."""
     label, _, low, high, multiplier, converged, note, point = event
     return Event(label, nodes[point], low, high, multiplier, converged, note)
 
@@ -282,15 +277,17 @@ class _Run:
 
     @classmethod
     def new(cls, scene, varied, bounds, steps, solver, tolerance, period, like) -> "_Run":
-        """Makes those of a new branch."""
+        """Returns those of a new branch."""
         options = dict(stepping=dynamic_steps(steps), solver=solver, period=period)
         equations = slipper_motions(scene, (varied.name,), (bounds[1] - bounds[0],), like, **options)
         return cls(scene, varied, bounds, steps, solver, tolerance, equations)
 
     @classmethod
     def of(cls, branch: OrbitBranch, bounds: tuple[float, float] | None = None) -> "_Run":
-        """Makes those of a branch, with other bounds. Lengths along the branch stay those of the first bounds."""
-        call, (scene, start), varied = load_call(branch.points), load_base(branch.points), branch.parameter
+        """Returns those of a branch, with other bounds. Lengths along the branch stay those of the first bounds."""
+        call = load_call(branch.points)
+        scene, start = load_base(branch.points)
+        varied = branch.parameter
         settings = call["steps_per_period"], call["solver"], call["tolerance"], branch.period
         run = cls.new(scene, varied, tuple(call["bounds"]), *settings, initial_state(scene, start))
         return run if bounds is None else dataclasses.replace(run, bounds=bounds_of(varied, bounds))
@@ -299,7 +296,8 @@ class _Run:
         """Observes the contacts and sections of an orbit."""
         # the same equations with samples inside the periods, as one program for all points
         family = dataclasses.replace(self.equations.family, stepping=dynamic_steps(self.steps, most=self.steps))
-        equations, sections = dataclasses.replace(self.equations, family=family), Sections()
+        equations = dataclasses.replace(self.equations, family=family)
+        sections = Sections()
         records = RecordSet((GapSamples(), sections))
         ((gap, rate), crossed), period = call_compiled(_samples, equations, (records,), jnp.asarray(spot.z))
         one_case = jax.tree.map(lambda a: np.asarray(a)[None], crossed)
@@ -313,8 +311,8 @@ class _Run:
     def follow(
         self, walk: Callable[..., Branch], *start: Any, progress: bool | None = None, **options: Any
     ) -> OrbitBranch:
-        """Gives the branch that `walk` makes from a start, with a bar; `options`: of `counting`."""
-        with counted(progress, f"branch over {self.varied.name}", self.varied, PROGRAMS) as count:
+        """Returns the branch that `walk` makes from a start, with a bar; `options`: of `counting`."""
+        with counted(progress, f"branch over {self.varied.name}", self.varied) as count:
             return self.counting(count, walk, *start, **options)
 
     def counting(
@@ -325,21 +323,31 @@ class _Run:
         points: int = 400,
         until: Sequence[str] = (),
     ) -> OrbitBranch:
-        """Gives the branch that `walk` makes from a start as a result; after Ctrl-C raises `Interrupted` with it."""
-        options: dict[str, Any] = dict(tolerance=self.tolerance, pace=BRANCH_PACE, points=points, until=labels(until))
-        on_point = lambda node: count(node.spot.z[-1])
-        branch = walk(*start, self.bounds, observe=self.observe, on_point=on_point, **options)
+        """Returns the branch that `walk` makes from a start; after Ctrl-C raises `Interrupted` with it."""
+        branch = walk(
+            *start,
+            self.bounds,
+            observe=self.observe,
+            on_point=lambda node: count(node.spot.z[-1]),
+            tolerance=self.tolerance,
+            # 1 is the whole range of the parameter, or 1 mm, 10 mrad, 1 m/s, 10 rad/s of the state
+            pace=Pace(most=0.3),
+            points=points,
+            until=labels(until),
+        )
         return finished(OrbitBranch(self.dataset(branch), branch))
 
     def dataset(self, branch: Branch) -> Any:
-        """Makes an `xarray.Dataset` of a branch, from which the branch can be made again."""
-        nodes, scene = branch.nodes, self.scene
+        """Returns an `xarray.Dataset` of a branch, from which the branch can be made again."""
+        nodes = branch.nodes
+        scene = self.scene
         views: list[OrbitView] = [node.view.data for node in nodes]
         multipliers = np.array([node.multipliers for node in nodes])
+        critical = np.array([node.label in ("LP", "PD", "NS", "BP") for node in nodes])
+        near = np.array([np.broadcast_to(node.margins, node.multipliers.shape) for node in nodes])
         # at a bifurcation rounding decides on which side the critical multiplier lies
-        critical = np.array([node.label in BIFURCATIONS for node in nodes])
-        near = [np.maximum(node.margins, CRITICAL_DISTANCE * (node.label in BIFURCATIONS)) for node in nodes]
-        outside = np.sum(np.abs(multipliers) > 1 + np.array(near), axis=1)
+        near[critical] = np.maximum(near[critical], CRITICAL_DISTANCE)
+        outside = np.sum(np.abs(multipliers) > 1 + near, axis=1)
         call = {
             "function": "continue_orbit",
             "parameter": self.varied.name,
@@ -373,14 +381,14 @@ class _Run:
 
 
 def _samples(equations: PeriodicMotions, static: tuple, z: Any) -> tuple:
-    """Gives the samples of records along an orbit, and the length of a period [s]."""
+    """Returns the samples of records along an orbit, and the length of a period [s]."""
     step: PeriodMap = equations.step(z)  # type: ignore[assignment]
     passage = step.run(equations.state(z), periods=equations.intervals, records=static[0])
     return passage.samples, step.scene.period
 
 
 def along(values: Any, text: str, *dims: str, unit: str = "1") -> tuple:
-    """Gives a variable of a dataset along its points."""
+    """Returns a variable of a dataset along its points."""
     return ("point", *dims), np.array(values), {"units": unit, "long_name": text}
 
 
@@ -393,13 +401,15 @@ def orbits_dataset(
     outside: Any,
     call: dict[str, Any],
 ) -> tuple[Any, State]:
-    """Makes an `xarray.Dataset` of orbits at points of a curve, from which scene and call can be read.
+    """Returns an `xarray.Dataset` of orbits at points of a curve, from which scene and call can be read.
 
     **Returns:** the dataset, and the states, with a leading axis.
     """
     import xarray as xr
 
-    z, size, names = np.array([spot.z for spot in spots]), motions.size, [quantity.name for quantity in varied]
+    z = np.array([spot.z for spot in spots])
+    size = motions.size
+    names = [quantity.name for quantity in varied]
     states = jax.vmap(motions.state)(jnp.asarray(z))
     data = {
         "state": along(z[:, :size], "all numbers of the state, as in slipperjax.State", "number"),
@@ -415,21 +425,24 @@ def orbits_dataset(
 
 
 def _event_variables(branch: Branch, scene: Scene, unit: str) -> dict[str, Any]:
-    """Gives the variables of the table of events."""
+    """Returns the variables of the table of events."""
     # by identity: a bound and a grazing may share a value
     index = {id(node.spot.z): k for k, node in enumerate(branch.nodes)}
-    names, rows = contact_names(scene), []
+    names = contact_names(scene)
+    rows = []
     for event in branch.events:
-        z, opening = event.node.spot.z, event.node.view.data.grazing.opening
+        z = event.node.spot.z
+        opening = event.node.view.data.grazing.opening
+        notes = []
         # touchdowns that a grazing changes, in the direction of the branch
-        notes = [
-            f"{names[k]} {'opens' if opening[k] else 'touches'} once {'more' if change > 0 else 'less'}"
-            for k, change in enumerate(event.change)
-            if change
-        ]
-        note = "; ".join([*notes, *([event.note] if event.note else [])])
+        for k, change in enumerate(event.change):
+            if change:
+                happens = "opens" if opening[k] else "touches"
+                notes.append(f"{names[k]} {happens} once {'more' if change > 0 else 'less'}")
+        if event.note:
+            notes.append(event.note)
         values = float(z[-1]), event.low, event.high, event.multiplier, event.converged
-        rows.append(BranchEvent(event.label, *values, note, index[id(z)]))
+        rows.append(BranchEvent(event.label, *values, "; ".join(notes), index[id(z)]))
     data: dict[str, Any] = {}
     for name, (kind, text) in EVENT_COLUMNS.items():
         attributes = {"units": unit if name in ("value", "low", "high") else "1", "long_name": text}
@@ -442,19 +455,20 @@ def _event_variables(branch: Branch, scene: Scene, unit: str) -> dict[str, Any]:
 
 
 def finished(result: Any) -> Any:
-    """Gives a branch or curve back; raises `Interrupted` with it where it ended by Ctrl-C."""
+    """Returns a branch or curve back; raises `Interrupted` with it where it ended by Ctrl-C."""
     if "interrupted" in result.points.attrs["ended"]:
         raise Interrupted(result, result.points.sizes["point"], unit="points")
     return result
 
 
 @contextlib.contextmanager
-def counted(shown: bool | None, text: str, varied: Parameter, programs: int) -> Iterator[Callable[[Any], None]]:
-    """Gives a function that counts points, with their values of a parameter [SI unit], in a progress bar.
+def counted(shown: bool | None, text: str, varied: Parameter, programs: int = 4) -> Iterator[Callable[[Any], None]]:
+    """Yields a function that counts points, with their values of a parameter [SI unit], in a progress bar.
 
     At each point it polls whether this run is asked to end.
 
-    **Arguments:** `shown`, `programs`: of `slipperjax.tools.progress.bar`.
+    **Arguments:** `shown`, `programs`: of `slipperjax.tools.progress.bar`; a branch compiles four, the search for
+    its first orbit included.
     """
     with progress_bar(shown, programs=programs, desc=text, unit=" points") as bar:
 
@@ -468,32 +482,30 @@ def counted(shown: bool | None, text: str, varied: Parameter, programs: int) -> 
 
 
 def bounds_of(varied: Parameter, bounds: Any) -> tuple[float, float]:
-    """Gives two values of a parameter, the smaller first; raises `ValueError` for others."""
+    """Returns two values of a parameter, the smaller first; raises `ValueError` for others."""
     low, high = checked_bounds(bounds, f"values of {varied.name} [{varied.unit}]")
     return float(varied.check(low)), float(varied.check(high))
 
 
 def value_within(scene: Scene, name: str, varied: Parameter, bounds: tuple[float, float]) -> float:
-    """Gives the scene's value of a parameter; raises `ValueError` where it lies outside the bounds."""
+    """Returns the scene's value of a parameter; raises `ValueError` where it lies outside the bounds."""
     value = float(scene.value(name))
-    if not bounds[0] <= value <= bounds[1]:
-        raise ValueError(
-            f"Argument `bounds` must hold the scene's {name}, {shown_number(value)} {varied.unit}, but is "
-            f"{shown_number(bounds[0])} to {shown_number(bounds[1])}."
-        )
+    low, high = bounds
+    need = f"hold the scene's {name}, {shown_number(value)} {varied.unit}"
+    require(low <= value <= high, "bounds", need, shown=f"{shown_number(low)} to {shown_number(high)}")
     return value
 
 
 def labels(until: Any) -> tuple[str, ...]:
-    """Gives labels of events; raises `ValueError` for others."""
-    choices = tuple(label for label in MEANINGS if label not in ("EP", "MX"))
-    if isinstance(until, str) or not all(label in choices for label in until):
-        raise ValueError(f"Argument `until` must be a tuple of labels of {', '.join(choices)}, but is {until!r}.")
+    """Returns labels of events; raises `ValueError` for others."""
+    choices = [label for label in MEANINGS if label not in ("EP", "MX")]
+    known_labels = not isinstance(until, str) and all(label in choices for label in until)
+    require(known_labels, "until", f"be a tuple of labels of {', '.join(choices)}", until)
     return tuple(until)
 
 
 def steps_of_branch(scene: Scene, varied: Parameter, bounds: tuple[float, float], steps: int | None) -> int:
-    """Gives the integration steps per forcing period of a branch, as given or by default, see `continue_orbit`."""
+    """Returns the integration steps per forcing period of a branch, as given or by default, see `continue_orbit`."""
     if steps is not None:
         return given_steps(steps)
     at = (scene, *(varied.replaced(scene, value) for value in bounds))
@@ -539,11 +551,14 @@ def continue_orbit(
     known("scene", check_scene(scene))
     check_forcing(scene)
     varied = parameter(name, scene)
-    bounds, until = bounds_of(varied, bounds), labels(until)
-    tolerance, points = number(positive, "tolerance", tolerance), whole("points", points, 1)
-    value, solver = value_within(scene, name, varied, bounds), resolve_solver(scene, solver)
+    bounds = bounds_of(varied, bounds)
+    until = labels(until)
+    tolerance = number(positive, "tolerance", tolerance)
+    points = whole("points", points, 1)
+    value = value_within(scene, name, varied, bounds)
+    solver = resolve_solver(scene, solver)
     steps = steps_of_branch(scene, varied, bounds, steps_per_period)
-    with counted(progress, f"branch over {varied.name}", varied, PROGRAMS) as count:
+    with counted(progress, f"branch over {varied.name}", varied) as count:
         if not isinstance(start, PeriodicOrbit):
             options = dict(steps_per_period=steps, solver=solver, tolerance=tolerance)
             start = periodic_orbit(scene, period, start=start, **options)

@@ -22,7 +22,7 @@ from ..analysis.critical import (
 )
 from ..analysis.curves import Pace
 from ..analysis.events import CRITICAL_DISTANCE
-from ..analysis.floquet import circle_error, multipliers
+from ..analysis.floquet import circle_error
 from ..analysis.shooting import PeriodicMotions
 from ..analysis.step_error import with_step_error
 from ..flow.datasets import load_call, scene_attributes, varied_names
@@ -49,26 +49,9 @@ from .branches import (
     orbits_dataset,
     value_within,
 )
-from .motions import MOTION_SHARE, slipper_motions
+from .motions import slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit
 from .signature import GapSamples, Grazing
-
-CURVES = ("LP", "PD", "NS", "GR")
-"""Events that can be followed through the plane of two parameters."""
-PROGRAMS = 1
-"""Programs that most curves compile."""
-GAP_UNIT = 1e-5
-"""Gap that counts as one in the equations of a grazing [m]."""
-ROUGH = {"LP": 1e-3, "PD": 1e-4, "NS": 1e-4}
-"""Distances of a multiplier from its critical value that are accepted along curves [1]. The derivatives of the period
-map jump where a touchdown passes from one integration step to the next. A fold's place depends on it to second
-order."""
-RELAXED = {"LP": 1e-2, "PD": 1e-3, "NS": 1e-3}
-"""Such distances at single points of a curve, where there is no other way on [1]."""
-CURVE_PACE = Pace(first=0.02, least=1e-4, most=0.2)
-"""Steps along a curve: 1 is the whole range of a parameter; the state counts less, see `MOTION_SHARE`."""
-FOLD_PACE = Pace(first=0.02, least=2e-3, most=0.2)
-"""Likewise for folds, where jumps of derivatives count most: short steps there are of no use."""
 
 
 class CriticalOrbit(eqx.Module):
@@ -161,9 +144,10 @@ def _critical_orbit(
 
 
 def _angle(orbit: PeriodicOrbit) -> float:
-    """Gives the angle of an orbit's complex multiplier nearest to the unit circle [rad], 0 where all are real."""
+    """Returns the angle of an orbit's complex multiplier nearest to the unit circle [rad], 0 where all are real."""
     mu = np.asarray(orbit.multipliers)
-    return float(np.angle(_nearest_to_circle(mu[mu.imag > 0]))) if np.any(mu.imag > 0) else 0.0
+    upper = mu[mu.imag > 0]
+    return float(np.angle(_nearest_to_circle(upper))) if len(upper) else 0.0
 
 
 def event_sensitivities(branch: OrbitBranch, event: BranchEvent, names: Sequence[str]) -> xr.Dataset:
@@ -181,18 +165,22 @@ def event_sensitivities(branch: OrbitBranch, event: BranchEvent, names: Sequence
     more steps.
     """
     one_of("event", event.label, tuple(CRITICAL_MULTIPLIERS))
-    scene, call, own, start = branch.scene, load_call(branch.points), branch.parameter, branch.orbit(event)
+    scene = branch.scene
+    call = load_call(branch.points)
+    tolerance = call["tolerance"]
+    own = branch.parameter
+    start = branch.orbit(event)
     parameters = checked_parameters(names, scene)
     names = tuple(one.name for one in parameters)
     require(own.name not in names, "names", "be of other parameters than the branch's", names)
-    values, angle = values_of(scene, names), _angle(start)
+    values = values_of(scene, names)
+    angle = _angle(start)
 
+    # with some number of steps: the event's value and its derivatives
     def located(steps: int) -> tuple[np.ndarray, np.ndarray]:
         of_label = dict(name=own.name, names=names, label=event.label)
-        value, slope, residual = _place(
-            scene, start, values, dynamic_steps(steps), angle, call["tolerance"], **of_label
-        )
-        if not float(residual) <= call["tolerance"]:
+        value, slope, residual = _place(scene, start, values, dynamic_steps(steps), angle, tolerance, **of_label)
+        if not float(residual) <= tolerance:
             raise ValueError(
                 f"Argument `event` must be found with {steps} steps per period, too, but Newton's method ended with "
                 f"a residual of {shown_number(residual)}."
@@ -228,7 +216,7 @@ def _place(
     names: tuple[str, ...],
     label: str,
 ) -> tuple[Array, Array, Array]:
-    """Computes an event's place, its derivatives by the parameters `names` at `values`, and the residual."""
+    """Returns an event's place, its derivatives by the parameters `names` at `values`, and the residual."""
 
     def place(values: Array) -> tuple[Array, tuple[Array, Array]]:
         orbit = _critical_orbit(
@@ -241,7 +229,7 @@ def _place(
 
 
 def _nearest_to_circle(multipliers: np.ndarray) -> complex:
-    """Gives the multiplier nearest to the unit circle."""
+    """Returns the multiplier nearest to the unit circle."""
     return complex(multipliers[np.argmin(np.abs(np.abs(multipliers) - 1))])
 
 
@@ -259,20 +247,21 @@ class GapExtreme(eqx.Module):
     """Forcing periods after which the orbit recurs [1]."""
 
     def __call__(self, state: State, *values: Any) -> Array:
-        """Gives the gap [m]."""
+        """Returns the gap [m]."""
         return self._extreme(state, *values)[0]
 
     def update(self, state: State, *values: Any) -> "GapExtreme":
-        """Gives the same extreme with its time on this orbit."""
+        """Returns the same extreme with its time on this orbit."""
         return dataclasses.replace(self, time=self._extreme(state, *values)[1])
 
     def _extreme(self, state: State, *values: Any) -> tuple[Array, Array]:
-        """Computes the gap at the extreme [m], and the time [forcing periods]."""
+        """Returns the gap at the extreme [m], and the time [forcing periods]."""
         step: PeriodMap = self.family(*values)
         samples = step.run(state, periods=self.period, records=RecordSet((GapSamples(),))).samples[0]
         steps = step.stepping.number
         of_point = lambda a: jax.lax.dynamic_index_in_dim(a, self.point, 2, False)
-        gap, slope = of_point(samples[0]), of_point(samples[1]) * step.scene.period / steps
+        gap = of_point(samples[0])
+        slope = of_point(samples[1]) * step.scene.period / steps
         # the step nearest to the time in which the slope changes its sign; arrays are as long as for the most steps
         sign = jnp.where(self.greatest, 1.0, -1.0)
         index = jnp.arange(gap.shape[1] - 1)
@@ -337,55 +326,67 @@ def continue_event(
     - `points`: most points of each way. `progress`: whether a bar is shown, by default on terminals and in notebooks.
 
     **Returns:** an `OrbitCurve`. It ends where it meets a bound, where the pair of a Neimark-Sacker becomes real
-    ("strong resonance 1:1" or 1:2), or where no step converges, also with `RELAXED`: at a grazing the multipliers'
-    second derivatives jump.
+    ("strong resonance 1:1" or 1:2), or where no step converges: at a grazing the multipliers' second derivatives
+    jump.
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C,
     with the curve until then as its `result`.
     """
-    one_of("event", event.label, CURVES)
-    scene, call = branch.scene, load_call(branch.points)
-    own, other = branch.parameter, parameter(name, scene)
+    one_of("event", event.label, (*CRITICAL_MULTIPLIERS, "GR"))
+    scene = branch.scene
+    call = load_call(branch.points)
+    own = branch.parameter
+    other = parameter(name, scene)
     require(other.name != own.name, "name", "be another parameter than the branch's", name)
-    limits = (bounds_of(own, call["bounds"] if first_bounds is None else first_bounds), bounds_of(other, bounds))
+    own_bounds = bounds_of(own, call["bounds"] if first_bounds is None else first_bounds)
+    limits = (own_bounds, bounds_of(other, bounds))
     value = value_within(scene, name, other, limits[1])
-    orbit, reach = branch.orbit(event), [high - low for low, high in limits]
+    orbit = branch.orbit(event)
+    reach = [high - low for low, high in limits]
     stepping = dynamic_steps(call["steps_per_period"])
-    settings = dict(stepping=stepping, solver=call["solver"], period=branch.period, share=MOTION_SHARE)
+    settings = dict(stepping=stepping, solver=call["solver"], period=branch.period, share=0.1)
     motions = slipper_motions(scene, (own.name, name), reach, orbit.state, **settings)
     if event.label == "GR":
-        equations = ConditionedMotions(motions, _extreme_at(motions, branch, event, call), GAP_UNIT)
+        # in the equations a gap of 0.01 mm counts as one
+        equations = ConditionedMotions(motions, _extreme_at(motions, branch, event, call), 1e-5)
     else:
-        equations = CriticalMotions.of(
-            motions, event.label, call["tolerance"] / ROUGH[event.label], RELAXED[event.label]
+        equations = CriticalMotions.of(motions, event.label)
+    with counted(progress, f"{event.label} over {own.name} and {name}", own, programs=1) as count:
+        curve = continue_critical(
+            equations,
+            orbit.state,
+            (event.value, value),
+            limits,
+            angle=abs(float(np.angle(event.multiplier))),
+            tolerance=call["tolerance"],
+            # 1 is the whole range of a parameter
+            pace=Pace(least=1e-4, most=0.2),
+            points=points,
+            on_point=lambda node: count(node.spot.z[motions.size]),
         )
-    pace = FOLD_PACE if event.label == "LP" else CURVE_PACE
-    options = dict(tolerance=call["tolerance"], pace=pace, points=points, secant=True)
-    with counted(progress, f"{event.label} over {own.name} and {name}", own, PROGRAMS) as count:
-        on_point = lambda spot: count(spot.z[motions.size])
-        options |= dict(angle=abs(float(np.angle(event.multiplier))), on_point=on_point)
-        curve = continue_critical(equations, orbit.state, (event.value, value), limits, **options)
-    mu = np.array([multipliers(spot.matrices) for spot in curve.spots])
-    outside, call = [_outside(row, event.label) for row in mu], {"function": "continue_event", "label": event.label}
-    ds, _ = orbits_dataset(curve.spots, motions, scene, (own, other), mu, outside, call)
+    mu = np.array([node.multipliers for node in curve.nodes])
+    outside = [_outside(row, event.label) for row in mu]
+    call = {"function": "continue_event", "label": event.label}
+    ds, _ = orbits_dataset([node.spot for node in curve.nodes], motions, scene, (own, other), mu, outside, call)
     return finished(OrbitCurve(ds.assign_attrs(label=event.label, ended=list(curve.ended))))
 
 
 def _extreme_at(motions: PeriodicMotions, branch: OrbitBranch, event: BranchEvent, call: Any) -> GapExtreme:
-    """Gives the extreme that is zero at a grazing."""
+    """Returns the extreme that is zero at a grazing."""
     touches: Grazing = branch.branch.nodes[event.point].view.data.grazing
     point = int(np.argmin(touches.margin))
     steps = call["steps_per_period"]
     inside = dynamic_steps(steps, most=steps)
     family = dataclasses.replace(motions.family, stepping=inside)  # type: ignore[type-var]
-    time, greatest = jnp.asarray(touches.time[point]), jnp.asarray(touches.opening[point])
+    time = jnp.asarray(touches.time[point])
+    greatest = jnp.asarray(touches.opening[point])
     return GapExtreme(family, jnp.asarray(point), time, greatest, branch.period)
 
 
 def _outside(mu: np.ndarray, label: str) -> int:
     """Counts the multipliers of an orbit outside the unit circle, without the critical ones.
 
-    A critical one is only near its value, see `ROUGH`, and is left out on either side.
+    By rounding a critical one lies on either side.
     """
     pair = _nearest_to_circle(mu[mu.imag >= 0]) if label == "NS" else 1j
     values = {"LP": [1], "PD": [-1], "NS": [pair, np.conj(pair)], "GR": []}[label]

@@ -36,10 +36,6 @@ class ScenePath(eqx.Module):
         return PeriodMap(at_values(self.scene, self.names, values), self.stepping, self.solver)
 
 
-MOTION_SHARE = 0.1
-"""Weight of the motion over that of the parameters in the length of a curve of events, see `slipper_motions`."""
-
-
 def slipper_motions(
     scene: Scene,
     names: tuple[str, ...],
@@ -51,22 +47,24 @@ def slipper_motions(
     period: int,
     share: float = 1.0,
 ) -> PeriodicMotions:
-    """Makes the equations of orbits over some parameters, with changes `reach` that count as one.
+    """Returns the equations of orbits over some parameters, with changes `reach` that count as one.
 
     Lengths of curves are measured by the parameters and, with a weight of `share`, by the motion. Where the
     derivatives of the period map jump, the motion at a fold jumps in proportion, by up to 1e-2 of its scale, and the
     parameters by the square of that. So curves of events are measured by the parameters first of all; the motion
     counts at cusps, where the curve of the parameters has no direction.
     """
-    path, scale = ScenePath(scene, stepping, names, solver), tangent_weights(scene)
-    size, motion = sum(map(np.size, jax.tree.leaves(like))), len(MOTION_NUMBERS)
+    path = ScenePath(scene, stepping, names, solver)
+    scale = tangent_weights(scene)
+    size = sum(map(np.size, jax.tree.leaves(like)))
+    motion = len(MOTION_NUMBERS)
     # of a state's numbers, the memory's come after the motion's, and do not count
     lengths = jnp.full(size, jnp.inf).at[:motion].set(np.sqrt(motion) / share)
     return PeriodicMotions(path, like, jnp.asarray(reach, float), scale, 0.0, period, consistent_state, lengths)
 
 
 def consistent_memory(scene: Scene, proposed: State, mapped: State) -> State:
-    """Makes the memory of a proposed state fit its gaps: zero where open, latched where just closed. Pure.
+    """Returns the memory of a proposed state fit its gaps: zero where open, latched where just closed. Pure.
 
     **Arguments:** `mapped`: what the last iterate is mapped to.
     """
@@ -81,7 +79,7 @@ def consistent_memory(scene: Scene, proposed: State, mapped: State) -> State:
 
 
 def consistent_state(step: PeriodMap, proposed: State, mapped: State) -> State:
-    """Makes a proposed state consistent, see `slipperjax.analysis.shoot`."""
+    """Returns a proposed state consistent, see `slipperjax.analysis.shoot`."""
     return consistent_memory(step.scene, proposed, mapped)
 
 

@@ -40,8 +40,6 @@ TOLERANCE = 1e-10
 """Default scaled residual at which an orbit counts as found [1]: 1e-13 m, 1e-10 m/s."""
 MOST_PERIOD = 10_000
 """Forcing periods of an orbit above which it is refused."""
-TRANSIENTS = 60, 240
-"""Forcing periods simulated before Newton's method from a motion, and once more where that finds no orbit."""
 DIVISOR = 1e-6
 """Scaled residual below which a motion already recurs after a divisor of its period [1]."""
 
@@ -97,9 +95,10 @@ class PeriodicOrbit(eqx.Module):
         return simulate(self.scene, count, start=self.state, **options)
 
     def to_xarray(self) -> Any:
-        """Gives the dataset of `trajectory`, with `multiplier_real` and `multiplier_imag` [1] along `multiplier` and
+        """Returns the dataset of `trajectory`, with `multiplier_real` and `multiplier_imag` [1], and the
         attributes orbit_period [forcing periods], stable, residual and signature."""
-        mu, words = np.asarray(self.multipliers), {"units": "1", "long_name": "Floquet multiplier"}
+        mu = np.asarray(self.multipliers)
+        words = {"units": "1", "long_name": "Floquet multiplier"}
         parts = {"multiplier_real": ("multiplier", mu.real, words), "multiplier_imag": ("multiplier", mu.imag, words)}
         ds = self.trajectory().to_xarray().assign(parts)
         return ds.assign_attrs(
@@ -113,7 +112,8 @@ class PeriodicOrbit(eqx.Module):
     @property
     def signature(self) -> Signature:
         """Touchdowns of the points in their order, with their rates; not for use under a transformation."""
-        records, steps = RecordSet((GapSamples(),)), int(self.steps_per_period)
+        records = RecordSet((GapSamples(),))
+        steps = int(self.steps_per_period)
         map_ = PeriodMap(self.scene, dynamic_steps(steps, most=steps), self.solver)
         ((gap, rate),) = run_eagerly(map_, self.state, self.period, records).samples
         return signature(self.scene, Gaps.of(gap, rate, steps, float(self.scene.period)))
@@ -140,8 +140,8 @@ def periodic_orbit(
     - `period`: forcing periods after which the motion recurs. Where it recurs after a divisor of it, the orbit's
         `period` is that.
     - `start`: near the orbit, as for `simulate`; default Table 2's. `transient`: forcing periods simulated from there
-        before Newton's method, by default `TRANSIENTS` after a start that is a motion, the second where the first
-        does not do, and none after a state, so that unstable orbits are found from their neighbours.
+        before Newton's method, by default 60 after a start that is a motion, 240 more where these do not do, and
+        none after a state, so that unstable orbits are found from their neighbours.
     - `steps_per_period`, `solver`: as for `simulate`, steps being constant.
     - `tolerance`: scaled residual that counts as found [1]; `max_iterations`: of Newton's method.
 
@@ -152,21 +152,27 @@ def periodic_orbit(
     not recur with the first.
     """
     check_scene(scene)
-    period, limit = whole("period", period, 1, MOST_PERIOD), whole("max_iterations", max_iterations, 1)
+    period = whole("period", period, 1, MOST_PERIOD)
+    limit = whole("max_iterations", max_iterations, 1)
     tolerance = number(positive, "tolerance", tolerance)
     check_forcing(scene)
-    steps, solver = default_steps(scene, steps_per_period), resolve_solver(scene, solver)
+    steps = default_steps(scene, steps_per_period)
+    solver = resolve_solver(scene, solver)
     begin = first_of(start)
     traced = is_traced((scene, begin))
     if transient is not None:
-        tries = (whole("transient", transient, 0),)
+        tries = [whole("transient", transient, 0)]
         refuse_periods(transient, steps)
+    elif isinstance(begin, State):
+        tries = [0]
     else:
-        tries = (0,) if isinstance(begin, State) else TRANSIENTS[: 1 if traced else None]
+        tries = [60] if traced else [60, 240]
     # differentiated in both modes, or by one program for all numbers of steps
     stepping = static_steps(steps) if traced else dynamic_steps(steps)
-    step, state = PeriodMap(scene, stepping, solver), initial_state(scene, begin)
+    step = PeriodMap(scene, stepping, solver)
+    state = initial_state(scene, begin)
     options = dict(scale=tangent_weights(scene), consistent=consistent_state)
+    # one more transient where Newton's method finds no orbit after the first
     for count in tries:
         state = _simulated(step, state, count, traced)
         if not traced and int(_status(state, jnp.zeros(()), tolerance)) == Status.NOT_FINITE:
@@ -200,7 +206,7 @@ def _status(state: State, residual: Array, tolerance: Any) -> Array:
 
 
 def _simulated(step: PeriodMap, state: State, periods: int, traced: bool) -> State:
-    """Gives the state some forcing periods later, without derivatives."""
+    """Returns the state some forcing periods later, without derivatives."""
     if not periods:
         return state
     step, state = without_derivatives((step, state))

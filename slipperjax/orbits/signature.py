@@ -14,9 +14,6 @@ from ..flow.record import Unlabelled
 from ..model.scene import Scene
 from ..tools.hermite import Cubic
 
-BISECTIONS = 60
-"""Bisections by which touchdowns are located in their step, down to rounding."""
-
 
 class Touchdown(NamedTuple):
     """One touchdown of an orbit."""
@@ -76,8 +73,8 @@ class Gaps(NamedTuple):
 
     @classmethod
     def of(cls, gap: Array | np.ndarray, rate: Array | np.ndarray, steps: int, period: float) -> "Gaps":
-        """Makes them of `gap` [m] and `rate` [m/s] at both ends of every step, (periods, steps + 1 or more, points);
-        `period` [s]."""
+        """Returns the gaps from `gap` [m] and `rate` [m/s] at both ends of every step, (periods, steps + 1 or more,
+        points); `period` [s]."""
         ends = lambda values, k: np.concatenate(np.asarray(values)[:, k : k + steps])
         begin, end = ((ends(gap, k), period / steps * ends(rate, k)) for k in (0, 1))
         return cls(Cubic.through(*begin, *end), period / steps, steps)
@@ -97,12 +94,12 @@ class Grazing(NamedTuple):
 
 
 def grazing(gaps: Gaps) -> Grazing:
-    """Computes how near each point of an orbit is to a grazing."""
+    """Returns how near each point of an orbit is to a grazing."""
     x = gaps.cubic.extremes()
     magnitude = np.abs(gaps.cubic.value(x))
     per_point = lambda values: values.reshape(-1, values.shape[-1])  # both extremes of all steps
     magnitude = per_point(np.where(np.isnan(magnitude), np.inf, magnitude))
-    nearest = np.argmin(magnitude, axis=0), np.arange(magnitude.shape[1])
+    nearest = (np.argmin(magnitude, axis=0), np.arange(magnitude.shape[1]))
     opening = per_point(gaps.cubic.curvature(x)) < 0
     time = per_point(np.arange(x.shape[1])[None, :, None] + x) / gaps.per_period
     touchdowns = np.sum(_falls(gaps)[0], axis=(0, 1))
@@ -123,23 +120,27 @@ def _falls(gaps: Gaps) -> tuple[Bool[np.ndarray, "3 steps points"], np.ndarray, 
 
 
 def contact_names(scene: Scene) -> list[str]:
-    """Gives the names of all contact points, with 1 at the front and 2 at the rear."""
+    """Returns the names of all contact points, with 1 at the front and 2 at the rear."""
     return [f"{name}{end}" for end in (1, 2) for name in scene.section.names]
 
 
 def signature(scene: Scene, gaps: Gaps) -> Signature:
-    """Computes the signature of an orbit."""
-    names, cubic = contact_names(scene), gaps.cubic
+    """Returns the signature of an orbit."""
+    names = contact_names(scene)
+    cubic = gaps.cubic
     falls, low, high = _falls(gaps)
-    for _ in range(BISECTIONS):
+    # by bisection, down to rounding
+    for _ in range(60):
         middle = (low + high) / 2
         is_open = cubic.value(middle) >= 0
-        low, high = np.where(is_open, middle, low), np.where(is_open, high, middle)
+        low = np.where(is_open, middle, low)
+        high = np.where(is_open, high, middle)
     rates = cubic.slope_at(low) / gaps.step
-    touchdowns = [
-        Touchdown(float(at[1] + low[at]) / gaps.per_period, names[at[2]], float(rates[at]))
-        for at in zip(*np.nonzero(falls), strict=True)  # part, step and point
-    ]
+    touchdowns = []
+    for part, step, point in zip(*np.nonzero(falls), strict=True):
+        place = (part, step, point)
+        time = float(step + low[place]) / gaps.per_period
+        touchdowns.append(Touchdown(time, names[point], float(rates[place])))
     highest = np.fmax(np.fmax.reduce(cubic.value(cubic.extremes()), axis=(0, 1)), cubic.start.max(axis=0))
     return Signature(
         tuple(sorted(touchdowns)),

@@ -6,9 +6,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from scipy.linalg import expm
 
 from slipperjax.analysis.continuation import continue_motion
+from slipperjax.analysis.lyapunov import first_tangents
 from slipperjax.analysis.shooting import PeriodicMotions
 
 SAMPLES = 48
@@ -34,17 +36,11 @@ LOGISTIC = Polynomial.of({(1, 1): 1.0, (2, 1): -1.0})
 """p x (1 - x)"""
 
 
-class Henon(eqx.Module):
-    """Hénon's map over a and b. Its derivative may jump where x passes 0.5."""
-
-    jump: jax.Array
-
-    def __call__(self, a, b):
-        more = lambda x: self.jump * jnp.maximum(x - 0.5, 0.0)
-        return lambda s, k: jnp.stack([a - s[0] ** 2 + b * s[1] + more(s[0]), s[0]])
+def henon(a, b):
+    """Hénon's map over a and b."""
+    return lambda s, k: jnp.stack([a - s[0] ** 2 + b * s[1], s[0]])
 
 
-HENON = Henon(jnp.asarray(0.0))
 HENON_AT = {"LP": lambda b: -((1 - b) ** 2) / 4, "PD": lambda b: 3 * (1 - b) ** 2 / 4}
 """Values of a at its folds and flips, where x = y is (b - 1) / 2 and (1 - b) / 2."""
 
@@ -227,6 +223,22 @@ class Stopped(eqx.Module):
         return span, there, jnp.min(jnp.where(counted, jnp.abs(at(peaks)[0] - self.gap), jnp.inf))
 
 
+def two_trajectories(step, state, intervals, distance=1e-7):
+    """Logarithms of the growth of a small distance in each interval, without any derivative."""
+
+    def interval(both, k):
+        here, near = (step(s, k) for s in both)
+        away, unravel = ravel_pytree(jax.tree.map(jnp.subtract, near, here))
+        length = jnp.linalg.norm(away)
+        near = jax.tree.map(lambda a, b: a + b, here, unravel(distance / length * away))
+        return (here, near), jnp.log(length / distance)
+
+    begin = jax.tree.map(jnp.asarray, state)
+    moved = first_tangents(begin, 1)
+    near = jax.tree.map(lambda a, b: a + distance * b[0], begin, moved)
+    return jax.jit(lambda pair: jax.lax.scan(interval, pair, jnp.arange(float(intervals)))[1])((begin, near))
+
+
 def motions(family, size=1, **options):
     return PeriodicMotions(family, jnp.zeros(size), 1.0, **options)
 
@@ -244,9 +256,9 @@ def where(event):
     return float(event.node.spot.z[-1])
 
 
-def column(points, place):
-    """One of the unknowns at nodes of a branch, or at spots of a curve."""
-    return np.array([getattr(point, "spot", point).z[place] for point in points])
+def column(nodes, place):
+    """One of the unknowns at nodes of a branch."""
+    return np.array([node.spot.z[place] for node in nodes])
 
 
 def only(branch, label):

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from slipperjax.analysis.attractor import classify, decay_rate, recurrence, zero_one_test
+from slipperjax.analysis.attractor import classify, zero_one_test
 from slipperjax.analysis.kinds import KINDS
 
 from .systems import Well
@@ -64,7 +64,6 @@ def test_logistic_chaos():
     result = classify(strobe)
     assert names(result) == ["chaotic"] * 8
     assert np.all(result.k > 0.9)  # found: 0.979 and more
-    assert np.all(result.growth > 1)  # found: 2.03 and more
 
 
 def test_at_period_doublings_and_above_the_greatest_period_nothing_is_claimed():
@@ -91,7 +90,6 @@ def test_duffing_oscillator():
     result = classify(duffing(list(gammas)))
     assert names(result) == [f"period {n}" if n else "chaotic" for n in gammas.values()]
     assert result.k[-1] > 0.9  # found: 0.976
-    assert result.growth[-1] > 1  # found: 4.12
     assert "recurs after 4 periods" in str(result.evidence[2])
 
 
@@ -100,8 +98,9 @@ def test_slow_transients_are_not_tori(turn):
     # 100 periods are five times the decay time: settled to 1 %
     result = classify(spiral(0.05, turn, 100))
     assert (result.kind, result.period) == ("period", 1)
-    assert result.decay == pytest.approx(0.05, rel=0.1)  # found: 0.0493 and 0.0505
-    assert "decays" in str(result.evidence)
+    # the rate of the decay; found: 0.0493 and 0.0505
+    rate = str(result.evidence).split("decays by ")[1].split()[0]
+    assert float(rate) == pytest.approx(0.05, rel=0.1)
     settled = classify(spiral(0.05, turn, 600))
     assert (settled.kind, settled.period) == ("period", 1)
     assert "recurs" in str(settled.evidence)
@@ -115,7 +114,6 @@ def test_tori():
     result = classify(strobe)
     assert names(result) == ["torus"] * 4
     assert np.all(abs(result.k) < 0.15)  # found: 0.107
-    assert np.all(abs(result.growth) < 0.05)  # found: 0.0096
     # two torus frequencies beside the forcing, in ten states of very different units
     a = 2 * np.pi * np.arange(800) * np.array([[GOLDEN], [2**0.5 / 7]])
     waves = np.concatenate([np.cos(a), np.sin(a), np.cos(a[:1] + a[1:])])
@@ -183,48 +181,6 @@ def test_noise_is_not_chaos(states):
     result = classify(np.random.default_rng(0).standard_normal((500, states)))
     assert result.kind == "unresolved"
     assert result.k > 0.95
-    assert abs(result.growth) < 0.1  # found: -0.004 and 0.002; -0.03 to 0.07 with other seeds
-
-
-@pytest.mark.parametrize("middle", [np.pi, 1.0])
-def test_wrapped_angles_recur_across_their_cut(middle):
-    """A damped pendulum in steps about `middle`: at pi rounding decides on which side of the cut it is seen."""
-    states = np.zeros((600, 2))
-    states[0] = middle - 0.5, 0.1
-    for k in range(1, 600):
-        speed = 0.9 * states[k - 1, 1] - 0.5 * np.sin(states[k - 1, 0] - middle)
-        states[k] = (states[k - 1, 0] + speed + np.pi) % (2 * np.pi) - np.pi, speed
-    ends = states[400:]
-    for scales in (None, (1.0, 0.1)):
-        found = classify(ends, scales=scales, turns=(2 * np.pi, np.inf))
-        assert (found.kind, found.period) == ("period", 1)
-    apart = recurrence(ends, scales=(1.0, 1.0), turns=(2 * np.pi, np.inf), max_period=4)
-    assert np.nanmax(apart) < 1e-5
-    # a motion that goes round, of period 5
-    rounds = np.stack([(0.4 * np.pi * np.arange(200) + 0.1) % (2 * np.pi), np.ones(200)], axis=1)
-    assert classify(rounds, turns=(2 * np.pi, np.inf)).period == 5
-
-
-def test_recurrence():
-    x = np.arange(6.0)[:, None] * [1.0, 4.0]
-    out = recurrence(x, scales=[1.0, 2.0], max_period=8)
-    assert out.shape == (8, 6)
-    for n in range(1, 6):
-        np.testing.assert_array_equal(out[n - 1, n:], 2.0 * n)
-    assert np.isnan(out[:, 0]).all()
-    assert np.isnan(out[5:]).all()
-
-
-def test_decay_rate():
-    k = np.arange(300.0)
-    fall = np.exp(-0.02 * k)
-    residual = np.stack([fall, fall * abs(np.cos(k)), 1 / (k + 50), 0.2 + fall, 1 / fall])
-    decay = decay_rate(residual)
-    assert decay.convincing.tolist() == [True, True, False, False, False]
-    np.testing.assert_allclose(decay.rate[[0, 4]], [0.02, -0.02], rtol=1e-9)
-    assert decay.rate[1] == pytest.approx(0.02, rel=0.02)  # found: 0.02019
-    assert decay_rate(residual[:1], floor=0.01).rate[0] == pytest.approx(0.02, rel=1e-9)
-    assert np.isnan(decay_rate(np.zeros(300)).rate)
 
 
 def test_zero_one_test():
@@ -258,13 +214,9 @@ def test_zero_one_test():
         (lambda x: classify(x, max_period=0), "`max_period` must be a whole number of 1 or more, but is 0"),
         (lambda x: classify(x, tolerance=0.0), "`tolerance` must be above 0 and below 1, but is 0"),
         (lambda x: classify(x, floor=-1.0), "`floor` must be above 0 and below 1, but is -1"),
-        (lambda x: decay_rate(1.0), "`residual` must be of shape"),
-        (lambda x: decay_rate(x[:, 0], windows=5), "`windows` must be a whole number of 6 or more"),
-        (lambda x: decay_rate(x[:, 0], floor=-1.0), "`floor` must be zero or positive"),
         (lambda x: zero_one_test(x[:39, 0]), "`series` must be of 40 periods or more"),
         (lambda x: zero_one_test(x[:, 0], samples=0), "`samples` must be a whole number of 1 or more"),
         (lambda x: zero_one_test(x[:, 0], seed=3.7), "`seed` must be a whole number of 0 or more, but is 3.7"),
-        (lambda x: classify(x, seed=-1), "`seed` must be a whole number of 0 or more, but is -1"),
     ],
 )
 def test_bad_input(call, message):

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from scipy.optimize import root
 
-from slipperjax.analysis.continuation import continue_motion, extend_motion, switch
+from slipperjax.analysis.continuation import continue_motion, extend, switch
 from slipperjax.analysis.curves import Pace
 from slipperjax.analysis.floquet import multipliers
 
 from .systems import (
-    HENON,
     HENON_AT,
     LOGISTIC,
     Fixed,
@@ -22,6 +21,7 @@ from .systems import (
     column,
     delayed,
     follow,
+    henon,
     labels,
     motions,
     only,
@@ -90,7 +90,7 @@ def test_a_neimark_sacker_of_the_delayed_logistic_map():
 
 
 def test_fold_and_flip_of_henons_map():
-    branch = follow(Fixed(HENON, jnp.asarray(0.3)), [0.6, 0.6], 0.78, (-1.0, 1.0))
+    branch = follow(Fixed(henon, jnp.asarray(0.3)), [0.6, 0.6], 0.78, (-1.0, 1.0))
     assert labels(branch) in (["EP", "PD", "LP", "EP"], ["EP", "LP", "PD", "EP"])
     for label, value in HENON_AT.items():
         assert abs(where(only(branch, label)) - value(0.3)) < 1e-8  # measured: 6e-17
@@ -283,7 +283,7 @@ def test_a_branch_ends_after_the_event_that_is_looked_for_and_goes_on(whole):
     assert labels(part)[-1] == "PD"
     assert len(part.nodes) < len(whole.nodes)
     assert part.nodes[-2].label == "PD"  # the point after it is kept
-    further = extend_motion(part, (0.5, 3.9))
+    further = extend(part, (0.5, 3.9))
     assert further.ended == ("bound", "bound")
     np.testing.assert_array_equal(further.values, whole.values)
 

@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 
 from slipperjax.analysis.spectra import (
-    Lines,
     Spectrum,
-    combination,
     find_line,
-    name_lines,
     power_spectral_density,
     spectral_lines,
 )
@@ -51,13 +48,11 @@ def test_parseval(window, count):
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
 def test_lines_of_two_frequencies(noise):
     lines = spectral_lines(power_spectral_density(two_frequencies(noise), RATE))
-    names = name_lines(lines, F1, F2)
-    assert sorted(names) == sorted(AMPLITUDES)
-    for name, frequency, power in zip(names, lines.frequency, lines.power, strict=True):
-        m, n = LOOKED_FOR[name]
-        assert abs(frequency - m * F1 - n * F2) < 0.02 * lines.resolution  # found: 0.0139 bins
+    places = {LOOKED_FOR[name][0] * F1 + LOOKED_FOR[name][1] * F2: name for name in AMPLITUDES}
+    for place, frequency, power in zip(sorted(places), lines.frequency, lines.power, strict=True):
+        assert abs(frequency - place) < 0.02 * lines.resolution  # found: 0.0139 bins
         # found: 3.8e-4 without noise, 4.0e-3 with noise as strong as the weakest line
-        np.testing.assert_allclose(power, AMPLITUDES[name] ** 2 / 2, rtol=1e-3 if noise == 0 else 2e-2)
+        np.testing.assert_allclose(power, AMPLITUDES[places[place]] ** 2 / 2, rtol=1e-3 if noise == 0 else 2e-2)
     assert np.all(lines.prominence >= 15)
 
 
@@ -65,7 +60,6 @@ def test_frequencies_looked_for_one_by_one():
     spectrum = power_spectral_density(two_frequencies(1e-3), RATE)
     for name, (m, n) in LOOKED_FOR.items():
         line = find_line(spectrum, m * F1 + n * F2)
-        assert combination(m, n) == name
         assert line.present == (name in AMPLITUDES), name
         if line.present:
             assert line.power == pytest.approx(AMPLITUDES[name] ** 2 / 2, rel=2e-2)  # found: 4.0e-3
@@ -96,32 +90,12 @@ def test_silence_has_no_lines():
     assert (line.power, line.prominence, line.present) == (0.0, 0.0, False)
 
 
-def test_sub_harmonics_are_named():
-    t = np.arange(COUNT) / RATE
-    fractions = {"f/3": 1 / 3, "2f/3": 2 / 3, "f": 1.0, "4f/3": 4 / 3, "2f": 2.0, "f/8": 1 / 8, "11f/7": 11 / 7}
-    signal = sum(np.cos(2 * np.pi * F1 * r * t + 3 * r) for r in fractions.values())
-    lines = spectral_lines(power_spectral_density(signal, RATE))
-    assert sorted(name_lines(lines, F1)) == sorted(fractions)
-    other = Lines(np.array([F1 * 0.618, 7 * F1, 1.4]), np.ones(3), np.ones(3), 0.1)
-    assert name_lines(other, F1) == [None, None, None]
-    assert name_lines(other, F1, max_order=7) == [None, "7f", None]
-
-
-def test_combinations_take_the_least_order():
-    at = lambda *f: Lines(np.array(f), np.ones(len(f)), np.ones(len(f)), 0.5)
-    # 750 Hz is both 5 f1 and 6 f2, 75 Hz both 3f1-3f2 and 3f2-2f1
-    assert name_lines(at(750.0, 75.0, 25.0, 137.0), F1, F2) == ["5f1", "3f2-2f1", "f1-f2", None]
-    assert name_lines(at(25.0 + 0.4), F1, F2) == ["f1-f2"]
-    assert name_lines(at(25.0 + 0.4), F1, F2, tolerance=0.1) == [None]
-    assert name_lines(at(525.0), F1, F2, max_order=3) == [None]
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [
         (lambda s: power_spectral_density(np.zeros(4), 1.0), "`signal` must be 8 or more samples"),
         (lambda s: power_spectral_density(np.zeros((9, 4)), 1.0), "`signal` must be 8 or more samples"),
-        (lambda s: power_spectral_density(np.full(9, np.nan), 1.0), "`signal` must be finite, but is nan"),
+        (lambda s: power_spectral_density(np.full(9, np.nan), 1.0), "`signal` must be finite, but is"),
         (lambda s: power_spectral_density(np.zeros(9), 0.0), "`sampling_rate` must be positive, but is 0"),
         (lambda s: power_spectral_density(np.zeros(9), 1.0, window="hahn"), "`window` must be a window"),
         (lambda s: power_spectral_density(np.zeros(9), 1.0, detrend="cubic"), "`detrend` must be one of"),
@@ -131,8 +105,6 @@ def test_combinations_take_the_least_order():
         (lambda s: spectral_lines(s, span=5), "`span` must be a whole number of 11 or more"),
         (lambda s: find_line(s, 5e3), "`frequency` must be at most 4000 Hz, but is 5000 Hz"),
         (lambda s: find_line(s, "f1"), "`frequency` must be positive, but is 'f1'"),
-        (lambda s: name_lines(spectral_lines(s), F1, -F2), "`f2` must be positive, but is -125"),
-        (lambda s: name_lines(spectral_lines(s), F1, max_order=0), "`max_order` must be a whole number of 1 or more"),
     ],
 )
 def test_bad_input(call, message):

@@ -74,23 +74,6 @@ def test_minimal_periods_are_found_among_divisors():
     assert missed[4] < 1e-10
 
 
-@pytest.mark.parametrize("cut", [0.0, 1e-15, -1e-15, 1.0])
-def test_a_fixed_point_at_the_cut_of_a_wrapped_angle_is_one(cut):
-    """A damped pendulum in steps about an angle of pi, seen from -pi to pi."""
-    turns = jnp.array([2 * jnp.pi, jnp.inf])
-
-    def step(s, k):
-        speed = 0.5 * s[1] - 0.5 * jnp.sin(s[0] - jnp.pi - cut)
-        angle = s[0] + speed
-        return jnp.stack([angle - 2 * jnp.pi * jnp.ceil((angle - jnp.pi) / (2 * jnp.pi)), speed])
-
-    for guess in (3.1 + cut, -3.1 + cut):
-        found = shoot(step, jnp.array([guess, 0.01]), turns=turns)
-        assert found.residual < 1e-12
-        assert abs(np.sin(found.state[0] - cut)) < 1e-12
-        assert minimal_period(step, found.state, 2, turns=turns)[1] < 1e-12
-
-
 def test_where_there_is_no_motion_the_residual_says_so():
     without = lambda x, k: x + 1 + x**2  # no real fixed point
     assert not float(shoot(without, jnp.asarray([0.3]), max_iterations=20).residual) < 1e-3

@@ -11,8 +11,7 @@ from slipperjax import analysis, design, flow, model, orbits, sweeps
 
 plain = inspect.unwrap  # the tests' own checks of types would answer first
 OF_NUMBERS = {
-    "strobe": [analysis.classify, analysis.recurrence],
-    "residual": [analysis.decay_rate],
+    "strobe": [analysis.classify],
     "series": [analysis.zero_one_test],
     "exponents": [analysis.kaplan_yorke],
     "history": [
@@ -22,14 +21,13 @@ OF_NUMBERS = {
         analysis.pooled_standard_error,
     ],
     "matrices": [plain(analysis.multipliers), lambda matrices: analysis.largest_exponent(matrices, 2)],
-    "x": [lambda x: plain(analysis.regions)(x, [1.0, 2.0], [])],
     "least_mean_life": [lambda life: analysis.lasting("chaotic", life)],
 }
 OTHERS = {
     "spectrum": [plain(analysis.spectral_lines), lambda spectrum: plain(analysis.find_line)(spectrum, 3.0)],
     "equations": [lambda equations: plain(analysis.continue_motion)(equations, (0.0, 1.0), (0.0, 2.0))],
     "branch": [
-        lambda branch: plain(analysis.extend_motion)(branch, (0.0, 1.0)),
+        lambda branch: plain(analysis.extend)(branch, (0.0, 1.0)),
         lambda branch: plain(analysis.switch)(branch, None),
     ],
     "function": [lambda function: plain(analysis.with_step_error)(function, 3)],
@@ -181,9 +179,8 @@ def test_what_cannot_be_inside_jit(function):
 OF_ANALYSES = [
     (lambda: analysis.minimal_period(3, np.ones(2), 2), "`step` must be a function"),
     (lambda: analysis.classify(np.ones((20, 2)), scales=object()), "`scales` must be numbers"),
-    (lambda: analysis.recurrence(np.ones((20, 2)), turns="text"), "`turns` must be numbers"),
     (lambda: analysis.classify(np.ones((20, 2)), tolerance="text"), "`tolerance` must be finite"),
-    (lambda: analysis.decay_rate(np.ones(20), floor=()), "`floor` must be one number"),
+    (lambda: analysis.classify(np.ones((20, 2)), floor=()), "`floor` must be one number"),
     (lambda: analysis.regime([1.0], [0.1], ["chaotic"], None), "`trusted` must be numbers"),
     (lambda: analysis.regime([1.0], "text", ["chaotic"], [True]), "`stderr` must be numbers"),
 ]

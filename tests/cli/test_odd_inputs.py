@@ -94,7 +94,7 @@ COUNTED = [
     *((make, "steps_per_period", 2.5, "2.5") for make in (simulate, jump)),
     *((make, "count", True, "True") for make in (spectrum, exponents)),
     *((make, "transient", -1, "-1") for make in (sweep, spectrum, exponents)),
-    *((spectrum, name, "3", "'3'") for name in ("orthonormalise_every", "align")),
+    (spectrum, "align", "3", "'3'"),
     (sweep, "chunk", -1, "-1"),
     (simulate, "probe", -1, "-1"),
 ]

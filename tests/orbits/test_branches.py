@@ -81,28 +81,23 @@ def test_grazings_are_those_of_fine_trajectories(branch):
     assert abs(b - (a - c) ** 2 / (8 * (a + c - 2 * b))) < 1e-6
 
 
-def test_tables_of_a_branch_have_a_row_for_each_point_and_event(tmp_path):
+def test_tables_of_a_branch_have_a_row_for_each_point_and_event():
     branch = sj.load_branch(Path(__file__).parents[1] / "data" / "branch.nc")
     rows, events = branch.to_dataframe(), branch.events_dataframe()
     assert (len(rows), len(events)) == (branch.points.sizes["point"], len(branch.events)) == (16, 3)
     np.testing.assert_array_equal(rows["speed"], branch.points["speed"])
     np.testing.assert_array_equal(rows["state_3"], branch.points["state"][:, 3])
     assert events["label"].tolist() == ["EP", "PD", "EP"]
-    branch.to_csv(tmp_path / "branch.csv")
-    lines = (tmp_path / "branch.csv").read_text().splitlines()
-    assert len(lines) == 17
-    assert lines[0].startswith("point,speed,outside,stable,")
+    assert rows.columns[:3].tolist() == ["speed", "outside", "stable"]
 
 
-def test_the_table_of_a_curve_has_both_parameters(tmp_path):
+def test_the_table_of_a_curve_has_both_parameters():
     points = sj.load_branch(Path(__file__).parents[1] / "data" / "branch.nc").points
     clearance = ("point", np.linspace(1e-3, 2e-3, points.sizes["point"]))
     curve = OrbitCurve(points.assign_coords(clearance=clearance).assign_attrs(varied='["speed", "clearance"]'))
     rows = curve.to_dataframe()
     assert rows.columns[:2].tolist() == ["speed", "clearance"]
     np.testing.assert_array_equal(rows["clearance"], clearance[1])
-    curve.to_csv(tmp_path / "curve.csv")
-    assert len((tmp_path / "curve.csv").read_text().splitlines()) == 17
 
 
 def test_a_branch_goes_through_a_file_and_on(branch, tmp_path):
@@ -199,7 +194,6 @@ def test_curves_of_the_flip_and_of_a_grazing(branch):
     order = np.argsort(clearances)
     np.testing.assert_allclose(np.interp(1e-3, clearances[order], speeds[order]), flip.value, rtol=1e-4)
     again = followed(SCENE.replace(clearance=clearances[-1], speed=1150.0), (1050.0, 1200.0))
-    # the accepted roughness of the multiplier is 1e-4, about 0.02 m/s
     np.testing.assert_allclose(again.events_named("PD")[0].value, speeds[-1], rtol=1e-4)
     grazing = continue_event(branch, touch, "clearance", (0.99e-3, 1.01e-3))
     clearance = grazing.points["clearance"].values[-1]
