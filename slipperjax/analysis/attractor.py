@@ -42,6 +42,11 @@ class Attractors(NamedTuple):
         return f"Attractors({kinds.size} cases: {', '.join(counts)})"
 
 
+def recurrence(states: Float[np.ndarray, "*cases periods states"], most: int) -> dict[int, np.ndarray]:
+    """Returns by lag n, up to `most`, the greatest changes of a scaled state in n periods, (*cases, periods - n)."""
+    return {n: np.abs(states[..., n:, :] - states[..., :-n, :]).max(-1) for n in range(1, most + 1)}
+
+
 def zero_one_test(series: Any, *, samples: int = 100, seed: int = 0) -> Float[np.ndarray, "*cases"]:
     """Returns K of the 0-1 test for chaos: near 0 for regular, near 1 for chaotic series.
 
@@ -146,8 +151,7 @@ class _Case:
         self.near = max(tolerance * self.extent, floor)
         """Distance that counts as none."""
         self.lags = range(1, min(most, self.quarter) + 1)
-        self.residuals = {n: np.abs(states[n:] - states[:-n]).max(-1) for n in self.lags}
-        """Greatest changes of a state over each lag, shape (periods - lag,)."""
+        self.residuals = recurrence(states, self.lags[-1])
         self.at_end = {n: float(residual[-self.tail(n) :].max()) for n, residual in self.residuals.items()}
         self.best = min(self.lags, key=lambda n: self.at_end[n])
         self.k = self.chaos()

@@ -86,7 +86,7 @@ class ConstantSteps(AbstractStepping):
 
     def begin(self, terms, solver, state, args):
         # a stock solver that integrates the memory begins each period anew, too
-        continues = isinstance(solver, AbstractLatchingSolver) and not solver.renewed
+        continues = isinstance(solver, AbstractLatchingSolver) and not solver.restarts_each_period
         return solver.init(terms, 0.0, 1 / self.number, state, args) if continues else None
 
     def period(self, terms, solver, state, solver_state, args, inside):
@@ -239,13 +239,13 @@ def as_stepping(stepping: Any) -> AbstractStepping:
 
 
 def capacity_for_periods(count: int) -> int:
-    """Gives the least of 1, 8, 64, 512, 1024, 2048, ... that is not below: for periods of one case, where those that
+    """Returns the least of 1, 8, 64, 512, 1024, 2048, ... that is not below: for periods of one case, where those that
     are not used cost memory alone."""
     return next((size for size in (1, 8, 64, 512) if count <= size), 1 << (count - 1).bit_length())
 
 
 def capacity_for(count: int) -> int:
-    """Gives the least of 1, 2, 4, 8, 16, 32, 50, 100, 200, ... that is not below: few sizes, so few programs."""
+    """Returns the least of 1, 2, 4, 8, 16, 32, 50, 100, 200, ... that is not below: few sizes, so few programs."""
     if count <= 32:
         return 1 << (count - 1).bit_length()
     return 50 * (1 << max(-(-count // 50) - 1, 0).bit_length())

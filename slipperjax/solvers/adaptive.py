@@ -50,8 +50,7 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     most_factor: float = eqx.field(static=True, default=5.0)
 
     def __check_init__(self):
-        names = "tolerance", "touchdown", "per_contact", "shortest", "safety", "least_factor", "most_factor"
-        for name in names:
+        for name in "tolerance", "touchdown", "per_contact", "shortest", "safety", "least_factor", "most_factor":
             if not is_traced(getattr(self, name)):
                 number(positive, name, getattr(self, name))
         instance("scales", self.scales, Motion, "a slipperjax.Motion of sizes")
@@ -80,7 +79,8 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):
         assert y_error is not None  # see `resolve_controller`
         _, end = controller_state
-        scene, size = args.scene, scaled_size(y_error.motion, self.scales) / self.tolerance
+        scene = args.scene
+        size = scaled_size(y_error.motion, self.scales) / self.tolerance
         smooth = y0.memory is not None and isinstance(scene.memory, SmoothSwitch)
         if smooth:
             before, now = (contacts(args.frame(t), y.motion) for t, y in ((t0, y0), (t1, y1_candidate)))
@@ -88,9 +88,8 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         elif isinstance(scene.memory, EventLatch) and y0.memory is not None:
             touched = jnp.any((y0.memory >= 0) & (y1_candidate.memory < 0))
             size = jnp.where(touched, self.touchdown * size, size)
-        elif (
-            y0.memory is not None
-        ):  # an integrated memory of one's own: rates, with the scale of the vertical velocity
+        elif y0.memory is not None:
+            # an integrated memory of one's own: rates, with the scale of the vertical velocity
             size = jnp.maximum(size, jnp.max(jnp.abs(y_error.memory)) / self.scales.v_z / self.tolerance)
         # Reject steps with NaN.
         bad = jnp.isnan(size) | jnp.isnan(scaled_size(y1_candidate.motion))
@@ -100,6 +99,7 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         factor = jnp.clip(factor, self.least_factor, jnp.where(keep, self.most_factor, self.safety))
         wanted = jax.lax.stop_gradient(jnp.minimum((t1 - t0) * factor, self._longest(args, t1)))
         at = jnp.where(keep, t1, t0)
+        # a kept step may propose a shorter one than allowed, a rejected one may not
         underflow = wanted < self.shortest
         result = RESULTS.where(underflow & ~keep, RESULTS.dt_min_reached, RESULTS.successful)
         step = wanted
@@ -115,17 +115,17 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
     def _until_touchdown(self, args, at, t0, t1, keep, before, now, wanted):
         """Returns the step from `at` to where a switch begins to close, `wanted` where none does before."""
         gap, rate = (jnp.where(keep, b, a) for a, b in ((before.gap, now.gap), (before.rate, now.rate)))
-        period, acceleration = args.travel(at).period, (now.rate - before.rate) / (t1 - t0)
+        period = args.travel(at).period
+        acceleration = (now.rate - before.rate) / (t1 - t0)
         return _until(gap - 0.5 * args.scene.memory.width, period * rate, period * acceleration, wanted)
 
     def _longest(self, args, t):
-        return jax.lax.stop_gradient(
-            contact_duration(args.scene, args.travel(t)) / args.travel(t).period / self.per_contact
-        )
+        duration = contact_duration(args.scene, args.travel(t)) / args.travel(t).period
+        return jax.lax.stop_gradient(duration / self.per_contact)
 
 
 def _until(gap: Any, rate: Any, acceleration: Any, wanted: Any) -> Any:
-    """Gives the time until the first of some gaps falls to zero on its parabola, `wanted` if none does before.
+    """Returns the time until the first of some gaps falls to zero on its parabola, `wanted` if none does before.
 
     Those that are there within a tenth of that are left to the step after.
     """
@@ -138,5 +138,5 @@ def _until(gap: Any, rate: Any, acceleration: Any, wanted: Any) -> Any:
 
 
 def _fitted(wanted: Any, left: Any) -> Any:
-    """Gives the next step with `left` remaining; avoids a tiny last step, which would spoil the latch's parabola."""
+    """Returns the next step with `left` remaining, without a tiny last step, which spoils the latch's parabola."""
     return jnp.where(left <= wanted, left, jnp.where(left < 2 * wanted, left / 2, wanted))

@@ -45,7 +45,8 @@ class AbstractLatchingRungeKutta(AbstractLatchingSolver):
         return solver_state[0].motion
 
     def init(self, terms, t0, t1, y0, args):
-        field, t0 = field_of(terms), jnp.asarray(t0, float)
+        field = field_of(terms)
+        t0 = jnp.asarray(t0, float)
         # types and frame as in `step`, so that the derivative is traced once for both
         return field.evaluate(t0, y0, args, args.frame(t0)), field.open_step(t0, y0, args)
 
@@ -56,6 +57,7 @@ class AbstractLatchingRungeKutta(AbstractLatchingSolver):
         rates, before = solver_state
         stages = [rates]
         frames = {1.0: args.frame(t1)}  # one per instant, which XLA would recompute in every stage
+        # each row of the tableau makes one more stage from those before
         for row in self.a_lower:
             node = 1.0 if abs(sum(row) - 1) < 1e-12 else sum(row)
             at = t1 if node == 1 else t0 + node * dt  # exactly t1, so that rounding adds no further instant

@@ -35,9 +35,6 @@ NODES_THROUGH = (0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0))
 """Nodes of steps through which a force acts or in which its damping lets it end: Gauss's, of equal weights."""
 NODES_CROSSING = ((0.40746008687889573, 0.5), (0.8620943387027721, 0.33725413294672596))
 """Nodes and weights from where a gap closes or opens: exact for powers 1.5, 2.5 and 3.5 of that distance."""
-STIFFEST, DAMPEST = 0.2, 1.0
-"""About where corrections fade to none, because the cubics of gaps tell nothing: the square of the step times a
-contact's frequency, and the step times the decay rate of its damping. Errors hardly depend on them."""
 
 
 def knows_contacts(scene: Scene) -> bool:
@@ -61,7 +58,7 @@ class Ends(NamedTuple):
 class ImpulseRK4(AbstractLatchingSolver):
     """RK4 with the event latch whose contact impulses are integrated on the cubics of their gaps.
 
-    The correction fades out where a contact is too stiff for the step, see `STIFFEST`. The rate at a touchdown is
+    The correction fades out where a contact is too stiff for the step. The rate at a touchdown is
     that of the gap's cubic without the contact's own impulse. No error estimate: constant steps only.
 
     **Raises:** `ValueError` for other contacts than those of `knows_contacts`, and for a vector field of one's own,
@@ -69,7 +66,7 @@ class ImpulseRK4(AbstractLatchingSolver):
     """
 
     explicit: ClassVar = True
-    renewed: ClassVar = True  # what a step leaves follows its correction to first order only
+    restarts_each_period: ClassVar = True  # what a step leaves follows its correction to first order only
 
     def order(self, terms):
         return 4
@@ -86,23 +83,28 @@ class ImpulseRK4(AbstractLatchingSolver):
             )
         t0 = jnp.asarray(t0, float)
         rail = _moving(args, t0)
-        now, turning = contacts(rail[0], y0.motion), _turning(args, t0, rail, y0.motion)
+        now = contacts(rail[0], y0.motion)
+        turning = _turning(args, t0, rail, y0.motion)
         return _ended(args, t0, rail[0], now, turning, y0)
 
     @jax.jit  # diffrax traces it more than once
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         k1, before = solver_state
-        scene, m0, dt = args.scene, y0.motion, t1 - t0
+        scene = args.scene
+        m0 = y0.motion
+        dt = t1 - t0
         half = t0 + 0.5 * dt
-        middle, rail = args.frame(half), _moving(args, t1)
+        middle = args.frame(half)
+        rail = _moving(args, t1)
 
         def stage(t, frame, rates, share):
-            """Computes a stage's motion, its derivative, and its forces' wrench by the start's unit wrenches."""
+            """Returns a stage's motion, its derivative, and its forces' wrench by the start's unit wrenches."""
             travel = args.travel(t)
             m = materialise(jax.tree.map(lambda a, k: a + share * dt * k, m0, rates))
             now = contacts(frame, m)
             force = contact_forces(scene, now, y0.memory)
             own = unit_wrenches(scene, frame, now, m, force, travel)
+            # sums over the points: the wrench of this stage, and that with the directions at the step's start
             wrenches = sums(*(force * d for d in (*own, *before.wrenches)))
             return m, per_period(travel, newton_euler(scene, m, wrenches[:5], travel)), wrenches[5:]
 
@@ -111,6 +113,7 @@ class ImpulseRK4(AbstractLatchingSolver):
         y4, k4, f4 = stage(t1, rail[0], k3, 1.0)
         # m0 + dt (k1 + 2 k2 + 2 k3 + k4) / 6
         end = jax.tree.map(lambda a, p, q, r, k: (p + 2 * q + r - a) * (1 / 3) + (dt / 6) * k, m0, y2, y3, y4, k4)
+        # means over the step of the wrench, weighted by the part that is left and not
         early = [(a + b + c) / 6 for a, b, c in zip(before.wrench, f2, f3, strict=True)]
         mean = [e + (b + c + d) / 6 for e, b, c, d in zip(early, f2, f3, f4, strict=True)]
         state = State(materialise(end), y0.memory)
@@ -128,7 +131,10 @@ def _corrected(
     **Arguments:** `rail`: `_moving` at the end; `mean`, `early`: RK4's means over the step of the contacts' wrench
     and of that times the part of the step that is left, from which velocities and positions follow.
     """
-    scene, m, memory, seconds = args.scene, state.motion, state.memory, dt * args.travel(t1 - 0.5 * dt).period
+    scene = args.scene
+    m = state.motion
+    memory = state.memory
+    seconds = dt * args.travel(t1 - 0.5 * dt).period
     frame, _ = rail
     now = contacts(frame, m)
     lever = materialise(now.lever)
@@ -142,24 +148,34 @@ def _corrected(
     path = _path(before, gap, rate, turning, seconds)
     place, length, touches, bends = _edge(scene, path, gap, rate, memory)
     if memory is not None:
-        at, slowest = path.rate_at(place) - own * _pressing(scene, path, gap, rate, place), -scene.memory.slowest
+        # the rate at the touchdown, without what the contact itself does in the step
+        at = path.rate_at(place) - own * _pressing(scene, path, gap, rate, place)
+        slowest = -scene.memory.slowest
         memory = kept(jnp.where(touches, 1 / jnp.where(touches & (at < slowest), at, slowest), memory))
 
     # as `mean` and `early`, of each contact
     means = earlies = 0.0
+    # two nodes of the part of the step in which the force acts
     for through, (crossing, weight) in zip(NODES_THROUGH, NODES_CROSSING, strict=True):
         x = held(place + length * jnp.where(bends, crossing, through))
         force = contact_forces(scene, Contacts(path.gap.value(x), path.rate_at(x), lever), memory)
         part = held(jnp.abs(length) * jnp.where(bends, weight, 0.5) * force)
-        means, earlies = means + part, earlies + (1 - x) * part
+        means = means + part
+        earlies = earlies + (1 - x) * part
+    # Where a contact is too stiff or too damped for the step, the cubics of gaps tell nothing: limits of h^2 w^2 and
+    # of h times the decay at which the correction is halved. Errors hardly depend on them.
+    stiffest = 0.2
+    dampest = 1.0
     # fourth powers of the step times the frequency, whose square is 3/2 K d^(1/2) over the mass, and times the decay
     deepest = jnp.where(gap < before.gap, gap, before.gap)
     deepest = jnp.where(deepest < 0, deepest, 0.0)
-    stiff, damped = 1.5 / STIFFEST * seconds, _damping(scene, 1 / DAMPEST, memory)
+    stiff = 1.5 / stiffest * seconds
+    damped = _damping(scene, 1 / dampest, memory)
     stiff, damped = (jnp.square(v * scene.contact.stiffness * own) for v in (stiff, damped))
     rough = jnp.square(stiff * deepest) + jnp.square(damped * deepest**3)
     *total, rough = sums(*(means * d for d in before.wrenches), *(earlies * d for d in before.wrenches), rough)
 
+    # the difference of impulses changes velocities, and positions by its part of the step
     share = 1 / (1 + rough)
     change = [share * (a - b) for a, b in zip(total, mean + early, strict=True)]
     kick = [c * v for c, v in zip(compliance, change[:5], strict=True)]
@@ -173,7 +189,9 @@ def _corrected(
 
 def _ended(args: Args, t: Any, frame: RailFrame, now: Contacts, turning: Array, state: State) -> tuple[Motion, Ends]:
     """Returns the derivative [per forcing period] and the contacts at the end of a step."""
-    scene, m, travel = args.scene, state.motion, args.travel(t)
+    scene = args.scene
+    m = state.motion
+    travel = args.travel(t)
     force = contact_forces(scene, now, state.memory)
     own = unit_wrenches(scene, frame, now, m, force, travel)
     wrench = sums(*(force * w for w in own))
@@ -195,7 +213,9 @@ class _Path(NamedTuple):
 
 def _path(before: Ends, gap: Array, rate: Array, turning: Array, seconds: Any) -> _Path:
     """Returns the gaps over a step of some seconds, from both of its ends; `turning` is taken to be linear."""
-    rise, slope, per_second = gap - before.gap, seconds * (before.rate + before.turning), 1 / seconds
+    rise = gap - before.gap
+    slope = seconds * (before.rate + before.turning)
+    per_second = 1 / seconds
     a = slope + seconds * (rate + turning) - 2 * rise
     b = rise - slope - a
     more = 2 * per_second * b + before.turning - turning
@@ -203,16 +223,17 @@ def _path(before: Ends, gap: Array, rate: Array, turning: Array, seconds: Any) -
 
 
 def _edge(scene: Scene, path: _Path, gap: Array, rate: Array, memory: Array | None) -> tuple[Array, ...]:
-    """Tells where each force begins or ends in a step, and 0 where it does neither.
+    """Returns where each force begins or ends in a step, and what of it acts.
 
-    **Returns:** that place, from 0 to 1; the length from there over which the force acts, negative if before it;
-    whether the contact begins; whether the force has the kink of a gap that opens or closes.
+    **Returns:** the place, from 0 to 1, and 0 where it does neither; the length from there over which the force acts,
+    negative if before it; whether the contact begins; whether the force has the kink of a gap that opens or closes.
     """
     start = path.gap.start
     touches = (gap < 0) & ((start >= 0) if memory is None else (memory == 0))
     ends = (gap >= 0) & (start < 0)
     wanted = bends = touches | ends
-    cubic, end = path.gap, gap
+    cubic = path.gap
+    end = gap
     if scene.contact.clamp:
         # the damping ends the force of a closed contact, or lets it begin again, where their sum is zero
         one, other = (1 + _damping(scene, v, memory) for v in (path.rate, rate))
@@ -221,13 +242,14 @@ def _edge(scene: Scene, path: _Path, gap: Array, rate: Array, memory: Array | No
         line = Cubic(one, other - one, 0.0, 0.0)
         cubic = Cubic(*(jnp.where(limited, v, u) for u, v in zip(cubic, line, strict=True)))
         end = jnp.where(limited, other, end)
-        wanted, bends = bends | limited, bends & ~limited
+        wanted = bends | limited
+        bends = bends & ~limited
     place = sign_change(cubic, end, wanted)
     return place, jnp.where(ends, -place, 1 - place), touches, bends
 
 
 def _pressing(scene: Scene, path: _Path, gap: Array, rate: Array, x: Array) -> Array:
-    """Gives the mean force over the step [N] in the cubic's slope at x, of a contact that begins there.
+    """Returns the mean force over the step [N] in the cubic's slope at x, of a contact that begins there.
 
     From that force in the middle and at the end of the step, as RK4 counts them, at the damping of touchdowns.
     """

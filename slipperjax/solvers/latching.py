@@ -67,9 +67,9 @@ class AbstractLatchingSolver(diffrax.AbstractSolver):
     term_structure: ClassVar = diffrax.AbstractTerm
     interpolation_cls: ClassVar = StateInterpolation
     explicit: ClassVar[bool] = False
-    """Whether stability bounds the steps, none of which fails."""
-    renewed: ClassVar[bool] = False
-    """Whether forcing periods of equal steps begin with `init`, so that they are functions of the state alone."""
+    """True for explicit methods."""
+    restarts_each_period: ClassVar[bool] = False
+    """True where forcing periods of equal steps begin with `init`: they are functions of the state alone."""
 
     def rates(self, solver_state: Any) -> Any:
         """Returns the motion's derivative at a step's end [per forcing period], if known to it. Here None."""
@@ -145,8 +145,9 @@ def _innermost(solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:
 
 
 def solver_name(solver: diffrax.AbstractSolver) -> str:
-    """Tells how a solver is named in results: its class, and in brackets that of the solver inside it."""
-    inner, own = getattr(solver, "solver", None), type(solver).__name__
+    """Returns a solver's name in results: its class, and in brackets that of the solver inside it."""
+    own = type(solver).__name__
+    inner = getattr(solver, "solver", None)
     return f"{own}({solver_name(inner)})" if isinstance(inner, diffrax.AbstractSolver) else own
 
 
@@ -155,10 +156,11 @@ def differentiable(solver: diffrax.AbstractSolver, adjoint: diffrax.AbstractAdjo
 
     diffrax does this for its own Runge-Kutta methods; here it is done for those inside a wrapper, too.
     """
-    inner, kinds = _innermost(solver), {diffrax.ForwardMode: "lax", diffrax.DirectAdjoint: "bounded"}
-    if isinstance(inner, diffrax.AbstractRungeKutta) and inner.scan_kind is None and type(adjoint) in kinds:
+    inner = _innermost(solver)
+    kind = {diffrax.ForwardMode: "lax", diffrax.DirectAdjoint: "bounded"}.get(type(adjoint))
+    if kind and isinstance(inner, diffrax.AbstractRungeKutta) and inner.scan_kind is None:
         at = lambda s: _innermost(s).scan_kind
-        return eqx.tree_at(at, solver, kinds[type(adjoint)], is_leaf=lambda x: x is None)
+        return eqx.tree_at(at, solver, kind, is_leaf=lambda x: x is None)
     return solver
 
 
@@ -172,7 +174,7 @@ def with_tolerance(solver: diffrax.AbstractSolver, tolerance: Any) -> diffrax.Ab
 
 
 def is_explicit(solver: diffrax.AbstractSolver) -> bool:
-    """Tells whether stability bounds a solver's steps, none of which fails: it solves no systems of equations."""
+    """Tells whether a solver is explicit: stability bounds its steps, none of which fails."""
     inner = _innermost(solver)
     return isinstance(inner, diffrax.AbstractERK | diffrax.Euler) or getattr(inner, "explicit", False)
 

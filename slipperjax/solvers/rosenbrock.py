@@ -51,7 +51,7 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
             _, drift = jax.jvp(at, (jnp.asarray(t0, float),), (jnp.ones(()),))
 
         def stage(stages, row):
-            """Computes one stage, as the body of a loop: unrolled stages take minutes to compile."""
+            """Returns the stages with one more, as the body of a loop: unrolled stages take minutes to compile."""
             point = combine(y0, stages, row["a"])
             # exactly t1 at the end, so that the rail there equals that at the next step's start
             f = field.evaluate(jnp.where(row["node"] == 1, t1, t0 + row["node"] * h), point, args)
@@ -78,6 +78,7 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
     def _rows(self) -> dict[str, Any]:
         """Returns the tableau by stages, for a loop over them."""
         count = len(self.nodes)
+        # zeros above the diagonal, so that all stages are rows of one length
         square = lambda rows: jnp.array([[*row, *[0.0] * (count - len(row))] for row in ((), *rows)])
         slopes = self.slopes or [0.0] * count
         rows = dict(a=square(self.a), c=square(self.c), node=jnp.array(self.nodes), slope=jnp.array(slopes))
@@ -121,30 +122,13 @@ class Rodas4(AbstractRosenbrock):
 def _transformed(alpha: list, gamma: list, b: list, b_hat: list) -> tuple[Rows, Rows, tuple, tuple]:
     """Returns (a, c, m, e) of the form above from the coefficients of the k form."""
     inverse = np.linalg.inv(np.array(gamma))
-    a, c = np.array(alpha) @ inverse, np.diag(np.diag(inverse)) - inverse
+    m = np.array(b) @ inverse
+    e = (np.array(b) - np.array(b_hat)) @ inverse
+    # rows below the diagonal, without what rounding leaves of zeros
     below = lambda x: tuple(tuple(float(v) if abs(v) > 1e-14 else 0.0 for v in x[i, :i]) for i in range(1, len(x)))
-    m, e = np.array(b) @ inverse, (np.array(b) - np.array(b_hat)) @ inverse
-    return below(a), below(c), tuple(map(float, m)), tuple(map(float, e))
-
-
-_G = 0.43586652150845900
-_B = [0.24212380706095346, -1.2232505839045147, 1.5452602553351020, _G]
-_ROS34PW2 = _transformed(
-    [
-        [0, 0, 0, 0],
-        [0.87173304301691801, 0, 0, 0],
-        [0.84457060015369423, -0.11299064236484185, 0, 0],
-        [0, 0, 1, 0],
-    ],
-    [
-        [_G, 0, 0, 0],
-        [-0.87173304301691801, _G, 0, 0],
-        [-0.90338057013044082, 0.054180672388095326, _G, 0],
-        [*_B[:2], _B[2] - 1, _G],
-    ],
-    _B,
-    [0.37810903145819369, -0.096042292212423178, 0.5, 0.21793326075422950],
-)
+    a = below(np.array(alpha) @ inverse)
+    c = below(np.diag(np.diag(inverse)) - inverse)
+    return a, c, tuple(map(float, m)), tuple(map(float, e))
 
 
 class ROS34PW2(AbstractRosenbrock):
@@ -155,13 +139,30 @@ class ROS34PW2(AbstractRosenbrock):
     there (tests/benchmarks/test_smooth_switch.py).
     """
 
-    gamma: ClassVar = _G
-    a: ClassVar = _ROS34PW2[0]
-    c: ClassVar = _ROS34PW2[1]
+    gamma: ClassVar = 0.43586652150845900
+    _b: ClassVar = [0.24212380706095346, -1.2232505839045147, 1.5452602553351020, gamma]
+    _tableau: ClassVar = _transformed(
+        [
+            [0, 0, 0, 0],
+            [0.87173304301691801, 0, 0, 0],
+            [0.84457060015369423, -0.11299064236484185, 0, 0],
+            [0, 0, 1, 0],
+        ],
+        [
+            [gamma, 0, 0, 0],
+            [-0.87173304301691801, gamma, 0, 0],
+            [-0.90338057013044082, 0.054180672388095326, gamma, 0],
+            [*_b[:2], _b[2] - 1, gamma],
+        ],
+        _b,
+        [0.37810903145819369, -0.096042292212423178, 0.5, 0.21793326075422950],
+    )
+    a: ClassVar = _tableau[0]
+    c: ClassVar = _tableau[1]
     nodes: ClassVar = (0.0, 0.87173304301691801, 0.84457060015369423 - 0.11299064236484185, 1.0)
     slopes: ClassVar = None
-    m: ClassVar = _ROS34PW2[2]
-    e: ClassVar = _ROS34PW2[3]
+    m: ClassVar = _tableau[2]
+    e: ClassVar = _tableau[3]
 
     def order(self, terms):
         return 3

@@ -22,8 +22,6 @@ from ..tools.compile import is_traced
 
 NEWTON_TOLERANCE = 1e-7
 """Default of `SimplifiedNewton.tolerance` with constant steps."""
-LEAST_ITERATIONS = 2
-"""Iterations before the rate of convergence is known."""
 
 
 class _Stage(NamedTuple):
@@ -41,15 +39,20 @@ class _Stage(NamedTuple):
     def of(cls, args: Any) -> "_Stage":
         # _implicit_relation_f, _implicit_relation_k of diffrax's Runge-Kutta methods and _implicit_relation of its
         # implicit Euler; in diffrax 0.7 they are told apart by the number of their arguments
+        sign = 1.0
         if len(args) == 5:
             _, t, y, inner, step = args
-            share, factor, sign = 1.0, step, -1.0
+            share = 1.0
+            factor = step
+            sign = -1.0
         elif len(args) == 7:
             _, diagonal, _, t, y, inner, step = args
-            share, factor, sign = diagonal, diagonal * step, 1.0
+            share = diagonal
+            factor = diagonal * step
         else:
             _, diagonal, _, _, t, y, inner, step = args
-            share, factor, sign = diagonal * step, diagonal * step, 1.0
+            share = diagonal * step
+            factor = diagonal * step
         memory, inner = inner if isinstance(y, Motion) else (None, inner)
         if not isinstance(inner, Args) or not isinstance(y, Motion | State):
             raise ValueError(
@@ -122,7 +125,8 @@ class SimplifiedNewton(optx.AbstractRootFinder):
         # the corrections still to come, as a geometric series
         error = jnp.where(rate < 1, state.size * rate / (1 - jnp.minimum(rate, 0.999)), jnp.inf)
         most = NEWTON_TOLERANCE if self.tolerance is None else self.tolerance
-        small = (state.count >= LEAST_ITERATIONS) & (error <= most) | (state.size <= most)
+        # the rate is known from the second iteration on
+        small = (state.count >= 2) & (error <= most) | (state.size <= most)
         lost = ~jnp.isfinite(state.size) & (state.count > 0)
         result = optx.RESULTS.where(lost, optx.RESULTS.nonlinear_divergence, optx.RESULTS.successful)
         return small | lost, result

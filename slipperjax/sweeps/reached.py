@@ -96,8 +96,8 @@ def likely_periods(strobe: Float[np.ndarray, "cases periods coordinates"]) -> In
     periods = strobe.shape[1]
     lags = min(LONGEST_PERIOD, periods // 4)
     finite = np.where(np.all(np.isfinite(strobe), axis=(1, 2), keepdims=True), strobe, np.nan)
-    series = recurrence(finite, scales=COORDINATE_SCALES, max_period=lags)
-    missed = np.stack([series[:, n - 1, -max(n, periods // 10) :].max(axis=1) for n in range(1, lags + 1)], axis=1)
+    series = recurrence(finite / COORDINATE_SCALES, lags)
+    missed = np.stack([apart[:, -max(n, periods // 10) :].max(axis=1) for n, apart in series.items()], axis=1)
     missed = np.where(np.isfinite(missed), missed, np.inf)
     best = missed.min(axis=1, keepdims=True)
     close = missed <= np.maximum(3 * best, FLOOR)
