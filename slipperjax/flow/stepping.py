@@ -239,13 +239,13 @@ def as_stepping(stepping: Any) -> AbstractStepping:
 
 
 def capacity_for_periods(count: int) -> int:
-    """Returns the least of 1, 8, 64, 512, 1024, 2048, ... that is not below: for periods of one case, where those that
+    """Gives the least of 1, 8, 64, 512, 1024, 2048, ... that is not below: for periods of one case, where those that
     are not used cost memory alone."""
     return next((size for size in (1, 8, 64, 512) if count <= size), 1 << (count - 1).bit_length())
 
 
 def capacity_for(count: int) -> int:
-    """Returns the least of 1, 2, 4, 8, 16, 32, 50, 100, 200, ... that is not below: few sizes, so few programs."""
+    """Gives the least of 1, 2, 4, 8, 16, 32, 50, 100, 200, ... that is not below: few sizes, so few programs."""
     if count <= 32:
         return 1 << (count - 1).bit_length()
     return 50 * (1 << max(-(-count // 50) - 1, 0).bit_length())
