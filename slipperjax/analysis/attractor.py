@@ -42,12 +42,20 @@ class Attractors(NamedTuple):
         return f"Attractors({kinds.size} cases: {', '.join(counts)})"
 
 
-def recurrence(states: Float[np.ndarray, "*cases periods states"], most: int) -> dict[int, np.ndarray]:
+def recurrence(
+    states: Float[np.ndarray, "*cases periods states"],
+    most: int,
+) -> dict[int, np.ndarray]:
     """Returns by lag n, up to `most`, the greatest changes of a scaled state in n periods, (*cases, periods - n)."""
     return {n: np.abs(states[..., n:, :] - states[..., :-n, :]).max(-1) for n in range(1, most + 1)}
 
 
-def zero_one_test(series: Any, *, samples: int = 100, seed: int = 0) -> Float[np.ndarray, "*cases"]:
+def zero_one_test(
+    series: Any,
+    *,
+    samples: int = 100,
+    seed: int = 0,
+) -> Float[np.ndarray, "*cases"]:
     """Returns K of the 0-1 test for chaos: near 0 for regular, near 1 for chaotic series.
 
     The correlation method with the oscillation term subtracted: the median over random c in (pi/5, 4 pi/5) of the
@@ -63,7 +71,12 @@ def zero_one_test(series: Any, *, samples: int = 100, seed: int = 0) -> Float[np
     **Raises:** `ValueError` for fewer than 40 periods and settings out of range.
     """
     x = numbers("series", series).astype(float)
-    require(x.ndim > 0 and x.shape[-1] >= 40, "series", "be of 40 periods or more", shown=f"of shape {x.shape}")
+    require(
+        x.ndim > 0 and x.shape[-1] >= 40,
+        "series",
+        "be of 40 periods or more",
+        shown=f"of shape {x.shape}",
+    )
     count = whole("samples", samples, 1)
     generator = np.random.default_rng(whole("seed", seed, 0))
     c = generator.uniform(math.pi / 5, 4 * math.pi / 5, count)
@@ -72,7 +85,12 @@ def zero_one_test(series: Any, *, samples: int = 100, seed: int = 0) -> Float[np
 
 
 def classify(
-    strobe: Any, *, scales: Any = None, max_period: int = 16, tolerance: float = 1e-3, floor: float = 1e-6
+    strobe: Any,
+    *,
+    scales: Any = None,
+    max_period: int = 16,
+    tolerance: float = 1e-3,
+    floor: float = 1e-6,
 ) -> Attractors:
     """Returns the attractor of each motion.
 
@@ -214,7 +232,11 @@ class _Case:
                 falls = [self.fit(m, self.floor, start).fall for m in _divisors(n)]
                 if all(abs(fall) < 0.3 * decay.fall for fall in falls):
                     speed = f"{decay.rate:.2g} per period, to {self.at_end[n]:.1e} so far"
-                    return self.result(Regime.PERIODIC, n, f"residual over {n} periods decays by {speed}")
+                    return self.result(
+                        Regime.PERIODIC,
+                        n,
+                        f"residual over {n} periods decays by {speed}",
+                    )
         return None
 
     def irregular(self):

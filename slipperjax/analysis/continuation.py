@@ -54,6 +54,7 @@ class Branch:
 
     def turned(self) -> "Branch":
         """Returns the branch the other way round."""
+        # points keep their places, and tangents point the other way
         turn = lambda node: node._replace(spot=node.spot._replace(tangent=-node.spot.tangent))
         events = []
         for event in reversed(self.events):
@@ -113,7 +114,12 @@ def check_found(name: str, sought: str, spot: Spot, tolerance: float) -> None:
         raise ValueError(f"Argument `{name}` must be near {sought}, but {ended}.")
 
 
-def begun(equations: AbstractEquations, start: Node, pace: Pace, ways: Sequence[int] = (1, -1)) -> Branch:
+def begun(
+    equations: AbstractEquations,
+    start: Node,
+    pace: Pace,
+    ways: Sequence[int] = (1, -1),
+) -> Branch:
     """Returns a branch of one point, to be followed those `ways`."""
     back, ahead = (End("count" if way in ways else "", pace.first) for way in (-1, 1))
     return Branch(equations, (start,), (), (back, ahead))
@@ -200,7 +206,13 @@ def _extended(branch, walk, search, observe, most, until, on_point):
     return Branch(branch.equations, tuple(nodes), tuple(events), (back, End(reason, walk.step)))
 
 
-def switch(branch: Branch, event: Event, *, length: float = 0.05, tolerance: float = 1e-10) -> tuple[Any, Spot]:
+def switch(
+    branch: Branch,
+    event: Event,
+    *,
+    length: float = 0.05,
+    tolerance: float = 1e-10,
+) -> tuple[Any, Spot]:
     """Returns the equations and first point of the branch that leaves at a flip or a branch point.
 
     **Arguments:** `length`: distance of the first point from the event, in the branch's weighted length. It is halved
@@ -218,11 +230,13 @@ def switch(branch: Branch, event: Event, *, length: float = 0.05, tolerance: flo
     spot = event.node.spot
     if event.label == "PD":
         equations = dataclasses.replace(equations, intervals=2 * equations.intervals)
+        # along the eigenvector of the multiplier -1
         values, vectors = np.linalg.eig(product(np.asarray(spot.matrices)))
         direction = np.append(vectors[:, np.argmin(np.abs(values + 1))].real, 0.0)
     else:
         direction = _across(equations, spot)
     direction = direction / spot.length(direction)
+    # nearer and nearer to the event until Newton's method finds the other branch
     while length > 1e-6:
         guess = spot.z + length * direction
         new = correct(equations, guess, spot.weights**2 * direction, spot.z, tolerance=tolerance)
@@ -240,6 +254,7 @@ def switch(branch: Branch, event: Event, *, length: float = 0.05, tolerance: flo
 def _across(equations: AbstractEquations, spot: Spot) -> np.ndarray:
     """Returns the direction of solutions at right angles to the tangent, in weighted components."""
     rows, columns = (np.asarray(weights) for weights in equations.weights(jnp.asarray(spot.z)))
+    # components without weight count as they are
     rows = np.where(rows > 0, rows, 1.0)
     columns = np.where(columns > 0, columns, 1.0)
     scaled = rows[:, None] * evaluated(equations, spot.z).jacobian / columns

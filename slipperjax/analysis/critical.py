@@ -128,6 +128,7 @@ class CriticalMotions(AbstractEquations):
 
     def _null(self, matrix: Array, mu: Array, scale: Array) -> tuple[Array, Array, Array]:
         """Returns the vectors v and w of the bordered systems, in scaled components, and the number g."""
+        # the matrix of the module's first equation, bordered by a column and a row
         critical = scale[:, None] * matrix / scale[None] - mu * jnp.eye(self.size)
         last = jnp.zeros(self.size + 1, critical.dtype).at[-1].set(1.0)
         system = jnp.concatenate([critical, self.left[:, None]], axis=1)
@@ -138,6 +139,7 @@ class CriticalMotions(AbstractEquations):
 
     def _pushed(self, of: Array, v: Array) -> Array:
         """Returns P_x v. Pure."""
+        # the map of the state alone, at fixed parameters
         flow = lambda x: self.motions.mapped(jnp.concatenate([x, of[self.size :]]))
         push = lambda t: jax.jvp(flow, (of[: self.size],), (t,))[1]
         if not self.angled:
@@ -185,7 +187,13 @@ def critical_motion(
     angles = [angle] if CRITICAL_MULTIPLIERS[label] is None else []
     z = motions.unknowns(state, value, *angles)
     limits = jnp.asarray(tolerance, float), jnp.asarray(max_iterations)
-    z, residual, count, matrices, mu = call_compiled(_critical, motions, (label, is_transformed()), z, limits)
+    z, residual, count, matrices, mu = call_compiled(
+        _critical,
+        motions,
+        (label, is_transformed()),
+        z,
+        limits,
+    )
     return CriticalMotion(motions.state(z), motions.values(z)[0], mu, residual, count, matrices)
 
 
@@ -217,6 +225,7 @@ class ConditionedMotions(AbstractEquations):
 
     def evaluate(self, z: Array) -> Linearisation:
         motion = self.motions.evaluate(z)
+        # the condition, with its derivative along each unknown in turn
         condition = lambda z: self.condition(self.motions.state(z), *self.motions.values(z)) / self.unit
         value, slope = jax.vmap(lambda t: jax.jvp(condition, (z,), (t,)), out_axes=(None, 0))(jnp.eye(z.size))
         jacobian = jnp.concatenate([motion.jacobian, slope[None]])
@@ -235,7 +244,7 @@ class ConditionedMotions(AbstractEquations):
         return dataclasses.replace(self, condition=call_compiled(_updated, self, (), jnp.asarray(z)))
 
 
-def _updated(equations: ConditionedMotions, static: tuple, z: Array) -> Any:
+def _updated(equations: ConditionedMotions, static: tuple, z: Array):
     motions = equations.motions
     return equations.condition.update(motions.state(z), *motions.values(z))  # type: ignore[attr-defined]
 
@@ -270,8 +279,8 @@ def continue_critical(
     angles = [angle] if critical and equations.angled else []
     z = equations.motions.unknowns(state, *values, *angles)
     row = jnp.zeros(z.size).at[size + 1].set(1.0)
+    # null vectors of the start as borders, by the program that corrects, of which the equations are most
     for _ in range(BORDER_UPDATES if critical else 0):
-        # by the program that corrects, of which the equations are most
         equations = equations.update(z, correct(equations, z, row, tolerance=tolerance, iterations=0).null_vectors)
     first = correct(equations, z, row, tolerance=tolerance, iterations=20)
     check_found("state", "a motion of the curve", first, tolerance)
@@ -289,7 +298,9 @@ def continue_critical(
     ends = []
     for end, node in zip(curve.ends, (curve.nodes[0], curve.nodes[-1]), strict=True):
         # a pair became real where the curve ends within the bounds of the parameters
-        inside = all(low < value < high for value, (low, high) in zip(node.spot.z[size:], bounds, strict=False))
+        first, second = bounds
+        a, b = node.spot.z[size : size + 2]
+        inside = first[0] < a < first[1] and second[0] < b < second[1]
         near_to = resonance(node.spot.z[-1])
         if inside and near_to and end.reason in ("bound", "no convergence"):
             end = end._replace(reason=f"strong resonance {near_to}")

@@ -69,7 +69,13 @@ class Spot(NamedTuple):
 
 
 def correct(
-    equations: AbstractEquations, z: Any, row: Any, near: Any = None, *, tolerance: float, iterations: int = 8
+    equations: AbstractEquations,
+    z: Any,
+    row: Any,
+    near: Any = None,
+    *,
+    tolerance: float,
+    iterations: int = 8,
 ) -> Spot:
     """Returns the curve's point on the plane through `z` across `row`, by Newton's method; in arrays of NumPy.
 
@@ -82,16 +88,33 @@ def correct(
     return jax.device_get(call_compiled(_correct, equations, (), *arrays, limits))
 
 
-def _correct(equations: AbstractEquations, static: tuple, z: Array, row: Array, near: Array, limits: tuple) -> Spot:
+def _correct(
+    equations: AbstractEquations,
+    static: tuple,
+    z: Array,
+    row: Array,
+    near: Array,
+    limits: tuple,
+) -> Spot:
     tolerance, most = limits
     row = row / jnp.sqrt(jnp.sum(row**2))
+    # the guess must be consistent before the first iteration
     first = equations.project(z, near, jnp.zeros(z.size - 1))
     root = newton(_OnPlane(equations, row, row @ z), first, tolerance=tolerance, iterations=most)
     now = root.linearisation
+    # across the equations' gradients, with a part along `row` of one
     tangent = solve(now.jacobian, jnp.zeros(z.size).at[-1].set(1.0))
     weights = equations.weights(root.z)[1]
     tangent = tangent / jnp.sqrt(jnp.sum((weights * tangent) ** 2))
-    return Spot(root.z, tangent, weights, root.residual, root.iterations, now.matrices, now.null_vectors)
+    return Spot(
+        root.z,
+        tangent,
+        weights,
+        root.residual,
+        root.iterations,
+        now.matrices,
+        now.null_vectors,
+    )
 
 
 def evaluated(equations: AbstractEquations, z: Any) -> Linearisation:
@@ -206,8 +229,10 @@ class Walk:
         edges = np.clip(beyond.z, self.low, self.high)
         chord = beyond.z - self.spot.z
         with np.errstate(divide="ignore", invalid="ignore"):
+            # the part of the chord after which each bound is met
             shares = np.where(edges == beyond.z, np.inf, (edges - self.spot.z) / chord)
         k = int(np.argmin(shares))  # the bound that is met first
+        # the plane of that bound
         row = np.zeros_like(beyond.z)
         row[k] = np.sign(chord[k])
         guess = self.spot.z + shares[k] * chord

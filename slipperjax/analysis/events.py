@@ -126,9 +126,11 @@ def changes(one: Node, other: Node, conserved: bool = False) -> list[str]:
     the real ones beyond changed by two.
     """
     above, below, outside = (abs(one.beyond(conserved, s) - other.beyond(conserved, s)) for s in (1, -1, 0))
+    # the parameter turns back between both points
     turns = int(one.spot.tangent[-1] * other.spot.tangent[-1] < 0)
     labels = [] if one.view.counts == other.view.counts else ["GR"]
     labels += ["LP"] * turns + ["BP"] * (above % 2 != turns) + ["PD"] * (below % 2)
+    # two multipliers make a pair; one that is left counts as one
     pairs = max(-(-(outside - above % 2 - below % 2) // 2), 0)
     flips = min(below // 2, pairs)
     folds = min(above // 2, pairs - flips)
@@ -207,6 +209,7 @@ class EventSearch(NamedTuple):
         nodes = {0.0: a, 1.0: b}
 
         def value(share: float) -> float:
+            # Brent's method may ask for a point twice
             if share not in nodes:
                 node = self.at(share, a, b)
                 if node is None:
@@ -216,7 +219,13 @@ class EventSearch(NamedTuple):
 
         try:
             # where the test jumps, the bracket may still be wide at the end
-            options: dict[str, Any] = dict(xtol=xtol, rtol=1e-14, maxiter=60, full_output=True, disp=False)
+            options: dict[str, Any] = dict(
+                xtol=xtol,
+                rtol=1e-14,
+                maxiter=60,
+                full_output=True,
+                disp=False,
+            )
             root = cast(float, brentq(value, 0.0, 1.0, **options)[0])
             for share in (root, max(root - self.bracket, 0.0), min(root + self.bracket, 1.0)):
                 value(share)
@@ -275,12 +284,25 @@ class EventSearch(NamedTuple):
         # the point there without Newton's method
         now = evaluated(self.equations, z)
         size = np.asarray(weighted_size(now.residual, self.equations.weights(jnp.asarray(z))[0]))
-        spot = nodes[len(nodes) // 2].spot._replace(z=z, tangent=tangent, residual=size, matrices=now.matrices)
+        spot = nodes[len(nodes) // 2].spot._replace(
+            z=z,
+            tangent=tangent,
+            residual=size,
+            matrices=now.matrices,
+        )
         node = as_node(spot, self.observe)._replace(label="BP")
         # the error is the difference from a polynomial through fewer points
         fewer = _polynomials(tests[1:-1], unknowns[1:-1])[0]
         error = float(abs(z[-1] - fewer[-1]))
-        return Event("BP", node, float(z[-1] - error), float(z[-1] + error), _critical("BP", node, index), True, "")
+        return Event(
+            "BP",
+            node,
+            float(z[-1] - error),
+            float(z[-1] + error),
+            _critical("BP", node, index),
+            True,
+            "",
+        )
 
     def grazing(self, a: Node, b: Node) -> Event | None:
         """Locates a single grazing; None where there are several, or other events near it."""
@@ -297,6 +319,7 @@ class EventSearch(NamedTuple):
         nodes, root = self.bracketed(test, a, b, self.narrowest)
         if root is None:
             return None
+        # the nearest points before and behind the change
         low = max(share for share, node in nodes.items() if test(node) > 0)
         high = min(share for share, node in nodes.items() if test(node) < 0)
         if high - low > 4 * self.bracket or changes(nodes[low], nodes[high], self.conserved) != ["GR"]:
@@ -321,6 +344,7 @@ class EventSearch(NamedTuple):
         label = "GR" if "GR" in labels else labels[0]
         notes = []
         if set(labels) != {"GR"}:
+            # the two largest multipliers on both sides
             one, other = (", ".join(f"{m:.4g}" for m in node.multipliers[:2]) for node in (a, b))
             notes.append(f"multipliers jump from {one} to {other}")
         alone = width <= self.narrowest
@@ -329,7 +353,16 @@ class EventSearch(NamedTuple):
         low, high = sorted((float(a.spot.z[-1]), float(b.spot.z[-1])))
         critical = complex(np.nan) if label == "GR" else _critical(label, a, self.index(a, b))
         change = tuple(n - m for m, n in zip(a.view.counts, b.view.counts, strict=True))
-        return Event(label, a._replace(label=label), low, high, critical, alone, "; ".join(notes), change)
+        return Event(
+            label,
+            a._replace(label=label),
+            low,
+            high,
+            critical,
+            alone,
+            "; ".join(notes),
+            change,
+        )
 
 
 def _along(node: Node, a: Node, b: Node) -> bool:

@@ -16,7 +16,10 @@ from ..tools.one_kernel import in_one_kernel
 from .lyapunov import Step, check_functions, check_state
 
 
-def solve(matrix: Inexact[Array, "n n"], rhs: Inexact[Array, "n ..."]) -> Inexact[Array, "n ..."]:
+def solve(
+    matrix: Inexact[Array, "n n"],
+    rhs: Inexact[Array, "n ..."],
+) -> Inexact[Array, "n ..."]:
     """Returns x of `matrix @ x = rhs` by Gauss and Jordan's elimination with partial pivoting. Pure.
 
     NaN or infinite where the matrix is singular to rounding.
@@ -26,7 +29,7 @@ def solve(matrix: Inexact[Array, "n n"], rhs: Inexact[Array, "n ..."]) -> Inexac
     rows = jnp.arange(size)
 
     # the row with the greatest pivot takes place k, and is subtracted from all others
-    def eliminate(k: Any, both: Array) -> Array:
+    def eliminate(k, both: Array) -> Array:
         pivot = jnp.argmax(jnp.where(rows >= k, jnp.abs(both[:, k]), -1.0))
         both = both.at[jnp.stack([k, pivot])].set(both[jnp.stack([pivot, k])])
         row = both[k] / both[k, k]
@@ -36,7 +39,13 @@ def solve(matrix: Inexact[Array, "n n"], rhs: Inexact[Array, "n ..."]) -> Inexac
     return both[:, size:].reshape(rhs.shape)
 
 
-def jacobians(step: Step, state: Any, intervals: int, *, index: Any = 0.0) -> Float[Array, "intervals size size"]:
+def jacobians(
+    step: Step,
+    state: Any,
+    intervals: int,
+    *,
+    index: Any = 0.0,
+) -> Float[Array, "intervals size size"]:
     """Returns Jacobians of `intervals` successive applications of `step`, along the motion from `state`. Pure.
 
     **Arguments:** `step(state, k)`: the state one interval later, differentiable in forward mode; `state`: a pytree
@@ -84,7 +93,7 @@ def multipliers(
     return mu[np.argsort(-np.abs(mu), kind="stable")]
 
 
-def _after(earlier: Any, later: Any) -> Any:
+def _after(earlier, later):
     return later @ earlier
 
 
@@ -94,7 +103,11 @@ def _eigenvalues(matrix: np.ndarray) -> np.ndarray:
     return np.linalg.eigvals(matrix).astype(complex)
 
 
-def _blocks(matrices: np.ndarray, passes: int = 30, separated: float = 1e-12) -> list[np.ndarray]:
+def _blocks(
+    matrices: np.ndarray,
+    passes: int = 30,
+    separated: float = 1e-12,
+) -> list[np.ndarray]:
     """Returns the diagonal blocks of matrices in bases in which all are block triangular, each (intervals, k, k).
 
     **Arguments:** `passes`: through all intervals, in which the QR factors separate moduli; `separated`: greatest
@@ -109,9 +122,11 @@ def _blocks(matrices: np.ndarray, passes: int = 30, separated: float = 1e-12) ->
         for matrix in matrices:
             bases.append(np.linalg.qr(matrix @ bases[-1])[0])
         basis = bases[-1]
-    # the last interval ends in the basis in which the first one begins
-    ends = [*bases[1:-1], bases[0]]
-    inside = [then.T @ matrix @ now for now, then, matrix in zip(bases[:-1], ends, matrices, strict=True)]
+    inside = []
+    for k, matrix in enumerate(matrices):
+        # the last interval ends in the basis in which the first one begins
+        then = bases[(k + 1) % len(matrices)]
+        inside.append(then.T @ matrix @ bases[k])
     # a cut is good where the entries below left of it are about rounding error in all matrices
     cuts = [0]
     for k in range(1, size):
@@ -177,7 +192,13 @@ def largest_exponent(matrices: Any, period: int) -> float:
     return float(np.log(np.abs(largest)) / period)
 
 
-def floquet(step: Step, state: Any, *, index: Any = 0.0, intervals: int = 1) -> Complex[Array | np.ndarray, " size"]:
+def floquet(
+    step: Step,
+    state: Any,
+    *,
+    index: Any = 0.0,
+    intervals: int = 1,
+) -> Complex[Array | np.ndarray, " size"]:
     """Returns Floquet multipliers of a motion that recurs after some intervals of `step`, the largest modulus first.
 
     The logarithms of their moduli, divided by `intervals`, are the exponents per interval.

@@ -36,6 +36,7 @@ MOST_IMPACTS = 2000
 
 def rk4(field: Field, t: Any, y: Any, h: Any) -> Any:
     """Makes a step of the classical method of Runge and Kutta: the state at t + h."""
+    # the state a part of the step along a slope
     ahead = lambda k, part: jax.tree.map(lambda y, k: y + part * h * k, y, k)
     a = field(t, y)
     b = field(t + h / 2, ahead(a, 0.5))
@@ -45,7 +46,11 @@ def rk4(field: Field, t: Any, y: Any, h: Any) -> Any:
 
 
 def share_before(
-    surface: Surface, flow: Callable[[Any], Any], t: Any, dt: Any, crosses: Bool[Array, ""]
+    surface: Surface,
+    flow: Callable[[Any], Any],
+    t: Any,
+    dt: Any,
+    crosses: Bool[Array, ""],
 ) -> Float[Array, ""]:
     """Computes the share of a step from `t` after which `surface` crosses zero; 1 where it does not cross.
 
@@ -54,6 +59,7 @@ def share_before(
 
     **Arguments:** `flow(share)`: the state after this share of the step `dt`.
     """
+    # the surface as a function of the share
     height = lambda share: surface(t + share * dt, flow(share))
     # where nothing crosses, a line that does at the end
     sought = lambda share: jnp.where(crosses, height(share), share - 1)
@@ -65,6 +71,7 @@ def _crossing(height: Callable[[Array], Array], zero: Array) -> Array:
     """Finds where a function on 0 to 1 gets the sign that it has at 1, by Newton's method kept in a bracket."""
     slope_at = lambda share: jax.jvp(height, (share,), (jnp.ones_like(share),))
     (start, end), (slope, _) = jax.vmap(slope_at)(jnp.stack([zero, zero + 1]))
+    # so that the crossing is always a fall
     side = jnp.where(end < 0, 1.0, -1.0)
     start, end, slope = side * start, side * end, side * slope
     # the falling zero of the parabola through the value and slope at the start and the value at the end
@@ -98,14 +105,14 @@ class AbstractCrossingStep(eqx.Module):
     steps: int = eqx.field(static=True)
 
     @abc.abstractmethod
-    def _ahead(self, t: Any, y: Any) -> tuple[Any, Bool[Array, ""]]:
+    def _ahead(self, t, y) -> tuple[Any, Bool[Array, ""]]:
         """The state after a whole step from (t, y), and whether that crosses."""
 
     @abc.abstractmethod
-    def _across(self, t: Any, y: Any, crosses: Bool[Array, ""]) -> tuple[Any, Bool[Array, ""]]:
+    def _across(self, t, y, crosses: Bool[Array, ""]) -> tuple[Any, Bool[Array, ""]]:
         """The state after a step from (t, y) with a crossing inside, where it `crosses`, and `_stuck` there."""
 
-    def _stuck(self, t: Any, y: Any) -> Bool[Array, ""] | bool:
+    def _stuck(self, t, y) -> Bool[Array, ""] | bool:
         """Whether the motion is held on the surface, so that no step from there is a whole one."""
         return False
 
@@ -113,6 +120,7 @@ class AbstractCrossingStep(eqx.Module):
         return in_both_modes(self._interval, state, k)
 
     def _interval(self, state, k):
+        # the time at which a step of this interval begins
         instant = lambda i: self.t0 + (k * self.steps + i) * self.dt
 
         def whole_step(carry):
@@ -149,6 +157,7 @@ class SwitchedStep(AbstractCrossingStep):
         up = self.surface(t, y) >= 0
         flow = lambda share: rk4(self._field(up), t, y, share * self.dt)
         share = share_before(self.surface, flow, t, self.dt, crosses)
+        # the rest of the step with the other field
         end = rk4(self._field(~up), t + share * self.dt, flow(share), (1 - share) * self.dt)
         return end, jnp.zeros_like(crosses)
 
@@ -180,8 +189,13 @@ class ImpactStep(AbstractCrossingStep):
 
     def _stuck(self, t, y):
         gap, rate, push = jnp.maximum(self.surface(t, y), 0.0), jnp.abs(self._rate(t, y)), self._push(t, y)
+        # the time until the gap closes again, where it does
         pressed = push < 0
-        flight = (rate + jnp.sqrt(jnp.maximum(rate**2 - 2 * push * gap, 0.0))) / jnp.where(pressed, -push, 1.0)
+        flight = (rate + jnp.sqrt(jnp.maximum(rate**2 - 2 * push * gap, 0.0))) / jnp.where(
+            pressed,
+            -push,
+            1.0,
+        )
         return pressed & (flight < SHORTEST * self.dt)
 
     def _across(self, t, y, crosses):
@@ -194,6 +208,7 @@ class ImpactStep(AbstractCrossingStep):
             surface = jax.jit(lambda t, y: jnp.where(stuck, self._push(t, y), self.surface(t, y)))
             field = jax.jit(self._field(stuck))
             flow = jax.jit(lambda part: rk4(field, at(share), y, part * left(share)))
+            # what would be at the end of the step without an event
             end = flow(1.0)
             released, touches = self._push(at(1.0), end) > 0, self._falls(at(share), y, at(1.0), end)
             happens = crosses & jnp.where(stuck, released, touches)
@@ -258,6 +273,7 @@ class ReturnStep(eqx.Module):
 
         # a start on the surface lies above or below it by rounding: it must have risen before it can fall
         if self.reset is None:
+            # without a reset a start on the surface has not risen yet
             begin = 0, state, jnp.zeros((), bool), False
         else:
             state = self.reset(start, state)
@@ -300,7 +316,7 @@ class _Linearised(eqx.Module):
     function: Callable[[Any, Any], Any]
     moving: tuple[bool, ...] = eqx.field(static=True)
 
-    def __call__(self, state: Any, k: Any) -> tuple[Any, Array]:
+    def __call__(self, state, k) -> tuple[Any, Array]:
         primals = self.function, state, k
         moving, fixed = eqx.partition(primals, jax.tree.unflatten(jax.tree.structure(primals), self.moving))
         flat, unravel = ravel_pytree(moving)
@@ -332,7 +348,13 @@ def switched_step(
 
 
 def impact_step(
-    vector_field: Field, surface: Surface, reset: Reset, *, dt: Any, steps: int, t0: Any = 0.0
+    vector_field: Field,
+    surface: Surface,
+    reset: Reset,
+    *,
+    dt: Any,
+    steps: int,
+    t0: Any = 0.0,
 ) -> ImpactStep:
     """Makes `step` of an oscillator with rigid stops: where `surface` falls to zero, `reset` gives the state.
 
@@ -356,7 +378,12 @@ def impact_step(
 
 
 def return_step(
-    vector_field: Field, surface: Surface, reset: Reset | None = None, *, dt: Any, most: int = 100_000
+    vector_field: Field,
+    surface: Surface,
+    reset: Reset | None = None,
+    *,
+    dt: Any,
+    most: int = 100_000,
 ) -> ReturnStep:
     """Makes the Poincare map of an autonomous system: from a point where `surface` falls to zero to the next.
 
@@ -393,10 +420,12 @@ def _along(field: Field, function: Surface) -> Surface:
 
 
 def _dot(one, other):
-    return sum(jnp.vdot(a, b) for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True))
+    """Returns the scalar product of two states."""
+    return jax.tree.reduce(jnp.add, jax.tree.map(jnp.vdot, one, other))
 
 
 def _where(which, one, other):
+    """Returns the one state where `which` is true, and the other one elsewhere."""
     return jax.tree.map(lambda a, b: jnp.where(which, a, b), one, other)
 
 

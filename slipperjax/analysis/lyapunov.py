@@ -105,11 +105,20 @@ def weights_of(state: Any, scale: Scale | None) -> Float[Array, " size"] | None:
     """Gives the weights of all components in one array; None if all are one."""
     if scale is None:
         return None
-    full = jax.tree.map(lambda s, w: jnp.broadcast_to(jnp.asarray(w, s.dtype), s.shape), state, scale(state))
+    full = jax.tree.map(
+        lambda s, w: jnp.broadcast_to(jnp.asarray(w, s.dtype), s.shape),
+        state,
+        scale(state),
+    )
     return ravel_pytree(full)[0]
 
 
-def fixed_directions(seed: int, count: int, size: int, weights: Array | None) -> Float[Array, "count size"]:
+def fixed_directions(
+    seed: int,
+    count: int,
+    size: int,
+    weights: Array | None,
+) -> Float[Array, "count size"]:
     """Makes random directions, the same in every run; their parts in components of weight zero are zero."""
     normal = jnp.asarray(np.random.default_rng(seed).standard_normal((count, size)))
     if weights is None:
@@ -117,14 +126,19 @@ def fixed_directions(seed: int, count: int, size: int, weights: Array | None) ->
     return jnp.where(weights > 0, 1 / jnp.where(weights > 0, weights, 1.0), 0.0)[None] * normal
 
 
-def gram_schmidt(rows: Array, weights: Array | None) -> tuple[Float[Array, "count size"], Float[Array, " count"]]:
+def gram_schmidt(
+    rows: Array,
+    weights: Array | None,
+) -> tuple[Float[Array, "count size"], Float[Array, " count"]]:
     """Makes rows orthonormal by Gram-Schmidt, each projected twice; also the logarithms of the diagonal of R.
 
     A row that vanishes gives a logarithm of about -354 (of the root of the smallest number in double precision) and
     is replaced by a fixed direction, made orthogonal to the rows before it.
     """
     count, size = rows.shape
+    # squares below count as zero
     tiny = jnp.finfo(rows.dtype).tiny
+    # scalar products are those of the weighted components
     dual = (lambda a: a) if weights is None else (lambda a: weights[None] ** 2 * a)
     spare = fixed_directions(1, count, size, weights)
     basis, logs = [], []
@@ -133,21 +147,38 @@ def gram_schmidt(rows: Array, weights: Array | None) -> tuple[Float[Array, "coun
         pair = jnp.stack([row, other])
         if basis:
             before = jnp.stack(basis)
+            # twice is enough for orthogonality to rounding
             for _ in range(2):
                 pair = pair - (dual(pair) @ before.T) @ before
         square, spare_square = jnp.sum(dual(pair) * pair, axis=1)
         vanished, spare_vanished = square <= tiny, ~(spare_square > tiny)
         length = jnp.sqrt(jnp.where(jnp.isfinite(square), jnp.maximum(square, tiny), jnp.nan))
-        fresh = jnp.where(spare_vanished, 0.0, pair[1] / jnp.sqrt(jnp.where(spare_vanished, 1.0, spare_square)))
+        fresh = jnp.where(
+            spare_vanished,
+            0.0,
+            pair[1]
+            / jnp.sqrt(
+                jnp.where(
+                    spare_vanished,
+                    1.0,
+                    spare_square,
+                )
+            ),
+        )
         basis.append(jnp.where(vanished, fresh, pair[0] / length))
         logs.append(jnp.log(length))
     return jnp.stack(basis), jnp.stack(logs)
 
 
-def orthonormalise(tangents: Any, state: Any, scale: Scale | None = None) -> tuple[Any, Float[Array, " count"]]:
+def orthonormalise(
+    tangents: Any,
+    state: Any,
+    scale: Scale | None = None,
+) -> tuple[Any, Float[Array, " count"]]:
     """Makes tangents orthonormal at `state`, and gives the logarithms of their lengths; NaN after lost states."""
     flat, unravel = ravel_pytree(state)
     rows = jax.vmap(lambda t: ravel_pytree(t)[0])(tangents)
+    # after a lost state exponents are NaN
     rows = jnp.where(jnp.all(jnp.isfinite(flat)), rows, jnp.nan)
     rows, logs = gram_schmidt(rows, weights_of(state, scale))
     return jax.vmap(unravel)(rows), logs
@@ -161,7 +192,13 @@ def first_tangents(state: Any, count: int, scale: Scale | None = None) -> Any:
 
 
 def push_tangents(
-    step: Step, state: Any, tangents: Any, intervals: int, *, index: Any = 0.0, scale: Scale | None = None
+    step: Step,
+    state: Any,
+    tangents: Any,
+    intervals: int,
+    *,
+    index: Any = 0.0,
+    scale: Scale | None = None,
 ) -> tuple[Any, Any, Float[Array, "intervals count"]]:
     """Propagates orthonormal tangents through `intervals` intervals. Pure; may be used under jit and vmap.
 
@@ -182,10 +219,15 @@ def push_tangents(
 
     def interval(carry, k):
         state, tangents = carry
-        state, tangents = jax.vmap(push, in_axes=(None, 0, None), out_axes=(None, 0))(state, tangents, k)
+        state, tangents = jax.vmap(push, in_axes=(None, 0, None), out_axes=(None, 0))(
+            state,
+            tangents,
+            k,
+        )
         tangents, logs = orthonormalise(tangents, state, scale)
         return (state, tangents), logs
 
+    # all intervals in one kernel
     run = lambda carry: jax.lax.scan(interval, carry, index + jnp.arange(float(intervals)))
     (state, tangents), history = in_one_kernel(run, (state, tangents))
     return state, tangents, history
@@ -241,9 +283,23 @@ def map_spectrum(
     functions = (step, scale)
     # a number of intervals that is an argument serves one program for all; in reverse mode it must be part of it
     fixed = transient if is_traced((step, state)) else None
-    state, tangents = call_compiled(_begin, functions, (count, transient > 0, fixed), state, index, transient)
+    state, tangents = call_compiled(
+        _begin,
+        functions,
+        (count, transient > 0, fixed),
+        state,
+        index,
+        transient,
+    )
     lengths = (align, align + intervals)
-    state, tangents, history = call_compiled(_run, functions, lengths, state, tangents, index + transient)
+    state, tangents, history = call_compiled(
+        _run,
+        functions,
+        lengths,
+        state,
+        tangents,
+        index + transient,
+    )
     return LyapunovSpectrum(history, state, tangents, periods, period)
 
 
@@ -308,7 +364,9 @@ def regime(exponent: Any, stderr: Any, kind: Any, trusted: Any, escapes: Any = 0
     periodic = kind == Regime.PERIODIC.kind_name
     # exponents near zero are known well enough to 0.01 per period
     sure = chaotic | (SURE * stderr <= np.maximum(np.abs(exponent), 0.01))
+    # the exponent and the recurrence say different things
     contradicts = (chaotic & periodic) | (~chaotic & (kind == Regime.CHAOTIC.kind_name))
+    # chaos that some of the longer motions have left
     lasting = np.where(escapes > 0, Regime.TRANSIENT, Regime.CHAOTIC)
     codes = np.where(chaotic, lasting, np.where(periodic, Regime.PERIODIC, Regime.REGULAR))
     good = trusted.astype(bool) & np.isfinite(exponent) & sure & ~contradicts
@@ -324,8 +382,14 @@ def kaplan_yorke(exponents: Any) -> Float[np.ndarray, "*lanes"]:
     """
     falling = -np.sort(-numbers("exponents", exponents, 1), axis=-1)
     sums = np.cumsum(falling, axis=-1)
+    # the greatest number of exponents whose sum is not negative
     whole_part = np.sum(sums >= 0, axis=-1, keepdims=True)
-    surplus = np.take_along_axis(np.concatenate([0 * sums[..., :1], sums], axis=-1), whole_part, axis=-1)
+    surplus = np.take_along_axis(
+        np.concatenate([0 * sums[..., :1], sums], axis=-1),
+        whole_part,
+        axis=-1,
+    )
+    # the exponent after these, infinite where there is none
     following = np.append(-falling, np.full_like(falling[..., :1], np.inf), axis=-1)
     following = np.take_along_axis(following, whole_part, axis=-1)
     dimension = whole_part + surplus / np.where(following > 0, following, np.inf)
@@ -342,6 +406,7 @@ def weighted_mean(history: Any) -> Float[np.ndarray, "*lanes count"]:
     **Arguments:** `history`: shape (*lanes, intervals, count).
     """
     history = numbers("history", history, 2)
+    # times of the intervals' middles over the length of the record
     t = (np.arange(history.shape[-2]) + 0.5) / history.shape[-2]
     weights = np.exp(-1 / (t * (1 - t)))
     return np.einsum("k,...kc->...c", weights / weights.sum(), history)
@@ -364,6 +429,7 @@ def standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
         return np.full(history.shape[:-2] + history.shape[-1:], np.nan)
     length = max(1, history.shape[-2] // 100)
     n = history.shape[-2] // length
+    # what does not fill a block is left out at the start
     used = history[..., history.shape[-2] - n * length :, :]
     means = used.reshape(*history.shape[:-2], n, length, history.shape[-1]).mean(axis=-2)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -382,6 +448,7 @@ def standard_error(history: Any) -> Float[np.ndarray, "*lanes count"]:
             noise = noise * (1 - last**2)
             densities.append(noise * n / (n - order - 1) / (1 - sum(weights)) ** 2)
             criteria.append(n * np.log(noise) + 2 * order)
+        # of each exponent its own order
         best = np.argmin(np.stack(criteria), axis=0)[None]
         density = np.take_along_axis(np.stack(densities), best, axis=0)[0]
     return np.sqrt(np.where(covariance[0] == 0, 0.0, density) / n)

@@ -39,7 +39,10 @@ class AbstractEquations(eqx.Module):
         """Returns residual and derivative at `z`. Pure."""
 
     @abc.abstractmethod
-    def weights(self, z: Float[Array, " more"]) -> tuple[Float[Array, " n"], Float[Array, " more"]]:
+    def weights(
+        self,
+        z: Float[Array, " more"],
+    ) -> tuple[Float[Array, " n"], Float[Array, " more"]]:
         """Returns factors of the residual's components, and of the unknowns in the measure of length; zero for
         those that are left out."""
 

@@ -27,7 +27,14 @@ class OdeStep(eqx.Module):
         # time runs from 0 to 1 in each interval, so that all have the same steps
         def field(t, y, args):
             t_start, duration, args = args
-            return jax.tree.map(lambda r: duration * r, self.vector_field(t_start + duration * t, y, args))
+            return jax.tree.map(
+                lambda r: duration * r,
+                self.vector_field(
+                    t_start + duration * t,
+                    y,
+                    args,
+                ),
+            )
 
         solution = diffrax.diffeqsolve(
             diffrax.ODETerm(field),
@@ -61,7 +68,12 @@ def ode_step(
     **Raises:** `ValueError` that names the argument which is wrong.
     """
     require(callable(vector_field), "vector_field", "be a function", vector_field)
-    require(solver is None or isinstance(solver, diffrax.AbstractSolver), "solver", "be a diffrax solver", solver)
+    require(
+        solver is None or isinstance(solver, diffrax.AbstractSolver),
+        "solver",
+        "be a diffrax solver",
+        solver,
+    )
     steps = whole("steps", steps, 1)
     duration = steps * positive("dt")(dt)
     solver = diffrax.Tsit5() if solver is None else solver

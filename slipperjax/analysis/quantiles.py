@@ -33,7 +33,13 @@ def quantile_plane(
     y = values[used] / size
     bounds = np.stack([np.zeros_like(w), w], axis=1)
     # the dual program, whose multipliers are the coefficients
-    dual = scipy.optimize.linprog(-y, A_eq=x.T, b_eq=(1 - quantile) * (x.T @ w), bounds=bounds, method="highs")
+    dual = scipy.optimize.linprog(
+        -y,
+        A_eq=x.T,
+        b_eq=(1 - quantile) * (x.T @ w),
+        bounds=bounds,
+        method="highs",
+    )
     return -size * dual.eqlin.marginals
 
 
@@ -47,7 +53,13 @@ def mean_plane(
     return np.linalg.lstsq(system * root[:, None], values * root, rcond=None)[0]
 
 
-def bootstrap(fit: Fit, groups: int, *, resamples: int = 100, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def bootstrap(
+    fit: Fit,
+    groups: int,
+    *,
+    resamples: int = 100,
+    seed: int = 0,
+) -> tuple[np.ndarray, np.ndarray]:
     """Returns numbers that `fit` gives of all conditions once, and those of draws of them, (resamples, numbers).
 
     **Arguments:** `resamples`: draws with replacement; 100 give an error to 7 % of itself.

@@ -72,11 +72,19 @@ def shoot(
     tolerance = number(positive, "tolerance", tolerance)
     index = finite("index")(index)
     static = count, limit, is_transformed()
-    return call_compiled(_shoot, (step, scale, consistent), static, state, index, as_argument(tolerance))
+    return call_compiled(
+        _shoot,
+        (step, scale, consistent),
+        static,
+        state,
+        index,
+        as_argument(tolerance),
+    )
 
 
 def _shoot(functions, static, state, index, tolerance):
     """Returns a motion of one map, without parameters."""
+    step, scale, consistent = functions
     intervals, limit, differentiable = static
 
     def motions(step, scale, consistent, index):
@@ -90,7 +98,7 @@ def _shoot(functions, static, state, index, tolerance):
     root = newton(motions(*constant), guess, **options)
     z = root.z
     matrices = root.linearisation.matrices
-    exact = motions(*functions, index)
+    exact = motions(step, scale, consistent, index)
     if differentiable:
         # one more step, of no length: with the derivatives of the map alone it has those of the exact motion
         miss = exact.mapped(z) - z
@@ -99,7 +107,14 @@ def _shoot(functions, static, state, index, tolerance):
     return Shot(exact.state(z), root.residual, root.iterations, matrices)
 
 
-def minimal_period(step: Step, state: Any, intervals: int, *, index: Any = 0.0, scale: Scale | None = None) -> Any:
+def minimal_period(
+    step: Step,
+    state: Any,
+    intervals: int,
+    *,
+    index: Any = 0.0,
+    scale: Scale | None = None,
+) -> Any:
     """Returns the residuals of a motion that recurs after `intervals` intervals, after each of its divisors. Pure.
 
     **Arguments:** as for `shoot`.
@@ -108,7 +123,13 @@ def minimal_period(step: Step, state: Any, intervals: int, *, index: Any = 0.0, 
     """
     check_functions(step, scale)
     count = whole("intervals", intervals, 1)
-    return call_compiled(_residuals, (step, scale), (count,), check_state(state), finite("index")(index))
+    return call_compiled(
+        _residuals,
+        (step, scale),
+        (count,),
+        check_state(state),
+        finite("index")(index),
+    )
 
 
 def _residuals(functions, static, state, index):
@@ -161,6 +182,7 @@ class PeriodicMotions(AbstractEquations):
 
     def unknowns(self, state: Any, *values: Any) -> Array:
         """Returns the unknowns from a state and values of the parameters."""
+        # components of the state first, then the parameters
         flat = ravel_pytree(state)[0]
         require(flat.size == self.size, "state", f"have {self.size} numbers as `like` has", flat.size)
         return jnp.concatenate([flat, jnp.asarray(values, float)])
@@ -194,6 +216,7 @@ class PeriodicMotions(AbstractEquations):
             return jnp.concatenate([ravel_pytree(end)[0], unknowns[size:]])
 
         end, matrices = linearise(step, z, self.intervals, index=self.index)
+        # of P(x; values) - x
         jacobian = product(matrices)[:size] - jnp.eye(size, z.size)
         return Linearisation(end[:size] - z[:size], jacobian, matrices[:, :size, :size])
 

@@ -47,7 +47,12 @@ class Line(NamedTuple):
 
 
 def power_spectral_density(
-    signal: Any, sampling_rate: float, *, axis: int = -1, window: str = "hann", detrend: str | bool = "constant"
+    signal: Any,
+    sampling_rate: float,
+    *,
+    axis: int = -1,
+    window: str = "hann",
+    detrend: str | bool = "constant",
 ) -> Spectrum:
     """Returns the one-sided power spectral density of evenly spaced samples, by one periodogram of the record.
 
@@ -76,7 +81,15 @@ def power_spectral_density(
     except ValueError as error:
         raise ValueError(f"Argument `window` must be a window of scipy.signal, but is {window!r}.") from error
     x = np.moveaxis(x, axis, -1)
-    return Spectrum(*scipy.signal.periodogram(x, rate, window=weights, detrend=detrend, scaling="density"))
+    return Spectrum(
+        *scipy.signal.periodogram(
+            x,
+            rate,
+            window=weights,
+            detrend=detrend,
+            scaling="density",
+        )
+    )
 
 
 def spectral_lines(spectrum: Spectrum, **options: Any) -> Lines:
@@ -106,7 +119,13 @@ def spectral_lines(spectrum: Spectrum, **options: Any) -> Lines:
     return Lines(frequency, power, bins.height[bins.peaks], bins.width)
 
 
-def find_line(spectrum: Spectrum, frequency: float, *, tolerance: float | None = None, **options: Any) -> Line:
+def find_line(
+    spectrum: Spectrum,
+    frequency: float,
+    *,
+    tolerance: float | None = None,
+    **options: Any,
+) -> Line:
     """Returns the line that a spectrum shows at one frequency, or how strong it is without one.
 
     **Arguments:** `frequency` [Hz]; `tolerance`: greatest distance of the line from it [Hz], by default one bin;
@@ -158,6 +177,7 @@ class _Bins:
 
     def refined(self, k):
         """Returns the frequency of the peak near a bin [Hz], by a parabola through the levels of three."""
+        # the vertex of the parabola, in bins from the highest one
         left, top, right = self.level[k - 1 : k + 2]
         bend = left - 2 * top + right
         shift = 0.5 * (left - right) / bend if bend < 0 else 0.0

@@ -14,7 +14,11 @@ FINER = 3, 6, 12
 that with the default steps one in ten is wrong by a third."""
 
 
-def with_step_error(function: Callable[[int], Any], steps: int, finer: Sequence[int] = FINER) -> tuple[Any, Any]:
+def with_step_error(
+    function: Callable[[int], Any],
+    steps: int,
+    finer: Sequence[int] = FINER,
+) -> tuple[Any, Any]:
     """Returns a function of the number of steps with many of them, and its error by the difference to fewer.
 
     **Arguments:**
@@ -32,7 +36,7 @@ def with_step_error(function: Callable[[int], Any], steps: int, finer: Sequence[
     ratio = (finer[-1] / finer[-2]) ** 2
 
     # of one leaf of the pytree, from its values with each number of steps
-    def error(*values: Any) -> Any:
+    def error(*values):
         *earlier, last = (np.abs(np.subtract(b, a)) for a, b in itertools.pairwise(values))
         return np.maximum(last, earlier[-1] / ratio) if earlier else last
 

@@ -89,6 +89,7 @@ class OrbitPoints:
     """An `xarray.Dataset` along `point`."""
 
     def __post_init__(self):
+        # xarray is not imported for this, because that takes time
         good = hasattr(self.points, "attrs") and hasattr(self.points, "coords")
         require(good, "points", "be an xarray.Dataset along `point`", self.points)
 
@@ -140,6 +141,7 @@ class OrbitBranch(OrbitPoints):
         """Events of the branch, in the order of its points."""
         ds = self.points
         columns = {name: ds[f"event_{name}"].values.tolist() for name in EVENT_COLUMNS}
+        # datasets hold no complex numbers in netCDF files
         columns["multiplier"] = (
             ds["event_multiplier_real"].values + 1j * ds["event_multiplier_imag"].values
         ).tolist()
@@ -161,9 +163,9 @@ class OrbitBranch(OrbitPoints):
         values = ds[varied.name].values
         outside = ds["outside"].values
         shown = lambda value: f"{varied.shown(value):.8g}"
-        first, last = (
-            f"{shown(values[k])} ({reason or 'start'})" for k, reason in zip((0, -1), ds.attrs["ended"], strict=True)
-        )
+        begin, end = ds.attrs["ended"]
+        first = f"{shown(values[0])} ({begin or 'start'})"
+        last = f"{shown(values[-1])} ({end or 'start'})"
         title = f"{varied.name} [{varied.display_unit}]"
         lines = [
             f"OrbitBranch of period {self.period} over {varied.name}: {len(values)} points, "
@@ -173,6 +175,7 @@ class OrbitBranch(OrbitPoints):
         for event in self.events:
             mu = event.multiplier
             error = varied.shown(event.high - event.low) / 2
+            # grazings and ends have no critical multiplier
             critical = "" if np.isnan(mu.real) else f"{mu.real:.5f}" + (f"{mu.imag:+.5f}i" if mu.imag else "")
             sure = f"{error:.0e}" if event.converged else "unsure"
             lines.append(
@@ -183,6 +186,7 @@ class OrbitBranch(OrbitPoints):
 
     def events_dataframe(self) -> Any:
         """Returns a `pandas.DataFrame` with a row per event, as `events`."""
+        # the table of events is what lies along them alone
         names = [name for name, array in self.points.data_vars.items() if array.dims == ("event",)]
         return self.points[names].to_dataframe().rename(columns=lambda name: name.removeprefix("event_"))
 
@@ -202,7 +206,11 @@ class OrbitBranch(OrbitPoints):
             solver=run.solver,
         )
 
-    def extended(self, bounds: tuple[float, float] | None = None, **options: Any) -> "OrbitBranch":
+    def extended(
+        self,
+        bounds: tuple[float, float] | None = None,
+        **options: Any,
+    ) -> "OrbitBranch":
         """Follows the branch further: where it was interrupted, met an event of `until`, ended for the number of its
         points, or met a bound.
 
@@ -213,7 +221,11 @@ class OrbitBranch(OrbitPoints):
         return run.follow(extend, self.branch, **options)
 
     def switched(
-        self, event: BranchEvent, *, bounds: tuple[float, float] | None = None, **options: Any
+        self,
+        event: BranchEvent,
+        *,
+        bounds: tuple[float, float] | None = None,
+        **options: Any,
     ) -> "OrbitBranch":
         """Follows the branch that leaves at a flip, of twice the period, or at a branch point.
 
@@ -221,6 +233,7 @@ class OrbitBranch(OrbitPoints):
 
         **Raises:** `ValueError` for other events, or where no orbit is found off this branch.
         """
+        # at a flip the equations are of twice the period
         equations, spot = switch(self.branch, _analysed(event, self.branch.nodes))
         run = dataclasses.replace(_Run.of(self, bounds), equations=equations)
         return run.follow(functools.partial(continue_motion, ways=(1,)), equations, spot, **options)
@@ -278,6 +291,7 @@ class _Run:
     @classmethod
     def new(cls, scene, varied, bounds, steps, solver, tolerance, period, like) -> "_Run":
         """Returns those of a new branch."""
+        # one program for all numbers of steps
         options = dict(stepping=dynamic_steps(steps), solver=solver, period=period)
         equations = slipper_motions(scene, (varied.name,), (bounds[1] - bounds[0],), like, **options)
         return cls(scene, varied, bounds, steps, solver, tolerance, equations)
@@ -299,7 +313,13 @@ class _Run:
         equations = dataclasses.replace(self.equations, family=family)
         sections = Sections()
         records = RecordSet((GapSamples(), sections))
-        ((gap, rate), crossed), period = call_compiled(_samples, equations, (records,), jnp.asarray(spot.z))
+        ((gap, rate), crossed), period = call_compiled(
+            _samples,
+            equations,
+            (records,),
+            jnp.asarray(spot.z),
+        )
+        # records are finished for a batch of cases, here of one
         one_case = jax.tree.map(lambda a: np.asarray(a)[None], crossed)
         span = RecordedSpan(self.equations.intervals, self.steps, 0.0, np.zeros(1, int))
         crossings = jax.tree.map(lambda a: a[0], sections.finish(None, one_case, span))
@@ -309,7 +329,11 @@ class _Run:
         return Observation(tuple(touches.touchdowns.tolist()), tuple(touches.margin.tolist()), view)
 
     def follow(
-        self, walk: Callable[..., Branch], *start: Any, progress: bool | None = None, **options: Any
+        self,
+        walk: Callable[..., Branch],
+        *start,
+        progress: bool | None = None,
+        **options,
     ) -> OrbitBranch:
         """Returns the branch that `walk` makes from a start, with a bar; `options`: of `counting`."""
         with counted(progress, f"branch over {self.varied.name}", self.varied) as count:
@@ -319,7 +343,7 @@ class _Run:
         self,
         count: Callable[[Any], None],
         walk: Callable[..., Branch],
-        *start: Any,
+        *start,
         points: int = 400,
         until: Sequence[str] = (),
     ) -> OrbitBranch:
@@ -337,7 +361,7 @@ class _Run:
         )
         return finished(OrbitBranch(self.dataset(branch), branch))
 
-    def dataset(self, branch: Branch) -> Any:
+    def dataset(self, branch: Branch):
         """Returns an `xarray.Dataset` of a branch, from which the branch can be made again."""
         nodes = branch.nodes
         scene = self.scene
@@ -357,30 +381,53 @@ class _Run:
             "solver": self.solver,
             "tolerance": self.tolerance,
         }
+        # points of the curve without what belongs to branches alone
         spots = [node.spot for node in nodes]
-        ds, states = orbits_dataset(spots, branch.equations, scene, [self.varied], multipliers, outside, call)
+        ds, states = orbits_dataset(
+            spots,
+            branch.equations,
+            scene,
+            [self.varied],
+            multipliers,
+            outside,
+            call,
+        )
         touchdowns = np.array([view.grazing.touchdowns for view in views]).reshape(len(nodes), 2, -1)
         signatures = [view.signature for view in views]
         data = {
-            "tangent": along([spot.tangent for spot in spots], "direction of the branch", "number_and_parameter"),
+            "tangent": along(
+                [spot.tangent for spot in spots],
+                "direction of the branch",
+                "number_and_parameter",
+            ),
             "stable": along((outside == 0) & ~critical, "whether no multiplier lies outside the unit circle"),
             "iterations": along([spot.iterations for spot in spots], "iterations of Newton's method"),
             "label": along([node.label for node in nodes], EVENT_COLUMNS["label"][1]),
             "signature": along([" ".join(s.points) for s in signatures], "touchdowns in their order"),
-            "slowest_touchdown": along([s.slowest for s in signatures], "slowest touchdown", unit="m/s"),
-            "grazing_gap": along([s.nearest for s in signatures], "least magnitude of a gap's extreme", unit="m"),
+            "slowest_touchdown": along(
+                [s.slowest for s in signatures],
+                "slowest touchdown",
+                unit="m/s",
+            ),
+            "grazing_gap": along(
+                [s.nearest for s in signatures],
+                "least magnitude of a gap's extreme",
+                unit="m",
+            ),
             "touchdowns": along(touchdowns, "touchdowns in a period of the orbit", "end", "contact"),
         }
+        # sections of all orbits, with a leading axis of points
         together = jax.tree.map(lambda *parts: np.stack(parts), *(view.sections for view in views))
         sections, _ = Sections().label(scene, ("point",), together)
         strobe, coords = Strobe().label(scene, ("point",), coordinates(states)[:, None])
         coords |= {"end": ["front", "rear"], "contact": list(scene.section.names)}
         ds = ds.assign(data | sections | strobe | _event_variables(branch, scene, self.varied.unit))
+        # with which `extended` goes on
         next_steps = [end.step for end in branch.ends]
         return ds.assign_coords(coords).assign_attrs(ended=list(branch.ended), next_steps=next_steps)
 
 
-def _samples(equations: PeriodicMotions, static: tuple, z: Any) -> tuple:
+def _samples(equations: PeriodicMotions, static: tuple, z) -> tuple:
     """Returns the samples of records along an orbit, and the length of a period [s]."""
     step: PeriodMap = equations.step(z)  # type: ignore[assignment]
     passage = step.run(equations.state(z), periods=equations.intervals, records=static[0])
@@ -410,15 +457,21 @@ def orbits_dataset(
     z = np.array([spot.z for spot in spots])
     size = motions.size
     names = [quantity.name for quantity in varied]
+    # the unknowns are the numbers of the state, then the parameters
     states = jax.vmap(motions.state)(jnp.asarray(z))
     data = {
         "state": along(z[:, :size], "all numbers of the state, as in slipperjax.State", "number"),
         "multiplier_real": along(multipliers.real, "Floquet multipliers, real parts", "multiplier"),
-        "multiplier_imag": along(multipliers.imag, "Floquet multipliers, imaginary parts", "multiplier"),
+        "multiplier_imag": along(
+            multipliers.imag,
+            "Floquet multipliers, imaginary parts",
+            "multiplier",
+        ),
         "outside": along(outside, "multipliers outside the unit circle, without critical ones"),
         "residual": along([float(spot.residual) for spot in spots], "scaled residual"),
     }
     coords = {quantity.name: ("point", z[:, size + k], quantity.attributes) for k, quantity in enumerate(varied)}
+    # the first orbit stands for the start of a run
     start = jax.tree.map(lambda a: np.asarray(a)[0], states)
     attrs = scene_attributes(scene, without=names) | run_attributes(scene, start, call, names)
     return xr.Dataset(data, coords, attrs | {"orbit_period": motions.intervals}), states
@@ -448,6 +501,7 @@ def _event_variables(branch: Branch, scene: Scene, unit: str) -> dict[str, Any]:
         attributes = {"units": unit if name in ("value", "low", "high") else "1", "long_name": text}
         data[f"event_{name}"] = ("event", np.array([getattr(row, name) for row in rows], kind), attributes)
     critical = np.array([event.multiplier for event in branch.events], complex)
+    # complex numbers by their parts
     for part in ("real", "imag"):
         attributes = {"units": "1", "long_name": f"critical multiplier, {part} part"}
         data[f"event_multiplier_{part}"] = ("event", getattr(critical, part), attributes)
@@ -462,7 +516,12 @@ def finished(result: Any) -> Any:
 
 
 @contextlib.contextmanager
-def counted(shown: bool | None, text: str, varied: Parameter, programs: int = 4) -> Iterator[Callable[[Any], None]]:
+def counted(
+    shown: bool | None,
+    text: str,
+    varied: Parameter,
+    programs: int = 4,
+) -> Iterator[Callable[[Any], None]]:
     """Yields a function that counts points, with their values of a parameter [SI unit], in a progress bar.
 
     At each point it polls whether this run is asked to end.
@@ -472,7 +531,8 @@ def counted(shown: bool | None, text: str, varied: Parameter, programs: int = 4)
     """
     with progress_bar(shown, programs=programs, desc=text, unit=" points") as bar:
 
-        def count(value: Any) -> None:
+        def count(value) -> None:
+            # between points, because a program cannot be stopped
             if Stop.here().is_set():
                 raise KeyboardInterrupt
             bar.set_postfix_str(f"{varied.shown(float(value)):.6g} {varied.display_unit}", refresh=False)
@@ -487,7 +547,12 @@ def bounds_of(varied: Parameter, bounds: Any) -> tuple[float, float]:
     return float(varied.check(low)), float(varied.check(high))
 
 
-def value_within(scene: Scene, name: str, varied: Parameter, bounds: tuple[float, float]) -> float:
+def value_within(
+    scene: Scene,
+    name: str,
+    varied: Parameter,
+    bounds: tuple[float, float],
+) -> float:
     """Returns the scene's value of a parameter; raises `ValueError` where it lies outside the bounds."""
     value = float(scene.value(name))
     low, high = bounds
@@ -504,10 +569,16 @@ def labels(until: Any) -> tuple[str, ...]:
     return tuple(until)
 
 
-def steps_of_branch(scene: Scene, varied: Parameter, bounds: tuple[float, float], steps: int | None) -> int:
+def steps_of_branch(
+    scene: Scene,
+    varied: Parameter,
+    bounds: tuple[float, float],
+    steps: int | None,
+) -> int:
     """Returns the integration steps per forcing period of a branch, as given or by default, see `continue_orbit`."""
     if steps is not None:
         return given_steps(steps)
+    # the steps must do along the whole branch
     at = (scene, *(varied.replaced(scene, value) for value in bounds))
     return FINER * max(default_steps(one, None) for one in at)
 

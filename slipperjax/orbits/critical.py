@@ -113,6 +113,7 @@ def critical_orbit(
     parameter(name, scene)
     steps = int(start.steps_per_period) if steps_per_period is None else given_steps(steps_per_period)
     if solver is not None:
+        # the solver is part of the orbit
         start = dataclasses.replace(start, solver=resolve_solver(scene, solver))
     if angle is None:
         angle = _angle(start)
@@ -125,18 +126,20 @@ def _critical_orbit(
     scene: Scene,
     start: PeriodicOrbit,
     stepping: AbstractStepping,
-    angle: Any,
-    tolerance: Any,
+    angle,
+    tolerance,
     *,
     name: str,
     label: str,
 ) -> CriticalOrbit:
     """Finds the orbit of `critical_orbit`, unchecked."""
     varied = parameter(name, scene)
+    # a first guess has no derivatives
     value = jax.lax.stop_gradient(varied.of(start.scene))
     options: dict[str, Any] = dict(stepping=stepping, solver=start.solver, period=start.period)
     motions = slipper_motions(scene, (name,), (jnp.abs(value),), start.state, **options)
     motion = critical_motion(motions, label, start.state, value, angle=angle, tolerance=tolerance)
+    # with derivatives by the scene through the value, too
     at = varied.replaced(scene, motion.value)
     return CriticalOrbit(
         at, motion.value, motion.state, motion.multiplier, motion.residual, name, label, start.period
@@ -150,7 +153,11 @@ def _angle(orbit: PeriodicOrbit) -> float:
     return float(np.angle(_nearest_to_circle(upper))) if len(upper) else 0.0
 
 
-def event_sensitivities(branch: OrbitBranch, event: BranchEvent, names: Sequence[str]) -> xr.Dataset:
+def event_sensitivities(
+    branch: OrbitBranch,
+    event: BranchEvent,
+    names: Sequence[str],
+) -> xr.Dataset:
     """Differentiates the place of a fold, flip or Neimark-Sacker by other parameters of the scene.
 
     **Arguments:** `event`: one of `branch.events`; `names`: of parameters, or paths.
@@ -179,7 +186,15 @@ def event_sensitivities(branch: OrbitBranch, event: BranchEvent, names: Sequence
     # with some number of steps: the event's value and its derivatives
     def located(steps: int) -> tuple[np.ndarray, np.ndarray]:
         of_label = dict(name=own.name, names=names, label=event.label)
-        value, slope, residual = _place(scene, start, values, dynamic_steps(steps), angle, tolerance, **of_label)
+        value, slope, residual = _place(
+            scene,
+            start,
+            values,
+            dynamic_steps(steps),
+            angle,
+            tolerance,
+            **of_label,
+        )
         if not float(residual) <= tolerance:
             raise ValueError(
                 f"Argument `event` must be found with {steps} steps per period, too, but Newton's method ended with "
@@ -189,6 +204,7 @@ def event_sensitivities(branch: OrbitBranch, event: BranchEvent, names: Sequence
 
     (value, gradient), (stderr, gradient_stderr) = with_step_error(located, call["steps_per_period"])
     units = [f"{own.unit} per {one.unit}" for one in parameters]
+    # of the value, per relative change of each parameter
     relative = gradient * np.asarray(values) / value
     along = lambda array, text: ("parameter", array, {"long_name": text})
     place = {"units": own.unit, "long_name": f"{own.name} at the event"}
@@ -200,7 +216,11 @@ def event_sensitivities(branch: OrbitBranch, event: BranchEvent, names: Sequence
         "relative": along(relative, "relative change per relative change"),
     }
     coords = {"parameter": list(names), "gradient_unit": ("parameter", units)}
-    return xr.Dataset(data, coords, scene_attributes(scene) | {"label": event.label, "varied": own.name})
+    return xr.Dataset(
+        data,
+        coords,
+        scene_attributes(scene) | {"label": event.label, "varied": own.name},
+    )
 
 
 @functools.partial(jit, static_argnames=("name", "names", "label"))
@@ -209,8 +229,8 @@ def _place(
     start: PeriodicOrbit,
     values: Array,
     stepping: AbstractStepping,
-    angle: Any,
-    tolerance: Any,
+    angle,
+    tolerance,
     *,
     name: str,
     names: tuple[str, ...],
@@ -218,6 +238,7 @@ def _place(
 ) -> tuple[Array, Array, Array]:
     """Returns an event's place, its derivatives by the parameters `names` at `values`, and the residual."""
 
+    # the value is the result that is differentiated, and comes with itself and the residual
     def place(values: Array) -> tuple[Array, tuple[Array, Array]]:
         orbit = _critical_orbit(
             at_values(scene, names, values), start, stepping, angle, tolerance, name=name, label=label
@@ -254,8 +275,9 @@ class GapExtreme(eqx.Module):
         """Returns the same extreme with its time on this orbit."""
         return dataclasses.replace(self, time=self._extreme(state, *values)[1])
 
-    def _extreme(self, state: State, *values: Any) -> tuple[Array, Array]:
+    def _extreme(self, state: State, *values) -> tuple[Array, Array]:
         """Returns the gap at the extreme [m], and the time [forcing periods]."""
+        # the gap at both ends of every step along the orbit
         step: PeriodMap = self.family(*values)
         samples = step.run(state, periods=self.period, records=RecordSet((GapSamples(),))).samples[0]
         steps = step.stepping.number
@@ -338,10 +360,12 @@ def continue_event(
     own = branch.parameter
     other = parameter(name, scene)
     require(other.name != own.name, "name", "be another parameter than the branch's", name)
+    # a curve may leave the range of the branch on which it begins
     own_bounds = bounds_of(own, call["bounds"] if first_bounds is None else first_bounds)
     limits = (own_bounds, bounds_of(other, bounds))
     value = value_within(scene, name, other, limits[1])
     orbit = branch.orbit(event)
+    # lengths along the curve are shares of both ranges
     reach = [high - low for low, high in limits]
     stepping = dynamic_steps(call["steps_per_period"])
     settings = dict(stepping=stepping, solver=call["solver"], period=branch.period, share=0.1)
@@ -367,15 +391,30 @@ def continue_event(
     mu = np.array([node.multipliers for node in curve.nodes])
     outside = [_outside(row, event.label) for row in mu]
     call = {"function": "continue_event", "label": event.label}
-    ds, _ = orbits_dataset([node.spot for node in curve.nodes], motions, scene, (own, other), mu, outside, call)
+    ds, _ = orbits_dataset(
+        [node.spot for node in curve.nodes],
+        motions,
+        scene,
+        (own, other),
+        mu,
+        outside,
+        call,
+    )
     return finished(OrbitCurve(ds.assign_attrs(label=event.label, ended=list(curve.ended))))
 
 
-def _extreme_at(motions: PeriodicMotions, branch: OrbitBranch, event: BranchEvent, call: Any) -> GapExtreme:
+def _extreme_at(
+    motions: PeriodicMotions,
+    branch: OrbitBranch,
+    event: BranchEvent,
+    call,
+) -> GapExtreme:
     """Returns the extreme that is zero at a grazing."""
     touches: Grazing = branch.branch.nodes[event.point].view.data.grazing
+    # the point whose extreme is nearest to zero is the one that grazes
     point = int(np.argmin(touches.margin))
     steps = call["steps_per_period"]
+    # with samples inside the periods
     inside = dynamic_steps(steps, most=steps)
     family = dataclasses.replace(motions.family, stepping=inside)  # type: ignore[type-var]
     time = jnp.asarray(touches.time[point])
@@ -390,5 +429,6 @@ def _outside(mu: np.ndarray, label: str) -> int:
     """
     pair = _nearest_to_circle(mu[mu.imag >= 0]) if label == "NS" else 1j
     values = {"LP": [1], "PD": [-1], "NS": [pair, np.conj(pair)], "GR": []}[label]
+    # the multipliers nearest to the critical values
     critical = [int(np.argmin(np.abs(mu - value))) for value in values]
     return int(np.sum(np.abs(np.delete(mu, critical)) > 1 + max(CRITICAL_DISTANCE, float(circle_error(mu)))))

@@ -77,6 +77,7 @@ def lyapunov_spectrum(
     steps = default_steps(scene, steps_per_period)
     start = first_of(start)
     origin = beginning_of(scene, begin)
+    # the number of forcing periods before the start
     epoch = scene.epoch_at(origin)
     total = whole("periods", periods, 1) + whole("transient", transient, 0) + whole("align", align, 0)
     check_rail(scene, total, origin)

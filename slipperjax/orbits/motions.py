@@ -55,12 +55,22 @@ def slipper_motions(
     counts at cusps, where the curve of the parameters has no direction.
     """
     path = ScenePath(scene, stepping, names, solver)
+    # the residual counts as a tangent does
     scale = tangent_weights(scene)
     size = sum(map(np.size, jax.tree.leaves(like)))
     motion = len(MOTION_NUMBERS)
     # of a state's numbers, the memory's come after the motion's, and do not count
     lengths = jnp.full(size, jnp.inf).at[:motion].set(np.sqrt(motion) / share)
-    return PeriodicMotions(path, like, jnp.asarray(reach, float), scale, 0.0, period, consistent_state, lengths)
+    return PeriodicMotions(
+        path,
+        like,
+        jnp.asarray(reach, float),
+        scale,
+        0.0,
+        period,
+        consistent_state,
+        lengths,
+    )
 
 
 def consistent_memory(scene: Scene, proposed: State, mapped: State) -> State:
@@ -74,7 +84,15 @@ def consistent_memory(scene: Scene, proposed: State, mapped: State) -> State:
     now = contacts(rail_frame(scene, 0.0), proposed.motion)
     fresh = scene.memory.initial(now.gap, now.rate)
     # of a contact that was open at the section, the memory latched since is better than that of a fresh start
-    memory = jnp.where(proposed.memory < 0, proposed.memory, jnp.where(mapped.memory < 0, mapped.memory, fresh))
+    memory = jnp.where(
+        proposed.memory < 0,
+        proposed.memory,
+        jnp.where(
+            mapped.memory < 0,
+            mapped.memory,
+            fresh,
+        ),
+    )
     return State(proposed.motion, jnp.where(now.gap < 0, memory, 0.0))
 
 

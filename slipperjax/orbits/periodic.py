@@ -69,6 +69,7 @@ class PeriodicOrbit(eqx.Module):
         if is_traced(self.state) or np.ndim(self.residual):
             return f"PeriodicOrbit(period={self.period}, residual={shown_number(self.residual)})"
         status = Status(int(self.status))
+        # the three largest
         leading = ", ".join(f"{m:.5g}" for m in np.asarray(self.multipliers)[:3])
         return (
             f"PeriodicOrbit(period {self.period} at {shown_number(self.scene.speed)} m/s, "
@@ -91,6 +92,7 @@ class PeriodicOrbit(eqx.Module):
     def trajectory(self, periods: int | None = None, **options: Any) -> Trajectory:
         """Simulates the orbit, by default over its period; `options`: of `slipperjax.simulate`."""
         count = self.period if periods is None else periods
+        # what is given counts more than the orbit's own
         options = dict(steps_per_period=int(self.steps_per_period), solver=self.solver) | options
         return simulate(self.scene, count, start=self.state, **options)
 
@@ -114,6 +116,7 @@ class PeriodicOrbit(eqx.Module):
         """Touchdowns of the points in their order, with their rates; not for use under a transformation."""
         records = RecordSet((GapSamples(),))
         steps = int(self.steps_per_period)
+        # with samples inside the periods
         map_ = PeriodMap(self.scene, dynamic_steps(steps, most=steps), self.solver)
         ((gap, rate),) = run_eagerly(map_, self.state, self.period, records).samples
         return signature(self.scene, Gaps.of(gap, rate, steps, float(self.scene.period)))
@@ -176,15 +179,30 @@ def periodic_orbit(
     for count in tries:
         state = _simulated(step, state, count, traced)
         if not traced and int(_status(state, jnp.zeros(()), tolerance)) == Status.NOT_FINITE:
+            # a motion that is lost has no Jacobians
             size = sum(np.size(leaf) for leaf in jax.tree.leaves(state))
-            shot = Shot(state, jnp.asarray(jnp.nan), jnp.asarray(0), jnp.full((period, size, size), jnp.nan))
+            shot = Shot(
+                state,
+                jnp.asarray(jnp.nan),
+                jnp.asarray(0),
+                jnp.full((period, size, size), jnp.nan),
+            )
             break
-        shot = shoot(step, state, intervals=period, tolerance=tolerance, max_iterations=limit, **options)
+        shot = shoot(
+            step,
+            state,
+            intervals=period,
+            tolerance=tolerance,
+            max_iterations=limit,
+            **options,
+        )
         if traced or float(shot.residual) <= tolerance:
             break
     if not traced and period > 1 and float(shot.residual) <= tolerance:
+        # the motion may recur after a divisor of the period already
         residuals = minimal_period(step, shot.state, period, scale=tangent_weights(scene))
         period = min((n for n, residual in residuals.items() if float(residual) < DIVISOR), default=period)
+    # those of the least period
     matrices = shot.matrices[:period]
     mu = multipliers(matrices if traced else np.asarray(matrices))
     code = _status(shot.state, shot.residual, tolerance)
@@ -192,17 +210,29 @@ def periodic_orbit(
     if in_flight and np.isfinite(state.motion.y):
         # all multipliers are one in free flight, where Newton's method gets lost, or stays: did it touch the rail?
         moved = simulate(scene, period, start=state, steps_per_period=int(steps), solver=solver).status
-        code = moved if moved != Status.FINITE else jnp.where(code == Status.NOT_FINITE, Status.NO_ORBIT, code)
+        code = (
+            moved
+            if moved != Status.FINITE
+            else jnp.where(
+                code == Status.NOT_FINITE,
+                Status.NO_ORBIT,
+                code,
+            )
+        )
     return PeriodicOrbit(
         scene, shot.state, jnp.asarray(mu), shot.residual, shot.iterations, code, period, steps, solver
     )
 
 
 @jit
-def _status(state: State, residual: Array, tolerance: Any) -> Array:
+def _status(state: State, residual: Array, tolerance) -> Array:
     """Judges a state with the residual of its recurrence, as one program."""
     code = status_of(state)
-    return jnp.where((code == int(Status.FINITE)) & ~(residual <= tolerance), int(Status.NO_ORBIT), code)
+    return jnp.where(
+        (code == int(Status.FINITE)) & ~(residual <= tolerance),
+        int(Status.NO_ORBIT),
+        code,
+    )
 
 
 def _simulated(step: PeriodMap, state: State, periods: int, traced: bool) -> State:

@@ -72,10 +72,17 @@ class Gaps(NamedTuple):
     """Steps in a forcing period."""
 
     @classmethod
-    def of(cls, gap: Array | np.ndarray, rate: Array | np.ndarray, steps: int, period: float) -> "Gaps":
+    def of(
+        cls,
+        gap: Array | np.ndarray,
+        rate: Array | np.ndarray,
+        steps: int,
+        period: float,
+    ) -> "Gaps":
         """Returns the gaps from `gap` [m] and `rate` [m/s] at both ends of every step, (periods, steps + 1 or more,
         points); `period` [s]."""
         ends = lambda values, k: np.concatenate(np.asarray(values)[:, k : k + steps])
+        # ends of steps in the order of time, slopes per step
         begin, end = ((ends(gap, k), period / steps * ends(rate, k)) for k in (0, 1))
         return cls(Cubic.through(*begin, *end), period / steps, steps)
 
@@ -95,6 +102,7 @@ class Grazing(NamedTuple):
 
 def grazing(gaps: Gaps) -> Grazing:
     """Returns how near each point of an orbit is to a grazing."""
+    # both extremes of every cubic, NaN where there is none inside the step
     x = gaps.cubic.extremes()
     magnitude = np.abs(gaps.cubic.value(x))
     per_point = lambda values: values.reshape(-1, values.shape[-1])  # both extremes of all steps
@@ -102,6 +110,7 @@ def grazing(gaps: Gaps) -> Grazing:
     nearest = (np.argmin(magnitude, axis=0), np.arange(magnitude.shape[1]))
     opening = per_point(gaps.cubic.curvature(x)) < 0
     time = per_point(np.arange(x.shape[1])[None, :, None] + x) / gaps.per_period
+    # over the parts of steps and the steps
     touchdowns = np.sum(_falls(gaps)[0], axis=(0, 1))
     return Grazing(touchdowns, magnitude[nearest], opening[nearest], time[nearest])
 
@@ -110,6 +119,7 @@ def _falls(gaps: Gaps) -> tuple[Bool[np.ndarray, "3 steps points"], np.ndarray, 
     """Tells whether gaps fall below zero in the up to three parts of a step between extremes, and gives the ends of
     these parts."""
     inner = gaps.cubic.extremes()
+    # parts behind a missing extreme have no length
     inner = np.where(np.isnan(inner), 1.0, inner)
     starts = np.concatenate([np.zeros((1, *inner.shape[1:])), inner])
     ends = np.concatenate([inner, np.ones((1, *inner.shape[1:]))])
@@ -141,6 +151,7 @@ def signature(scene: Scene, gaps: Gaps) -> Signature:
         place = (part, step, point)
         time = float(step + low[place]) / gaps.per_period
         touchdowns.append(Touchdown(time, names[point], float(rates[place])))
+    # a point whose gap is never open is in contact throughout
     highest = np.fmax(np.fmax.reduce(cubic.value(cubic.extremes()), axis=(0, 1)), cubic.start.max(axis=0))
     return Signature(
         tuple(sorted(touchdowns)),

@@ -1,7 +1,5 @@
 """Adaptive steps for slippers: errors in multiples of the motion's scales, with a larger weight at touchdowns."""
 
-from typing import Any
-
 import diffrax
 import equinox as eqx
 import jax
@@ -76,7 +74,17 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         wanted = jax.lax.stop_gradient(longest if dt0 is None else jnp.minimum(dt0, longest))
         return t0 + _fitted(wanted, t1 - t0), (wanted, jnp.asarray(t1, float))
 
-    def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):
+    def adapt_step_size(
+        self,
+        t0,
+        t1,
+        y0,
+        y1_candidate,
+        args,
+        y_error,
+        error_order,
+        controller_state,
+    ):
         assert y_error is not None  # see `resolve_controller`
         _, end = controller_state
         scene = args.scene
@@ -124,7 +132,7 @@ class AdaptiveSteps(diffrax.AbstractAdaptiveStepSizeController):
         return jax.lax.stop_gradient(duration / self.per_contact)
 
 
-def _until(gap: Any, rate: Any, acceleration: Any, wanted: Any) -> Any:
+def _until(gap, rate, acceleration, wanted):
     """Returns the time until the first of some gaps falls to zero on its parabola, `wanted` if none does before.
 
     Those that are there within a tenth of that are left to the step after.
@@ -137,6 +145,6 @@ def _until(gap: Any, rate: Any, acceleration: Any, wanted: Any) -> Any:
     return jax.lax.stop_gradient(jnp.min(jnp.where(inside, time, wanted)))
 
 
-def _fitted(wanted: Any, left: Any) -> Any:
+def _fitted(wanted, left):
     """Returns the next step with `left` remaining, without a tiny last step, which spoils the latch's parabola."""
     return jnp.where(left <= wanted, left, jnp.where(left < 2 * wanted, left / 2, wanted))

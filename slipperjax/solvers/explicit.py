@@ -5,7 +5,7 @@ latches touchdowns, and evaluates the derivative at the end, from which the next
 four evaluations and a latch, and Tsit5's error estimate costs no further evaluation.
 """
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import diffrax
 import jax
@@ -17,7 +17,7 @@ from ..tools.fused import materialise
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
 
-def _step(y: State, dt: Any, stages: list[State], weights: tuple[float, ...]) -> State:
+def _step(y: State, dt, stages: list[State], weights: tuple[float, ...]) -> State:
     """Returns y + dt sum(weights k), with parts of derivative None unchanged, which are frozen."""
     used = [(w, k) for w, k in zip(weights, stages, strict=False) if w != 0]
 

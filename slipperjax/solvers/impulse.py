@@ -6,7 +6,7 @@ each contact is integrated again after the stages, along the cubic of its gap ov
 in which that cubic is closed. The motion gets the difference of the two impulses.
 """
 
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -112,7 +112,14 @@ class ImpulseRK4(AbstractLatchingSolver):
         y3, k3, f3 = stage(half, middle, k2, 0.5)
         y4, k4, f4 = stage(t1, rail[0], k3, 1.0)
         # m0 + dt (k1 + 2 k2 + 2 k3 + k4) / 6
-        end = jax.tree.map(lambda a, p, q, r, k: (p + 2 * q + r - a) * (1 / 3) + (dt / 6) * k, m0, y2, y3, y4, k4)
+        end = jax.tree.map(
+            lambda a, p, q, r, k: (p + 2 * q + r - a) * (1 / 3) + (dt / 6) * k,
+            m0,
+            y2,
+            y3,
+            y4,
+            k4,
+        )
         # means over the step of the wrench, weighted by the part that is left and not
         early = [(a + b + c) / 6 for a, b, c in zip(before.wrench, f2, f3, strict=True)]
         mean = [e + (b + c + d) / 6 for e, b, c, d in zip(early, f2, f3, f4, strict=True)]
@@ -124,7 +131,14 @@ class ImpulseRK4(AbstractLatchingSolver):
 
 
 def _corrected(
-    args: Args, rail: tuple, before: Ends, t1: Any, dt: Any, state: State, mean: list[Array], early: list[Array]
+    args: Args,
+    rail: tuple,
+    before: Ends,
+    t1,
+    dt,
+    state: State,
+    mean: list[Array],
+    early: list[Array],
 ) -> tuple[State, Motion, Ends]:
     """Returns the state, its derivative and the contacts at the end of a step that RK4 ends at `state`.
 
@@ -173,21 +187,41 @@ def _corrected(
     damped = _damping(scene, 1 / dampest, memory)
     stiff, damped = (jnp.square(v * scene.contact.stiffness * own) for v in (stiff, damped))
     rough = jnp.square(stiff * deepest) + jnp.square(damped * deepest**3)
-    *total, rough = sums(*(means * d for d in before.wrenches), *(earlies * d for d in before.wrenches), rough)
+    *total, rough = sums(
+        *(means * d for d in before.wrenches),
+        *(earlies * d for d in before.wrenches),
+        rough,
+    )
 
     # the difference of impulses changes velocities, and positions by its part of the step
     share = 1 / (1 + rough)
     change = [share * (a - b) for a, b in zip(total, mean + early, strict=True)]
     kick = [c * v for c, v in zip(compliance, change[:5], strict=True)]
     move = [seconds * c * v for c, v in zip(compliance, change[5:], strict=True)]
-    turn = attitude_rates(Motion(q_x=m.q_x, q_y=m.q_y, q_z=m.q_z, w_x=move[2], w_y=move[3], w_z=move[4]))
+    turn = attitude_rates(
+        Motion(
+            q_x=m.q_x,
+            q_y=m.q_y,
+            q_z=m.q_z,
+            w_x=move[2],
+            w_y=move[3],
+            w_z=move[4],
+        )
+    )
     m, kick, move = materialise((moved(m, Motion(move[0], move[1], *turn, *kick)), kick, move))
     end = Contacts(gap + along(move), rate + along(kick), lever)
     state = State(m, None if memory is None else jnp.where(end.gap >= 0, 0.0, memory))
     return state, *_ended(args, t1, frame, end, turning, state)
 
 
-def _ended(args: Args, t: Any, frame: RailFrame, now: Contacts, turning: Array, state: State) -> tuple[Motion, Ends]:
+def _ended(
+    args: Args,
+    t,
+    frame: RailFrame,
+    now: Contacts,
+    turning: Array,
+    state: State,
+) -> tuple[Motion, Ends]:
     """Returns the derivative [per forcing period] and the contacts at the end of a step."""
     scene = args.scene
     m = state.motion
@@ -207,11 +241,11 @@ class _Path(NamedTuple):
     rise: Array
     bend: Array
 
-    def rate_at(self, x: Any) -> Array:
+    def rate_at(self, x) -> Array:
         return (self.bend * x + self.rise) * x + self.rate
 
 
-def _path(before: Ends, gap: Array, rate: Array, turning: Array, seconds: Any) -> _Path:
+def _path(before: Ends, gap: Array, rate: Array, turning: Array, seconds) -> _Path:
     """Returns the gaps over a step of some seconds, from both of its ends; `turning` is taken to be linear."""
     rise = gap - before.gap
     slope = seconds * (before.rate + before.turning)
@@ -222,7 +256,13 @@ def _path(before: Ends, gap: Array, rate: Array, turning: Array, seconds: Any) -
     return _Path(Cubic(before.gap, slope, b, a), before.rate, more, 3 * per_second * a)
 
 
-def _edge(scene: Scene, path: _Path, gap: Array, rate: Array, memory: Array | None) -> tuple[Array, ...]:
+def _edge(
+    scene: Scene,
+    path: _Path,
+    gap: Array,
+    rate: Array,
+    memory: Array | None,
+) -> tuple[Array, ...]:
     """Returns where each force begins or ends in a step, and what of it acts.
 
     **Returns:** the place, from 0 to 1, and 0 where it does neither; the length from there over which the force acts,
@@ -258,17 +298,17 @@ def _pressing(scene: Scene, path: _Path, gap: Array, rate: Array, x: Array) -> A
     return x * ((2 * middle - last) * (1 / 3) + (0.5 * x) * last)
 
 
-def _damping(scene: Scene, rate: Any, memory: Array | None) -> Any:
+def _damping(scene: Scene, rate, memory: Array | None):
     """Returns the damping force over the elastic one [1]."""
     return scene.contact.damping(rate, None if memory is None else scene.memory.rate_ratio(memory, rate))
 
 
-def _moving(args: Args, t: Any) -> tuple[RailFrame, RailFrame]:
+def _moving(args: Args, t) -> tuple[RailFrame, RailFrame]:
     """Returns the rail, and its derivative by time [per forcing period]."""
     return jax.jvp(args.frame, (t,), (jnp.ones_like(t),))
 
 
-def _turning(args: Args, t: Any, rail: tuple[RailFrame, RailFrame], m: Motion) -> Array:
+def _turning(args: Args, t, rail: tuple[RailFrame, RailFrame], m: Motion) -> Array:
     """Returns the gap's true rate less Eq. (8)'s [m/s]; `rail`: that of `_moving`."""
     frame, change = rail
     return contacts(change._replace(arm=frame.arm), m).gap * (1 / args.travel(t).period) + frame.velocity

@@ -129,7 +129,15 @@ class Latching(AbstractLatchingSolver):
         inner = diffrax.ODETerm(_FrozenField(field))
         inner_args = (y0.memory, args)
         fresh = self.solver.init(inner, t0, t1, y0.motion, inner_args)
-        motion, error, _, _, result = self.solver.step(inner, t0, t1, y0.motion, inner_args, fresh, made_jump)
+        motion, error, _, _, result = self.solver.step(
+            inner,
+            t0,
+            t1,
+            y0.motion,
+            inner_args,
+            fresh,
+            made_jump,
+        )
         y1, rates1, after = field.close_step(solver_state, t0, t1, State(motion, y0.memory), args)
         if error is not None:
             error = State(jax.tree.map(jnp.abs, error), jax.tree.map(jnp.zeros_like, y0.memory))
@@ -151,7 +159,10 @@ def solver_name(solver: diffrax.AbstractSolver) -> str:
     return f"{own}({solver_name(inner)})" if isinstance(inner, diffrax.AbstractSolver) else own
 
 
-def differentiable(solver: diffrax.AbstractSolver, adjoint: diffrax.AbstractAdjoint) -> diffrax.AbstractSolver:
+def differentiable(
+    solver: diffrax.AbstractSolver,
+    adjoint: diffrax.AbstractAdjoint,
+) -> diffrax.AbstractSolver:
     """Returns a solver whose loop over its stages can be differentiated as `adjoint` requires.
 
     diffrax does this for its own Runge-Kutta methods; here it is done for those inside a wrapper, too.

@@ -39,7 +39,10 @@ def solver_named(name: str) -> diffrax.AbstractSolver:
         ) from None
 
 
-def resolve_solver(scene: Scene, solver: diffrax.AbstractSolver | str | None) -> diffrax.AbstractSolver:
+def resolve_solver(
+    scene: Scene,
+    solver: diffrax.AbstractSolver | str | None,
+) -> diffrax.AbstractSolver:
     """Returns the solver to use; one of diffrax is wrapped in `Latching` if the scene latches touchdowns.
 
     None is `ImpulseRK4()`, or `RK4()` for contacts that the former does not know, such as those with `SmoothSwitch`.
@@ -54,13 +57,21 @@ def resolve_solver(scene: Scene, solver: diffrax.AbstractSolver | str | None) ->
         solver = solver_named(solver)
     if isinstance(solver, type):
         raise ValueError(f"Argument `solver` must be a solver, as in {solver.__name__}(), but is the class.")
-    require(isinstance(solver, diffrax.AbstractSolver), "solver", "be a diffrax solver or the name of one", solver)
+    require(
+        isinstance(solver, diffrax.AbstractSolver),
+        "solver",
+        "be a diffrax solver or the name of one",
+        solver,
+    )
     if isinstance(solver, AbstractLatchingSolver):
         return solver
     return Latching(solver) if isinstance(vector_field(scene), LatchedField) else with_root_finder(solver)
 
 
-def resolve_controller(controller: Any, solver: diffrax.AbstractSolver) -> diffrax.AbstractStepSizeController | None:
+def resolve_controller(
+    controller: Any,
+    solver: diffrax.AbstractSolver,
+) -> diffrax.AbstractStepSizeController | None:
     """Gives the step size controller, None for constant steps; floats become arrays: new values need no compilation.
 
     **Raises:** `ValueError` for an object that is not a controller, or an adaptive one with a solver that has no
@@ -68,7 +79,12 @@ def resolve_controller(controller: Any, solver: diffrax.AbstractSolver) -> diffr
     """
     if controller is None or isinstance(controller, diffrax.ConstantStepSize):
         return None
-    instance("stepsize_controller", controller, diffrax.AbstractStepSizeController, "a diffrax controller")
+    instance(
+        "stepsize_controller",
+        controller,
+        diffrax.AbstractStepSizeController,
+        "a diffrax controller",
+    )
     inner = solver.solver if isinstance(solver, Latching) else solver
     adaptive = isinstance(controller, diffrax.AbstractAdaptiveStepSizeController)
     if adaptive and not isinstance(inner, diffrax.AbstractAdaptiveSolver):

@@ -81,7 +81,12 @@ class AbstractRosenbrock(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver)
         # zeros above the diagonal, so that all stages are rows of one length
         square = lambda rows: jnp.array([[*row, *[0.0] * (count - len(row))] for row in ((), *rows)])
         slopes = self.slopes or [0.0] * count
-        rows = dict(a=square(self.a), c=square(self.c), node=jnp.array(self.nodes), slope=jnp.array(slopes))
+        rows = dict(
+            a=square(self.a),
+            c=square(self.c),
+            node=jnp.array(self.nodes),
+            slope=jnp.array(slopes),
+        )
         return rows | dict(index=jnp.arange(count))
 
 
@@ -119,7 +124,12 @@ class Rodas4(AbstractRosenbrock):
         return 4
 
 
-def _transformed(alpha: list, gamma: list, b: list, b_hat: list) -> tuple[Rows, Rows, tuple, tuple]:
+def _transformed(
+    alpha: list,
+    gamma: list,
+    b: list,
+    b_hat: list,
+) -> tuple[Rows, Rows, tuple, tuple]:
     """Returns (a, c, m, e) of the form above from the coefficients of the k form."""
     inverse = np.linalg.inv(np.array(gamma))
     m = np.array(b) @ inverse

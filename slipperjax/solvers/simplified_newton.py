@@ -36,7 +36,7 @@ class _Stage(NamedTuple):
     sign: float  # of the residual: diffrax's implicit Euler has its own
 
     @classmethod
-    def of(cls, args: Any) -> "_Stage":
+    def of(cls, args) -> "_Stage":
         # _implicit_relation_f, _implicit_relation_k of diffrax's Runge-Kutta methods and _implicit_relation of its
         # implicit Euler; in diffrax 0.7 they are told apart by the number of their arguments
         sign = 1.0
@@ -61,7 +61,7 @@ class _Stage(NamedTuple):
             )
         return cls(t, y, inner, memory, share, factor, sign)
 
-    def at(self, unknown: Any) -> State:
+    def at(self, unknown) -> State:
         """Returns the stage's state for a value of the unknown."""
         state = jax.tree.map(lambda a, k: a + self.share * k, self.y, unknown)
         return State(state, self.frozen) if isinstance(state, Motion) else state

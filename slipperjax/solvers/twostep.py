@@ -84,7 +84,8 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
         alpha = jnp.where(first, 1.0, h / jnp.where(first, 1.0, earlier_step))
         crank_nicolson = (1.0, 0.0, 0.5, 0.5, 0.0)
         weights = two_step_weights(self.rho_inf, alpha)
-        a1, a2, b0, b1, b2 = (jnp.where(first, c, w) for c, w in zip(crank_nicolson, weights, strict=True))
+        choose = lambda c, w: jnp.where(first, c, w)
+        a1, a2, b0, b1, b2 = map(choose, crank_nicolson, weights)
         of_two_steps = lambda x1, x2, f1, f2: a1 * x1 + a2 * x2 + h * (b1 * f1 + b2 * f2)
         explicit = jax.tree.map(of_two_steps, y0.motion, earlier, rates.motion, earlier_rates)
         bend = jnp.where(first, 0.0, 0.5 * alpha)
@@ -112,7 +113,11 @@ class TwoStep(AbstractLatchingSolver, diffrax.AbstractAdaptiveSolver):
         # One more iteration adds the derivatives of the implicit function, because x itself has none.
         x = jax.tree.map(jnp.add, x, correction(still(x), explicit, args, y0.memory))
         # written so that NaN does not count as convergence
-        result = RESULTS.where(size <= self.tolerance, RESULTS.successful, RESULTS.nonlinear_max_steps_reached)
+        result = RESULTS.where(
+            size <= self.tolerance,
+            RESULTS.successful,
+            RESULTS.nonlinear_max_steps_reached,
+        )
         y1, rates1, after = field.close_step(before, t0, t1, State(x, y0.memory), args)
         apart = jax.tree.map(lambda a, b: jnp.abs(a - b) / 6, x, guess)
         error = State(apart, jax.tree.map(jnp.zeros_like, y0.memory))
