@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..analysis.continuation import Branch, End, continue_motion, extend, switch
-from ..analysis.curves import Pace, Spot, checked_bounds, correct
+from ..analysis.curves import Pace, Spot, check_within, checked_bounds, correct
 from ..analysis.events import CRITICAL_DISTANCE, MEANINGS, Event, Node, Observation, as_node
 from ..analysis.shooting import PeriodicMotions
 from ..flow.datasets import dataset_of, load_base, load_call, run_attributes, scene_attributes, varied_names
@@ -27,7 +27,7 @@ from ..model.parameters import Parameter, parameter
 from ..model.scene import Scene, check_scene
 from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver
-from ..tools.checks import brief, known, number, positive, require, shown_number, whole
+from ..tools.checks import brief, known, number, positive, require, whole
 from ..tools.compile import call_compiled
 from ..tools.files import user_path, write_whole
 from ..tools.html import repr_html
@@ -547,20 +547,6 @@ def bounds_of(varied: Parameter, bounds: Any) -> tuple[float, float]:
     return float(varied.check(low)), float(varied.check(high))
 
 
-def value_within(
-    scene: Scene,
-    name: str,
-    varied: Parameter,
-    bounds: tuple[float, float],
-) -> float:
-    """Returns the scene's value of a parameter; raises `ValueError` where it lies outside the bounds."""
-    value = float(scene.value(name))
-    low, high = bounds
-    need = f"hold the scene's {name}, {shown_number(value)} {varied.unit}"
-    require(low <= value <= high, "bounds", need, shown=f"{shown_number(low)} to {shown_number(high)}")
-    return value
-
-
 def labels(until: Any) -> tuple[str, ...]:
     """Returns labels of events; raises `ValueError` for others."""
     choices = [label for label in MEANINGS if label not in ("EP", "MX")]
@@ -626,7 +612,8 @@ def continue_orbit(
     until = labels(until)
     tolerance = number(positive, "tolerance", tolerance)
     points = whole("points", points, 1)
-    value = value_within(scene, name, varied, bounds)
+    value = float(scene.value(name))
+    check_within(varied.name, value, bounds)
     solver = resolve_solver(scene, solver)
     steps = steps_of_branch(scene, varied, bounds, steps_per_period)
     with counted(progress, f"branch over {varied.name}", varied) as count:

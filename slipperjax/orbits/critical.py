@@ -20,7 +20,7 @@ from ..analysis.critical import (
     continue_critical,
     critical_motion,
 )
-from ..analysis.curves import Pace
+from ..analysis.curves import Pace, check_within
 from ..analysis.events import CRITICAL_DISTANCE
 from ..analysis.floquet import circle_error
 from ..analysis.shooting import PeriodicMotions
@@ -47,7 +47,6 @@ from .branches import (
     counted,
     finished,
     orbits_dataset,
-    value_within,
 )
 from .motions import slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit
@@ -363,7 +362,8 @@ def continue_event(
     # a curve may leave the range of the branch on which it begins
     own_bounds = bounds_of(own, call["bounds"] if first_bounds is None else first_bounds)
     limits = (own_bounds, bounds_of(other, bounds))
-    value = value_within(scene, name, other, limits[1])
+    value = float(scene.value(name))
+    check_within(other.name, value, limits[1])
     orbit = branch.orbit(event)
     # lengths along the curve are shares of both ranges
     reach = [high - low for low, high in limits]

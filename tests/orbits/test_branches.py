@@ -205,7 +205,7 @@ def test_curves_of_the_flip_and_of_a_grazing(branch):
 def test_wrong_arguments_are_named(nominal):
     for bounds, words in (
         ((1300.0, 1200.0), "`bounds` must be two values of speed"),
-        ((1300.0, 1400.0), "`bounds` must hold the scene's speed, 1250 m/s, but is 1300 to 1400"),
+        ((1300.0, 1400.0), "`speed` must lie within the bounds 1300 and 1400, but is 1250"),
         ((-5.0, 1400.0), "`speed` must be positive"),
     ):
         with pytest.raises(ValueError, match=words):
