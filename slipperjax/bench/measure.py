@@ -13,7 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -26,71 +26,83 @@ from ..model.quantities import COORDINATE_SCALES
 from ..solvers.adaptive import AdaptiveSteps
 from ..sweeps.grid import Grid
 from ..sweeps.run import RunOptions, make_plan
-from ..tools.checks import whole
+from ..tools.checks import require, whole
 from .methods import METHODS, Case, Method, all_cases
 from .work_precision import Point, mbdyn_points
 
 REFERENCE_STEPS = 12_800
 """Steps per period of the reference, RK4 with the event latch."""
-ENOUGH_SECONDS = 10.0
-"""Seconds of one point's timed runs after which it is not repeated."""
-SPREAD = 0.02
-"""The batch's speeds reach from 1 - SPREAD to 1 + SPREAD times the scene's."""
-FIRST_STEPS = 200
-"""Adaptive runs begin each period with a step of one period over this."""
 
 
 def run(
-    case: Case, method: Method, setting: float, speeds: np.ndarray, workers: int | None
+    case: Case, method: Method, setting: float, speeds: np.ndarray, workers: int | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Integrates a batch period by period, its chunks concurrently; in one chunk where `calls_lapack`.
+    """Integrate a batch period by period, its chunks concurrently.
 
     **Returns:** the states (lanes, periods, 10), and the time of each period [s].
     """
     scene = dataclasses.replace(case.scene, memory=method.memory)
-    grid, options = Grid(scene, {"speed": speeds}, product=False), RunOptions(0, case.periods, 1, None, method.solver)
-    plan = make_plan(grid, case.start, options)  # for its chunks and threads
+    grid = Grid(scene, {"speed": speeds}, product=False)
+    # a sweep's plan, for its chunks and threads
+    options = RunOptions(0, case.periods, 1, None, method.solver)
+    plan = make_plan(grid, case.start, options)
     chunks, threads = plan.chunks(None, workers)
     if method.adaptive:
-        # rtol, atol and norm are properties of it, and no arguments
+        # each period begins with a 200th of it; rtol, atol and norm are properties and no arguments
         controller = AdaptiveSteps(jnp.asarray(setting))  # pyright: ignore[reportCallIssue]
-        stepping = ControlledSteps(1, FIRST_STEPS, controller)
+        stepping = ControlledSteps(1, 200, controller)
     else:
-        stepping = ConstantSteps(steps=jnp.asarray(setting))  # an array: one program serves every number
+        # an array: one program serves every number of steps
+        stepping = ConstantSteps(steps=jnp.asarray(setting))
     batches = [plan.cases.take(chunk.index) for chunk in chunks]
     states = [initial_states(*batch) for batch in batches]
 
+    # waits for the result, which JAX computes asynchronously
     def one_period(batch, state, epoch):
         end = advance(batch[0], state, epoch, stepping, solver=plan.solver, periods=1)
         return jax.block_until_ready(end.state)
 
-    saved, seconds = [], []
+    saved = []
+    seconds = []
     with ThreadPoolExecutor(threads) as pool:
         over_chunks = pool.map if threads > 1 else map
+        # timed period by period, so that a disturbance spoils one of them only
         for k in range(case.periods):
             begin = time.perf_counter()
             states = list(over_chunks(functools.partial(one_period, epoch=float(k)), batches, states))
             seconds.append(time.perf_counter() - begin)
-            ends = [coordinates(s)[: c.cases] for s, c in zip(states, chunks, strict=True)]
+            # chunks are filled up with copies, which do not count
+            ends = [coordinates(state)[: chunk.cases] for state, chunk in zip(states, chunks, strict=True)]
             saved.append(np.concatenate(ends))
     return np.stack(saved, axis=1), np.array(seconds)
 
 
 def batch_speeds(case: Case, lanes: int) -> np.ndarray:
-    """Gives the speeds [m/s] of a batch about the scene's own, which is the only one of a batch of one."""
-    return float(case.scene.speed) * (1 + (np.linspace(-SPREAD, SPREAD, lanes) if lanes > 1 else np.zeros(1)))
+    """Return the speeds [m/s] of a batch, within 2 % of the scene's own, which is the only one of a batch of one."""
+    share = np.linspace(-0.02, 0.02, lanes) if lanes > 1 else np.zeros(1)
+    return float(case.scene.speed) * (1 + share)
 
 
 def errors(states: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Gives the worst scaled error of each case, infinite where it is not finite; states are (cases, periods, 10)."""
+    """Return the worst scaled error of each case, infinite where not finite, from states (cases, periods, 10)."""
     worst = np.max(np.abs(states - truth) / COORDINATE_SCALES, axis=(1, 2))
     return np.where(np.isfinite(worst), worst, np.inf)
 
 
 def cost_of(seconds: np.ndarray, lanes: int) -> tuple[float, float]:
-    """Gives best and median microseconds per trajectory and period from the periods' seconds (repeats, periods)."""
+    """Return best and median microseconds per trajectory and period from the periods' seconds (repeats, periods)."""
     of = lambda pick: float(1e6 * np.mean(pick(seconds, axis=0)) / lanes)
     return of(np.min), of(np.median)
+
+
+class _Timing(NamedTuple):
+    """The runs of a point with one batch."""
+
+    point: Point
+    lanes: int
+    call: Callable[[], tuple[np.ndarray, np.ndarray]]
+    seconds: list[np.ndarray]
+    """Of the periods, for each timed run."""
 
 
 def measure(
@@ -100,54 +112,45 @@ def measure(
     batches: tuple[int, ...] = (241, 1),
     repeats: int = 5,
     reference_steps: int = REFERENCE_STEPS,
-    workers: int | None = None,
     settings: slice = slice(None),
-) -> Iterator[Point]:
-    """Measures the points of one scene.
+) -> list[Point]:
+    """Measure the points of one scene.
 
     All errors come first. Then all costs are measured `repeats` times in rounds over all points, so that slow changes
-    of the machine's speed affect all points alike. An interrupt is raised again after the points that were timed once
-    at least.
+    of the machine's speed affect all points alike.
 
     **Arguments:** `batches`: numbers of trajectories to time, the first of which gives the errors; `repeats`: timed
-    runs of each, fewer where they take longer than `ENOUGH_SECONDS`; `workers`: threads, as for `sweep`; `settings`:
-    slice of each method's settings.
+    runs of each, fewer where they take longer than 10 s; `settings`: slice of each method's settings.
     """
-    speeds = batch_speeds(case, batches[0])
-    truth, _ = run(case, METHODS[0], float(reference_steps), speeds, workers)
+    truth, _ = run(case, METHODS[0], float(reference_steps), batch_speeds(case, batches[0]))
     points: list[Point] = []
-    calls: list[dict[int, Callable]] = []
-    lanes_of: list[dict[int, int]] = []
+    timings: list[_Timing] = []
     for method in methods:
         for value in method.settings[settings]:
             setting = method.setting(case, value)
+            # the reference must be finer than what it judges
             if not method.adaptive and setting > reference_steps / 2:
                 continue
-            speeds_of = {lanes: batch_speeds(case, lanes)[:: method.stride] for lanes in batches}
-            calls.append({n: functools.partial(run, case, method, setting, v, workers) for n, v in speeds_of.items()})
-            lanes_of.append({n: len(v) for n, v in speeds_of.items()})
-            states = [call()[0] for call in calls[-1].values()]  # compiles, too
-            error = float(np.median(errors(states[0], truth[:: method.stride])))
-            points.append(Point(case.name, method.name, method.label(case, value), error, {}))
-            print(f"{case.name}: {method.name}, {points[-1].setting}: error {error:.1e}", file=sys.stderr)
-    seconds: list[dict[int, list]] = [{n: [] for n in of_point} for of_point in calls]
-    interrupt = None
-    try:
-        for k in range(repeats):
-            # each round times every batch of every point once
-            for of_point, times in zip(calls, seconds, strict=True):
-                for n, call in of_point.items():
-                    if np.sum(times[n]) < ENOUGH_SECONDS:
-                        times[n].append(call()[1])
-            print(f"{case.name}: timed round {k + 1} of {repeats}", file=sys.stderr)
-    except KeyboardInterrupt as error:
-        interrupt = error
-    for point, times, lanes in zip(points, seconds, lanes_of, strict=True):
-        cost = {n: cost_of(np.array(of_batch), lanes[n]) for n, of_batch in times.items() if of_batch}
-        if cost:
-            yield point._replace(cost=cost)
-    if interrupt is not None:
-        raise interrupt
+            own = []
+            for lanes in batches:
+                call = functools.partial(run, case, method, setting, batch_speeds(case, lanes))
+                own.append((lanes, call))
+            # these first runs compile, too
+            states = [call()[0] for _, call in own]
+            error = float(np.median(errors(states[0], truth)))
+            point = Point(case.name, method.name, method.label(case, value), error, {})
+            print(f"{case.name}: {method.name}, {point.setting}: error {error:.1e}", file=sys.stderr)
+            points.append(point)
+            timings += [_Timing(point, lanes, call, []) for lanes, call in own]
+    # each round times every batch of every point once
+    for _ in range(repeats):
+        for timing in timings:
+            # slow ones are repeated less often
+            if np.sum(timing.seconds) < 10.0:
+                timing.seconds.append(timing.call()[1])
+    for timing in timings:
+        timing.point.cost[timing.lanes] = cost_of(np.array(timing.seconds), timing.lanes)
+    return points
 
 
 def bench(
@@ -157,51 +160,36 @@ def bench(
     methods: Iterable[str] | None = None,
     batches: Iterable[int] | None = None,
     repeats: int | None = None,
-    report: Callable[[Point], None] = lambda point: None,
-) -> Iterator[tuple[list[Point], tuple[int, ...]]]:
-    """Measures, and yields the points so far and the batch sizes whenever a scene is done, and after an interrupt.
+) -> Iterator[list[Point]]:
+    """Measure scene after scene, and yield the points of each when it is done.
 
     **Arguments:** `quick`: two scenes, the methods marked so, and the batch alone; `cases`, `methods`: names, default
     all; `batches`: numbers of trajectories to run at once, the first of which gives the errors, by default 241 and 1,
-    and 241 where quick; `repeats`: timed runs of each point, by default 5, and 2 where quick; `report`: called with
-    each point.
+    and 241 where quick; `repeats`: timed runs of each point, by default 5, and 2 where quick.
 
     **Raises:** `ValueError` where a name is unknown, before anything is measured.
     """
-    repeats = (2 if quick else 5) if repeats is None else whole("repeats", repeats, 1)
-    batches = tuple(whole("batches", n, 1) for n in batches or ((241,) if quick else (241, 1)))
-    chosen = _named("cases", all_cases(), cases, lambda c: not quick or c.name in ("nominal", "K = 1e10"))
-    rows = _named("methods", METHODS, methods, lambda m: not quick or m.quick)
-    options: dict[str, Any] = dict(batches=batches, repeats=repeats)
+    all_methods = {method.name: method for method in METHODS}
+    scenes = {case.name: case for case in all_cases()}
+    options = dict(reference_steps=REFERENCE_STEPS, settings=slice(None))
     if quick:
-        options |= dict(settings=slice(0, 4), reference_steps=3200)
-    return _scenes(chosen, rows, options, report)
+        cases = cases or ("nominal", "K = 1e10")
+        methods = methods or [method.name for method in METHODS if method.quick]
+        batches = batches or (241,)
+        repeats = repeats or 2
+        options = dict(reference_steps=3200, settings=slice(0, 4))
+    chosen = _named("cases", scenes, cases or scenes)
+    rows = _named("methods", all_methods, methods or all_methods)
+    sizes = tuple(whole("batches", n, 1) for n in batches or (241, 1))
+    repeats = whole("repeats", 5 if repeats is None else repeats, 1)
+    for case in chosen:
+        points = measure(case, rows, batches=sizes, repeats=repeats, **options)
+        yield points + mbdyn_points(case.name)
 
 
-def _scenes(cases, methods, options, report):
-    """Measures scene after scene, and yields all points so far after each."""
-    points, batches = [], options["batches"]
-    shown = batches if 1 in batches else (*batches, 1)
-    for case in cases:
-        try:
-            for point in measure(case, methods, **options):
-                points.append(point)
-                report(point)
-        except KeyboardInterrupt:
-            if points:
-                yield points, shown
-            raise
-        points += mbdyn_points([case.name])
-        yield points, shown
-
-
-def _named(argument: str, rows: Iterable[Any], names: Iterable[str] | None, otherwise: Callable) -> list:
-    """Gives the rows with some names, or those that meet a condition where there are no names."""
-    rows = list(rows)
-    if names is None:
-        return [row for row in rows if otherwise(row)]
-    by_name = {row.name: row for row in rows}
+def _named(argument: str, rows: dict, names: Iterable[str]) -> list:
+    """Return the rows with some names."""
+    names = list(names)
     for name in names:
-        if name not in by_name:
-            raise ValueError(f"Argument `{argument}` must be of {'; '.join(by_name)}, but has {name!r}.")
-    return [by_name[name] for name in names]
+        require(name in rows, argument, f"be of {'; '.join(rows)}", name)
+    return [rows[name] for name in names]

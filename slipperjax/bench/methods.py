@@ -15,7 +15,7 @@ from ..model.scene import Scene
 from ..model.step_size import default_steps_per_period
 from ..solvers.explicit import RK4, Tsit5
 from ..solvers.impulse import ImpulseRK4
-from ..solvers.latching import Latching, calls_lapack
+from ..solvers.latching import Latching
 from ..solvers.rosenbrock import ROS34PW2, Rodas4
 from ..solvers.simplified_newton import with_root_finder
 from ..solvers.twostep import TwoStep
@@ -32,7 +32,7 @@ class Case(NamedTuple):
 
 
 def all_cases() -> list[Case]:
-    """Makes the scenes, from easy to hard. All but the last have one structure, and so share compiled programs."""
+    """Return the scenes, from easy to hard. All but the last have one structure, and so share compiled programs."""
     weightless = lambda **options: paper_scene(**options).replace(gravity=0.0)
     still = dict(amplitude=0.0, roll_amplitude=0.0)
     resting = Motion(z=-5e-4, v_z=-1e-3, w_x=1e-2, w_y=1e-2)
@@ -53,59 +53,49 @@ class Method(NamedTuple):
 
     name: str
     solver: diffrax.AbstractSolver
-    memory: AbstractMemory
-    settings: tuple[float, ...]
+    memory: AbstractMemory = EventLatch()
+    settings: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
     """Steps per period as multiples of the scene's default; or tolerances of `AdaptiveSteps`, where `adaptive`."""
     adaptive: bool = False
     quick: bool = False
     """True where it is part of the quick run."""
 
-    @property
-    def stride(self) -> int:
-        """Stride through a batch's cases: one, or sixteen where LAPACK solves a system for each.
-
-        That takes milliseconds per case and period, however many there are.
-        """
-        return 16 if calls_lapack(self.solver) else 1
-
     def setting(self, case: Case, value: float) -> float:
-        """Gives the number that the program takes: steps per period, or the tolerance."""
+        """Return the number that the program takes: steps per period, or the tolerance."""
         if self.adaptive:
             return value
         return float(max(1, round(value * default_steps_per_period(case.scene))))
 
     def label(self, case: Case, value: float) -> str:
-        """Gives the name of a setting in the table."""
+        """Return the name of a setting in the table."""
         return f"tolerance {value:.0e}" if self.adaptive else f"{self.setting(case, value):.0f} steps"
 
 
-FACTORS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6)
+def _adaptive(name: str, solver: diffrax.AbstractSolver, memory: AbstractMemory, *tolerances: float) -> Method:
+    return Method(name, solver, memory, tolerances, adaptive=True)
 
+
+_SMOOTH = SmoothSwitch()
+_KVAERNO5 = with_root_finder(diffrax.Kvaerno5())
 METHODS = [
-    Method("RK4", RK4(), EventLatch(), FACTORS, quick=True),
-    Method("ImpulseRK4", ImpulseRK4(), EventLatch(), FACTORS, quick=True),
-    Method("Tsit5", Tsit5(), EventLatch(), FACTORS),
-    Method("Tsit5, adaptive", Tsit5(), EventLatch(), TOLERANCES, adaptive=True),
-    Method("diffrax Dopri8", Latching(diffrax.Dopri8()), EventLatch(), FACTORS[:-1]),
-    Method("Rodas4", Rodas4(), EventLatch(), FACTORS),
-    Method("ROS34PW2", ROS34PW2(), EventLatch(), FACTORS, quick=True),
-    Method("paper's two-step", TwoStep(), EventLatch(), FACTORS),
-    Method("diffrax Kvaerno5", Latching(diffrax.Kvaerno5()), EventLatch(), FACTORS[:3]),
-    Method("smooth: RK4", RK4(), SmoothSwitch(), FACTORS, quick=True),
-    Method("smooth: ROS34PW2", ROS34PW2(), SmoothSwitch(), FACTORS),
-    Method("smooth: diffrax Tsit5, adaptive", diffrax.Tsit5(), SmoothSwitch(), TOLERANCES, adaptive=True),
-    Method("smooth: diffrax Kvaerno3", with_root_finder(diffrax.Kvaerno3()), SmoothSwitch(), FACTORS[:3]),
-    Method("smooth: diffrax Kvaerno5", with_root_finder(diffrax.Kvaerno5()), SmoothSwitch(), FACTORS[:3]),
+    Method("RK4", RK4(), quick=True),
+    Method("ImpulseRK4", ImpulseRK4(), quick=True),
+    Method("Tsit5", Tsit5()),
+    _adaptive("Tsit5, adaptive", Tsit5(), EventLatch(), 1e-3, 1e-4, 1e-5, 1e-6),
+    Method("diffrax Dopri8", Latching(diffrax.Dopri8()), settings=(0.5, 1.0, 2.0, 4.0, 8.0)),
+    Method("Rodas4", Rodas4()),
+    Method("ROS34PW2", ROS34PW2(), quick=True),
+    Method("paper's two-step", TwoStep()),
+    Method("diffrax Kvaerno5", Latching(diffrax.Kvaerno5()), settings=(0.5, 1.0, 2.0)),
+    Method("smooth: RK4", RK4(), _SMOOTH, quick=True),
+    Method("smooth: ROS34PW2", ROS34PW2(), _SMOOTH),
+    _adaptive("smooth: diffrax Tsit5, adaptive", diffrax.Tsit5(), _SMOOTH, 1e-3, 1e-4, 1e-5, 1e-6),
+    Method("smooth: diffrax Kvaerno3", with_root_finder(diffrax.Kvaerno3()), _SMOOTH, (0.5, 1.0, 2.0)),
+    Method("smooth: diffrax Kvaerno5", _KVAERNO5, _SMOOTH, (0.5, 1.0, 2.0)),
+    _adaptive("smooth: diffrax Kvaerno5, adaptive", _KVAERNO5, _SMOOTH, 1e-3, 1e-4, 1e-5),
     Method(
-        "smooth: diffrax Kvaerno5, adaptive",
-        with_root_finder(diffrax.Kvaerno5()),
-        SmoothSwitch(),
-        TOLERANCES[:-1],
-        adaptive=True,
+        "smooth: diffrax implicit Euler", with_root_finder(diffrax.ImplicitEuler()), _SMOOTH, (0.5, 1.0, 2.0, 4.0)
     ),
-    Method("smooth: diffrax implicit Euler", with_root_finder(diffrax.ImplicitEuler()), SmoothSwitch(), FACTORS[:4]),
 ]
 """The methods compared, with the event latch unless named smooth. diffrax's KenCarp methods are left out: they need a
-splitting into a stiff and a non-stiff part, which contact does not have. Methods that call LAPACK run on one thread,
-and a sixteenth of the cases."""
+splitting into a stiff and a non-stiff part, which contact does not have."""

@@ -1,22 +1,16 @@
 """Trajectory-periods per second over the batch, on whatever JAX runs on: a CPU's cores, or a GPU.
 
 The same programs as in sweeps are timed: a period map of a batch, and the same with a tangent, as Lyapunov exponents
-need it. The kernels of a program are counted in its optimised text: each fusion, reduction, copy or call in the
-body of the loop over steps is one kernel there, on a GPU one launch.
+need it.
 """
 
 import functools
 import itertools
-import json
-import os
-import re
 import statistics
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -30,29 +24,17 @@ from ..solvers.explicit import RK4
 from ..solvers.rosenbrock import Rodas4
 from ..sweeps.grid import Cases
 from ..sweeps.run import CHUNK_OF_DEVICE, LARGEST_CHUNK
-from ..tools.checks import one_of, require, whole
+from ..tools.checks import one_of, whole
 from ..tools.compile import compiler_options
 from ..tools.files import table_lines
 from ..tools.limits import cores
 
-BATCHES = (100, 1_000, 10_000, 100_000, 1_000_000)
-"""Default batches."""
 NOMINAL_STEPS = 50
 """Steps per forcing period: the default of the nominal scene."""
 CALL_PERIODS = 4
 """Forcing periods in a call."""
-ENGINES = ("RK4", "Rodas4", "Lyapunov")
-"""Programs to time: two solvers, and RK4 with one tangent that is orthonormalised after each period."""
-EVALUATIONS = {"RK4": 4, "Rodas4": 7, "Lyapunov": 4}
-"""Right-hand sides in a step: of Rodas4 its six stages and the one at the end."""
-LIMIT = 58e-9
-"""Seconds of a right-hand side on one core of the machine of docs/speed.md, every operation running at full rate."""
-TIMING_SECONDS = 1.0
-"""Least time of a timing: calls are repeated until then, at least twice [s]."""
-KERNEL = re.compile(
-    r"= (?:\(.*?\)|\S+) (fusion|reduce|copy|custom-call|call|dynamic-update-slice|gather|scatter|sort|while)\("
-)
-"""Instructions of an optimised program that run by themselves."""
+ENGINES = {"RK4": RK4(), "Rodas4": Rodas4(), "Lyapunov": RK4()}
+"""Solvers of the timed programs; the last one has a tangent, which is orthonormalised after each period."""
 
 
 class Rate(NamedTuple):
@@ -64,117 +46,78 @@ class Rate(NamedTuple):
     batch: int
     rate: float
     """Trajectory-periods per second, the median of the calls [1/s]."""
-    kernels: int | None
-    """In the loop over steps; None where the program's text does not show it."""
-    share: float | None
-    """Share of the arithmetic limit [1], for a CPU and a right-hand side without tangents."""
 
 
 def throughput(
-    batches: Sequence[int] | None = None,
-    engines: Sequence[str] | None = None,
-    *,
-    beside_cpu: bool = True,
-    report: Callable[[Rate], Any] | None = None,
-) -> list[Rate]:
-    """Times `ENGINES` over batches of the nominal scene, speeds within 2 %.
-
-    **Arguments:** `batches`: default `BATCHES`; `engines`: default `ENGINES`; `beside_cpu`: where JAX runs on
-    another device, the same on all CPU cores of the machine, in a process of its own; `report`: is called with each
-    `Rate`.
+    batches: Sequence[int] = (100, 1_000, 10_000, 100_000, 1_000_000), engines: Sequence[str] = tuple(ENGINES)
+) -> Iterator[Rate]:
+    """Time `ENGINES` over batches of the nominal scene, speeds within 2 %, one after the other.
 
     **Raises:** `ValueError` that names the argument which is wrong.
     """
-    sizes = [whole("batches", batch, 1) for batch in (BATCHES if batches is None else batches)]
-    names = [one_of("engines", name, ENGINES) for name in (ENGINES if engines is None else engines)]
-    rates: list[Rate] = []
-    report = report or (lambda rate: None)
+    sizes = [whole("batches", batch, 1) for batch in batches]
+    names = [one_of("engines", name, tuple(ENGINES)) for name in engines]
     for engine, batch in itertools.product(names, sizes):
-        rates.append(_timed(engine, batch))
-        report(rates[-1])
-    if beside_cpu and jax.default_backend() != "cpu":
-        options = json.dumps(dict(batches=sizes, engines=names))
-        code = f"from slipperjax.bench.rates import print_rates; print_rates({options!r})"
-        env = {**os.environ, "JAX_PLATFORMS": "cpu"}
-        process = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
-        for line in process.stdout.splitlines():
-            rates.append(Rate(*json.loads(line)))
-            report(rates[-1])
-    return rates
+        yield timed(engine, batch)
 
 
-def print_rates(options: str) -> None:
-    """Prints the rates of this process as JSON, one per line, for `throughput` in another one."""
-    throughput(**json.loads(options), report=lambda rate: print(json.dumps(rate), flush=True))
+def timed(engine: str, batch: int, least: float = 1.0) -> Rate:
+    """Time one engine with one batch.
 
-
-def _timed(engine: str, batch: int) -> Rate:
-    backend = jax.default_backend()
-    threads = cores() if backend == "cpu" else 1
-    largest = LARGEST_CHUNK if backend == "cpu" else CHUNK_OF_DEVICE
+    **Arguments:** `least`: calls are repeated until they took so long in all, and at least twice [s].
+    """
+    device = jax.devices()[0].device_kind
+    threads = 1
+    largest = CHUNK_OF_DEVICE
+    if jax.default_backend() == "cpu":
+        threads = cores()
+        largest = LARGEST_CHUNK
+        device = f"{device}, {threads} cores"
+    # as many chunks as threads, or more where they would be too large
     lanes = min(-(-batch // threads), largest)
     chunks = -(-batch // lanes)
-    run = _program(engine, lanes)
+    run = program(engine, lanes)
+    times: list[float] = []
     with ThreadPoolExecutor(threads) as pool:
-        call = lambda: list(pool.map(lambda k: jax.block_until_ready(run()), range(chunks)))
-        call()
-        times: list[float] = []
-        while len(times) < 2 or sum(times) < TIMING_SECONDS:
+        call = lambda: list(pool.map(lambda _: jax.block_until_ready(run()), range(chunks)))
+        call()  # the first call is slower than later ones
+        while len(times) < 2 or sum(times) < least:
             begin = time.perf_counter()
             call()
             times.append(time.perf_counter() - begin)
-    rate = lanes * chunks * CALL_PERIODS / statistics.median(times)
-    share = None
-    if backend == "cpu" and engine != "Lyapunov":
-        share = rate * NOMINAL_STEPS * EVALUATIONS[engine] * LIMIT / threads
-    name = f"{jax.devices()[0].device_kind}, {threads} cores" if backend == "cpu" else jax.devices()[0].device_kind
-    return Rate(name, engine, batch, rate, kernels_per_step(run.func.as_text() or ""), share)
+    return Rate(device, engine, batch, lanes * chunks * CALL_PERIODS / statistics.median(times))
 
 
-def _program(engine: str, lanes: int) -> functools.partial:
-    """Compiles a call of an engine on a batch; gives it with its inputs."""
+def program(engine: str, lanes: int) -> functools.partial:
+    """Compile a call of an engine on a batch; return it with its inputs."""
     scene = paper_scene()
     speeds = float(scene.speed) * np.linspace(0.98, 1.02, lanes)
     scenes, starts = Cases(scene, {"speed": speeds}, table_2_start()).take(np.arange(lanes))
     states = initial_states(scenes, starts)
-    solver, stepping = (Rodas4() if engine == "Rodas4" else RK4()), ConstantSteps(NOMINAL_STEPS)
-    options: dict[str, Any] = dict(stepping=stepping, solver=solver, periods=CALL_PERIODS)
+    options = dict(stepping=ConstantSteps(NOMINAL_STEPS), solver=ENGINES[engine], periods=CALL_PERIODS)
     arguments = (scenes, states)
+    # __wrapped__ is the function itself, which is compiled here once for its shapes
     run = lambda scenes, states: advance.__wrapped__(scenes, states, 0.0, **options).state
+    # tangents begin in fixed random directions
     if engine == "Lyapunov":
-        first = lambda state: first_tangents(state, 1, tangent_weights(scene))
-        arguments = (scenes, states, jax.vmap(first)(states))
+        tangent = lambda state: first_tangents(state, 1, tangent_weights(scene))
+        arguments = (scenes, states, jax.vmap(tangent)(states))
         run = lambda *batch: advance_tangents.__wrapped__(*batch, jnp.asarray(0.0), **options).history
     compiled = jax.jit(run).lower(*arguments).compile(compiler_options(jax.default_backend()))
     return functools.partial(compiled, *arguments)
 
 
-def kernels_per_step(text: str) -> int | None:
-    """Counts the kernels of the innermost loop with most of them in an optimised program; None without a loop."""
-    bodies = set(re.findall(r"body=%?([\w.\-]+)", text))
-    parts = re.split(r"\n(?=(?:ENTRY )?%?[\w.\-]+ [({])", text)
-    counts = []
-    for part in parts:
-        name = re.match(r"(?:ENTRY )?%?([\w.\-]+)", part)
-        kernels = KERNEL.findall(part)
-        if name and name[1] in bodies and "while" not in kernels:
-            counts.append(len(kernels))
-    return max(counts, default=None)
-
-
 def rows(rates: Sequence[Rate]) -> list[str]:
-    """Gives the rates as lines of a table in Markdown."""
-    require(rates, "rates", "hold a rate", rates)
-    return table_lines(
-        [
+    """Return the rates as lines of a table in Markdown."""
+    table = []
+    for rate in rates:
+        speed = f"{rate.rate:.3g}"
+        table.append(
             {
                 "device": rate.device,
                 "engine": rate.engine,
                 "batch": rate.batch,
-                "trajectory-periods per second": f"{rate.rate:.3g}",
-                "kernels per step": "" if rate.kernels is None else rate.kernels,
-                "of the limit": "" if rate.share is None else f"{100 * rate.share:.0f} %",
+                "trajectory-periods per second": speed,
             }
-            for rate in rates
-        ]
-    )
+        )
+    return table_lines(table)

@@ -70,62 +70,38 @@ def bench(quick: bool, scene: Any, method: Any, batch: Any, repeats: int | None,
     from ..bench.measure import bench as run
     from ..bench.work_precision import write
 
-    def show(point):
-        times = ", ".join(f"{best:.3g} us at {lanes}" for lanes, (best, _) in point.cost.items())
-        print(f"{point.case}: {point.method}, {point.setting}: error {point.error:.1e}, {times}", flush=True)
-
     matplotlib.use("Agg")
     Outputs(out, ".md", ".png")
-    names = dict(cases=scene or None, methods=method or None, batches=batch or None)
+    points, partial = [], ()
     # written after each scene; the files get their names when all scenes are done
-    measured, partial = None, ()
-    for measured in run(quick=quick, repeats=repeats, report=show, **names):
-        partial = write(*measured, out.with_name(out.name + PARTIAL))
+    for found in run(quick=quick, repeats=repeats, cases=scene, methods=method, batches=batch):
+        points += found
+        for point in found:
+            times = ", ".join(f"{best:.3g} us at {lanes}" for lanes, (best, _) in point.cost.items())
+            print(f"{point.case}: {point.method}, {point.setting}: error {point.error:.1e}, {times}", flush=True)
+        partial = write(points, out.with_name(out.name + PARTIAL))
         print(f"wrote {listed([str(path) for path in partial])}", flush=True)
-    if measured is not None:
-        print(f"wrote {listed([str(path) for path in write(*measured, out)])}")
+    print(f"wrote {listed([str(path) for path in write(points, out)])}")
     _delete(partial)
-
-
-@app.command()
-@click.argument("systems", nargs=-1)
-@out("literature", "Makes OUT.md.", ".md")
-def literature(systems: tuple[str, ...], out: Path) -> None:
-    """Compute numbers that others published on maps, flows and oscillators with impacts, and compare.
-
-    SYSTEMS: by name; default all of them.
-    """
-    from ..bench.literature import SYSTEMS, numbers, rows
-    from ..tools.checks import one_of
-
-    Outputs(out, ".md")
-    for system in systems:
-        one_of("SYSTEMS", system, tuple(SYSTEMS))
-    found = []
-    for number in numbers(systems):
-        print(f"{number.system}, {number.quantity}: {number.published}, ours {number.shown}", flush=True)
-        found.append(number)
-    print(f"{sum(n.agrees for n in found)} of {len(found)} within the published digits and our errors")
-    table = "\n".join(rows(found)) + "\n"
-    print(said(write_each({Path(f"{out}.md"): table.encode})))
 
 
 @app.command()
 @option("--batch", COUNT, "Trajectories at once; repeat for several; default 100 to 1000000.", multiple=True)
 @option("--engine", str, "RK4, Rodas4 or Lyapunov; repeat for several; default all.", multiple=True)
-@option(
-    "--beside-cpu/--no-beside-cpu",
-    None,
-    "Where JAX runs on a GPU: the same on all CPU cores, for comparison.",
-    default=True,
-)
 @out("throughput", "Makes OUT.md.", ".md")
-def throughput(batch: Any, engine: Any, beside_cpu: bool, out: Path) -> None:
-    """Time trajectory-periods per second over the batch, on a GPU where JAX has one, else on the CPU's cores."""
+def throughput(batch: Any, engine: Any, out: Path) -> None:
+    """Time trajectory-periods per second over the batch, on a GPU where JAX has one, else on the CPU's cores.
+
+    With JAX_PLATFORMS=cpu in the environment, on the cores beside a GPU.
+    """
     from ..bench.rates import rows
     from ..bench.rates import throughput as run
 
     Outputs(out, ".md")
-    show = lambda rate: print(rows([rate])[-1], flush=True)
-    table = "\n".join(rows(run(batch or None, engine or None, beside_cpu=beside_cpu, report=show))) + "\n"
+    given = {name: values for name, values in (("batches", batch), ("engines", engine)) if values}
+    rates = []
+    for rate in run(**given):
+        rates.append(rate)
+        print(rows([rate])[-1], flush=True)
+    table = "\n".join(rows(rates)) + "\n"
     print(said(write_each({Path(f"{out}.md"): table.encode})))

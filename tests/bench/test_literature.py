@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from slipperjax.bench.literature import SYSTEMS, Number, numbers, rows
-
-from ..cli.commands import call, error_of
+from ..benchmarks.literature import SYSTEMS, Number, main, numbers, rows
 
 
 def number(published, ours, error=0.0, note=""):
@@ -35,11 +33,13 @@ def test_published_digits_say_what_agrees():
     assert "| a system | 3 | 1 |" in table
 
 
-def test_impacts_are_those_of_an_event_driven_code(tmp_path, capsys):
-    lines, _ = call(["literature", "stop", "--out", tmp_path / "some"], capsys)
+def test_impacts_are_those_of_an_event_driven_code(capsys):
+    main(["stop"])
+    lines = capsys.readouterr().out
     assert "10 of 10 within the published digits and our errors" in lines
-    assert (tmp_path / "some.md").read_text().count("| yes |") == 10
-    assert "must be one of vibrating-parabola, stop" in error_of(["literature", "nosuch"], capsys)
+    assert lines.count("| yes |") == 10
+    with pytest.raises(ValueError, match="must be one of vibrating-parabola, stop"):
+        main(["nosuch"])
 
 
 @pytest.mark.slow

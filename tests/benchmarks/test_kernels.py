@@ -40,7 +40,7 @@ def test_one_kernel(engine, batches, monkeypatch):
         for name, fits in (("kernels of their own", lambda *_: False), ("one kernel", one_kernel._fits)):
             monkeypatch.setattr(one_kernel, "_fits", fits)
             begin = time.process_time()
-            calls[name] = rates._program(engine, lanes)
+            calls[name] = rates.program(engine, lanes)
             compiling[name] = time.process_time() - begin
             jax.block_until_ready(calls[name]())
         monkeypatch.undo()

@@ -8,7 +8,7 @@ import numpy as np
 import optimistix
 import pytest
 
-from slipperjax.bench.measure import SPREAD, run
+from slipperjax.bench.measure import batch_speeds, run
 from slipperjax.bench.methods import Method, all_cases
 from slipperjax.model.contact import SmoothSwitch
 from slipperjax.solvers.simplified_newton import with_root_finder
@@ -21,7 +21,7 @@ LANES = 241
 def test_adaptive_steps_with_a_smooth_switch(tolerance):
     """One period of 241 cases; with Newton's method of every sixteenth, because its cost per case is the same."""
     case = all_cases()[0]._replace(periods=1)
-    speeds = np.linspace(1 - SPREAD, 1 + SPREAD, LANES) * float(case.scene.speed)
+    speeds = batch_speeds(case, LANES)
     newton = diffrax.Kvaerno5(root_finder=optimistix.Newton(rtol=1e-6, atol=1e-9))
     ends, cost = {}, {}
     for name, solver, batch in (

@@ -18,7 +18,7 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.bench.methods import Case
-from slipperjax.bench.work_precision import DEFAULT, Point, draw, table
+from slipperjax.bench.work_precision import Point, draw, table
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.layout import coordinate_rows
@@ -30,6 +30,7 @@ from .peers import CppProgram, plain_numbers
 from .test_steps import SCENES
 
 pytestmark = pytest.mark.benchmark
+DEFAULT = "ImpulseRK4"
 METHODS = {
     DEFAULT: (sj.ImpulseRK4(), sj.EventLatch()),
     "RK4": (sj.RK4(), sj.EventLatch()),
@@ -152,8 +153,8 @@ def test_errors_of_derivatives(tmp_path):
                 print(steps, {h: f"{e:.1e}" for h, e in errors.items()})
                 cost = tuple(2 * c for c in micros(lambda n=steps, run=run: run(n, np.ones(2))))
                 points.append(Point(CASE, RK4_DIFFERENCES, f"{steps} steps, {best:.0e}", errors[best], {lanes: cost}))
-    print("\n" + table(points + theirs, (lanes, 1)))
+    print("\n" + table(points + theirs))
     path = tmp_path / "slopes.png"
     error = "relative error of derivatives"
-    path.write_bytes(png(draw(points + theirs, (lanes,), shown=SHOWN, error=error)[0, 0].figure, 150))
+    path.write_bytes(png(draw(points + theirs, shown=SHOWN, error=error)[0, 0].figure, 150))
     print(path)

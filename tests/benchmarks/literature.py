@@ -1,9 +1,13 @@
 """Numbers that others published, computed anew by `slipperjax.analysis`: maps, flows and oscillators with impacts.
 
+    python tests/benchmarks/literature.py              # the tables of docs/benchmarks.md, in half a minute
+    python tests/benchmarks/literature.py stop lorenz  # of some systems
+
 Nothing is tuned: Newton's method starts from published values, rounded, or where the source's computation begins.
 """
 
 import itertools
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -11,13 +15,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..analysis.continuation import continue_motion, switch
-from ..analysis.floquet import jacobians
-from ..analysis.hybrid import impact_step, return_step
-from ..analysis.lyapunov import LyapunovSpectrum, map_spectrum
-from ..analysis.ode import ode_spectrum, ode_step
-from ..analysis.shooting import PeriodicMotions, shoot
-from ..tools.files import table_lines
+from slipperjax.analysis.continuation import continue_motion, switch
+from slipperjax.analysis.floquet import jacobians
+from slipperjax.analysis.hybrid import impact_step, return_step
+from slipperjax.analysis.lyapunov import LyapunovSpectrum, map_spectrum
+from slipperjax.analysis.ode import ode_spectrum, ode_step
+from slipperjax.analysis.shooting import PeriodicMotions, shoot
+from slipperjax.tools.checks import one_of
+from slipperjax.tools.files import table_lines
 
 CAPD = "CAPD, interval methods (github.com/CAPDGroup/CAPD, 7310792)"
 TUCKER = "Galias and Tucker, Int. J. Bifurcation Chaos 21, 551 (2011), in CAPD"
@@ -73,7 +78,7 @@ class Number(NamedTuple):
         return low - 3 * self.error <= self.ours <= high + 3 * self.error
 
 
-def numbers(only: tuple[str, ...] = ()) -> Iterator[Number]:
+def numbers(only: Sequence[str] = ()) -> Iterator[Number]:
     """Computes all numbers, or those of some systems by name, one system after the other."""
     for name in only or SYSTEMS:
         yield from SYSTEMS[name]()
@@ -380,3 +385,16 @@ SYSTEMS = {
     "pendulum": pendulum,
     "reaction": reaction,
 }
+
+
+def main(systems: Sequence[str]) -> None:
+    """Prints the tables of all systems, or of some by name."""
+    for system in systems:
+        one_of("SYSTEMS", system, tuple(SYSTEMS))
+    found = list(numbers(systems))
+    print("\n".join(rows(found)))
+    print(f"\n{sum(n.agrees for n in found)} of {len(found)} within the published digits and our errors")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
