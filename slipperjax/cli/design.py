@@ -16,7 +16,6 @@ from .options import (
     Measure,
     app,
     bounds,
-    flag,
     given,
     make_bounds,
     option,
@@ -70,7 +69,6 @@ OBJECTIVE, SPEED = click.Choice(list(OBJECTIVE_UNITS)), Measure("speed", "m/s")
     metavar="NAME LOW HIGH",
     multiple=True,
 )
-@flag("--periodic", "Allow periodic motions only.")
 @option(
     "--starts",
     COUNT,
@@ -202,9 +200,9 @@ def report(best: Any) -> str:
     from ..plots.style import shown
 
     q, cases = best.problem.objective.quantity, best.cases
-    lines = [repr(best), f"relative slope left {best.gradient_norm:.2g}"]
+    lines = [repr(best)]
     if best.stderr > 0:
-        lines[-1] += f"; standard error {q.shown(best.stderr):.2g} {q.display_unit}"
+        lines.append(f"standard error {q.shown(best.stderr):.2g} {q.display_unit}")
     if best.several:
         lines.append("starts ended at different designs that are about equally good: see start_end in the file")
     unit = lambda name: PARAMETERS[name].display_unit

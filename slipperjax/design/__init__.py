@@ -2,12 +2,12 @@
 
 from .checks import event_margins as event_margins
 from .checks import surroundings as surroundings
+from .ensembles import EnsembleSettings as EnsembleSettings
+from .ensembles import RailEnsemble as RailEnsemble
 from .methods import AbstractMethod as AbstractMethod
 from .methods import Descent as Descent
 from .methods import TrustRegion as TrustRegion
 from .objectives import OBJECTIVES as OBJECTIVES
-from .objectives import EnsembleSettings as EnsembleSettings
-from .objectives import RailEnsemble as RailEnsemble
 from .optimise import Design as Design
-from .optimise import pareto_front as pareto_front
+from .pareto import pareto_front as pareto_front
 from .sensitivities import sensitivities as sensitivities

@@ -2,8 +2,7 @@
 
 An orbit x recurs, P(x, p) = x, so that its derivative by a parameter solves (I - P_x) dx/dp = P_p, of which Newton's
 method leaves the inverse. Forward mode pushes the parameters through the motion once to find P_p, and again along
-(dx/dp, dp). Reverse mode pulls each objective back once, and again from the adjoint state, whatever the number of
-parameters.
+(dx/dp, dp).
 """
 
 import functools
@@ -44,7 +43,7 @@ class PeriodValues(Unlabelled):
 
 
 def period_values(objectives: Objectives) -> RecordSet:
-    """Returns the record of objectives' values in each forcing period."""
+    """Return the record of objectives' values in each forcing period."""
     return RecordSet((PeriodValues(objectives),))
 
 
@@ -62,10 +61,7 @@ class PeriodDerivatives(NamedTuple):
     """For each objective, arrays (cases, directions, ...)."""
 
 
-_STATIC = ("names", "objectives", "solver")
-
-
-@functools.partial(jit, static_argnames=_STATIC)
+@functools.partial(jit, static_argnames=("names", "objectives", "solver"))
 def push_period(
     scenes: Batched[Scene],
     states: State,
@@ -77,7 +73,7 @@ def push_period(
     objectives: Objectives,
     solver: diffrax.AbstractSolver,
 ) -> PeriodDerivatives:
-    """Runs one forcing period, differentiated by the parameters `names`.
+    """Run one forcing period, differentiated by the parameters `names`.
 
     **Arguments:** `slopes`: derivatives of the states at the start.
     """
@@ -91,6 +87,7 @@ def push_period(
             passage = step.run(unravel(x), epoch, periods=1, records=records)
             return ravel_pytree(passage.state)[0], jax.tree.map(lambda a: a[0], passage.samples[0])
 
+        # along each parameter, with what it changes at the start
         p = values_of(scene, names)
         push = lambda dx, dp: jax.jvp(run, (flat, p), (dx, dp))
         (end, kept), (end_slopes, kept_slopes) = jax.vmap(push, out_axes=((None, None), 0))(slopes, jnp.eye(p.size))
@@ -101,13 +98,13 @@ def push_period(
 
 @functools.partial(jit, static_argnames=("objectives",))
 def totals(objectives: Objectives, kept: Any) -> Float[Array, "cases objectives"]:
-    """Computes the objectives of a batch from their values in each period, arrays (cases, periods, ...)."""
+    """Return the objectives of a batch from their values in each period, arrays (cases, periods, ...)."""
     return jax.vmap(lambda rows: _totals(objectives, rows))(kept)
 
 
 @functools.partial(jit, static_argnames=("objectives",))
 def total_slopes(objectives: Objectives, kept: Any, slopes: Any) -> tuple[Array, Array]:
-    """Computes objectives, and their derivatives (cases, objectives, directions) from those of `kept`.
+    """Return objectives, and their derivatives (cases, objectives, directions) from those of `kept`.
 
     **Arguments:** `kept`: values in each period, arrays (cases, periods, ...); `slopes`: their derivatives, arrays
     (cases, directions, periods, ...).
@@ -124,36 +121,6 @@ def _totals(objectives: Objectives, kept: Any) -> Float[Array, " objectives"]:
     return jnp.stack([one.total(rows) for one, rows in zip(objectives, kept, strict=True)])
 
 
-@functools.partial(jit, static_argnames=(*_STATIC, "periods"))
-def pulled_gradient(
-    scene: Scene,
-    state: State,
-    inverse: Float[Array, "size size"],
-    stepping: AbstractStepping,
-    *,
-    names: tuple[str, ...],
-    objectives: Objectives,
-    solver: diffrax.AbstractSolver,
-    periods: int,
-) -> tuple[Float[Array, " objectives"], Float[Array, "objectives parameters"]]:
-    """Computes objectives on an orbit and their derivatives, in reverse mode.
-
-    **Arguments:** `inverse`: of I - P_x over the orbit's `periods`; `stepping`: with a fixed number of steps.
-    """
-    flat, unravel = ravel_pytree(state)
-    records = period_values(objectives)
-
-    def run(x: Array, p: Array) -> tuple[Array, Array]:
-        step = PeriodMap(at_values(scene, names, p), stepping, solver)
-        passage = step.run(unravel(x), periods=periods, records=records)
-        return ravel_pytree(passage.state)[0], _totals(objectives, passage.samples[0])
-
-    (end, value), pull = jax.vjp(run, flat, values_of(scene, names))
-    by_x, by_p = jax.vmap(lambda c: pull((jnp.zeros_like(end), c)))(jnp.eye(value.size))
-    through_x = jax.vmap(lambda c: pull((c, jnp.zeros_like(value)))[1])(by_x @ inverse)
-    return value, by_p + through_x
-
-
 @functools.partial(jit, static_argnames=("names", "solver"))
 def matrix_slopes(
     scenes: Batched[Scene],
@@ -165,7 +132,7 @@ def matrix_slopes(
     names: tuple[str, ...],
     solver: diffrax.AbstractSolver,
 ) -> Float[Array, "cases directions size size"]:
-    """Differentiates the Jacobian of one forcing period by parameters.
+    """Differentiate the Jacobian of one forcing period by parameters.
 
     **Arguments:** `slopes`: derivatives of the states at the start.
     """
@@ -174,9 +141,11 @@ def matrix_slopes(
         flat, unravel = ravel_pytree(state)
 
         def matrix(x: Array, p: Array) -> Array:
-            return jacobians(PeriodMap(at_values(scene, names, p), stepping, solver), unravel(x), 1, index=epoch)[0]
+            step = PeriodMap(at_values(scene, names, p), stepping, solver)
+            return jacobians(step, unravel(x), 1, index=epoch)[0]
 
         p = values_of(scene, names)
-        return jax.vmap(lambda dx, dp: jax.jvp(matrix, (flat, p), (dx, dp))[1])(slopes, jnp.eye(p.size))
+        push = lambda dx, dp: jax.jvp(matrix, (flat, p), (dx, dp))[1]
+        return jax.vmap(push)(slopes, jnp.eye(p.size))
 
     return scenes.map(one, states, slopes)

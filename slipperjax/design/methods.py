@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 import optax
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.optimize import linprog
 
-from ..tools.checks import number, positive, require, whole, yes_or_no
+from ..tools.checks import number, positive, require, whole
 
 VIOLATION_PRICE = 30.0
 """Price of a violated constraint, in multiples of the objective's size."""
@@ -38,12 +38,6 @@ class CaseValues(NamedTuple):
         return float(np.max(self.value) if self.weight is None else self.weight @ self.value)
 
     @property
-    def total_slope(self) -> np.ndarray:
-        """A derivative of the total: that of the worst case, or the mean."""
-        weight = self.weight
-        return self.slope[int(np.nanargmax(self.value))] if weight is None else weight @ self.slope
-
-    @property
     def size(self) -> float:
         """The magnitude of the total; 1 where it is infinite."""
         return max(abs(self.total), 1e-300) if np.isfinite(self.total) else 1.0
@@ -55,7 +49,7 @@ class CaseValues(NamedTuple):
         return float(worst) if np.isfinite(worst) else np.inf
 
     def merit(self, size: float) -> float:
-        """Returns the total plus the price of violations; `size`: of the objective."""
+        """Return the total plus the price of violations; `size`: of the objective."""
         return self.total + VIOLATION_PRICE * size * self.violation
 
 
@@ -71,22 +65,26 @@ class AbstractMove(abc.ABC):
 
     @abc.abstractmethod
     def propose(self) -> Float[np.ndarray, " parameters"]:
-        """Returns the design to try next."""
+        """Return the design to try next."""
 
     @abc.abstractmethod
     def update(self, at: Float[np.ndarray, " parameters"], values: CaseValues) -> bool:
-        """Accepts or rejects the design that was tried, and returns whether it was accepted."""
+        """Accept or reject the design that was tried, and return whether it was accepted."""
 
 
 class AbstractMethod(abc.ABC):
     """A way to move designs."""
 
-    fresh: bool = False
-    """Whether each round of trials is judged by runs of its own: on new rails, or from new disturbances."""
-
     @abc.abstractmethod
     def start(self, at: np.ndarray, values: CaseValues) -> AbstractMove:
-        """Returns the move that begins at a design with its values."""
+        """Return the move that begins at a design with its values."""
+
+
+class _Curvature(NamedTuple):
+    """Differences of a rejected trial from the linear predictions."""
+
+    value: np.ndarray
+    excess: np.ndarray
 
 
 @dataclasses.dataclass
@@ -95,8 +93,8 @@ class _TrustRegionMove(AbstractMove):
     least: float
     predicted: float = 0.0
     """Predicted fall of the merit by the last trial."""
-    curvature: tuple[np.ndarray, np.ndarray] | None = None
-    """Differences of objective and constraints of a rejected trial from their linear predictions."""
+    curvature: _Curvature | None = None
+    """Of the last trial, if it was the first of its size and rejected."""
 
     def propose(self):
         at, self.predicted = _linear_step(self.at, self.values, self.radius, self.size, self.curvature)
@@ -106,18 +104,23 @@ class _TrustRegionMove(AbstractMove):
 
     def update(self, at, values):
         fall = self.values.merit(self.size) - values.merit(self.size)
-        share = fall / self.predicted if np.isfinite(fall) and self.predicted > 0 else -np.inf
-        accepted, finite = share > 0.1, np.all(np.isfinite(values.value)) and np.all(np.isfinite(values.excess))
+        share = -np.inf
+        if np.isfinite(fall) and self.predicted > 0:
+            share = fall / self.predicted
+        accepted = share > 0.1
+        finite = np.all(np.isfinite(values.value)) and np.all(np.isfinite(values.excess))
+        # a second trial of the same size allows for the curvature of the first
         if not accepted and self.curvature is None and finite:
-            # a second trial of the same size allows for the curvature of the first
             move = at - self.at
             value = values.value - self.values.value - self.values.slope @ move
             excess = values.excess - self.values.excess - self.values.excess_slope @ move
-            self.curvature = np.nan_to_num(value), np.nan_to_num(excess)
+            self.curvature = _Curvature(np.nan_to_num(value), np.nan_to_num(excess))
             return False
         self.curvature = None
         if accepted:
-            self.at, self.values = at, values
+            self.at = at
+            self.values = values
+        # the region grows where predictions were good, and shrinks where they were not
         self.radius *= 2.0 if share > 0.75 else 1.0 if share > 0.25 else 0.4
         self.radius = min(self.radius, 0.3)
         self.finished |= self.radius < self.least
@@ -148,28 +151,38 @@ class TrustRegion(AbstractMethod):
 
 
 def _linear_step(
-    at: np.ndarray, values: CaseValues, radius: float, size: float, curvature: tuple[np.ndarray, np.ndarray] | None
+    at: np.ndarray, values: CaseValues, radius: float, size: float, curvature: _Curvature | None
 ) -> tuple[np.ndarray, float]:
-    """Solves the linearised problem; returns the design to try and the predicted fall of the merit.
+    """Solve the linearised problem; return the design to try and the predicted fall of the merit.
 
     Unknowns are the step, the bound of the objective, and one slack of all constraints.
 
     **Arguments:** `curvature`: additions to each case of a worst-case objective, and to constraints.
     """
-    value_added, excess_added = curvature or (0.0, 0.0)
+    value = values.value
+    excess = values.excess
+    if curvature is not None:
+        value = value + curvature.value
+        excess = excess + curvature.excess
+    # cases and constraints without a value have no row
     finite = np.isfinite(values.value) & np.all(np.isfinite(values.slope), axis=1)
     usable = np.isfinite(values.excess) & np.all(np.isfinite(values.excess_slope), axis=1)
-    value, slope = (values.value + value_added)[finite], values.slope[finite]
+    value = value[finite]
+    slope = values.slope[finite]
+    excess = excess[usable]
+    excess_slope = values.excess_slope[usable]
     if values.weight is not None:
-        value, slope = np.array([values.total]), values.weight[None, finite] @ slope
-    excess, excess_slope = (values.excess + excess_added)[usable], values.excess_slope[usable]
+        value = np.array([values.total])
+        slope = values.weight[None, finite] @ slope
     # slope @ step + value <= bound for every case or the mean, and slope @ step + excess <= slack for constraints
     column = lambda rows, entry: np.full((len(rows), 1), entry)
     bound_rows = np.hstack([slope / size, column(slope, -1.0), column(slope, 0.0)])
     slack_rows = np.hstack([excess_slope, column(excess_slope, 0.0), column(excess_slope, -1.0)])
     limits = -np.concatenate([value / size, excess])
     aim = [*np.zeros(len(at)), 1.0, VIOLATION_PRICE]
-    box = [*((max(-radius, -x), min(radius, 1 - x)) for x in at), (None, None), (0.0, None)]
+    # the region and the unit box; the bound is free, the slack positive
+    box: list[Any] = [(max(-radius, -x), min(radius, 1 - x)) for x in at]
+    box += [(None, None), (0.0, None)]
     solution = linprog(aim, np.vstack([bound_rows, slack_rows]), limits, bounds=box, method="highs").x
     if solution is None:
         return at, 0.0
@@ -186,20 +199,30 @@ class _DescentMove(AbstractMove):
     left: int
 
     def propose(self):
-        slope = self.values.total_slope / self.size
-        if self.values.violation > 0 and len(self.values.excess):
-            slope = slope + VIOLATION_PRICE * self.values.excess_slope[int(np.argmax(self.values.excess))]
-        update, self.state = self.optimiser.update(jnp.asarray(slope), self.state, jnp.asarray(self.at))
-        to = optax.projections.projection_box(optax.apply_updates(jnp.asarray(self.at), update), 0.0, 1.0)
-        return np.asarray(to)
+        values = self.values
+        slope = _total_slope(values) / self.size
+        # a violated constraint adds its own slope at its price
+        if values.violation > 0 and len(values.excess):
+            slope = slope + VIOLATION_PRICE * values.excess_slope[int(np.argmax(values.excess))]
+        at = jnp.asarray(self.at)
+        update, self.state = self.optimiser.update(jnp.asarray(slope), self.state, at)
+        return np.asarray(optax.projections.projection_box(optax.apply_updates(at, update), 0.0, 1.0))
 
     def update(self, at, values):
         self.left -= 1
-        finite = np.isfinite(values.total) and np.all(np.isfinite(values.total_slope))
+        finite = np.isfinite(values.total) and np.all(np.isfinite(_total_slope(values)))
         if finite:
-            self.at, self.values = at, values
+            self.at = at
+            self.values = values
         self.finished |= not finite or self.left <= 0
         return bool(finite)
+
+
+def _total_slope(values: CaseValues) -> np.ndarray:
+    """Return a derivative of the total: that of the worst case, or the mean."""
+    if values.weight is None:
+        return values.slope[int(np.nanargmax(values.value))]
+    return values.weight @ values.slope
 
 
 @dataclasses.dataclass(frozen=True)
@@ -209,20 +232,12 @@ class Descent(AbstractMethod):
     optimiser: Any = None
     """An `optax.GradientTransformation`; default Adam with a rate that falls from 0.05 to 0.001 [unit box]."""
     steps: int = 60
-    fresh: bool = False
-    """Whether each step takes new rails or disturbances, which the optimiser averages, and not always the same."""
 
     def __post_init__(self):
         good = self.optimiser is None or hasattr(self.optimiser, "update")
         require(good, "optimiser", "be an optax.GradientTransformation", self.optimiser)
         whole("steps", self.steps, 1)
-        yes_or_no("fresh", self.fresh)
 
     def start(self, at, values):
         optimiser = self.optimiser or optax.adam(optax.exponential_decay(0.05, self.steps, 0.02))
         return _DescentMove(at, values, values.size, optimiser, optimiser.init(jnp.asarray(at)), self.steps)
-
-
-def inside(at: Float[np.ndarray, " parameters"]) -> Bool[np.ndarray, " parameters"]:
-    """Returns which coordinates of a design are not at a bound."""
-    return (at > 1e-9) & (at < 1 - 1e-9)

@@ -8,7 +8,8 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.cli.design import OBJECTIVE_UNITS
-from slipperjax.design.objectives import OBJECTIVES, EnsembleSettings
+from slipperjax.design import EnsembleSettings
+from slipperjax.design.objectives import OBJECTIVES
 from slipperjax.design.optimise import optimise_design
 from slipperjax.design.problem import Problem
 from slipperjax.flow.datasets import load_call
@@ -80,7 +81,7 @@ def test_wrong_input_is_one_line(tmp_path, capsys):
 
 def test_options_reach_the_search(bowl, replaced, tmp_path, capsys):
     search = replaced("design.optimise.optimise_design", side_effect=optimise_design)
-    more = ["--robust", "mean", "--constraint", "peak_force", "-inf", 20, "--periodic"]
+    more = ["--robust", "mean", "--constraint", "peak_force", "-inf", 20]
     more += ["--constraint", "drive_force", 1, 50]
     more += ["--starts", 2, "--seed", 4, "--max-trials", 3, "--transient", 7, "--mass", 15]
     call([*GIVEN, *more, "--solver", "Tsit5", "--out", tmp_path / "run.nc"], capsys)
@@ -92,7 +93,7 @@ def test_options_reach_the_search(bowl, replaced, tmp_path, capsys):
     assert limits == {"peak_force": (-np.inf, 2e4), "drive_force": (1.0, 50.0)}
     assert type(options.pop("solver")).__name__ == "Tsit5"
     assert options == {
-        **dict(over=None, robust="mean", periodic=True, starts=2, seed=4, max_trials=3, transient=7),
+        **dict(over=None, robust="mean", starts=2, seed=4, max_trials=3, transient=7),
         **dict(steps_per_period=50, start=None, progress=True),
     }
     assert (tmp_path / "run.nc").exists()

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.design.judge import ensemble_averages
-from slipperjax.design.objectives import OBJECTIVES, EnsembleSettings, Evaluation, EvaluationPlan
+from slipperjax.design.averages import ensemble_averages
+from slipperjax.design.ensembles import EnsembleSettings
+from slipperjax.design.objectives import OBJECTIVES, Evaluation, EvaluationPlan
 from slipperjax.flow.period_map import advance, initial_states
 from slipperjax.flow.simulate import dynamic_steps
 from slipperjax.sweeps.grid import Cases
@@ -78,12 +79,10 @@ def calibration(cases, objectives=OBJECTIVES_IN_CHAOS, seeds=SEEDS, settings=Ens
     # one reach for all, the default at their median length
     reach = {"length": EnsembleSettings.relative_reach * float(np.median(cases[:, 0]))}
     rows, evaluations = rows_of(settled(cases)), []
-    options = dict(solver=sj.RK4(), steps=STEPS, most_steps=STEPS, start=sj.table_2_start())
-    options |= dict(reach=reach, transient=200)
+    options = dict(scene=sj.paper_scene(), names=("length",), objectives=objectives, start=sj.table_2_start())
+    options |= dict(solver=sj.RK4(), steps=STEPS, most_steps=STEPS, reach=reach, transient=200)
     for seed in range(seeds):
-        plan = EvaluationPlan(
-            sj.paper_scene(), ("length",), objectives, ensemble=dataclasses.replace(settings, seed=seed), **options
-        )
+        plan = EvaluationPlan(ensemble=dataclasses.replace(settings, seed=seed), **options)
         evaluations.append(ensemble_averages(plan, grid_of(cases), Evaluation.of_states(plan, rows)))
     value = np.mean([one.value for one in evaluations], axis=0)
     size = value / cases[:, :1]

@@ -1,12 +1,20 @@
 """Planes through values of ensembles, with their standard errors."""
 
-import itertools
-
 import numpy as np
+import pytest
 
-from slipperjax.design.objectives import fit_plane
+from slipperjax.design.ensembles import box_corners, fit_plane
 
-SIGNS = np.repeat(np.array(list(itertools.product((-1.0, 1.0), repeat=2))), 8, axis=0)
+SIGNS = np.repeat(box_corners(2), 8, axis=0)
+
+
+@pytest.mark.parametrize(("parameters", "count"), [(1, 2), (2, 4), (3, 4), (5, 8), (12, 16)])
+def test_slopes_by_corners_do_not_mix(parameters, count):
+    corners = box_corners(parameters)
+    assert corners.shape == (count, parameters)
+    assert set(np.unique(corners)) == {-1.0, 1.0}
+    np.testing.assert_array_equal(corners.T @ corners, count * np.eye(parameters))
+    np.testing.assert_array_equal(corners.sum(axis=0), 0)
 
 
 def test_a_plane_without_noise_is_found_exactly():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.design.optimise import pareto_front
+from slipperjax.design import pareto_front
 
 
 @pytest.mark.slow

@@ -10,8 +10,8 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
-from slipperjax.design import Descent, EnsembleSettings, RailEnsemble, sensitivities, surroundings
-from slipperjax.design.objectives import ensemble_for
+from slipperjax.design import EnsembleSettings, RailEnsemble, sensitivities, surroundings
+from slipperjax.design.ensembles import ensemble_for
 from slipperjax.design.problem import checked_problem
 from slipperjax.flow.datasets import load_call
 from slipperjax.sweeps import over_rails
@@ -24,7 +24,7 @@ FEW = RailEnsemble(members=32, transient=0, periods=4, quantile=0.8)
 
 
 def problem(scene=SCENE, ensemble=FEW, box=BOX, **change):
-    arguments = dict(over=None, robust="worst", constraints=None, periodic=False, transient=0, steps=STEPS)
+    arguments = dict(over=None, robust="worst", constraints=None, transient=0, steps=STEPS)
     return checked_problem(scene, "peak_force", box, ensemble=ensemble, solver=None, start=None, **arguments | change)
 
 
@@ -65,19 +65,6 @@ def test_a_search_on_common_rails_is_judged_on_others():
     assert RailEnsemble(*load_call(best.to_xarray())["ensemble"]) == FEW
 
 
-def test_fresh_descents_draw_new_rails_for_each_step():
-    options = dict(ensemble=FEW, starts=[{"clearance": 1e-3}], steps_per_period=STEPS, max_trials=3)
-    still = dict(clearance=(0.9999e-3, 1.0001e-3))  # so narrow that only the rails change
-    fixed, fresh = (
-        sj.optimise_design(SCENE, "peak_force", still, method=Descent(steps=3, fresh=fresh), **options)
-        for fresh in (False, True)
-    )
-    values = [one.history["objective"].values[:, 0] for one in (fixed, fresh)]
-    assert len(np.unique(np.round(values[1], 3))) == len(values[1])
-    # the first round has the same rails
-    assert values[0][0] == values[1][0]
-
-
 def test_bounds_limit_ensembles_too():
     evaluation = problem(box={"clearance": (0.0, 2e-3)}).evaluate(np.array([[0.0]]), None)
     assert np.all(np.isfinite(evaluation.gradient))  # no clearance below zero
@@ -95,7 +82,6 @@ def test_too_few_finite_values_have_no_plane():
     [
         (dict(ensemble=EnsembleSettings()), "Argument `ensemble` must be a slipperjax.design.RailEnsemble"),
         (dict(ensemble=RailEnsemble(periods=40)), "Argument `ensemble` must have at most 37 periods"),
-        (dict(periodic=True), "Argument `periodic` must be False where the rail does not recur"),
     ],
 )
 def test_bad_questions_name_what_is_wrong(change, words):

@@ -7,8 +7,9 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.analysis.step_error import FINER
+from slipperjax.design.ensembles import EnsembleSettings
 from slipperjax.design.judge import judge_on_orbits
-from slipperjax.design.objectives import OBJECTIVES, EnsembleSettings
+from slipperjax.design.objectives import OBJECTIVES
 from slipperjax.design.sensitivities import sensitivities
 
 MODULE = sys.modules[sensitivities.__module__]
@@ -73,7 +74,7 @@ def random_scenes(count, seed=3):
     return scenes
 
 
-def on_the_same_steps(plan, grid, evaluation, reverse):
+def on_the_same_steps(plan, grid, evaluation):
     """Derivatives on the steps that the orbit was found with."""
     return judge_on_orbits(plan, grid, evaluation)
 
@@ -167,17 +168,7 @@ def test_stated_errors_on_orbits_hold_the_true_ones():
 
 
 @pytest.mark.slow
-def test_reverse_mode_agrees_with_forward_mode():
-    scene, names = sj.paper_scene(), (*EVERY, *FACES)
-    objectives = [name for name in OBJECTIVES if name != "exponent"]
-    forward = sensitivities(scene, objectives, names, steps_per_period=STEPS)
-    reverse = sensitivities(scene, objectives, names, steps_per_period=STEPS, reverse=True)
-    # measured 3e-14 of the largest of each objective's
-    np.testing.assert_allclose(reverse["gradient"], forward["gradient"], rtol=1e-8, atol=1e-20)
-
-
-@pytest.mark.slow
-def test_ensembles_and_runs_agree_with_orbits_where_motions_are_periodic(nominal):
+def test_ensembles_agree_with_orbits_where_motions_are_periodic(nominal):
     scene, ds = nominal
     objectives = ["peak_force", "rms_a_z"]
     ensemble = sensitivities(
@@ -185,9 +176,3 @@ def test_ensembles_and_runs_agree_with_orbits_where_motions_are_periodic(nominal
     )
     away = np.abs(ensemble["gradient"] - ds["gradient"]) / np.abs(ds["gradient"])
     assert float(away.max()) < 0.02, away
-    orbit = sj.periodic_orbit(scene, steps_per_period=STEPS)
-    run = sensitivities(
-        scene, objectives, NAMES, method="run", periods=400, start=orbit.state, steps_per_period=STEPS
-    )
-    # the run's start stays where it is, and its derivative dies out as the multipliers' powers do
-    np.testing.assert_allclose(run["gradient"][1], ds["gradient"][1], rtol=0.1)

@@ -1,0 +1,114 @@
+"""Averages of objectives over ensembles of runs, and their derivatives.
+
+In chaos the derivative of one motion grows without bound, while an average over the attractor may change smoothly
+with a parameter. Many runs with parameters at corners of a small box, and disturbed starts, are one batch; each gives
+the objective over its periods, and a plane through them gives the average and its derivatives with standard errors.
+All corners have the same disturbances.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..flow.period_map import states_and_penetrations
+from ..flow.record import RecordSet
+from ..flow.status import Status
+from ..model.kinematics import MOTION_SCALES
+from ..model.quantities import MOTION_NUMBERS
+from ..sweeps.grid import Grid
+from ..sweeps.run import ChunkInputs, RunOptions, make_plan, run_cases, run_chunk
+from .ensembles import Plane, box_corners
+from .gradients import PeriodValues, totals
+from .objectives import Evaluation, EvaluationPlan
+
+
+def ensemble_averages(plan: EvaluationPlan, grid: Mapping[str, Any], evaluation: Evaluation) -> Evaluation:
+    """Return an evaluation with objectives and derivatives from ensembles in place of its own.
+
+    Where too few of the runs stay on the rail, the status is that of a run that does not.
+
+    **Arguments:** `grid`: values by name, one for each case; `evaluation`: of the same cases, with states near their
+    attractors.
+    """
+    settings = plan.ensemble
+    cases = len(evaluation.status)
+    signs = box_corners(len(plan.names))
+    repeats = max(1, -(-settings.members // len(signs)))
+    members = len(signs) * repeats
+    # corner by corner for each case, and run by run for each corner; offsets are in multiples of the reach
+    offsets = np.tile(signs, (cases, 1, 1))
+    runs = {name: np.repeat(np.asarray(values, float), members) for name, values in grid.items()}
+    for k, name in enumerate(plan.names):
+        here = np.asarray(grid[name], float)[:, None]
+        reach = plan.reach[name]
+        low, high = plan.bounds.get(name, (-np.inf, np.inf))
+        # corners beyond a bound are moved to it
+        offsets[..., k] = (np.clip(here + signs[:, k] * reach, low, high) - here) / reach
+        runs[name] = runs[name] + np.repeat(offsets[..., k], repeats) * reach
+    for path, numbers in settings.rails(plan.scene.track, repeats).items():
+        runs[path] = np.tile(numbers, cases * len(signs))
+    motions = np.repeat(evaluation.state[:, : len(MOTION_NUMBERS)], members, axis=0)
+    motions += np.tile(_disturbances(settings.seed, repeats), (cases * len(signs), 1))
+    values, status = _run_members(plan, runs, motions)
+    values = values.reshape(cases, len(signs), repeats, -1)
+    stayed = (status == Status.FINITE).reshape(cases, len(signs), repeats)
+    fits = [settings.fit(*of_case) for of_case in zip(offsets, values, stayed, strict=True)]
+    plane = Plane(*(np.stack(part) for part in zip(*fits, strict=True)))
+    # NaN where too few runs stayed on the rail
+    good = np.array([settings.enough(float(np.mean(of_case))) for of_case in stayed])
+    kept = lambda array: np.where(good.reshape(-1, *[1] * (array.ndim - 1)), array, np.nan)
+    per = 1 / np.array([plan.reach[name] for name in plan.names])
+    return evaluation._replace(
+        value=kept(plane.value),
+        stderr=kept(plane.stderr),
+        gradient=kept(plane.slope * per),
+        gradient_stderr=kept(plane.slope_stderr * per),
+        status=np.where(good, int(Status.FINITE), status.reshape(cases, members).max(axis=1)),
+        simulated=evaluation.simulated + members * (settings.transient + settings.periods),
+    )
+
+
+def _disturbances(seed: int, repeats: int) -> np.ndarray:
+    """Return changes of the starts' velocities (repeats, numbers), of a tenth of their scales.
+
+    Displacements are left as they are: they could lie outside the play.
+    """
+    changes = 0.1 * np.random.default_rng(seed).normal(size=(repeats, len(MOTION_NUMBERS)))
+    changes[:, :5] = 0.0
+    return changes * np.array(jax.tree.leaves(MOTION_SCALES))
+
+
+class _RunValues(NamedTuple):
+    """Objectives (lanes, objectives) and statuses of the runs of a chunk."""
+
+    value: np.ndarray
+    status: np.ndarray
+
+
+def _run_members(plan: EvaluationPlan, grid: Mapping[str, Any], motions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the objectives (runs, objectives) and the statuses of runs from `motions` (runs, numbers)."""
+    courses = plan.of_courses
+    exponents = plan.indices(exponents=True)
+    records = [PeriodValues(courses)] if courses else []
+    records += [plan.objectives[k] for k in exponents]
+    options = RunOptions(plan.ensemble.transient, plan.ensemble.periods, plan.steps, plan.steps, plan.solver)
+    runs = make_plan(Grid(plan.scene, grid, product=False), plan.start, options, RecordSet(tuple(records)))
+    runs.cases.starts = jax.tree.unflatten(jax.tree.structure(MOTION_SCALES), list(motions.T))
+
+    def work(part: ChunkInputs) -> _RunValues:
+        # starts of runs may be deep inside contacts, which is no oversight
+        states = states_and_penetrations(part.scenes, part.starts)[0]
+        run = run_chunk(runs, part.scenes, states, plan.steps, part.on_progress)
+        values = np.empty((len(run.status), len(plan.objectives)))
+        if courses:
+            values[:, plan.indices(exponents=False)] = totals(courses, jax.tree.map(jnp.asarray, run.record[0]))
+        # the records of exponents follow
+        for k, record in zip(exponents, run.record[bool(courses) :], strict=True):
+            values[:, k] = record.exponent
+        return _RunValues(values, run.status)
+
+    run = run_cases(runs, work, cost=runs.cost)
+    return run.checked(lambda: tuple(run.results))

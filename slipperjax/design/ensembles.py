@@ -1,0 +1,186 @@
+"""Ensembles of runs around a design: their sizes, their rails, and the planes through their values."""
+
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+import scipy.linalg
+from jaxtyping import Float
+
+from ..analysis.quantiles import bootstrap, check_quantile, mean_plane, quantile_plane
+from ..model.rails import TrackSet
+from ..model.scene import Scene
+from ..model.tracks import AbstractTrack
+from ..orbits.motions import recurs
+from ..tools.checks import instance, require, whole
+
+
+class Plane(NamedTuple):
+    """Values at a design and slopes per reach, from runs around it; NaN where the runs are too few."""
+
+    value: Float[np.ndarray, " objectives"]
+    stderr: Float[np.ndarray, " objectives"]
+    slope: Float[np.ndarray, "objectives parameters"]
+    slope_stderr: Float[np.ndarray, "objectives parameters"]
+
+    @classmethod
+    def unknown(cls, objectives: int, parameters: int) -> "Plane":
+        """Return the plane of too few runs."""
+        value = np.full(objectives, np.nan)
+        slope = np.full((objectives, parameters), np.nan)
+        return cls(value, value, slope, slope)
+
+
+@dataclass(frozen=True)
+class EnsembleSettings:
+    """Ensembles of runs from disturbed starts, of whose values the mean is taken.
+
+    The defaults give slopes to some 10 % where averages change by as much.
+    """
+
+    box_reach: ClassVar[float] = 0.005
+    """Distance of the runs' parameters from a design's [unit box]."""
+    relative_reach: ClassVar[float] = 0.002
+    """The same in `sensitivities`, over the parameters' values [1]."""
+    members: int = 32
+    """Runs of each case."""
+    transient: int = 60
+    """Forcing periods before recording, in which disturbances grow to the attractor's size."""
+    periods: int = 100
+    """Recorded forcing periods of each run."""
+    seed: int = 0
+    """Of the disturbances; on rails that do not recur the number of the batch of rails, which have none in common."""
+
+    def __post_init__(self):
+        for name, least in (("members", 4), ("transient", 0), ("periods", 1), ("seed", 0)):
+            whole(name, getattr(self, name), least)
+
+    def rails(self, track: AbstractTrack, count: int) -> dict[str, np.ndarray]:
+        """Return the numbers that choose `count` rails, by their paths in the scene. Here none: all share one."""
+        del track, count
+        return {}
+
+    def enough(self, share: float) -> bool:
+        """Return whether the share of the runs that stayed on the rail [1] is enough for a value."""
+        return share >= 0.5
+
+    def fit(self, corners: np.ndarray, values: np.ndarray, kept: np.ndarray) -> Plane:
+        """Fit a plane to runs at the corners of a box around a design, for each objective.
+
+        **Arguments:** `corners`: shape (corners, parameters), from the design in multiples of the reach; `values`:
+        shape (corners, runs, objectives); `kept`: whether each run stayed on the rail, shape (corners, runs).
+        """
+        signs = np.repeat(corners, values.shape[1], axis=0)
+        return fit_plane(signs, values.reshape(len(signs), -1), kept.ravel())
+
+
+@dataclass(frozen=True)
+class RailEnsemble(EnsembleSettings):
+    """Ensembles of runs along rails that do not recur, of whose values a quantile is taken.
+
+    Each run has a rail of its own where the scene's track is one of many: the seeds of a `RandomTrack`, the numbers
+    of a `TrackSet`. All designs run on the same rails. Periods are reference lengths of travel. Runs that leave the
+    rail count as greater than all others.
+    """
+
+    box_reach: ClassVar[float] = 0.05
+    relative_reach: ClassVar[float] = 0.05
+    members: int = 400
+    """Runs of each case, at all corners of a box together."""
+    transient: int = 5
+    quantile: float | None = 0.99
+    """Share of rails on which the objective is lower [1]; None for the mean."""
+
+    def __post_init__(self):
+        super().__post_init__()
+        check_quantile(self.quantile, self.members)
+
+    def rails(self, track: AbstractTrack, count: int) -> dict[str, np.ndarray]:
+        numbers = self.seed * count + np.arange(count, dtype=float)
+        chosen = {}
+        for path, part in _of_many(track, "track").items():
+            chosen[path] = numbers % len(part.tracks) if isinstance(part, TrackSet) else numbers
+        return chosen
+
+    def enough(self, share: float) -> bool:
+        return super().enough(share) if self.quantile is None else share > self.quantile
+
+    def fit(self, corners: np.ndarray, values: np.ndarray, kept: np.ndarray) -> Plane:
+        _, runs, objectives = values.shape
+        signs = np.repeat(corners, runs, axis=0)
+        rows = values.reshape(len(signs), -1)
+        used = kept.ravel() & np.all(np.isfinite(rows), axis=1)
+        system = np.column_stack([np.ones(len(signs)), signs])
+        if used.sum() <= system.shape[1]:
+            return Plane.unknown(objectives, corners.shape[1])
+        planes = []
+        errors = []
+        for column in rows.T:
+            # only on which side of the plane a lost run lies counts
+            column = np.where(used, column, 2 * np.max(np.abs(column[used]), initial=0.0))
+
+            # a rail is drawn with its runs at all corners
+            def plane(weights, column=column):
+                of_runs = np.tile(weights, len(corners))
+                if self.quantile is None:
+                    return mean_plane(system, column, of_runs * used)
+                return quantile_plane(system, column, self.quantile, of_runs)
+
+            found, drawn = bootstrap(plane, runs)
+            planes.append(found)
+            errors.append(drawn.std(axis=0, ddof=1))
+        fits = np.array(planes)
+        stderr = np.array(errors)
+        return Plane(fits[:, 0], stderr[:, 0], fits[:, 1:], stderr[:, 1:])
+
+
+def _of_many(track: AbstractTrack, path: str) -> dict[str, AbstractTrack]:
+    """Return the parts of a track that are one of many rails, by the paths of the numbers that choose them."""
+    found = {f"{path}.{track.chosen_by}": track} if track.chosen_by else {}
+    for name, part in vars(track).items():
+        if isinstance(part, AbstractTrack):
+            found |= _of_many(part, f"{path}.{name}")
+    return found
+
+
+def ensemble_for(scene: Scene, ensemble: EnsembleSettings | None) -> EnsembleSettings:
+    """Return a user's ensemble, by default that which a scene's track needs.
+
+    **Raises:** `ValueError` for one without rails where the track does not recur, or a rail that is too short.
+    """
+    on_rails = not bool(recurs(scene))
+    kind = RailEnsemble if on_rails else EnsembleSettings
+    ensemble = kind() if ensemble is None else ensemble
+    instance("ensemble", ensemble, kind, f"a slipperjax.design.{kind.__name__}")
+    if on_rails:
+        known = scene.track.extent - scene.track.origin
+        most = np.floor(known / float(scene.track.wavelength) * (1 + 1e-9))
+        periods = ensemble.transient + ensemble.periods
+        need = f"have at most {most:g} periods, transient included, because the rail is known up to that"
+        require(periods <= most, "ensemble", need, shown=f"{periods}")
+    return ensemble
+
+
+def box_corners(parameters: int) -> Float[np.ndarray, "corners parameters"]:
+    """Return corners of a box of -1 and 1 on which the columns are orthogonal to each other and to their mean.
+
+    Columns of a Hadamard matrix: about as many corners as parameters (Plackett and Burman 1946,
+    doi:10.1093/biomet/33.4.305).
+    """
+    count = 2 ** int(parameters).bit_length()
+    return -scipy.linalg.hadamard(count)[:, parameters:0:-1].astype(float)
+
+
+def fit_plane(
+    signs: Float[np.ndarray, "members parameters"], values: Float[np.ndarray, "members objectives"], kept: np.ndarray
+) -> Plane:
+    """Fit planes through `values` over `signs` by least squares, to the members that are `kept` and finite."""
+    used = kept & np.all(np.isfinite(values), axis=1)
+    freedom = used.sum() - signs.shape[1] - 1
+    if freedom < 1:
+        return Plane.unknown(values.shape[1], signs.shape[1])
+    system = np.column_stack([np.ones(used.sum()), signs[used]])
+    plane, *_ = np.linalg.lstsq(system, values[used], rcond=None)
+    variance = np.sum((values[used] - system @ plane) ** 2, axis=0) / freedom
+    stderr = np.sqrt(np.diag(np.linalg.pinv(system.T @ system))[:, None] * variance)
+    return Plane(plane[0], stderr[0], plane[1:].T, stderr[1:].T)
