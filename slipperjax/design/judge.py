@@ -246,7 +246,7 @@ class _Batch:
         cases = self.cases
         courses = plan.indices(exponents=False)
         for lane in index if courses else ():
-            own = spans[: cases.period[lane]]
+            own = spans[: int(cases.period[lane])]
             # periods lie along axis 0 of a case's values and axis 1 of their derivatives
             kept = jax.tree.map(functools.partial(_of_lane, lane, 0), *(span.kept for span in own))
             slopes = jax.tree.map(functools.partial(_of_lane, lane, 1), *(span.kept_slopes for span in own))

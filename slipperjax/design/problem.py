@@ -207,12 +207,12 @@ def first_designs(
     inside = bool(np.all((own >= 0) & (own <= 1)))
     if inside and count == 1:
         return own[None], 1, 1
-    designs: list[Any] = [own] if inside else []
+    screened: list[Any] = [own] if inside else []
     if len(names) <= 3:
-        designs += itertools.product((0.0, 1.0), repeat=len(names))
+        screened += itertools.product((0.0, 1.0), repeat=len(names))
     # four designs for each start, besides the corners of the box
-    designs += list(scipy.stats.qmc.LatinHypercube(len(names), rng=seed).random(4 * count))
-    return np.array(designs), count, int(inside)
+    screened += list(scipy.stats.qmc.LatinHypercube(len(names), rng=seed).random(4 * count))
+    return np.array(screened), count, int(inside)
 
 
 def spread_designs(

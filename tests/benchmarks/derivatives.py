@@ -41,9 +41,6 @@ def question(what: str) -> tuple[Callable, object]:
         return lambda v: sj.simulate(SCENE.replace(speed=v), periods=3, steps_per_period=100).peak.force, speed
     if what == "orbit":
         return lambda v: sj.periodic_orbit(SCENE.replace(speed=v), steps_per_period=100).state.motion.y, speed
-    if what in ("rms_a_z", "contact_load"):
-        options = dict(method="run", periods=3, steps_per_period=100)
-        return lambda _: sj.design.sensitivities(SCENE, [what], ("speed",), **options).gradient.values, speed
     if what == "smooth switch":
         scene = sj.paper_scene(speed=1250.0, memory=sj.SmoothSwitch())
         start = sj.initial_state(scene, sj.table_2_start())

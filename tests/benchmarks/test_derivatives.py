@@ -21,8 +21,6 @@ ROWS = [
     ("scene and start", "grad"),
     ("peak force", "jacfwd"),
     ("peak force", "grad"),
-    ("rms_a_z", "value"),  # by `sensitivities`, which differentiates
-    ("contact_load", "value"),
     ("orbit", "jacfwd"),
     ("smooth switch", "jacfwd"),
     ("smooth switch", "grad"),
