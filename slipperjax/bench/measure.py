@@ -35,7 +35,11 @@ REFERENCE_STEPS = 12_800
 
 
 def run(
-    case: Case, method: Method, setting: float, speeds: np.ndarray, workers: int | None = None
+    case: Case,
+    method: Method,
+    setting: float,
+    speeds: np.ndarray,
+    workers: int | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Integrate a batch period by period, its chunks concurrently.
 

@@ -71,7 +71,12 @@ class Method(NamedTuple):
         return f"tolerance {value:.0e}" if self.adaptive else f"{self.setting(case, value):.0f} steps"
 
 
-def _adaptive(name: str, solver: diffrax.AbstractSolver, memory: AbstractMemory, *tolerances: float) -> Method:
+def _adaptive(
+    name: str,
+    solver: diffrax.AbstractSolver,
+    memory: AbstractMemory,
+    *tolerances: float,
+) -> Method:
     return Method(name, solver, memory, tolerances, adaptive=True)
 
 

@@ -60,7 +60,7 @@ OBJECTIVE, SPEED = click.Choice(list(OBJECTIVE_UNITS)), Measure("speed", "m/s")
     "Speeds that the design must serve: first and last [m/s], and how many; default the case's.",
     metavar="FIRST LAST COUNT",
 )
-@option("--robust", click.Choice(["worst", "mean"]), "What of the speeds' objectives is minimised.", default="worst")
+@option("--robust", click.Choice(["worst", "mean"]), "Minimise the worst speed or the mean.", default="worst")
 @option(
     "--constraint",
     (OBJECTIVE, float, float),
@@ -77,7 +77,7 @@ OBJECTIVE, SPEED = click.Choice(list(OBJECTIVE_UNITS)), Measure("speed", "m/s")
 )
 @option("--max-trials", COUNT, "Most trials of each start.", default=60)
 @option("--transient", FROM_ZERO, "Forcing periods to pass before an orbit is looked for.", default=200)
-@option("--seed", FROM_ZERO, "Of the starts.", default=0)
+@option("--seed", FROM_ZERO, "Random seed of the starts.", default=0)
 @option("--check/--no-check", None, "Simulate a grid of designs around the best one.", default=True)
 @option("--margins/--no-margins", None, "Look for the nearest folds, flips and grazings.", default=True)
 @result("design")

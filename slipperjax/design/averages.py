@@ -25,7 +25,11 @@ from .gradients import PeriodValues, totals
 from .objectives import Evaluation, EvaluationPlan
 
 
-def ensemble_averages(plan: EvaluationPlan, grid: Mapping[str, Any], evaluation: Evaluation) -> Evaluation:
+def ensemble_averages(
+    plan: EvaluationPlan,
+    grid: Mapping[str, Any],
+    evaluation: Evaluation,
+) -> Evaluation:
     """Return an evaluation with objectives and derivatives from ensembles in place of its own.
 
     Where too few of the runs stay on the rail, the status is that of a run that does not.
@@ -35,21 +39,27 @@ def ensemble_averages(plan: EvaluationPlan, grid: Mapping[str, Any], evaluation:
     """
     settings = plan.ensemble
     cases = len(evaluation.status)
+    # every corner has as many runs as are needed for all members
     signs = box_corners(len(plan.names))
     repeats = max(1, -(-settings.members // len(signs)))
     members = len(signs) * repeats
-    # corner by corner for each case, and run by run for each corner; offsets are in multiples of the reach
-    offsets = np.tile(signs, (cases, 1, 1))
-    runs = {name: np.repeat(np.asarray(values, float), members) for name, values in grid.items()}
+    # corner by corner for each case, and run by run for each corner
+    runs = {}
+    for name, values in grid.items():
+        runs[name] = np.repeat(np.asarray(values, float), members)
+    offsets = np.tile(signs, (cases, 1, 1))  # in multiples of the reach
     for k, name in enumerate(plan.names):
         here = np.asarray(grid[name], float)[:, None]
         reach = plan.reach[name]
         low, high = plan.bounds.get(name, (-np.inf, np.inf))
         # corners beyond a bound are moved to it
-        offsets[..., k] = (np.clip(here + signs[:, k] * reach, low, high) - here) / reach
+        corner = np.clip(here + signs[:, k] * reach, low, high)
+        offsets[..., k] = (corner - here) / reach
         runs[name] = runs[name] + np.repeat(offsets[..., k], repeats) * reach
+    # the same rails at all corners
     for path, numbers in settings.rails(plan.scene.track, repeats).items():
         runs[path] = np.tile(numbers, cases * len(signs))
+    # the same disturbances at all corners, too
     motions = np.repeat(evaluation.state[:, : len(MOTION_NUMBERS)], members, axis=0)
     motions += np.tile(_disturbances(settings.seed, repeats), (cases * len(signs), 1))
     values, status = _run_members(plan, runs, motions)
@@ -58,15 +68,18 @@ def ensemble_averages(plan: EvaluationPlan, grid: Mapping[str, Any], evaluation:
     fits = [settings.fit(*of_case) for of_case in zip(offsets, values, stayed, strict=True)]
     plane = Plane(*(np.stack(part) for part in zip(*fits, strict=True)))
     # NaN where too few runs stayed on the rail
-    good = np.array([settings.enough(float(np.mean(of_case))) for of_case in stayed])
+    share = stayed.mean(axis=(1, 2))
+    good = np.array([settings.enough(float(of_case)) for of_case in share])
     kept = lambda array: np.where(good.reshape(-1, *[1] * (array.ndim - 1)), array, np.nan)
+    # slopes are per reach
     per = 1 / np.array([plan.reach[name] for name in plan.names])
+    worst = status.reshape(cases, members).max(axis=1)
     return evaluation._replace(
         value=kept(plane.value),
         stderr=kept(plane.stderr),
         gradient=kept(plane.slope * per),
         gradient_stderr=kept(plane.slope_stderr * per),
-        status=np.where(good, int(Status.FINITE), status.reshape(cases, members).max(axis=1)),
+        status=np.where(good, int(Status.FINITE), worst),
         simulated=evaluation.simulated + members * (settings.transient + settings.periods),
     )
 
@@ -88,15 +101,23 @@ class _RunValues(NamedTuple):
     status: np.ndarray
 
 
-def _run_members(plan: EvaluationPlan, grid: Mapping[str, Any], motions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _run_members(
+    plan: EvaluationPlan,
+    grid: Mapping[str, Any],
+    motions: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the objectives (runs, objectives) and the statuses of runs from `motions` (runs, numbers)."""
     courses = plan.of_courses
     exponents = plan.indices(exponents=True)
+    # first all numbers of courses as one record, then the exponents
     records = [PeriodValues(courses)] if courses else []
     records += [plan.objectives[k] for k in exponents]
-    options = RunOptions(plan.ensemble.transient, plan.ensemble.periods, plan.steps, plan.steps, plan.solver)
-    runs = make_plan(Grid(plan.scene, grid, product=False), plan.start, options, RecordSet(tuple(records)))
-    runs.cases.starts = jax.tree.unflatten(jax.tree.structure(MOTION_SCALES), list(motions.T))
+    ensemble = plan.ensemble
+    options = RunOptions(ensemble.transient, ensemble.periods, plan.steps, plan.steps, plan.solver)
+    cases = Grid(plan.scene, grid, product=False)
+    runs = make_plan(cases, plan.start, options, RecordSet(tuple(records)))
+    structure = jax.tree.structure(MOTION_SCALES)
+    runs.cases.starts = jax.tree.unflatten(structure, list(motions.T))
 
     def work(part: ChunkInputs) -> _RunValues:
         # starts of runs may be deep inside contacts, which is no oversight
@@ -104,8 +125,8 @@ def _run_members(plan: EvaluationPlan, grid: Mapping[str, Any], motions: np.ndar
         run = run_chunk(runs, part.scenes, states, plan.steps, part.on_progress)
         values = np.empty((len(run.status), len(plan.objectives)))
         if courses:
-            values[:, plan.indices(exponents=False)] = totals(courses, jax.tree.map(jnp.asarray, run.record[0]))
-        # the records of exponents follow
+            kept = jax.tree.map(jnp.asarray, run.record[0])
+            values[:, plan.indices(exponents=False)] = totals(courses, kept)
         for k, record in zip(exponents, run.record[bool(courses) :], strict=True):
             values[:, k] = record.exponent
         return _RunValues(values, run.status)

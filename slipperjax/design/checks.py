@@ -24,7 +24,13 @@ EVENTS = ("LP", "PD", "NS", "BP", "GR")
 
 
 def surroundings(
-    design: Design, *, points: int = 5, width: float = 0.1, transient: int = 300, periods: int = 64, **options: Any
+    design: Design,
+    *,
+    points: int = 5,
+    width: float = 0.1,
+    transient: int = 300,
+    periods: int = 64,
+    **options: Any,
 ) -> xr.Dataset:
     """Compute the objective around a design by simulation alone, as one batch: an independent check.
 
@@ -43,6 +49,7 @@ def surroundings(
     problem = design.problem
     count = whole("points", points, 1) | 1
     far = number(positive, "width", width)
+    # around each variable, its own value included
     grid: dict[str, Any] = {}
     for name, (low, high) in problem.bounds.items():
         around = design.design[name] + far * (high - low) * np.linspace(-1, 1, count)
@@ -53,16 +60,24 @@ def surroundings(
         ds = _on_other_rails(problem, grid)
     else:
         kinds = MotionKind(min(max(whole("periods", periods, 1), LEAST_PERIODS), LAST))
-        call: dict[str, Any] = dict(steps_per_period=problem.steps, solver=problem.solver, start=problem.start)
-        call |= dict(transient=transient, periods=periods, record=[*objectives, kinds])
+        call: dict[str, Any] = dict(
+            steps_per_period=problem.steps,
+            solver=problem.solver,
+            start=problem.start,
+            transient=transient,
+            periods=periods,
+            record=[*objectives, kinds],
+        )
         ds = sweep(problem.scene, grid | problem.over, **(call | options))
+        # lost cases have no objective
         for one in objectives:
             ds[one.name] = ds[one.name].where(ds["status"] == Status.FINITE)
     values = ds[smooth.name]
     of_cases = list(problem.over)
     # a case without a value leaves the design without one
-    total = values.max(of_cases, skipna=False) if problem.robust == "worst" else values.mean(of_cases, skipna=False)
-    total = total.assign_attrs(values.attrs | {"long_name": f"{problem.robust} {smooth.name}"})
+    join = values.max if problem.robust == "worst" else values.mean
+    total = join(of_cases, skipna=False)
+    total = total.assign_attrs(values.attrs, long_name=f"{problem.robust} {smooth.name}")
     own = float(total.sel(design.design, method="nearest"))
     lower = float((own - np.nanmin(total.values)) / abs(own))
     return ds.assign(total=total).assign_attrs(lower=lower)
@@ -71,19 +86,24 @@ def surroundings(
 def _on_other_rails(problem: Problem, grid: dict[str, np.ndarray]) -> xr.Dataset:
     """Judge designs of a grid by ensembles on rails that no search takes: a million batches further."""
     other = problem.with_seed(problem.ensemble.seed + 1_000_000)
-    mesh = np.stack([m.ravel() for m in np.meshgrid(*grid.values(), indexing="ij")], axis=1)
-    evaluation = other.evaluate((mesh - problem.low) / problem.width, None)
+    # every combination of the variables, design by design
+    mesh = np.meshgrid(*grid.values(), indexing="ij")
+    designs = np.stack([values.ravel() for values in mesh], axis=1)
+    evaluation = other.evaluate((designs - problem.low) / problem.width, None)
     axes = grid | problem.over
     dims = tuple(axes)
     shape = [len(values) for values in axes.values()]
     ds = xr.Dataset({"status": (dims, evaluation.status.reshape(shape))})
     for name, values in axes.items():
         ds[name] = (name, values, parameter(name, problem.scene).attributes)
+    # the smooth form may be the objective itself
     for one in (problem.objective, problem.objective.smooth):
         k = problem.index(one)
         words = {"units": one.quantity.unit, "long_name": f"standard error of {one.name}"}
-        ds[one.name] = (dims, evaluation.value[:, k].reshape(shape), one.quantity.attributes)
-        ds[f"{one.name}_stderr"] = (dims, evaluation.stderr[:, k].reshape(shape), words)
+        value = evaluation.value[:, k].reshape(shape)
+        stderr = evaluation.stderr[:, k].reshape(shape)
+        ds[one.name] = (dims, value, one.quantity.attributes)
+        ds[f"{one.name}_stderr"] = (dims, stderr, words)
     return ds
 
 
@@ -120,10 +140,14 @@ def event_margins(
     for case in cases:
         period = int(design.cases["period"].values[case])
         if period == 0:
-            raise ValueError(f"Argument `cases` must be on orbits, but case {case} is {design.regime[case]}.")
-        scene = design.scene.replace(**{name: float(values[case]) for name, values in problem.cases.items()})
-        start = StateLayout.of(scene).unpack(jnp.asarray(design.cases["state"].values[case]))
+            regime = design.regime[case]
+            raise ValueError(f"Argument `cases` must be on orbits, but case {case} is {regime}.")
+        of_case = {name: float(values[case]) for name, values in problem.cases.items()}
+        scene = design.scene.replace(**of_case)
+        state = jnp.asarray(design.cases["state"].values[case])
+        start = StateLayout.of(scene).unpack(state)
         orbit = periodic_orbit(scene, period, start=start, **steps)
+        # one parameter at a time, both ways
         for name in names:
             value = float(scene.value(name))
             ends = (value * (1 - far), value * (1 + far))
@@ -131,15 +155,18 @@ def event_margins(
             branch = continue_orbit(scene, name, ends, start=orbit, **options)
             for direction, label, end in _first_events(branch, value):
                 change = end - value
+                relative = change / abs(value)
                 unit = parameter(name, problem.scene).unit
-                rows.append((case, name, direction, label, end, change, change / abs(value), unit))
+                rows.append((case, name, direction, label, end, change, relative, unit))
     require(rows, "cases", "name cases on orbits", cases)
     fields = ("case", "parameter", "direction", "label", "value", "change", "relative", "unit")
-    columns = zip(*rows, strict=True)
-    ds = xr.Dataset({name: ("margin", list(column)) for name, column in zip(fields, columns, strict=True)})
+    ds = xr.Dataset()
+    for name, column in zip(fields, zip(*rows, strict=True), strict=True):
+        ds[name] = ("margin", list(column))
     ds["value"].attrs["long_name"] = "parameter at the event, in the unit of each row"
     ds["change"].attrs["long_name"] = "distance to the event, in the unit of each row"
-    ds["relative"].attrs |= {"long_name": "distance to the event over the parameter's value", "units": "1"}
+    ds["relative"].attrs["long_name"] = "distance to the event over the parameter's value"
+    ds["relative"].attrs["units"] = "1"
     return ds
 
 
@@ -148,10 +175,14 @@ def _telling_cases(design: Design) -> list[int]:
     period = design.cases["period"].values
     if not period.any():
         return []
+    # per forcing period
     modulus = design.cases["multiplier"].values ** (1 / np.maximum(period, 1))
-    # cases without an orbit come last
-    of_orbits = [np.where(period > 0, values, -np.inf) for values in (design.cases["smooth"].values, modulus)]
-    return list(dict.fromkeys(int(np.argmax(values)) for values in of_orbits))
+    found = []
+    for values in (design.cases["smooth"].values, modulus):
+        # cases without an orbit come last
+        of_orbits = np.where(period > 0, values, -np.inf)
+        found.append(int(np.argmax(of_orbits)))
+    return list(dict.fromkeys(found))
 
 
 def _first_events(branch: OrbitBranch, value: float) -> list[tuple[int, str, float]]:
@@ -163,7 +194,11 @@ def _first_events(branch: OrbitBranch, value: float) -> list[tuple[int, str, flo
     for side, last in ((-1, 0), (1, len(along) - 1)):
         neighbour = along[min(max(begin + side, 0), len(along) - 1)]
         direction = int(np.sign(neighbour - value)) or side
-        met = [event for event in branch.events if event.label in EVENTS and (event.point - begin) * side > 0]
+        met = []
+        for event in branch.events:
+            if event.label in EVENTS and (event.point - begin) * side > 0:
+                met.append(event)
+        # without an event the branch's own end stands
         label = ""
         end = along[last]
         if met:

@@ -64,7 +64,12 @@ class EnsembleSettings:
         """Return whether the share of the runs that stayed on the rail [1] is enough for a value."""
         return share >= 0.5
 
-    def fit(self, corners: np.ndarray, values: np.ndarray, kept: np.ndarray) -> Plane:
+    def fit(
+        self,
+        corners: np.ndarray,
+        values: np.ndarray,
+        kept: np.ndarray,
+    ) -> Plane:
         """Fit a plane to runs at the corners of a box around a design, for each objective.
 
         **Arguments:** `corners`: shape (corners, parameters), from the design in multiples of the reach; `values`:
@@ -99,25 +104,34 @@ class RailEnsemble(EnsembleSettings):
         numbers = self.seed * count + np.arange(count, dtype=float)
         chosen = {}
         for path, part in _of_many(track, "track").items():
+            # a set of rails begins again after its last one
             chosen[path] = numbers % len(part.tracks) if isinstance(part, TrackSet) else numbers
         return chosen
 
+    # a quantile below the lost runs is still known
     def enough(self, share: float) -> bool:
         return super().enough(share) if self.quantile is None else share > self.quantile
 
-    def fit(self, corners: np.ndarray, values: np.ndarray, kept: np.ndarray) -> Plane:
+    def fit(
+        self,
+        corners: np.ndarray,
+        values: np.ndarray,
+        kept: np.ndarray,
+    ) -> Plane:
         _, runs, objectives = values.shape
         signs = np.repeat(corners, runs, axis=0)
         rows = values.reshape(len(signs), -1)
         used = kept.ravel() & np.all(np.isfinite(rows), axis=1)
         system = np.column_stack([np.ones(len(signs)), signs])
+        # a plane needs more runs than unknowns
         if used.sum() <= system.shape[1]:
             return Plane.unknown(objectives, corners.shape[1])
         planes = []
         errors = []
         for column in rows.T:
             # only on which side of the plane a lost run lies counts
-            column = np.where(used, column, 2 * np.max(np.abs(column[used]), initial=0.0))
+            above = 2 * np.max(np.abs(column[used]), initial=0.0)
+            column = np.where(used, column, above)
 
             # a rail is drawn with its runs at all corners
             def plane(weights, column=column):
@@ -137,6 +151,7 @@ class RailEnsemble(EnsembleSettings):
 def _of_many(track: AbstractTrack, path: str) -> dict[str, AbstractTrack]:
     """Return the parts of a track that are one of many rails, by the paths of the numbers that choose them."""
     found = {f"{path}.{track.chosen_by}": track} if track.chosen_by else {}
+    # sums and windows hold other tracks
     for name, part in vars(track).items():
         if isinstance(part, AbstractTrack):
             found |= _of_many(part, f"{path}.{name}")
@@ -154,6 +169,7 @@ def ensemble_for(scene: Scene, ensemble: EnsembleSettings | None) -> EnsembleSet
     instance("ensemble", ensemble, kind, f"a slipperjax.design.{kind.__name__}")
     if on_rails:
         known = scene.track.extent - scene.track.origin
+        # whole periods, up to rounding
         most = np.floor(known / float(scene.track.wavelength) * (1 + 1e-9))
         periods = ensemble.transient + ensemble.periods
         need = f"have at most {most:g} periods, transient included, because the rail is known up to that"
@@ -172,15 +188,20 @@ def box_corners(parameters: int) -> Float[np.ndarray, "corners parameters"]:
 
 
 def fit_plane(
-    signs: Float[np.ndarray, "members parameters"], values: Float[np.ndarray, "members objectives"], kept: np.ndarray
+    signs: Float[np.ndarray, "members parameters"],
+    values: Float[np.ndarray, "members objectives"],
+    kept: np.ndarray,
 ) -> Plane:
     """Fit planes through `values` over `signs` by least squares, to the members that are `kept` and finite."""
     used = kept & np.all(np.isfinite(values), axis=1)
+    # degrees of freedom that are left for the errors
     freedom = used.sum() - signs.shape[1] - 1
     if freedom < 1:
         return Plane.unknown(values.shape[1], signs.shape[1])
     system = np.column_stack([np.ones(used.sum()), signs[used]])
     plane, *_ = np.linalg.lstsq(system, values[used], rcond=None)
-    variance = np.sum((values[used] - system @ plane) ** 2, axis=0) / freedom
-    stderr = np.sqrt(np.diag(np.linalg.pinv(system.T @ system))[:, None] * variance)
+    left = values[used] - system @ plane
+    variance = np.sum(left**2, axis=0) / freedom
+    covariance = np.linalg.pinv(system.T @ system)
+    stderr = np.sqrt(np.diag(covariance)[:, None] * variance)
     return Plane(plane[0], stderr[0], plane[1:].T, stderr[1:].T)

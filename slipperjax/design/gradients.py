@@ -85,12 +85,15 @@ def push_period(
         def run(x: Array, p: Array) -> tuple[Array, Any]:
             step = PeriodMap(at_values(scene, names, p), stepping, solver)
             passage = step.run(unravel(x), epoch, periods=1, records=records)
-            return ravel_pytree(passage.state)[0], jax.tree.map(lambda a: a[0], passage.samples[0])
+            # the only record, without its axis of periods
+            kept = jax.tree.map(lambda a: a[0], passage.samples[0])
+            return ravel_pytree(passage.state)[0], kept
 
         # along each parameter, with what it changes at the start
         p = values_of(scene, names)
         push = lambda dx, dp: jax.jvp(run, (flat, p), (dx, dp))
-        (end, kept), (end_slopes, kept_slopes) = jax.vmap(push, out_axes=((None, None), 0))(slopes, jnp.eye(p.size))
+        every = jax.vmap(push, out_axes=((None, None), 0))
+        (end, kept), (end_slopes, kept_slopes) = every(slopes, jnp.eye(p.size))
         return PeriodDerivatives(end, end_slopes, kept, kept_slopes)
 
     return scenes.map(one, states, slopes)
@@ -103,7 +106,11 @@ def totals(objectives: Objectives, kept: Any) -> Float[Array, "cases objectives"
 
 
 @functools.partial(jit, static_argnames=("objectives",))
-def total_slopes(objectives: Objectives, kept: Any, slopes: Any) -> tuple[Array, Array]:
+def total_slopes(
+    objectives: Objectives,
+    kept: Any,
+    slopes: Any,
+) -> tuple[Array, Array]:
     """Return objectives, and their derivatives (cases, objectives, directions) from those of `kept`.
 
     **Arguments:** `kept`: values in each period, arrays (cases, periods, ...); `slopes`: their derivatives, arrays
@@ -111,7 +118,8 @@ def total_slopes(objectives: Objectives, kept: Any, slopes: Any) -> tuple[Array,
     """
 
     def one(kept: Any, slopes: Any) -> tuple[Array, Array]:
-        push = lambda along: jax.jvp(functools.partial(_totals, objectives), (kept,), (along,))
+        of_rows = functools.partial(_totals, objectives)
+        push = lambda along: jax.jvp(of_rows, (kept,), (along,))
         return jax.vmap(push, out_axes=(None, 1))(slopes)
 
     return jax.vmap(one)(kept, slopes)
@@ -144,6 +152,7 @@ def matrix_slopes(
             step = PeriodMap(at_values(scene, names, p), stepping, solver)
             return jacobians(step, unravel(x), 1, index=epoch)[0]
 
+        # along each parameter, with what it changes at the start
         p = values_of(scene, names)
         push = lambda dx, dp: jax.jvp(matrix, (flat, p), (dx, dp))[1]
         return jax.vmap(push)(slopes, jnp.eye(p.size))

@@ -43,7 +43,11 @@ SLOPES_COST = 8.0
 """Cost of a period with its derivatives by two parameters, in unrecorded periods: measured."""
 
 
-def judge(plan: EvaluationPlan, grid: Mapping[str, Any], warm_start: Evaluation | None = None) -> Evaluation:
+def judge(
+    plan: EvaluationPlan,
+    grid: Mapping[str, Any],
+    warm_start: Evaluation | None = None,
+) -> Evaluation:
     """Evaluate cases, on orbits or by ensembles. Arguments as for `judge_on_orbits`."""
     if isinstance(plan.ensemble, RailEnsemble):
         return ensemble_averages(plan, grid, at_starts(plan, grid))
@@ -59,7 +63,9 @@ def judge(plan: EvaluationPlan, grid: Mapping[str, Any], warm_start: Evaluation 
 
 
 def judge_on_orbits(
-    plan: EvaluationPlan, grid: Mapping[str, Any], warm_start: Evaluation | None = None
+    plan: EvaluationPlan,
+    grid: Mapping[str, Any],
+    warm_start: Evaluation | None = None,
 ) -> Evaluation:
     """Evaluate cases on the stable periodic orbits that they settle to; values of the others are NaN.
 
@@ -72,8 +78,11 @@ def judge_on_orbits(
     # from fewer periods it cannot be told that an orbit was reached
     transient = settling.strobes(max(plan.transient, 20))
     cases = transient.cases
-    parts = np.split(np.arange(cases.count), range(LANES_PER_CALL, cases.count, LANES_PER_CALL))
-    chunks = [Chunk(filled(index, LANES_PER_CALL), len(index), plan.steps) for index in parts]
+    # the last chunk is filled with copies
+    chunks = []
+    for first in range(0, cases.count, LANES_PER_CALL):
+        index = np.arange(first, min(first + LANES_PER_CALL, cases.count))
+        chunks.append(Chunk(filled(index, LANES_PER_CALL), len(index), plan.steps))
 
     def work(chunk: Chunk, on_progress: OnProgress) -> Evaluation:
         scenes, starts = cases.take(chunk.index)
@@ -115,8 +124,10 @@ class _Batch:
 
     def compile_ahead(self) -> None:
         """Compile the program of derivatives, the longest of all, while others are compiled and run."""
+        # programs that call LAPACK must run one at a time
         if self.plan.names and not calls_lapack(self.plan.solver):
-            ahead(functools.partial(self.push, self.cases.state.copy(), self.no_slopes(), self.plan.epoch))
+            state = self.cases.state.copy()
+            ahead(functools.partial(self.push, state, self.no_slopes(), self.plan.epoch))
 
     def evaluated(self, transient: Plan) -> Evaluation:
         """Return the evaluation, on the orbits of the cases that have one."""
@@ -126,19 +137,26 @@ class _Batch:
         index = np.flatnonzero(cases.period)
         if len(index) and self.plan.names:
             self.differentiate(index)
+        # on orbits nothing is left to chance
         cases.stderr[index] = 0.0
         cases.gradient_stderr[index] = 0.0
         return cases
 
     def maps(self, period: np.ndarray) -> Maps:
+        """Return the maps over each case's `period`."""
         return Maps(self.scenes, self.plan.steps, self.plan.solver, period, self.on_progress)
 
-    def find_orbits(self, period: np.ndarray, inverse: np.ndarray | None = None) -> Orbits:
+    def find_orbits(
+        self,
+        period: np.ndarray,
+        inverse: np.ndarray | None = None,
+    ) -> Orbits:
         """Find periodic orbits near the states, of cases whose `period` is not 0."""
         maps = self.maps(period)
         states = maps.states(self.cases.state)
         orbits = find_orbits(maps, states, tolerance=TOLERANCE, max_iterations=20, inverse=inverse)
-        self.cases.simulated[:] += period * (orbits.iterations + JACOBIAN * orbits.jacobians)
+        cost = orbits.iterations + JACOBIAN * orbits.jacobians
+        self.cases.simulated[:] += period * cost
         return orbits
 
     def adopt(self, orbits: Orbits, period: np.ndarray) -> None:
@@ -153,6 +171,7 @@ class _Batch:
 
     def follow(self, warm_start: Evaluation) -> None:
         """Follow the orbits of a warm start to these parameters."""
+        # lost cases keep their start
         state = self.cases.state
         every = np.arange(len(state))
         finite = np.all(np.isfinite(warm_start.state), axis=1)
@@ -172,21 +191,27 @@ class _Batch:
         plan = self.plan
         cases = self.cases
         count = len(index)
+        # a program of the batch's size, whatever the number of cases
         lanes = filled(index, min(LANES_PER_CALL, len(cases.state)))
         scenes = self.scenes.take(lanes)
         states = self.maps(cases.period).states(cases.state[lanes])
         run = run_chunk(transient, scenes, states, plan.steps, self.on_progress)
         strobe = run.record[0][:, -LAST:]
+        ends = jax.tree.map(np.asarray, run.state)
+        # only motions that stay on the rail can have reached an orbit
         good = (run.status == Status.FINITE).astype(int)
         maps = Maps(scenes, plan.steps, plan.solver, good, self.on_progress)
-        reached = reached_orbits(maps, jax.tree.map(np.asarray, run.state), strobe, count=1, half_step=False)
-        cases.simulated[index] += transient.cost + np.where(reached.period, JACOBIAN, 0)[:count]
+        reached = reached_orbits(maps, ends, strobe, count=1, half_step=False)
+        of_jacobians = np.where(reached.period, JACOBIAN, 0)
+        cases.simulated[index] += transient.cost + of_jacobians[:count]
         cases.state[index] = rows_of(reached.state)[:count]
         cases.status[index] = run.status[:count]
+        # cases that were not simulated here are not searched
         period = np.zeros(len(cases.state), int)
         period[index] = reached.period[:count]
         if period.any():
             self.adopt(self.find_orbits(period), period)
+        # the others are only classified
         others = np.flatnonzero(cases.period[index] == 0)
         if len(others):
             kinds = classify(strobe[others], scales=COORDINATE_SCALES, floor=FLOOR).kind
@@ -225,7 +250,12 @@ class _Batch:
             self.on_progress(SLOPES_COST)
         return spans
 
-    def push(self, rows: np.ndarray, slopes: np.ndarray, epoch: float) -> PeriodDerivatives:
+    def push(
+        self,
+        rows: np.ndarray,
+        slopes: np.ndarray,
+        epoch: float,
+    ) -> PeriodDerivatives:
         """Run one forcing period from states and their derivatives."""
         plan = self.plan
         span = push_period(
@@ -240,21 +270,33 @@ class _Batch:
         )
         return jax.tree.map(np.asarray, span)
 
-    def set_totals(self, index: np.ndarray, spans: Sequence[PeriodDerivatives]) -> None:
+    def set_totals(
+        self,
+        index: np.ndarray,
+        spans: Sequence[PeriodDerivatives],
+    ) -> None:
         """Set objectives of the cases at `index` over their periods, and their derivatives, but no exponents."""
         plan = self.plan
         cases = self.cases
         courses = plan.indices(exponents=False)
         for lane in index if courses else ():
+            # a case counts over its own periods, which others may exceed
             own = spans[: int(cases.period[lane])]
             # periods lie along axis 0 of a case's values and axis 1 of their derivatives
-            kept = jax.tree.map(functools.partial(_of_lane, lane, 0), *(span.kept for span in own))
-            slopes = jax.tree.map(functools.partial(_of_lane, lane, 1), *(span.kept_slopes for span in own))
+            values_of = functools.partial(_of_lane, lane, 0)
+            slopes_of = functools.partial(_of_lane, lane, 1)
+            kept = jax.tree.map(values_of, *(span.kept for span in own))
+            slopes = jax.tree.map(slopes_of, *(span.kept_slopes for span in own))
             value, gradient = total_slopes(plan.of_courses, kept, slopes)
             cases.value[lane, courses] = value[0]
             cases.gradient[lane, courses] = gradient[0]
 
-    def set_exponents(self, index: np.ndarray, slopes: np.ndarray, spans: Sequence[PeriodDerivatives]) -> None:
+    def set_exponents(
+        self,
+        index: np.ndarray,
+        slopes: np.ndarray,
+        spans: Sequence[PeriodDerivatives],
+    ) -> None:
         """Set ln |largest multiplier| per period on the orbits of the cases at `index`, and its derivatives.
 
         **Arguments:** `slopes`: derivatives of the states at the start; `spans`: the periods from there on.
@@ -267,10 +309,20 @@ class _Batch:
         begins += [(span.end, span.end_slopes) for span in spans[:-1]]
         changes = []
         for epoch, (rows, directions) in enumerate(begins):
-            at = self.scenes, maps.states(rows), jnp.asarray(directions), float(epoch), dynamic_steps(plan.steps)
-            changes.append(np.asarray(matrix_slopes(*at, names=plan.names, solver=plan.solver)))
-        cases.simulated[index] += (1 + 2 * len(plan.names)) * JACOBIAN * cases.period[index]
-        for lane, matrices in zip(index, maps.jacobians(index, cases.state[index]), strict=True):
+            change = matrix_slopes(
+                self.scenes,
+                maps.states(rows),
+                jnp.asarray(directions),
+                float(epoch),
+                dynamic_steps(plan.steps),
+                names=plan.names,
+                solver=plan.solver,
+            )
+            changes.append(np.asarray(change))
+        cost = (1 + 2 * len(plan.names)) * JACOBIAN
+        cases.simulated[index] += cost * cases.period[index]
+        jacobians = maps.jacobians(index, cases.state[index])
+        for lane, matrices in zip(index, jacobians, strict=True):
             of_case = np.stack([change[lane] for change in changes[: cases.period[lane]]])
             value, gradient = _exponent(matrices, of_case)
             for k in plan.indices(exponents=True):
@@ -289,12 +341,14 @@ def _exponent(matrices: np.ndarray, slopes: np.ndarray) -> tuple[float, np.ndarr
     **Arguments:** `slopes`: derivatives of the Jacobians (periods, parameters, size, size).
     """
     count, size = matrices.shape[:2]
+    # the product of the Jacobians and its derivatives, period by period
     product = np.eye(size)
     change = np.zeros((slopes.shape[1], size, size))
     for matrix, slope in zip(matrices, slopes, strict=True):
         change = matrix @ change + slope @ product
         product = matrix @ product
     mu, left, right = scipy.linalg.eig(product, left=True, right=True)  # pyright: ignore[reportAssignmentType]
+    # the derivative of an eigenvalue, by its left and right eigenvectors
     k = int(np.argmax(np.abs(mu)))
     w = left[:, k].conj()
     v = right[:, k]

@@ -35,6 +35,7 @@ class CaseValues(NamedTuple):
         """The objective over all cases; infinite where one has none."""
         if not np.all(np.isfinite(self.value)):
             return np.inf
+        # a mean needs all cases, as the worst does
         return float(np.max(self.value) if self.weight is None else self.weight @ self.value)
 
     @property
@@ -68,7 +69,11 @@ class AbstractMove(abc.ABC):
         """Return the design to try next."""
 
     @abc.abstractmethod
-    def update(self, at: Float[np.ndarray, " parameters"], values: CaseValues) -> bool:
+    def update(
+        self,
+        at: Float[np.ndarray, " parameters"],
+        values: CaseValues,
+    ) -> bool:
         """Accept or reject the design that was tried, and return whether it was accepted."""
 
 
@@ -97,12 +102,20 @@ class _TrustRegionMove(AbstractMove):
     """Of the last trial, if it was the first of its size and rejected."""
 
     def propose(self):
-        at, self.predicted = _linear_step(self.at, self.values, self.radius, self.size, self.curvature)
+        at, self.predicted = _linear_step(
+            self.at,
+            self.values,
+            self.radius,
+            self.size,
+            self.curvature,
+        )
+        # nothing more to gain by first order
         if self.curvature is None and not self.predicted > 1e-9 * self.size:
             self.finished = True
         return at
 
     def update(self, at, values):
+        # the share of the predicted fall that came true
         fall = self.values.merit(self.size) - values.merit(self.size)
         share = -np.inf
         if np.isfinite(fall) and self.predicted > 0:
@@ -151,7 +164,11 @@ class TrustRegion(AbstractMethod):
 
 
 def _linear_step(
-    at: np.ndarray, values: CaseValues, radius: float, size: float, curvature: _Curvature | None
+    at: np.ndarray,
+    values: CaseValues,
+    radius: float,
+    size: float,
+    curvature: _Curvature | None,
 ) -> tuple[np.ndarray, float]:
     """Solve the linearised problem; return the design to try and the predicted fall of the merit.
 
@@ -175,15 +192,16 @@ def _linear_step(
         value = np.array([values.total])
         slope = values.weight[None, finite] @ slope
     # slope @ step + value <= bound for every case or the mean, and slope @ step + excess <= slack for constraints
-    column = lambda rows, entry: np.full((len(rows), 1), entry)
-    bound_rows = np.hstack([slope / size, column(slope, -1.0), column(slope, 0.0)])
-    slack_rows = np.hstack([excess_slope, column(excess_slope, 0.0), column(excess_slope, -1.0)])
+    bound_rows = np.hstack([slope / size, np.tile([-1.0, 0.0], (len(slope), 1))])
+    slack_rows = np.hstack([excess_slope, np.tile([0.0, -1.0], (len(excess_slope), 1))])
+    rows = np.vstack([bound_rows, slack_rows])
     limits = -np.concatenate([value / size, excess])
     aim = [*np.zeros(len(at)), 1.0, VIOLATION_PRICE]
     # the region and the unit box; the bound is free, the slack positive
     box: list[Any] = [(max(-radius, -x), min(radius, 1 - x)) for x in at]
     box += [(None, None), (0.0, None)]
-    solution = linprog(aim, np.vstack([bound_rows, slack_rows]), limits, bounds=box, method="highs").x
+    solution = linprog(aim, rows, limits, bounds=box, method="highs").x
+    # without a solution the design stays
     if solution is None:
         return at, 0.0
     *move, bound, slack = solution
@@ -203,13 +221,16 @@ class _DescentMove(AbstractMove):
         slope = _total_slope(values) / self.size
         # a violated constraint adds its own slope at its price
         if values.violation > 0 and len(values.excess):
-            slope = slope + VIOLATION_PRICE * values.excess_slope[int(np.argmax(values.excess))]
+            worst = int(np.argmax(values.excess))
+            slope = slope + VIOLATION_PRICE * values.excess_slope[worst]
         at = jnp.asarray(self.at)
         update, self.state = self.optimiser.update(jnp.asarray(slope), self.state, at)
-        return np.asarray(optax.projections.projection_box(optax.apply_updates(at, update), 0.0, 1.0))
+        moved = optax.apply_updates(at, update)
+        return np.asarray(optax.projections.projection_box(moved, 0.0, 1.0))
 
     def update(self, at, values):
         self.left -= 1
+        # a start that loses the motion ends
         finite = np.isfinite(values.total) and np.all(np.isfinite(_total_slope(values)))
         if finite:
             self.at = at
@@ -239,5 +260,7 @@ class Descent(AbstractMethod):
         whole("steps", self.steps, 1)
 
     def start(self, at, values):
-        optimiser = self.optimiser or optax.adam(optax.exponential_decay(0.05, self.steps, 0.02))
-        return _DescentMove(at, values, values.size, optimiser, optimiser.init(jnp.asarray(at)), self.steps)
+        rate = optax.exponential_decay(0.05, self.steps, 0.02)
+        optimiser = self.optimiser or optax.adam(rate)
+        state = optimiser.init(jnp.asarray(at))
+        return _DescentMove(at, values, values.size, optimiser, state, self.steps)

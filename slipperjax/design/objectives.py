@@ -26,8 +26,8 @@ Objective = AbstractNumber | LargestExponent
 
 def _scalar(record: AbstractNumber) -> AbstractNumber:
     """Return a record as one number: the greatest or least of all points."""
-    of_points = isinstance(record, Record) and record.dims == POINTS and record.over in ("max", "min")
-    return OnePoint(record) if of_points else record
+    of_points = isinstance(record, Record) and record.dims == POINTS
+    return OnePoint(record) if of_points and record.over in ("max", "min") else record
 
 
 OBJECTIVES: dict[str, Objective] = {
@@ -56,6 +56,7 @@ def objective_named(objective: Any) -> Objective:
     if isinstance(objective, str):
         if objective in OBJECTIVES:
             return OBJECTIVES[objective]
+        # a name with a point behind
         for name, one in OBJECTIVES.items():
             if isinstance(one, OnePoint) and objective.startswith(f"{name}_"):
                 return OnePoint(one.record, objective.removeprefix(f"{name}_"))
@@ -127,7 +128,11 @@ class Evaluation(NamedTuple):
     """Simulated forcing periods, derivatives counted by their cost."""
 
     @classmethod
-    def of_states(cls, plan: EvaluationPlan, state: Float[np.ndarray, "cases size"]) -> "Evaluation":
+    def of_states(
+        cls,
+        plan: EvaluationPlan,
+        state: Float[np.ndarray, "cases size"],
+    ) -> "Evaluation":
         """Return an evaluation that has states, and no values yet."""
         count, size = state.shape
         objectives = len(plan.objectives)
@@ -151,7 +156,8 @@ class Evaluation(NamedTuple):
     def regime(self) -> np.ndarray:
         """Kinds of motion in words: "period n", another one of `slipperjax.analysis.KINDS`, or "lost"."""
         names = []
-        for status, period, name in zip(self.status, self.period, Regime.kind_names(self.kind), strict=True):
+        kinds = Regime.kind_names(self.kind)
+        for status, period, name in zip(self.status, self.period, kinds, strict=True):
             if status != Status.FINITE:
                 name = "lost"
             elif period:

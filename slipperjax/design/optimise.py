@@ -100,8 +100,11 @@ class Design:
             bound = self.at_bounds.get(name)
             where = f" (its {bound} bound)" if bound else ""
             variables.append(shown(parameter(name, problem.scene), value) + where)
-        cases = f"{problem.robust} of {problem.count} cases" if problem.count > 1 else "one case"
-        regimes = [f"{count} x {word}" for word, count in Counter(sorted(self.regime.tolist())).items()]
+        cases = "one case"
+        if problem.count > 1:
+            cases = f"{problem.robust} of {problem.count} cases"
+        counts = Counter(sorted(self.regime.tolist()))
+        regimes = [f"{count} x {word}" for word, count in counts.items()]
         return (
             f"Design({', '.join(variables)},\n"
             f"  {shown(problem.objective.quantity, self.objective)}, {cases}, status: {self.status},\n"
@@ -118,28 +121,37 @@ class Design:
         """
         problem = self.problem
         names = problem.names
+        best = [self.design[name] for name in names]
+        units = [parameter(name, problem.scene).unit for name in names]
         words = lambda text: {"long_name": f"{text}, in the unit of each variable"}
         variables = xr.Dataset(
             {
-                "design": ("variable", [self.design[name] for name in names], words("best design")),
+                "design": ("variable", best, words("best design")),
                 "low": ("variable", problem.low, words("lower bound")),
                 "high": ("variable", problem.low + problem.width, words("upper bound")),
             },
-            {
-                "variable": list(names),
-                "variable_unit": ("variable", [parameter(name, problem.scene).unit for name in names]),
-            },
+            {"variable": list(names), "variable_unit": ("variable", units)},
         )
         tables = {"start": self.starts, "trial": self.history}
         if margins is not None:
             tables["margin"] = margins
+        # tables have variables of the same names, and so get prefixes
         parts = [variables, self.cases]
         for prefix, table in tables.items():
-            parts.append(table.rename({name: f"{prefix}_{name}" for name in table.data_vars}))
+            renamed = {name: f"{prefix}_{name}" for name in table.data_vars}
+            parts.append(table.rename(renamed))
+        # what was chosen or varied has no value for all
         attrs = scene_attributes(self.scene, without=(*problem.over, *names))
-        attrs |= run_attributes(self.scene, problem.start, _call(problem), tuple(problem.over))
-        attrs |= {name: getattr(self, name) for name in ("objective", "smooth", "stderr", "status")}
-        attrs |= {"robust": problem.robust, "several": np.int8(self.several)}
+        call = _call(problem)
+        attrs |= run_attributes(self.scene, problem.start, call, tuple(problem.over))
+        attrs |= dict(
+            objective=self.objective,
+            smooth=self.smooth,
+            stderr=self.stderr,
+            status=self.status,
+            robust=problem.robust,
+            several=np.int8(self.several),
+        )
         return xr.merge(parts, join="exact", compat="equals").assign_attrs(attrs)
 
     def to_netcdf(self, path: Any) -> None:
@@ -149,14 +161,18 @@ class Design:
 
 def _call(problem: Problem) -> dict[str, Any]:
     """Return the arguments of `optimise_design` that state a problem, as `load_call` gives them."""
+    # JSON has no infinity
     finite = lambda v: v if math.isfinite(v) else None
+    limits = []
+    for one, low, high in problem.constraints:
+        limits.append([one.name, finite(low), finite(high)])
     return {
         "function": "optimise_design",
         "objective": problem.objective.name,
         "variables": [[name, *bounds] for name, bounds in problem.bounds.items()],
         "over": [[name, values] for name, values in problem.over.items()],
         "robust": problem.robust,
-        "constraints": [[one.name, finite(low), finite(high)] for one, low, high in problem.constraints],
+        "constraints": limits,
         "transient": problem.transient,
         "steps_per_period": problem.steps,
         "solver": problem.solver,
@@ -267,16 +283,24 @@ class _Search:
         # on rails the last designs are judged along rails that the search has not seen
         self.unseen = problem.with_seed(problem.ensemble.seed + 1) if problem.on_rails else problem
 
-    def run(self, designs: np.ndarray, count: int, fixed: int, rounds: int) -> None:
+    def run(
+        self,
+        designs: np.ndarray,
+        count: int,
+        fixed: int,
+        rounds: int,
+    ) -> None:
         """Judge designs, begin from `count` of them, the first `fixed` included, and judge at most `rounds` trials
         of each start, those of a round together."""
         judged = self._judge(self.problem, designs, None)
+        # designs that break no constraint come first
         total = np.array([values.total for values, _ in judged])
         violation = np.array([values.violation for values, _ in judged])
         order = np.lexsort((total, violation > VIOLATED))  # infinite totals come last
         for start, k in enumerate(spread_designs(designs, order, count, fixed)):
             values, evaluation = judged[k]
             move = self.method.start(designs[k], values)
+            # there is no way on from a design without a motion
             move.finished = not np.isfinite(values.total)
             self.moves.append(move)
             self._add(Trial(start, designs[k], values, evaluation, True, self.simulated))
@@ -289,9 +313,11 @@ class _Search:
                     proposed[k] = at
             if not proposed:
                 break
+            # orbits are followed from the last accepted trials
             latest = [self.latest[k].evaluation for k in proposed]
-            warm_start = Evaluation(*(np.concatenate(arrays) for arrays in zip(*latest, strict=True)))
-            judged = self._judge(self.problem, np.stack(list(proposed.values())), warm_start)
+            arrays = [np.concatenate(parts) for parts in zip(*latest, strict=True)]
+            designs = np.stack(list(proposed.values()))
+            judged = self._judge(self.problem, designs, Evaluation(*arrays))
             for (k, at), (values, evaluation) in zip(proposed.items(), judged, strict=True):
                 accepted = self.moves[k].update(at, values)
                 self._add(Trial(k, at, values, evaluation, accepted, self.simulated))
@@ -314,9 +340,13 @@ class _Search:
             self.latest[trial.start] = trial
         q = self.problem.objective.quantity
         moving = sum(not move.finished for move in self.moves)
-        feasible = [one.values.total for one in self.trials if one.taken and one.values.violation <= 0]
+        feasible = []
+        for one in self.trials:
+            if one.taken and one.values.violation <= 0:
+                feasible.append(one.values.total)
         best = q.shown(min(feasible, default=np.nan))
-        self.bar.set_postfix_str(f"{moving} starts move, lowest {best:.5g} {q.display_unit}", refresh=False)
+        text = f"{moving} starts move, lowest {best:.5g} {q.display_unit}"
+        self.bar.set_postfix_str(text, refresh=False)
         self.bar.update()
 
     def _ends(self) -> list[Trial]:
@@ -324,8 +354,11 @@ class _Search:
         ends = list(self.latest.values())
         if not self.problem.on_rails:
             return ends
-        judged = self._judge(self.unseen, np.stack([end.at for end in ends]), None)
-        return [end._replace(values=v, evaluation=e) for end, (v, e) in zip(ends, judged, strict=True)]
+        designs = np.stack([end.at for end in ends])
+        anew = []
+        for end, (values, evaluation) in zip(ends, self._judge(self.unseen, designs, None), strict=True):
+            anew.append(end._replace(values=values, evaluation=evaluation))
+        return anew
 
     def _with_half_step(self, trial: Trial) -> tuple[Evaluation, np.ndarray]:
         """Return the evaluation of a trial with what half the step changes as the errors of cases on orbits.
@@ -335,11 +368,13 @@ class _Search:
         """
         problem = self.problem
         evaluation = trial.evaluation
+        # averages from disturbed starts change by chance
         compared = (evaluation.period > 0) | problem.on_rails
         if not compared.any():
             return evaluation, np.full(len(compared), np.nan)
         finer = dataclasses.replace(self.unseen, steps=2 * problem.steps)
         half = finer.evaluate(trial.at[None], None if problem.on_rails else evaluation)
+        # another orbit is no error of this one
         compared &= half.period == evaluation.period
         change = _relative_change(problem, evaluation, half, compared)
         evaluation = evaluation._replace(simulated=2 * half.simulated)
@@ -366,11 +401,13 @@ class _Search:
         else:
             evaluation = best.evaluation
             change = np.full(len(evaluation.period), np.nan)
+        # here only what the check has simulated counts
         if evaluation is best.evaluation:
             evaluation = evaluation._replace(simulated=np.zeros(len(evaluation.period)))
         errors = evaluation.stderr[:, problem.index(problem.objective.smooth)]
         if problem.robust == "worst":
-            stderr = errors[np.argmax(np.where(np.isfinite(values.value), values.value, -np.inf))]
+            known = np.where(np.isfinite(values.value), values.value, -np.inf)
+            stderr = errors[np.argmax(known)]
         else:
             stderr = np.sqrt(np.sum(errors**2)) / len(errors)
         if not np.isfinite(values.total):
@@ -380,6 +417,7 @@ class _Search:
         else:
             status = "converged" if self.moves[best.start].finished else "not converged"
         history = _history(problem, self.trials)
+        finished = [self.moves[end.start].finished for end in ends]
         return Design(
             problem=problem,
             design=dict(zip(problem.names, problem.in_units(best.at).tolist(), strict=True)),
@@ -387,13 +425,18 @@ class _Search:
             smooth=values.total,
             stderr=float(stderr),
             cases=_cases(problem, evaluation, change),
-            starts=_starts(history, ends, [self.moves[end.start].finished for end in ends]),
+            starts=_starts(history, ends, finished),
             history=history,
             status=status,
         )
 
 
-def _relative_change(problem: Problem, evaluation: Evaluation, half: Evaluation, compared: np.ndarray) -> np.ndarray:
+def _relative_change(
+    problem: Problem,
+    evaluation: Evaluation,
+    half: Evaluation,
+    compared: np.ndarray,
+) -> np.ndarray:
     """Return by how much half the step changes the smooth objective of each case [1]; NaN where not `compared`.
 
     Gives a warning where that is more than a tenth, and more than can be the chance of rails: twice its error.
@@ -404,26 +447,35 @@ def _relative_change(problem: Problem, evaluation: Evaluation, half: Evaluation,
     compared = compared & np.isfinite(ratio)
     change = np.where(compared, ratio - 1, np.nan)
     chance = np.hypot(evaluation.stderr[:, at], half.stderr[:, at]) / np.abs(value)
-    status = with_accuracy(evaluation.status[compared], np.abs(change[compared]), np.nan_to_num(chance[compared]))
+    status = with_accuracy(
+        evaluation.status[compared],
+        np.abs(change[compared]),
+        np.nan_to_num(chance[compared]),
+    )
     if np.any(status == Status.INACCURATE):
         worst = float(change[np.nanargmax(np.abs(change))])
-        warn(
-            f"Argument `steps_per_period` should be more: half the step changes the objective by {100 * worst:.2g} %."
-        )
+        text = f"half the step changes the objective by {100 * worst:.2g} %."
+        warn(f"Argument `steps_per_period` should be more: {text}")
     return change
 
 
-def _cases(problem: Problem, evaluation: Evaluation, change: np.ndarray) -> xr.Dataset:
+def _cases(
+    problem: Problem,
+    evaluation: Evaluation,
+    change: np.ndarray,
+) -> xr.Dataset:
     """Return the dataset of the cases of a design."""
     q = problem.objective.quantity
     hard = problem.index(problem.objective)
     smooth = problem.index(problem.objective.smooth)
     slope = ("case", "variable")
     per = f"{q.unit} per SI unit of the variable"
+    of_smooth = _labels(problem.objective.smooth.quantity)
     words = lambda text, unit=q.unit: {"units": unit, "long_name": text}
+    # dimensions, values and attributes of each variable
     data = {
         "objective": ("case", evaluation.value[:, hard], _labels(q)),
-        "smooth": ("case", evaluation.value[:, smooth], _labels(problem.objective.smooth.quantity)),
+        "smooth": ("case", evaluation.value[:, smooth], of_smooth),
         "stderr": ("case", evaluation.stderr[:, smooth], words("standard error of smooth")),
         "step_change": ("case", change, words("relative change of smooth by half the step", "1")),
         "objective_stderr": ("case", evaluation.stderr[:, hard], words("standard error of objective")),
@@ -437,7 +489,8 @@ def _cases(problem: Problem, evaluation: Evaluation, change: np.ndarray) -> xr.D
         "simulated": ("case", evaluation.simulated, words("simulated for the errors", "forcing periods")),
     }
     for one, _, _ in problem.constraints:
-        data[f"constraint_{one.name}"] = ("case", evaluation.value[:, problem.index(one)], _labels(one.quantity))
+        value = evaluation.value[:, problem.index(one)]
+        data[f"constraint_{one.name}"] = ("case", value, _labels(one.quantity))
     coords: dict[str, Any] = {"variable": list(problem.names)}
     for name, values in problem.cases.items():
         coords[name] = ("case", values, parameter(name, problem.scene).attributes)
@@ -450,24 +503,32 @@ def _history(problem: Problem, trials: list[Trial]) -> xr.Dataset:
     objective = np.stack([trial.evaluation.value[:, hard] for trial in trials])
     regime = np.stack([trial.evaluation.regime for trial in trials])
     designs = problem.in_units(np.stack([trial.at for trial in trials]))
-    each = ("trial", "case")
+    total = [trial.values.total for trial in trials]
+    violation = [trial.values.violation for trial in trials]
+    simulated = [trial.simulated for trial in trials]
+    of_smooth = _labels(problem.objective.smooth.quantity)
     data = {
         "start": ("trial", [trial.start for trial in trials]),
         "design": (("trial", "variable"), designs),
-        "smooth": ("trial", [trial.values.total for trial in trials], _labels(problem.objective.smooth.quantity)),
-        "violation": ("trial", [trial.values.violation for trial in trials], {"units": "1"}),
+        "smooth": ("trial", total, of_smooth),
+        "violation": ("trial", violation, {"units": "1"}),
         "taken": ("trial", [trial.taken for trial in trials]),
-        "objective": (each, objective, _labels(problem.objective.quantity)),
-        "regime": (each, regime),
-        "simulated": ("trial", [trial.simulated for trial in trials], {"units": "forcing periods"}),
+        "objective": (("trial", "case"), objective, _labels(problem.objective.quantity)),
+        "regime": (("trial", "case"), regime),
+        "simulated": ("trial", simulated, {"units": "forcing periods"}),
     }
     return xr.Dataset(data, {"variable": list(problem.names)})
 
 
-def _starts(history: xr.Dataset, ends: list[Trial], finished: list[bool]) -> xr.Dataset:
+def _starts(
+    history: xr.Dataset,
+    ends: list[Trial],
+    finished: list[bool],
+) -> xr.Dataset:
     """Return the dataset of the starts, from the first and the last trial that each accepted."""
     start = history["start"].values
     taken = history["taken"].values
+    # the trials that each start accepted, the first of which is where it began
     accepted = [np.flatnonzero((start == k) & taken) for k in range(len(ends))]
     last = [trials[-1] for trials in accepted]
     table = history[["design", "smooth", "violation"]].isel(trial=last)

@@ -43,15 +43,18 @@ def pareto_front(
     first, second = map(objective_named, objectives)
     count = whole("points", points, 3)
     limits = dict(constraints or {})
-    best = lambda one, limited, **more: optimise_design(
-        scene, one, variables, constraints=limits | limited, **(options | more)
-    )
+
+    def best(one: Objective, limited: dict, **more: Any) -> Design:
+        return optimise_design(scene, one, variables, constraints=limits | limited, **(options | more))
+
     # the other objective is evaluated, too, by a limit that nothing exceeds
     no_limit = (None, np.finfo(float).max)
     lowest_second = best(second, {first: no_limit}, starts=starts)
     lowest_first = best(first, {second: no_limit}, starts=starts)
     designs = [lowest_second]
-    for limit in np.linspace(_value(lowest_second, second), _value(lowest_first, second), count)[1:-1]:
+    between = np.linspace(_value(lowest_second, second), _value(lowest_first, second), count)
+    for limit in between[1:-1]:
+        # short steps from the last design
         near = dict(method=TrustRegion(radius=0.05), starts=[designs[-1].design])
         designs.append(best(first, {second: limit}, **near))
     designs.append(lowest_first)
@@ -61,14 +64,17 @@ def pareto_front(
         values.append(np.array([_value(design, one) for design in designs]))
         data[one.name] = ("point", values[-1], one.quantity.attributes)
     for name in variables:
-        data[name] = ("point", [one.design[name] for one in designs], parameter(name, scene).attributes)
+        chosen = [one.design[name] for one in designs]
+        data[name] = ("point", chosen, parameter(name, scene).attributes)
     # row k, column j: whether design j beats design k in both
     beaten = np.all([v[None, :] < v[:, None] for v in values], axis=0).any(axis=1)
-    data["periodic"] = ("point", [float(np.mean(one.cases["period"] > 0)) for one in designs], {"units": "1"})
+    periodic = [float(np.mean(one.cases["period"] > 0)) for one in designs]
+    data["periodic"] = ("point", periodic, {"units": "1"})
     data["status"] = ("point", [one.status for one in designs])
     data["ideal"] = ("point", ~beaten)
     data["simulated"] = ("point", [one.simulated for one in designs], {"units": "forcing periods"})
-    return xr.Dataset(data, attrs={"objectives": [first.name, second.name], "robust": lowest_first.problem.robust})
+    attrs = {"objectives": [first.name, second.name], "robust": lowest_first.problem.robust}
+    return xr.Dataset(data, attrs=attrs)
 
 
 def _value(design: Design, objective: Objective) -> float:

@@ -80,8 +80,13 @@ class Problem(EvaluationPlan):
         """Return the problem with other disturbances, or other rails."""
         return dataclasses.replace(self, ensemble=dataclasses.replace(self.ensemble, seed=seed))
 
-    def evaluate(self, designs: Float[np.ndarray, "designs parameters"], warm_start: Evaluation | None) -> Evaluation:
+    def evaluate(
+        self,
+        designs: Float[np.ndarray, "designs parameters"],
+        warm_start: Evaluation | None,
+    ) -> Evaluation:
         """Evaluate all cases of some designs of the unit box, design by design."""
+        # each design meets every case
         values = np.repeat(self.in_units(designs), self.count, axis=0)
         grid = {name: values[:, k] for k, name in enumerate(self.names)}
         grid |= {name: np.tile(v, len(designs)) for name, v in self.cases.items()}
@@ -101,6 +106,7 @@ class Problem(EvaluationPlan):
                 if math.isfinite(limit):
                     excess.append(sign * (value[:, k] - limit) / scale)
                     excess_slope.append(sign * slope[:, k] / scale)
+        # a power mean stands for a peak, whose derivative jumps
         at = self.index(self.objective.smooth)
         return CaseValues(
             value=value[:, at],
@@ -124,17 +130,23 @@ def checked_problem(
     bounds = _checked_bounds(scene, variables)
     over = {} if over is None else over
     require(isinstance(over, Mapping), "over", "name parameters with their values", over)
-    for name in over:
+    values = {}
+    for name, given in over.items():
         require(name not in bounds, "over", "name other parameters than `variables`", name)
+        checked = parameter(name, scene).check(given)
+        values[name] = np.atleast_1d(np.asarray(checked, float))
     check_no_overlap([parameter(name, scene) for name in (*bounds, *over)], scene)
-    over = {name: np.atleast_1d(np.asarray(parameter(name, scene).check(v), float)) for name, v in over.items()}
     constraints = _checked_limits(constraints)
     limited = [one for one, _, _ in constraints]
     one_of("robust", robust, ("worst", "mean"))
     start = first_of(start)
+    # the corner that needs most steps decides for all
     if steps is None:
         corners = {name: list(pair) for name, pair in bounds.items()}
-        steps = int(Cases(scene, corners | over, start).default_steps().max())
+        steps = int(Cases(scene, corners | values, start).default_steps().max())
+    reach = {}
+    for name, (low, high) in bounds.items():
+        reach[name] = ensemble.box_reach * (high - low)
     return Problem(
         scene=scene,
         names=tuple(bounds),
@@ -143,12 +155,12 @@ def checked_problem(
         steps=given_steps(steps),
         most_steps=2 * steps,
         start=start,
-        reach={name: ensemble.box_reach * (high - low) for name, (low, high) in bounds.items()},
+        reach=reach,
         transient=whole("transient", transient, 0),
         ensemble=ensemble,
         bounds=bounds,
         objective=objective,
-        over=over,
+        over=values,
         robust=robust,
         constraints=constraints,
     )
@@ -160,6 +172,7 @@ def _checked_bounds(scene: Scene, variables: Any) -> dict[str, tuple[float, floa
     for name, pair in variables.items():
         variable = parameter(name, scene)
         variable.check_exists(scene)
+        # not all parameters can be differentiated by
         variable.check_varies()
         require(np.shape(pair) == (2,), name, "be a lower and an upper bound", pair)
         low, high = np.asarray(variable.check(pair)).tolist()
@@ -175,6 +188,7 @@ def _checked_limits(constraints: Any) -> tuple[tuple[Objective, float, float], .
     limits = []
     for name, given in constraints.items():
         objective = objective_named(name)
+        # a number alone is the highest value
         pair = given if isinstance(given, Sequence) else (None, given)
         try:
             low, high = in_unit(pair, objective.quantity.unit)
@@ -195,8 +209,10 @@ def first_designs(
     are the first ones, whatever the others are like. See `optimise_design`."""
     names = problem.names
     if isinstance(starts, Sequence) and not isinstance(starts, str):
-        designs = starts and all(isinstance(one, Mapping) and set(one) == set(names) for one in starts)
-        require(designs, "starts", f"be designs that give {', '.join(names)}", starts)
+        need = f"be designs that give {', '.join(names)}"
+        require(starts, "starts", need, starts)
+        for one in starts:
+            require(isinstance(one, Mapping) and set(one) == set(names), "starts", need, starts)
         values = np.array([[float(one[name]) for name in names] for one in starts])
         designs = (values - problem.low) / problem.width
         require(np.all((designs >= 0) & (designs <= 1)), "starts", "lie within the bounds", starts)
@@ -207,16 +223,20 @@ def first_designs(
     inside = bool(np.all((own >= 0) & (own <= 1)))
     if inside and count == 1:
         return own[None], 1, 1
+    # the scene's own design, the corners where they are few, and others spread over the box
     screened: list[Any] = [own] if inside else []
     if len(names) <= 3:
         screened += itertools.product((0.0, 1.0), repeat=len(names))
-    # four designs for each start, besides the corners of the box
-    screened += list(scipy.stats.qmc.LatinHypercube(len(names), rng=seed).random(4 * count))
+    hypercube = scipy.stats.qmc.LatinHypercube(len(names), rng=seed)
+    screened += list(hypercube.random(4 * count))
     return np.array(screened), count, int(inside)
 
 
 def spread_designs(
-    at: Float[np.ndarray, "designs parameters"], order: np.ndarray, count: int, fixed: int
+    at: Float[np.ndarray, "designs parameters"],
+    order: np.ndarray,
+    count: int,
+    fixed: int,
 ) -> list[int]:
     """Return the indices of `count` designs: the first `fixed`, and of the others the best ones that lie apart.
 
@@ -226,6 +246,7 @@ def spread_designs(
     # nearer ones where not enough designs lie far apart [unit box]
     for apart in (0.3, 0.15, -1.0):
         for k in map(int, order):
+            # to the nearest one that was chosen
             distance = np.min(np.max(np.abs(at[chosen] - at[k]), axis=1))
             if len(chosen) < count and k not in chosen and distance > apart:
                 chosen.append(k)

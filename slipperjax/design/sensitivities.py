@@ -65,13 +65,17 @@ def sensitivities(
     known("scene", check_scene(scene))
     ensemble = ensemble_for(scene, ensemble)
     reach = number(positive, "reach", ensemble.relative_reach if reach is None else reach)
-    several = objectives if isinstance(objectives, Sequence) and not isinstance(objectives, str) else [objectives]
-    grid = {one.name: np.array([float(one.of(scene))]) for one in checked_parameters(names, scene)}
+    if isinstance(objectives, str) or not isinstance(objectives, Sequence):
+        objectives = [objectives]
+    # one case: the scene's own values
+    grid = {}
+    for one in checked_parameters(names, scene):
+        grid[one.name] = np.array([float(one.of(scene))])
     steps = int(default_steps(scene, steps_per_period))
     plan = EvaluationPlan(
         scene=scene,
         names=tuple(grid),
-        objectives=tuple(dict.fromkeys(map(objective_named, several))),
+        objectives=tuple(dict.fromkeys(map(objective_named, objectives))),
         solver=resolve_solver(scene, solver),
         steps=steps,
         most_steps=FINER[-1] * steps,
@@ -87,6 +91,7 @@ def sensitivities(
     # the distance from grazing bounds the domain of derivatives on orbits
     grazing = OBJECTIVES["grazing_distance"]
     on_orbit = replace(plan, objectives=tuple(dict.fromkeys([*plan.objectives, grazing])))
+    # values and derivatives follow on finer steps, or from ensembles
     find_motion = at_starts if isinstance(ensemble, RailEnsemble) else judge_on_orbits
     motion = find_motion(replace(on_orbit, names=()), grid)
     regime = str(motion.regime[0])
@@ -97,19 +102,31 @@ def sensitivities(
         )
     if motion.period[0] == 0 or method == "ensemble":
         evaluation = _by_ensemble(plan, grid, motion)
-        facts = dict(method="ensemble", regime=regime, members=ensemble.members, periods=ensemble.periods)
-        return _dataset(plan, evaluation, np.array(list(plan.reach.values())), facts)
+        domain = np.array(list(plan.reach.values()))
+        facts = dict(
+            method="ensemble",
+            regime=regime,
+            members=ensemble.members,
+            periods=ensemble.periods,
+        )
+        return _dataset(plan, evaluation, domain, facts)
     evaluation = _on_finer_steps(on_orbit, grid, motion)
+    # where a linear estimate has the orbit graze
     at = on_orbit.objectives.index(grazing)
     with np.errstate(divide="ignore"):
         domain = evaluation.value[0, at] / np.abs(evaluation.gradient[0, at])
     return _dataset(plan, evaluation, domain, dict(method="orbit", regime=regime))
 
 
-def _by_ensemble(plan: EvaluationPlan, grid: dict[str, np.ndarray], motion: Evaluation) -> Evaluation:
+def _by_ensemble(
+    plan: EvaluationPlan,
+    grid: dict[str, np.ndarray],
+    motion: Evaluation,
+) -> Evaluation:
     """Return averages over an ensemble around the state that a motion has reached."""
     for name, distance in plan.reach.items():
         require(distance > 0, "names", "be of parameters that are not 0 for ensembles", name)
+    # runs around a motion that was lost would be lost, too
     evaluation = motion
     if motion.status[0] == Status.FINITE:
         evaluation = ensemble_averages(plan, grid, motion)
@@ -118,13 +135,18 @@ def _by_ensemble(plan: EvaluationPlan, grid: dict[str, np.ndarray], motion: Eval
     return evaluation
 
 
-def _on_finer_steps(plan: EvaluationPlan, grid: dict[str, np.ndarray], motion: Evaluation) -> Evaluation:
+def _on_finer_steps(
+    plan: EvaluationPlan,
+    grid: dict[str, np.ndarray],
+    motion: Evaluation,
+) -> Evaluation:
     """Evaluate an orbit with derivatives on shorter steps, with their errors, see `with_step_error`."""
     judged = [motion]
 
     # remembers each evaluation and adds up its cost
     def results(steps: int) -> dict[str, np.ndarray]:
         one = judge_on_orbits(replace(plan, steps=steps), grid, motion)
+        # differences to another orbit would be no error of the steps
         if one.period[0] != motion.period[0]:
             raise ValueError(
                 f"Argument `steps_per_period` must be larger here, but is {plan.steps}: with {steps} the motion is "
@@ -138,7 +160,12 @@ def _on_finer_steps(plan: EvaluationPlan, grid: dict[str, np.ndarray], motion: E
     return judged[-1]._replace(stderr=errors["value"], gradient_stderr=errors["gradient"])
 
 
-def _dataset(plan: EvaluationPlan, evaluation: Evaluation, domain: np.ndarray, facts: dict[str, Any]) -> xr.Dataset:
+def _dataset(
+    plan: EvaluationPlan,
+    evaluation: Evaluation,
+    domain: np.ndarray,
+    facts: dict[str, Any],
+) -> xr.Dataset:
     """Return the dataset of an evaluation of one case, which may have further objectives, with `facts`."""
     parameters = [parameter(name, plan.scene) for name in plan.names]
     asked = slice(len(plan.objectives))
