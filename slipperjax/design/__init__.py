@@ -9,5 +9,4 @@ from .methods import Descent as Descent
 from .methods import TrustRegion as TrustRegion
 from .objectives import OBJECTIVES as OBJECTIVES
 from .optimise import Design as Design
-from .pareto import pareto_front as pareto_front
 from .sensitivities import sensitivities as sensitivities

@@ -64,7 +64,7 @@ def test_in_chaos(objective):
 
 
 def test_over_random_rails():
-    """The 90th percentile of the peak force over sled rails, by clearance and length: all designs on the same rails."""
+    """The 90th percentile of the peak force over sled rails, by clearance and length."""
     scene = dataclasses.replace(sj.paper_scene(1000.0), track=sj.RandomTrack.sled(length=600.0))
     box, ensemble = {"clearance": (0.3e-3, 3e-3), "length": (0.12, 0.5)}, RailEnsemble(periods=60, quantile=0.9)
     options = dict(steps_per_period=80, ensemble=ensemble)

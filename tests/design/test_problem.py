@@ -5,7 +5,6 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.design.optimise import optimise_design
-from slipperjax.design.pareto import pareto_front
 from slipperjax.design.problem import checked_problem, first_designs, spread_designs
 from slipperjax.design.sensitivities import sensitivities
 
@@ -58,11 +57,6 @@ def test_a_bad_question_names_what_is_wrong(change, words):
 def test_bad_sensitivities_name_what_is_wrong(change, words):
     with pytest.raises(ValueError, match="^" + words):
         sensitivities(sj.paper_scene(), **(dict(objectives="peak_force") | change))
-
-
-def test_a_front_has_two_objectives():
-    with pytest.raises(ValueError, match=r"^Argument `objectives` must be two objectives"):
-        pareto_front(sj.paper_scene(), ("peak_force",), BOX)
 
 
 def problem(**change):
