@@ -182,6 +182,7 @@ def bench(
         batches = batches or (241,)
         repeats = repeats or 2
         options = dict(reference_steps=3200, settings=slice(0, 4))
+    # names are checked before anything is measured
     chosen = _named("cases", scenes, cases or scenes)
     rows = _named("methods", all_methods, methods or all_methods)
     sizes = tuple(whole("batches", n, 1) for n in batches or (241, 1))

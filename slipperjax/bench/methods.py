@@ -62,6 +62,7 @@ class Method(NamedTuple):
 
     def setting(self, case: Case, value: float) -> float:
         """Return the number that the program takes: steps per period, or the tolerance."""
+        # a tolerance is what it is, whatever the scene
         if self.adaptive:
             return value
         return float(max(1, round(value * default_steps_per_period(case.scene))))

@@ -340,10 +340,7 @@ class _Search:
             self.latest[trial.start] = trial
         q = self.problem.objective.quantity
         moving = sum(not move.finished for move in self.moves)
-        feasible = []
-        for one in self.trials:
-            if one.taken and one.values.violation <= 0:
-                feasible.append(one.values.total)
+        feasible = [one.values.total for one in self.trials if one.taken and one.values.violation <= 0]
         best = q.shown(min(feasible, default=np.nan))
         text = f"{moving} starts move, lowest {best:.5g} {q.display_unit}"
         self.bar.set_postfix_str(text, refresh=False)
@@ -360,32 +357,34 @@ class _Search:
             anew.append(end._replace(values=values, evaluation=evaluation))
         return anew
 
-    def _with_half_step(self, trial: Trial) -> tuple[Evaluation, np.ndarray]:
+    def _with_half_step(self, trial: Trial, checked: bool) -> tuple[Evaluation, np.ndarray]:
         """Return the evaluation of a trial with what half the step changes as the errors of cases on orbits.
 
         And that change of the smooth objective in each case [1]; NaN where motions from disturbed starts are
-        averaged.
+        averaged, and where nothing is `checked`. Only the check counts as simulated.
         """
         problem = self.problem
-        evaluation = trial.evaluation
+        count = len(trial.evaluation.period)
+        evaluation = trial.evaluation._replace(simulated=np.zeros(count))
+        on_orbit = evaluation.period > 0
         # averages from disturbed starts change by chance
-        compared = (evaluation.period > 0) | problem.on_rails
-        if not compared.any():
-            return evaluation, np.full(len(compared), np.nan)
+        if not checked or not (problem.on_rails or on_orbit.any()):
+            return evaluation, np.full(count, np.nan)
         finer = dataclasses.replace(self.unseen, steps=2 * problem.steps)
         half = finer.evaluate(trial.at[None], None if problem.on_rails else evaluation)
         # another orbit is no error of this one
-        compared &= half.period == evaluation.period
+        compared = (on_orbit | problem.on_rails) & (half.period == evaluation.period)
         change = _relative_change(problem, evaluation, half, compared)
-        evaluation = evaluation._replace(simulated=2 * half.simulated)
-        if not problem.on_rails:
-            rows = compared[:, None]
-            value_error = np.abs(half.value - evaluation.value)
-            slope_error = np.abs(half.gradient - evaluation.gradient)
-            stderr = np.where(rows, value_error, evaluation.stderr)
-            gradient_stderr = np.where(rows[..., None], slope_error, evaluation.gradient_stderr)
-            evaluation = evaluation._replace(stderr=stderr, gradient_stderr=gradient_stderr)
-        return evaluation, change
+        # errors over rails are those of their chance
+        rows = (compared & on_orbit)[:, None]
+        value_error = np.abs(half.value - evaluation.value)
+        slope_error = np.abs(half.gradient - evaluation.gradient)
+        with_errors = evaluation._replace(
+            simulated=2 * half.simulated,
+            stderr=np.where(rows, value_error, evaluation.stderr),
+            gradient_stderr=np.where(rows[..., None], slope_error, evaluation.gradient_stderr),
+        )
+        return with_errors, change
 
     def result(self, checked: bool = True) -> Design:
         """Return the best design until now: the lowest objective among those that violate least.
@@ -396,14 +395,7 @@ class _Search:
         ends = self._ends() if checked else list(self.latest.values())
         best = min(ends, key=lambda trial: (trial.values.violation > VIOLATED, trial.values.total))
         values = best.values
-        if checked:
-            evaluation, change = self._with_half_step(best)
-        else:
-            evaluation = best.evaluation
-            change = np.full(len(evaluation.period), np.nan)
-        # here only what the check has simulated counts
-        if evaluation is best.evaluation:
-            evaluation = evaluation._replace(simulated=np.zeros(len(evaluation.period)))
+        evaluation, change = self._with_half_step(best, checked)
         errors = evaluation.stderr[:, problem.index(problem.objective.smooth)]
         if problem.robust == "worst":
             known = np.where(np.isfinite(values.value), values.value, -np.inf)
