@@ -72,7 +72,7 @@ OBJECTIVE, SPEED = click.Choice(list(OBJECTIVE_UNITS)), Measure("speed", "m/s")
 @option(
     "--starts",
     COUNT,
-    "Designs to begin from: the case's, if within the bounds, and good ones that lie apart.",
+    "Number of starting designs: the case's, if within the bounds, and good ones that lie apart.",
     default=5,
 )
 @option("--max-trials", COUNT, "Most trials of each start.", default=60)
