@@ -32,7 +32,7 @@ from ..model.scene import Scene
 from ..model.sliding import tractions
 from ..model.travel import Travel
 from ..tools.checks import require
-from ..tools.fused import materialise, sums
+from ..tools.fused import store, sums
 from ..tools.hermite import Cubic, highest_point, sign_change
 
 GAUSS_PLACES = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
@@ -110,7 +110,7 @@ def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Any)
     period, steady = args.travel(0.5).period, args.travel(0.5).acceleration is None
     places = jnp.arange(most)
     # the pace in the middle of each step [s per period], where it changes
-    paces = None if steady else materialise(args.travel((places + 0.5) * step).period)
+    paces = None if steady else store(args.travel((places + 0.5) * step).period)
     of_time = lambda share, place: share if paces is None else paces[place] * share
     fastest = jnp.max(jnp.where(jnp.arange(most + 1) <= steps, rate, 0.0)) * period
     # all points in one row, which is faster than two
@@ -254,7 +254,7 @@ class Curve:
         travel = self._course.args.travel(self._course.times)
         if travel.acceleration is None:
             return self.mean * travel.period
-        paces = materialise(jnp.broadcast_to(travel.period, self._course.times.shape))
+        paces = store(jnp.broadcast_to(travel.period, self._course.times.shape))
         return self._course.mean(self.samples * paces.reshape(-1, *[1] * (self.values.ndim - 1)))
 
     @functools.cached_property
@@ -267,7 +267,7 @@ class Curve:
         """The greatest value."""
         # Stored, because the derivative of jnp.max looks for the values that equal the maximum: where XLA computes
         # them again and rounds otherwise, none does, and the derivative is 0 / 0.
-        return jnp.max(materialise(self._course.counted(self._tops, -jnp.inf)), axis=0)
+        return jnp.max(store(self._course.counted(self._tops, -jnp.inf)), axis=0)
 
     @functools.cached_property
     def least(self) -> Float[Array, "..."]:
@@ -281,7 +281,7 @@ class Curve:
         top, bottom = rises[:-1] & ~rises[1:], ~rises[:-1] & rises[1:]
         sizes = jnp.abs(jnp.where(top, self._tops, -self._falling._tops))
         sizes = self._course.counted(jnp.where(top | bottom, sizes, jnp.inf), jnp.inf)
-        return jnp.min(materialise(sizes), axis=0)  # as in `greatest`
+        return jnp.min(store(sizes), axis=0)  # as in `greatest`
 
     @functools.cached_property
     def _falling(self) -> "Curve":
@@ -361,12 +361,12 @@ class Course:
 
         frame, now = jax.vmap(at)(jnp.arange(self.capacity + 1), self.states.motion)
         # stored, so that XLA does not compute them again wherever they are used
-        return frame, now._replace(gap=materialise(now.gap), rate=materialise(now.rate))
+        return frame, now._replace(gap=store(now.gap), rate=store(now.rate))
 
     @functools.cached_property
     def _forces(self) -> Float[Array, "ends all_points"]:
         of_one = functools.partial(contact_forces, self.scene)
-        return materialise(jax.vmap(of_one)(self._contacts[1], self.states.memory))
+        return store(jax.vmap(of_one)(self._contacts[1], self.states.memory))
 
     @functools.cached_property
     def rates(self) -> Motion:
@@ -387,14 +387,14 @@ class Course:
         moving = jax.tree.map(lambda rate: rate / self.steps, self.rates)
         with_slopes = lambda m, rate: jax.jvp(lambda m: coordinate_rows(State(m, None)), (m,), (rate,))
         values, slopes = jax.vmap(with_slopes)(self.states.motion, moving)
-        return Curve(materialise(values), materialise(slopes), self)
+        return Curve(store(values), store(slopes), self)
 
     @functools.cached_property
     def acceleration(self) -> Curve:
         """(ends, accelerations), in the order of `slipperjax.model.ACCELERATIONS`."""
         travel = self.args.travel(self._instants)
         m = jax.tree.map(lambda rate: rate / travel.period, self.rates)
-        return self._curve(materialise(jnp.stack([m.v_y, m.v_z, m.w_x, m.w_y, m.w_z], axis=-1)))
+        return self._curve(store(jnp.stack([m.v_y, m.v_z, m.w_x, m.w_y, m.w_z], axis=-1)))
 
     @functools.cached_property
     def force(self) -> Curve:
@@ -415,7 +415,7 @@ class Course:
     def power(self) -> Curve:
         """Power that the contacts take from the motion along the normals [W], (ends, 2, points): force times closing
         rate."""
-        return self._where_closed(self._curve(materialise(-self.force.values * self.gap_rate)))
+        return self._where_closed(self._curve(store(-self.force.values * self.gap_rate)))
 
     @functools.cached_property
     def drive_force(self) -> Curve:
@@ -425,10 +425,10 @@ class Course:
         def steady(place, frame, m, force):
             return drive_force(self.scene, frame, m, force, self.args.travel(place)._replace(acceleration=None))
 
-        curve, level = self._curve(materialise(jax.vmap(steady)(*self._at_points()))), None
+        curve, level = self._curve(store(jax.vmap(steady)(*self._at_points()))), None
         if travel.acceleration is not None:  # which jumps, so that it is not seen at the ends of steps
             energy = 0.5 * driven_mass(self.scene) * travel.speed**2
-            level = materialise(jnp.diff(energy) * (self.steps / travel.wavelength))
+            level = store(jnp.diff(energy) * (self.steps / travel.wavelength))
         return Curve(curve.values, curve.slopes, self, level)
 
     @functools.cached_property
@@ -440,7 +440,7 @@ class Course:
             def of_one(place, frame, m, force):
                 return force * tractions(friction, frame, m, force, self.args.travel(place).speed)[2]
 
-            power = materialise(jax.vmap(of_one)(*self._at_points()))
+            power = store(jax.vmap(of_one)(*self._at_points()))
         return self._where_closed(self._curve(self._of_points(power)))
 
     @functools.cached_property
@@ -448,14 +448,14 @@ class Course:
         """Lateral and vertical force of the sled's springs, dampers and stops on the slipper [N], (ends, 2)."""
         sled = self.scene.sled
         require(sled is not None, "record", "be another one where the scene has no sled", "spring_force")
-        return self._curve(materialise(jax.vmap(lambda m: sled_force(sled, m))(self.states.motion)))
+        return self._curve(store(jax.vmap(lambda m: sled_force(sled, m))(self.states.motion)))
 
     @functools.cached_property
     def loads(self) -> Loads:
         """Peak forces, impulses and other loads of each contact point."""
         of_one = functools.partial(contact_rate, args=self.args)
         rate = jax.vmap(of_one)(self._contacts[1], self.states.memory)
-        return contact_loads(self.force.values, self.gap.values, materialise(rate), self.args, self.steps)
+        return contact_loads(self.force.values, self.gap.values, store(rate), self.args, self.steps)
 
     @functools.cached_property
     def crossings(self) -> Crossings:

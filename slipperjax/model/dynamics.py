@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import finite, instance, real, require, shown_number, warn
 from ..tools.compile import as_argument, is_traced, jit
-from ..tools.fused import held, kept, sums
+from ..tools.fused import store_cotangent, store_if_differentiated, sums
 from .contact import Before, SmoothSwitch
 from .kinematics import (
     Contacts,
@@ -152,7 +152,7 @@ def warn_if_outside(penetration: Any) -> None:
 def contact_forces(scene: Scene, now: Contacts, memory: Array | None) -> Float[Array, " points"]:
     """Returns normal forces [N] on the slipper, Eq. (12); `memory`: shape (points,), or None."""
     ratio = None if memory is None else scene.memory.rate_ratio(memory, now.rate)
-    return held(scene.contact.force(now.gap, now.rate, ratio))
+    return store_cotangent(scene.contact.force(now.gap, now.rate, ratio))
 
 
 def unit_wrenches(
@@ -236,7 +236,7 @@ def motion_rates(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force
 
 def per_period(travel: Travel, rates: Motion) -> Motion:
     """Returns rates [per second] as rates [per forcing period]."""
-    period = kept(travel.period)  # else each of the ten rates has the derivatives of a division
+    period = store_if_differentiated(travel.period)  # else each of the ten rates has the derivatives of a division
     return jax.tree.map(lambda r: period * r, rates)
 
 

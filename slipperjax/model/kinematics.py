@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import brief, converted, instance, real, require, shown_number
 from ..tools.compile import is_traced, need_64_bits
-from ..tools.fused import circle, held, kept, materialise, spread
+from ..tools.fused import circle, spread, store, store_cotangent, store_if_differentiated
 from .quantities import COORDINATES, MOTION_NUMBERS, SLED_NUMBERS
 from .scene import Scene
 
@@ -163,7 +163,7 @@ def quaternion_from_euler(roll, pitch, yaw):
 
 def scalar_part(m: Motion):
     """Returns q_0 of the quaternion [1]; about zero from 180 degrees on, so that derailed states stay finite."""
-    return materialise(jnp.sqrt(jnp.maximum(1 - (m.q_x * m.q_x + m.q_y * m.q_y + m.q_z * m.q_z), 1e-30)))
+    return store(jnp.sqrt(jnp.maximum(1 - (m.q_x * m.q_x + m.q_y * m.q_y + m.q_z * m.q_z), 1e-30)))
 
 
 def rotation(m: Motion):
@@ -241,12 +241,12 @@ def rail_frame(scene: Scene, phase: Any, points: Points | None = None) -> RailFr
     along_y, along_z = rear.y - front.y, rear.z - front.z
     is_front = np.repeat([True, False], len(scene.section.names))
     n_y, n_z, t_y, t_z, v_y, v_z = (jnp.where(is_front, f, r) for f, r in zip(front, rear, strict=True))
-    n_x = materialise((n_y * along_y + n_z * along_z) / length)
+    n_x = store((n_y * along_y + n_z * along_z) / length)
     position = n_x * points.arm[0] + n_y * t_y + n_z * t_z
     slope = n_y * v_y + n_z * v_z  # per metre of travel, hence equal for all speeds of a sweep
-    per_norm = materialise(1 / jnp.sqrt(1 + n_x * n_x))
+    per_norm = store(1 / jnp.sqrt(1 + n_x * n_x))
     # stored, so that the loop over lanes and points does not compute it again
-    n_x, n_y, n_z, position, slope = materialise([v * per_norm for v in (n_x, n_y, n_z, position, slope)])
+    n_x, n_y, n_z, position, slope = store([v * per_norm for v in (n_x, n_y, n_z, position, slope)])
     return RailFrame((n_x, n_y, n_z), position, slope * scene.travel(phase).speed, points.arm)
 
 
@@ -264,7 +264,7 @@ class _Node(NamedTuple):
 
 def _node(scene: Scene, points: Points, distance: Array) -> _Node:
     """Returns the section at the track node that travelled `distance` [m], Eqs. (7), (10), (11)."""
-    rail, slope = materialise(scene.track.motion(distance))
+    rail, slope = store(scene.track.motion(distance))
     (n_y, n_z), (y, z) = points.normal, points.track
     v_y, v_z = slope.lateral, slope.vertical
     if rail.roll is not None:
@@ -291,7 +291,7 @@ def contacts(frame: RailFrame, m: Motion) -> Contacts:
     instance("frame", frame, RailFrame, "that of slipperjax.model.rail_frame")
     instance("m", m, Motion, "a slipperjax.Motion")
     # stored, as XLA does not move it out of the loop over the points
-    r = materialise(rotation(m))
+    r = store(rotation(m))
     (n_x, n_y, n_z), (a_x, a_y, a_z) = frame.normal, frame.arm
     flat = spread(n_x.shape[-1], *r[0], *r[1], *r[2], m.y, m.z, m.v_y, m.v_z, m.w_x, m.w_y, m.w_z)
     r, (y, z, v_y, v_z, w_x, w_y, w_z) = (flat[:3], flat[3:6], flat[6:9]), flat[9:]
@@ -300,7 +300,7 @@ def contacts(frame: RailFrame, m: Motion) -> Contacts:
     lever = (a_y * s_z - a_z * s_y, a_z * s_x - a_x * s_z, a_x * s_y - a_y * s_x)
     gap = n_y * y + n_z * z + a_x * s_x + a_y * s_y + a_z * s_z - frame.position
     rate = (n_y * v_y + n_z * v_z + lever[0] * w_x + lever[1] * w_y + lever[2] * w_z) - frame.velocity
-    return Contacts(kept(gap), *held((rate, lever)))
+    return Contacts(store_if_differentiated(gap), *store_cotangent((rate, lever)))
 
 
 def face_offsets(scene: Scene, phase: Any, m: Motion) -> Float[Array, " points"]:

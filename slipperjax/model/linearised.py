@@ -22,7 +22,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ..tools.fused import materialise, sums
+from ..tools.fused import store, sums
 from .kinematics import Contacts, Motion, RailFrame, rotation, scalar_part
 from .scene import Scene
 from .travel import Travel
@@ -135,7 +135,7 @@ class LinearSystem(eqx.Module):
         ]
         matrix = _factored(_unit_minus(both, factor))
         turn = _product(transport, _turn_by_attitude(m))
-        self.matrix, self.transport, self.turn = materialise((matrix, transport, turn))
+        self.matrix, self.transport, self.turn = store((matrix, transport, turn))
         self.attitude = _attitude_by_turn(m)
 
     def solve(self, right: Motion) -> Motion:
@@ -153,7 +153,7 @@ class LinearSystem(eqx.Module):
                 x[i] = x[i] - self.matrix[i][j] * x[j]
         turn = [a + self.step * b for a, b in zip(turn, _times(self.transport, x[2:]), strict=True)]
         place = [leaves[k] + self.step * x[k] for k in range(2)]
-        return materialise(jax.tree.unflatten(tree, [*place, *_times(self.attitude, turn), *x]))
+        return store(jax.tree.unflatten(tree, [*place, *_times(self.attitude, turn), *x]))
 
 
 def _factored(a: Matrix) -> Matrix:

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ..tools.fused import materialise, spread
+from ..tools.fused import spread, store
 from .kinematics import Motion, RailFrame, rotation
 from .loads import AbstractFriction
 
@@ -13,7 +13,7 @@ def sliding_velocity(frame: RailFrame, m: Motion, speed: Array) -> tuple[Array, 
 
     The rail stands still. What a point has along its normal is left out.
     """
-    r = materialise(rotation(m))
+    r = store(rotation(m))
     normal, (a_x, a_y, a_z) = frame.normal, frame.arm
     flat = spread(a_y.shape[-1], *r[0], *r[1], *r[2], m.v_y, m.v_z, m.w_x, m.w_y, m.w_z)
     r, (v_y, v_z, w_x, w_y, w_z) = (flat[:3], flat[3:6], flat[6:9]), flat[9:]

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from diffrax import RESULTS
 
 from ..model.dynamics import State
-from ..tools.fused import materialise
+from ..tools.fused import store
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
 
@@ -29,7 +29,7 @@ def _step(y: State, dt, stages: list[State], weights: tuple[float, ...]) -> Stat
 
 def _stored(state: State) -> State:
     """Returns the same state, with its motion computed in one kernel instead of again in each kernel that uses it."""
-    return State(materialise(state.motion), state.memory)
+    return State(store(state.motion), state.memory)
 
 
 class AbstractLatchingRungeKutta(AbstractLatchingSolver):

@@ -27,7 +27,7 @@ from ..model.dynamics import (
 )
 from ..model.kinematics import Contacts, Motion, RailFrame, attitude_rates, contacts, moved
 from ..model.scene import Scene
-from ..tools.fused import held, kept, materialise, sums
+from ..tools.fused import store, store_cotangent, store_if_differentiated, sums
 from ..tools.hermite import Cubic, sign_change
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
@@ -100,7 +100,7 @@ class ImpulseRK4(AbstractLatchingSolver):
         def stage(t, frame, rates, share):
             """Returns a stage's motion, its derivative, and its forces' wrench by the start's unit wrenches."""
             travel = args.travel(t)
-            m = materialise(jax.tree.map(lambda a, k: a + share * dt * k, m0, rates))
+            m = store(jax.tree.map(lambda a, k: a + share * dt * k, m0, rates))
             now = contacts(frame, m)
             force = contact_forces(scene, now, y0.memory)
             own = unit_wrenches(scene, frame, now, m, force, travel)
@@ -123,9 +123,9 @@ class ImpulseRK4(AbstractLatchingSolver):
         # means over the step of the wrench, weighted by the part that is left and not
         early = [(a + b + c) / 6 for a, b, c in zip(before.wrench, f2, f3, strict=True)]
         mean = [e + (b + c + d) / 6 for e, b, c, d in zip(early, f2, f3, f4, strict=True)]
-        state = State(materialise(end), y0.memory)
+        state = State(store(end), y0.memory)
         y1, rates, after = _corrected(args, rail, before, t1, dt, state, mean, early)
-        rates = materialise(rates)
+        rates = store(rates)
         dense = dense_info(dt, y0, y1, State(k1, None), State(rates, None))
         return y1, None, dense, (rates, after), RESULTS.successful
 
@@ -151,13 +151,13 @@ def _corrected(
     seconds = dt * args.travel(t1 - 0.5 * dt).period
     frame, _ = rail
     now = contacts(frame, m)
-    lever = materialise(now.lever)
-    gap, turning = materialise((now.gap, _turning(args, t1, rail, m)))
+    lever = store(now.lever)
+    gap, turning = store((now.gap, _turning(args, t1, rail, m)))
     directions = (*frame.normal[1:], *lever)
     along = lambda v: sum(d * part for d, part in zip(directions, v, strict=True))
-    rate = materialise(along((m.v_y, m.v_z, m.w_x, m.w_y, m.w_z)) - frame.velocity)
+    rate = store(along((m.v_y, m.v_z, m.w_x, m.w_y, m.w_z)) - frame.velocity)
     compliance = [seconds / scene.slipper.mass] * 2 + [seconds / j for j in scene.slipper.inertia]
-    own = kept(sum(c * d**2 for c, d in zip(compliance, directions, strict=True)))  # of a point along its normal
+    own = store_if_differentiated(sum(c * d**2 for c, d in zip(compliance, directions, strict=True)))  # of a point along its normal
 
     path = _path(before, gap, rate, turning, seconds)
     place, length, touches, bends = _edge(scene, path, gap, rate, memory)
@@ -165,15 +165,15 @@ def _corrected(
         # the rate at the touchdown, without what the contact itself does in the step
         at = path.rate_at(place) - own * _pressing(scene, path, gap, rate, place)
         slowest = -scene.memory.slowest
-        memory = kept(jnp.where(touches, 1 / jnp.where(touches & (at < slowest), at, slowest), memory))
+        memory = store_if_differentiated(jnp.where(touches, 1 / jnp.where(touches & (at < slowest), at, slowest), memory))
 
     # as `mean` and `early`, of each contact
     means = earlies = 0.0
     # two nodes of the part of the step in which the force acts
     for through, (crossing, weight) in zip(NODES_THROUGH, NODES_CROSSING, strict=True):
-        x = held(place + length * jnp.where(bends, crossing, through))
+        x = store_cotangent(place + length * jnp.where(bends, crossing, through))
         force = contact_forces(scene, Contacts(path.gap.value(x), path.rate_at(x), lever), memory)
-        part = held(jnp.abs(length) * jnp.where(bends, weight, 0.5) * force)
+        part = store_cotangent(jnp.abs(length) * jnp.where(bends, weight, 0.5) * force)
         means = means + part
         earlies = earlies + (1 - x) * part
     # Where a contact is too stiff or too damped for the step, the cubics of gaps tell nothing: limits of h^2 w^2 and
@@ -208,7 +208,7 @@ def _corrected(
             w_z=move[4],
         )
     )
-    m, kick, move = materialise((moved(m, Motion(move[0], move[1], *turn, *kick)), kick, move))
+    m, kick, move = store((moved(m, Motion(move[0], move[1], *turn, *kick)), kick, move))
     end = Contacts(gap + along(move), rate + along(kick), lever)
     state = State(m, None if memory is None else jnp.where(end.gap >= 0, 0.0, memory))
     return state, *_ended(args, t1, frame, end, turning, state)

@@ -21,7 +21,7 @@ from jax.interpreters import ad, batching, mlir
 
 
 def sums(*operands):
-    """Sums each operand over its last axis; the operands share one shape.
+    """Return the sum of each operand over its last axis; the operands share one shape.
 
     **Arguments:** arrays of shape `(*batch, n)` and of one floating-point type.
 
@@ -31,17 +31,16 @@ def sums(*operands):
 
 
 def spread(n: int, *scalars):
-    """Repeats each value along a new last axis of length n, which is the transpose of `sums`.
+    """Repeat each value along a new last axis of length n, which is the transpose of `sums`.
 
     **Returns:** a list with one array of shape `(*batch, n)` per value, where `batch` is the shape to which all of
     them broadcast.
     """
-    shape = jnp.broadcast_shapes(*(jnp.shape(x) for x in scalars))
-    return _spread.bind(*(jnp.broadcast_to(jnp.asarray(x, float), shape) for x in scalars), n=n)
+    return _spread.bind(*_broadcast(scalars), n=n)
 
 
-def materialise(tree):
-    """Gives the same values, each computed once and stored.
+def store(tree):
+    """Return the same values, each computed once and stored.
 
     XLA recomputes an elementwise value in every kernel that uses it, which multiplies the work of an unrolled
     elimination.
@@ -55,19 +54,24 @@ def materialise(tree):
 def _of_leaves(primitive: Primitive, tree):
     leaves, structure = jax.tree.flatten(tree)
     once = {id(x): x for x in leaves}  # leaves that occur twice are computed once
-    shape = jnp.broadcast_shapes(*(jnp.shape(x) for x in once.values()))
-    results = primitive.bind(*(jnp.broadcast_to(jnp.asarray(x, float), shape) for x in once.values()))
+    results = primitive.bind(*_broadcast(once.values()))
     of = dict(zip(once, results, strict=True))
     return jax.tree.unflatten(structure, [of[id(x)] for x in leaves])
 
 
-def held(tree):
-    """Gives the same values, whose cotangents are stored: reverse mode does not compute them again for each input."""
-    return _of_leaves(_held, tree)
+def _broadcast(arrays):
+    """Return arrays of floating-point numbers in the shape to which all of them broadcast."""
+    shape = jnp.broadcast_shapes(*(jnp.shape(x) for x in arrays))
+    return [jnp.broadcast_to(jnp.asarray(x, float), shape) for x in arrays]
+
+
+def store_cotangent(tree):
+    """Return the same values, whose cotangents are stored: reverse mode computes them once for all inputs."""
+    return _of_leaves(_with_stored_cotangents, tree)
 
 
 def _linear(name: str, implementation: Callable, shape: Callable, transpose: Callable) -> Primitive:
-    """Makes a linear primitive of operands of one shape, with one result for each of them, which depends on it alone.
+    """Return a linear primitive of operands of one shape, with one result for each, which depends on it alone.
 
     **Arguments:** `shape`: gives a result's shape from an operand's; `transpose`: gives the operands' cotangents from
     those of the results and the operands' shape. Operands without tangent or cotangent are left out.
@@ -80,33 +84,36 @@ def _linear(name: str, implementation: Callable, shape: Callable, transpose: Cal
         out = [ad.Zero(jax.typeof(x).to_tangent_aval()) for x in results]
         # only operands that have a tangent
         live = [k for k, t in enumerate(tangents) if type(t) is not ad.Zero]
-        pushed = primitive.bind(*(tangents[k] for k in live), **parameters) if live else ()
-        for k, t in zip(live, pushed, strict=True):
-            out[k] = t
+        if live:
+            pushed = primitive.bind(*(tangents[k] for k in live), **parameters)
+            for k, t in zip(live, pushed, strict=True):
+                out[k] = t
         return results, out
 
     def transposed(cotangents, *operands, **parameters):
-        linear = [k for k, x in enumerate(operands) if ad.is_undefined_primal(x)]
         out: list[Any] = [ad.Zero(x.aval) if ad.is_undefined_primal(x) else None for x in operands]
-        live = [k for k in linear if type(cotangents[k]) is not ad.Zero]
+        # only operands whose cotangent is asked for and is not zero
+        live = [k for k, zero in enumerate(out) if zero is not None and type(cotangents[k]) is not ad.Zero]
         if live:
-            size = operands[live[0]].aval.shape
-            for k, c in zip(live, transpose([cotangents[k] for k in live], size), strict=True):
+            shape_of_operands = operands[live[0]].aval.shape
+            pulled = transpose([cotangents[k] for k in live], shape_of_operands)
+            for k, c in zip(live, pulled, strict=True):
                 out[k] = c
         return out
 
     def batch(operands, axes, **parameters):
         size = next(x.shape[a] for x, a in zip(operands, axes, strict=True) if a is not None)
-        moved = [
-            jnp.broadcast_to(x, (size, *x.shape)) if a is None else jnp.moveaxis(x, a, 0)
-            for x, a in zip(operands, axes, strict=True)
-        ]
+        moved = []
+        # all operands get the axis of cases, as the first
+        for x, a in zip(operands, axes, strict=True):
+            moved.append(jnp.broadcast_to(x, (size, *x.shape)) if a is None else jnp.moveaxis(x, a, 0))
         return primitive.bind(*moved, **parameters), [0] * len(moved)
 
+    def avals_of_results(*avals, **parameters):
+        return [a.update(shape=shape(a.shape, **parameters)) for a in avals]
+
     primitive.def_impl(implementation)
-    primitive.def_abstract_eval(
-        lambda *avals, **parameters: [a.update(shape=shape(a.shape, **parameters)) for a in avals]
-    )
+    primitive.def_abstract_eval(avals_of_results)
     ad.primitive_jvps[primitive] = jvp
     ad.primitive_transposes[primitive] = transposed
     batching.primitive_batchers[primitive] = batch
@@ -129,16 +136,20 @@ def _repeated(*operands, n):
 
 
 def _reduced(*operands):
-    """Stores on any backend: XLA never recomputes a reduction, here over two entries, one of which is zero."""
+    """Store on any backend: XLA never recomputes a reduction, here over two entries, one of which is zero."""
     shape = operands[0].shape
     wide = (*shape, 2)
     first = jnp.broadcast_to(np.array([True, False]), wide)
     nothing = jnp.zeros(wide)
-    return _summed(*(lax.select(first, lax.broadcast_in_dim(x, wide, range(len(shape))), nothing) for x in operands))
+    pairs = []
+    for x in operands:
+        twice = lax.broadcast_in_dim(x, wide, range(len(shape)))
+        pairs.append(lax.select(first, twice, nothing))
+    return _summed(*pairs)
 
 
 def _passed_on(context, *operands):
-    """Stores on a CPU: a call that XLA does not inline, of a function that returns its arguments.
+    """Store on a CPU: a call that XLA does not inline, of a function that returns its arguments.
 
     LLVM gets some four instructions for each value, where it gets fifty for the reduction.
     """
@@ -155,35 +166,50 @@ def _passed_on(context, *operands):
     return list(call.results)
 
 
+# each is the transpose of the other one
 _sums = _linear(
-    "slipperjax_sums", _summed, lambda s: s[:-1], lambda cotangents, shape: _spread.bind(*cotangents, n=shape[-1])
+    "slipperjax_sums",
+    _summed,
+    shape=lambda of_operand: of_operand[:-1],
+    transpose=lambda cotangents, of_operand: _spread.bind(*cotangents, n=of_operand[-1]),
 )
 _spread = _linear(
-    "slipperjax_spread", _repeated, lambda s, n: (*s, n), lambda cotangents, shape: _sums.bind(*cotangents)
+    "slipperjax_spread",
+    _repeated,
+    shape=lambda of_operand, n: (*of_operand, n),
+    transpose=lambda cotangents, of_operand: _sums.bind(*cotangents),
 )
-_stored = _linear("slipperjax_stored", _reduced, lambda s: s, lambda cotangents, _: _stored.bind(*cotangents))
-_held = _linear(
-    "slipperjax_held", lambda *operands: list(operands), lambda s: s, lambda cotangents, _: _stored.bind(*cotangents)
+_stored = _linear(
+    "slipperjax_stored",
+    _reduced,
+    shape=lambda of_operand: of_operand,
+    transpose=lambda cotangents, of_operand: _stored.bind(*cotangents),
+)
+_with_stored_cotangents = _linear(
+    "slipperjax_stored_cotangents",
+    lambda *operands: list(operands),
+    shape=lambda of_operand: of_operand,
+    transpose=lambda cotangents, of_operand: _stored.bind(*cotangents),
 )
 
 mlir.register_lowering(_stored, _passed_on, platform="cpu")
 
 
 @jax.custom_jvp
-def kept(tree):
-    """Gives the same values, which are stored, as `materialise` does, where they are differentiated."""
+def store_if_differentiated(tree):
+    """Return the same values, which are stored, as `store` does, where they are differentiated."""
     return tree
 
 
-@kept.defjvp
-def _kept_jvp(primals, tangents):
-    return materialise(primals[0]), materialise(tangents[0])
+@store_if_differentiated.defjvp
+def _store_if_differentiated_jvp(primals, tangents):
+    return store(primals[0]), store(tangents[0])
 
 
 @jax.custom_jvp
 def circle(angle):
-    """Gives cosine and sine of an angle [rad], stored, so that derivatives of all orders take them from there."""
-    return materialise((jnp.cos(angle), jnp.sin(angle)))
+    """Return cosine and sine of an angle [rad], stored, so that derivatives of all orders take them from there."""
+    return store((jnp.cos(angle), jnp.sin(angle)))
 
 
 @circle.defjvp
