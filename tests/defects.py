@@ -410,13 +410,13 @@ tests/sweeps/test_explain.py
 
 the import makes a backend
 tests/tools/test_compile.py -k backend
--    _check_effort(effort)  # alone: the import leaves the choice of a backend open
-+    compiler_options(effort=effort)
+-    traced = with_standard_promotion(fun)
++    traced = with_standard_promotion(fun if compiler_options() else fun)
 
 a bar goes on to tell of a program that is there
 tests/tools/test_progress.py
--        programs.end(call)
-+        pass
+-                notices.end()
++                pass
 
 a rail's sine falls where it rises
 tests/model/test_tracks.py

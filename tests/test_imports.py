@@ -6,8 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 import slipperjax
 
 HEAVY = ("xarray", "pandas", "scipy.signal", "scipy.stats", "scipy.optimize", "scipy.sparse", "matplotlib", "tqdm")
@@ -26,21 +24,6 @@ from slipperjax import continue_orbit
 def test_importing_is_light():
     found = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True).stdout
     assert found.splitlines() == ["[]", "True True True"]
-
-
-NEAREST = {"attractors": "sweeps.attractors", "Cours": "flow.Course", "Sceene": "Scene", "sweeps_": "sweeps"}
-
-
-@pytest.mark.parametrize("name", NEAREST)
-def test_missing_name_tells_where_the_nearest_stands(name):
-    with pytest.raises(AttributeError, match=f"no attribute '{name}': did you mean slipperjax.{NEAREST[name]}\\?$"):
-        getattr(slipperjax, name)
-
-
-@pytest.mark.parametrize("name", ["__wrapped__", "quaternionic_spline_of_nothing"])
-def test_missing_name_far_from_all_has_no_hint(name):
-    with pytest.raises(AttributeError, match=f"no attribute '{name}'$"):
-        getattr(slipperjax, name)
 
 
 def leads_somewhere(name: str) -> bool:

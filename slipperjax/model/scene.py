@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import instance, known, require, shown_number, warn
-from ..tools.code import heed_new_code
 from ..tools.compile import is_traced, need_64_bits
 from ..tools.description import TYPE, describe
 from ..tools.fields import ShapeChecked, unit_of
@@ -198,14 +197,9 @@ class Scene(ShapeChecked):
 
 
 def check_scene(scene: Any) -> Scene:
-    """Return `scene`, after which programs of replaced code are not used.
-
-    **Raises:** `ValueError` where it is none, or if JAX runs with 32-bit numbers.
-    """
+    """Return `scene`; raise `ValueError` where it is none, or if JAX runs with 32-bit numbers."""
     need_64_bits()
-    instance("scene", scene, Scene, "a slipperjax.Scene")
-    heed_new_code(scene)
-    return scene
+    return instance("scene", scene, Scene, "a slipperjax.Scene")
 
 
 def check_steady(scene: Any) -> Scene:

@@ -43,7 +43,7 @@ from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
 from ..tools.cache import compile_cache, keep_programs
 from ..tools.checks import TOLD, require, warn, whole, yes_or_no
-from ..tools.code import IMPORTED, classes_of, code_digest, package_digest
+from ..tools.code import IMPORTED, classes_of, code_digest
 from ..tools.description import describe, type_name
 from ..tools.files import content_of, listed, readable, user_path
 from ..tools.limits import cores, shown_bytes
@@ -144,7 +144,7 @@ LONGEST_TEXT = 60
 def _fingerprint(function: Any, grid: Grid, options: Mapping[str, Any], tiles: Tiling) -> dict[str, Any]:
     """The call as JSON, to recognise a store: all that determines its numbers."""
     arguments = {name: value for name, value in options.items() if name not in (*ARGUMENTS_WITHOUT_EFFECT, "product")}
-    code = {"slipperjax": package_digest()}
+    code = {"slipperjax": IMPORTED}
     code |= {type_name(kind): code_digest(kind) for kind in classes_of([grid.scene, arguments])}
     call = {
         "function": function.__name__,

@@ -1,9 +1,7 @@
 """Compiling: `jax.jit` with compiler options, at the top level and inside other transformations."""
 
 import functools
-import os
 import threading
-import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -16,31 +14,56 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import get_opaque_trace_state
 
-with ThreadPoolExecutor(1) as _pool:  # whose state is that outside of transformations, wherever the import is
+# a new thread is outside of transformations, also where the import is inside one
+with ThreadPoolExecutor(1) as _pool:
     _TOP_LEVEL = _pool.submit(get_opaque_trace_state).result()
-_CPU_OPTIONS = {
-    # Lets LLVM reassociate the sum over the contact points, which vectorises it. The other four options preserve
-    # NaN, infinity, division and square root.
-    "xla_cpu_enable_fast_math": True,
-    "xla_cpu_fast_math_honor_nans": True,
-    "xla_cpu_fast_math_honor_infs": True,
-    "xla_cpu_fast_math_honor_division": True,
-    "xla_cpu_fast_math_honor_functions": True,
-    # Batches are too small for one kernel to gain from several threads; chunks of the batch use the cores instead.
-    "xla_cpu_multi_thread_eigen": False,
-}
-COMPILER_OPTIONS: dict[str, dict[str, Any]] = {"cpu": _CPU_OPTIONS}
-"""XLA options by backend; a backend that is not listed gets XLA's defaults."""
 
 
-EFFORTS: dict[str, dict[str, Any]] = {"many": {}, "few": {"xla_backend_optimization_level": 0}}
-"""XLA options by the calls that a program is made for."""
+class CompileNotices:
+    """Notices that a program which steps through time is compiled, for the progress bar of a run."""
+
+    def __init__(self, expected: int, show: Callable[[str], None]):
+        """**Arguments:** `expected`: how many programs there will be; `show`: gets the text, empty after the last."""
+        self.expected = expected
+        self.show = show
+        self.begun = 0
+        self.threads: set[int] = set()
+        self.lock = threading.Lock()
+
+    def begin(self) -> None:
+        """Show that this thread compiles a program; calls after the first one change nothing until `end`."""
+        thread = threading.get_ident()
+        with self.lock:
+            if thread not in self.threads:
+                self.threads.add(thread)
+                self.begun += 1
+                self.show(f"compiling {self.begun} of {max(self.begun, self.expected)}")
+
+    def end(self) -> None:
+        """Note that this thread runs a program, or has failed to compile it."""
+        thread = threading.get_ident()
+        with self.lock:
+            if thread in self.threads:
+                self.threads.remove(thread)
+                if not self.threads:
+                    self.show("")
+
+
+NOTICES: ContextVar[CompileNotices | None] = ContextVar("NOTICES", default=None)
+"""Notices of the run in progress; None where no bar is shown."""
+
+
+def note_compiling() -> None:
+    """Note that the program which is traced now steps through time."""
+    notices = NOTICES.get()
+    if notices is not None and is_transformed():
+        notices.begin()
 
 
 def ahead(call: Callable[[], Any]) -> None:
-    """Calls a function on a thread of its own, for the program that it compiles, while other work goes on.
+    """Call a function on a thread of its own, for the program that it compiles, while other work goes on.
 
-    What goes wrong there is met by the call that needs the program.
+    The call that needs the program meets the errors.
     """
 
     def compiled() -> None:
@@ -50,94 +73,51 @@ def ahead(call: Callable[[], Any]) -> None:
     threading.Thread(target=copy_context().run, args=(compiled,)).start()
 
 
-class Programs:
-    """The programs that step through time which a run compiles, and a function that is told which one it is at."""
-
-    def __init__(self, expected: int, tell: Callable[[str], None]):
-        """**Arguments:** `expected`: how many there will be; `tell`: gets a text, empty where none is compiled."""
-        self.expected, self.tell = expected, tell
-        self.begun = 0
-        self.open: set[object] = set()  # the calls that compile one now
-        self.lock = threading.Lock()
-
-    def begin(self, call: object) -> None:
-        """Notes that a call compiles a program; also where it says so twice."""
-        with self.lock:
-            if call not in self.open:
-                self.open.add(call)
-                self.begun += 1
-                self.tell(f"compiling {self.begun} of {max(self.begun, self.expected)}")
-
-    def end(self, call: object) -> None:
-        """Notes that a call has returned."""
-        with self.lock:
-            if call in self.open:
-                self.open.remove(call)
-                if not self.open:
-                    self.tell("")
+def compiler_options(backend: str | None = None) -> dict[str, Any]:
+    """Return XLA's options for a backend, by default the one in use; none but for CPUs."""
+    if (backend or jax.default_backend()) != "cpu":
+        return {}
+    return {
+        # Lets LLVM reassociate the sum over the contact points, which vectorises it. The other four options preserve
+        # NaN, infinity, division and square root.
+        "xla_cpu_enable_fast_math": True,
+        "xla_cpu_fast_math_honor_nans": True,
+        "xla_cpu_fast_math_honor_infs": True,
+        "xla_cpu_fast_math_honor_division": True,
+        "xla_cpu_fast_math_honor_functions": True,
+        # Batches are too small for one kernel to gain from several threads; chunks of the batch use the cores.
+        "xla_cpu_multi_thread_eigen": False,
+    }
 
 
-PROGRAMS: ContextVar[Programs | None] = ContextVar("PROGRAMS", default=None)
-"""The programs of this run, where somebody is told of them."""
-_CALL: ContextVar[object] = ContextVar("_CALL", default=None)
-
-
-def say_compiling() -> None:
-    """Says that the program which is traced now is one that steps through time."""
-    programs, call = PROGRAMS.get(), _CALL.get()
-    if programs is not None and call is not None:
-        programs.begin(call)
-
-
-def _told(compiled: Callable, args: tuple, options: dict[str, Any], programs: Programs) -> Any:
-    """Calls a compiled function, during which `programs` learns what is compiled."""
-    call = object()
-    token = _CALL.set(call)
-    try:
-        return compiled(*args, **options)
-    finally:
-        _CALL.reset(token)
-        programs.end(call)
-
-
-def compiler_options(backend: str | None = None, effort: str = "many") -> dict[str, Any]:
-    """Gives the XLA options for a backend, by default the one that JAX uses now, and for an effort, see `jit`."""
-    _check_effort(effort)
-    options = COMPILER_OPTIONS.get(jax.default_backend() if backend is None else backend, {})
-    return options | EFFORTS[effort] if options else {}
-
-
-def _check_effort(effort: Any) -> None:
-    if effort not in EFFORTS:
-        raise ValueError(f"Argument `effort` must be one of {', '.join(EFFORTS)}, but is {effort!r}.")
-
-
-def jit(fun: Callable, *, effort: str = "many", **kwargs: Any) -> Callable:
-    """Makes `jax.jit` of a function with `compiler_options` of the backend in use.
+def jit(fun: Callable, **kwargs: Any) -> Callable:
+    """Return `jax.jit` of a function with `compiler_options` of the backend in use.
 
     JAX accepts compiler options for the outermost program only. Inside another transformation (jit, grad, vmap, ...)
     this is a plain `jax.jit`.
 
-    **Arguments:** `fun`, `kwargs`: as for `jax.jit`; `effort`: how many calls the program is made for, "many", or
-    "few", for which it is compiled in 0.6 of the time and runs six times as long.
+    **Arguments:** `fun`, `kwargs`: as for `jax.jit`.
 
-    **Raises:** `ValueError` for an unknown effort; at a call, if JAX runs with 32-bit numbers.
+    **Raises:** `ValueError` at a call, if JAX runs with 32-bit numbers.
     """
-    _check_effort(effort)  # alone: the import leaves the choice of a backend open
     traced = with_standard_promotion(fun)
     inner = jax.jit(traced, **kwargs)
 
+    # made at the first call: the import leaves the choice of a backend open
     @functools.cache
     def outermost(backend: str) -> Callable:
-        return jax.jit(traced, compiler_options=compiler_options(backend, effort), **kwargs)
+        return jax.jit(traced, compiler_options=compiler_options(backend), **kwargs)
 
     @functools.wraps(fun)
     def call(*args: Any, **options: Any) -> Any:
         need_64_bits()
         if is_transformed():
             return inner(*args, **options)
-        compiled, programs = outermost(jax.default_backend()), PROGRAMS.get()
-        return compiled(*args, **options) if programs is None else _told(compiled, args, options, programs)
+        try:
+            return outermost(jax.default_backend())(*args, **options)
+        finally:
+            if (notices := NOTICES.get()) is not None:
+                notices.end()
 
     return call
 
@@ -148,7 +128,7 @@ them; elsewhere they are a part of the program that calls it."""
 
 
 def with_standard_promotion(fun: Callable) -> Callable:
-    """Makes a function within which JAX promotes types as by default, where the user's own code is to be strict."""
+    """Return a function within which JAX promotes types as by default, where the user's own code is to be strict."""
 
     @functools.wraps(fun)
     def call(*args: Any, **options: Any) -> Any:
@@ -159,23 +139,12 @@ def with_standard_promotion(fun: Callable) -> Callable:
 
 
 def as_argument(value: Any) -> jax.Array:
-    """Makes an array of a number, which may be traced; nothing is compiled for it."""
+    """Return an array of a number, which may be traced; nothing is compiled for it."""
     return jnp.asarray(value, float) if is_traced(value) else jnp.asarray(np.asarray(value, float))
 
 
-def warn_if_told_otherwise() -> None:
-    """Gives a warning where the environment asks for 32-bit numbers, which no part of this package can do with."""
-    asked = os.environ.get("JAX_ENABLE_X64")
-    if asked is not None and asked.lower() in ("0", "f", "false", "n", "no", "off"):
-        warnings.warn(
-            f"JAX_ENABLE_X64={asked} has no effect: slipperjax needs 64-bit numbers and turns them on for the whole "
-            "process, so that arrays of other code are of 64 bits, too, where it gives no type.",
-            stacklevel=3,
-        )
-
-
 def need_64_bits() -> None:
-    """Raises `ValueError` if JAX runs with 32-bit numbers.
+    """Raise `ValueError` if JAX runs with 32-bit numbers.
 
     They are too few for the phase epoch + t, and for penetrations of micrometres beside metres.
     """
@@ -184,17 +153,17 @@ def need_64_bits() -> None:
 
 
 def is_transformed() -> bool:
-    """Tells whether the call is inside a JAX transformation, also one of which no argument is a tracer."""
+    """Tell whether the call is inside a JAX transformation, also one of which no argument is a tracer."""
     return get_opaque_trace_state() != _TOP_LEVEL
 
 
 def is_traced(tree: Any) -> bool:
-    """Tells whether any leaf is a tracer, that is, whether the call is inside a JAX transformation."""
+    """Tell whether any leaf is a tracer, that is, whether the call is inside a JAX transformation."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def split_arrays(fun: Callable, args: tuple) -> tuple[Callable[[Any], Any], Any]:
-    """Gives a function of the arrays in `fun` and `args` alone that calls `fun(*args)`, and these, a pytree."""
+    """Return a function of the arrays in `fun` and `args` alone that calls `fun(*args)`, and these, a pytree."""
     arrays, others = eqx.partition((fun, args), eqx.is_array)
 
     def call(arrays: Any) -> Any:
@@ -205,7 +174,7 @@ def split_arrays(fun: Callable, args: tuple) -> tuple[Callable[[Any], Any], Any]
 
 
 def call_compiled(fun: Callable, functions: Any, static: tuple, *arrays: Any) -> Any:
-    """Calls `fun(functions, static, *arrays)`, compiled; inside another transformation it is a part of that program.
+    """Call `fun(functions, static, *arrays)`, compiled; inside another transformation it is a part of that program.
 
     **Arguments:** `functions`: a pytree of callables, such as `equinox.Module`s, whose array leaves become arguments
     of the compiled program, so that new values need no compilation. `static`: hashable; a new value is compiled
@@ -216,8 +185,7 @@ def call_compiled(fun: Callable, functions: Any, static: tuple, *arrays: Any) ->
     return _call(fun, tuple(leaves), structure, static, numbers, arrays)
 
 
-def _call_uncompiled(fun, leaves, structure, static, numbers, arrays):
-    return fun(eqx.combine(numbers, jax.tree.unflatten(structure, leaves)), static, *arrays)
-
-
-_call = jit(_call_uncompiled, static_argnums=(0, 1, 2, 3))
+@functools.partial(jit, static_argnums=(0, 1, 2, 3))
+def _call(fun, leaves, structure, static, numbers, arrays):
+    functions = eqx.combine(numbers, jax.tree.unflatten(structure, leaves))
+    return fun(functions, static, *arrays)

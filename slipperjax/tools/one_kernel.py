@@ -20,7 +20,7 @@ from jax.extend.mlir import ir
 from jax.extend.mlir.dialects import stablehlo
 from jax.interpreters import ad, batching, mlir
 
-from .compile import say_compiling, split_arrays
+from .compile import note_compiling, split_arrays
 
 ATTRIBUTES = "mhlo.frontend_attributes"
 NOT_IN_A_KERNEL = frozenset(
@@ -36,7 +36,7 @@ def in_one_kernel(fun: Callable, *args: Any) -> Any:
 
     **Arguments:** `fun`: of pytrees, whose result is a pytree of arrays.
     """
-    say_compiling()
+    note_compiling()
     call, arrays = split_arrays(fun, args)
     # what the function closes over is an argument of the call, too
     of_arrays, closed_over = jax.closure_convert(call, arrays)

@@ -6,22 +6,17 @@ from contextlib import contextmanager
 from typing import Any
 
 from .checks import yes_or_no
-from .compile import PROGRAMS, Programs
-
-LIVE, IN_LINES = 0.25, 10.0
-"""Least time between two states of a bar [s], on terminals and in notebooks, and where each is a line."""
-PATIENCE = 1.0
-"""Time after which a bar appears that nobody asked for [s]; while a program is compiled at once."""
+from .compile import NOTICES, CompileNotices
 
 
 def is_live() -> bool:
-    """Tells whether standard error shows a bar that changes: on a terminal, or in a notebook."""
+    """Tell whether standard error shows a bar that changes: on a terminal, or in a notebook."""
     return sys.stderr.isatty() or "ipykernel" in sys.modules
 
 
 @contextmanager
 def bar(wanted: bool | None, *, programs: int = 1, **options: Any) -> Iterator[Any]:
-    """Shows tqdm's bar, with its `options`; in files and pipes it is now and then a line.
+    """Show tqdm's bar, with its `options`; in files and pipes it is now and then a line.
 
     While a program that steps through time is compiled, it says so.
 
@@ -33,9 +28,10 @@ def bar(wanted: bool | None, *, programs: int = 1, **options: Any) -> Iterator[A
     from tqdm import tqdm  # here, because importing it takes time
 
     live = is_live()
-    shown: Any = dict(mininterval=LIVE, dynamic_ncols=True) if live else dict(mininterval=IN_LINES, file=_Lines())
+    shown: Any = dict(mininterval=0.25, dynamic_ncols=True) if live else dict(mininterval=10.0, file=_Lines())
     if wanted is None and live:
-        shown |= dict(leave=False, delay=PATIENCE)
+        # a bar that nobody asked for appears after a second, or while a program is compiled
+        shown |= dict(leave=False, delay=1.0)
     elif wanted is None or not yes_or_no("progress", wanted):
         shown |= dict(disable=True)
     name = options.pop("desc", "")
@@ -43,20 +39,21 @@ def bar(wanted: bool | None, *, programs: int = 1, **options: Any) -> Iterator[A
 
     def described(*parts: str) -> str:
         text = ", ".join(part for part in parts if part)
-        return text + colon if text else text
+        return text and text + colon
 
-    def tell(text: str) -> None:
+    def show(notice: str) -> None:
         progress.delay = 0  # what has been seen is wiped out at the end
-        progress.set_description_str(described(name, text))
+        progress.set_description_str(described(name, notice))
 
     with tqdm(desc=described(name), **shown, **options) as progress:
-        # a bar that is not shown leaves the word to one around it
-        token = None if progress.disable else PROGRAMS.set(Programs(programs, tell))
+        if progress.disable:  # a bar around it shows the notices
+            yield progress
+            return
+        token = NOTICES.set(CompileNotices(programs, show))
         try:
             yield progress
         finally:
-            if token is not None:
-                PROGRAMS.reset(token)
+            NOTICES.reset(token)
 
 
 class _Lines:

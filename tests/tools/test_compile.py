@@ -4,8 +4,6 @@ import os
 import subprocess
 import sys
 
-import pytest
-
 SMALL = """
 import jax
 import numpy as np
@@ -74,10 +72,3 @@ assert len(jax.devices()) == 2
 def test_the_import_leaves_the_choice_of_a_backend_open():
     done = run(LEFT_OPEN)
     assert done.returncode == 0, done.stderr[-2000:]
-
-
-@pytest.mark.parametrize(("asked", "warned"), [("0", True), ("False", True), ("1", False)])
-def test_a_wish_for_32_bits_is_answered_by_one_warning(asked, warned):
-    done = run("import slipperjax", JAX_ENABLE_X64=asked)
-    assert (f"JAX_ENABLE_X64={asked} has no effect: slipperjax needs 64-bit numbers" in done.stderr) == warned
-    assert done.returncode == warned
