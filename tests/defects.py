@@ -435,8 +435,8 @@ tests/tools/test_one_kernel.py -k transformed
 
 constants of a program are folded into a kernel
 tests/tools/test_one_kernel.py -k constants_of_a_program
--                _hide_constants(call)
-+                pass
+-            _hide_constants(call)
++            pass
 
 reverse mode goes through the steps for few numbers
 tests/tools/test_jacobian.py -k few

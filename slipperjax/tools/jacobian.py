@@ -26,7 +26,7 @@ times by 30; to compile, half as long by any.
 
 
 def by_jacobian(fun: Callable, *args: Any) -> Any:
-    """Calls `fun(*args)`, whose derivatives in reverse mode are products with its Jacobian by forward mode.
+    """Call `fun(*args)`, whose derivatives in reverse mode are products with its Jacobian by forward mode.
 
     So they are where `MOST_FORWARD` numbers are differentiated at most, those that `fun` closes over included, and
     it is not called for a batch; elsewhere reverse mode goes through `fun`.
@@ -40,13 +40,14 @@ def by_jacobian(fun: Callable, *args: Any) -> Any:
 
 
 def _operands(program: ClosedJaxpr) -> list[Any]:
-    """Gives what a traced function closed over, which may be traced itself."""
+    """Return what a traced function closed over, which may be traced itself."""
     return [jnp.asarray(value) for value in program.consts]
 
 
 def _call(*operands: Any, program: Any) -> list[Any]:
-    consts = len(program.constvars)
-    return jaxpr_as_fun(ClosedJaxpr(program, operands[:consts]))(*operands[consts:])
+    count = len(program.constvars)
+    closed = ClosedJaxpr(program, operands[:count])
+    return jaxpr_as_fun(closed)(*operands[count:])
 
 
 def _is_float(value: Any) -> bool:
@@ -54,10 +55,12 @@ def _is_float(value: Any) -> bool:
 
 
 def _push(*operands: Any, program: Any, live: tuple[bool, ...]) -> tuple[list[Any], list[Any]]:
-    """Gives results, and tangents of those that are numbers, from arguments and tangents of the `live` ones."""
-    primals, tangents = operands[: len(live)], operands[len(live) :]
+    """Return results, and tangents of those that are numbers, from arguments and tangents of the `live` ones."""
+    primals = operands[: len(live)]
+    tangents = operands[len(live) :]
 
     def moving(*some):
+        # the arguments that are differentiated, among the others
         of_live = iter(some)
         every = [next(of_live) if is_live else p for p, is_live in zip(primals, live, strict=True)]
         results = _call(*every, program=program)
@@ -77,34 +80,42 @@ def _of_live(values: Sequence[Any], live: tuple[bool, ...]) -> tuple[Any, ...]:
 
 
 def _linearised(operands: Sequence[Any], live: tuple[bool, ...], program: Any) -> tuple[list[Any], list[list[Any]]]:
-    """Gives results and Jacobians: of each result that is a number, by each of the `live` arguments."""
+    """Return results and Jacobians: of each result that is a number, by each of the `live` arguments."""
     at = _of_live(operands, live)
     sizes = [math.prod(p.shape) for p in at]
     ends = np.cumsum(sizes)
+    # places of each argument in the vector of all numbers
     parts = [(slice(end - size, end), p) for end, size, p in zip(ends, sizes, at, strict=True)]
 
     def pushed(direction):
         directions = [direction[where].reshape(p.shape).astype(p.dtype) for where, p in parts]
         return _push(*operands, *directions, program=program, live=live)
 
-    results, rows = jax.vmap(pushed, out_axes=(None, 0))(jnp.eye(int(ends[-1])))
-    split = lambda row: [row[where].reshape(*p.shape, *row.shape[1:]) for where, p in parts]
-    return results, [split(row) for row in rows]
+    def split(jacobian):
+        return [jacobian[where].reshape(*p.shape, *jacobian.shape[1:]) for where, p in parts]
+
+    results, jacobians = jax.vmap(pushed, out_axes=(None, 0))(jnp.eye(int(ends[-1])))
+    return results, [split(jacobian) for jacobian in jacobians]
 
 
 def _jvp(primals, tangents, *, of: Primitive, **parameters):
     """Rule of both primitives: the second one pushes the tangents of a function that calls the one `of`."""
-    if of is _called:
-        program, operands = parameters["program"], primals
-    else:
+    operands = list(primals)
+    program = parameters["program"]
+    if of is _pushed:
         closed = jax.make_jaxpr(functools.partial(_push_flat, **parameters))(*primals)
-        program, operands = closed.jaxpr, [*_operands(closed), *primals]
+        program = closed.jaxpr
+        operands = [*_operands(closed), *primals]
         tangents = [None] * len(closed.consts) + list(tangents)
     live = tuple(t is not None and type(t) is not ad.Zero for t in tangents)
     both = _pushed.bind(*operands, *_of_live(tangents, live), program=program, live=live)
-    results, pushed = both[: len(program.outvars)], iter(both[len(program.outvars) :])
-    zero = lambda r: ad.Zero(jax.typeof(r).to_tangent_aval())
-    return results, [next(pushed) if _is_float(r) else zero(r) for r in results]
+    count = len(program.outvars)
+    pushed = iter(both[count:])
+    moved = []
+    # whole numbers among the results have no tangent
+    for r in both[:count]:
+        moved.append(next(pushed) if _is_float(r) else ad.Zero(jax.typeof(r).to_tangent_aval()))
+    return both[:count], moved
 
 
 def _batched(operands, axes, **parameters):
@@ -115,7 +126,7 @@ def _batched(operands, axes, **parameters):
         of = _push_flat if live else _call
         results = jax.vmap(functools.partial(of, **parameters), in_axes=axes)(*operands)
         return results, [0] * len(results)
-    # of tangents alone: the results are those of all
+    # only tangents are a batch: all its lanes have the same results
     push = lambda *tangents: _push(*operands[:count], *tangents, **parameters)
     results, pushed = jax.vmap(push, in_axes=axes[count:], out_axes=(None, 0))(*operands[count:])
     return [*results, *pushed], [None] * len(results) + [0] * len(pushed)
@@ -138,13 +149,18 @@ def _evaluated_partially(trace, *tracers, program, live):
 
 def _evaluated_twice(saveable, unknown, instantiated, equation):
     """The same rule inside `jax.checkpoint`: results are known, and are computed again with the tangents."""
-    program, count = equation.params["program"], len(equation.params["live"])
+    program = equation.params["program"]
+    count = len(equation.params["live"])
     results = len(program.outvars)
+    # values that the later computation needs
     needed = [x for x, there in zip(equation.invars, instantiated, strict=True) if isinstance(x, Var) and not there]
-    known, later = equation, [False] * len(equation.outvars)
+    known = equation
+    later = [False] * len(equation.outvars)
     if any(unknown[:count]):
-        known, later = None, [True] * len(equation.outvars)
+        known = None
+        later = [True] * len(equation.outvars)
     elif any(unknown):
+        # the results now, their tangents later
         of_results = dict(invars=equation.invars[:count], outvars=equation.outvars[:results])
         known = equation.replace(primitive=_called, params={"program": program}, **of_results)
         later[results:] = [True] * (len(later) - results)
@@ -152,7 +168,7 @@ def _evaluated_twice(saveable, unknown, instantiated, equation):
 
 
 def _product(row: list[Any], tangents: Sequence[Any]) -> Any:
-    """Gives a result's tangent from its Jacobians by the arguments, whose axes are the first, and their tangents."""
+    """Return a result's tangent from its Jacobians by the arguments, whose axes are the first, and their tangents."""
     return sum(jnp.tensordot(t, j, axes=jnp.ndim(t)) for j, t in zip(row, tangents, strict=True))
 
 
@@ -184,7 +200,7 @@ partial_eval.partial_eval_jaxpr_custom_rules[_pushed] = _evaluated_twice
 
 @jax.custom_jvp
 def moving_with(state: Any, numbers: Any) -> Any:
-    """Gives `state`, which has tangents where `numbers` have, and is a batch where their tangents are one.
+    """Return `state`, which has tangents where `numbers` have, and is a batch where their tangents are one.
 
     A loop that carries it on is traced once then: JAX would find out by further traces, one for each loop in a loop.
     """

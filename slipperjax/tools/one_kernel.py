@@ -23,16 +23,11 @@ from jax.interpreters import ad, batching, mlir
 from .compile import note_compiling, split_arrays
 
 ATTRIBUTES = "mhlo.frontend_attributes"
-NOT_IN_A_KERNEL = frozenset(
-    ("chlo.top_k", "stablehlo.custom_call", "stablehlo.fft", "stablehlo.select_and_scatter", "stablehlo.sort")
-)
-"""Operations for which XLA on a CPU calls a library, or has no code inside a kernel."""
-LARGE = 1024
-"""Numbers from which sums and extremes may be left to a library: measured 4096."""
+"""Name by which XLA finds the attributes of a call."""
 
 
 def in_one_kernel(fun: Callable, *args: Any) -> Any:
-    """Calls `fun(*args)`: one kernel of a compiled program on a CPU, where no LAPACK call, scatter or sort is in it.
+    """Call `fun(*args)`: one kernel of a compiled program on a CPU, where no LAPACK call, scatter or sort is in it.
 
     **Arguments:** `fun`: of pytrees, whose result is a pytree of arrays.
     """
@@ -49,56 +44,66 @@ def in_one_kernel(fun: Callable, *args: Any) -> Any:
 
 
 def call_plainly(fun: Callable, *args: Any) -> Any:
-    """Calls `fun(*args)`: what `in_one_kernel` is where kernels are not to be made."""
+    """Call `fun(*args)`: what `in_one_kernel` is where kernels are not to be made."""
     return fun(*args)
 
 
 def _called(fun: Callable, kernel: bool) -> Callable:
-    """Gives a function that calls another one by a call that XLA does not inline; as a kernel if so said."""
+    """Return a function that calls another one by a call that XLA does not inline, as a kernel if asked for."""
     inner = jax.jit(fun)
-    argument, result = (lambda x, p=p: p.bind(x, kernel=kernel) for p in (_argument, _result))
-    return lambda *args: jax.tree.map(result, inner(*jax.tree.map(argument, args)))
+
+    def call(*args: Any) -> Any:
+        args = jax.tree.map(lambda x: _argument.bind(x, kernel=kernel), args)
+        return jax.tree.map(lambda x: _result.bind(x, kernel=kernel), inner(*args))
+
+    return call
 
 
 def _nothing_on(name: str) -> Primitive:
-    """Makes a linear primitive of one array that leaves it as it is."""
+    """Return a linear primitive of one array that leaves it as it is."""
     primitive = Primitive(name)
     primitive.def_impl(lambda x, kernel: x)
     primitive.def_abstract_eval(lambda x, kernel: x)
 
     def jvp(primals, tangents, **of_call):
-        (t,) = tangents
-        return primitive.bind(*primals, **of_call), t if type(t) is ad.Zero else primitive.bind(t, **of_call)
+        (tangent,) = tangents
+        if type(tangent) is not ad.Zero:
+            tangent = primitive.bind(tangent, **of_call)
+        return primitive.bind(*primals, **of_call), tangent
+
+    def batch(operands, axes, **of_call):
+        return primitive.bind(*operands, **of_call), axes[0]
 
     ad.primitive_jvps[primitive] = jvp
-    batching.primitive_batchers[primitive] = lambda operands, axes, **of_call: (
-        primitive.bind(*operands, **of_call),
-        axes[0],
-    )
+    batching.primitive_batchers[primitive] = batch
     mlir.register_lowering(primitive, lambda context, x, kernel: [x])
     return primitive
 
 
 def _mark(context: Any, x: Any, kernel: bool) -> list:
-    """Sets the attributes on the call that a value comes from, once; not those of a kernel where it cannot be one."""
+    """Set the attributes on the call that a value comes from, once; none where it cannot be a kernel."""
     call = getattr(x.owner, "operation", x.owner)
-    if getattr(call, "name", "") == "func.call" and ATTRIBUTES not in call.attributes:
-        marks = {"inlineable": "false"}
-        if kernel:
-            functions = context.module_context.symbol_table
-            inside = _operations(_callee(call), functions, set())
-            good = _only_calls(call, functions) and all(map(_fits, inside))
-            marks = marks | {"xla_cpu_small_call": "true"} if good else {}
-            if good:
-                _hide_constants(call)
-                _hide_reductions(inside)
-        call.attributes[ATTRIBUTES] = ir.DictAttr.get({key: ir.StringAttr.get(text) for key, text in marks.items()})
+    if getattr(call, "name", "") != "func.call" or ATTRIBUTES in call.attributes:
+        return [x]
+    marks = {"inlineable": ir.StringAttr.get("false")}
+    if kernel:
+        functions = context.module_context.symbol_table
+        inside = _operations(_callee(call), functions, set())
+        if _only_calls(call, functions) and all(map(_fits, inside)):
+            marks["xla_cpu_small_call"] = ir.StringAttr.get("true")
+            _hide_constants(call)
+            _hide_reductions(inside)
+        else:
+            marks = {}
+    call.attributes[ATTRIBUTES] = ir.DictAttr.get(marks)
     return [x]
 
 
 def _hide_constants(call: Any) -> None:
-    """Passes the operands of a call through a barrier: XLA folds constants into what is called, where the arguments
-    are without use then."""
+    """Pass the operands of a call through a barrier.
+
+    XLA folds constants into what is called, where the arguments are without use then.
+    """
     with ir.InsertionPoint(call), call.location:
         barrier = stablehlo.OptimizationBarrierOp(list(call.operands))
     for k, value in enumerate(barrier.operation.results):
@@ -106,17 +111,18 @@ def _hide_constants(call: Any) -> None:
 
 
 def _hide_reductions(operations: list[Any]) -> None:
-    """Lets large sums and extremes be none that XLA knows.
+    """Change large sums and extremes into such as XLA does not know.
 
     It computes those by a library (YNNPACK, since JAX 0.11), which it has no code for inside a kernel.
     """
+    large = 1024  # numbers; from 4096, as measured, they are left to the library
     for operation in operations:
         if operation.name != "stablehlo.reduce" or len(operation.operands) != 2:
             continue
         kind = ir.RankedTensorType(operation.operands[0].type)
         block = operation.regions[0].blocks[0]
         simple = len(block.operations) == 2 and isinstance(kind.element_type, ir.FloatType)
-        if simple and math.prod(kind.shape) >= LARGE:
+        if simple and math.prod(kind.shape) >= large:
             step, end = block.operations
             with ir.InsertionPoint(end), end.location:
                 # the same for all numbers, NaN included
@@ -126,12 +132,12 @@ def _hide_reductions(operations: list[Any]) -> None:
 
 
 def _callee(call: Any) -> str:
-    """Gives the name of the called function."""
+    """Return the name of the called function."""
     return ir.FlatSymbolRefAttr(call.attributes["callee"]).value
 
 
 def _only_calls(call: Any, functions: Any) -> bool:
-    """Tells whether the called function does nothing but call another one, not inlined, with all its arguments."""
+    """Tell whether the called function does nothing but call another one, not inlined, with all its arguments."""
     block = functions[_callee(call)].entry_block
     operations = [operation.operation for operation in block.operations]
     if [operation.name for operation in operations] != ["func.call", "func.return"]:
@@ -141,7 +147,7 @@ def _only_calls(call: Any, functions: Any) -> bool:
 
 
 def _operations(name: str, functions: Any, seen: set[str]) -> list[Any]:
-    """Gives the operations of a function, and of those that it calls, each once."""
+    """Return the operations of a function, and of those that it calls, each once."""
     found = []
 
     def visit(operation):
@@ -156,23 +162,28 @@ def _operations(name: str, functions: Any, seen: set[str]) -> list[Any]:
 
 
 def _fits(operation: Any) -> bool:
-    """Tells whether an operation can be inside a kernel."""
+    """Tell whether an operation can be inside a kernel."""
     if operation.name == "stablehlo.scatter":
         return _updates_once(operation)
-    return operation.name not in NOT_IN_A_KERNEL
+    # for these XLA on a CPU calls a library, or has no code inside a kernel
+    others = "chlo.top_k", "stablehlo.custom_call", "stablehlo.fft", "stablehlo.select_and_scatter", "stablehlo.sort"
+    return operation.name not in others
 
 
 def _updates_once(scatter: Any) -> bool:
-    """Tells whether a scatter has one index, so that XLA makes a slice's update of it."""
+    """Tell whether a scatter has one index, so that XLA makes a slice's update of it."""
     numbers = stablehlo.ScatterDimensionNumbers(scatter.attributes["scatter_dimension_numbers"])
     shape = ir.RankedTensorType(scatter.operands[len(scatter.results)].type).shape
     return all(size == 1 for k, size in enumerate(shape) if k != numbers.index_vector_dim)
 
 
-_argument, _result = _nothing_on("slipperjax_argument"), _nothing_on("slipperjax_result")
-for one, other in ((_argument, _result), (_result, _argument)):
-    ad.primitive_transposes[one] = lambda t, x, kernel, other=other: [
-        t if type(t) is ad.Zero else other.bind(t, kernel=kernel)
-    ]
+def _transposed_to(other: Primitive) -> Callable:
+    return lambda t, x, kernel: [t if type(t) is ad.Zero else other.bind(t, kernel=kernel)]
+
+
+_argument = _nothing_on("slipperjax_argument")
+_result = _nothing_on("slipperjax_result")
+ad.primitive_transposes[_argument] = _transposed_to(_result)
+ad.primitive_transposes[_result] = _transposed_to(_argument)
 # a lowering that JAX keeps for several calls would not see where its operand comes from
 mlir.register_lowering(_result, _mark, platform="cpu", cacheable=False)
