@@ -19,7 +19,6 @@ from ..model.quantities import Quantity
 from ..model.scene import Scene
 from ..tools.checks import instance, warn, whole
 from ..tools.files import user_path, write_whole
-from ..tools.html import repr_html
 from ..tools.progress import bar as progress_bar
 from .ensembles import EnsembleSettings
 from .methods import AbstractMethod, AbstractMove, CaseValues, TrustRegion
@@ -90,7 +89,6 @@ class Design:
         """The scene with the best design."""
         return self.problem.scene.replace(**self.design)
 
-    _repr_html_ = repr_html
 
     def __repr__(self) -> str:
         problem = self.problem

@@ -25,7 +25,6 @@ from ..solvers.named import resolve_controller, resolve_solver
 from ..tools.checks import finite, instance, number, require, shown_number, warn, whole, yes_or_no
 from ..tools.compile import as_argument, call_compiled, is_traced, jit
 from ..tools.description import describe
-from ..tools.html import repr_html
 from ..tools.jacobian import by_jacobian
 from ..tools.limits import refuse_impossible
 from .course import Loads, over_periods
@@ -241,8 +240,6 @@ class Trajectory(eqx.Module):
     """The arguments of `simulate` besides scene and start, as JSON, for datasets and files."""
     probe: Probe | None = None
     """Errors of some periods, measured by half the step; None without `probe`."""
-
-    _repr_html_ = repr_html
 
     def __repr__(self) -> str:
         if is_traced(self.state) or np.ndim(self.status):

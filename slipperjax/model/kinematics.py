@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..tools.checks import brief, converted, instance, real, require, shown_number
+from ..tools.checks import brief, converted, instance, is_real, real, require, shown_number
 from ..tools.compile import is_traced, need_64_bits
 from ..tools.fused import circle, spread, store, store_cotangent, store_if_differentiated
 from .quantities import COORDINATES, MOTION_NUMBERS, SLED_NUMBERS
@@ -59,7 +59,7 @@ class Motion(eqx.Module):
         angles = {"roll": roll, "pitch": pitch, "yaw": yaw}
         for name, given in angles.items():
             angle = converted(name, "rad")(given)
-            require(is_traced(angle) or (_is_real(angle) and np.size(angle)), name, "be a real number [rad]", angle)
+            require(is_traced(angle) or (is_real(angle) and np.size(angle)), name, "be a real number [rad]", angle)
             angles[name] = angle if is_traced(angle) else jnp.asarray(angle, float)
         q_x, q_y, q_z = quaternion_from_euler(**angles)
         return Motion(y, z, q_x, q_y, q_z, v_y, v_z, w_x, w_y, w_z)
@@ -88,20 +88,12 @@ def _of_slipper(m: Motion) -> list[Any]:
     return [getattr(m, name) for name in MOTION_NUMBERS]
 
 
-def _is_real(value: Any) -> bool:
-    """Tells whether a value is one real number, or an array of them."""
-    try:
-        return value is not None and np.asarray(value).dtype.kind in "fiu"
-    except (TypeError, ValueError):  # of datasets, and of rows of several lengths
-        return False
-
-
 def check_motion(name: str, motion: Any) -> Motion:
     """Returns `motion`, whose coordinates must be finite numbers or traced; raises `ValueError` otherwise."""
     for coordinate, value in vars(motion).items():
         if is_traced(value):
             continue
-        if not (_is_real(value) or isinstance(value, bool)) or np.ndim(value) or not np.isfinite(value):
+        if not (is_real(value) or isinstance(value, bool)) or np.ndim(value) or not np.isfinite(value):
             raise ValueError(f"Argument `{name}` must be finite, but its {coordinate} is {brief(value)}.")
     return motion
 

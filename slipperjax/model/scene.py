@@ -15,7 +15,6 @@ from ..tools.compile import is_traced, need_64_bits
 from ..tools.description import TYPE, describe
 from ..tools.fields import ShapeChecked, unit_of
 from ..tools.files import user_path, write_whole
-from ..tools.html import repr_html
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch
 from .loads import AbstractFriction, AbstractLoad
 from .parameters import PARAMETERS, check_no_overlap, parameter
@@ -92,8 +91,6 @@ class Scene(ShapeChecked):
                 f"Argument `track` has waves of {shortest:g} m, shorter than the slipper of {length:g} m, which "
                 "feels the rail at its two ends only."
             )
-
-    _repr_html_ = repr_html
 
     def __repr__(self) -> str:
         changes = isinstance(self.speed, SpeedProgramme)

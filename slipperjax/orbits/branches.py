@@ -30,7 +30,6 @@ from ..solvers.named import resolve_solver
 from ..tools.checks import brief, known, number, positive, require, whole
 from ..tools.compile import call_compiled
 from ..tools.files import user_path, write_whole
-from ..tools.html import repr_html
 from ..tools.progress import bar as progress_bar
 from .motions import check_forcing, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit, periodic_orbit
@@ -150,8 +149,6 @@ class OrbitBranch(OrbitPoints):
     def events_named(self, label: str) -> tuple[BranchEvent, ...]:
         """Returns the events with a label such as "PD"."""
         return tuple(event for event in self.events if event.label == label)
-
-    _repr_html_ = repr_html
 
     def __repr__(self) -> str:
         return self.summary()

@@ -38,7 +38,6 @@ from ..solvers.named import resolve_solver
 from ..tools.checks import known, one_of, require, shown_number
 from ..tools.compile import is_traced, jit
 from ..tools.hermite import Cubic
-from ..tools.html import repr_html
 from .branches import (
     BranchEvent,
     OrbitBranch,
@@ -314,8 +313,6 @@ class OrbitCurve(OrbitPoints):
         """Names of both parameters."""
         first, second = varied_names(self.points)
         return first, second
-
-    _repr_html_ = repr_html
 
     def __repr__(self) -> str:
         ds, ends = self.points, self.points.attrs["ended"]

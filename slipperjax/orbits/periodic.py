@@ -32,7 +32,6 @@ from ..model.scene import Scene, check_scene
 from ..solvers.named import resolve_solver
 from ..tools.checks import number, positive, shown_number, whole
 from ..tools.compile import is_traced, jit
-from ..tools.html import repr_html
 from .motions import check_forcing, consistent_state
 from .signature import Gaps, GapSamples, Signature, signature
 
@@ -62,8 +61,6 @@ class PeriodicOrbit(eqx.Module):
     """Forcing periods after which the motion recurs [1]: the least, unless the scene was traced."""
     steps_per_period: Any
     solver: diffrax.AbstractSolver = eqx.field(static=True)
-
-    _repr_html_ = repr_html
 
     def __repr__(self) -> str:
         if is_traced(self.state) or np.ndim(self.residual):

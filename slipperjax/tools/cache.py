@@ -2,7 +2,6 @@
 
 import contextlib
 import hashlib
-import itertools
 import os
 import platform
 import shutil
@@ -15,20 +14,13 @@ import platformdirs
 
 from .files import user_path
 
-VARIABLE = "SLIPPERJAX_CACHE"
-"""Environment variable: a folder for the cache, or "off"."""
-LEAST_FREE = 1 << 26
-"""Bytes without which nothing is kept: JAX never replaces an entry that a full disk has cut short."""
-MOST = 1 << 30
-"""Bytes above which the entries that are longest unused are deleted, down to three quarters."""
-
 
 class CacheWarning(UserWarning):
     """The cache of compiled programs cannot be used; programs are compiled in each process."""
 
 
 def compile_cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
-    """Keeps compiled programs on disk from here on, and takes those that are there: call it once, at the start.
+    """Keep compiled programs on disk from here on, and takes those that are there: call it once, at the start.
 
     The command line calls it; a notebook or a script may. Several processes may share a folder. What is in it is
     executed, so that it must belong to the user, and nobody else may write there.
@@ -40,7 +32,7 @@ def compile_cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
     that is one `CacheWarning` and no error. Where JAX has a cache folder already (`jax_compilation_cache_dir`), it
     stays.
     """
-    chosen = os.environ.get(VARIABLE, "") if folder is None else str(user_path(folder, "folder"))
+    chosen = os.environ.get("SLIPPERJAX_CACHE", "") if folder is None else str(user_path(folder, "folder"))
     if chosen.lower() == "off":
         return None
     if jax.config.jax_compilation_cache_dir:  # type: ignore[attr-defined]
@@ -52,7 +44,8 @@ def compile_cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
             path.mkdir(mode=0o700, parents=True, exist_ok=True)
             _refuse_others(path)
         _prune(place)
-        if shutil.disk_usage(place).free < LEAST_FREE:
+        # JAX never replaces an entry that a full disk has cut short
+        if shutil.disk_usage(place).free < 64e6:
             raise OSError(f"the disk of {place} is full")
     except OSError as error:
         warnings.warn(f"compiled programs are not kept: {error}", CacheWarning, stacklevel=2)
@@ -62,7 +55,7 @@ def compile_cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
 
 
 def keep_programs(place: Path) -> None:
-    """Keeps compiled programs in a folder of `compile_cache`, from here on."""
+    """Keep compiled programs in a folder of `compile_cache`, from here on."""
     # On processors with AVX-512 XLA logs an error for each program that it takes from the cache, and takes it all the
     # same (jax #38445). A level that was asked for stays; the second line gives Python's loggers back.
     level = jax.config.jax_logging_level  # type: ignore[attr-defined]
@@ -76,29 +69,38 @@ def keep_programs(place: Path) -> None:
 
 
 def _processor() -> str:
-    """The kind of processor: its architecture and a digest of what it can do, which JAX's names of entries lack."""
+    """Return the architecture and a digest of the processor's features, which JAX's names of entries lack."""
     features = platform.processor()
     with contextlib.suppress(OSError), open("/proc/cpuinfo") as lines:  # Linux
-        features += "".join(sorted({line for line in lines if line.startswith(("flags", "Features", "model name"))}))
-    return f"{platform.machine()}-{hashlib.sha256(features.encode()).hexdigest()[:8]}"
+        of_kind = {line for line in lines if line.startswith(("flags", "Features", "model name"))}
+        features += "".join(sorted(of_kind))
+    digest = hashlib.sha256(features.encode()).hexdigest()
+    return f"{platform.machine()}-{digest[:8]}"
 
 
 def _refuse_others(path: Path) -> None:
-    """Raises `PermissionError` where a folder belongs to somebody else, or others can write there."""
+    """Raise `PermissionError` where a folder belongs to somebody else, or others can write there."""
     status = path.stat()
-    if hasattr(os, "getuid") and (status.st_uid != os.getuid() or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)):
+    others_write = status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    if hasattr(os, "getuid") and (status.st_uid != os.getuid() or others_write):
         raise PermissionError(f"{path} must belong to you, and nobody else may write there")
 
 
-def _prune(place: Path) -> None:
-    """Deletes the entries that are longest unused, where there are too many, and empty ones, as crashes leave them.
+def _prune(place: Path, most: float = 1e9) -> None:
+    """Delete the entries that are longest unused where there are more bytes than `most`, and empty ones, as crashes
+    leave them.
 
     JAX's own limit, `jax_compilation_cache_max_size`, ends all writing after one entry whose time is missing (jax
     #39880), and lets threads wait for one another.
     """
-    used = lambda status: max(status.st_mtime, status.st_atime)
-    entries = sorted(((used(s), s.st_size, path) for path in place.iterdir() for s in [path.stat()]), reverse=True)
-    totals = list(itertools.accumulate(size for _, size, _ in entries))
-    for total, (_, size, path) in zip(totals, entries, strict=True):
-        if size == 0 or (totals[-1] > MOST and total >= 0.75 * MOST):
+    entries = []
+    for path in place.iterdir():
+        status = path.stat()
+        entries.append((max(status.st_mtime, status.st_atime), status.st_size, path))
+    is_full = sum(size for _, size, _ in entries) > most
+    kept = 0
+    # from the entry used last; a full cache is emptied to three quarters
+    for _, size, path in sorted(entries, reverse=True):
+        kept += size
+        if size == 0 or (is_full and kept >= 0.75 * most):
             path.unlink(missing_ok=True)

@@ -20,36 +20,39 @@ from .compile import is_traced
 
 
 def brief(value: Any) -> str:
-    """Gives `repr` of a value on one line, cut where it is long; its class where it has none, as a list in too many
-    lists and a number of too many digits."""
+    """Return `repr` of a value on one line, cut where it is long; its class where `repr` fails."""
     try:
         text = " ".join(repr(value).split())
-    except Exception:  # of whatever class a user's own `repr` raises
+    except Exception:  # of any class: lists in too many lists, numbers of too many digits, a user's own `repr`
         text = f"<{type(value).__name__}>"
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 def require(ok: Any, name: str, need: str, value: Any = None, *, shown: str = "") -> None:
-    """Raises `ValueError` "Argument `name` must `need`, but is `value`." unless `ok`.
+    """Raise `ValueError` "Argument `name` must `need`, but is `value`." unless `ok`.
 
     **Arguments:** `name`: of the argument, or of an option such as --over; `need`: begins with a verb, such as "be
     positive"; after "have" the message ends with "but has `value`"; `shown`: words in place of the value.
     """
-    if not ok:
-        of = f"Option {name}" if name.startswith("--") else f"Argument `{name}`"
-        verb = "has" if need[:4] == "have" else "is"
-        number = f"{value:g}" if isinstance(value, float | np.floating) else brief(value)
-        raise ValueError(f"{of} must {need}, but {verb} {shown or number}.")
+    if ok:
+        return
+    of = f"Option {name}" if name.startswith("--") else f"Argument `{name}`"
+    verb = "has" if need.startswith("have") else "is"
+    if not shown:
+        shown = f"{value:g}" if isinstance(value, float | np.floating) else brief(value)
+    raise ValueError(f"{of} must {need}, but {verb} {shown}.")
 
 
 def pint_unit(unit: str) -> str:
-    """Gives a unit as pint reads it: "m^2 per cycle/m" has one quotient below another."""
+    """Return a unit as pint reads it: "m^2 per cycle/m" has one quotient below another."""
     whole, per, part = unit.partition(" per ")
-    return f"({whole})/({part})" if per else whole.removeprefix("1") if whole == "1" else whole
+    if per:
+        return f"({whole})/({part})"
+    return "" if whole == "1" else whole
 
 
 def in_unit(value: Any, unit: str) -> Any:
-    """Gives a quantity of pint, or lists of such, as numbers in a unit, and other values as they are.
+    """Return a quantity of pint, or lists of such, as numbers in a unit, and other values as they are.
 
     **Raises:** `TypeError` for a quantity of another dimension.
     """
@@ -60,7 +63,7 @@ def in_unit(value: Any, unit: str) -> Any:
 
 
 def converted(name: str, unit: str) -> Callable[[Any], Any]:
-    """Makes a field converter of quantities of pint to numbers in a unit, which checks nothing else."""
+    """Return a field converter of quantities of pint to numbers in a unit, which checks nothing else."""
 
     def convert(value: Any) -> Any:
         try:
@@ -91,10 +94,10 @@ class Check:
     def __call__(self, value: Any) -> Any:
         if self.optional and value is None:
             return None
-        name, need, suffix = self.name, self.need, f" {self.unit}" if self.unit not in ("", "1") else ""
         if isinstance(value, jax.core.Tracer):
             value = jnp.asarray(value, float)
             return jnp.where(self.is_bad(value), jnp.nan, value)
+        unit = "" if self.unit == "1" else self.unit
         try:
             numbers = in_unit(value, self.unit)
             # NumPy makes numbers of None, bools and some texts: refuse these
@@ -102,93 +105,99 @@ class Check:
                 raise TypeError
             array = np.asarray(numbers, dtype=float)
         except (TypeError, ValueError, RecursionError):
-            kind = f"a number{f' in {self.unit}' if self.unit not in ('', '1') else ''}"
-            raise ValueError(f"Argument `{name}` must be {need}, but is {brief(value)}, not {kind}.") from None
+            kind = f"a number in {unit}" if unit else "a number"
+            raise self._error(f"{brief(value)}, not {kind}") from None
         bad = self.is_bad(array)
         if np.any(bad):
-            worst = float(array[bad][0] if array.ndim else array)
-            # as many digits as show what is wrong
-            shown = next(
-                (text for text in (f"{worst:g}", f"{worst:.12g}") if self.is_bad(np.float64(text))), f"{worst!r}"
-            )
-            raise ValueError(f"Argument `{name}` must be {need}, but is {shown}{suffix}.")
+            worst = array[bad][0] if array.ndim else array
+            raise self._error(f"{float(worst):.12g} {unit}".rstrip())
         if self.plausible is not None:
-            warn_unless_within(name, array, *self.plausible, self.unit)
+            warn_unless_within(self.name, array, *self.plausible, self.unit)
         return jnp.asarray(array)
+
+    def _error(self, shown: str) -> ValueError:
+        return ValueError(f"Argument `{self.name}` must be {self.need}, but is {shown}.")
 
 
 def positive(name: str, unit: str = "") -> Check:
-    """Makes a field converter to an array of any shape, which requires finite numbers > 0 [`unit`]."""
+    """Return a field converter to an array of any shape, which requires finite numbers > 0 [`unit`]."""
     return Check(name, unit, "positive", lambda x: ~((x > 0) & (x < np.inf)))
 
 
 def not_negative(name: str, unit: str = "") -> Check:
-    """Makes a field converter to an array of any shape, which requires finite numbers >= 0 [`unit`]."""
+    """Return a field converter to an array of any shape, which requires finite numbers >= 0 [`unit`]."""
     return Check(name, unit, "zero or positive", lambda x: ~((x >= 0) & (x < np.inf)))
 
 
 def finite(name: str, unit: str = "") -> Check:
-    """Makes a field converter to an array of any shape, which requires finite numbers [`unit`]."""
+    """Return a field converter to an array of any shape, which requires finite numbers [`unit`]."""
     return Check(name, unit, "finite", lambda x: ~(abs(x) < np.inf))
 
 
 def fraction(name: str, unit: str = "") -> Check:
-    """Makes a field converter to an array of any shape, which requires numbers in (0, 1] [`unit`]."""
+    """Return a field converter to an array of any shape, which requires numbers in (0, 1] [`unit`]."""
     return Check(name, unit, "above 0 and at most 1", lambda x: ~((x > 0) & (x <= 1)))
 
 
-MOST_WHOLE = 2**53 - 1
-"""Greatest whole number up to which all have a number in double precision of their own."""
+def whole_number(name: str, unit: str = "", *, most: int = 2**53 - 1) -> Check:
+    """Return a field converter to an array of any shape, which requires whole numbers of 0 to `most`.
 
-
-def whole_number(name: str, unit: str = "", *, most: int = MOST_WHOLE) -> Check:
-    """Makes a field converter to an array of any shape, which requires whole numbers of 0 to `most`: such as choose
-    one of several rails."""
-    shown = "2^53 - 1" if most == MOST_WHOLE else most
-    need = f"a whole number of 0 to {shown}"
+    Up to 2^53 - 1 all whole numbers are exact in double precision.
+    """
+    need = f"a whole number of 0 to {'2^53 - 1' if most == 2**53 - 1 else most}"
     return Check(name, unit, need, lambda x: ~((x >= 0) & (x <= most) & (x == x.round())), whole=True)
 
 
 def optional(check: Check) -> Check:
-    """Makes a converter that also accepts `None`, unchecked."""
+    """Return a converter that also accepts `None`, unchecked."""
     return dataclasses.replace(check, optional=True)
 
 
 def number(check: Callable[[str, str], Check], name: str, value: Any, unit: str = "") -> float:
-    """Gives a single number that passes `check`, such as `positive`; raises `ValueError` otherwise."""
+    """Return a single number that passes `check`, such as `positive`; raises `ValueError` otherwise."""
     array = check(name, unit)(known(name, value))
     require(array.ndim == 0, name, "be one number", value)
-    return float(np.asarray(in_unit(value, unit), float))  # and not of `array`, which inside jit is traced
+    # not of `array`, which is traced inside jit
+    return float(np.asarray(in_unit(value, unit), float))
 
 
 def yes_or_no(name: str, value: Any) -> bool:
-    """Gives `value`, which must be True or False; raises `ValueError` otherwise."""
+    """Return `value`, which must be True or False; raises `ValueError` otherwise."""
     require(isinstance(value, bool | np.bool_), name, "be True or False", value)
     return bool(value)
 
 
 def instance(name: str, value: Any, kind: type, text: str) -> Any:
-    """Gives `value`, which must be of a class, called `text` in the `ValueError` otherwise."""
+    """Return `value`, which must be of a class, called `text` in the `ValueError` otherwise."""
     require(isinstance(value, kind), name, f"be {text}", value)
     return value
 
 
 def numbers(name: str, value: Any, axes: int = 0) -> np.ndarray:
-    """Gives an array of numbers with so many axes or more; raises `ValueError` otherwise."""
+    """Return an array of numbers with so many axes or more; raises `ValueError` otherwise."""
     try:
         array = np.asarray(value)
     except (TypeError, ValueError):  # of datasets, and of rows of several lengths
         array = np.asarray(None)
-    shapes = f" with {axes} axes or more" if axes > 1 else " along one axis or more" if axes else ""
-    need = f"be numbers{shapes}"
+    need = "be numbers"
+    if axes:
+        need += " along one axis or more" if axes == 1 else f" with {axes} axes or more"
     require(array.dtype.kind in "biufc", name, need, value)
     require(array.ndim >= axes, name, need, shown=f"of shape {array.shape}")
     return array
 
 
+def is_real(value: Any) -> bool:
+    """Tell whether a value is a real number, or an array of them."""
+    try:
+        return np.asarray(value).dtype.kind in "fiu"
+    except (TypeError, ValueError):  # of datasets, and of rows of several lengths
+        return False
+
+
 def real(name: str, value: Any) -> Any:
-    """Gives `value`, which must be real numbers or traced; raises `ValueError` otherwise."""
-    require(is_traced(value) or numbers(name, value).dtype.kind in "fiu", name, "be real numbers", value)
+    """Return `value`, which must be real numbers or traced; raises `ValueError` otherwise."""
+    require(is_traced(value) or is_real(value), name, "be real numbers", value)
     return value
 
 
@@ -201,7 +210,7 @@ class ImplausibleWarning(UserWarning):
 
 
 def warn_unless_within(name: str, value: Any, low: float, high: float, unit: str) -> None:
-    """Warns where a value, or the farthest of several, lies outside a plausible range, unless it is traced."""
+    """Warn where a value, or the farthest of several, lies outside a plausible range, unless it is traced."""
     if value is None or is_traced(value):
         return
     array = np.atleast_1d(np.asarray(value, float))
@@ -214,52 +223,48 @@ def warn_unless_within(name: str, value: Any, low: float, high: float, unit: str
 
 
 def warn(text: str) -> None:
-    """Gives an `ImplausibleWarning`, which points at the line outside the package that asked; see `TOLD`."""
-    told, kind = TOLD.get(), re.sub(r"-?[\d.]+(e[-+]?\d+)?", "", text)
-    if told is not None and kind in told:
-        return
+    """Give an `ImplausibleWarning`, which points at the line outside the package that asked; see `TOLD`."""
+    told = TOLD.get()
+    kind = re.sub(r"-?[\d.]+(e[-+]?\d+)?", "", text)
     if told is not None:
+        if kind in told:
+            return
         told.add(kind)
-    depth, frame = 2, sys._getframe(1)
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] in _OWN:
-        depth, frame = depth + 1, frame.f_back
+    depth = 2
+    frame = sys._getframe(1)
+    # up to the user's own line
+    while frame.f_back is not None and re.match(r"(slipperjax|equinox|jax)\b", frame.f_globals.get("__name__", "")):
+        depth += 1
+        frame = frame.f_back
     warnings.warn(text, ImplausibleWarning, stacklevel=depth)
 
 
-_OWN = (__name__.split(".")[0], "equinox", "jax")
-
-
 def known(name: str, value: Any) -> Any:
-    """Gives `value`; raises `ValueError` where it is traced, for what makes no program but datasets and pictures."""
+    """Return `value`; raises `ValueError` where it is traced, for what makes no program but datasets and pictures."""
     need = "be of values that are known: call this outside of jax.jit, jax.grad and jax.vmap"
     require(not is_traced(value), name, need, shown="traced")
     return value
 
 
-MOST_OF_ANY = 2**128
-"""Greatest whole number that is accepted where nothing else bounds it: seeds may be as long."""
+def whole(name: str, value: Any, least: int, most: int = 2**128) -> int:
+    """Return `value` as an `int` of at least `least`, and at most `most`; raises `ValueError` otherwise.
 
-
-def whole(name: str, value: Any, least: int, most: int = MOST_OF_ANY) -> int:
-    """Gives `value` as an `int` of at least `least`, and at most `most`; raises `ValueError` otherwise."""
+    Seeds may be as long as the default of `most`.
+    """
     ok = isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= least
     require(ok, name, f"be a whole number of {least} or more", value)
-    require(value <= most, name, f"be at most {'2^128' if most == MOST_OF_ANY else most}", value)
+    require(value <= most, name, f"be at most {most}", value)
     return int(value)
 
 
 def one_of(name: str, value: Any, choices: tuple[str, ...]) -> str:
-    """Gives `value`, which must be one of `choices`; raises `ValueError` otherwise."""
+    """Return `value`, which must be one of `choices`; raises `ValueError` otherwise."""
     require(isinstance(value, str) and value in choices, name, f"be one of {', '.join(choices)}", value)
     return value
 
 
-SHOWN_ENTRIES = 6
-"""Entries up to which an array is written out."""
-
-
 def shown_number(value: Any) -> str:
-    """Formats a number, or a small array of them, with five digits; of a large one its shape and range."""
+    """Return a number, or an array of six at most, as text with five digits; of a larger one its shape and range."""
     if isinstance(value, jax.core.Tracer):
         return f"<traced {value.dtype}{list(value.shape)}>"
     if not isinstance(value, jax.Array | np.ndarray | np.generic | float):
@@ -269,6 +274,6 @@ def shown_number(value: Any) -> str:
         return brief(value)
     if array.ndim == 0:
         return f"{array:.5g}"
-    if array.size <= SHOWN_ENTRIES:
+    if array.size <= 6:
         return str([shown_number(part) for part in array]).replace("'", "")
     return f"<{' x '.join(map(str, array.shape))}, {array.min():.5g} to {array.max():.5g}>"

@@ -20,29 +20,33 @@ TYPE = "type"
 OPAQUE = "opaque"
 """Key in place of a value that plain data cannot hold, such as a function."""
 
-NORMS = {f"optimistix.{f.__name__}": f for f in (optimistix.max_norm, optimistix.rms_norm, optimistix.two_norm)}
+NORMS = {
+    "optimistix.max_norm": optimistix.max_norm,
+    "optimistix.rms_norm": optimistix.rms_norm,
+    "optimistix.two_norm": optimistix.two_norm,
+}
 """Functions that solvers of diffrax hold, by the names that descriptions give them."""
 
 
 def type_name(kind: type) -> str:
-    """Gives the name of a class in descriptions, for other packages with the package, as in diffrax.Tsit5."""
+    """Return the name of a class in descriptions, for other packages with the package, as in diffrax.Tsit5."""
     package = kind.__module__.split(".")[0]
     return kind.__name__ if package in (__name__.split(".")[0], "__main__") else f"{package}.{kind.__name__}"
 
 
 def subclasses(base: type) -> Iterator[type]:
-    """All subclasses of a class that were defined in this process, those of users included."""
+    """Yield all subclasses of a class that were defined in this process, those of users included."""
     for kind in base.__subclasses__():
         yield kind
         yield from subclasses(kind)
 
 
 def describe(value: Any) -> Any:
-    """Gives a module, or a dataclass, as nested dicts of plain values, which `build` turns into an equal module.
+    """Return a module, or a dataclass, as nested dicts of plain values, which `build` turns into an equal module.
 
     Arrays become lists of numbers; 64-bit numbers come back to the last bit. Quantities of pint become numbers in SI
-    units. A module that holds what is no plain
-    value, such as a function, but equals the one that is made without arguments, is described by its name alone.
+    units. A module that holds a value which is not plain, such as a function, but equals the one that is made without
+    arguments, is described by its name alone.
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         kind = type(value)
@@ -62,23 +66,20 @@ def describe(value: Any) -> Any:
         return [describe(part) for part in value]
     if isinstance(value, dict):
         return {name: describe(part) for name, part in value.items()}
-    name = next((name for name, norm in NORMS.items() if norm is value), None)
-    return {OPAQUE: _text_of(value)} if name is None else name
+    for name, norm in NORMS.items():
+        if norm is value:
+            return name
+    if isinstance(value, types.FunctionType):
+        return {OPAQUE: f"{value.__module__}.{value.__qualname__}, {code_digest(value)}"}
+    return {OPAQUE: brief(value)}
 
 
 @functools.cache
 def arguments_of(kind: type) -> dict[str, Any]:
-    """Gives the fields of a class that its `__init__` takes, with their defaults: those that describe it."""
+    """Return the fields of a class that its `__init__` takes, with their defaults: those that describe it."""
     names = {field.name for field in dataclasses.fields(kind)}
     parameters = inspect.signature(kind.__init__).parameters
     return {name: parameter.default for name, parameter in parameters.items() if name in names}
-
-
-def _text_of(value: Any) -> str:
-    """Gives a text for a value that plain data cannot hold: of a function its name and a digest, in any process."""
-    if not isinstance(value, types.FunctionType):
-        return brief(value)
-    return f"{value.__module__}.{value.__qualname__}, {code_digest(value)}"
 
 
 def _opaque(description: Any) -> bool:
@@ -95,7 +96,7 @@ def _is_default(module: eqx.Module) -> bool:
 
 
 def build(description: Any, bases: tuple[type, ...], where: str = "") -> Any:
-    """Makes the module of a description.
+    """Return the module of a description.
 
     **Arguments:** `bases`: classes; those that descriptions name must be subclasses of them, defined in this process.
     `where`: what the description is of, for errors.
@@ -110,19 +111,26 @@ def build(description: Any, bases: tuple[type, ...], where: str = "") -> Any:
             raise ValueError(f"Argument `{where}` must have a `{TYPE}`, but has {names}.")
         kind = known_type(str(description[TYPE]), bases, where)
         check_fields(description, kind, where)
-        inner = lambda name: f"{where}.{name}" if where else name
-        return kind(**{k: build(v, bases, inner(k)) for k, v in description.items() if k != TYPE})
+        fields = {}
+        for name, part in description.items():
+            if name != TYPE:
+                fields[name] = build(part, bases, f"{where}.{name}" if where else name)
+        return kind(**fields)
     if isinstance(description, list):
         return tuple(build(part, bases, where) for part in description)
     return NORMS.get(description, description) if isinstance(description, str) else description
 
 
 def known_type(name: str, bases: tuple[type, ...], where: str) -> type:
-    """Finds the class of a name in descriptions: the one defined last.
+    """Return the class of a name in descriptions: the one defined last.
 
     **Raises:** `ValueError` where no concrete subclass of `bases` has it.
     """
-    classes = {type_name(k): k for base in bases for k in (base, *subclasses(base)) if _is_concrete(k)}
+    classes = {}
+    for base in bases:
+        for kind in (base, *subclasses(base)):
+            if not kind.__name__.startswith(("Abstract", "_")) and not getattr(kind, "__abstractmethods__", None):
+                classes[type_name(kind)] = kind
     if name not in classes:
         own = ", ".join(sorted(k for k in classes if "." not in k))
         raise ValueError(
@@ -132,12 +140,8 @@ def known_type(name: str, bases: tuple[type, ...], where: str) -> type:
     return classes[name]
 
 
-def _is_concrete(kind: type) -> bool:
-    return not kind.__name__.startswith(("Abstract", "_")) and not getattr(kind, "__abstractmethods__", None)
-
-
 def check_fields(description: Mapping[str, Any], kind: type, where: str) -> None:
-    """Raises `ValueError` where a class lacks fields that a description has, or needs others."""
+    """Raise `ValueError` where a class lacks fields that a description has, or needs others."""
     fields = arguments_of(kind)
     for name in description:
         if name != TYPE and name not in fields:

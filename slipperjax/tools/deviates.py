@@ -14,18 +14,18 @@ from jaxtyping import Array, Float, Key
 
 
 def keys_of(seed: Array, count: int) -> Key[Array, " count"]:
-    """Returns the keys of `count` independent series of a seed, a whole number below 2^53."""
+    """Return the keys of `count` independent series of a seed, a whole number below 2^53."""
     return _hashed(jax.random.key(seed.astype(int), impl="threefry2x32"), count)
 
 
 def uniform(key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "..."]:
-    """Returns numbers evenly distributed over [0, 1), multiples of 2^-52."""
+    """Return numbers evenly distributed over [0, 1), multiples of 2^-52."""
     words = jax.random.key_data(_hashed(key, math.prod(shape))).astype(jnp.uint64)
     return ((words[:, 0] << 32 | words[:, 1]) >> 12).astype(float).reshape(shape) * 2.0**-52
 
 
 def normal(key: Key[Array, ""], shape: tuple[int, ...]) -> Float[Array, "..."]:
-    """Returns normal deviates of mean 0 and variance 1."""
+    """Return normal deviates of mean 0 and variance 1."""
     low = np.nextafter(-1.0, 0.0)  # of -1 the deviate would be infinite
     return np.sqrt(2) * jax.lax.erf_inv(jnp.maximum(low, uniform(key, shape) * (1 - low) + low))
 

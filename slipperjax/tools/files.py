@@ -14,30 +14,22 @@ Content = bytes | memoryview
 """Content of a file."""
 
 
-LARGEST_FILE = 2**31
-"""Bytes of the largest file that is read."""
-
-
-LONGEST_PATH = 4096
-"""Characters of the longest path."""
-
-
 def user_path(path: Any, name: str = "path") -> Path:
-    """Gives a path; one that begins with ~ is in the user's home.
+    """Return a path; one that begins with ~ is in the user's home.
 
     **Arguments:** `name`: of the argument.
 
     **Raises:** `ValueError` for what is no path.
     """
-    require(isinstance(path, str | os.PathLike), name, "be a path", path)
-    text = os.fspath(path)
-    good = isinstance(text, str) and len(text) <= LONGEST_PATH and "\0" not in text
+    text = os.fspath(path) if isinstance(path, os.PathLike) else path
+    # such as the system takes: of 4096 characters at most
+    good = isinstance(text, str) and len(text) <= 4096 and "\0" not in text
     require(good, name, "be a path", path)
     return Path(os.path.expanduser(text))
 
 
 def check_file(path: Path) -> None:
-    """Raises `OSError` where there is no file, and `ValueError` for another thing, such as a device or a pipe."""
+    """Raise `OSError` where there is no file, and `ValueError` for another thing, such as a device or a pipe."""
     if not path.exists():
         raise FileNotFoundError(f"No such file: {path}")
     if not path.is_file():
@@ -45,19 +37,14 @@ def check_file(path: Path) -> None:
 
 
 def content_of(path: Path) -> bytes:
-    """Returns the content of a file.
-
-    **Raises:** as `check_file`, and `ValueError` for more than `LARGEST_FILE`.
-    """
+    """Return the content of a file; raises as `check_file`."""
     check_file(path)
-    if (size := path.stat().st_size) > LARGEST_FILE:
-        raise ValueError(f"{path} must have {LARGEST_FILE:,} bytes at most, but has {size:,}.")
     return path.read_bytes()
 
 
 @contextmanager
 def readable(path: Any, kind: str) -> Iterator[None]:
-    """Around calls of other packages that read a file, which raise errors of any class for a damaged one.
+    """Surround calls of other packages that read a file, which raise errors of any class for a damaged one.
 
     **Arguments:** `kind`: what the file should be, as in "netCDF file".
 
@@ -75,7 +62,7 @@ class NotWritten(OSError):
 
 
 def write_whole(path: Path, content: Content) -> bool:
-    """Writes a file under a temporary name in its folder, and moves it into place when all of it is on the disk.
+    """Write a file under a temporary name in its folder, and moves it into place when all of it is on the disk.
 
     So a full disk, an interrupt or a lost process leaves a file that was there before as it was, and programs that
     have it open keep reading what they opened. A process that is killed at once may leave a file `.NAME.RANDOM.part`.
@@ -104,7 +91,7 @@ def write_whole(path: Path, content: Content) -> bool:
 
 
 def write_each(contents: Mapping[Path, Callable[[], Content]]) -> dict[Path, bool]:
-    """Writes several files whole, each whether or not the others can be written.
+    """Write several files whole, each whether or not the others can be written.
 
     A file that cannot be written goes to the folder for temporary files instead, so that long computations are not
     lost with it.
@@ -125,12 +112,12 @@ def write_each(contents: Mapping[Path, Callable[[], Content]]) -> dict[Path, boo
             reason = error.strerror or str(error)
             failures.append(f"cannot write {path}: {reason} ({_kept_elsewhere(path, content)})")
     if failures:
-        raise NotWritten("; ".join([*failures, *([said(done)] if done else [])]))
+        raise NotWritten("; ".join(failures + ([said(done)] if done else [])))
     return done
 
 
 def _kept_elsewhere(path: Path, content: Content) -> str:
-    """Writes a file to the folder for temporary files, and says so or that it is lost."""
+    """Write a file to the folder for temporary files; return where, or that it is lost."""
     folder = None
     try:
         folder = Path(tempfile.mkdtemp(prefix="slipperjax_"))  # which nobody else can write to
@@ -143,17 +130,25 @@ def _kept_elsewhere(path: Path, content: Content) -> str:
 
 
 def said(done: Mapping[Path, bool]) -> str:
-    """Gives the result of `write_each` in words: "wrote a.nc and replaced b.png"."""
-    names = {verb: [str(p) for p, old in done.items() if old == was] for verb, was in (("wrote", 0), ("replaced", 1))}
-    return " and ".join(f"{verb} {listed(paths)}" for verb, paths in names.items() if paths)
+    """Return the result of `write_each` in words: "wrote a.nc and replaced b.png"."""
+    parts = []
+    for verb, replaced in (("wrote", False), ("replaced", True)):
+        paths = [str(path) for path, was_there in done.items() if was_there == replaced]
+        if paths:
+            parts.append(f"{verb} {listed(paths)}")
+    return " and ".join(parts)
 
 
 def listed(names: list[str]) -> str:
-    """Joins names: "a, b and c"."""
-    return " and ".join([", ".join(names[:-1])] * (len(names) > 1) + names[-1:])
+    """Return names joined: "a, b and c"."""
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def table_lines(table: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Gives rows with the same keys as a table in Markdown, by lines; none without rows."""
-    line = lambda cells: "| " + " | ".join(str(c).replace("|", "/") for c in cells) + " |"
-    return [line(table[0]), line("---" for _ in table[0]), *(line(row.values()) for row in table)] if table else []
+    """Return rows with the same keys as a table in Markdown, by lines; none without rows."""
+    if not table:
+        return []
+    heading = list(table[0])
+    rows = [heading, ["---"] * len(heading), *(row.values() for row in table)]
+    return ["| " + " | ".join(str(cell).replace("|", "/") for cell in row) + " |" for row in rows]

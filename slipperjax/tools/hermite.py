@@ -26,24 +26,25 @@ class Cubic(NamedTuple):
 
     @classmethod
     def through(cls, start: Any, slope: Any, end: Any, end_slope: Any) -> "Cubic":
-        """Makes the cubics with these values and slopes at 0 and 1."""
-        cube, square = 2 * (start - end) + slope + end_slope, 3 * (end - start) - 2 * slope - end_slope
+        """Return the cubics with these values and slopes at 0 and 1."""
+        cube = 2 * (start - end) + slope + end_slope
+        square = 3 * (end - start) - 2 * slope - end_slope
         return cls(start, slope, square, cube)
 
     def value(self, x: Any) -> Any:
-        """Gives the values at x."""
+        """Return the values at x."""
         return ((self.cube * x + self.square) * x + self.slope) * x + self.start
 
     def slope_at(self, x: Any) -> Any:
-        """Gives the first derivatives at x."""
+        """Return the first derivatives at x."""
         return (3 * self.cube * x + 2 * self.square) * x + self.slope
 
     def curvature(self, x: Any) -> Any:
-        """Gives the second derivatives at x."""
+        """Return the second derivatives at x."""
         return 6 * self.cube * x + 2 * self.square
 
     def turn(self, sign: Any) -> Array:
-        """Gives the x at which slopes change their sign within the interval. Pure.
+        """Return the x at which slopes change their sign within the interval. Pure.
 
         **Arguments:** `sign`: 1 where the slope falls through zero, at a greatest value, -1 where it rises.
         """
@@ -51,16 +52,20 @@ class Cubic(NamedTuple):
         return jnp.clip(self.slope / (sign * root - self.square), 0.0, 1.0)
 
     def extremes(self) -> Float[np.ndarray, "2 ..."]:
-        """Gives the x of all extremes within the interval in their order, NaN where there is none. NumPy only."""
-        a, b, c = 3 * self.cube, 2 * self.square, self.slope
+        """Return the x of all extremes within the interval in their order, NaN where there is none. NumPy only."""
+        # of the slope (a x + b) x + c
+        a = 3 * self.cube
+        b = 2 * self.square
+        c = self.slope
         with np.errstate(all="ignore"):
+            # both zeros without cancellation
             q = -(b + np.where(b >= 0, 1, -1) * np.sqrt(b * b - 4 * a * c)) / 2
             both = np.stack([q / a, c / q])
             return np.sort(np.where((both > 0) & (both < 1), both, np.nan), axis=0)
 
 
 def highest_point(start: Array, slope: Array, end: Array, end_slope: Array) -> tuple[Array, Array]:
-    """Gives x from 0 to 1 and value of the highest point of `Cubic.through` these values and slopes. Pure."""
+    """Return x from 0 to 1 and value of the highest point of `Cubic.through` these values and slopes. Pure."""
     cubic = Cubic.through(start, slope, end, end_slope)
     inside = (slope > 0) & (end_slope < 0)
     # zero of the slope; real, as the slope changes its sign
@@ -71,7 +76,7 @@ def highest_point(start: Array, slope: Array, end: Array, end_slope: Array) -> t
 
 @jax.custom_jvp
 def sign_change(cubic: Cubic, end: Array, wanted: Bool[Array, "..."]) -> Array:
-    """Returns the x in [0, 1] at which cubics go from the side of zero where they start to the side where they end.
+    """Return the x in [0, 1] at which cubics go from the side of zero where they start to the side where they end.
 
     A cubic that leaves zero first, or turns back after the change, has further zeros, at which it goes the other way;
     so has one that starts at zero. The first guess is the zero in the right direction of the parabola through the
@@ -82,7 +87,8 @@ def sign_change(cubic: Cubic, end: Array, wanted: Bool[Array, "..."]) -> Array:
 
     **Arguments:** `end`: the cubics' values at 1; `wanted`: where the zero is wanted; the result is 0 elsewhere.
     """
-    start, slope = cubic.start, cubic.slope
+    start = cubic.start
+    slope = cubic.slope
     bend = start + slope - end  # of the parabola start + slope x - bend x^2
     root = jnp.sqrt(jnp.maximum(slope * slope + 4 * bend * start, 0.0))
     root = jnp.where(start < end, -root, root)
@@ -90,8 +96,10 @@ def sign_change(cubic: Cubic, end: Array, wanted: Bool[Array, "..."]) -> Array:
     # two forms of one solution, of which one has no cancellation
     x = jnp.where(leaves, slope + root, 2 * start) / jnp.where(leaves, 2 * bend, root - slope)
     for _ in range(REFINEMENTS):
-        value, steep = cubic.value(x), cubic.slope_at(x)
-        passed, along = value * root < 0, steep * root < 0
+        value = cubic.value(x)
+        steep = cubic.slope_at(x)
+        passed = value * root < 0
+        along = steep * root < 0
         over = jnp.where(along, value, value * jnp.where(passed, x, x - 1))
         under = jnp.where(along, steep, value - jnp.where(passed, start, end))
         x = x - over / under

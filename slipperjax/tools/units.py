@@ -6,39 +6,39 @@ from typing import Any
 
 from .checks import brief, pint_unit
 
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_QUANTITY = re.compile(rf"\s*({_NUMBER})(?:/([1-9]\d*))?(\s+\S.*?|[^\W\d_].*?|°)\s*")
-"""A number or a fraction, and a unit."""
+_QUANTITY = re.compile(
+    r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"  # a number,
+    r"(?:/([1-9]\d*))?"  # or a fraction,
+    r"(\s+\S.*?|[^\W\d_].*?|°)\s*"  # and a unit
+)
 
 
 def parsed(name: str, value: Any, unit: str) -> float:
-    """Reads a text such as "1.5 mm" or "1/16 in" in the SI unit `unit`.
+    """Return a text such as "1.5 mm" or "1/16 in" as a number in the SI unit `unit`.
 
     **Raises:** `ValueError` for other texts, and bare numbers.
     """
     words = _QUANTITY.fullmatch(value if isinstance(value, str) else "")
     if words is None:
         raise ValueError(f'`{name}` must be a number with a unit, as in "1.5 {unit}", but is {brief(value)}.')
-    return float(words[1]) / float(words[2] or 1) * unit_factor(name, words[3].strip(), unit)
+    value = float(words[1]) / float(words[2] or 1)
+    return value * unit_factor(name, words[3].strip(), unit)
 
 
 STANDARD_GRAVITY = 9.80665
 """g, in which accelerations are given [m/s^2]."""
-_UNIT = r"(?:[^\W\d]|[µ°%*/^().·\s-]|\d(?!\s*(?:\d|\*\*|\^))){1,40}"
-"""Units in products, quotients and small powers: no numbers to a power, which could be of any size."""
-OTHER_NAMES = {"lbm": "lb"} | dict.fromkeys(("us_survey_foot", "US_survey_foot", "ftUS"), "survey_foot")
-"""Units by names that pint does not know."""
 
 
 def _as_pint_reads(unit: str) -> str:
-    """Gives a unit with the names that pint knows, and with a sign before powers that are written as in m s-1."""
-    powers = re.sub(r"(?<=[^\W\d_])(-?\d)\b", r"**\1", unit)
-    return re.sub(r"[^\W\d]+", lambda name: OTHER_NAMES.get(name[0], name[0]), powers)
+    """Return a unit with the names that pint knows, and with a sign before powers that are written as in m s-1."""
+    unit = re.sub(r"(?<=[^\W\d_])(-?\d)\b", r"**\1", unit)
+    unit = re.sub(r"\blbm\b", "lb", unit)
+    return re.sub(r"\b([uU][sS]_survey_foot|ftUS)\b", "survey_foot", unit)
 
 
 @functools.cache
 def unit_factor(name: str, unit: str, si: str) -> float:
-    """Returns SI units in one `unit`; raises `ValueError` for a unit of another kind."""
+    """Return SI units in one `unit`; raises `ValueError` for a unit of another kind."""
     if unit == si:
         return 1.0
     if unit == "g" and si == "m/s^2":  # which pint takes for grams
@@ -46,7 +46,8 @@ def unit_factor(name: str, unit: str, si: str) -> float:
     import pint  # here, because only files with other units need it
 
     try:
-        if not re.fullmatch(_UNIT, unit):
+        # no numbers to a power, which could be of any size
+        if not re.fullmatch(r"(?:[^\W\d]|[µ°%*/^().·\s-]|\d(?!\s*(?:\d|\*\*|\^))){1,40}", unit):
             raise ValueError("it is no product of units and small powers")
         return float(pint.Quantity(1.0, pint_unit(_as_pint_reads(unit))).to(pint_unit(si)).magnitude)
     except (pint.PintError, ValueError, TypeError, AssertionError) as error:

@@ -112,13 +112,13 @@ def _deep(levels):
 
 STATE = sj.initial_state(SCENE, sj.Motion())
 OTHERS_OF_THE_MODEL = [
-    (lambda: sj.reactions("now", STATE, sj.Args(SCENE)), "`t` must be numbers"),
+    (lambda: sj.reactions("now", STATE, sj.Args(SCENE)), "`t` must be real numbers"),
     (lambda: sj.reactions(0.0, None, sj.Args(SCENE)), "`state` must be a slipperjax.State"),
     (lambda: sj.reactions(0.0, STATE, SCENE), "`args` must be slipperjax.Args"),
     (lambda: sj.initial_state(SCENE, sj.Motion(), "now"), "`epoch` must be finite"),
     (lambda: sj.initial_state(SCENE, sj.Motion(), 10**400), "`epoch` must be finite"),
-    (lambda: model.rail_frame(SCENE, "now"), "`phase` must be numbers"),
-    (lambda: model.quaternion_from_euler(0.1, None, 0.0), "`pitch` must be numbers"),
+    (lambda: model.rail_frame(SCENE, "now"), "`phase` must be real numbers"),
+    (lambda: model.quaternion_from_euler(0.1, None, 0.0), "`pitch` must be real numbers"),
     (lambda: model.quaternion_from_euler(0.1, 1j, 0.0), "`pitch` must be real numbers"),
     (lambda: model.euler_angles(SCENE), "`m` must be a slipperjax.Motion"),
     (lambda: model.scaled_size(3.0), "`motion` must be a slipperjax.Motion"),

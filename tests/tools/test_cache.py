@@ -66,12 +66,11 @@ def test_a_folder_of_jax_stays(tmp_path, own_cache, monkeypatch):
     assert not (tmp_path / "other").exists()
 
 
-def test_the_longest_unused_go_first(tmp_path, monkeypatch):
-    monkeypatch.setattr(cache, "MOST", 1000)
+def test_the_longest_unused_go_first(tmp_path):
     for k in range(12):
         (tmp_path / f"{k}").write_bytes(bytes(100))
         os.utime(tmp_path / f"{k}", (k, k))
-    cache._prune(tmp_path)
+    cache._prune(tmp_path, most=1000)
     assert sorted(int(path.name) for path in tmp_path.iterdir()) == list(range(5, 12))
 
 
