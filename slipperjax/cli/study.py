@@ -24,7 +24,7 @@ def reproduce(figures: tuple[str, ...], quick: bool, transient: int | None, out:
 
     from ..studies.dang2024.claims import write_report
     from ..studies.dang2024.figures import write_figures
-    from ..studies.dang2024.runs import FIGURES, FULL, readings
+    from ..studies.dang2024.runs import FIGURES, readings
     from ..studies.dang2024.runs import reproduce as run
 
     matplotlib.use("Agg")
@@ -43,7 +43,7 @@ def reproduce(figures: tuple[str, ...], quick: bool, transient: int | None, out:
             print(f"{done.name}: figures {', '.join(done.figures)} in {done.seconds:.1f} s", flush=True)
         else:
             print(f"{done.name}: interrupted after {done.seconds:.1f} s; wrote {listed(names)}", flush=True)
-    table = readings(FULL, {"progress": True}) if not figures and not quick else []
+    table = readings(progress=True) if not figures and not quick else []
     report, _ = write_report(out, answers, seconds, table)
     _delete(partial)
     good = sum(answer.good for answer in answers.values())

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from slipperjax.orbits.branches import OrbitBranch
-from slipperjax.studies.dang2024.verdicts import DUAL_LINES, F1, F2
+from slipperjax.studies.dang2024.claims import DUAL_LINES
 from slipperjax.sweeps.attractors import attractors
 
 PERIODS = 400
@@ -151,8 +151,7 @@ def singles():
 def two_waves():
     """Fig. 13 as the paper has it: all lines that it names, f1 the highest."""
     time = np.arange(180 * 50) / (50 * 150.0)
-    lines = {text: m * F1 + n * F2 for text, (m, n) in DUAL_LINES.items()}
-    signal = sum((3.0 if text == "f1" else 1.0) * np.sin(2 * np.pi * f * time) for text, f in lines.items())
+    signal = sum((3.0 if text == "f1" else 1.0) * np.sin(2 * np.pi * f * time) for text, f in DUAL_LINES.items())
     signal = signal + 1e-3 * np.random.default_rng(0).normal(size=time.size)
     data = {name: (("speed", "time"), signal[None], {"units": u}) for name, u in UNITS.items()}
     return xr.Dataset(data | {"status": ("speed", [0])}, {"speed": [1500.0]})
@@ -205,15 +204,4 @@ def speed_branches():
     below = [1080.0, 1040.0, 1000.0, 970.0, 900.0]
     events = [("GR", 1), ("PD", 3), ("EP", 4)]
     twice = branch("speed", below, [1, 1, 1, 1, 0], events, period=2, sections={"v_y": 2, "v_z": 2})
-    return {"branch": first, "period_2": twice}
-
-
-def clearance_branches():
-    """A branch over clearance that ends at a Neimark-Sacker, and another one beyond it."""
-    c = [0.1e-3, 0.6e-3, 0.8e-3, 1e-3, 2e-3, 3.2e-3, 5e-3]
-    pitch = {"w_y": [1, 1, 2, 2, 1, 1, 1]}
-    events = [("EP", 0), ("NS", 5), ("EP", 6)]
-    first = branch("clearance", c, [1, 1, 1, 1, 1, 0, 0], events, sections=pitch)
-    other = branch("clearance", [3.1e-3, 3.5e-3, 4e-3, 4.5e-3, 5e-3], [0, 1, 1, 0, 0], [("PD", 0), ("NS", 3)])
-    other.points.attrs["settled_within"] = 500
-    return {"branch": first, "observed": other}
+    return [first, twice]

@@ -1,4 +1,4 @@
-"""The claims as data, and the runs that answer them."""
+"""The runs that answer the claims, and the report."""
 
 import json
 
@@ -7,23 +7,12 @@ import pytest
 import xarray as xr
 
 from slipperjax.flow.status import Status
-from slipperjax.studies.dang2024 import runs
-from slipperjax.studies.dang2024.claims import CLAIMS, Answer, near, rows, section_points, write_report
-from slipperjax.studies.dang2024.claims import runs as runs_of
-from slipperjax.studies.dang2024.runs import FIGURES, QUICK, readings, reproduce
+from slipperjax.studies.dang2024 import runs, verdicts
+from slipperjax.studies.dang2024.claims import CLAIMS, Answer, rows, write_report
+from slipperjax.studies.dang2024.runs import FIGURES, QUICK, jump_text, readings, reproduce
 from slipperjax.sweeps.follow import Jump
 
 from . import made
-
-
-def test_runs_points_and_places():
-    values, nan = np.array([1.0, 2.0, 3.0, 4.0, 5.0]), np.nan
-    assert runs_of([True, True, False, False, True], values) == [(1.0, 2.0), (5.0, 5.0)]
-    assert runs_of([False] * 5, values) == []
-    values = np.array([[1.0, 1.0, 1.001, nan], [1.0, 3.0, 1.0, 3.0], [nan] * 4, [0.0, 1.0, 2.0, 4.0]])
-    assert section_points(values).tolist() == [1, 2, 0, 4]
-    assert section_points(np.full((2, 3), nan)).tolist() == [0, 0]
-    assert [near(value, 820, 10.0) for value in (830.0, 831.0, None, nan)] == [True, False, False, False]
 
 
 def test_report_has_every_answer_with_its_verdict(tmp_path):
@@ -51,111 +40,118 @@ def test_lists_run_as_one_with_more_steps_for_slow_cases():
 
     def run(scene, grid, product, transient, steps_per_period):
         calls.append((product, transient))
-        data = {
-            "v_y": (("case", "crossing"), np.repeat(grid["speed"][:, None], 3, axis=1)),
-            "steps_per_period": ("case", steps_per_period),
-        }
+        data = {"v_y": ("case", grid["speed"]), "steps_per_period": ("case", steps_per_period)}
         return xr.Dataset(data, {name: ("case", values) for name, values in grid.items()})
 
-    parts = runs._joined(run, QUICK, ["histories", "speed", "length"])
-    assert calls == [(False, QUICK.transient)]
-    for name, expected in runs.cases(QUICK).items():
-        if name != "clearance":
-            ds = parts[name]
-            for key, values in expected.items():
-                np.testing.assert_array_equal(ds[key].values, values)
-            np.testing.assert_array_equal(ds["v_y"].values[:, 0], expected["speed"])
-            slow = expected["speed"] < 500
-            np.testing.assert_array_equal(ds["steps_per_period"].values, np.where(slow, 200, 100))
-    assert parts["speed"]["v_y"].dims == ("speed", "crossing")
-    assert parts["histories"]["v_y"].dims == ("case", "crossing")
+    lists = runs.study_cases(QUICK)
+    parts = runs.run_lists(run, None, lists, transient=7)
+    assert calls == [(False, 7)]
+    for name, expected in lists.items():
+        for key, values in expected.items():
+            np.testing.assert_array_equal(parts[name][key].values, values)
+        steps = np.where(expected["speed"] < 500, 200, 100)
+        np.testing.assert_array_equal(parts[name]["steps_per_period"].values, steps)
+        assert parts[name]["v_y"].dims == ("case" if name == "histories" else name,)
 
 
 def test_each_figure_is_made_by_one_run_of_what_it_needs(monkeypatch):
     asked = []
+    known = {
+        "speed": made.speeds_as_claimed,
+        "clearance": made.clearances_as_claimed,
+        "length": made.lengths_as_claimed,
+        "histories": lambda: made.singles()[1],
+    }
 
-    def joined(run, effort, names, **options):
-        asked.append((run.__name__, names))
-        known = {"speed": made.speeds_as_claimed, "clearance": made.clearances_as_claimed}
-        known |= {"length": made.lengths_as_claimed, "histories": lambda: made.singles()[1]}
+    def run_lists(run, scene, lists, **options):
+        asked.append((run.__name__, list(lists)))
         if run.__name__ == "lyapunov_sweep":
-            return {name: made.exponents(name, known[name]()[name].values, True) for name in names}
-        return {name: known[name]() for name in names}
-
-    monkeypatch.setattr(runs, "_joined", joined)
+            return {name: made.exponents(name, known[name]()[name].values, True) for name in lists}
+        return {name: known[name]() for name in lists}
 
     def sweep(*arguments, **options):
         return made.singles()[0]
 
+    monkeypatch.setattr(runs, "run_lists", run_lists)
     monkeypatch.setattr(runs, "sweep", sweep)
-    monkeypatch.setattr(runs, "follow", lambda *a, **k: made.speeds_as_claimed())
     monkeypatch.setattr(runs, "find_jump", lambda *a, **k: Jump(False, 0.0, 2500.0, np.nan, Status.NOT_FINITE))
-    monkeypatch.setattr(runs.verdicts, "attractors", made.attractors_once)
-    known = {"speed": made.speed_branches, "clearance": made.clearance_branches}
-
-    def follow_branches(name, flips, observed, data, options):
-        asked.append((name, flips, observed))
-        found = known[name]()
-        data |= {f"{name}_{kind}": branch.points for kind, branch in found.items()}
-        return found
-
-    monkeypatch.setattr(runs.branches, "follow_branches", follow_branches)
+    monkeypatch.setattr(runs, "follow_branches", lambda name, flips, progress: made.speed_branches())
+    monkeypatch.setattr(verdicts, "attractors", made.attractors_once)
     done = list(reproduce(["8", "9", "5", "12"], quick=True))
     assert [(d.name, d.figures) for d in done] == [("motions", ("12", "5", "8")), ("exponents", ("9",))]
-    batches = [("sweep", ["histories", "speed", "clearance"]), ("lyapunov_sweep", ["clearance"])]
-    assert sorted(call for call in asked if len(call) == 2) == sorted(batches)  # runs are made at once
-    assert [call for call in asked if len(call) == 3] == [("speed", 0, False), ("clearance", 0, False)]
+    assert asked == [("sweep", ["histories", "speed", "clearance"]), ("lyapunov_sweep", ["clearance"])]
     answers = done[0].answers | done[1].answers
     assert set(answers) <= set(CLAIMS)
     assert {key.split()[0] for key in answers} == {f"N{k}" for k in (1, 2, 3, 4, 5, 6, 7, 9, 10, 11, 14, 15)}
-    assert "followed upwards: search ended at 2500 m/s (not finite" in answers["N4 jump"].why
-    assert "; the branch does not end there, only the set of starts that lead to it" in answers["N4 jump"].why
-    assert answers["N9 wide"].why.count("; settled within 500 forcing periods on orbits of period 1") == 1
-    assert answers["N11"].why.startswith("by recurrence")
-    assert "(Neimark-Sacker, NS)" in answers["N11"].why
-    diagrams = {"speed", "speed_followed", "clearance"}
-    followed = {"speed_branch", "speed_period_2", "clearance_branch", "clearance_observed"}
-    assert set(done[0].data) == {"sections", "histories"} | diagrams | followed
-    assert all(any(f in figures for figures, _ in runs.RUNS.values()) for f in FIGURES)
+    assert "followed up: search ended at 2500 m/s (not finite" in answers["N4 jump"].why
+    branches = {f"{name}_branch_{period}" for name in ("speed", "clearance") for period in (1, 2)}
+    assert set(done[0].data) == {"sections", "histories", "speed", "clearance"} | branches
 
 
-def test_readings_leave_out_flagged_cases(monkeypatch):
+@pytest.mark.parametrize(
+    ("jump", "text"),
+    [
+        (Jump(True, 1791.0, 1790.0, 5.0, Status.FINITE), "1790..1791 m/s"),
+        (Jump(False, 2500.0, 2500.0, np.nan, Status.FINITE), "no jump"),
+        (Jump(False, 2230.0, 2240.0, np.nan, Status.DERAILED), "search ended at 2240 m/s (derailed"),
+    ],
+)
+def test_the_end_of_a_search_is_told_apart(jump, text):
+    assert jump_text(jump).startswith(text)
+
+
+def test_an_interrupted_run_gives_what_it_has(monkeypatch):
+    part = xr.Dataset({"status": ("case", [0, 7])})
+
+    def interrupted(*arguments):
+        raise runs.Interrupted(part, 1, 2)
+
+    monkeypatch.setitem(runs.RUNS, "basins", (("basins",), interrupted))
+    found = reproduce(["basins"])
+    done = next(found)
+    assert (done.figures, done.data, done.answers) == ((), {"interrupted": part}, {})
+    with pytest.raises(KeyboardInterrupt):
+        next(found)
+
+
+def test_readings_answer_the_claims_that_differ(monkeypatch):
     asked = []
 
     def fake(scene, grid, **options):
-        asked.append((scene.contact.clamp, options["steps_per_period"], grid["clearance"][0]))
+        play = grid["clearance"][0] / 1e-3
+        asked.append((scene.contact.clamp, round(play)))
         if options.get("record") == "history":
             history, _ = made.singles()
-            return history.isel(case=[5, 6]).assign(status=("case", [0, 2]))
-        at = np.arange(len(grid["speed"]))
-        slow, fast = grid["speed"] < 1100, grid["speed"] > 1500
-        kinds = np.where(slow & (grid["speed"] >= 820), 3, 1).astype(object)
-        wide = grid["clearance"] >= 2.59e-3 * (grid["clearance"][0] / 1e-3)
-        kinds[wide] = "chaotic"
-        points = {"v_y": np.where(slow & (grid["speed"] >= 820), 3, 1)}
-        ds = made.diagram(
-            "place", at, kinds, points, {"v_y": np.where(fast & (grid["speed"] > 1850), 0.0, 10.0)}, "case"
-        )
+            return history.isel(case=[5, 6])
+        slow = grid["speed"] < 1100
+        three = slow & (grid["speed"] >= 820)
+        wide = grid["clearance"] >= 2.59e-3 * play
+        kinds = [
+            "chaotic" if is_wide else 3 if is_three else 1 for is_wide, is_three in zip(wide, three, strict=True)
+        ]
+        levels = {"v_y": np.where(grid["speed"] > 1850, 0.0, 10.0)}
+        ds = made.diagram("place", np.arange(slow.size), kinds, {"v_y": np.where(three, 3, 1)}, levels, "case")
         ds["status"][np.flatnonzero(wide)[0]] = 1
-        ds["status"][np.flatnonzero(grid["speed"] == 1000)[0]] = 1
-        return ds
+        return ds.assign_coords({name: ("case", values) for name, values in grid.items()})
 
     monkeypatch.setattr(runs, "sweep", fake)
-    monkeypatch.setattr(runs, "attractors", made.attractors_once)
-    table = readings(QUICK, {})
-    assert [row["reading"] for row in table] == list(runs.CONVENTIONS)
-    first = table[0]
-    assert first["N1 900 m/s"] == "period-3"
-    assert first["N4 three points in V_Y (820..980 m/s)"] == "820..980, 1020..1060"
-    assert first["N4 drop (1810 m/s)"] == "1840..1860"
-    assert first["N11 not periodic from (2.575 mm)"] == "2.65"
-    assert first["N14 L = 0.1 m (1977, 8807, 5447 N)"] == "1977, 8807, 5447"
-    assert first["N14 L = 0.4 m (4256, 12824, 20365 N)"] == "flagged"
-    assert first["cases flagged"] == "2 of 38"
-    # two readings at once, each with a sweep and a history
-    assert sorted((clamp, steps, round(c * 1e3)) for clamp, steps, c in asked) == sorted(
-        2 * [(True, 100, 1), (True, 100, 2), (False, 100, 1), (False, 100, 2)]
-    )
+    monkeypatch.setattr(verdicts, "attractors", made.attractors_once)
+    table = readings()
+    assert [row["reading"] for row in table][:2] == ["total play, forces clamped", "play per face, forces clamped"]
+    assert asked == [(clamp, play) for clamp in (True, False) for play in (1, 1, 2, 2)]
+    for row in table:
+        assert list(row.values())[1:] == [
+            "period-3",
+            "820..1060 m/s",
+            "1840..1860 m/s",
+            "2.65..2.8 mm; 1 of 9 cases flagged",
+            "1977 against 4256 N, 8807 against 12824 N, 5447 against 20365 N",
+        ]
+
+
+def test_every_figure_has_a_run():
+    assert sorted(FIGURES, key=str) == sorted([*map(str, range(4, 14)), "basins"], key=str)
+    assert len(CLAIMS) == 42
 
 
 @pytest.mark.slow

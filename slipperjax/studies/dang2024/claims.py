@@ -1,131 +1,358 @@
 """The claims of Dang et al. 2024 as data, and the report that compares them with the answers found here."""
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
+from ...flow.status import Status
 from ...tools.files import table_lines, write_each
+from .verdicts import (
+    Answer,
+    Diagram,
+    Singles,
+    constant,
+    drop,
+    growth,
+    highest_line,
+    larger,
+    motion,
+    peak_force,
+    ranges,
+    roll_points,
+    share,
+    softer,
+    spectral_lines,
+)
 
-CLAIMS: dict[str, tuple[str, str, str]] = {
-    # key: figure, claim, the paper's value
-    "N1 motion": ("Fig. 4a", "900 m/s: roll acceleration repeats every 3/f", "period-3"),
-    "N1 lines": ("Fig. 4a", "900 m/s: energy at f and 2f/3", "lines at f and 2f/3"),
-    "N1 section": ("Fig. 4a", "900 m/s: roll section", "2 points"),
-    "N2 motion": ("Fig. 4b", "1500 m/s: period-1 with super-harmonics", "period-1, lines at 2f and 3f"),
-    "N2 section": ("Fig. 4b", "1500 m/s: roll section", "1 point"),
-    "N3 motion": ("Fig. 4c", "2300 m/s: chaotic", "chaotic"),
-    "N3 line": ("Fig. 4c", "2300 m/s: strongest line", "0.4 f"),
-    "N4 period-3": ("Fig. 5", "V_Y from chaotic to period-3", "820 m/s"),
-    "N4 period-1": ("Fig. 5", "V_Y to period-1", "980 m/s"),
-    "N4 jump": ("Fig. 5", "V_Y drops sharply", "1810 m/s"),
-    "N5": ("Fig. 5", "V_Z is period-2 between", "820..980 m/s"),
-    "N6": ("Fig. 5", "the roll section is never crossed", "1660..1810 m/s"),
-    "N7": ("Fig. 5", "pitch and yaw rates very large above 1810 m/s", "very large"),
-    "N8 window": ("Fig. 6", "below 850 m/s chaotic (LLE > 0) except a periodic window", "480..490 m/s"),
-    "N8 low": ("Fig. 6", "LLE > 0 below 850 m/s", "all but the window"),
-    "N8 high": ("Fig. 6", "LLE > 0 above 1810 m/s", "all"),
-    "N9 narrow": ("Fig. 7", "C = 1 mm: closed orbits, isolated section points", "period-1"),
-    "N9 wide": ("Fig. 7", "C = 4 mm: orbits of finite width", "not periodic"),
-    "N10 growth": ("Fig. 8", "below 2.575 mm all rates grow with C", "all grow"),
-    "N10 period-1": ("Fig. 8", "below 2.575 mm mostly period-1", "mostly"),
-    "N10 brief": ("Fig. 8", "brief bifurcation", "1.675 mm"),
-    "N10 pitch": ("Fig. 8", "pitch has two section points from", "0.6 mm"),
-    "N11": ("Figs. 8, 9", "bifurcation to chaos", "2.575 mm"),
-    "N11 LLE brief": ("Fig. 9", "LLE briefly above 0", "1.675 mm"),
-    "N11 LLE": ("Fig. 9", "LLE above 0 from", "2.575 mm"),
-    "N12 LLE": ("Fig. 11", "LLE above 0 below", "0.15 m"),
-    "N12 chaos": ("Fig. 10", "chaotic below, periodic above", "0.15 m"),
-    "N12 constant": ("Fig. 10", "V_Y and V_Z do not vary with L above 0.15 m", "constant"),
-    "N13": ("Fig. 10", "pitch has two section points", "0.1975..0.2275 m"),
-    "N14 A2 0.1": ("Fig. 12", "L = 0.1 m: peak force at A2", "1977 N"),
-    "N14 C2 0.1": ("Fig. 12", "L = 0.1 m: peak force at C2", "8807 N"),
-    "N14 J2 0.1": ("Fig. 12", "L = 0.1 m: peak force at J2", "5447 N"),
-    "N14 A2 0.4": ("Fig. 12", "L = 0.4 m: peak force at A2", "4256 N"),
-    "N14 C2 0.4": ("Fig. 12", "L = 0.4 m: peak force at C2", "12824 N"),
-    "N14 J2 0.4": ("Fig. 12", "L = 0.4 m: peak force at J2", "20365 N"),
-    "N15": ("Fig. 12", "the chaotic slipper (0.1 m) is hit more softly than the periodic one (0.4 m)", "every peak"),
-    "N16 A_Z top": ("Fig. 13", "A_Z: highest line", "f1"),
-    "N16 alpha_X top": ("Fig. 13", "alpha_X: highest line", "f1"),
-    "N16 alpha_Y top": ("Fig. 13", "alpha_Y: highest line", "f1"),
-    "N16 A_Z": ("Fig. 13", "A_Z: combinations of f1 and f2", "among the 13 lines named"),
-    "N16 alpha_X": ("Fig. 13", "alpha_X: combinations of f1 and f2", "among the 13 lines named"),
-    "N16 alpha_Y": ("Fig. 13", "alpha_Y: multiples and combinations of f1 and f2", "the 13 lines named"),
+DUAL_LINES = {
+    "f1": 150.0,
+    "f2": 125.0,
+    "2f1": 300.0,
+    "3f2": 375.0,
+    "4f2": 500.0,
+    "2f2-f1": 100.0,
+    "2f1-f2": 175.0,
+    "f1+f2": 275.0,
+    "3f1-f2": 325.0,
+    "4f2-f1": 350.0,
+    "f1+2f2": 400.0,
+    "2f1+f2": 425.0,
+    "4f1-f2": 475.0,
 }
-"""The paper's claims by key: figure, claim and the paper's value. A claim with several parts has several keys."""
-
-REPRODUCED, DIFFERS = "reproduced", "differs"
+"""Lines that the paper names in its Fig. 13 [Hz]."""
 
 
-class Answer(NamedTuple):
-    """The value found here for a claim."""
+class Claim(NamedTuple):
+    """A claim of the paper, and how it is measured here."""
 
-    ours: str
-    good: bool
-    """Whether it agrees with the paper: within one step of the grid for places on an axis, 5 % for forces."""
-    why: str = ""
-    """Evidence: why it differs, or how it was decided."""
+    figure: str
+    says: str
+    paper: str
+    """The paper's value."""
+    run: str
+    """The dataset that answers it."""
+    measure: Callable[..., Answer]
+    """Function of the run and, where the claim is about single cases, of their numbers."""
+    cases: tuple[int, ...] = ()
+    """The single cases; none for a claim about all of a diagram."""
 
-
-def supported(answers: Mapping[str, Answer], evidence: Mapping[str, str]) -> dict[str, Answer]:
-    """The answers with further evidence by claim, which changes no verdict; what no answer is for is left out."""
-    joined = lambda key, why: "; ".join(text for text in (why, evidence.get(key, "")) if text)
-    return {key: answer._replace(why=joined(key, answer.why)) for key, answer in answers.items()}
-
-
-def runs(mask: Iterable[bool], values: np.ndarray) -> list[tuple[float, float]]:
-    """First and last of the `values` in each unbroken run of True in `mask`."""
-    padded = np.concatenate([[False], np.asarray(list(mask), bool), [False]])
-    edges = np.flatnonzero(padded[1:] != padded[:-1])
-    return [(float(values[a]), float(values[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-def section_points(values: np.ndarray, tolerance: float = 0.01) -> np.ndarray:
-    """Number of distinct points of each case on a section, 0 where all its values are NaN.
-
-    Points count as one where no gap between them exceeds `tolerance` of the whole diagram's extent.
-
-    **Arguments:** `values`: (cases, crossings), NaN where a case has fewer crossings.
-    """
-    ordered = np.sort(values, axis=-1)
-    present = values[np.isfinite(values)]
-    extent = np.percentile(present, 99) - np.percentile(present, 1) if present.size else 0.0
-    return np.sum(np.diff(ordered, axis=-1) > tolerance * extent, axis=-1) + np.isfinite(ordered[..., 0])
+    def answer(self, run: Diagram | Singles) -> Answer:
+        """Return what is found here; flagged cases are counted, and of single ones none may be."""
+        cases = list(self.cases) or slice(None)
+        status = run.status[cases]
+        good = run.good[cases]
+        flagged = f"{(~good).sum()} of {good.size} cases flagged"
+        if self.cases and not good.all():
+            return Answer(flagged, False, Status(int(status[~good][0])).meaning)
+        found = self.measure(run, *self.cases)
+        return found if good.all() else found._replace(ours=f"{found.ours}; {flagged}")
 
 
-def show_ranges(ranges: list[tuple[float, float]]) -> str:
-    """Ranges as text."""
-    return ", ".join(f"{a:.4g}" + (f"..{b:.4g}" if b > a else "") for a, b in ranges) or "nowhere"
+_not_periodic = lambda of: of.kinds.kind != "period"
+_two_points_in_pitch = lambda of: of.has_points("w_y", 2)
+
+CLAIMS: dict[str, Claim] = {
+    "N1 motion": Claim(
+        "Fig. 4a",
+        "900 m/s: roll acceleration repeats every 3/f",
+        "period-3",
+        "histories",
+        partial(motion, wanted="period-3"),
+        (0,),
+    ),
+    "N1 lines": Claim(
+        "Fig. 4a",
+        "900 m/s: energy at f and 2f/3",
+        "lines at f and 2f/3",
+        "histories",
+        partial(spectral_lines, name="alpha_x", lines={"f": 112.5, "2f/3": 75.0}),
+        (0,),
+    ),
+    "N1 section": Claim(
+        "Fig. 4a",
+        "900 m/s: roll section",
+        "2 points",
+        "histories",
+        partial(roll_points, count=2),
+        (0,),
+    ),
+    "N2 motion": Claim(
+        "Fig. 4b",
+        "1500 m/s: period-1 with super-harmonics",
+        "period-1, lines at 2f and 3f",
+        "histories",
+        partial(motion, wanted="period-1", lines={"2f": 375.0, "3f": 562.5}),
+        (1,),
+    ),
+    "N2 section": Claim(
+        "Fig. 4b",
+        "1500 m/s: roll section",
+        "1 point",
+        "histories",
+        partial(roll_points, count=1),
+        (1,),
+    ),
+    "N3 motion": Claim(
+        "Fig. 4c",
+        "2300 m/s: chaotic",
+        "chaotic",
+        "histories",
+        partial(motion, wanted="chaotic"),
+        (2,),
+    ),
+    "N3 line": Claim(
+        "Fig. 4c",
+        "2300 m/s: strongest line",
+        "0.4 f",
+        "histories",
+        partial(highest_line, name="alpha_x", at=0.4, tolerance=0.05),
+        (2,),
+    ),
+    "N4 period-3": Claim(
+        "Fig. 5",
+        "V_Y from chaotic to period-3",
+        "820 m/s",
+        "speed",
+        partial(ranges, where=lambda of: of.has_points("v_y", 3) & ~of.is_chaotic(), begins=820),
+    ),
+    "N4 period-1": Claim(
+        "Fig. 5",
+        "V_Y to period-1",
+        "980 m/s",
+        "speed",
+        partial(
+            ranges,
+            where=lambda of: of.has_points("v_y", 1) & ~of.is_chaotic(),
+            begins=980,
+            within=(0, 1850),
+        ),
+    ),
+    "N4 jump": Claim(
+        "Fig. 5",
+        "V_Y drops sharply",
+        "1810 m/s",
+        "speed",
+        partial(drop, section="v_y", at=1810, within=(1500, 2200)),
+    ),
+    "N5": Claim(
+        "Fig. 5",
+        "V_Z is period-2 between",
+        "820..980 m/s",
+        "speed",
+        partial(
+            ranges,
+            where=lambda of: of.has_points("v_z", 2) & ~of.is_chaotic(),
+            begins=820,
+            ends=980,
+            within=(700, 1100),
+        ),
+    ),
+    "N6": Claim(
+        "Fig. 5",
+        "the roll section is never crossed",
+        "1660..1810 m/s",
+        "speed",
+        partial(ranges, where=lambda of: of.has_points("w_x", 0), begins=1660, ends=1810, within=(1500, 2500)),
+    ),
+    "N7": Claim(
+        "Fig. 5",
+        "pitch and yaw rates very large above 1810 m/s",
+        "very large",
+        "speed",
+        partial(larger, sections=("w_y", "w_z"), above=1950, than=(1000, 1800)),
+    ),
+    "N8 window": Claim(
+        "Fig. 6",
+        "below 850 m/s chaotic (LLE > 0) except a periodic window",
+        "480..490 m/s",
+        "speed_exponents",
+        partial(ranges, where=lambda of: ~of.positive, begins=480, ends=490, within=(0, 850)),
+    ),
+    "N8 low": Claim(
+        "Fig. 6",
+        "LLE > 0 below 850 m/s",
+        "all but the window",
+        "speed_exponents",
+        partial(share, where=lambda of: of.positive, below=850),
+    ),
+    "N8 high": Claim(
+        "Fig. 6",
+        "LLE > 0 above 1810 m/s",
+        "all",
+        "speed_exponents",
+        partial(share, where=lambda of: of.positive, above=1810),
+    ),
+    "N9 narrow": Claim(
+        "Fig. 7",
+        "C = 1 mm: closed orbits, isolated section points",
+        "period-1",
+        "histories",
+        partial(motion, wanted="period-1"),
+        (3,),
+    ),
+    "N9 wide": Claim(
+        "Fig. 7",
+        "C = 4 mm: orbits of finite width",
+        "not periodic",
+        "histories",
+        partial(motion, wanted="not periodic"),
+        (4,),
+    ),
+    "N10 growth": Claim(
+        "Fig. 8",
+        "below 2.575 mm all rates grow with C",
+        "all grow",
+        "clearance",
+        partial(growth, below=2.575),
+    ),
+    "N10 period-1": Claim(
+        "Fig. 8",
+        "below 2.575 mm mostly period-1",
+        "mostly",
+        "clearance",
+        partial(share, where=lambda of: of.kinds.period == 1, below=2.575, least=0.5),
+    ),
+    "N10 brief": Claim(
+        "Fig. 8",
+        "brief bifurcation",
+        "1.675 mm",
+        "clearance",
+        partial(ranges, where=lambda of: of.kinds.period != 1, covers=1.675, within=(1.4, 2.0)),
+    ),
+    "N10 pitch": Claim(
+        "Fig. 8",
+        "pitch has two section points from",
+        "0.6 mm",
+        "clearance",
+        partial(ranges, where=_two_points_in_pitch, begins=0.6),
+    ),
+    "N11": Claim(
+        "Figs. 8, 9",
+        "bifurcation to chaos",
+        "2.575 mm",
+        "clearance",
+        partial(ranges, where=_not_periodic, begins=2.575),
+    ),
+    "N11 LLE brief": Claim(
+        "Fig. 9",
+        "LLE briefly above 0",
+        "1.675 mm",
+        "clearance_exponents",
+        partial(ranges, where=lambda of: of.positive, covers=1.675, within=(1.4, 2.0)),
+    ),
+    "N11 LLE": Claim(
+        "Fig. 9",
+        "LLE above 0 from",
+        "2.575 mm",
+        "clearance_exponents",
+        partial(ranges, where=lambda of: of.positive, begins=2.575, within=(2, 5)),
+    ),
+    "N12 LLE": Claim(
+        "Fig. 11",
+        "LLE above 0 below",
+        "0.15 m",
+        "length_exponents",
+        partial(ranges, where=lambda of: of.positive, ends=0.15, within=(0, 0.2), steps=2),
+    ),
+    "N12 chaos": Claim(
+        "Fig. 10",
+        "chaotic below, periodic above",
+        "0.15 m",
+        "length",
+        partial(ranges, where=_not_periodic, ends=0.15, within=(0, 0.2), steps=2),
+    ),
+    "N12 constant": Claim(
+        "Fig. 10",
+        "V_Y and V_Z do not vary with L above 0.15 m",
+        "constant",
+        "length",
+        partial(constant, sections=("v_y", "v_z"), above=0.16),
+    ),
+    "N13": Claim(
+        "Fig. 10",
+        "pitch has two section points",
+        "0.1975..0.2275 m",
+        "length",
+        partial(ranges, where=_two_points_in_pitch, begins=0.1975, ends=0.2275, within=(0.18, 0.25)),
+    ),
+}
+"""The paper's claims by key. A claim with several parts has several keys."""
+
+for _case, _length, _forces in ((5, 0.1, (1977, 8807, 5447)), (6, 0.4, (4256, 12824, 20365))):
+    for _point, _force in zip("ACJ", _forces, strict=True):
+        CLAIMS[f"N14 {_point}2 {_length}"] = Claim(
+            "Fig. 12",
+            f"L = {_length} m: peak force at {_point}2",
+            f"{_force} N",
+            "histories",
+            partial(peak_force, point=_point, newtons=_force),
+            (_case,),
+        )
+CLAIMS["N15"] = Claim(
+    "Fig. 12",
+    "the chaotic slipper (0.1 m) is hit more softly than the periodic one (0.4 m)",
+    "every peak",
+    "histories",
+    softer,
+    (5, 6),
+)
+for _name, _label in (("a_z", "A_Z"), ("alpha_x", "alpha_X"), ("alpha_y", "alpha_Y")):
+    CLAIMS[f"N16 {_label} top"] = Claim(
+        "Fig. 13",
+        f"{_label}: highest line",
+        "f1",
+        "dual",
+        partial(highest_line, name=_name, at=1.0, tolerance=1 / 150),
+        (0,),
+    )
+    CLAIMS[f"N16 {_label}"] = Claim(
+        "Fig. 13",
+        f"{_label}: multiples and combinations of f1 and f2",
+        "the 13 lines named",
+        "dual",
+        partial(spectral_lines, name=_name, lines=DUAL_LINES),
+        (0,),
+    )
 
 
-def near(ours: float | None, paper: float, step: float) -> bool:
-    """Whether a place on an axis is the paper's within a step of the grid; False for None and NaN."""
-    return ours is not None and bool(abs(ours - paper) <= step * 1.001)
+def answers(name: str, run: Diagram | Singles) -> dict[str, Answer]:
+    """Return the answers to all claims about a run."""
+    return {key: claim.answer(run) for key, claim in CLAIMS.items() if claim.run == name}
 
 
-def named(kinds: Any, k: int) -> str:
-    """Describes the attractor of case number k, from `Attractors`."""
-    period = int(kinds.period[k])
-    return f"period-{period}" if period else str(kinds.kind[k])
-
-
-def rows(answers: Mapping[str, Answer]) -> list[dict[str, str]]:
-    """The claims that were answered, in the paper's order, as plain dictionaries."""
-    return [
-        {
-            "claim": key,
-            "where": where,
-            "says": says,
-            "paper": paper,
-            "ours": answers[key].ours,
-            "verdict": REPRODUCED if answers[key].good else DIFFERS,
-            "evidence": answers[key].why,
-        }
-        for key, (where, says, paper) in CLAIMS.items()
-        if key in answers
-    ]
+def rows(found: Mapping[str, Answer]) -> list[dict[str, str]]:
+    """Return the claims that were answered as plain dictionaries."""
+    table = []
+    for key, claim in CLAIMS.items():
+        if key in found:
+            row = {"claim": key, "where": claim.figure, "says": claim.says, "paper": claim.paper}
+            row["ours"] = found[key].ours
+            row["verdict"] = "reproduced" if found[key].good else "differs"
+            row["evidence"] = found[key].why
+            table.append(row)
+    return table
 
 
 def write_report(
@@ -135,17 +362,18 @@ def write_report(
     conventions: list[dict[str, Any]],
     name: str = "claims",
 ) -> tuple[Path, Path]:
-    """Writes `claims.md` and `claims.json` into the folder `out`, or files of another `name`.
+    """Write `claims.md` and `claims.json` into the folder `out`, or files of another `name`; return their paths.
 
     **Arguments:** `seconds`: time of each run; `conventions`: one row per reading of what the paper leaves open.
     """
     table = rows(answers)
-    good = sum(row["verdict"] == REPRODUCED for row in table)
+    good = sum(answer.good for answer in answers.values())
     text = [
         "# The paper's claims, answered",
         "",
         "Source: Dang, Liu, Morandini, Ma, Masarati 2024, doi:10.1115/1.4065629.",
         f"{good} of {len(table)} reproduced, {len(table) - good} differ.",
+        "Motions are named by recurrence, its decay and the 0-1 test: a slow transient is not called chaos.",
         "",
         *table_lines(table),
     ]
@@ -153,8 +381,9 @@ def write_report(
         heading = "## The same numbers under other readings of what the paper leaves open"
         text += ["", heading, "", *table_lines(conventions)]
     text += ["", "## Time", "", *table_lines([{"run": k, "seconds": f"{v:.1f}"} for k, v in seconds.items()]), ""]
-    markdown, data = out / f"{name}.md", out / f"{name}.json"
     content = {"claims": table, "conventions": conventions, "seconds": dict(seconds)}
     as_json = json.dumps(content, indent=1, ensure_ascii=False)
+    markdown = out / f"{name}.md"
+    data = out / f"{name}.json"
     write_each({markdown: "\n".join(text).encode, data: as_json.encode})
     return markdown, data

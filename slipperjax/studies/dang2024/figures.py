@@ -1,34 +1,36 @@
 """The paper's figures in the paper's layout, from the runs of `reproduce`."""
 
 import functools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
-from matplotlib.lines import Line2D
 
 from ...analysis.spectra import power_spectral_density
 from ...flow.status import Status
 from ...model.quantities import SECTIONS
+from ...orbits.branches import load_branch
 from ...plots.branches import branches
 from ...plots.maps import basin_map, bifurcations, exponents
-from ...plots.style import COLORS, png, styled
+from ...plots.style import png, styled
 from ...plots.trajectories import phase_portrait, spectrum
 from ...tools.files import write_each
+from .claims import DUAL_LINES
 from .runs import Finished
-from .verdicts import DUAL_LINES, F1, F2
 
 _COLORS = {"A": "#12355b", "C": "#c1121f", "J": "#2a9d6f"}
 
 
 def write_figures(done: Finished, out: Path) -> list[Path]:
-    """Draws a run's figures, and writes them and the run's data into the folder `out`; gives the paths."""
+    """Draw a run's figures; write them, its data and the events of its branches into a folder; return the paths."""
     contents: dict[Path, Any] = {}
     for name, ds in done.data.items():
         contents[out / f"{name}.nc"] = functools.partial(ds.to_netcdf, engine="h5netcdf")
+        if "orbit_period" in ds.attrs:
+            contents[out / f"{name}.txt"] = load_branch(ds).summary().encode
     for figure in done.figures:
         path = out / (f"fig{figure}.png" if figure.isdigit() else f"{figure}.png")
         contents[path] = functools.partial(_picture, figure, done.data)
@@ -41,20 +43,19 @@ def _picture(figure: str, data: dict[str, xr.Dataset]) -> bytes:
     return png(drawn, 200)
 
 
-def _cases(
-    data: dict[str, xr.Dataset], numbers: Iterable[int], panels: Iterable[Any], title: Callable[[xr.Dataset], str]
-) -> Iterator[tuple[xr.Dataset, Any]]:
-    """Titles the panels of single cases, and yields each case with its panels; of a flagged one they say so."""
+def _cases(data: dict[str, xr.Dataset], numbers: Iterable[int], panels: Any) -> Iterator[tuple[xr.Dataset, Any]]:
+    """Yield single cases with their panels, titled; panels of a flagged one say so instead."""
     for number, row in zip(numbers, panels, strict=True):
         case = data["histories"].isel(case=number)
-        row[0].set_title(title(case), fontsize=8, loc="left")
+        speed, clearance, length = (float(case[name]) for name in ("speed", "clearance", "length"))
+        row[0].set_title(f"{speed:.0f} m/s, {clearance * 1e3:.0f} mm, {length:.1f} m", fontsize=8, loc="left")
         if not _flagged(case, row):
             yield case, row
 
 
 def _figure_4(data: dict[str, xr.Dataset]) -> Any:
     figure, axes = plt.subplots(3, 3, figsize=(7.2, 6.0), layout="constrained")
-    for case, row in _cases(data, range(3), axes, lambda case: f"V = {float(case['speed']):.0f} m/s"):
+    for case, row in _cases(data, range(3), axes):
         forcing = float(case["speed"]) / 8
         time = case["period"].values - case["period"].values[0]
         row[0].plot(time, case["alpha_x"].values / 1e3, lw=0.5, color=_COLORS["A"])
@@ -68,7 +69,7 @@ def _figure_4(data: dict[str, xr.Dataset]) -> Any:
 
 
 def _flagged(case: xr.Dataset, axes: Any) -> bool:
-    """Whether a case is flagged, which is then written into its panels."""
+    """Tell whether a case is flagged, which is then written into its panels."""
     status = Status(int(case["status"]))
     for ax in axes:
         if status != Status.FINITE:
@@ -78,7 +79,7 @@ def _flagged(case: xr.Dataset, axes: Any) -> bool:
 
 def _figure_7(data: dict[str, xr.Dataset]) -> Any:
     figure, axes = plt.subplots(2, 3, figsize=(7.2, 4.2), layout="constrained")
-    for case, row in _cases(data, (3, 4), axes, lambda case: f"C = {float(case['clearance']) * 1e3:.0f} mm"):
+    for case, row in _cases(data, (3, 4), axes):
         row[0].plot(case["y"].values * 1e3, case["z"].values * 1e3, lw=0.35, color=_COLORS["A"])
         row[0].set(xlabel="$y$ [mm]", ylabel="$z$ [mm]")
         phase_portrait(case, "y", "v_y", row[1])
@@ -88,10 +89,9 @@ def _figure_7(data: dict[str, xr.Dataset]) -> Any:
 
 def _figure_12(data: dict[str, xr.Dataset]) -> Any:
     figure, axes = plt.subplots(2, 1, figsize=(3.5, 4.2), sharex=True, layout="constrained")
-    title = lambda case: f"L = {float(case['length']):.1f} m; dashed: peaks of the whole run"
-    for case, (ax,) in _cases(data, (5, 6), axes[:, None], title):
+    for case, (ax,) in _cases(data, (5, 6), axes[:, None]):
         time = case["period"].values - case["period"].values[0]
-        # of all periods and inside every step, as in the claims; the lines drawn are the saved states of the first 12
+        # dashed: of all periods and inside every step, as in the claims; lines are the saved states of the first 12
         peaks = case["peak_force"].sel(end="rear", point=list(_COLORS))
         for point, color in _COLORS.items():
             force = case["contact_force"].sel(end="rear", point=point).values
@@ -105,74 +105,56 @@ def _figure_12(data: dict[str, xr.Dataset]) -> Any:
 
 
 def _figure_13(data: dict[str, xr.Dataset]) -> Any:
-    ds = data["dual"]
+    case = data["dual"].isel(speed=0)
     figure, axes = plt.subplots(3, 1, figsize=(3.5, 5.4), sharex=True, layout="constrained")
-    if _flagged(ds.isel(speed=0), axes):
+    if _flagged(case, axes):
         return figure
     for ax, name, label in zip(axes, ("a_z", "alpha_x", "alpha_y"), ("A_Z", r"\alpha_X", r"\alpha_Y"), strict=True):
-        spectrum(ds["frequency"], ds[f"{name}_density"], ax, unit=ds[f"{name}_density"].units, highest=520)
-        top = float(np.max(ds[f"{name}_density"]))
-        for text, (m, n) in DUAL_LINES.items():
-            ax.annotate(text, (F1 * m + F2 * n, top * 3), rotation=90, fontsize=4.5, ha="center", va="bottom")
+        density = power_spectral_density(case[name].values, 50 * DUAL_LINES["f1"])
+        spectrum(density.frequency, density.density, ax, unit=f"({case[name].units})^2/Hz", highest=520)
+        top = float(np.max(density.density))
+        for text, frequency in DUAL_LINES.items():
+            ax.annotate(text, (frequency, top * 3), rotation=90, fontsize=4.5, ha="center", va="bottom")
         ax.set(ylim=(top * 1e-8, top * 300), title=f"${label}$", xlabel="")
     axes[-1].set_xlabel("frequency [Hz]")
     return figure
 
 
-def _basins(data: dict[str, xr.Dataset]) -> Any:
-    return basin_map(data["basins"]).figure
-
-
 def _exponents(name: str, data: dict[str, xr.Dataset]) -> Any:
     figure, ax = plt.subplots(figsize=(3.5, 2.4), layout="constrained")
-    exponents(data[name], ax)
+    exponents(data[f"{name}_exponents"], ax)
     return figure
 
 
 def _diagram(name: str, data: dict[str, xr.Dataset]) -> Any:
-    """Bifurcation diagrams over a parameter, with the branches of orbits drawn over their dots."""
-    axes = bifurcations(data[name], followed=data.get(f"{name}_followed"))
-    followed = [ds for key, ds in data.items() if key.startswith(f"{name}_") and "orbit_period" in ds.attrs]
-    if followed:
-        _draw_branches(axes, followed)
-    return axes[0].figure
-
-
-def _draw_branches(axes: Any, followed: list[xr.Dataset]) -> None:
-    """Branches over the dots of bifurcation diagrams, with one legend for all."""
-    own = axes[0].get_legend()
-    texts = own.get_texts() if own else []
-    handles = dict(zip([t.get_text() for t in texts], own.legend_handles if own else [], strict=True))
-    for ax in axes:
-        for line in ax.lines:
-            if line.get_label() == FROM_START:  # the branches have the colour of these dots
-                line.set_color(COLORS["grey"])
-    handles[FROM_START] = Line2D([], [], ls="", marker=".", ms=5, mew=0, color=COLORS["grey"])
-    for section, ax in zip(SECTIONS, axes, strict=True):
-        label = ax.get_xlabel()
-        branches(followed, section, ax=ax)
-        ax.set_xlabel(label)
+    """Draw a diagram over a parameter, with the branches of orbits over its dots."""
+    followed = [ds for key, ds in data.items() if key.startswith(f"{name}_branch")]
+    if not followed:
+        return bifurcations(data[name])[0].figure
+    figure, axes = plt.subplots(3, 2, figsize=(7.2, 6.6), sharex=True, layout="constrained")
+    *panels, last = axes.flat
+    handles = {}
+    for section, ax in zip(SECTIONS, panels, strict=True):
+        branches(followed, section, brute=data[name], ax=ax)
+        # one legend for all: the events of a section are those that its crossings have
         legend = ax.get_legend()
-        # the events of a section are those that its crossings have
-        handles |= dict(zip([t.get_text() for t in legend.get_texts()], legend.legend_handles, strict=True))
+        handles |= {text.get_text(): key for text, key in zip(legend.get_texts(), legend.legend_handles, strict=True)}
         legend.remove()
-    style = dict(fontsize=6.5, ncols=3, frameon=False, handletextpad=0.4, columnspacing=1.2, handlelength=1.6)
-    axes[0].figure.legend(list(handles.values()), list(handles), loc="outside lower center", **style)
+    last.legend(list(handles.values()), list(handles), loc="center", ncols=2, frameon=False)
+    last.axis("off")
+    return figure
 
-
-FROM_START = "from one start"
-"""The label of the dots that are no followed motions."""
 
 _DRAW = {
     "4": _figure_4,
     "5": functools.partial(_diagram, "speed"),
-    "6": functools.partial(_exponents, "speed_exponents"),
+    "6": functools.partial(_exponents, "speed"),
     "7": _figure_7,
     "8": functools.partial(_diagram, "clearance"),
-    "9": functools.partial(_exponents, "clearance_exponents"),
-    "11": functools.partial(_exponents, "length_exponents"),
+    "9": functools.partial(_exponents, "clearance"),
+    "11": functools.partial(_exponents, "length"),
     "10": functools.partial(_diagram, "length"),
     "12": _figure_12,
     "13": _figure_13,
-    "basins": _basins,
+    "basins": lambda data: basin_map(data["basins"]).figure,
 }
