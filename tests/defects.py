@@ -307,8 +307,8 @@ tests/studies/test_verdicts.py -k flagged_speed
 
 greatest rise for greatest drop
 tests/studies/test_verdicts.py -k speeds_as_claimed
--at_drop = int(np.nanargmin(falls))
-+at_drop = int(np.nanargmax(falls))
+-k = int(np.nanargmin(falls))
++k = int(np.nanargmax(falls))
 
 # bench
 lost cases are exact

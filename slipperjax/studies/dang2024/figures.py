@@ -29,6 +29,7 @@ def write_figures(done: Finished, out: Path) -> list[Path]:
     contents: dict[Path, Any] = {}
     for name, ds in done.data.items():
         contents[out / f"{name}.nc"] = functools.partial(ds.to_netcdf, engine="h5netcdf")
+        # of a branch also its events, as text
         if "orbit_period" in ds.attrs:
             contents[out / f"{name}.txt"] = load_branch(ds).summary().encode
     for figure in done.figures:
@@ -57,6 +58,7 @@ def _figure_4(data: dict[str, xr.Dataset]) -> Any:
     figure, axes = plt.subplots(3, 3, figsize=(7.2, 6.0), layout="constrained")
     for case, row in _cases(data, range(3), axes):
         forcing = float(case["speed"]) / 8
+        # from the start of the record
         time = case["period"].values - case["period"].values[0]
         row[0].plot(time, case["alpha_x"].values / 1e3, lw=0.5, color=_COLORS["A"])
         row[0].set(xlim=(0, 12), xlabel="time [forcing periods]", ylabel=r"$\alpha_X$ [krad/s$^2$]")
@@ -107,12 +109,14 @@ def _figure_12(data: dict[str, xr.Dataset]) -> Any:
 def _figure_13(data: dict[str, xr.Dataset]) -> Any:
     case = data["dual"].isel(speed=0)
     figure, axes = plt.subplots(3, 1, figsize=(3.5, 5.4), sharex=True, layout="constrained")
+    # without spectra
     if _flagged(case, axes):
         return figure
     for ax, name, label in zip(axes, ("a_z", "alpha_x", "alpha_y"), ("A_Z", r"\alpha_X", r"\alpha_Y"), strict=True):
         density = power_spectral_density(case[name].values, 50 * DUAL_LINES["f1"])
         spectrum(density.frequency, density.density, ax, unit=f"({case[name].units})^2/Hz", highest=520)
         top = float(np.max(density.density))
+        # the lines that the paper names
         for text, frequency in DUAL_LINES.items():
             ax.annotate(text, (frequency, top * 3), rotation=90, fontsize=4.5, ha="center", va="bottom")
         ax.set(ylim=(top * 1e-8, top * 300), title=f"${label}$", xlabel="")
@@ -129,6 +133,7 @@ def _exponents(name: str, data: dict[str, xr.Dataset]) -> Any:
 def _diagram(name: str, data: dict[str, xr.Dataset]) -> Any:
     """Draw a diagram over a parameter, with the branches of orbits over its dots."""
     followed = [ds for key, ds in data.items() if key.startswith(f"{name}_branch")]
+    # an interrupted run has none
     if not followed:
         return bifurcations(data[name])[0].figure
     figure, axes = plt.subplots(3, 2, figsize=(7.2, 6.6), sharex=True, layout="constrained")
@@ -141,6 +146,7 @@ def _diagram(name: str, data: dict[str, xr.Dataset]) -> Any:
         handles |= {text.get_text(): key for text, key in zip(legend.get_texts(), legend.legend_handles, strict=True)}
         legend.remove()
     last.legend(list(handles.values()), list(handles), loc="center", ncols=2, frameon=False)
+    # the sixth panel holds nothing else
     last.axis("off")
     return figure
 

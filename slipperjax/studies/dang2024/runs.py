@@ -89,12 +89,14 @@ def run_lists(run: Callable, scene: Scene, lists: dict[str, Cases], **options: A
     grid = {name: np.concatenate([part[name] for part in lists.values()]) for name in cases(speed=[])}
     # below 500 m/s an impact is so short a part of a period that more steps are needed
     steps = np.where(grid["speed"] < 500.0, 2 * STEPS, STEPS)
+    # one sweep compiles as few programs as one list
     ds = run(scene, grid, product=False, steps_per_period=steps, **options)
     parts = {}
     first = 0
     for name, part in lists.items():
         last = first + len(part["speed"])
         parts[name] = ds.isel(case=slice(first, last))
+        # for diagrams; single cases differ in several parameters
         if name in grid:
             parts[name] = parts[name].swap_dims(case=name)
         first = last
@@ -108,6 +110,7 @@ def motions(effort: Effort, wanted: set[str], data: Data) -> Answers:
     data |= run_lists(sweep, paper_scene(), lists, transient=effort.transient, progress=effort.progress)
     found: Answers = {}
     for name in lists:
+        # the single cases are run again for their histories
         if name == "histories":
             data["sections"] = data[name]
             data[name] = _histories(paper_scene(), lists[name], effort.transient, effort.progress)
@@ -117,6 +120,7 @@ def motions(effort: Effort, wanted: set[str], data: Data) -> Answers:
         if name == "speed":
             evidence = _jumps(lists[name]["speed"], effort.progress)
         found |= answers(name, Diagram(data[name], name, effort.judged, evidence))
+        # drawn over the diagram
         for branch in follow_branches(name, effort.flips, progress=effort.progress):
             data[f"{name}_branch_{branch.period}"] = branch.points
     return found
@@ -172,6 +176,7 @@ def dual_frequency(effort: Effort, wanted: set[str], data: Data) -> Answers:
 
 def basins(effort: Effort, wanted: set[str], data: Data) -> Answers:
     """Answer what is not in the paper: which attractor each start reaches at 1860 m/s, where this motion differs."""
+    # lateral and vertical velocity of the start [m/s]
     side = np.linspace(-1.5, 1.5, effort.basin)
     common = dict(transient=150, periods=20, record="strobe", steps_per_period=50)
     ds = sweep(paper_scene(1860.0), {"v_y": side, "v_z": side}, **common, progress=effort.progress)
@@ -200,14 +205,17 @@ def _reading(plays: int, clamp: bool, progress: bool | None) -> dict[str, str]:
         "lengths": cases(length=[0.1, 0.4]),
     }
     for part in lists.values():
+        # the scene takes the total play
         part["clearance"] = part["clearance"] * plays
     scene = paper_scene(clamp=clamp)
     options = dict(transient=300, progress=progress)
     parts = run_lists(sweep, scene, lists, **options)
     slow = Diagram(parts["slow"], "speed", 200)
     fast = Diagram(parts["fast"], "speed", 200)
+    # the paper's clearance, under this reading
     wide = parts["wide"].assign_coords(clearance=parts["wide"]["clearance"] / plays)
     history = Singles(_histories(scene, lists["lengths"], **options), [156.25, 156.25])
+    # the nearest of the speeds
     at_900 = int(np.argmin(abs(slow.values - 900)))
     return {
         "N1 at 900 m/s (period-3)": named(slow.kinds, at_900),
@@ -267,12 +275,14 @@ def reproduce(
 def _finished_runs(wanted: set[str], effort: Effort) -> Iterator[Finished]:
     for name, (made, run) in RUNS.items():
         figures = tuple(figure for figure in made if figure in wanted)
+        # nothing of this run is asked for
         if not figures:
             continue
         data: Data = {}
         begun = time.perf_counter()
         try:
             found = run(effort, wanted, data)
+        # what is finished is given before the interrupt goes on
         except KeyboardInterrupt as end:
             if isinstance(end, Interrupted) and isinstance(end.result, xr.Dataset):
                 data["interrupted"] = end.result

@@ -16,8 +16,8 @@ from ...flow.status import Status, first_problem
 from ...model.quantities import SECTIONS
 from ...sweeps.attractors import attractors
 
-Ranges = list[tuple[float, float]]
-"""First and last values of unbroken ranges."""
+Range = tuple[float, float]
+"""First and last value of a range of a parameter."""
 
 
 class Answer(NamedTuple):
@@ -42,8 +42,10 @@ def section_points(values: np.ndarray, tolerance: float = 0.01) -> np.ndarray:
 
     **Arguments:** `values`: (cases, crossings), NaN where a case has fewer crossings.
     """
+    # NaN comes last
     ordered = np.sort(values, axis=-1)
     present = values[np.isfinite(values)]
+    # of the whole diagram but for outliers
     extent = np.percentile(present, 99) - np.percentile(present, 1) if present.size else 0.0
     gaps = np.sum(np.diff(ordered, axis=-1) > tolerance * extent, axis=-1)
     return gaps + np.isfinite(ordered[..., 0])
@@ -56,14 +58,15 @@ def case_points(ds: xr.Dataset, section: str) -> np.ndarray:
     return np.where(good, section_points(values), -1)
 
 
-def unbroken_ranges(mask: np.ndarray, values: np.ndarray) -> Ranges:
+def unbroken_ranges(mask: np.ndarray, values: np.ndarray) -> list[Range]:
     """Return first and last of the `values` in each unbroken range of True in `mask`."""
+    # an edge wherever the mask changes, ends included
     padded = np.concatenate([[False], mask, [False]])
     edges = np.flatnonzero(padded[1:] != padded[:-1])
     return [(float(values[a]), float(values[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def show_ranges(ranges: Ranges) -> str:
+def show_ranges(ranges: list[Range]) -> str:
     """Return ranges as text."""
     return ", ".join(f"{a:.4g}" + (f"..{b:.4g}" if b > a else "") for a, b in ranges) or "nowhere"
 
@@ -93,6 +96,7 @@ class Diagram:
         self.step = max(self.values[1] - self.values[0], paper_step)
         self.status = ds["status"].values
         self.good = good_cases(ds)
+        # a sweep of exponents has no sections
         if "exponent" in ds:
             largest = ds.isel(count=0)
             exponent = largest["exponent"].values
@@ -115,16 +119,26 @@ class Diagram:
         """Return the mean of `of(velocities)` at the crossings of each case; NaN where it is flagged or has none."""
         velocities = of(self.ds[section].values)
         there = np.isfinite(velocities) & good_cases(self.ds)[:, None]
+        # of no crossings the mean is 0/0
         with np.errstate(invalid="ignore"):
             return np.sum(velocities, axis=1, where=there) / np.sum(there, axis=1)
 
-    def greatest(self, section: str, above: float, below: float) -> float:
+    def inside(self, within: Range) -> np.ndarray:
+        """Return which cases are inside a range."""
+        return (self.values > within[0]) & (self.values < within[1])
+
+    def greatest(self, section: str, within: Range) -> float:
         """Return the greatest size of a velocity among the good cases of a range; -infinity where there is none."""
-        inside = self.good & (self.values > above) & (self.values < below)
-        return float(np.nanmax(np.abs(self.ds[section].values[inside]), initial=-np.inf))
+        sizes = np.abs(self.ds[section].values[self.inside(within) & self.good])
+        return float(np.nanmax(sizes, initial=-np.inf))
+
+    def knows(self, within: Range) -> bool:
+        """Tell whether enough of a range's cases are free of flags for a claim about the whole range."""
+        return bool(np.mean(self.good[self.inside(within)]) >= 0.9)
 
     def is_at(self, ours: float, paper: float, steps: int = 1) -> bool:
         """Tell whether a place is the paper's within `steps`, with no flagged case there that might have moved it."""
+        # a place next to a flagged case may be that of the flag
         around = np.abs(self.values - paper) <= (steps + 1.001) * self.step
         return bool(abs(ours - paper) <= 1.001 * steps * self.step and np.all(self.good[around]))
 
@@ -139,14 +153,17 @@ def ranges(
     begins: float | None = None,
     ends: float | None = None,
     covers: float | None = None,
-    within: tuple[float, float] = (-np.inf, np.inf),
+    within: Range = (-np.inf, np.inf),
     steps: int = 1,
 ) -> Answer:
     """Return the ranges in which a condition holds, which agree where they begin, end, or are, as in the paper.
 
     **Arguments:** `within`: bounds of where a range begins; `steps`: of the grid, by which a place may differ.
     """
-    found = [r for r in unbroken_ranges(where(of) & of.good, of.values) if within[0] < r[0] < within[1]]
+    # flagged cases interrupt a range
+    unbroken = unbroken_ranges(where(of) & of.good, of.values)
+    found = [(first, last) for first, last in unbroken if within[0] < first < within[1]]
+    # each place that the paper names
     agrees = [bool(found)]
     if begins is not None:
         agrees.append(any(of.is_at(first, begins, steps) for first, _ in found))
@@ -154,65 +171,57 @@ def ranges(
         agrees.append(any(of.is_at(last, ends, steps) for _, last in found))
     if covers is not None:
         agrees.append(any(first - of.step <= covers <= last + of.step for first, last in found))
-    return Answer(f"{show_ranges(found)} {of.unit}", all(agrees), of.evidence)
+    return Answer(f"{show_ranges(found)} {of.unit}", all(agrees))
 
 
-def share(of: Diagram, where: Where, above: float = -np.inf, below: float = np.inf, least: float = 0.9) -> Answer:
-    """Return the share of a range's cases for which a condition holds; flagged ones never help the claim."""
-    inside = (of.values > above) & (of.values < below)
-    found = np.mean((where(of) & of.good)[inside])
-    return Answer(f"{found:.0%} of the cases", bool(found > least), of.evidence)
+def share(of: Diagram, where: Where, within: Range, least: float = 0.9) -> Answer:
+    """Return the share of a range's cases for which a condition holds."""
+    # flagged cases count among all, so that they never help the claim
+    found = np.mean((where(of) & of.good)[of.inside(within)])
+    return Answer(f"{found:.0%} of the cases", bool(found > least))
 
 
-def drop(of: Diagram, section: str, at: float, within: tuple[float, float]) -> Answer:
+def drop(of: Diagram, section: str, at: float, within: Range) -> Answer:
     """Return the neighbouring values between which the mean velocity on a section falls the most.
 
     **Arguments:** `within`: bounds of the second of the two values.
     """
-    seconds = of.values[1:]
-    inside = (seconds > within[0]) & (seconds < within[1])
-    falls = np.where(inside, np.diff(of.means(section)), np.nan)
+    # NaN where one of two neighbours has no mean
+    falls = np.where(of.inside(within)[1:], np.diff(of.means(section)), np.nan)
     if np.all(np.isnan(falls)):
-        return Answer("no neighbours to compare", False, of.evidence)
-    at_drop = int(np.nanargmin(falls))
-    first = float(of.values[at_drop])
-    return Answer(f"{first:.0f}..{seconds[at_drop]:.0f} {of.unit}", of.is_at(first, at), of.evidence)
+        return Answer("no neighbours to compare", False)
+    k = int(np.nanargmin(falls))
+    return Answer(f"{of.values[k]:.0f}..{of.values[k + 1]:.0f} {of.unit}", of.is_at(of.values[k], at))
 
 
-def larger(of: Diagram, sections: tuple[str, ...], above: float, than: tuple[float, float]) -> Answer:
-    """Return how many times the greatest rates of a range those above it are, which agrees where all are over two."""
-    ratios = [of.greatest(name, above, np.inf) / of.greatest(name, *than) for name in sections]
+def larger(of: Diagram, sections: tuple[str, ...], within: Range, than: Range) -> Answer:
+    """Return how many times the greatest velocities of a range those of another are; more than twice agrees."""
+    ratios = [of.greatest(name, within) / of.greatest(name, than) for name in sections]
     text = " and ".join(f"{ratio:.1f}" for ratio in ratios)
-    return Answer(f"{text} times those of {than[0]:.0f}..{than[1]:.0f} {of.unit}", min(ratios) > 2, of.evidence)
+    return Answer(f"{text} times those of {than[0]:.0f}..{than[1]:.0f} {of.unit}", min(ratios) > 2)
 
 
-def _enough(of: Diagram, inside: np.ndarray) -> bool:
-    """Tell whether enough of a range's cases are free of flags for a claim about the whole range."""
-    return bool(np.mean(of.good[inside]) >= 0.9)
-
-
-def growth(of: Diagram, below: float) -> Answer:
+def growth(of: Diagram, within: Range) -> Answer:
     """Return the correlations of all mean velocities with the parameter."""
-    inside = of.values < below
     found = {}
     for name in SECTIONS:
         means = of.means(name, np.abs)
-        finite = inside & np.isfinite(means)
-        found[name] = np.corrcoef(of.values[finite], means[finite])[0, 1] if finite.sum() > 2 else np.nan
+        known = of.inside(within) & np.isfinite(means)
+        # two points always lie on a line
+        found[name] = np.corrcoef(of.values[known], means[known])[0, 1] if known.sum() > 2 else np.nan
     text = ", ".join(f"{name}: r = {r:.2f}" for name, r in found.items())
-    return Answer(text, all(r > 0.8 for r in found.values()) and _enough(of, inside), of.evidence)
+    return Answer(text, of.knows(within) and all(r > 0.8 for r in found.values()))
 
 
-def constant(of: Diagram, sections: tuple[str, ...], above: float) -> Answer:
+def constant(of: Diagram, sections: tuple[str, ...], within: Range) -> Answer:
     """Return by how much mean velocities [m/s] scatter about a constant."""
-    inside = of.values > above
     spreads = []
     for name in sections:
-        means = of.means(name)[inside]
-        finite = means[np.isfinite(means)]
-        spreads.append(float(finite.std()) if finite.size > 1 else float("nan"))
+        means = of.means(name)[of.inside(within)]
+        means = means[np.isfinite(means)]
+        spreads.append(np.std(means) if means.size else np.nan)
     text = " and ".join(f"{spread:.3f}" for spread in spreads)
-    return Answer(f"spread {text} m/s", all(spread < 0.05 for spread in spreads) and _enough(of, inside), of.evidence)
+    return Answer(f"spread {text} m/s", of.knows(within) and all(spread < 0.05 for spread in spreads))
 
 
 # --- single cases ---------------------------------------------------------------------------------------------------
@@ -227,11 +236,14 @@ def named(kinds: Any, k: int) -> str:
 class Singles:
     """Histories of single cases, with 50 samples per forcing period, and their sections."""
 
+    evidence = ""
+
     def __init__(self, history: xr.Dataset, forcing: Any, sections: xr.Dataset | None = None, judged: int = 0):
         """**Arguments:** `forcing`: frequency of each case [Hz]; `judged`: as in `Diagram`."""
         self.history = history
         self.forcing = np.asarray(forcing)
         self.status = history["status"].values
+        # spectra alone need none
         if sections is not None:
             self.status = first_problem(sections["status"].values, self.status)
             self.kinds = attractors(sections, judged)
@@ -251,6 +263,7 @@ def motion(of: Singles, k: int, wanted: str, lines: Mapping[str, float] | None =
     """Return the kind of a motion, with lines in its roll acceleration that it is to have."""
     text = named(of.kinds, k)
     good = not text.startswith("period") if wanted == "not periodic" else text == wanted
+    # all of the lines must be there as well
     if lines:
         has = spectral_lines(of, k, "alpha_x", lines)
         text = f"{text}, lines: {has.ours}"
