@@ -63,7 +63,8 @@ def test_the_first_import_may_be_inside_a_traced_function():
 
 
 LEFT_OPEN = """
-import jax, slipperjax
+import jax
+from slipperjax import jit
 jax.config.update("jax_num_cpu_devices", 2)  # an error where a backend is there
 assert len(jax.devices()) == 2
 """

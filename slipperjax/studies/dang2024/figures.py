@@ -11,7 +11,7 @@ import xarray as xr
 
 from ...analysis.spectra import power_spectral_density
 from ...flow.status import Status
-from ...model.quantities import SECTIONS
+from ...model.quantities import PARAMETERS, SECTIONS
 from ...orbits.branches import load_branch
 from ...plots.branches import branches
 from ...plots.maps import basin_map, bifurcations, exponents
@@ -137,7 +137,8 @@ def _diagram(name: str, data: dict[str, xr.Dataset]) -> Any:
     if not followed:
         return bifurcations(data[name])[0].figure
     figure, axes = plt.subplots(3, 2, figsize=(7.2, 6.6), sharex=True, layout="constrained")
-    *panels, last = axes.flat
+    first, spare, *others = axes.flat
+    panels = [first, *others]
     handles = {}
     for section, ax in zip(SECTIONS, panels, strict=True):
         branches(followed, section, brute=data[name], ax=ax)
@@ -145,9 +146,12 @@ def _diagram(name: str, data: dict[str, xr.Dataset]) -> Any:
         legend = ax.get_legend()
         handles |= {text.get_text(): key for text, key in zip(legend.get_texts(), legend.legend_handles, strict=True)}
         legend.remove()
-    last.legend(list(handles.values()), list(handles), loc="center", ncols=2, frameon=False)
-    # the sixth panel holds nothing else
-    last.axis("off")
+    plt.setp(panels[:3], xlabel="")
+    # to all of the diagram, where a branch covers a part
+    first.set_xlim(PARAMETERS[name].shown(data[name][name].values[[0, -1]]))
+    spare.legend(list(handles.values()), list(handles), loc="center", ncols=2, frameon=False)
+    # this panel holds nothing else
+    spare.axis("off")
     return figure
 
 
