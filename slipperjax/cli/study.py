@@ -18,7 +18,7 @@ from .options import COUNT, app, flag, option, out
 def reproduce(figures: tuple[str, ...], quick: bool, transient: int | None, out: Path) -> None:
     """Run the paper's study: its figures, and a report that answers its claims one by one.
 
-    FIGURES: 4 to 13, basins; default all of them.
+    FIGURES: 4 to 13; default all of them.
     """
     import matplotlib
 

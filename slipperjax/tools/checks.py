@@ -58,6 +58,7 @@ def in_unit(value: Any, unit: str) -> Any:
     """
     if type(value) in (list, tuple):
         return type(value)(in_unit(part, unit) for part in value)
+    # by what it can do: pint is not imported for it
     is_quantity = hasattr(value, "magnitude") and hasattr(value, "to")
     return value.to(pint_unit(unit)).magnitude if is_quantity else value
 
@@ -94,6 +95,7 @@ class Check:
     def __call__(self, value: Any) -> Any:
         if self.optional and value is None:
             return None
+        # a traced value cannot be refused; as NaN it gives the result a status
         if isinstance(value, jax.core.Tracer):
             value = jnp.asarray(value, float)
             return jnp.where(self.is_bad(value), jnp.nan, value)
@@ -225,6 +227,7 @@ def warn_unless_within(name: str, value: Any, low: float, high: float, unit: str
 def warn(text: str) -> None:
     """Give an `ImplausibleWarning`, which points at the line outside the package that asked; see `TOLD`."""
     told = TOLD.get()
+    # texts that differ in their numbers count as one
     kind = re.sub(r"-?[\d.]+(e[-+]?\d+)?", "", text)
     if told is not None:
         if kind in told:

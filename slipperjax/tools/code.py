@@ -101,6 +101,7 @@ def _content(thing: Any) -> Iterator[Any]:
         yield from (cell.cell_contents for cell in thing.__closure__ or ())
         yield from _content_of_body(thing.__code__, thing.__globals__)
     elif isinstance(thing, type):
+        # the class and those of the user that it inherits from
         for kind in thing.__mro__:
             for name, member in () if _of_library(kind) else sorted(vars(kind).items()):
                 if name == "__call__" or not name.startswith(("__", "_abc_")):
@@ -110,6 +111,7 @@ def _content(thing: Any) -> Iterator[Any]:
 def _content_of_body(code: types.CodeType, known: Mapping[str, Any]) -> Iterator[Any]:
     """Yield a function's instructions, without its file and lines, and the global values that they name."""
     yield from (code.co_code, code.co_names)
+    # functions inside this one are among its constants
     for part in code.co_consts:
         yield from _content_of_body(part, known) if isinstance(part, types.CodeType) else [part]
     for name in code.co_names:

@@ -51,6 +51,7 @@ def describe(value: Any) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         kind = type(value)
         fields = {name: describe(getattr(value, name)) for name in arguments_of(kind)}
+        # such as a controller of diffrax, whose fields are functions
         if any(_opaque(part) for part in fields.values()) and _is_default(value):
             fields = {}
         return {TYPE: type_name(kind), **fields}
@@ -77,6 +78,7 @@ def describe(value: Any) -> Any:
 @functools.cache
 def arguments_of(kind: type) -> dict[str, Any]:
     """Return the fields of a class that its `__init__` takes, with their defaults: those that describe it."""
+    # an `__init__` may take less than there are fields, or more
     names = {field.name for field in dataclasses.fields(kind)}
     parameters = inspect.signature(kind.__init__).parameters
     return {name: parameter.default for name, parameter in parameters.items() if name in names}

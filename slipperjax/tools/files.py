@@ -81,6 +81,7 @@ def write_whole(path: Path, content: Content) -> bool:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
+        # as the file that it replaces
         if exists:
             os.chmod(part, path.stat().st_mode & 0o7777)
         os.replace(part, path)

@@ -31,6 +31,7 @@ STANDARD_GRAVITY = 9.80665
 
 def _as_pint_reads(unit: str) -> str:
     """Return a unit with the names that pint knows, and with a sign before powers that are written as in m s-1."""
+    # "m s-1" is m s**-1
     unit = re.sub(r"(?<=[^\W\d_])(-?\d)\b", r"**\1", unit)
     unit = re.sub(r"\blbm\b", "lb", unit)
     return re.sub(r"\b([uU][sS]_survey_foot|ftUS)\b", "survey_foot", unit)

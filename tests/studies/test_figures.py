@@ -93,18 +93,6 @@ def test_lines_are_named_in_figure_13(drawn):
     assert axes[0].texts[0].get_position()[0] == 150
 
 
-def test_basins_leave_flagged_starts_without_a_colour(drawn):
-    found, dims = np.array([[0, 1, -1], [2, 9, 0]]), ("start_v_y", "start_v_z")
-    starts = {"start_v_y": [0.0, 1.0], "start_v_z": [0.0, 1.0, 2.0]}
-    of_each = {"basin_period": ("attractor", np.ones(10, int)), "share": ("attractor", np.full(10, 0.1))}
-    ds = xr.Dataset({"basin": (dims, found), "status": (dims, np.where(found < 0, 2, 0)), **of_each}, starts)
-    shown = drawn("basins", {"basins": ds}).axes[0].collections[0].get_array()
-    assert shown.mask.tolist() == [[False, False], [False, False], [True, False]]
-    assert shown.max() == 6  # further ones share a colour
-    lost = ds.assign(basin=ds["basin"] * 0 - 1)
-    assert drawn("basins", {"basins": lost}).axes[0].collections[0].get_array().mask.all()
-
-
 def test_diagrams_and_exponents_are_over_their_parameter(drawn):
     ds = made.clearances_as_claimed()
     assert len(drawn("8", {"clearance": ds}).axes) == 5

@@ -8,6 +8,7 @@ import xarray as xr
 
 from slipperjax.flow.status import Status
 from slipperjax.studies.dang2024 import runs, verdicts
+from slipperjax.studies.dang2024.branches import follow_branches
 from slipperjax.studies.dang2024.claims import CLAIMS, Answer, rows, write_report
 from slipperjax.studies.dang2024.runs import FIGURES, QUICK, jump_text, readings, reproduce
 from slipperjax.sweeps.follow import Jump
@@ -29,7 +30,7 @@ def test_report_has_every_answer_with_its_verdict(tmp_path):
 
 
 def test_unknown_figures_are_refused_at_once():
-    with pytest.raises(ValueError, match=r"`figures` must be one of 4, 7, 12, 5, .*, 13, basins, but is '3'"):
+    with pytest.raises(ValueError, match=r"`figures` must be one of 4, 7, 12, 5, .*, 13, but is '3'"):
         reproduce(["3"])
     with pytest.raises(ValueError, match="`transient` must be a whole number of 20 or more, but is 3"):
         reproduce(["5"], transient=3)
@@ -106,8 +107,8 @@ def test_an_interrupted_run_gives_what_it_has(monkeypatch):
     def interrupted(*arguments):
         raise runs.Interrupted(part, 1, 2)
 
-    monkeypatch.setitem(runs.RUNS, "basins", (("basins",), interrupted))
-    found = reproduce(["basins"])
+    monkeypatch.setitem(runs.RUNS, "dual frequency", (("13",), interrupted))
+    found = reproduce(["13"])
     done = next(found)
     assert (done.figures, done.data, done.answers) == ((), {"interrupted": part}, {})
     with pytest.raises(KeyboardInterrupt):
@@ -150,8 +151,19 @@ def test_readings_answer_the_claims_that_differ(monkeypatch):
 
 
 def test_every_figure_has_a_run():
-    assert sorted(FIGURES, key=str) == sorted([*map(str, range(4, 14)), "basins"], key=str)
+    assert sorted(FIGURES) == sorted(map(str, range(4, 14)))
     assert len(CLAIMS) == 42
+
+
+@pytest.mark.slow
+def test_speed_branches_have_the_known_events():
+    first, twice = follow_branches("speed", 1)
+    at = lambda branch, label: sorted(event.value for event in branch.events_named(label))
+    # at 400 steps 1095.9120 and 2234.7236
+    assert at(first, "PD") == pytest.approx([1095.9106], abs=2e-4)
+    assert at(first, "LP")[-1] == pytest.approx(2234.7235, abs=2e-4)
+    assert twice.period == 2
+    assert at(twice, "PD")[-1] == pytest.approx(969.694, abs=2e-3)
 
 
 @pytest.mark.slow

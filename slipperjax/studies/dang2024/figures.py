@@ -14,7 +14,7 @@ from ...flow.status import Status
 from ...model.quantities import PARAMETERS, SECTIONS
 from ...orbits.branches import load_branch
 from ...plots.branches import branches
-from ...plots.maps import basin_map, bifurcations, exponents
+from ...plots.maps import bifurcations, exponents
 from ...plots.style import png, styled
 from ...plots.trajectories import phase_portrait, spectrum
 from ...tools.files import write_each
@@ -33,8 +33,7 @@ def write_figures(done: Finished, out: Path) -> list[Path]:
         if "orbit_period" in ds.attrs:
             contents[out / f"{name}.txt"] = load_branch(ds).summary().encode
     for figure in done.figures:
-        path = out / (f"fig{figure}.png" if figure.isdigit() else f"{figure}.png")
-        contents[path] = functools.partial(_picture, figure, done.data)
+        contents[out / f"fig{figure}.png"] = functools.partial(_picture, figure, done.data)
     return list(write_each(contents))
 
 
@@ -166,5 +165,4 @@ _DRAW = {
     "10": functools.partial(_diagram, "length"),
     "12": _figure_12,
     "13": _figure_13,
-    "basins": lambda data: basin_map(data["basins"]).figure,
 }

@@ -14,7 +14,6 @@ import xarray as xr
 from ...flow.status import Interrupted, Status
 from ...model.dang2024 import paper_scene
 from ...model.scene import Scene
-from ...sweeps.attractors import groups
 from ...sweeps.follow import Jump, find_jump
 from ...sweeps.sweep import lyapunov_sweep, sweep
 from ...tools.checks import one_of, whole
@@ -31,8 +30,6 @@ class Effort(NamedTuple):
     lengths: int = 161
     transient: int = 600
     """Forcing periods before anything is recorded."""
-    basin: int = 32
-    """Starts along each side of the basin picture."""
     judged: int = 400
     """Last periods from which attractors are named."""
     counted: int = 500
@@ -47,7 +44,6 @@ QUICK = Effort(
     clearances=50,
     lengths=41,
     transient=300,
-    basin=12,
     judged=200,
     counted=100,
     flips=0,
@@ -174,16 +170,6 @@ def dual_frequency(effort: Effort, wanted: set[str], data: Data) -> Answers:
     return answers("dual", Singles(data["dual"], [150.0]))
 
 
-def basins(effort: Effort, wanted: set[str], data: Data) -> Answers:
-    """Answer what is not in the paper: which attractor each start reaches at 1860 m/s, where this motion differs."""
-    # lateral and vertical velocity of the start [m/s]
-    side = np.linspace(-1.5, 1.5, effort.basin)
-    common = dict(transient=150, periods=20, record="strobe", steps_per_period=50)
-    ds = sweep(paper_scene(1860.0), {"v_y": side, "v_z": side}, **common, progress=effort.progress)
-    data["basins"] = ds.merge(groups(ds))
-    return {}
-
-
 def readings(progress: bool | None = None) -> list[dict[str, str]]:
     """Return claims under other readings of what the paper leaves open: rows of a table.
 
@@ -230,7 +216,6 @@ RUNS: dict[str, tuple[tuple[str, ...], Callable[[Effort, set[str], Data], Answer
     "motions": (("4", "7", "12", "5", "8", "10"), motions),
     "exponents": (("6", "9", "11"), exponents),
     "dual frequency": (("13",), dual_frequency),
-    "basins": (("basins",), basins),
 }
 """The runs by name, with the figures that each makes."""
 
