@@ -25,15 +25,13 @@ PICTURES: tuple[tuple[set[str], int | None, Callable[..., Any]], ...] = (
     (set(SECTIONS), 1, bifurcations),
 )
 """Names that a result has, over how many parameters (None for any number), and its picture; the first that fits."""
-INNER = {"end", "point"}
-"""Dimensions of which maps draw the highest value."""
 
 
 def plot(result: Any, **options: Any) -> Any:
-    """Draws the picture that fits a result.
+    """Draw the picture that fits a result.
 
     The page of a trajectory, a run or a design; a branch; the bifurcation diagrams, exponents or map of a sweep. Of a
-    sweep of numbers it is the first of them over one parameter or two.
+    sweep of numbers it is the peak force over one parameter or two, or else the first of the numbers.
 
     **Arguments:** `result`: a `Trajectory`, a branch, a design, or a dataset of slipperjax; `options`: as for the
     picture.
@@ -45,15 +43,23 @@ def plot(result: Any, **options: Any) -> Any:
     ds = as_dataset(result)
     if not isinstance(ds, xr.Dataset):
         raise ValueError(f"Argument `result` must be a result of slipperjax, but is {type(result).__name__}.")
-    parameters = list(ds["status"].dims) if "status" in ds else []
-    for names, count, draw in PICTURES:
-        if names <= {*ds.variables, *ds.dims} and (count is None or count == len(parameters)):
+    parameters = [str(dim) for dim in ds["status"].dims] if "status" in ds else []
+    # a sample has one dimension, whatever was varied, and is drawn by numbers alone
+    count = None if parameters == ["case"] else len(parameters)
+    for names, needed, draw in PICTURES:
+        if names <= {*ds.variables, *ds.dims} and needed in (None, count):
             return draw(ds, **options)
-    for name, values in ds.data_vars.items():
-        over = [dim for dim in values.dims if dim not in INNER]
-        if over == parameters and len(over) in (1, 2) and values.dtype.kind == "f":
-            return quantity_map(ds, **({"name": name} | options))
-    shown = ", ".join(map(str, parameters)) or "no parameter"
+    # maps draw the highest value along these dimensions
+    inner = {"end", "point"}
+    numbers = [
+        str(name)
+        for name, values in ds.data_vars.items()
+        if set(parameters) == set(values.dims) - inner and values.dtype.kind == "f"
+    ]
+    if numbers and len(parameters) in (1, 2):
+        name = "peak_force" if "peak_force" in numbers else numbers[0]
+        return quantity_map(ds, **({"name": name} | options))
+    shown = ", ".join(parameters) or "no parameter"
     raise ValueError(
         f"Argument `result` must have a picture that fits, but is over {shown}, with {', '.join(map(str, ds))}: "
         "choose one case by .isel(...), or one of slipperjax.plots."

@@ -6,13 +6,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 import xarray as xr
 from matplotlib.colors import LinearSegmentedColormap
-from matplotlib.ticker import NullLocator
+from matplotlib.ticker import LogLocator, NullLocator
 
 from ..flow.datasets import load_scene
 from ..model.parameters import quantity
 from ..model.scene import Scene, check_scene
 from ..tools.checks import require
-from .branches import DASHED, SOLID, joined, stable_parts
+from .branches import DASHED, joined, stable_parts
 from .style import (
     COLORS,
     axis_label,
@@ -21,8 +21,8 @@ from .style import (
     color_bar,
     color_norm,
     drawing,
+    highest,
     legend_above,
-    legends_above,
     line_color,
     name_case,
     name_status,
@@ -33,18 +33,10 @@ from .style import (
 
 RUN_SOURCE = "one run, such as sj.run(scene, length=1000.0)"
 """Kind of the datasets drawn here, for errors."""
-COLUMNS, PER_COLUMN = 1024, 64
-"""Columns in which a rail is drawn, and its places in each, of which the lowest and the highest are drawn."""
-HALF = 10 ** (1 / 20)
-"""Ratio of a third octave's upper end to its middle."""
-WAYS = {"up": ("red", "orange"), "down": ("blue", "green")}
-"""Colours of windows in which the speed rises and falls, from the first of several runs to the last."""
-TICKS = [digit * 10.0**power for power in range(1, 5) for digit in (1, 2, 5)]
-"""Frequencies that are written beside spectra [Hz]."""
 
 
 def run_overview(ds: xr.Dataset, scene: Scene | None = None, axes: Any = None) -> Any:
-    """Draws a run on one page, over the distance travelled: rail, speed and time, contact forces, impacts, spectra.
+    """Draw a run on one page, over the distance travelled: rail, speed and time, contact forces, impacts, spectra.
 
     What the dataset lacks is left out. Forces are the highest of all points in each window, with their percentiles in
     each stretch of windows, and a dot at the highest of all; impacts are those of all points at the front and at the
@@ -63,35 +55,42 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None, axes: Any = None) -
     if scene is None and "scene" in ds.attrs:
         scene = load_scene(ds)
     ds = _stretches_of(ds)
-    panels: list[Any] = [] if scene is None else [lambda ax, ds: _rail(ax, ds, check_scene(scene))]
-    needs = {_speed: "seconds", _forces: "peak_force", _impacts: "impact_rate", _spectra: "band_a_z"}
-    panels += [draw for draw, name in needs.items() if name in ds]
+    panels = {
+        "seconds": _draw_speed,
+        "peak_force": _draw_forces,
+        "impact_rate": _draw_impacts,
+        "band_a_z": _draw_bands,
+    }
+    draws: list[Any] = [draw for name, draw in panels.items() if name in ds]
+    rows = len(draws) + (scene is not None)
     with styled():
         if axes is None:
-            size = (7.2, 1.5 * len(panels) + 0.5)
-            figure, axes = plt.subplots(len(panels), 1, figsize=size, sharex=True, layout="constrained")
+            size = (7.2, 1.5 * rows + 0.5)
+            figure, axes = plt.subplots(rows, 1, figsize=size, sharex=True, layout="constrained")
             name_case(figure, ds.drop_vars(_speed_name(ds)), full=True)
-        axes = np.ravel(check_axes(axes, len(panels)))
-        figure = axes[0].figure
-        entries = [(ax, draw(ax, ds)) for ax, draw in zip(axes, panels, strict=True)]
+        axes = np.ravel(check_axes(axes, rows))
+        if scene is not None:
+            _draw_rail(axes[0], ds, check_scene(scene))
+        for ax, draw in zip(axes[rows - len(draws) :], draws, strict=False):
+            draw(ax, ds)
         for ax in axes:
             ax.set_xlim(edges_of(ds, "distance")[[0, -1]])
             ax.label_outer(remove_inner_ticks=False)
         axes[-1].set_xlabel("distance [m]")
+        figure = axes[0].figure
         figure.align_ylabels(axes)
         name_status(figure, int(ds["status"]))
-        legends_above([*entries, *((ax, []) for ax in figure.axes if ax not in axes)])
     return axes
 
 
 def edges_of(ds: xr.Dataset, along: str) -> np.ndarray:
-    """Gives the distances between windows or stretches [m], and those of both ends."""
+    """Return the distances between windows or stretches [m], and those of both ends."""
     ends = ds[along].values
     return np.append(ds["distance"].values[0] - ds.attrs["window [m]"], ends)
 
 
 def _stretches_of(ds: xr.Dataset) -> xr.Dataset:
-    """Gives a part of a run, as by `ds.isel`, with the stretches alone that it lies in."""
+    """Return a part of a run, as by `ds.isel`, with the stretches alone that it lies in."""
     if "stretch" not in ds.dims:
         return ds
     begin, end = edges_of(ds, "distance")[[0, -1]]
@@ -100,26 +99,24 @@ def _stretches_of(ds: xr.Dataset) -> xr.Dataset:
 
 
 def _speed_name(ds: xr.Dataset) -> str:
-    """Gives the name of the speed along a run, which is another one where the speed was varied."""
+    """Return the name of the speed along a run, which is another one where the speed was varied."""
     return "speed_along" if "speed_along" in ds.coords else "speed"
 
 
-def _rail(ax: Any, ds: xr.Dataset, scene: Scene) -> list[Any]:
+def _draw_rail(ax: Any, ds: xr.Dataset, scene: Scene) -> None:
     begin, end = edges_of(ds, "distance")[[0, -1]]
-    count = COLUMNS * PER_COLUMN
-    places = begin + (end - begin) * (np.arange(count) + 0.5) / count
+    places = np.linspace(begin, end, 1 << 16)  # many more than pixels, so that short waves keep their height
     here = scene.track.irregularity(places + 0 * scene.track.wavelength)
-    middles = np.repeat(places.reshape(COLUMNS, -1).mean(axis=1), 2)
     for name, color in (("lateral", "blue"), ("vertical", "red")):
-        height = 1e3 * np.broadcast_to(np.asarray(getattr(here, name)), places.shape).reshape(COLUMNS, -1)
-        ends = np.stack([height.min(axis=1), height.max(axis=1)], axis=1)
-        ax.plot(middles, ends.ravel(), lw=0.6, color=COLORS[color], alpha=0.8, label=name)
+        height = 1e3 * np.broadcast_to(np.asarray(getattr(here, name)), places.shape)
+        ax.plot(places, height, lw=0.6, color=COLORS[color], alpha=0.8, label=name)
     ax.set_ylabel("rail [mm]")
-    return ax.get_legend_handles_labels()[0]
+    legend_above(ax)
 
 
-def _speed(ax: Any, ds: xr.Dataset) -> list[Any]:
-    edges, speed = edges_of(ds, "distance"), ds[_speed_name(ds)].values
+def _draw_speed(ax: Any, ds: xr.Dataset) -> None:
+    edges = edges_of(ds, "distance")
+    speed = ds[_speed_name(ds)].values
     places = np.concatenate([edges[:1], (edges[1:] + edges[:-1]) / 2, edges[-1:]])
     ax.plot(places, np.pad(speed, 1, "edge"), lw=0.9, color=COLORS["blue"], label="speed")
     ax.set_ylabel(axis_label("speed"))
@@ -129,28 +126,30 @@ def _speed(ax: Any, ds: xr.Dataset) -> list[Any]:
     beside.plot(edges, np.append(begin, seconds), lw=0.9, color=COLORS["orange"], label="time")
     beside.set_ylabel("time [s]")
     beside.grid(visible=False)
-    _from_zero(ax, beside)
-    return [*ax.lines, *beside.lines]
+    _from_zero(ax)
+    _from_zero(beside)
+    legend_above(ax, [*ax.lines, *beside.lines])
 
 
-def _forces(ax: Any, ds: xr.Dataset) -> list[Any]:
+def _draw_forces(ax: Any, ds: xr.Dataset) -> None:
     force = quantity("peak_force")
-    _steps(ax, ds, "distance", ds["peak_force"].max(("end", "point")), force, "each window", COLORS["grey"])
+    _draw_steps(ax, ds, "distance", highest(ds, "peak_force", "distance"), "each window", COLORS["grey"])
     for k, percent in enumerate(ds["percentile"].values):
-        label = f"{percent:g} % of a stretch"
-        _steps(ax, ds, "stretch", ds["peak_force_percentile"].isel(percentile=k), force, label, line_color(k))
+        values = force.shown(ds["peak_force_percentile"].isel(percentile=k).values)
+        _draw_steps(ax, ds, "stretch", values, f"{percent:g} % of a stretch", line_color(k))
     peak = peak_of(ds)
-    high, place = force.shown(float(peak["peak_force"])), float(peak["peak_distance"])
+    high = force.shown(float(peak["peak_force"]))
     if high > 0:
+        place = float(peak["peak_distance"])
         label = f"{high:.3g} {force.display_unit} at {peak['name'].item()}, {place:.5g} m"
         ax.plot(place, high, "o", ms=3.5, mew=0, color=COLORS["red"], label=label)
     ax.set_ylabel(axis_label("contact_force"))
     _from_zero(ax)
-    return ax.get_legend_handles_labels()[0]
+    legend_above(ax)
 
 
 def peak_of(ds: xr.Dataset) -> xr.Dataset:
-    """Gives what a run's dataset holds of the window and the point with the highest contact force.
+    """Return what a run's dataset holds of the window and the point with the highest contact force.
 
     The point's `name` is its letter, and 1 at the front or 2 at the rear; the force is NaN where none is known.
     """
@@ -160,16 +159,16 @@ def peak_of(ds: xr.Dataset) -> xr.Dataset:
     return at.assign(name=f"{at['point'].item()}{end + 1}", peak_distance=at.get("peak_distance", at["distance"]))
 
 
-def _impacts(ax: Any, ds: xr.Dataset) -> list[Any]:
+def _draw_impacts(ax: Any, ds: xr.Dataset) -> None:
     for end, color in zip(ds["end"].values, ("blue", "red"), strict=True):
-        rate = ds["impact_rate"].sel(end=end).sum("point", skipna=False)
-        _steps(ax, ds, "stretch", rate, None, str(end), COLORS[color])
+        rate = ds["impact_rate"].sel(end=end).sum("point", skipna=False).values
+        _draw_steps(ax, ds, "stretch", rate, str(end), COLORS[color])
     ax.set_ylabel("impacts [1/s]")
     _from_zero(ax)
-    return ax.get_legend_handles_labels()[0]
+    legend_above(ax)
 
 
-def _spectra(ax: Any, ds: xr.Dataset) -> list[Any]:
+def _draw_bands(ax: Any, ds: xr.Dataset) -> None:
     values = ds["band_a_z"].transpose("band", "stretch").values
     known = np.flatnonzero(np.isfinite(values).any(axis=1))
     ax.set_ylabel("third octaves\nof $A_Z$ [Hz]")
@@ -178,36 +177,34 @@ def _spectra(ax: Any, ds: xr.Dataset) -> list[Any]:
         ax.set_yticks([])
         at = dict(transform=ax.transAxes, ha="center", va="center", fontsize=7)
         ax.text(0.5, 0.5, "no band is resolved: windows are too few or too long", **at)
-        return []
+        return
     rows = slice(known[0], known[-1] + 1)
     bands = ds["band"].values[rows]
-    edges = np.append(bands / HALF, bands[-1] * HALF)
+    half = 10 ** (1 / 20)  # from the middle of a third octave to its end
+    edges = np.append(bands / half, bands[-1] * half)
     mesh = ax.pcolormesh(edges_of(ds, "stretch"), edges, values[rows], norm=color_norm(values), rasterized=True)
-    ticks = [tick for tick in TICKS if edges[0] <= tick <= edges[-1]]
     ax.set(yscale="log", ylim=edges[[0, -1]])
-    ax.set_yticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    ax.yaxis.set_major_formatter("{x:g}")
     ax.yaxis.set_minor_locator(NullLocator())
     color_bar(ax, mesh, "RMS [m/s$^{2}$]", cax=ax.inset_axes([1.015, 0, 0.015, 1]))
-    return []
 
 
-def _steps(ax: Any, ds: xr.Dataset, along: str, values: xr.DataArray, q: Any, label: str, color: str) -> None:
-    """Draws a number of each window or stretch, in the display unit of a quantity."""
-    heights = values.values if q is None else q.shown(values.values)
+def _draw_steps(ax: Any, ds: xr.Dataset, along: str, heights: np.ndarray, label: str, color: str) -> None:
+    """Draw a number of each window or stretch."""
     width = 0.5 if along == "distance" else 0.9
     ax.stairs(heights, edges_of(ds, along), baseline=None, lw=width, color=color, label=label)
 
 
-def _from_zero(*axes: Any) -> None:
-    for ax in axes:
-        top = ax.dataLim.ymax
-        ax.set_ylim(0, 1.1 * top if 0 < top < np.inf else 1.0)
+def _from_zero(ax: Any) -> None:
+    top = ax.dataLim.ymax
+    ax.set_ylim(0, 1.1 * top if 0 < top < np.inf else 1.0)
 
 
 def passing(
     runs: Any, branch: Any = None, brute: xr.Dataset | None = None, quantity: str = "peak_force", ax: Any = None
 ) -> Any:
-    """Draws how a motion passes through speeds: a dot for each window of a run, over the speed in its middle.
+    """Draw how a motion passes through speeds: a dot for each window of a run, over the speed in its middle.
 
     Dots are coloured by the way the speed goes, up or down, and named with its rate. Windows at a constant speed are
     left out. Of several contact points the highest value is drawn.
@@ -239,32 +236,33 @@ def passing(
         style: dict[str, Any] = dict(ls="", marker=".", mew=0, rasterized=True)
         if brute is not None:
             check_dataset(brute, "follow over the speed", quantity, "speed", "status", argument="brute")
-            good = _highest(brute, quantity).where(brute["status"] == 0)
+            values = highest(brute, quantity, *brute["status"].dims)
+            good = brute["status"].copy(data=np.where(brute["status"].values == 0, values, np.nan))
             x, y = (a.values.ravel() for a in xr.broadcast(brute["speed"], good))
             ax.plot(x, y, ms=2.5, color="#c4c4c4", label="constant speed", **style)
         for k, one in enumerate(runs):
-            speed, values = one[_speed_name(one)].values, _highest(one, quantity).values
-            rate = np.gradient(speed**2) / (2 * one.attrs["window [m]"])  # v dv/dx
-            style["ms"] = float(np.clip(60 / np.sqrt(len(speed)), 0.8, 3.0))
-            for (way, colors), sign in zip(WAYS.items(), (1, -1), strict=True):
-                there = sign * rate > 1e-9 * np.max(np.abs(rate))
-                if there.any():
-                    shades = LinearSegmentedColormap.from_list(way, [COLORS[name] for name in colors])
-                    label = f"{way}, {with_unit(f'{np.median(np.abs(rate[there])):.3g}', 'm/s^2')}"
-                    color = shades(k / max(len(runs) - 1, 1))
-                    ax.plot(speed[there], values[there], color=color, label=label, **style)
-        for k, one in enumerate(branches):
-            x, stable, y = shown(one, "speed"), stable_parts(one), shown(one, quantity)[None]
-            for parts, line, width, text in ((stable, SOLID, 1.2, "stable"), (~stable, DASHED, 0.8, "unstable")):
-                label = f"_{text}" if k else f"{text} orbit"
-                ax.plot(*joined(x, y, parts), color="black", ls=line, lw=width, label=label)
+            style["ms"] = float(np.clip(60 / np.sqrt(one.sizes["distance"]), 0.8, 3.0))
+            _draw_windows(ax, one, quantity, k / max(len(runs) - 1, 1), style)
+        for one in branches:
+            x = shown(one, "speed")
+            y = shown(one, quantity)[None]
+            stable = stable_parts(one)
+            ax.plot(*joined(x, y, stable), color="black", lw=1.2, label="stable orbit")
+            ax.plot(*joined(x, y, ~stable), color="black", lw=0.8, ls=DASHED, label="unstable orbit")
         ax.set(xlabel=axis_label("speed"), ylabel=axis_label(quantity, runs[0]))
-        legend_above(ax, ax.get_legend_handles_labels()[0])
+        legend_above(ax)
         plt.setp([h for h in ax.get_legend().legend_handles if h.get_marker() == "."], markersize=5)
     return ax
 
 
-def _highest(ds: xr.Dataset, name: str) -> xr.DataArray:
-    """Gives a number in its display unit, the highest of all points."""
-    values = ds[name].max([d for d in ("end", "point") if d in ds[name].dims])
-    return values.copy(data=shown(values.to_dataset(name=name), name))
+def _draw_windows(ax: Any, run: xr.Dataset, quantity: str, shade: float, style: dict[str, Any]) -> None:
+    """Draw the windows of a run over their speed, in a colour for each way, which `shade` makes lighter."""
+    speed = run[_speed_name(run)].values
+    values = highest(run, quantity, "distance")
+    rate = np.gradient(speed**2) / (2 * run.attrs["window [m]"])  # v dv/dx
+    for way, sign, colors in (("up", 1, ("red", "orange")), ("down", -1, ("blue", "green"))):
+        there = sign * rate > 1e-9 * np.max(np.abs(rate))
+        if there.any():
+            shades = LinearSegmentedColormap.from_list(way, [COLORS[name] for name in colors])
+            label = f"{way}, {with_unit(f'{np.median(np.abs(rate[there])):.3g}', 'm/s^2')}"
+            ax.plot(speed[there], values[there], color=shades(shade), label=label, **style)

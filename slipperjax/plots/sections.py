@@ -9,14 +9,13 @@ import xarray as xr
 from jaxtyping import Float, Int
 
 from ..flow.datasets import load_scene
-from ..flow.simulate import Trajectory
 from ..model.kinematics import Motion, contacts, face_offsets, quaternion_from_euler, rail_frame
 from ..model.parameters import quantity
 from ..model.scene import Scene, check_scene
 from ..model.section import Section
-from ..tools.checks import finite, known, number, positive, whole
-from .style import COLORS, POINT_COLORS, case_title, drawing, styled
-from .trajectories import contact_forces
+from ..tools.checks import finite, known, number, positive, require, whole
+from .style import COLORS, POINT_COLORS, case_title, check_dataset, drawing, styled
+from .trajectories import TRAJECTORY_SOURCE, contact_forces
 
 RAIL_STYLE = {"facecolor": "#d9d9d9", "edgecolor": "#8a8a8a", "lw": 0.8, "zorder": 1}
 SLIPPER_STYLE = {"facecolor": "#12355b66", "edgecolor": "#12355b", "lw": 0.9, "zorder": 2}
@@ -24,14 +23,10 @@ ARROWS: dict[str, Any] = dict(
     angles="xy", scale_units="xy", scale=1.0, width=0.006, minlength=0.0, headwidth=4.0, headlength=4.5, zorder=5
 )
 """Arrows whose length is in units of the axes; none where it is zero."""
-LONGEST_ARROW = 0.5
-"""Length of the longest arrow, in heights of the section."""
-THICKNESS = 0.2
-"""Wall of the drawn slipper, in heights of the section."""
 
 
 def section(scene: Scene, ax: Any = None, *, magnify: float | None = None) -> Any:
-    """Draws the cross section, with slipper and rail centred: contact points, and the normals of their faces.
+    """Draw the cross section, with slipper and rail centred: contact points, and the normals of their faces.
 
     Rail head and web are grey, the slipper blue. Its wall and the web are no part of the model. y points to the
     right, as seen against the direction of travel.
@@ -49,7 +44,7 @@ def section(scene: Scene, ax: Any = None, *, magnify: float | None = None) -> An
     shape = known("scene", check_scene(scene)).section
     magnify = default_magnification(shape) if magnify is None else number(positive, "magnify", magnify)
     still = drawn_points(shape, np.asarray(shape.play)[shape.face_of_point], np.zeros(len(shape.names)), magnify)
-    reach = 1e3 * THICKNESS * height(shape)
+    reach = 1e3 * wall(shape)
     own = ax is None
     with drawing(ax, None, 3.5, 2.35) as ax:
         if own:
@@ -64,25 +59,30 @@ def section(scene: Scene, ax: Any = None, *, magnify: float | None = None) -> An
 
 
 def default_magnification(shape: Section, gaps: Any = 0.0) -> float:
-    """Gives the magnification for a mean play of 8 % of the section's height, and no gap above a quarter of it.
+    """Return the magnification for a mean play of 8 % of the section's height, and no gap above a quarter of it.
 
     **Arguments:** `gaps`: those to be drawn [m]. **Returns:** two digits, 1 or more.
     """
-    play, most = float(np.mean(shape.play)), float(np.max(np.abs(gaps)))
-    wanted = [share * height(shape) / size for share, size in ((0.08, play), (0.25, most)) if size > 0]
+    sizes = {0.08: float(np.mean(shape.play)), 0.25: float(np.max(np.abs(gaps)))}
+    wanted = [share * height(shape) / size for share, size in sizes.items() if size > 0]
     return float(f"{max(1.0, min(wanted, default=1.0)):.2g}")
 
 
 def height(shape: Section) -> float:
-    """Gives the height of the section [m], or 0.3 of its width where that is more, as for a single face."""
+    """Return the height of the section [m], or 0.3 of its width where that is more, as for a single face."""
     width, tall = np.ptp(np.asarray(shape.points), axis=0)
     return float(max(tall, 0.3 * width))
+
+
+def wall(shape: Section) -> float:
+    """Return the thickness of the drawn slipper [m]."""
+    return 0.2 * height(shape)
 
 
 def drawn_points(
     shape: Section, gap: Float[np.ndarray, "*n points"], offset: Float[np.ndarray, "*n points"], magnify: float
 ) -> Float[np.ndarray, "*n points 2"]:
-    """Gives the slipper's points as drawn [m]: the rail's points, moved by the magnified displacement from them.
+    """Return the slipper's points as drawn [m]: the rail's points, moved by the magnified displacement from them.
 
     Across its face a point moves by `magnify` times its gap, exactly: it is drawn on its face where it touches, and
     inside the rail head where it penetrates. The rail head stays where it is.
@@ -96,12 +96,12 @@ def drawn_points(
 
 
 def contour(shape: Section) -> Int[np.ndarray, " points"]:
-    """Gives the points' indices clockwise around the rail head, from one side of the slipper's opening to the other.
+    """Return the points' indices clockwise around the rail head, from one side of the slipper's opening to the other.
 
     The opening is the widest space between two faces.
     """
-    points, names = np.asarray(shape.points), shape.names
-    faces = np.array([[names.index(corner) for corner in face] for face in shape.faces])
+    points = np.asarray(shape.points)
+    faces = np.array([[shape.names.index(corner) for corner in face] for face in shape.faces])
     middle = points[faces].mean(axis=1) - points.mean(axis=0)
     faces = faces[np.argsort(-np.arctan2(middle[:, 1], middle[:, 0]), kind="stable")]
     spaces = np.linalg.norm(points[np.roll(faces[:, 0], -1)] - points[faces[:, 1]], axis=1)
@@ -109,27 +109,28 @@ def contour(shape: Section) -> Int[np.ndarray, " points"]:
 
 
 def colors_of(shape: Section) -> list[str]:
-    """Gives the colour of each point."""
+    """Return the colour of each point."""
     return [POINT_COLORS[k % len(POINT_COLORS)] for k in range(len(shape.names))]
 
 
 def rail_outline(shape: Section) -> Float[np.ndarray, "corners 2"]:
-    """Gives the corners [mm] of the rail head with a web through the slipper's opening."""
-    head, tall = 1e3 * np.asarray(shape.track_points)[contour(shape)], 1e3 * height(shape)
+    """Return the corners [mm] of the rail head with a web through the slipper's opening."""
+    head = 1e3 * np.asarray(shape.track_points)[contour(shape)]
     across = head[0] - head[-1]  # of the opening
     down = np.array([-across[1], across[0]]) / np.linalg.norm(across)  # out of the rail head, as it goes clockwise
-    foot = np.stack([head[-1] + 0.3 * across, head[-1] + 0.7 * across])
-    web = np.stack([foot[0], foot[0] + 0.6 * tall * down, foot[1] + 0.6 * tall * down, foot[1]])
-    return np.concatenate([head, web])
+    one = head[-1] + 0.3 * across
+    other = head[-1] + 0.7 * across
+    down = 600 * height(shape) * down
+    return np.concatenate([head, [one, one + down, other + down, other]])
 
 
 def label_places(shape: Section) -> Float[np.ndarray, "points 2"]:
-    """Gives places of the points' labels inside the rail head [mm]."""
+    """Return places of the points' labels inside the rail head [mm]."""
     return 1e3 * (np.asarray(shape.track_points) - 0.13 * height(shape) * np.asarray(shape.normals))
 
 
 def draw_rail(shape: Section, ax: Any, labels: Any) -> None:
-    """Draws the rail head with its web, and a label inside it at each point."""
+    """Draw the rail head with its web, and a label inside it at each point."""
     ax.fill(*rail_outline(shape).T, **RAIL_STYLE)
     box = {"boxstyle": "round,pad=0.1", "facecolor": "white", "alpha": 0.6, "lw": 0}
     for label, (y, z) in zip(labels, label_places(shape), strict=True):
@@ -137,16 +138,17 @@ def draw_rail(shape: Section, ax: Any, labels: Any) -> None:
 
 
 def outline(shape: Section, points: Float[np.ndarray, "*n points 2"]) -> Float[np.ndarray, "*n corners 2"]:
-    """Gives the corners [mm] of the slipper with its points at `points` [m]: inside, and back along the outside."""
+    """Return the corners [mm] of the slipper with its points at `points` [m]: inside, and back along the outside."""
     order = contour(shape)
     inner = 1e3 * points[..., order, :]
-    outer = inner + 1e3 * THICKNESS * height(shape) * np.asarray(shape.normals)[order]
+    outer = inner + 1e3 * wall(shape) * np.asarray(shape.normals)[order]
     return np.concatenate([inner, outer[..., ::-1, :]], axis=-2)
 
 
 def frame(ax: Any, points: Float[np.ndarray, "n points 2"], margin: float) -> None:
     """Sets axes in mm with equal scales, that hold all points [m] and a margin [mm] around."""
-    low, high = 1e3 * points.min(axis=(0, 1)) - margin, 1e3 * points.max(axis=(0, 1)) + margin
+    low = 1e3 * points.min(axis=(0, 1)) - margin
+    high = 1e3 * points.max(axis=(0, 1)) + margin
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="$y$ [mm]", ylabel="$z$ [mm]", aspect="equal")
     ax.grid(False)
     ax.tick_params(color=COLORS["grey"])
@@ -160,7 +162,6 @@ def animate(
     last: float | None = 2.0,
     every: int = 1,
     fps: float = 20.0,
-    most: int = 4,
 ) -> Any:
     """Animates the slipper's front and rear section around the rail head, with the play magnified.
 
@@ -182,14 +183,15 @@ def animate(
     - `magnify`: default as for `section`, and such that no gap is drawn above a quarter of the section's height.
     - `last`: forcing periods at the end of the run that are shown, None for all.
     - `every`: show each saved state, or each second, third, ...
-    - `fps`: frames per second. `most`: number of points in the history.
+    - `fps`: frames per second.
 
     **Returns:** a `matplotlib.animation.FuncAnimation`.
 
     **Raises:** `ValueError` that names the argument, for a dataset of several cases or without its scene.
     """
-    every, interval = whole("every", every, 1), 1e3 / number(positive, "fps", fps)
-    picture = _Picture(run, scene, magnify, last, most)
+    every = whole("every", every, 1)
+    interval = 1e3 / number(positive, "fps", fps)
+    picture = _Picture(frames_of(run, scene, magnify=magnify, last=last))
     frames = range(0, len(picture.period), every)
     from matplotlib.animation import FuncAnimation  # here, because its import takes long
 
@@ -203,14 +205,14 @@ def instant(
     at: float | None = None,
     magnify: float | None = None,
     last: float | None = 2.0,
-    most: int = 4,
 ) -> Any:
-    """Draws one picture of `animate`: the saved state nearest to `at` [forcing periods], default the last one.
+    """Draw one picture of `animate`: the saved state nearest to `at` [forcing periods], default the last one.
 
     **Arguments:** as for `animate`. **Returns:** the figure.
     """
-    picture = _Picture(run, scene, magnify, last, most)
-    picture.show(-1 if at is None else int(np.argmin(np.abs(picture.period - number(finite, "at", at)))))
+    picture = _Picture(frames_of(run, scene, magnify=magnify, last=last))
+    k = -1 if at is None else int(np.argmin(np.abs(picture.period - number(finite, "at", at))))
+    picture.show(k)
     return picture.figure
 
 
@@ -229,14 +231,24 @@ class Frames(NamedTuple):
     magnify: float
     """How many times as large displacements are drawn."""
     newton: float
-    """Length of arrows [m/N]."""
+    """Length of arrows [m/N]; the longest is half as long as the section is high."""
 
 
 def frames_of(
     run: Any, scene: Scene | None = None, *, magnify: float | None = None, last: float | None = 2.0
 ) -> Frames:
-    """Gives what `animate` draws, with the same arguments and errors."""
-    ds, scene = _one_case(run, scene)
+    """Return what `animate` draws, with the same arguments and errors."""
+    ds = check_dataset(run, TRAJECTORY_SOURCE, "contact_force", argument="run").squeeze()
+    over = ds["contact_force"].dims
+    require(
+        set(over) == {"time", "end", "point"},
+        "run",
+        "be one case over time",
+        shown=f"over {', '.join(map(str, over))}",
+    )
+    if scene is None:
+        scene = load_scene(ds) if isinstance(run, xr.Dataset) else run.scene
+    check_scene(scene)
     # peaks are those of the periods that are shown
     ds = ds.drop_vars(["peak_force", "peak_period"], errors="ignore")
     if last is not None:
@@ -249,77 +261,67 @@ def frames_of(
     if magnify is None:
         magnify = default_magnification(scene.section, gap)
     points = drawn_points(scene.section, gap, offset, number(positive, "magnify", magnify))
-    newton = LONGEST_ARROW * height(scene.section) / max(float(force.max()), 1e-9)
+    newton = 0.5 * height(scene.section) / max(float(force.max()), 1e-9)
     return Frames(ds, scene.section, ds["period"].values, points, force, magnify, newton)
 
 
 class _Picture:
     """The figure, and the artists that change with time."""
 
-    def __init__(self, run: Any, scene: Scene | None, magnify: float | None, last: float | None, most: int):
-        frames = frames_of(run, scene, magnify=magnify, last=last)
-        self.shape, self.period, self.force, self.points = frames.shape, frames.period, frames.force, frames.points
-        ds, self.newton, highest = frames.ds, frames.newton, float(frames.force.max())
+    def __init__(self, frames: Frames):
+        self.shape = frames.shape
+        self.period = frames.period
+        self.points = frames.points
+        self.force = frames.force
+        self.arrows = 1e3 * frames.newton * frames.force[..., None] * np.asarray(frames.shape.normals)
         with styled():
             shape: dict[str, Any] = dict(figsize=(7.2, 4.3), layout="constrained")
             self.figure, axes = plt.subplot_mosaic("FR;HH", height_ratios=(2.4, 1), **shape)
-            front, rear, forces = (axes[panel] for panel in "FRH")
-            self.ends = [self._draw_end(front, "front", 0), self._draw_end(rear, "rear", 1)]
-            rear.set_ylabel("")
-            contact_forces(ds, forces, most=most, last=None)
-            self.cursor = forces.axvline(self.period[0], lw=0.9, color="black")
-            self.time = front.text(0.02, 0.97, "", transform=front.transAxes, va="top", fontsize=7)
-            scales = f"play and displacement × {frames.magnify:g}, longest arrow {highest / 1e3:.3g} kN"
-            self.figure.suptitle("; ".join(text for text in (case_title(ds), scales) if text), fontsize=7.5)
+            self.ends = [self._draw_end(axes["F"], "front", 0), self._draw_end(axes["R"], "rear", 1)]
+            axes["R"].set_ylabel("")
+            contact_forces(frames.ds, axes["H"], last=None)
+            self.cursor = axes["H"].axvline(self.period[0], lw=0.9, color="black")
+            self.time = axes["F"].text(0.02, 0.97, "", transform=axes["F"].transAxes, va="top", fontsize=7)
+            longest = f"longest arrow {float(self.force.max()) / 1e3:.3g} kN"
+            scales = f"play and displacement × {frames.magnify:g}, {longest}"
+            self.figure.suptitle("; ".join(filter(None, [case_title(frames.ds), scales])), fontsize=7.5)
         self.figure.draw_without_rendering()
         self.figure.set_layout_engine("none")  # the panels stay where they are while the picture changes
 
     def _draw_end(self, ax: Any, end: str, k: int) -> tuple[Any, Any, Any]:
-        """Draws one end section; gives the slipper's patch, its points and its arrows."""
+        """Draw one end section; return the slipper's patch, its points and its arrows."""
         draw_rail(self.shape, ax, [f"{name}{k + 1}" for name in self.shape.names])
-        points, tall, colors = self.points[0, k], 1e3 * height(self.shape), colors_of(self.shape)
+        points = self.points[0, k]
+        colors = colors_of(self.shape)
         (patch,) = ax.fill(*outline(self.shape, points).T, **SLIPPER_STYLE)
         dots = ax.scatter(*(1e3 * points.T), s=14, edgecolors=colors, lw=1.0, zorder=4)
         arrows = ax.quiver(*(1e3 * points.T), *np.zeros((2, len(points))), color=colors, **ARROWS)
-        frame(ax, self.points.reshape(-1, *points.shape), (LONGEST_ARROW / 2 + THICKNESS) * tall)
+        frame(ax, self.points.reshape(-1, *points.shape), 450 * height(self.shape))
         ax.set_title(end, fontsize=8)
         return patch, dots, arrows
 
     def show(self, k: int) -> list[Any]:
-        """Draws the instant with index `k`; gives the artists that changed."""
+        """Draw the instant with index `k`; return the artists that changed."""
         for end, (patch, dots, arrows) in enumerate(self.ends):
-            points, force = self.points[k, end], self.force[k, end]
+            points = self.points[k, end]
             patch.set_xy(outline(self.shape, points))
             dots.set_offsets(1e3 * points)
-            dots.set_facecolors(np.where(force > 0, colors_of(self.shape), "white"))
+            dots.set_facecolors(np.where(self.force[k, end] > 0, colors_of(self.shape), "white"))
             arrows.set_offsets(1e3 * points)
-            arrows.set_UVC(*(1e3 * self.newton * force[:, None] * np.asarray(self.shape.normals)).T)
+            arrows.set_UVC(*self.arrows[k, end].T)
         self.cursor.set_xdata([self.period[k]] * 2)
         self.time.set_text(f"forcing period {self.period[k]:.2f}")
         return [self.cursor, self.time, *(artist for end in self.ends for artist in end)]
 
 
-def _one_case(run: Any, scene: Scene | None) -> tuple[xr.Dataset, Scene]:
-    """Gives one case over time, and its scene."""
-    if isinstance(run, Trajectory):
-        return run.to_xarray(), run.scene if scene is None else check_scene(scene)
-    if not isinstance(run, xr.Dataset):
-        raise ValueError(f"Argument `run` must be a Trajectory or a dataset of one, but is {type(run).__name__}.")
-    ds = run.squeeze()
-    if "contact_force" not in ds or set(ds["contact_force"].dims) != {"time", "end", "point"}:
-        raise ValueError(
-            f"Argument `run` must be one case with contact forces over time, but has dimensions {tuple(run.sizes)}."
-        )
-    return ds, load_scene(ds) if scene is None else check_scene(scene)
-
-
 def _displacements(ds: xr.Dataset, scene: Scene) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-    """Gives the gaps and displacements along the faces [m] by the model's own kinematics, (time, end, point)."""
-    at = lambda name: np.asarray(ds[name].values, float)
-    attitude = quaternion_from_euler(at("roll"), at("pitch"), at("yaw"))
-    still = np.zeros_like(at("y"))
-    both = _relative(scene, at("period"), Motion(at("y"), at("z"), *attitude, *[still] * 5))
-    gap, offset = (np.asarray(a).reshape(len(still), 2, -1) for a in both)
+    """Return the gaps and displacements along the faces [m] by the model's own kinematics, (time, end, point)."""
+    y, z, roll, pitch, yaw, period = (
+        np.asarray(ds[name].values, float) for name in ("y", "z", "roll", "pitch", "yaw", "period")
+    )
+    still = np.zeros_like(y)
+    motion = Motion(y, z, *quaternion_from_euler(roll, pitch, yaw), *[still] * 5)
+    gap, offset = (np.asarray(a).reshape(len(y), 2, -1) for a in _relative(scene, period, motion))
     return gap, offset
 
 

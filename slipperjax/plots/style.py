@@ -3,7 +3,7 @@
 import io
 import re
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -16,10 +16,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
-from ..analysis.kinds import REGIMES
 from ..flow.status import Status
 from ..model.parameters import PARAMETERS, quantity
-from ..model.quantities import REACTIONS
+from ..model.quantities import REACTIONS, Quantity
 from ..tools.checks import instance, number, positive, require
 from ..tools.files import listed
 
@@ -38,8 +37,32 @@ STYLE: dict[str, Any] = {
 COLORS = {"blue": "#12355b", "red": "#c1121f", "green": "#2a9d6f", "orange": "#e07a1f", "grey": "#a0a0a0"}
 """Colours of lines and dots."""
 
-REGIME_COLORS = dict(zip(REGIMES, (COLORS[name] for name in ("blue", "green", "red", "grey", "orange")), strict=True))
-"""Colours of periodic, regular, chaotic, unresolved and transiently chaotic cases."""
+FLAGGED_LABEL = "status not 0"
+"""Legend entry of cases that are left out because of their status."""
+NOT_RUN_LABEL = "not computed yet"
+"""Legend entry of cases that a store does not have yet; they are left white."""
+
+MOTION_COLORS = {
+    "period 1": "#d0fcff",
+    "period 2": "#79a7f8",
+    "period 3": "#ffea81",
+    "period 4": "#4055c8",
+    "other periods": "#001951",
+    "quasi-periodic": "#009b68",
+    "regular": "#aff1b5",
+    "chaotic": "#af2b19",
+    "transient chaos": "#ff7d20",
+    "unresolved": "#aca0bf",
+    FLAGGED_LABEL: "#453131",
+}
+"""Colours of motions. Each two differ by 25 in CIELAB or more, also for readers without red or green."""
+
+REGIME_COLORS = {
+    "periodic": MOTION_COLORS["period 2"],
+    "regular": MOTION_COLORS["quasi-periodic"],
+    **{name: MOTION_COLORS[name] for name in ("chaotic", "unresolved", "transient chaos")},
+}
+"""Colours of the kinds in `REGIMES` of analysis/kinds.py, in the order of legends."""
 
 POINT_COLORS = (
     *("#1f77b4", "#e07a1f", "#c1121f", "#7b4ea3", "#2a9d6f"),
@@ -47,19 +70,12 @@ POINT_COLORS = (
 )
 """Colours of the contact points, in the order of `Section.names`; further ones begin anew."""
 
-FLAGGED_LABEL = "status not 0"
-"""Legend entry of cases that are left out because of their status."""
-WIDE_RATIO = 8.0
-"""Ratio of the greatest to the least value from which a scale is logarithmic."""
-
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Applies `STYLE`, and nothing else, to the pictures drawn inside.
-
-    `plt.rc_context` restores every setting at its end. The first figure of a session starts matplotlib's backend,
-    which may switch interactive mode on, and a notebook would show no further picture once that is undone.
-    """
+    """Apply `STYLE`, and nothing else, to the pictures drawn inside."""
+    # not plt.rc_context, which restores every setting: the first figure of a session may switch interactive mode on,
+    # and a notebook would show no further picture once that is undone
     settings: Any = plt.rcParams
     before = {name: settings[name] for name in STYLE}
     settings.update(STYLE)
@@ -70,22 +86,37 @@ def styled() -> Iterator[None]:
 
 
 def line_color(number: int) -> str:
-    """Gives the colour of a line by its number: blue, red, green, orange, and anew."""
+    """Return the colour of a line by its number: blue, red, green, orange, and anew."""
     return COLORS[("blue", "red", "green", "orange")[number % 4]]
 
 
 def typeset(unit: str) -> str:
-    """Gives a unit of a dataset, as in m/s^2, with its exponents raised."""
+    """Return a unit of a dataset, as in m/s^2, with its exponents raised."""
     return re.sub(r"\^(-?[\d.]+)", r"$^{\1}$", unit)
 
 
 def with_unit(text: str, unit: str, *, brackets: bool = False) -> str:
-    """Gives a text and a unit after it; a pure number has none."""
-    return text if unit == "1" else f"{text} [{typeset(unit)}]" if brackets else f"{text} {typeset(unit)}"
+    """Return a text and a unit after it; a pure number has none."""
+    if unit == "1":
+        return text
+    return f"{text} [{typeset(unit)}]" if brackets else f"{text} {typeset(unit)}"
+
+
+def quantity_of(name: str, ds: xr.Dataset | None = None) -> Quantity:
+    """Return the quantity of a variable or coordinate; of one outside the registry by its attributes in `ds`."""
+    try:
+        return quantity(name)
+    except KeyError:
+        attrs = {} if ds is None or name not in ds else ds[name].attrs
+        of = attrs.get("quantity", name)
+        unit = attrs.get("units", "1")
+        symbol = attrs.get("symbol", "")
+        shown_unit = attrs.get("shown_unit", "")
+        return Quantity(of, unit, of.replace("_", " "), symbol, 1.0, shown_unit, float(attrs.get("per_shown", 1.0)))
 
 
 def axis_label(name: str, ds: xr.Dataset | None = None) -> str:
-    """Gives the axis label of a quantity: name or symbol, and display unit in brackets; a pure number has none.
+    """Return the axis label of a quantity: name or symbol, and display unit in brackets; a pure number has none.
 
     **Arguments:**
 
@@ -93,37 +124,39 @@ def axis_label(name: str, ds: xr.Dataset | None = None) -> str:
       registry of quantities, such as the path section.play.2, is its own label.
     - `ds`: a dataset that has the unit of such a name.
     """
-    try:
-        q = quantity(name)
-    except KeyError:
-        unit = "1" if ds is None or name not in ds else ds[name].attrs.get("units", "1")
-        return with_unit(name.replace("_", " "), unit, brackets=True)
-    symbol = f"${q.symbol}$" if q.symbol else ""
-    if name in PARAMETERS or name in REACTIONS:
-        text = f"{name.replace('_', ' ')} {symbol}"
-    elif name.startswith("start_"):
-        text = f"start {symbol or q.name}"
-    else:
-        text = symbol or name.replace("_", " ")
-    return with_unit(text.strip(), q.display_unit, brackets=True)
+    q = quantity_of(name, ds)
+    if name.startswith("start_"):
+        return f"start {axis_label(name.removeprefix('start_'))}"
+    if not q.symbol or name in PARAMETERS or name in REACTIONS:
+        return name_label(q)
+    return with_unit(f"${q.symbol}$", q.display_unit, brackets=True)
+
+
+def name_label(q: Quantity) -> str:
+    """Return an axis label with name, symbol and display unit."""
+    text = q.name.replace("_", " ") + (f" ${q.symbol}$" if q.symbol else "")
+    return with_unit(text, q.display_unit, brackets=True)
 
 
 def shown(ds: xr.Dataset, name: str) -> np.ndarray:
-    """Gives the values of a variable or coordinate in its display unit, as its axis label names it."""
-    values = ds[name].values
-    try:
-        return quantity(name).shown(values)
-    except KeyError:
-        return values
+    """Return the values of a variable or coordinate in its display unit, as its axis label names it."""
+    return quantity_of(name, ds).shown(ds[name].values)
+
+
+def highest(ds: xr.Dataset, name: str, *dims: str) -> np.ndarray:
+    """Return a variable in its display unit over `dims`, the highest along all other dimensions."""
+    values = ds[name].astype(float)
+    values = values.where(np.isfinite(values)).max([d for d in values.dims if d not in dims]).transpose(*dims)
+    return shown(values.to_dataset(name=name), name)
 
 
 def as_dataset(result: Any) -> Any:
-    """Gives the dataset of a trajectory, a design or a branch, and anything else as it is."""
+    """Return the dataset of a trajectory, a design or a branch, and anything else as it is."""
     return result.to_xarray() if hasattr(result, "to_xarray") else getattr(result, "points", result)
 
 
 def check_dataset(ds: Any, source: str, *names: str, argument: str = "ds") -> xr.Dataset:
-    """Returns `ds`, or the dataset of a result that has one.
+    """Return `ds`, or the dataset of a result that has one.
 
     **Raises:** `ValueError` where it has not the variables `names`; `source` says what makes one.
     """
@@ -141,7 +174,7 @@ def check_dataset(ds: Any, source: str, *names: str, argument: str = "ds") -> xr
 
 
 def check_axes(axes: Any, count: int) -> Any:
-    """Gives `axes`; raises `ValueError` unless they are `count` Axes or more, in an array or a list."""
+    """Return `axes`; raise `ValueError` unless they are `count` Axes or more, in an array or a list."""
     flat = np.ravel(np.asarray(axes, object))
     good = len(flat) >= count and all(isinstance(ax, Axes) for ax in flat)
     require(good, "axes", f"be {count} Axes of matplotlib", axes)
@@ -152,7 +185,7 @@ def check_axes(axes: Any, count: int) -> Any:
 def drawing(
     ax: Any, ds: xr.Dataset | None = None, width: float = 3.5, height: float = 2.4, *, full: bool = True
 ) -> Iterator[Any]:
-    """Yields `ax`, or in `STYLE` the Axes of a new figure [inches] with the fixed parameters of `ds` as its title."""
+    """Yield `ax`, or in `STYLE` the Axes of a new figure [inches] with the fixed parameters of `ds` as its title."""
     if ax is not None:
         yield instance("ax", ax, Axes, "Axes of matplotlib")
         return
@@ -163,54 +196,53 @@ def drawing(
         yield ax
 
 
-def legend_above(ax: Any, handles: list[Any]) -> None:
-    """Draws a legend above the axes, with as many columns as fit their width; none without `handles`."""
-    if handles:
-        legends_above([(ax, handles)])
+def legend_above(ax: Any, handles: Sequence[Any] | None = None) -> None:
+    """Draw a legend above the axes, in as many columns as its longest entry allows; none without entries.
+
+    **Arguments:** `handles`: its entries; default what has a label in the axes, each label once.
+    """
+    if handles is None:
+        found, labels = ax.get_legend_handles_labels()
+        handles = list(dict(zip(labels, found, strict=True)).values())
+    if not handles:
+        return
+    font_size = 6.5
+    lines = [line for handle in handles for line in str(handle.get_label()).splitlines()]
+    # a letter is about half as wide as the font is high; marker and spaces are as wide as six letters
+    column = 0.45 * font_size * (max(map(len, lines)) + 6)
+    width = 72 * ax.get_position().width * ax.figure.canvas.figure.get_figwidth()
+    ax.legend(
+        handles=handles,
+        ncols=int(np.clip(width / column, 1, len(handles))),
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.0),
+        borderaxespad=0.3,
+        frameon=False,
+        fontsize=font_size,
+        handletextpad=0.4,
+        columnspacing=1.2,
+        handlelength=1.6,
+    )
 
 
-def legends_above(entries: list[tuple[Any, list[Any]]]) -> None:
-    """Draws a legend above each of several axes of one figure, which is laid out once, because that takes long."""
-    figure = entries[0][0].figure.canvas.figure
-    # the width of axes is known once they are laid out; measuring the labels of all others would take longest
-    others = [ax for ax in figure.axes if ax not in dict(entries) and ax.get_in_layout()]
-    plt.setp(others, in_layout=False)
-    layout_now(figure)
-    plt.setp(others, in_layout=True)
-    above = dict(loc="lower center", bbox_to_anchor=(0.5, 1.0), borderaxespad=0.3, frameon=False, fontsize=6.5)
-    spacing = dict(handletextpad=0.4, columnspacing=1.2, handlelength=1.6)
-    for ax, handles in entries:
-        for columns in range(len(handles), 0, -1):
-            legend = ax.legend(handles=handles, ncols=columns, **above, **spacing)
-            width = legend.get_window_extent(figure.canvas.get_renderer()).width
-            if width <= ax.get_window_extent().width:
-                break
-
-
-def layout_now(figure: Any) -> None:
-    """Lays out a figure, so that positions in its axes are final."""
-    layout = figure.get_layout_engine()
-    if layout is not None:
-        layout.execute(figure)
-
-
-def is_wide(values: np.ndarray) -> bool:
-    """Returns whether values are drawn on a logarithmic scale."""
+def is_wide(values: np.ndarray, ratio: float = 8.0) -> bool:
+    """Return whether values are drawn on a logarithmic scale: positive, the greatest `ratio` times the least."""
     finite = values[np.isfinite(values)]
-    return bool(len(finite) and np.min(finite) > 0 and np.max(finite) > WIDE_RATIO * np.min(finite))
+    return bool(len(finite) and np.min(finite) > 0 and np.max(finite) > ratio * np.min(finite))
 
 
 def color_norm(values: np.ndarray) -> Normalize:
-    """Gives colours over finite values, logarithmic where they are wide."""
-    finite = values[np.isfinite(values)]
-    low, high = (float(np.min(finite)), float(np.max(finite))) if len(finite) else (0.0, 1.0)
-    if not high > low:
-        low, high = low - 0.01 * abs(low) - 1e-12, high + 0.01 * abs(high) + 1e-12
-    return LogNorm(low, high) if is_wide(values) else Normalize(low, high)
+    """Return the scale of colours over finite values, logarithmic where they are wide."""
+    finite = np.ma.compressed(np.ma.masked_invalid(values))
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.5, 0.5)
+    if low == high:
+        low = 0.99 * low - 1e-12
+        high = 1.01 * high + 1e-12
+    return LogNorm(low, high) if is_wide(finite) else Normalize(low, high)
 
 
 def color_bar(ax: Any, mappable: Any, label: str, cax: Any = None) -> None:
-    """Draws a colour bar with plain numbers, into Axes `cax` where they are given."""
+    """Draw a colour bar with plain numbers, into Axes `cax` where they are given."""
     bar = ax.figure.colorbar(mappable, ax=ax, cax=cax, label=label)
     if type(mappable.norm) is not Normalize:
         ticks = round_ticks(mappable.norm)
@@ -219,16 +251,17 @@ def color_bar(ax: Any, mappable: Any, label: str, cax: Any = None) -> None:
 
 
 def fit_scale(ax: Any, values: np.ndarray) -> None:
-    """Makes the vertical axis logarithmic, with plain numbers, where values are wide."""
+    """Make the vertical axis logarithmic, with plain numbers, where values are wide."""
     if is_wide(values):
         _make_logarithmic(ax, "y")
 
 
 def fit_swept(ax: Any, **swept: np.ndarray) -> None:
-    """Makes the axes `x` and `y` logarithmic, with plain numbers, where a sweep's values rise by one factor."""
+    """Make the axes `x` and `y` logarithmic, with plain numbers, where a sweep's values rise by one factor."""
     for name, values in swept.items():
         if len(values) > 2 and np.all(values > 0):
-            steps, factors = np.diff(values), np.diff(np.log(values))
+            steps = np.diff(values)
+            factors = np.diff(np.log(values))
             if np.ptp(factors) < 1e-6 * abs(factors[0]) and np.ptp(steps) > 1e-3 * abs(steps[0]):
                 _make_logarithmic(ax, name)
 
@@ -236,19 +269,21 @@ def fit_swept(ax: Any, **swept: np.ndarray) -> None:
 def _make_logarithmic(ax: Any, name: str) -> None:
     ax.set(**{f"{name}scale": "log"})
     axis = getattr(ax, f"{name}axis")
-    axis.set_ticks(ticks := round_ticks(LogNorm(*axis.get_view_interval())), labels=[f"{tick:g}" for tick in ticks])
+    ticks = round_ticks(LogNorm(*axis.get_view_interval()))
+    axis.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
     axis.set_minor_locator(NullLocator())
 
 
 def round_ticks(norm: Normalize) -> list[float]:
-    """Gives numbers of one digit, spread over an uneven scale."""
-    low, high = float(norm.vmin or 0.0), float(norm.vmax or 0.0)
+    """Return numbers of one digit, spread over an uneven scale."""
+    low = float(norm.vmin or 0.0)
+    high = float(norm.vmax or 0.0)
     numbers = {float(f"{value:.1g}") for value in np.ravel(norm.inverse(np.linspace(0, 1, 7)))}
     return sorted(value for value in numbers if low <= value <= high)
 
 
 def swept(array: xr.DataArray, *inner: str, count: int = 1) -> tuple[str, ...]:
-    """Gives the dimensions over which an array was swept: all but `inner`.
+    """Return the dimensions over which an array was swept: all but `inner`.
 
     **Raises:** `ValueError` where they are not `count`.
     """
@@ -259,30 +294,31 @@ def swept(array: xr.DataArray, *inner: str, count: int = 1) -> tuple[str, ...]:
 
 
 def status_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
-    """Gives the status of each case, shape as `dims`; 0 where the dataset has none."""
+    """Return the status of each case, shape as `dims`; 0 where the dataset has none."""
     if "status" not in ds:
         return np.zeros([ds.sizes[d] for d in dims], int)
     return ds["status"].transpose(*dims).values
 
 
 def flagged(ds: xr.Dataset, *dims: str) -> np.ndarray:
-    """Returns whether each case has a status other than 0, shape as `dims`."""
+    """Return whether each case has a status other than 0, shape as `dims`."""
     return status_of(ds, *dims) != Status.FINITE
 
 
 def cross(x: Any = (), y: Any = (), **style: Any) -> Line2D:
-    """Gives small grey crosses, for cases without results; without `x` and `y` they are an entry of a legend."""
+    """Return small grey crosses, for cases without results; without `x` and `y` they are an entry of a legend."""
     return Line2D(x, y, **{"ls": "", "marker": "x", "ms": 3, "mew": 0.7, "color": COLORS["grey"]} | style)
 
 
-def mark_cases(ax: Any, x: np.ndarray, color: str = COLORS["grey"], height: float = 0.04) -> None:
-    """Draws crosses near the bottom of the axes at `x` [display unit], `height` in fractions of the axes."""
+def mark_cases(ax: Any, x: np.ndarray, label: str, color: str = COLORS["grey"], height: float = 0.04) -> None:
+    """Draw crosses near the bottom of the axes at `x` [display unit], `height` in fractions of the axes."""
     if len(x):
-        ax.add_line(cross(x, np.full(len(x), height), color=color, transform=ax.get_xaxis_transform()))
+        marks = cross(x, np.full(len(x), height), color=color, label=label, transform=ax.get_xaxis_transform())
+        ax.add_line(marks)
 
 
 def png(figure: Any, dpi: int) -> bytes:
-    """Gives a figure as the content of a PNG file, of `dpi` pixels per inch; the figure is closed."""
+    """Return a figure as the content of a PNG file, of `dpi` pixels per inch; the figure is closed."""
     instance("figure", figure, Figure, "a figure of matplotlib")
     number(positive, "dpi", dpi)
     content = io.BytesIO()
@@ -292,12 +328,8 @@ def png(figure: Any, dpi: int) -> bytes:
     return content.getvalue()
 
 
-_TITLE = ("speed", "clearance", "length")
-_FULL_TITLE = (*_TITLE, "mass", "gravity"), ("stiffness", "restitution", "amplitude", "roll_amplitude")
-
-
 def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
-    """Gives the fixed parameters of a dataset, as in "V = 1250 m/s, C = 1 mm, L = 0.2 m" with typeset symbols.
+    """Return the fixed parameters of a dataset, as in "V = 1250 m/s, C = 1 mm, L = 0.2 m" with typeset symbols.
 
     Parameters are read from the attributes, and from coordinates with one value, such as those of one case of a
     sweep. Those that vary or are absent are left out.
@@ -307,8 +339,14 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
     **Returns:** the text, empty where it has no parameter.
     """
     instance("ds", ds, xr.Dataset, "a dataset of a run")
-    rows = _FULL_TITLE if full else (_TITLE,)
-    lines = [[_stated(n, value) for n in row if (value := _number(ds, n)) is not None] for row in rows]
+    rows = [["speed", "clearance", "length"]]
+    if full:
+        rows[0] += ["mass", "gravity"]
+        rows.append(["stiffness", "restitution", "amplitude", "roll_amplitude"])
+    lines = []
+    for row in rows:
+        values = {name: _number(ds, name) for name in row}
+        lines.append([_stated(name, value) for name, value in values.items() if value is not None])
     waves = np.ravel(ds.attrs.get("wavelengths [m]", []))
     if full and "track" in ds.attrs:
         lines[-1].append(f"on a {ds.attrs['track']}")
@@ -318,21 +356,21 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
 
 
 def name_case(figure: Any, ds: xr.Dataset, *, full: bool = False) -> None:
-    """Writes the case above a figure."""
+    """Write the case above a figure."""
     text = case_title(ds, full=full)
     if text:
         figure.suptitle(text, fontsize=7)
 
 
 def name_status(figure: Any, code: int) -> None:
-    """Writes a status other than 0 above a figure, in red below its title."""
+    """Write a status other than 0 above a figure, in red below its title."""
     if code != Status.FINITE:
         lines = [figure.get_suptitle(), textwrap.fill(f"status: {Status(code)}", 90)]
         figure.suptitle("\n".join(line for line in lines if line), color=COLORS["red"], fontsize=7)
 
 
 def _number(ds: xr.Dataset, name: str) -> float | None:
-    """Gives a parameter's one value [SI unit]; None where it has several, or none."""
+    """Return a parameter's one value [SI unit]; None where it has several, or none."""
     if name in ds.coords:
         return ds[name].item() if ds[name].size == 1 else None
     unit = PARAMETERS[name].unit
@@ -341,13 +379,13 @@ def _number(ds: xr.Dataset, name: str) -> float | None:
 
 
 def _stated(name: str, value: float) -> str:
-    """Gives a parameter as symbol, number and display unit."""
+    """Return a parameter as symbol, number and display unit."""
     q = PARAMETERS[name]
     return with_unit(f"${q.symbol}$ = {_digits(float(q.shown(value)))}", q.display_unit).replace(" degrees", "°")
 
 
 def _digits(value: float) -> str:
-    """Gives a number with four digits; large and small ones with a power of ten."""
+    """Return a number with four digits; large and small ones with a power of ten."""
     mantissa, _, power = f"{value:.4g}".partition("e")
     if not power:
         return mantissa

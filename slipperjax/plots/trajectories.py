@@ -17,7 +17,6 @@ from .style import (
     check_dataset,
     drawing,
     legend_above,
-    legends_above,
     name_case,
     name_status,
     shown,
@@ -28,12 +27,10 @@ from .style import (
 TIME_LABEL = "time [forcing periods]"
 TRAJECTORY_SOURCE = "one case over time, such as run.to_xarray()"
 """Kind of the datasets drawn here, for errors."""
-LAST_PERIODS = 4.0
-"""Forcing periods at the end of a run in which single impacts are drawn."""
 
 
 def history(ds: Any, name: str, ax: Any = None) -> Any:
-    """Draws one output over time.
+    """Draw one output over time.
 
     **Arguments:**
 
@@ -51,8 +48,8 @@ def history(ds: Any, name: str, ax: Any = None) -> Any:
     return ax
 
 
-def contact_forces(ds: Any, ax: Any = None, *, most: int = 4, last: float | None = LAST_PERIODS) -> Any:
-    """Draws the contact forces [kN] of the points with the highest peaks: front ones solid, rear ones dashed.
+def contact_forces(ds: Any, ax: Any = None, *, most: int = 4, last: float | None = 4.0) -> Any:
+    """Draw the contact forces [kN] of the points with the highest peaks: front ones solid, rear ones dashed.
 
     The legend gives the highest force of each in all of `ds`, over every integration step where `ds` has that, and
     its instant; a dot marks it where it lies in what is drawn. In a part of a run, as by `ds.isel`, without the
@@ -65,75 +62,58 @@ def contact_forces(ds: Any, ax: Any = None, *, most: int = 4, last: float | None
     **Returns:** the Axes. Points are named by their letter and 1 at the front or 2 at the rear.
     """
     ds = check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
+    period = ds["period"].values
+    begin = -np.inf if last is None else period[-1] - number(positive, "last", last) - 1e-9
+    drawn = period >= begin
     with drawing(ax, ds, full=False) as ax:
-        legend_above(ax, _draw_contact_forces(ds, ax, most, last))
+        for line in most_loaded(ds, most):
+            label = f"{line.name}, peak {line.peak:.3g} kN"
+            if np.isfinite(line.instant):
+                label += f" at {line.instant:.4g}"
+            elif line.peak > 0:
+                label += " in the whole run"
+            ax.plot(period[drawn], line.force[drawn], lw=0.9, label=label, **line.style)
+            if np.any(drawn) and period[drawn][0] <= line.instant <= period[-1]:
+                ax.plot(line.instant, line.peak, "o", ms=3, mew=0, color=line.style["color"])
+        ax.set(xlabel=TIME_LABEL, ylabel=axis_label("contact_force"))
+        ax.margins(x=0.01)
+        legend_above(ax)
     return ax
 
 
-def _draw_contact_forces(ds: xr.Dataset, ax: Any, most: int = 4, last: float | None = LAST_PERIODS) -> list[Any]:
-    """Draws the forces of `contact_forces`; gives the entries of a legend."""
+def _highest_forces(ds: xr.Dataset, ax: Any) -> None:
+    """Draw the highest saved force of each forcing period, of the points with the highest peaks, which are dots."""
     period = ds["period"].values
-    drawn = period >= (-np.inf if last is None else period[-1] - number(positive, "last", last) - 1e-9)
-    for line in most_loaded(ds, most):
-        unknown = " in the whole run" if line.peak > 0 else ""
-        instant = f" at {line.instant:.4g}" if np.isfinite(line.instant) else unknown
-        label = f"{line.name}, peak {line.peak:.3g} kN{instant}"
-        ax.plot(period[drawn], line.force[drawn], lw=0.9, label=label, **line.style)
-        if np.any(drawn) and period[drawn][0] <= line.instant <= period[-1]:
-            ax.plot(line.instant, line.peak, "o", ms=3, mew=0, color=line.style["color"])
-    ax.set(xlabel=TIME_LABEL, ylabel=axis_label("contact_force"))
-    ax.margins(x=0.01)
-    return ax.get_legend_handles_labels()[0]
-
-
-def highest_forces(ds: Any, ax: Any = None, *, most: int = 4) -> Any:
-    """Draws the highest contact force [kN] of each forcing period, of the points with the highest peaks.
-
-    It is found among the saved states; a dot marks the highest force of each point over every integration step. Lines
-    and peaks as in `contact_forces`.
-
-    **Arguments:** `ds`, `ax`, `most`: as for `contact_forces`.
-
-    **Returns:** the Axes.
-    """
-    ds = check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
-    with drawing(ax, ds, full=False) as ax:
-        legend_above(ax, _draw_highest_forces(ds, ax, most))
-    return ax
-
-
-def _draw_highest_forces(ds: xr.Dataset, ax: Any, most: int = 4) -> list[Any]:
-    """Draws the forces of `highest_forces`; gives the entries of a legend."""
-    period = ds["period"].values
-    number = np.maximum(np.ceil(period - 1e-9), 1)  # a period has its end, not its beginning
-    starts = np.flatnonzero(np.diff(number, prepend=-np.inf))
-    for line in most_loaded(ds, most):
-        ax.plot(number[starts] - 0.5, np.maximum.reduceat(line.force, starts), lw=0.9, label=line.name, **line.style)
+    numbers = np.maximum(np.ceil(period - 1e-9), 1)  # a period has its end, not its beginning
+    starts = np.flatnonzero(np.diff(numbers, prepend=-np.inf))
+    for line in most_loaded(ds, 4):
+        forces = np.maximum.reduceat(line.force, starts)
+        ax.plot(numbers[starts] - 0.5, forces, lw=0.9, label=line.name, **line.style)
         ax.plot(line.instant, line.peak, "o", ms=3, mew=0, color=line.style["color"])
     margin = 0.01 * np.ptp(period)
     ax.margins(y=0.1)
-    ax.set(xlabel=TIME_LABEL, ylabel="peak force $F$ [kN]", ylim=(0, None))
-    ax.set_xlim(period[0] - margin, period[-1] + margin)  # as that of histories
-    return ax.get_legend_handles_labels()[0]
+    ax.set(ylabel="peak force $F$ [kN]", ylim=(0, None), xlim=(period[0] - margin, period[-1] + margin))
+    legend_above(ax)
 
 
 class PointForce(NamedTuple):
-    """The contact force of one point [kN] in the saved states, and its peak over every step, as far as it is known.
-
-    Names are the point's letter, and 1 at the front or 2 at the rear; colour and dashes are those of all pictures.
-    """
+    """Contact force of one point [kN] in the saved states, and its peak over every step, as far as it is known."""
 
     name: str
+    """The point's letter, and 1 at the front or 2 at the rear."""
     force: np.ndarray
     peak: float
     instant: float
     """Time of the peak [forcing periods], NaN without contact or where the dataset lacks it."""
     style: dict[str, Any]
+    """Colour and dashes in all pictures."""
 
 
 def most_loaded(ds: xr.Dataset, most: int) -> list[PointForce]:
-    """Gives forces of the points with the highest peaks within a dataset's times, the highest first."""
-    force, period = ds["contact_force"].fillna(-np.inf), ds["period"].values
+    """Return forces of the points with the highest peaks within a dataset's times, the highest first."""
+    most = whole("most", most, 1)
+    period = ds["period"].values
+    force = ds["contact_force"].fillna(-np.inf)
     peaks = force.max("time")
     instants = ds["period"].isel(time=force.argmax("time")).where(peaks > 0)
     if "peak_force" in ds:
@@ -141,20 +121,24 @@ def most_loaded(ds: xr.Dataset, most: int) -> list[PointForce]:
         # a record begins one interval before its first saved state
         within = (when > 2 * period[0] - period[:2][-1]) & (when <= period[-1]) | np.isnan(when)
         peaks, instants = ds["peak_force"].where(within, peaks), when.where(within, instants)
-    most = whole("most", most, 1)
     stacked = peaks.stack(at=("end", "point"))
+    points = list(ds["point"].values)
     lines = []
     for end, point in stacked.sortby(stacked, ascending=False)["at"].values[:most]:
-        at, (number, dashes) = {"end": end, "point": point}, (1, "-") if end == "front" else (2, (0, (3, 1.5)))
-        color = POINT_COLORS[list(ds["point"].values).index(point) % len(POINT_COLORS)]
-        force, peak = shown(ds.sel(at), "contact_force"), float(quantity("peak_force").shown(peaks.sel(at)))
-        style = {"color": color, "ls": dashes}
-        lines.append(PointForce(f"{point}{number}", force, peak, float(instants.sel(at)), style))
+        at = {"end": end, "point": point}
+        front = end == "front"
+        style = {
+            "color": POINT_COLORS[points.index(point) % len(POINT_COLORS)],
+            "ls": "-" if front else (0, (3, 1.5)),
+        }
+        peak = float(quantity("peak_force").shown(peaks.sel(at)))
+        forces = shown(ds.sel(at), "contact_force")
+        lines.append(PointForce(f"{point}{1 if front else 2}", forces, peak, float(instants.sel(at)), style))
     return lines
 
 
 def overview(ds: Any, axes: Any = None) -> Any:
-    """Draws a trajectory on one page: displacements [mm], angles [mrad], velocities, contact forces and drive force.
+    """Draw a trajectory on one page: displacements [mm], angles [mrad], velocities, contact forces and drive force.
 
     The title states the case; a status other than 0 is named in it. The last two panels show the last periods only.
 
@@ -167,32 +151,34 @@ def overview(ds: Any, axes: Any = None) -> Any:
         if axes is None:
             figure, axes = plt.subplots(7, 2, figsize=(7.2, 9.4), layout="constrained")
             name_case(figure, ds, full=True)
-        check_axes(axes, 14)
+        panels = np.reshape(np.ravel(check_axes(axes, 14))[:14], (7, 2))
         names = ("y", "v_y", "z", "v_z", "roll", "w_x", "pitch", "w_y", "yaw", "w_z")
-        for name, ax in zip(names, np.ravel(axes), strict=False):
-            history(ds, name, ax).set_xlabel("")
-            ax.tick_params(labelbottom=False)
-        left, right = axes[5]
-        forces = [(left, _draw_highest_forces(ds, left)), (right, _draw_contact_forces(ds, right))]
-        for ax in (left, right):
+        for name, ax in zip(names, panels.ravel(), strict=False):
+            history(ds, name, ax)
+        last = 4.0  # forcing periods, in which single impacts are seen
+        _highest_forces(ds, panels[5, 0])
+        contact_forces(ds, panels[5, 1], last=last)
+        for ax in panels[:6].ravel():
             ax.set_xlabel("")
-        history(ds, "drive_force", axes[6, 0])
+        for ax in panels[:5].ravel():
+            ax.tick_params(labelbottom=False)
         period = ds["period"].values
-        history(ds.isel(time=period >= period[-1] - LAST_PERIODS - 1e-9), "drive_force", axes[6, 1])
-        legends_above(forces)
-        name_status(axes[0, 0].figure, int(ds.attrs.get("status", Status.FINITE)))
+        history(ds, "drive_force", panels[6, 0])
+        history(ds.isel(time=period >= period[-1] - last - 1e-9), "drive_force", panels[6, 1])
+        name_status(panels[0, 0].figure, int(ds.attrs.get("status", Status.FINITE)))
     return axes
 
 
 def phase_portrait(ds: Any, coordinate: str, velocity: str, ax: Any = None) -> Any:
-    """Draws the orbit in the plane of a coordinate and its velocity, in red its section by upward zero crossings.
+    """Draw the orbit in the plane of a coordinate and its velocity, in red its section by upward zero crossings.
 
     **Arguments:** `ds`, `ax`: as for `history`; `coordinate`, `velocity`: variables, drawn in their display units.
 
     **Returns:** the Axes.
     """
     ds = check_dataset(ds, TRAJECTORY_SOURCE, coordinate, velocity)
-    q, v = shown(ds, coordinate), shown(ds, velocity)
+    q = shown(ds, coordinate)
+    v = shown(ds, velocity)
     at = np.flatnonzero((q[:-1] < 0) & (q[1:] >= 0))
     share = q[at] / (q[at] - q[at + 1])
     with drawing(ax, ds, 3.5, 3.0, full=False) as ax:
@@ -203,7 +189,7 @@ def phase_portrait(ds: Any, coordinate: str, velocity: str, ax: Any = None) -> A
 
 
 def spectrum(frequency: Any, density: Any, ax: Any = None, *, unit: str = "", highest: float | None = None) -> Any:
-    """Draws a power spectral density over frequency, with a logarithmic scale.
+    """Draw a power spectral density over frequency, with a logarithmic scale.
 
     **Arguments:**
 
@@ -214,12 +200,13 @@ def spectrum(frequency: Any, density: Any, ax: Any = None, *, unit: str = "", hi
 
     **Returns:** the Axes.
     """
-    frequency, density = real("frequency", frequency), real("density", density)
-    frequency, density = np.asarray(frequency, float), np.asarray(density, float)
+    frequency = np.asarray(real("frequency", frequency), float)
+    density = np.asarray(real("density", density), float)
     good = frequency.ndim == 1 and frequency.shape == density.shape
     require(good, "density", "be of the shape of `frequency`, along one axis", shown=f"of shape {density.shape}")
     instance("unit", unit, str, "a text")
-    drawn = (frequency > 0) & (frequency <= (np.inf if highest is None else number(positive, "highest", highest)))
+    end = np.inf if highest is None else number(positive, "highest", highest)
+    drawn = (frequency > 0) & (frequency <= end)
     with drawing(ax) as ax:
         ax.semilogy(frequency[drawn], density[drawn], lw=0.6, color=COLORS["blue"])
         ax.set(xlabel="frequency [Hz]", ylabel=f"PSD [{typeset(unit)}]" if unit else "PSD")

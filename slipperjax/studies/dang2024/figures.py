@@ -11,7 +11,8 @@ import xarray as xr
 
 from ...analysis.spectra import power_spectral_density
 from ...flow.status import Status
-from ...model.quantities import PARAMETERS, SECTIONS
+from ...model.parameters import PARAMETERS
+from ...model.quantities import SECTIONS
 from ...orbits.branches import load_branch
 from ...plots.branches import branches
 from ...plots.maps import bifurcations, exponents
