@@ -1,13 +1,11 @@
 """The server of a page: on the loopback address, in a thread of this process, for those who know its address."""
 
 import asyncio
-import functools
 import secrets
-import socket
 import threading
 import time
 import webbrowser
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any
@@ -16,18 +14,6 @@ from ..tools.checks import require
 from .session import Session
 
 ADDRESS = "127.0.0.1"
-LOOK = 0.2
-"""Seconds between two looks whether a browser shows the page."""
-LEFT = 2000
-"""Milliseconds after which the computations of a window that was closed end."""
-STARTING = 30.0
-"""Seconds that the server may take to start or stop."""
-HEIGHT = 1150
-"""Of the page in a notebook [pixels]."""
-BROWSER = "slipperjax_browser"
-"""Cookie, or argument of an address, by which windows of one browser are known."""
-REMEMBER = "document.cookie = `${name}=${value}; path=${location.pathname}; SameSite=Strict`"
-"""Sets this cookie, in the browser."""
 
 
 class Explorer:
@@ -39,41 +25,43 @@ class Explorer:
     def __init__(self, session: Session, port: int = 0):
         """**Raises:** `ImportError` without Bokeh; `OSError` where the port is in use; `ValueError` for no port."""
         try:
-            from bokeh.server.server import BaseServer
+            from bokeh.server.server import Server
         except ImportError:
             raise ImportError('The page needs Bokeh: pip install "slipperjax[explore]"') from None
-        from tornado.httpserver import HTTPServer
-        from tornado.ioloop import IOLoop
-
         good = isinstance(port, int) and not isinstance(port, bool) and 0 <= port < 1 << 16
         require(good, "port", "be a whole number of 0 to 65535", port)
-        try:
-            listener = socket.create_server((ADDRESS, port))
-        except OSError as error:
-            raise OSError(f"Argument `port` must be one that is free, but is {port}: {error.strerror}") from None
-        listener.setblocking(False)
-        self.port = listener.getsockname()[1]
-        self._first, self._pages, started = session, [], threading.Event()
-        self._latest: dict[str, Session] = {}
-        """What was changed last, by browser."""
+        self._latest = session
+        """What was changed last, with which another window begins."""
+        self._pages: list[Any] = []
         self._secret = secrets.token_urlsafe()
+        started = threading.Event()
+        problems: list[OSError] = []
 
         def serve() -> None:
             asyncio.set_event_loop(asyncio.new_event_loop())
-            self._loop = IOLoop.current()
-            pages = _application(self._open, self._secret, {f"{name}:{self.port}" for name in (ADDRESS, "localhost")})
-            self._http = HTTPServer(pages)
-            self._http.add_socket(listener)
-            self._server = BaseServer(self._loop, pages, self._http)
+            # computations of a window that was closed end after two seconds
+            options: dict[str, Any] = dict(unused_session_lifetime_milliseconds=2000)
+            options["check_unused_sessions_milliseconds"] = 1000
+            # sockets that are opened from pages of other hosts are refused
+            options["allow_websocket_origin"] = [f"{ADDRESS}:*", "localhost:*"]
+            try:
+                self._server = Server({"/": self._open}, address=ADDRESS, port=port, prefix=self._secret, **options)
+            except OSError as error:
+                problems.append(error)
+                started.set()
+                return
             self._server.start()
             started.set()
-            self._loop.start()
-            self._loop.close()
+            self._server.io_loop.start()
+            self._server.io_loop.close()
 
         self._thread = threading.Thread(target=serve, daemon=True)
         self._thread.start()
-        if not started.wait(STARTING):
+        if not started.wait(30.0):
             raise OSError(f"the server of the page did not start at port {port}")
+        if problems:
+            raise OSError(f"Argument `port` must be one that is free, but is {port}: {problems[0].strerror}")
+        self.port = int(self._server.port or 0)
 
     @property
     def url(self) -> str:
@@ -81,7 +69,7 @@ class Explorer:
         return f"http://{ADDRESS}:{self.port}/{self._secret}/"
 
     def open_browser(self) -> None:
-        """Opens a browser, and returns when it shows the page or does not within `STARTING`.
+        """Open a browser, and return when it shows the page, or after half a minute.
 
         It is led there by a file that only this user can read, and that is deleted then: every user of the machine
         sees with which address a browser was started.
@@ -92,27 +80,19 @@ class Explorer:
             file.write(page)
             file.flush()
             webbrowser.open(Path(file.name).as_uri())
-            latest = time.monotonic() + STARTING
+            latest = time.monotonic() + 30.0
             while not self._pages and time.monotonic() < latest:
-                time.sleep(LOOK)
+                time.sleep(0.2)
 
     def _open(self, doc: Any) -> None:
-        """Fills the document of a new window, which goes on where the latest one of its browser is."""
-        from bokeh.events import DocumentReady
-        from bokeh.models import CustomJS
-
+        """Fill the document of a new window, which goes on where the latest one is."""
         from .page import Page
 
-        request = doc.session_context.request
-        named = request.arguments.get(BROWSER) or [request.cookies.get(BROWSER) or secrets.token_urlsafe()]
-        browser = str(named[0])
-        keep = functools.partial(self._latest.__setitem__, browser)
-        page = Page(doc, self._latest.get(browser, self._first).copied(), keep)
-        doc.js_on_event(DocumentReady, CustomJS(args=dict(name=BROWSER, value=browser), code=REMEMBER))
+        page = Page(doc, self._latest.copied(), lambda session: setattr(self, "_latest", session))
         self._pages.append(page)
 
         def left(context: Any) -> None:
-            page.close()
+            page.worker.close()
             self._pages.remove(page)
 
         doc.on_session_destroyed(left)
@@ -123,57 +103,29 @@ class Explorer:
         return len(self._pages)
 
     def stop(self) -> None:
-        """Ends computations and server."""
+        """End computations and server."""
         for page in self._pages:
-            page.close()
+            page.worker.close()
 
-        async def end() -> None:
+        def end() -> None:
             self._server.stop(wait=False)  # for tasks of this loop, which ends
-            await self._http.close_all_connections()
-            self._loop.stop()
+            self._server.io_loop.stop()
 
         if self._thread.is_alive():
-            self._loop.add_callback(end)
-            self._thread.join(STARTING)
+            self._server.io_loop.add_callback(end)
+            self._thread.join(30.0)
 
     def _repr_html_(self) -> str:
-        # frames in pages of other addresses keep no cookies
-        source = f"{self.url}?{BROWSER}=notebook"
-        return f'<iframe src="{source}" width="100%" height="{HEIGHT}" style="border:0"></iframe>'
+        return f'<iframe src="{self.url}" width="100%" height="1150" style="border:0"></iframe>'
 
     def __repr__(self) -> str:
         return f"Explorer({self.url})"
 
 
-def _application(fill: Callable[[Any], None], secret: str, hosts: Collection[str]) -> Any:
-    """Returns the application that serves pages.
-
-    Whoever asks for another host than one of `hosts`, as a page does whose name was made to mean this address, or
-    opens a socket from the page of another host or of none, is answered 403, and who does not know the secret 404.
-
-    **Arguments:** `fill`: fills the document of a new window; `hosts`: each with its port.
-    """
-    from bokeh.server.tornado import BokehTornado
-    from tornado.web import ErrorHandler
-
-    origins = {f"http://{host}" for host in hosts}
-
-    class Pages(BokehTornado):
-        def find_handler(self, request: Any, **more: Any) -> Any:
-            origin, upgrade = (request.headers.get(name) for name in ("Origin", "Upgrade"))
-            if request.host.lower() in hosts and (origin in origins or (origin is None and upgrade is None)):
-                return super().find_handler(request, **more)
-            return self.get_handler_delegate(request, ErrorHandler, {"status_code": 403})
-
-    ends: dict[str, Any] = dict(unused_session_lifetime_milliseconds=LEFT)
-    ends["check_unused_sessions_milliseconds"] = LEFT // 2
-    return Pages({"/": fill}, prefix=secret, extra_websocket_origins=list(hosts), **ends)
-
-
 def explore(
     source: Any = None, grid: Mapping[str, Any] | None = None, *, start: Any = None, port: int = 0
 ) -> Explorer:
-    """Serves a page on which clicking a point of a map shows how that slipper moves.
+    """Serve a page on which clicking a point of a map shows how that slipper moves.
 
     ```python
     sj.explore()  # in a notebook it is shown; elsewhere open its `url`

@@ -1,54 +1,81 @@
-"""Work beside a page: the latest job runs on a thread of its own, piece by piece, and gives way to a newer one."""
+"""Work beside a page: one thread, which runs jobs piece by piece, the urgent ones first."""
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
-
-Job = Callable[[], Iterator[Any]]
-"""Makes the pieces of a result; it is left between two of them when it is no longer wanted."""
 
 
 class Worker:
-    """A thread that runs one job at a time: one that is given later takes the place of the one before."""
+    """A thread that takes jobs by name; a later one of a name takes the place of the one before."""
 
-    def __init__(self, deliver: Callable[[Any, Callable[[], bool]], None], ended: Callable[[Exception | None], None]):
-        """**Arguments:** functions that the thread calls with each piece of the latest job, and whether that is still
-        wanted; and when it has ended, with its error, unless it was stopped or another one follows."""
-        self._deliver, self._ended = deliver, ended
-        self._waiting, self._latest, self._closed = threading.Condition(), 0, False
-        self._job: Job | None = None
-        self.busy = False
-        """Whether a job is wanted and not at its end."""
+    def __init__(
+        self,
+        names: Sequence[str],
+        deliver: Callable[[Any, Callable[[], bool]], None],
+        ended: Callable[[Exception | None], None],
+    ):
+        """**Arguments:**
+
+        - `names`: of the kinds of jobs, the most urgent first.
+        - `deliver`: called by the thread with each piece of a job, and whether that is still wanted.
+        - `ended`: called by the thread when a job has ended, with its error, unless it was stopped or replaced.
+        """
+        self._names = names
+        self._deliver = deliver
+        self._ended = ended
+        self._jobs: dict[str, Iterator[Any]] = {}
+        self._changed = threading.Condition()
+        self._closed = False
         threading.Thread(target=self._run, daemon=True).start()
 
-    def submit(self, job: Job | None) -> None:
-        """Runs a job in place of the one that runs, or waits; None leaves that one at its next piece."""
-        with self._waiting:
-            self._job, self._latest, self.busy = job, self._latest + 1, job is not None
-            self._waiting.notify()
+    def is_busy(self, *names: str) -> bool:
+        """Return whether a job of one of the names, or any, runs or waits."""
+        return any(name in self._jobs for name in names or self._names)
+
+    def submit(self, name: str, job: Iterator[Any] | None) -> None:
+        """Run the pieces that an iterator computes, in place of the job before; None only ends that one."""
+        with self._changed:
+            self._jobs.pop(name, None)
+            if job is not None:
+                self._jobs[name] = job
+            self._changed.notify()
+
+    def stop(self) -> None:
+        """Leave all jobs at their next piece."""
+        with self._changed:
+            self._jobs.clear()
 
     def close(self) -> None:
-        """Leaves the job, and ends the thread."""
-        self._closed = True
-        self.submit(None)
+        """Leave all jobs, and end the thread."""
+        with self._changed:
+            self._jobs.clear()
+            self._closed = True
+            self._changed.notify()
 
     def _run(self) -> None:
         while True:
-            with self._waiting:
-                self._waiting.wait_for(lambda: self._job is not None or self._closed)
-                job, number, self._job = self._job, self._latest, None
-            if job is None:
-                return
-            wanted, error = lambda number=number: number == self._latest, None
-            try:
-                for piece in job():
-                    if not wanted():
-                        break
-                    self._deliver(piece, wanted)
-            except Exception as problem:  # whatever it is, the page says it and lives on
-                error = problem
-            with self._waiting:
-                told = wanted()
-                self.busy = self.busy and not told
+            with self._changed:
+                self._changed.wait_for(lambda: self._jobs or self._closed)
+                if self._closed:
+                    return
+                name = next(name for name in self._names if name in self._jobs)
+                job = self._jobs[name]
+            self._advance(name, job)
+
+    def _advance(self, name: str, job: Iterator[Any]) -> None:
+        """Compute and deliver the next piece of a job, or end it."""
+        error = None
+        wanted = lambda: self._jobs.get(name) is job
+        try:
+            self._deliver(next(job), wanted)
+            return
+        except StopIteration:
+            pass
+        except Exception as problem:  # whatever it is, the page says it and lives on
+            error = problem
+        with self._changed:
+            told = wanted()
             if told:
-                self._ended(error)
+                del self._jobs[name]
+        if told:
+            self._ended(error)

@@ -283,7 +283,7 @@ def _draw_map(ds: xr.Dataset, surroundings: xr.Dataset, ax: Any) -> None:
     ax.set_xlabel(name_label(variables[0]))
     if len(variables) == 1:
         ax.plot(*places, total, lw=0.8, color=COLORS["grey"], zorder=1)
-        _mark_kinds(ax, *places, total, kinds, COLORS["blue"])
+        _mark_kinds(ax, places[0], total, kinds, COLORS["blue"])
         mark_cases(ax, places[0][np.isnan(total)], "no motion")
         fit_scale(ax, total)
         ax.set_ylabel(label)

@@ -248,7 +248,7 @@ def frames_of(
     )
     if scene is None:
         scene = load_scene(ds) if isinstance(run, xr.Dataset) else run.scene
-    check_scene(scene)
+    scene = check_scene(scene)
     # peaks are those of the periods that are shown
     ds = ds.drop_vars(["peak_force", "peak_period"], errors="ignore")
     if last is not None:
