@@ -2,6 +2,7 @@
 
 import asyncio
 import secrets
+import socket
 import threading
 import time
 import webbrowser
@@ -25,43 +26,49 @@ class Explorer:
     def __init__(self, session: Session, port: int = 0):
         """**Raises:** `ImportError` without Bokeh; `OSError` where the port is in use; `ValueError` for no port."""
         try:
-            from bokeh.server.server import Server
+            from bokeh.server.server import BaseServer
         except ImportError:
             raise ImportError('The page needs Bokeh: pip install "slipperjax[explore]"') from None
+        from bokeh.server.tornado import BokehTornado
+        from tornado.httpserver import HTTPServer
+        from tornado.ioloop import IOLoop
+
         good = isinstance(port, int) and not isinstance(port, bool) and 0 <= port < 1 << 16
         require(good, "port", "be a whole number of 0 to 65535", port)
+        try:
+            listener = socket.create_server((ADDRESS, port))
+        except OSError as error:
+            raise OSError(f"Argument `port` must be one that is free, but is {port}: {error.strerror}") from None
+        listener.setblocking(False)
+        self.port = listener.getsockname()[1]
         self._latest = session
         """What was changed last, with which another window begins."""
         self._pages: list[Any] = []
         self._secret = secrets.token_urlsafe()
+        # sockets are opened from pages of these hosts only, and computations end soon after their window was closed
+        options: dict[str, Any] = dict(
+            extra_websocket_origins=[f"{host}:{self.port}" for host in (ADDRESS, "localhost")],
+            unused_session_lifetime_milliseconds=2000,
+            check_unused_sessions_milliseconds=1000,
+        )
         started = threading.Event()
-        problems: list[OSError] = []
 
         def serve() -> None:
             asyncio.set_event_loop(asyncio.new_event_loop())
-            # computations of a window that was closed end after two seconds
-            options: dict[str, Any] = dict(unused_session_lifetime_milliseconds=2000)
-            options["check_unused_sessions_milliseconds"] = 1000
-            # sockets that are opened from pages of other hosts are refused
-            options["allow_websocket_origin"] = [f"{ADDRESS}:*", "localhost:*"]
-            try:
-                self._server = Server({"/": self._open}, address=ADDRESS, port=port, prefix=self._secret, **options)
-            except OSError as error:
-                problems.append(error)
-                started.set()
-                return
+            self._loop = IOLoop.current()
+            pages = BokehTornado({"/": self._open}, prefix=self._secret, **options)
+            self._http = HTTPServer(pages)
+            self._http.add_socket(listener)
+            self._server = BaseServer(self._loop, pages, self._http)
             self._server.start()
             started.set()
-            self._server.io_loop.start()
-            self._server.io_loop.close()
+            self._loop.start()
+            self._loop.close()
 
         self._thread = threading.Thread(target=serve, daemon=True)
         self._thread.start()
         if not started.wait(30.0):
             raise OSError(f"the server of the page did not start at port {port}")
-        if problems:
-            raise OSError(f"Argument `port` must be one that is free, but is {port}: {problems[0].strerror}")
-        self.port = int(self._server.port or 0)
 
     @property
     def url(self) -> str:
@@ -107,12 +114,13 @@ class Explorer:
         for page in self._pages:
             page.worker.close()
 
-        def end() -> None:
+        async def end() -> None:
             self._server.stop(wait=False)  # for tasks of this loop, which ends
-            self._server.io_loop.stop()
+            await self._http.close_all_connections()
+            self._loop.stop()
 
         if self._thread.is_alive():
-            self._server.io_loop.add_callback(end)
+            self._loop.add_callback(end)
             self._thread.join(30.0)
 
     def _repr_html_(self) -> str:

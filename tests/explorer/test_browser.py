@@ -226,7 +226,11 @@ def test_a_map_is_computed_clicked_and_refined(browser, tmp_path):
 def test_a_store_grows_and_is_seen_to(browser, tmp_path):
     grid = {"clearance": np.linspace(5e-4, 2e-3, 4), "speed": np.linspace(1000.0, 1900.0, 6)}
     fill = lambda share: sj.sweep(
-        sj.paper_scene(), grid, record=["motion", "peak_force"], periods=64, store=sj.Store(path, tile=6, share=share)
+        sj.paper_scene(),
+        grid,
+        record=["motion", "peak_force"],
+        periods=200,
+        store=sj.Store(path, tile=6, share=share),
     )
     path = tmp_path / "map.zarr"
     fill((1, 2))
@@ -345,7 +349,7 @@ def test_a_map_over_starts_is_walked_with_keys(browser):
 def test_samples_are_clicked(browser):
     speed, clearance = np.linspace(900.0, 1600.0, 6), np.array([1.0, 2.0, 0.8, 1.5, 1.1, 1.9]) * 1e-3
     grid = {"clearance": clearance, "speed": speed}
-    ds = sj.sweep(sj.paper_scene(), grid, product=False, record=["motion", "peak_force"], periods=64)
+    ds = sj.sweep(sj.paper_scene(), grid, product=False, record=["motion", "peak_force"], periods=200)
     with shown(browser, ds) as window:
         window.look(speed[3] + 20, 1e3 * clearance[3] + 0.05)
         assert cross(window) == pytest.approx([speed[3], 1e3 * clearance[3]])
@@ -356,7 +360,7 @@ def test_samples_are_clicked(browser):
 def test_a_map_with_uneven_values_is_clicked(browser):
     speed = np.geomspace(200.0, 2000.0, 5)
     ds = sj.sweep(
-        sj.paper_scene(), {"clearance": np.array([1e-3, 2e-3]), "speed": speed}, record="motion", periods=64
+        sj.paper_scene(), {"clearance": np.array([1e-3, 2e-3]), "speed": speed}, record="motion", periods=200
     )
     with shown(browser, ds) as window:
         for k in (0, 3):

@@ -118,3 +118,30 @@ def test_basins_are_named_by_their_motion_and_share():
     many = {"basin_period": ("attractor", np.ones(9, int)), "share": ("attractor", np.full(9, 0.1))}
     nine = xr.Dataset({"basin": (dims, [[0, 1, 2], [6, 7, 8]]), **many}, grid)
     assert legend(plots.basin_map(nine))[-1] == "3 others: 30%"
+
+
+# Machado et al. 2009, doi:10.1109/TVCG.2009.113: full deuteranopia and protanopia, on linear RGB
+BLIND = {
+    "neither": np.eye(3),
+    "deuteranopia": np.array(
+        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
+    ),
+    "protanopia": np.array(
+        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
+    ),
+}
+
+
+@pytest.mark.parametrize("blind", BLIND)
+def test_colours_of_motions_differ_for_everybody(blind):
+    lab = []
+    for color in plots.MOTION_COLORS.values():
+        srgb = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+        linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+        to_xyz = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+        xyz = np.array(to_xyz) @ np.clip(BLIND[blind] @ linear, 0, 1) / [0.9505, 1.0, 1.089]
+        f = np.cbrt(np.maximum(xyz, 1e-9))
+        lab.append([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+    lab = np.array(lab)
+    away = np.linalg.norm(lab[:, None] - lab[None], axis=-1)[np.triu_indices(len(lab), 1)]
+    assert away.min() > 25
