@@ -172,9 +172,9 @@ def test_wrong_arguments_of_an_animation_are_named(run):
     ds = run.to_xarray()
     for arguments, words in (
         (dict(run=ds.drop_attrs(), scene=None), "has no attribute `scene`"),
-        (dict(run=ds["y"]), "`run` must be a Trajectory or a dataset"),
-        (dict(run=ds.drop_vars("contact_force")), "`run` must be one case with contact forces"),
-        (dict(run=xr.concat([ds, ds], "case")), "`run` must be one case with contact forces over time"),
+        (dict(run=ds["y"]), "`run` must be a dataset of one case over time"),
+        (dict(run=ds.drop_vars("contact_force")), "`run` must be .*, with `contact_force`, but has"),
+        (dict(run=xr.concat([ds, ds], "case")), "`run` must be one case over time, but is over case"),
         (dict(run=ds.assign(y=np.nan * ds["y"])), "`run` must have finite motions"),
         (dict(magnify=0), "`magnify` must be positive"),
         (dict(every=0), "`every` must be"),

@@ -68,7 +68,7 @@ def test_only_results_have_pictures():
 def test_pictures_of_a_trajectory_take_it_as_it_is():
     ds = trajectory()
     run = SimpleNamespace(to_xarray=lambda: ds)
-    for draw in (plots.overview, plots.plot, plots.highest_forces, plots.contact_forces):
+    for draw in (plots.overview, plots.plot, plots.contact_forces):
         draw(run)
     plots.history(run, "y")
     plots.phase_portrait(run, "z", "v_z")

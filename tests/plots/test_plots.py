@@ -160,23 +160,14 @@ def test_five_diagrams_show_five_sections():
     assert [ax.get_ylabel() for ax in axes] == [plots.axis_label(name) for name in SECTIONS]
     assert [ax.get_xlabel() for ax in axes] == [""] * 3 + ["clearance $C$ [mm]"] * 2  # at the foot of each column
     assert len(axes[0].figure.axes) == 5
-    assert [ax.texts[0].get_text() for ax in axes] == ["(a)", "(b)", "(c)", "(d)", "(e)"]
     assert [len(drawn(marked(ax, ".")[0])) for ax in axes] == [10] * 5
     assert legend(axes[0]) == []
-
-
-def test_sections_may_be_chosen_by_name():
-    axes = plots.bifurcations(sections(), sections=("w_x", "v_y"))
-    assert [ax.get_ylabel() for ax in axes] == [plots.axis_label(name) for name in ("w_x", "v_y")]
-    assert [ax.get_xlabel() for ax in axes] == ["", "clearance $C$ [mm]"]
-    with pytest.raises(ValueError, match="Argument `sections` must be one of v_y, v_z, w_x, w_y, w_z, but is 'v_x'"):
-        plots.bifurcations(sections(), sections=("v_x",))
 
 
 def test_followed_motions_and_flagged_cases_are_in_the_legend():
     way = [(0, 0, 0, 1), (0, 0, 0, 0)]
     axes = plots.bifurcations(sections(status=(2, 0, 0, 0)), followed=followed(way))
-    assert legend(axes[0]) == ["followed up", "followed down", "from one start", "status not 0"]
+    assert legend(axes[0]) == ["followed up", "status not 0", "followed down", "from one start"]
     for ax in axes:
         up, down, start = marked(ax, ".")
         assert [len(drawn(line)) for line in (up, down, start)] == [6, 10, 9]
@@ -221,7 +212,7 @@ def test_chaos_stands_with_its_least_mean_life_in_legends():
         for ds in (measured(LINE), measured(GRID))
     )
     for ax in (plots.exponents(line), plots.attractor_map(grid)):
-        assert "chaotic\n(mean life 3365 periods or more)" in legend(ax)
+        assert "chaotic (mean life 3365 periods or more)" in legend(ax)
         assert "chaotic" not in legend(ax)
         check_legend_fits(ax)
 
@@ -233,7 +224,7 @@ def test_flagged_exponents_are_unresolved():
     assert speeds == [[1, 6], [2], [], [3, 4]]  # periodic, regular, chaotic, unresolved
     (marks,) = marked(ax, "x")
     assert drawn(marks)[:, 0].tolist() == [5]
-    assert legend(ax)[-1] == "no exponent"
+    assert "no exponent" in legend(ax)
     connected = next(line for line in ax.lines if len(drawn(line)) == 6)
     assert np.isnan(drawn(connected)[:, 1]).tolist() == [False, False, True, False, True, False]
 
@@ -321,7 +312,7 @@ def test_peaks_between_the_saved_states_are_drawn_where_they_are_known():
     ax = plots.contact_forces(ds, most=1)
     assert legend(ax) == ["C2, peak 5.5 kN at 1.001"]
     assert drawn(ax.lines[1]) == pytest.approx(np.array([[1.001, 5.5]]))
-    line, mark = plots.highest_forces(ds, most=1).lines
+    line, mark = plots.overview(ds)[5, 0].lines[:2]
     assert drawn(line) == pytest.approx(np.array([[0.5, 5.0], [1.5, 0.0]]))
     assert drawn(mark) == pytest.approx(np.array([[1.001, 5.5]]))
 
@@ -341,7 +332,7 @@ def test_peaks_of_a_part_of_a_run_are_those_of_the_part(part, steps):
         name, text = legend(ax)[0].split(", peak ")
         assert name == "C2"
         assert text == (f"{wanted:.3g} kN" if wanted == 0 else f"{wanted:.3g} kN at {instant(ds, steps):.4g}")
-    marks = [drawn(line) for line in plots.highest_forces(ds).lines if len(drawn(line)) == 1]
+    marks = [drawn(line) for line in plots.overview(ds)[5, 0].lines if len(drawn(line)) == 1]
     assert all(ds["period"][0] <= mark[0, 0] <= ds["period"][-1] for mark in marks if np.isfinite(mark).all())
 
 
@@ -475,7 +466,6 @@ WRONG = [
     (lambda ds: plots.overview(ds, [1, 2]), "`axes` must be 14 Axes of matplotlib"),
     (lambda ds: plots.contact_forces(ds, most="all"), "`most` must be a whole number"),
     (lambda ds: plots.contact_forces(ds, last=()), "`last` must be one number"),
-    (lambda ds: plots.highest_forces(ds, most=-1), "`most` must be a whole number"),
     (lambda ds: plots.instant(ds, at="end"), "`at` must be finite"),
     (lambda ds: plots.instant(ds, last="all"), "`last` must be positive"),
     (lambda ds: plots.spectrum("text", [1.0]), "`frequency` must be numbers"),
