@@ -314,34 +314,11 @@ def summary(ds: Any, seconds: float) -> str:
 
 
 def picture(ds: Any, show: str | None = None) -> Any:
-    """Draws what suits a dataset: a named variable, exponents, bifurcation diagrams, motions or peak forces."""
-    from ..plots.maps import attractor_map, bifurcations, exponents, quantity_map, regime_map
+    """Draw a named variable, or what suits a dataset."""
+    from ..plots.maps import quantity_map
+    from ..plots.picture import plot
 
-    over, ds = ds["status"].dims, _with_coordinates(ds)
-    if show is not None:
-        return quantity_map(ds, show)
-    if "regime" in ds:
-        return (exponents if len(over) == 1 else regime_map)(ds)
-    if "v_z_period" in ds and len(over) == 1 and over != ("case",):
-        return bifurcations(ds)
-    if {"kind", "period"} <= set(ds) and len(over) == 2:
-        return attractor_map(ds)
-    numbers = [str(n) for n, v in ds.data_vars.items() if set(over) <= set(v.dims) and v.dtype.kind == "f"]
-    return quantity_map(ds, "peak_force" if "peak_force" in ds else (numbers or ["steps_per_period"])[0])
-
-
-def _with_coordinates(ds: Any) -> Any:
-    """With each coordinate of strobe states as a variable of its own, instead of all of them together."""
-    from ..model.quantities import COORDINATES
-
-    if "strobe" not in ds:
-        return ds
-    alone = {
-        name: ds["strobe"].sel(coordinate=name, drop=True).assign_attrs(q.attributes)
-        for name, q in COORDINATES.items()
-        if name not in ds
-    }
-    return ds.drop_vars("strobe").assign(alone)
+    return plot(ds) if show is None else quantity_map(ds, show)
 
 
 @app.group(no_args_is_help=False)

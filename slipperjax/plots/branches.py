@@ -70,19 +70,23 @@ def branches(ds: Any, quantity: str = "v_z", brute: xr.Dataset | None = None, ax
     if brute is not None:
         check_brute(brute, name, quantity)
     periods = [int(one.attrs["orbit_period"]) for one in points]
+    # one colour for each period that occurs
     colors = {period: line_color(k) for k, period in enumerate(sorted(set(periods)))}
     marks: list[Mark] = []
     with drawing(ax, points[0], 3.5, 2.9) as ax:
         handles = [] if brute is None else _draw_brute(ax, brute, name, quantity)
+        # the lines of all branches, and where their events lie
         for one, (threads, linked), period in zip(points, lines, periods, strict=True):
             x = shown(one, name)
             _draw_lines(ax, x, threads, linked, stable_parts(one), colors[period])
             for label, k in zip(one["event_label"].values.astype(str), one["event_point"].values, strict=True):
+                # an event has as many values as its orbit has crossings
                 values = threads[np.isfinite(threads[:, k]), k].tolist()
                 if label in EVENT_MARKERS and values:
                     marks.append(Mark(label, float(x[k]), values, colors[period]))
         for mark in marks:
             ax.plot([mark.x] * len(mark.values), mark.values, **_marker(mark.label, mark.color), zorder=4)
+            # grazings crowd, and the legend names them
             if mark.label != "GR":
                 style = dict(textcoords="offset points", ha="center", fontsize=6.5, color=mark.color)
                 ax.annotate(mark.label, (mark.x, max(mark.values)), (0, 4), **style)
@@ -93,6 +97,7 @@ def branches(ds: Any, quantity: str = "v_z", brute: xr.Dataset | None = None, ax
             margin = 0.05 * np.ptp(values)
             left, right = ax.get_xlim()
             ax.set_xlim(max(values.min() - margin, left), min(values.max() + margin, right))
+        # colours are explained where there are several
         if len(colors) > 1:
             handles += [Line2D([], [], color=color, lw=1.3, label=f"period {p}") for p, color in colors.items()]
         color = "black" if len(colors) > 1 else colors[periods[0]]
@@ -113,6 +118,7 @@ def check_brute(brute: Any, name: str, quantity: str) -> None:
 
     **Raises:** `ValueError` where not.
     """
+    # simulations record sections only
     if quantity not in SECTIONS:
         raise ValueError(f"Argument `brute` must be None where `quantity` is {quantity}, which simulations lack.")
     check_dataset(brute, 'sweep with record="sections"', quantity, argument="brute")
@@ -140,9 +146,11 @@ def multiplier_circle(ds: Any, ax: Any = None) -> Any:
     one = points[0]
     name = _parameter(points)
     mu = (one["multiplier_real"].values + 1j * one["multiplier_imag"].values).ravel()
+    # each multiplier has the parameter of its point
     values = np.repeat(shown(one, name), one.sizes["multiplier"])
     largest = float(np.max(np.abs(mu)))
     outer = 2.0
+    # what lies beyond the outer circle is drawn on it
     mu = mu / np.maximum(1.0, np.abs(mu) / outer)
     limit = 1.08 * float(np.clip(largest, 1.0, outer))
     with drawing(ax, one, 4.6, 4.2) as ax:
@@ -170,7 +178,9 @@ def _critical_marks(ds: xr.Dataset) -> list[Mark]:
     alike = dict.fromkeys(zip(ds["event_label"].values.astype(str), *parts, strict=True))
     marks = []
     for label, real, imaginary in alike:
+        # grazings have no critical multiplier
         if label in EVENT_MARKERS and np.isfinite(real):
+            # a complex one comes with its conjugate
             pair = [imaginary, -imaginary] if imaginary else [0.0]
             marks.append(Mark(label, real, pair, COLORS["red"]))
     return marks
@@ -201,6 +211,7 @@ def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> 
     for one in curves:
         label = one.attrs.get("label")
         names = varied_names(one)
+        # of a known label, and over the same plane as the first
         good = label in colors and len(names) == 2 and set(names) == set(over)
         need = f"be curves of {', '.join(colors)} over the same two parameters"
         require(good, "ds", need, shown=f"of {label} over {' and '.join(names)}")
@@ -220,6 +231,7 @@ def event_curves(ds: Any, regimes: xr.Dataset | None = None, ax: Any = None) -> 
             label = one.attrs["label"]
             color = colors[label]
             _draw_curve(ax, one, over, color)
+            # one entry for all curves of a label
             entries[label] = Line2D([], [], color=color, lw=1.4, label=f"{label} {EVENT_NAMES[label]}")
         if any(np.any(one["outside"].values) for one in curves):
             entries["outside"] = Line2D([], [], color="black", lw=1.1, ls=DASHED, label="others outside, too")
@@ -243,6 +255,7 @@ def _draw_curve(ax: Any, ds: xr.Dataset, over: Sequence[str], color: str) -> Non
     """Draw one curve, its points in their order; a part is solid where both its ends are. Name a longer period."""
     x = shown(ds, over[1])
     y = shown(ds, over[0])
+    # where the curve bounds a stable motion
     single = ds["outside"].values == 0
     solid = single[1:] & single[:-1]
     halo = [withStroke(linewidth=2.6, foreground="white"), Normal()]
@@ -250,6 +263,7 @@ def _draw_curve(ax: Any, ds: xr.Dataset, over: Sequence[str], color: str) -> Non
     ax.plot(*joined(x, y[None], solid), lw=1.4, **style)
     ax.plot(*joined(x, y[None], ~solid), lw=1.1, ls=DASHED, **style)
     period = int(ds.attrs.get("orbit_period", 1))
+    # the label stands in the middle of what is seen
     inside = [k for k in range(len(x)) if ax.viewLim.contains(x[k], y[k])]
     if period > 1 and inside:
         middle = inside[len(inside) // 2]
@@ -266,6 +280,7 @@ def _event_entries(marks: Sequence[Mark]) -> list[Line2D]:
 
 def _datasets(ds: Any, kind: str, source: str, *names: str) -> list[xr.Dataset]:
     """Return the datasets, with the variables `names`, of one result or several."""
+    # one result is a list of one
     several = list(ds) if isinstance(ds, list | tuple) else [ds]
     if not several:
         raise ValueError(f"Argument `ds` must be one {kind} or more, not 0.")
@@ -288,6 +303,7 @@ def start_of(ds: xr.Dataset, coordinate: str) -> np.ndarray:
 
 def _lines_of(ds: xr.Dataset, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return lines of a branch (lines, points) [display unit], NaN for none, and the parts to draw (points - 1,)."""
+    # by default all neighbours are joined
     linked = np.ones(ds.sizes["point"] - 1, bool)
     if name in SECTIONS:
         check_dataset(ds, "continue_orbit", name, f"{name}_period")
@@ -322,12 +338,14 @@ def crossing_threads(
     # a twentieth of all velocities' range is no jump, however small the velocities are
     small = max(0.05 * float(np.ptp(velocity[finite])), 1e-300) if finite.any() else 1.0
     lines = np.full((0, 2, points), np.nan)  # velocities and times
+    # go along the branch, and continue the lines that reach its last point
     for k, present in enumerate(finite):
         v = velocity[k, present]
         t = time[k, present]
         alive = np.flatnonzero(np.isfinite(lines[:, 0, k - 1]))
         v_before, t_before = lines[alive, :, k - 1].T[..., None]
         jump = (v - v_before) / np.maximum(velocity_jump * np.maximum(np.abs(v), np.abs(v_before)), small)
+        # the shorter way around the period
         shift = ((t - t_before + period / 2) % period - period / 2) / time_jump
         cost = np.hypot(jump, shift)
         old, new = linear_sum_assignment(np.where(cost <= 1, cost, 1e6))  # at any price as many matches as possible
@@ -356,6 +374,7 @@ def stable_parts(ds: xr.Dataset) -> np.ndarray:
 def _ends(threads: np.ndarray, parts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return whether a part of a line ends at each of its points, and whether one begins there, (lines, points)."""
     finite = np.isfinite(threads)
+    # a part needs both its ends
     drawn = parts & finite[:, 1:] & finite[:, :-1]
     return np.pad(drawn, ((0, 0), (1, 0))), np.pad(drawn, ((0, 0), (0, 1)))
 
@@ -380,6 +399,7 @@ def _draw_lines(
     style: dict[str, Any] = dict(color=color, zorder=3, solid_capstyle="butt")
     ax.plot(*joined(x, threads, linked & ~stable), lw=0.8, ls=DASHED, **style)
     ax.plot(*joined(x, threads, linked & stable), lw=1.3, **style)
+    # single points have no part, and would not be seen
     end, begin = _ends(threads, linked)
     line, point = np.nonzero(np.isfinite(threads) & ~end & ~begin)
     if len(line):
@@ -395,6 +415,7 @@ def _draw_brute(ax: Any, brute: xr.Dataset, name: str, quantity: str) -> list[An
 
 def _marker(label: str, color: str) -> dict[str, Any]:
     """Return the style of an event's marker."""
+    # filled markers have a white edge, which parts them from lines
     marker = EVENT_MARKERS[label]
     if marker in "|x":  # lines without an area
         return dict(ls="", marker=marker, ms=5.5, mew=0.9, mec=color)

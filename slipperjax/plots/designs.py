@@ -82,6 +82,7 @@ def design_overview(
             figure.suptitle(_title(ds), fontsize=7)
             axes = np.array([panels[label] for label in sorted(panels)])
         every = np.ravel(check_axes(axes, count))
+        # the panels that every design has, and those of the checks behind them
         for draw, ax in zip((_draw_cases, _draw_trials, _draw_progress, _draw_slopes), every, strict=False):
             draw(ds, ax)
         if surroundings is not None:
@@ -113,10 +114,12 @@ def _draw_cases(ds: xr.Dataset, ax: Any) -> None:
         _mark_kinds(ax, x, y, _kinds_of(regimes), color)
         mark_cases(ax, x[~np.isfinite(y)], "no motion", color)
     error = np.nan_to_num(q.shown(ds["objective_stderr"].values))
+    # orbits have no standard error
     unsure = (error > 0) & np.isfinite(best)
     if unsure.any():
         ax.errorbar(x[unsure], best[unsure], error[unsure], fmt="none", lw=0.8, capsize=2, color=blue)
     total = q.shown(ds.attrs["objective"])
+    # of one case the total is the case
     if ds.sizes["case"] > 1 and np.isfinite(total):
         ax.axhline(total, lw=0.7, ls=":", color=blue, zorder=1, label=ds.attrs["robust"])
     ax.margins(x=0.04, y=0.1)
@@ -133,14 +136,17 @@ def _draw_trials(ds: xr.Dataset, ax: Any) -> None:
     finite = np.isfinite(total)
     taken = ds["trial_taken"].values.astype(bool) & finite
     places = [one.shown(ds["trial_design"].sel(variable=one.name).values) for one in variables]
+    # with one variable the objective is drawn upwards
     x, y = places if plane else (*places, total)
     first: dict[str, Any] = dict(ls="", marker="s", ms=6.5, mfc="none", mec="black", mew=0.8, zorder=4, label="start")
+    # a line through what each start took, and a square where it began
     for start in np.unique(ds["trial_start"].values):
         own = ds["trial_start"].values == start
         ax.plot(x[own & taken], y[own & taken], lw=0.7, color=COLORS["grey"], zorder=1)
         ax.plot(x[own][:1], y[own][:1], **first)
     norm = color_norm(total)
     colors = np.tile(to_rgba(COLORS["blue"]), (len(x), 1))
+    # in the plane colours are the objective
     if plane:
         colors = plt.get_cmap("viridis")(norm(np.where(finite, total, float(norm.vmin or 0.0))))
         ax.add_line(cross(x[~finite], y[~finite], zorder=3))
@@ -151,6 +157,7 @@ def _draw_trials(ds: xr.Dataset, ax: Any) -> None:
     _scatter_trials(ds, ax, x, y, colors)
     sides = (ax.set_xlim, ax.axvline), (ax.set_ylim, ax.axhline)
     bound: dict[str, Any] = dict(ls=":", lw=0.9, color=COLORS["red"], zorder=1, label="bound")
+    # bounds of each variable along its axis
     for one, (set_limits, line) in zip(variables, sides, strict=False):
         low, high = (float(one.shown(ds[end].sel(variable=one.name))) for end in ("low", "high"))
         margin = 0.04 * (high - low)
@@ -171,9 +178,10 @@ def _scatter_trials(ds: xr.Dataset, ax: Any, x: np.ndarray, y: np.ndarray, color
     kinds = (
         ("taken", "o", taken & kept),
         ("not taken", "o", ~taken & kept),
-        ("taken, constraint violated", "v", taken & ~kept),
+        ("taken, violated", "v", taken & ~kept),
         ("constraint violated", "v", ~taken & ~kept),
     )
+    # each kind of trial has its own marker and entry
     for label, marker, those in kinds:
         at = finite & those
         if at.any():
@@ -193,6 +201,7 @@ def _draw_progress(ds: xr.Dataset, ax: Any) -> None:
     label = _smooth_label(ds)
     finite = np.isfinite(total)
     x = ds["trial_simulated"].values
+    # trials that break a constraint are no progress
     lowest = np.minimum.accumulate(np.where(_kept(ds) & finite, total, np.inf))
     begun = np.isfinite(lowest)
     ax.plot(x[begun], lowest[begun], lw=1.2, color=blue, drawstyle="steps-post", label="lowest")
@@ -207,9 +216,11 @@ def _draw_progress(ds: xr.Dataset, ax: Any) -> None:
 def _draw_slopes(ds: xr.Dataset, ax: Any) -> None:
     x, label = _over_cases(ds)
     order = np.argsort(x)
+    # relative: percent by percent
     per = ds["design"] / ds["smooth"]
     slopes, errors = ((ds[f"gradient{s}"] * per).transpose("case", "variable").values for s in ("", "_stderr"))
     ax.axhline(0, lw=0.5, color="black")
+    # a line for each variable over the cases
     for k, name in enumerate(map(str, ds["variable"].values)):
         error = np.nan_to_num(np.abs(errors[order, k]))
         text = name.replace("_", " ") + (f" ${PARAMETERS[name].symbol}$" if name in PARAMETERS else "")
@@ -251,6 +262,7 @@ def design_margins(ds: Any, margins: xr.Dataset, ax: Any = None) -> Any:
             row = names.index(name) + 0.7 * ((cases.index(case) + 0.5) / len(cases) - 0.5)
             change = 100 * relative
             ax.plot([0, change], [row] * 2, color=color, lw=3.5, alpha=0.35, solid_capstyle="butt", label=text)
+            # the side without an event has a bar alone
             if label:
                 marker = dict(ls="", marker=EVENT_MARKERS[label], ms=5, mew=0.9, color=color)
                 ax.plot([change], [row], zorder=3, label=f"{label} {EVENT_NAMES[label]}", **marker)
@@ -278,6 +290,7 @@ def _draw_map(ds: xr.Dataset, surroundings: xr.Dataset, ax: Any) -> None:
     places = [q.shown(grid[q.name].values) for q in variables]
     total = _scaled(quantity_of("smooth", ds), grid["total"].transpose(*over[:2]))
     label = _smooth_label(ds)
+    # one irregular case is enough for the hatch
     kinds = _least_regular(ds, grid, over[:2])
     best = ax.plot(*_best_place(ds, variables), **OPTIMUM)
     ax.set_xlabel(name_label(variables[0]))
@@ -294,6 +307,7 @@ def _draw_map(ds: xr.Dataset, surroundings: xr.Dataset, ax: Any) -> None:
         *places, np.ma.masked_invalid(total.T), cmap=colors, norm=color_norm(total), shading="nearest"
     )
     hatches = []
+    # hatches lie above the colours, a mask for each kind
     for kind, (hatch, text) in REGIME_HATCHES.items():
         if np.any(kinds == kind):
             cells = np.ma.masked_where(kinds != kind, np.zeros(kinds.shape)).T
@@ -311,6 +325,7 @@ def _least_regular(ds: xr.Dataset, grid: xr.Dataset, over: list[str]) -> np.ndar
     kinds = np.array(["period 1", *REGIME_HATCHES])
     lost = ~np.isfinite(grid[ds["smooth"].attrs["quantity"]])
     period = grid.get("period", 1)
+    # the higher, the less regular
     rank = xr.where(lost, 3, xr.where(period == 1, 0, xr.where(period > 1, 1, 2)))
     return kinds[rank.max([d for d in rank.dims if d not in over]).transpose(*over).values]
 
@@ -318,12 +333,14 @@ def _least_regular(ds: xr.Dataset, grid: xr.Dataset, over: list[str]) -> np.ndar
 def _kinds_of(regimes: Any) -> np.ndarray:
     """Return regimes in words, all periods above 1 as one, and all motions without a period."""
     words = np.asarray(regimes).astype(str)
+    # KINDS begins with the periodic ones
     words = np.where(np.isin(words, KINDS[1:]), "irregular", words)
     return np.where(np.char.startswith(words, "period ") & (words != "period 1"), "period n", words)
 
 
 def _mark_kinds(ax: Any, x: np.ndarray, y: np.ndarray, kinds: np.ndarray, color: str) -> None:
     """Draw markers by kind of motion."""
+    # one line of markers for each kind that occurs
     for kind, marker in {"period 1": "o", "period n": "s", "irregular": "D"}.items():
         at = (kinds == kind) & np.isfinite(y)
         if at.any():
@@ -336,6 +353,7 @@ def _over_cases(ds: xr.Dataset) -> tuple[np.ndarray, str]:
     names = varied_names(ds)
     if len(names) == 1:
         return shown(ds, names[0]), axis_label(names[0], ds)
+    # without one parameter cases have numbers
     return np.arange(1, ds.sizes["case"] + 1), "case" if not names else f"case, over {' and '.join(names)}"
 
 

@@ -95,6 +95,7 @@ def bifurcations(ds: xr.Dataset, axes: Any = None, followed: xr.Dataset | None =
             axes = np.array(list(panels.values()))
             name_case(figure, ds, full=True)
         axes = np.ravel(check_axes(axes, len(SECTIONS)))
+        # followed motions beneath, those from one start above
         for section, ax in zip(SECTIONS, axes, strict=False):
             for k, (way, color) in enumerate(DIRECTION_COLORS.items(), 1):
                 if way in ways:
@@ -102,6 +103,7 @@ def bifurcations(ds: xr.Dataset, axes: Any = None, followed: xr.Dataset | None =
                     _draw_dots(ways[way], section, ax, 1.1, 0.04 + 0.06 * k, color, **style)
             # the dots beneath stay visible
             _draw_dots(ds, section, ax, 0.7 if ways else 1.0, label="from one start")
+        # the lowest of each column has the label
         for ax in axes[:-columns]:
             ax.set_xlabel("")
         if ways or flagged(ds, *ds["status"].dims).any():
@@ -127,6 +129,7 @@ def _draw_dots(
     values = ds[section].transpose(over, "crossing").values
     bad = flagged(ds, over)
     at = shown(ds, over)
+    # a dot for each crossing that a case has
     case, crossing = np.nonzero(np.isfinite(values) & ~bad[:, None])
     points = size * float(np.clip(700 / len(at), 3.4, 5.0))
     style = {"ms": points, "mew": 0, "color": COLORS["blue"], "rasterized": True} | style
@@ -145,6 +148,7 @@ def regimes_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
 
     Without the variable `regime` it is read from `kind`.
     """
+    # exponents tell more than recurrence
     if "regime" in ds:
         names = ds["regime"].transpose(*dims).values
     else:
@@ -158,7 +162,9 @@ def motions_of(ds: xr.Dataset, *dims: str) -> np.ndarray:
     kind = ds["kind"].transpose(*dims).values
     period = ds["period"].transpose(*dims).values.astype(int)
     number = np.char.add("period ", period.astype(str))
+    # recurrence shows tori, other regular motions have no kind
     motion = np.where((regime == "regular") & (kind == "torus"), "quasi-periodic", regime)
+    # longer periods share a colour
     motion = np.where(regime == "periodic", np.where(period <= 4, number, "other periods"), motion)
     return np.where(flagged(ds, *dims), FLAGGED_LABEL, motion)
 
@@ -167,6 +173,7 @@ def category_map(
     ds: xr.Dataset, over: Sequence[str], index: np.ndarray, colors: Sequence[str], ax: Any, bad: str = COLORS["grey"]
 ) -> tuple[Any, list[Any]]:
     """Draw categories over two parameters, `index` into `colors` or NaN; otherwise as `map_over`."""
+    # each index has one colour
     norm = BoundaryNorm(np.arange(len(colors) + 1) - 0.5, len(colors))
     return map_over(ds, over, index, ax, ListedColormap(list(colors)), lambda values: norm, bad)
 
@@ -191,6 +198,7 @@ def map_over(
     **Returns:** what a colour bar needs, and entries of a legend.
     """
     grid = len(over) == 2
+    # a sample lies side by side along `case`
     names = over if grid else varied_names(ds)
     y, x = (shown(ds, name) for name in names)
     missing = status_of(ds, *over) == Status.NOT_RUN
@@ -200,6 +208,7 @@ def map_over(
     handles = [Patch(color=bad_color, label=FLAGGED_LABEL)] * bool(bad.any())
     if grid:
         drawn = ax.pcolormesh(x, y, values, **style)
+        # what has no value is covered in white, as the mesh has one colour for all that is masked
         white = np.ma.getmaskarray(values) & ~bad
         if white.any():
             blank = np.ma.masked_where(~white, np.zeros(white.shape))
@@ -242,6 +251,7 @@ def draw_regimes(ds: xr.Dataset, over: Sequence[str], ax: Any) -> list[Any]:
     exponent = ds["exponent"].isel(count=0).transpose(*over).values
     drawn, handles = map_over(ds, over, exponent, ax, plt.get_cmap("RdBu_r"), _signed_norm)
     color_bar(ax, drawn, EXPONENT_LABEL)
+    # a cross on each case that is unsure
     unresolved = regimes_of(ds, *over) == "unresolved"
     if unresolved.any():
         y, x = np.meshgrid(*(shown(ds, name) for name in over), indexing="ij")
@@ -253,6 +263,7 @@ def draw_regimes(ds: xr.Dataset, over: Sequence[str], ax: Any) -> list[Any]:
 def _signed_norm(values: np.ma.MaskedArray) -> FuncNorm:
     """Return colours that are white at zero only: each sign has its own half of them, by the square root."""
     top, bottom = (max(float(np.max(sign * values)), LEAST) if values.count() else 1.0 for sign in (1, -1))
+    # the two halves have scales of their own
     scale = lambda v: np.where(v < 0, bottom, top)
     forward = lambda v: np.sign(v) * np.sqrt(np.abs(v) / scale(v))
     backward = lambda c: np.sign(c) * np.square(c) * scale(c)
@@ -283,6 +294,7 @@ def draw_attractors(ds: xr.Dataset, over: Sequence[str], ax: Any) -> list[Any]:
     """Draw as `attractor_map`, without the legend, whose entries are returned."""
     motions = motions_of(ds, *over)
     kinds = {name: color for name, color in MOTION_COLORS.items() if name != FLAGGED_LABEL and name in motions}
+    # the index of each case among the kinds that occur
     index = np.select([motions == name for name in kinds], list(range(len(kinds))), 0)
     _, handles = category_map(ds, over, index, list(kinds.values()) or ["white"], ax, MOTION_COLORS[FLAGGED_LABEL])
     life = ds.get("least_mean_life", np.nan)
@@ -309,6 +321,7 @@ def basin_map(ds: xr.Dataset, ax: Any = None) -> Any:
     periods = ds["basin_period"].values
     shares = ds["share"].values
     entries = []
+    # entries of the largest basins
     for color, period, share in zip(colors, periods, shares, strict=False):
         kind = f"period {period}" if period else "no period"
         entries.append(Patch(color=color, label=f"{kind}: {share:.0%}"))
@@ -351,6 +364,7 @@ def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Any = None) -> An
             x = shown(ds, names[0])
             bad = flagged(ds, *over)
             values = np.where(bad, np.nan, values)
+            # what is not computed yet has no mark
             bad &= status_of(ds, *over) != Status.NOT_RUN
             ax.plot(x, values, ".", ms=3, mew=0, color=COLORS["blue"])
             mark_cases(ax, x[bad], FLAGGED_LABEL)
@@ -386,6 +400,7 @@ def exponents(ds: xr.Dataset, ax: Any = None) -> Any:
     with drawing(ax, ds, 3.5, 2.8) as ax:
         ax.axhline(0, lw=0.5, color="black")
         ax.plot(x, np.where(flagged(ds, over), np.nan, y), lw=0.5, color=COLORS["grey"], zorder=1)
+        # a colour and a marker for each regime
         for (name, color), marker in zip(REGIME_COLORS.items(), "oDs^v", strict=True):
             at = (regimes == name) & ~absent
             if name != "transient chaos" or at.any():  # rare

@@ -46,6 +46,7 @@ def plot(result: Any, **options: Any) -> Any:
     parameters = [str(dim) for dim in ds["status"].dims] if "status" in ds else []
     # a sample has one dimension, whatever was varied, and is drawn by numbers alone
     count = None if parameters == ["case"] else len(parameters)
+    # the first picture that fits the names and the number of parameters
     for names, needed, draw in PICTURES:
         if names <= {*ds.variables, *ds.dims} and needed in (None, count):
             return draw(ds, **options)
@@ -56,6 +57,8 @@ def plot(result: Any, **options: Any) -> Any:
         for name, values in ds.data_vars.items()
         if set(parameters) == set(values.dims) - inner and values.dtype.kind == "f"
     ]
+    if "steps_per_period" in ds:  # which all sweeps have
+        numbers.append("steps_per_period")
     if numbers and len(parameters) in (1, 2):
         name = "peak_force" if "peak_force" in numbers else numbers[0]
         return quantity_map(ds, **({"name": name} | options))

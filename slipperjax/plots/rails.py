@@ -27,6 +27,7 @@ def rail(scene: Scene, ds: xr.Dataset | None = None, axes: Any = None, *, length
     """
     check_scene(scene)
     unit = float(scene.track.wavelength)
+    # without a run 25 reference lengths from the rail's beginning
     first, extent = scene.track.origin, 25 * unit
     if ds is not None:
         check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
@@ -44,6 +45,7 @@ def rail(scene: Scene, ds: xr.Dataset | None = None, axes: Any = None, *, length
         axes = np.ravel(check_axes(axes, rows))
         upper, lower = axes[[0, rows - 1]]
         top = 0.0
+        # displacement above, its spectrum below
         for name, color in (("lateral", "blue"), ("vertical", "red")):
             height = 1e3 * np.asarray(getattr(here, name))
             upper.plot(distance, height, lw=0.7, color=COLORS[color], label=name)
@@ -56,6 +58,7 @@ def rail(scene: Scene, ds: xr.Dataset | None = None, axes: Any = None, *, length
         _shade_band(scene, lower)
         lower.set(xlabel="wavenumber [cycles/m]", ylabel="density [mm$^2$ m]", ylim=(1e-10 * top, 5 * top))
         if ds is not None:
+            # forces over the same distance
             for line in most_loaded(ds, 3):
                 axes[1].plot(ds["period"].values * unit, line.force, lw=0.7, label=line.name, **line.style)
             axes[1].set(ylabel=axis_label("contact_force"))

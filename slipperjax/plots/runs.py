@@ -55,6 +55,7 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None, axes: Any = None) -
     if scene is None and "scene" in ds.attrs:
         scene = load_scene(ds)
     ds = _stretches_of(ds)
+    # panels by the variable that they need
     panels = {
         "seconds": _draw_speed,
         "peak_force": _draw_forces,
@@ -71,6 +72,7 @@ def run_overview(ds: xr.Dataset, scene: Scene | None = None, axes: Any = None) -
         axes = np.ravel(check_axes(axes, rows))
         if scene is not None:
             _draw_rail(axes[0], ds, check_scene(scene))
+        # what the dataset has, below the rail
         for ax, draw in zip(axes[rows - len(draws) :], draws, strict=False):
             draw(ax, ds)
         for ax in axes:
@@ -94,6 +96,7 @@ def _stretches_of(ds: xr.Dataset) -> xr.Dataset:
     if "stretch" not in ds.dims:
         return ds
     begin, end = edges_of(ds, "distance")[[0, -1]]
+    # rounding must not add a stretch that is only touched
     first, last = np.searchsorted(ds["stretch"].values, [begin * (1 + 1e-12), end * (1 - 1e-12)])
     return ds.isel(stretch=slice(first, last + 1))
 
@@ -107,6 +110,7 @@ def _draw_rail(ax: Any, ds: xr.Dataset, scene: Scene) -> None:
     begin, end = edges_of(ds, "distance")[[0, -1]]
     places = np.linspace(begin, end, 1 << 16)  # many more than pixels, so that short waves keep their height
     here = scene.track.irregularity(places + 0 * scene.track.wavelength)
+    # both directions on one scale
     for name, color in (("lateral", "blue"), ("vertical", "red")):
         height = 1e3 * np.broadcast_to(np.asarray(getattr(here, name)), places.shape)
         ax.plot(places, height, lw=0.6, color=COLORS[color], alpha=0.8, label=name)
@@ -117,6 +121,7 @@ def _draw_rail(ax: Any, ds: xr.Dataset, scene: Scene) -> None:
 def _draw_speed(ax: Any, ds: xr.Dataset) -> None:
     edges = edges_of(ds, "distance")
     speed = ds[_speed_name(ds)].values
+    # speeds are those in the middles of windows
     places = np.concatenate([edges[:1], (edges[1:] + edges[:-1]) / 2, edges[-1:]])
     ax.plot(places, np.pad(speed, 1, "edge"), lw=0.9, color=COLORS["blue"], label="speed")
     ax.set_ylabel(axis_label("speed"))
@@ -134,11 +139,13 @@ def _draw_speed(ax: Any, ds: xr.Dataset) -> None:
 def _draw_forces(ax: Any, ds: xr.Dataset) -> None:
     force = quantity("peak_force")
     _draw_steps(ax, ds, "distance", highest(ds, "peak_force", "distance"), "each window", COLORS["grey"])
+    # steps over stretches, one line for each percentile
     for k, percent in enumerate(ds["percentile"].values):
         values = force.shown(ds["peak_force_percentile"].isel(percentile=k).values)
         _draw_steps(ax, ds, "stretch", values, f"{percent:g} % of a stretch", line_color(k))
     peak = peak_of(ds)
     high = force.shown(float(peak["peak_force"]))
+    # a run without contact has no peak
     if high > 0:
         place = float(peak["peak_distance"])
         label = f"{high:.3g} {force.display_unit} at {peak['name'].item()}, {place:.5g} m"
@@ -154,6 +161,7 @@ def peak_of(ds: xr.Dataset) -> xr.Dataset:
     The point's `name` is its letter, and 1 at the front or 2 at the rear; the force is NaN where none is known.
     """
     force = ds["peak_force"].transpose("distance", "end", "point")
+    # NaN is lower than any force
     k, end, point = np.unravel_index(np.argmax(force.fillna(-np.inf).values), force.shape)
     at = ds.isel(distance=k, end=end, point=point)
     return at.assign(name=f"{at['point'].item()}{end + 1}", peak_distance=at.get("peak_distance", at["distance"]))
@@ -178,6 +186,7 @@ def _draw_bands(ax: Any, ds: xr.Dataset) -> None:
         at = dict(transform=ax.transAxes, ha="center", va="center", fontsize=7)
         ax.text(0.5, 0.5, "no band is resolved: windows are too few or too long", **at)
         return
+    # bands beyond the resolved ones are cut off
     rows = slice(known[0], known[-1] + 1)
     bands = ds["band"].values[rows]
     half = 10 ** (1 / 20)  # from the middle of a third octave to its end
@@ -226,6 +235,7 @@ def passing(
     branches = [one for one in (branch if isinstance(branch, list | tuple) else [branch]) if one is not None]
     for one in runs:
         check_dataset(one, RUN_SOURCE, quantity, argument="runs")
+        # the highest of all points is drawn
         dims = set(one[quantity].dims) - {"end", "point"}
         need = f"be runs with `{quantity}` of each window, as by sj.run(..., record={quantity!r}), each one case"
         good = dims == {"distance"} and one.sizes["distance"] > 1
@@ -240,9 +250,11 @@ def passing(
             good = brute["status"].copy(data=np.where(brute["status"].values == 0, values, np.nan))
             x, y = (a.values.ravel() for a in xr.broadcast(brute["speed"], good))
             ax.plot(x, y, ms=2.5, color="#c4c4c4", label="constant speed", **style)
+        # fewer windows have larger dots
         for k, one in enumerate(runs):
             style["ms"] = float(np.clip(60 / np.sqrt(one.sizes["distance"]), 0.8, 3.0))
             _draw_windows(ax, one, quantity, k / max(len(runs) - 1, 1), style)
+        # stable parts solid, unstable ones dashed
         for one in branches:
             x = shown(one, "speed")
             y = shown(one, quantity)[None]
@@ -260,6 +272,7 @@ def _draw_windows(ax: Any, run: xr.Dataset, quantity: str, shade: float, style: 
     speed = run[_speed_name(run)].values
     values = highest(run, quantity, "distance")
     rate = np.gradient(speed**2) / (2 * run.attrs["window [m]"])  # v dv/dx
+    # windows at a constant speed belong to neither way
     for way, sign, colors in (("up", 1, ("red", "orange")), ("down", -1, ("blue", "green"))):
         there = sign * rate > 1e-9 * np.max(np.abs(rate))
         if there.any():

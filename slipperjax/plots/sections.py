@@ -91,6 +91,7 @@ def drawn_points(
     """
     across = np.asarray(shape.normals)
     along = np.stack([across[:, 1], -across[:, 0]], axis=1)
+    # across the face by the gap, along it by the offset
     moved = gap[..., None] * across + offset[..., None] * along
     return np.asarray(shape.track_points) + magnify * moved
 
@@ -103,7 +104,9 @@ def contour(shape: Section) -> Int[np.ndarray, " points"]:
     points = np.asarray(shape.points)
     faces = np.array([[shape.names.index(corner) for corner in face] for face in shape.faces])
     middle = points[faces].mean(axis=1) - points.mean(axis=0)
+    # clockwise, by the angles of their middles
     faces = faces[np.argsort(-np.arctan2(middle[:, 1], middle[:, 0]), kind="stable")]
+    # from the end of each face to the beginning of the next
     spaces = np.linalg.norm(points[np.roll(faces[:, 0], -1)] - points[faces[:, 1]], axis=1)
     return np.roll(faces, -1 - int(np.argmax(spaces)), axis=0).ravel()
 
@@ -133,6 +136,7 @@ def draw_rail(shape: Section, ax: Any, labels: Any) -> None:
     """Draw the rail head with its web, and a label inside it at each point."""
     ax.fill(*rail_outline(shape).T, **RAIL_STYLE)
     box = {"boxstyle": "round,pad=0.1", "facecolor": "white", "alpha": 0.6, "lw": 0}
+    # labels stand inside the rail head
     for label, (y, z) in zip(labels, label_places(shape), strict=True):
         ax.text(y, z, label, fontsize=6.5, ha="center", va="center", zorder=6, bbox=box)
 
@@ -141,6 +145,7 @@ def outline(shape: Section, points: Float[np.ndarray, "*n points 2"]) -> Float[n
     """Return the corners [mm] of the slipper with its points at `points` [m]: inside, and back along the outside."""
     order = contour(shape)
     inner = 1e3 * points[..., order, :]
+    # the outside runs back along the same corners
     outer = inner + 1e3 * wall(shape) * np.asarray(shape.normals)[order]
     return np.concatenate([inner, outer[..., ::-1, :]], axis=-2)
 
@@ -255,6 +260,7 @@ def frames_of(
         last = number(positive, "last", last)
         ds = ds.isel(time=ds["period"].values > ds["period"].values[-1] - last + 1e-9)
     force = ds["contact_force"].transpose("time", "end", "point").values
+    # by the model, not by the dataset, which lacks offsets
     gap, offset = _displacements(ds, scene)
     if not (np.isfinite(gap).all() and np.isfinite(force).all()):
         raise ValueError("Argument `run` must have finite motions in what is drawn, but has NaN; shorten the run.")
@@ -273,6 +279,7 @@ class _Picture:
         self.period = frames.period
         self.points = frames.points
         self.force = frames.force
+        # millimetres, along the normals
         self.arrows = 1e3 * frames.newton * frames.force[..., None] * np.asarray(frames.shape.normals)
         with styled():
             shape: dict[str, Any] = dict(figsize=(7.2, 4.3), layout="constrained")
@@ -302,6 +309,7 @@ class _Picture:
 
     def show(self, k: int) -> list[Any]:
         """Draw the instant with index `k`; return the artists that changed."""
+        # the artists stay, and get new places
         for end, (patch, dots, arrows) in enumerate(self.ends):
             points = self.points[k, end]
             patch.set_xy(outline(self.shape, points))
@@ -327,5 +335,6 @@ def _displacements(ds: xr.Dataset, scene: Scene) -> tuple[Float[np.ndarray, "...
 
 @jax.jit
 def _relative(scene: Scene, period: Any, motion: Motion) -> Any:
+    # one instant; all of them at once by vmap
     at_one = lambda p, m: (contacts(rail_frame(scene, p), m).gap, face_offsets(scene, p, m))
     return jax.vmap(at_one)(period, motion)

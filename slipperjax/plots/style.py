@@ -97,6 +97,7 @@ def typeset(unit: str) -> str:
 
 def with_unit(text: str, unit: str, *, brackets: bool = False) -> str:
     """Return a text and a unit after it; a pure number has none."""
+    # pure numbers have no unit
     if unit == "1":
         return text
     return f"{text} [{typeset(unit)}]" if brackets else f"{text} {typeset(unit)}"
@@ -106,6 +107,7 @@ def quantity_of(name: str, ds: xr.Dataset | None = None) -> Quantity:
     """Return the quantity of a variable or coordinate; of one outside the registry by its attributes in `ds`."""
     try:
         return quantity(name)
+    # a path, or a number that a user records
     except KeyError:
         attrs = {} if ds is None or name not in ds else ds[name].attrs
         of = attrs.get("quantity", name)
@@ -146,6 +148,7 @@ def shown(ds: xr.Dataset, name: str) -> np.ndarray:
 def highest(ds: xr.Dataset, name: str, *dims: str) -> np.ndarray:
     """Return a variable in its display unit over `dims`, the highest along all other dimensions."""
     values = ds[name].astype(float)
+    # xarray leaves NaN out, and infinities are no numbers to draw
     values = values.where(np.isfinite(values)).max([d for d in values.dims if d not in dims]).transpose(*dims)
     return shown(values.to_dataset(name=name), name)
 
@@ -163,6 +166,7 @@ def check_dataset(ds: Any, source: str, *names: str, argument: str = "ds") -> xr
     ds = as_dataset(ds)
     if not isinstance(ds, xr.Dataset):
         raise ValueError(f"Argument `{argument}` must be a dataset of {source}, but is {type(ds).__name__}.")
+    # each variable that the picture needs
     for name in names:
         instance("name", name, str, "the name of a variable")
         if name not in ds:
@@ -235,6 +239,7 @@ def color_norm(values: np.ndarray) -> Normalize:
     """Return the scale of colours over finite values, logarithmic where they are wide."""
     finite = np.ma.compressed(np.ma.masked_invalid(values))
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.5, 0.5)
+    # one value still needs a range
     if low == high:
         low = 0.99 * low - 1e-12
         high = 1.01 * high + 1e-12
@@ -244,6 +249,7 @@ def color_norm(values: np.ndarray) -> Normalize:
 def color_bar(ax: Any, mappable: Any, label: str, cax: Any = None) -> None:
     """Draw a colour bar with plain numbers, into Axes `cax` where they are given."""
     bar = ax.figure.colorbar(mappable, ax=ax, cax=cax, label=label)
+    # uneven scales have no good ticks of their own
     if type(mappable.norm) is not Normalize:
         ticks = round_ticks(mappable.norm)
         bar.set_ticks(ticks, labels=[f"{tick:g}".replace("-", "−") for tick in ticks])
@@ -262,6 +268,7 @@ def fit_swept(ax: Any, **swept: np.ndarray) -> None:
         if len(values) > 2 and np.all(values > 0):
             steps = np.diff(values)
             factors = np.diff(np.log(values))
+            # equal factors, but not equal steps
             if np.ptp(factors) < 1e-6 * abs(factors[0]) and np.ptp(steps) > 1e-3 * abs(steps[0]):
                 _make_logarithmic(ax, name)
 
@@ -278,6 +285,7 @@ def round_ticks(norm: Normalize) -> list[float]:
     """Return numbers of one digit, spread over an uneven scale."""
     low = float(norm.vmin or 0.0)
     high = float(norm.vmax or 0.0)
+    # evenly on the scale, rounded to one digit
     numbers = {float(f"{value:.1g}") for value in np.ravel(norm.inverse(np.linspace(0, 1, 7)))}
     return sorted(value for value in numbers if low <= value <= high)
 
@@ -344,6 +352,7 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
         rows[0] += ["mass", "gravity"]
         rows.append(["stiffness", "restitution", "amplitude", "roll_amplitude"])
     lines = []
+    # lines of the title, without what varies
     for row in rows:
         values = {name: _number(ds, name) for name in row}
         lines.append([_stated(name, value) for name, value in values.items() if value is not None])
@@ -389,5 +398,6 @@ def _digits(value: float) -> str:
     mantissa, _, power = f"{value:.4g}".partition("e")
     if not power:
         return mantissa
+    # 10^8, not 1 times 10^8
     factor = "" if mantissa == "1" else rf"{mantissa}\cdot"
     return rf"${factor}10^{{{int(power)}}}$"

@@ -63,6 +63,7 @@ def contact_forces(ds: Any, ax: Any = None, *, most: int = 4, last: float | None
     """
     ds = check_dataset(ds, TRAJECTORY_SOURCE, "period", "contact_force")
     period = ds["period"].values
+    # rounding must not cut off the first saved state
     begin = -np.inf if last is None else period[-1] - number(positive, "last", last) - 1e-9
     drawn = period >= begin
     with drawing(ax, ds, full=False) as ax:
@@ -73,6 +74,7 @@ def contact_forces(ds: Any, ax: Any = None, *, most: int = 4, last: float | None
             elif line.peak > 0:
                 label += " in the whole run"
             ax.plot(period[drawn], line.force[drawn], lw=0.9, label=label, **line.style)
+            # the peak may lie before what is drawn
             if np.any(drawn) and period[drawn][0] <= line.instant <= period[-1]:
                 ax.plot(line.instant, line.peak, "o", ms=3, mew=0, color=line.style["color"])
         ax.set(xlabel=TIME_LABEL, ylabel=axis_label("contact_force"))
@@ -85,6 +87,7 @@ def _highest_forces(ds: xr.Dataset, ax: Any) -> None:
     """Draw the highest saved force of each forcing period, of the points with the highest peaks, which are dots."""
     period = ds["period"].values
     numbers = np.maximum(np.ceil(period - 1e-9), 1)  # a period has its end, not its beginning
+    # where another period begins
     starts = np.flatnonzero(np.diff(numbers, prepend=-np.inf))
     for line in most_loaded(ds, 4):
         forces = np.maximum.reduceat(line.force, starts)
@@ -114,8 +117,10 @@ def most_loaded(ds: xr.Dataset, most: int) -> list[PointForce]:
     most = whole("most", most, 1)
     period = ds["period"].values
     force = ds["contact_force"].fillna(-np.inf)
+    # of the saved states
     peaks = force.max("time")
     instants = ds["period"].isel(time=force.argmax("time")).where(peaks > 0)
+    # of every step, where the peak lies in this part of the run
     if "peak_force" in ds:
         when = ds["peak_period"] if "peak_period" in ds else np.nan * ds["peak_force"]
         # a record begins one interval before its first saved state
@@ -124,6 +129,7 @@ def most_loaded(ds: xr.Dataset, most: int) -> list[PointForce]:
     stacked = peaks.stack(at=("end", "point"))
     points = list(ds["point"].values)
     lines = []
+    # the points with the highest peaks first
     for end, point in stacked.sortby(stacked, ascending=False)["at"].values[:most]:
         at = {"end": end, "point": point}
         front = end == "front"
@@ -152,6 +158,7 @@ def overview(ds: Any, axes: Any = None) -> Any:
             figure, axes = plt.subplots(7, 2, figsize=(7.2, 9.4), layout="constrained")
             name_case(figure, ds, full=True)
         panels = np.reshape(np.ravel(check_axes(axes, 14))[:14], (7, 2))
+        # coordinates on the left, their velocities on the right
         names = ("y", "v_y", "z", "v_z", "roll", "w_x", "pitch", "w_y", "yaw", "w_z")
         for name, ax in zip(names, panels.ravel(), strict=False):
             history(ds, name, ax)
@@ -179,6 +186,7 @@ def phase_portrait(ds: Any, coordinate: str, velocity: str, ax: Any = None) -> A
     ds = check_dataset(ds, TRAJECTORY_SOURCE, coordinate, velocity)
     q = shown(ds, coordinate)
     v = shown(ds, velocity)
+    # upward zero crossings, interpolated between saved states
     at = np.flatnonzero((q[:-1] < 0) & (q[1:] >= 0))
     share = q[at] / (q[at] - q[at + 1])
     with drawing(ax, ds, 3.5, 3.0, full=False) as ax:

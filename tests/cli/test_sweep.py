@@ -12,9 +12,8 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.cli import main
-from slipperjax.cli.sweep import picture, summary
+from slipperjax.cli.sweep import summary
 from slipperjax.flow.status import ASKED
-from slipperjax.model.quantities import COORDINATES
 from slipperjax.sweeps.store import Archive
 
 from ..sweeps.made_up import files
@@ -141,19 +140,6 @@ def test_ctrl_c_says_that_the_same_command_goes_on(folder, monkeypatch, capsys):
     assert " of 64 cases were finished: kept in" in error
     assert "the same command goes on" in error
     assert 0 < int((sj.open_store(folder / "c.zarr")["status"] == 0).sum()) < 64
-
-
-def test_strobe_states_are_drawn_by_coordinate():
-    """Not the greatest of numbers that have different units."""
-    states = np.arange(60.0).reshape(2, 3, 10)
-    ds = xr.Dataset(
-        {"strobe": (("speed", "strobe_period", "coordinate"), states), "status": ("speed", [0, 0])},
-        {"speed": [1000.0, 1250.0], "coordinate": list(COORDINATES)},
-    )
-    for show, label in ((None, "$y$ [mm]"), ("w_y", r"$\omega_Y$ [rad/s]")):
-        axes = picture(ds, show)
-        assert axes.get_ylabel() == label
-        plt.close(axes.figure)
 
 
 def test_chaos_stands_with_its_least_mean_life_in_a_line():

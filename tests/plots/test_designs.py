@@ -136,7 +136,7 @@ def test_trials_lie_in_the_plane_of_the_first_two_variables():
     ds = design(("clearance", "length", "section.play.2"))
     ax = panel(1, ds)
     assert labels(ax) == ("clearance $C$ [mm]", "length $L$ [m]")
-    assert {"best", "start", "taken", "not taken", "taken, constraint violated", "bound"} == set(legend(ax))
+    assert {"best", "start", "taken", "not taken", "taken, violated", "bound"} == set(legend(ax))
     assert sorted(line.get_xdata()[0] for line in ax.lines if line.get_linestyle() == ":")[-2:] == [0.2, 3.0]
     assert len(dots(ax, "s")) == 3
     np.testing.assert_allclose(dots(ax, "*"), [[1e3 * float(ds["design"][0]), float(ds["design"][1])]])
@@ -170,7 +170,7 @@ def test_progress_is_the_lowest_that_violates_nothing():
     assert y[-1] == pytest.approx(good.min() / 1e3)
     assert np.all(np.diff(y) <= 0)
     assert (x[0], x[-1]) == (900, 5400)
-    assert legend(ax) == ["lowest", "taken", "not taken", "taken, constraint violated", "no motion"]
+    assert legend(ax) == ["lowest", "taken", "not taken", "taken, violated", "no motion"]
     ds["trial_smooth"][:] = INF  # without any motion
     ax = panel(2, ds)
     assert len(dots(ax, "x")) == 18
