@@ -17,14 +17,13 @@ from bokeh.plotting import figure
 
 from ..flow.status import Status
 from ..model.parameters import PARAMETERS
-from ..model.quantities import SECTIONS
 from ..model.scene import scene_to_toml
 from ..orbits.branches import OrbitBranch
 from ..orbits.periodic import PeriodicOrbit
 from ..plots.picture import plot
 from ..plots.style import COLORS, NOT_RUN_LABEL, png, quantity_of
 from . import pictures
-from .panels import CODE, Panels, event_marks, source
+from .panels import CODE, Panels, source
 from .scripts import python_of
 from .session import SLIDERS, Case, Session, Shown, View
 from .worker import Worker
@@ -71,6 +70,7 @@ class Page:
 
     def _deliver(self, piece: Any, wanted: Callable[[], bool]) -> None:
         """Hand a piece from the worker's thread to the page, and wait until it is there, or ten seconds."""
+        # Bokeh changes documents in the thread of its loop only
         there: Future = Future()
 
         def hand() -> None:
@@ -86,6 +86,7 @@ class Page:
     def _take(self, piece: Any) -> None:
         """Show a piece of what is computed."""
         session = self.session
+        # each kind of piece has its place
         if isinstance(piece, bytes):
             self.png.data = {"content": [base64.b64encode(piece).decode()]}
         elif isinstance(piece, tuple) and isinstance(piece[0], View):
@@ -109,6 +110,7 @@ class Page:
         if error is not None:
             text = " ".join(str(error).split()) or type(error).__name__
             self.doc.add_next_tick_callback(lambda: self._say(text, wrong=True))
+        # nothing is left to do
         elif not self.worker.is_busy():
             self.doc.add_next_tick_callback(lambda: self._say(HELP))
         self.doc.add_next_tick_callback(self._show_orbit)
@@ -130,6 +132,7 @@ class Page:
         session = self.session
         session.case = case
         session.orbit = session.branch = None
+        # what belongs to the case before
         self.worker.submit("orbit", None)
         self.worker.submit("branch", None)
         self._set_sliders(case)
@@ -152,6 +155,7 @@ class Page:
             "Save picture": lambda: self.worker.submit("file", self._draw_picture()),
         }
         buttons = {text: Button(label=text, width=108) for text in acts}
+        # those that end in the browser only say so here
         for text, act in acts.items():
             buttons[text].on_click(act)
         self.back = buttons["◀ Back"]
@@ -196,15 +200,14 @@ class Page:
         self.map.scatter("x", "y", source=self.sample, size=5, color=colors)
         self.curve = source("x", "y")
         self.map.step("x", "y", source=self.curve, mode="before", color=COLORS["blue"])
-        self.marks = {name: source("x", "y") for name in ("stable", "unstable", "case", "line")}
-        self.map.vspan("x", source=self.marks["line"], color="black", line_dash="dotted")
-        for color, width in (("white", 5), ("black", 2)):  # black with a white edge
-            for name, dash in (("stable", "solid"), ("unstable", "dashed")):
-                self.map.line("x", "y", source=self.marks[name], color=color, line_width=width, line_dash=dash)
-            style = dict(marker="cross", size=18, line_width=width, color=color)
-            self.map.scatter("x", "y", source=self.marks["case"], name="cross" * (width == 2), **style)
-        self.marks["events"] = event_marks(self.map)
+        self.cross = source("x", "y")
+        self.place = source("x")
+        self.map.vspan("x", source=self.place, color="black", line_dash="dotted")
+        style = dict(marker="cross", size=18, source=self.cross)
+        self.map.scatter("x", "y", line_width=5, color="white", **style)  # an edge, seen on dark colours
+        self.map.scatter("x", "y", line_width=2, color="black", name="cross", **style)
         self.sliders = {}
+        # each slider computes its case while it moves
         for name, ends in SLIDERS.items():
             low, high = map(PARAMETERS[name].shown, ends)
             options = dict(start=low, end=high, value=low, step=(high - low) / 480, format="0.[000]", name=name)
@@ -238,6 +241,7 @@ class Page:
         self.begin.visible = self.controls.visible = not view.is_run
         self.legend.text = ""
         self.bar.visible = False
+        # the parts of other views are empty
         for data in (self.pixels, self.dots, self.sample, self.curve):
             data.data = {name: [] for name in data.data}
         if len(view.names) == 2:
@@ -266,6 +270,7 @@ class Page:
         quantities = [view.quantity(name) for name in view.names]
         y, x = (q.shown(view.axis(name)) for q, name in zip(quantities, view.names, strict=True))
         up, across = map(pictures.label, quantities)
+        # cells reach to the borders of the map
         if view.ds is None or view.ds["status"].ndim == 2:
             self._axes(across, up, pictures.cells(x), pictures.cells(y), margin=0.0)
         else:
@@ -291,6 +296,7 @@ class Page:
     def _axes(self, across: str, up: str, x: np.ndarray, y: np.ndarray, margin: float = 0.02) -> None:
         self.map.xaxis.axis_label = across
         self.map.yaxis.axis_label = up
+        # with a margin, and a reset that leads back
         for extent, values in ((self.map.x_range, x), (self.map.y_range, y)):
             low, high = _ends(values)
             wide = margin * (high - low)
@@ -298,25 +304,12 @@ class Page:
             extent.update(start=low, end=high, reset_start=low, reset_end=high)
 
     def _mark(self) -> None:
-        """Draw a cross where the case is, and the branch of its orbit as a line, where these are on the map."""
-        session, view = self.session, self.session.view
-        names = view.names
-        shown = [float(view.quantity(n).shown(p)) for n, p in zip(names, session.place(), strict=True)]
-        nothing: dict[str, Any] = {"x": [], "y": []}
-        marks = dict.fromkeys(self.marks, nothing) | {"events": nothing | {"label": [], "name": []}}
-        if len(shown) == 1:
-            marks["line"] = {"x": shown, "y": shown}
-        else:
-            marks["case"] = {"x": shown[1:], "y": shown[:1]}
-        branch = session.branch
-        if branch is not None and len(shown) == 2 and branch.parameter.name in names:
-            k = names.index(branch.parameter.name)
-            along, beside = ("y", "x") if k == 0 else ("x", "y")
-            for name, data in pictures.branch_data(branch, SECTIONS[self.panels.motion.value]).items():
-                still = np.where(np.isnan(data["y"]), np.nan, shown[1 - k])  # a line ends at NaN
-                marks[name] = data | {along: data["x"], beside: still}
-        for name, data in marks.items():
-            self.marks[name].data = data
+        """Draw where the case is: a cross on a map, a line in a diagram."""
+        view = self.session.view
+        places = zip(view.names, self.session.place(), strict=True)
+        shown = [float(view.quantity(name).shown(place)) for name, place in places]
+        self.place.data = {"x": shown if len(shown) == 1 else []}
+        self.cross.data = {"x": shown[1:], "y": shown[: len(shown) - 1]}
 
     def _si(self, x: float, y: float) -> list[float]:
         """Return a place of the map along the names of the view [SI units]."""
@@ -331,6 +324,7 @@ class Page:
         ends = event.geometry
         if not event.final or ends.get("type") != "rect":
             return
+        # the same windows, nearer
         if self.session.view.is_run:
             self.map.x_range.update(start=ends["x0"], end=ends["x1"])
             return
@@ -365,6 +359,7 @@ class Page:
         elif key in steps:
             index = session.nearest(*session.place())
             names = session.view.names
+            # an axis each, the first upwards
             for name, by in zip(names, steps[key][-len(names) :], strict=True):
                 if name in index:  # a sample has no neighbours
                     index[name] = int(np.clip(index[name] + by, 0, len(session.view.axis(name)) - 1))
@@ -374,6 +369,7 @@ class Page:
         view = self.session.view
         if self.quiet:
             return
+        # a number that was not recorded is computed
         if view.grid is not None and view.ds is not None and new not in (*view.ds, "motion"):
             view = dataclasses.replace(view, record=(*view.record, new), ds=None)
             self.session.views[self.session.at] = view
@@ -390,6 +386,7 @@ class Page:
 
     def _set_sliders(self, case: Case) -> None:
         self.quiet = True
+        # a scene may lack a number, or have it for each point
         for name, slider in self.sliders.items():
             value = PARAMETERS[name].of(case.scene)
             slider.disabled = value is None or np.ndim(value) > 0

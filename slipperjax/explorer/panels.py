@@ -39,15 +39,6 @@ def panel(title: str, across: str = "", up: str = "", **options: Any) -> Any:
     return f
 
 
-def event_marks(f: Any) -> ColumnDataSource:
-    """Return the source of marks of a branch's events, with their labels."""
-    data = source("x", "y", "label", "name")
-    marks = f.scatter("x", "y", source=data, marker="diamond", size=11, color=COLORS["orange"], line_color="black")
-    f.text("x", "y", "label", source=data, x_offset=5, y_offset=-4, text_font_size="11px")
-    f.add_tools(HoverTool(renderers=[marks], tooltips=[("event", "@name"), ("at", "@x")]))
-    return data
-
-
 class Panels:
     """The right side."""
 
@@ -55,6 +46,7 @@ class Panels:
         """**Arguments:** `chosen`: called when another motion is chosen."""
         blue, red = COLORS["blue"], COLORS["red"]
         names = []
+        # choices by the names of the coordinates
         for velocity, coordinate in SECTIONS.items():
             words = quantity(coordinate).long_name.removesuffix(" angle").removesuffix(" displacement")
             names.append((velocity, words))
@@ -77,16 +69,22 @@ class Panels:
         self.forces.legend.update(label_text_font_size="10px", spacing=0, padding=2, glyph_width=16)
         self.cursor = source("x")
         self.window = source("x")
+        # the instant that plays, and the window of a run
         for f in (self.time, self.forces):
             f.vspan("x", source=self.cursor, color="black", line_width=1)
             f.vspan("x", source=self.window, color=COLORS["orange"], line_width=2)
+        # the unit circle
         turn = np.linspace(0, 2 * np.pi, 90)
         self.circle.line(np.cos(turn), np.sin(turn), color=COLORS["grey"])
         self.circle.scatter("x", "y", source=self.data["circle"], size=7, color=blue, line_color="white")
         for name, dash in (("stable", "solid"), ("unstable", "dashed")):
             style = dict(color=blue, line_dash=dash, line_width=2, legend_label=name)
             self.branch.line("x", "y", source=self.data[name], **style)
-        self.events = event_marks(self.branch)
+        self.events = source("x", "y", "label", "name")
+        style = dict(marker="diamond", size=11, color=COLORS["orange"], line_color="black")
+        marks = self.branch.scatter("x", "y", source=self.events, **style)
+        self.branch.text("x", "y", "label", source=self.events, x_offset=5, y_offset=-4, text_font_size="11px")
+        self.branch.add_tools(HoverTool(renderers=[marks], tooltips=[("event", "@name"), ("at", "@x")]))
         lower = [row(self.time, self.forces), row(self.phase, self.circle)]
         self.root = column(row(self.title, self.motion), *self._slipper(), *lower)
 
@@ -96,6 +94,7 @@ class Panels:
         self.ends = {}
         args: dict[str, Any] = {}
         figures = []
+        # the same glyphs at both ends, whose data the browser sets by instant
         for end in ("front", "rear"):
             f = panel(f"Slipper around the rail head, {end}", "y [mm]", "z [mm]", height=250, match_aspect=True)
             rail = source("x", "y")
@@ -132,6 +131,7 @@ class Panels:
         self.title.text = _words(shown)
         last = phase = shown.ds
         self.circle.visible = window is None  # of steady motions
+        # a steady motion is drawn over its last periods, a run over all
         if window is None:
             every = (shown.ds.sizes["time"] - 1) // SETTLED
             strobe = shown.ds.isel(time=slice(None, None, every))
@@ -148,6 +148,7 @@ class Panels:
         self.data["time"].data = {"x": time, "y": across.shown(last[coordinate].values)}
         self.data["phase"].data = {"x": across.shown(phase[coordinate].values), "y": up.shown(phase[velocity].values)}
         lines = most_loaded(last.drop_vars(["peak_force", "peak_period"], errors="ignore"), 6)
+        # points that touch
         lines = [line for line in lines if line.peak > 0]
         self.lines.data = {
             "xs": [time for _ in lines],
@@ -171,6 +172,7 @@ class Panels:
             return
         head, places = rail_places(drawn)
         zero = np.zeros(len(places))
+        # what stands still; the rest follows from the frames
         for k, (rail, dots) in enumerate(self.ends.values(), 1):
             rail.data = {"x": head[:, 0], "y": head[:, 1]}
             here = {"at_x": places[:, 0], "at_y": places[:, 1], "color": colors_of(drawn.shape)}
@@ -220,6 +222,7 @@ def _words(shown: Shown) -> str:
     for name in SLIDERS:
         q = PARAMETERS[name]
         value = q.of(scene)
+        # parameters that are one number
         if value is not None and np.ndim(value) == 0:
             words.append(f"{q.name} {float(q.shown(float(value))):.4g} {q.display_unit}".removesuffix(" 1"))
     kinds = {"period": f"period {shown.period}", "torus": "quasi-periodic", "unresolved": "no period found"}

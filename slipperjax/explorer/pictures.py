@@ -34,6 +34,7 @@ def choices(view: View) -> list[str]:
     found = kinds if plane else [name for name in SECTIONS if name in ds]
     if view.grid is not None and plane:  # it can be computed
         found.append("peak_force")
+    # numbers with a value for each case, or for each of its points
     for name, values in ds.data_vars.items():
         of_cases = over <= set(values.dims) <= over | {"end", "point", "count"}
         if of_cases and values.dtype.kind in "fiu" and name not in ("status", "period"):
@@ -65,6 +66,7 @@ def picture_of(view: View, choice: str) -> Picture:
     words = np.where(bad, FLAGGED_LABEL, words)
     words = np.where(ds["status"].transpose(*dims) == Status.NOT_RUN, "", words)
     colors = {name: color for name, color in (MOTION_COLORS | REGIME_COLORS).items() if name in words}
+    # the index of each case among the kinds that occur
     index = np.select([words == name for name in colors], [float(k) for k in range(len(colors))], np.nan)
     names = [lasting(name, ds.get("least_mean_life", np.nan)) for name in colors]
     if "motion" in view.record and ds.attrs["periods"] < SURE and "unresolved" in colors:
@@ -83,6 +85,7 @@ def cells(axis: np.ndarray) -> np.ndarray:
 def image(x: np.ndarray, y: np.ndarray, values: np.ndarray) -> dict[str, Any]:
     """Return an image of even pixels, of values over two axes that rise or fall, in steps that may differ."""
     index, begins, widths = [], [], []
+    # the value under the middle of each pixel
     for axis in (y, x):
         order = np.argsort(axis)
         border = cells(axis[order])
@@ -110,10 +113,12 @@ def dots(view: View, choice: str) -> dict[str, np.ndarray]:
     at = view.quantity(name).shown(view.ds[name].values)
     parts = [(view.ds.sel(direction=way), color) for way, color in ways(view).items()]
     x, y, colors = [], [], []
+    # each way of `follow`, or all
     for ds, color in parts or [(view.ds, COLORS["blue"])]:
         rows = ds[choice].transpose(name, ...).values.astype(float).reshape(len(at), -1)
         if choice not in SECTIONS:
             rows = np.nanmax(rows, axis=1, keepdims=True)
+        # a dot for each number there is
         case, crossing = np.nonzero(np.isfinite(rows) & ~flagged(ds, name)[:, None])
         x.append(at[case])
         y.append(q.shown(rows[case, crossing]))
@@ -138,6 +143,7 @@ def slipper_columns(drawn: Frames, unit: float) -> dict[str, np.ndarray]:
         points = 1e3 * drawn.points[:, k]
         arrows = 1e3 * drawn.newton * drawn.force[:, k, :, None] * np.asarray(drawn.shape.normals)
         places = {"corner": outline(drawn.shape, drawn.points[:, k]), "point": points, "tip": points + arrows}
+        # one column for each axis, contiguous for the browser
         for name, place in places.items():
             columns[f"{end}_{name}_y"] = np.ascontiguousarray(place[..., 0])
             columns[f"{end}_{name}_z"] = np.ascontiguousarray(place[..., 1])
@@ -157,6 +163,7 @@ def branch_data(branch: OrbitBranch, coordinate: str) -> dict[str, dict[str, Any
     y = start_of(ds, coordinate)
     data = {}
     stable = stable_parts(ds)
+    # lines with gaps where the other kind is
     for name, parts in (("stable", stable), ("unstable", ~stable)):
         line = joined(x, y[None], parts)
         data[name] = {"x": line[0], "y": line[1]}

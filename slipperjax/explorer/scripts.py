@@ -16,6 +16,7 @@ def python_of(session: Session) -> str:
     """Return the script: the map or the run, the case, its orbit and its branch, as far as they are there."""
     case, orbit, branch = session.case, session.orbit, session.branch
     lines = ["import jax.numpy as jnp", "import numpy as np", "import slipperjax as sj", "", *_left(session), ""]
+    # a steady motion, or a window of a run
     if case.window is None:
         lines += [f"# the case that was looked at, from {case.origin}", f"scene = {scene_text(case.scene)}"]
         saves = None if case.steps is not None and case.steps % SAVES else SAVES
@@ -50,6 +51,7 @@ def _state_at(session: Session, distance: float) -> list[str]:
     """Return the lines of `Session.state_at`."""
     kept, begin = session.way(distance)
     start = "given" if kept in session.run["stretch"] else "sj.load_start(given)"
+    # the run kept its state there
     if kept == begin:
         return [f"start = {start}"]
     more = _arguments(begin=kept, **session.run_options)
@@ -59,6 +61,7 @@ def _state_at(session: Session, distance: float) -> list[str]:
 def _arguments(**values: Any) -> str:
     """Return those arguments of a call that are not None, each after a comma."""
     text = ""
+    # None is the default
     for name, value in values.items():
         if isinstance(value, diffrax.AbstractSolver):  # by its name, without settings of its own
             value = type(value).__name__

@@ -165,11 +165,13 @@ class Session:
             ds = dataset_of(source)
             scene, of_ds = load_base(ds)
             start = of_ds if start is None else start
+        # a dataset that varies nothing is the source of a scene
         if ds is not None and grid is None and (varied_names(ds) or "distance" in ds.dims):
             view = View(scene, start, ds, source=path)
             _check_drawable(view)
         else:
             check_steady(scene)
+            # 400 cases over speed and clearance
             if grid is None:
                 grid = {"clearance": np.linspace(2e-4, 4e-3, 16), "speed": np.linspace(200.0, 2500.0, 25)}
             grid = {name: np.asarray(values, float) for name, values in grid.items()}
@@ -195,6 +197,7 @@ class Session:
 
     def show(self, view: View) -> None:
         """Show another view, from which `move` leads back to this one; those that were ahead are forgotten."""
+        # as browsers do it
         self.views[self.at + 1 :] = [view]
         self.at += 1
 
@@ -212,10 +215,12 @@ class Session:
         names = self.view.names
         counts = (200,) if len(names) == 1 else (16, 25)
         grid = {}
+        # each side of the box, within the map
         for name, pair, count in zip(names, ends, counts, strict=True):
             values = self.view.axis(name)
             low, high = map(float, np.clip(sorted(pair), values.min(), values.max()))
             finer = np.linspace(low, high, count)
+            # seeds and the like have no values between
             if self.view.quantity(name).whole:
                 finer = np.arange(math.ceil(low), math.floor(high) + 1.0)
             if len(finer) < 2 or not finer[-1] - finer[0] > 1e-6 * np.ptp(values):
@@ -246,6 +251,7 @@ class Session:
             # the first pass has too few periods for kinds other than periods
             kinds = MotionKind(min(options["periods"], LAST))
             options["record"] = [kinds if name == "motion" else name for name in view.record]
+            # each piece is shown before the next one begins
             for first in range(0, len(order), 80):
                 part = order[first : first + 80]
                 values = cases.part(np.unravel_index(part, cases.shape))
@@ -254,6 +260,7 @@ class Session:
                 yield dataclasses.replace(view, ds=whole), text, min(1.0, (first + 80) / len(order))
             if whole is None or "kind" not in whole:
                 return
+            # of the cases with a finite motion
             unsure = (whole["kind"].values == "unresolved") & (whole["status"].values == Status.FINITE)
             order = order[unsure.ravel()[order]]
             options["periods"] = SURE
@@ -299,6 +306,7 @@ class Session:
         """Return the last place up to a distance where the run kept its state, and the beginning of a window [m]."""
         edges = edges_of(self.run, "distance")
         limit = max(distance, edges[0]) + 1e-6
+        # where the run begins, and the ends of its stretches
         kept = [place for place in (edges[0], *self.run["stretch"].values) if place <= limit]
         return float(max(kept)), float(edges[edges <= limit].max())
 
@@ -306,6 +314,7 @@ class Session:
         """Return a run with its state where the window at a distance [m] begins, or the start there."""
         kept, begin = self.way(distance)
         start = self.run if kept in self.run["stretch"] else load_start(self.run)
+        # the state is there; else the run goes on up to the window
         if begin == kept:
             return start
         return run_along(self.view.scene, length=begin - kept, begin=kept, start=start, **self.run_options)
@@ -316,6 +325,7 @@ class Session:
         low, high = case.window
         scene = case.scene
         wave = _wavelength(scene)
+        # one wavelength at least, with the window at its end
         periods = max(1, math.ceil((high - self.way(low)[1]) / wave - 1e-6))
         kept, begin = self.way(high - periods * wave + self.run.attrs["window [m]"] - 2e-6)
         if scene.wear is not None:  # too little to matter within a window
@@ -329,6 +339,7 @@ class Session:
         """Return indices by dimension of the case nearest to a place along `view.names` [SI units]."""
         view = self.view
         away = {name: np.abs(view.axis(name) - p) for name, p in zip(view.names, place, strict=True)}
+        # a sample has one dimension, in which axes are scaled by their range
         if view.grid is None and view.ds is not None and "case" in view.ds["status"].dims:
             scaled = [(distance / (np.ptp(view.axis(name)) or 1.0)) ** 2 for name, distance in away.items()]
             return {"case": int(np.argmin(np.sum(scaled, axis=0)))}
@@ -339,12 +350,14 @@ class Session:
         view = self.view
         if view.is_run:
             low, high = map(float, edges_of(view.ds, "distance")[index["distance"] :][:2])
+            # steps are counted by stretch
             stretch = min(int(np.searchsorted(self.run["stretch"], (low + high) / 2)), self.run.sizes["stretch"] - 1)
             per_metre = float(self.run["steps_per_window"][stretch]) / self.run.attrs["window [m]"]
             steps = math.ceil(per_metre * _wavelength(view.scene))
             return Case(view.scene, view.start, "", steps, load_call(self.run).get("solver"), (low, high))
         scene = view.scene
         motion = getattr(view.start, "motion", view.start) or table_2_start()
+        # each name changes the start or the scene
         for name in view.names:
             value = float(view.axis(name)[index.get(name, index.get("case", 0))])
             if name.startswith("start_"):
@@ -355,6 +368,7 @@ class Session:
         if any(name.startswith("start_") for name in view.names):
             start = eqx.tree_at(lambda state: state.motion, start, motion) if hasattr(start, "motion") else motion
         steps = solver = None
+        # what was given keeps its own steps and solver
         if view.ds is not None and view.grid is None:
             solver = load_call(view.ds).get("solver")
             count = int(view.ds["steps_per_period"].isel(index).max()) if "steps_per_period" in view.ds else 0
@@ -391,6 +405,7 @@ class Session:
             return
         saves = None if case.steps is not None and case.steps % SAVES else SAVES
         run = simulate(case.scene, PERIODS, start=case.start, saves_per_period=saves, **case.options)
+        # saves per period
         every = len(run.period) // PERIODS
         ds = run.to_xarray().isel(time=slice(-SETTLED * every - 1, None))
         kind, period = "unresolved", 0
@@ -411,6 +426,7 @@ class Session:
         orbit = self.orbit
         assert orbit is not None
         bounds = self.branch_bounds(name)
+        # the first orbit has the steps of the branch, and shares its programs
         steps = steps_of_branch(orbit.scene, parameter(name, orbit.scene), bounds, None)
         options: dict[str, Any] = dict(steps_per_period=steps, solver=orbit.solver)
         first = periodic_orbit(orbit.scene, orbit.period, start=orbit.state, **options)
@@ -466,6 +482,7 @@ def _check_drawable(view: View) -> None:
 def _put(whole: xr.Dataset | None, ds: xr.Dataset, part: np.ndarray, cases: Cases) -> xr.Dataset:
     """Put some cases of a grid, side by side in `ds`, into the dataset of all of them."""
     data = {}
+    # cases along the first axis, in the shape of the grid afterwards
     for name, variable in ds.data_vars.items():
         values = variable.values
         shape = values.shape[1:]
@@ -473,6 +490,7 @@ def _put(whole: xr.Dataset | None, ds: xr.Dataset, part: np.ndarray, cases: Case
         if whole is not None:  # the number of crossings differs
             old = whole[name].values.reshape(cases.count, *whole[name].shape[len(cases.dims) :])
             shape = tuple(map(max, shape, old.shape[1:]))
+        # what is not computed yet
         empty = {"f": np.nan, "U": ""}.get(values.dtype.kind, 0)
         dtype = "U16" if values.dtype.kind == "U" else values.dtype
         full = np.full((cases.count, *shape), int(Status.NOT_RUN) if name == "status" else empty, dtype)

@@ -58,6 +58,7 @@ class Worker:
                 self._changed.wait_for(lambda: self._jobs or self._closed)
                 if self._closed:
                     return
+                # the most urgent one; jobs wait between their pieces
                 name = next(name for name in self._names if name in self._jobs)
                 job = self._jobs[name]
             self._advance(name, job)
@@ -74,6 +75,7 @@ class Worker:
         except Exception as problem:  # whatever it is, the page says it and lives on
             error = problem
         with self._changed:
+            # a job that was replaced says nothing
             told = wanted()
             if told:
                 del self._jobs[name]
