@@ -23,8 +23,6 @@ def explore(case: Case, over: Any, by: Any, port: int, no_browser: bool, source:
     STORE, FILE: a store or a netCDF file of sweep, bifurcation, lyapunov or run. SCENE: a TOML file, whose map is
     computed. Options that change the case go with --scene in place of it.
     """
-    import matplotlib
-
     from ..explorer.launch import explore as serve
 
     if source is not None and (of_case := given(*CASE)):
@@ -33,7 +31,6 @@ def explore(case: Case, over: Any, by: Any, port: int, no_browser: bool, source:
         raise ValueError(f"Option {without_effect[0]} must not be given: the page takes the scene's own.")
     if by is not None and over is None:
         raise ValueError("Option --by needs --over.")
-    matplotlib.use("Agg")  # in this process only: in a notebook its own backend draws
     grid = make_grid(case.scene, *([] if by is None else [by]), over) if over is not None else None
     try:
         page = serve(case.scene if source is None else source, grid, start=case.start, port=port)

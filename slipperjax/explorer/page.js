@@ -40,10 +40,8 @@ const old_way = () => {
 }
 if (navigator.clipboard) navigator.clipboard.writeText(texts.data.python[0]).catch(old_way)
 else old_way()
-//// save: a file that the page has made
-const text = source.data.content[0]
-const content = text64 ? Uint8Array.from(atob(text), (c) => c.charCodeAt(0)) : text
+//// save: the scene as a file
 const link = document.createElement("a")
-link.href = URL.createObjectURL(new Blob([content], {type: "application/octet-stream"}))
-link.download = name
+link.href = URL.createObjectURL(new Blob([source.data.content[0]], {type: "application/octet-stream"}))
+link.download = "scene.toml"
 link.click()

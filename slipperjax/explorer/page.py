@@ -1,10 +1,9 @@
 """The page: a map on the left, the case that was clicked on the right. Bokeh draws, `Session` computes."""
 
-import base64
 import dataclasses
 import functools
 import html
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future, wait
 from typing import Any
 
@@ -20,8 +19,7 @@ from ..model.parameters import PARAMETERS
 from ..model.scene import scene_to_toml
 from ..orbits.branches import OrbitBranch
 from ..orbits.periodic import PeriodicOrbit
-from ..plots.picture import plot
-from ..plots.style import COLORS, NOT_RUN_LABEL, png, quantity_of
+from ..plots.style import COLORS, NOT_RUN_LABEL, quantity_of
 from . import pictures
 from .panels import CODE, Panels, source
 from .scripts import python_of
@@ -45,7 +43,7 @@ class Page:
         self.session = session
         self.keep = keep
         self.quiet = False  # whether widgets are set by the page and not by a hand
-        self.worker = Worker(("case", "file", "orbit", "branch", "map"), self._deliver, self._ended)
+        self.worker = Worker(("case", "orbit", "branch", "map"), self._deliver, self._ended)
         self.panels = Panels(lambda: self._show_case())
         sides = row(self._left(), self.panels.root, spacing=12)
         doc.title = "slipperjax explore"
@@ -87,9 +85,7 @@ class Page:
         """Show a piece of what is computed."""
         session = self.session
         # each kind of piece has its place
-        if isinstance(piece, bytes):
-            self.png.data = {"content": [base64.b64encode(piece).decode()]}
-        elif isinstance(piece, tuple) and isinstance(piece[0], View):
+        if isinstance(piece, tuple) and isinstance(piece[0], View):
             session.views[session.at], text, share = piece
             self._say(text, share)
             self._show_view()
@@ -152,7 +148,6 @@ class Page:
             "■ Stop": self._stop,
             "Copy as Python": lambda: self._say("the script is in the clipboard"),
             "Save scene": lambda: self._say("the scene is in the browser's downloads"),
-            "Save picture": lambda: self.worker.submit("file", self._draw_picture()),
         }
         buttons = {text: Button(label=text, width=108) for text in acts}
         # those that end in the browser only say so here
@@ -162,14 +157,8 @@ class Page:
         self.forward = buttons["Forward ▶"]
         self.texts = source("python")
         self.toml = source("content")
-        self.png = source("content")
-        # as an argument the picture's source becomes a part of the page
-        buttons["Copy as Python"].js_on_click(CustomJS(args=dict(texts=self.texts, png=self.png), code=CODE["copy"]))
-        save = lambda data, name, text64: CustomJS(
-            args=dict(source=data, name=name, text64=text64), code=CODE["save"]
-        )
-        buttons["Save scene"].js_on_click(save(self.toml, "scene.toml", False))
-        self.png.js_on_change("data", save(self.png, "slipper.png", True))
+        buttons["Copy as Python"].js_on_click(CustomJS(args=dict(texts=self.texts), code=CODE["copy"]))
+        buttons["Save scene"].js_on_click(CustomJS(args=dict(source=self.toml), code=CODE["save"]))
         self.keys = TextInput(visible=False)
         self.keys.on_change("value", lambda attr, old, new: self._key(new.rpartition(" ")[0]))
         self.line = Div(text=HELP, width=WIDTH, name="line", styles={"font-size": "13px", "line-height": "1.25"})
@@ -409,7 +398,7 @@ class Page:
             self._say("following the branch; the first time its programs are compiled, which takes a while")
             self.worker.submit("branch", self.session.follow(self.path.value))
 
-    # --- texts and files --------------------------------------------------------------------------------------------
+    # --- texts ------------------------------------------------------------------------------------------------------
 
     def _write_texts(self) -> None:
         session = self.session
@@ -423,13 +412,6 @@ class Page:
         self.toml.data = {"content": [toml]}
         pre = f'<pre style="font-size:11px;white-space:pre-wrap">{html.escape(text)}</pre>'
         self.code.text = f'<details><summary style="cursor:pointer">The script</summary>{pre}</details>'
-
-    def _draw_picture(self) -> Iterator[bytes]:
-        """Draw the case, or the run, as `slipperjax.plots` does."""
-        shown, view = self.session.shown, self.session.view
-        if shown is not None:
-            axes = plot(view.ds if view.is_run else shown.run)
-            yield png(np.ravel(axes)[0].figure, 200)
 
 
 def _legend(pairs: Iterable[tuple[str, str]]) -> str:

@@ -83,22 +83,6 @@ def contact_forces(ds: Any, ax: Any = None, *, most: int = 4, last: float | None
     return ax
 
 
-def _highest_forces(ds: xr.Dataset, ax: Any) -> None:
-    """Draw the highest saved force of each forcing period, of the points with the highest peaks, which are dots."""
-    period = ds["period"].values
-    numbers = np.maximum(np.ceil(period - 1e-9), 1)  # a period has its end, not its beginning
-    # where another period begins
-    starts = np.flatnonzero(np.diff(numbers, prepend=-np.inf))
-    for line in most_loaded(ds, 4):
-        forces = np.maximum.reduceat(line.force, starts)
-        ax.plot(numbers[starts] - 0.5, forces, lw=0.9, label=line.name, **line.style)
-        ax.plot(line.instant, line.peak, "o", ms=3, mew=0, color=line.style["color"])
-    margin = 0.01 * np.ptp(period)
-    ax.margins(y=0.1)
-    ax.set(ylabel="peak force $F$ [kN]", ylim=(0, None), xlim=(period[0] - margin, period[-1] + margin))
-    legend_above(ax)
-
-
 class PointForce(NamedTuple):
     """Contact force of one point [kN] in the saved states, and its peak over every step, as far as it is known."""
 
@@ -163,7 +147,7 @@ def overview(ds: Any, axes: Any = None) -> Any:
         for name, ax in zip(names, panels.ravel(), strict=False):
             history(ds, name, ax)
         last = 4.0  # forcing periods, in which single impacts are seen
-        _highest_forces(ds, panels[5, 0])
+        contact_forces(ds, panels[5, 0], last=None)
         contact_forces(ds, panels[5, 1], last=last)
         for ax in panels[:6].ravel():
             ax.set_xlabel("")
