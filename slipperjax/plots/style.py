@@ -114,7 +114,7 @@ def quantity_of(name: str, ds: xr.Dataset | None = None) -> Quantity:
         unit = attrs.get("units", "1")
         symbol = attrs.get("symbol", "")
         shown_unit = attrs.get("shown_unit", "")
-        return Quantity(of, unit, of.replace("_", " "), symbol, 1.0, shown_unit, float(attrs.get("per_shown", 1.0)))
+        return Quantity(of, unit, of.replace("_", " "), symbol, 1.0, shown_unit)
 
 
 def axis_label(name: str, ds: xr.Dataset | None = None) -> str:

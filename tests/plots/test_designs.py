@@ -15,7 +15,7 @@ from slipperjax.plots.style import color_norm, round_ticks
 from .shown import drawn, labels, legend, marked
 
 NAN, INF = float("nan"), float("inf")
-FORCE = {"units": "N", "quantity": "peak_force", "symbol": r"F_{\max}", "shown_unit": "kN", "per_shown": 1e3}
+FORCE = {"units": "N", "quantity": "peak_force", "symbol": r"F_{\max}", "shown_unit": "kN"}
 BOUNDS = {
     "mass": (10.0, 20.0, "kg"),
     "clearance": (0.2e-3, 3e-3, "m"),
