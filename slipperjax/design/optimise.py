@@ -531,5 +531,5 @@ def _starts(
 
 def _labels(q: Quantity) -> dict[str, Any]:
     """Return attributes from which pictures label and scale a variable, whatever its name."""
-    shown = {"symbol": q.symbol, "shown_unit": q.shown_unit}
+    shown = {"symbol": q.symbol, "shown_unit": q.display_unit}
     return {"units": q.unit, "long_name": q.long_name, "quantity": q.name} | shown

@@ -20,21 +20,6 @@ from ..flow.records import AbstractNumber, ContactChecks, judged_by_contacts
 from ..flow.simulate import Trajectory, beginning, warn_beyond
 from ..flow.status import MEANINGS, first_problem, most_stability_number, with_accuracy
 from ..flow.stepping import ConstantSteps, capacity_for
-from ..flow.windows import (
-    DEFAULT,
-    FRICTION_WORK,
-    PEAKS,
-    PER_STRETCH,
-    SPRING_FORCE,
-    STRETCH,
-    WINDOW_RECORDS,
-    PerWindow,
-    ThirdOctaves,
-    Wearing,
-    WindowedTrack,
-    run_record,
-    stretch_ends,
-)
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.layout import StateLayout
@@ -60,6 +45,21 @@ from .run import (
     shared_capacity,
 )
 from .store import Store, storable
+from .windows import (
+    DEFAULT,
+    FRICTION_WORK,
+    PEAKS,
+    PER_STRETCH,
+    SPRING_FORCE,
+    STRETCH,
+    WINDOW_RECORDS,
+    PerWindow,
+    ThirdOctaves,
+    Wearing,
+    WindowedTrack,
+    run_record,
+    stretch_ends,
+)
 
 LEAST_STEPS_PER_WINDOW = 4
 """Fewest integration steps in a window, from which its curves are made."""
@@ -108,7 +108,7 @@ def run(
     - `speed`: a programme, or a constant speed [m/s]; default that of the scene.
     - `window`: length over which records are joined [m].
     - `record`: names or records of numbers, which are kept of each window: those of `slipperjax.flow.RECORDS` and
-        `slipperjax.flow.windows.WINDOW_RECORDS`. Default what tests of tracks report, see below.
+        `slipperjax.sweeps.windows.WINDOW_RECORDS`. Default what tests of tracks report, see below.
     - `start`: as for `simulate`, at the place where the run begins; or, without a store, an earlier run, from whose
         state at `begin` this one goes on, by default at its end.
     - `steps_per_period`: integration steps per wavelength of the track, or reference length, the same all the way;

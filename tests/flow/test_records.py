@@ -15,9 +15,9 @@ from slipperjax.flow.record import History, PeriodLoads, RecordedSpan, RecordSet
 from slipperjax.flow.records import ALIASES, RECORDS, ForcePercentile, Record, SpectrumLines
 from slipperjax.flow.status import Status
 from slipperjax.flow.stepping import ConstantSteps
-from slipperjax.flow.windows import PEAK_DISTANCE, PerWindow
 from slipperjax.model.layout import coordinate_rows
 from slipperjax.model.quantities import COORDINATES, Quantity
+from slipperjax.sweeps.windows import PEAK_DISTANCE, PerWindow
 
 from ..common import STEPS, fine
 from .made_up import made_up_course, wave

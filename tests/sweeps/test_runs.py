@@ -8,9 +8,9 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.flow.datasets import load_call
-from slipperjax.flow.windows import BANDS, SAMPLES_PER_WINDOW, STRETCH, ThirdOctaves
 from slipperjax.sweeps.grid import Cases
 from slipperjax.sweeps.runs import _keys, _step_profiles
+from slipperjax.sweeps.windows import BANDS, SAMPLES_PER_WINDOW, STRETCH, ThirdOctaves
 
 SCENE, STEPS = sj.paper_scene(), 50
 RAIL = dataclasses.replace(SCENE, track=sj.RandomTrack.sled(length=400.0), gravity=9.81, friction=sj.Coulomb(0.1))

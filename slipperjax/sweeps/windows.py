@@ -12,14 +12,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..flow.course import Course
+from ..flow.record import AbstractRecord, Unlabelled
+from ..flow.records import POINTS, RECORDS, AbstractAtPeak, AbstractNumber, AbstractQuantityRecord, Join, Record
 from ..model.quantities import ACCELERATIONS, Quantity
 from ..model.scene import Scene
 from ..model.tracks import AbstractTrack, Irregularity
 from ..tools.checks import positive
 from ..tools.fields import field
-from .course import Course
-from .record import AbstractRecord, Unlabelled
-from .records import POINTS, RECORDS, AbstractAtPeak, AbstractNumber, AbstractQuantityRecord, Join, Record
 
 STRETCH = 100
 """Windows in a stretch, after which states are kept, and over which spectra and rates are taken."""
