@@ -66,8 +66,8 @@ tests/model/test_paths.py
 
 rear end ahead of the front
 tests/model/test_kernel.py -k right_hand_side
--for at in (distance, distance - length))
-+for at in (distance, distance + length))
+-for at in (distance, distance - scene.slipper.length)]
++for at in (distance, distance + scene.slipper.length)]
 
 gyroscopic damping with the wrong sign
 tests/solvers/test_solvers.py -k linearised_contact

@@ -48,7 +48,7 @@ _NEXT = {2: (-1, 2), 3: (1, -3, 3), 4: (-1, 4, -6, 4)}
 
 
 def continued(values: Float[Array, "ends ..."], steps: Any) -> Float[Array, "ends+4 ..."]:
-    """Returns values at the ends of steps, of which the first `steps` + 1 count, with two before and two after those.
+    """Return values at the ends of steps, of which the first `steps` + 1 count, with two before and two after those.
 
     Before and after the period, values go on as the cubics through the nearest four.
     """
@@ -60,18 +60,18 @@ def continued(values: Float[Array, "ends ..."], steps: Any) -> Float[Array, "end
 
 
 def central_difference(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Returns the slope [per step] amid four values: two samples before the place and two after it."""
+    """Return the slope [per step] amid four values: two samples before the place and two after it."""
     return (8 * (c - b) + a - d) / 12
 
 
 def step_slopes(values: Float[Array, "ends ..."], steps: Any) -> Float[Array, "ends ..."]:
-    """Returns slopes [per step] at the ends of steps, of which the first `steps` + 1 count."""
+    """Return slopes [per step] at the ends of steps, of which the first `steps` + 1 count."""
     a, b, _, c, d = (continued(values, steps)[k : k + len(values)] for k in range(2 * DIFFERENCE_MARGIN + 1))
     return central_difference(a, b, c, d)
 
 
 def _two_more(values: Array) -> Array:
-    """Returns the next two values of the polynomial through two to four equidistant ones, along the first axis."""
+    """Return the next two values of the polynomial through two to four equidistant ones, along the first axis."""
     weights = np.array(_NEXT[len(values)])
     following = lambda v: jnp.tensordot(weights, v[-len(weights) :], 1)
     values = jnp.stack([*values, following(values)])
@@ -100,7 +100,7 @@ class Loads(NamedTuple):
 
 
 def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Any) -> Loads:
-    """Returns loads of one period.
+    """Return loads of one period.
 
     **Arguments:** at both ends of every step, of which the first `steps` + 1 count, forces [N] and gaps [m] of shape
     (ends, 2, points) and `contact_rate` [1/s]; `args`: scene and epoch; `steps`: integration steps per period, may be
@@ -146,7 +146,7 @@ def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Any)
 
 
 def over_periods(loads: Loads, seconds: Float[Array, " periods"] | None = None) -> Loads:
-    """Returns loads of several periods from those of each, along the first axis.
+    """Return loads of several periods from those of each, along the first axis.
 
     Contact fractions are means, weighted by the `seconds` of each period, which are alike at a constant speed.
     """
@@ -158,7 +158,7 @@ def over_periods(loads: Loads, seconds: Float[Array, " periods"] | None = None) 
 
 
 def _slope(a: Array, b: Array, here: Array, c: Array, d: Array) -> Array:
-    """Returns slopes of force and penetration [per step] from the values of two samples before and two after.
+    """Return slopes of force and penetration [per step] from the values of two samples before and two after.
 
     A force that is zero begins or ends there, or is zero throughout: its slope is zero in each case.
     """
@@ -184,7 +184,7 @@ def contact_rate(now: Contacts, memory: Any, args: Args) -> Array:
 
 
 def _share_closed(g0: Array, d0: Array, g1: Array, d1: Array) -> Array:
-    """Returns the share of a step in which a gap is negative [1]."""
+    """Return the share of a step in which a gap is negative [1]."""
     changes = (g0 < 0) != (g1 < 0)
     x = sign_change(Cubic.through(g0, d0, g1, d1), g1, changes)
     within = jnp.where(g0 < 0, x, 1 - x)
@@ -237,7 +237,7 @@ class Curve:
         return values.reshape(-1, *self.values.shape[1:])
 
     def at(self, places: Float[np.ndarray, " places"]) -> Float[Array, "places ..."]:
-        """Returns values at some places of the period, 0 to 1."""
+        """Return values at some places of the period, 0 to 1."""
         inside = places * self._course.steps
         k = jnp.minimum(jnp.floor(inside), self._course.steps - 1).astype(int)
         x = (inside - k).reshape(-1, *[1] * (self.values.ndim - 1))
@@ -468,7 +468,7 @@ class Course:
         return Crossings(jnp.where(used, time, jnp.nan), jnp.where(used, velocity, jnp.nan))
 
     def saved(self, saves: int) -> State:
-        """Returns the states at the ends of `saves` equal parts of the period, with a leading axis."""
+        """Return the states at the ends of `saves` equal parts of the period, with a leading axis."""
         if saves == 1:
             return jax.tree.map(lambda a: a[None], self.end)
         if isinstance(self.steps, int):
@@ -478,12 +478,12 @@ class Course:
         return jax.tree.map(lambda a: a[at], self.states)
 
     def mean(self, samples: Float[Array, "samples ..."]) -> Float[Array, "..."]:
-        """Returns the mean over time of what was computed from samples of curves; over distance where the speed
+        """Return the mean over time of what was computed from samples of curves; over distance where the speed
         changes."""
         return jnp.sum(self.counted(samples, 0.0), axis=0) / (self.steps * len(GAUSS_PLACES))
 
     def counted(self, values: Shaped[Array, "samples ..."], filler: float) -> Shaped[Array, "samples ..."]:
-        """Returns values of steps, or samples, with `filler` in place of those of unused steps."""
+        """Return values of steps, or samples, with `filler` in place of those of unused steps."""
         used = jnp.repeat(self.used, len(values) // self.capacity)
         return jnp.where(used.reshape(-1, *[1] * (values.ndim - 1)), values, filler)
 

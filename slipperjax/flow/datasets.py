@@ -40,7 +40,7 @@ SAME_VALUE = 1e-9
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Returns versions of slipperjax, of the packages it computes with, and of Python."""
+    """Return versions of slipperjax, of the packages it computes with, and of Python."""
     numbers = {"python": platform.python_version()}
     for name in ("slipperjax", "jax", "jaxlib", "diffrax", "equinox", "numpy"):
         try:
@@ -51,7 +51,7 @@ def versions() -> dict[str, str]:
 
 
 def run_attributes(scene: Scene, start: Motion | State, call: Mapping[str, Any], varied: Any = ()) -> dict[str, str]:
-    """Returns attributes, JSON each, from which `load_scene`, `load_start` and `load_call` read.
+    """Return attributes, JSON each, from which `load_scene`, `load_start` and `load_call` read.
 
     **Arguments:** `call`: the function's name as `function`, and its arguments; `varied`: names of the coordinates
     that hold what differs between cases.
@@ -68,7 +68,7 @@ def run_attributes(scene: Scene, start: Motion | State, call: Mapping[str, Any],
 
 
 def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, Any]:
-    """Returns the scene's parameters, as attributes of a dataset.
+    """Return the scene's parameters, as attributes of a dataset.
 
     **Arguments:** `without`: names and paths of parameters which a dataset has as coordinates. All that depend on
     them are left out, as the clearance where section.play.2 is varied, and so are those with several values.
@@ -94,7 +94,7 @@ _over_periods = jit(over_periods)
 
 
 def trajectory_dataset(trajectory: Any) -> Any:
-    """Returns a `Trajectory` as an `xarray.Dataset`.
+    """Return a `Trajectory` as an `xarray.Dataset`.
 
     Dimensions time, end (front, rear) and point (A..J); variables y, z, roll, pitch, yaw, v_y, v_z, w_x, w_y, w_z,
     a_y, a_z, alpha_x, alpha_y, alpha_z, contact_force, gap and drive_force, and over all steps of the run, by end and
@@ -125,7 +125,7 @@ def trajectory_dataset(trajectory: Any) -> Any:
 
 
 def load_scene(source: Any, **chosen: Any) -> Scene:
-    """Returns the scene of a TOML file, of a result's netCDF file, or of a dataset; exactly as it was.
+    """Return the scene of a TOML file, of a result's netCDF file, or of a dataset; exactly as it was.
 
     **Arguments:** `source`: a path or an `xarray.Dataset`. `chosen`: for a result of many cases, the values of what
     was varied, by name [SI units, or quantities], unless the dataset is of one case, as by `ds.isel(speed=3)`.
@@ -143,7 +143,7 @@ def load_scene(source: Any, **chosen: Any) -> Scene:
 
 
 def load_start(source: Any, **chosen: Any) -> Motion | State | None:
-    """Returns the start of a TOML file, a netCDF file or a dataset; None where a TOML file has none.
+    """Return the start of a TOML file, a netCDF file or a dataset; None where a TOML file has none.
 
     **Arguments:** and **Raises:** as for `load_scene`.
     """
@@ -159,7 +159,7 @@ def load_start(source: Any, **chosen: Any) -> Motion | State | None:
 
 
 def load_run(source: Any) -> dict[str, Any]:
-    """Returns the arguments of `run` in the table [run] of a TOML file, as in
+    """Return the arguments of `run` in the table [run] of a TOML file, as in
     `sj.run(sj.load_scene(file), start=sj.load_start(file), **sj.load_run(file))`.
 
     **Raises:** `ValueError` where the file has no such table; `OSError` for a file that cannot be read.
@@ -182,7 +182,7 @@ def load_base(source: Any) -> tuple[Scene, Motion | State]:
 
 
 def load_call(source: Any) -> dict[str, Any]:
-    """Returns the function that made a result, as `function`, and its arguments besides scene, grid and start.
+    """Return the function that made a result, as `function`, and its arguments besides scene, grid and start.
 
     **Raises:** `ValueError` where a solver, controller or record cannot be rebuilt.
     """
@@ -194,7 +194,7 @@ def load_call(source: Any) -> dict[str, Any]:
 
 
 def _scene_file(source: Any, chosen: Mapping[str, Any]) -> SceneFile | None:
-    """Returns what a TOML file holds; None for another source."""
+    """Return what a TOML file holds; None for another source."""
     if not isinstance(source, str | os.PathLike) or Path(source).suffix.lower() != ".toml":
         return None
     try:
@@ -208,7 +208,7 @@ def _scene_file(source: Any, chosen: Mapping[str, Any]) -> SceneFile | None:
 
 
 def dataset_of(source: Any) -> Any:
-    """Returns a dataset as it is, or that of a netCDF file or a zarr store.
+    """Return a dataset as it is, or that of a netCDF file or a zarr store.
 
     **Raises:** `ValueError` for something else, or more than fits into memory; `OSError` for a file that cannot be
     read.
@@ -222,7 +222,7 @@ def dataset_of(source: Any) -> Any:
 
 
 def _labels_of(source: Any) -> Any:
-    """Returns the attributes and coordinates of a result, which say its scenes, as a dataset."""
+    """Return the attributes and coordinates of a result, which say its scenes, as a dataset."""
     with _opened(source) as ds:
         if ds is source:
             return ds
@@ -277,7 +277,7 @@ def _attribute(ds: Any, name: str) -> Any:
 
 
 def varied_names(ds: Any) -> list[str]:
-    """Returns names of the coordinates that were varied; raises `ValueError` where one of them is lost."""
+    """Return names of the coordinates that were varied; raises `ValueError` where one of them is lost."""
     names = _described(ds, "varied", list)
     for name in names:
         if not isinstance(name, str) or name not in ds.coords:

@@ -59,7 +59,7 @@ def _smooth_weights(state: State) -> State:
 
 @functools.partial(jit, static_argnames=("count",))
 def initial_tangents(scenes: Batched[Scene], states: State, count: int) -> State:
-    """Returns `count` orthonormal tangents for each case of a batch, with axes (cases, count, ...)."""
+    """Return `count` orthonormal tangents for each case of a batch, with axes (cases, count, ...)."""
     return scenes.map(lambda scene, state: first_tangents(state, count, tangent_weights(scene)), states)
 
 
@@ -92,7 +92,7 @@ class PeriodMap(eqx.Module):
     """Forcing periods in one application."""
 
     def __call__(self, state: State, k: Any = 0.0) -> State:
-        """Returns the state after one application, the one number `k`."""
+        """Return the state after one application, the one number `k`."""
         return self.run(state, k * self.periods).state
 
     @with_standard_promotion
@@ -170,7 +170,7 @@ class PeriodMap(eqx.Module):
 
 
 def _lost_where(failed: Any, state: State) -> State:
-    """Returns the state or states with a motion of NaN where solver or controller gave up."""
+    """Return the state or states with a motion of NaN where solver or controller gave up."""
     lost = jax.tree.map(lambda v: jnp.where(failed, jnp.nan, v), state.motion)
     return eqx.tree_at(lambda s: s.motion, state, lost)
 
@@ -178,7 +178,7 @@ def _lost_where(failed: Any, state: State) -> State:
 def run_compiled(
     period_map: PeriodMap, state: State, periods: int, records: RecordSet, epoch: Any = 0.0, used: Any = None
 ) -> Passage:
-    """Returns `period_map.run` of one case, compiled; see there."""
+    """Return `period_map.run` of one case, compiled; see there."""
     return call_compiled(_run, period_map, (periods, records), state, epoch, used)
 
 
@@ -188,7 +188,7 @@ def _run(period_map: PeriodMap, static: tuple, state: State, epoch: Any, used: A
 
 
 def initial_states(scenes: Batched[Scene], starts: Motion | State, epoch: Any = 0.0) -> State:
-    """Returns the states of a batch after `epoch` forcing periods; `starts` has a leading axis of cases.
+    """Return the states of a batch after `epoch` forcing periods; `starts` has a leading axis of cases.
 
     Gives an `ImplausibleWarning` where slippers begin far outside their play.
     """
@@ -277,6 +277,6 @@ def advance_tangents(
 def batch_jacobians(
     scenes: Batched[Scene], states: State, epoch: Any, stepping: AbstractStepping, *, solver: Any, periods: int
 ) -> Float[Array, "cases periods size size"]:
-    """Returns Jacobians of a batch's successive period maps, for Floquet multipliers."""
+    """Return Jacobians of a batch's successive period maps, for Floquet multipliers."""
     of_one = lambda scene, state: jacobians(PeriodMap(scene, stepping, solver), state, periods, index=epoch)
     return scenes.map(of_one, states)

@@ -73,37 +73,37 @@ class AbstractRecord(abc.ABC):
         """Estimates how many numbers of a case are kept, of so many periods, from the shapes of a scene."""
 
     def last(self, periods: int) -> int:
-        """Returns how many of the last recorded periods need their samples kept."""
+        """Return how many of the last recorded periods need their samples kept."""
         return periods
 
     def with_saves(self, saves: int) -> "AbstractRecord":
-        """Returns the same, of so many saves per period where it leaves that to the run."""
+        """Return the same, of so many saves per period where it leaves that to the run."""
         return self
 
     def check(self, scene: Scene, periods: int, steps: int) -> None:  # noqa: B027
         """Raises `ValueError` where a run of so many recorded periods, of `steps` at least, does not suit."""
 
     def begin(self, scene: Scene, state: State) -> Any:
-        """Returns the initial carry of one case, in NumPy arrays; None where nothing is carried.
+        """Return the initial carry of one case, in NumPy arrays; None where nothing is carried.
 
         **Arguments:** `scene`, `state`: shapes count, numbers do not.
         """
         return None
 
     def add(self, carried: Any, course: Course) -> Any:
-        """Returns the carry after one more period, inside the compiled program."""
+        """Return the carry after one more period, inside the compiled program."""
         return carried
 
     def sample(self, course: Course) -> Any:
-        """Returns the arrays that are kept of each period, inside the compiled program; None where there are none."""
+        """Return the arrays that are kept of each period, inside the compiled program; None where there are none."""
         return None
 
     def feed_back(self, scene: Scene, carried: Any, epoch: Any) -> Scene:
-        """Returns the scene in the period `epoch`, where earlier periods change it."""
+        """Return the scene in the period `epoch`, where earlier periods change it."""
         return scene
 
     def cost_after(self, periods: int) -> float:
-        """Returns the cost of the work after so many recorded periods, in unrecorded ones."""
+        """Return the cost of the work after so many recorded periods, in unrecorded ones."""
         return 0.0
 
     def after(self, carried: Any, samples: Any, status: np.ndarray, run: Any) -> tuple[Any, np.ndarray]:
@@ -114,11 +114,11 @@ class AbstractRecord(abc.ABC):
         return carried, status
 
     def cost_continuing(self, periods: int) -> float:
-        """Returns the cost of running on after all chunks, in unrecorded periods."""
+        """Return the cost of running on after all chunks, in unrecorded periods."""
         return 0.0
 
     def periods_continuing(self, periods: int) -> int:
-        """Returns for how many forcing periods cases run on after so many recorded ones."""
+        """Return for how many forcing periods cases run on after so many recorded ones."""
         return 0
 
     def continue_cases(
@@ -134,11 +134,11 @@ class AbstractRecord(abc.ABC):
 
     @abc.abstractmethod
     def finish(self, carried: Any, samples: Any, span: RecordedSpan) -> Any:
-        """Returns arrays (cases, ...) from the carry (cases, ...) and samples (cases, periods, ...)."""
+        """Return arrays (cases, ...) from the carry (cases, ...) and samples (cases, periods, ...)."""
 
     @abc.abstractmethod
     def label(self, scene: Scene, dims: tuple[str, ...], values: Any) -> Labelled:
-        """Returns a dataset's variables and coordinates, from the arrays of `finish` of shape (*grid, ...)."""
+        """Return a dataset's variables and coordinates, from the arrays of `finish` of shape (*grid, ...)."""
 
 
 class Unlabelled(AbstractRecord):
@@ -189,7 +189,7 @@ class RecordSet:
         return RECORDED if self.inside else 1.0
 
     def cost_after(self, periods: int) -> float:
-        """Returns the cost of the work after so many recorded periods, in unrecorded ones."""
+        """Return the cost of the work after so many recorded periods, in unrecorded ones."""
         return sum((r.cost_after(periods) for r in self.records), 0.0)
 
     def values(self, scene: Scene, transient: int, periods: int) -> int:
@@ -197,7 +197,7 @@ class RecordSet:
         return sum(r.values(scene, periods + (transient if r.from_start else 0)) for r in self.records)
 
     def with_saves(self, saves: int) -> "RecordSet":
-        """Returns the same, of so many saves per period where they leave that to the run."""
+        """Return the same, of so many saves per period where they leave that to the run."""
         return RecordSet(tuple(r.with_saves(saves) for r in self.records))
 
     def check(self, scene: Scene, periods: int, steps: int, existing: Collection[str] = ()) -> None:
@@ -214,19 +214,19 @@ class RecordSet:
             r.check(scene, periods, steps)
 
     def begin(self, scene: Scene, state: State) -> tuple[Any, ...]:
-        """Returns initial carries of one case."""
+        """Return initial carries of one case."""
         return tuple(r.begin(scene, state) for r in self.records)
 
     def add(self, carried: tuple[Any, ...], course: Course) -> tuple[Any, ...]:
-        """Returns the carries after one more period."""
+        """Return the carries after one more period."""
         return tuple(r.add(mine, course) for r, mine in zip(self.records, carried, strict=True))
 
     def sample(self, course: Course) -> tuple[Any, ...]:
-        """Returns the arrays that are kept of each period."""
+        """Return the arrays that are kept of each period."""
         return tuple(r.sample(course) for r in self.records)
 
     def feed_back(self, scene: Scene, carried: tuple[Any, ...], epoch: Any) -> Scene:
-        """Returns the scene in the period `epoch`, where earlier periods change it."""
+        """Return the scene in the period `epoch`, where earlier periods change it."""
         for r, mine in zip(self.records, carried, strict=True):
             scene = r.feed_back(scene, mine, epoch)
         return scene
@@ -234,7 +234,7 @@ class RecordSet:
     def after(
         self, carried: tuple[Any, ...], samples: tuple[Any, ...], status: np.ndarray, run: Any
     ) -> tuple[tuple[Any, ...], np.ndarray]:
-        """Returns carries and `Status` codes after the recorded span."""
+        """Return carries and `Status` codes after the recorded span."""
         carries = []
         for r, mine, kept in zip(self.records, carried, samples, strict=True):
             mine, status = r.after(mine, kept, status, run)
@@ -247,7 +247,7 @@ class RecordSet:
         return any(r.continues for r in self.records)
 
     def cost_continuing(self, periods: int) -> float:
-        """Returns the cost of running on after all chunks, in unrecorded periods."""
+        """Return the cost of running on after all chunks, in unrecorded periods."""
         return sum((r.cost_continuing(periods) for r in self.records), 0.0)
 
     def periods_continuing(self, periods):
@@ -256,7 +256,7 @@ class RecordSet:
     def continue_cases(
         self, values: tuple[Any, ...], status: np.ndarray, plan: Any, options: Any, interrupted: bool
     ) -> tuple[tuple[Any, ...], np.ndarray, bool]:
-        """Returns values and `Status` codes after all that runs on, and whether the run was interrupted."""
+        """Return values and `Status` codes after all that runs on, and whether the run was interrupted."""
         continued = []
         for r, mine in zip(self.records, values, strict=True):
             mine, status, interrupted = r.continue_cases(mine, status, plan, options, interrupted)
@@ -264,12 +264,12 @@ class RecordSet:
         return tuple(continued), status, interrupted
 
     def finish(self, carried: tuple[Any, ...], samples: Sequence[Any], span: RecordedSpan) -> tuple[Any, ...]:
-        """Returns the arrays of each record, with a leading axis of cases."""
+        """Return the arrays of each record, with a leading axis of cases."""
         parts = zip(self.records, carried, samples, strict=True)
         return tuple(r.finish(mine, kept, span) for r, mine, kept in parts)
 
     def label(self, scene: Scene, dims: tuple[str, ...], values: tuple[Any, ...]) -> Labelled:
-        """Returns data variables and coordinates of a dataset."""
+        """Return data variables and coordinates of a dataset."""
         data, coords = {}, {}
         for r, mine in zip(self.records, values, strict=True):
             more, along = r.label(scene, dims, mine)
@@ -294,7 +294,7 @@ class Samples:
                 del calls[0]
 
     def joined(self) -> tuple[Any, ...]:
-        """Returns each record's samples in the order of time."""
+        """Return each record's samples in the order of time."""
         return tuple(self._joined(*pair) for pair in self._calls.items())
 
     def _joined(self, record: AbstractRecord, calls: list[Any]) -> Any:
@@ -306,17 +306,17 @@ class Samples:
 
 
 def _periods_in(calls: list[Any]) -> int:
-    """Returns the number of periods that the samples of some calls are of."""
+    """Return the number of periods that the samples of some calls are of."""
     return sum(leaf.shape[1] for call in calls for leaf in jax.tree.leaves(call)[:1])
 
 
 def attributes(unit: str, long_name: str) -> dict[str, str]:
-    """Returns the attributes of a data variable."""
+    """Return the attributes of a data variable."""
     return Quantity("", unit, long_name).attributes
 
 
 def point_labels(scene: Scene) -> dict[str, Any]:
-    """Returns the coordinates of variables at each contact point."""
+    """Return the coordinates of variables at each contact point."""
     return {"end": ["front", "rear"], "point": list(scene.section.names)}
 
 

@@ -52,7 +52,7 @@ def _root_mean(joined: Any, periods: Any) -> Any:
 
 
 def _log_sum(values: Array, axis: int = 0) -> Array:
-    """Returns ln of the sum of exp(values), which may be minus infinity."""
+    """Return ln of the sum of exp(values), which may be minus infinity."""
     most = jax.lax.stop_gradient(jnp.max(values, axis=axis))
     scale = jnp.where(jnp.isfinite(most), most, 0.0)
     total = jnp.sum(jnp.exp(values - scale), axis=axis)
@@ -87,7 +87,7 @@ class AbstractQuantityRecord(AbstractRecord):
         return self.quantity.unit
 
     def shape(self, scene: Scene) -> tuple[int, ...]:
-        """Returns the shape of one value."""
+        """Return the shape of one value."""
         of_points = {"end": 2, "point": scene.points // 2}
         return tuple(of_points[d] if isinstance(d, str) else len(d[1]) for d in self.dims)
 
@@ -111,7 +111,7 @@ class AbstractNumber(AbstractQuantityRecord):
 
     @abc.abstractmethod
     def of(self, course: Course) -> Any:
-        """Returns the value of one forcing period, an array with axes `dims`; for "rms" its square."""
+        """Return the value of one forcing period, an array with axes `dims`; for "rms" its square."""
 
     @property
     def smooth(self) -> "AbstractNumber":
@@ -119,7 +119,7 @@ class AbstractNumber(AbstractQuantityRecord):
         return self if self.samples is None else PowerMean(self)
 
     def total(self, values: Array) -> Array:
-        """Returns the number [`unit`] from the values of periods, along the first axis."""
+        """Return the number [`unit`] from the values of periods, along the first axis."""
         return self.join.value(self.join.reduce(values, axis=0), len(values))
 
     def begin(self, scene, state):
@@ -174,7 +174,7 @@ class Record(AbstractNumber):
             return
 
         def value():
-            """Returns the value of some period, to look at its shape."""
+            """Return the value of some period, to look at its shape."""
             state, _ = state_and_penetration(scene, table_2_start())
             inside = jax.tree.map(lambda a: jnp.broadcast_to(a, (5, *jnp.shape(a))), state)
             return self.function(Course(state, inside, Args(scene, 0.0, contact_points(scene)), 4))
@@ -220,7 +220,7 @@ class PowerMean(AbstractNumber):
         return Join(-np.inf, _log_sum, value)
 
     def of(self, course):
-        """Returns ln of the mean over time of the sum of x^order, without overflow."""
+        """Return ln of the mean over time of the sum of x^order, without overflow."""
         assert self.record.samples is not None
         size = jnp.abs(self.record.samples(course))
         size = size.reshape(len(size), -1)
@@ -283,7 +283,7 @@ class AbstractAtPeak(AbstractQuantityRecord):
 
     @abc.abstractmethod
     def of(self, course: Course) -> Any:
-        """Returns the number at the highest force of one forcing period, (2, points)."""
+        """Return the number at the highest force of one forcing period, (2, points)."""
 
     def begin(self, scene, state):
         none = np.zeros(self.shape(scene))
@@ -351,7 +351,7 @@ LARGEST = float(np.finfo(float).max)
 
 
 def _each_once(name: str, values: Any, good: Callable[[Any], bool], need: str) -> tuple[float, ...]:
-    """Returns one or several numbers as a tuple; raises `ValueError` where one is not good, or given twice."""
+    """Return one or several numbers as a tuple; raises `ValueError` where one is not good, or given twice."""
     try:
         numbers = np.atleast_1d(np.asarray(values if np.size(values) else None, dtype=object))
     except (TypeError, ValueError):  # of datasets, and of rows of several lengths
@@ -409,7 +409,7 @@ class ForcePercentile(AbstractQuantityRecord):
 
 
 def _ranked(counts: Int[np.ndarray, "*cases 2 points classes"], ranks: Int[np.ndarray, " percentiles"]) -> np.ndarray:
-    """Returns the forces of some ranks, 0 for the smallest [N], of shape (*cases, 2, points, percentiles)."""
+    """Return the forces of some ranks, 0 for the smallest [N], of shape (*cases, 2, points, percentiles)."""
     edges = ((np.arange(FORCE_CLASSES - 1) + _LEAST_CLASS) << _SHIFT).view(np.float64)
     low, width = np.array([0.0, *edges[:-1], np.inf]), np.array([0.0, *np.diff(edges), 0.0])
     total = np.cumsum(counts, axis=-1)
@@ -472,7 +472,7 @@ class SpectrumLines(AbstractNumber):
 
 
 def _of_coordinate(k: int, q: Quantity) -> tuple[Record, ...]:
-    """Returns the records of one of `COORDINATES`."""
+    """Return the records of one of `COORDINATES`."""
 
     def about(prefix: str, text: str, symbol: str = "") -> Quantity:
         return dataclasses.replace(q, name=f"{prefix}_{q.name}", long_name=f"{text} {q.long_name}", symbol=symbol)

@@ -166,7 +166,7 @@ def warn_beyond(track: AbstractTrack, name: str, travelled: float) -> None:
 
 
 def default_steps(scene: Scene, steps: int | None) -> Any:
-    """Returns the caller's steps per period, or the default, which is traced where the scene is."""
+    """Return the caller's steps per period, or the default, which is traced where the scene is."""
     if steps is not None:
         return given_steps(steps)
     needed = traced_steps_per_period(scene)  # a plain number where the scene is merely differentiated
@@ -174,12 +174,12 @@ def default_steps(scene: Scene, steps: int | None) -> Any:
 
 
 def _at_slowest(scene: Scene, begin: Any, periods: int) -> Scene:
-    """Returns a scene at the least speed of a run from the forcing period number `begin` on, for its steps."""
+    """Return a scene at the least speed of a run from the forcing period number `begin` on, for its steps."""
     return eqx.tree_at(lambda s: s.speed, scene, scene.slowest_between(begin, begin + periods).speed)
 
 
 def dynamic_steps(steps: int, *, most: int | None = None) -> ConstantSteps:
-    """Returns constant steps whose number is an argument of the program: one for many numbers; for forward mode.
+    """Return constant steps whose number is an argument of the program: one for many numbers; for forward mode.
 
     **Arguments:** `most`: the most steps that the program is to serve, where states inside periods are recorded.
     """
@@ -188,7 +188,7 @@ def dynamic_steps(steps: int, *, most: int | None = None) -> ConstantSteps:
 
 
 def static_steps(steps: Any) -> ConstantSteps:
-    """Returns constant steps for both modes of derivatives: part of the program unless their number is traced."""
+    """Return constant steps for both modes of derivatives: part of the program unless their number is traced."""
     return UnknownSteps(MOST_UNKNOWN, steps) if is_traced(steps) else ConstantSteps(steps)
 
 
@@ -415,7 +415,7 @@ def simulate(
 
 
 def _from_start(run: PeriodMap, static: tuple, start: Motion | State, epoch: Any) -> tuple[State, Passage]:
-    """Returns the state with which a run begins, and the run."""
+    """Return the state with which a run begins, and the run."""
     periods, records = static
 
     def begun(run: PeriodMap, start: Motion | State) -> tuple[State, Passage]:
@@ -437,7 +437,7 @@ def run_eagerly(
 
 
 def step_plan(default: Callable[[], Any], steps: Any, saves: int | None) -> tuple[Any, int]:
-    """Returns integration steps per period, and saves per period, which divide them.
+    """Return integration steps per period, and saves per period, which divide them.
 
     **Arguments:** `default`: gives steps where the caller gave none, which are rounded up to a multiple of the saves;
     `steps`: one number, an array of them, or None; `saves`: by default 40, or of given steps 50, 40 or all, the first
@@ -457,7 +457,7 @@ def step_plan(default: Callable[[], Any], steps: Any, saves: int | None) -> tupl
 
 
 def first_of(start: Any) -> Motion | State:
-    """Returns the start of a run: None is Table 2's, a `Trajectory` goes on from its end.
+    """Return the start of a run: None is Table 2's, a `Trajectory` goes on from its end.
 
     **Raises:** `ValueError` for what is no start, or has a number that is not finite.
     """
@@ -471,7 +471,7 @@ TABLES = ("speed", "wear")
 
 
 def beginning_of(scene: Scene, begin: float | None) -> Any:
-    """Returns where a run begins [m]: by default where its rail does.
+    """Return where a run begins [m]: by default where its rail does.
 
     **Raises:** `ValueError` for a place off the rail; by default for a programme of speeds, or a table of wear, that
     has ended before the rail begins.
@@ -495,7 +495,7 @@ def beginning_of(scene: Scene, begin: float | None) -> Any:
 
 
 def beginning(scene: Scene, begin: float | None, start: Any) -> tuple[Any, Motion | State]:
-    """Returns where a run begins [m], and its start, which may be the state of an earlier run there."""
+    """Return where a run begins [m], and its start, which may be the state of an earlier run there."""
     if not hasattr(start, "data_vars"):
         return beginning_of(scene, begin), first_of(start)
     begin = None if begin is None else number(finite, "begin", begin, "m")

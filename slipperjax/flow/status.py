@@ -109,7 +109,7 @@ def status_of(states: State) -> Int[Array, ""]:
 
 
 def with_resolution(code: Array, scene: Scene, steps: Any, begin: Any = 0.0) -> Int[Array, ""]:
-    """Returns a code of `status_of`, or `UNRESOLVED` where a period's steps are too few for its impacts.
+    """Return a code of `status_of`, or `UNRESOLVED` where a period's steps are too few for its impacts.
 
     `UNRESOLVED` comes before `DERAILED`, which too few steps can bring about.
 
@@ -131,7 +131,7 @@ def _unresolved_where(problem: Any, code: Any) -> Array:
 def with_loads(
     code: Any, closed: Any, penetration: Any, stability_number: Any, scene: Scene, most: Any = jnp.inf
 ) -> Int[Array, ""]:
-    """Returns a code as `with_resolution` gives it, or that of a problem which the loads of a whole run show.
+    """Return a code as `with_resolution` gives it, or that of a problem which the loads of a whole run show.
 
     **Arguments:** `closed`: sum of the points' contact fractions; `penetration`: the greatest; `stability_number`:
     the greatest, see `Loads`, and `most` that the solver bears.
@@ -146,7 +146,7 @@ def with_loads(
 
 
 def with_growth(code: Any, history: Any) -> Int[Array, ""]:
-    """Returns a code, or `UNRESOLVED` where a tangent grew faster in some period than any motion's can.
+    """Return a code, or `UNRESOLVED` where a tangent grew faster in some period than any motion's can.
 
     **Arguments:** `history`: logarithms of the growth per period, of shape (periods, count).
     """
@@ -154,12 +154,12 @@ def with_growth(code: Any, history: Any) -> Int[Array, ""]:
 
 
 def most_stability_number(solver: diffrax.AbstractSolver, controller: Any = None) -> float:
-    """Returns `UNSTABLE` for explicit solvers with constant steps, infinite for others."""
+    """Return `UNSTABLE` for explicit solvers with constant steps, infinite for others."""
     return UNSTABLE if controller is None and is_explicit(solver) else float("inf")
 
 
 def first_problem(earlier: Any, later: Any) -> np.ndarray:
-    """Returns codes of two successive stretches of a run as one: the first that is not `FINITE`.
+    """Return codes of two successive stretches of a run as one: the first that is not `FINITE`.
 
     `NOT_FINITE` comes before `UNRESOLVED`, as within a stretch.
     """
@@ -181,7 +181,7 @@ class Stop(threading.Event):
 
     @staticmethod
     def here() -> "Stop":
-        """Returns the one that this thread's runs were submitted with, by default `ASKED`."""
+        """Return the one that this thread's runs were submitted with, by default `ASKED`."""
         return _HERE.get()
 
     def submit(self, pool: Executor, call: Callable, *args: Any) -> Future:
@@ -252,7 +252,7 @@ def blank(result, lanes: int):
 
 
 def with_accuracy(status: Any, error: Any, stderr: Any = 0.0) -> Int[np.ndarray, "*cases"]:
-    """Returns statuses with `INACCURATE` where nothing else is wrong and half the step changes too much.
+    """Return statuses with `INACCURATE` where nothing else is wrong and half the step changes too much.
 
     **Arguments:** `error`: what half the step changes, over a period in scales, or relative [1], of shape (*cases,);
     `stderr`: its standard error, twice which is forgiven [1].

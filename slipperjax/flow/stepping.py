@@ -44,11 +44,11 @@ class AbstractStepping(eqx.Module):
 
     @abc.abstractmethod
     def prepared(self, solver: diffrax.AbstractSolver) -> diffrax.AbstractSolver:
-        """Returns the solver in a form that can be differentiated with this stepping."""
+        """Return the solver in a form that can be differentiated with this stepping."""
 
     @abc.abstractmethod
     def begin(self, terms: Any, solver: Any, state: State, args: Args) -> PyTree:
-        """Returns the solver state with which a run begins, for its first `period`."""
+        """Return the solver state with which a run begins, for its first `period`."""
 
     @abc.abstractmethod
     def period(self, terms: Any, solver: Any, state: State, solver_state: PyTree, args: Args, inside: bool) -> Period:
@@ -57,7 +57,7 @@ class AbstractStepping(eqx.Module):
 
     @abc.abstractmethod
     def finer(self) -> "AbstractStepping":
-        """Returns a stepping whose error is a fraction of this one's, to measure the error by."""
+        """Return a stepping whose error is a fraction of this one's, to measure the error by."""
 
 
 class ConstantSteps(AbstractStepping):
@@ -102,7 +102,7 @@ class ConstantSteps(AbstractStepping):
             return state, solver_state, failed | (may_fail and result != diffrax.RESULTS.successful)
 
         def ends_of(carry):
-            """Returns state and rates at a step's end, for records; None where they are not wanted."""
+            """Return state and rates at a step's end, for records; None where they are not wanted."""
             if not inside:
                 return None, None
             return carry[0], solver.rates(carry[1]) if isinstance(solver, AbstractLatchingSolver) else None
@@ -192,7 +192,7 @@ class ControlledSteps(AbstractStepping):
         return with_tolerance(solver, controller.atol / scaled_size(MOTION_SCALES, controller.scales))
 
     def finer(self):
-        """Returns one with a tenth of the tolerances.
+        """Return one with a tenth of the tolerances.
 
         **Raises:** `ValueError` for a controller without tolerances.
         """
@@ -234,7 +234,7 @@ class ControlledSteps(AbstractStepping):
 
 
 def as_stepping(stepping: Any) -> AbstractStepping:
-    """Returns a stepping as it is, and a whole number as so many constant steps."""
+    """Return a stepping as it is, and a whole number as so many constant steps."""
     return stepping if isinstance(stepping, AbstractStepping) else ConstantSteps(stepping)
 
 

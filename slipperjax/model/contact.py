@@ -35,7 +35,7 @@ class AbstractContactLaw(ShapeChecked):
 
     @abc.abstractmethod
     def damping(self, rate: Array, rate_ratio: Array | None) -> Array | float:
-        """Returns the damping force as a multiple of the elastic force [1].
+        """Return the damping force as a multiple of the elastic force [1].
 
         **Arguments:** `rate`: g' [m/s]; `rate_ratio`: g' / g'_0 [1], None for a law without memory.
         """
@@ -44,7 +44,7 @@ class AbstractContactLaw(ShapeChecked):
         yes_or_no("clamp", self.clamp)
 
     def force(self, gap: Array, rate: Array, rate_ratio: Array | None) -> Array:
-        """Returns the normal force [N]; zero where the gap is open.
+        """Return the normal force [N]; zero where the gap is open.
 
         **Arguments:** `gap`: g [m]; `rate`: g' [m/s]; `rate_ratio`: g' / g'_0 [1] or None. All have the same shape.
         """
@@ -55,7 +55,7 @@ class AbstractContactLaw(ShapeChecked):
 
 @jax.custom_jvp
 def _hertz(gap: Array) -> Array:
-    """Returns d^(3/2) of penetrations d = -gap, 0 where open."""
+    """Return d^(3/2) of penetrations d = -gap, 0 where open."""
     return jnp.where(gap < 0, -gap, 0.0) * jnp.sqrt(jnp.where(gap < 0, -gap, 1.0))
 
 
@@ -157,14 +157,14 @@ class AbstractMemory(ShapeChecked):
 
     @abc.abstractmethod
     def initial(self, gap: Array, rate: Array) -> Array:
-        """Returns the memory at the start, from gap [m] and gap rate [m/s] of the points, of shape (points,)."""
+        """Return the memory at the start, from gap [m] and gap rate [m/s] of the points, of shape (points,)."""
 
     @abc.abstractmethod
     def rate_ratio(self, memory: Array, rate: Array) -> Array:
-        """Returns g' / g'_0 [1] of points in contact, from the memory and g' [m/s], all of shape (points,)."""
+        """Return g' / g'_0 [1] of points in contact, from the memory and g' [m/s], all of shape (points,)."""
 
     def scaled(self, depth: Array, duration: Array, period: Array) -> "AbstractMemory":
-        """Returns a copy with settings of None replaced by values for the scene. Here unchanged.
+        """Return a copy with settings of None replaced by values for the scene. Here unchanged.
 
         **Arguments:** depth [m] and duration [s] of a typical impact; the forcing period [s].
         """
@@ -201,7 +201,7 @@ class EventLatch(AbstractMemory):
         return jnp.where(memory < 0, rate * memory, 1.0)
 
     def latch(self, memory: Array, before: "Before", gap: Array, rate: Array, step: Any, ratio: Any) -> Array:
-        """Returns the memory after a step [s/m], shape (points,).
+        """Return the memory after a step [s/m], shape (points,).
 
         The zero of the gap is found on the cubic through both ends of the step. The rate there is taken from the
         parabola through both ends and the start of the previous step; a linear interpolation would limit the whole
@@ -291,18 +291,18 @@ class SmoothSwitch(AbstractMemory):
         return eqx.tree_at(fields, self, (width, relaxation), is_leaf=lambda x: x is None)
 
     def derivative(self, memory: Array, gap: Array, rate: Array, acceleration: Array) -> Array:
-        """Returns m' [m/s^2] from gap g [m], g' [m/s] and d(g')/dt along the flow [m/s^2], all of shape (points,).
+        """Return m' [m/s^2] from gap g [m], g' [m/s] and d(g')/dt along the flow [m/s^2], all of shape (points,).
 
         **Raises:** `ValueError` if width or relaxation is None.
         """
         return self._switch(gap) * ((rate - memory) / _number(self.relaxation) + acceleration)
 
     def decay(self, gap: Array) -> Array:
-        """Returns the derivative of m' with respect to m at a constant acceleration [1/s], shape (points,)."""
+        """Return the derivative of m' with respect to m at a constant acceleration [1/s], shape (points,)."""
         return -self._switch(gap) / _number(self.relaxation)
 
     def felt(self, gap: Array, rate: Array, depth: Array) -> Array:
-        """Returns the share of an error in m that a contact still feels [1], shape (points,).
+        """Return the share of an error in m that a contact still feels [1], shape (points,).
 
         On an approaching point it relaxes until touchdown; on a receding one that is pressed in, what is left of the
         rebound feels it, about (d / `depth`)^(5/2) by its energy; an open one that recedes does not.

@@ -60,21 +60,21 @@ class Args(NamedTuple):
 
     @jax.jit
     def frame(self, t: Any) -> RailFrame:
-        """Returns the rail under the slipper at time `t` [forcing periods]."""
+        """Return the rail under the slipper at time `t` [forcing periods]."""
         return rail_frame(self.scene, phase(t, self.epoch), self.points)
 
     def travel(self, t: Any) -> Travel:
-        """Returns speed and pace at time `t` [forcing periods]."""
+        """Return speed and pace at time `t` [forcing periods]."""
         return self.scene.travel(phase(t, self.epoch))
 
 
 def phase(t: Any, epoch: Any) -> Any:
-    """Returns forcing periods travelled since the start [1], the phase of the forcing."""
+    """Return forcing periods travelled since the start [1], the phase of the forcing."""
     return epoch + t
 
 
 def initial_state(scene: Scene, motion: Motion | State, epoch: Any = None) -> State:
-    """Returns the state of `motion` at the start of the period `epoch`, with the matching contact memory.
+    """Return the state of `motion` at the start of the period `epoch`, with the matching contact memory.
 
     By default that is where the rail begins.
 
@@ -100,7 +100,7 @@ def initial_state(scene: Scene, motion: Motion | State, epoch: Any = None) -> St
 
 
 def check_start(name: str, start: Any) -> Motion | State:
-    """Returns `start`, a motion or a state whose numbers must be finite or traced; raises `ValueError` otherwise."""
+    """Return `start`, a motion or a state whose numbers must be finite or traced; raises `ValueError` otherwise."""
     motion = start.motion if isinstance(start, State) else start
     kinds = "a slipperjax.Motion, a slipperjax.State or a slipperjax.Trajectory"
     require(isinstance(motion, Motion), name, f"be {kinds}", start)
@@ -114,7 +114,7 @@ def check_start(name: str, start: Any) -> Motion | State:
 
 @jit  # compiled once for all calls from Python; inside programs it is a part of them
 def state_and_penetration(scene: Scene, start: Motion | State, epoch: Any = 0) -> tuple[State, Float[Array, ""]]:
-    """Returns the state of a start, and its greatest penetration in multiples of that of a typical impact [1]."""
+    """Return the state of a start, and its greatest penetration in multiples of that of a typical impact [1]."""
     motion, memory = (start.motion, start.memory) if isinstance(start, State) else (start, None)
     if scene.sled is not None and not isinstance(motion, SledMotion):
         sag = scene.sled.sag(scene.gravity)
@@ -150,7 +150,7 @@ def warn_if_outside(penetration: Any) -> None:
 
 
 def contact_forces(scene: Scene, now: Contacts, memory: Array | None) -> Float[Array, " points"]:
-    """Returns normal forces [N] on the slipper, Eq. (12); `memory`: shape (points,), or None."""
+    """Return normal forces [N] on the slipper, Eq. (12); `memory`: shape (points,), or None."""
     ratio = None if memory is None else scene.memory.rate_ratio(memory, now.rate)
     return store_cotangent(scene.contact.force(now.gap, now.rate, ratio))
 
@@ -176,7 +176,7 @@ def resultant(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force: A
 
 
 def drive_force(scene: Scene, frame: RailFrame, m: Motion, force: Array, travel: Travel) -> Array:
-    """Returns the force along x that keeps the speed, the multiplier of Eq. (A6) [N], for normal forces (points,)."""
+    """Return the force along x that keeps the speed, the multiplier of Eq. (A6) [N], for normal forces (points,)."""
     per_unit = frame.normal[0]
     if scene.friction is not None:
         per_unit = per_unit + tractions(scene.friction, frame, m, force, travel.speed)[0][0]
@@ -187,12 +187,12 @@ def drive_force(scene: Scene, frame: RailFrame, m: Motion, force: Array, travel:
 
 
 def driven_mass(scene: Scene) -> Array:
-    """Returns the mass that the drive accelerates [kg]: of the slipper, and of the sled on it."""
+    """Return the mass that the drive accelerates [kg]: of the slipper, and of the sled on it."""
     return scene.slipper.mass if scene.sled is None else scene.slipper.mass + scene.sled.mass
 
 
 def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -> Motion:
-    """Returns the derivative of the motion [per second] under the contacts' `resultant` and the scene's load."""
+    """Return the derivative of the motion [per second] under the contacts' `resultant` and the scene's load."""
     f_y, f_z, t_x, t_y, t_z = wrench
     if scene.load is not None:
         (_, l_y, l_z), moment = scene.load.wrench(travel.speed)
@@ -222,7 +222,7 @@ def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -
 
 
 def sled_force(sled: SledMass, m: Motion) -> Array:
-    """Returns the sled's lateral and vertical force on the slipper [N]."""
+    """Return the sled's lateral and vertical force on the slipper [N]."""
     if not isinstance(m, SledMotion):
         raise ValueError("Argument `start` must be of a scene with a sled: take a Motion, or a run's end.")
     deflection = jnp.stack([m.sled_y - m.y, m.sled_z - m.z])
@@ -230,12 +230,12 @@ def sled_force(sled: SledMass, m: Motion) -> Array:
 
 
 def motion_rates(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force: Array, travel: Travel) -> Motion:
-    """Returns the motion's derivative [per second], from rail, contacts and their forces [N] at one instant."""
+    """Return the motion's derivative [per second], from rail, contacts and their forces [N] at one instant."""
     return newton_euler(scene, m, resultant(scene, frame, now, m, force, travel), travel)
 
 
 def per_period(travel: Travel, rates: Motion) -> Motion:
-    """Returns rates [per second] as rates [per forcing period]."""
+    """Return rates [per second] as rates [per forcing period]."""
     period = store_if_differentiated(travel.period)  # else each of the ten rates has the derivatives of a division
     return jax.tree.map(lambda r: period * r, rates)
 
@@ -251,7 +251,7 @@ class AbstractVectorField(eqx.Module):
     """The right-hand side of a scene for `diffrax.ODETerm`, with the methods that latching solvers call."""
 
     def __call__(self, t: Any, state: State, args: Args) -> State:
-        """Returns the derivative of the whole state [per forcing period], as of an ODE for any solver.
+        """Return the derivative of the whole state [per forcing period], as of an ODE for any solver.
 
         **Raises:** `equinox.EquinoxRuntimeError` where the memory is frozen over a step: it changes where a solver of
         `slipperjax` closes one. At an instant take `evaluate`.
@@ -264,7 +264,7 @@ class AbstractVectorField(eqx.Module):
 
     @jax.jit  # traced once for all stages of all steps, which halves the tracing
     def evaluate(self, t: Any, state: State, args: Args, frame: RailFrame | None = None) -> State:
-        """Returns the derivative [per forcing period], with None for parts that are frozen over a step.
+        """Return the derivative [per forcing period], with None for parts that are frozen over a step.
 
         **Arguments:** `frame`: `args.frame(t)`, if already computed.
         """
@@ -272,13 +272,13 @@ class AbstractVectorField(eqx.Module):
         return self.from_contacts(t, frame, contacts(frame, state.motion), state, args)
 
     def from_contacts(self, t: Any, frame: RailFrame, now: Contacts, state: State, args: Args) -> State:
-        """Returns the derivative [per forcing period] from known rail and contacts."""
+        """Return the derivative [per forcing period] from known rail and contacts."""
         scene, travel = args.scene, args.travel(t)
         rates = motion_rates(scene, frame, now, state.motion, contact_forces(scene, now, state.memory), travel)
         return State(per_period(travel, rates), None)
 
     def linearised(self, t: Any, state: State, args: Args) -> Linearised:
-        """Returns the motion's derivative, linearised [per forcing period]; the memory is frozen.
+        """Return the motion's derivative, linearised [per forcing period]; the memory is frozen.
 
         **Raises:** `ValueError` for a scene with a sled.
         """
@@ -291,15 +291,15 @@ class AbstractVectorField(eqx.Module):
         return dense_linearised(rates, state.motion, args.travel(t).period)
 
     def memory_decay(self, t: Any, state: State, args: Args) -> Any:
-        """Returns the derivative of a point's memory rate by the memory [per forcing period]; None if latched."""
+        """Return the derivative of a point's memory rate by the memory [per forcing period]; None if latched."""
         return None
 
     def open_step(self, t0: Any, state: State, args: Args) -> Any:
-        """Returns `before` of the first step, for `close_step`. Here None."""
+        """Return `before` of the first step, for `close_step`. Here None."""
         return None
 
     def inside_step(self, t: Any, state: State, args: Args) -> State:
-        """Returns an interpolated state with the memory that fits its gaps. Here unchanged."""
+        """Return an interpolated state with the memory that fits its gaps. Here unchanged."""
         return state
 
     def close_step(
@@ -377,7 +377,7 @@ class SmoothField(ContactField):
 
 
 def vector_field(scene: Scene) -> AbstractVectorField:
-    """Returns the right-hand side for a scene, chosen by its contact law and memory."""
+    """Return the right-hand side for a scene, chosen by its contact law and memory."""
     instance("scene", scene, Scene, "a slipperjax.Scene")
     if not scene.contact.has_memory:
         return MemorylessField()
@@ -409,7 +409,7 @@ class Reactions(NamedTuple):
 
 
 def reactions(t: Any, state: State, args: Args) -> Reactions:
-    """Returns contact forces, and Eq. (13)'s reactions: the drive force and the loads on the track nodes.
+    """Return contact forces, and Eq. (13)'s reactions: the drive force and the loads on the track nodes.
 
     **Arguments:** `t`: [forcing periods], from the epoch of `args`.
 

@@ -21,12 +21,17 @@ from .quantities import COORDINATES, MOTION_NUMBERS, SLED_NUMBERS
 from .scene import Scene
 
 
+def _coordinate(name: str, unit: str) -> Any:
+    """Make a field that is zero by default and converts quantities of pint."""
+    return eqx.field(default=0.0, converter=converted(name, unit))
+
+
 class Motion(eqx.Module):
     """Position, attitude and velocities of a rigid slipper, each a scalar."""
 
-    y: Any = eqx.field(default=0.0, converter=converted("y", "m"))
+    y: Any = _coordinate("y", "m")
     """Lateral displacement of the centre, positive to the left [m]."""
-    z: Any = eqx.field(default=0.0, converter=converted("z", "m"))
+    z: Any = _coordinate("z", "m")
     """Vertical displacement of the centre, positive upwards [m]."""
     q_x: Any = 0.0
     """x of the attitude quaternion's vector part [1]."""
@@ -34,53 +39,56 @@ class Motion(eqx.Module):
     """y of the attitude quaternion's vector part [1]."""
     q_z: Any = 0.0
     """z of the attitude quaternion's vector part [1]."""
-    v_y: Any = eqx.field(default=0.0, converter=converted("v_y", "m/s"))
+    v_y: Any = _coordinate("v_y", "m/s")
     """Lateral velocity [m/s]."""
-    v_z: Any = eqx.field(default=0.0, converter=converted("v_z", "m/s"))
+    v_z: Any = _coordinate("v_z", "m/s")
     """Vertical velocity [m/s]."""
-    w_x: Any = eqx.field(default=0.0, converter=converted("w_x", "rad/s"))
+    w_x: Any = _coordinate("w_x", "rad/s")
     """Angular velocity about the slipper's x axis [rad/s]."""
-    w_y: Any = eqx.field(default=0.0, converter=converted("w_y", "rad/s"))
+    w_y: Any = _coordinate("w_y", "rad/s")
     """Angular velocity about the slipper's y axis [rad/s]."""
-    w_z: Any = eqx.field(default=0.0, converter=converted("w_z", "rad/s"))
+    w_z: Any = _coordinate("w_z", "rad/s")
     """Angular velocity about the slipper's z axis [rad/s]."""
 
     def __repr__(self) -> str:
         units = {name: q.unit for name, q in (COORDINATES | SLED_NUMBERS).items()}
-        zero = lambda v: not is_traced(v) and np.all(np.asarray(v) == 0)
-        parts = {name: shown_number(v) for name, v in vars(self).items() if not zero(v)}
-        text = ", ".join(f"{name}={v} {units.get(name, '')}".rstrip() for name, v in parts.items())
-        others = [] if len(parts) == len(vars(self)) else ["others 0"]
-        return f"{type(self).__name__}({', '.join([text] * bool(text) + others)})"
+        parts = []
+        for name, value in vars(self).items():
+            if is_traced(value) or np.any(np.asarray(value) != 0):
+                parts.append(f"{name}={shown_number(value)} {units.get(name, '')}".rstrip())
+        # numbers that are zero are left out
+        if len(parts) < len(vars(self)):
+            parts.append("others 0")
+        return f"{type(self).__name__}({', '.join(parts)})"
 
     @staticmethod
     def from_euler(*, y=0.0, z=0.0, roll=0.0, pitch=0.0, yaw=0.0, v_y=0.0, v_z=0.0, w_x=0.0, w_y=0.0, w_z=0.0):
-        """Returns a motion from positions [m], Euler angles of Eq. (2) [rad], velocities [m/s] and spins [rad/s]."""
+        """Return a motion from positions [m], Euler angles of Eq. (2) [rad], velocities [m/s] and spins [rad/s]."""
         angles = {"roll": roll, "pitch": pitch, "yaw": yaw}
         for name, given in angles.items():
             angle = converted(name, "rad")(given)
             require(is_traced(angle) or (is_real(angle) and np.size(angle)), name, "be a real number [rad]", angle)
-            angles[name] = angle if is_traced(angle) else jnp.asarray(angle, float)
-        q_x, q_y, q_z = quaternion_from_euler(**angles)
-        return Motion(y, z, q_x, q_y, q_z, v_y, v_z, w_x, w_y, w_z)
+            angles[name] = angle
+        return Motion(y, z, *quaternion_from_euler(**angles), v_y, v_z, w_x, w_y, w_z)
 
 
 class SledMotion(Motion):
     """Motion of a slipper and of the sled on it, see `slipperjax.SledMass`."""
 
-    sled_y: Any = eqx.field(default=0.0, converter=converted("sled_y", "m"))
+    sled_y: Any = _coordinate("sled_y", "m")
     """Lateral displacement of the sled [m]."""
-    sled_z: Any = eqx.field(default=0.0, converter=converted("sled_z", "m"))
+    sled_z: Any = _coordinate("sled_z", "m")
     """Vertical displacement of the sled [m]."""
-    sled_v_y: Any = eqx.field(default=0.0, converter=converted("sled_v_y", "m/s"))
+    sled_v_y: Any = _coordinate("sled_v_y", "m/s")
     """Lateral velocity of the sled [m/s]."""
-    sled_v_z: Any = eqx.field(default=0.0, converter=converted("sled_v_z", "m/s"))
+    sled_v_z: Any = _coordinate("sled_v_z", "m/s")
     """Vertical velocity of the sled [m/s]."""
 
 
 def moved(m: Motion, change: Motion) -> Motion:
-    """Returns a motion with `change` added to the slipper's numbers; a sled's stay."""
-    return eqx.tree_at(_of_slipper, m, [a + b for a, b in zip(_of_slipper(m), _of_slipper(change), strict=True)])
+    """Return a motion with `change` added to the slipper's numbers; a sled's stay."""
+    sums = [a + b for a, b in zip(_of_slipper(m), _of_slipper(change), strict=True)]
+    return eqx.tree_at(_of_slipper, m, sums)
 
 
 def _of_slipper(m: Motion) -> list[Any]:
@@ -89,7 +97,7 @@ def _of_slipper(m: Motion) -> list[Any]:
 
 
 def check_motion(name: str, motion: Any) -> Motion:
-    """Returns `motion`, whose coordinates must be finite numbers or traced; raises `ValueError` otherwise."""
+    """Return `motion`, whose coordinates must be finite numbers or traced; raises `ValueError` otherwise."""
     for coordinate, value in vars(motion).items():
         if is_traced(value):
             continue
@@ -105,33 +113,35 @@ MOTION_SCALES = Motion(*(q.scale for q in MOTION_NUMBERS.values()))
 
 
 def of_slipper(motion: Motion) -> Motion:
-    """Returns the slipper's part of a motion."""
+    """Return the slipper's part of a motion."""
     return Motion(*_of_slipper(motion))
 
 
 def scales_of(motion: Motion) -> Motion:
-    """Returns the scales of a motion's numbers, a sled's included."""
+    """Return the scales of a motion's numbers, a sled's included."""
     if not isinstance(motion, SledMotion):
         return MOTION_SCALES
     return SledMotion(**vars(MOTION_SCALES), **{name: q.scale for name, q in SLED_NUMBERS.items()})
 
 
 def share_of_scale(scene: Scene) -> Float[Array, ""]:
-    """Returns the clearance of the tightest face that has play over that of `MOTION_SCALES`, 1 mm; 1 at most [1]."""
+    """Return the clearance of the tightest face that has play over that of `MOTION_SCALES`, 1 mm; 1 at most [1]."""
     play = scene.section.play
     tightest = 2 * jnp.min(jnp.where(play > 0, play, jnp.inf))
     return jnp.clip(tightest, LEAST_CLEARANCE, MOTION_SCALES.z) / MOTION_SCALES.z
 
 
 def accuracy_scales(scene: Scene) -> Motion:
-    """Returns the scales by which errors of a scene are judged: `MOTION_SCALES`, but with less play than 1 mm
+    """Return the scales by which errors of a scene are judged: `MOTION_SCALES`, but with less play than 1 mm
     displacements and attitude in proportion, because an error of the size of the play leaves nothing right."""
     share = share_of_scale(instance("scene", scene, Scene, "a slipperjax.Scene"))
-    return Motion(*(share * s for s in _of_slipper(MOTION_SCALES)[:5]), *_of_slipper(MOTION_SCALES)[5:])
+    scales = _of_slipper(MOTION_SCALES)
+    # the first five are displacements and attitude
+    return Motion(*(share * s for s in scales[:5]), *scales[5:])
 
 
 def scaled_size(motion: Motion, scales: Motion = MOTION_SCALES) -> Float[Array, ""]:
-    """Returns the largest magnitude in a difference of two slippers' motions, in multiples of `scales` [1]."""
+    """Return the largest magnitude in a difference of two slippers' motions, in multiples of `scales` [1]."""
     scaled = [jnp.abs(d) / s for d, s in zip(_of_slipper(motion), _of_slipper(scales), strict=True)]
     return jnp.max(jnp.stack(scaled))
 
@@ -141,10 +151,9 @@ def quaternion_from_euler(roll, pitch, yaw):
 
     **Raises:** `ValueError` for what is no numbers.
     """
-    roll, pitch, yaw = (jnp.asarray(real(*one), float) for one in (("roll", roll), ("pitch", pitch), ("yaw", yaw)))
-    cr, sr = jnp.cos(roll / 2), jnp.sin(roll / 2)
-    cp, sp = jnp.cos(pitch / 2), jnp.sin(pitch / 2)
-    cy, sy = jnp.cos(yaw / 2), jnp.sin(yaw / 2)
+    halves = [jnp.asarray(real(*one), float) / 2 for one in (("roll", roll), ("pitch", pitch), ("yaw", yaw))]
+    cr, cp, cy = map(jnp.cos, halves)
+    sr, sp, sy = map(jnp.sin, halves)
     sign = jnp.where(cr * cp * cy + sr * sp * sy < 0, -1.0, 1.0)
     return (
         sign * (sr * cp * cy - cr * sp * sy),
@@ -154,14 +163,17 @@ def quaternion_from_euler(roll, pitch, yaw):
 
 
 def scalar_part(m: Motion):
-    """Returns q_0 of the quaternion [1]; about zero from 180 degrees on, so that derailed states stay finite."""
+    """Return q_0 of the quaternion [1]; about zero from 180 degrees on, so that derailed states stay finite."""
     return store(jnp.sqrt(jnp.maximum(1 - (m.q_x * m.q_x + m.q_y * m.q_y + m.q_z * m.q_z), 1e-30)))
 
 
 def rotation(m: Motion):
-    """Returns the rotation matrix R_S of the attitude, as rows of scalars."""
-    x, y, z, w = m.q_x, m.q_y, m.q_z, scalar_part(m)
-    xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
+    """Return the rotation matrix R_S of the attitude, as rows of scalars."""
+    w = scalar_part(m)
+    x, y, z = q = (m.q_x, m.q_y, m.q_z)
+    xx, yy, zz = (v * v for v in q)
+    xy, xz, yz = x * y, x * z, y * z
+    wx, wy, wz = (w * v for v in q)
     return (
         (1 - 2 * (yy + zz), 2 * (xy - wz), 2 * (xz + wy)),
         (2 * (xy + wz), 1 - 2 * (xx + zz), 2 * (yz - wx)),
@@ -170,19 +182,29 @@ def rotation(m: Motion):
 
 
 def euler_angles(m: Motion):
-    """Returns roll, pitch and yaw of Eq. (2) [rad]."""
+    """Return roll, pitch and yaw of Eq. (2) [rad]."""
     r = rotation(instance("m", m, Motion, "a slipperjax.Motion"))
     return jnp.arctan2(r[2][1], r[2][2]), jnp.arcsin(-r[2][0]), jnp.arctan2(r[1][0], r[0][0])
 
 
 def attitude_rates(m: Motion):
-    """Returns rates of (q_x, q_y, q_z) [1/s] from the angular velocity in the slipper's frame."""
+    """Return rates of (q_x, q_y, q_z) [1/s] from the angular velocity in the slipper's frame."""
     w = scalar_part(m)
     return (
         0.5 * (w * m.w_x + m.q_y * m.w_z - m.q_z * m.w_y),
         0.5 * (w * m.w_y + m.q_z * m.w_x - m.q_x * m.w_z),
         0.5 * (w * m.w_z + m.q_x * m.w_y - m.q_y * m.w_x),
     )
+
+
+def in_slipper_frame(r, v):
+    """Return R^T v, the vectors v in the slipper's frame; `r`: rows of its `rotation`."""
+    return [r[0][j] * v[0] + r[1][j] * v[1] + r[2][j] * v[2] for j in range(3)]
+
+
+def cross(a, b):
+    """Return a x b; the components are arrays of points."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 class Points(NamedTuple):
@@ -197,7 +219,7 @@ class Points(NamedTuple):
 
 
 def contact_points(scene: Scene) -> Points:
-    """Returns the scene's contact points, computed once per run because they cost as much as a rail frame."""
+    """Return the scene's contact points, computed once per run because they cost as much as a rail frame."""
     section = instance("scene", scene, Scene, "a slipperjax.Scene").section
     both = lambda a: jnp.tile(a, (2, 1)).T
     # A constant array: an index computed inside the loop over lanes and points would prevent vectorisation.
@@ -219,21 +241,19 @@ class RailFrame(NamedTuple):
 
 
 def rail_frame(scene: Scene, phase: Any, points: Points | None = None) -> RailFrame:
-    """Returns the rail under the slipper after `phase` forcing periods, Eqs. (1), (4), (7), (10), (11).
+    """Return the rail under the slipper after `phase` forcing periods, Eqs. (1), (4), (7), (10), (11).
 
     **Arguments:** `points`: `contact_points(scene)`, if already computed.
     """
     need_64_bits()  # each program of a motion is made with it, also by a plain jax.jit
     instance("scene", scene, Scene, "a slipperjax.Scene")
     points = contact_points(scene) if points is None else points
-    length = scene.slipper.length
-    distance = jnp.asarray(real("phase", phase), float) * scene.track.wavelength
-    front, rear = (_node(scene, points, at) for at in (distance, distance - length))
+    front, rear = _nodes(scene, points, real("phase", phase))
     # Eq. (4): the face runs from the front node's points to the rear node's, which tilts its normal along x
-    along_y, along_z = rear.y - front.y, rear.z - front.z
-    is_front = np.repeat([True, False], len(scene.section.names))
-    n_y, n_z, t_y, t_z, v_y, v_z = (jnp.where(is_front, f, r) for f, r in zip(front, rear, strict=True))
-    n_x = store((n_y * along_y + n_z * along_z) / length)
+    along_y = rear.y - front.y
+    along_z = rear.z - front.z
+    n_y, n_z, t_y, t_z, v_y, v_z = _own(scene, front, rear)
+    n_x = store((n_y * along_y + n_z * along_z) / scene.slipper.length)
     position = n_x * points.arm[0] + n_y * t_y + n_z * t_z
     slope = n_y * v_y + n_z * v_z  # per metre of travel, hence equal for all speeds of a sweep
     per_norm = store(1 / jnp.sqrt(1 + n_x * n_x))
@@ -254,11 +274,25 @@ class _Node(NamedTuple):
     v_z: Array
 
 
+def _nodes(scene: Scene, points: Points, phase: Any) -> list[_Node]:
+    """Return all points as if at the front node, and as if at the rear one."""
+    distance = jnp.asarray(phase, float) * scene.track.wavelength
+    return [_node(scene, points, at) for at in (distance, distance - scene.slipper.length)]
+
+
+def _own(scene: Scene, front: _Node, rear: _Node) -> _Node:
+    """Return each point at its own node."""
+    is_front = np.repeat([True, False], len(scene.section.names))
+    return _Node(*(jnp.where(is_front, f, r) for f, r in zip(front, rear, strict=True)))
+
+
 def _node(scene: Scene, points: Points, distance: Array) -> _Node:
-    """Returns the section at the track node that travelled `distance` [m], Eqs. (7), (10), (11)."""
+    """Return the section at the track node that travelled `distance` [m], Eqs. (7), (10), (11)."""
     rail, slope = store(scene.track.motion(distance))
-    (n_y, n_z), (y, z) = points.normal, points.track
-    v_y, v_z = slope.lateral, slope.vertical
+    n_y, n_z = points.normal
+    y, z = points.track
+    v_y = slope.lateral
+    v_z = slope.vertical
     if rail.roll is not None:
         c, s = circle(rail.roll)
         n_y, n_z = c * n_y - s * n_z, s * n_y + c * n_z
@@ -279,17 +313,18 @@ class Contacts(NamedTuple):
 
 
 def contacts(frame: RailFrame, m: Motion) -> Contacts:
-    """Returns gaps, gap rates and levers of all points, at both ends."""
+    """Return gaps, gap rates and levers of all points, at both ends."""
     instance("frame", frame, RailFrame, "that of slipperjax.model.rail_frame")
     instance("m", m, Motion, "a slipperjax.Motion")
     # stored, as XLA does not move it out of the loop over the points
     r = store(rotation(m))
-    (n_x, n_y, n_z), (a_x, a_y, a_z) = frame.normal, frame.arm
-    flat = spread(n_x.shape[-1], *r[0], *r[1], *r[2], m.y, m.z, m.v_y, m.v_z, m.w_x, m.w_y, m.w_z)
-    r, (y, z, v_y, v_z, w_x, w_y, w_z) = (flat[:3], flat[3:6], flat[6:9]), flat[9:]
-    # the normals in the slipper's frame: n_S = R^T n, so that n . (R a) = n_S . a and R^T ((R a) x n) = a x n_S
-    s_x, s_y, s_z = (r[0][j] * n_x + r[1][j] * n_y + r[2][j] * n_z for j in range(3))
-    lever = (a_y * s_z - a_z * s_y, a_z * s_x - a_x * s_z, a_x * s_y - a_y * s_x)
+    _, n_y, n_z = frame.normal
+    a_x, a_y, a_z = frame.arm
+    flat = spread(n_y.shape[-1], *r[0], *r[1], *r[2], m.y, m.z, m.v_y, m.v_z, m.w_x, m.w_y, m.w_z)
+    y, z, v_y, v_z, w_x, w_y, w_z = flat[9:]
+    # with the normals in the slipper's frame, n_S = R^T n, n . (R a) = n_S . a and R^T ((R a) x n) = a x n_S
+    s_x, s_y, s_z = own = in_slipper_frame((flat[:3], flat[3:6], flat[6:9]), frame.normal)
+    lever = cross(frame.arm, own)
     gap = n_y * y + n_z * z + a_x * s_x + a_y * s_y + a_z * s_z - frame.position
     rate = (n_y * v_y + n_z * v_z + lever[0] * w_x + lever[1] * w_y + lever[2] * w_z) - frame.velocity
     return Contacts(store_if_differentiated(gap), *store_cotangent((rate, lever)))
@@ -302,11 +337,8 @@ def face_offsets(scene: Scene, phase: Any, m: Motion) -> Float[Array, " points"]
     second. With the gap, across the face, it tells where each point is relative to the rail head.
     """
     points = contact_points(scene)
-    distance = jnp.asarray(phase, float) * scene.track.wavelength
-    front, rear = (_node(scene, points, at) for at in (distance, distance - scene.slipper.length))
-    is_front = np.repeat([True, False], len(scene.section.names))
-    node = _Node(*(jnp.where(is_front, f, r) for f, r in zip(front, rear, strict=True)))
-    r, (x, y, z) = rotation(m), points.arm
-    from_rail_y = m.y + r[1][0] * x + r[1][1] * y + r[1][2] * z - node.y
-    from_rail_z = m.z + r[2][0] * x + r[2][1] * y + r[2][2] * z - node.z
+    node = _own(scene, *_nodes(scene, points, phase))
+    _, across, up = rotation(m)
+    from_rail_y = m.y + sum(r * a for r, a in zip(across, points.arm, strict=True)) - node.y
+    from_rail_z = m.z + sum(r * a for r, a in zip(up, points.arm, strict=True)) - node.z
     return node.n_z * from_rail_y - node.n_y * from_rail_z

@@ -28,7 +28,7 @@ class StateLayout:
 
     @classmethod
     def of(cls, scene: Scene) -> "StateLayout":
-        """Returns the layout of a scene's states."""
+        """Return the layout of a scene's states."""
         memory = None
         if scene.contact.has_memory:
             points = [f"{name}{end}" for end in (1, 2) for name in scene.section.names]
@@ -59,13 +59,13 @@ class StateLayout:
 
     @staticmethod
     def pack(states: State) -> Any:
-        """Returns states (*batch) as rows of all their numbers (*batch, size), in NumPy unless traced."""
+        """Return states (*batch) as rows of all their numbers (*batch, size), in NumPy unless traced."""
         xp = jnp if is_traced(states) else np
         columns = [xp.asarray(v)[..., None] for v in vars(states.motion).values()]
         return xp.concatenate(columns if states.memory is None else [*columns, xp.asarray(states.memory)], axis=-1)
 
     def unpack(self, rows: Any) -> State:
-        """Returns states from rows of their numbers (*batch, size)."""
+        """Return states from rows of their numbers (*batch, size)."""
         count = len(self.motion)
         own = Motion() if count == len(MOTION_NUMBERS) else SledMotion()
         like = State(
@@ -77,7 +77,7 @@ class StateLayout:
 
 
 def coordinate_rows(state: State) -> Float[Array, "*batch coordinates"]:
-    """Returns coordinates and velocities of states (*batch), in the order of `slipperjax.model.COORDINATES`."""
+    """Return coordinates and velocities of states (*batch), in the order of `slipperjax.model.COORDINATES`."""
     m = state.motion
     return jnp.stack([m.y, m.z, *euler_angles(m), m.v_y, m.v_z, m.w_x, m.w_y, m.w_z], axis=-1)
 
@@ -86,5 +86,5 @@ _coordinate_rows = jit(coordinate_rows)
 
 
 def coordinates(states: State) -> Float[np.ndarray, "*batch coordinates"]:
-    """Returns `coordinate_rows` as a NumPy array."""
+    """Return `coordinate_rows` as a NumPy array."""
     return np.asarray(_coordinate_rows(states))

@@ -47,7 +47,7 @@ class Linearised(NamedTuple):
 def contact_linearised(
     scene: Scene, travel: Travel, frame: RailFrame, now: Contacts, m: Motion, force: Callable[[Array, Array], Array]
 ) -> Linearised:
-    """Returns the slipper's linearised motion [per forcing period].
+    """Return the slipper's linearised motion [per forcing period].
 
     **Arguments:** `travel`, `frame`, `now`: travel, rail and contacts at the same instant; `m`: the motion there;
     `force(gap, rate)`: normal forces [N] from gaps [m] and gap rates [m/s], all of shape (2 points,).
@@ -92,7 +92,7 @@ def contact_linearised(
 
 
 def dense_linearised(rates: Callable[[Motion], Motion], m: Motion, unit: Any) -> Linearised:
-    """Returns the linearised motion by ten Jacobian-vector products, for any forces.
+    """Return the linearised motion by ten Jacobian-vector products, for any forces.
 
     **Arguments:** `rates(m)`: derivative of the motion per `unit`; `m`: the motion; `unit`: unit of time [s].
     """
@@ -139,7 +139,7 @@ class LinearSystem(eqx.Module):
         self.attitude = _attitude_by_turn(m)
 
     def solve(self, right: Motion) -> Motion:
-        """Returns the solution x, a `Motion`, for one right-hand side."""
+        """Return the solution x, a `Motion`, for one right-hand side."""
         leaves, tree = jax.tree.flatten(right)
         turn = _times(self.turn, leaves[2:5])
         push = _times(self.stiffness, [*leaves[:2], *turn])
@@ -157,7 +157,7 @@ class LinearSystem(eqx.Module):
 
 
 def _factored(a: Matrix) -> Matrix:
-    """Returns LU factors in one matrix, unrolled; its diagonal is that of L, the diagonal of U is all ones."""
+    """Return LU factors in one matrix, unrolled; its diagonal is that of L, the diagonal of U is all ones."""
     n = len(a)
     a = [list(row) for row in a]
     for k in range(n):
@@ -170,7 +170,7 @@ def _factored(a: Matrix) -> Matrix:
 
 
 def _inverse(a: Matrix) -> Matrix:
-    """Returns the inverse of a 3 x 3 matrix by its cofactors."""
+    """Return the inverse of a 3 x 3 matrix by its cofactors."""
     nexts = [(1, 2), (2, 0), (0, 1)]
     minor = lambda i, j: (
         a[nexts[i][0]][nexts[j][0]] * a[nexts[i][1]][nexts[j][1]]
@@ -194,18 +194,18 @@ def _product(a: Matrix, b: Matrix) -> Matrix:
 
 
 def _cross_matrix(v) -> Matrix:
-    """Returns [v]x, so that [v]x u = v x u."""
+    """Return [v]x, so that [v]x u = v x u."""
     return [[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]]
 
 
 def _attitude_by_turn(m: Motion) -> Matrix:
-    """Returns the derivative of the quaternion's vector part q with respect to a rotation: (q_0 + [q]x) / 2."""
+    """Return the derivative of the quaternion's vector part q with respect to a rotation: (q_0 + [q]x) / 2."""
     cross, q_0 = _cross_matrix((m.q_x, m.q_y, m.q_z)), scalar_part(m)
     return [[0.5 * (q_0 if i == j else cross[i][j]) for j in range(3)] for i in range(3)]
 
 
 def _turn_by_attitude(m: Motion) -> Matrix:
-    """Returns the inverse of `_attitude_by_turn`: 2 (q_0 - [q]x + q q^T / q_0)."""
+    """Return the inverse of `_attitude_by_turn`: 2 (q_0 - [q]x + q q^T / q_0)."""
     q, q_0 = (m.q_x, m.q_y, m.q_z), scalar_part(m)
     cross = _cross_matrix(q)
     one = 1 / q_0
@@ -213,7 +213,7 @@ def _turn_by_attitude(m: Motion) -> Matrix:
 
 
 def _spin_of_turn(m: Motion) -> Matrix:
-    """Returns B of the module's docstring [1/s], from q' = (q_0 w + q x w) / 2.
+    """Return B of the module's docstring [1/s], from q' = (q_0 w + q x w) / 2.
 
     The change of q' with q, expressed as a rotation, is ([d]x w - (d . w) q / q_0) / 2.
     """

@@ -39,12 +39,12 @@ LEAST_STEPS = 40
 
 
 def given_steps(steps: Any) -> int:
-    """Returns steps per forcing period that were given; raises `ValueError` unless they are 1 to `MOST_GIVEN`."""
+    """Return steps per forcing period that were given; raises `ValueError` unless they are 1 to `MOST_GIVEN`."""
     return whole("steps_per_period", steps, 1, MOST_GIVEN)
 
 
 def contact_duration(scene: Scene, travel: Travel | None = None) -> Float[Array, ""]:
-    """Returns the duration of a typical impact [s], from Hertz's theory without damping.
+    """Return the duration of a typical impact [s], from Hertz's theory without damping.
 
     **Arguments:** `travel`: where the impact is, by default where the scene is slowest.
 
@@ -57,7 +57,7 @@ def contact_duration(scene: Scene, travel: Travel | None = None) -> Float[Array,
 
 
 def impacts_per_period(scene: Scene) -> Float[Array, ""]:
-    """Returns the forcing period over the duration of a typical impact [1], see `contact_duration`."""
+    """Return the forcing period over the duration of a typical impact [1], see `contact_duration`."""
     return _impacts_per_period(instance("scene", scene, Scene, "a slipperjax.Scene"))
 
 
@@ -67,7 +67,7 @@ def _impacts_per_period(scene: Scene) -> Float[Array, ""]:
 
 
 def contact_depth(scene: Scene, travel: Travel | None = None) -> Float[Array, ""]:
-    """Returns the depth of a typical impact [m], see `contact_duration`."""
+    """Return the depth of a typical impact [m], see `contact_duration`."""
     slipper = scene.slipper
     reach = jnp.max(jnp.abs(scene.section.points))
     mass = 1 / (1 / slipper.mass + reach**2 / slipper.inertia[0] + slipper.length**2 / 4 / slipper.inertia[1])
@@ -92,7 +92,7 @@ def prepared(scene: Scene) -> Scene:
 
 
 def steps_needed(scene: Scene) -> Float[Array, ""]:
-    """Returns steps per forcing period with which a typical impact takes `PER_CONTACT` of them [1].
+    """Return steps per forcing period with which a typical impact takes `PER_CONTACT` of them [1].
 
     There are more such that the shortest wave takes `PER_WAVE`; where impacts are damped there are more of both.
     """
@@ -104,7 +104,7 @@ def steps_needed(scene: Scene) -> Float[Array, ""]:
 
 
 def damped_waves(damping: Any) -> Any:
-    """Returns how many times `PER_WAVE` steps the shortest wave takes [1].
+    """Return how many times `PER_WAVE` steps the shortest wave takes [1].
 
     Of the highest forces on 768 sled rails at 1000 m/s and a restitution of 0.5, the 95 and 99 % quantiles were 11
     and 18 % below those with 800 steps where the factor was the damping itself, and 6 and 5 % below with 400; at 0.7
@@ -119,7 +119,7 @@ _steps_needed = jit(steps_needed)
 
 
 def default_steps_per_period(scene: Scene) -> int:
-    """Returns steps per forcing period, at least `LEAST_STEPS`: a typical impact takes `PER_CONTACT` of them.
+    """Return steps per forcing period, at least `LEAST_STEPS`: a typical impact takes `PER_CONTACT` of them.
 
     More where the track's shortest wave would take less than `PER_WAVE` steps, or where the damping force at a
     touchdown exceeds `DAMPED` times the elastic one: for restitutions below 0.44.
@@ -134,13 +134,13 @@ def default_steps_per_period(scene: Scene) -> int:
 
 
 def traced_steps_per_period(scene: Scene) -> Any:
-    """Returns `default_steps_per_period` as an array, traced where the scene's values are unknown."""
+    """Return `default_steps_per_period` as an array, traced where the scene's values are unknown."""
     # without its tangent, a number that is differentiated is a plain number
     return rounded_steps(_steps_needed(jax.lax.stop_gradient(scene))) * 1.0
 
 
 def rounded_steps(needed: Any) -> Any:
-    """Returns steps per forcing period as in `default_steps_per_period`, from `steps_needed` of shape (*cases,).
+    """Return steps per forcing period as in `default_steps_per_period`, from `steps_needed` of shape (*cases,).
 
     **Raises:** `ValueError` above `MOST_STEPS`.
     """
