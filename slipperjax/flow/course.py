@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped
 
 from ..model.dynamics import (
+    Acting,
     Args,
     State,
     contact_forces,
@@ -368,18 +369,22 @@ class Course:
         of_one = functools.partial(contact_forces, self.scene)
         return store(jax.vmap(of_one)(self._contacts[1], self.states.memory))
 
+    @property
+    def _acting(self) -> Acting:
+        """Contacts and their forces at both ends of every step."""
+        return Acting(*self._contacts, self.states.motion, self._forces)
+
     @functools.cached_property
     def rates(self) -> Motion:
         """Derivatives of the motion at both ends of every step [per forcing period]."""
         if self._rates is not None:
             return self._rates
-        frame, now = self._contacts
 
-        def of_one(place, frame, now, m, force):
+        def of_one(place: Array, at: Acting) -> Motion:
             travel = self.args.travel(place)
-            return per_period(travel, motion_rates(self.scene, frame, now, m, force, travel))
+            return per_period(travel, motion_rates(self.scene, at, travel))
 
-        return jax.vmap(of_one)(self._instants, frame, now, self.states.motion, self._forces)
+        return jax.vmap(of_one)(self._instants, self._acting)
 
     @functools.cached_property
     def coordinates(self) -> Curve:
@@ -422,10 +427,11 @@ class Course:
         """Force along x that keeps the speed or its programme [N], (ends,); acceleration's share is its `level`."""
         travel = self.args.travel(self._instants)
 
-        def steady(place, frame, m, force):
-            return drive_force(self.scene, frame, m, force, self.args.travel(place)._replace(acceleration=None))
+        def steady(place: Array, at: Acting) -> Array:
+            return drive_force(self.scene, at, self.args.travel(place)._replace(acceleration=None))
 
-        curve, level = self._curve(store(jax.vmap(steady)(*self._at_points()))), None
+        curve = self._curve(store(jax.vmap(steady)(self._instants, self._acting)))
+        level = None
         if travel.acceleration is not None:  # which jumps, so that it is not seen at the ends of steps
             energy = 0.5 * driven_mass(self.scene) * travel.speed**2
             level = store(jnp.diff(energy) * (self.steps / travel.wavelength))
@@ -437,10 +443,12 @@ class Course:
         friction, power = self.scene.friction, jnp.zeros_like(self._forces)
         if friction is not None:
 
-            def of_one(place, frame, m, force):
-                return force * tractions(friction, frame, m, force, self.args.travel(place).speed)[2]
+            def of_one(place: Array, at: Acting) -> Array:
+                speed = self.args.travel(place).speed
+                _, _, heat = tractions(friction, at.frame, at.motion, at.force, speed)
+                return at.force * heat
 
-            power = store(jax.vmap(of_one)(*self._at_points()))
+            power = store(jax.vmap(of_one)(self._instants, self._acting))
         return self._where_closed(self._curve(self._of_points(power)))
 
     @functools.cached_property
@@ -486,10 +494,6 @@ class Course:
         """Return values of steps, or samples, with `filler` in place of those of unused steps."""
         used = jnp.repeat(self.used, len(values) // self.capacity)
         return jnp.where(used.reshape(-1, *[1] * (values.ndim - 1)), values, filler)
-
-    def _at_points(self) -> tuple[Any, ...]:
-        """Instant, rail, motion and normal forces at both ends of every step."""
-        return self._instants, self._contacts[0], self.states.motion, self._forces
 
     def _of_points(self, values: Array) -> Array:
         return values.reshape(len(values), 2, -1)

@@ -49,6 +49,16 @@ class State(eqx.Module):
         return f"State({self.motion!r}, memory={shown_number(self.memory)})"
 
 
+class Acting(NamedTuple):
+    """The contacts and their forces at one instant."""
+
+    frame: RailFrame
+    contacts: Contacts
+    motion: Motion
+    force: Float[Array, " points"]
+    """Normal forces [N], Eq. (12)."""
+
+
 class Args(NamedTuple):
     """Arguments of the vector field besides time and state."""
 
@@ -155,32 +165,24 @@ def contact_forces(scene: Scene, now: Contacts, memory: Array | None) -> Float[A
     return store_cotangent(scene.contact.force(now.gap, now.rate, ratio))
 
 
-def unit_wrenches(
-    scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force: Array, travel: Travel
-) -> tuple[Array, ...]:
-    """Gives force along y and z [1] and moment about the slipper's x, y and z [m] of unit normal forces, with their
-    friction; shape (points,) each.
+def unit_wrenches(scene: Scene, at: Acting, travel: Travel) -> tuple[Array, ...]:
+    """Return force along y and z [1] and moment about the slipper's x, y and z [m] of unit normal forces.
 
-    **Arguments:** `force`: normal forces [N], on which coefficients of friction may depend.
+    Their friction is included, whose coefficient may depend on the forces. Shape (points,) each.
     """
-    wrenches = (*frame.normal[1:], *now.lever)
+    wrenches = (*at.frame.normal[1:], *at.contacts.lever)
     if scene.friction is None:
         return wrenches
-    (_, f_y, f_z), moment, _ = tractions(scene.friction, frame, m, force, travel.speed)
-    return tuple(w + f for w, f in zip(wrenches, (f_y, f_z, *moment), strict=True))
+    (_, *traction), moment, _ = tractions(scene.friction, at.frame, at.motion, at.force, travel.speed)
+    return tuple(w + f for w, f in zip(wrenches, (*traction, *moment), strict=True))
 
 
-def resultant(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force: Array, travel: Travel) -> list[Array]:
-    """Gives force along y and z [N] and moment about the slipper's x, y and z [N m] of the points' forces [N]."""
-    return sums(*(force * w for w in unit_wrenches(scene, frame, now, m, force, travel)))
-
-
-def drive_force(scene: Scene, frame: RailFrame, m: Motion, force: Array, travel: Travel) -> Array:
-    """Return the force along x that keeps the speed, the multiplier of Eq. (A6) [N], for normal forces (points,)."""
-    per_unit = frame.normal[0]
+def drive_force(scene: Scene, at: Acting, travel: Travel) -> Array:
+    """Return the force along x that keeps the speed, the multiplier of Eq. (A6) [N]."""
+    per_unit = at.frame.normal[0]
     if scene.friction is not None:
-        per_unit = per_unit + tractions(scene.friction, frame, m, force, travel.speed)[0][0]
-    drive = -jnp.sum(force * per_unit, axis=-1)
+        per_unit = per_unit + tractions(scene.friction, at.frame, at.motion, at.force, travel.speed)[0][0]
+    drive = -jnp.sum(at.force * per_unit, axis=-1)
     if scene.load is not None:
         drive = drive - scene.load.wrench(travel.speed)[0][0]
     return drive if travel.acceleration is None else drive + driven_mass(scene) * travel.acceleration
@@ -192,17 +194,21 @@ def driven_mass(scene: Scene) -> Array:
 
 
 def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -> Motion:
-    """Return the derivative of the motion [per second] under the contacts' `resultant` and the scene's load."""
-    f_y, f_z, t_x, t_y, t_z = wrench
+    """Return the derivative of the motion [per second] under the contacts' wrench and the scene's load.
+
+    **Arguments:** `wrench`: force along y and z [N], moment about the slipper's x, y and z [N m].
+    """
     if scene.load is not None:
-        (_, l_y, l_z), moment = scene.load.wrench(travel.speed)
-        f_y, f_z = f_y + l_y, f_z + l_z
-        t_x, t_y, t_z = (t + extra for t, extra in zip((t_x, t_y, t_z), moment, strict=True))
+        (_, *push), moment = scene.load.wrench(travel.speed)
+        wrench = [w + extra for w, extra in zip(wrench, (*push, *moment), strict=True)]
+    f_y, f_z, t_x, t_y, t_z = wrench
     if scene.sled is not None:
         on_slipper = sled_force(scene.sled, m)
-        f_y, f_z = f_y + on_slipper[0], f_z + on_slipper[1]
-    per_mass, (j_x, j_y, j_z) = 1 / scene.slipper.mass, scene.slipper.inertia
-    per_x, per_y, per_z = 1 / j_x, 1 / j_y, 1 / j_z
+        f_y = f_y + on_slipper[0]
+        f_z = f_z + on_slipper[1]
+    per_mass = 1 / scene.slipper.mass
+    j_x, j_y, j_z = scene.slipper.inertia
+    per_x, per_y, per_z = (1 / j for j in (j_x, j_y, j_z))
     a_z = f_z * per_mass
     rates = Motion(
         m.v_y,
@@ -216,7 +222,7 @@ def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -
     )
     if scene.sled is None:
         return rates
-    a_y, a_z = -on_slipper[0] / scene.sled.mass, -on_slipper[1] / scene.sled.mass
+    a_y, a_z = (-on_slipper[k] / scene.sled.mass for k in range(2))
     a_z = a_z if scene.gravity is None else a_z - scene.gravity
     return SledMotion(**vars(rates), sled_y=m.sled_v_y, sled_z=m.sled_v_z, sled_v_y=a_y, sled_v_z=a_z)
 
@@ -229,9 +235,10 @@ def sled_force(sled: SledMass, m: Motion) -> Array:
     return sled.force(deflection, jnp.stack([m.sled_v_y - m.v_y, m.sled_v_z - m.v_z]))
 
 
-def motion_rates(scene: Scene, frame: RailFrame, now: Contacts, m: Motion, force: Array, travel: Travel) -> Motion:
-    """Return the motion's derivative [per second], from rail, contacts and their forces [N] at one instant."""
-    return newton_euler(scene, m, resultant(scene, frame, now, m, force, travel), travel)
+def motion_rates(scene: Scene, at: Acting, travel: Travel) -> Motion:
+    """Return the motion's derivative [per second], from the contacts and their forces at one instant."""
+    wrench = sums(*(at.force * w for w in unit_wrenches(scene, at, travel)))
+    return newton_euler(scene, at.motion, wrench, travel)
 
 
 def per_period(travel: Travel, rates: Motion) -> Motion:
@@ -273,9 +280,9 @@ class AbstractVectorField(eqx.Module):
 
     def from_contacts(self, t: Any, frame: RailFrame, now: Contacts, state: State, args: Args) -> State:
         """Return the derivative [per forcing period] from known rail and contacts."""
-        scene, travel = args.scene, args.travel(t)
-        rates = motion_rates(scene, frame, now, state.motion, contact_forces(scene, now, state.memory), travel)
-        return State(per_period(travel, rates), None)
+        travel = args.travel(t)
+        at = Acting(frame, now, state.motion, contact_forces(args.scene, now, state.memory))
+        return State(per_period(travel, motion_rates(args.scene, at, travel)), None)
 
     def linearised(self, t: Any, state: State, args: Args) -> Linearised:
         """Return the motion's derivative, linearised [per forcing period]; the memory is frozen.
@@ -318,13 +325,13 @@ class ContactField(AbstractVectorField):
     """The right-hand side of a scene, linearised in closed form."""
 
     def linearised(self, t, state, args):
-        scene, m = args.scene, state.motion
+        scene = args.scene
         if scene.friction is not None or scene.sled is not None:
             return super().linearised(t, state, args)
         frame = args.frame(t)
-        now = contacts(frame, m)
+        now = contacts(frame, state.motion)
         force = lambda gap, rate: contact_forces(scene, Contacts(gap, rate, now.lever), state.memory)
-        return contact_linearised(scene, args.travel(t), frame, now, m, force)
+        return contact_linearised(scene, args.travel(t), frame, now, state.motion, force)
 
 
 class MemorylessField(ContactField):
@@ -423,15 +430,18 @@ def reactions(t: Any, state: State, args: Args) -> Reactions:
 
 @jax.jit
 def _reactions(t: Any, state: State, args: Args) -> Reactions:
-    scene, m = args.scene, state.motion
-    frame, travel = args.frame(t), args.travel(t)
+    scene = args.scene
+    m = state.motion
+    frame = args.frame(t)
+    travel = args.travel(t)
     now = contacts(frame, m)
     force = contact_forces(scene, now, state.memory)
+    at = Acting(frame, now, m, force)
     ends = lambda a: a.reshape(*a.shape[:-1], 2, -1)
-    normal = jnp.stack(frame.normal)
+    per_normal = jnp.stack(frame.normal)
     if scene.friction is not None:
-        normal = normal + jnp.stack(tractions(scene.friction, frame, m, force, travel.speed)[0])
-    on_track = ends(-force[None] * normal)  # (3, 2, points)
+        per_normal = per_normal + jnp.stack(tractions(scene.friction, frame, m, force, travel.speed)[0])
+    on_track = ends(-force[None] * per_normal)  # (3, 2, points)
     r = jnp.array(rotation(m))
     point = ends(r @ jnp.stack(frame.arm) + jnp.stack([0 * m.y, m.y, m.z])[:, None])
     node_x = jnp.array([0.5, -0.5]) * scene.slipper.length
@@ -439,11 +449,11 @@ def _reactions(t: Any, state: State, args: Args) -> Reactions:
     rail = scene.track.irregularity(distance)
     node = jnp.stack([node_x, rail.lateral, rail.vertical])[:, :, None]
     moment = jnp.cross(point - node, on_track, axis=0)
-    rates = motion_rates(scene, frame, now, m, force, travel)
+    rates = motion_rates(scene, at, travel)
     return Reactions(
         contact_force=ends(force),
         gap=ends(now.gap),
-        drive_force=drive_force(scene, frame, m, force, travel),
+        drive_force=drive_force(scene, at, travel),
         node_force=jnp.sum(on_track, axis=-1).T,
         node_moment=jnp.sum(moment, axis=-1).T,
         acceleration=jnp.stack([rates.v_y, rates.v_z, rates.w_x, rates.w_y, rates.w_z]),

@@ -16,6 +16,7 @@ from jaxtyping import Array
 
 from ..model.contact import EventLatch
 from ..model.dynamics import (
+    Acting,
     Args,
     LatchedField,
     MemorylessField,
@@ -103,8 +104,7 @@ class ImpulseRK4(AbstractLatchingSolver):
             m = store(jax.tree.map(lambda a, k: a + share * dt * k, m0, rates))
             now = contacts(frame, m)
             force = contact_forces(scene, now, y0.memory)
-            own = unit_wrenches(scene, frame, now, m, force, travel)
-            # sums over the points: the wrench of this stage, and that with the directions at the step's start
+            own = unit_wrenches(scene, Acting(frame, now, m, force), travel)
             wrenches = sums(*(force * d for d in (*own, *before.wrenches)))
             return m, per_period(travel, newton_euler(scene, m, wrenches[:5], travel)), wrenches[5:]
 
@@ -227,7 +227,7 @@ def _ended(
     m = state.motion
     travel = args.travel(t)
     force = contact_forces(scene, now, state.memory)
-    own = unit_wrenches(scene, frame, now, m, force, travel)
+    own = unit_wrenches(scene, Acting(frame, now, m, force), travel)
     wrench = sums(*(force * w for w in own))
     rates = per_period(travel, newton_euler(scene, m, wrench, travel))
     return rates, Ends(now.gap, now.rate, turning, own, wrench)
