@@ -380,8 +380,8 @@ tests/sweeps/test_runs.py -k third
 
 short waves get no more steps where impacts are damped
 tests/model/test_tracks.py -k short_waves
--PER_WAVE * waves * damped_waves(damping)
-+PER_WAVE * waves
+-per_wave * waves * damped_waves(damping)
++per_wave * waves
 
 touchdowns are looked for from the chord
 tests/tools/test_hermite.py -k direction

@@ -19,7 +19,7 @@ from ..model.kinematics import Motion, accuracy_scales, euler_angles, scaled_siz
 from ..model.layout import StateLayout
 from ..model.parameters import quantity
 from ..model.scene import Scene, check_scene
-from ..model.step_size import LEAST_STEPS, given_steps, traced_steps_per_period
+from ..model.step_size import LEAST_STEPS, default_steps_per_period, given_steps
 from ..model.tracks import AbstractTrack
 from ..solvers.named import resolve_controller, resolve_solver
 from ..tools.checks import finite, instance, number, require, shown_number, warn, whole, yes_or_no
@@ -35,7 +35,6 @@ from .stepping import (
     AbstractStepping,
     ConstantSteps,
     ControlledSteps,
-    UnknownSteps,
     capacity_for,
     capacity_for_periods,
 )
@@ -83,8 +82,6 @@ def _highest(states: State, loads: Loads | None = None) -> float:
     return np.nan if loads is None else np.max(np.asarray(loads.peak_force))
 
 
-MOST_UNKNOWN = 1600
-"""Greatest default number of steps per period where the scene's values are traced."""
 SECONDS_PER_STEP = 8e-6
 """Time of a step of one case alone: most of it starts the step's kernels."""
 
@@ -115,7 +112,7 @@ def period_map(
     refuse_periods(periods, steps)
     solver = resolve_solver(scene, solver)
     controller = resolve_controller(stepsize_controller, solver)
-    stepping = static_steps(steps) if controller is None else _controlled(1, steps, controller, adjoint)
+    stepping = ConstantSteps(steps) if controller is None else _controlled(1, steps, controller, adjoint)
     epochs = (epoch,) if is_traced(origin) or origin else ()  # zero is a constant of the program
     return call_compiled(_mapped, PeriodMap(scene, stepping, solver, periods), (), state, *epochs)
 
@@ -124,11 +121,10 @@ def _mapped(map_: PeriodMap, static: tuple, state: State, epoch: Any = 0.0) -> S
     return map_.run(state, epoch).state
 
 
-def refuse_periods(periods: int, steps: Any, numbers: int = 0) -> None:
+def refuse_periods(periods: int, steps: int, numbers: int = 0) -> None:
     """Raises `ValueError` for a run of one case that keeps too many numbers or takes too long."""
-    if not is_traced(steps):
-        what = f"{periods} forcing periods of {steps} steps"
-        refuse_impossible(what, 8.0 * numbers, SECONDS_PER_STEP * steps * periods)
+    what = f"{periods} forcing periods of {steps} steps"
+    refuse_impossible(what, 8.0 * numbers, SECONDS_PER_STEP * steps * periods)
 
 
 def check_rail(scene: Scene, periods: int, begin: Any, transient: int = 0, after: int = 0) -> None:
@@ -165,12 +161,9 @@ def warn_beyond(track: AbstractTrack, name: str, travelled: float) -> None:
         warn(f"Argument `{name}` leads to {travelled:g} m, but the rail is known up to {track.extent:g} m only.")
 
 
-def default_steps(scene: Scene, steps: int | None) -> Any:
-    """Return the caller's steps per period, or the default, which is traced where the scene is."""
-    if steps is not None:
-        return given_steps(steps)
-    needed = traced_steps_per_period(scene)  # a plain number where the scene is merely differentiated
-    return jnp.minimum(needed, MOST_UNKNOWN) if is_traced(needed) else int(needed)
+def default_steps(scene: Scene, steps: int | None) -> int:
+    """Return the caller's steps per period, or the default; raise `ValueError` where the scene is traced."""
+    return default_steps_per_period(scene) if steps is None else given_steps(steps)
 
 
 def _at_slowest(scene: Scene, begin: Any, periods: int) -> Scene:
@@ -187,14 +180,7 @@ def dynamic_steps(steps: int, *, most: int | None = None) -> ConstantSteps:
     return ConstantSteps(capacity, as_argument(steps))
 
 
-def static_steps(steps: Any) -> ConstantSteps:
-    """Return constant steps for both modes of derivatives: part of the program unless their number is traced."""
-    return UnknownSteps(MOST_UNKNOWN, steps) if is_traced(steps) else ConstantSteps(steps)
-
-
-def _controlled(samples: int, first_steps: Any, controller: Any, adjoint: Any) -> ControlledSteps:
-    if is_traced(first_steps):
-        raise ValueError("Argument `steps_per_period` must be given for adaptive steps where the scene is traced.")
+def _controlled(samples: int, first_steps: int, controller: Any, adjoint: Any) -> ControlledSteps:
     adjoint = diffrax.ForwardMode() if adjoint is None else adjoint
     instance("adjoint", adjoint, diffrax.AbstractAdjoint, "a diffrax adjoint")
     return ControlledSteps(samples, first_steps, controller, adjoint)
@@ -345,9 +331,8 @@ def simulate(
     - `scene`: the case, see `paper_scene`.
     - `periods`: number of forcing periods, wavelength / speed each.
     - `steps_per_period`: integration steps per forcing period; default from the duration of a typical contact at the
-        least speed of the run, see `default_steps_per_period`, rounded up to a multiple of `saves_per_period`. Where
-        the scene's values are traced (jit, vmap), the default is at most `MOST_UNKNOWN`, and a number given is
-        faster.
+        least speed of the run, see `default_steps_per_period`, rounded up to a multiple of `saves_per_period`. It
+        must be given where the scene's values are traced (jit, vmap).
     - `solver`: a diffrax solver, or the name of one as in "Rodas4"; see `resolve_solver` for the default. With
         `EventLatch` memory a stock one is put into `Latching`.
     - `stepsize_controller`: default constant steps. `AdaptiveSteps(tolerance)`, or one of diffrax's, goes with
@@ -373,6 +358,8 @@ def simulate(
     check_scene(scene)
     periods, loads = whole("periods", periods, 1), yes_or_no("loads", loads)
     origin, start = beginning(scene, begin, start)
+    probe, traced = whole("probe", probe, 0), is_traced((scene, start))
+    require(not (probe and traced), "probe", "be 0 under jit, vmap or grad", probe)
     epoch = scene.epoch_at(origin)
     check_rail(scene, periods, origin)
     default = lambda: default_steps(_at_slowest(scene, epoch, periods), None)
@@ -381,14 +368,12 @@ def simulate(
     steps, saves = step_plan(default, steps_per_period, saves_per_period)
     solver = resolve_solver(scene, solver)
     controller = resolve_controller(stepsize_controller, solver)
-    probe, traced = whole("probe", probe, 0), is_traced((scene, start))
-    require(not (probe and traced), "probe", "be 0 under jit, vmap or grad", probe)
     records = RecordSet((States(saves), *([PeriodLoads()] if loads else [])))
     refuse_periods(periods, steps, records.values(scene, 0, periods))
     if controller is not None:
         stepping = _controlled(steps if loads else saves, steps, controller, adjoint)
     elif traced:
-        stepping = static_steps(steps)
+        stepping = ConstantSteps(steps)
     else:
         most = (2 if probe else 1) * steps
         stepping = dynamic_steps(steps, most=most if records.inside else None)

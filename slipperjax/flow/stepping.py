@@ -120,7 +120,7 @@ class ConstantSteps(AbstractStepping):
     def _loop(self, step, carry, ends_of):
         """Loops over the steps; gives the carry after the last and `ends_of` the carry after each.
 
-        Where the program does not know their number, entries beyond the last are meaningless.
+        With dynamic steps, only the first `steps` entries are valid.
         """
         if self.steps is None:
             assert self.most is not None
@@ -148,26 +148,6 @@ class ConstantSteps(AbstractStepping):
         steps = jnp.asarray(self.steps).astype(int)
         loop = lambda both: jax.lax.fori_loop(0, steps, one, both)
         return in_one_kernel(loop, (carry, jax.tree.map(repeated, ends_of(carry))))
-
-
-class UnknownSteps(ConstantSteps):
-    """A number of equal steps that is not known while the program is made, at most `most`.
-
-    For scenes whose values are traced. It can be differentiated in both modes, for which all `most` steps are
-    visited and those beyond the last are skipped; under `jax.vmap` nothing is saved by skipping.
-    """
-
-    def prepared(self, solver):
-        return differentiable(solver, diffrax.DirectAdjoint())
-
-    def _loop(self, step, carry, ends_of):
-        @jax.checkpoint
-        def one(carry, k):
-            carry = jax.lax.cond(k < self.steps, lambda c: step(c, k), lambda c: c, carry)
-            return carry, ends_of(carry)
-
-        steps = jnp.arange(float(self.most))
-        return in_one_kernel(lambda carry: jax.lax.scan(one, carry, steps), carry)
 
 
 class ControlledSteps(AbstractStepping):

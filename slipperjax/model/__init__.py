@@ -29,5 +29,4 @@ from .scene import scene_to_toml as scene_to_toml
 from .scene_files import scene_from_json as scene_from_json
 from .scene_files import scene_from_toml as scene_from_toml
 from .scene_files import scene_to_json as scene_to_json
-from .step_size import impacts_per_period as impacts_per_period
 from .surveys import SurveyedTrack as SurveyedTrack

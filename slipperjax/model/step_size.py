@@ -9,38 +9,19 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.checks import instance, whole
-from ..tools.compile import at_once, is_traced, jit
+from ..tools.compile import is_traced, jit
 from .scene import Scene, check_scene
 from .travel import Travel
 
-SLOWEST_APPROACH = 0.1
-"""Lower bound on the approach speed of a typical impact [m/s]."""
 PER_CONTACT = 10
 """Default number of steps per typical impact, chosen by `tests/benchmarks/test_steps.py`."""
-PER_WAVE = 10
-"""Least default number of steps per shortest wavelength of the track.
-
-With a second wave of 0.5 or 1 m and amplitudes of 0.1 to 0.3 mm, the error after two periods was 1e-4 to 0.05 scales,
-and 0.6 to 4 with half as many steps or fewer. Times `damped_waves` where impacts are damped.
-"""
-DAMPED = 2.0
-"""Damping force over elastic force at a typical touchdown, above which steps are shortened in proportion [1].
-
-The damping of a slow touchdown that is then pressed in decays several times faster than that of a typical impact.
-Of 200 random scenes with restitutions of 0.2 to 1 and RK4, 4 % had an error above 0.1 after the first period without
-this, and 1.5 % had with it, two of the three with a status that says so.
-"""
-MOST_STEPS = 100_000
-"""Steps per forcing period above which a default is refused."""
-MOST_GIVEN = 100 * MOST_STEPS
-"""Steps per forcing period above which given ones are refused."""
 LEAST_STEPS = 40
 """Lower bound on the default steps per forcing period, and the smallest unit to which they are rounded up."""
 
 
-def given_steps(steps: Any) -> int:
-    """Return steps per forcing period that were given; raises `ValueError` unless they are 1 to `MOST_GIVEN`."""
-    return whole("steps_per_period", steps, 1, MOST_GIVEN)
+def given_steps(steps: Any, most: int = 10_000_000) -> int:
+    """Return steps per forcing period that were given; raise `ValueError` unless they are 1 to `most`."""
+    return whole("steps_per_period", steps, 1, most)
 
 
 def contact_duration(scene: Scene, travel: Travel | None = None) -> Float[Array, ""]:
@@ -56,16 +37,6 @@ def contact_duration(scene: Scene, travel: Travel | None = None) -> Float[Array,
     return 2.94 * contact_depth(scene, travel) / _approach(scene, travel)
 
 
-def impacts_per_period(scene: Scene) -> Float[Array, ""]:
-    """Return the forcing period over the duration of a typical impact [1], see `contact_duration`."""
-    return _impacts_per_period(instance("scene", scene, Scene, "a slipperjax.Scene"))
-
-
-@at_once
-def _impacts_per_period(scene: Scene) -> Float[Array, ""]:
-    return scene.slowest.period / contact_duration(scene)
-
-
 def contact_depth(scene: Scene, travel: Travel | None = None) -> Float[Array, ""]:
     """Return the depth of a typical impact [m], see `contact_duration`."""
     slipper = scene.slipper
@@ -74,37 +45,50 @@ def contact_depth(scene: Scene, travel: Travel | None = None) -> Float[Array, ""
     return (1.25 * mass * _approach(scene, travel) ** 2 / scene.contact.stiffness) ** 0.4
 
 
-def _approach(scene: Scene, travel: Travel | None = None) -> Float[Array, ""]:
+def _approach(scene: Scene, travel: Travel | None = None, least: float = 0.1) -> Float[Array, ""]:
+    """Return the approach speed of a typical impact [m/s], `least` at least."""
     travel = scene.slowest if travel is None else travel
-    return jnp.maximum(scene.track.approach_speed(travel.speed), SLOWEST_APPROACH)
+    return jnp.maximum(scene.track.approach_speed(travel.speed), least)
 
 
 def settle_memory(scene: Scene) -> Scene:
-    """Copies a scene with the contact memory's settings of None filled in for it, see `SmoothSwitch`."""
+    """Copy a scene with the contact memory's settings of None filled in for it, see `SmoothSwitch`."""
     memory = scene.memory.scaled(contact_depth(scene), contact_duration(scene), scene.period)
     return scene if memory is scene.memory else eqx.tree_at(lambda s: s.memory, scene, memory)
 
 
 def prepared(scene: Scene) -> Scene:
-    """Copies a scene with all work done that is the same for all steps: the track's, and the memory's settings."""
+    """Copy a scene with all work done that is the same for all steps: the track's, and the memory's settings."""
     track = scene.track.prepared()
-    return settle_memory(scene if track is scene.track else eqx.tree_at(lambda s: s.track, scene, track))
+    if track is not scene.track:
+        scene = eqx.tree_at(lambda s: s.track, scene, track)
+    return settle_memory(scene)
 
 
-def steps_needed(scene: Scene) -> Float[Array, ""]:
+def steps_needed(scene: Scene, per_wave: int = 10, damped: float = 2.0) -> Float[Array, ""]:
     """Return steps per forcing period with which a typical impact takes `PER_CONTACT` of them [1].
 
-    There are more such that the shortest wave takes `PER_WAVE`; where impacts are damped there are more of both.
+    **Arguments:** `per_wave`: least number of steps per shortest wavelength of the track, times `damped_waves` where
+    impacts are damped; `damped`: damping force over elastic force at a typical touchdown above which the steps of an
+    impact are shortened in proportion [1].
+
+    With a second wave of 0.5 or 1 m and amplitudes of 0.1 to 0.3 mm, the error after two periods was 1e-4 to 0.05
+    scales with ten steps per wave, and 0.6 to 4 with half as many or fewer.
+
+    The damping of a slow touchdown that is then pressed in decays several times faster than that of a typical impact.
+    Of 200 random scenes with restitutions of 0.2 to 1 and RK4, 4 % had an error above 0.1 after the first period with
+    steps that damping does not shorten; 1.5 % have with these, two of the three with a status that says so.
     """
     law = scene.contact
     damping = jnp.asarray(law.damping(-_approach(scene), jnp.ones(()) if law.has_memory else None))
+    impacts = scene.slowest.period / contact_duration(scene)
     waves = scene.track.wavelength / scene.track.shortest_wavelength
-    per_impact = PER_CONTACT * impacts_per_period(scene) * jnp.maximum(damping / DAMPED, 1.0)
-    return jnp.maximum(per_impact, PER_WAVE * waves * damped_waves(damping))
+    per_impact = PER_CONTACT * impacts * jnp.maximum(damping / damped, 1.0)
+    return jnp.maximum(per_impact, per_wave * waves * damped_waves(damping))
 
 
 def damped_waves(damping: Any) -> Any:
-    """Return how many times `PER_WAVE` steps the shortest wave takes [1].
+    """Return by how many times a shortest wave takes more steps where impacts are damped [1].
 
     Of the highest forces on 768 sled rails at 1000 m/s and a restitution of 0.5, the 95 and 99 % quantiles were 11
     and 18 % below those with 800 steps where the factor was the damping itself, and 6 and 5 % below with 400; at 0.7
@@ -121,37 +105,32 @@ _steps_needed = jit(steps_needed)
 def default_steps_per_period(scene: Scene) -> int:
     """Return steps per forcing period, at least `LEAST_STEPS`: a typical impact takes `PER_CONTACT` of them.
 
-    More where the track's shortest wave would take less than `PER_WAVE` steps, or where the damping force at a
-    touchdown exceeds `DAMPED` times the elastic one: for restitutions below 0.44.
+    More where the track's shortest wave would take less than 10 steps, or where the damping force at a touchdown
+    exceeds twice the elastic one: for restitutions below 0.44.
     Rounded up: to a multiple of 40 up to 240 steps, of 80 up to 480, of 160 up to 960, and so on.
 
     **Raises:** `ValueError` for a traced scene, whose values are unknown.
     """
-    steps = traced_steps_per_period(check_scene(scene))
-    if is_traced(steps):
-        raise ValueError("Argument `steps_per_period` must be given where the scene is traced (jit, vmap).")
-    return int(steps)
-
-
-def traced_steps_per_period(scene: Scene) -> Any:
-    """Return `default_steps_per_period` as an array, traced where the scene's values are unknown."""
     # without its tangent, a number that is differentiated is a plain number
-    return rounded_steps(_steps_needed(jax.lax.stop_gradient(scene))) * 1.0
+    needed = _steps_needed(jax.lax.stop_gradient(check_scene(scene)))
+    if is_traced(needed):
+        raise ValueError("Argument `steps_per_period` must be given where the scene is traced (jit, vmap).")
+    return int(rounded_steps(needed))
 
 
-def rounded_steps(needed: Any) -> Any:
+def rounded_steps(needed: Any, most: int = 100_000) -> np.ndarray:
     """Return steps per forcing period as in `default_steps_per_period`, from `steps_needed` of shape (*cases,).
 
-    **Raises:** `ValueError` above `MOST_STEPS`.
+    **Raises:** `ValueError` above `most`.
     """
-    xp, needed = (jnp, needed) if is_traced(needed) else (np, np.asarray(needed))
-    if xp is np and np.max(needed) > MOST_STEPS:
+    needed = np.asarray(needed)
+    if np.max(needed) > most:
         raise ValueError(
             f"Argument `steps_per_period` must be given: the default would be {np.max(needed):.1e}, because impacts "
             "are that short beside the forcing period. Are speed, stiffness and amplitude in SI units?"
         )
-    steps = xp.maximum(needed, LEAST_STEPS)
+    steps = np.maximum(needed, LEAST_STEPS)
     # Units of 40 up to 240 steps, of 80 up to 480, and so on: the cases of a sweep then share a few step counts.
-    octave = xp.maximum(xp.ceil(xp.log2(steps / (6 * LEAST_STEPS))), 0)
+    octave = np.maximum(np.ceil(np.log2(steps / (6 * LEAST_STEPS))), 0)
     unit = LEAST_STEPS * 2**octave
-    return xp.asarray(unit * xp.ceil(steps / unit), int)
+    return np.asarray(unit * np.ceil(steps / unit), int)

@@ -28,8 +28,8 @@ from ..analysis.step_error import with_step_error
 from ..flow.datasets import load_call, scene_attributes, varied_names
 from ..flow.period_map import PeriodMap
 from ..flow.record import RecordSet
-from ..flow.simulate import dynamic_steps, static_steps
-from ..flow.stepping import AbstractStepping
+from ..flow.simulate import dynamic_steps
+from ..flow.stepping import AbstractStepping, ConstantSteps
 from ..model.dynamics import State
 from ..model.parameters import at_values, checked_parameters, parameter, values_of
 from ..model.scene import Scene, check_scene
@@ -116,7 +116,7 @@ def critical_orbit(
     if angle is None:
         angle = _angle(start)
     # differentiated in both modes, or by one program for all numbers of steps
-    stepping = static_steps(steps) if is_traced(scene) else dynamic_steps(steps)
+    stepping = ConstantSteps(steps) if is_traced(scene) else dynamic_steps(steps)
     return _critical_orbit(scene, start, stepping, angle, tolerance, name=name, label=label)
 
 

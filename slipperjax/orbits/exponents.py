@@ -19,9 +19,9 @@ from ..flow.simulate import (
     default_steps,
     dynamic_steps,
     first_of,
-    static_steps,
 )
 from ..flow.status import status_of, with_growth, with_resolution
+from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State, initial_state
 from ..model.kinematics import Motion
 from ..model.layout import StateLayout
@@ -86,7 +86,7 @@ def lyapunov_spectrum(
         seconds = SECONDS_PER_STEP * steps * total
         refuse_impossible(f"{periods} forcing periods of {steps} steps", 8.0 * periods * count, seconds)
     # differentiated in both modes, or by one program for all numbers of steps
-    stepping = static_steps(steps) if is_traced((scene, start)) else dynamic_steps(steps)
+    stepping = ConstantSteps(steps) if is_traced((scene, start)) else dynamic_steps(steps)
     spectrum = map_spectrum(
         PeriodMap(scene, stepping, resolve_solver(scene, solver)),
         initial_state(scene, start, epoch),

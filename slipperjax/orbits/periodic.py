@@ -22,9 +22,9 @@ from ..flow.simulate import (
     refuse_periods,
     run_eagerly,
     simulate,
-    static_steps,
 )
 from ..flow.status import Status, status_of
+from ..flow.stepping import ConstantSteps
 from ..model.dynamics import State, initial_state
 from ..model.kinematics import Motion
 from ..model.quantities import MOTION_NUMBERS
@@ -168,9 +168,8 @@ def periodic_orbit(
     else:
         tries = [60] if traced else [60, 240]
     # differentiated in both modes, or by one program for all numbers of steps
-    stepping = static_steps(steps) if traced else dynamic_steps(steps)
-    step = PeriodMap(scene, stepping, solver)
-    state = initial_state(scene, begin)
+    stepping = ConstantSteps(steps) if traced else dynamic_steps(steps)
+    step, state = PeriodMap(scene, stepping, solver), initial_state(scene, begin)
     options = dict(scale=tangent_weights(scene), consistent=consistent_state)
     # one more transient where Newton's method finds no orbit after the first
     for count in tries:

@@ -73,7 +73,6 @@ SCENE = sj.paper_scene()
 OF_SCENES = [
     model.contact_points,
     model.accuracy_scales,
-    model.impacts_per_period,
     model.scene_to_json,
     model.scene_to_toml,
     sj.contact_duration,

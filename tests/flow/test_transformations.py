@@ -1,4 +1,4 @@
-"""JAX's transformations around public functions, nested in any order, with default arguments.
+"""JAX's transformations around public functions, nested in any order.
 
 All are slow; what is fast is in `test_derivatives`.
 """
@@ -37,11 +37,6 @@ def highest_saved_force(speed):
     return jnp.max(sj.simulate(scene_at(speed), 1, steps_per_period=STEPS).reactions.contact_force)
 
 
-def with_default_arguments(speed):
-    """The number of steps is traced under jit and vmap."""
-    return sj.simulate(scene_at(speed), 1).state.motion.v_y[-1]
-
-
 def exponent(speed):
     options = dict(transient=1, align=0, periods=1, steps_per_period=20)
     return sj.lyapunov_spectrum(scene_at(speed), **options).per_period[0]
@@ -53,7 +48,7 @@ def difference(function, x, h=1e-4):
 
 @pytest.mark.parametrize(
     "function",
-    [last_velocity, mapped, peak_force, highest_saved_force, with_default_arguments, exponent],
+    [last_velocity, mapped, peak_force, highest_saved_force, exponent],
     ids=lambda f: f.__name__,
 )
 def test_transformations_nest(function):

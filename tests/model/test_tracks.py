@@ -11,7 +11,7 @@ import pytest
 import slipperjax as sj
 from slipperjax.model.layout import coordinates
 from slipperjax.model.quantities import COORDINATE_SCALES
-from slipperjax.model.step_size import impacts_per_period
+from slipperjax.model.step_size import contact_duration
 
 from ..common import fine
 
@@ -60,11 +60,11 @@ def test_harmonic_irregularity_and_its_slope():
 
 
 def test_an_own_track_gets_the_steps_of_its_slope():
-    """Not of `SLOWEST_APPROACH`: equal sines of two classes get equal steps."""
+    """Not of the least approach speed: equal sines of two classes get equal steps."""
     ours, theirs = scene_with(SineTrack()), scene_with(sj.HarmonicTrack((8.0,), 1e-3))
     for scene in (ours, theirs):
         assert float(scene.track.approach_speed(scene.speed)) == pytest.approx(2 * np.pi * 1e-3 * 1250 / 8, rel=1e-9)
-    assert float(impacts_per_period(ours)) == pytest.approx(float(impacts_per_period(theirs)), rel=1e-9)
+    assert float(contact_duration(ours)) == pytest.approx(float(contact_duration(theirs)), rel=1e-9)
     stiff = [s.replace(stiffness=1e11) for s in (ours, theirs)]
     assert sj.default_steps_per_period(stiff[0]) == sj.default_steps_per_period(stiff[1]) > 200
 
