@@ -125,8 +125,12 @@ def check_start(name: str, start: Any) -> Motion | State:
 @jit  # compiled once for all calls from Python; inside programs it is a part of them
 def state_and_penetration(scene: Scene, start: Motion | State, epoch: Any = 0) -> tuple[State, Float[Array, ""]]:
     """Return the state of a start, and its greatest penetration in multiples of that of a typical impact [1]."""
-    motion, memory = (start.motion, start.memory) if isinstance(start, State) else (start, None)
+    if not isinstance(start, State):
+        start = State(start, None)
+    motion = start.motion
+    memory = start.memory
     if scene.sled is not None and not isinstance(motion, SledMotion):
+        # the sled begins at rest on its springs
         sag = scene.sled.sag(scene.gravity)
         sled = dict(sled_y=motion.y, sled_z=motion.z + sag, sled_v_y=motion.v_y, sled_v_z=motion.v_z)
         motion = SledMotion(**vars(motion), **sled)
@@ -142,20 +146,19 @@ def state_and_penetration(scene: Scene, start: Motion | State, epoch: Any = 0) -
     return State(motion, memory), outside
 
 
-DEEPEST_START = 3.0
-"""Penetration at the start, in multiples of a typical impact's, above which it is taken for an oversight."""
+def warn_if_outside(penetration: Any, deepest: float = 3.0) -> None:
+    """Give an `ImplausibleWarning` for starts outside the play, deeper than `deepest` typical impacts.
 
-
-def warn_if_outside(penetration: Any) -> None:
-    """Gives an `ImplausibleWarning` for starts outside the play, from `state_and_penetration`, of shape (*cases,)."""
+    **Arguments:** `penetration`: from `state_and_penetration`, of shape (*cases,).
+    """
     if is_traced(penetration):
         return
     depths = np.asarray(penetration)
     # not how many: a batch is a part of the cases, filled up with copies of one
-    if np.any(depths > DEEPEST_START):
+    if np.any(depths > deepest):
         warn(
             f"A start lies outside the play of slipper and rail: a point penetrates {np.nanmax(depths):.3g} times as "
-            f"deep as in a typical impact; plausible are {DEEPEST_START:g} times at most."
+            f"deep as in a typical impact; plausible are {deepest:g} times at most."
         )
 
 
@@ -247,13 +250,6 @@ def per_period(travel: Travel, rates: Motion) -> Motion:
     return jax.tree.map(lambda r: period * r, rates)
 
 
-_NEEDS_CLOSED_STEPS = (
-    "Argument `solver` must be one of slipperjax, or slipperjax.Latching of one of diffrax's, for a contact memory "
-    "that changes between steps, such as EventLatch: no other latches touchdowns. With memory=SmoothSwitch() any "
-    "solver serves."
-)
-
-
 class AbstractVectorField(eqx.Module):
     """The right-hand side of a scene for `diffrax.ODETerm`, with the methods that latching solvers call."""
 
@@ -267,7 +263,12 @@ class AbstractVectorField(eqx.Module):
         if rates.memory is not None or state.memory is None:
             return rates
         # at run time and where it is used alone, because diffrax asks every right-hand side for its shapes
-        return eqx.error_if(fill_frozen(rates, state), jnp.asarray(t) == t, _NEEDS_CLOSED_STEPS)
+        text = (
+            "Argument `solver` must be one of slipperjax, or slipperjax.Latching of one of diffrax's, for a contact "
+            "memory that changes between steps, such as EventLatch: no other latches touchdowns. With "
+            "memory=SmoothSwitch() any solver serves."
+        )
+        return eqx.error_if(fill_frozen(rates, state), jnp.asarray(t) == t, text)
 
     @jax.jit  # traced once for all stages of all steps, which halves the tracing
     def evaluate(self, t: Any, state: State, args: Args, frame: RailFrame | None = None) -> State:
@@ -348,6 +349,7 @@ class LatchedField(ContactField):
 
     def open_step(self, t0, state, args):
         now = contacts(args.frame(t0), state.motion)
+        # an infinite earlier step: there is none
         return Before(now.gap, now.rate, now.rate), jnp.asarray(jnp.inf)
 
     def close_step(self, before, t0, t1, state, args, frame=None):
@@ -392,10 +394,10 @@ def vector_field(scene: Scene) -> AbstractVectorField:
 
 
 def fill_frozen(rates: State, state: State) -> State:
-    """Replaces derivatives of None, which mark parts frozen over a step, by zeros."""
-    return jax.tree.map(
-        lambda r, s: jax.tree.map(jnp.zeros_like, s) if r is None else r, rates, state, is_leaf=lambda x: x is None
-    )
+    """Replace a derivative of None, which marks a memory that is frozen over a step, by zeros."""
+    if rates.memory is not None:
+        return rates
+    return State(rates.motion, jax.tree.map(jnp.zeros_like, state.memory))
 
 
 class Reactions(NamedTuple):

@@ -23,7 +23,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..tools.fused import store, sums
-from .kinematics import Contacts, Motion, RailFrame, rotation, scalar_part
+from .kinematics import Contacts, Motion, RailFrame, cross, in_slipper_frame, rotation, scalar_part
 from .scene import Scene
 from .travel import Travel
 
@@ -55,8 +55,9 @@ def contact_linearised(
     one = jnp.ones_like(now.gap)
     forces, by_gap = jax.jvp(lambda g: force(g, now.rate), (now.gap,), (one,))
     _, by_rate = jax.jvp(lambda r: force(now.gap, r), (now.rate,), (one,))
-    (n_x, n_y, n_z), arm, r = frame.normal, frame.arm, rotation(m)
-    n = [r[0][j] * n_x + r[1][j] * n_y + r[2][j] * n_z for j in range(3)]
+    arm = frame.arm
+    _, n_y, n_z = frame.normal
+    n = in_slipper_frame(rotation(m), frame.normal)
     s = [n_y, n_z, *now.lever]
     spin = (m.w_x, m.w_y, m.w_z)
     normal_arm = sum(n[k] * arm[k] for k in range(3))
@@ -64,25 +65,24 @@ def contact_linearised(
     # change of the force per displacement along y and z, and per rotation about each axis
     answer = [by_gap * n_y, by_gap * n_z]
     answer += [by_gap * s[2 + k] + by_rate * (normal_spin * arm[k] - spin[k] * normal_arm) for k in range(3)]
-    stiff = {(0, 0): answer[0] * n_y, (0, 1): answer[0] * n_z, (1, 1): answer[1] * n_z}
-    for i in range(2, 5):
-        stiff |= {(i, k): answer[k] * s[i] for k in range(2)}
-    for i in range(5):
-        stiff |= {(i, k): answer[k] * s[i] for k in range(2, 5)}
+    stiff = {(i, k): answer[k] * s[i] for i in range(5) for k in range(5) if (i, k) != (0, 1)}
     for i in range(3):
         for k in range(3):
             stiff[2 + i, 2 + k] += forces * (n[i] * arm[k] - (normal_arm if i == k else 0.0))
     damp = {(i, k): by_rate * s[i] * s[k] for i in range(5) for k in range(i, 5)}
+    # all sums over the points in one pass
     total = sums(*stiff.values(), *damp.values())
     stiff = dict(zip(stiff, total[: len(stiff)], strict=True))
     damp = dict(zip(damp, total[len(stiff) :], strict=True))
-    stiff[1, 0] = stiff[0, 1]
+    # what is left of both follows by symmetry
+    stiff[0, 1] = stiff[1, 0]
     damp |= {(k, i): v for (i, k), v in damp.items()}
 
     moments = [scene.slipper.inertia[k] for k in range(3)]
     inertia = [scene.slipper.mass, scene.slipper.mass, *moments]
     scaled = lambda entries: [[travel.period / inertia[i] * entries[i, k] for k in range(5)] for i in range(5)]
-    stiffness, damping = scaled(stiff), scaled(damp)
+    stiffness = scaled(stiff)
+    damping = scaled(damp)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3  # Euler's equation: J_i w_i' = ... - (J_k - J_j) w_j w_k
         gyro = travel.period * (moments[k] - moments[j]) / moments[i]
@@ -96,7 +96,8 @@ def dense_linearised(rates: Callable[[Motion], Motion], m: Motion, unit: Any) ->
 
     **Arguments:** `rates(m)`: derivative of the motion per `unit`; `m`: the motion; `unit`: unit of time [s].
     """
-    turned, tree = _attitude_by_turn(m), jax.tree.structure(m)
+    turned = _attitude_by_turn(m)
+    tree = jax.tree.structure(m)
     half = tree.num_leaves // 2  # positions, then their velocities
     zero = jnp.zeros(2 * half)
     tangents = [zero.at[k].set(1.0) for k in range(2)]
@@ -128,12 +129,12 @@ class LinearSystem(eqx.Module):
         self.factor = factor
         self.stiffness = at.stiffness
         transport = _inverse(_unit_minus(_spin_of_turn(m), self.step))
-        by_turn = [[sum(row[2 + k] * transport[k][j] for k in range(3)) for j in range(3)] for row in at.stiffness]
-        by_place = [[*row[:2], *turn] for row, turn in zip(at.stiffness, by_turn, strict=True)]
-        both = [
-            [d + self.step * s for d, s in zip(*rows, strict=True)] for rows in zip(at.damping, by_place, strict=True)
-        ]
-        matrix = _factored(_unit_minus(both, factor))
+        by_turn = _product([row[2:] for row in at.stiffness], transport)
+        reduced = []
+        for damping, stiffness, turn in zip(at.damping, at.stiffness, by_turn, strict=True):
+            by_place = [*stiffness[:2], *turn]
+            reduced.append([d + self.step * s for d, s in zip(damping, by_place, strict=True)])
+        matrix = _factored(_unit_minus(reduced, factor))
         turn = _product(transport, _turn_by_attitude(m))
         self.matrix, self.transport, self.turn = store((matrix, transport, turn))
         self.attitude = _attitude_by_turn(m)
@@ -143,6 +144,7 @@ class LinearSystem(eqx.Module):
         leaves, tree = jax.tree.flatten(right)
         turn = _times(self.turn, leaves[2:5])
         push = _times(self.stiffness, [*leaves[:2], *turn])
+        # forwards through L, then backwards through U, whose diagonal is all ones
         x = [r + self.factor * p for r, p in zip(leaves[5:], push, strict=True)]
         for i in range(5):
             for j in range(i):
@@ -171,12 +173,7 @@ def _factored(a: Matrix) -> Matrix:
 
 def _inverse(a: Matrix) -> Matrix:
     """Return the inverse of a 3 x 3 matrix by its cofactors."""
-    nexts = [(1, 2), (2, 0), (0, 1)]
-    minor = lambda i, j: (
-        a[nexts[i][0]][nexts[j][0]] * a[nexts[i][1]][nexts[j][1]]
-        - a[nexts[i][0]][nexts[j][1]] * a[nexts[i][1]][nexts[j][0]]
-    )
-    cofactors = [[minor(i, j) for j in range(3)] for i in range(3)]
+    cofactors = [cross(a[1], a[2]), cross(a[2], a[0]), cross(a[0], a[1])]
     determinant = sum(a[0][j] * cofactors[0][j] for j in range(3))
     return [[cofactors[j][i] / determinant for j in range(3)] for i in range(3)]
 
@@ -200,16 +197,18 @@ def _cross_matrix(v) -> Matrix:
 
 def _attitude_by_turn(m: Motion) -> Matrix:
     """Return the derivative of the quaternion's vector part q with respect to a rotation: (q_0 + [q]x) / 2."""
-    cross, q_0 = _cross_matrix((m.q_x, m.q_y, m.q_z)), scalar_part(m)
-    return [[0.5 * (q_0 if i == j else cross[i][j]) for j in range(3)] for i in range(3)]
+    by_q = _cross_matrix((m.q_x, m.q_y, m.q_z))
+    q_0 = scalar_part(m)
+    return [[0.5 * (q_0 if i == j else by_q[i][j]) for j in range(3)] for i in range(3)]
 
 
 def _turn_by_attitude(m: Motion) -> Matrix:
     """Return the inverse of `_attitude_by_turn`: 2 (q_0 - [q]x + q q^T / q_0)."""
-    q, q_0 = (m.q_x, m.q_y, m.q_z), scalar_part(m)
-    cross = _cross_matrix(q)
+    q = (m.q_x, m.q_y, m.q_z)
+    q_0 = scalar_part(m)
+    by_q = _cross_matrix(q)
     one = 1 / q_0
-    return [[2 * ((q_0 if i == j else -cross[i][j]) + one * q[i] * q[j]) for j in range(3)] for i in range(3)]
+    return [[2 * ((q_0 if i == j else -by_q[i][j]) + one * q[i] * q[j]) for j in range(3)] for i in range(3)]
 
 
 def _spin_of_turn(m: Motion) -> Matrix:
@@ -217,7 +216,8 @@ def _spin_of_turn(m: Motion) -> Matrix:
 
     The change of q' with q, expressed as a rotation, is ([d]x w - (d . w) q / q_0) / 2.
     """
-    q, q_0, w = (m.q_x, m.q_y, m.q_z), scalar_part(m), (m.w_x, m.w_y, m.w_z)
-    cross = _cross_matrix(w)
-    one = 1 / q_0
-    return [[-0.5 * (cross[i][j] + w[j] * q[i] * one) for j in range(3)] for i in range(3)]
+    q = (m.q_x, m.q_y, m.q_z)
+    w = (m.w_x, m.w_y, m.w_z)
+    one = 1 / scalar_part(m)
+    by_w = _cross_matrix(w)
+    return [[-0.5 * (by_w[i][j] + w[j] * q[i] * one) for j in range(3)] for i in range(3)]
