@@ -12,7 +12,6 @@ from .record import Sections as Sections
 from .record import Strobe as Strobe
 from .records import RECORDS as RECORDS
 from .records import AbstractNumber as AbstractNumber
-from .records import ForcePercentile as ForcePercentile
 from .records import OnePoint as OnePoint
 from .records import PowerMean as PowerMean
 from .records import Record as Record

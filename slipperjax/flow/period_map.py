@@ -23,7 +23,7 @@ from ..model.scene import Scene
 from ..model.step_size import prepared
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
-from ..tools.compile import call_compiled, jit, with_standard_promotion
+from ..tools.compile import jit, with_standard_promotion
 from ..tools.jacobian import by_jacobian, moving_with
 from ..tools.one_kernel import call_plainly, in_one_kernel
 from .course import Course
@@ -32,29 +32,23 @@ from .status import Status, status_of, with_growth, with_resolution
 from .stepping import AbstractStepping, as_stepping
 
 
-def _motion_weights(motion: Motion) -> Motion:
-    """Weights of the motion in a tangent's norm [1/unit], the reciprocals of its scales."""
-    return jax.tree.map(lambda scale: 1 / scale, scales_of(motion))
-
-
 def tangent_weights(scene: Scene) -> Callable[[State], State]:
-    """Gives the weights of a tangent's components at a state, see `slipperjax.analysis.lyapunov.push_tangents`.
+    """Return the weights of a tangent's components at a state, see `slipperjax.analysis.lyapunov.push_tangents`.
 
     The motion counts in multiples of its scales. Of `EventLatch`, the memory of closed contacts counts relative to
     itself, that of open ones not at all; of `SmoothSwitch`, 1 m/s of memory counts as one.
     """
-    return _smooth_weights if isinstance(vector_field(scene), SmoothField) else _latched_weights
+    return functools.partial(_weights, isinstance(vector_field(scene), SmoothField))
 
 
-def _latched_weights(state: State) -> State:
-    if state.memory is None:
-        return State(_motion_weights(state.motion), None)
-    closed = state.memory < -1e-9
-    return State(_motion_weights(state.motion), jnp.where(closed, -1 / jnp.where(closed, state.memory, -1.0), 0.0))
-
-
-def _smooth_weights(state: State) -> State:
-    return State(_motion_weights(state.motion), jnp.ones_like(state.memory))
+def _weights(integrated: bool, state: State) -> State:
+    memory = state.memory
+    if integrated:
+        memory = jnp.ones_like(memory)
+    elif memory is not None:
+        closed = memory < -1e-9
+        memory = jnp.where(closed, -1 / jnp.where(closed, memory, -1.0), 0.0)
+    return State(jax.tree.map(lambda scale: 1 / scale, scales_of(state.motion)), memory)
 
 
 @functools.partial(jit, static_argnames=("count",))
@@ -106,7 +100,7 @@ class PeriodMap(eqx.Module):
         used: Any = None,
         earlier: Any = None,
     ) -> Passage:
-        """Integrates some forcing periods, by default one application's, with the samples of records.
+        """Integrate some forcing periods, by default one application's, with the samples of records.
 
         **Arguments:** `state`: at the start of the forcing period number `epoch`; `used`: how many of `periods`
         are integrated, which may be traced, so that one program serves several numbers: entries of the others are
@@ -162,6 +156,7 @@ class PeriodMap(eqx.Module):
         (end, _, carried), (samples, codes, steps_taken) = whole(run, (state, solver_state, earlier))
         judged = steps_taken
         if used is not None:
+            # periods that were not run resolve all impacts
             run = jnp.arange(float(count)) < used
             steps_taken = jnp.where(run, steps_taken, jnp.max(steps_taken))
             judged = jnp.where(run, steps_taken, jnp.inf)
@@ -173,18 +168,6 @@ def _lost_where(failed: Any, state: State) -> State:
     """Return the state or states with a motion of NaN where solver or controller gave up."""
     lost = jax.tree.map(lambda v: jnp.where(failed, jnp.nan, v), state.motion)
     return eqx.tree_at(lambda s: s.motion, state, lost)
-
-
-def run_compiled(
-    period_map: PeriodMap, state: State, periods: int, records: RecordSet, epoch: Any = 0.0, used: Any = None
-) -> Passage:
-    """Return `period_map.run` of one case, compiled; see there."""
-    return call_compiled(_run, period_map, (periods, records), state, epoch, used)
-
-
-def _run(period_map: PeriodMap, static: tuple, state: State, epoch: Any, used: Any) -> Passage:
-    periods, records = static
-    return period_map.run(state, epoch, periods=periods, records=records, used=used)
 
 
 def initial_states(scenes: Batched[Scene], starts: Motion | State, epoch: Any = 0.0) -> State:
@@ -202,7 +185,7 @@ def initial_states(scenes: Batched[Scene], starts: Motion | State, epoch: Any = 
 def states_and_penetrations(
     scenes: Batched[Scene], starts: Motion | State, epoch: Any = 0.0
 ) -> tuple[State, Float[Array, " cases"]]:
-    """Gives a batch's states and penetrations: `slipperjax.model.dynamics.state_and_penetration`."""
+    """Return a batch's states and penetrations: `slipperjax.model.dynamics.state_and_penetration`."""
     return scenes.map(lambda scene, start: state_and_penetration(scene, start, epoch), starts)
 
 
@@ -219,14 +202,17 @@ def advance(
     used: Any = None,
     earlier: Any = None,
 ) -> Passage:
-    """Runs a batch over some forcing periods, all cases with the same stepping: see `PeriodMap.run`.
+    """Run a batch over some forcing periods, all cases with the same stepping: see `PeriodMap.run`.
 
     Where only `used` of the periods are integrated, what the result holds for the others is to be cut off.
 
     `states`, `earlier` and the result have a leading axis of cases.
     """
-    options = dict(epoch=epoch, periods=periods, records=records, used=used)
-    one = lambda scene, state, earlier: PeriodMap(scene, stepping, solver).run(state, earlier=earlier, **options)
+
+    def one(scene: Scene, state: State, earlier: Any) -> Passage:
+        step = PeriodMap(scene, stepping, solver)
+        return step.run(state, epoch, periods=periods, records=records, used=used, earlier=earlier)
+
     return scenes.map(one, states, earlier)
 
 
@@ -253,7 +239,7 @@ def advance_tangents(
     solver: diffrax.AbstractSolver,
     periods: int,
 ) -> TangentPassage:
-    """Carries a batch's orthonormal tangents over forcing periods: `slipperjax.analysis.lyapunov.push_tangents`."""
+    """Carry a batch's orthonormal tangents over forcing periods: `slipperjax.analysis.lyapunov.push_tangents`."""
 
     def one(scene, state, tangents):
         step = PeriodMap(scene, stepping, solver)

@@ -1,7 +1,7 @@
 """The contract of records, which keep something of each case; several records as one; and records of samples.
 
 A record looks at the course of each forcing period inside the compiled program. Its carry makes numbers of one size,
-however long the run is (peaks, means, percentiles); its samples of each period are joined end to end (strobes,
+however long the run is (peaks, means); its samples of each period are joined end to end (strobes,
 Poincare sections, histories, loads of each period). Afterwards it may run on, and it names its arrays for datasets.
 """
 
@@ -22,13 +22,12 @@ from ..model.layout import coordinate_rows, coordinates
 from ..model.quantities import ACCELERATIONS, COORDINATES, REACTIONS, SECTIONS, Quantity
 from ..model.scene import Scene
 from ..tools.checks import require, whole, yes_or_no
-from .course import Course, Loads
+from ..tools.columns import column
+from .course import Course
 from .status import Status
 
 Labelled = tuple[dict[str, Any], dict[str, Any]]
 """Data variables and coordinates of a dataset, as xarray takes them."""
-RECORDED = 2.0
-"""Cost of a period whose inside is recorded, in unrecorded ones: 1.1 to 3.5 were measured, see docs/records.md."""
 
 
 class RecordedSpan(NamedTuple):
@@ -185,8 +184,8 @@ class RecordSet:
 
     @property
     def cost(self) -> float:
-        """Cost of a recorded period, in unrecorded ones."""
-        return RECORDED if self.inside else 1.0
+        """Cost of a recorded period over an unrecorded one: 1.1 to 3.5 were measured, see docs/records.md."""
+        return 2.0 if self.inside else 1.0
 
     def cost_after(self, periods: int) -> float:
         """Return the cost of the work after so many recorded periods, in unrecorded ones."""
@@ -270,10 +269,12 @@ class RecordSet:
 
     def label(self, scene: Scene, dims: tuple[str, ...], values: tuple[Any, ...]) -> Labelled:
         """Return data variables and coordinates of a dataset."""
-        data, coords = {}, {}
+        data = {}
+        coords = {}
         for r, mine in zip(self.records, values, strict=True):
             more, along = r.label(scene, dims, mine)
-            data, coords = data | more, coords | along
+            data |= more
+            coords |= along
         return data, coords
 
 
@@ -290,19 +291,18 @@ class Samples:
         for r, new in zip(records.records, samples, strict=True):
             calls = self._calls[r]
             calls.append(jax.tree.map(np.asarray, new))
+            # the earliest calls go as soon as the others have the last periods
             while not r.from_start and _periods_in(calls[1:]) >= r.last(self._periods):
                 del calls[0]
 
     def joined(self) -> tuple[Any, ...]:
         """Return each record's samples in the order of time."""
-        return tuple(self._joined(*pair) for pair in self._calls.items())
-
-    def _joined(self, record: AbstractRecord, calls: list[Any]) -> Any:
-        def end_to_end(*parts: np.ndarray) -> np.ndarray:
-            samples = np.concatenate(parts, axis=1)
-            return samples if record.from_start else samples[:, -record.last(self._periods) :]
-
-        return jax.tree.map(end_to_end, *calls) if calls else None
+        found = []
+        for record, calls in self._calls.items():
+            last = slice(None) if record.from_start else slice(-record.last(self._periods), None)
+            end_to_end = lambda *parts, last=last: np.concatenate(parts, axis=1)[:, last]
+            found.append(jax.tree.map(end_to_end, *calls) if calls else None)
+        return tuple(found)
 
 
 def _periods_in(calls: list[Any]) -> int:
@@ -329,22 +329,15 @@ class Strobe(AbstractRecord):
 
     from_start: bool = False
     """Whether states of the transient are kept, too."""
-    latest: int | None = None
-    """How many of the recorded periods are kept at their end; None for all."""
 
     name = "strobe"
     inside = False
 
     def __post_init__(self):
         yes_or_no("from_start", self.from_start)
-        if self.latest is not None:
-            whole("latest", self.latest, 1)
 
     def values(self, scene, periods):
-        return len(COORDINATES) * self.last(periods)
-
-    def last(self, periods):
-        return periods if self.latest is None else min(self.latest, periods)
+        return len(COORDINATES) * periods
 
     def sample(self, course) -> Motion:
         # as it is: Euler angles made here would be fused with the step, which then rounds differently in each batch
@@ -355,11 +348,10 @@ class Strobe(AbstractRecord):
 
     def label(self, scene, dims, values: Float[Any, "*cases periods coordinates"]):
         text = "; ".join(f"{name} [{q.unit}]" for name, q in COORDINATES.items())
-        words = {"long_name": f"state once per period: {text}"}
+        strobe = column((*dims, "strobe_period", "coordinate"), values, "", f"state once per period: {text}")
         numbers = np.arange(1 - values.shape[-2], 1)
-        since = attributes("1", "forcing periods since the end of the record")
-        coords = {"coordinate": list(COORDINATES), "strobe_period": ("strobe_period", numbers, since)}
-        return {"strobe": ((*dims, "strobe_period", "coordinate"), values, words)}, coords
+        period = column("strobe_period", numbers, "1", "forcing periods since the end of the record")
+        return {"strobe": strobe}, {"coordinate": list(COORDINATES), "strobe_period": period}
 
 
 class SectionPoints(NamedTuple):
@@ -389,7 +381,7 @@ class Sections(AbstractRecord):
 
     @property
     def variables(self):
-        return tuple(f"{before}{name}{behind}" for before, behind in _SECTION_NAMES for name in SECTIONS)
+        return tuple(form.format(name) for form in ("{}", "{}_period", "crossings_{}") for name in SECTIONS)
 
     def values(self, scene, periods):
         return len(SECTIONS) * 2 * self.capacity * periods
@@ -415,8 +407,8 @@ class Sections(AbstractRecord):
         return carried, np.where(dropped, int(Status.POINTS_DROPPED), status)
 
     def finish(self, carried, samples: SectionPoints, span) -> SectionPoints:
-        in_time = lambda a: np.moveaxis(a, 1, 2).reshape(a.shape[0], a.shape[2], -1)
-        time, velocity = in_time(samples.time), in_time(samples.velocity)
+        both = samples.time, samples.velocity
+        time, velocity = (np.moveaxis(a, 1, 2).reshape(a.shape[0], a.shape[2], -1) for a in both)
         # crossings to the front
         order = np.argsort(np.isnan(velocity), axis=-1, kind="stable")
         time, velocity = (np.take_along_axis(a, order, axis=-1) for a in (time, velocity))
@@ -424,21 +416,20 @@ class Sections(AbstractRecord):
 
     def label(self, scene, dims, values: SectionPoints):
         most = max(int(np.max(np.sum(~np.isnan(values.velocity), axis=-1), initial=0)), 1)
+        # results on disk have a capacity for as many crossings as could be
+        capacity = values.time.shape[-1]
+        along = (*dims, "crossing")
         data = {}
         for k, (name, coordinate) in enumerate(SECTIONS.items()):
-            q, across = COORDINATES[name], f"upward zero crossings of {COORDINATES[coordinate].long_name}"
-            # results on disk have a capacity for as many crossings as could be
-            capacity = {"capacity": values.time.shape[-1]}
-            for suffix, of, unit, text in (
-                ("", values.velocity, q.unit, f"{q.long_name} at {across}"),
-                ("_period", values.time, "1", f"forcing periods passed at {across}"),
-            ):
-                data[f"{name}{suffix}"] = ((*dims, "crossing"), of[..., k, :most], attributes(unit, text) | capacity)
-            data[f"crossings_{name}"] = (dims, values.count[..., k], attributes("1", f"number of {across}"))
+            q = COORDINATES[name]
+            across = f"upward zero crossings of {COORDINATES[coordinate].long_name}"
+            velocity = values.velocity[..., k, :most]
+            time = values.time[..., k, :most]
+            instant = f"forcing periods passed at {across}"
+            data[name] = column(along, velocity, q.unit, f"{q.long_name} at {across}", capacity=capacity)
+            data[f"{name}_period"] = column(along, time, "1", instant, capacity=capacity)
+            data[f"crossings_{name}"] = column(dims, values.count[..., k], "1", f"number of {across}")
         return data, {}
-
-
-_SECTION_NAMES = ("", ""), ("", "_period"), ("crossings_", "")
 
 
 class HistoryValues(NamedTuple):
@@ -474,7 +465,7 @@ class History(AbstractRecord):
 
     @property
     def variables(self):
-        return (*COORDINATES, *ACCELERATIONS, *_INNER_DIMS)
+        return (*COORDINATES, *ACCELERATIONS, "contact_force", "gap", "drive_force")
 
     def values(self, scene, periods):
         alone = len(COORDINATES) + len(ACCELERATIONS) + 2  # with time and drive force
@@ -493,44 +484,14 @@ class History(AbstractRecord):
         return joined._replace(period=joined.period - span.start)
 
     def label(self, scene, dims, values: HistoryValues):
-        data: dict[str, Any] = {}
-        for quantities, rows in ((COORDINATES, values.states), (ACCELERATIONS, values.acceleration)):
-            for k, (name, q) in enumerate(quantities.items()):
-                data[name] = ((*dims, "time"), rows[..., k], q.attributes)
-        for name, inner in _INNER_DIMS.items():
-            data[name] = ((*dims, "time", *inner), getattr(values, name), REACTIONS[name].attributes)
+        rows = np.concatenate([values.states, values.acceleration], axis=-1)
+        columns = [(name, rows[..., k]) for k, name in enumerate((*COORDINATES, *ACCELERATIONS))]
+        columns += [(name, getattr(values, name)) for name in ("contact_force", "gap", "drive_force")]
+        data = {}
+        for name, array in columns:
+            q = (COORDINATES | ACCELERATIONS | REACTIONS)[name]
+            inner = ("end", "point") if name in ("contact_force", "gap") else ()
+            data[name] = column((*dims, "time", *inner), array, q.unit, q.long_name)
         # the same for all cases, but NaN for those that were not run
         period = np.fmin.reduce(values.period.reshape(-1, values.period.shape[-1]))
-        coords = {"period": ("time", period, attributes("1", "time in forcing periods"))}
-        return data, coords | point_labels(scene)
-
-
-_INNER_DIMS = {"contact_force": ("end", "point"), "gap": ("end", "point"), "drive_force": ()}
-
-
-@dataclass(frozen=True)
-class States(Unlabelled):
-    """The states `saves` times per period, as they are."""
-
-    saves: int = 1
-
-    @property
-    def inside(self):
-        return self.saves > 1
-
-    def values(self, scene, periods):
-        return (40 + 3 * scene.points) * self.saves * periods  # with the forces that follow from them
-
-    def sample(self, course):
-        return course.saved(self.saves)
-
-
-@dataclass(frozen=True)
-class PeriodLoads(Unlabelled):
-    """The contact loads of each period."""
-
-    def values(self, scene, periods):
-        return (5 * scene.points + 1) * periods
-
-    def sample(self, course) -> Loads:
-        return course.loads
+        return data, {"period": column("time", period, "1", "time in forcing periods")} | point_labels(scene)

@@ -6,8 +6,9 @@ so that such a record has a smooth twin, `smooth`, for descents.
 
 import abc
 import dataclasses
+import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -18,18 +19,16 @@ from jaxtyping import Array, Float, Int
 
 from ..model.dang2024 import table_2_start
 from ..model.dynamics import Args, state_and_penetration
-from ..model.kinematics import contact_points
 from ..model.quantities import ACCELERATIONS, COORDINATES, LOADS, Quantity
 from ..model.scene import Scene
 from ..tools.batching import Batched
-from ..tools.checks import brief, instance, number, one_of, positive, require
+from ..tools.checks import brief, instance, number, numbers, one_of, positive, require
+from ..tools.columns import column
 from ..tools.compile import jit
 from .course import GAUSS_PLACES, Course
-from .record import AbstractRecord, RecordedSpan, Unlabelled, attributes, point_labels
-from .status import Status, most_stability_number, with_loads
+from .record import AbstractRecord, Unlabelled, point_labels
+from .status import most_stability_number, with_loads
 
-POWER_ORDER = 32
-"""Default order of the power means that stand for greatest values [1]."""
 POINTS = ("end", "point")
 """Dimensions of values at each contact point."""
 
@@ -53,6 +52,7 @@ def _root_mean(joined: Any, periods: Any) -> Any:
 
 def _log_sum(values: Array, axis: int = 0) -> Array:
     """Return ln of the sum of exp(values), which may be minus infinity."""
+    # the greatest value is taken out, so that nothing overflows
     most = jax.lax.stop_gradient(jnp.max(values, axis=axis))
     scale = jnp.where(jnp.isfinite(most), most, 0.0)
     total = jnp.sum(jnp.exp(values - scale), axis=axis)
@@ -75,7 +75,7 @@ class AbstractQuantityRecord(AbstractRecord):
     quantity: Quantity
     """Name, unit and description."""
     dims: tuple[Any, ...] = ()
-    """Dimensions: "end", "point", or a name of one's own with its labels, and attributes if there are any."""
+    """Dimensions: "end", "point", or a name of one's own with its labels."""
 
     @property
     def name(self) -> str:
@@ -95,10 +95,12 @@ class AbstractQuantityRecord(AbstractRecord):
         return math.prod(self.shape(scene))
 
     def label(self, scene, dims, values):
-        names = [d if isinstance(d, str) else d[0] for d in self.dims]
-        own = {d[0]: (d[0], np.array(d[1]), *d[2:]) for d in self.dims if not isinstance(d, str)}
-        along = {name: labels for name, labels in point_labels(scene).items() if name in names}
-        return {self.name: ((*dims, *names), values, self.quantity.attributes)}, along | own
+        labels = point_labels(scene)
+        along = {}
+        for d in self.dims:
+            name, own = (d, labels[d]) if isinstance(d, str) else d
+            along[name] = list(own)
+        return {self.name: column((*dims, *along), values, self.unit, self.quantity.long_name)}, along
 
 
 class AbstractNumber(AbstractQuantityRecord):
@@ -166,29 +168,19 @@ class Record(AbstractNumber):
     def join(self):
         return JOINS[self.over]
 
-    def of(self, course):
-        return jnp.asarray(self.function(course), float)
-
     def check(self, scene, periods, steps):
-        if RECORDS.get(self.name) is self:
-            return
-
-        def value():
-            """Return the value of some period, to look at its shape."""
+        # of some period the shape alone, so that a wrong function is told before anything is compiled
+        if RECORDS.get(self.name) is not self:
             state, _ = state_and_penetration(scene, table_2_start())
             inside = jax.tree.map(lambda a: jnp.broadcast_to(a, (5, *jnp.shape(a))), state)
-            return self.function(Course(state, inside, Args(scene, 0.0, contact_points(scene)), 4))
+            jax.eval_shape(lambda: self.of(Course(state, inside, Args(scene), 4)))
 
-        must = f"Argument `function` of `{self.name}` must"
-        try:
-            made = jax.eval_shape(value)
-        except Exception as error:
-            reason = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
-            raise ValueError(f"{must} take a course, but raised {reason}") from error
-        if not (isinstance(made, jax.ShapeDtypeStruct) and made.dtype.kind in "fiub"):
-            raise ValueError(f"{must} give real numbers, but gives {brief(made)}.")
-        if made.shape != (shape := self.shape(scene)):
-            raise ValueError(f"{must} give numbers of the shape of `dims`, {shape}, but gives {made.shape}.")
+    def of(self, course):
+        value = jnp.asarray(self.function(course))
+        need = f"of `{self.name}` must give real numbers of the shape of `dims`, {self.shape(course.scene)}"
+        if value.dtype.kind not in "fiub" or value.shape != self.shape(course.scene):
+            raise ValueError(f"Argument `function` {need}, but gives {jax.typeof(value)}.")
+        return jnp.asarray(value, float)
 
 
 @dataclass(frozen=True)
@@ -199,7 +191,7 @@ class PowerMean(AbstractNumber):
     """
 
     record: AbstractNumber
-    order: float = POWER_ORDER
+    order: float = 32
 
     def __post_init__(self):
         number(positive, "order", self.order)
@@ -337,87 +329,6 @@ class ContactChecks(Unlabelled):
         return carried, np.asarray(judged_by_contacts(run.scenes, jnp.asarray(status), carried, limit))
 
 
-FRACTION_BITS = 5
-"""A class is told by so many leading bits of a force's fraction: its width is 1/64 to 1/32 of the force."""
-_SHIFT = 52 - FRACTION_BITS
-# between these forces [N] percentiles are resolved: smaller ones count as zero, larger ones as infinite
-_LEAST_CLASS, _MOST_CLASS = (np.array([1.0, 2.0**28]).view(np.int64) >> _SHIFT).tolist()
-FORCE_CLASSES = _MOST_CLASS - _LEAST_CLASS + 2
-"""Number of classes, the first for zero and the last for infinite forces."""
-
-
-LARGEST = float(np.finfo(float).max)
-"""Largest number in double precision."""
-
-
-def _each_once(name: str, values: Any, good: Callable[[Any], bool], need: str) -> tuple[float, ...]:
-    """Return one or several numbers as a tuple; raises `ValueError` where one is not good, or given twice."""
-    try:
-        numbers = np.atleast_1d(np.asarray(values if np.size(values) else None, dtype=object))
-    except (TypeError, ValueError):  # of datasets, and of rows of several lengths
-        numbers = np.array([None])
-    is_number = lambda x: isinstance(x, int | float | np.number) and not isinstance(x, bool) and abs(x) <= LARGEST
-    fits = [is_number(x) and good(x) for x in numbers]
-    require(numbers.ndim == 1 and all(fits) and len(set(numbers.tolist())) == len(numbers), name, need, values)
-    return tuple(float(x) for x in numbers)
-
-
-@dataclass(frozen=True)
-class ForcePercentile(AbstractQuantityRecord):
-    """Percentiles of the normal contact force over time, at each contact point [N].
-
-    Forces at the two Gauss points of each step are counted in classes of their leading digits, and each is placed
-    evenly in its class: a percentile is accurate to 1/32 of itself at worst, mostly to 0.5 %, and is 0 where a point
-    is open for a larger share of the time. Between two forces it is interpolated as by `numpy.percentile`. While a
-    case runs, its counts take 72 kB.
-    """
-
-    percentiles: tuple[float, ...] = (99.0,)
-    """One or several [%], 0 to 100."""
-
-    def __post_init__(self):
-        need = "be numbers from 0 to 100, each once"
-        percentiles = _each_once("percentiles", self.percentiles, lambda q: 0 <= q <= 100, need)
-        object.__setattr__(self, "percentiles", percentiles)
-
-    quantity = Quantity("contact_force_percentile", "N", "percentile over time of the normal contact force")
-
-    @property
-    def dims(self):
-        return ("percentile", self.percentiles, attributes("percent", "percentile")), *POINTS
-
-    def begin(self, scene, state):
-        return np.zeros((2, scene.points // 2, FORCE_CLASSES), np.int32)
-
-    def add(self, carried: Int[Array, "2 points classes"], course):
-        bits = jax.lax.bitcast_convert_type(course.force.samples, jnp.int64)
-        index = jnp.clip((bits >> _SHIFT) - (_LEAST_CLASS - 1), 0, FORCE_CLASSES - 1)
-        ends, points = (jnp.arange(n) for n in carried.shape[:2])
-        one = course.counted(jnp.ones_like(index, jnp.int32), 0)
-        return carried.at[ends[None, :, None], points[None, None, :], index].add(one)
-
-    def finish(self, carried, samples, span: RecordedSpan):
-        count = span.periods * span.steps * len(GAUSS_PLACES)
-        place = np.array(self.percentiles) / 100 * (count - 1)
-        below = np.floor(place).astype(int)
-        lower, upper = (_ranked(np.asarray(carried), np.minimum(k, count - 1)) for k in (below, below + 1))
-        with np.errstate(invalid="ignore"):
-            forces = np.where(lower == upper, lower, lower + (upper - lower) * (place - below))
-        # a force that is no number is in the last class
-        forces[span.status == Status.NOT_FINITE] = np.nan
-        return np.moveaxis(forces, -1, 1)
-
-
-def _ranked(counts: Int[np.ndarray, "*cases 2 points classes"], ranks: Int[np.ndarray, " percentiles"]) -> np.ndarray:
-    """Return the forces of some ranks, 0 for the smallest [N], of shape (*cases, 2, points, percentiles)."""
-    edges = ((np.arange(FORCE_CLASSES - 1) + _LEAST_CLASS) << _SHIFT).view(np.float64)
-    low, width = np.array([0.0, *edges[:-1], np.inf]), np.array([0.0, *np.diff(edges), 0.0])
-    total = np.cumsum(counts, axis=-1)
-    at = np.stack([np.sum(total <= rank, axis=-1) for rank in ranks], axis=-1)
-    count, upto = np.take_along_axis(counts, at, axis=-1), np.take_along_axis(total, at, axis=-1)
-    return low[at] + width[at] * (ranks - upto + count + 0.5) / count
-
-
 @dataclass(frozen=True)
 class SpectrumLines(AbstractNumber):
     """Complex amplitudes of a coordinate or an acceleration at some multiples of the forcing frequency.
@@ -438,9 +349,10 @@ class SpectrumLines(AbstractNumber):
 
     def __post_init__(self):
         one_of("coordinate", self.coordinate, (*COORDINATES, *ACCELERATIONS))
+        given = numbers("frequencies", self.frequencies, 1)
         need = "be numbers of zero or more, each once"
-        frequencies = _each_once("frequencies", self.frequencies, lambda f: 0 <= f < np.inf, need)
-        object.__setattr__(self, "frequencies", frequencies)
+        require(np.all(given >= 0) and len(set(given)) == given.size > 0, "frequencies", need, self.frequencies)
+        object.__setattr__(self, "frequencies", tuple(given.astype(float).tolist()))
 
     @property
     def quantity(self):
@@ -495,30 +407,34 @@ def _rms(k: int, q: Quantity) -> Record:
     return Record(Quantity(f"rms_{q.name}", q.unit, text, symbol), lambda c: c.acceleration.mean_square[k], "rms")
 
 
-_IMPACT_IMPULSE = Quantity("impact_impulse", "N s", "greatest impulse of a point in a forcing period", "I")
-_CONTACT_LOAD = Quantity(
-    "contact_load", "N", "mean normal force of all points together", r"\sum\bar F", shown_unit="kN"
-)
-_CONTACT_WORK = Quantity("contact_work", "J/m", "energy lost in contacts per metre of travel", "W")
-_DRIVE_FORCE = Quantity("drive_force", "N", "mean force along x that keeps the speed constant", r"\bar F_X")
-_GRAZING = Quantity("grazing_distance", "m", "least distance of a gap's extreme from zero", "d", 1e-3, "mm")
-_TABLE = (
-    Record(LOADS["peak_force"], lambda c: c.loads.peak_force, "max", POINTS, lambda c: c.force.samples),
-    PeakPeriod(),
-    Record(LOADS["impulse"], lambda c: c.loads.impulse, "sum", POINTS),
-    Record(LOADS["contact_fraction"], lambda c: c.loads.contact_fraction, "mean", POINTS),
-    Record(LOADS["penetration"], lambda c: c.loads.penetration, "max", POINTS),
-    Record(_IMPACT_IMPULSE, lambda c: c.loads.impulse, "max", POINTS, _impulse_samples),
+def _records() -> Iterator[AbstractQuantityRecord]:
+    """Give all records of numbers that have names."""
+    points = functools.partial(Record, dims=POINTS)
+    yield points(LOADS["peak_force"], lambda c: c.loads.peak_force, samples=lambda c: c.force.samples)
+    yield PeakPeriod()
+    yield points(LOADS["impulse"], lambda c: c.loads.impulse, "sum")
+    yield points(LOADS["contact_fraction"], lambda c: c.loads.contact_fraction, "mean")
+    yield points(LOADS["penetration"], lambda c: c.loads.penetration)
+    greatest = Quantity("impact_impulse", "N s", "greatest impulse of a point in a forcing period", "I")
+    yield points(greatest, lambda c: c.loads.impulse, samples=_impulse_samples)
     # by Archard's law (1953, doi:10.1063/1.1721448) the volume worn off in a metre of travel is proportional to it
-    Record(_CONTACT_LOAD, lambda c: jnp.sum(c.force.mean), "mean"),
-    Record(_CONTACT_WORK, lambda c: jnp.sum(c.power.integral) / c.travel.wavelength, "mean"),
-    Record(_DRIVE_FORCE, lambda c: c.drive_force.mean, "mean"),
+    text = "mean normal force of all points together"
+    load = Quantity("contact_load", "N", text, r"\sum\bar F", shown_unit="kN")
+    yield Record(load, lambda c: jnp.sum(c.force.mean), "mean")
+    work = Quantity("contact_work", "J/m", "energy lost in contacts per metre of travel", "W")
+    yield Record(work, lambda c: jnp.sum(c.power.integral) / c.travel.wavelength, "mean")
+    drive = Quantity("drive_force", "N", "mean force along x that keeps the speed constant", r"\bar F_X")
+    yield Record(drive, lambda c: c.drive_force.mean, "mean")
     # a contact that the motion almost makes, or almost loses, is as far from grazing as its gap's extreme from zero
-    Record(_GRAZING, lambda c: jnp.min(c.gap.shallowest_turn), "min"),
-    *(_rms(k, q) for k, q in enumerate(ACCELERATIONS.values())),
-    *(record for k, q in enumerate(COORDINATES.values()) for record in _of_coordinate(k, q)),
-)
-RECORDS: Mapping[str, Any] = {record.name: record for record in _TABLE}
+    distance = Quantity("grazing_distance", "m", "least distance of a gap's extreme from zero", "d", 1e-3, "mm", 1e-3)
+    yield Record(distance, lambda c: jnp.min(c.gap.shallowest_turn), "min")
+    for k, q in enumerate(ACCELERATIONS.values()):
+        yield _rms(k, q)
+    for k, q in enumerate(COORDINATES.values()):
+        yield from _of_coordinate(k, q)
+
+
+RECORDS: Mapping[str, Any] = {record.name: record for record in _records()}
 """Records of numbers by name."""
 ALIASES: Mapping[str, tuple[str, ...]] = {
     "loads": tuple(LOADS),

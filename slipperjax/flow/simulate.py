@@ -4,6 +4,7 @@ import functools
 import json
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import diffrax
@@ -28,8 +29,8 @@ from ..tools.description import describe
 from ..tools.jacobian import by_jacobian
 from ..tools.limits import refuse_impossible
 from .course import Loads, over_periods
-from .period_map import Passage, PeriodMap, run_compiled
-from .record import PeriodLoads, RecordSet, States
+from .period_map import Passage, PeriodMap
+from .record import RecordSet, Unlabelled
 from .status import Status, most_stability_number, status_of, with_accuracy, with_loads
 from .stepping import (
     AbstractStepping,
@@ -38,6 +39,25 @@ from .stepping import (
     capacity_for,
     capacity_for_periods,
 )
+
+
+@dataclass(frozen=True)
+class TrajectoryRecord(Unlabelled):
+    """The states `saves` times per period, and with `loads` the contact loads of each."""
+
+    saves: int = 1
+    loads: bool = False
+
+    @property
+    def inside(self):
+        return self.loads or self.saves > 1
+
+    def values(self, scene, periods):
+        states = (40 + 3 * scene.points) * self.saves  # with the forces that follow from them
+        return (states + (5 * scene.points + 1) * self.loads) * periods
+
+    def sample(self, course) -> tuple[State, Loads | None]:
+        return course.saved(self.saves), course.loads if self.loads else None
 
 
 class Probe(NamedTuple):
@@ -58,7 +78,7 @@ class Probe(NamedTuple):
 def _probed(
     scene: Scene, stepping: AbstractStepping, states: State, saves: int, count: int, run: Callable[..., Passage]
 ) -> Probe:
-    """Repeats `count` periods of a run, or all if there are fewer, the first and others at equal distances.
+    """Repeat `count` periods of a run, or all if there are fewer, the first and others at equal distances.
 
     **Arguments:** `states`: saved ones, `saves` per period; `run(stepping, state, epoch)`: runs one period.
     """
@@ -66,8 +86,10 @@ def _probed(
     rows = []
     for k in np.unique(np.linspace(0, periods - 1, min(count, periods)).astype(int)):
         state = jax.tree.map(lambda a, at=k * saves: jnp.asarray(np.asarray(a)[at]), states)
-        coarse, fine = (run(s, state, float(k)) for s in (stepping, stepping.finer()))
-        peak, finer_peak = (_highest(*passage.samples) for passage in (coarse, fine))
+        coarse = run(stepping, state, float(k))
+        fine = run(stepping.finer(), state, float(k))
+        peak = _highest(coarse)
+        finer_peak = _highest(fine)
         peak_error = abs(peak - finer_peak) / finer_peak if finer_peak > 0 else np.nan
         rows.append((k, np.asarray(_difference(scene, coarse.state, fine.state)), peak_error))
     return Probe(*map(jnp.asarray, np.array(rows, float).T))
@@ -78,7 +100,9 @@ def _difference(scene: Scene, a: State, b: State) -> Array:
     return scaled_size(jax.tree.map(jnp.subtract, a.motion, b.motion), accuracy_scales(scene))
 
 
-def _highest(states: State, loads: Loads | None = None) -> float:
+def _highest(passage: Passage) -> float:
+    """Return the highest contact force [N], NaN without loads."""
+    ((_, loads),) = passage.samples
     return np.nan if loads is None else np.max(np.asarray(loads.peak_force))
 
 
@@ -297,17 +321,17 @@ def _finished(
     first: State, passage: Passage, scene: Scene, most_stability_number: Any, epoch: Any, *, saves: int
 ) -> tuple:
     """Gives states, loads, instants [forcing periods] and status of a run; one program, not one per operation."""
-    saved, *loads = passage.samples
+    ((saved, loads),) = passage.samples
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b.reshape(-1, *b.shape[2:])]), first, saved)
     times = epoch + jnp.arange(passage.steps_taken.shape[0] * saves + 1) / saves
     # states between the ends of periods count, too
     code = jnp.where(passage.status == int(Status.FINITE), status_of(states), passage.status)
-    if not loads:
-        return states, None, times, code
-    total = over_periods(loads[0])
-    closed, deepest = jnp.sum(total.contact_fraction), jnp.max(total.penetration)
-    code = with_loads(code, closed, deepest, total.stability_number, scene, most_stability_number)
-    return states, loads[0], times, code
+    if loads is not None:
+        total = over_periods(loads)
+        closed = jnp.sum(total.contact_fraction)
+        deepest = jnp.max(total.penetration)
+        code = with_loads(code, closed, deepest, total.stability_number, scene, most_stability_number)
+    return states, loads, times, code
 
 
 def simulate(
@@ -368,7 +392,7 @@ def simulate(
     steps, saves = step_plan(default, steps_per_period, saves_per_period)
     solver = resolve_solver(scene, solver)
     controller = resolve_controller(stepsize_controller, solver)
-    records = RecordSet((States(saves), *([PeriodLoads()] if loads else [])))
+    records = RecordSet((TrajectoryRecord(saves, loads),))
     refuse_periods(periods, steps, records.values(scene, 0, periods))
     if controller is not None:
         stepping = _controlled(steps if loads else saves, steps, controller, adjoint)
@@ -415,10 +439,16 @@ def run_eagerly(
 ) -> Passage:
     """Runs with a program that serves other numbers of periods, too; that of a run of `like` periods if given."""
     size = capacity_for_periods(periods if like is None else like)
-    passage = run_compiled(run, state, size, records, as_argument(epoch), as_argument(periods))
+    numbers = as_argument(epoch), as_argument(periods)
+    passage = call_compiled(_run, run, (size, records), state, *numbers)
     # on the host, where a slice of another length needs no compilation
     cut = lambda tree: jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[:periods]), tree)
     return passage._replace(samples=cut(passage.samples), steps_taken=cut(passage.steps_taken))
+
+
+def _run(run: PeriodMap, static: tuple, state: State, epoch: Any, used: Any) -> Passage:
+    periods, records = static
+    return run.run(state, epoch, periods=periods, records=records, used=used)
 
 
 def step_plan(default: Callable[[], Any], steps: Any, saves: int | None) -> tuple[Any, int]:

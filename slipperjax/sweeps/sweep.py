@@ -83,7 +83,7 @@ def sweep(
         "contact_fraction", "penetration"), "rms" (of accelerations), "extremes" (of coordinates), "contact_load" and
         others of `slipperjax.flow.RECORDS`; "exponent" (the largest, uncertified, by a tangent afterwards),
         "exponents" and "orbits", see `lyapunov_sweep` and `orbit_sweep`; and from `slipperjax.flow`
-        `ForcePercentile`, `SpectrumLines`, and `Record` of any function of a period's course.
+        `SpectrumLines`, and `Record` of any function of a period's course.
     - `transient`: forcing periods to pass before; above ten rounded up to tens, see the attribute `transient`.
     - `steps_per_period`: one number for all cases, or an array of the grid's shape with one for each; default what
         `default_steps_per_period` gives for each, times `refine`. Cases with the same number run together.

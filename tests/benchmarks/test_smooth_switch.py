@@ -22,7 +22,8 @@ from slipperjax.bench import measure
 from slipperjax.bench.methods import Case, Method
 from slipperjax.bench.work_precision import Point, cost_at
 from slipperjax.flow.period_map import PeriodMap
-from slipperjax.flow.record import RecordSet, States
+from slipperjax.flow.record import RecordSet
+from slipperjax.flow.simulate import TrajectoryRecord
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.layout import coordinates
 from slipperjax.model.step_size import settle_memory
@@ -66,8 +67,8 @@ def _run(scene, lanes, switch, steps):
         state = sj.initial_state(case, sj.table_2_start())
         return (
             PeriodMap(case, ConstantSteps(steps=steps))
-            .run(state, periods=PERIODS, records=RecordSet((States(),)))
-            .samples[0]
+            .run(state, periods=PERIODS, records=RecordSet((TrajectoryRecord(),)))
+            .samples[0][0]
         )
 
     return jax.vmap(one)(lanes, switch)

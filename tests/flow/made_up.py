@@ -24,14 +24,11 @@ class MadeUp(Course):
 
 
 def made_up_course(steps: int = STEPS, capacity: int | None = None, **given: Any) -> Course:
-    """A course of the paper's scene with curves of values and slopes by name, `crossings`, or `force_samples`."""
+    """A course of the paper's scene with curves of values and slopes by name, or `crossings`."""
     course = MadeUp(None, None, sj.Args(sj.paper_scene(), 0.0), steps)  # pyright: ignore[reportArgumentType]
     course.capacity = steps if capacity is None else capacity
     for name, parts in given.items():
-        if name == "force_samples":
-            course.force = Curve(jnp.zeros(1), jnp.zeros(1), course)
-            course.force.samples = jnp.asarray(parts)
-        elif name == "crossings":
+        if name == "crossings":
             course.crossings = Crossings(*parts)
         else:
             setattr(course, name, Curve(*map(jnp.asarray, parts), course))

@@ -8,9 +8,9 @@ import pytest
 import slipperjax as sj
 from slipperjax.design.gradients import PeriodValues
 from slipperjax.flow.period_map import PeriodMap
-from slipperjax.flow.record import PeriodLoads, RecordSet
+from slipperjax.flow.record import RecordSet
 from slipperjax.flow.records import AbstractNumber
-from slipperjax.flow.simulate import default_steps
+from slipperjax.flow.simulate import TrajectoryRecord, default_steps
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.kinematics import MOTION_SCALES
 from slipperjax.model.parameters import parameter
@@ -124,8 +124,9 @@ def test_no_derivative_is_nan_where_its_value_is_finite():
             scene = parameter(name, scene).replaced(scene, values[k])
         run = PeriodMap(scene, ConstantSteps(50), None).run
         first = sj.initial_state(scene, start)
-        passage = run(first, periods=3, records=RecordSet((PeriodValues(tuple(asked)), PeriodLoads())))
-        kept, loads = passage.samples
+        records = RecordSet((PeriodValues(tuple(asked)), TrajectoryRecord(loads=True)))
+        passage = run(first, periods=3, records=records)
+        kept, (_, loads) = passage.samples
         loads = [*loads.peak_force.ravel(), *loads.impulse.ravel(), *loads.contact_fraction.ravel()]
         made = [one.total(values) for one, values in zip(asked, kept, strict=True)]
         return jnp.concatenate([jnp.ravel(a) for a in (*jax.tree.leaves(passage.state), *made, *loads)])

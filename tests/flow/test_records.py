@@ -11,8 +11,8 @@ from scipy.interpolate import CubicHermiteSpline
 import slipperjax as sj
 from slipperjax.flow.course import Course, Loads, over_periods
 from slipperjax.flow.period_map import PeriodMap
-from slipperjax.flow.record import History, PeriodLoads, RecordedSpan, RecordSet, Sections, Strobe
-from slipperjax.flow.records import ALIASES, RECORDS, ForcePercentile, Record, SpectrumLines
+from slipperjax.flow.record import History, RecordedSpan, RecordSet, Sections, Strobe
+from slipperjax.flow.records import ALIASES, RECORDS, Record, SpectrumLines
 from slipperjax.flow.status import Status
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.layout import coordinate_rows
@@ -102,26 +102,6 @@ def span(periods, steps, cases=1):
     return RecordedSpan(periods, steps, 0.0, np.zeros(cases, int))
 
 
-def test_percentiles_are_near_those_of_all_samples():
-    """Forces over twelve orders of magnitude, in two periods of a program that has room for more steps."""
-    rng, record, room, steps = np.random.default_rng(0), ForcePercentile((50, 90, 99)), 260, 256
-    counts, seen = record.begin(sj.paper_scene(), None), []
-    add = jax.jit(lambda counts, samples: record.add(counts, made_up_course(steps, room, force_samples=samples)))
-    for _ in range(2):
-        forces = 10 ** rng.uniform(-4, 8, (2 * room, 2, 10)) * (rng.uniform(size=(2 * room, 2, 10)) < 0.8)
-        counts = add(counts, forces)
-        seen.append(np.where(forces < 1, 0, forces)[: 2 * steps])
-    found = record.finish(counts[None], None, span(2, steps))[0]
-    exact = np.percentile(np.concatenate(seen), record.percentiles, axis=0)
-    np.testing.assert_array_equal(found == 0, exact == 0)
-    apart = np.abs(found[exact > 0] / exact[exact > 0] - 1)
-    # the width of a class; measured 0.013, and between forces far apart
-    assert np.median(apart) < 0.01
-    assert np.all(apart < 1 / 32)
-    lost = span(2, steps)._replace(status=np.array([int(Status.NOT_FINITE)]))
-    assert np.isnan(record.finish(counts[None], None, lost)).all()
-
-
 def test_lines_of_a_spectrum_are_those_of_a_sum_of_waves():
     """Of 3 + 2 cos(2 pi t) - sin(4 pi t), periods counted from the start of the track."""
     record = SpectrumLines("z", (0, 1, 2, 3))
@@ -193,7 +173,6 @@ def with_faces(count):
 
 KEPT = (
     History(8),
-    PeriodLoads(),
     Strobe(),
     Sections(),
     PerWindow(RECORDS["impulse"]),
@@ -219,7 +198,6 @@ def test_memory_of_numbers_of_a_run_is_counted_by_their_dimensions():
     few, many = with_faces(3), with_faces(12)
     for name, sizes in (("peak_force", (12, 48)), ("drive_force", (1, 1)), ("rms_a_z", (1, 1))):
         assert tuple(RECORDS[name].values(scene, 100) for scene in (few, many)) == sizes
-    assert ForcePercentile((50, 99)).values(many, 100) == 96
 
 
 def test_equal_ones_share_a_program():
