@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import slipperjax as sj
+from slipperjax.model.layout import coordinates
 
 DATA = Path(__file__).parent / "data"
 # 1 mm, 10 mrad, 1 m/s, 10 rad/s: a scaled error of one is the size of the motion
@@ -41,8 +42,7 @@ def scene_of(case, **options):
 
 def columns(trajectory):
     """The ten columns of the reference data, (saves, 10)."""
-    m = trajectory.state.motion
-    return np.stack([m.y, m.z, *trajectory.euler_angles, m.v_y, m.v_z, m.w_x, m.w_y, m.w_z], axis=-1)
+    return coordinates(trajectory.state)
 
 
 def fine(scene, start=None):

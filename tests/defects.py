@@ -179,8 +179,8 @@ tests/model/test_travel.py -k starts_are_judged
 
 crossings downwards
 tests/flow/test_poincare.py
--crosses = (q0 < 0) & (q1 >= 0)
-+crosses = (q0 > 0) & (q1 <= 0)
+-crosses = (q[..., :-1] < 0) & (q[..., 1:] >= 0)
++crosses = (q[..., :-1] > 0) & (q[..., 1:] <= 0)
 
 impulse corrected the wrong way
 tests/flow/test_loads.py -k impulses_are

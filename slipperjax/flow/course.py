@@ -53,7 +53,8 @@ def continued(values: Float[Array, "ends ..."], steps: Any) -> Float[Array, "end
 
     Before and after the period, values go on as the cubics through the nearest four.
     """
-    last, few = jnp.asarray(steps, int), min(len(values), 4)
+    last = jnp.asarray(steps, int)
+    few = min(len(values), 4)
     earlier = _two_more(values[few - 1 :: -1])[::-1]
     later = _two_more(jax.lax.dynamic_slice_in_dim(values, last + 1 - few, few))
     values = jnp.concatenate([earlier, values, later])
@@ -107,8 +108,10 @@ def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Any)
     (ends, 2, points) and `contact_rate` [1/s]; `args`: scene and epoch; `steps`: integration steps per period, may be
     traced; 3 at least.
     """
-    most, step = len(force) - 1, 1 / steps
-    period, steady = args.travel(0.5).period, args.travel(0.5).acceleration is None
+    most = len(force) - 1
+    step = 1 / steps
+    period = args.travel(0.5).period
+    steady = args.travel(0.5).acceleration is None
     places = jnp.arange(most)
     # the pace in the middle of each step [s per period], where it changes
     paces = None if steady else store(args.travel((places + 0.5) * step).period)
@@ -153,9 +156,14 @@ def over_periods(loads: Loads, seconds: Float[Array, " periods"] | None = None) 
     """
     highest = jnp.max(loads.peak_force, 0)
     when = jnp.nanmin(jnp.where(loads.peak_force == highest[None], loads.peak_period, jnp.nan), 0)
-    deepest, fastest = jnp.max(loads.penetration, 0), jnp.max(loads.stability_number, 0)
-    closed = jnp.average(loads.contact_fraction, 0, seconds)
-    return Loads(highest, when, jnp.sum(loads.impulse, 0), closed, deepest, fastest)
+    return Loads(
+        peak_force=highest,
+        peak_period=when,
+        impulse=jnp.sum(loads.impulse, 0),
+        contact_fraction=jnp.average(loads.contact_fraction, 0, seconds),
+        penetration=jnp.max(loads.penetration, 0),
+        stability_number=jnp.max(loads.stability_number, 0),
+    )
 
 
 def _slope(a: Array, b: Array, here: Array, c: Array, d: Array) -> Array:
@@ -168,12 +176,13 @@ def _slope(a: Array, b: Array, here: Array, c: Array, d: Array) -> Array:
 
 
 def contact_rate(now: Contacts, memory: Any, args: Args) -> Array:
-    """Gives the greatest rate of the contacts [1/s]: the sum of their decay rates, or the frequency of their springs.
+    """Return the greatest rate of the contacts [1/s]: sum of their decay rates, or frequency of their springs.
 
     For one point of effective mass m these are (dF/dg')/m and sqrt((dF/dg)/m); the sum over the points bounds the
     greatest rate of all together.
     """
-    scene, zero = args.scene, jnp.zeros_like(now.gap)
+    scene = args.scene
+    zero = jnp.zeros_like(now.gap)
     force = lambda gap, rate: contact_forces(scene, Contacts(gap, rate, now.lever), memory)
     spring = jax.jvp(force, (now.gap, now.rate), (-jnp.ones_like(zero), zero))[1]
     damper = jax.jvp(force, (now.gap, now.rate), (zero, -jnp.ones_like(zero)))[1]
@@ -204,17 +213,22 @@ class Crossings(NamedTuple):
     """Velocity there, v_y, v_z [m/s], w_x, w_y, w_z [rad/s]."""
 
 
-def crossing(q0, d0, q1, d1, v0, a0, v1, a1):
-    """Tells where in a step a coordinate crosses zero upwards, and the velocity there.
+def crossing(q: Array, q_slope: Array, v: Array, v_slope: Array) -> tuple[Array, Array]:
+    """Return where in a step a coordinate crosses zero upwards, and the velocity there.
 
-    **Arguments:** coordinate and its slope at both ends, velocity and its slope at both ends; slopes are per step.
+    **Arguments:** coordinate, velocity, and their slopes per step at the ends of steps along the last axis.
 
-    **Returns:** the place in [0, 1] and the velocity, both NaN without an upward crossing.
+    **Returns:** the place in [0, 1] and the velocity of each step, both NaN without an upward crossing.
     """
-    crosses = (q0 < 0) & (q1 >= 0)
-    x = sign_change(Cubic.through(q0, d0, q1, d1), q1, crosses)
-    velocity = Cubic.through(v0, a0, v1, a1).value(x)
+    crosses = (q[..., :-1] < 0) & (q[..., 1:] >= 0)
+    x = sign_change(_cubics(q, q_slope), q[..., 1:], crosses)
+    velocity = _cubics(v, v_slope).value(x)
     return jnp.where(crosses, x, jnp.nan), jnp.where(crosses, velocity, jnp.nan)
+
+
+def _cubics(values: Array, slopes: Array) -> Cubic:
+    """Return the cubics of steps between their ends, along the last axis."""
+    return Cubic.through(values[..., :-1], slopes[..., :-1], values[..., 1:], slopes[..., 1:])
 
 
 # --- the course -----------------------------------------------------------------------------------------------------
@@ -228,7 +242,10 @@ class Curve:
     ):
         """**Arguments:** values, and derivatives per step, at both ends of every step; `level`: what to add inside of
         each step, for a quantity that jumps between them, (steps, ...)."""
-        self.values, self.slopes, self._course, self._level = values, slopes, course, level
+        self.values = values
+        self.slopes = slopes
+        self._course = course
+        self._level = level
 
     @functools.cached_property
     def samples(self) -> Float[Array, "samples ..."]:
@@ -279,7 +296,8 @@ class Curve:
     def shallowest_turn(self) -> Float[Array, "..."]:
         """The magnitude of the extreme that is nearest to zero; infinite where there is none."""
         rises = self.slopes >= 0
-        top, bottom = rises[:-1] & ~rises[1:], ~rises[:-1] & rises[1:]
+        top = rises[:-1] & ~rises[1:]
+        bottom = ~rises[:-1] & rises[1:]
         sizes = jnp.abs(jnp.where(top, self._tops, -self._falling._tops))
         sizes = self._course.counted(jnp.where(top | bottom, sizes, jnp.inf), jnp.inf)
         return jnp.min(store(sizes), axis=0)  # as in `greatest`
@@ -295,9 +313,11 @@ class Curve:
 
     @property
     def _ends(self) -> tuple[Array, Array, Array, Array]:
-        begin, end = self.values[:-1], self.values[1:]
+        begin = self.values[:-1]
+        end = self.values[1:]
         if self._level is not None:
-            begin, end = begin + self._level, end + self._level
+            begin = begin + self._level
+            end = end + self._level
         return begin, self.slopes[:-1], end, self.slopes[1:]
 
 
@@ -313,7 +333,11 @@ class Course:
         the first `steps` + 1 count (the others repeat the start), None where all records do without; `args`: scene
         and epoch; `steps`: integration steps per period, an `int` or traced; `rates`: derivatives of the motion at
         the same instants [per forcing period], where they are known."""
-        self.end, self.args, self.steps, self._inside, self._rates = end, args, steps, inside, rates
+        self.end = end
+        self.args = args
+        self.steps = steps
+        self._inside = inside
+        self._rates = rates
 
     @property
     def scene(self) -> Scene:
@@ -440,7 +464,8 @@ class Course:
     @functools.cached_property
     def friction_power(self) -> Curve:
         """Power that friction turns into heat [W], (ends, 2, points); zero without friction."""
-        friction, power = self.scene.friction, jnp.zeros_like(self._forces)
+        friction = self.scene.friction
+        power = jnp.zeros_like(self._forces)
         if friction is not None:
 
             def of_one(place: Array, at: Acting) -> Array:
@@ -469,8 +494,9 @@ class Course:
     def crossings(self) -> Crossings:
         """Upward zero crossings."""
         # the first half are coordinates, the second their velocities; sections first, then the ends of steps
-        (q, v), (d, a) = (jnp.split(part.T, 2) for part in (self.coordinates.values, self.coordinates.slopes))
-        place, velocity = crossing(q[:, :-1], d[:, :-1], q[:, 1:], d[:, 1:], v[:, :-1], a[:, :-1], v[:, 1:], a[:, 1:])
+        q, v = jnp.split(self.coordinates.values.T, 2)
+        q_slope, v_slope = jnp.split(self.coordinates.slopes.T, 2)
+        place, velocity = crossing(q, q_slope, v, v_slope)
         time = (jnp.arange(self.capacity)[None] + place) / self.steps + self.args.epoch
         used = self.used[None]
         return Crossings(jnp.where(used, time, jnp.nan), jnp.where(used, velocity, jnp.nan))

@@ -26,12 +26,13 @@ from ..model.scene import Scene
 from ..model.scene_files import SceneFile, scene_from_json, scene_from_toml, scene_to_json
 from ..model.travel import SpeedProgramme
 from ..tools.checks import brief, finite, known, number, require
+from ..tools.columns import column
 from ..tools.compile import jit
 from ..tools.description import build, describe
 from ..tools.files import check_file, content_of, readable, user_path
 from ..tools.limits import refuse_impossible
 from .course import over_periods
-from .record import AbstractRecord, History, HistoryValues, attributes
+from .record import AbstractRecord, History, HistoryValues
 from .status import MEANINGS
 
 SAME_VALUE = 1e-9
@@ -75,17 +76,19 @@ def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, A
     """
     for p in (parameter(name, scene) for name in without if name not in STARTS):
         scene = p.replaced(scene, np.nan)
-    parts = {"contact_law": scene.contact, "contact_memory": scene.memory}
-    out: dict[str, Any] = {name: type(part).__name__ for name, part in parts.items()}
+    out: dict[str, Any] = {"contact_law": type(scene.contact).__name__, "contact_memory": type(scene.memory).__name__}
     for name, q in PARAMETERS.items():
         value = q.of(scene)
         if value is not None and np.ndim(value) == 0 and not np.isnan(value):
             out[name if q.unit == "1" else f"{name} [{q.unit}]"] = float(value)
-    waves = getattr(scene.track, "wavelengths", None)
-    name, lengths = ("reference_length", scene.track.wavelength) if waves is None else ("wavelengths", waves)
-    if waves is None:
+    name = "wavelengths"
+    lengths = getattr(scene.track, name, None)
+    if lengths is None:
         out["track"] = type(scene.track).__name__
-    if not np.isnan(lengths := np.atleast_1d(np.asarray(lengths, float))).any():
+        name = "reference_length"
+        lengths = scene.track.wavelength
+    lengths = np.atleast_1d(np.asarray(lengths, float))
+    if not np.isnan(lengths).any():
         out[f"{name} [m]"] = lengths
     return out
 
@@ -108,7 +111,7 @@ def trajectory_dataset(trajectory: Any) -> Any:
     parts = trajectory.period, now.acceleration, now.contact_force, now.gap, now.drive_force
     history = HistoryValues(coordinates(trajectory.state), *map(np.asarray, parts))
     data, coords = History().label(trajectory.scene, (), history)
-    coords = {"time": ("time", np.asarray(trajectory.time), attributes("s", "time")), **coords}
+    coords = {"time": column("time", np.asarray(trajectory.time), "s", "time"), **coords}
     start = jax.tree.map(lambda a: np.asarray(a)[0], trajectory.state)
     call = {"function": "simulate", **json.loads(trajectory.call)}
     attrs = scene_attributes(trajectory.scene) | run_attributes(trajectory.scene, start, call)
@@ -117,7 +120,8 @@ def trajectory_dataset(trajectory: Any) -> Any:
     if trajectory.loads is not None:
         saves = (len(trajectory.period) - 1) // len(trajectory.steps_taken)
         total = _over_periods(trajectory.loads, jnp.diff(trajectory.time[::saves]))
-        data |= {n: (("end", "point"), np.asarray(getattr(total, n)), q.attributes) for n, q in LOADS.items()}
+        for name, q in LOADS.items():
+            data[name] = column(("end", "point"), np.asarray(getattr(total, name)), q.unit, q.long_name)
     if trajectory.probe is not None:
         attrs["probe_error [scales]"] = float(np.max(trajectory.probe.error))
         attrs["probe_peak_error"] = float(np.max(trajectory.probe.peak_error))
@@ -171,9 +175,10 @@ def load_run(source: Any) -> dict[str, Any]:
 
 
 def load_base(source: Any) -> tuple[Scene, Motion | State]:
-    """Gives the scene and the start of which a result's cases are variations; raises `ValueError` as `load_scene`."""
+    """Return scene and start of which a result's cases are variations; raise `ValueError` as `load_scene`."""
     ds = _labels_of(source)
-    scene, description = scene_from_json(str(_attribute(ds, "scene"))), _described(ds, "start", dict)
+    scene = scene_from_json(str(_attribute(ds, "scene")))
+    description = _described(ds, "start", dict)
     if "motion" not in description:
         return scene, build(description, (Motion,), "start")
     memory = description.get("memory")
@@ -187,9 +192,16 @@ def load_call(source: Any) -> dict[str, Any]:
     **Raises:** `ValueError` where a solver, controller or record cannot be rebuilt.
     """
     call = _described(_labels_of(source), "call", dict)
-    of_diffrax = diffrax.AbstractSolver, diffrax.AbstractStepSizeController, diffrax.AbstractAdjoint
-    of_others = optimistix.AbstractRootFinder, lineax.AbstractLinearSolver
-    kinds = (*of_diffrax, *of_others, Motion, SpeedProgramme, AbstractRecord)
+    kinds = (
+        diffrax.AbstractSolver,
+        diffrax.AbstractStepSizeController,
+        diffrax.AbstractAdjoint,
+        optimistix.AbstractRootFinder,
+        lineax.AbstractLinearSolver,
+        Motion,
+        SpeedProgramme,
+        AbstractRecord,
+    )
     return {name: build(value, kinds, name) for name, value in call.items()}
 
 
@@ -232,7 +244,7 @@ def _labels_of(source: Any) -> Any:
 
 @contextmanager
 def _opened(source: Any) -> Iterator[Any]:
-    """Gives a dataset as it is, or that of a file or a store, of which nothing is read yet; see `dataset_of`."""
+    """Give a dataset as it is, or that of a file or a store, of which nothing is read yet; see `dataset_of`."""
     import xarray as xr
 
     if not isinstance(source, str | os.PathLike):
@@ -258,8 +270,9 @@ def _opened(source: Any) -> Iterator[Any]:
 
 
 def _described(ds: Any, name: str, kind: type) -> Any:
-    """Gives what an attribute describes in JSON; raises `ValueError` where that is of another kind."""
-    text, found = _attribute(ds, name), None
+    """Return what an attribute describes in JSON; raises `ValueError` where that is of another kind."""
+    text = _attribute(ds, name)
+    found = None
     with suppress(json.JSONDecodeError, RecursionError, TypeError):
         found = json.loads(text)
     need = f"have JSON of {'names' if kind is list else 'values by name'} in its attribute `{name}`"
@@ -289,7 +302,7 @@ def varied_names(ds: Any) -> list[str]:
 
 
 def _varied(ds: Any, chosen: Mapping[str, Any], of_start: bool) -> dict[str, float]:
-    """Gives the values of one case of what was varied of the start, or of the scene: chosen, or the dataset's own if
+    """Return the values of one case of what was varied of the start, or of the scene: chosen, or the dataset's own if
     it is of one case."""
     names = varied_names(ds)
     unknown = [name for name in chosen if name not in names]

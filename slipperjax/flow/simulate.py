@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, Int
 
 from ..model.dang2024 import table_2_start
 from ..model.dynamics import Args, Reactions, State, check_start, initial_state, reactions
-from ..model.kinematics import Motion, accuracy_scales, euler_angles, scaled_size
+from ..model.kinematics import Motion, accuracy_scales, scaled_size
 from ..model.layout import StateLayout
 from ..model.parameters import quantity
 from ..model.scene import Scene, check_scene
@@ -165,15 +165,13 @@ def check_rail(scene: Scene, periods: int, begin: Any, transient: int = 0, after
         return
     wave = float(np.max(np.asarray(track.wavelength)))
     most = int((track.extent - begin) / wave * (1 + 1e-9))
+    why = f"because the rail ends at {track.extent:g} m"
     if track.end < np.inf:
-        need = f"be at most {most} here, transient included, because the rail ends at {track.end:g} m"
-        require(periods <= most, "periods", need, periods)
-        need = (
-            f"run on for {most - periods} periods at most after the others, because the rail ends at {track.end:g} m"
-        )
+        require(periods <= most, "periods", f"be at most {most} here, transient included, {why}", periods)
+        need = f"run on for {most - periods} periods at most after the others, {why}"
         require(periods + after <= most, "record", need, shown=f"one that runs on for {after}")
-    need = f"be fewer than {most + 1} periods here, because the rail ends at {track.extent:g} m"
-    require(begin + transient * wave < track.extent, "transient", need, transient)
+    recorded = begin + transient * wave < track.extent
+    require(recorded, "transient", f"be fewer than {most + 1} periods here, {why}", transient)
     warn_beyond(track, "periods", begin + periods * wave)
     if after:
         warn_beyond(track, "record", begin + (periods + after) * wave)
@@ -255,9 +253,11 @@ class Trajectory(eqx.Module):
         if is_traced(self.state) or np.ndim(self.status):
             return f"Trajectory(saves={shown_number(self.period)}, state={jax.typeof(self.state.motion.y)})"
         status = Status(int(self.status))
-        of_case = {name: quantity(name) for name in ("speed", "clearance", "length")}
-        known = {q: q.of(self.scene) for q in of_case.values() if q.of(self.scene) is not None}
-        values = [f"{q.name} {q.shown(float(value)):.5g} {q.display_unit}" for q, value in known.items()]
+        values = []
+        for q in map(quantity, ("speed", "clearance", "length")):
+            value = q.of(self.scene)
+            if value is not None:
+                values.append(f"{q.name} {q.shown(float(value)):.5g} {q.display_unit}")
         judged = self.loads is not None and status != Status.NOT_FINITE
         peak = f",\n  {self.peak.text(self.scene)}" if judged else ""
         return (
@@ -284,11 +284,6 @@ class Trajectory(eqx.Module):
         return _peak(self.loads)
 
     @property
-    def euler_angles(self) -> tuple[Array, Array, Array]:
-        """Roll, pitch and yaw of Eq. (2) [rad]."""
-        return _euler_angles(self.state.motion)
-
-    @property
     def reactions(self) -> Reactions:
         """Contact forces, drive force, loads on the track nodes, accelerations; leading axis saves."""
         return _reactions(self.scene, self.period, self.state)
@@ -298,9 +293,6 @@ class Trajectory(eqx.Module):
         from .datasets import trajectory_dataset
 
         return trajectory_dataset(self)
-
-
-_euler_angles = jit(jax.vmap(euler_angles))
 
 
 @jit
@@ -380,9 +372,11 @@ def simulate(
     **Raises:** `ValueError` that names the argument which is wrong, or memory and time of an impossible run.
     """
     check_scene(scene)
-    periods, loads = whole("periods", periods, 1), yes_or_no("loads", loads)
+    periods = whole("periods", periods, 1)
+    loads = yes_or_no("loads", loads)
     origin, start = beginning(scene, begin, start)
-    probe, traced = whole("probe", probe, 0), is_traced((scene, start))
+    probe = whole("probe", probe, 0)
+    traced = is_traced((scene, start))
     require(not (probe and traced), "probe", "be 0 under jit, vmap or grad", probe)
     epoch = scene.epoch_at(origin)
     check_rail(scene, periods, origin)
@@ -411,8 +405,16 @@ def simulate(
     limit = most_stability_number(solver, controller)
     states, loads_of_periods, times, status = _finished(first, passage, scene, limit, epoch, saves=saves)
     shown = steps if controller is None or loads or saves == 1 else saves
-    options = dict(periods=periods, steps_per_period=steps, saves_per_period=saves, solver=solver)
-    options |= dict(stepsize_controller=controller, loads=loads, probe=probe, begin=origin)
+    options = dict(
+        periods=periods,
+        steps_per_period=steps,
+        saves_per_period=saves,
+        solver=solver,
+        stepsize_controller=controller,
+        loads=loads,
+        probe=probe,
+        begin=origin,
+    )
     call = json.dumps(describe(options))
     trajectory = Trajectory(scene, times, states, shown, passage.steps_taken, status, loads_of_periods, call)
     if not probe:
@@ -481,10 +483,6 @@ def first_of(start: Any) -> Motion | State:
     return check_start("start", start.end if isinstance(start, Trajectory) else start)
 
 
-TABLES = ("speed", "wear")
-"""Parts of a scene that may be tables by distance."""
-
-
 def beginning_of(scene: Scene, begin: float | None) -> Any:
     """Return where a run begins [m]: by default where its rail does.
 
@@ -500,7 +498,8 @@ def beginning_of(scene: Scene, begin: float | None) -> Any:
             need = f"be on the rail, which is known from {track.begin:.10g} to {track.extent:.10g} m"
             require(on_rail, "begin", need, shown=f"{begin:.10g} m")
         return begin
-    for name in TABLES:
+    # parts of a scene that may be tables by distance
+    for name in ("speed", "wear"):
         places = getattr(getattr(scene, name), "distance", None)
         if places is not None and not is_traced((places, track)) and (origin := track.origin):
             last = float(np.asarray(places)[-1])

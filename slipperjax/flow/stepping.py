@@ -17,9 +17,6 @@ from ..solvers.adaptive import AdaptiveSteps
 from ..solvers.latching import AbstractLatchingSolver, differentiable, field_of, with_tolerance
 from ..tools.one_kernel import in_one_kernel
 
-MOST_ADAPTIVE_STEPS = 1_000_000
-"""Adaptive steps per forcing period after which a case has failed."""
-
 
 class Period(NamedTuple):
     """One integrated forcing period."""
@@ -195,11 +192,18 @@ class ControlledSteps(AbstractStepping):
         instants = jnp.arange(1, self.samples + 1) / self.samples
         if inside:
             subs["inside"] = diffrax.SubSaveAt(ts=instants)
-        saved = dict(solver_state=solver_state is not None, controller_state=wanted is not None)
         first = 1 / self.first_steps if wanted is None else wanted
-        options = dict(stepsize_controller=self.controller, adjoint=self.adjoint, max_steps=MOST_ADAPTIVE_STEPS)
-        options |= dict(saveat=diffrax.SaveAt(subs=subs, **saved), solver_state=solver_state, throw=False)
-        solution = diffrax.diffeqsolve(terms, solver, 0.0, 1.0, first, state, args, **options)
+        solution = diffrax.diffeqsolve(
+            *(terms, solver, 0.0, 1.0, first, state, args),
+            saveat=diffrax.SaveAt(
+                subs=subs, solver_state=solver_state is not None, controller_state=wanted is not None
+            ),
+            stepsize_controller=self.controller,
+            adjoint=self.adjoint,
+            solver_state=solver_state,
+            max_steps=1_000_000,  # after which a case has failed
+            throw=False,
+        )
         assert solution.ys is not None  # it is asked for
         end = jax.tree.map(lambda ys: ys[-1], solution.ys["end"])
         states = None

@@ -17,8 +17,7 @@ def test_crossings_of_an_oscillation_converge_with_fourth_order():
             t = np.arange(steps + 1) * h + phase
             q, v = np.sin(t) + 0.1 * np.sin(3 * t), np.cos(t) + 0.3 * np.cos(3 * t)
             a = -np.sin(t) - 0.9 * np.sin(3 * t)
-            ends = (q[:-1], h * v[:-1], q[1:], h * v[1:], v[:-1], h * a[:-1], v[1:], h * a[1:])
-            place, velocity = (np.asarray(x) for x in crossing(*map(jnp.asarray, ends)))
+            place, velocity = (np.asarray(x) for x in crossing(*map(jnp.asarray, (q, h * v, v, h * a))))
             hit = ~np.isnan(place)
             assert hit.sum() == 1
             time = (np.flatnonzero(hit)[0] + place[hit][0]) * h + phase
@@ -29,7 +28,8 @@ def test_crossings_of_an_oscillation_converge_with_fourth_order():
 
 
 def test_downward_crossings_and_misses_are_left_out():
-    down = crossing(0.5, -1.0, -0.5, -1.0, 1.0, 0.0, 1.0, 0.0)
-    miss = crossing(0.5, 1.0, 1.5, 1.0, 1.0, 0.0, 1.0, 0.0)
+    ends = lambda *values: jnp.array(values)
+    down = crossing(ends(0.5, -0.5), ends(-1.0, -1.0), ends(1.0, 1.0), ends(0.0, 0.0))
+    miss = crossing(ends(0.5, 1.5), ends(1.0, 1.0), ends(1.0, 1.0), ends(0.0, 0.0))
     assert np.isnan(down).all()
     assert np.isnan(miss).all()
