@@ -27,7 +27,7 @@ from ..model.dynamics import (
     per_period,
     sled_force,
 )
-from ..model.kinematics import Contacts, Motion, contacts
+from ..model.kinematics import Contacts, Motion, RailFrame, contacts
 from ..model.layout import coordinate_rows
 from ..model.scene import Scene
 from ..model.sliding import tractions
@@ -41,9 +41,6 @@ GAUSS_PLACES = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
 DIFFERENCE_MARGIN = 2
 """Values that a central difference needs before and after its place."""
 
-_NEXT = {2: (-1, 2), 3: (1, -3, 3), 4: (-1, 4, -6, 4)}
-"""Weights of equidistant values in the next one of the polynomial through them."""
-
 
 # --- slopes by differences ------------------------------------------------------------------------------------------
 
@@ -55,6 +52,7 @@ def continued(values: Float[Array, "ends ..."], steps: Any) -> Float[Array, "end
     """
     last = jnp.asarray(steps, int)
     few = min(len(values), 4)
+    # backwards from the first values, and forwards from the last that count
     earlier = _two_more(values[few - 1 :: -1])[::-1]
     later = _two_more(jax.lax.dynamic_slice_in_dim(values, last + 1 - few, few))
     values = jnp.concatenate([earlier, values, later])
@@ -74,7 +72,8 @@ def step_slopes(values: Float[Array, "ends ..."], steps: Any) -> Float[Array, "e
 
 def _two_more(values: Array) -> Array:
     """Return the next two values of the polynomial through two to four equidistant ones, along the first axis."""
-    weights = np.array(_NEXT[len(values)])
+    # weights of equidistant values in the next one of the polynomial through them
+    weights = np.array({2: (-1, 2), 3: (1, -3, 3), 4: (-1, 4, -6, 4)}[len(values)])
     following = lambda v: jnp.tensordot(weights, v[-len(weights) :], 1)
     values = jnp.stack([*values, following(values)])
     return jnp.stack([values[-1], following(values)])
@@ -122,6 +121,7 @@ def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Any)
     values = continued(jnp.stack((flat(force), flat(-gap)), axis=1), steps)
 
     def one(carry, place):
+        """Add one step to the totals; the slope at its end is the next one's at the start."""
         (highest, when, impulse, contact, deepest), slope = carry
         around = jax.lax.dynamic_slice_in_dim(values, place + 1, 5)
         _, begin, end, _, _ = around
@@ -135,7 +135,9 @@ def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Any)
             contact + of_time(_share_closed(-begin[1], -slope[1], -end[1], -next_slope[1]), place),
             jnp.maximum(deepest, deep),
         )
-        return (jax.tree.map(lambda n, old: jnp.where(place < steps, n, old), new, carry[0]), next_slope), None
+        # steps for which there is only room change nothing
+        totals = jax.tree.map(lambda n, old: jnp.where(place < steps, n, old), new, carry[0])
+        return (totals, next_slope), None
 
     nothing = jnp.zeros(values.shape[-1])
     totals = nothing - jnp.inf, nothing + jnp.nan, nothing, nothing, nothing - jnp.inf
@@ -143,9 +145,12 @@ def contact_loads(force: Array, gap: Array, rate: Array, args: Args, steps: Any)
     (totals, _), _ = jax.lax.scan(one, (totals, _slope(*values[:5])), places)
     highest, when, impulse, contact, depth = (a.reshape(force.shape[1:]) for a in totals)
     if paces is None:
-        impulse, contact = step * period * impulse, step * contact
+        impulse = step * period * impulse
+        contact = step * contact
     else:
-        impulse, contact = step * impulse, contact / jnp.sum(jnp.where(places < steps, paces, 0.0))
+        # the sums are over seconds already
+        impulse = step * impulse
+        contact = contact / jnp.sum(jnp.where(places < steps, paces, 0.0))
     return Loads(highest, when, impulse, contact, depth, step * fastest)
 
 
@@ -155,6 +160,7 @@ def over_periods(loads: Loads, seconds: Float[Array, " periods"] | None = None) 
     Contact fractions are means, weighted by the `seconds` of each period, which are alike at a constant speed.
     """
     highest = jnp.max(loads.peak_force, 0)
+    # the first instant, where several periods have the same peak
     when = jnp.nanmin(jnp.where(loads.peak_force == highest[None], loads.peak_period, jnp.nan), 0)
     return Loads(
         peak_force=highest,
@@ -184,6 +190,7 @@ def contact_rate(now: Contacts, memory: Any, args: Args) -> Array:
     scene = args.scene
     zero = jnp.zeros_like(now.gap)
     force = lambda gap, rate: contact_forces(scene, Contacts(gap, rate, now.lever), memory)
+    # derivatives by all penetrations at once, as no force depends on another point's gap
     spring = jax.jvp(force, (now.gap, now.rate), (-jnp.ones_like(zero), zero))[1]
     damper = jax.jvp(force, (now.gap, now.rate), (zero, -jnp.ones_like(zero)))[1]
     turn = sum(lever**2 * (1 / j) for lever, j in zip(now.lever, scene.slipper.inertia, strict=True))
@@ -195,6 +202,7 @@ def contact_rate(now: Contacts, memory: Any, args: Args) -> Array:
 
 def _share_closed(g0: Array, d0: Array, g1: Array, d1: Array) -> Array:
     """Return the share of a step in which a gap is negative [1]."""
+    # a step whose ends have the same sign counts as open or closed throughout
     changes = (g0 < 0) != (g1 < 0)
     x = sign_change(Cubic.through(g0, d0, g1, d1), g1, changes)
     within = jnp.where(g0 < 0, x, 1 - x)
@@ -256,6 +264,7 @@ class Curve:
 
     def at(self, places: Float[np.ndarray, " places"]) -> Float[Array, "places ..."]:
         """Return values at some places of the period, 0 to 1."""
+        # the step that a place is in, the last one for the end of the period, and the place within it
         inside = places * self._course.steps
         k = jnp.minimum(jnp.floor(inside), self._course.steps - 1).astype(int)
         x = (inside - k).reshape(-1, *[1] * (self.values.ndim - 1))
@@ -272,6 +281,7 @@ class Curve:
         travel = self._course.args.travel(self._course.times)
         if travel.acceleration is None:
             return self.mean * travel.period
+        # samples are equidistant in travel, so that each stands for its own time
         paces = store(jnp.broadcast_to(travel.period, self._course.times.shape))
         return self._course.mean(self.samples * paces.reshape(-1, *[1] * (self.values.ndim - 1)))
 
@@ -295,6 +305,7 @@ class Curve:
     @functools.cached_property
     def shallowest_turn(self) -> Float[Array, "..."]:
         """The magnitude of the extreme that is nearest to zero; infinite where there is none."""
+        # extremes inside a step: where the slope at its ends changes its sign
         rises = self.slopes >= 0
         top = rises[:-1] & ~rises[1:]
         bottom = ~rises[:-1] & rises[1:]
@@ -377,10 +388,10 @@ class Course:
         return jnp.arange(self.capacity + 1) / self.steps
 
     @functools.cached_property
-    def _contacts(self) -> tuple[Any, Contacts]:
+    def _contacts(self) -> tuple[RailFrame, Contacts]:
         """Rail and contacts at both ends of every step."""
 
-        def at(place, m):
+        def at(place: Array, m: Motion) -> tuple[RailFrame, Contacts]:
             frame = self.args.frame(place / self.steps)
             return frame, contacts(frame, m)
 
@@ -402,7 +413,7 @@ class Course:
     def rates(self) -> Motion:
         """Derivatives of the motion at both ends of every step [per forcing period]."""
         if self._rates is not None:
-            return self._rates
+            return self._rates  # the solver has left them
 
         def of_one(place: Array, at: Acting) -> Motion:
             travel = self.args.travel(place)
@@ -413,6 +424,7 @@ class Course:
     @functools.cached_property
     def coordinates(self) -> Curve:
         """(ends, coordinates), in the order of `slipperjax.model.COORDINATES`."""
+        # Euler angles follow from the quaternion, and so do their slopes
         moving = jax.tree.map(lambda rate: rate / self.steps, self.rates)
         with_slopes = lambda m, rate: jax.jvp(lambda m: coordinate_rows(State(m, None)), (m,), (rate,))
         values, slopes = jax.vmap(with_slopes)(self.states.motion, moving)
@@ -505,6 +517,7 @@ class Course:
         """Return the states at the ends of `saves` equal parts of the period, with a leading axis."""
         if saves == 1:
             return jax.tree.map(lambda a: a[None], self.end)
+        # a slice where the program knows the number of steps
         if isinstance(self.steps, int):
             stride = self.steps // saves
             return jax.tree.map(lambda a: a[stride : self.steps + 1 : stride], self.states)
@@ -518,6 +531,7 @@ class Course:
 
     def counted(self, values: Shaped[Array, "samples ..."], filler: float) -> Shaped[Array, "samples ..."]:
         """Return values of steps, or samples, with `filler` in place of those of unused steps."""
+        # each step has one value, or one for each of its samples
         used = jnp.repeat(self.used, len(values) // self.capacity)
         return jnp.where(used.reshape(-1, *[1] * (values.ndim - 1)), values, filler)
 
@@ -528,6 +542,6 @@ class Course:
         return Curve(values, step_slopes(values, self.steps), self)
 
     def _where_closed(self, curve: Curve) -> Curve:
-        """Sets slopes to zero where the force is zero: it begins or ends there, or is zero throughout."""
+        """Set slopes to zero where the force is zero: it begins or ends there, or is zero throughout."""
         closed = self._of_points(self._forces) > 0
         return Curve(curve.values, jnp.where(closed, curve.slopes, 0.0), self)

@@ -74,6 +74,7 @@ def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, A
     **Arguments:** `without`: names and paths of parameters which a dataset has as coordinates. All that depend on
     them are left out, as the clearance where section.play.2 is varied, and so are those with several values.
     """
+    # what depends on a varied number becomes NaN, and is left out below
     for p in (parameter(name, scene) for name in without if name not in STARTS):
         scene = p.replaced(scene, np.nan)
     out: dict[str, Any] = {"contact_law": type(scene.contact).__name__, "contact_memory": type(scene.memory).__name__}
@@ -107,6 +108,7 @@ def trajectory_dataset(trajectory: Any) -> Any:
     import xarray as xr  # here, because importing it takes longer than a small simulation
 
     known("trajectory", trajectory)
+    # as the record of a sweep's history, which has the same variables
     now = trajectory.reactions
     parts = trajectory.period, now.acceleration, now.contact_force, now.gap, now.drive_force
     history = HistoryValues(coordinates(trajectory.state), *map(np.asarray, parts))
@@ -118,6 +120,7 @@ def trajectory_dataset(trajectory: Any) -> Any:
     attrs |= {"steps_per_period": int(trajectory.steps_per_period), "status": int(trajectory.status)}
     attrs["status_meaning"] = MEANINGS
     if trajectory.loads is not None:
+        # loads of the whole run, over periods that may differ in their duration
         saves = (len(trajectory.period) - 1) // len(trajectory.steps_taken)
         total = _over_periods(trajectory.loads, jnp.diff(trajectory.time[::saves]))
         for name, q in LOADS.items():
@@ -157,6 +160,7 @@ def load_start(source: Any, **chosen: Any) -> Motion | State | None:
     ds = _labels_of(source)
     _, start = load_base(ds)
     values = {name.removeprefix("start_"): v for name, v in _varied(ds, chosen, of_start=True).items()}
+    # what was varied replaces the numbers of the start that all cases have in common
     if isinstance(start, State):
         return State(type(start.motion)(**(vars(start.motion) | values)), start.memory)
     return type(start)(**(vars(start) | values))
@@ -179,6 +183,7 @@ def load_base(source: Any) -> tuple[Scene, Motion | State]:
     ds = _labels_of(source)
     scene = scene_from_json(str(_attribute(ds, "scene")))
     description = _described(ds, "start", dict)
+    # the description of a motion, or of a state with its memory
     if "motion" not in description:
         return scene, build(description, (Motion,), "start")
     memory = description.get("memory")
@@ -273,6 +278,7 @@ def _described(ds: Any, name: str, kind: type) -> Any:
     """Return what an attribute describes in JSON; raises `ValueError` where that is of another kind."""
     text = _attribute(ds, name)
     found = None
+    # attributes of other files may hold anything
     with suppress(json.JSONDecodeError, RecursionError, TypeError):
         found = json.loads(text)
     need = f"have JSON of {'names' if kind is list else 'values by name'} in its attribute `{name}`"
@@ -304,6 +310,7 @@ def varied_names(ds: Any) -> list[str]:
 def _varied(ds: Any, chosen: Mapping[str, Any], of_start: bool) -> dict[str, float]:
     """Return the values of one case of what was varied of the start, or of the scene: chosen, or the dataset's own if
     it is of one case."""
+    # one case is chosen by values, one after the other
     names = varied_names(ds)
     unknown = [name for name in chosen if name not in names]
     if unknown:

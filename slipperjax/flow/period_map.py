@@ -160,6 +160,7 @@ class PeriodMap(eqx.Module):
             run = jnp.arange(float(count)) < used
             steps_taken = jnp.where(run, steps_taken, jnp.max(steps_taken))
             judged = jnp.where(run, steps_taken, jnp.inf)
+        # of the first period with a problem
         code = with_resolution(codes[jnp.argmax(codes != int(Status.FINITE))], scene, judged, epoch)
         return Passage(end, samples, code, steps_taken, carried)
 

@@ -69,7 +69,7 @@ class AbstractRecord(abc.ABC):
 
     @abc.abstractmethod
     def values(self, scene: Scene, periods: int) -> int:
-        """Estimates how many numbers of a case are kept, of so many periods, from the shapes of a scene."""
+        """Estimate how many numbers of a case are kept, of so many periods, from the shapes of a scene."""
 
     def last(self, periods: int) -> int:
         """Return how many of the last recorded periods need their samples kept."""
@@ -80,7 +80,7 @@ class AbstractRecord(abc.ABC):
         return self
 
     def check(self, scene: Scene, periods: int, steps: int) -> None:  # noqa: B027
-        """Raises `ValueError` where a run of so many recorded periods, of `steps` at least, does not suit."""
+        """Raise `ValueError` where a run of so many recorded periods, of `steps` at least, does not suit."""
 
     def begin(self, scene: Scene, state: State) -> Any:
         """Return the initial carry of one case, in NumPy arrays; None where nothing is carried.
@@ -106,7 +106,7 @@ class AbstractRecord(abc.ABC):
         return 0.0
 
     def after(self, carried: Any, samples: Any, status: np.ndarray, run: Any) -> tuple[Any, np.ndarray]:
-        """Continues the motions of a chunk after the recorded span, or judges them; gives carry and `Status` codes.
+        """Continue the motions of a chunk after the recorded span, or judge them; return carry and `Status` codes.
 
         **Arguments:** `samples`: (cases, periods, ...); `run`: the chunk, a `slipperjax.sweeps.run.RecordedChunk`.
         """
@@ -123,7 +123,7 @@ class AbstractRecord(abc.ABC):
     def continue_cases(
         self, values: Any, status: np.ndarray, plan: Any, options: Any, interrupted: bool
     ) -> tuple[Any, np.ndarray, bool]:
-        """Simulates some of the cases further after all chunks; gives values, `Status` codes, and whether the run was
+        """Simulate some of the cases further after all chunks; return values, `Status` codes, and whether the run was
         interrupted. Cases that were not finished have `Status.NOT_RUN`.
 
         **Arguments:** `values`: of `finish`, (cases, ...); `plan`: a `slipperjax.sweeps.run.Plan`; `options`: for
@@ -192,7 +192,7 @@ class RecordSet:
         return sum((r.cost_after(periods) for r in self.records), 0.0)
 
     def values(self, scene: Scene, transient: int, periods: int) -> int:
-        """Estimates how many numbers of a case are kept, from the shapes of a scene."""
+        """Estimate how many numbers of a case are kept, from the shapes of a scene."""
         return sum(r.values(scene, periods + (transient if r.from_start else 0)) for r in self.records)
 
     def with_saves(self, saves: int) -> "RecordSet":
@@ -200,10 +200,11 @@ class RecordSet:
         return RecordSet(tuple(r.with_saves(saves) for r in self.records))
 
     def check(self, scene: Scene, periods: int, steps: int, existing: Collection[str] = ()) -> None:
-        """Raises `ValueError` where records do not suit a run, or each other.
+        """Raise `ValueError` where records do not suit a run, or each other.
 
         **Arguments:** `periods`: recorded; `steps`: in each, at least; `existing`: names that the dataset has.
         """
+        # names of variables are those of the dataset
         for name, count in Counter(name for r in self.records for name in r.variables).items():
             if count > 1:
                 raise ValueError(f"Argument `record` must give each variable once, but gives `{name}` {count} times.")
@@ -226,6 +227,7 @@ class RecordSet:
 
     def feed_back(self, scene: Scene, carried: tuple[Any, ...], epoch: Any) -> Scene:
         """Return the scene in the period `epoch`, where earlier periods change it."""
+        # one after the other, as each may change the scene
         for r, mine in zip(self.records, carried, strict=True):
             scene = r.feed_back(scene, mine, epoch)
         return scene
@@ -287,7 +289,7 @@ class Samples:
         self._calls: dict[AbstractRecord, list[Any]] = {r: [] for r in records.records}
 
     def add(self, records: RecordSet, samples: tuple[Any, ...]) -> None:
-        """Takes what some of the records sampled in one call, arrays (cases, periods, ...)."""
+        """Take what some of the records sampled in one call, arrays (cases, periods, ...)."""
         for r, new in zip(records.records, samples, strict=True):
             calls = self._calls[r]
             calls.append(jax.tree.map(np.asarray, new))
@@ -390,6 +392,7 @@ class Sections(AbstractRecord):
         return np.zeros((), int)
 
     def add(self, carried, course):
+        # the most crossings of a coordinate in any period
         return jnp.maximum(carried, jnp.max(jnp.sum(~jnp.isnan(course.crossings.time), axis=1)))
 
     def sample(self, course) -> SectionPoints:
@@ -407,6 +410,7 @@ class Sections(AbstractRecord):
         return carried, np.where(dropped, int(Status.POINTS_DROPPED), status)
 
     def finish(self, carried, samples: SectionPoints, span) -> SectionPoints:
+        # periods and their crossings along one axis
         both = samples.time, samples.velocity
         time, velocity = (np.moveaxis(a, 1, 2).reshape(a.shape[0], a.shape[2], -1) for a in both)
         # crossings to the front
@@ -415,6 +419,7 @@ class Sections(AbstractRecord):
         return SectionPoints(time - span.start, velocity, np.sum(samples.count, axis=1))
 
     def label(self, scene, dims, values: SectionPoints):
+        # as many columns as the case with the most crossings needs
         most = max(int(np.max(np.sum(~np.isnan(values.velocity), axis=-1), initial=0)), 1)
         # results on disk have a capacity for as many crossings as could be
         capacity = values.time.shape[-1]
@@ -480,6 +485,7 @@ class History(AbstractRecord):
         return HistoryValues(coordinate_rows(saved), period + course.args.epoch, now.acceleration, *forces)
 
     def finish(self, carried, samples: HistoryValues, span) -> HistoryValues:
+        # periods and their saves along one axis
         joined = jax.tree.map(lambda a: a.reshape(a.shape[0], -1, *a.shape[3:]), samples)
         return joined._replace(period=joined.period - span.start)
 

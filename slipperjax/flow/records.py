@@ -22,7 +22,7 @@ from ..model.dynamics import Args, state_and_penetration
 from ..model.quantities import ACCELERATIONS, COORDINATES, LOADS, Quantity
 from ..model.scene import Scene
 from ..tools.batching import Batched
-from ..tools.checks import brief, instance, number, numbers, one_of, positive, require
+from ..tools.checks import instance, number, numbers, one_of, positive, require
 from ..tools.columns import column
 from ..tools.compile import jit
 from .course import GAUSS_PLACES, Course
@@ -157,10 +157,6 @@ class Record(AbstractNumber):
     def __post_init__(self):
         require(callable(self.function), "function", "be a function of a course", self.function)
         instance("quantity", self.quantity, Quantity, "a slipperjax.model.Quantity")
-        try:
-            hash(self.function)
-        except TypeError:
-            raise ValueError(f"Argument `function` must be hashable, but is {brief(self.function)}.") from None
         require(self.name.isidentifier(), "quantity", "have a name such as spring_force", self.name)
         one_of("over", self.over, tuple(JOINS))
 
@@ -207,6 +203,7 @@ class PowerMean(AbstractNumber):
 
     @property
     def join(self):
+        # on the host nothing is compiled
         exp = lambda x: np.exp(x) if isinstance(x, np.ndarray) else jnp.exp(x)
         value = lambda joined, periods: exp((joined - np.log(periods)) / self.order)
         return Join(-np.inf, _log_sum, value)
@@ -262,6 +259,7 @@ class OnePoint(AbstractNumber):
     def _at_point(self, course: Course, values: Float[Array, "*first 2 points"]) -> Array:
         if self.point is None:
             return values
+        # "A1" is point A at the front, "A2" the one at the rear
         names = course.scene.section.names
         indices = {f"{name}{end + 1}": (end, k) for end in range(2) for k, name in enumerate(names)}
         require(self.point in indices, "point", f"be one of {', '.join(indices)}", self.point)
@@ -284,6 +282,7 @@ class AbstractAtPeak(AbstractQuantityRecord):
     def add(self, carried, course):
         highest, there = carried
         force = course.loads.peak_force
+        # an open point has no highest force yet, and keeps NaN
         higher = force > highest
         return jnp.where(higher, force, highest), jnp.where(higher, self.of(course), there)
 
@@ -399,11 +398,14 @@ def _of_coordinate(k: int, q: Quantity) -> tuple[Record, ...]:
 
 
 def _impulse_samples(c: Course) -> Array:
+    """Return the points' impulses as if they were samples, for the power mean over points."""
     return jnp.broadcast_to(c.loads.impulse, (len(c.times), *c.loads.impulse.shape))
 
 
 def _rms(k: int, q: Quantity) -> Record:
-    text, symbol = f"root mean square of the {q.long_name}", rf"\mathrm{{RMS}}\,{q.symbol}"
+    """Return the record of the root mean square of one of `ACCELERATIONS`."""
+    text = f"root mean square of the {q.long_name}"
+    symbol = rf"\mathrm{{RMS}}\,{q.symbol}"
     return Record(Quantity(f"rms_{q.name}", q.unit, text, symbol), lambda c: c.acceleration.mean_square[k], "rms")
 
 

@@ -82,6 +82,7 @@ def _probed(
 
     **Arguments:** `states`: saved ones, `saves` per period; `run(stepping, state, epoch)`: runs one period.
     """
+    # the start is saved, too
     periods = (len(states.motion.y) - 1) // saves
     rows = []
     for k in np.unique(np.linspace(0, periods - 1, min(count, periods)).astype(int)):
@@ -121,7 +122,7 @@ def period_map(
     adjoint: diffrax.AbstractAdjoint | None = None,
     begin: float | None = None,
 ) -> State:
-    """Maps `state` to that `periods` forcing periods later, stroboscopically. Pure; jit, vmap or differentiate it.
+    """Map `state` to that `periods` forcing periods later, stroboscopically. Pure; jit, vmap or differentiate it.
 
     **Arguments:** as for `simulate`; `state` comes from `initial_state` or an earlier call. On a rail that does not
     repeat each call begins where the rail does, unless `begin` says how far the one before has come [m].
@@ -146,13 +147,13 @@ def _mapped(map_: PeriodMap, static: tuple, state: State, epoch: Any = 0.0) -> S
 
 
 def refuse_periods(periods: int, steps: int, numbers: int = 0) -> None:
-    """Raises `ValueError` for a run of one case that keeps too many numbers or takes too long."""
+    """Raise `ValueError` for a run of one case that keeps too many numbers or takes too long."""
     what = f"{periods} forcing periods of {steps} steps"
     refuse_impossible(what, 8.0 * numbers, SECONDS_PER_STEP * steps * periods)
 
 
 def check_rail(scene: Scene, periods: int, begin: Any, transient: int = 0, after: int = 0) -> None:
-    """Raises `ValueError` where a rail ends before a run of some forcing periods does, or where slippers wear.
+    """Raise `ValueError` where a rail ends before a run of some forcing periods does, or where slippers wear.
 
     A warning says where a rail that goes on straight is known no further.
 
@@ -162,7 +163,7 @@ def check_rail(scene: Scene, periods: int, begin: Any, transient: int = 0, after
     require(scene.wear is None, "scene", "have no wear here, which slipperjax.run follows alone", scene.wear)
     track = scene.track
     if is_traced((track, begin)) or not track.extent < np.inf:
-        return
+        return  # nothing is known, or the rail goes on
     wave = float(np.max(np.asarray(track.wavelength)))
     most = int((track.extent - begin) / wave * (1 + 1e-9))
     why = f"because the rail ends at {track.extent:g} m"
@@ -178,7 +179,7 @@ def check_rail(scene: Scene, periods: int, begin: Any, transient: int = 0, after
 
 
 def warn_beyond(track: AbstractTrack, name: str, travelled: float) -> None:
-    """Warns where the argument `name` leads to a distance [m] beyond what is known of a rail."""
+    """Warn where the argument `name` leads to a distance [m] beyond what is known of a rail."""
     if travelled > track.extent + 1e-9 * abs(track.extent):
         warn(f"Argument `{name}` leads to {travelled:g} m, but the rail is known up to {track.extent:g} m only.")
 
@@ -221,7 +222,7 @@ class Peak(NamedTuple):
     """Index of the point in `Section.names`."""
 
     def text(self, scene: Scene) -> str:
-        """Says in words how high, where and when."""
+        """Say in words how high, where and when."""
         if not float(self.force) > 0:
             return "no contact"
         where = f"{scene.section.names[int(self.point)]}{int(self.end) + 1}"
@@ -250,6 +251,7 @@ class Trajectory(eqx.Module):
     """Errors of some periods, measured by half the step; None without `probe`."""
 
     def __repr__(self) -> str:
+        # inside a transformation, and of a batch, there are no numbers to show
         if is_traced(self.state) or np.ndim(self.status):
             return f"Trajectory(saves={shown_number(self.period)}, state={jax.typeof(self.state.motion.y)})"
         status = Status(int(self.status))
@@ -289,7 +291,7 @@ class Trajectory(eqx.Module):
         return _reactions(self.scene, self.period, self.state)
 
     def to_xarray(self):
-        """Gives the trajectory as an `xarray.Dataset`, see `slipperjax.flow.datasets.trajectory_dataset`."""
+        """Return the trajectory as an `xarray.Dataset`, see `slipperjax.flow.datasets.trajectory_dataset`."""
         from .datasets import trajectory_dataset
 
         return trajectory_dataset(self)
@@ -303,6 +305,7 @@ def _reactions(scene, periods, states):
 @jit
 def _peak(loads: Loads) -> Peak:
     force, when = over_periods(loads)[:2]
+    # the place of the highest has no derivative
     at = jnp.argmax(jax.lax.stop_gradient(force))
     end, point = jnp.unravel_index(at, force.shape)
     return Peak(jnp.max(force), when[end, point], end, point)
@@ -312,7 +315,7 @@ def _peak(loads: Loads) -> Peak:
 def _finished(
     first: State, passage: Passage, scene: Scene, most_stability_number: Any, epoch: Any, *, saves: int
 ) -> tuple:
-    """Gives states, loads, instants [forcing periods] and status of a run; one program, not one per operation."""
+    """Return states, loads, instants [forcing periods] and status of a run; one program, not one per operation."""
     ((saved, loads),) = passage.samples
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b.reshape(-1, *b.shape[2:])]), first, saved)
     times = epoch + jnp.arange(passage.steps_taken.shape[0] * saves + 1) / saves
@@ -340,7 +343,7 @@ def simulate(
     loads: bool = True,
     probe: int = 0,
 ) -> Trajectory:
-    """Simulates one scene.
+    """Simulate one scene.
 
     **Arguments:**
 
@@ -390,9 +393,10 @@ def simulate(
     refuse_periods(periods, steps, records.values(scene, 0, periods))
     if controller is not None:
         stepping = _controlled(steps if loads else saves, steps, controller, adjoint)
-    elif traced:
+    elif traced:  # for both modes of derivatives
         stepping = ConstantSteps(steps)
     else:
+        # one program for many numbers of steps; probes take twice as many
         most = (2 if probe else 1) * steps
         stepping = dynamic_steps(steps, most=most if records.inside else None)
     run = PeriodMap(scene, stepping, solver)
@@ -404,6 +408,7 @@ def simulate(
         passage = run_eagerly(run, first, periods, records, epoch)
     limit = most_stability_number(solver, controller)
     states, loads_of_periods, times, status = _finished(first, passage, scene, limit, epoch, saves=saves)
+    # with adaptive steps, loads are looked for at as many instants
     shown = steps if controller is None or loads or saves == 1 else saves
     options = dict(
         periods=periods,
@@ -439,7 +444,7 @@ def _from_start(run: PeriodMap, static: tuple, start: Motion | State, epoch: Any
 def run_eagerly(
     run: PeriodMap, state: State, periods: int, records: RecordSet, epoch: Any = 0.0, like: int | None = None
 ) -> Passage:
-    """Runs with a program that serves other numbers of periods, too; that of a run of `like` periods if given."""
+    """Run with a program that serves other numbers of periods, too; that of a run of `like` periods if given."""
     size = capacity_for_periods(periods if like is None else like)
     numbers = as_argument(epoch), as_argument(periods)
     passage = call_compiled(_run, run, (size, records), state, *numbers)
@@ -464,6 +469,7 @@ def step_plan(default: Callable[[], Any], steps: Any, saves: int | None) -> tupl
     if steps is None:
         saves = LEAST_STEPS if saves is None else saves
         return -(-default() // saves) * saves, saves
+    # one number, or one for each case
     numbers = [given_steps(n) for n in (np.ravel(steps).tolist() if np.ndim(steps) else [steps])]
     if saves is None:
         common = math.gcd(*numbers)
@@ -518,6 +524,7 @@ def beginning(scene: Scene, begin: float | None, start: Any) -> tuple[Any, Motio
     marks = start.get("state")
     need = "be a motion, a state, or one run of slipperjax"
     require(marks is not None and marks.ndim == 2, "start", need, shown="another dataset")
+    # a run keeps its state at the end of each stretch
     places = start["stretch"].values
     at = len(places) - 1 if begin is None else int(np.argmin(np.abs(places - begin)))
     need = f"be one of the distances where the earlier run kept its state, {places[0]:g} to {places[-1]:g} m"

@@ -96,9 +96,9 @@ MEANINGS = "; ".join(f"{int(s)}: {s}" for s in Status)
 
 
 def status_of(states: State) -> Int[Array, ""]:
-    """Judges a case by its states, over any leading axes: `Status` code `FINITE`, `NOT_FINITE` or `DERAILED`."""
-    leaves = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(states.motion)])
+    """Judge a case by its states, over any leading axes: `Status` code `FINITE`, `NOT_FINITE` or `DERAILED`."""
     m = states.motion
+    leaves = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(m)])
     turned = jnp.any(m.q_x**2 + m.q_y**2 + m.q_z**2 > 0.5)  # half the angle's sine is sqrt(1/2) at 90 degrees
     good = jnp.where(turned, int(Status.DERAILED), int(Status.FINITE))
     return jnp.where(jnp.all(jnp.isfinite(leaves)), good, int(Status.NOT_FINITE))
@@ -116,6 +116,7 @@ def with_resolution(code: Array, scene: Scene, steps: Any, begin: Any = 0.0) -> 
         slowest = scene.slowest_between(epoch, epoch + 1)
         return contact_duration(scene, slowest) * steps < LEAST_PER_CONTACT * slowest.period
 
+    # each period by the speed that it had
     steps = jnp.atleast_1d(steps)
     return _unresolved_where(jnp.any(jax.vmap(too_few)(steps, begin + jnp.arange(float(len(steps))))), code)
 
@@ -139,8 +140,10 @@ def with_loads(
     the greatest, see `Loads`, and `most` that the solver bears; `pressed`: penetration over the section's smaller
     extent above which the contact law has no meaning.
     """
+    # the smaller one of width and height
     points = scene.section.points
     extent = jnp.min(jnp.max(points, axis=0) - jnp.min(points, axis=0))
+    # a problem that is known already stays
     at = lambda problem, code, instead: jnp.where(problem & (code == int(Status.FINITE)), int(instead), code)
     code = at(closed == 0, code, Status.NO_CONTACT)
     code = at(penetration > pressed * extent, code, Status.PRESSED_IN)
@@ -170,7 +173,8 @@ def first_problem(earlier: Any, later: Any) -> np.ndarray:
 
     `NOT_FINITE` comes before `UNRESOLVED`, as within a stretch.
     """
-    earlier, later = np.asarray(earlier), np.asarray(later)
+    earlier = np.asarray(earlier)
+    later = np.asarray(later)
     lost = (earlier == Status.UNRESOLVED) & (later == Status.NOT_FINITE)
     return np.where((earlier == Status.FINITE) | lost, later, earlier)
 
@@ -192,7 +196,8 @@ class Stop(threading.Event):
         return _HERE.get()
 
     def submit(self, pool: Executor, call: Callable, *args: Any) -> Future:
-        """Submits a call to threads; runs in it end with this one."""
+        """Submit a call to threads; runs in it end with this one."""
+        # threads start with an empty context of their own
         context = copy_context()
         context.run(_HERE.set, self)
         return pool.submit(context.run, call, *args)
@@ -245,7 +250,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 def blank(result, lanes: int):
-    """Makes the result of an unfinished chunk, in the shape of another chunk's: NaN and zeros, with its status.
+    """Return the result of an unfinished chunk, in the shape of another chunk's: NaN and zeros, with its status.
 
     **Arguments:** `result`: a named tuple of arrays (lanes, ...) that has a field `status`; `lanes`: how many there
     are.

@@ -49,7 +49,7 @@ class AbstractStepping(eqx.Module):
 
     @abc.abstractmethod
     def period(self, terms: Any, solver: Any, state: State, solver_state: PyTree, args: Args, inside: bool) -> Period:
-        """Integrates one period of diffrax's `terms` by a `solver`; `inside`: whether the states at all steps are
+        """Integrate one period of diffrax's `terms` by a `solver`; `inside`: whether the states at all steps are
         wanted."""
 
     @abc.abstractmethod
@@ -87,9 +87,11 @@ class ConstantSteps(AbstractStepping):
         return solver.init(terms, 0.0, 1 / self.number, state, args) if continues else None
 
     def period(self, terms, solver, state, solver_state, args, inside):
+        # a solver that is renewed carries nothing from period to period
         begins = solver_state is None
         if begins:
             solver_state = solver.init(terms, 0.0, 1 / self.number, state, args)
+        # no step of an explicit method fails
         may_fail = not getattr(solver, "explicit", False)
 
         def step(carry, k):
@@ -105,6 +107,7 @@ class ConstantSteps(AbstractStepping):
             return carry[0], solver.rates(carry[1]) if isinstance(solver, AbstractLatchingSolver) else None
 
         carry = state, solver_state, jnp.zeros((), bool)
+        # both ends of all steps: the start of the first, and the end of each
         start = ends_of(carry)
         (end, solver_state, failed), ends = self._loop(step, carry, ends_of)
         states, rates = jax.tree.map(lambda a, others: jnp.concatenate([a[None], others]), start, ends)
@@ -115,7 +118,7 @@ class ConstantSteps(AbstractStepping):
         return ConstantSteps(self.most, 2 * self.steps)
 
     def _loop(self, step, carry, ends_of):
-        """Loops over the steps; gives the carry after the last and `ends_of` the carry after each.
+        """Loop over the steps; return the carry after the last and `ends_of` the carry after each.
 
         With dynamic steps, only the first `steps` entries are valid.
         """
@@ -132,6 +135,7 @@ class ConstantSteps(AbstractStepping):
             steps = jnp.arange(float(self.most))
             return in_one_kernel(lambda carry: jax.lax.scan(scanned, carry, steps), carry)
 
+        # Their number is an argument: what each step leaves is written to its place in arrays with room for `most`.
         def one(k, both):
             carry, ends = both
             carry = step(carry, k * 1.0)
@@ -162,11 +166,11 @@ class ControlledSteps(AbstractStepping):
         return self.samples
 
     def prepared(self, solver):
-        solver, controller = differentiable(solver, self.adjoint), self.controller
-        if not isinstance(controller, AdaptiveSteps):
+        solver = differentiable(solver, self.adjoint)
+        if not isinstance(self.controller, AdaptiveSteps):
             return solver
         # in the scales of the motion that root finders have
-        return with_tolerance(solver, controller.atol / scaled_size(MOTION_SCALES, controller.scales))
+        return with_tolerance(solver, self.controller.atol / scaled_size(MOTION_SCALES, self.controller.scales))
 
     def finer(self):
         """Return one with a tenth of the tolerances.
@@ -178,6 +182,7 @@ class ControlledSteps(AbstractStepping):
             raise ValueError(
                 f"Argument `probe` must be 0 with {type(self.controller).__name__}, which has no tolerance."
             )
+        # diffrax's controllers have rtol and atol, our own one has one tolerance
         at = lambda s: [getattr(s.controller, name) for name in fields]
         return eqx.tree_at(at, self, [v / 10 for v in at(self)])
 
@@ -188,6 +193,7 @@ class ControlledSteps(AbstractStepping):
 
     def period(self, terms, solver, state, solver_state, args, inside):
         solver_state, wanted = solver_state
+        # the end is saved by itself, because the last instant is interpolated
         subs = {"end": diffrax.SubSaveAt(t1=True)}
         instants = jnp.arange(1, self.samples + 1) / self.samples
         if inside:
@@ -223,13 +229,13 @@ def as_stepping(stepping: Any) -> AbstractStepping:
 
 
 def capacity_for_periods(count: int) -> int:
-    """Gives the least of 1, 8, 64, 512, 1024, 2048, ... that is not below: for periods of one case, where those that
+    """Return the least of 1, 8, 64, 512, 1024, 2048, ... that is not below: for periods of one case, where those that
     are not used cost memory alone."""
     return next((size for size in (1, 8, 64, 512) if count <= size), 1 << (count - 1).bit_length())
 
 
 def capacity_for(count: int) -> int:
-    """Gives the least of 1, 2, 4, 8, 16, 32, 50, 100, 200, ... that is not below: few sizes, so few programs."""
+    """Return the least of 1, 2, 4, 8, 16, 32, 50, 100, 200, ... that is not below: few sizes, so few programs."""
     if count <= 32:
         return 1 << (count - 1).bit_length()
     return 50 * (1 << max(-(-count // 50) - 1, 0).bit_length())

@@ -142,11 +142,10 @@ The damping of Eq. (12) grows as 1 / g'_0. Without a floor, a point that touches
 is then pressed in has a damping too stiff for any explicit method. MBDyn drops the damping below 1e-6 m/s.
 """
 
-FASTEST_FLOOR = 1.0
-"""Greatest plausible `slowest` [m/s], about the approach speed of a typical impact."""
 
-WIDTH_PER_DEPTH = 0.01
-"""Default width of the smooth switch as a fraction of the depth of a typical impact."""
+def _check_slowest(rate: Any) -> None:
+    """Warn unless the least approach rate [m/s] is at most about that of a typical impact."""
+    warn_unless_within("slowest", rate, 0, 1.0, "m/s")
 
 
 class AbstractMemory(ShapeChecked):
@@ -191,9 +190,10 @@ class EventLatch(AbstractMemory):
     """Least approach rate at touchdown [m/s], see `SLOWEST_IMPACT`."""
 
     def __check_init__(self):
-        warn_unless_within("slowest", number(positive, "slowest", self.slowest, "m/s"), 0, FASTEST_FLOOR, "m/s")
+        _check_slowest(number(positive, "slowest", self.slowest, "m/s"))
 
     def initial(self, gap: Array, rate: Array) -> Array:
+        # closed, but not approaching: the least number below zero marks a contact without damping
         began = jnp.where(rate < 0, 1 / jnp.minimum(rate, -self.slowest), -jnp.finfo(rate.dtype).tiny)
         return jnp.where(gap < 0, began, 0.0)
 
@@ -215,6 +215,7 @@ class EventLatch(AbstractMemory):
         entered = (memory == 0) & (gap < 0)
         path = Cubic.through(before.gap, step * before.rate, gap, step * rate)
         x = sign_change(path, gap, entered)
+        # the parabola of the rate through both ends of this step and the start of the previous one
         rise = rate - before.rate
         bend = (rise - ratio * (before.rate - before.earlier_rate)) * (ratio / (1 + ratio))
         began = jnp.minimum(before.rate + x * (rise + (x - 1) * bend), -self.slowest)
@@ -262,7 +263,7 @@ class SmoothSwitch(AbstractMemory):
     def __check_init__(self):
         warn_unless_within("width", self.width, 0, 1e-2, "m")
         warn_unless_within("relaxation", self.relaxation, 0, 1e-2, "s")
-        warn_unless_within("slowest", self.slowest, 0, FASTEST_FLOOR, "m/s")
+        _check_slowest(self.slowest)
 
     def initial(self, gap: Array, rate: Array) -> Array:
         return rate
@@ -271,7 +272,7 @@ class SmoothSwitch(AbstractMemory):
         return rate / jnp.minimum(memory, -self.slowest)
 
     def scaled(self, depth: Array, duration: Array, period: Array) -> "SmoothSwitch":
-        """Fills in `width` and `relaxation`.
+        """Fill in `width` and `relaxation`.
 
         The width is a fraction of the depth of a typical impact. It is not scaled by the clearance, because at zero
         clearance a point opens only as far as the opposite one is pressed in. The relaxation is the shortest that
@@ -284,7 +285,8 @@ class SmoothSwitch(AbstractMemory):
         """
         if self.width is not None and self.relaxation is not None:
             return self
-        width = WIDTH_PER_DEPTH * depth if self.width is None else self.width
+        # one hundredth of the depth; a twenty-fifth of the impact, or the shortest that explicit methods allow
+        width = 0.01 * depth if self.width is None else self.width
         relaxation = jnp.minimum(duration / 25, period / 80) if self.relaxation is None else self.relaxation
         fields = lambda m: (m.width, m.relaxation)
         # The constructor's checks would put a Python callback into the compiled program.
@@ -309,10 +311,12 @@ class SmoothSwitch(AbstractMemory):
 
         **Arguments:** gap g [m]; g' [m/s]; `depth` of a typical impact [m].
         """
+        # share of the rebound that is left, and decay until touchdown
         left = jnp.clip(-gap / depth, 0.0, 1.0)
         decays = jnp.exp(-jnp.maximum(gap, 0.0) / (_number(self.relaxation) * jnp.where(rate < 0, -rate, 1.0)))
         return jnp.where(rate < 0, decays, left * left * jnp.sqrt(left))
 
     def _switch(self, gap: Array) -> Array:
+        # a polynomial whose first two derivatives are zero at both ends
         u = jnp.clip(gap / _number(self.width) + 0.5, 0.0, 1.0)
         return u**3 * (10 + u * (6 * u - 15))

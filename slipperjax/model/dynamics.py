@@ -141,7 +141,7 @@ def state_and_penetration(scene: Scene, start: Motion | State, epoch: Any = 0) -
     outside = -jnp.min(now.gap) / contact_depth(scene, scene.travel(place))
     if not scene.contact.has_memory:
         memory = None
-    elif memory is None:
+    elif memory is None:  # closed contacts of a motion begin here
         memory = scene.memory.initial(now.gap, now.rate)
     return State(motion, memory), outside
 
@@ -186,6 +186,7 @@ def drive_force(scene: Scene, at: Acting, travel: Travel) -> Array:
     if scene.friction is not None:
         per_unit = per_unit + tractions(scene.friction, at.frame, at.motion, at.force, travel.speed)[0][0]
     drive = -jnp.sum(at.force * per_unit, axis=-1)
+    # applied loads and the acceleration of the masses act on the drive, too
     if scene.load is not None:
         drive = drive - scene.load.wrench(travel.speed)[0][0]
     return drive if travel.acceleration is None else drive + driven_mass(scene) * travel.acceleration
@@ -209,6 +210,7 @@ def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -
         on_slipper = sled_force(scene.sled, m)
         f_y = f_y + on_slipper[0]
         f_z = f_z + on_slipper[1]
+    # reciprocals, because the derivative of a product is shorter than that of a division
     per_mass = 1 / scene.slipper.mass
     j_x, j_y, j_z = scene.slipper.inertia
     per_x, per_y, per_z = (1 / j for j in (j_x, j_y, j_z))
@@ -225,6 +227,7 @@ def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -
     )
     if scene.sled is None:
         return rates
+    # the sled gets the opposite force
     a_y, a_z = (-on_slipper[k] / scene.sled.mass for k in range(2))
     a_z = a_z if scene.gravity is None else a_z - scene.gravity
     return SledMotion(**vars(rates), sled_y=m.sled_v_y, sled_z=m.sled_v_z, sled_v_y=a_y, sled_v_z=a_z)
@@ -295,6 +298,7 @@ class AbstractVectorField(eqx.Module):
                 "Argument `solver` must be an explicit one for a scene with a sled, such as RK4, or Latching of "
                 "one of diffrax's implicit ones with a root finder of optimistix."
             )
+        # the memory stays as it is
         rates = lambda m: self.evaluate(t, State(m, state.memory), args).motion
         return dense_linearised(rates, state.motion, args.travel(t).period)
 
@@ -313,7 +317,7 @@ class AbstractVectorField(eqx.Module):
     def close_step(
         self, before: Any, t0: Any, t1: Any, state: State, args: Args, frame: RailFrame | None = None
     ) -> tuple[State, State, Any]:
-        """Ends a step at `state`. Here nothing is latched.
+        """End a step at `state`. Here nothing is latched.
 
         **Arguments:** `before`: of the previous step or `open_step`; `frame`: `args.frame(t1)`, if already computed.
 
@@ -327,6 +331,7 @@ class ContactField(AbstractVectorField):
 
     def linearised(self, t, state, args):
         scene = args.scene
+        # friction has no closed form here
         if scene.friction is not None or scene.sled is not None:
             return super().linearised(t, state, args)
         frame = args.frame(t)
@@ -357,6 +362,7 @@ class LatchedField(ContactField):
         now = contacts(frame, state.motion)
         before, earlier_step = before
         step = t1 - t0
+        # by the pace in the middle of the step
         seconds = step * args.travel(t1 - 0.5 * step).period
         memory = args.scene.memory.latch(state.memory, before, now.gap, now.rate, seconds, step / earlier_step)
         state = State(state.motion, memory)
@@ -371,9 +377,8 @@ class SmoothField(ContactField):
         scene = settle_memory(args.scene)  # no effect where the period map has already done it
         rates = super().from_contacts(t, frame, now, state, args).motion
 
-        def gap_rate(t, motion):
-            return contacts(args.frame(t), motion).rate
-
+        # d(g')/dt along the flow: of the rail's motion and of the slipper's
+        gap_rate = lambda t, motion: contacts(args.frame(t), motion).rate
         _, acceleration = jax.jvp(gap_rate, (jnp.asarray(t, float), state.motion), (jnp.ones(()), rates))
         travel = args.travel(t)
         memory = scene.memory.derivative(state.memory, now.gap, now.rate, acceleration / travel.period)
@@ -439,11 +444,13 @@ def _reactions(t: Any, state: State, args: Args) -> Reactions:
     now = contacts(frame, m)
     force = contact_forces(scene, now, state.memory)
     at = Acting(frame, now, m, force)
+    # points of the front and of the rear end
     ends = lambda a: a.reshape(*a.shape[:-1], 2, -1)
     per_normal = jnp.stack(frame.normal)
     if scene.friction is not None:
         per_normal = per_normal + jnp.stack(tractions(scene.friction, frame, m, force, travel.speed)[0])
     on_track = ends(-force[None] * per_normal)  # (3, 2, points)
+    # places of the points, and of the nodes under both ends, seen from the slipper's centre on a straight rail
     r = jnp.array(rotation(m))
     point = ends(r @ jnp.stack(frame.arm) + jnp.stack([0 * m.y, m.y, m.z])[:, None])
     node_x = jnp.array([0.5, -0.5]) * scene.slipper.length

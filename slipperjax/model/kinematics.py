@@ -96,12 +96,20 @@ def _of_slipper(m: Motion) -> list[Any]:
     return [getattr(m, name) for name in MOTION_NUMBERS]
 
 
+def _is_real(value: Any) -> bool:
+    """Return whether a value is one real number, or an array of them."""
+    try:
+        return value is not None and np.asarray(value).dtype.kind in "fiu"
+    except (TypeError, ValueError):  # of datasets, and of rows of several lengths
+        return False
+
+
 def check_motion(name: str, motion: Any) -> Motion:
     """Return `motion`, whose coordinates must be finite numbers or traced; raises `ValueError` otherwise."""
     for coordinate, value in vars(motion).items():
         if is_traced(value):
-            continue
-        if not (is_real(value) or isinstance(value, bool)) or np.ndim(value) or not np.isfinite(value):
+            continue  # its value is not known
+        if not (_is_real(value) or isinstance(value, bool)) or np.ndim(value) or not np.isfinite(value):
             raise ValueError(f"Argument `{name}` must be finite, but its {coordinate} is {brief(value)}.")
     return motion
 
@@ -126,6 +134,7 @@ def scales_of(motion: Motion) -> Motion:
 
 def share_of_scale(scene: Scene) -> Float[Array, ""]:
     """Return the clearance of the tightest face that has play over that of `MOTION_SCALES`, 1 mm; 1 at most [1]."""
+    # faces without play do not count
     play = scene.section.play
     tightest = 2 * jnp.min(jnp.where(play > 0, play, jnp.inf))
     return jnp.clip(tightest, LEAST_CLEARANCE, MOTION_SCALES.z) / MOTION_SCALES.z
@@ -147,13 +156,14 @@ def scaled_size(motion: Motion, scales: Motion = MOTION_SCALES) -> Float[Array, 
 
 
 def quaternion_from_euler(roll, pitch, yaw):
-    """Gives (q_x, q_y, q_z) of the quaternion of Rz(yaw) Ry(pitch) Rx(roll), with q_0 >= 0; angles in rad.
+    """Return (q_x, q_y, q_z) of the quaternion of Rz(yaw) Ry(pitch) Rx(roll), with q_0 >= 0; angles in rad.
 
     **Raises:** `ValueError` for what is no numbers.
     """
     halves = [jnp.asarray(real(*one), float) / 2 for one in (("roll", roll), ("pitch", pitch), ("yaw", yaw))]
     cr, cp, cy = map(jnp.cos, halves)
     sr, sp, sy = map(jnp.sin, halves)
+    # of the two quaternions of an attitude, the one with q_0 >= 0
     sign = jnp.where(cr * cp * cy + sr * sp * sy < 0, -1.0, 1.0)
     return (
         sign * (sr * cp * cy - cr * sp * sy),
@@ -170,9 +180,10 @@ def scalar_part(m: Motion):
 def rotation(m: Motion):
     """Return the rotation matrix R_S of the attitude, as rows of scalars."""
     w = scalar_part(m)
-    x, y, z = q = (m.q_x, m.q_y, m.q_z)
+    q = (m.q_x, m.q_y, m.q_z)
+    x, y, z = q
     xx, yy, zz = (v * v for v in q)
-    xy, xz, yz = x * y, x * z, y * z
+    xy, xz, yz = (a * b for a, b in ((x, y), (x, z), (y, z)))
     wx, wy, wz = (w * v for v in q)
     return (
         (1 - 2 * (yy + zz), 2 * (xy - wz), 2 * (xz + wy)),
@@ -221,6 +232,7 @@ class Points(NamedTuple):
 def contact_points(scene: Scene) -> Points:
     """Return the scene's contact points, computed once per run because they cost as much as a rail frame."""
     section = instance("scene", scene, Scene, "a slipperjax.Scene").section
+    # the rear end has the section of the front one
     both = lambda a: jnp.tile(a, (2, 1)).T
     # A constant array: an index computed inside the loop over lanes and points would prevent vectorisation.
     x = scene.slipper.length * np.repeat([0.5, -0.5], section.points.shape[0])
@@ -295,10 +307,16 @@ def _node(scene: Scene, points: Points, distance: Array) -> _Node:
     v_z = slope.vertical
     if rail.roll is not None:
         c, s = circle(rail.roll)
-        n_y, n_z = c * n_y - s * n_z, s * n_y + c * n_z
-        y, z = c * y - s * z, s * y + c * z
-        v_y, v_z = v_y - slope.roll * z, v_z + slope.roll * y
+        n_y, n_z = _rolled(c, s, n_y, n_z)
+        y, z = _rolled(c, s, y, z)
+        v_y = v_y - slope.roll * z
+        v_z = v_z + slope.roll * y
     return _Node(n_y, n_z, y + rail.lateral, z + rail.vertical, v_y, v_z)
+
+
+def _rolled(c: Array, s: Array, y: Array, z: Array) -> tuple[Array, Array]:
+    """Return y and z turned about x by the angle whose cosine and sine are c and s."""
+    return c * y - s * z, s * y + c * z
 
 
 class Contacts(NamedTuple):
@@ -331,7 +349,7 @@ def contacts(frame: RailFrame, m: Motion) -> Contacts:
 
 
 def face_offsets(scene: Scene, phase: Any, m: Motion) -> Float[Array, " points"]:
-    """Tells how far the slipper's points have moved along their faces, as seen from the rail's points [m].
+    """Return how far the slipper's points have moved along their faces, as seen from the rail's points [m].
 
     Front ones first. Counted in the plane of the section, along the direction from a face's first corner to its
     second. With the gap, across the face, it tells where each point is relative to the rail head.

@@ -31,6 +31,7 @@ class StateLayout:
         """Return the layout of a scene's states."""
         memory = None
         if scene.contact.has_memory:
+            # "A1" is point A at the front, "A2" the one at the rear
             points = [f"{name}{end}" for end in (1, 2) for name in scene.section.names]
             unit = scene.memory.unit
             memory = tuple(Quantity(f"memory_{point}", unit, f"contact memory at {point}") for point in points)
@@ -60,6 +61,7 @@ class StateLayout:
     @staticmethod
     def pack(states: State) -> Any:
         """Return states (*batch) as rows of all their numbers (*batch, size), in NumPy unless traced."""
+        # in NumPy nothing is compiled
         xp = jnp if is_traced(states) else np
         columns = [xp.asarray(v)[..., None] for v in vars(states.motion).values()]
         return xp.concatenate(columns if states.memory is None else [*columns, xp.asarray(states.memory)], axis=-1)
@@ -67,13 +69,10 @@ class StateLayout:
     def unpack(self, rows: Any) -> State:
         """Return states from rows of their numbers (*batch, size)."""
         count = len(self.motion)
-        own = Motion() if count == len(MOTION_NUMBERS) else SledMotion()
-        like = State(
-            own,
-            None if self.memory is None else jnp.asarray(np.zeros(len(self.memory))),
-        )
-        parts = [rows[..., k] for k in range(count)] + [rows[..., count:]] * (self.memory is not None)
-        return jax.tree.unflatten(jax.tree.structure(like), parts)
+        kind = Motion if count == len(MOTION_NUMBERS) else SledMotion
+        # by the structure and not by the class, whose fields convert what they get
+        motion = jax.tree.unflatten(jax.tree.structure(kind()), [rows[..., k] for k in range(count)])
+        return State(motion, None if self.memory is None else rows[..., count:])
 
 
 def coordinate_rows(state: State) -> Float[Array, "*batch coordinates"]:

@@ -69,6 +69,7 @@ def contact_linearised(
     for i in range(3):
         for k in range(3):
             stiff[2 + i, 2 + k] += forces * (n[i] * arm[k] - (normal_arm if i == k else 0.0))
+    # the damping is symmetric: its upper triangle alone is summed
     damp = {(i, k): by_rate * s[i] * s[k] for i in range(5) for k in range(i, 5)}
     # all sums over the points in one pass
     total = sums(*stiff.values(), *damp.values())
@@ -80,11 +81,14 @@ def contact_linearised(
 
     moments = [scene.slipper.inertia[k] for k in range(3)]
     inertia = [scene.slipper.mass, scene.slipper.mass, *moments]
+    # from forces to accelerations per forcing period
     scaled = lambda entries: [[travel.period / inertia[i] * entries[i, k] for k in range(5)] for i in range(5)]
     stiffness = scaled(stiff)
     damping = scaled(damp)
     for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3  # Euler's equation: J_i w_i' = ... - (J_k - J_j) w_j w_k
+        # Euler's equation: J_i w_i' = ... - (J_k - J_j) w_j w_k
+        j = (i + 1) % 3
+        k = (i + 2) % 3
         gyro = travel.period * (moments[k] - moments[j]) / moments[i]
         damping[2 + i][2 + j] = damping[2 + i][2 + j] - gyro * spin[k]
         damping[2 + i][2 + k] = damping[2 + i][2 + k] - gyro * spin[j]
@@ -100,11 +104,13 @@ def dense_linearised(rates: Callable[[Motion], Motion], m: Motion, unit: Any) ->
     tree = jax.tree.structure(m)
     half = tree.num_leaves // 2  # positions, then their velocities
     zero = jnp.zeros(2 * half)
+    # along y and z, about the three axes, and along all velocities
     tangents = [zero.at[k].set(1.0) for k in range(2)]
     tangents += [jnp.stack([0.0, 0.0, *(turned[i][k] for i in range(3)), *[0.0] * half]) for k in range(3)]
     tangents += [zero.at[k].set(1.0) for k in range(half, 2 * half)]
     column = lambda v: jax.jvp(rates, (m,), (jax.tree.unflatten(tree, list(v)),))[1]
     columns = jax.tree.leaves(jax.vmap(column)(jnp.stack(tangents)))[half:]
+    # each column is a tangent's; rows of the matrices are those of the velocities' rates
     part = lambda at: [[row[at + k] for k in range(half)] for row in columns]
     return Linearised(part(0), part(half), m, unit)
 
@@ -128,6 +134,7 @@ class LinearSystem(eqx.Module):
         self.step = factor * at.unit
         self.factor = factor
         self.stiffness = at.stiffness
+        # displacements are eliminated: over the step they follow from velocities
         transport = _inverse(_unit_minus(_spin_of_turn(m), self.step))
         by_turn = _product([row[2:] for row in at.stiffness], transport)
         reduced = []

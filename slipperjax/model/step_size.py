@@ -34,11 +34,13 @@ def contact_duration(scene: Scene, travel: Travel | None = None) -> Float[Array,
     and to check that steps resolve impacts.
     """
     instance("scene", scene, Scene, "a slipperjax.Scene")
+    # Hertz's impact of a sphere: 2.94 times the greatest depth over the approach speed
     return 2.94 * contact_depth(scene, travel) / _approach(scene, travel)
 
 
 def contact_depth(scene: Scene, travel: Travel | None = None) -> Float[Array, ""]:
     """Return the depth of a typical impact [m], see `contact_duration`."""
+    # effective mass of a corner, which translates, rolls and pitches
     slipper = scene.slipper
     reach = jnp.max(jnp.abs(scene.section.points))
     mass = 1 / (1 / slipper.mass + reach**2 / slipper.inertia[0] + slipper.length**2 / 4 / slipper.inertia[1])
