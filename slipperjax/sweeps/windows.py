@@ -19,7 +19,7 @@ from ..model.quantities import ACCELERATIONS, Quantity
 from ..model.scene import Scene
 from ..model.tracks import AbstractTrack, Irregularity
 from ..tools.checks import positive
-from ..tools.fields import field
+from ..tools.columns import column
 
 STRETCH = 100
 """Windows in a stretch, after which states are kept, and over which spectra and rates are taken."""
@@ -207,11 +207,6 @@ def stretch_ends(windows: int) -> Int[np.ndarray, " stretches"]:
 
 SAMPLES_PER_WINDOW = 16
 """Filtered accelerations of each window from which spectra are made."""
-HIGHEST_FREQUENCY = 0.25
-"""Frequency up to which bands are given [cycles per sample]: there the filter folds 1.5e-4 of the power of an even
-spectrum back, below it less."""
-PLACES_PER_STEP = 2
-"""Places in each step, of the most that a window may have, at which accelerations are filtered."""
 BANDS = 1000.0 * 10 ** (np.arange(-20, 11) / 10)
 """Middles of third octaves [Hz], 10 Hz to 10 kHz, IEC 61260-1."""
 
@@ -228,8 +223,8 @@ class ThirdOctaves(AbstractRecord):
 
     By a periodogram with Hann's window of `SAMPLES_PER_WINDOW` equidistant accelerations of each window, which are
     means weighted by a cubic B-spline: such a filter keeps what is too fast for the samples from appearing as slower,
-    and is divided out (doi:10.1109/79.799930). Bands that are narrower than the resolution, or beyond
-    `HIGHEST_FREQUENCY`, are NaN.
+    and is divided out (doi:10.1109/79.799930). Bands that are narrower than the resolution, or beyond a quarter of
+    the sampling frequency, are NaN: there the filter folds 1.5e-4 of the power of an even spectrum back, below less.
     """
 
     name = "third_octaves"
@@ -243,7 +238,8 @@ class ThirdOctaves(AbstractRecord):
 
     def sample(self, course):
         # the window's share of each sample: of the first and the last three, neighbours have the rest
-        each = -(-max(PLACES_PER_STEP * course.capacity, 4 * SAMPLES_PER_WINDOW) // SAMPLES_PER_WINDOW)
+        # two places in each step, of the most that a window may have
+        each = -(-max(2 * course.capacity, 4 * SAMPLES_PER_WINDOW) // SAMPLES_PER_WINDOW)
         places = (np.arange(SAMPLES_PER_WINDOW * each) + 0.5) / each
         weights = _cubic_spline(places[None] - np.arange(-1, SAMPLES_PER_WINDOW + 2)[:, None]) / each
         values = course.acceleration.at(places / SAMPLES_PER_WINDOW)[:, :2]
@@ -253,16 +249,18 @@ class ThirdOctaves(AbstractRecord):
         return _bands(*map(np.asarray, samples))
 
     def label(self, scene, dims, values):
-        along = (*dims, "band")
-        words = {"units": "m/s^2", "long_name": "root mean square in a third octave"}
-        data = {name: (along, values[..., k], words) for k, name in enumerate(self.variables)}
-        return data, {"band": ("band", BANDS, {"units": "Hz", "long_name": "middle of a third octave"})}
+        data = {}
+        for k, name in enumerate(self.variables):
+            data[name] = column((*dims, "band"), values[..., k], "m/s^2", "root mean square in a third octave")
+        return data, {"band": column("band", BANDS, "Hz", "middle of a third octave")}
 
 
 def _joined(shares: Float[np.ndarray, "cases windows shares 2"]) -> Float[np.ndarray, "cases samples 2"]:
     """Returns the samples of a stretch from their shares in each window, less those with a share beyond its ends."""
     cases, windows, count, _ = shares.shape
-    each, signal = count - 3, np.zeros((cases, windows * (count - 3) + 3, 2))
+    each = count - 3
+    signal = np.zeros((cases, windows * each + 3, 2))
+    # the first and the last three of a window add to those of its neighbours
     for k in range(count):
         signal[:, k : k + windows * each : each] += shares[:, :, k]
     return signal[:, 3:-3]
@@ -284,7 +282,7 @@ def _bands(
     for k, middle in enumerate(BANDS):
         low, high = (middle * 10 ** (sign / 20) / rate for sign in (-1, 1))
         inside = (frequency[None] >= low[:, None]) & (frequency[None] < high[:, None])
-        known = (high <= HIGHEST_FREQUENCY) & ((high - low) * count >= 1)
+        known = (high <= 0.25) & ((high - low) * count >= 1)
         square = np.sum(np.where(inside[..., None], density, 0.0), axis=1) / count
         result[:, k] = np.where(known[:, None], np.sqrt(square), np.nan)
     return result
