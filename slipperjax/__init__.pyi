@@ -50,10 +50,7 @@ from .model.loads import Coulomb as Coulomb
 from .model.loads import FadingFriction as FadingFriction
 from .model.loads import TabulatedLoad as TabulatedLoad
 from .model.parameters import PARAMETERS as PARAMETERS
-from .model.tracks import FourierTrack as FourierTrack
-from .model.tracks import LocalTrack as LocalTrack
 from .model.rails import SampledTrack as SampledTrack
-from .model.tracks import SumTrack as SumTrack
 from .model.rails import TrackSet as TrackSet
 from .model.random_rails import RandomTrack as RandomTrack
 from .model.scene import Scene as Scene
@@ -64,9 +61,12 @@ from .model.step_size import contact_duration as contact_duration
 from .model.step_size import default_steps_per_period as default_steps_per_period
 from .model.surveys import load_rail as load_rail
 from .model.tracks import AbstractTrack as AbstractTrack
+from .model.tracks import FourierTrack as FourierTrack
 from .model.tracks import HarmonicTrack as HarmonicTrack
 from .model.tracks import Irregularity as Irregularity
+from .model.tracks import LocalTrack as LocalTrack
 from .model.tracks import StraightTrack as StraightTrack
+from .model.tracks import SumTrack as SumTrack
 from .model.travel import SpeedProgramme as SpeedProgramme
 from .model.travel import Stage as Stage
 from .model.wear import AbstractWear as AbstractWear

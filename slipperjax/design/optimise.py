@@ -89,7 +89,6 @@ class Design:
         """The scene with the best design."""
         return self.problem.scene.replace(**self.design)
 
-
     def __repr__(self) -> str:
         problem = self.problem
         shown = lambda q, value: f"{q.name} {q.shown(value):.5g} {q.display_unit}"

@@ -11,7 +11,7 @@ import scipy.stats.qmc
 from jaxtyping import Float
 
 from ..flow.simulate import first_of
-from ..model.parameters import parameter, check_no_overlap
+from ..model.parameters import check_no_overlap, parameter
 from ..model.scene import Scene, check_scene
 from ..model.step_size import given_steps
 from ..solvers.named import resolve_solver

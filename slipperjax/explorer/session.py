@@ -17,8 +17,7 @@ from ..flow.datasets import dataset_of, load_base, load_call, load_scene, load_s
 from ..flow.simulate import Trajectory, simulate
 from ..flow.status import Status
 from ..model.dang2024 import paper_scene, table_2_start
-from ..model.parameters import parameter
-from ..model.parameters import STARTS
+from ..model.parameters import STARTS, parameter
 from ..model.quantities import COORDINATE_SCALES, COORDINATES, Quantity
 from ..model.scene import Scene, check_steady
 from ..model.step_size import default_steps_per_period

@@ -157,7 +157,8 @@ def _corrected(
     along = lambda v: sum(d * part for d, part in zip(directions, v, strict=True))
     rate = store(along((m.v_y, m.v_z, m.w_x, m.w_y, m.w_z)) - frame.velocity)
     compliance = [seconds / scene.slipper.mass] * 2 + [seconds / j for j in scene.slipper.inertia]
-    own = store_if_differentiated(sum(c * d**2 for c, d in zip(compliance, directions, strict=True)))  # of a point along its normal
+    # the compliance of a point along its normal
+    own = store_if_differentiated(sum(c * d**2 for c, d in zip(compliance, directions, strict=True)))
 
     path = _path(before, gap, rate, turning, seconds)
     place, length, touches, bends = _edge(scene, path, gap, rate, memory)
@@ -165,7 +166,8 @@ def _corrected(
         # the rate at the touchdown, without what the contact itself does in the step
         at = path.rate_at(place) - own * _pressing(scene, path, gap, rate, place)
         slowest = -scene.memory.slowest
-        memory = store_if_differentiated(jnp.where(touches, 1 / jnp.where(touches & (at < slowest), at, slowest), memory))
+        at = jnp.where(touches & (at < slowest), at, slowest)
+        memory = store_if_differentiated(jnp.where(touches, 1 / at, memory))
 
     # as `mean` and `early`, of each contact
     means = earlies = 0.0

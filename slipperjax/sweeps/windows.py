@@ -20,6 +20,7 @@ from ..model.scene import Scene
 from ..model.tracks import AbstractTrack, Irregularity
 from ..tools.checks import positive
 from ..tools.columns import column
+from ..tools.fields import field
 
 STRETCH = 100
 """Windows in a stretch, after which states are kept, and over which spectra and rates are taken."""
