@@ -24,8 +24,9 @@ from ..flow.stepping import ConstantSteps, ControlledSteps
 from ..model.layout import coordinates
 from ..model.quantities import COORDINATE_SCALES
 from ..solvers.adaptive import AdaptiveSteps
+from ..sweeps.call import Call
 from ..sweeps.grid import Grid
-from ..sweeps.run import RunOptions, make_plan
+from ..sweeps.run import make_plan
 from ..tools.checks import require, whole
 from .methods import METHODS, Case, Method, all_cases
 from .work_precision import Point, mbdyn_points
@@ -48,7 +49,7 @@ def run(
     scene = dataclasses.replace(case.scene, memory=method.memory)
     grid = Grid(scene, {"speed": speeds}, product=False)
     # a sweep's plan, for its chunks and threads
-    options = RunOptions(0, case.periods, 1, None, method.solver)
+    options = Call(0, case.periods, 1, None, method.solver)
     plan = make_plan(grid, case.start, options)
     chunks, threads = plan.chunks(None, workers)
     if method.adaptive:

@@ -177,7 +177,7 @@ def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = ()) -> dict[str, Any
     """
     import numpy as np
 
-    from ..sweeps.run import refuse_cases
+    from ..sweeps.estimate import Estimate
 
     grid = {}
     for name, first, last, count in axes:
@@ -189,7 +189,8 @@ def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = ()) -> dict[str, Any
         if name in log and not min(first, last) > 0:
             raise ValueError(f"Option --log {name} needs values above zero, but {option} has {min(first, last):g}.")
         quantity.check(quantity.from_shown(np.array([first, last])))
-        refuse_cases(count * math.prod(map(len, grid.values())))  # before the values take the memory
+        cases = count * math.prod(map(len, grid.values()))
+        Estimate.counted(cases, 40, 0, " of one forcing period at least").check()  # before they take the memory
         grid[name] = quantity.from_shown((np.geomspace if name in log else np.linspace)(first, last, count))
     for name in log:
         require(name in grid, "--log", "name a parameter of --over or --by", name)

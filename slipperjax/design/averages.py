@@ -19,7 +19,8 @@ from ..flow.status import Status
 from ..model.kinematics import MOTION_SCALES
 from ..model.quantities import MOTION_NUMBERS
 from ..sweeps.grid import Grid
-from ..sweeps.run import ChunkInputs, RunOptions, make_plan, run_cases, run_chunk
+from ..sweeps.call import Call
+from ..sweeps.run import ChunkInputs, make_plan, run_cases, run_chunk
 from .ensembles import Plane, box_corners
 from .gradients import PeriodValues, totals
 from .objectives import Evaluation, EvaluationPlan
@@ -113,7 +114,7 @@ def _run_members(
     records = [PeriodValues(courses)] if courses else []
     records += [plan.objectives[k] for k in exponents]
     ensemble = plan.ensemble
-    options = RunOptions(ensemble.transient, ensemble.periods, plan.steps, plan.steps, plan.solver)
+    options = Call(ensemble.transient, ensemble.periods, plan.steps, plan.steps, plan.solver)
     cases = Grid(plan.scene, grid, product=False)
     runs = make_plan(cases, plan.start, options, RecordSet(tuple(records)))
     structure = jax.tree.structure(MOTION_SCALES)
@@ -131,5 +132,5 @@ def _run_members(
             values[:, k] = record.exponent
         return _RunValues(values, run.status)
 
-    run = run_cases(runs, work, cost=runs.cost)
+    run = run_cases(runs, work, periods=runs.periods)
     return run.checked(lambda: tuple(run.results))

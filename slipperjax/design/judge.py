@@ -24,10 +24,11 @@ from ..model.scene import Scene
 from ..orbits.periodic import TOLERANCE
 from ..solvers.latching import calls_lapack
 from ..sweeps.attractors import FLOOR, LAST
+from ..sweeps.call import Call
 from ..sweeps.grid import VECTOR_LANES, Cases, Grid, filled
-from ..sweeps.orbits import JACOBIAN, Maps, Orbits, find_orbits, rows_of
+from ..sweeps.orbits import Maps, Orbits, find_orbits, rows_of
 from ..sweeps.reached import reached_orbits
-from ..sweeps.run import Chunk, OnProgress, Plan, RunOptions, make_plan, run_chunk, run_chunks
+from ..sweeps.run import Chunk, OnProgress, Plan, make_plan, run_chunk, run_chunks
 from ..tools.batching import Batched
 from ..tools.compile import ahead
 from ..tools.limits import cores
@@ -39,6 +40,8 @@ from .objectives import Evaluation, EvaluationPlan
 LANES_PER_CALL = VECTOR_LANES
 """Cases in one call, however many there are: a search asks for many cases first and for few later on, of which each
 number would be programs of its own."""
+JACOBIAN = 35.0
+"""Cost of a period with its Jacobian, in unrecorded ones: measured."""
 SLOPES_COST = 8.0
 """Cost of a period with its derivatives by two parameters, in unrecorded periods: measured."""
 
@@ -73,7 +76,7 @@ def judge_on_orbits(
     parameters near these. Its orbits are followed where they are still stable; elsewhere the motion settles anew
     from its states.
     """
-    options = RunOptions(0, 1, plan.steps, None, plan.solver)
+    options = Call(0, 1, plan.steps, None, plan.solver)
     settling = make_plan(Grid(plan.scene, grid, product=False), plan.start, options)
     # from fewer periods it cannot be told that an orbit was reached
     transient = settling.strobes(max(plan.transient, 20))
@@ -94,10 +97,7 @@ def judge_on_orbits(
             batch.compile_ahead()
         return batch.evaluated(transient)
 
-    cost = 2 * JACOBIAN + 2 * SLOPES_COST
-    if warm_start is None:
-        cost += transient.cost
-    run = run_chunks(chunks, min(cores(), len(chunks)), work, cost=cost, progress=False)
+    run = run_chunks(chunks, min(cores(), len(chunks)), work, periods=1, progress=False)
     return run.checked(lambda: run.results)
 
 
@@ -203,7 +203,7 @@ class _Batch:
         maps = Maps(scenes, plan.steps, plan.solver, good, self.on_progress)
         reached = reached_orbits(maps, ends, strobe, count=1, half_step=False)
         of_jacobians = np.where(reached.period, JACOBIAN, 0)
-        cases.simulated[index] += transient.cost + of_jacobians[:count]
+        cases.simulated[index] += transient.periods + of_jacobians[:count]
         cases.state[index] = rows_of(reached.state)[:count]
         cases.status[index] = run.status[:count]
         # cases that were not simulated here are not searched

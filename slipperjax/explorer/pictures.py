@@ -69,7 +69,7 @@ def picture_of(view: View, choice: str) -> Picture:
     # the index of each case among the kinds that occur
     index = np.select([words == name for name in colors], [float(k) for k in range(len(colors))], np.nan)
     names = [lasting(name, ds.get("least_mean_life", np.nan)) for name in colors]
-    if "motion" in view.record and ds.attrs["periods"] < SURE and "unresolved" in colors:
+    if "motion" in view.record and ds.attrs["measured"] < SURE and "unresolved" in colors:
         names[names.index("unresolved")] = f"no period within {ds.attrs['periods']} forcing periods"
     return Picture(index, names, list(colors.values()), choice)
 

@@ -270,7 +270,7 @@ class Session:
         record = view.record[0] if len(view.record) == 1 else list(view.record)
         transient, periods = (100, 64) if "motion" in view.record else (200, 10)
         if view.ds is not None:
-            periods = int(view.ds.attrs["periods"])
+            periods = int(view.ds.attrs["measured"])
         options = {"record": record, "transient": transient, "periods": periods}
         return options if view.start is None else options | {"start": view.start}
 

@@ -428,7 +428,7 @@ def _records() -> Iterator[AbstractQuantityRecord]:
     drive = Quantity("drive_force", "N", "mean force along x that keeps the speed constant", r"\bar F_X")
     yield Record(drive, lambda c: c.drive_force.mean, "mean")
     # a contact that the motion almost makes, or almost loses, is as far from grazing as its gap's extreme from zero
-    distance = Quantity("grazing_distance", "m", "least distance of a gap's extreme from zero", "d", 1e-3, "mm", 1e-3)
+    distance = Quantity("grazing_distance", "m", "least distance of a gap's extreme from zero", "d", 1e-3, "mm")
     yield Record(distance, lambda c: jnp.min(c.gap.shallowest_turn), "min")
     for k, q in enumerate(ACCELERATIONS.values()):
         yield _rms(k, q)

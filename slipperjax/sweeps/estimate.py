@@ -1,37 +1,23 @@
-"""One estimate of time, memory and disk: it refuses sweeps, warns of them, and is what `slipperjax.explain` shows."""
+"""Time, memory and disk of a sweep: impossible ones are refused before anything is compiled."""
 
 import math
 import warnings
-from contextvars import ContextVar
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from ..tools.checks import warn
 from ..tools.limits import LONGEST, available_memory, cores, refuse_impossible, shown_bytes, shown_time
 from .grid import Tiling
 
-SECONDS_PER_STEP = 4e-7
-"""Time of a step of one case in a batch, on one core: measured 0.38 us, see the page on speed."""
-LEAST_BYTES = 1000.0
-"""Memory that a case takes at least: its scene, start, status and labels."""
-COPIES_OF_RESULT, COPIES_OF_TILE = 2.0, 3.0
-"""How often results are in memory while they are put together, and while a tile is written."""
-WEEK = 7 * 86400.0
-STORE: ContextVar["CountedEstimate | None"] = ContextVar("STORE", default=None)
-"""While the first case of a store is run, which tells its memory: the estimate of all, but for the time of a case."""
 
-
-@dataclass(frozen=True)
-class CountedEstimate:
-    """Time, memory and disk of a sweep, counted from the shapes of its results.
-
-    `check` has the only rules: `slipperjax.explain` applies them to numbers that it has measured.
-    """
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """Time, memory and disk of a sweep, counted from shapes or measured on a few of its cases."""
 
     cases: int
     per_case: float
-    """Time [s] of a case on one core, when all cores are busy alike; NaN where it is not known."""
-    per_case_memory: float
-    """Bytes of the results of a case in memory."""
+    """Time of a case on one core [s]."""
+    bytes_per_case: float
+    """Memory of the results of a case."""
     periods: str = ""
     """Length of a case in words, such as " of 364 forcing periods"."""
     workers: int = field(default_factory=cores)
@@ -44,6 +30,16 @@ class CountedEstimate:
     """Bytes that are free on the disk of the store."""
     shared: bool = False
     """Whether more processes than this one compute the store: an executor's, or those of other shares."""
+    stored_per_case: float | None = None
+    """Bytes on disk of a case, compressed; None where no case was computed."""
+    facts: str = ""
+    """What was measured besides, in lines."""
+
+    @classmethod
+    def counted(cls, cases: int, steps: float, values: int, periods: str) -> "Estimate":
+        """Return the estimate of cases of so many steps and kept values each."""
+        # a step of a case in a batch takes 0.38 us of one core, see the page on speed
+        return cls(cases=cases, per_case=4e-7 * steps, bytes_per_case=8.0 * values, periods=periods)
 
     @property
     def seconds(self) -> float:
@@ -54,30 +50,25 @@ class CountedEstimate:
     def memory(self) -> float:
         """Bytes that the process needs besides its programs."""
         if self.tiles is None:
-            return self.cases * (COPIES_OF_RESULT * self.per_case_memory + LEAST_BYTES)
-        return self.at_once * self.tiles.size * COPIES_OF_TILE * self.per_case_memory
+            # results are there twice while they are put together; scene, start and labels take a kilobyte
+            return self.cases * (2 * self.bytes_per_case + 1000)
+        # thrice while a tile is written
+        return 3 * self.at_once * self.tiles.size * self.bytes_per_case
 
     @property
     def stored(self) -> float:
         """Bytes on disk in all."""
-        return self.cases * self.per_case_memory
-
-    @property
-    def stored_text(self) -> str:
-        """`stored` in words."""
-        return f"{shown_bytes(self.stored)} before it is compressed"
+        per_case = self.bytes_per_case if self.stored_per_case is None else self.stored_per_case
+        return self.cases * per_case
 
     def check(self) -> None:
-        """Refuses a sweep that needs more memory than there is or, without a store, more than a year.
+        """Refuse a sweep that needs more memory than there is or more than a year; warn where it takes long.
 
-        Of a store that may not fit on its disk it warns, and of more than a day without one. Of a store that one
-        process computes it refuses more than a year, and of others it warns of that. The first case of a store is
-        judged as all of its cases.
+        Where several processes compute a store there is a warning of the year, too, and one where the store may not
+        fit on its disk.
 
         **Raises:** `ValueError` that names memory and time, or the store.
         """
-        if (store := STORE.get()) is not None:
-            self = replace(store, per_case=self.per_case, periods=self.periods)
         if self.tiles is None:
             refuse_impossible(f"{self.cases} cases{self.periods}", self.memory, self.seconds)
             return
@@ -90,17 +81,17 @@ class CountedEstimate:
             )
         if self.stored > self.free:
             warn(
-                f"The store needs {self.stored_text}, and its disk has {shown_bytes(self.free)}: keep less of each "
-                "case, such as record=['peak_force'], or take another disk."
+                f"The store needs about {shown_bytes(self.stored)}, and its disk has {shown_bytes(self.free)}: keep "
+                "less of each case, such as record=['peak_force'], or take another disk."
             )
         if self.seconds > LONGEST:
-            takes = f"{shown_time(self.seconds)} on {self.workers} cores"
-            weeks = math.ceil(self.workers * self.seconds / WEEK)
+            week = 7 * 86400.0
+            weeks = math.ceil(self.workers * self.seconds / week)
+            takes = f"{self.cases} cases{self.periods} take {shown_time(self.seconds)} on {self.workers} cores"
             advice = f"{weeks:.3g} cores would be done in a week, see `executor` and shares."
             if not self.shared:
-                cases = f"{self.cases} cases{self.periods}"
-                raise ValueError(f"Argument `store` must be done in a year, but {cases} take {takes}: {advice}")
-            warn(f"The store takes {takes}: {advice}")
+                raise ValueError(f"Argument `store` must be done in a year, but {takes}: {advice}")
+            warn(f"{takes}: {advice}")
 
     @property
     def problems(self) -> list[str]:
@@ -109,7 +100,22 @@ class CountedEstimate:
             warnings.simplefilter("always")
             try:
                 self.check()
-                refusal = []
             except ValueError as error:
-                refusal = [f"impossible: {error}"]
-        return [*refusal, *(f"warning: {one.message}" for one in caught)]
+                return [f"impossible: {error}"]
+        return [f"warning: {one.message}" for one in caught]
+
+    def __str__(self) -> str:
+        tiles = ""
+        disk = []
+        if self.tiles is not None:
+            shape = " x ".join(map(str, self.tiles.tile))
+            tiles = f" in {self.tiles.count} tiles of {self.tiles.size} ({shape})"
+            disk = [f"disk: {shown_bytes(self.stored)}, {shown_bytes(self.free)} free"]
+        each = f"{self.per_case * 1e3:.3g} ms per case and core"
+        lines = [
+            f"{self.cases} cases{tiles}",
+            f"time: {shown_time(self.seconds)} on {self.workers} cores, {each}",
+            f"memory: {shown_bytes(self.memory)} of results at once",
+            *disk,
+        ]
+        return "\n".join([*lines, self.facts, *self.problems])

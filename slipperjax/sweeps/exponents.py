@@ -33,22 +33,15 @@ from ..model.layout import coordinates
 from ..orbits.exponents import check_count
 from ..tools.checks import whole, yes_or_no
 from .attractors import LAST, motions_of
-from .orbits import JACOBIAN, LOOK, Maps, rows_of
+from .orbits import Maps, rows_of
 from .reached import ReachedOrbits, nothing_reached, reached_orbits
-from .run import PERIODS_PER_CALL, ChunkInputs, ContinuedRecord, Plan, RecordedChunk, run_cases, run_chunk
+from .run import PERIODS_PER_CALL, Calls, ChunkInputs, ContinuedRecord, Plan, RecordedChunk, run_cases, run_chunk
 
 BLOCK = 20
 """Forcing periods in one call; the first such block turns the tangents into their directions and is not counted."""
-SEARCH = 4
-"""Jacobians that the search for an orbit takes, about; as many again with steps half as long."""
 
 
 # --- measuring ------------------------------------------------------------------------------------------------------
-
-
-def tangents_cost(count: int) -> float:
-    """Cost of a period with `count` tangents, in unrecorded ones: measured 2.1 to 2.9 with one, 5.7 with three."""
-    return 1.0 + 1.6 * count
 
 
 def counted_blocks(periods: int | None, recorded: int) -> int:
@@ -86,7 +79,7 @@ def measure(run: RecordedChunk, blocks: int, count: int, finer: int = 1) -> Loca
         rows.append(np.asarray(history))
         strobes = [*strobes, np.asarray(strobe)][-LAST // BLOCK :] if k else []
         status = first_problem(status, codes)
-        run.on_progress(tangents_cost(count) * finer * BLOCK)
+        run.on_progress(BLOCK)
     return LocalExponents(np.concatenate(rows[1:], axis=1), status, np.concatenate(strobes, axis=1), states)
 
 
@@ -140,7 +133,8 @@ def run_longer_motions(
     **Returns:** the longer motions, and whether the run was interrupted.
     """
     plan = plan.strobes(HOLD)
-    before, during = (plan.recorded._replace(count=periods // PERIODS_PER_CALL) for periods in (HOLD - LAST, LAST))
+    before = Calls(PERIODS_PER_CALL, (HOLD - LAST) // PERIODS_PER_CALL)
+    during = Calls(PERIODS_PER_CALL, LAST // PERIODS_PER_CALL)
     plan = replace(plan, transient=before, recorded=during)
 
     def work(part: ChunkInputs) -> LocalExponents:
@@ -153,8 +147,8 @@ def run_longer_motions(
         return local._replace(status=first_problem(run.status, local.status), strobe=run.record[0])
 
     name = f"longer motions of {len(chosen)} chaotic cases"
-    cost = HOLD + tangents_cost(count) * measured_periods(blocks)
-    run = run_cases(plan, work, cost=cost, index=np.repeat(chosen, MOTIONS), name=name, **options)
+    periods = HOLD + measured_periods(blocks)
+    run = run_cases(plan, work, periods=periods, index=np.repeat(chosen, MOTIONS), name=name, **options)
     if run.results is None:
         return LongerMotions.not_run(chosen, count), True
     history, status, strobe, _ = run.results
@@ -311,6 +305,16 @@ class LyapunovExponents(ContinuedRecord):
         yes_or_no("orbits", self.orbits)
 
     name = "exponents"
+    least_settled = BLOCK
+
+    @property
+    def measured(self) -> int:
+        """Forcing periods over which each case is measured."""
+        return BLOCK * counted_blocks(self.periods, 0)
+
+    def over(self, periods: int) -> "LyapunovExponents":
+        """Return the same over some forcing periods, where none are given."""
+        return replace(self, periods=periods) if self.periods is None else self
 
     @property
     def labels(self) -> dict[str, tuple[tuple[str, ...], str, str]]:
@@ -362,15 +366,6 @@ class LyapunovExponents(ContinuedRecord):
     def sample(self, course):
         return course.end.motion
 
-    def cost_after(self, periods):
-        search = SEARCH * JACOBIAN * (3 if self.certify else 1) + LOOK * PERIODS_PER_CALL
-        return search if self.orbits else 0.0
-
-    def cost_continuing(self, periods):
-        half_step = 2 * tangents_cost(1) if self.certify else 0.0
-        measured = (tangents_cost(self.count) + half_step) * measured_periods(counted_blocks(self.periods, periods))
-        return measured + LOOK * PERIODS_PER_CALL
-
     def periods_continuing(self, periods):
         measured = measured_periods(counted_blocks(self.periods, periods))
         return measured + (HOLD + measured) * self.certify
@@ -409,9 +404,9 @@ class LyapunovExponents(ContinuedRecord):
 
         index = np.flatnonzero(~by_orbit)
         if len(index) and not interrupted:
-            of_run: dict[str, Any] = dict(cost=self.cost_continuing(plan.recorded.periods), tangents=True)
-            of_run["name"] = f"exponents of {len(index)} cases"
-            run = run_cases(plan, work, index=index, **of_run, **options)
+            periods = measured_periods(blocks) * (2 if self.certify else 1)
+            name = f"exponents of {len(index)} cases"
+            run = run_cases(plan, work, index=index, periods=periods, tangents=True, name=name, **options)
             interrupted = run.interrupted
             if run.results is not None:
                 for of_all, of_index in zip(jax.tree.leaves(measured), jax.tree.leaves(run.results), strict=True):
@@ -464,9 +459,6 @@ class LyapunovExponents(ContinuedRecord):
         for name, (over, unit, text) in self.labels.items():
             label = {"units": unit, "long_name": text} if unit else {"long_name": text}
             data[name] = ((*dims, *over), values[name], label)
-        if self.periods is not None:
-            measured = BLOCK * counted_blocks(self.periods, 0)
-            data["exponent"][2]["measured_periods"] = measured
-            if self.certify:
-                data["regime"][2]["chaotic"] = lasting("chaotic", least_mean_life(measured))
+        if self.periods is not None and self.certify:
+            data["regime"][2]["chaotic"] = lasting("chaotic", least_mean_life(self.measured))
         return data, {}

@@ -16,9 +16,10 @@ from ..model.kinematics import Motion
 from ..model.quantities import COORDINATE_SCALES
 from ..model.scene import Scene, check_steady
 from ..tools.checks import number, one_of, positive, require
+from .call import Call
 from .grid import Grid, filled, path_grid
 from .records import resolved_record
-from .run import Chunk, ChunkRun, OnProgress, RunOptions, call_of, make_plan, run_chunk, run_chunks
+from .run import Chunk, ChunkRun, OnProgress, make_plan, run_chunk, run_chunks
 from .sweep import sweep_dataset
 
 DIRECTIONS = {"up": 1, "down": -1}
@@ -40,7 +41,7 @@ def follow(
     begin: float | None = None,
     progress: bool | None = None,
 ) -> xr.Dataset:
-    """Sweeps a parameter with memory: each case starts from the state in which its neighbour ended.
+    """Sweep a parameter with memory: each case starts from the state in which its neighbour ended.
 
     So a motion is followed along its branch until that ends, which from a fixed start it need not be. Where "up"
     and "down" disagree, attractors coexist.
@@ -58,20 +59,28 @@ def follow(
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
     """
-    call = call_of("follow", locals())
+    lengths = transient, periods, steps_per_period, saves_per_period, solver
+    call = Call(*lengths, begin=begin, record=record, directions=directions, function="follow")
+    return follow_of(call, scene, path, start, progress=progress)
+
+
+def follow_of(
+    call: Call, scene: Scene, path: Mapping[str, Any], start: Any, *, progress: bool | None = None
+) -> xr.Dataset:
+    """Return the results of `follow`."""
     start = first_of(start)
     grid, _, values = path_grid(check_steady(scene), path)
-    several = (
-        isinstance(directions, tuple | list) and directions and all(directions.count(d) == 1 for d in directions)
-    )
-    require(several, "directions", "name one or more ways, each once", directions)
-    ways = [DIRECTIONS[one_of("directions", d, tuple(DIRECTIONS))] for d in directions]
-    options = RunOptions(transient, periods, steps_per_period, saves_per_period, solver, begin=begin)
-    records = resolved_record(record)
-    require(not records.continues, "record", "not run on where cases follow one another", record)
-    plan = make_plan(grid, start, options, records)
-    check_rail(scene, plan.periods * len(values), beginning_of(scene, begin))
-    cases, lanes = plan.cases, np.arange(len(ways))
+    directions = call.directions
+    is_list = isinstance(directions, tuple | list) and directions
+    once = is_list and all(directions.count(one) == 1 for one in directions)
+    require(once, "directions", "name one or more ways, each once", directions)
+    ways = [DIRECTIONS[one_of("directions", one, tuple(DIRECTIONS))] for one in directions]
+    records = resolved_record(call.record)
+    require(not records.continues, "record", "not run on where cases follow one another", call.record)
+    plan = make_plan(grid, start, call, records)
+    check_rail(scene, plan.periods * len(values), beginning_of(scene, call.begin))
+    cases = plan.cases
+    lanes = np.arange(len(ways))
     columns = np.stack([np.arange(len(values))[::way] for way in ways], axis=1)  # (values, directions)
     # where the cases at each value stand in the list of all directions and values
     chunks = [Chunk(c + len(values) * lanes, len(ways), int(plan.steps[c].max())) for c in columns]
@@ -83,20 +92,18 @@ def follow(
         scenes, starts = cases.take(filled(columns[passed], len(ways)))
         before = initial_states(scenes, starts, plan.epoch) if states is None else states
         run = run_chunk(plan, scenes, before, chunk.steps, on_progress, epoch=passed * plan.periods)
-        states, passed = run.state, passed + 1
+        states = run.state
+        passed += 1
         return run
 
     # one worker: each begins where the one before ended
-    run = run_chunks(chunks, 1, work, cost=plan.cost, progress=progress)
+    run = run_chunks(chunks, 1, work, periods=plan.periods, progress=progress)
     steps = np.empty(len(run.finished), int)
     for chunk in chunks:
         steps[chunk.index] = chunk.steps
-    call |= dict(values=len(values), directions=list(directions), steps_per_period=steps_per_period)
-    return run.checked(lambda: sweep_dataset(plan, run.results, steps, call, {"direction": list(directions)}))
-
-
-MOST_HOLDS = 5
-"""How often a motion that still moves is held once more at a parameter's value."""
+    first = {"direction": list(directions)}
+    more = dict(values=len(values), steps_per_period=call.steps_per_period)
+    return run.checked(lambda: sweep_dataset(plan, run.results, steps, call, first, **more))
 
 
 class Jump(NamedTuple):
@@ -138,14 +145,15 @@ def find_jump(
     start: Motion | State | Trajectory | None = None,
     begin: float | None = None,
     threshold: float = 0.3,
+    most_holds: int = 5,
 ) -> Jump:
-    """Follows a motion along a parameter until it jumps, and bisects for where.
+    """Follow a motion along a parameter until it jumps, and bisects for where.
 
     Each case starts from the state in which the one before ended. A jump is a mean strobe state that moves by more
     than `threshold` (in multiples of `slipperjax.model.COORDINATE_SCALES`) between neighbours; then the step is
     halved from the last state on the branch, until it is no longer than `within` [the parameter's unit]. Near the end
     of a branch a motion leaves it slowly: it is held at each value until its mean strobe state moves by less than a
-    tenth of `threshold` from one `transient` and `periods` to the next, at most `MOST_HOLDS` times.
+    tenth of `threshold` from one `transient` and `periods` to the next, at most `most_holds` times.
 
     **Arguments:** `path`: one parameter's name and its values in increasing order; others as for `follow`.
 
@@ -157,13 +165,15 @@ def find_jump(
     start = first_of(start)
     _, name, values = path_grid(scene, path)
     way = DIRECTIONS[one_of("direction", direction, tuple(DIRECTIONS))]
-    within, threshold = number(positive, "within", within), number(positive, "threshold", threshold)
-    options = RunOptions(transient, periods, steps_per_period, begin=begin)
-    lanes, epoch = filled(np.zeros(1, int), 1), 0
+    within = number(positive, "within", within)
+    threshold = number(positive, "threshold", threshold)
+    call = Call(transient, periods, steps_per_period, begin=begin)
+    lanes = filled(np.zeros(1, int), 1)
+    epoch = 0
 
     def run(value: float, state: State | None) -> _HeldMotion:
         nonlocal epoch
-        plan = make_plan(Grid(scene, {name: [value]}), start, options, RecordSet((Strobe(),)))
+        plan = make_plan(Grid(scene, {name: [value]}), start, call, RecordSet((Strobe(),)))
         scenes, starts = plan.cases.take(lanes)
         state = initial_states(scenes, starts, plan.epoch) if state is None else state
         done = run_chunk(plan, scenes, state, plan.most_steps, epoch=epoch)
@@ -173,7 +183,7 @@ def find_jump(
 
     def hold(value: float, state: State | None) -> _HeldMotion:
         held = run(value, state)
-        for _ in range(MOST_HOLDS):
+        for _ in range(most_holds):
             if held.status != Status.FINITE:
                 break  # nothing can be followed from there
             earlier, held = held, run(value, held.state)

@@ -80,8 +80,8 @@ class Grid:
                 f"{np.shape(steps)}."
             )
 
-    def sample(self, start: Motion | State, count: int) -> "Cases":
-        """Makes `count` cases spread evenly over the grid, or all where there are no more."""
+    def sample(self, start: Motion | State, count: int = 4096) -> "Cases":
+        """Return `count` cases spread evenly over the grid, or all where there are no more."""
         if count >= self.count:
             return Cases(self.scene, self.axes, start, product=self.product)
         return Cases(self.scene, self.spread(count), start, product=False)

@@ -37,8 +37,6 @@ from .run import PERIODS_PER_CALL, ContinuedRecord, OnProgress, RecordedChunk
 
 # --- period maps of some cases of a batch, by programs of one size for all numbers of cases -------------------------
 
-JACOBIAN, LOOK = 35.0, 2.4
-"""Cost of a period with its Jacobian, and with its loads, in unrecorded ones: measured."""
 LANES_PER_CALL = 32
 """Cases in one call. A program of another size takes as long to compile as hundreds of Jacobians take to compute."""
 
@@ -84,7 +82,7 @@ class Maps(NamedTuple):
             going = np.flatnonzero(self.periods[index] > k)
             advanced = functools.partial(self._advanced, self.epoch + k)
             rows[going] = self._of_blocks(advanced, index[going], rows[going])
-            self.on_progress(len(going) / len(self.periods))
+            self.on_progress(0)
         return np.stack(along, axis=1), rows
 
     def jacobians(self, index: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
@@ -95,7 +93,7 @@ class Maps(NamedTuple):
         # the periods of all cases at once, because few cases have many
         lane, period = np.nonzero(np.arange(along.shape[1]) < counts[:, None])
         matrices = self._of_blocks(self._derived, index[lane], along[lane, period])
-        self.on_progress(JACOBIAN * len(lane) / len(self.periods))
+        self.on_progress(0)
         return np.split(matrices, np.cumsum(counts)[:-1])
 
     def settled(self, index: np.ndarray, proposed: np.ndarray, mapped: np.ndarray) -> np.ndarray:
@@ -111,9 +109,7 @@ class Maps(NamedTuple):
 
         **Arguments:** `capacity`: steps per period that the program has capacity for, of `Plan.capacity`.
         """
-        codes = self._of_blocks(functools.partial(self._looked, capacity), index, rows)
-        self.on_progress(LOOK * PERIODS_PER_CALL * len(index) / len(self.periods))
-        return codes
+        return self._of_blocks(functools.partial(self._looked, capacity), index, rows)
 
     def coordinates(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Coordinates and velocities of states, in the order of `slipperjax.model.COORDINATES`."""
@@ -321,10 +317,6 @@ def _broyden(inverse: np.ndarray, moved: np.ndarray, fell: np.ndarray, weights: 
     return inverse + left[:, :, None] * row[:, None, :] / np.where(share == 0, np.inf, share)[:, None, None]
 
 
-TYPICAL_ITERATIONS = 8
-"""Iterations of Newton's method that a case takes, about."""
-
-
 @dataclass(frozen=True)
 class NearestOrbit(ContinuedRecord):
     """The periodic orbit near the end of each motion, by Newton's method, with its Floquet multipliers.
@@ -344,6 +336,16 @@ class NearestOrbit(ContinuedRecord):
         number(positive, "tolerance", self.tolerance)
 
     name = "orbits"
+    least_settled = 1
+
+    @property
+    def measured(self) -> int:
+        """Forcing periods over which each case is measured."""
+        return self.period
+
+    def over(self, periods: int) -> "NearestOrbit":
+        """Return itself: the orbit's period is its own."""
+        return self
 
     @property
     def variables(self):
@@ -355,9 +357,6 @@ class NearestOrbit(ContinuedRecord):
 
     def check(self, scene, periods, steps):
         check_forcing(scene)
-
-    def cost_after(self, periods):
-        return self.period * (2 * JACOBIAN + TYPICAL_ITERATIONS)
 
     def after(self, carried, samples, status, run: RecordedChunk):
         maps, states = Maps.of(run, np.where(run.good(status), self.period, 0)), jax.tree.map(np.asarray, run.states)

@@ -74,8 +74,7 @@ def reached_orbits(
         period[k] = least_period(path) if is_near(strobe[k], path) else 0
     half = nothing.half_step
     if half_step and period.any():
-        twice = lambda periods: maps.on_progress(2 * periods)
-        finer_maps = maps._replace(periods=period, steps=2 * maps.steps, on_progress=twice)
+        finer_maps = maps._replace(periods=period, steps=2 * maps.steps)
         finer = find_orbits(finer_maps, orbits.state, **options)
         there = _along(finer_maps, finer.state)
         apart = np.max(np.abs(there[:, 0] - along[:, 0]) / COORDINATE_SCALES, axis=1)

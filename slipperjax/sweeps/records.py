@@ -17,7 +17,7 @@ from ..model.layout import coordinates
 from ..model.quantities import COORDINATE_SCALES, LOADS, Quantity
 from ..tools.checks import require, warn, whole, yes_or_no
 from .attractors import LAST, Motions, motions_of
-from .exponents import LyapunovExponents, counted_blocks, measure, measured_periods, tangents_cost
+from .exponents import LyapunovExponents, counted_blocks, measure
 from .orbits import NearestOrbit
 from .run import ContinuedRecord, RecordedChunk
 
@@ -123,9 +123,6 @@ class LargestExponent(ContinuedRecord):
 
     def values(self, scene, periods):
         return 2
-
-    def cost_after(self, periods):
-        return tangents_cost(1) * measured_periods(counted_blocks(self.periods, periods))
 
     def after(self, carried, samples, status, run: RecordedChunk):
         local = measure(run, counted_blocks(self.periods, run.plan.recorded.periods), 1)

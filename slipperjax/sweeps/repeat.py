@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Sequence
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -9,19 +10,14 @@ import xarray as xr
 
 from ..flow.datasets import dataset_of, load_base, load_call, varied_names
 from ..flow.simulate import simulate
-from ..tools.checks import brief, require
-from .follow import follow
-from .run import ARGUMENTS_WITHOUT_EFFECT
-from .sweep import sweep
-
-FUNCTIONS: dict[str, Any] = {"simulate": simulate, "sweep": sweep, "follow": follow}
-"""Functions whose results can be computed again."""
-NOT_OF_CALL = {"scene", "grid", "path", "start", "refine", *ARGUMENTS_WITHOUT_EFFECT}
-"""Their arguments that no file's call may have: what files keep elsewhere, paths, executors and chunks."""
+from ..tools.checks import one_of, require
+from .call import Call
+from .follow import follow_of
+from .sweep import sweep_of
 
 
 def repeat(source: Any, **options: Any) -> xr.Dataset:
-    """Computes a result again: with the same versions on the same machine, to the same bits.
+    """Compute a result again: with the same versions on the same machine, to the same bits.
 
     **Arguments:** `source`: a netCDF file or a dataset of slipperjax, or a selection of its cases. `options`: as in
     `progress=True`, what the function takes besides what changes its result.
@@ -35,28 +31,29 @@ def repeat(source: Any, **options: Any) -> xr.Dataset:
     ds = dataset_of(source)
     scene, start = load_base(ds)
     call = load_call(ds)
-    name, whole_path = call.pop("function", None), call.pop("values", None)
-    known = isinstance(name, str) and name in FUNCTIONS
-    require(known, "source", f"be a result of one of {', '.join(FUNCTIONS)}", shown=f"of {brief(name)}")
-    others = sorted(call.keys() - (inspect.signature(FUNCTIONS[name]).parameters.keys() - NOT_OF_CALL))
+    name = one_of("source", call.pop("function", None), ("simulate", "sweep", "follow"))
+    whole_path = call.pop("values", None)
+    if name == "simulate":
+        known = inspect.signature(simulate).parameters.keys() - {"scene", "start", "progress"}
+    else:
+        known = {field.name for field in fields(Call)}
+    others = sorted(call.keys() - known)
     need = f"have a call of `{name}` with what changes its numbers only"
     require(not others, "source", need, shown=f"{', '.join(others)}, too")
     if name == "simulate":
         return simulate(scene, start=start, **call, **options).to_xarray()
+    asked = Call(**call)
     axes = varied_names(ds)
     grid = {label.removeprefix("start_"): np.atleast_1d(ds[label].values) for label in axes}
     if name == "follow":
-        if ds.sizes.get(axes[0]) != whole_path:
-            raise ValueError(
-                "Argument `source` must be a whole result of `follow`, as its cases depend on one another."
-            )
-    elif "steps_per_period" not in ds:
-        raise ValueError("Argument `source` must have the variable `steps_per_period`, but has not.")
-    else:
-        call["steps_per_period"] = _over(ds["steps_per_period"], axes if call.get("product", True) else ("case",))
-    return FUNCTIONS[name](scene, grid, start=start, **call, **options)
+        whole = ds.sizes.get(axes[0]) == whole_path
+        require(whole, "source", "be a whole result of `follow`, whose cases depend on one another", shown="a part")
+        return follow_of(replace(asked, function=name), scene, grid, start, **options)
+    require("steps_per_period" in ds, "source", "have the variable `steps_per_period`", shown="none")
+    steps = _over(ds["steps_per_period"], axes if asked.product else ("case",))
+    return sweep_of(replace(asked, steps_per_period=steps), scene, grid, start, **options)
 
 
 def _over(array: xr.DataArray, dims: Sequence[str]) -> np.ndarray:
-    """Values with the axes `dims`, one of length 1 for a dimension of which a single value was selected."""
+    """Return values with the axes `dims`, one of length 1 for a dimension of which a single value was selected."""
     return array.expand_dims([dim for dim in dims if dim not in array.dims]).transpose(*dims).values

@@ -2,18 +2,18 @@
 
 import math
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed, wait
 from contextlib import contextmanager
 from contextvars import copy_context
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from diffrax import AbstractSolver
 from jaxtyping import Bool, Float, Int
 
 from ..flow.period_map import advance
@@ -24,7 +24,6 @@ from ..flow.stepping import ConstantSteps, capacity_for
 from ..model.dynamics import State
 from ..model.kinematics import Motion, accuracy_scales, scaled_size
 from ..model.scene import Scene
-from ..model.step_size import LEAST_STEPS
 from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
@@ -33,7 +32,8 @@ from ..tools.compile import ahead, as_argument, jit
 from ..tools.limits import cores
 from ..tools.progress import bar as progress_bar
 from ..tools.progress import is_live
-from .estimate import SECONDS_PER_STEP, CountedEstimate
+from .call import Call
+from .estimate import Estimate
 from .grid import VECTOR_LANES, Cases, Grid, batch_size, filled
 
 LARGEST_CHUNK = 128
@@ -41,83 +41,20 @@ LARGEST_CHUNK = 128
 of one core with 8 cases, 0.35 with 32, 0.34 with 128, 0.36 with 256 and 0.45 with 1024."""
 CHUNK_OF_DEVICE = 131_072
 """The same on other devices than a CPU, where each kernel is a launch, and one call uses the whole device."""
-PROBE_COST = 3.0
-"""Cost of a period and of the same with half the step, in forcing periods."""
-CHEAP = 0.1
-"""Share of a run's time that probes may take by default."""
-LANES_PER_START = 2
-"""Cost of a step that does not depend on the lanes, in lanes: measured at 8 to 128 lanes."""
 PERIODS_PER_CALL = 10
 """Forcing periods in one call of a search; transients above it are rounded up to its multiples."""
-
-SAMPLED_CASES = 4096
-"""Cases, spread over a grid, whose steps stand for those of all in an estimate."""
-
 TICK = 0.25
 """Seconds between two looks at a run's threads."""
-STOPPING = 5.0
-"""Seconds that are waited for what runs concurrently with an interrupted function."""
 
 OnProgress = Callable[[float], Any]
-"""Called when work is done that takes as long as a number of forcing periods; raises where the run is to stop."""
+"""Report progress in forcing periods; raise to stop."""
 
 
 # --- plans ----------------------------------------------------------------------------------------------------------
 
 
-MOST_REFINED = 1000
-"""Greatest factor of the default steps."""
-
-
-class RunOptions(NamedTuple):
-    """Lengths, steps, saves and solver of a run as a user gives them, see `slipperjax.sweep`."""
-
-    transient: int
-    periods: int
-    steps_per_period: int | Sequence[int] | np.ndarray | None = None
-    saves_per_period: int | None = None
-    solver: diffrax.AbstractSolver | str | None = None
-    refine: int = 1
-    """Factor of the default steps [1]."""
-    begin: float | None = None
-    """Where the run begins [m]; None for where its rail does."""
-
-
-def refined(refine: int, steps_per_period: Any) -> int:
-    """Returns the factor of the default steps [1]; raises `ValueError` where steps are given besides."""
-    refine = whole("refine", refine, 1, MOST_REFINED)
-    require(refine == 1 or steps_per_period is None, "refine", "be 1 where steps_per_period is given", refine)
-    return refine
-
-
-def call_of(function: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """The call of a function as its result keeps it: its name and those arguments that are not kept elsewhere.
-
-    **Arguments:** `arguments`: `locals()` at the function's first line.
-    """
-    kept = {name: value for name, value in arguments.items() if name not in ARGUMENTS_NOT_IN_CALL}
-    return {"function": function, **kept}
-
-
-ARGUMENTS_WITHOUT_EFFECT = ("progress", "workers", "chunk", "store", "executor")
-"""Arguments that change no number."""
-ARGUMENTS_NOT_IN_CALL = (
-    *("scene", "grid", "path", "start", "steps_per_period", "refine", "solver"),
-    *ARGUMENTS_WITHOUT_EFFECT,
-)
-"""Those, and what results keep as attributes or variables of their own."""
-
-
-def refuse_cases(count: int) -> None:
-    """Refuses more cases than fit into memory or into a year, whatever is run and kept of them.
-
-    **Raises:** `ValueError` that names memory and time.
-    """
-    CountedEstimate(count, SECONDS_PER_STEP * LEAST_STEPS, 0.0, " of one forcing period at least").check()
-
-
 def shared_capacity(most: int, steps: int) -> int:
-    """Steps for which a recording program is compiled that takes `steps`, where others take up to `most`.
+    """Return the steps for which a recording program is compiled that takes `steps`, where others take up to `most`.
 
     At most 8 times `steps`: one program serves all unless their steps differ more than that.
     """
@@ -134,7 +71,7 @@ class Calls(NamedTuple):
 
     @classmethod
     def of(cls, periods: int) -> "Calls":
-        """Calls of 50 periods at most, or of all where `periods` has no divisor from 10 to 50."""
+        """Return calls of 50 periods at most, or of all where `periods` has no divisor from 10 to 50."""
         length = max(periods, 1)
         if periods > 50:
             length = next((k for k in range(50, 9, -1) if periods % k == 0), periods)
@@ -158,18 +95,13 @@ class Chunk(NamedTuple):
     cases: int  # how many of them count
     steps: int  # integration steps per forcing period, the same for all
 
-    @property
-    def cost(self) -> float:
-        """Cost of a forcing period, in steps of one lane."""
-        return float(self.steps * (LANES_PER_START + len(self.index)))
-
 
 @dataclass(frozen=True)
 class Plan:
     """How a list of cases is run."""
 
     cases: Cases
-    solver: diffrax.AbstractSolver
+    solver: AbstractSolver
     records: RecordSet
     steps: Int[np.ndarray, " cases"]  # integration steps per forcing period of each case
     transient: Calls  # periods that pass before anything is recorded
@@ -183,7 +115,7 @@ class Plan:
         return int(self.steps.max())
 
     def capacity(self, steps: int) -> int:
-        """Steps per period for which a recording program is compiled that takes `steps`."""
+        """Return the steps per period for which a recording program is compiled that takes `steps`."""
         return shared_capacity(self.most_steps, steps)
 
     @property
@@ -191,30 +123,21 @@ class Plan:
         """Forcing periods of one case."""
         return self.transient.periods + self.recorded.periods
 
-    @property
-    def values(self) -> int:
-        """About how many numbers are kept of one case."""
-        return self.records.values(self.cases.scene, self.transient.periods, self.recorded.periods)
-
-    @property
-    def cost(self) -> float:
-        """Cost of one case, in unrecorded forcing periods, without what runs on after all chunks."""
-        periods, probe = self.recorded.periods, PROBE_COST * self.probed
-        return self.transient.periods + probe + self.records.cost * periods + self.records.cost_after(periods)
-
-    def estimate(self, count: int) -> CountedEstimate:
-        """Counts time and memory of `count` cases such as these."""
-        cost = self.cost + self.records.cost_continuing(self.recorded.periods)
-        seconds = SECONDS_PER_STEP * cost * float(np.mean(self.steps))
-        return CountedEstimate(count, seconds, 8.0 * self.values, f" of {cost:.3g} forcing periods")
+    def estimate(self, count: int) -> Estimate:
+        """Return the estimate of `count` cases such as these."""
+        recorded = self.recorded.periods
+        periods = self.periods + self.records.periods_continuing(recorded)
+        steps = periods * float(np.mean(self.steps))
+        values = self.records.values(self.cases.scene, self.transient.periods, recorded)
+        return Estimate.counted(count, steps, values, f" of {periods} forcing periods")
 
     def strobes(self, periods: int) -> "Plan":
-        """The same with nothing but strobes for at least `periods`, in calls of `PERIODS_PER_CALL`."""
+        """Return the same with nothing but strobes for at least `periods`, in calls of `PERIODS_PER_CALL`."""
         recorded = Calls(PERIODS_PER_CALL, math.ceil(periods / PERIODS_PER_CALL))
         return replace(self, records=RecordSet((Strobe(),)), transient=Calls(1, 0), recorded=recorded)
 
     def chunks(self, chunk: int | None, workers: int | None, *, tangents: bool = False) -> tuple[list[Chunk], int]:
-        """Cuts the cases into chunks, the most expensive first; gives them and the number of threads to run them on.
+        """Cut the cases into chunks, those of most steps first; return them and the number of their threads.
 
         Neither changes any result.
 
@@ -242,11 +165,12 @@ class Plan:
 
 
 def _best_chunk(counts: np.ndarray, sizes: np.ndarray, workers: int) -> int:
-    """Finds the chunk size with which groups of `sizes` cases of `counts` steps are done soonest."""
+    """Return the chunk size with which groups of `sizes` cases of `counts` steps are done soonest."""
     shares = {min(-(-int(n) // (workers * k)), LARGEST_CHUNK) for n in sizes for k in range(1, 7)}
 
     def duration(lanes):
-        costs = counts * (LANES_PER_START + lanes)
+        # whatever the lanes, a step takes as long as two of them: measured at 8 to 128 lanes
+        costs = counts * (2 + lanes)
         total = float(np.sum(-(-sizes // lanes) * costs))
         # a run is not over before its longest chunk
         return max(total / workers, float(costs.max())), lanes
@@ -254,39 +178,50 @@ def _best_chunk(counts: np.ndarray, sizes: np.ndarray, workers: int) -> int:
     return min((batch_size(share) for share in shares), key=duration)
 
 
-def make_plan(grid: Grid, start: Motion | State, options: RunOptions, records: RecordSet = RecordSet()) -> Plan:
-    """Plans a run from a user's arguments and records.
+def sampled_plan(grid: Grid, start: Motion | State, call: Call, records: RecordSet = RecordSet()) -> Plan:
+    """Return the plan of some thousand cases spread over a grid, which tells what all of them need.
 
-    **Raises:** `ValueError` that names the argument which is wrong, or memory and time of an impossible run.
+    **Raises:** `ValueError` that names the argument which is wrong.
     """
-    cases = grid.sample(start, SAMPLED_CASES)  # first of all, so that implausible values are told
-    transient, recorded = whole("transient", options.transient, 0), whole("periods", options.periods, 1)
+    cases = grid.sample(start)  # first of all, so that implausible values are told
+    grid.check_steps(call.steps_per_period)
+    transient = call.settled
     if transient > PERIODS_PER_CALL:
         transient = math.ceil(transient / PERIODS_PER_CALL) * PERIODS_PER_CALL
-    grid.check_steps(options.steps_per_period)
-    refine = refined(options.refine, options.steps_per_period)
-
-    def steps_and_saves(cases: Cases) -> tuple[Any, int]:
-        needed = lambda: refine * cases.default_steps()
-        return step_plan(needed, options.steps_per_period, options.saves_per_period)
-
-    steps, saves = steps_and_saves(cases)
-    solver, records = resolve_solver(grid.scene, options.solver), records.with_saves(saves)
-    plan = Plan(cases, solver, records, np.atleast_1d(steps), Calls.of(transient), Calls.of(recorded))
-    begin = beginning_of(grid.scene, options.begin)
-    check_rail(grid.scene, plan.periods, begin, plan.transient.periods, records.periods_continuing(recorded))
-    plan.estimate(grid.count).check()  # before all cases are made, which may not fit into memory
-    if cases.count < grid.count:
-        cases = grid.sample(start, grid.count)
-        steps, _ = steps_and_saves(cases)
-    plan = replace(plan, cases=cases, steps=np.broadcast_to(steps, cases.count), epoch=_epoch(cases, begin))
-    labels = ("status", "steps_per_period", *grid.dims, *map(grid.label, grid.axes))
-    records.check(grid.scene, recorded, int(plan.steps.min()), labels)
+    steps, saves = _steps_and_saves(cases, call)
+    solver = resolve_solver(grid.scene, call.solver)
+    lengths = Calls.of(transient), Calls.of(call.measured)
+    plan = Plan(cases, solver, records.with_saves(saves), np.atleast_1d(steps), *lengths)
+    begin = beginning_of(grid.scene, call.begin)
+    check_rail(grid.scene, plan.periods, begin, transient, records.periods_continuing(call.measured))
     return plan
 
 
+def make_plan(grid: Grid, start: Motion | State, call: Call, records: RecordSet = RecordSet()) -> Plan:
+    """Return the plan of a run from a user's arguments and records.
+
+    **Raises:** `ValueError` that names the argument which is wrong, or memory and time of an impossible run.
+    """
+    plan = sampled_plan(grid, start, call, records)
+    plan.estimate(grid.count).check()  # before all cases are made, which may not fit into memory
+    cases, steps = plan.cases, plan.steps
+    if cases.count < grid.count:
+        cases = grid.sample(start, grid.count)
+        steps, _ = _steps_and_saves(cases, call)
+    epoch = _epoch(cases, beginning_of(grid.scene, call.begin))
+    plan = replace(plan, cases=cases, steps=np.broadcast_to(steps, cases.count), epoch=epoch)
+    labels = ("status", "steps_per_period", *grid.dims, *map(grid.label, grid.axes))
+    plan.records.check(grid.scene, call.measured, int(plan.steps.min()), labels)
+    return plan
+
+
+def _steps_and_saves(cases: Cases, call: Call) -> tuple[Any, int]:
+    """Return steps per period, one number or one for each case, and saves per period."""
+    return step_plan(lambda: call.refine * cases.default_steps(), call.steps_per_period, call.saves_per_period)
+
+
 def _epoch(cases: Cases, begin: float) -> float:
-    """Returns forcing periods from distance zero to where a run begins [m].
+    """Return the forcing periods from distance zero to where a run begins [m].
 
     **Raises:** `ValueError` where these differ between cases, which run as one batch.
     """
@@ -348,7 +283,7 @@ class ContinuedRecord(AbstractRecord):
 
 
 def heed_interrupts(periods: float = 0.0) -> None:
-    """Raises `KeyboardInterrupt` where this run is asked to end: an `OnProgress` for runs that show none."""
+    """Raise `KeyboardInterrupt` where this run is asked to end: an `OnProgress` for runs that show none."""
     if Stop.here().is_set():
         raise KeyboardInterrupt
 
@@ -363,7 +298,7 @@ def run_chunk(
     cases: int | None = None,
     first: bool = False,
 ) -> ChunkRun:
-    """Runs a chunk of cases through its plan, with `steps` per period, from `epoch` forcing periods behind the place
+    """Run a chunk of cases through its plan, with `steps` per period, from `epoch` forcing periods behind the place
     where the plan begins.
 
     Times in records count from there.
@@ -371,14 +306,17 @@ def run_chunk(
     **Arguments:** `cases`: how many lanes count, default all; `first`: whether it is the first chunk of its run, of
     which the program that records is compiled while that of the transient is.
     """
-    records, period, status = plan.records, plan.epoch + epoch, np.zeros(len(states.motion.y), int)
+    records = plan.records
+    period = plan.epoch + epoch
+    status = np.zeros(len(states.motion.y), int)
     samples = Samples(records, plan.recorded.periods)
     number = as_argument(steps)  # an array, so that one compiled program serves every number of steps
     stepping = recording = ConstantSteps(steps=number)
     if records.inside:
         alike = bool(np.all(plan.steps == steps))
         recording = ConstantSteps(steps) if alike else ConstantSteps(plan.capacity(steps), number)
-    early, probe = records.from_start, None
+    early = records.from_start
+    probe = None
 
     def options_of(calls: Calls, kept: RecordSet) -> dict[str, Any]:
         return dict(solver=plan.solver, periods=calls.capacity, records=kept)
@@ -394,21 +332,20 @@ def run_chunk(
             # the program of the transient, which is there already, serves this one period, too
             once = dict(used=as_argument(1), earlier=initial_carry(early, scenes, states))
             probe = half_step_change(scenes, states, period, steps, **once, **options_of(plan.transient, early))
-            on_progress(PROBE_COST)
         carry = initial_carry(kept, scenes, states)
-        # a program serves several numbers of periods; samples of periods beyond its use are cut off
-        options = options_of(calls, kept)
-        used, cut = as_argument(calls.length), lambda a, n=calls.length: np.asarray(a)[:, :n]
+        used = as_argument(calls.length)
         for _ in range(calls.count):
             on_progress(0)
-            passed = advance(scenes, states, period, chosen, used=used, earlier=carry, **options)
+            passed = advance(scenes, states, period, chosen, used=used, earlier=carry, **options_of(calls, kept))
             states, carry = passed.state, passed.carried
             status = first_problem(status, passed.status)
-            samples.add(kept, jax.tree.map(cut, passed.samples))
-            on_progress(kept.cost * calls.length)
+            # a program serves several numbers of periods: samples of periods beyond its use are cut off
+            samples.add(kept, jax.tree.map(lambda a, n=calls.length: np.asarray(a)[:, :n], passed.samples))
+            on_progress(calls.length)
             period += calls.length
     kept = samples.joined()
-    chunk = RecordedChunk(plan, scenes, states, period, steps, len(status) if cases is None else cases, on_progress)
+    cases = len(status) if cases is None else cases
+    chunk = RecordedChunk(plan, scenes, states, period, steps, cases, on_progress)
     carry, status = records.after(carry, kept, status, chunk)
     if probe is not None:
         status = with_accuracy(status, probe)
@@ -419,7 +356,7 @@ def run_chunk(
 def half_step_change(
     scenes: Batched[Scene], states: State, epoch: float, steps: int, **options: Any
 ) -> Float[np.ndarray, " lanes"]:
-    """Returns what half the step changes over some periods, in multiples of `slipperjax.model.accuracy_scales` [1].
+    """Return what half the step changes over some periods, in multiples of `slipperjax.model.accuracy_scales` [1].
 
     **Arguments:** `options`: of `advance`, with the number of periods.
     """
@@ -430,15 +367,19 @@ def half_step_change(
 
 @jit
 def _distances(scenes: Batched[Scene], one: Motion, other: Motion) -> jax.Array:
-    """Distances of two motions of each case in the scales by which errors are judged [1]."""
+    """Return distances of two motions of each case in the scales by which errors are judged [1]."""
     size = lambda scene, a, b: scaled_size(jax.tree.map(jnp.subtract, a, b), accuracy_scales(scene))
     return scenes.map(size, one, other)
 
 
 def initial_carry(records: RecordSet, scenes: Batched[Scene], states: State) -> Any:
-    """Carries of records that have seen no period, with a leading axis of lanes."""
-    # on the host, where an entry of another shape needs no compilation
-    lanes, first = len(states.motion.y), lambda tree: jax.tree.map(lambda a: np.asarray(a)[0], tree)
+    """Return the carries of records that have seen no period, with a leading axis of lanes."""
+
+    def first(tree):
+        # on the host, where an entry of another shape needs no compilation
+        return jax.tree.map(lambda a: np.asarray(a)[0], tree)
+
+    lanes = len(states.motion.y)
     one = records.begin(eqx.combine(first(scenes.varied), scenes.shared), first(states))
     return jax.tree.map(lambda a: np.broadcast_to(a, (lanes, *np.shape(a))), one)
 
@@ -474,7 +415,7 @@ class Run(NamedTuple):
     interrupted: bool
 
     def checked(self, make: Callable[[], Any]) -> Any:
-        """Gives what `make()` makes of the results; raises `Interrupted` with it where the run was interrupted."""
+        """Return what `make()` makes of the results; raise `Interrupted` with it where the run was interrupted."""
         made = None if self.results is None else make()
         if self.interrupted:
             raise Interrupted(made, int(self.finished.sum()), len(self.finished))
@@ -485,7 +426,7 @@ def run_cases(
     plan: Plan,
     work: Callable[[ChunkInputs], Any],
     *,
-    cost: float,
+    periods: float,
     index: Int[np.ndarray, " some"] | None = None,
     chunk: int | None = None,
     workers: int | None = None,
@@ -493,7 +434,7 @@ def run_cases(
     progress: bool | None = None,
     name: str = "",
 ) -> Run:
-    """Calls `work(part)` for all cases of a plan, or those at `index`, chunk by chunk.
+    """Call `work(part)` for all cases of a plan, or those at `index`, chunk by chunk.
 
     **Arguments:** as for `run_chunks` and `Plan.chunks`.
     """
@@ -504,7 +445,7 @@ def run_cases(
         lanes = listed[chunk.index]
         return work(ChunkInputs(*plan.cases.take(lanes), lanes, chunk.index, chunk.cases, chunk.steps, on_progress))
 
-    return run_chunks(chunks, threads, of_chunk, cost=cost, progress=progress, name=name)
+    return run_chunks(chunks, threads, of_chunk, periods=periods, progress=progress, name=name)
 
 
 def run_chunks(
@@ -512,27 +453,29 @@ def run_chunks(
     workers: int,
     work: Callable[[Chunk, OnProgress], Any],
     *,
-    cost: float,
+    periods: float,
     progress: bool | None,
     name: str = "",
 ) -> Run:
-    """Calls `work(chunk, on_progress)` for each chunk on `workers` threads, the first chunks first.
+    """Call `work(chunk, on_progress)` for each chunk on `workers` threads, the first chunks first.
 
     After Ctrl-C what is finished is returned at once; a thread that is inside a call ends after it.
 
     **Arguments:** `work`: gives a named tuple of arrays with a leading axis of lanes and a field `status`; it calls
-    `on_progress(n)` when work is done that takes as long as n forcing periods of the chunk without a record. That
-    raises where another chunk failed or the user interrupted, so that a chunk stops at its next call. `cost`: of
-    one case in all, in such periods. `progress`, `name`: of `progress_shown`.
+    `on_progress(n)` after n forcing periods. That raises where another chunk failed or the user interrupted, so that
+    a chunk stops at its next call. `periods`: of one case in all. `progress`, `name`: of `progress_shown`.
     """
-    stop, interrupted = threading.Event(), False
-    cases, parts = sum(chunk.cases for chunk in chunks), [None] * len(chunks)
+    stop = threading.Event()
+    interrupted = False
+    parts: list[Any] = [None] * len(chunks)
+    cases = sum(chunk.cases for chunk in chunks)
+    total = periods * sum(chunk.steps * chunk.cases for chunk in chunks)
 
     def one(k: int, chunk: Chunk) -> None:
-        def on_progress(periods: float) -> None:
+        def on_progress(passed: float) -> None:
             if stop.is_set():
                 raise _Stopped
-            shown(chunk.cost * periods)
+            shown(chunk.steps * chunk.cases * passed)
 
         try:
             parts[k] = work(chunk, on_progress)
@@ -541,7 +484,8 @@ def run_chunks(
             stop.set()
             raise
 
-    pool, futures, total = ThreadPoolExecutor(workers), [], sum(chunk.cost for chunk in chunks) * cost
+    pool = ThreadPoolExecutor(workers)
+    futures = []
     with progress_shown(total, cases, name, progress) as shown:
         context = copy_context()
         if TOLD.get() is None:
@@ -568,32 +512,28 @@ class _Stopped(Exception):
 
 
 def _in_order(chunks: Sequence[Chunk], parts: Sequence[Any], interrupted: bool) -> Run:
-    """Puts the chunks' results in the order of the cases, without lanes that fill chunks up; None becomes blank."""
-    cases, like = sum(chunk.cases for chunk in chunks), next((part for part in parts if part is not None), None)
+    """Return the chunks' results in the order of the cases, without lanes that fill chunks up; None becomes blank."""
+    cases = sum(chunk.cases for chunk in chunks)
+    finished = np.zeros(cases, bool)
+    for chunk, part in zip(chunks, parts, strict=True):
+        finished[chunk.index[: chunk.cases]] = part is not None
+    like = next((part for part in parts if part is not None), None)
+    if like is None:
+        return Run(None, finished, interrupted)
 
     def joined(*arrays: np.ndarray) -> np.ndarray:
-        if len(chunks) == 1 and np.array_equal(chunks[0].index[:cases], np.arange(cases)):
-            of_one = np.asarray(arrays[0])[:cases]
-            return of_one if of_one.flags.writeable else of_one.copy()  # large results are in arrays of NumPy
         ordered = np.empty((cases, *arrays[0].shape[1:]), arrays[0].dtype)
         for chunk, array in zip(chunks, arrays, strict=True):
             ordered[chunk.index[: chunk.cases]] = np.asarray(array)[: chunk.cases]
         return ordered
 
-    finished = joined(*(np.full(len(c.index), part is not None) for c, part in zip(chunks, parts, strict=True)))
-    if like is None:
-        return Run(None, finished, interrupted)
     whole = (blank(like, len(c.index)) if part is None else part for c, part in zip(chunks, parts, strict=True))
     return Run(jax.tree.map(joined, *whole), finished, interrupted)
 
 
-PROGRAMS = 2
-"""Programs that most runs compile: of the transient, and of what is recorded."""
-
-
 @contextmanager
 def progress_shown(total: float, cases: int, name: str, wanted: bool | None) -> Iterator[Callable[..., None]]:
-    """Shows how far a run is: a bar on terminals and in notebooks, now and then a line in files and pipes.
+    """Show how far a run is: a bar on terminals and in notebooks, now and then a line in files and pipes.
 
     **Arguments:** `total`: all work, in any unit to which its time is proportional; `cases`: how many; `wanted`: of
     `slipperjax.tools.progress.bar`.
@@ -601,8 +541,10 @@ def progress_shown(total: float, cases: int, name: str, wanted: bool | None) -> 
     **Gives:** a function that threads call with work that is done, and the number of cases that are finished by it.
     """
     layout = "{desc}{percentage:3.0f}%" + ("|{bar}|" if is_live() else ",") + " {elapsed}, {remaining} left{postfix}"
-    lock, finished = threading.Lock(), 0
-    with progress_bar(wanted, programs=PROGRAMS, total=total, desc=name, bar_format=layout) as bar:
+    lock = threading.Lock()
+    finished = 0
+    # most runs compile two programs: of the transient, and of what is recorded
+    with progress_bar(wanted, programs=2, total=total, desc=name, bar_format=layout) as bar:
 
         def add(work: float, done: int = 0) -> None:
             nonlocal finished
@@ -615,12 +557,13 @@ def progress_shown(total: float, cases: int, name: str, wanted: bool | None) -> 
         yield add
 
 
-def concurrently(*calls: Callable[[], Any]) -> list[Any]:
-    """Calls functions on threads of their own, and gives their results in order.
+def concurrently(*calls: Callable[[], Any], patience: float = 5.0) -> list[Any]:
+    """Call functions on threads of their own, and return their results in order.
 
-    Where one of them fails, the runs of the others end as by Ctrl-C, and are waited for (`STOPPING`).
+    Where one of them fails, the runs of the others end as by Ctrl-C, and are waited for `patience` [s].
     """
-    pool, stop = ThreadPoolExecutor(len(calls)), Stop(Stop.here())
+    pool = ThreadPoolExecutor(len(calls))
+    stop = Stop(Stop.here())
     futures = [stop.submit(pool, call) for call in calls]
     try:
         for future in as_completed(futures):
@@ -628,7 +571,7 @@ def concurrently(*calls: Callable[[], Any]) -> list[Any]:
         return [future.result() for future in futures]
     except BaseException:
         stop.set()
-        wait(futures, STOPPING)
+        wait(futures, patience)
         raise
     finally:
         pool.shutdown(wait=False)

@@ -1,7 +1,7 @@
 """Runs as they happen: one or many over a length of rail, at a speed that may change, with records of each window."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,20 +31,20 @@ from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.checks import number, positive, require, whole
 from ..tools.compile import as_argument, jit
-from .grid import Cases, filled, with_tracks
+from .call import refined
+from .estimate import Estimate
+from .grid import Cases, Grid, filled, with_tracks
 from .records import OF_LOADS
 from .run import (
     Calls,
     ChunkInputs,
     Plan,
-    call_of,
     half_step_change,
     initial_carry,
-    refined,
     run_cases,
     shared_capacity,
 )
-from .store import Store, storable
+from .store import Store, run_or_store
 from .windows import (
     DEFAULT,
     FRICTION_WORK,
@@ -63,13 +63,30 @@ from .windows import (
 
 LEAST_STEPS_PER_WINDOW = 4
 """Fewest integration steps in a window, from which its curves are made."""
-SPEEDS_PER_STRETCH = 9
-"""Places of a stretch at which its least speed is looked for."""
 PERCENTILES = (50.0, 90.0, 99.0)
 """Percentiles of the windows' highest forces that are kept of each stretch [%]."""
 
 
-@storable
+@dataclass(frozen=True)
+class RunCall:
+    """What `run` was asked besides its scene, cases and start."""
+
+    length: float
+    begin: float
+    window: float
+    record: str | AbstractNumber | Sequence[str | AbstractNumber] | None
+    steps_per_period: int | None
+    refine: int
+    solver: diffrax.AbstractSolver | str | None
+    probe: int
+    product: bool
+    only: bool
+    """Whether it is one run, without a grid."""
+    worn: np.ndarray | None
+    """Play that earlier work has opened at each face [m]; None where slippers do not wear."""
+    function: str = "run"
+
+
 def run(
     scene: Scene,
     grid: Mapping[str, Any] | None = None,
@@ -130,33 +147,71 @@ def run(
     **Raises:** `ValueError`, before anything is compiled, that names the argument which is wrong; `Interrupted`,
     which has the finished runs, after Ctrl-C.
     """
-    call = call_of("run", locals())
     scene = at_speed(scene, speed)
-    earlier, (origin, start) = start, beginning(scene, begin, start)
-    worn, window = _worn(scene, earlier, origin), number(positive, "window", window, "m")
-    windows = _windows(scene, number(positive, "length", length, "m"), origin, window)
-    records = RecordSet((*_records(scene, record), ThirdOctaves()))
-    only = grid is None
-    cases = Cases(scene, {"length": [float(scene.slipper.length)]} if grid is None else grid, start, product=product)
-    profiles = _step_profiles(cases, origin, window, windows, steps_per_period, refined(refine, steps_per_period))
-    totals, profile_of = _keys(profiles, windows)
-    plan = Plan(cases, resolve_solver(scene, solver), records, totals, Calls(1, 0), Calls(windows, 1))
+    origin, first = beginning(scene, begin, start)
+    call = RunCall(
+        number(positive, "length", length, "m"),
+        origin,
+        number(positive, "window", window, "m"),
+        record,
+        steps_per_period,
+        refined(refine, steps_per_period),
+        solver,
+        whole("probe", probe, 0),
+        product,
+        grid is None,
+        _worn(scene, start, origin),
+    )
+    how: dict[str, Any] = dict(chunk=chunk, workers=workers, progress=progress)
+    if grid is None:
+        require(store is None, "store", "come with a grid", store)
+        return _computed(call, scene, {"length": [float(scene.slipper.length)]}, first, **how)
+    return run_or_store(_computed, _estimated, call, scene, grid, first, store=store, executor=executor, **how)
+
+
+def _planned(call: RunCall, cases: Cases) -> tuple[Plan, np.ndarray]:
+    """Return the plan of some runs, and the integration steps in a window of each case and stretch."""
+    scene = cases.scene
+    windows = _windows(scene, call.length, call.begin, call.window)
+    records = RecordSet((*_records(scene, call.record), ThirdOctaves()))
+    profiles = _step_profiles(cases, call, windows)
+    steps, _ = _keys(profiles, windows)
     records.check(scene, windows, LEAST_STEPS_PER_WINDOW, (*cases.dims, "status", "state"))
-    per_case = 4e-7 * float(np.mean(totals)) * records.cost
-    dataclasses.replace(plan.estimate(cases.count), per_case=per_case, periods=f" of {windows} windows").check()
-    epoch, stretches = origin / window, profiles.shape[1]
-    probed = np.unique(np.linspace(0, stretches - 1, min(whole("probe", probe, 0), stretches)).astype(int))
+    return Plan(cases, resolve_solver(scene, call.solver), records, steps, Calls(1, 0), Calls(windows, 1)), profiles
+
+
+def _estimated(call: RunCall, grid: Grid, start: Motion | State) -> Estimate:
+    """Return the estimate of runs, before anything is compiled."""
+    return _estimate(_planned(call, grid.sample(start))[0], grid.count)
+
+
+def _estimate(plan: Plan, count: int) -> Estimate:
+    """Return the estimate of `count` runs such as these."""
+    windows = plan.recorded.periods
+    values = plan.records.values(plan.cases.scene, 0, windows)
+    return Estimate.counted(count, float(np.mean(plan.steps)), values, f" of {windows} windows")
+
+
+def _computed(call: RunCall, scene: Scene, grid: Mapping[str, Any], start: Motion | State, **how: Any) -> xr.Dataset:
+    """Return the results of runs. Arguments as for `run_cases`."""
+    plan, profiles = _planned(call, Cases(scene, grid, start, product=call.product))
+    _estimate(plan, plan.cases.count).check()
+    windows, window = plan.recorded.periods, call.window
+    _, profile_of = _keys(profiles, windows)
+    epoch = call.begin / window
+    stretches = profiles.shape[1]
+    probed = np.unique(np.linspace(0, stretches - 1, min(call.probe, stretches)).astype(int))
     around = max(1, round(float(np.max(np.asarray(scene.track.wavelength))) / window))
 
     def work(part: ChunkInputs) -> _Results:
         scenes = _windowed(part.scenes, window)
-        scenes = scenes if worn is None else _opened(scenes, worn[None])
+        scenes = scenes if call.worn is None else _opened(scenes, call.worn[None])
         states = initial_states(scenes, part.starts, epoch)
         probes = _Probes(probed.tolist(), around)
         return _run_windows(plan, scenes, states, profile_of[part.steps], epoch, part, probes)
 
-    done = run_cases(plan, work, cost=1.0, chunk=chunk, workers=workers, progress=progress)
-    frame = _Frame(origin, window, windows, only, origin + probed * STRETCH * window)
+    done = run_cases(plan, work, periods=1.0, **how)
+    frame = _Frame(call.begin, window, windows, call.only, call.begin + probed * STRETCH * window)
     return done.checked(lambda: _dataset(plan, done.results, profiles, frame, call))
 
 
@@ -230,19 +285,19 @@ def _records(scene: Scene, record: Any) -> list[AbstractRecord]:
     return [*records, *(one for one in stretches if one is not None)]
 
 
-def _step_profiles(
-    cases: Cases, begin: float, window: float, windows: int, steps_per_period: int | None, refine: int = 1
-) -> Int[np.ndarray, "cases stretches"]:
-    """Returns the integration steps in a window of each case and stretch."""
+def _step_profiles(cases: Cases, call: RunCall, windows: int) -> Int[np.ndarray, "cases stretches"]:
+    """Return the integration steps in a window of each case and stretch."""
     stretches = -(-windows // STRETCH)
-    if steps_per_period is None:
+    window = call.window
+    if call.steps_per_period is None:
         batch = cases.unprepared(filled(np.arange(cases.count), cases.count))
-        edges = begin + window * STRETCH * np.arange(stretches)
-        places = edges[:, None] + window * STRETCH * np.linspace(0, 1, SPEEDS_PER_STRETCH)[None]
+        edges = call.begin + window * STRETCH * np.arange(stretches)
+        # the least speed of a stretch is looked for at nine places
+        places = edges[:, None] + window * STRETCH * np.linspace(0, 1, 9)[None]
         needed = np.asarray(_steps_along(*batch, jnp.asarray(places)))[: cases.count]
-        steps = refine * rounded_steps(needed)
+        steps = call.refine * rounded_steps(needed)
     else:
-        steps = np.full((cases.count, stretches), given_steps(steps_per_period))
+        steps = np.full((cases.count, stretches), given_steps(call.steps_per_period))
     per_window = np.ceil(steps * (window / cases.wavelengths()[:, None]) * (1 - 1e-12)).astype(int)
     return np.maximum(np.broadcast_to(per_window, (cases.count, stretches)), LEAST_STEPS_PER_WINDOW)
 
@@ -363,9 +418,7 @@ def _run_windows(
     return _Results(states, status, tuple(arrays), np.stack(marks, axis=1), play, probe[:cases])
 
 
-def _dataset(
-    plan: Plan, results: _Results, profiles: np.ndarray, frame: _Frame, call: Mapping[str, Any]
-) -> xr.Dataset:
+def _dataset(plan: Plan, results: _Results, profiles: np.ndarray, frame: _Frame, call: RunCall) -> xr.Dataset:
     """Labels the results of a run."""
     cases = plan.cases
     dims, shape = cases.dims, cases.shape
@@ -406,7 +459,7 @@ def _dataset(
     )
     coords["seconds"] = along, joined(seconds), {"units": "s", "long_name": "time"}
     attrs = scene_attributes(cases.scene, without=() if frame.only else cases.axes)
-    whole_call = {**call, "solver": plan.solver}
+    whole_call = vars(replace(call, solver=plan.solver))
     varied = () if frame.only else map(cases.label, cases.axes)
     attrs |= run_attributes(cases.scene, cases.start, whole_call, varied)
     attrs |= {"solver": solver_name(plan.solver), "record": plan.records.name, "window [m]": frame.window}

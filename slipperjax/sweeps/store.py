@@ -1,15 +1,12 @@
 """Sweeps on disk: a zarr store whose tiles any executor computes, each complete or absent.
 
-A tile is a block of the grid: one task, and one chunk of every array. It is complete where its digest and all of its
-files are there; the digest is written last. The same call goes on where the last one ended, whatever ended it.
+A tile is a block of the grid: one task, and one chunk of every array. Its mark, which is written last, says of which
+call it is. The same call goes on where the last one ended, whatever ended it.
 """
 
 import errno
 import functools
-import glob
 import hashlib
-import html
-import inspect
 import json
 import math
 import multiprocessing
@@ -17,27 +14,25 @@ import os
 import shutil
 import signal
 import threading
-import time
 import uuid
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, ThreadPoolExecutor, wait
-from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass
-from multiprocessing.context import SpawnContext, SpawnProcess
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from contextlib import contextmanager, nullcontext
+from contextvars import copy_context
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple, ParamSpec, TypeVar
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 import xarray as xr
-from xarray.backends import BackendArray, BackendEntrypoint
-from xarray.core import indexing
 
 from ..flow.datasets import versions
-from ..flow.simulate import first_of
 from ..flow.status import Interrupted, Status, Stop
-from ..model.scene import at_speed
+from ..model.dynamics import State
+from ..model.kinematics import Motion
+from ..model.scene import Scene
 from ..model.scene_files import scene_to_json
 from ..solvers.latching import calls_lapack
 from ..solvers.named import resolve_solver
@@ -47,43 +42,26 @@ from ..tools.code import IMPORTED, classes_of, code_digest
 from ..tools.description import describe, type_name
 from ..tools.files import content_of, listed, readable, user_path
 from ..tools.limits import cores, shown_bytes
-from .estimate import STORE, CountedEstimate
+from .estimate import Estimate
 from .grid import Grid, Tiling
-from .run import ARGUMENTS_WITHOUT_EFFECT, LARGEST_CHUNK, TICK, heed_interrupts, progress_shown
+from .run import LARGEST_CHUNK, TICK, heed_interrupts, progress_shown
 
 MARK = "slipperjax_store"
-"""Attribute by which a store of ours is known: its identity, the call as JSON, and its tiles."""
-DIGEST = "digest_of_tile"
-"""Array of the tiles' digests, which are written last."""
-VERSIONS = "versions_of_tile"
-"""Array of the versions of packages with which tiles were computed, as JSON."""
-RETRIES = 3
-"""How often dask tries a task again that failed."""
-LOCK_WAIT, SHARE_WAIT = 0.5, 60.0
-"""Seconds for which a lock is waited for, and for which a share waits until another one has made the store."""
-MOST_TILES = 10**8
-"""Tiles of one store: each is some files."""
-MOST_PROCESSES = 4096
-"""Processes of one executor."""
-THREADS_WAIT = 10.0
-"""Seconds after Ctrl-C that threads have to end the call that they are in."""
+"""Attribute by which a store of ours is known: its call as JSON, its tiles, and its identity."""
+MARK_OF_TILE = "mark_of_tile"
+"""Array that is written last: of which call and place a tile is, and with which versions it was computed, as JSON."""
 ZARR: Any = {"zarr_format": 3, "consolidated": False}
-IMPORTED_BY = os.getpid()
-"""Process that imported this module; in a forked copy, the one that was copied."""
 _ALONE = threading.Lock()
-_TOLD: dict[str, set[str]] = {}
-"""Warnings that this process has given, by identity of the store."""
-
-P = ParamSpec("P")
-R = TypeVar("R")
+_TOLD: set[str] = set()
+"""Kinds of warnings that tiles of this process have given."""
 
 
 class StoreInUse(OSError):
-    """Another process writes to the store. Its lock ends with that process, however this ends."""
+    """Error where another process writes to the store. Its lock ends with that process, however this ends."""
 
 
 class WorkerLost(OSError):
-    """A worker process ended, and its executor with it. What was finished is stored."""
+    """Error where a worker process ended, and its executor with it. What was finished is stored."""
 
 
 @dataclass(frozen=True)
@@ -113,20 +91,13 @@ class Store:
         if self.share is not None:
             pair = isinstance(self.share, tuple | list) and [type(number) for number in self.share] == [int, int]
             require(pair and 1 <= self.share[0] <= self.share[1], "share", "be (i, n) with i from 1 to n", self.share)
-            object.__setattr__(self, "share", tuple(self.share))
             require(not self.fresh, "fresh", "be False for a share, whose store others write to", self.fresh)
 
     @classmethod
     def of(cls, store: Any) -> "Store":
-        """The store of an argument, a path or a `Store`."""
+        """Return the store of an argument, a path or a `Store`."""
         require(isinstance(store, str | Path | Store), "store", "be a path or a slipperjax.Store", store)
         return store if isinstance(store, Store) else Store(Path(store))
-
-    def _repr_html_(self) -> str:
-        status: Any = "nothing yet"
-        with suppress(ValueError):
-            status = store_status(self.path)
-        return f"<b>Store: {html.escape(str(self.path))}</b><br>{status}"
 
     @property
     def free_bytes(self) -> float:
@@ -137,41 +108,39 @@ class Store:
 
 # --- the call that a store is of ------------------------------------------------------------------------------------
 
-LONGEST_TEXT = 60
-"""Length from which a value is cut in a message."""
 
-
-def _fingerprint(function: Any, grid: Grid, options: Mapping[str, Any], tiles: Tiling) -> dict[str, Any]:
-    """The call as JSON, to recognise a store: all that determines its numbers."""
-    arguments = {name: value for name, value in options.items() if name not in (*ARGUMENTS_WITHOUT_EFFECT, "product")}
+def _fingerprint(call: Any, grid: Grid, start: Motion | State, tiles: Tiling) -> dict[str, Any]:
+    """Return as JSON all that determines the numbers of a store."""
     code = {"slipperjax": IMPORTED}
-    code |= {type_name(kind): code_digest(kind) for kind in classes_of([grid.scene, arguments])}
-    call = {
-        "function": function.__name__,
+    code |= {type_name(kind): code_digest(kind) for kind in classes_of([grid.scene, vars(call)])}
+    asked = {
         "scene": json.loads(scene_to_json(grid.scene)),
+        "start": describe(start),
         "grid": {name: _summary(values) for name, values in grid.axes.items()},
-        "product": grid.product,
         "tile": tiles.tile,
-        "arguments": {name: _described(value) for name, value in arguments.items()},
+        "call": {name: _described(value) for name, value in vars(call).items()},
         "code": code,
     }
-    return json.loads(json.dumps(call))
+    return json.loads(json.dumps(asked))
 
 
 def _summary(values: np.ndarray) -> dict[str, Any]:
-    """An axis in few numbers that tell it from others."""
-    ends = {"values": len(values), "first": float(values[0]), "last": float(values[-1])}
-    return ends | {"sha256": _sha(np.ascontiguousarray(values, float).tobytes())}
+    """Return the few numbers of an axis that tell it from others."""
+    digest = _digest(np.ascontiguousarray(values, float).tobytes())
+    return {"values": len(values), "first": float(values[0]), "last": float(values[-1]), "digest": digest}
 
 
 def _described(value: Any) -> Any:
-    """A value as plain data; a function by its name and a digest of its code, a long array by a summary."""
-    long = isinstance(value, np.ndarray) and value.size > LONGEST_TEXT
-    return _summary(value.ravel()) if long else describe(value)
+    """Return a value as plain data; a function by its name and a digest of its code, an array by a summary."""
+    return _summary(value.ravel()) if isinstance(value, np.ndarray) else describe(value)
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]
 
 
 def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, str]]:
-    """The texts of a call by their paths, such as scene.contact.restitution."""
+    """Yield the texts of a call by their paths, such as scene.contact.restitution."""
     if isinstance(value, dict):
         for name, part in value.items():
             yield from _leaves(part, f"{path}.{name}".strip("."))
@@ -186,160 +155,99 @@ class Archive(NamedTuple):
     """A store that exists."""
 
     path: Path
-    # Content of its attribute `MARK`: `identity`, `call`, `versions`, `dims`, `shape`, `tile`, `axes`, `coords`, the
-    # dimensions of the `variables` that tiles have a chunk of, and digests of the `common` files, of no tile.
-    mark: dict[str, Any]
+    identity: str
+    call: dict[str, Any]
+    versions: dict[str, str]
+    dims: list[str]
+    shape: list[int]
+    tile: list[int]
+    coords: list[str]
+    variables: dict[str, list[str]]
+    """Dimensions of the variables that tiles have a chunk of."""
 
     @property
     def tiles(self) -> Tiling:
         """Its tiles."""
-        return Tiling(tuple(self.mark["shape"]), tuple(self.mark["tile"]))
+        return Tiling(tuple(self.shape), tuple(self.tile))
 
     def place(self, number: int) -> dict[str, slice]:
-        """Slices of the dimensions of `VERSIONS` and `DIGEST` that make up a tile."""
-        dims, at = self.mark["dims"], self.tiles.indices(number)
-        return {f"tile_{d}": slice(k, k + 1) for d, k in zip(dims, at, strict=True)}
+        """Return slices of the dimensions of `MARK_OF_TILE` that make up a tile."""
+        at = self.tiles.indices(number)
+        return {f"tile_{d}": slice(k, k + 1) for d, k in zip(self.dims, at, strict=True)}
 
     def region(self, number: int) -> dict[str, slice]:
-        """Slices of the dimensions that make up a tile."""
-        return dict(zip(self.mark["dims"], self.tiles.region(number), strict=True))
+        """Return slices of the dimensions that make up a tile."""
+        return dict(zip(self.dims, self.tiles.region(number), strict=True))
 
     def files(self, number: int) -> dict[str, Path]:
-        """The files of a tile by variable, that of the digest last."""
-        at = dict(zip(self.mark["dims"], map(str, self.tiles.indices(number)), strict=True))
-        variables = self.mark["variables"] | dict.fromkeys((VERSIONS, DIGEST), self.mark["dims"])
+        """Return the files of a tile by variable, its mark last."""
+        at = dict(zip(self.dims, map(str, self.tiles.indices(number)), strict=True))
+        variables = self.variables | {MARK_OF_TILE: self.dims}
         return {
             name: self.path.joinpath(name, "c", *(at.get(d, "0") for d in dims)) for name, dims in variables.items()
         }
 
     def complete_tiles(self) -> np.ndarray:
-        """Whether each tile is complete: its digest is there, and so are all of its files."""
+        """Return whether each tile is complete: all of its files are there."""
         complete = lambda number: all(file.is_file() for file in reversed(self.files(number).values()))
         return np.fromiter(map(complete, range(self.tiles.count)), bool, self.tiles.count)
 
-    def complete_cases(self, done: np.ndarray | None = None) -> int:
-        """How many cases are in complete tiles, or in those of an earlier `complete_tiles()`."""
-        return sum(self.tiles.cases(int(k)) for k in np.flatnonzero(self.complete_tiles() if done is None else done))
+    def complete_cases(self) -> int:
+        """Return how many cases are in complete tiles."""
+        return sum(self.tiles.cases(int(k)) for k in np.flatnonzero(self.complete_tiles()))
 
     def open(self) -> xr.Dataset:
-        """All of it, digests and texts as they are stored.
+        """Return all of it, marks and texts as they are stored.
 
-        **Raises:** `ValueError` where zarr or xarray cannot read it.
+        **Raises:** `ValueError` where it cannot be read, or lacks a variable.
         """
         with readable(self.path, "zarr store"):
-            return xr.open_zarr(_regular_files(self.path), chunks=None, mask_and_scale=False, **ZARR)
+            ds = xr.open_zarr(self.path, chunks=None, mask_and_scale=False, **ZARR)
+        lost = sorted({*self.variables, *self.coords, MARK_OF_TILE} - set(ds.variables))
+        require(not lost, "store", "be whole", shown=f"without {listed(lost)}: start over with fresh=True")
+        return ds
 
-    def digest(self, number: int, of_versions: str) -> int:
-        """The digest of a tile: of the store's call, its versions, and the bytes of its files.
-
-        **Raises:** `FileNotFoundError` where one is missing.
-        """
-        total = hashlib.sha256(json.dumps([self.mark["call"], number, of_versions], sort_keys=True).encode())
-        for name, file in self.files(number).items():
-            if name in self.mark["variables"]:
-                total.update(name.encode() + hashlib.sha256(file.read_bytes()).digest())
-        return int.from_bytes(total.digest()[:8], "big") >> 1
-
-    def common_damage(self) -> list[str]:
-        """Says which of the files that belong to no tile, such as axes, are missing or changed."""
-        changed = lambda file, digest: not file.is_file() or _sha(file.read_bytes()) != digest
-        names = [name for name, digest in self.mark.get("common", {}).items() if changed(self.path / name, digest)]
-        return [f"{self.path / name} is missing or changed: start over with fresh=True" for name in names]
+    def mark_of(self, number: int) -> str:
+        """Return what tells a tile from those of other calls and places."""
+        return _digest(json.dumps([self.call, number], sort_keys=True).encode())
 
     def damage(self, number: int, ds: xr.Dataset) -> str | None:
-        """Says what is wrong with a tile whose digest is there, as far as checksums tell; None where nothing is."""
-        files, of_tile = self.files(number), {}
-        for file in files.values():  # a pipe or a device would be read for ever
-            if not file.is_file():
-                return f"{file} is {'no file' if file.exists() else 'missing'}"
-        for name in (VERSIONS, DIGEST):
+        """Return what is wrong with a complete tile, as far as zarr's checksums tell; None where nothing is."""
+        part = ds.isel(self.region(number) | self.place(number))
+        for name, file in self.files(number).items():
             try:
-                of_tile[name] = ds[name].isel(self.place(number)).values.item()
-            except Exception as error:
-                return f"{files[name]} cannot be read: {error}"
-        if of_tile[DIGEST] == self.digest(number, of_tile[VERSIONS]):
-            return None
-        for name in self.mark["variables"]:
-            try:
-                ds[name].isel(self.region(number)).load()
+                part[name].load()
             except Exception as error:  # codecs raise many kinds of errors
-                return f"{files[name]} cannot be read: {error}"
-        return "its files are not those that were written"
+                return f"{file} cannot be read: {error}"
+        mark = json.loads(part[MARK_OF_TILE].values.item())
+        return None if mark["tile"] == self.mark_of(number) else "it is of another store or place"
 
     def check_same(self) -> None:
-        """Checks that no other store was put in this one's place, into which a worker of this one must not write.
+        """Check that no other store was put in this one's place, into which a worker of this one must not write.
 
         **Raises:** `OSError`.
         """
-        with suppress(ValueError):
-            if _open_archive(self.path).mark == self.mark:
-                return
-        raise OSError(errno.ESTALE, "another store was put in its place")
+        if not self.path.exists() or _open_archive(self.path).identity != self.identity:
+            raise OSError(errno.ESTALE, "another store was put in its place")
 
     def write(self, number: int, ds: xr.Dataset) -> None:
-        """Writes the results of a tile, the digest last.
+        """Write the results of a tile, its mark last.
 
         **Raises:** `OSError` where the disk is full or protected; the tile is absent then.
         """
-        dims = self.mark["dims"]
-        capacity = {str(d): n for d, n in self.open().sizes.items() if d not in dims}
+        capacity = {str(d): n for d, n in self.open().sizes.items() if d not in self.dims}
         self.check_same()
-        part = xr.Dataset({name: _fitted(name, ds.variables[name], capacity) for name in self.mark["variables"]})
+        part = xr.Dataset({name: _fitted(name, ds.variables[name], capacity) for name in self.variables})
         part.to_zarr(self.path, region=self.region(number), write_empty_chunks=True, **ZARR)
         self.check_same()
-        place, of_versions = self.place(number), json.dumps(versions())
-        values = {VERSIONS: np.array(of_versions, object), DIGEST: self.digest(number, of_versions)}
-        one = xr.Dataset({name: (tuple(place), np.full((1,) * len(place), value)) for name, value in values.items()})
-        one.to_zarr(self.path, region=place, write_empty_chunks=True, **ZARR)
-
-    def tidy(self, numbers: Collection[int] | None = None) -> None:
-        """Deletes what a killed process had not finished to write, of some tiles or of all of the store.
-
-        Nobody else may be writing to them.
-        """
-        own = self.own_files(range(self.tiles.count) if numbers is None else numbers)
-        for part in self.path.rglob("*.partial"):
-            if _whole_name(part) in own:
-                part.unlink(missing_ok=True)
-
-    def own_files(self, numbers: Iterable[int]) -> set[Path]:
-        """The files of some tiles, and those of no tile, without their endings."""
-        of_tiles = {file for number in numbers for file in self.files(number).values()}
-        return of_tiles | {_whole_name(self.path / name) for name in ("zarr.json", *self.mark.get("common", ()))}
-
-    def check_own(self) -> None:
-        """Checks that nothing is in the store but its own files.
-
-        **Raises:** `ValueError` that names another one.
-        """
-        own = self.own_files(range(self.tiles.count))
-        for file in self.path.rglob("*"):
-            is_own = _whole_name(file) in own and file.suffix in ("", ".json", ".partial")
-            if file.is_symlink() or not (is_own or file.is_dir()):
-                raise ValueError(f"Argument `store` must hold nothing else where it is made anew, but has {file}.")
-
-
-def _regular_files(path: Path) -> Any:
-    """Returns what zarr reads a store by, which refuses links, devices and pipes, some of which never end."""
-    from zarr.storage import LocalStore
-
-    class RegularFiles(LocalStore):
-        async def get(self, key, prototype=None, byte_range=None):
-            file = self.root / key
-            if file.is_symlink() or (file.exists() and not file.is_file()):
-                raise OSError(f"{file} is no regular file")
-            return await super().get(key, prototype, byte_range)
-
-    return RegularFiles(path, read_only=True)
-
-
-def _whole_name(file: Path) -> Path:
-    """A file's name without its ending; of one that was not finished, that of the whole one."""
-    return file.parent / file.name.partition(".")[0]
+        text = json.dumps({"tile": self.mark_of(number), "versions": versions()})
+        place = self.place(number)
+        mark = xr.Dataset({MARK_OF_TILE: (tuple(place), np.full((1,) * len(place), text, object))})
+        mark.to_zarr(self.path, region=place, write_empty_chunks=True, **ZARR)
 
 
 def _fitted(name: str, variable: xr.Variable, capacity: Mapping[str, int]) -> xr.Variable:
-    """Values as the store holds them: dimensions other than the grid's are filled up with NaN."""
+    """Return values as the store holds them: dimensions other than the grid's are filled up with NaN."""
     missing = {d: capacity.get(str(d), n) - n for d, n in variable.sizes.items()}
     if any(n < 0 for n in missing.values()):
         raise ValueError(
@@ -351,41 +259,30 @@ def _fitted(name: str, variable: xr.Variable, capacity: Mapping[str, int]) -> xr
 
 
 def _storable(variable: xr.Variable) -> xr.Variable:
-    """With texts of any length, which zarr's specification knows."""
+    """Return a variable with texts of any length, which zarr's specification knows."""
     return variable.astype(object) if variable.dtype.kind == "U" else variable
 
 
-def _sha(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()[:16]
-
-
 def _lengths(variable: xr.Variable, grid: Mapping[str, int]) -> tuple[int, ...]:
-    """Lengths of a variable's dimensions, with the grid's as given, and with capacity for all crossings."""
+    """Return the lengths of a variable's dimensions, with the grid's as given, and room for all crossings."""
     # the number of crossings differs from case to case
     crossings = variable.attrs.get("capacity") or variable.sizes.get("crossing")
     lengths = {**variable.sizes, "crossing": crossings, **grid}
     return tuple(lengths[d] for d in variable.dims)
 
 
-def bytes_of_case(ds: xr.Dataset, dims: Sequence[str], axes: Collection[str]) -> float:
-    """Bytes of the results of a case that a store keeps.
-
-    **Arguments:** `dims`, `axes`: dimensions of the grid, and names of its coordinates.
-    """
-    one = dict.fromkeys(dims, 1)
-    variables = [v for name, v in ds.variables.items() if name not in axes and set(dims) <= set(v.dims)]
-    return float(sum(v.dtype.itemsize * math.prod(_lengths(v, one)) for v in variables))
-
-
 def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, Any], like: xr.Dataset) -> None:
-    """Writes an empty store in the form of one case's results."""
+    """Write an empty store in the form of one case's results."""
     import zarr
     from zarr.codecs import ZstdCodec
 
-    axes, dims = grid.coordinates(), list(grid.dims)
-    lengths, pieces = dict(zip(dims, tiles.shape, strict=True)), dict(zip(dims, tiles.tile, strict=True))
-    data, shapes = {name: _storable(v) for name, v in like.variables.items() if name not in axes}, {}
+    dims = list(grid.dims)
+    axes = grid.coordinates()
+    lengths = dict(zip(dims, tiles.shape, strict=True))
+    pieces = dict(zip(dims, tiles.tile, strict=True))
+    data = {name: _storable(v) for name, v in like.variables.items() if name not in axes}
     encoding: dict[Any, dict[str, Any]] = {name: {} for name in data}
+    shapes = {}
     for name, variable in data.items():
         if set(dims) <= set(variable.dims):
             fill: Any = {"f": np.nan, "c": np.nan, "O": "", "b": False}.get(variable.dtype.kind, 0)
@@ -395,15 +292,20 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, Any], like
             chunks = tuple(max(n, 1) for n in _lengths(variable, pieces))
             compressors = (ZstdCodec(level=3, checksum=True),)
             encoding[name] = {"chunks": chunks, "fill_value": fill, "compressors": compressors}
-    mark: dict[str, Any] = {"identity": uuid.uuid4().hex, "call": call, "versions": versions()}
-    mark |= {"dims": dims, "axes": list(axes)}
-    mark |= {"shape": tiles.shape, "tile": tiles.tile, "coords": [n for n in like.coords if n not in axes]}
-    mark["variables"] = {name: data[name].dims for name in sorted(shapes)}
+    mark = {
+        "identity": uuid.uuid4().hex,
+        "call": call,
+        "versions": versions(),
+        "dims": dims,
+        "shape": tiles.shape,
+        "tile": tiles.tile,
+        "coords": list(like.coords),
+        "variables": {name: data[name].dims for name in sorted(shapes)},
+    }
     ones = (1,) * len(dims)
-    for name, fill, text in ((VERSIONS, "", "versions of packages"), (DIGEST, 0, "digest of the files")):
-        values = np.full(ones, fill, object if name == VERSIONS else np.int64)
-        data[name] = xr.Variable([f"tile_{d}" for d in dims], values, {"long_name": f"{text} of a tile"})
-        encoding[name], shapes[name] = {"chunks": ones, "fill_value": fill}, tiles.counts
+    data[MARK_OF_TILE] = xr.Variable([f"tile_{d}" for d in dims], np.full(ones, "", object))
+    encoding[MARK_OF_TILE] = {"chunks": ones, "fill_value": ""}
+    shapes[MARK_OF_TILE] = tiles.counts
     for of_variable in encoding.values():
         of_variable["_FillValue"] = None  # else it would be an attribute, too
     xr.Dataset(data).to_zarr(path, mode="w-", encoding=encoding, write_empty_chunks=False, **ZARR)
@@ -411,20 +313,17 @@ def _create(path: Path, grid: Grid, tiles: Tiling, call: Mapping[str, Any], like
         zarr.open_array(path / name, mode="r+").resize(whole_shape)
     ds = xr.Dataset(coords=axes, attrs=like.attrs)
     ds.to_zarr(path, mode="a", encoding={name: {"_FillValue": None} for name in axes}, **ZARR)
-    common = sorted(file for file in path.glob("*/**/*") if file.is_file())  # no tile is there yet
-    mark["common"] = {file.relative_to(path).as_posix(): _sha(file.read_bytes()) for file in common}
     zarr.open_group(path, mode="r+").update_attributes({MARK: json.dumps(mark)})
 
 
 def _make_archive(path: Path, *contents: Any) -> Archive:
-    """Makes an empty store, whole or not at all, in place of one of ours that may be there.
+    """Make an empty store, whole or not at all, in place of one of ours that may be there.
 
     **Arguments:** `contents`: as for `_create`.
     """
-    begin, end = f".{path.name}.", ".part"
-    for part in path.parent.glob(f"{glob.escape(begin)}*{end}"):  # of processes that were killed
-        shutil.rmtree(part, ignore_errors=True)
-    with TemporaryDirectory(end, begin, path.parent, ignore_cleanup_errors=True) as part:
+    if path.exists():
+        _open_archive(path)  # nothing but stores of ours is replaced
+    with TemporaryDirectory(".part", f".{path.name}.", path.parent, ignore_cleanup_errors=True) as part:
         _create(Path(part, "new"), *contents)
         if path.exists():
             os.rename(path, Path(part, "old"))
@@ -433,25 +332,28 @@ def _make_archive(path: Path, *contents: Any) -> Archive:
 
 
 def _open_archive(path: Path, call: Mapping[str, Any] | None = None) -> Archive:
-    """Opens a store that exists.
+    """Open a store that exists.
 
     **Raises:** `ValueError` where it is none of ours, or was made by another call than `call`, with the differences.
     """
     try:
         attributes = json.loads(content_of(path / "zarr.json"))["attributes"]
-        archive = Archive(path, json.loads(attributes[MARK]))
-    except (OSError, KeyError, ValueError, TypeError, RecursionError) as error:
+        archive = Archive(path, **json.loads(attributes[MARK]))
+        archive.files(archive.tiles.count - 1)  # shapes and dimensions suit each other
+    except (OSError, KeyError, ValueError, TypeError, RecursionError, AttributeError, ZeroDivisionError) as error:
         raise ValueError(f"{path}: must be a store of slipperjax, but is none: {error!r}") from None
-    if not _is_mark(archive.mark):
-        raise ValueError(f"{path}: must be a store of slipperjax, but its attribute `{MARK}` was changed.")
     if call is None:
         return archive
-    stored, called = dict(_leaves(archive.mark["call"])), dict(_leaves(call))
-    brief = lambda text: text if len(text) <= LONGEST_TEXT else f"{text[: LONGEST_TEXT - 3]}..."
-    pairs = {name: (stored.get(name, "nothing"), called.get(name, "nothing")) for name in stored | called}
-    lines = [f"{name}: {brief(a)} in the store, {brief(b)} asked" for name, (a, b) in pairs.items() if a != b]
+    stored = dict(_leaves(archive.call))
+    called = dict(_leaves(call))
+    lines = []
+    for name in stored | called:
+        pair = [side.get(name, "nothing") for side in (stored, called)]
+        if pair[0] != pair[1]:
+            before, now = (text if len(text) <= 60 else f"{text[:57]}..." for text in pair)
+            lines.append(f"{name}: {before} in the store, {now} asked")
     if lines:
-        shown = "\n  ".join(lines[:10] + [f"and {len(lines) - 10} more"] * (len(lines) > 10))
+        shown = "\n  ".join(lines[:10])
         raise ValueError(
             f"Argument `store` must be of the same call, but {path} was made by another one:\n  {shown}\n"
             "Take another path, or start over with slipperjax.Store(path, fresh=True), on the command line --fresh."
@@ -459,81 +361,19 @@ def _open_archive(path: Path, call: Mapping[str, Any] | None = None) -> Archive:
     return archive
 
 
-_KINDS = {"identity": str, "call": dict, "versions": dict, "dims": [str], "shape": [int], "tile": [int]}
-_KINDS |= {"axes": [str], "coords": [str], "variables": {str: [str]}, "common": {str: str}}
-
-
-def _is_mark(mark: Any) -> bool:
-    """Tells whether a value is what the attribute `MARK` holds, of a store of at most `MOST_TILES`."""
-    if not isinstance(mark, dict):
-        return False
-    kinds = all(_fits(mark.get(name, {} if name == "common" else None), kind) for name, kind in _KINDS.items())
-    if not kinds or not len(mark["dims"]) == len(mark["shape"]) == len(mark["tile"]) > 0:
-        return False
-    return (
-        min(mark["shape"] + mark["tile"]) > 0
-        and Tiling(tuple(mark["shape"]), tuple(mark["tile"])).count <= MOST_TILES
-    )
-
-
-def _fits(value: Any, kind: Any) -> bool:
-    """Tells whether a value is of a class, or a list or dict of values of one."""
-    if isinstance(kind, list):
-        return isinstance(value, list) and all(_fits(one, kind[0]) for one in value)
-    if isinstance(kind, dict):
-        return isinstance(value, dict) and all(_fits(one, kind[str]) for one in value.values())
-    return type(value) is kind
-
-
-def _undamaged(archive: Archive) -> Archive:
-    """Gives the archive; raises `ValueError` where files are damaged that all tiles have in common."""
-    for line in archive.common_damage()[:1]:
-        raise ValueError(f"Argument `store` must be whole, but {line}.")
-    return archive
-
-
-class _Reader(BackendEntrypoint):
-    """Opens a store's results so that a value which cannot be read is said with its place, whenever that is."""
-
-    def open_dataset(self, filename_or_obj: Any, *, drop_variables: Any = None, **options: Any) -> xr.Dataset:
-        ds = _open_archive(Path(filename_or_obj)).open().drop_vars([VERSIONS, DIGEST])
-        lazy = lambda name: indexing.LazilyIndexedArray(_Stored(Path(filename_or_obj), str(name), ds.variables[name]))
-        return ds.assign({name: ds.variables[name].copy(data=lazy(name)) for name in ds.data_vars})
-
-
-class _Stored(BackendArray):
-    """Values of a variable, which are read when they are asked for."""
-
-    def __init__(self, path: Path, name: str, variable: xr.Variable):
-        self.path, self.name, self.variable = path, name, variable
-        self.shape, self.dtype = variable.shape, variable.dtype
-
-    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
-        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
-
-    def _read(self, key: tuple[Any, ...]) -> np.ndarray:
-        try:
-            return self.variable[key].values
-        except IndexError:  # of what is asked for
-            raise
-        except Exception as error:  # codecs raise many kinds of errors
-            advice = f"`slipperjax store check {self.path}` names the file"
-            raise OSError(f"{self.path / self.name} is damaged: {advice}: {error}") from None
-
-
 def open_store(path: Any) -> xr.Dataset:
-    """Opens a store as a dataset over its whole grid, whose values are read from disk when they are asked for.
+    """Open a store as a dataset over its whole grid, whose values are read from disk when they are asked for.
 
     It may be complete, or still growing: cases that are not there yet have `Status.NOT_RUN` and NaN.
 
     **Raises:** `ValueError` for a path that is no store of slipperjax, or one that lacks more than tiles.
     """
-    archive = _undamaged(_open_archive(user_path(path)))
-    ds = xr.open_dataset(archive.path, engine=_Reader)
+    archive = _open_archive(user_path(path))
+    ds = archive.open().drop_vars(MARK_OF_TILE)
     del ds.attrs[MARK]
     # labels, such as those of points, as other datasets have them
     labels = {name: (name, np.array(ds[name].values.tolist())) for name in ds.indexes if ds[name].dtype.kind in "OT"}
-    return ds.set_coords([n for n in archive.mark["coords"] if n in ds.data_vars]).assign_coords(labels)
+    return ds.set_coords([n for n in archive.coords if n in ds.data_vars]).assign_coords(labels)
 
 
 class StoreStatus(NamedTuple):
@@ -554,56 +394,36 @@ class StoreStatus(NamedTuple):
 
 
 def store_status(path: Any) -> StoreStatus:
-    """Counts how much of a store is done, without reading results.
+    """Count how much of a store is done, without reading results.
 
     **Raises:** `ValueError` for a path that is no store of slipperjax.
     """
     archive = _open_archive(user_path(path))
-    done = archive.complete_tiles()
+    done = int(archive.complete_tiles().sum())
     size = sum(file.stat().st_size for file in archive.path.rglob("*") if file.is_file())
-    return StoreStatus(len(done), int(done.sum()), math.prod(archive.tiles.shape), archive.complete_cases(done), size)
+    return StoreStatus(archive.tiles.count, done, math.prod(archive.shape), archive.complete_cases(), size)
 
 
 def check_store(path: Any, *, repair: bool = False) -> list[str]:
-    """Reads all of a store, and gives a line for whatever is wrong: files missing, cut short, changed or swapped.
+    """Read all of a store, and return a line for each complete tile that is damaged or of another store.
 
-    **Arguments:** `repair`: make damaged tiles absent, so that the same call as before computes them again.
+    **Arguments:** `repair`: make these tiles absent, so that the same call as before computes them again.
 
     **Raises:** `ValueError` for a path that is no store of slipperjax.
     """
     archive = _open_archive(user_path(path))
-    lines = archive.common_damage()
-    if lines:
-        return lines
     ds = archive.open()
-    for number in range(archive.tiles.count):
-        digest_file = archive.files(number)[DIGEST]
-        problem = archive.damage(number, ds) if digest_file.is_file() else None
+    lines = []
+    for number in np.flatnonzero(archive.complete_tiles()).tolist():
+        problem = archive.damage(number, ds)
         if problem is not None:
             lines.append(f"tile {number}: {problem}")
             if repair:
-                digest_file.unlink(missing_ok=True)
+                archive.files(number)[MARK_OF_TILE].unlink()
     return lines
 
 
 # --- locks ----------------------------------------------------------------------------------------------------------
-
-
-@contextmanager
-def _writing(store: Store) -> Iterator[None]:
-    """Holds the right to write to a store, or to a share of it.
-
-    **Raises:** `StoreInUse`; `OSError` where the folder is missing or read-only.
-    """
-    with _held(_lock_path(store.path, store.share)):
-        if store.path.exists() and not os.access(store.path, os.W_OK):
-            raise PermissionError(f"{store.path} is protected against writing")
-        if store.share is None:
-            path = store.path.resolve()
-            for other in path.parent.glob(f"{glob.escape(path.name)}.*-of-*.lock"):
-                with _held(other):
-                    pass
-        yield
 
 
 def _lock_path(store: Path, share: tuple[int, int] | None = None) -> Path:
@@ -612,8 +432,24 @@ def _lock_path(store: Path, share: tuple[int, int] | None = None) -> Path:
 
 
 @contextmanager
-def _held(path: Path, seconds: float = LOCK_WAIT) -> Iterator[None]:
-    """Holds a lock, and deletes its file afterwards."""
+def _writing(store: Store) -> Iterator[None]:
+    """Hold the right to write to a store, or to a share of it.
+
+    **Raises:** `StoreInUse`; `OSError` where the folder is missing or read-only.
+    """
+    with _held(_lock_path(store.path, store.share)):
+        if store.path.exists() and not os.access(store.path, os.W_OK):
+            raise PermissionError(f"{store.path} is protected against writing")
+        shares = [] if store.share else store.path.resolve().parent.glob(f"{store.path.name}.*-of-*.lock")
+        for other in shares:
+            with _held(other):
+                pass
+        yield
+
+
+@contextmanager
+def _held(path: Path, seconds: float = 0.5) -> Iterator[None]:
+    """Hold a lock, which is waited for so long, and delete its file afterwards."""
     import filelock
 
     if not path.parent.is_dir():
@@ -627,11 +463,7 @@ def _held(path: Path, seconds: float = LOCK_WAIT) -> Iterator[None]:
             "then call again: what it has finished is kept."
         ) from None
     except OSError as error:
-        if path.is_symlink():
-            raise PermissionError(f"{path} must be a lock and no link, which leads elsewhere: delete it") from None
-        if isinstance(error, PermissionError) or error.errno == errno.EROFS:
-            raise PermissionError(f"{path.parent} is protected against writing") from None
-        raise
+        raise PermissionError(f"{path.parent} is protected against writing: {error}") from None
     try:
         yield
     finally:
@@ -642,200 +474,192 @@ def _held(path: Path, seconds: float = LOCK_WAIT) -> Iterator[None]:
 # --- sweeps into a store --------------------------------------------------------------------------------------------
 
 
-def storable(function: Callable[P, R]) -> Callable[P, R]:
-    """Gives a sweep the arguments `store` and `executor`, which are handled here.
+def run_or_store(
+    compute: Callable[..., xr.Dataset],
+    estimate: Callable[[Any, Grid, Motion | State], Estimate],
+    call: Any,
+    scene: Scene,
+    grid: Mapping[str, Any],
+    start: Motion | State,
+    *,
+    store: Any = None,
+    executor: Executor | Any = None,
+    **how: Any,
+) -> xr.Dataset:
+    """Compute a sweep, or open the store into which it is computed, tile by tile.
 
-    The function takes those of `slipperjax.sweep` that say how cases are run, and gives a dataset over the grid in
-    which no case depends on another.
-    """
-    signature = inspect.signature(function)
-
-    @functools.wraps(function)
-    def call(*args: P.args, **kwargs: P.kwargs) -> Any:
-        bound = signature.bind(*args, **kwargs)
-        bound.apply_defaults()
-        options = dict(bound.arguments)
-        store, executor = options.pop("store"), options.pop("executor")
-        if store is not None:
-            return _stored(call, options, Store.of(store), executor)
-        if executor is not None:
-            raise ValueError("Argument `executor` needs `store`, to which its workers write.")
-        return function(*args, **kwargs)
-
-    return call
-
-
-def _stored(function: Callable[..., Any], options: dict[str, Any], store: Store, executor: Any) -> xr.Dataset:
-    """Runs a function over a grid, tile by tile, into a store, and opens that.
+    **Arguments:** `compute(call, scene, grid, start, **how)`: returns a dataset over the grid, in which no case
+    depends on another; `estimate(call, grid, start)`: of all cases, before anything is compiled; `call`: a frozen
+    dataclass with `function`, `product`, `steps_per_period` and `solver`; `how`: `chunk`, `workers`, `progress`.
 
     **Raises:** `ValueError` where the store is of another call, with the differences; `StoreInUse` where another
     process writes to it; `Interrupted` after Ctrl-C, with the store as its dataset.
     """
+    if store is None:
+        require(executor is None, "executor", "come with `store`, to which its workers write", executor)
+        return compute(call, scene, grid, start, **how)
     need = "be a dask.distributed.Client or a concurrent.futures.Executor"
     require(executor is None or callable(getattr(executor, "submit", None)), "executor", need, executor)
-    _check_not_forked(executor)
-    scene, steps, workers = (options.pop(name) for name in ("scene", "steps_per_period", "workers"))
-    scene = at_speed(scene, options.pop("speed", None))  # of `run`, whose grid may vary it
-    grid = Grid(scene, options.pop("grid"), product=options["product"])
-    grid.check_steps(steps)
-    workers = None if workers is None else whole("workers", workers, 1)
-    # a trajectory may be long, and every worker gets its first state only
-    options["start"] = first_of(options["start"])
-    tiles, exists = Tiling.of(grid.shape, store.tile), not store.fresh and store.path.exists()
-    if store.tile is None and exists:
-        stored = _open_archive(store.path).tiles
-        tiles = stored if stored.shape == grid.shape else tiles
-    call = _fingerprint(function, grid, options | {"steps_per_period": steps}, tiles)
-    if exists and _open_archive(store.path, call).complete_tiles().all():
-        return open_store(store.path)  # on a disk, perhaps, that is protected against writing
-    # threads of this process compute a tile each; other processes may have several cores
-    threads, inside = (workers or cores(), 1) if executor is None else (1, workers or 1)
-    # chunks of one size, so that a worker compiles its programs once
-    chunk = options["chunk"] or LARGEST_CHUNK
-    how = options | dict(workers=inside, progress=False, chunk=chunk)
-    compute = functools.partial(function, scene, **how)
-    # LAPACK must not be called from two threads, and a device computes one batch at a time
-    alone = calls_lapack(resolve_solver(scene, options["solver"]), True) or jax.default_backend() != "cpu"
-    steps_of = lambda region: np.asarray(steps)[region] if np.ndim(steps) else steps
-    with _writing(store):
-        with nullcontext() if store.share is None else _held(_lock_path(store.path), SHARE_WAIT):
-            if store.fresh or not store.path.exists():
-                _check_replaceable(store.path)
-                # first of all one case, so that a wrong argument deletes nothing
-                corner = tuple(slice(1) for _ in grid.shape)
-                shared = executor is not None or store.share is not None
-                of_store: dict[str, Any] = dict(tiles=tiles, at_once=threads, shared=shared)
-                before = STORE.set(CountedEstimate(grid.count, math.nan, 0.0, **of_store))
-                try:
-                    like = compute(grid.part(corner), steps_per_period=steps_of(corner))
-                except Interrupted:
-                    raise Interrupted(None, 0, grid.count) from None
-                finally:
-                    STORE.reset(before)
-                size = bytes_of_case(like, grid.dims, grid.coordinates())
-                CountedEstimate(grid.count, math.nan, size, free=store.free_bytes, **of_store).check()
-                archive = _make_archive(store.path, grid, tiles, call, like)
-            else:
-                archive = _undamaged(_open_archive(store.path, call))
-        archive, done = archive._replace(path=store.path.absolute()), archive.complete_tiles()
-        share, shares = store.share or (1, 1)
-        todo = [k for k in range(tiles.count) if not done[k] and k % shares == share - 1]
-        archive.tidy(None if store.share is None else todo)
-        _warn_of_versions(archive)
-        task = functools.partial(_compute_tile, archive, compute, alone, os.getpid())
-        parts = {k: (grid.part(tiles.region(k)), steps_of(tiles.region(k))) for k in todo}
-        before = archive.complete_cases(done)
-        name = f"{before} cases stored before" if before else ""
+    # of a ProcessPoolExecutor; programs of JAX wait for threads that a fork does not copy
+    context = getattr(executor, "_mp_context", None)
+    forked = context is not None and context.get_start_method() == "fork"
+    need = "start new processes, as slipperjax.processes() or mp_context=multiprocessing.get_context('spawn') does"
+    require(not forked, "executor", need, shown="one that forks this one, in whose copies JAX hangs")
+    cases = Grid(scene, grid, product=call.product)
+    context = copy_context()
+    context.run(TOLD.set, set())  # each kind of warning once
+    sweep = _StoredSweep(compute, call, cases, start, Store.of(store), executor)
+    return context.run(sweep.stored, estimate, **how)
+
+
+@dataclass(frozen=True)
+class _StoredSweep:
+    """A sweep into a store. Arguments as for `run_or_store`."""
+
+    compute: Callable[..., xr.Dataset]
+    call: Any
+    grid: Grid
+    start: Motion | State
+    store: Store
+    executor: Any
+
+    def stored(self, estimate: Any, *, chunk: int | None, workers: int | None, progress: bool | None) -> xr.Dataset:
+        """Compute what is missing, and open the store."""
+        store, grid, call = self.store, self.grid, self.call
+        grid.check_steps(call.steps_per_period)
+        workers = None if workers is None else whole("workers", workers, 1)
+        exists = store.path.exists() and not store.fresh
+        tiles = Tiling.of(grid.shape, store.tile)
+        if store.tile is None and exists:
+            there = _open_archive(store.path).tiles
+            tiles = there if there.shape == grid.shape else tiles
+        asked = _fingerprint(call, grid, self.start, tiles)
+        if exists and _open_archive(store.path, asked).complete_tiles().all():
+            return open_store(store.path)  # on a disk, perhaps, that is protected against writing
+        # threads of this process compute a tile each; other processes may have several cores
+        threads, inside = (workers or cores(), 1) if self.executor is None else (1, workers or 1)
+        # chunks of one size, so that a worker compiles its programs once
+        how = dict(chunk=chunk or LARGEST_CHUNK, workers=inside, progress=False)
+        with _writing(store):
+            # a share waits until another one has made the store
+            with _held(_lock_path(store.path), 60.0) if store.share else nullcontext():
+                if exists or (store.share and store.path.exists()):
+                    archive = _open_archive(store.path, asked)
+                else:
+                    shared = self.executor is not None or store.share is not None
+                    of_store = dict(tiles=tiles, at_once=threads, shared=shared, free=store.free_bytes)
+                    replace(estimate(call, grid, self.start), **of_store).check()
+                    archive = self._made(tiles, asked, how)
+            archive.open()
+            archive = archive._replace(path=store.path.absolute())
+            if store.share is None:
+                for part in archive.path.rglob("*.partial"):  # of a process that was killed
+                    part.unlink()
+            _warn_of_versions(archive)
+            self._compute_missing(archive, how, threads, progress)
+        return open_store(store.path)
+
+    def _part(self, region: tuple[slice, ...]) -> tuple[Any, dict[str, np.ndarray]]:
+        """Return the call and the values by name of a part of the grid."""
+        steps = self.call.steps_per_period
+        if np.ndim(steps):
+            return replace(self.call, steps_per_period=np.asarray(steps)[region]), self.grid.part(region)
+        return self.call, self.grid.part(region)
+
+    def _made(self, tiles: Tiling, asked: Mapping[str, Any], how: Mapping[str, Any]) -> Archive:
+        """Make an empty store, after one case, so that a wrong argument deletes nothing."""
+        if self.store.path.exists():
+            _open_archive(self.store.path)
+        call, values = self._part(tuple(slice(1) for _ in self.grid.shape))
         try:
-            _run_tasks(task, parts, tiles, executor, threads, wanted=options["progress"], name=name)
+            like = self.compute(call, self.grid.scene, values, self.start, **how)
+        except Interrupted:
+            raise Interrupted(None, 0, self.grid.count) from None
+        return _make_archive(self.store.path, self.grid, tiles, asked, like)
+
+    def _compute_missing(self, archive: Archive, how: Mapping[str, Any], threads: int, progress: bool | None) -> None:
+        """Compute the tiles that are not complete, or those of a share."""
+        tiles = archive.tiles
+        done = archive.complete_tiles()
+        share, shares = self.store.share or (1, 1)
+        todo = [k for k in range(tiles.count) if not done[k] and k % shares == share - 1]
+        # LAPACK must not be called from two threads, and a device computes one batch at a time
+        solver = resolve_solver(self.grid.scene, self.call.solver)
+        alone = calls_lapack(solver, True) or jax.default_backend() != "cpu"
+        compute = functools.partial(self.compute, **how)
+        tasks = []
+        for number in todo:
+            call, values = self._part(tiles.region(number))
+            task = functools.partial(
+                _compute_tile, archive, number, compute, alone, call, self.grid.scene, values, self.start
+            )
+            tasks.append((tiles.cases(number), task))
+        try:
+            _run_tasks(tasks, self.executor, threads, progress)
         except KeyboardInterrupt:
-            raise Interrupted(open_store(store.path), archive.complete_cases(), grid.count) from None
+            raise Interrupted(open_store(archive.path), archive.complete_cases(), self.grid.count) from None
         except BrokenExecutor as error:
             stored = f"{archive.complete_cases()} cases or more are stored, call again to go on"
             raise WorkerLost(f"a worker process ended abruptly, for want of memory perhaps; {stored}") from error
-    return open_store(store.path)
 
 
 def _warn_of_versions(archive: Archive) -> None:
-    """Warns where a store was begun with other versions of packages, whose last digits may differ."""
-    before, now = archive.mark["versions"], versions()
+    """Warn where a store was begun with other versions of packages, whose last digits may differ."""
+    before, now = archive.versions, versions()
     other = [f"{name} {before.get(name)} and not {now[name]}" for name in now if before.get(name) != now[name]]
     if other:
         warn(
             f"The store {archive.path} was begun with {listed(other)}: tiles may differ by rounding, chaotic cases "
-            f"altogether. Its array `{VERSIONS}` says which tile is of which; fresh=True starts over."
+            f"altogether. Its array `{MARK_OF_TILE}` says which tile is of which; fresh=True starts over."
         )
-
-
-def _check_replaceable(path: Path) -> None:
-    """Refuses to delete anything but a store of ours, with nothing else in it, and anything through a link.
-
-    **Raises:** `ValueError`.
-    """
-    if path.is_symlink():
-        raise ValueError(
-            f"Argument `store` must be no link where it is made anew, but {path} leads to {path.resolve()}."
-        )
-    if path.exists():
-        _open_archive(path).check_own()
 
 
 # --- workers --------------------------------------------------------------------------------------------------------
 
 
-def _compute_tile(
-    archive: Archive,
-    compute: Callable[..., Any],
-    alone: bool,
-    caller: int,
-    number: int,
-    values: dict[str, np.ndarray],
-    steps: Any,
-) -> None:
-    """Computes a tile of a store and writes it. Calling it again is harmless: it writes the same bytes.
+def _compute_tile(archive: Archive, number: int, compute: Callable[..., xr.Dataset], alone: bool, *part: Any) -> None:
+    """Compute a tile of a store and write it. Calling it again is harmless: it writes the same bytes.
 
-    **Arguments:** `alone`: whether a process may compute one tile at a time only; `caller`: process that asks for it;
-    `values`, `steps`: of the tile, by name of the grid and as `steps_per_period`.
+    **Arguments:** `alone`: whether a process may compute one tile at a time only; `part`: of `compute`.
     """
-    _require_new(forked=caller == IMPORTED_BY != os.getpid())
-    if archive.mark["call"]["code"]["slipperjax"] != IMPORTED:
+    if archive.call["code"]["slipperjax"] != IMPORTED:
         raise RuntimeError("a worker imported other code of slipperjax than the process that called it: restart both")
-    before = TOLD.set(_TOLD.setdefault(archive.mark["identity"], set()))
-    try:
-        with _ALONE if alone else nullcontext():
-            ds = compute(values, steps_per_period=steps)
-    finally:
-        TOLD.reset(before)
+    if TOLD.get() is None:  # in another process, or on threads of others
+        TOLD.set(_TOLD)
+    with _ALONE if alone else nullcontext():
+        ds = compute(*part)
     try:
         archive.write(number, ds)
     except OSError as error:
-        cases = f"{archive.complete_cases()} of {math.prod(archive.tiles.shape)} cases are stored"
+        cases = f"{archive.complete_cases()} of {math.prod(archive.shape)} cases are stored"
         text = f"cannot write to {archive.path}: {error.strerror or error}; {cases}, call again to go on"
         raise OSError(error.errno or errno.EIO, text) from None
 
 
-def _check_not_forked(executor: Any) -> None:
-    """Raises `ValueError` before anything is computed where it can be told; else each worker tells it of itself."""
-    # of a ProcessPoolExecutor; Python's default on Linux before 3.14
-    context = getattr(executor, "_mp_context", None)
-    _require_new(forked=context is not None and context.get_start_method() == "fork")
-
-
-def _require_new(forked: bool) -> None:
-    """Raises `ValueError` for forked processes, in which programs of JAX wait for threads that were not copied."""
-    need = "start new processes, as slipperjax.processes() or mp_context=multiprocessing.get_context('spawn') does"
-    require(not forked, "executor", need, shown="one that forks this one, in whose copies JAX hangs")
-
-
 def _run_tasks(
-    task: Callable[..., None],
-    parts: Mapping[int, tuple[Any, ...]],
-    tiles: Tiling,
-    executor: Any,
-    threads: int,
-    **shown_as: Any,
+    tasks: list[tuple[int, Callable[[], None]]], executor: Any, threads: int, progress: bool | None
 ) -> None:
-    """Computes tiles, in any order.
+    """Run the tasks of tiles, in any order.
 
-    **Arguments:** `parts`: arguments of the task by number of the tile; `executor`: a `concurrent.futures.Executor`,
-    a `dask.distributed.Client`, or None for `threads` of this process; `shown_as`: of the progress.
+    **Arguments:** `tasks`: each with its number of cases; `executor`: a `concurrent.futures.Executor`, a
+    `dask.distributed.Client`, or None for `threads` of this process.
 
     **Raises:** `KeyboardInterrupt` after Ctrl-C; the error of a task, or of the executor.
     """
-    sizes = {number: tiles.cases(number) for number in parts}
     pool: Any = ThreadPoolExecutor(threads) if executor is None else executor
     if type(pool).__module__.split(".")[0] == "distributed":
         # tasks of one function and argument are the same to dask unless they are said to be impure
-        pool = pool.get_executor(pure=False, retries=RETRIES)
-    stop, cases = Stop(Stop.here()), sum(sizes.values())
+        pool = pool.get_executor(pure=False, retries=3)
+    stop = Stop(Stop.here())
     submit = pool.submit if executor is not None else functools.partial(stop.submit, pool)
-    with progress_shown(cases, cases, **shown_as) as shown:
-        futures = {submit(task, number, *part): number for number, part in parts.items()}
+    cases = sum(size for size, _ in tasks)
+    with progress_shown(cases, cases, "", progress) as shown:
+        futures = {submit(task): size for size, task in tasks}
         try:
             while futures:
                 for future in wait(futures, TICK, "FIRST_COMPLETED").done:
                     future.result()
-                    size = sizes[futures.pop(future)]
+                    size = futures.pop(future)
                     shown(size, size)
                 heed_interrupts()
         except BrokenExecutor:  # which ends all tasks itself, and fails where it finds a cancelled one
@@ -844,7 +668,7 @@ def _run_tasks(
             running = [future for future in futures if not future.cancel()]
             if executor is None:
                 stop.set()
-                wait(running, THREADS_WAIT)
+                wait(running, 10.0)  # for the calls that threads are in
             raise
         finally:
             if executor is None:
@@ -852,11 +676,10 @@ def _run_tasks(
 
 
 def processes(count: int | None = None) -> ProcessPoolExecutor:
-    """Makes an executor of spawned processes for `store`, one for each group of cores; default one per core.
+    """Make an executor of spawned processes for `store`, by default one per core.
 
     Programs that are kept on disk, see `slipperjax.compile_cache`, are kept for them, too. They end with the process
-    that made them, however it ends, and all of them where one ends abruptly. In a script it belongs under
-    `if __name__ == "__main__":`, because new processes import the script.
+    that made them. In a script it belongs under `if __name__ == "__main__":`, because new processes import it.
 
     ```python
     with sj.processes(2) as pool:
@@ -865,52 +688,16 @@ def processes(count: int | None = None) -> ProcessPoolExecutor:
 
     **Raises:** `ValueError` for fewer than one.
     """
-    count = cores() if count is None else whole("count", count, 1, MOST_PROCESSES)
-    context = _Together()
+    count = cores() if count is None else whole("count", count, 1, 4096)
     folder = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
-    # each process takes a group of cores, as equal as they can be; processes above the number of cores share them
-    own = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
-    # by locks that nobody waits for: who is killed takes no more than its own group along
-    groups = [(context.Lock(), own[k % len(own) :: count]) for k in range(count if own else 0)]
-    begun = (groups, None if folder is None else str(folder))
-    return ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=begun)
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(folder,))
 
 
-class _Together(SpawnContext):
-    """Makes processes that end together: where one ends abruptly, the others are ended.
-
-    They might wait for ever for a lock that it held. A pool of Python's ends them, too, unless it is shut down then.
-    """
-
-    def __init__(self) -> None:
-        self._made: list[SpawnProcess] = []
-
-    def Process(self, *args: Any, **kwargs: Any) -> SpawnProcess:
-        self._made.append(SpawnProcess(*args, **kwargs))
-        if len(self._made) == 1:
-            threading.Thread(target=self._end_together, daemon=True).start()
-        return self._made[-1]
-
-    def _end_together(self) -> None:
-        """Waits until all processes have ended."""
-        codes: list[int | None] = [None]
-        while None in codes:
-            time.sleep(TICK)
-            codes = [process.exitcode for process in self._made]
-            if any(codes):
-                for process in self._made:
-                    if process.pid is not None and process.exitcode is None:
-                        process.kill()
-
-
-def _begin(groups: list[tuple[Any, list[int]]], folder: str | None) -> None:
-    """Prepares a new process, before JAX starts its threads."""
+def _begin(folder: str | None) -> None:
+    """Prepare a new process, before JAX starts its threads."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the business of who waits for the results
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    group = next((group for free, group in groups if free.acquire(block=False)), None)
-    if group:
-        with suppress(OSError):
-            os.sched_setaffinity(0, group)
     if folder is None:
         compile_cache()
     else:
@@ -918,7 +705,7 @@ def _begin(groups: list[tuple[Any, list[int]]], folder: str | None) -> None:
 
 
 def _end_with_parent() -> None:
-    """Ends this process when the one that started it has ended."""
+    """End this process when the one that started it has ended."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

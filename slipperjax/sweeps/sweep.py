@@ -1,7 +1,7 @@
 """Grids of parameters as one batch to xarray: each case from the same start."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from jaxtyping import Int
 
 from ..flow.datasets import run_attributes, scene_attributes
 from ..flow.period_map import initial_states
-from ..flow.record import AbstractRecord
+from ..flow.record import AbstractRecord, RecordSet
 from ..flow.simulate import Trajectory, first_of
 from ..flow.status import MEANINGS, Status
 from ..model.dynamics import State
@@ -23,27 +23,17 @@ from ..orbits.exponents import check_count
 from ..orbits.periodic import TOLERANCE
 from ..solvers.latching import solver_name
 from ..tools.checks import whole, yes_or_no
-from .exponents import BLOCK, LyapunovExponents
+from ..tools.columns import column
+from .call import Call
+from .estimate import Estimate
+from .exponents import LyapunovExponents
 from .grid import Grid
 from .orbits import NearestOrbit
 from .records import resolved_record
-from .run import (
-    CHEAP,
-    PERIODS_PER_CALL,
-    PROBE_COST,
-    ChunkInputs,
-    ChunkRun,
-    Plan,
-    RunOptions,
-    call_of,
-    make_plan,
-    run_cases,
-    run_chunk,
-)
-from .store import Store, storable
+from .run import PERIODS_PER_CALL, ChunkInputs, ChunkRun, Plan, make_plan, run_cases, run_chunk, sampled_plan
+from .store import Store, run_or_store
 
 
-@storable
 def sweep(
     scene: Scene,
     grid: Mapping[str, Any],
@@ -66,7 +56,7 @@ def sweep(
     store: Store | str | Path | None = None,
     executor: Any = None,
 ) -> xr.Dataset:
-    """Simulates a scene for every combination of parameter values, as one batch.
+    """Simulate a scene for every combination of parameter values, as one batch.
 
     **Arguments:**
 
@@ -84,7 +74,8 @@ def sweep(
         others of `slipperjax.flow.RECORDS`; "exponent" (the largest, uncertified, by a tangent afterwards),
         "exponents" and "orbits", see `lyapunov_sweep` and `orbit_sweep`; and from `slipperjax.flow`
         `SpectrumLines`, and `Record` of any function of a period's course.
-    - `transient`: forcing periods to pass before; above ten rounded up to tens, see the attribute `transient`.
+    - `transient`: forcing periods to pass before; above ten rounded up to tens, see the attribute `settled`. For
+        "exponents" and "orbits" alone the same: they are measured over `periods` after it.
     - `steps_per_period`: one number for all cases, or an array of the grid's shape with one for each; default what
         `default_steps_per_period` gives for each, times `refine`. Cases with the same number run together.
     - `probe`: whether the error of the first recorded period is measured in every case, by half the step:
@@ -111,26 +102,80 @@ def sweep(
     **Raises:** `ValueError`, before anything is compiled, that names the argument which is wrong, or memory and time
     where the run is impossible; `Interrupted`, which has the finished cases, after Ctrl-C.
     """
-    call = call_of("sweep", locals())
-    cases, start = Grid(scene, grid, product=product), first_of(start)
-    lengths = RunOptions(transient, periods, steps_per_period, saves_per_period, solver, refine, begin)
-    plan = make_plan(cases, start, lengths, resolved_record(record, loads))
-    cheap = plan.transient.periods > 0 and CHEAP * plan.cost >= PROBE_COST
-    plan = dataclasses.replace(plan, probed=cheap if probe is None else yes_or_no("probe", probe))
+    call = Call(
+        transient,
+        periods,
+        steps_per_period,
+        saves_per_period,
+        solver,
+        refine,
+        begin,
+        record,
+        loads,
+        probe,
+        product,
+    )
+    how = dict(chunk=chunk, workers=workers, progress=progress)
+    return sweep_of(call, scene, grid, start, store=store, executor=executor, **how)
+
+
+def sweep_of(call: Call, scene: Scene, grid: Mapping[str, Any], start: Any, **how: Any) -> xr.Dataset:
+    """Return the results of a sweep, or open its store.
+
+    **Arguments:** `how`: those of `sweep` that change no number.
+    """
+    return run_or_store(_computed, _estimated, call, scene, grid, first_of(start), **how)
+
+
+def _computed(call: Call, scene: Scene, grid: Mapping[str, Any], start: Motion | State, **how: Any) -> xr.Dataset:
+    """Return the results of a sweep. Arguments as for `run_cases`."""
+    cases = Grid(scene, grid, product=call.product)
+    lengths, records = _spans(call)
+    plan = make_plan(cases, start, lengths, records)
+    transient, recorded = plan.transient.periods, plan.recorded.periods
+    if call.probe is None:
+        # it takes as long as three periods, or six that are recorded inside: a tenth of the time at most
+        probed = transient > 0 and transient + (2 if records.inside else 1) * recorded >= 30
+    else:
+        probed = yes_or_no("probe", call.probe)
+    plan = replace(plan, probed=probed)
 
     def work(part: ChunkInputs) -> ChunkRun:
         states = initial_states(part.scenes, part.starts, plan.epoch)
         first = bool(part.row[0] == 0)  # most chunks share their programs
         return run_chunk(plan, part.scenes, states, part.steps, part.on_progress, cases=part.cases, first=first)
 
-    options: dict[str, Any] = dict(chunk=chunk, workers=workers, progress=progress)
-    run = run_cases(plan, work, cost=plan.cost, **options)
+    run = run_cases(plan, work, periods=plan.periods, **how)
     if run.results is not None and plan.records.continues:
-        of_run = run.results.record, run.results.status, plan, options, run.interrupted
+        of_run = run.results.record, run.results.status, plan, how, run.interrupted
         record, status, interrupted = plan.records.continue_cases(*of_run)
         results = run.results._replace(status=status, record=record)
         run = run._replace(results=results, finished=status != Status.NOT_RUN, interrupted=interrupted)
     return run.checked(lambda: sweep_dataset(plan, run.results, plan.steps, call))
+
+
+def _estimated(call: Call, grid: Grid, start: Motion | State) -> Estimate:
+    """Return the estimate of a sweep, before anything is compiled."""
+    return sampled_plan(grid, start, *_spans(call)).estimate(grid.count)
+
+
+def _spans(call: Call) -> tuple[Call, RecordSet]:
+    """Return a call with the lengths of its transient and its recorded span, and its records.
+
+    Exponents and orbits begin where a motion has settled: alone, they record the end of the settling.
+    """
+    records = resolved_record(call.record, call.loads)
+    if not _begin_settled(records):
+        return call, records
+    settled = whole("transient", call.settled, max(one.least_settled for one in records.records))
+    of_settled = RecordSet(tuple(one.over(call.measured) for one in records.records))
+    rounded = -(-settled // PERIODS_PER_CALL) * PERIODS_PER_CALL
+    return replace(call, settled=0, measured=rounded), of_settled
+
+
+def _begin_settled(records: RecordSet) -> bool:
+    """Return whether all that is measured begins after the recorded span."""
+    return all(isinstance(one, LyapunovExponents | NearestOrbit) for one in records.records)
 
 
 def lyapunov_sweep(
@@ -144,7 +189,7 @@ def lyapunov_sweep(
     orbits: bool = True,
     **options: Any,
 ) -> xr.Dataset:
-    """Measures Lyapunov exponents for every case of a grid, as one batch, each with its certificate.
+    """Measure Lyapunov exponents for every case of a grid, as one batch, each with its certificate.
 
     Where a case has reached a stable periodic orbit after the transient, its exponents are those of the orbit's
     Floquet multipliers, exact to about 1e-8, which costs about a seventh of a measurement.
@@ -155,7 +200,7 @@ def lyapunov_sweep(
     for `sweep`, whose record "exponents" this is. Periods are rounded up to whole blocks of `BLOCK`, after each of
     which the status is looked at.
 
-    **Returns:** an `xarray.Dataset` over the grid, which has as attribute `periods` those of the transient, with
+    **Returns:** an `xarray.Dataset` over the grid with
 
     - `exponent` and `stderr` [1/period], with dimension `count`; `weighted_exponent`: the same by a smoothly weighted
       mean, sharper for regular motions (see `slipperjax.analysis.weighted_mean`); `by_orbit`: whether they are those
@@ -184,8 +229,8 @@ def lyapunov_sweep(
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C. Chaotic cases whose
     longer motions were not finished then have the exponents that were measured, and `Status.NOT_RUN`.
     """
-    record = LyapunovExponents(check_count(check_scene(scene), count), periods, certify, orbits)
-    return sweep(scene, grid, record=record, **_before(whole("transient", transient, BLOCK)), **options)
+    record = LyapunovExponents(check_count(check_scene(scene), count), None, certify, orbits)
+    return sweep(scene, grid, record=record, transient=transient, periods=periods, **options)
 
 
 def orbit_sweep(
@@ -198,60 +243,57 @@ def orbit_sweep(
     max_iterations: int = 40,
     **options: Any,
 ) -> xr.Dataset:
-    """Finds a periodic orbit for every case of a grid, with its Floquet multipliers, after a transient.
+    """Find a periodic orbit for every case of a grid, with its Floquet multipliers, after a transient.
 
     **Arguments:** `period`: forcing periods after which the orbits recur; `transient`: forcing periods simulated
     before, rounded up to tens; `tolerance`: scaled residual that counts as found [1]; `max_iterations`: of Newton's
     method for each case; others as for `sweep`, whose record "orbits" this is.
 
-    **Returns:** an `xarray.Dataset` over the grid, which has as attribute `periods` those of the transient, with
-    `orbit`, the state at the start of a forcing period in the order of `slipperjax.model.COORDINATES`, and
-    `orbit_state`, all its numbers; `multiplier_real` and `multiplier_imag` [1] over `period` forcing periods;
+    **Returns:** an `xarray.Dataset` over the grid with `orbit`, the state at the start of a forcing
+    period in the order of `slipperjax.model.COORDINATES`, and `orbit_state`, all its numbers; `multiplier_real` and `multiplier_imag` [1] over `period` forcing periods;
     `orbit_exponent` [1/period], ln |largest multiplier| per forcing period; `stable`; `residual` [1], `iterations`;
     `status`, which is `Status.NO_ORBIT` where the iterations ended elsewhere.
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
     """
     record = NearestOrbit(period, tolerance, max_iterations)
-    return sweep(scene, grid, record=record, **_before(whole("transient", transient, 1)), **options)
-
-
-def _before(transient: int) -> dict[str, int]:
-    """Options of a sweep for records that run on from the end of a transient: its periods are the recorded ones."""
-    return dict(transient=0, periods=-(-transient // PERIODS_PER_CALL) * PERIODS_PER_CALL)
+    return sweep(scene, grid, record=record, transient=transient, periods=period, **options)
 
 
 def sweep_dataset(
     plan: Plan,
     results: ChunkRun,
     steps: Int[np.ndarray, " cases"],
-    call: Mapping[str, Any],
+    call: Call,
     first: Mapping[str, list] | None = None,
+    **more: Any,
 ) -> xr.Dataset:
-    """Labels the results of a run.
+    """Return the results of a run as a dataset.
 
-    **Arguments:** `steps`: per forcing period of each case; `call`: of `call_of`; `first`: dimensions before those of
-    the grid, with their coordinates.
+    **Arguments:** `steps`: per forcing period of each case; `first`: dimensions before those of the grid, with their
+    coordinates; `more`: further facts of the call.
     """
-    cases, first = plan.cases, {} if first is None else first
+    cases = plan.cases
+    first = first or {}
     dims = (*first, *cases.dims)
     shape = (*(len(values) for values in first.values()), *cases.shape)
     record = jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), results.record)
     data, coords = plan.records.label(cases.scene, dims, record)
-    label = {"long_name": "status", "meaning": MEANINGS}
-    data["status"] = (dims, results.status.reshape(shape), label)
+    data["status"] = column(dims, results.status.reshape(shape), "", "status", meaning=MEANINGS)
     if results.probe is not None:
-        label = {"units": "1", "long_name": "what half the step changes in a forcing period, in scales"}
-        data["probe_error"] = (dims, results.probe.reshape(shape), label)
-    label = {"units": "1", "long_name": "integration steps per forcing period"}
-    data["steps_per_period"] = (dims, steps.reshape(shape), label)
+        text = "what half the step changes in a forcing period, in scales"
+        data["probe_error"] = column(dims, results.probe.reshape(shape), "1", text)
+    data["steps_per_period"] = column(dims, steps.reshape(shape), "1", "integration steps per forcing period")
     if "time" in [dim for dim, *_ in coords.values()]:  # of histories
         seconds = cases.forcing_periods().reshape(*cases.shape, 1) * coords["period"][1]
-        coords["seconds"] = ((*cases.dims, "time"), seconds, {"units": "s", "long_name": "time"})
+        coords["seconds"] = column((*cases.dims, "time"), seconds, "s", "time")
     # the scene's parameters, and all that is needed to run it again
     attrs = scene_attributes(cases.scene, without=cases.axes)
-    whole_call = {**call, "solver": plan.solver}
-    attrs |= run_attributes(cases.scene, cases.start, whole_call, map(cases.label, cases.axes))
-    attrs |= {"transient": plan.transient.periods, "periods": plan.recorded.periods}
+    kept = {**call.kept(plan.solver), **more}
+    attrs |= run_attributes(cases.scene, cases.start, kept, map(cases.label, cases.axes))
+    attrs |= {"settled": plan.transient.periods, "measured": plan.recorded.periods}
+    if _begin_settled(plan.records):
+        measured = max(one.measured for one in plan.records.records)
+        attrs |= {"settled": plan.recorded.periods, "measured": measured}
     attrs |= {"solver": solver_name(plan.solver), "record": plan.records.name}
     return xr.Dataset(data, {**coords, **first, **cases.coordinates()}, attrs)

@@ -8,8 +8,9 @@ import pytest
 from slipperjax.bench import rates
 from slipperjax.bench.rates import Rate, rows, throughput, timed
 from slipperjax.model.dang2024 import paper_scene, table_2_start
+from slipperjax.sweeps.call import Call
 from slipperjax.sweeps.grid import Grid
-from slipperjax.sweeps.run import CHUNK_OF_DEVICE, RunOptions, make_plan
+from slipperjax.sweeps.run import CHUNK_OF_DEVICE, make_plan
 
 from ..cli.commands import call
 
@@ -49,7 +50,7 @@ def test_wrong_arguments_are_named():
 def test_a_device_gets_large_chunks_on_one_thread(monkeypatch):
     scene = paper_scene()
     grid = Grid(scene, {"mass": [14.0] * 3000}, product=False)
-    plan = make_plan(grid, table_2_start(), RunOptions(0, 1, 50))
+    plan = make_plan(grid, table_2_start(), Call(0, 1, 50))
     assert plan.chunks(None, 2)[1] == 2
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     chunks, threads = plan.chunks(None, 2)

@@ -13,9 +13,10 @@ from slipperjax.flow.period_map import advance, initial_states
 from slipperjax.flow.record import RecordSet
 from slipperjax.flow.records import RECORDS, SpectrumLines
 from slipperjax.flow.stepping import ConstantSteps
+from slipperjax.sweeps.call import Call
 from slipperjax.sweeps.grid import Grid
 from slipperjax.sweeps.records import resolved_record
-from slipperjax.sweeps.run import RunOptions, make_plan
+from slipperjax.sweeps.run import make_plan
 from slipperjax.tools.files import table_lines
 
 pytestmark = pytest.mark.benchmark
@@ -42,7 +43,7 @@ def test_costs():
     calls, kept = {}, {}
     for name, record in ASKED.items():
         records = RecordSet() if record is None else resolved_record(record)
-        plan = make_plan(grid, sj.table_2_start(), RunOptions(0, PERIODS, STEPS), records)
+        plan = make_plan(grid, sj.table_2_start(), Call(0, PERIODS, STEPS), records)
         kept[name] = 8 * plan.values
         options = dict(solver=plan.solver, periods=PERIODS, records=plan.records)
         calls[name] = lambda options=options: advance(scenes, states, 0.0, ConstantSteps(STEPS), **options)

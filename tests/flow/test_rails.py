@@ -194,9 +194,8 @@ def test_what_begins_or_records_off_the_rail_is_refused():
 
 def test_records_that_run_on_beyond_the_rail_say_so():
     """After 3 recorded periods exponents are measured for 20 and 20 more."""
-    sweep = functools.partial(
-        sj.sweep, grid={"mass": [14.0]}, record=LyapunovExponents(periods=20, certify=False), transient=0, periods=3
-    )
+    record = ["strobe", LyapunovExponents(periods=20, certify=False)]
+    sweep = functools.partial(sj.sweep, grid={"mass": [14.0]}, record=record, transient=0, periods=3)
     with pytest.raises(
         sj.ImplausibleWarning, match="`record` leads to 130117 m, but the rail is known up to 129837 m"
     ):

@@ -7,46 +7,57 @@ import signal
 import sys
 import time
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 import slipperjax as sj
 from slipperjax.flow.datasets import run_attributes
+from slipperjax.sweeps.estimate import Estimate
 from slipperjax.sweeps.grid import Grid
-from slipperjax.sweeps.store import Store, storable
+from slipperjax.sweeps.store import Store, run_or_store
 
 SHAPE = (12, 10)
 
 
-@storable
-def made_up(
-    scene,
-    grid,
-    *,
-    periods: int = 3,
-    product: bool = True,
-    steps_per_period=None,
-    solver=None,
-    start=None,
-    chunk=None,
-    workers=None,
-    progress: bool = False,
-    store: Store | str | Path | None = None,
-    executor=None,
-) -> xr.Dataset:
+@dataclass(frozen=True)
+class MadeUp:
+    """What the sweep was asked."""
+
+    periods: int
+    product: bool
+    steps_per_period: Any
+    solver: Any = None
+    function: str = "made_up"
+
+
+def made_up(scene, grid, *, periods=3, product=True, steps_per_period=None, store=None, executor=None, **how):
     """Each call lasts for PAUSE seconds, and kills its process where the file DIES exists, which it deletes."""
+    how = dict(chunk=None, workers=None, progress=False) | how
+    call = MadeUp(periods, product, steps_per_period)
+    options = dict(store=store, executor=executor, **how)
+    return run_or_store(computed, estimated, call, scene, grid, sj.table_2_start(), **options)
+
+
+def estimated(call, grid, start):
+    return Estimate.counted(grid.count, 0.0, 10 * call.periods, "")
+
+
+def computed(call, scene, grid, start, **how):
     time.sleep(float(os.environ.get("PAUSE", "0")))
     dies = Path(os.environ.get("DIES", "none"))
     with contextlib.suppress(FileNotFoundError):  # of two workers that see the file, the one that deletes it dies
         dies.unlink()
         os.kill(os.getpid(), signal.SIGKILL)
-    known = Grid(scene, grid, product=product)
-    mesh = np.meshgrid(*known.axes.values(), indexing="ij") if product else list(known.axes.values())
+    known = Grid(scene, grid, product=call.product)
+    mesh = np.meshgrid(*known.axes.values(), indexing="ij") if call.product else list(known.axes.values())
     first = sum(np.sin(len(name) * 1e3 * values) for name, values in zip(known.axes, mesh, strict=True))
+    periods, steps = call.periods, call.steps_per_period
     crossing = np.repeat(first[..., None], 2 * periods - 1, axis=-1) * np.arange(1, 2 * periods)
-    steps = np.full(known.shape, 50) if steps_per_period is None else np.asarray(steps_per_period)
+    steps = np.full(known.shape, 50) if steps is None else np.asarray(steps)
     data = {
         "v_z": ((*known.dims, "crossing"), crossing, {"units": "m/s"}),
         "kind": (known.dims, np.where(first > 0, "up", "down and on")),
@@ -56,7 +67,7 @@ def made_up(
     }
     coords = {**known.coordinates(), "seconds": ((*known.dims, "period"), first[..., None] + np.arange(periods))}
     coords["point"] = ["A", "B"]
-    attrs = run_attributes(scene, sj.table_2_start(), {"function": "made_up"}, known.dims) | {"periods": periods}
+    attrs = run_attributes(scene, start, {"function": "made_up"}, known.dims) | {"periods": periods}
     return xr.Dataset(data, coords, attrs)
 
 

@@ -43,7 +43,7 @@ def interrupt_after(monkeypatch):
 
 def run(work, workers=1):
     chunks = [Chunk(np.arange(3 * k, 3 * k + 3), 3, 50) for k in range(4)]
-    return chunks, run_chunks(chunks, workers, work, cost=10, progress=False)
+    return chunks, run_chunks(chunks, workers, work, periods=10, progress=False)
 
 
 def found_of(chunk):

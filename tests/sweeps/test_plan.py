@@ -8,16 +8,17 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.flow.record import History, RecordSet
+from slipperjax.sweeps.call import Call
 from slipperjax.sweeps.grid import Cases, Grid
-from slipperjax.sweeps.run import Calls, RunOptions, _best_chunk, make_plan
+from slipperjax.sweeps.run import Calls, _best_chunk, make_plan
 
 HISTORY = RecordSet((History(),))
 
 
 def plan_of(grid, **options):
     scene = sj.paper_scene()
-    records, options = options.pop("records", RecordSet()), dict(transient=25, periods=100) | options
-    return make_plan(Grid(scene, grid), sj.table_2_start(), RunOptions(**options), records)
+    records, options = options.pop("records", RecordSet()), dict(settled=25, measured=100) | options
+    return make_plan(Grid(scene, grid), sj.table_2_start(), Call(**options), records)
 
 
 def test_each_case_gets_the_steps_that_it_needs_alone():

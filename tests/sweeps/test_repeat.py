@@ -74,13 +74,13 @@ def test_a_file_says_numbers_only_and_no_paths_or_executors(name, grid, tmp_path
     ds = grid.copy() if name == "grid" else RUNS[name]()
     path = tmp_path / "anywhere.zarr"
     call = json.loads(ds.attrs["call"])
-    others = dict(store=str(path), executor="x", chunk=1, workers=1, progress=True, start=None, refine=2, other=1)
+    others = dict(store=str(path), executor="x", chunk=1, workers=1, progress=True, start=None, other=1)
     for more in ({key: value} for key, value in others.items()):
         ds.attrs["call"] = json.dumps(call | more)
         with pytest.raises(ValueError, match=f"`source` must have a call of .*, but has {next(iter(more))}, too"):
             sj.repeat(ds)
     ds.attrs["call"] = json.dumps({"function": ["sweep"]})
-    with pytest.raises(ValueError, match="`source` must be a result of one of simulate, sweep, follow"):
+    with pytest.raises(ValueError, match="`source` must be one of simulate, sweep, follow"):
         sj.repeat(ds)
     assert not list(tmp_path.iterdir())
 
@@ -114,7 +114,7 @@ def test_selections_are_rebuilt_or_refused(grid, tmp_path):
         (lambda: sj.load_scene(ds["strobe"] * 2), "no attribute `scene`"),
         (lambda: sj.load_scene(lost), "must have the coordinate `speed`"),
         (lambda: sj.repeat(lost), "must have the coordinate `speed`"),
-        (lambda: sj.repeat(ds[["strobe"]]), "must have the variable `steps_per_period`"),
+        (lambda: sj.repeat(ds[["strobe"]]), "have the variable `steps_per_period`"),
         (lambda: sj.load_scene(3), "must be a TOML or netCDF file"),
         (lambda: sj.load_scene(__file__), "must be a TOML file or a netCDF file"),
     ):

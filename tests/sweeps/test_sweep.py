@@ -33,7 +33,7 @@ def test_batch_equals_one_by_one(strobe):
         many = strobe["strobe"].values[k].T
         # measured 9e-10: sums are reassociated differently in a batch, and rounding grows at every touchdown
         np.testing.assert_allclose(many.T, columns(fine(SPEEDS[k]))[550::50], rtol=1e-7, atol=1e-9)
-    assert strobe.attrs["transient"] == 10
+    assert strobe.attrs["settled"] == 10
     assert strobe["strobe"].dims == ("speed", "strobe_period", "coordinate")
     assert strobe["coordinate"].values.tolist() == list(COORDINATES)
     assert "w_x [rad/s]" in strobe["strobe"].attrs["long_name"]

@@ -1,0 +1,54 @@
+"""What a sweep was asked: one frozen object, which is kept with its results and compared before a store goes on."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from diffrax import AbstractSolver
+
+from ..flow.record import AbstractRecord
+from ..tools.checks import require, whole
+
+
+@dataclass(frozen=True)
+class Call:
+    """Lengths, records and numerics of a sweep as a user gives them, see `slipperjax.sweep`."""
+
+    settled: int
+    """Forcing periods that pass before anything is measured."""
+    measured: int
+    """Forcing periods that are recorded, or over which exponents are measured."""
+    steps_per_period: int | Sequence[int] | np.ndarray | None = None
+    saves_per_period: int | None = None
+    solver: AbstractSolver | str | None = None
+    refine: int = 1
+    """Factor of the default steps [1]."""
+    begin: float | None = None
+    """Where the run begins [m]; None for where its rail does."""
+    record: str | AbstractRecord | Sequence[str | AbstractRecord] = ()
+    loads: bool | None = None
+    probe: bool | None = None
+    product: bool = True
+    directions: Sequence[str] = ()
+    """Ways through the values of a parameter that is followed."""
+    function: str = "sweep"
+
+    def __post_init__(self):
+        whole("transient", self.settled, 0)
+        whole("periods", self.measured, 1)
+        refined(self.refine, self.steps_per_period)
+
+    def kept(self, solver: AbstractSolver) -> dict[str, Any]:
+        """Return the fields by name as a dataset keeps them, whose variable `steps_per_period` has the steps."""
+        return vars(replace(self, solver=solver, steps_per_period=None, refine=1))
+
+
+def refined(refine: int, steps_per_period: Any) -> int:
+    """Return the factor of the default steps [1].
+
+    **Raises:** `ValueError` where it is none, or steps are given besides.
+    """
+    refine = whole("refine", refine, 1, 1000)
+    require(refine == 1 or steps_per_period is None, "refine", "be 1 where steps_per_period is given", refine)
+    return refine
