@@ -126,26 +126,23 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
 def sweep(
     case: Case, over: Axis, by, log, sample, record, periods, begin, store, explain, show, out, transient, **storing
 ):
-    """Run every combination of some parameters, or a sample, into a file or a store that survives anything."""
+    """Run every combination of some parameters, or a sample, into a file or a store from which it resumes."""
     from ..sweeps.explain import explain as estimate
-    from ..sweeps.sweep import lyapunov_sweep, orbit_sweep
+    from ..sweeps.orbits import NearestOrbit
     from ..sweeps.sweep import sweep as run
 
-    names, function = record or ("sections",), run
-    options: dict[str, Any] = dict(transient=transient, product=sample is None, begin=begin)
-    options["periods"] = periods or next((PERIODS[name] for name in names if name in PERIODS), 10)
-    if names == ("exponents",):
-        function = lyapunov_sweep
-    elif names == ("orbits",):
-        function = orbit_sweep
-        options["period"] = options.pop("periods")
-    else:
-        options["record"] = names[0] if len(names) == 1 else list(names)
+    names = record or ("sections",)
+    periods = periods or next((PERIODS[name] for name in names if name in PERIODS), 10)
+    records: Any = names[0] if len(names) == 1 else list(names)
+    if records == "orbits":
+        records = NearestOrbit(periods)
+    options: dict[str, Any] = dict(transient=transient, periods=periods, record=records, begin=begin)
+    options["product"] = sample is None
     grid = _grid(case, (over, *by), log, sample)
     target = _target(store, **storing)
     if explain:
         options |= case.options
-        print(on_thread(lambda: estimate(function, case.scene, grid, store=target, **options)))
+        print(on_thread(lambda: estimate(run, case.scene, grid, store=target, **options)))
         return 0
     with _executor(storing["processes"], storing["cluster"]) as executor:
         if store is None:
@@ -154,11 +151,11 @@ def sweep(
             options |= dict(store=target, executor=executor)
             # a share of a store is not drawn
             files = Outputs(out or store.with_suffix(""), ".png") if storing["share"] is None else None
-        return _swept(function, case, grid, files, show, **options)
+        return _swept(run, case, grid, files, show, **options)
 
 
 def _grid(case: Case, axes: tuple[Axis, ...], log: tuple[str, ...], sample: int | None) -> dict[str, Any]:
-    """Values by name, of every combination or of a sample."""
+    """Return values by name, of every combination or of a sample."""
     from ..sweeps.grid import sample_box
 
     if sample is None:
@@ -169,7 +166,7 @@ def _grid(case: Case, axes: tuple[Axis, ...], log: tuple[str, ...], sample: int 
 
 
 def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = ()) -> dict[str, Any]:
-    """Values in SI units by parameter name; those named by `log` in equal ratios.
+    """Return values in SI units by parameter name; those named by `log` in equal ratios.
 
     **Arguments:** `axes`: of `--over` and of each `--by`.
 
@@ -183,40 +180,40 @@ def make_grid(scene: Any, *axes: Axis, log: Sequence[str] = ()) -> dict[str, Any
     for name, first, last, count in axes:
         option = "--by" if grid else "--over"
         quantity = parameter_of(option, scene, name, PARAMETERS | STARTS)
-        first, last = (shown_value(option, quantity, end) for end in (first, last))
-        if name in grid:
-            raise ValueError(f"Option --by must name another parameter than --over, but is {name!r} too.")
-        if name in log and not min(first, last) > 0:
-            raise ValueError(f"Option --log {name} needs values above zero, but {option} has {min(first, last):g}.")
-        quantity.check(quantity.from_shown(np.array([first, last])))
+        ends = [shown_value(option, quantity, end) for end in (first, last)]
+        require(name not in grid, "--by", "name another parameter than --over", name)
+        need = f"have values above zero where --log names {name}"
+        require(name not in log or min(ends) > 0, option, need, shown=f"{min(ends):g}")
+        quantity.check(quantity.from_shown(np.array(ends)))
         cases = count * math.prod(map(len, grid.values()))
         Estimate.counted(cases, 40, 0, " of one forcing period at least").check()  # before they take the memory
-        grid[name] = quantity.from_shown((np.geomspace if name in log else np.linspace)(first, last, count))
+        spread = np.geomspace if name in log else np.linspace
+        grid[name] = quantity.from_shown(spread(*ends, count))
     for name in log:
         require(name in grid, "--log", "name a parameter of --over or --by", name)
     return grid
 
 
 def _target(store: Path | None, *, share: str | None, tile: int | None, fresh: bool, **engines: Any) -> Any:
-    """The store that options describe."""
+    """Return the store that options describe."""
     from ..sweeps.store import Store
 
     if store is None:
         for name, value in dict(tile=tile, fresh=fresh, share=share, **engines).items():
-            if value:
-                raise ValueError(f"Option --{name} needs --store.")
+            require(not value, f"--{name}", "come with --store", value)
         return None
-    if None not in engines.values():
-        raise ValueError("Option --cluster must not be given with --processes.")
+    alone = None in engines.values()
+    require(alone, "--cluster", "not be given with --processes", engines["cluster"])
     make_folder(store.parent, store)
-    i, _, n = (share or "").partition("/")
-    if share is not None and not (i.isdigit() and n.isdigit() and 1 <= int(i) <= int(n)):
-        raise ValueError(f"Option --share must be I/N with I from 1 to N, as 3/16, but is {share!r}.")
-    return Store(store, tile=tile, fresh=fresh, share=None if share is None else (int(i), int(n)))
+    numbers: Any = None
+    if share is not None:
+        numbers = tuple(int(part) for part in share.split("/") if part.isdigit())
+        require(len(numbers) == 2, "--share", "be I/N, as 3/16", share)
+    return Store(store, tile=tile, fresh=fresh, share=numbers)
 
 
 def _executor(count: int | None, address: str | None) -> Any:
-    """Gives a context with the executor of tiles, or with None for threads of this process."""
+    """Return a context with the executor of tiles, or with None for threads of this process."""
     from ..sweeps.store import processes
 
     if address is None:
@@ -242,7 +239,7 @@ def _swept(
     show: str | None = None,
     **options: Any,
 ) -> int:
-    """Runs a sweep, writes and draws it, says what came out, and gives the exit code.
+    """Run a sweep, write and draw it, print what came out, and return the exit code.
 
     Of one that is interrupted the finished cases are kept. A share of a store has no `files`.
     """
@@ -271,12 +268,12 @@ def _swept(
 
 
 def _draw(ds: Any, show: str | None = None) -> Callable[[Any], Any] | None:
-    """Gives the function that draws a sweep, where it has few enough parameters for a picture."""
+    """Return the function that draws a sweep, where it has few enough parameters for a picture."""
     return partial(picture, show=show) if ds["status"].ndim <= 2 else None
 
 
 def _write(ds: Any, files: Outputs, show: str | None) -> None:
-    """Writes the files of a sweep."""
+    """Write the files of a sweep."""
     draw = _draw(ds, show)
     if draw is None:
         print(f"no picture of {ds['status'].ndim} parameters: take a part of the data, and quantity_map")
@@ -285,24 +282,15 @@ def _write(ds: Any, files: Outputs, show: str | None) -> None:
 
 
 def summary(ds: Any, seconds: float) -> str:
-    """A sweep in one line: cases, periods, steps, time, regimes, and how many cases have which status."""
+    """Return a sweep in one line: cases, periods, steps, time, regimes, and how many cases have which status."""
     import numpy as np
 
     from ..analysis.kinds import REGIMES, lasting
     from ..flow.status import Status
 
-    steps = np.unique([ds["steps_per_period"].min(), ds["steps_per_period"].max()])
-    before, recorded = ds.attrs.get("transient"), ds.attrs.get("periods")
-    if "exponent" in ds and "measured_periods" in ds["exponent"].attrs:  # which follow the recorded ones
-        before, recorded = before + recorded, ds["exponent"].attrs["measured_periods"]
-    periods = "" if recorded is None else f"{before} + {recorded} periods, "
-    codes, counts = np.unique(ds["status"].values, return_counts=True)
-    flagged = {Status(int(c)): int(n) for c, n in zip(codes, counts, strict=True) if c != Status.FINITE}
-    meanings = " and ".join(f"{n} {status}" for status, n in flagged.items())
-    parts = [
-        f"{ds['status'].size} cases, {periods}{' to '.join(map(str, steps))} steps per period: {seconds:.1f} s with "
-        "compiling"
-    ]
+    periods = f"{ds.attrs['settled']} + {ds.attrs['measured']} periods, " if "measured" in ds.attrs else ""
+    steps = " to ".join(map(str, np.unique([ds["steps_per_period"].min(), ds["steps_per_period"].max()])))
+    parts = [f"{ds['status'].size} cases, {periods}{steps} steps per period: {seconds:.1f} s with compiling"]
     finite = ds["status"] != Status.NOT_FINITE
     if "probe_error" in ds and bool(finite.any()):
         most = float(ds["probe_error"].where(finite).max())
@@ -310,7 +298,10 @@ def summary(ds: Any, seconds: float) -> str:
     if "regime" in ds:
         life = ds.get("least_mean_life", np.nan)
         parts.append(", ".join(f"{int((ds['regime'] == name).sum())} {lasting(name, life)}" for name in REGIMES))
-    parts.append(f"{sum(flagged.values())} cases flagged" + (f" ({meanings})" if flagged else ""))
+    wrong = ds["status"].values[ds["status"].values != Status.FINITE]
+    codes, counts = np.unique(wrong, return_counts=True)
+    meanings = " and ".join(f"{n} {Status(int(code))}" for code, n in zip(codes, counts, strict=True))
+    parts.append(f"{wrong.size} cases flagged" + (f" ({meanings})" if meanings else ""))
     return "; ".join(parts)
 
 
@@ -359,5 +350,9 @@ def draw(path: Path, show: str | None, out: Path | None) -> None:
     """Draw the store PATH, which may still be growing."""
     from ..sweeps.store import open_store, store_status
 
-    _write(open_store(path), Outputs(out or path.with_suffix(""), ".png"), show)
+    ds = open_store(path)
+    try:
+        _write(ds, Outputs(out or path.with_suffix(""), ".png"), show)
+    except RuntimeError as error:  # of a checksum
+        raise ValueError(f"{path} is damaged, see `slipperjax store check {path}`: {error}") from None
     print(store_status(path))

@@ -217,7 +217,7 @@ def test_flagged_cases_are_named(replaced, tmp_path, capsys):
     data = {name: (("section.play.2", "crossing"), np.ones((4, 2))) for name in SECTIONS}
     data |= {f"{name}_period": v for name, v in data.items()}
     data |= {"status": ("section.play.2", [0, 1, 3, 3]), "steps_per_period": ("section.play.2", [50, 50, 100, 150])}
-    made = xr.Dataset(data, {"section.play.2": values}, {"transient": 310, "periods": 10})
+    made = xr.Dataset(data, {"section.play.2": values}, {"settled": 310, "measured": 10})
     sweep = replaced("sweeps.sweep.sweep", return_value=made)
     out = tmp_path / "fig"
     words = ["bifurcation", "--over", "section.play.2", 4e-4, 7e-4, 4, "--out", out]

@@ -27,7 +27,7 @@ def a_map(**variables):
     kinds = np.array([["period", "period", "chaotic"], ["torus", "unresolved", "period"]])
     data = {"kind": (dims, kinds), "period": (dims, np.array([[1, 7, 0], [0, 0, 3]]))}
     data |= {"status": (dims, np.array([[0, 0, 0], [0, 1, 7]])), **variables}
-    attrs = run_attributes(scene, sj.table_2_start(), {"function": "sweep"}, dims) | {"periods": 200}
+    attrs = run_attributes(scene, sj.table_2_start(), {"function": "sweep"}, dims) | {"measured": 200}
     return xr.Dataset(data, {"clearance": CLEARANCES, "speed": SPEEDS}, attrs)
 
 
