@@ -72,6 +72,14 @@ class Estimate:
         if self.tiles is None:
             refuse_impossible(f"{self.cases} cases{self.periods}", self.memory, self.seconds)
             return
+        if self.seconds > LONGEST:
+            week = 7 * 86400.0
+            weeks = math.ceil(self.workers * self.seconds / week)
+            takes = f"{self.cases} cases{self.periods} take {shown_time(self.seconds)} on {self.workers} cores"
+            advice = f"{weeks:.3g} cores would be done in a week, see `executor` and shares."
+            if not self.shared:
+                raise ValueError(f"Argument `store` must be done in a year, but {takes}: {advice}")
+            warn(f"{takes}: {advice}")
         memory = available_memory()
         if memory is not None and self.memory > memory:
             raise ValueError(
@@ -84,14 +92,6 @@ class Estimate:
                 f"The store needs about {shown_bytes(self.stored)}, and its disk has {shown_bytes(self.free)}: keep "
                 "less of each case, such as record=['peak_force'], or take another disk."
             )
-        if self.seconds > LONGEST:
-            week = 7 * 86400.0
-            weeks = math.ceil(self.workers * self.seconds / week)
-            takes = f"{self.cases} cases{self.periods} take {shown_time(self.seconds)} on {self.workers} cores"
-            advice = f"{weeks:.3g} cores would be done in a week, see `executor` and shares."
-            if not self.shared:
-                raise ValueError(f"Argument `store` must be done in a year, but {takes}: {advice}")
-            warn(f"{takes}: {advice}")
 
     @property
     def problems(self) -> list[str]:

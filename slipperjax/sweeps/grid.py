@@ -17,7 +17,7 @@ from ..model.scene import Scene, check_scene
 from ..model.step_size import rounded_steps, steps_needed
 from ..model.tracks import AbstractTrack
 from ..tools.batching import Batched
-from ..tools.checks import known, one_of, require, whole, yes_or_no
+from ..tools.checks import known, require, whole, yes_or_no
 from ..tools.compile import jit
 from ..tools.limits import refuse_impossible
 
@@ -48,11 +48,12 @@ class Grid:
         self.product = yes_or_no("product", product)
         lengths = tuple(len(v) for v in self.axes.values())
         if self.product:
-            self.dims, self.shape = tuple(map(self.label, self.axes)), lengths
+            self.dims = tuple(map(self.label, self.axes))
+            self.shape = lengths
         else:
-            if len(set(lengths)) > 1:
-                raise ValueError(f"Argument `grid` must have lists of one length, but they have {lengths}.")
-            self.dims, self.shape = ("case",), lengths[:1]
+            require(len(set(lengths)) == 1, "grid", "have lists of one length", lengths)
+            self.dims = ("case",)
+            self.shape = lengths[:1]
 
     @property
     def count(self) -> int:
@@ -61,24 +62,23 @@ class Grid:
 
     @staticmethod
     def label(name: str) -> str:
-        """Names an axis in a dataset, where y is the displacement and not the start's."""
+        """Return the name of an axis in a dataset, where y is the displacement and not the start's."""
         return f"start_{name}" if name in STARTS else name
 
     def coordinates(self) -> dict[str, Any]:
-        """The axes as coordinates of a dataset."""
-        labels = {name: self.label(name) for name in self.axes}
-        return {
-            label: (label if self.product else "case", self.axes[name], _parameter(self.scene, name).attributes)
-            for name, label in labels.items()
-        }
+        """Return the axes as coordinates of a dataset."""
+        coordinates = {}
+        for name, values in self.axes.items():
+            label = self.label(name)
+            dim = label if self.product else "case"
+            coordinates[label] = dim, values, _parameter(self.scene, name).attributes
+        return coordinates
 
     def check_steps(self, steps: Any) -> None:
-        """Raises `ValueError` where steps per period are neither one number nor one for each case."""
-        if np.ndim(steps) and np.shape(steps) != self.shape:
-            raise ValueError(
-                f"Argument `steps_per_period` must be one number or one for each case, {self.shape}, but has shape "
-                f"{np.shape(steps)}."
-            )
+        """Raise `ValueError` where steps per period are neither one number nor one for each case."""
+        good = np.ndim(steps) == 0 or np.shape(steps) == self.shape
+        need = f"have one number or one for each case, {self.shape}"
+        require(good, "steps_per_period", need, shown=f"shape {np.shape(steps)}")
 
     def sample(self, start: Motion | State, count: int = 4096) -> "Cases":
         """Return `count` cases spread evenly over the grid, or all where there are no more."""
@@ -87,18 +87,18 @@ class Grid:
         return Cases(self.scene, self.spread(count), start, product=False)
 
     def spread(self, count: int) -> dict[str, np.ndarray]:
-        """Spreads `count` cases evenly over the grid, as lists; some come more than once where there are fewer."""
+        """Return `count` cases spread evenly over the grid, as lists; of fewer some come more than once."""
         index = np.floor((np.arange(count) + 0.5) * self.count / count).astype(int)
         return self.part(np.unravel_index(index, self.shape))
 
     def part(self, index: tuple[Any, ...]) -> dict[str, np.ndarray]:
-        """The values by name in a part of the grid: a slice, or indices, for each of `dims`."""
+        """Return the values by name in a part of the grid: a slice, or indices, for each of `dims`."""
         index = index if self.product else index * len(self.axes)
         return {name: values[k] for (name, values), k in zip(self.axes.items(), index, strict=True)}
 
 
 def _parameter(scene: Scene, name: str) -> Parameter:
-    """A parameter of a scene, or a coordinate of the start."""
+    """Return a parameter of a scene, or a coordinate of the start."""
     return STARTS[name] if name in STARTS else parameter(name, scene)
 
 
@@ -106,15 +106,9 @@ def _values(scene: Scene, name: str, raw: Any) -> np.ndarray:
     quantity = _parameter(scene, name)
     quantity.check_exists(scene)
     values = np.atleast_1d(np.asarray(quantity.check(raw)))
-    if values.ndim != 1 or values.size == 0:
-        raise ValueError(f"Argument `{name}` must be a list of one or more values, but has shape {values.shape}.")
+    listed = values.ndim == 1 and values.size > 0
+    require(listed, name, "have a list of one or more values", shown=f"shape {values.shape}")
     return values
-
-
-SMALLEST_TILE, LARGEST_TILE = 2048, 65_536
-"""Cases in a tile where none is asked for: a few seconds of work, and few enough to lose in a crash."""
-MOST_SMALL_TILES = 4096
-"""Tiles above which they grow up to `LARGEST_TILE`: each has a file for every variable."""
 
 
 class Tiling(NamedTuple):
@@ -125,13 +119,13 @@ class Tiling(NamedTuple):
 
     @classmethod
     def of(cls, shape: tuple[int, ...], size: int | None = None) -> "Tiling":
-        """Blocks of about `size` cases, whole along the last dimensions.
-
-        By default a block has `SMALLEST_TILE`, or more where there would be more than `MOST_SMALL_TILES` blocks.
-        """
+        """Return blocks of about `size` cases, whole along the last dimensions."""
         if size is None:
-            size = min(max(SMALLEST_TILE, math.prod(shape) // MOST_SMALL_TILES), LARGEST_TILE)
-        tile, left = [1] * len(shape), size
+            # 2048 cases are a few seconds of work, and few enough to lose in a crash; above 4096 tiles they grow,
+            # because each has a file for every variable
+            size = min(max(2048, math.prod(shape) // 4096), 65_536)
+        tile = [1] * len(shape)
+        left = size
         for k in reversed(range(len(shape))):
             pieces = -(-shape[k] // max(left, 1))
             tile[k] = -(-shape[k] // pieces)
@@ -154,16 +148,16 @@ class Tiling(NamedTuple):
         return math.prod(self.tile)
 
     def indices(self, number: int) -> tuple[int, ...]:
-        """Indices of a block along the dimensions, which name its files."""
+        """Return the indices of a block along the dimensions, which name its files."""
         return tuple(int(k) for k in np.unravel_index(number, self.counts))
 
     def region(self, number: int) -> tuple[slice, ...]:
-        """Slices of the grid that make up a block."""
+        """Return the slices of the grid that make up a block."""
         ends = zip(self.indices(number), self.tile, self.shape, strict=True)
         return tuple(slice(k * m, min((k + 1) * m, n)) for k, m, n in ends)
 
     def cases(self, number: int) -> int:
-        """Number of cases of a block."""
+        """Return the number of cases of a block."""
         return math.prod(part.stop - part.start for part in self.region(number))
 
 
@@ -201,38 +195,41 @@ class Cases(Grid):
             self.starts = eqx.tree_at(lambda state: state.motion, alike, self.starts)
 
     def take(self, index: np.ndarray) -> tuple[Batched[Scene], Motion | State]:
-        """The scenes and starts at some indices, for a compiled program, with their tracks prepared."""
+        """Return the scenes and starts at some indices, for a compiled program, with their tracks prepared."""
         scenes, starts = self.unprepared(index)
         plain = type(scenes.shared.track).prepared is AbstractTrack.prepared
         return (scenes if plain else _prepared(scenes)), starts
 
     def unprepared(self, index: np.ndarray) -> tuple[Batched[Scene], Motion | State]:
-        """The same with their tracks as they are."""
+        """Return the same with their tracks as they are."""
         return self.scenes.take(index), jax.tree.map(lambda v: v[index], self.starts)
 
     def forcing_periods(self) -> Float[np.ndarray, " cases"]:
-        """The forcing period of each case [s]."""
-        return np.asarray(_forcing_periods(*self.unprepared(np.arange(self.count))))
+        """Return the forcing period of each case [s]."""
+        return self._of_each(_forcing_periods)
 
     def wavelengths(self) -> Float[np.ndarray, " cases"]:
-        """The length of travel that counts as a forcing period of each case [m]."""
-        index = filled(np.arange(self.count), self.count)
-        return np.asarray(_wavelengths(*self.unprepared(index)))[: self.count]
+        """Return the length of travel that counts as a forcing period of each case [m]."""
+        return self._of_each(_wavelengths)
 
     def default_steps(self) -> Int[np.ndarray, " cases"]:
-        """Steps per period that each case needs, see `slipperjax.default_steps_per_period`."""
+        """Return the steps per period that each case needs, see `slipperjax.default_steps_per_period`."""
+        return rounded_steps(self._of_each(_steps_needed))
+
+    def _of_each(self, compiled: Callable[..., jax.Array]) -> np.ndarray:
+        """Return what a compiled function makes of each case, in batches of few sizes."""
         index = filled(np.arange(self.count), self.count)
-        return rounded_steps(np.asarray(_steps_needed(*self.unprepared(index))))[: self.count]
+        return np.asarray(compiled(*self.unprepared(index)))[: self.count]
 
 
 @jit
 def _prepared(scenes: Batched[Scene]) -> Batched[Scene]:
-    """The same scenes with tracks as runs evaluate them, once for all calls."""
+    """Return the same scenes with tracks as runs evaluate them, once for all calls."""
     return with_tracks(scenes, lambda track: track.prepared())
 
 
 def with_tracks(scenes: Batched[Scene], change: Callable[[AbstractTrack], AbstractTrack]) -> Batched[Scene]:
-    """The same scenes on tracks that `change` makes of theirs."""
+    """Return the same scenes on tracks that `change` makes of theirs."""
     tracks = Batched(scenes.varied.track, scenes.shared.track).apply(change)
     is_track = lambda part: isinstance(part, AbstractTrack)
     put = lambda scene, track: eqx.tree_at(lambda s: s.track, scene, track, is_leaf=is_track)
@@ -255,7 +252,7 @@ def _forcing_periods(scenes: Batched[Scene], starts: Motion | State) -> jax.Arra
 
 
 def batch_size(count: int) -> int:
-    """The smallest of 8, 16, 24, 32, 40, 48, 56, 64, 80, 96, 112, 128, 160, ... that is not below `count`.
+    """Return the smallest of 8, 16, 24, 32, 40, 48, 56, 64, 80, 96, 112, 128, 160, ... that is not below `count`.
 
     Few sizes, four in an octave, so that sweeps of other numbers of cases meet programs that are compiled already.
     """
@@ -264,13 +261,13 @@ def batch_size(count: int) -> int:
 
 
 def filled(index: np.ndarray, least: int) -> np.ndarray:
-    """Indices of cases, the last one repeated until there are `least`, and as many as `batch_size` gives."""
+    """Return indices of cases, the last one repeated until there are `least`, and as many as `batch_size` gives."""
     count = batch_size(max(least, len(index)))
     return index[np.minimum(np.arange(count), len(index) - 1)]
 
 
 def path_grid(scene: Scene, path: Mapping[str, Any]) -> tuple[Grid, str, np.ndarray]:
-    """The grid along one parameter, its name and its values, which must increase.
+    """Return the grid along one parameter, its name and its values, which must increase.
 
     **Raises:** `ValueError` for several parameters, a coordinate of the start, or values that do not increase.
     """
@@ -282,22 +279,15 @@ def path_grid(scene: Scene, path: Mapping[str, Any]) -> tuple[Grid, str, np.ndar
     return grid, name, values
 
 
-METHODS = ("sobol", "halton", "latin", "random")
-"""Ways to spread points: low-discrepancy sequences, a Latin hypercube, or independent ones."""
-LEAST_SHARE = 2.0**-31
-"""Half the spacing of Sobol points, for distributions without a lowest value."""
-
-
 def sample_box(
     box: Mapping[str, Any],
     count: int,
     *,
-    method: str = "sobol",
     log: Sequence[str] = (),
     seed: int = 0,
     scene: Scene | None = None,
 ) -> dict[str, np.ndarray]:
-    """Points spread over a box, or by distributions, of parameters, from `scipy.stats.qmc`, for lists side by side.
+    """Return Sobol points spread over a box, or by distributions, of parameters, for lists side by side.
 
     ```python
     grid = sj.sample_box({"speed": (500.0, 2000.0), "clearance": (0.3e-3, 3e-3)}, 4096, log=["clearance"])
@@ -306,9 +296,9 @@ def sample_box(
     ```
 
     **Arguments:** `box`: by name, as in a grid, in SI units, the lowest and the highest value, or a distribution of
-    `scipy.stats` with its parameters, independent of the others; `count`: of points, for "sobol" best a power of
-    two; `method`: of `METHODS`; `log`: names with two bounds whose logarithm is spread; `seed`: of the points;
-    `scene`: where paths such as section.play.2 are names.
+    `scipy.stats` with its parameters, independent of the others; `count`: of points, best a power of two; `log`:
+    names with two bounds whose logarithm is spread; `seed`: of the points; `scene`: where paths such as
+    section.play.2 are names.
 
     **Returns:** lists of `count` values by name.
 
@@ -317,50 +307,41 @@ def sample_box(
     from scipy.stats import qmc
 
     require(isinstance(box, Mapping) and box, "box", "name one or more parameters with their bounds", box)
-    count, of = whole("count", count, 1), paper_scene() if scene is None else check_scene(scene)
+    count = whole("count", count, 1)
+    scene = paper_scene() if scene is None else check_scene(scene)
     listed = isinstance(log, Collection) and not isinstance(log, str) and all(isinstance(name, str) for name in log)
     require(listed, "log", "be a list of parameters of `box`", log)
+    for name in log:
+        require(name in box, "log", "name parameters of `box`", name)
     refuse_impossible(f"{count} points", 8.0 * count * len(box), 1e-7 * count * len(box))
-    spread = {name: _spread(of, name, ends, name in log) for name, ends in box.items()}
-    rng, dimensions = np.random.default_rng(whole("seed", seed, 0)), len(box)
-    method = one_of("method", method, METHODS)
-    if method == "random":
-        points = rng.random((count, dimensions))
-    else:
-        engine = {"sobol": qmc.Sobol, "halton": qmc.Halton, "latin": qmc.LatinHypercube}[method](dimensions, rng=rng)
-        # of a power of two Sobol points, fewer are as well spread
-        points = engine.random(1 << max(count - 1, 1).bit_length() if method == "sobol" else count)[:count]
-    unknown = [name for name in log if name not in box]
-    if unknown:
-        raise ValueError(f"Argument `log` must name parameters of `box`, but has {unknown[0]!r}.")
-    return {name: spread[name](share) for name, share in zip(box, points.T, strict=True)}
+    engine = qmc.Sobol(len(box), rng=np.random.default_rng(whole("seed", seed, 0)))
+    # of a power of two Sobol points, fewer are as well spread
+    points = engine.random(1 << max(count - 1, 1).bit_length())[:count]
+    shares = zip(box.items(), points.T, strict=True)
+    return {name: _spread(_parameter(scene, name), name, ends, name in log, share) for (name, ends), share in shares}
 
 
-def _spread(scene: Scene, name: str, ends: Any, log: bool) -> Callable[[np.ndarray], np.ndarray]:
-    """Makes the function that gives values of a parameter from shares of 0 to 1 of its range or distribution."""
-    quantity = _parameter(scene, name)
+def _spread(quantity: Parameter, name: str, ends: Any, log: bool, share: np.ndarray) -> np.ndarray:
+    """Return the values of a parameter at shares of 0 to 1 of its range or distribution."""
     if hasattr(ends, "ppf"):
         require(not log, "log", "name parameters with two bounds", shown=f"{name}, which has a distribution")
-        return lambda share: _allowed(quantity, _drawn(name, ends, share))
-    values = _allowed(quantity, ends)
+        return np.asarray(quantity.check(_drawn(name, ends, share)), float)
+    values = np.asarray(quantity.check(ends), float)
     pair = values.shape == (2,) and values[0] < values[1]
     require(pair, "box", f"have the lower and the higher bound of {name}, or its distribution", ends)
     low, high = map(float, values)
-    if log and not low > 0:
-        raise ValueError(f"Argument `log` must name parameters above zero, but {name} begins at {low:g}.")
-    return lambda share: _allowed(quantity, low * (high / low) ** share if log else low + (high - low) * share)
-
-
-def _allowed(quantity: Parameter, values: Any) -> np.ndarray:
-    """Values of a parameter, of which each must be allowed."""
-    return np.asarray(quantity.check(values), float)
+    require(not log or low > 0, "log", "name parameters above zero", shown=f"{name}, which begins at {low:g}")
+    spread = low * (high / low) ** share if log else low + (high - low) * share
+    return np.asarray(quantity.check(spread), float)
 
 
 def _drawn(name: str, distribution: Any, share: np.ndarray) -> np.ndarray:
-    """Values of a parameter below which a distribution has these shares."""
+    """Return the values of a parameter below which a distribution has these shares."""
     need = f"have a distribution of {name} with all its parameters"
-    try:  # a share may be 0, of which the value may be infinite
-        values = np.asarray(distribution.ppf(np.maximum(share, LEAST_SHARE)), float)
+    # a share may be 0, of which the value may be infinite: take half the spacing of Sobol points
+    share = np.maximum(share, 2.0**-31)
+    try:
+        values = np.asarray(distribution.ppf(share), float)
     except (TypeError, ValueError) as error:
         raise ValueError(f"Argument `box` must {need}: {error}") from None
     require(bool(np.all(np.isfinite(values))), "box", need, shown="one without finite values")

@@ -249,10 +249,10 @@ def orbit_sweep(
     before, rounded up to tens; `tolerance`: scaled residual that counts as found [1]; `max_iterations`: of Newton's
     method for each case; others as for `sweep`, whose record "orbits" this is.
 
-    **Returns:** an `xarray.Dataset` over the grid with `orbit`, the state at the start of a forcing
-    period in the order of `slipperjax.model.COORDINATES`, and `orbit_state`, all its numbers; `multiplier_real` and `multiplier_imag` [1] over `period` forcing periods;
-    `orbit_exponent` [1/period], ln |largest multiplier| per forcing period; `stable`; `residual` [1], `iterations`;
-    `status`, which is `Status.NO_ORBIT` where the iterations ended elsewhere.
+    **Returns:** an `xarray.Dataset` over the grid with `orbit`, the state at the start of a period in the order
+    of `slipperjax.model.COORDINATES`, and `orbit_state`, all its numbers; `multiplier_real` and `multiplier_imag` [1]
+    over `period` forcing periods; `orbit_exponent` [1/period], ln |largest multiplier| per forcing period; `stable`;
+    `residual` [1], `iterations`; `status`, which is `Status.NO_ORBIT` where the iterations ended elsewhere.
 
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
     """

@@ -110,7 +110,7 @@ ERRORS = [
     refused("`count` must be a whole number of 1 or more, but is None", spectrum, count=None),
     refused("`count` must be at most 10", spectrum, count=11),
     refused("`steps_per_period` must be a whole number", sweep, steps_per_period=[50.0]),
-    refused("`steps_per_period` must be one number or one for each case", sweep, steps_per_period=[50, 50]),
+    refused("`steps_per_period` must have one number or one for each case", sweep, steps_per_period=[50, 50]),
     refused("`saves_per_period` must divide steps_per_period = 100", sweep, record="history", saves_per_period=7),
     # parameters of the scene
     refused("`speed` must be positive, but is None", sj.paper_scene, speed=None),

@@ -62,8 +62,8 @@ def test_saves_divide_every_cases_steps_which_may_stand_in_a_list_or_in_the_grid
 
 def test_wrong_steps_of_cases_are_refused():
     for steps, saves, words in (
-        ([100], None, r"must be one number or one for each case, \(2,\), but has shape \(1,\)"),
-        ([[100, 50]], None, r"must be one number or .* but has shape \(1, 2\)"),
+        ([100], None, r"must have one number or one for each case, \(2,\), but has shape \(1,\)"),
+        ([[100, 50]], None, r"must have one number or .* but has shape \(1, 2\)"),
         ([100, 0], None, "must be a whole number of 1 or more, but is 0"),
         ([100.0, 50.5], None, "must be a whole number of 1 or more"),
         ([100, 90], 50, "must divide steps_per_period = 90, but is 50"),

@@ -117,8 +117,9 @@ def test_starts_may_be_all_that_differs(steady):
     assert float(np.max(np.abs(started["peak_force"][1] - steady["peak_force"]))) > 100.0
 
 
-def test_the_call_of_a_run_holds_its_programme(runs):
-    np.testing.assert_array_equal(load_call(runs)["speed"].speed, FAST.speed)
+def test_the_scene_of_a_run_holds_its_programme(runs):
+    np.testing.assert_array_equal(load_base(runs)[0].speed.speed, FAST.speed)
+    assert load_call(runs)["window"] == runs.attrs["window [m]"]
 
 
 def test_each_run_of_a_grid_is_that_of_its_rail(runs):
@@ -279,7 +280,8 @@ def test_a_table_opens_the_play_by_the_distance():
 
 def test_grids_of_starts_have_steps():
     cases = Cases(SCENE, {"y": [0.0, 1e-4]}, sj.Motion())
-    profiles = _step_profiles(cases, 0.0, 8.0, 2, None)
+    call = SimpleNamespace(begin=0.0, window=8.0, steps_per_period=None, refine=1)
+    profiles = _step_profiles(cases, call, 2)
     assert profiles.shape == (2, 1)
     assert profiles[0] == profiles[1]
 
