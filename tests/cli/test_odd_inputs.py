@@ -246,8 +246,8 @@ ERRORS = [
     refused("`grid` must name one or more parameters with their values, but is None", sweep, grid=None),
     refused("`grid` must name one or more parameters", sweep, grid=["speed"]),
     refused("`grid` must have lists of one length", sweep, grid=AT | {"length": [0.2, 0.3]}, product=False),
-    refused("`speed` must be a list of one or more values", sweep, grid={"speed": [[1250.0, 1300.0]]}),
-    refused("`speed` must be a list of one or more values", exponents, grid={"speed": []}),
+    refused("`speed` must have a list of one or more values", sweep, grid={"speed": [[1250.0, 1300.0]]}),
+    refused("`speed` must have a list of one or more values", exponents, grid={"speed": []}),
     refused("`speed` must be positive, but is nan", sweep, grid={"speed": [1250.0, NAN]}),
     refused("`speed` must be positive, but is .*fast", exponents, grid={"speed": ["fast"]}),
     refused("`speed` must be positive, but is {1250.0}", sweep, grid={"speed": {1250.0}}),
@@ -348,7 +348,7 @@ WARNINGS = [
     implausible("y", "1 m", lambda: stopped(sweep, {"y": [1.0]})),
     implausible("v_y", "500 m/s", lambda: stopped(sweep, {"v_y": [500.0]})),
     implausible("length", "200 m", lambda: stopped(follow, {"length": [200.0]})),
-    implausible("amplitude", "2 m", lambda: stopped(exponents, {"amplitude": [1.0, 2.0]}, "steps_per_period")),
+    implausible("amplitude", "2 m", lambda: stopped(exponents, {"amplitude": [1.0, 2.0]})),
     # starts outside the play
     (*given(outside, y=1.0), "start lies outside the play"),
     # one, though a batch has eight
@@ -360,7 +360,7 @@ WARNINGS = [
 ]
 
 
-def stopped(run, grid, wrong="periods"):
+def stopped(run, grid, wrong="steps_per_period"):
     with pytest.raises(ValueError, match=f"`{wrong}` must be"):
         run(grid, **{wrong: 0})
 
@@ -461,7 +461,7 @@ LINES = [
     (["simulate", "--set", "mass=3 m"], "`mass` must be in a unit like kg"),
     (["simulate", "--set", "wieght=3"], "`wieght` is no parameter"),
     (["simulate", "--set", "section.play.9=1e-3"], "must have a number of 0 to 4"),
-    ([*OVER, "speed", "0", "2500", "3", "--log", "speed"], "--log speed needs values above zero"),
+    ([*OVER, "speed", "0", "2500", "3", "--log", "speed"], "--over must have values above zero where --log names speed"),
     ([*OVER, "speed", "1", "2500", "3", "--log", "length"], "--log must name a parameter of --over or --by"),
     (["simulate", "--periods", "0"], "'--periods': 0 is not in the range x>=1"),
     (["simulate", "--periods", "2.5"], "--periods"),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.flow.datasets import load_call
+from slipperjax.flow.datasets import load_base, load_call
 from slipperjax.sweeps.grid import Cases
 from slipperjax.sweeps.runs import _keys, _step_profiles
 from slipperjax.sweeps.windows import BANDS, SAMPLES_PER_WINDOW, STRETCH, ThirdOctaves
