@@ -10,7 +10,8 @@ from ..analysis.attractor import Attractors, classify
 from ..analysis.kinds import Regime
 from ..flow.status import Status
 from ..model.quantities import COORDINATE_SCALES
-from ..tools.checks import whole
+from ..tools.checks import require, whole
+from ..tools.columns import column
 
 FLOOR = 1e-5
 """Distances below it are zero when motions are classified, in multiples of `COORDINATE_SCALES`: 10 nm."""
@@ -26,14 +27,14 @@ class Motions(NamedTuple):
 
 
 def motions_of(strobe: Float[np.ndarray, "cases periods coordinates"], status: Int[np.ndarray, " cases"]) -> Motions:
-    """Classifies motions by their states once per period; nothing is concluded from cases with a status."""
+    """Return the kinds of motions by their states once per period; nothing is concluded from cases with a status."""
     finite = (status == Status.FINITE)[:, None, None]
     motions = classify(np.where(finite, strobe, np.nan), scales=COORDINATE_SCALES, floor=FLOOR)
     return Motions(Regime.codes(motions.kind), np.asarray(motions.period, int))
 
 
 def strobe_states(ds: xr.Dataset, last: int | None = None) -> Float[np.ndarray, "*cases periods coordinates"]:
-    """States once per forcing period, of the `last` periods of a sweep's result.
+    """Return states once per forcing period, of the `last` periods of a sweep's result.
 
     Cases with a status other than 0 are NaN throughout: nothing is concluded from them.
 
@@ -41,8 +42,7 @@ def strobe_states(ds: xr.Dataset, last: int | None = None) -> Float[np.ndarray, 
 
     **Raises:** `ValueError` for other datasets.
     """
-    if "strobe" not in ds:
-        raise ValueError("Argument `ds` must come from a sweep that recorded sections or strobe, but did not.")
+    require("strobe" in ds, "ds", "come from a sweep that recorded sections or strobe", shown="another dataset")
     states = ds["strobe"].values
     if "status" in ds:
         states = np.where(ds["status"].values[..., None, None] == Status.FINITE, states, np.nan)
@@ -50,7 +50,7 @@ def strobe_states(ds: xr.Dataset, last: int | None = None) -> Float[np.ndarray, 
 
 
 def attractors(ds: xr.Dataset, last: int = LAST, floor: float = FLOOR, **options: Any) -> Attractors:
-    """Classifies the motion that each case of a sweep settled to, from its `last` strobe states.
+    """Classify the motion that each case of a sweep settled to, from its `last` strobe states.
 
     See `slipperjax.analysis.attractor`.
 
@@ -70,7 +70,7 @@ def attractors(ds: xr.Dataset, last: int = LAST, floor: float = FLOOR, **options
 
 
 def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05) -> xr.Dataset:
-    """Numbers the attractors that a grid of starts leads to: 0, 1, ... by falling size of their basins.
+    """Number the attractors that a grid of starts leads to: 0, 1, ... by falling size of their basins.
 
     Two cases share a group where mean and spread of their last strobe states agree within `tolerance`, in multiples
     of `slipperjax.model.COORDINATE_SCALES`. Of a motion that recurs after n periods, within a tenth of `tolerance`,
@@ -86,6 +86,7 @@ def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05) -> xr.Datase
     numbers = np.full(len(marks), -1)
     centres: list[np.ndarray] = []
     periods: list[int] = []
+    # a case joins the nearest attractor within the tolerance, or begins a new one
     for k, (mark, period) in enumerate(marks):
         if not np.all(np.isfinite(mark)):
             continue
@@ -100,22 +101,20 @@ def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05) -> xr.Datase
     order = np.argsort(-sizes, kind="stable")
     rank = np.append(np.argsort(order), -1)  # which -1 picks, too
     strobe = ds["strobe"].isel(strobe_period=0, coordinate=0, drop=True)
-    label = {"long_name": "attractor, by falling size of its basin; -1 for cases with a status"}
+    basin = rank[numbers].reshape(strobe.shape)
+    share = sizes[order] / max(len(numbers), 1)
+    text = "attractor, by falling size of its basin; -1 for cases with a status"
     data = {
-        "basin": (strobe.dims, rank[numbers].reshape(strobe.shape), label),
-        "basin_period": ("attractor", np.array(periods, int)[order], {"units": "1", "long_name": "forcing periods"}),
-        "share": (
-            "attractor",
-            sizes[order] / max(len(numbers), 1),
-            {"units": "1", "long_name": "share of the cases"},
-        ),
+        "basin": column(strobe.dims, basin, "", text),
+        "basin_period": column("attractor", np.array(periods, int)[order], "1", "forcing periods"),
+        "share": column("attractor", share, "1", "share of the cases"),
     }
     made = xr.Dataset(data, strobe.coords, ds.attrs)
     return made if "status" not in ds else made.assign(status=ds["status"])
 
 
 def _mark(states: np.ndarray, near: float) -> tuple[np.ndarray, int]:
-    """Mean and spread of scaled states (periods, 10), over whole recurrences if they recur; after how many, or 0."""
+    """Return mean and spread of scaled states (periods, 10), over whole recurrences; after how many, or 0."""
     periods = len(states)
     recurs = (n for n in range(1, periods // 2 + 1) if np.max(np.abs(states[n:] - states[:-n])) < near)
     n = next(recurs, 0)

@@ -32,6 +32,7 @@ from ..model.dynamics import State
 from ..model.layout import coordinates
 from ..orbits.exponents import check_count
 from ..tools.checks import whole, yes_or_no
+from ..tools.columns import column
 from .attractors import LAST, motions_of
 from .orbits import Maps, rows_of
 from .reached import ReachedOrbits, nothing_reached, reached_orbits
@@ -45,12 +46,12 @@ BLOCK = 20
 
 
 def counted_blocks(periods: int | None, recorded: int) -> int:
-    """Blocks that make up `periods`, or where that is None as many periods as are recorded."""
+    """Return the blocks that make up `periods`, or where that is None as many periods as are recorded."""
     return -(-(recorded if periods is None else periods) // BLOCK)
 
 
 def measured_periods(blocks: int) -> int:
-    """Forcing periods of a measurement of which `blocks` count."""
+    """Return the forcing periods of a measurement of which `blocks` count."""
     return BLOCK * (blocks + 1)
 
 
@@ -65,22 +66,27 @@ class LocalExponents(NamedTuple):
 
 
 def measure(run: RecordedChunk, blocks: int, count: int, finer: int = 1) -> LocalExponents:
-    """Measures local exponents of a chunk from its states on.
+    """Measure local exponents of a chunk from its states on.
 
     **Arguments:** `blocks`: of `BLOCK` periods that count; `finer`: 2 for steps half as long.
     """
-    states, tangents = run.states, initial_tangents(run.scenes, run.states, count)
-    rows, strobes, status = [], [], np.zeros(len(states.motion.y), int)
+    states = run.states
+    tangents = initial_tangents(run.scenes, states, count)
+    stepping = dynamic_steps(finer * run.steps)
+    status = np.zeros(len(states.motion.y), int)
+    rows = []
+    strobes = []
     for k in range(blocks + 1):
-        at, stepping = run.epoch + k * BLOCK, dynamic_steps(finer * run.steps)
+        at = run.epoch + k * BLOCK
         states, tangents, history, strobe, codes = advance_tangents(
             run.scenes, states, tangents, at, stepping, solver=run.plan.solver, periods=BLOCK
         )
-        rows.append(np.asarray(history))
-        strobes = [*strobes, np.asarray(strobe)][-LAST // BLOCK :] if k else []
         status = first_problem(status, codes)
+        if k:  # the first block turns the tangents into their directions
+            rows.append(np.asarray(history))
+            strobes = [*strobes, np.asarray(strobe)][-LAST // BLOCK :]
         run.on_progress(BLOCK)
-    return LocalExponents(np.concatenate(rows[1:], axis=1), status, np.concatenate(strobes, axis=1), states)
+    return LocalExponents(np.concatenate(rows, axis=1), status, np.concatenate(strobes, axis=1), states)
 
 
 # --- whether chaos lasts --------------------------------------------------------------------------------------------
@@ -94,10 +100,6 @@ MOTIONS = 4
 """Motions for each case."""
 HOLD = 2000
 """Forcing periods for which they run before their exponents are measured."""
-CALM = 0.01
-"""Exponents of the second half of a motion's record [1/period] that are no longer those of chaos."""
-APART = 1e-6
-"""Differences of their lateral velocities at the start [m/s]."""
 
 
 class LongerMotions(NamedTuple):
@@ -111,7 +113,7 @@ class LongerMotions(NamedTuple):
 
     @classmethod
     def not_run(cls, chosen: Int[np.ndarray, " cases"], count: int) -> "LongerMotions":
-        """Those of cases of which no motion was finished."""
+        """Return those of cases of which no motion was finished."""
         history = np.full((len(chosen), MOTIONS, BLOCK, count), np.nan)
         return cls(chosen, history, 0 * chosen, np.full(len(chosen), int(Status.NOT_RUN)))
 
@@ -125,7 +127,7 @@ def run_longer_motions(
     count: int,
     options: Mapping[str, Any],
 ) -> tuple[LongerMotions, bool]:
-    """Runs `MOTIONS` motions of each chosen case, for `HOLD` periods and a measurement.
+    """Run `MOTIONS` motions of each chosen case, for `HOLD` periods and a measurement.
 
     **Arguments:** `plan`: of the sweep; `chosen`: indices of the cases; `states`: of all cases at the start of the
     period `epoch`; `blocks`, `count`: of the measurement, see `measure`; `options`: for `run_cases`.
@@ -139,8 +141,8 @@ def run_longer_motions(
 
     def work(part: ChunkInputs) -> LocalExponents:
         begin = jax.tree.map(lambda a: a[part.index], states)
-        # the motions of a case follow one another in the list
-        apart = APART * (part.row % MOTIONS)
+        # the motions of a case follow one another in the list, and differ in their lateral velocities [m/s]
+        apart = 1e-6 * (part.row % MOTIONS)
         begin = eqx.tree_at(lambda s: s.motion.v_y, begin, begin.motion.v_y + apart)
         run = run_chunk(plan, part.scenes, begin, part.steps, part.on_progress, epoch=epoch)
         local = measure(part.recorded(plan, run.state, epoch + plan.periods), blocks, count)
@@ -156,9 +158,9 @@ def run_longer_motions(
     codes = by_case(status)
     first = np.take_along_axis(codes, np.argmax(codes != Status.FINITE, axis=1)[:, None], axis=1)[:, 0]
     first = np.where(np.any(codes == Status.NOT_RUN, axis=1), int(Status.NOT_RUN), first)
-    # a motion may escape while it is measured, and what it escapes to may be a torus
+    # a motion may escape while it is measured, and what it escapes to may be a torus; below 0.01 is no chaos
     late = history[:, history.shape[1] // 2 :, 0].mean(axis=1)
-    regular = (motions_of(strobe, status).kind == Regime.PERIODIC) | (late <= CALM)
+    regular = (motions_of(strobe, status).kind == Regime.PERIODIC) | (late <= 0.01)
     return LongerMotions(chosen, by_case(history), np.sum(by_case(regular), axis=1), first), run.interrupted
 
 
@@ -202,23 +204,28 @@ class CaseExponents(NamedTuple):
 def exponent_variables(
     passed: int, measured: CaseExponents, by_orbit: Bool[np.ndarray, " cases"], longer: LongerMotions
 ) -> dict[str, np.ndarray]:
-    """Makes the variables of `LyapunovExponents` by name, with the certificate where checks were made.
+    """Return the variables of `LyapunovExponents` by name, with the certificate where checks were made.
 
     **Arguments:** `passed`: forcing periods before the measurement; `by_orbit`: cases with the exponents of their
     orbit, which all rows of their history repeat; `longer`: finished longer motions of chaotic cases.
     """
-    good, history = measured.status == Status.FINITE, measured.history
-    exponent, error, weighted = history.mean(axis=1), standard_error(history), weighted_mean(history)
+    good = measured.status == Status.FINITE
+    history = measured.history
+    exponent = history.mean(axis=1)
+    error = standard_error(history)
+    weighted = weighted_mean(history)
     # an orbit's are exact
     exponent[by_orbit] = weighted[by_orbit] = history[by_orbit, 0]
     error[by_orbit] = 0.0
     alone = is_chaotic(exponent[:, 0], error[:, 0])  # those with longer motions take theirs
     error[alone] = one_motion_standard_error(history[alone])
-    stayed, escapes, chaotic_for = longer.escapes == 0, np.zeros(len(good), int), np.zeros(len(good), int)
+    stayed = longer.escapes == 0
     exponent[longer.chosen[stayed]] = longer.history[stayed].mean(axis=(1, 2))
     error[longer.chosen[stayed]] = pooled_standard_error(longer.history[stayed])
+    escapes = np.zeros(len(good), int)
     escapes[longer.chosen] = longer.escapes
     stretch = history.shape[1] + BLOCK
+    chaotic_for = np.zeros(len(good), int)
     chaotic_for[longer.chosen] = passed + stretch + stayed * (HOLD + stretch)
     life = np.full(len(good), np.nan)
     life[longer.chosen] = np.where(stayed, least_mean_life(history.shape[1]), np.nan)
@@ -249,21 +256,23 @@ def _checked(
     exponent: np.ndarray,
     error: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """The other estimates, and whether they agree with the largest exponents and their standard errors."""
+    """Return the other estimates, and whether they agree with the largest exponents and their standard errors."""
     good = measured.status == Status.FINITE
     agree = good & (checks.half_step_status == Status.FINITE)
     agree[longer.chosen] &= longer.status == Status.FINITE
     # the error of one record, where that of several is known
     of_one = np.zeros_like(error)
     of_one[longer.chosen] = np.sqrt(MOTIONS) * error[longer.chosen] * (longer.escapes == 0)
-    half, half_error = checks.half_step.mean(axis=1)[:, 0], standard_error(checks.half_step)[:, 0]
-    half_error = np.maximum(half_error, of_one)
-    half[by_orbit], half_error[by_orbit] = checks.half_step[by_orbit, 0, 0], 0.0
+    half = checks.half_step.mean(axis=1)[:, 0]
+    half_error = np.maximum(standard_error(checks.half_step)[:, 0], of_one)
+    half[by_orbit] = checks.half_step[by_orbit, 0, 0]
+    half_error[by_orbit] = 0.0
     close = np.abs(half - exponent) <= np.maximum(3 * np.hypot(error, half_error), AGREE)
     agree &= close | (by_orbit & (np.abs(half - exponent) <= STEADY))
     rows = measured.history[..., 0]
     middle = rows.shape[1] // 2
-    first, second = rows[:, :middle].mean(axis=1), rows[:, middle:].mean(axis=1)
+    first = rows[:, :middle].mean(axis=1)
+    second = rows[:, middle:].mean(axis=1)
     # each half has twice the variance of the whole
     of_record = np.maximum(standard_error(measured.history)[:, 0], of_one)
     agree &= np.abs(first - second) <= np.maximum(3 * 2 * of_record, STEADY)
@@ -317,30 +326,29 @@ class LyapunovExponents(ContinuedRecord):
         return replace(self, periods=periods) if self.periods is None else self
 
     @property
-    def labels(self) -> dict[str, tuple[tuple[str, ...], str, str]]:
-        """Dimension, unit and description of each variable, by name."""
-        each, one = ("count",), ()
+    def labels(self) -> dict[str, tuple[str, str]]:
+        """Unit and description of each variable, by name."""
         labels = {
-            "exponent": (each, "1/period", "Lyapunov exponents"),
-            "stderr": (each, "1/period", "standard error of the exponents"),
-            "weighted_exponent": (each, "1/period", "Lyapunov exponents by a smoothly weighted mean"),
-            "by_orbit": (one, "", "whether the exponents are those of the periodic orbit that was reached"),
-            "kind": (one, "", "kind of motion, by recurrence"),
-            "period": (one, "1", "forcing periods of a periodic motion, 0 for others"),
-            "regime": (one, "", "periodic, regular (neither periodic nor chaotic), chaotic, transient or unresolved"),
+            "exponent": ("1/period", "Lyapunov exponents"),
+            "stderr": ("1/period", "standard error of the exponents"),
+            "weighted_exponent": ("1/period", "Lyapunov exponents by a smoothly weighted mean"),
+            "by_orbit": ("", "whether the exponents are those of the periodic orbit that was reached"),
+            "kind": ("", "kind of motion, by recurrence"),
+            "period": ("1", "forcing periods of a periodic motion, 0 for others"),
+            "regime": ("", "periodic, regular (neither periodic nor chaotic), chaotic, transient or unresolved"),
         }
         if self.count > 1:
-            labels["kaplan_yorke"] = (one, "1", "Kaplan-Yorke dimension")
+            labels["kaplan_yorke"] = ("1", "Kaplan-Yorke dimension")
         if self.certify:
             regular = f"motions of {MOTIONS} that became regular within {HOLD} more forcing periods"
             labels |= {
-                "half_step": (one, "1/period", "largest exponent with half the step"),
-                "half_step_stderr": (one, "1/period", "standard error of the largest exponent with half the step"),
-                "floquet": (one, "1/period", "ln of the largest Floquet multiplier's modulus, per forcing period"),
-                "resolved": (one, "", "whether the other estimates agree"),
-                "escapes": (one, "1", regular),
-                "chaotic_for": (one, "1", "forcing periods for which chaos lasted at least, 0 for other motions"),
-                "least_mean_life": (one, "1", "least mean life of chaos in forcing periods, with 95 % confidence"),
+                "half_step": ("1/period", "largest exponent with half the step"),
+                "half_step_stderr": ("1/period", "standard error of the largest exponent with half the step"),
+                "floquet": ("1/period", "ln of the largest Floquet multiplier's modulus, per forcing period"),
+                "resolved": ("", "whether the other estimates agree"),
+                "escapes": ("1", regular),
+                "chaotic_for": ("1", "forcing periods for which chaos lasted at least, 0 for other motions"),
+                "least_mean_life": ("1", "least mean life of chaos in forcing periods, with 95 % confidence"),
             }
         return labels
 
@@ -371,7 +379,7 @@ class LyapunovExponents(ContinuedRecord):
         return measured + (HOLD + measured) * self.certify
 
     def after(self, carried, samples, status, run: RecordedChunk):
-        """Looks for the orbits that cases of a chunk have reached at the end of the recorded span."""
+        """Look for the orbits that cases of a chunk have reached at the end of the recorded span."""
         states = jax.tree.map(np.asarray, run.states)
         if not self.orbits:
             return (states, nothing_reached(states, self.count)), status
@@ -381,7 +389,7 @@ class LyapunovExponents(ContinuedRecord):
         periodic = np.flatnonzero(reached.period)
         if len(periodic):
             maps = Maps.of(run, reached.period, run.epoch)
-            codes = maps.look(periodic, rows_of(reached.state)[periodic], run.capacity)
+            codes = maps.contact_status(periodic, rows_of(reached.state)[periodic], run.capacity)
             # the measurement says what is wrong with a case
             reached.period[periodic[codes != Status.FINITE]] = 0
         return (states, reached), status
@@ -390,7 +398,7 @@ class LyapunovExponents(ContinuedRecord):
         return carried
 
     def continue_cases(self, values: CasesAfterRecord, status, plan: Plan, options: Mapping[str, Any], interrupted):
-        """Measures the cases that have not reached an orbit; with `certify`, runs chaotic ones for longer."""
+        """Measure the cases that have not reached an orbit; with `certify`, runs chaotic ones for longer."""
         after, reached = values
         no_orbit = status == Status.NO_ORBIT  # the orbit's record found none; the motion itself may be good
         status = np.where(no_orbit, int(Status.FINITE), status)
@@ -412,8 +420,9 @@ class LyapunovExponents(ContinuedRecord):
                 for of_all, of_index in zip(jax.tree.leaves(measured), jax.tree.leaves(run.results), strict=True):
                     of_all[index] = of_index
         longer = LongerMotions.not_run(np.zeros(0, int), self.count)
-        exponent, error = measured.history.mean(axis=1)[:, 0], standard_error(measured.history)[:, 0]
-        chosen = np.flatnonzero(is_chaotic(exponent, error) & (measured.status == Status.FINITE))
+        exponent = measured.history.mean(axis=1)[:, 0]
+        chaotic = is_chaotic(exponent, standard_error(measured.history)[:, 0])
+        chosen = np.flatnonzero(chaotic & (measured.status == Status.FINITE))
         if self.certify and not interrupted and len(chosen):
             epoch = plan.periods + measured_periods(blocks)
             longer, interrupted = run_longer_motions(plan, chosen, measured.state, epoch, blocks, self.count, options)
@@ -425,30 +434,36 @@ class LyapunovExponents(ContinuedRecord):
         return exponent_variables(plan.periods, measured, by_orbit, longer), status, interrupted
 
     def _of_orbits(self, state: State, reached: ReachedOrbits, by_orbit: np.ndarray, periods: int) -> CaseExponents:
-        """Exponents of the cases that have reached an orbit; the others are not measured yet."""
-        exponents, half_step = (
-            np.where(by_orbit[:, None], rows.reshape(len(by_orbit), -1), np.nan)
-            for rows in (reached.exponents, reached.half_step)
-        )
-        alike = lambda rows: np.repeat(rows[:, None], periods, axis=1)
+        """Return the exponents of the cases that have reached an orbit; the others are not measured yet."""
+
+        def history(exponents: np.ndarray) -> np.ndarray:
+            """Return the same exponents of all periods, NaN without an orbit."""
+            rows = np.where(by_orbit[:, None], exponents.reshape(len(by_orbit), -1), np.nan)
+            return np.repeat(rows[:, None], periods, axis=1)
+
         status = np.where(by_orbit, int(Status.FINITE), int(Status.NOT_RUN))
-        checks = Checks(alike(half_step), status.copy(), exponents[:, 0].copy()) if self.certify else None
+        exponents = history(reached.exponents)
+        checks = None
+        if self.certify:
+            checks = Checks(history(reached.half_step), status.copy(), exponents[:, 0, 0].copy())
         kind = np.where(by_orbit, int(Regime.PERIODIC), int(Regime.UNRESOLVED))
         period = np.where(by_orbit, reached.period, 0)
-        return CaseExponents(status, kind, period, alike(exponents), state, checks)
+        return CaseExponents(status, kind, period, exponents, state, checks)
 
     def _measured(self, run: RecordedChunk, blocks: int, status: Int[np.ndarray, " lanes"]) -> CaseExponents:
-        """Measures a chunk of cases, of some `Status` codes, from its states on."""
+        """Measure a chunk of cases, of some `Status` codes, from its states on."""
         local = measure(run, blocks, self.count)
         states = jax.tree.map(np.asarray, local.state)
-        rows, nowhere = rows_of(states), np.zeros(len(status), int)
-        maps = Maps.of(run, nowhere, run.epoch + measured_periods(blocks))
-        looked = maps.look(np.arange(len(rows)), rows, run.capacity)
-        status = np.asarray(first_problem(first_problem(status, local.status), looked))
-        motion, checks = motions_of(local.strobe, status), None
+        rows = rows_of(states)
+        maps = Maps.of(run, np.zeros(len(status), int), run.epoch + measured_periods(blocks))
+        pressed = maps.contact_status(np.arange(len(rows)), rows, run.capacity)
+        status = np.asarray(first_problem(first_problem(status, local.status), pressed))
+        motion = motions_of(local.strobe, status)
+        checks = None
         if self.certify:
             half = measure(run, blocks, 1, finer=2)
-            floquet, periodic = np.full(len(rows), np.nan), np.flatnonzero(motion.period)
+            floquet = np.full(len(rows), np.nan)
+            periodic = np.flatnonzero(motion.period)
             matrices = maps._replace(periods=motion.period).jacobians(periodic, rows[periodic])
             floquet[periodic] = [largest_exponent(of_case, len(of_case)) for of_case in matrices]
             checks = Checks(half.history, half.status, floquet)
@@ -456,9 +471,9 @@ class LyapunovExponents(ContinuedRecord):
 
     def label(self, scene, dims, values: dict[str, np.ndarray]) -> Labelled:
         data = {}
-        for name, (over, unit, text) in self.labels.items():
-            label = {"units": unit, "long_name": text} if unit else {"long_name": text}
-            data[name] = ((*dims, *over), values[name], label)
+        for name, words in self.labels.items():
+            several = values[name].ndim > len(dims)
+            data[name] = column((*dims, "count") if several else dims, values[name], *words)
         if self.periods is not None and self.certify:
             data["regime"][2]["chaotic"] = lasting("chaotic", least_mean_life(self.measured))
         return data, {}

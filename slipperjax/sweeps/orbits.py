@@ -18,7 +18,7 @@ from jaxtyping import Complex, Float, Int
 from ..analysis.floquet import circle_error, multipliers
 from ..analysis.newton import LEAST_FALL
 from ..flow.period_map import advance, batch_jacobians, tangent_weights
-from ..flow.record import Labelled, RecordSet, attributes
+from ..flow.record import Labelled, RecordSet
 from ..flow.records import ContactChecks, judged_by_contacts
 from ..flow.simulate import dynamic_steps
 from ..flow.status import Status, first_problem, most_stability_number, status_of
@@ -31,6 +31,7 @@ from ..orbits.motions import check_forcing, consistent_memory
 from ..orbits.periodic import MOST_PERIOD, TOLERANCE
 from ..tools.batching import Batched
 from ..tools.checks import number, positive, whole
+from ..tools.columns import column
 from ..tools.compile import as_argument, jit
 from .grid import filled
 from .run import PERIODS_PER_CALL, ContinuedRecord, OnProgress, RecordedChunk
@@ -46,8 +47,7 @@ rows_of = StateLayout.pack
 class Maps(NamedTuple):
     """Maps over some forcing periods, each of one case of a batch. Cases are given by their indices in it.
 
-    Each period is a call of its own, so that cases of different periods share programs, and a solver that begins
-    each differentiated period anew begins each mapped one anew.
+    One call per period, as in the Jacobian: cases of different periods share programs, and solvers restart alike.
     """
 
     scenes: Batched[Scene]
@@ -69,14 +69,16 @@ class Maps(NamedTuple):
 
     def mapped(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """States after each case's period."""
-        return self.path(index, rows)[1]
+        _, end = self.path(index, rows)
+        return end
 
     def path(self, index: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """States at the start of each forcing period, (cases, periods, size), and after the last.
 
         Beyond a case's own period its row after it is repeated.
         """
-        along, rows = [], rows.copy()
+        along = []
+        rows = rows.copy()
         for k in range(self.periods[index].max(initial=1)):
             along.append(rows.copy())
             going = np.flatnonzero(self.periods[index] > k)
@@ -89,7 +91,8 @@ class Maps(NamedTuple):
         """Jacobians of each case's forcing periods, (period, size, size) each; for a forcing that recurs."""
         if not len(index):
             return []
-        along, counts = self.path(index, rows)[0], self.periods[index]
+        along, _ = self.path(index, rows)
+        counts = self.periods[index]
         # the periods of all cases at once, because few cases have many
         lane, period = np.nonzero(np.arange(along.shape[1]) < counts[:, None])
         matrices = self._of_blocks(self._derived, index[lane], along[lane, period])
@@ -104,8 +107,8 @@ class Maps(NamedTuple):
         """Weights of the components of states."""
         return self._of_blocks(lambda *of: rows_of(_weights(*of)), index, rows)
 
-    def look(self, index: np.ndarray, rows: np.ndarray, capacity: int) -> Int[np.ndarray, " some"]:
-        """Judges states by the contact loads of some periods from there on, as `Status` codes.
+    def contact_status(self, index: np.ndarray, rows: np.ndarray, capacity: int) -> Int[np.ndarray, " some"]:
+        """Return `Status` codes of states by the contact loads of some periods from there on.
 
         **Arguments:** `capacity`: steps per period that the program has capacity for, of `Plan.capacity`.
         """
@@ -123,20 +126,22 @@ class Maps(NamedTuple):
         return rows_of(advance(scenes, states, at, dynamic_steps(self.steps), solver=self.solver, periods=1).state)
 
     def _derived(self, scenes: Batched[Scene], states: State) -> np.ndarray:
-        of = scenes, states, self.epoch, dynamic_steps(self.steps)
-        return np.asarray(batch_jacobians(*of, solver=self.solver, periods=1))[:, 0]
+        steps = dynamic_steps(self.steps)
+        matrices = batch_jacobians(scenes, states, self.epoch, steps, solver=self.solver, periods=1)
+        return np.asarray(matrices)[:, 0]
 
     def _looked(self, capacity: int, scenes: Batched[Scene], states: State) -> np.ndarray:
-        stepping, records = ConstantSteps(capacity, as_argument(self.steps)), RecordSet((ContactChecks(),))
-        options: dict[str, Any] = dict(solver=self.solver, periods=PERIODS_PER_CALL, records=records)
-        seen = advance(scenes, states, self.epoch, stepping, **options)
+        stepping = ConstantSteps(capacity, as_argument(self.steps))
+        options: dict[str, Any] = dict(solver=self.solver, periods=PERIODS_PER_CALL)
+        seen = advance(scenes, states, self.epoch, stepping, records=RecordSet((ContactChecks(),)), **options)
         return np.asarray(judged_by_contacts(scenes, seen.status, *seen.carried, most_stability_number(self.solver)))
 
     def _of_blocks(self, call: Callable[..., np.ndarray], index: np.ndarray, *rows: np.ndarray) -> np.ndarray:
         """`call(scenes, *states)` over the cases in blocks of one size."""
         if not len(index):
             return np.empty((0, *rows[0].shape[1:]))
-        size, parts = LANES_PER_CALL if len(self.periods) > 8 else 8, []
+        size = LANES_PER_CALL if len(self.periods) > 8 else 8
+        parts = []
         for first in range(0, len(index), size):
             part = np.arange(first, min(first + size, len(index)))
             lanes = filled(part, size)
@@ -225,13 +230,18 @@ class _Search:
     """Newton's method for all cases of a batch; its arrays have a leading axis of cases."""
 
     def __init__(self, maps: Maps, rows: np.ndarray):
-        self.maps, self.rows = maps, rows
         cases, size = rows.shape
-        self.miss, self.residual = np.zeros_like(self.rows), np.full(cases, np.inf)
+        self.maps = maps
+        self.rows = rows
+        self.miss = np.zeros_like(rows)
+        self.residual = np.full(cases, np.inf)
         self.share = np.ones(cases)
         """Of a full step that is tried next."""
-        self.iterations, self.jacobians = np.zeros(cases, int), np.zeros(cases, int)
-        self.inverse, self.stale = np.full((cases, size, size), np.nan), np.ones(cases, bool)
+        self.iterations = np.zeros(cases, int)
+        self.jacobians = np.zeros(cases, int)
+        self.inverse = np.full((cases, size, size), np.nan)
+        self.stale = np.ones(cases, bool)
+        """Whether the Jacobian is computed anew before the next step."""
         wanted = np.flatnonzero(maps.periods)
         begin = self.rows[wanted]
         self.miss[wanted] = maps.mapped(wanted, begin) - begin
@@ -247,11 +257,15 @@ class _Search:
         if len(index):
             self.inverse[index] = _inverses(self.maps.jacobians(index, self.rows[index]))
             self.jacobians[index] += 1
-            self.stale[index], self.share[index] = False, 1.0
+            self.stale[index] = False
+            self.share[index] = 1.0
 
     def step(self, index: np.ndarray, max_iterations: int) -> None:
         """Tries one step of some cases, and takes it where the residual falls, or where it was halved often."""
-        rows, miss, share, maps = self.rows[index], self.miss[index], self.share[index], self.maps
+        maps = self.maps
+        rows = self.rows[index]
+        miss = self.miss[index]
+        share = self.share[index]
         direction = np.einsum("kij,kj->ki", self.inverse[index], miss)
         proposed = maps.settled(index, rows + share[:, None] * direction, rows + miss)
         weights = maps.weights(index, proposed)
@@ -260,20 +274,27 @@ class _Search:
         self.iterations[index] += 1
         last = share <= 0.5**HALVINGS
         good = (new_residual <= (1 - LEAST_FALL * share) * self.residual[index]) | (last & np.isfinite(new_residual))
-        taken, moved, fell = index[good], (proposed - rows)[good], (miss - new_miss)[good]
+        taken = index[good]
+        moved = (proposed - rows)[good]
+        fell = (miss - new_miss)[good]
         self.inverse[taken] = _broyden(self.inverse[taken], moved, fell, weights[good])
         self.stale[taken] = new_residual[good] > SLOW * self.residual[taken]
-        self.rows[taken], self.miss[taken], self.residual[taken] = proposed[good], new_miss[good], new_residual[good]
+        self.rows[taken] = proposed[good]
+        self.miss[taken] = new_miss[good]
+        self.residual[taken] = new_residual[good]
         self.share[taken] = 1.0
         self.share[index[~good]] /= 2
         self.iterations[index[~good & last]] = max_iterations  # every step leaves the finite numbers
 
     def orbits(self, tolerance: float) -> Orbits:
         """Collects the orbits, with multipliers where there are any, after one more step by their Jacobian."""
-        maps, rows, everyone = self.maps, self.rows, np.arange(len(self.rows))
+        maps = self.maps
+        rows = self.rows
+        everyone = np.arange(len(rows))
         status = maps.statuses(everyone, rows)
         status = np.where((status == Status.FINITE) & ~(self.residual <= tolerance), int(Status.NO_ORBIT), status)
-        mu, growth = np.full(rows.shape, np.nan + 0j), np.full(len(rows), np.nan)
+        mu = np.full(rows.shape, np.nan + 0j)
+        growth = np.full(len(rows), np.nan)
         good = np.flatnonzero(status == Status.FINITE)
         if len(good):
             matrices = maps.jacobians(good, rows[good])
@@ -359,10 +380,12 @@ class NearestOrbit(ContinuedRecord):
         check_forcing(scene)
 
     def after(self, carried, samples, status, run: RecordedChunk):
-        maps, states = Maps.of(run, np.where(run.good(status), self.period, 0)), jax.tree.map(np.asarray, run.states)
+        maps = Maps.of(run, np.where(run.good(status), self.period, 0))
+        states = jax.tree.map(np.asarray, run.states)
         orbits = find_orbits(maps, states, tolerance=self.tolerance, max_iterations=self.max_iterations)
-        states = coordinates(orbits.state), rows_of(orbits.state)
-        return (*states, orbits.multipliers, orbits.residual, orbits.iterations), first_problem(status, orbits.status)
+        strobe = coordinates(orbits.state)
+        kept = strobe, rows_of(orbits.state), orbits.multipliers, orbits.residual, orbits.iterations
+        return kept, first_problem(status, orbits.status)
 
     def finish(self, carried, samples, span):
         return carried
@@ -372,19 +395,16 @@ class NearestOrbit(ContinuedRecord):
         largest = np.abs(mu[..., 0])
         with np.errstate(divide="ignore"):
             exponent = np.log(largest) / self.period
+        stable = largest <= 1 + circle_error(mu)
         text = "; ".join(f"{name} [{q.unit}]" for name, q in COORDINATES.items())
-        label, over = attributes, (*dims, "multiplier")
+        over = (*dims, "multiplier")
         return {
-            "orbit": ((*dims, "coordinate"), strobe, {"long_name": f"state at the start of a period: {text}"}),
-            "orbit_state": ((*dims, "number"), state, {"long_name": "all numbers of the orbit's state"}),
-            "multiplier_real": (over, mu.real, label("1", "Floquet multipliers, real parts")),
-            "multiplier_imag": (over, mu.imag, label("1", "Floquet multipliers, imaginary parts")),
-            "orbit_exponent": (dims, exponent, label("1/period", "ln of the largest multiplier's modulus")),
-            "stable": (
-                dims,
-                largest <= 1 + circle_error(mu),
-                {"long_name": "whether no multiplier lies outside the unit circle"},
-            ),
-            "residual": (dims, residual, label("1", "scaled residual")),
-            "iterations": (dims, iterations, label("1", "iterations of Newton's method")),
+            "orbit": column((*dims, "coordinate"), strobe, "", f"state at the start of a period: {text}"),
+            "orbit_state": column((*dims, "number"), state, "", "all numbers of the orbit's state"),
+            "multiplier_real": column(over, mu.real, "1", "Floquet multipliers, real parts"),
+            "multiplier_imag": column(over, mu.imag, "1", "Floquet multipliers, imaginary parts"),
+            "orbit_exponent": column(dims, exponent, "1/period", "ln of the largest multiplier's modulus"),
+            "stable": column(dims, stable, "", "whether no multiplier lies outside the unit circle"),
+            "residual": column(dims, residual, "1", "scaled residual"),
+            "iterations": column(dims, iterations, "1", "iterations of Newton's method"),
         }, {"coordinate": list(COORDINATES)}

@@ -1,15 +1,15 @@
 """Quantiles over rails of a sweep, with their errors, and differences between cases on common rails."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import scipy.stats
 import xarray as xr
 
 from ..analysis.quantiles import bootstrap, check_quantile
-from ..flow.status import MEANINGS, Status, with_accuracy
+from ..flow.status import MEANINGS, with_accuracy
 from ..tools.checks import instance, one_of, require, whole
+from ..tools.columns import column
 
 
 def over_rails(
@@ -21,7 +21,7 @@ def over_rails(
     resamples: int = 400,
     seed: int = 0,
 ) -> xr.Dataset:
-    """Computes a quantile over rails, with its error, and how it differs between cases on the same rails.
+    """Compute a quantile over rails, with its error, and how it differs between cases on the same rails.
 
     ```python
     rails = dict(transient=5, periods=60, record="peak_force")  # on which 1000 m of rail suffice
@@ -54,81 +54,80 @@ def over_rails(
     one_of("dim", dim, [str(name) for name in values.dims])
     others = [name for name in values.dims if name != dim]
     rows = values.transpose(dim, *others)
-    lost_last = lambda values: np.where(np.isnan(values) & (quantile is not None), np.inf, values)
-    numbers = lost_last(rows.values.reshape(rows.sizes[dim], -1))
+    numbers = _of_rails(rows, quantile)
     require(len(numbers) > 1, "values", "have two or more rails", shown=f"{len(numbers)}")
     check_quantile(quantile, len(numbers))
-
-    def of(numbers: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        def fit(weights: np.ndarray) -> np.ndarray:
-            drawn = numbers[np.repeat(np.arange(len(numbers)), weights.astype(int))]
-            if quantile is None:
-                return drawn.mean(axis=0)
-            with np.errstate(invalid="ignore"):  # differences of infinite ones
-                found = np.quantile(drawn, quantile, axis=0, method="median_unbiased")
-            return np.where(np.isfinite(found), found, np.nan)
-
-        return fit
-
     draws = dict(resamples=whole("resamples", resamples, 2), seed=whole("seed", seed, 0))
-    value, drawn = bootstrap(of(numbers), len(numbers), **draws)
+    value, drawn = bootstrap(_fit(numbers, quantile), len(numbers), **draws)
     if quantile is None:
         stderr = drawn.std(axis=0, ddof=1)
-        low, high = value - 2 * stderr, value + 2 * stderr
+        low = value - 2 * stderr
+        high = value + 2 * stderr
     else:
         # true whatever the distribution, for as many values lie below as a binomial law says
         places = scipy.stats.binom.ppf([0.025, 0.975], len(numbers), quantile).astype(int) - [1, 0]
-        ranked = np.sort(numbers, axis=0)
-        ends = [ranked[k] for k in np.clip(places, 0, len(numbers) - 1).tolist()]
-        low, high = (np.where(np.isfinite(end), end, np.nan) for end in ends)
+        ends = np.sort(numbers, axis=0)[np.clip(places, 0, len(numbers) - 1)]
+        low, high = np.where(np.isfinite(ends), ends, np.nan)
         stderr = (high - low) / 4
+    unit = values.attrs.get("units", "")
+    difference_stderr = (drawn - drawn[:, :1]).std(axis=0, ddof=1)
     columns = {
-        "value": (value, "mean" if quantile is None else f"quantile {quantile:g}"),
-        "stderr": (stderr, "standard error"),
-        "low": (low, "lower end of the 95 % interval"),
-        "high": (high, "upper end of the 95 % interval"),
-        "difference": (value - value[0], "difference from the first case"),
-        "difference_stderr": ((drawn - drawn[:, :1]).std(axis=0, ddof=1), "standard error of the difference"),
+        "value": (value, unit, "mean" if quantile is None else f"quantile {quantile:g}"),
+        "stderr": (stderr, unit, "standard error"),
+        "low": (low, unit, "lower end of the 95 % interval"),
+        "high": (high, unit, "upper end of the 95 % interval"),
+        "difference": (value - value[0], unit, "difference from the first case"),
+        "difference_stderr": (difference_stderr, unit, "standard error of the difference"),
     }
-    shape = [rows.sizes[name] for name in others]
-    words = lambda text: {"units": values.attrs.get("units", ""), "long_name": text}
-    data = {name: (others, column.reshape(shape), words(text)) for name, (column, text) in columns.items()}
     if finer is not None:
-        fine, same = _same_rails(finer, rows, dim)
+        fine, same = (_of_rails(part, quantile) for part in _same_rails(finer, rows, dim))
         check_quantile(quantile, len(fine))
-        pairs = of(lost_last(np.concatenate([fine, same], axis=1)))
-        halves = lambda weights: np.split(pairs(weights), 2)
-        change, drawn = bootstrap(lambda weights: np.divide(*halves(weights)) - 1, len(fine), **draws)
-        data |= _changes(others, change.reshape(shape), drawn.std(axis=0, ddof=1).reshape(shape))
+        pairs = _fit(np.concatenate([fine, same], axis=1), quantile)
+        change, drawn = bootstrap(lambda weights: np.divide(*np.split(pairs(weights), 2)) - 1, len(fine), **draws)
+        error = drawn.std(axis=0, ddof=1)
+        columns["step_change"] = change, "1", "relative change by more steps"
+        columns["step_change_stderr"] = error, "1", "standard error of the relative change"
+    shape = [rows.sizes[name] for name in others]
+    data = {name: column(others, array.reshape(shape), *words) for name, (array, *words) in columns.items()}
+    if finer is not None:
+        status = with_accuracy(np.zeros(shape, int), np.abs(data["step_change"][1]), data["step_change_stderr"][1])
+        data["status"] = column(others, status, "", "status", meaning=MEANINGS)
     coords = {name: values.coords[name] for name in others if name in values.coords}
     facts = dict(rails=len(numbers), quantile="none" if quantile is None else quantile)
     return xr.Dataset(data, coords, facts)
 
 
-def _same_rails(finer: xr.DataArray, rows: xr.DataArray, dim: str) -> tuple[np.ndarray, np.ndarray]:
-    """Returns values with more steps, and those of the same rails in `rows`, both of shape (rails, cases).
+def _of_rails(rows: xr.DataArray, quantile: float | None) -> np.ndarray:
+    """Return values of shape (rails, cases); where quantiles are asked for, lost slippers count as the greatest."""
+    numbers = rows.values.reshape(len(rows), -1)
+    return np.where(np.isnan(numbers) & (quantile is not None), np.inf, numbers)
+
+
+def _fit(numbers: np.ndarray, quantile: float | None) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the function that gives quantiles or means of the rails as often as they were drawn."""
+
+    def fit(weights: np.ndarray) -> np.ndarray:
+        drawn = numbers[np.repeat(np.arange(len(numbers)), weights.astype(int))]
+        if quantile is None:
+            return drawn.mean(axis=0)
+        with np.errstate(invalid="ignore"):  # differences of infinite ones
+            found = np.quantile(drawn, quantile, axis=0, method="median_unbiased")
+        return np.where(np.isfinite(found), found, np.nan)
+
+    return fit
+
+
+def _same_rails(finer: xr.DataArray, rows: xr.DataArray, dim: str) -> tuple[xr.DataArray, xr.DataArray]:
+    """Return values with more steps, and those of the same rails in `rows`.
 
     **Raises:** `ValueError` where `finer` has other dimensions, or rails that are not in `rows`.
     """
     instance("finer", finer, xr.DataArray, "an xarray.DataArray of a sweep")
-    alike = set(finer.dims) == set(rows.dims)
-    require(
-        alike, "finer", f"have the dimensions {', '.join(map(str, rows.dims))}", shown=", ".join(map(str, finer.dims))
-    )
+    need = f"have the dimensions {', '.join(map(str, rows.dims))}"
+    require(set(finer.dims) == set(rows.dims), "finer", need, shown=", ".join(map(str, finer.dims)))
     fine = finer.transpose(*rows.dims)
-    places = [np.flatnonzero(rows[dim].values == number) for number in fine[dim].values]
-    good = all(len(found) == 1 for found in places) and fine.shape[1:] == rows.shape[1:]
+    known = rows[dim].values.tolist()
+    asked = fine[dim].values.tolist()
+    good = all(known.count(rail) == 1 for rail in asked) and fine.shape[1:] == rows.shape[1:]
     require(good, "finer", "be of the same cases, on rails that are among those of `values`", shown="of others")
-    flat = lambda array: array.values.reshape(len(places), -1)
-    return flat(fine), flat(rows.isel({dim: np.concatenate(places)}))
-
-
-def _changes(dims: list, change: np.ndarray, stderr: np.ndarray) -> dict[str, Any]:
-    """Returns the variables of what steps change [1]."""
-    status = with_accuracy(np.full(change.shape, int(Status.FINITE)), np.abs(change), stderr)
-    words = lambda text: {"units": "1", "long_name": text}
-    return {
-        "step_change": (dims, change, words("relative change by more steps")),
-        "step_change_stderr": (dims, stderr, words("standard error of the relative change")),
-        "status": (dims, status, {"meaning": MEANINGS}),
-    }
+    return fine, rows.isel({dim: [known.index(rail) for rail in asked]})

@@ -9,13 +9,14 @@ from jaxtyping import Float
 from ..analysis.attractor import MIN_TEST
 from ..analysis.kinds import Regime
 from ..analysis.lyapunov import one_motion_standard_error
-from ..flow.record import AbstractRecord, History, Labelled, RecordedSpan, RecordSet, Sections, Strobe, attributes
+from ..flow.record import AbstractRecord, History, Labelled, RecordedSpan, RecordSet, Sections, Strobe
 from ..flow.records import ALIASES, RECORDS, ContactChecks, OnePoint
 from ..flow.status import first_problem
 from ..model.dynamics import State
 from ..model.layout import coordinates
 from ..model.quantities import COORDINATE_SCALES, LOADS, Quantity
 from ..tools.checks import require, warn, whole, yes_or_no
+from ..tools.columns import column
 from .attractors import LAST, Motions, motions_of
 from .exponents import LyapunovExponents, counted_blocks, measure
 from .orbits import NearestOrbit
@@ -23,8 +24,6 @@ from .run import ContinuedRecord, RecordedChunk
 
 LEAST_PERIODS = 16
 """Recorded periods without which nothing is classified, see `slipperjax.analysis.classify`."""
-LEAST_MEASURED = 8
-"""Periods without which an exponent has no standard error, see `slipperjax.analysis.standard_error`."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +76,8 @@ class MotionKind(AbstractRecord):
     def label(self, scene, dims, values: Motions) -> Labelled:
         words = Regime.kind_names(values.kind)
         return {
-            "kind": (dims, words, {"long_name": "kind of motion, by recurrence"}),
-            "period": (dims, values.period, attributes("1", "forcing periods of a periodic motion, 0 for others")),
+            "kind": column(dims, words, "", "kind of motion, by recurrence"),
+            "period": column(dims, values.period, "1", "forcing periods of a periodic motion, 0 for others"),
         }, {}
 
 
@@ -103,7 +102,7 @@ class LargestExponent(ContinuedRecord):
 
     def __post_init__(self):
         if self.periods is not None:
-            whole("periods", self.periods, LEAST_MEASURED)
+            whole("periods", self.periods, 8)  # without which there is no standard error
 
     name = "exponent"
 
@@ -133,12 +132,14 @@ class LargestExponent(ContinuedRecord):
         return OneExponent(history.mean(axis=1)[:, 0], one_motion_standard_error(history)[:, 0])
 
     def label(self, scene, dims, values: OneExponent) -> Labelled:
-        label = attributes("1/period", "largest Lyapunov exponent, uncertified")
-        error = attributes("1/period", "standard error of the largest Lyapunov exponent")
-        return {"exponent": (dims, values.exponent, label), "exponent_stderr": (dims, values.stderr, error)}, {}
+        text = "standard error of the largest Lyapunov exponent"
+        return {
+            "exponent": column(dims, values.exponent, "1/period", "largest Lyapunov exponent, uncertified"),
+            "exponent_stderr": column(dims, values.stderr, "1/period", text),
+        }, {}
 
 
-_OTHERS: dict[str, tuple[AbstractRecord, ...]] = {
+OTHERS: dict[str, tuple[AbstractRecord, ...]] = {
     "sections": (Sections(), Strobe(from_start=True)),
     "strobe": (Strobe(),),
     "history": (History(),),
@@ -148,7 +149,7 @@ _OTHERS: dict[str, tuple[AbstractRecord, ...]] = {
     "orbits": (NearestOrbit(),),
 }
 """Records by name that are no numbers of a period."""
-NAMES = (*_OTHERS, *ALIASES, *RECORDS)
+NAMES = (*OTHERS, *ALIASES, *RECORDS)
 """Names that `sweep(..., record=...)` knows."""
 
 
@@ -181,4 +182,4 @@ def _records(record: Any) -> tuple[AbstractRecord, ...]:
         return (record,)
     need = f"be one of {', '.join(NAMES)}, a record, or a list of names and records"
     require(isinstance(record, str) and record in NAMES, "record", need, record)
-    return _OTHERS.get(record) or tuple(RECORDS[name] for name in ALIASES.get(record, (record,)))
+    return OTHERS.get(record) or tuple(RECORDS[name] for name in ALIASES.get(record, (record,)))

@@ -461,7 +461,10 @@ LINES = [
     (["simulate", "--set", "mass=3 m"], "`mass` must be in a unit like kg"),
     (["simulate", "--set", "wieght=3"], "`wieght` is no parameter"),
     (["simulate", "--set", "section.play.9=1e-3"], "must have a number of 0 to 4"),
-    ([*OVER, "speed", "0", "2500", "3", "--log", "speed"], "--over must have values above zero where --log names speed"),
+    (
+        [*OVER, "speed", "0", "2500", "3", "--log", "speed"],
+        "--over must have values above zero where --log names speed",
+    ),
     ([*OVER, "speed", "1", "2500", "3", "--log", "length"], "--log must name a parameter of --over or --by"),
     (["simulate", "--periods", "0"], "'--periods': 0 is not in the range x>=1"),
     (["simulate", "--periods", "2.5"], "--periods"),
