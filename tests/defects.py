@@ -237,13 +237,13 @@ tests/plots/test_plots.py -k flagged_exponents
 # sweeps
 an old worker writes into a new store
 tests/sweeps/test_stores.py -k old_worker
--            if _open_archive(self.path).mark == self.mark:
-+            if _open_archive(self.path).mark.keys() == self.mark.keys():
+-        if not self.path.exists() or _open_archive(self.path).identity != self.identity:
++        if not self.path.exists() or _open_archive(self.path).call != self.call:
 
 missing files of a complete tile not seen
 tests/sweeps/test_stores.py -k damaged_tile
 -        complete = lambda number: all(file.is_file() for file in reversed(self.files(number).values()))
-+        complete = lambda number: self.files(number)[DIGEST].is_file()
++        complete = lambda number: self.files(number)[MARK_OF_TILE].is_file()
 
 lock taken only by who waits
 tests/sweeps/test_stores.py -k two_processes_cannot_write
@@ -265,8 +265,8 @@ tests/sweeps/test_interrupts.py -k finished_chunks_are_kept
 
 rails that lost a slipper count as the best
 tests/analysis/test_quantiles.py -k lost
--np.where(np.isnan(values) & (quantile is not None), np.inf, values)
-+np.where(np.isnan(values) & (quantile is not None), -np.inf, values)
+-np.where(np.isnan(numbers) & (quantile is not None), np.inf, numbers)
++np.where(np.isnan(numbers) & (quantile is not None), -np.inf, numbers)
 
 wear by twice the work
 tests/sweeps/test_runs.py -k wear_opens
@@ -329,8 +329,8 @@ tests/cli/test_interrupts.py -k falls_into_a_callback
 
 grid in display units
 tests/cli/test_cli.py -k axes_are_read_in_display_units
--grid[name] = quantity.from_shown((np.geomspace
-+grid[name] = quantity.shown((np.geomspace
+-grid[name] = quantity.from_shown(spread
++grid[name] = quantity.shown(spread
 
 # crossings, steps on random rails, distributions
 every multiplier above one counts as outside
@@ -405,8 +405,8 @@ tests/sweeps/test_sweep.py -k inaccurate
 
 a distribution has a value at the share of zero
 tests/sweeps/test_explain.py
--np.maximum(share, LEAST_SHARE)
-+share
+-    share = np.maximum(share, 2.0**-31)
++    share = share
 
 the import makes a backend
 tests/tools/test_compile.py -k backend
@@ -453,15 +453,17 @@ tests/tools/test_jacobian.py -k derivatives_are
 -    return [*results, *pushed], [None] * len(results) + [0] * len(pushed)
 +    return [*results, *(p[0] for p in pushed)], [None] * (len(results) + len(pushed))
 
-what cannot be read in a store has no place
+a tile of another store counts as one of this one
 tests/sweeps/test_stores.py -k damaged_tile
--            raise OSError(f"{self.path / self.name} is damaged: {advice}: {error}") from None
-+            raise
+-        return None if mark["tile"] == self.mark_of(number) else "it is of another store or place"
++        return None
 
 one run's stop is that of all
 tests/sweeps/test_interrupts.py -k "threads or asked_to_end"
--    pool, stop = ThreadPoolExecutor(len(calls)), Stop(Stop.here())
-+    pool, stop = ThreadPoolExecutor(len(calls)), Stop.here()
+-    stop = Stop(Stop.here())
+-    futures = [stop.submit(pool, call) for call in calls]
++    stop = Stop.here()
++    futures = [stop.submit(pool, call) for call in calls]
 
 types are promoted as the user wants it
 tests/tools/test_compile.py -k strict

@@ -11,6 +11,7 @@ import json
 import math
 import multiprocessing
 import os
+import re
 import shutil
 import signal
 import threading
@@ -321,14 +322,24 @@ def _make_archive(path: Path, *contents: Any) -> Archive:
 
     **Arguments:** `contents`: as for `_create`.
     """
-    if path.exists():
-        _open_archive(path)  # nothing but stores of ours is replaced
+    _check_replaceable(path)
     with TemporaryDirectory(".part", f".{path.name}.", path.parent, ignore_cleanup_errors=True) as part:
         _create(Path(part, "new"), *contents)
         if path.exists():
             os.rename(path, Path(part, "old"))
         os.rename(Path(part, "new"), path)
     return _open_archive(path)
+
+
+def _check_replaceable(path: Path) -> None:
+    """Raise `ValueError` where something is there but a store of ours, with nothing else in it."""
+    if not path.exists():
+        return
+    _open_archive(path)
+    own = re.compile(r"([^/]+/)?(zarr\.json|c(/\d+)*)(\..+\.partial)?")
+    for file in path.rglob("*"):
+        good = file.is_dir() or own.fullmatch(file.relative_to(path).as_posix())
+        require(good, "store", "have no other files where it is made anew", shown=str(file))
 
 
 def _open_archive(path: Path, call: Mapping[str, Any] | None = None) -> Archive:
@@ -568,8 +579,7 @@ class _StoredSweep:
 
     def _made(self, tiles: Tiling, asked: Mapping[str, Any], how: Mapping[str, Any]) -> Archive:
         """Make an empty store, after one case, so that a wrong argument deletes nothing."""
-        if self.store.path.exists():
-            _open_archive(self.store.path)
+        _check_replaceable(self.store.path)
         call, values = self._part(tuple(slice(1) for _ in self.grid.shape))
         try:
             like = self.compute(call, self.grid.scene, values, self.start, **how)

@@ -370,6 +370,21 @@ def test_only_stores_of_ours_are_replaced(tmp_path, stored, whole):
     with pytest.raises(ValueError, match="must be a store of slipperjax, but is none"):
         call(other, fresh=True)
     assert files(other) == before
+    for name in (
+        "thesis.tex",
+        "notes/thesis.tex",
+        "v_z/thesis.tex",
+        "v_z/c/3/0/0.tex",
+        "thesis.partial",
+        ".git/config",
+    ):
+        file = stored / name
+        file.parent.mkdir(exist_ok=True)
+        file.write_text("years of work")
+        with pytest.raises(ValueError, match=f"must have no other files .* but has .*{name}"):
+            call(stored, fresh=True)
+        assert file.read_text() == "years of work"
+        file.unlink()
     (stored / "v_z" / "c" / "3" / "0" / "0.1.partial").write_text("of a process that was killed")
     next(stored.glob("mark_of_tile/c/4/0")).unlink()
     call(stored)
