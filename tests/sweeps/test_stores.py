@@ -385,6 +385,8 @@ def test_only_stores_of_ours_are_replaced(tmp_path, stored, whole):
             call(stored, fresh=True)
         assert file.read_text() == "years of work"
         file.unlink()
+        if not any(file.parent.iterdir()):
+            file.parent.rmdir()
     (stored / "v_z" / "c" / "3" / "0" / "0.1.partial").write_text("of a process that was killed")
     next(stored.glob("mark_of_tile/c/4/0")).unlink()
     call(stored)
