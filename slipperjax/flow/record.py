@@ -101,20 +101,12 @@ class AbstractRecord(abc.ABC):
         """Return the scene in the period `epoch`, where earlier periods change it."""
         return scene
 
-    def cost_after(self, periods: int) -> float:
-        """Return the cost of the work after so many recorded periods, in unrecorded ones."""
-        return 0.0
-
     def after(self, carried: Any, samples: Any, status: np.ndarray, run: Any) -> tuple[Any, np.ndarray]:
         """Continue the motions of a chunk after the recorded span, or judge them; return carry and `Status` codes.
 
         **Arguments:** `samples`: (cases, periods, ...); `run`: the chunk, a `slipperjax.sweeps.run.RecordedChunk`.
         """
         return carried, status
-
-    def cost_continuing(self, periods: int) -> float:
-        """Return the cost of running on after all chunks, in unrecorded periods."""
-        return 0.0
 
     def periods_continuing(self, periods: int) -> int:
         """Return for how many forcing periods cases run on after so many recorded ones."""
@@ -182,15 +174,6 @@ class RecordSet:
         """The attribute `record` of datasets."""
         return ", ".join(r.name for r in self.records if r.name)
 
-    @property
-    def cost(self) -> float:
-        """Cost of a recorded period over an unrecorded one: 1.1 to 3.5 were measured, see docs/records.md."""
-        return 2.0 if self.inside else 1.0
-
-    def cost_after(self, periods: int) -> float:
-        """Return the cost of the work after so many recorded periods, in unrecorded ones."""
-        return sum((r.cost_after(periods) for r in self.records), 0.0)
-
     def values(self, scene: Scene, transient: int, periods: int) -> int:
         """Estimate how many numbers of a case are kept, from the shapes of a scene."""
         return sum(r.values(scene, periods + (transient if r.from_start else 0)) for r in self.records)
@@ -246,10 +229,6 @@ class RecordSet:
     def continues(self) -> bool:
         """Whether any runs on after all chunks."""
         return any(r.continues for r in self.records)
-
-    def cost_continuing(self, periods: int) -> float:
-        """Return the cost of running on after all chunks, in unrecorded periods."""
-        return sum((r.cost_continuing(periods) for r in self.records), 0.0)
 
     def periods_continuing(self, periods):
         return max((r.periods_continuing(periods) for r in self.records), default=0)
