@@ -30,8 +30,6 @@ class Call:
     loads: bool | None = None
     probe: bool | None = None
     product: bool = True
-    directions: Sequence[str] = ()
-    """Ways through the values of a parameter that is followed."""
     function: str = "sweep"
 
     def __post_init__(self):

@@ -30,7 +30,6 @@ def follow(
     scene: Scene,
     path: Mapping[str, Any],
     *,
-    directions: tuple[str, ...] = ("up", "down"),
     record: str | AbstractRecord | Sequence[str | AbstractRecord] = "sections",
     transient: int = 30,
     periods: int = 10,
@@ -43,13 +42,12 @@ def follow(
 ) -> xr.Dataset:
     """Sweep a parameter with memory: each case starts from the state in which its neighbour ended.
 
-    So a motion is followed along its branch until that ends, which from a fixed start it need not be. Where "up"
-    and "down" disagree, attractors coexist.
+    So a motion is followed along its branch until that ends, which from a fixed start it need not be. "up" begins at
+    the first value, "down" at the last; both run as one batch. Where they disagree, attractors coexist.
 
     **Arguments:**
 
     - `path`: one parameter's name and values, in increasing order.
-    - `directions`: "up" begins at the first value, "down" at the last; both run as one batch.
     - `transient`, `periods`: forcing periods at each value, before recording and recorded. The transient is
         rounded up to tens if above ten.
     - others: as for `sweep`; `start` is that of the first value met, and `begin` where the rail is then, on which
@@ -60,7 +58,7 @@ def follow(
     **Raises:** `ValueError` that names the argument which is wrong; `Interrupted` after Ctrl-C.
     """
     lengths = transient, periods, steps_per_period, saves_per_period, solver
-    call = Call(*lengths, begin=begin, record=record, directions=directions, function="follow")
+    call = Call(*lengths, begin=begin, record=record, function="follow")
     return follow_of(call, scene, path, start, progress=progress)
 
 
@@ -70,26 +68,25 @@ def follow_of(
     """Return the results of `follow`."""
     start = first_of(start)
     grid, _, values = path_grid(check_steady(scene), path)
-    directions = call.directions
-    is_list = isinstance(directions, tuple | list) and directions
-    once = is_list and all(directions.count(one) == 1 for one in directions)
-    require(once, "directions", "name one or more ways, each once", directions)
-    ways = [DIRECTIONS[one_of("directions", one, tuple(DIRECTIONS))] for one in directions]
     records = resolved_record(call.record)
     require(not records.continues, "record", "not run on where cases follow one another", call.record)
     plan = make_plan(grid, start, call, records)
     check_rail(scene, plan.periods * len(values), beginning_of(scene, call.begin))
     cases = plan.cases
-    lanes = np.arange(len(ways))
-    columns = np.stack([np.arange(len(values))[::way] for way in ways], axis=1)  # (values, directions)
-    # where the cases at each value stand in the list of all directions and values
-    chunks = [Chunk(c + len(values) * lanes, len(ways), int(plan.steps[c].max())) for c in columns]
+    ways = len(DIRECTIONS)
+    order = np.arange(len(values))
+    columns = np.stack([order[::way] for way in DIRECTIONS.values()], axis=1)  # (values, directions)
+    chunks = []
+    for column in columns:
+        # where the cases at each value stand in the list of all directions and values
+        index = column + len(values) * np.arange(ways)
+        chunks.append(Chunk(index, ways, int(plan.steps[column].max())))
     states: State | None = None
     passed = 0
 
     def work(chunk: Chunk, on_progress: OnProgress) -> ChunkRun:
         nonlocal states, passed
-        scenes, starts = cases.take(filled(columns[passed], len(ways)))
+        scenes, starts = cases.take(filled(columns[passed], ways))
         before = initial_states(scenes, starts, plan.epoch) if states is None else states
         run = run_chunk(plan, scenes, before, chunk.steps, on_progress, epoch=passed * plan.periods)
         states = run.state
@@ -101,7 +98,7 @@ def follow_of(
     steps = np.empty(len(run.finished), int)
     for chunk in chunks:
         steps[chunk.index] = chunk.steps
-    first = {"direction": list(directions)}
+    first = {"direction": list(DIRECTIONS)}
     more = dict(values=len(values), steps_per_period=call.steps_per_period)
     return run.checked(lambda: sweep_dataset(plan, run.results, steps, call, first, **more))
 
@@ -186,17 +183,20 @@ def find_jump(
         for _ in range(most_holds):
             if held.status != Status.FINITE:
                 break  # nothing can be followed from there
-            earlier, held = held, run(value, held.state)
+            earlier = held
+            held = run(value, held.state)
             if held.distance(earlier) < threshold / 10:
                 break
         return held
 
     first, *others = map(float, values[::way])
-    at, on_branch = first, hold(first, None)
+    at = first
+    on_branch = hold(first, None)
     if on_branch.status != Status.FINITE:
         return Jump(False, at, at, float("nan"), on_branch.status)
     # values to go to, the next one last, and the motion at the last one that seemed to be beyond a jump
-    pending, beyond = others[::-1], (first, on_branch)
+    pending = others[::-1]
+    beyond = first, on_branch
     while pending:
         value = pending.pop()
         new = beyond[1] if value == beyond[0] else hold(value, on_branch.state)
@@ -204,7 +204,8 @@ def find_jump(
             return Jump(False, at, value, float("nan"), new.status)
         size = new.distance(on_branch)
         if not size > threshold:  # and what looked like a jump from further away may be none from here
-            at, on_branch = value, new
+            at = value
+            on_branch = new
         elif abs(value - at) > within:
             pending += [value, (at + value) / 2]
             beyond = value, new

@@ -38,9 +38,6 @@ from .run import PERIODS_PER_CALL, ContinuedRecord, OnProgress, RecordedChunk
 
 # --- period maps of some cases of a batch, by programs of one size for all numbers of cases -------------------------
 
-LANES_PER_CALL = 32
-"""Cases in one call. A program of another size takes as long to compile as hundreds of Jacobians take to compute."""
-
 rows_of = StateLayout.pack
 
 
@@ -59,21 +56,21 @@ class Maps(NamedTuple):
 
     @classmethod
     def of(cls, run: RecordedChunk, periods: Int[np.ndarray, " cases"], epoch: float | None = None) -> "Maps":
-        """Maps of the cases of a chunk, by default from where its plan begins."""
+        """Return maps of the cases of a chunk, by default from where its plan begins."""
         epoch = run.plan.epoch if epoch is None else epoch
         return cls(run.scenes, run.steps, run.plan.solver, periods, run.on_progress, epoch)
 
     def states(self, rows: np.ndarray) -> State:
-        """Rows of numbers as states."""
+        """Return rows of numbers as states."""
         return StateLayout.of(self.scenes.shared).unpack(rows)
 
     def mapped(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """States after each case's period."""
+        """Return the states after each case's period."""
         _, end = self.path(index, rows)
         return end
 
     def path(self, index: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """States at the start of each forcing period, (cases, periods, size), and after the last.
+        """Return the states at the start of each forcing period, (cases, periods, size), and after the last.
 
         Beyond a case's own period its row after it is repeated.
         """
@@ -88,7 +85,7 @@ class Maps(NamedTuple):
         return np.stack(along, axis=1), rows
 
     def jacobians(self, index: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
-        """Jacobians of each case's forcing periods, (period, size, size) each; for a forcing that recurs."""
+        """Return Jacobians of each case's forcing periods, (period, size, size) each; for a forcing that recurs."""
         if not len(index):
             return []
         along, _ = self.path(index, rows)
@@ -100,11 +97,11 @@ class Maps(NamedTuple):
         return np.split(matrices, np.cumsum(counts)[:-1])
 
     def settled(self, index: np.ndarray, proposed: np.ndarray, mapped: np.ndarray) -> np.ndarray:
-        """Proposed states that the latch agrees with."""
+        """Return proposed states that the latch agrees with."""
         return self._of_blocks(lambda *of: rows_of(_settled(*of)), index, proposed, mapped)
 
     def weights(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Weights of the components of states."""
+        """Return the weights of the components of states."""
         return self._of_blocks(lambda *of: rows_of(_weights(*of)), index, rows)
 
     def contact_status(self, index: np.ndarray, rows: np.ndarray, capacity: int) -> Int[np.ndarray, " some"]:
@@ -115,11 +112,11 @@ class Maps(NamedTuple):
         return self._of_blocks(functools.partial(self._looked, capacity), index, rows)
 
     def coordinates(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Coordinates and velocities of states, in the order of `slipperjax.model.COORDINATES`."""
+        """Return coordinates and velocities of states, in the order of `slipperjax.model.COORDINATES`."""
         return self._of_blocks(lambda _, states: coordinates(states), index, rows)
 
     def statuses(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """`Status` codes of states."""
+        """Return `Status` codes of states."""
         return self._of_blocks(lambda _, states: np.asarray(_statuses(states)), index, rows)
 
     def _advanced(self, at: float, scenes: Batched[Scene], states: State) -> np.ndarray:
@@ -137,10 +134,11 @@ class Maps(NamedTuple):
         return np.asarray(judged_by_contacts(scenes, seen.status, *seen.carried, most_stability_number(self.solver)))
 
     def _of_blocks(self, call: Callable[..., np.ndarray], index: np.ndarray, *rows: np.ndarray) -> np.ndarray:
-        """`call(scenes, *states)` over the cases in blocks of one size."""
+        """Return `call(scenes, *states)` over the cases in blocks of one size."""
         if not len(index):
             return np.empty((0, *rows[0].shape[1:]))
-        size = LANES_PER_CALL if len(self.periods) > 8 else 8
+        # a program of another size takes as long to compile as hundreds of Jacobians take to compute
+        size = 32 if len(self.periods) > 8 else 8
         parts = []
         for first in range(0, len(index), size):
             part = np.arange(first, min(first + size, len(index)))
@@ -174,13 +172,6 @@ def _statuses(states: State) -> jax.Array:
 # This is not `analysis.newton` under `jax.vmap`, which computes a Jacobian at each point, of all lanes until the
 # last is done. On 16 speeds Broyden's updates needed 3.6 iterations and two Jacobians, 74 periods; that is five, 175.
 
-HALVINGS = 5
-"""How often a step is halved before it is taken whatever it gives."""
-SLOW = 0.3
-"""Share of the residual that may be left after a step; where more is left, the Jacobian is computed anew."""
-MOST_JACOBIANS = 6
-"""Jacobians of a case after which it counts as without an orbit."""
-
 
 class Orbits(NamedTuple):
     """Periodic orbits of many cases, as far as they were found."""
@@ -211,7 +202,7 @@ def find_orbits(
     max_iterations: int,
     inverse: Float[np.ndarray, "cases size size"] | None = None,
 ) -> Orbits:
-    """Finds the orbits near some states of a batch, each by Newton's method; see `Orbits.status` for the outcome.
+    """Find the orbits near some states of a batch, each by Newton's method; see `Orbits.status` for the outcome.
 
     **Arguments:** `maps`: over the periods after which the orbits recur, 0 for cases without a search; `states`: with
     a leading axis of cases; `inverse`: guesses of `Orbits.inverse`, such as neighbours', NaN where there is none.
@@ -228,6 +219,13 @@ def find_orbits(
 
 class _Search:
     """Newton's method for all cases of a batch; its arrays have a leading axis of cases."""
+
+    halvings = 5
+    """How often a step is halved before it is taken whatever it gives."""
+    slow = 0.3
+    """Share of the residual that may be left after a step; where more is left, the Jacobian is computed anew."""
+    most_jacobians = 6
+    """Jacobians of a case after which it counts as without an orbit."""
 
     def __init__(self, maps: Maps, rows: np.ndarray):
         cases, size = rows.shape
@@ -248,12 +246,12 @@ class _Search:
         self.residual[wanted] = _residuals(self.miss[wanted], maps.weights(wanted, begin))
 
     def going(self, tolerance: float, max_iterations: int) -> np.ndarray:
-        """Indices of the cases whose search goes on."""
+        """Return indices of the cases whose search goes on."""
         going = np.isfinite(self.residual) & (self.residual > tolerance) & (self.iterations < max_iterations)
-        return np.flatnonzero(going & ~(self.stale & (self.jacobians >= MOST_JACOBIANS)))
+        return np.flatnonzero(going & ~(self.stale & (self.jacobians >= self.most_jacobians)))
 
     def renew(self, index: np.ndarray) -> None:
-        """Computes the Jacobians of some cases."""
+        """Compute the Jacobians of some cases."""
         if len(index):
             self.inverse[index] = _inverses(self.maps.jacobians(index, self.rows[index]))
             self.jacobians[index] += 1
@@ -261,7 +259,7 @@ class _Search:
             self.share[index] = 1.0
 
     def step(self, index: np.ndarray, max_iterations: int) -> None:
-        """Tries one step of some cases, and takes it where the residual falls, or where it was halved often."""
+        """Try one step of some cases, and takes it where the residual falls, or where it was halved often."""
         maps = self.maps
         rows = self.rows[index]
         miss = self.miss[index]
@@ -272,13 +270,13 @@ class _Search:
         new_miss = maps.mapped(index, proposed) - proposed
         new_residual = _residuals(new_miss, weights)
         self.iterations[index] += 1
-        last = share <= 0.5**HALVINGS
+        last = share <= 0.5**self.halvings
         good = (new_residual <= (1 - LEAST_FALL * share) * self.residual[index]) | (last & np.isfinite(new_residual))
         taken = index[good]
         moved = (proposed - rows)[good]
         fell = (miss - new_miss)[good]
         self.inverse[taken] = _broyden(self.inverse[taken], moved, fell, weights[good])
-        self.stale[taken] = new_residual[good] > SLOW * self.residual[taken]
+        self.stale[taken] = new_residual[good] > self.slow * self.residual[taken]
         self.rows[taken] = proposed[good]
         self.miss[taken] = new_miss[good]
         self.residual[taken] = new_residual[good]
@@ -287,7 +285,7 @@ class _Search:
         self.iterations[index[~good & last]] = max_iterations  # every step leaves the finite numbers
 
     def orbits(self, tolerance: float) -> Orbits:
-        """Collects the orbits, with multipliers where there are any, after one more step by their Jacobian."""
+        """Return the orbits, with multipliers where there are any, after one more step by their Jacobian."""
         maps = self.maps
         rows = self.rows
         everyone = np.arange(len(rows))
@@ -320,7 +318,7 @@ def _residuals(miss: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def _inverses(matrices: Sequence[np.ndarray]) -> np.ndarray:
-    """Inverses of I - P_x, from the Jacobians of each case's successive periods; NaN where they are not finite."""
+    """Return inverses of I - P_x, from the Jacobians of each case's successive periods; NaN without one."""
     whole = np.stack([functools.reduce(lambda total, later: later @ total, of_periods) for of_periods in matrices])
     system = np.eye(whole.shape[-1]) - whole
     finite = np.all(np.isfinite(system), axis=(1, 2))
@@ -331,7 +329,7 @@ def _inverses(matrices: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _broyden(inverse: np.ndarray, moved: np.ndarray, fell: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Inverses that map what the residuals fell by to the steps, otherwise as before."""
+    """Return inverses that map what the residuals fell by to the steps, otherwise as before."""
     row = np.einsum("ki,kij->kj", weights**2 * moved, inverse)
     share = np.einsum("ki,ki->k", row, fell)
     left = moved - np.einsum("kij,kj->ki", inverse, fell)

@@ -18,17 +18,6 @@ from ..tools.compile import jit
 from .attractors import FLOOR
 from .orbits import Maps, Orbits, find_orbits, rows_of
 
-LONGEST_PERIOD = 16
-"""Longest period of a motion whose Floquet multipliers are computed, or whose orbit is looked for."""
-RECURS = 0.02
-"""Distance of states a period apart, in multiples of `COORDINATE_SCALES`, below which an orbit is looked for."""
-NEAR = 0.05
-"""Greatest distance of a motion from an orbit that it has reached, in multiples of `COORDINATE_SCALES`."""
-SMALLEST_MULTIPLIER = 1e-5
-"""Modulus per forcing period below which a multiplier is not told from rounding errors well enough."""
-ITERATIONS = 20
-"""Of Newton's method; from so near, three to eight are typical."""
-
 
 class ReachedOrbits(NamedTuple):
     """Orbits that cases have reached."""
@@ -43,35 +32,45 @@ class ReachedOrbits(NamedTuple):
 
 
 def nothing_reached(states: State, count: int) -> ReachedOrbits:
-    """Of cases for which no orbit was looked for."""
+    """Return those of cases for which no orbit was looked for."""
     cases = len(states.motion.y)
     return ReachedOrbits(np.zeros(cases, int), np.full((cases, count), np.nan), np.full(cases, np.nan), states)
 
 
 def reached_orbits(
-    maps: Maps, states: State, strobe: Float[np.ndarray, "cases periods coordinates"], *, count: int, half_step: bool
+    maps: Maps,
+    states: State,
+    strobe: Float[np.ndarray, "cases periods coordinates"],
+    *,
+    count: int,
+    half_step: bool,
+    near: float = 0.05,
+    smallest: float = 1e-5,
 ) -> ReachedOrbits:
-    """The orbits that motions have reached, of the cases for which that is certain.
+    """Return the orbits that motions have reached, of the cases for which that is certain.
 
-    It is where the motion recurs within `RECURS`, Newton's method finds an orbit, all its multipliers lie inside the
-    unit circle, none that is asked for is smaller than `SMALLEST_MULTIPLIER`, and the motion is within `NEAR` of the
-    orbit and does not move away; with `half_step` an orbit with steps half as long must be found, stable and as near.
+    It is where the motion recurs, Newton's method finds an orbit, all its multipliers lie inside the unit circle, and
+    the motion is near the orbit and does not move away; with `half_step` an orbit with steps half as long must be
+    found, stable and as near.
 
     **Arguments:** `maps`: over one period, or none for cases that are not looked at; `states`: at the end of the
-    record `strobe`, which has 20 periods or more; `count`: number of exponents.
+    record `strobe`, which has 20 periods or more; `count`: number of exponents; `near`: greatest distance from the
+    orbit, in multiples of `COORDINATE_SCALES`; `smallest`: modulus per forcing period of the smallest multiplier that
+    is asked for: below it rounding errors are not told well enough.
     """
     nothing = nothing_reached(states, count)
     period = np.where((maps.periods > 0) & np.asarray(_recurs(maps.scenes, states)), likely_periods(strobe), 0)
     if not period.any():
         return nothing
-    options = dict(tolerance=TOLERANCE, max_iterations=ITERATIONS)
+    # from so near, three to eight iterations are typical
+    options = dict(tolerance=TOLERANCE, max_iterations=20)
     orbits = find_orbits(maps._replace(periods=period), states, **options)
     exponents = _exponents(orbits, period, count)
-    period = np.where(_sound(orbits) & np.all(exponents > np.log(SMALLEST_MULTIPLIER), axis=1), period, 0)
+    period = np.where(_sound(orbits) & np.all(exponents > np.log(smallest), axis=1), period, 0)
     along = _along(maps._replace(periods=period.copy()), orbits.state)
     for k in np.flatnonzero(period):
         path = along[k, : period[k]]
-        period[k] = least_period(path) if is_near(strobe[k], path) else 0
+        period[k] = least_period(path) if is_near(strobe[k], path, near) else 0
     half = nothing.half_step
     if half_step and period.any():
         finer_maps = maps._replace(periods=period, steps=2 * maps.steps)
@@ -79,44 +78,54 @@ def reached_orbits(
         there = _along(finer_maps, finer.state)
         apart = np.max(np.abs(there[:, 0] - along[:, 0]) / COORDINATE_SCALES, axis=1)
         half = _exponents(finer, period, 1)[:, 0]
-        period = np.where(_sound(finer) & (apart <= NEAR), period, 0)
+        period = np.where(_sound(finer) & (apart <= near), period, 0)
     on_orbit = period > 0
     at = np.where(on_orbit[:, None], rows_of(orbits.state), rows_of(states))
-    exponents, half = np.where(on_orbit[:, None], exponents, np.nan), np.where(on_orbit, half, np.nan)
-    return ReachedOrbits(period, exponents, half, maps.states(at))
+    exponents = np.where(on_orbit[:, None], exponents, np.nan)
+    return ReachedOrbits(period, exponents, np.where(on_orbit, half, np.nan), maps.states(at))
 
 
-def likely_periods(strobe: Float[np.ndarray, "cases periods coordinates"]) -> Int[np.ndarray, " cases"]:
-    """Forcing periods after which motions seem to recur, 0 where they do not within `RECURS`.
+def likely_periods(
+    strobe: Float[np.ndarray, "cases periods coordinates"], longest: int = 16, recurs: float = 0.02
+) -> Int[np.ndarray, " cases"]:
+    """Return the forcing periods after which motions seem to recur, 0 where they do not.
 
-    The least after which they recur about as closely as after any: a motion that approaches an orbit of period 1
-    with a multiplier near -1 recurs after 2 periods.
+    Smallest lag within three times of the best recurrence: a motion that approaches an orbit of period 1 with a
+    multiplier near -1 recurs after 2 periods.
+
+    **Arguments:** `longest`: period; `recurs`: distance of states a period apart below which a motion recurs, in
+    multiples of `COORDINATE_SCALES`.
     """
     periods = strobe.shape[1]
-    lags = min(LONGEST_PERIOD, periods // 4)
+    lags = min(longest, periods // 4)
     finite = np.where(np.all(np.isfinite(strobe), axis=(1, 2), keepdims=True), strobe, np.nan)
     series = recurrence(finite / COORDINATE_SCALES, lags)
     missed = np.stack([apart[:, -max(n, periods // 10) :].max(axis=1) for n, apart in series.items()], axis=1)
     missed = np.where(np.isfinite(missed), missed, np.inf)
     best = missed.min(axis=1, keepdims=True)
     close = missed <= np.maximum(3 * best, FLOOR)
-    return np.where(best[:, 0] <= RECURS, np.argmax(close, axis=1) + 1, 0)
+    return np.where(best[:, 0] <= recurs, np.argmax(close, axis=1) + 1, 0)
 
 
 def least_period(path: Float[np.ndarray, "periods coordinates"]) -> int:
-    """The divisor of the path's length after which it recurs already, or the length."""
+    """Return the divisor of the path's length after which it recurs already, or the length."""
     n = len(path)
     missed = lambda m: np.max(np.abs(path[m] - path[0]) / COORDINATE_SCALES)
     return next((m for m in range(1, n) if n % m == 0 and missed(m) < DIVISOR), n)
 
 
-def is_near(strobe: Float[np.ndarray, "periods coordinates"], path: Float[np.ndarray, "period coordinates"]) -> bool:
-    """Whether a motion that ends at the path's start is within `NEAR` of it, and was no nearer before."""
+def is_near(
+    strobe: Float[np.ndarray, "periods coordinates"],
+    path: Float[np.ndarray, "period coordinates"],
+    near: float = 0.05,
+) -> bool:
+    """Return whether a motion that ends at the path's start is near it, and was no nearer before."""
     back = -np.arange(len(strobe))
     apart = np.max(np.abs(strobe[back - 1] - path[back % len(path)]) / COORDINATE_SCALES, axis=1)
     quarter = len(strobe) // 4
-    late, early = apart[:quarter].max(), apart[quarter : 2 * quarter].max()
-    return bool(apart[: max(len(path), quarter // 4)].max() <= NEAR and late <= max(early, FLOOR))
+    late = apart[:quarter].max()
+    early = apart[quarter : 2 * quarter].max()
+    return bool(apart[: max(len(path), quarter // 4)].max() <= near and late <= max(early, FLOOR))
 
 
 def _exponents(orbits: Orbits, period: np.ndarray, count: int) -> np.ndarray:
@@ -129,12 +138,12 @@ def _sound(orbits: Orbits) -> np.ndarray:
 
 
 def _along(maps: Maps, states: State) -> np.ndarray:
-    """Coordinates at the start of each forcing period, (cases, periods, coordinates); 0 without a period."""
+    """Return coordinates at the start of each forcing period, (cases, periods, coordinates); 0 without a period."""
     index = np.flatnonzero(maps.periods)
     rows = rows_of(states)[index]
     along = np.zeros((len(maps.periods), max(int(maps.periods.max(initial=1)), 1), len(COORDINATES)))
     if len(index):
-        path = maps.path(index, rows)[0]
+        path, _ = maps.path(index, rows)
         for k in range(path.shape[1]):
             along[index, k] = maps.coordinates(index, path[:, k])
     return along

@@ -251,7 +251,7 @@ def test_long_records_in_several_calls_are_those_of_one():
 def test_following_with_records():
     record = ["peak_period", Sections(3), "rms"]
     path = {"speed": [1240.0, 1250.0]}
-    options = dict(directions=("up",), transient=10, periods=10)
+    options = dict(transient=10, periods=10)
     ds = sj.follow(sj.paper_scene(), path, record=record, **options)
     exact = sj.follow(sj.paper_scene(), path, record="sections", **options)
     assert ds["rms_a_z"].dims == ("direction", "speed")
